@@ -1,0 +1,79 @@
+"""The one place that configures JAX: double precision and a compilation cache.
+
+A lens is fitted to hundredths of a pixel over thousands of points, so lensfit computes
+in float64, and JAX defaults to float32. The choice must be made before the first
+array, and no entrance may forget it, so `lensfit/__init__.py` makes it when any
+part of lensfit is imported. It costs nothing there: a JAX that is not loaded yet is
+told through its environment variables, one that is loaded through its configuration.
+It holds for the whole process: arrays of other libraries made afterwards default
+to float64 too (give their dtype where that matters).
+
+Compiled programs are kept in the user's cache folder, so that only the first run on a
+machine pays for compilation. The environment variable LENSFIT_CACHE_DIR names
+another folder; when it is empty nothing is kept. A cache already chosen through JAX's
+own settings is left alone.
+"""
+
+import hashlib
+import os
+import platform
+import sys
+from pathlib import Path
+
+CACHE_VARIABLE = "LENSFIT_CACHE_DIR"
+
+
+def configure_jax() -> None:
+    """Turn on float64 and the persistent compilation cache; harmless if repeated."""
+    _set("jax_enable_x64", True, overrule=True)
+    folder = cache_dir()
+    if folder is not None and _writable(folder):
+        _set("jax_compilation_cache_dir", str(folder))
+        _set("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+
+def cache_dir() -> Path | None:
+    """Folder for compiled programs, or None when the environment asks for none.
+
+    Programs compiled for one processor may not run on another, and farm nodes share
+    home folders, so each kind of processor gets a folder of its own.
+    """
+    chosen = os.environ.get(CACHE_VARIABLE)
+    if chosen is None:
+        import platformdirs
+
+        chosen = platformdirs.user_cache_dir("lensfit", appauthor=False)
+    return Path(chosen) / "jax" / _processor() if chosen else None
+
+
+def _set(name: str, value: bool | float | str, *, overrule: bool = False) -> None:
+    """Tell JAX one setting, unless its user has chosen otherwise."""
+    jax = sys.modules.get("jax")
+    if jax is not None and hasattr(jax, "config"):
+        chosen_before = name.endswith("_dir") and getattr(jax.config, name)
+        if overrule or not chosen_before:
+            jax.config.update(name, value)
+    elif overrule:
+        os.environ[name.upper()] = str(value)
+    else:
+        os.environ.setdefault(name.upper(), str(value))
+
+
+def _processor() -> str:
+    """A short name for this kind of processor and what instructions it has."""
+    try:
+        with Path("/proc/cpuinfo").open(encoding="utf-8") as lines:
+            features = next(
+                (line for line in lines if line.startswith(("flags", "Features"))), ""
+            )
+    except OSError:
+        features = platform.processor()
+    digest = hashlib.sha256(features.encode()).hexdigest()[:8]
+    return f"{platform.machine()}-{digest}"
+
+
+def _writable(folder: Path) -> bool:
+    """Whether the folder can be made and written; a farm user may have no home."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    return os.access(folder, os.W_OK)

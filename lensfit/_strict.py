@@ -1,0 +1,148 @@
+"""Strict reading of hand-written files: every complaint names its key and a remedy.
+
+`msgspec` checks types, ranges and unknown keys of nested tables in one pass; this
+module turns its complaint into lensfit's one sentence, with the path of the key,
+plain words for the types and, for an unknown key, the known one most like it.
+"""
+
+import difflib
+import math
+import re
+import typing
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from lensfit.errors import LensfitError
+
+Record = TypeVar("Record")
+
+_PLAIN = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+    "null": "nothing (null)",
+}
+
+
+def convert_strictly(
+    data: object,
+    record_type: type[Record],
+    *,
+    error: type[LensfitError],
+    where: str | Path,
+    place: Callable[[str], str] = str,
+) -> Record:
+    """`data` as a `record_type`, or `error` that names the key at fault.
+
+    Parameters
+    ----------
+    data : Plain tables, lists, text and numbers.
+    record_type : A `msgspec.Struct`.
+    error : Which `LensfitError` to raise.
+    where : The file, for the message.
+    place : Spells a path such as "take[2].f_number" for its reader.
+    """
+    try:
+        return msgspec.convert(data, record_type)
+    except msgspec.ValidationError as complaint:
+        what, path = _split(str(complaint))
+        key = f"{place(path)}: " if path else ""
+        raise error(
+            f"{key}{_in_plain_words(what, record_type, path)}", where=where
+        ) from complaint
+
+
+def non_finite_numbers(data: object, path: str = "") -> Iterator[tuple[str, float]]:
+    """Path and value of every NaN and infinity in plain tables and lists."""
+    if isinstance(data, dict):
+        for key, value in data.items():
+            yield from non_finite_numbers(value, f"{path}.{key}" if path else str(key))
+    elif isinstance(data, (list, tuple)):
+        for index, value in enumerate(data):
+            yield from non_finite_numbers(value, f"{path}[{index}]")
+    elif isinstance(data, float) and not math.isfinite(data):
+        yield path, data
+
+
+def did_you_mean(word: str, known: list[str]) -> str:
+    """'did you mean "dots"?', or what the choices are when nothing looks like it."""
+    by_lower_case = {name.lower(): name for name in known}
+    close = difflib.get_close_matches(word.lower(), by_lower_case, n=1, cutoff=0.6)
+    if close:
+        return f'did you mean "{by_lower_case[close[0]]}"?'
+    return "known here: " + ", ".join(known) if known else "none is known here"
+
+
+def _split(complaint: str) -> tuple[str, str]:
+    """What is wrong, and the path of the key without its leading "$."."""
+    match = re.fullmatch(r"(.*) - at `\$\.?(.*)`", complaint)
+    return (match[1], match[2]) if match else (complaint, "")
+
+
+def _in_plain_words(what: str, record_type: Any, path: str) -> str:
+    unknown = re.fullmatch(r"Object contains unknown field `(.*)`", what)
+    if unknown:
+        hint = did_you_mean(unknown[1], _keys_at(record_type, path))
+        return f'unknown key "{unknown[1]}"; {hint}'
+    missing = re.fullmatch(r"Object missing required field `(.*)`", what)
+    if missing:
+        return f'key "{missing[1]}" is missing; add it'
+    choice = re.fullmatch(r"Invalid enum value '?(.*?)'?", what)
+    if choice:
+        known = [str(literal) for literal in _literals(_type_at(record_type, path))]
+        return f'"{choice[1]}" is unknown; {did_you_mean(choice[1], known)}'
+    what = re.sub(r"`([a-z| ]+)`", lambda types: _plain_types(types[1]), what)
+    return what[:1].lower() + what[1:]
+
+
+def _plain_types(types: str) -> str:
+    names = types.split(" | ")
+    if len(names) > 1:  # a key that may be null may be left out; no need to say so
+        names = [name for name in names if name != "null"]
+    return " or ".join(_PLAIN.get(name, name) for name in names)
+
+
+def _type_at(record_type: Any, path: str) -> Any:
+    """The annotation that the key at `path` has."""
+    for step in re.findall(r"[^.\[\]]+|\[", path):
+        if step.isdigit() or step == "...":
+            continue
+        if step == "[":
+            record_type = (_arguments(record_type) or [Any])[0]
+            continue
+        fields = {f.encode_name: f.type for f in _fields(record_type)}
+        record_type = fields.get(step, Any)
+    return record_type
+
+
+def _keys_at(record_type: Any, path: str) -> list[str]:
+    return [field.encode_name for field in _fields(_type_at(record_type, path))]
+
+
+def _fields(annotation: Any) -> list[Any]:
+    """Fields of the first Struct in an annotation such as `Struct | None`."""
+    for candidate in (annotation, *typing.get_args(annotation)):
+        if isinstance(candidate, type) and issubclass(candidate, msgspec.Struct):
+            return list(msgspec.structs.fields(candidate))
+    return []
+
+
+def _arguments(annotation: Any) -> list[Any]:
+    """Element types of a container, also of `container | None`."""
+    for candidate in (annotation, *typing.get_args(annotation)):
+        if typing.get_origin(candidate) in (list, tuple, dict):
+            return [a for a in typing.get_args(candidate) if a is not Ellipsis]
+    return []
+
+
+def _literals(annotation: Any) -> list[Any]:
+    if typing.get_origin(annotation) is typing.Literal:
+        return list(typing.get_args(annotation))
+    found = [_literals(inner) for inner in typing.get_args(annotation)]
+    return [value for values in found for value in values]

@@ -1,0 +1,100 @@
+"""Where things are: pixels, sensor millimetres, windows and UV maps.
+
+Pixel (column 0, row 0) covers [0, 1) x [0, 1): its centre is (0.5, 0.5), and row 0 is
+on top. Sensor millimetres have their origin at the sensor centre, x right, y down.
+Windows are OpenEXR boxes: both corners inclusive, y down. A UV map holds absolute
+positions, normalised by the *display window*, origin at its bottom-left corner, so
+that the identity is (column + 0.5)/width, 1 - (row + 0.5)/height
+(shared by Nuke, Natron and LDPK; OpenCV instead puts integers at pixel centres).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+
+class Window(NamedTuple):
+    """An OpenEXR box, both corners inclusive, in pixels, y down."""
+
+    x_min: int
+    y_min: int
+    x_max: int
+    y_max: int
+
+    @property
+    def width(self) -> int:
+        return self.x_max - self.x_min + 1
+
+    @property
+    def height(self) -> int:
+        return self.y_max - self.y_min + 1
+
+    @classmethod
+    def of_size(cls, width: int, height: int) -> "Window":
+        """The window of an image without overscan."""
+        return cls(0, 0, width - 1, height - 1)
+
+    def grown(self, margin_x: int, margin_y: int) -> "Window":
+        """The same window with a margin on each side (negative shrinks)."""
+        return Window(
+            self.x_min - margin_x,
+            self.y_min - margin_y,
+            self.x_max + margin_x,
+            self.y_max + margin_y,
+        )
+
+    def pixel_centres(self) -> Float[np.ndarray, "height width 2"]:
+        """(x, y) of every pixel centre, in pixels of the shared pixel space."""
+        x = np.arange(self.x_min, self.x_max + 1, dtype=float) + 0.5
+        y = np.arange(self.y_min, self.y_max + 1, dtype=float) + 0.5
+        return np.stack(np.meshgrid(x, y), -1)
+
+
+def mm_from_px(
+    points_px: Float[np.ndarray, "*points 2"],
+    image_size_px: tuple[float, float],
+    sensor_size_mm: tuple[float, float],
+) -> Float[np.ndarray, "*points 2"]:
+    """Sensor millimetres of positions in pixels.
+
+    Parameters
+    ----------
+    points_px : Positions, pixels, centre of the first pixel at (0.5, 0.5).
+    image_size_px : Width and height of the image that spans the sensor, pixels.
+    sensor_size_mm : Width and height of that sensor area, mm.
+    """
+    size = np.asarray(image_size_px, float)
+    return (np.asarray(points_px, float) - size / 2) * (
+        np.asarray(sensor_size_mm) / size
+    )
+
+
+def px_from_mm(
+    points_mm: Float[np.ndarray, "*points 2"],
+    image_size_px: tuple[float, float],
+    sensor_size_mm: tuple[float, float],
+) -> Float[np.ndarray, "*points 2"]:
+    """Inverse of `mm_from_px`."""
+    size = np.asarray(image_size_px, float)
+    return np.asarray(points_mm, float) * (size / np.asarray(sensor_size_mm)) + size / 2
+
+
+def uv_from_px(
+    points_px: Float[np.ndarray, "*points 2"], display_window: Window
+) -> Float[np.ndarray, "*points 2"]:
+    """Absolute UV, origin bottom-left, of positions in the shared pixel space."""
+    points_px = np.asarray(points_px, float)
+    u = (points_px[..., 0] - display_window.x_min) / display_window.width
+    v = 1.0 - (points_px[..., 1] - display_window.y_min) / display_window.height
+    return np.stack([u, v], -1)
+
+
+def px_from_uv(
+    uv: Float[np.ndarray, "*points 2"], display_window: Window
+) -> Float[np.ndarray, "*points 2"]:
+    """Inverse of `uv_from_px`."""
+    uv = np.asarray(uv, float)
+    x = uv[..., 0] * display_window.width + display_window.x_min
+    y = (1.0 - uv[..., 1]) * display_window.height + display_window.y_min
+    return np.stack([x, y], -1)

@@ -1,0 +1,59 @@
+"""What lensfit says when it cannot go on, and which error says it.
+
+- Static misuse by a programmer (a wrong shape, an unknown channel): ``ValueError``.
+- Something a user can mend (a file, a photograph, a shoot, a preset): a
+  `LensfitError`. Its text is one sentence in three parts: what is wrong, where,
+  and what to do. The command line prints that line and exits with code 1.
+- Values inside compiled code never raise: they come back as NaN or as a flag, and the
+  caller that knows the file turns them into one of the errors below.
+"""
+
+from pathlib import Path
+
+
+class LensfitError(Exception):
+    """A failure that its user can mend.
+
+    Parameters
+    ----------
+    what : what is wrong, as a sentence without its full stop.
+    where : the file, key, take or frame it happened at; left out of the text if None.
+    remedy : what to do about it, as a sentence without its full stop.
+    """
+
+    def __init__(
+        self, what: str, *, where: str | Path | None = None, remedy: str | None = None
+    ):
+        self.what = what
+        self.where = where
+        self.remedy = remedy
+        super().__init__(self._sentence())
+
+    def _sentence(self) -> str:
+        place = f"{self.where}: " if self.where is not None else ""
+        advice = f"; {self.remedy}" if self.remedy else ""
+        return " ".join(f"{place}{self.what}{advice}".split())
+
+
+class ImageError(LensfitError):
+    """A picture file that cannot be read, or holds what it may not."""
+
+
+class OutputError(LensfitError):
+    """A result that cannot be written where it was asked for."""
+
+
+class DetectionError(LensfitError):
+    """A photograph on which the target could not be found or indexed."""
+
+
+class ShootError(LensfitError):
+    """A shoot file that is malformed, or contradicts itself or its photographs."""
+
+
+class FitError(LensfitError):
+    """Observations that do not determine a lens."""
+
+
+class PresetError(LensfitError):
+    """A preset that is malformed, of an unknown schema, or lacks what was asked."""

@@ -1,0 +1,20 @@
+"""Strictness for every test: float64, no silent promotion, one data folder."""
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real photographs and oracle data, when this machine has it."""
+    folder = os.environ.get("LENSFIT_DATA")
+    if not folder:
+        pytest.skip("LENSFIT_DATA does not name the data folder")
+    return Path(folder)
