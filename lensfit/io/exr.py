@@ -1,0 +1,238 @@
+"""OpenEXR files as plain records: parts, named channels, windows, attributes.
+
+Channels keep their exact names (``depth.Z``, ``CryptoObject00.r``) and their type
+(half, float or unsigned integer), bit for bit. Windows are `lensfit.coords.Window`.
+Attributes keep the types of the official Python binding (OpenEXR 3.5), measured: all
+survive a round trip except ``double``, which the binding can only write as ``float``.
+Tiled files are read at full resolution and written as scan lines. Deep pixels are
+refused.
+"""
+
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+from lensfit.atomic import atomic_path
+from lensfit.coords import Window
+from lensfit.errors import ImageError, OutputError
+from lensfit.io.exr_attributes import attributes_for_writing
+from lensfit.io.exr_header import check_exr
+
+LOSSLESS = ("no", "rle", "zips", "zip", "piz")
+"""Compressions that keep every sample; whatever else a file had is written as zip."""
+
+# Fields of the record, or rebuilt by the library from what is written.
+_NOT_ATTRIBUTES = {
+    "channels",
+    "chunkCount",
+    "compression",
+    "dataWindow",
+    "displayWindow",
+    "lineOrder",
+    "name",
+    "pixelAspectRatio",
+    "tiles",
+    "type",
+    "version",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ExrPart:
+    """One image of an OpenEXR file.
+
+    Attributes
+    ----------
+    channels : Exact channel name to samples (float16, float32 or uint32), each of the
+        size of the data window.
+    data_window : The pixels that are present; may exceed the display window (overscan).
+    display_window : The frame; its first corner is the origin of the image.
+    attributes : Every other header entry, in the binding's types.
+    name : Name of the part; empty in most files of one part.
+    pixel_aspect : Width of a pixel over its height when displayed.
+    compression : "zip", "zips", "piz", "dwaa", ...
+    """
+
+    channels: Mapping[str, np.ndarray]
+    data_window: Window
+    display_window: Window
+    attributes: Mapping[str, object] = field(default_factory=dict)
+    name: str = ""
+    pixel_aspect: float = 1.0
+    compression: str = "zip"
+
+    def __post_init__(self):
+        size = (self.data_window.height, self.data_window.width)
+        for name, samples in self.channels.items():
+            if samples.shape != size:
+                raise ValueError(
+                    f"channel {name!r} is {samples.shape}, the data window {size}"
+                )
+            if samples.dtype not in (np.float16, np.float32, np.uint32):
+                raise ValueError(f"channel {name!r} is {samples.dtype}")
+
+
+@dataclass(frozen=True, eq=False)
+class ExrImage:
+    """The parts of an OpenEXR file, in its order; at least one."""
+
+    parts: tuple[ExrPart, ...]
+
+    def __post_init__(self):
+        if not self.parts:
+            raise ValueError("an OpenEXR image has at least one part")
+
+
+def read_exr(path: str | Path, *, header_only: bool = False) -> ExrImage:
+    """Read an OpenEXR file, all parts and channels.
+
+    Parameters
+    ----------
+    path : The file.
+    header_only : Leave the channels out (their mapping is empty).
+
+    Raises
+    ------
+    ImageError : The file is missing, empty, truncated, corrupt, not OpenEXR, deep,
+        chroma subsampled, or claims more pixels than it can hold.
+    """
+    path = Path(path)
+    headers = check_exr(path)
+    try:
+        with _binding_silenced():
+            file = OpenEXR.File(
+                str(path), separate_channels=True, header_only=header_only
+            )
+        parts = tuple(_part_from(part) for part in file.parts)
+    except (RuntimeError, ValueError, TypeError, MemoryError) as error:
+        raise ImageError(f"cannot be read ({error})", where=path) from error
+    # The binding leaves parts out whose pixels it could not decode.
+    if len(parts) != len(headers):
+        raise ImageError(
+            "is damaged: its pixels cannot be decoded",
+            where=path,
+            remedy="render or copy it again",
+        )
+    return ExrImage(parts)
+
+
+def write_exr(
+    path: str | Path, image: ExrImage, *, compression: str | None = None
+) -> None:
+    """Write an OpenEXR file, whole or not at all.
+
+    Parameters
+    ----------
+    path : Destination.
+    image : What to write; channels, windows and attributes are kept.
+    compression : Of every part, by name; by default each part keeps its own when that
+        is lossless, and is written as "zip" otherwise, so that no sample changes.
+
+    Raises
+    ------
+    OutputError : The folder cannot be written, or an attribute cannot be stored.
+    """
+    with atomic_path(path) as temporary:
+        parts = [
+            _binding_part(part, i, len(image.parts), compression, Path(path))
+            for i, part in enumerate(image.parts)
+        ]
+        try:
+            OpenEXR.File(parts).write(str(temporary))
+        except (RuntimeError, ValueError, TypeError, OSError) as error:
+            raise OutputError(
+                f"cannot be written ({error})", where=path, remedy="check the disk"
+            ) from error
+
+
+def _part_from(part: OpenEXR.Part) -> ExrPart:
+    header = part.header
+    return ExrPart(
+        channels={name: ch.pixels for name, ch in part.channels.items()}
+        if part.channels
+        else {},
+        data_window=_window(header["dataWindow"]),
+        display_window=_window(header["displayWindow"]),
+        attributes={k: v for k, v in header.items() if k not in _NOT_ATTRIBUTES},
+        name=str(header.get("name", "")),
+        pixel_aspect=float(header.get("pixelAspectRatio", 1.0)),
+        compression=header["compression"].name.removesuffix("_COMPRESSION").lower(),
+    )
+
+
+def _window(corners: tuple[np.ndarray, np.ndarray]) -> Window:
+    (x_min, y_min), (x_max, y_max) = corners
+    return Window(int(x_min), int(y_min), int(x_max), int(y_max))
+
+
+def _corners(window: Window) -> tuple[np.ndarray, np.ndarray]:
+    corners = np.asarray(window, np.int32)
+    return corners[:2], corners[2:]
+
+
+def _binding_part(
+    part: ExrPart, index: int, count: int, compression: str | None, path: Path
+) -> OpenEXR.Part:
+    kept = part.compression if part.compression in LOSSLESS else "zip"
+    header = {
+        **attributes_for_writing(part.attributes, path),
+        "type": OpenEXR.scanlineimage,
+        "compression": _compression(compression or kept),
+        "dataWindow": _corners(part.data_window),
+        "displayWindow": _corners(part.display_window),
+        "pixelAspectRatio": float(part.pixel_aspect),
+    }
+    channels = {n: np.ascontiguousarray(s) for n, s in part.channels.items()}
+    name = part.name or (f"part{index}" if count > 1 else "")
+    return OpenEXR.Part(header, channels, name)
+
+
+def _compression(name: str) -> OpenEXR.Compression:
+    try:
+        return getattr(OpenEXR, f"{name.upper()}_COMPRESSION")
+    except AttributeError:
+        raise ValueError(f"unknown OpenEXR compression {name!r}") from None
+
+
+_silent_threads: set[int] = set()
+_silence = threading.Lock()
+
+
+class _Filter:
+    """Standard output without what the silenced threads say."""
+
+    def __init__(self, stream):
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        if threading.get_ident() in _silent_threads:
+            return len(text)
+        return self._stream.write(text)
+
+    def __getattr__(self, name: str):
+        return getattr(self._stream, name)
+
+
+@contextmanager
+def _binding_silenced() -> Iterator[None]:
+    """Keep the binding's own warnings off standard output, in this thread only.
+
+    It prints them where ``--json`` results go; frames are read by several threads.
+    """
+    with _silence:
+        if not _silent_threads:
+            sys.stdout = _Filter(sys.stdout)
+        _silent_threads.add(threading.get_ident())
+    try:
+        yield
+    finally:
+        with _silence:
+            _silent_threads.discard(threading.get_ident())
+            if not _silent_threads and isinstance(sys.stdout, _Filter):
+                sys.stdout = sys.stdout._stream

@@ -1,0 +1,215 @@
+"""The header of an OpenEXR file, read and doubted before any pixel is.
+
+The OpenEXR library believes a header's sizes and allocates what they claim, and it
+reports damaged pixels on standard error while returning what it has. So the few header
+fields that decide about size are read here first, and the table of chunk offsets is
+compared with the length of the file: what passes is whole and needs the memory it asks.
+Layout: OpenEXR, "File Layout", https://openexr.com/en/latest/OpenEXRFileLayout.html
+"""
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from lensfit.coords import Window
+from lensfit.errors import ImageError
+
+MAGIC = b"\x76\x2f\x31\x01"
+_TILED, _DEEP, _MULTIPART = 0x200, 0x800, 0x1000
+_LINES_PER_CHUNK = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32, 11: 32}
+_MOST_LINES_PER_CHUNK = 256
+_SAMPLE_BYTES = {0: 4, 1: 2, 2: 4}
+_LARGEST_SIDE_PX = 1 << 17
+# A black picture compresses 18,000 times at best (HTJ2K, measured).
+_LARGEST_RATIO = 100_000
+_ALWAYS_ALLOWED_BYTES = 1 << 24
+
+
+@dataclass(frozen=True)
+class PartHeader:
+    """What one part of a file claims to hold.
+
+    Attributes
+    ----------
+    data_window : The pixels that are stored.
+    channels : Name to (pixel type code, x sampling, y sampling).
+    chunk_count : Entries of the chunk table; a lower bound for mip-mapped tiles.
+    tiled : Chunks are tiles, not bundles of lines.
+    deep : Several samples in a pixel.
+    """
+
+    data_window: Window
+    channels: dict[str, tuple[int, int, int]]
+    chunk_count: int
+    tiled: bool
+    deep: bool
+
+    @property
+    def bytes_uncompressed(self) -> int:
+        pixels = self.data_window.width * self.data_window.height
+        return pixels * sum(_SAMPLE_BYTES.get(c[0], 4) for c in self.channels.values())
+
+
+def check_exr(path: str | Path) -> list[PartHeader]:
+    """Read the headers of an OpenEXR file and refuse what cannot be read safely.
+
+    Returns
+    -------
+    One record for each part.
+
+    Raises
+    ------
+    ImageError : Missing, empty, not OpenEXR, malformed, truncated, deep, chroma
+        subsampled, or claiming more pixels than a file of its length can hold.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, 2)
+            file.seek(0)
+            return _checked(file, size, path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ImageError(f"cannot be read ({reason})", where=path) from error
+    except (struct.error, LookupError, ValueError, ArithmeticError) as error:
+        raise _damaged(path, "its header is cut short or malformed") from error
+
+
+def _checked(file: BinaryIO, size: int, path: Path) -> list[PartHeader]:
+    start = file.read(8)
+    if not start:
+        raise ImageError("is empty", where=path)
+    if start[:4] != MAGIC:
+        raise ImageError("is not an OpenEXR file", where=path)
+    flags = struct.unpack("<I", start[4:])[0]
+    parts = _read_headers(file, size, flags)
+    for part in parts:
+        _refuse_unreadable(part, size, path)
+    _check_chunks(file, size, parts, bool(flags & _MULTIPART), path)
+    return parts
+
+
+def _read_headers(file: BinaryIO, size: int, flags: int) -> list[PartHeader]:
+    parts = []
+    while attributes := _read_attributes(file, size):
+        parts.append(_part(attributes, flags))
+        if not flags & _MULTIPART:
+            break
+    if not parts:
+        raise ValueError("no part")
+    return parts
+
+
+_WANTED = {"dataWindow", "channels", "compression", "tiles", "type", "chunkCount"}
+
+
+def _read_attributes(file: BinaryIO, size: int) -> dict[str, bytes]:
+    found = {}
+    while name := _read_name(file):
+        _read_name(file)  # the type is fixed for the attributes wanted here
+        (length,) = struct.unpack("<i", file.read(4))
+        if length < 0 or file.tell() + length > size:
+            raise ValueError("attribute longer than the file")
+        if name in _WANTED:
+            found[name] = file.read(length)
+        else:
+            file.seek(length, 1)
+    return found
+
+
+def _read_name(file: BinaryIO) -> str:
+    text = bytearray()
+    while (byte := file.read(1)) != b"\0":
+        if not byte or len(text) > 255:
+            raise ValueError("unterminated name")
+        text += byte
+    return text.decode()
+
+
+def _part(attributes: dict[str, bytes], flags: int) -> PartHeader:
+    window = Window(*struct.unpack("<4i", attributes["dataWindow"]))
+    kind = attributes.get("type", b"").decode()
+    deep = kind.startswith("deep") or (not kind and bool(flags & _DEEP))
+    # In a file of one part the flag decides; `type` may be missing there.
+    tiled = bool(flags & _TILED) or kind in ("tiledimage", "deeptile")
+    if tiled:
+        width, height = struct.unpack("<2I", attributes["tiles"][:8])
+        chunks = -(-window.width // width) * -(-window.height // height)
+    else:
+        lines = _LINES_PER_CHUNK.get(attributes["compression"][0])
+        chunks = -(-window.height // (lines or _MOST_LINES_PER_CHUNK))
+    if "chunkCount" in attributes:
+        (chunks,) = struct.unpack("<i", attributes["chunkCount"])
+    channels = _channels(attributes["channels"])
+    return PartHeader(window, channels, chunks, tiled, deep)
+
+
+def _channels(data: bytes) -> dict[str, tuple[int, int, int]]:
+    channels = {}
+    while data[0]:
+        name, data = data.split(b"\0", 1)
+        pixel_type, _, x_sampling, y_sampling = struct.unpack("<iIii", data[:16])
+        channels[name.decode()] = (pixel_type, x_sampling, y_sampling)
+        data = data[16:]
+    return channels
+
+
+def _refuse_unreadable(part: PartHeader, size: int, path: Path) -> None:
+    window = part.data_window
+    if part.deep:
+        raise ImageError(
+            "holds deep pixels, which lensfit does not read",
+            where=path,
+            remedy="flatten it to one sample per pixel with a Z channel",
+        )
+    if min(window.width, window.height) < 1:
+        raise _damaged(path, f"its data window {tuple(window)} is empty")
+    claimed = part.bytes_uncompressed
+    if (
+        max(window.width, window.height) > _LARGEST_SIDE_PX
+        or claimed > _ALWAYS_ALLOWED_BYTES + _LARGEST_RATIO * size
+        or not 0 < part.chunk_count <= size // 8
+    ):
+        raise _damaged(
+            path,
+            f"its header claims {window.width} x {window.height} pixels, which a file "
+            f"of {size} bytes cannot hold",
+        )
+    for name, (_, x_sampling, y_sampling) in part.channels.items():
+        if (x_sampling, y_sampling) != (1, 1):
+            raise ImageError(
+                f"channel {name!r} is stored at reduced resolution "
+                f"({x_sampling} x {y_sampling})",
+                where=path,
+                remedy="save it again as full-resolution RGB",
+            )
+
+
+def _check_chunks(
+    file: BinaryIO, size: int, parts: list[PartHeader], multipart: bool, path: Path
+) -> None:
+    """Every chunk has its place in the file, and the last one ends inside it."""
+    count = sum(part.chunk_count for part in parts)
+    table = np.frombuffer(file.read(8 * count), "<u8")
+    if len(table) < count or table.min() < file.tell() or table.max() > size - 8:
+        raise _damaged(path, "it is truncated or was never finished")
+    last = int(table.argmax())
+    owner = np.searchsorted(
+        np.cumsum([part.chunk_count for part in parts]), last, "right"
+    )
+    # A chunk says: part number if there are several parts; y, or tile x, y and level
+    # x, y; its length; its data.
+    length_at = int(table[last]) + 4 * multipart + (16 if parts[owner].tiled else 4)
+    file.seek(length_at)
+    (length,) = struct.unpack("<i", file.read(4))
+    if length < 0 or length_at + 4 + length > size:
+        raise _damaged(path, "it is truncated")
+
+
+def _damaged(path: Path, reason: str) -> ImageError:
+    return ImageError(
+        f"is damaged: {reason}", where=path, remedy="render or copy it again"
+    )

@@ -1,0 +1,197 @@
+"""Any photograph as scene-linear light: the one door through which pictures come in.
+
+EXR, raw and floating-point TIFF are taken as linear; 8 and 16 bit files as sRGB, unless
+the shoot file says otherwise. Alpha is dropped. The EXIF orientation is honoured: row 0
+is on top of the scene as the camera noted it, so pictures taken upright have their
+sensor's sides swapped. EXR photographs are the display window, cropped from or padded
+with black to it.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+
+from lensfit.errors import ImageError
+from lensfit.io.exr import ExrPart, read_exr
+from lensfit.io.exr_header import MAGIC as EXR_MAGIC
+from lensfit.io.exr_layers import find_colour, stack_channels
+from lensfit.io.metadata import CameraState, camera_state_from
+from lensfit.io.raster import Raster, read_raster, tiff_header
+from lensfit.io.raw import RAW_SUFFIXES, read_raw
+from lensfit.io.transfer import decode, encode, transfer_of
+from lensfit.photograph import Photograph
+
+MID_GREY = 0.18
+
+
+def read_photograph(path: str | Path, encoding: str | None = None) -> Photograph:
+    """Read a photograph and decode it to scene-linear light.
+
+    Parameters
+    ----------
+    path : EXR, PNG, TIFF, JPEG or camera raw.
+    encoding : One of `lensfit.io.transfer.ENCODINGS`; by default "linear" for EXR, raw
+        and floating-point TIFF, "srgb" for the rest.
+
+    Returns
+    -------
+    The photograph. Its `metadata` holds "format", "bit_depth", "orientation", the
+    fields of `CameraState` that are known, "sources" of these, and "header", the
+    entries as they are in the file. If an entry about the camera is malformed,
+    "camera_problem" says so instead of those fields.
+
+    Raises
+    ------
+    ImageError : The file is missing, empty, damaged or of an unknown kind, or the
+        encoding is unknown.
+    """
+    path = Path(path)
+    if encoding is not None:
+        transfer_of(encoding)
+    data = _read_bytes(path)
+    try:
+        if data.startswith(EXR_MAGIC):
+            return _from_exr(path, data, encoding or "linear")
+        if path.suffix.lower() in RAW_SUFFIXES:
+            return _from_raw(path, data, encoding or "linear")
+        return _from_raster(path, data, read_raster(data), encoding)
+    except ImageError as error:
+        if error.where is not None:
+            raise
+        raise ImageError(error.what, where=path, remedy=error.remedy) from error
+
+
+def camera_state_of(photograph: Photograph) -> CameraState:
+    """The camera state that a photograph's header describes, with sources.
+
+    Raises
+    ------
+    ImageError : An entry about the camera is malformed; the error names it.
+    """
+    header = photograph.metadata["header"]
+    assert isinstance(header, Mapping)
+    try:
+        return camera_state_from(header, photograph.size_px)
+    except ImageError as error:
+        where = photograph.path
+        raise ImageError(error.what, where=where, remedy=error.remedy) from error
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ImageError(f"cannot be read ({reason})", where=path) from error
+    if not data:
+        raise ImageError("is empty", where=path)
+    return data
+
+
+def _from_exr(path: Path, data: bytes, encoding: str) -> Photograph:
+    image = read_exr(path)
+    index, names = find_colour(image)
+    part = image.parts[index]
+    pixels = _display_window(part, stack_channels(part, names))
+    if encoding != "linear":
+        pixels = decode(pixels, encoding).astype(np.float32)
+    depth = {"float16": 16}.get(str(part.channels[names[0]].dtype), 32)
+    metadata = {"format": "exr", "bit_depth": depth, "orientation": 1}
+    metadata |= {"data_window": part.data_window, "display_window": part.display_window}
+    return Photograph(
+        pixels=pixels,
+        path=path,
+        sha256=hashlib.sha256(data).hexdigest(),
+        encoding=encoding,
+        metadata=metadata | _camera(part.attributes, pixels),
+    )
+
+
+def _display_window(
+    part: ExrPart, pixels: Float32[np.ndarray, "rows columns channels"]
+) -> Float32[np.ndarray, "height width channels"]:
+    shown, stored = part.display_window, part.data_window
+    if shown == stored:
+        return pixels
+    framed = np.zeros((shown.height, shown.width, pixels.shape[2]), np.float32)
+    x0, x1 = max(shown.x_min, stored.x_min), min(shown.x_max, stored.x_max) + 1
+    y0, y1 = max(shown.y_min, stored.y_min), min(shown.y_max, stored.y_max) + 1
+    if x0 < x1 and y0 < y1:
+        framed[
+            y0 - shown.y_min : y1 - shown.y_min, x0 - shown.x_min : x1 - shown.x_min
+        ] = pixels[
+            y0 - stored.y_min : y1 - stored.y_min, x0 - stored.x_min : x1 - stored.x_min
+        ]
+    return framed
+
+
+def _from_raw(path: Path, data: bytes, encoding: str) -> Photograph:
+    if encoding != "linear":
+        raise ImageError("is a camera raw file, which is linear", where=path)
+    pixels = read_raw(path)
+    metadata = {"format": "raw", "bit_depth": 16, "orientation": 1}
+    return Photograph(
+        pixels=pixels,
+        path=path,
+        sha256=hashlib.sha256(data).hexdigest(),
+        saturation=1.0,
+        quantisation_step=1 / 65535,
+        metadata=metadata | _camera(tiff_header(data), pixels),
+    )
+
+
+def _from_raster(
+    path: Path, data: bytes, raster: Raster, encoding: str | None
+) -> Photograph:
+    codes = raster.codes
+    if codes.dtype.kind == "f":
+        encoding = encoding or "linear"
+        pixels = codes if encoding == "linear" else decode(codes, encoding)
+        pixels, saturation, step = pixels.astype(np.float32), float("inf"), 0.0
+    else:
+        encoding = encoding or "srgb"
+        table = _decoding_table(encoding, codes.dtype.itemsize)
+        pixels = cv2.LUT(codes, table) if codes.dtype == np.uint8 else table[codes]
+        pixels = pixels.reshape(codes.shape)
+        saturation, step = float(table[-1]), _step_at_grey(table, encoding)
+    metadata = {
+        "format": raster.format,
+        "bit_depth": 8 * codes.dtype.itemsize,
+        "orientation": raster.header.get("Orientation", 1),
+    }
+    return Photograph(
+        pixels=pixels,
+        path=path,
+        sha256=hashlib.sha256(data).hexdigest(),
+        encoding=encoding,
+        saturation=saturation,
+        quantisation_step=step,
+        chroma_subsampled=raster.chroma_subsampled,
+        metadata=metadata | _camera(raster.header, pixels),
+    )
+
+
+@cache
+def _decoding_table(encoding: str, code_bytes: int) -> Float32[np.ndarray, " codes"]:
+    """Light of every code: a table is the fastest curve there is."""
+    codes = np.linspace(0.0, 1.0, 256**code_bytes)
+    return decode(codes, encoding).astype(np.float32)
+
+
+def _step_at_grey(table: Float32[np.ndarray, " codes"], encoding: str) -> float:
+    grey = round(float(encode(np.array(MID_GREY), encoding)) * (len(table) - 1))
+    return float(np.diff(table[grey - 1 : grey + 2]).max())
+
+
+def _camera(header: Mapping[str, object], pixels: np.ndarray) -> dict[str, object]:
+    entries: dict[str, object] = {"header": dict(header)}
+    try:
+        state = camera_state_from(header, (pixels.shape[1], pixels.shape[0]))
+    except ImageError as error:
+        return entries | {"camera_problem": str(error), "sources": {}}
+    return entries | state.known() | {"sources": dict(state.sources)}

@@ -1,0 +1,250 @@
+"""PNG, JPEG and TIFF files as code values: what is stored, not yet light.
+
+The format is recognised by the file's first bytes, never by its name. Damaged files
+are refused: a JPEG with half of its lines grey would give a lens with half of its dots.
+Rows are turned upright as the EXIF orientation asks.
+"""
+
+import io
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+import tifffile
+from PIL import ExifTags, Image
+
+from lensfit.errors import ImageError
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG = b"\xff\xd8\xff"
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+# A black PNG compresses about a thousand times (zlib's limit).
+_LARGEST_PNG_RATIO = 1100
+_MINISWHITE, _PALETTE, _CFA = 0, 3, 32803
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """Decoded code values of a picture file.
+
+    Attributes
+    ----------
+    codes : uint8, uint16 or float32, upright; height x width x channels, of which there
+        is one, or r, g, b.
+    format : "png", "jpeg" or "tiff".
+    chroma_subsampled : Colour was stored at lower resolution than brightness.
+    header : EXIF or TIFF tags by name.
+    """
+
+    codes: np.ndarray
+    format: str
+    chroma_subsampled: bool = False
+    header: Mapping[str, object] = field(default_factory=dict)
+
+
+def read_raster(data: bytes) -> Raster:
+    """Decode a PNG, JPEG or TIFF file.
+
+    Raises
+    ------
+    ImageError : Another format, damaged, or colours that are no grey or RGB.
+    """
+    if not data:
+        raise ImageError("is empty")
+    if data.startswith(_PNG):
+        raster = _read_png(data)
+    elif data.startswith(_JPEG):
+        raster = _read_jpeg(data)
+    elif data.startswith(_TIFF):
+        raster = _read_tiff(data)
+    else:
+        raise ImageError(
+            "is no photograph that lensfit reads",
+            remedy="give EXR, TIFF, PNG, JPEG or a camera raw file",
+        )
+    orientation = raster.header.get("Orientation", 1)
+    codes = upright(raster.codes, orientation if isinstance(orientation, int) else 1)
+    return Raster(codes, raster.format, raster.chroma_subsampled, raster.header)
+
+
+def upright(codes: np.ndarray, orientation: int) -> np.ndarray:
+    """Pixels turned and mirrored as the EXIF orientation, 1 to 8, asks."""
+    mirrored = {2: codes[:, ::-1], 4: codes[::-1], 5: codes, 7: codes[::-1, ::-1]}
+    turned = mirrored.get(orientation, codes)
+    if orientation == 3:
+        turned = codes[::-1, ::-1]
+    elif orientation == 6:
+        turned = np.rot90(codes, -1)
+    elif orientation == 8:
+        turned = np.rot90(codes)
+    elif orientation in (5, 7):
+        turned = turned.swapaxes(0, 1)
+    return np.ascontiguousarray(turned)
+
+
+def tiff_header(data: bytes) -> dict[str, object]:
+    """Tags of the first page of a TIFF-like file, with its EXIF block if it has one.
+
+    Raw files of many makers are TIFF inside. Empty when the file is none.
+    """
+    try:
+        with tifffile.TiffFile(io.BytesIO(data)) as file:
+            return _tags(file.pages[0])  # pyright: ignore[reportArgumentType]
+    except (tifffile.TiffFileError, ValueError, LookupError, struct.error):
+        return {}
+
+
+def _read_jpeg(data: bytes) -> Raster:
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            if image.mode not in ("L", "RGB"):
+                raise _unknown_colours(image.mode)
+            codes = np.asarray(image)
+            header = _exif(image)
+            layers = getattr(image, "layer", [])
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise _damaged("JPEG", error) from error
+    sampling = [(layer[1], layer[2]) for layer in layers]
+    subsampled = len(sampling) == 3 and any(s != sampling[0] for s in sampling[1:])
+    return Raster(_with_channel_axis(codes), "jpeg", subsampled, header)
+
+
+def _read_png(data: bytes) -> Raster:
+    _check_png(data)
+    try:
+        codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise _damaged("PNG", error) from error
+    if codes is None:
+        raise _damaged("PNG", "its pixels cannot be decoded")
+    codes = _with_channel_axis(codes)
+    if codes.shape[2] >= 3:
+        codes = np.ascontiguousarray(codes[..., 2::-1])
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            header = _exif(image)
+    except (OSError, SyntaxError, ValueError):
+        header = {}
+    return Raster(
+        codes[..., :3] if codes.shape[2] >= 3 else codes[..., :1], "png", False, header
+    )
+
+
+def _check_png(data: bytes) -> None:
+    """Every chunk is there and unharmed, and the size is one the file can hold."""
+    at, kind = len(_PNG), b""
+    while kind != b"IEND":
+        if at + 12 > len(data):
+            raise _damaged("PNG", "it is truncated")
+        (length,) = struct.unpack_from(">I", data, at)
+        kind, end = data[at + 4 : at + 8], at + 8 + length
+        if end + 4 > len(data):
+            raise _damaged("PNG", "it is truncated")
+        (checksum,) = struct.unpack_from(">I", data, end)
+        if zlib.crc32(memoryview(data)[at + 4 : end]) != checksum:
+            raise _damaged("PNG", "a checksum is wrong")
+        if kind == b"IHDR":
+            width, height, depth = struct.unpack_from(">IIB", data, at + 8)
+            if width * height * depth // 8 > _LARGEST_PNG_RATIO * len(data) + 4096:
+                raise _damaged("PNG", f"it cannot hold {width} x {height} pixels")
+        at = end + 4
+
+
+def _read_tiff(data: bytes) -> Raster:
+    try:
+        with tifffile.TiffFile(io.BytesIO(data)) as file:
+            page = file.pages[0]
+            header = _tags(page)  # pyright: ignore[reportArgumentType]
+            codes = _tiff_codes(page, data)
+    except ImageError:
+        raise
+    except Exception as error:  # tifffile's decoders raise whatever broke in them
+        raise _damaged("TIFF", error) from error
+    if codes.dtype in (np.float16, np.float64):
+        codes = codes.astype(np.float32)
+    if codes.dtype not in (np.uint8, np.uint16, np.float32):
+        raise ImageError(
+            f"holds {codes.dtype} samples",
+            remedy="save it with 8 or 16 bits per sample, or as float",
+        )
+    return Raster(codes, "tiff", False, header)
+
+
+def _tiff_codes(page, data: bytes) -> np.ndarray:
+    photometric = int(page.photometric)
+    if photometric == _CFA:
+        raise ImageError(
+            "is a raw sensor mosaic", remedy="name it .dng, or develop it first"
+        )
+    if photometric == _PALETTE:
+        raise _unknown_colours("palette")
+    if page.size * page.dtype.itemsize > 1100 * len(data) + 4096:
+        raise _damaged("TIFF", f"it cannot hold {page.imagewidth} x {page.imagelength}")
+    try:
+        codes = page.asarray()
+    except (ValueError, KeyError) as error:
+        if "imagecodecs" not in str(error):
+            raise
+        codes = _tiff_by_opencv(data)
+    if page.axes == "SYX":
+        codes = np.moveaxis(codes, 0, -1)
+    codes = _with_channel_axis(codes)
+    codes = codes[..., :3] if codes.shape[2] >= 3 else codes[..., :1]
+    if photometric == _MINISWHITE and codes.dtype.kind == "u":
+        codes = np.iinfo(codes.dtype).max - codes
+    return np.ascontiguousarray(codes)
+
+
+def _tiff_by_opencv(data: bytes) -> np.ndarray:
+    """Decode LZW, JPEG and the like, which tifffile leaves to another package."""
+    codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if codes is None:
+        raise _damaged("TIFF", "its pixels cannot be decoded")
+    return codes if codes.ndim == 2 else codes[..., 2::-1]
+
+
+def _tags(page: tifffile.TiffPage) -> dict[str, object]:
+    tags = {tag.name: tag.value for tag in page.tags.values()}
+    exif = tags.pop("ExifTag", None)
+    header = {**tags, **exif} if isinstance(exif, dict) else tags
+    return {name: _plain(value) for name, value in header.items() if _is_short(value)}
+
+
+def _plain(value: object) -> object:
+    """TIFF stores a fraction as two integers."""
+    if (
+        isinstance(value, tuple)
+        and len(value) == 2
+        and all(isinstance(v, int) for v in value)
+    ):
+        return value[0] / value[1] if value[1] else float("nan")
+    return int(value) if isinstance(value, int) else value
+
+
+def _is_short(value: object) -> bool:
+    return not isinstance(value, (bytes, dict)) and len(str(value)) < 300
+
+
+def _exif(image: Image.Image) -> dict[str, object]:
+    tags = image.getexif()
+    merged = {**tags, **tags.get_ifd(ExifTags.IFD.Exif)}
+    named = {ExifTags.TAGS.get(key, str(key)): v for key, v in merged.items()}
+    return {name: value for name, value in named.items() if _is_short(value)}
+
+
+def _with_channel_axis(codes: np.ndarray) -> np.ndarray:
+    return codes[..., None] if codes.ndim == 2 else codes
+
+
+def _unknown_colours(kind: str) -> ImageError:
+    return ImageError(f"has {kind} colours", remedy="save it as grey or RGB")
+
+
+def _damaged(kind: str, reason: object) -> ImageError:
+    text = " ".join(str(reason).split())[:120]
+    return ImageError(
+        f"is a damaged {kind} file ({text})", remedy="copy it again from the camera"
+    )

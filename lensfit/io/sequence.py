@@ -1,0 +1,169 @@
+"""Image sequences: frame patterns, frame ranges and the names of results.
+
+A pattern is a path whose file name holds one frame number: ``plate.####.exr`` (one
+sign per digit at least), ``plate.@@@@.exr`` or ``plate.%04d.exr``. A range is
+``1001-1100``, ``1,5,9`` or ``1-10,20-30x2`` (every second one), negative frames
+included. A path without a frame number is a single picture.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from lensfit.errors import ImageError, OutputError
+
+_TOKEN = re.compile(r"#+|@+|%0?(\d*)d")
+_RANGE = re.compile(r"(-?\d+)(?:-(-?\d+)(?:x(\d+))?)?")
+_MOST_FRAMES = 10_000_000
+
+
+def expand_frames(
+    pattern: str | Path, frames: str | Iterable[int] | None = None
+) -> list[tuple[int | None, Path]]:
+    """The pictures of a sequence, in the order of their frames.
+
+    Parameters
+    ----------
+    pattern : A path with or without a frame number.
+    frames : A range, or frame numbers; by default every frame that exists.
+
+    Returns
+    -------
+    Frame number and path of each picture; the number is None for a single picture.
+
+    Raises
+    ------
+    ImageError : No frame exists, some of `frames` are missing (they are listed), or
+        the pattern or range is malformed.
+    """
+    path = Path(pattern)
+    token = _token_of(path)
+    if token is None:
+        return [(None, _single(path, frames))]
+    if frames is None:
+        return _existing(path, token)
+    numbers = parse_frames(frames) if isinstance(frames, str) else list(frames)
+    pictures = [(number, frame_path(path, number)) for number in numbers]
+    missing = [number for number, picture in pictures if not picture.is_file()]
+    if missing:
+        raise ImageError(
+            f"{len(missing)} of {len(numbers)} frames are missing: "
+            f"{format_frames(missing)}",
+            where=path,
+            remedy="give the frames that exist with --frames",
+        )
+    return [*pictures]
+
+
+def parse_frames(text: str) -> list[int]:
+    """Frame numbers of a range such as ``1-10,20-30x2``; each once, in its order.
+
+    Raises
+    ------
+    ImageError : The text is no range, or runs backwards.
+    """
+    numbers: dict[int, None] = {}
+    for item in text.split(","):
+        match = _RANGE.fullmatch(item.strip())
+        if match is None:
+            raise _bad_range(text)
+        first = int(match[1])
+        last = int(match[2]) if match[2] is not None else first
+        step = int(match[3] or 1)
+        if last < first or step < 1 or last - first > _MOST_FRAMES:
+            raise _bad_range(text)
+        numbers.update(dict.fromkeys(range(first, last + 1, step)))
+    return list(numbers)
+
+
+def format_frames(numbers: Iterable[int]) -> str:
+    """Frame numbers as a short range: 1, 2, 3, 7 becomes ``1-3,7``."""
+    runs: list[list[int]] = []
+    for number in sorted(set(numbers)):
+        if runs and number == runs[-1][1] + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    return ",".join(f"{a}" if a == b else f"{a}-{b}" for a, b in runs)
+
+
+def frame_path(pattern: str | Path, frame: int) -> Path:
+    """The path of one frame; a path without a frame number is returned as it is."""
+    path = Path(pattern)
+    token = _token_of(path)
+    if token is None:
+        return path
+    sign = "-" if frame < 0 else ""
+    number = f"{sign}{abs(frame):0{_padding(token)}d}"
+    return path.with_name(path.name.replace(token[0], number, 1))
+
+
+def output_path(
+    source: str | Path, folder: str | Path, suffix: str | None = None
+) -> Path:
+    """Where the result for a picture goes: its own name, in another folder.
+
+    Parameters
+    ----------
+    suffix : Another file type, such as ".png".
+
+    Raises
+    ------
+    OutputError : The result would replace its own source.
+    """
+    source = Path(source)
+    path = Path(folder) / (source.name if suffix is None else source.stem + suffix)
+    if path.resolve() == source.resolve():
+        raise OutputError(
+            "would replace its own source", where=path, remedy="choose another folder"
+        )
+    return path
+
+
+def _token_of(path: Path) -> re.Match | None:
+    tokens = list(_TOKEN.finditer(path.name))
+    if len(tokens) > 1:
+        raise ImageError(
+            "holds more than one frame number", where=path, remedy="leave one, as ####"
+        )
+    return tokens[0] if tokens else None
+
+
+def _padding(token: re.Match) -> int:
+    if token[0].startswith("%"):
+        return int(token[1] or 1)
+    return len(token[0])
+
+
+def _single(path: Path, frames: str | Iterable[int] | None) -> Path:
+    if frames is not None:
+        raise ImageError(
+            "is a single picture, so frames cannot be chosen",
+            where=path,
+            remedy="write the frame number as ####",
+        )
+    if not path.is_file():
+        raise ImageError("does not exist", where=path)
+    return path
+
+
+def _existing(path: Path, token: re.Match) -> list[tuple[int | None, Path]]:
+    before, after = path.name[: token.start()], path.name[token.end() :]
+    shape = re.compile(rf"{re.escape(before)}(-?\d+){re.escape(after)}")
+    found: Sequence[Path] = ()
+    if path.parent.is_dir():
+        found = [p for p in path.parent.iterdir() if shape.fullmatch(p.name)]
+    matches = [(int(shape.fullmatch(p.name)[1]), p) for p in found]  # pyright: ignore
+    # Only names that the pattern itself would give: 001 is no frame of plate.##.exr.
+    pictures = sorted(
+        (n, p) for n, p in matches if frame_path(path, n).name == p.name and p.is_file()
+    )
+    if not pictures:
+        raise ImageError("no frame exists", where=path)
+    return [*pictures]
+
+
+def _bad_range(text: str) -> ImageError:
+    return ImageError(
+        f"{text!r} is no range of frames", remedy="write it as 1-10,20-30x2"
+    )
