@@ -1,0 +1,1 @@
+"""Photograph of a target to observations: dots, lines and corners on a lattice."""

@@ -1,0 +1,139 @@
+"""Which indexed marks are really dots of the grid, and which run into each other.
+
+A dot resembles its lattice neighbours: in contrast, in size, and in place. Reflections
+of dots, texture beyond the target's edge and dirt on a missing dot's cell do not.
+Larger marker dots inside the grid are kept, since their neighbours vouch for their
+place.
+"""
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from lensfit.detect.lattice_check import consistent_members, deviations, nanmedian
+from lensfit.detect.lattice_growth import STEPS, Board
+
+_CONTRAST_RATIO = 2.5
+_AREA_RATIO = 2.5
+_UNREST, _UNREST_RATIO = 0.11, 5.0
+"""Surroundings this uneven (a shadow's edge, a scratch) make a position worthless."""
+_ROUNDS = 3
+_OFF_STEPS = 0.12
+_OFF_DEVIATIONS = 12.0
+_LEAST_OFF_STEPS = 0.03
+_MARKER_OFF = 4.0
+"""A larger mark must be in its place this well, in usual deviations."""
+_TOUCHING = 0.05
+"""Light midway between two dots, relative to their level, that counts as overlap."""
+
+
+def primitive_cells(
+    indices: Int[np.ndarray, "dots 2"], asymmetric: bool
+) -> Int[np.ndarray, "dots 2"]:
+    """Cells in which neighbouring dots are one step apart."""
+    if not asymmetric:
+        return indices
+    i, j = indices.T
+    return np.stack([(i + j) // 2, (j - i) // 2], 1)
+
+
+def resembling(
+    cells: Int[np.ndarray, "dots 2"],
+    points_px: Float[np.ndarray, "dots 2"],
+    contrast: Float[np.ndarray, " dots"],
+    area_px: Float[np.ndarray, " dots"],
+    unrest: Float[np.ndarray, " dots"],
+) -> Bool[np.ndarray, " dots"]:
+    """Dots that resemble their lattice neighbours, connected to each other.
+
+    Parameters
+    ----------
+    cells : Cells in which neighbouring dots are one step apart.
+    points_px : Measured positions; NaN where the measurement failed.
+    contrast : Positive level of each dot against its surroundings.
+    area_px : Area of each dot's mask.
+    unrest : Deviation of each dot's surroundings from a plane, relative to its level.
+    """
+    good = np.isfinite(points_px).all(1) & (contrast > 0)
+    if good.any():
+        good &= unrest < max(_UNREST, _UNREST_RATIO * float(np.median(unrest[good])))
+    points_px = np.where(good[:, None], points_px, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tone, size = np.log(np.where(good, contrast, 1)), np.log(area_px)
+    for _ in range(_ROUNDS):
+        board = _board(cells, good)
+        around = _around(board, cells)
+        odd = _differs(tone, around, _CONTRAST_RATIO)
+        odd_size = _differs(size, around, _AREA_RATIO)
+        vouched = sum(board.at(cells + step) >= 0 for step in STEPS) >= 3
+        off = deviations(board, points_px)
+        usual = np.nanmedian(off) if np.isfinite(off).any() else 0.0
+        vouched &= (size > np.median(size[good])) & ~(
+            off > max(_MARKER_OFF * usual, 0.01)
+        )
+        odd |= odd_size & ~vouched
+        odd |= off > min(_OFF_STEPS, max(_LEAST_OFF_STEPS, _OFF_DEVIATIONS * usual))
+        if not np.any(good & odd):
+            break
+        good &= ~odd
+        if np.count_nonzero(good) < 4:
+            break
+    board = _board(cells, good)
+    return consistent_members(board, points_px)
+
+
+def overlapping(
+    image: Float[np.ndarray, "height width"],
+    cells: Int[np.ndarray, "dots 2"],
+    points_px: Float[np.ndarray, "dots 2"],
+    level: Float[np.ndarray, " dots"],
+    noise: float,
+) -> Bool[np.ndarray, " dots"]:
+    """Whether light (or dark) of a dot still shows midway to a neighbour.
+
+    Compared with the middle of the cell's four corners, which is farthest from dots.
+    """
+    smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
+    board = _board(cells, np.ones(len(cells), bool))
+    neighbour = np.stack([board.at(cells + step) for step in STEPS])
+    corner = np.stack(
+        [board.at(cells + STEPS[k] + STEPS[(k + 1) % 4]) for k in range(4)]
+    )
+    padded = np.concatenate([points_px, np.full((1, 2), np.nan)])
+    between = _sample(smooth, (padded[neighbour] + points_px) / 2)
+    empty = nanmedian(_sample(smooth, (padded[corner] + points_px) / 2))
+    excess = (between - empty) * np.sign(level)
+    limit = np.maximum(_TOUCHING * np.abs(level), 5 * noise)
+    with np.errstate(invalid="ignore"):
+        touching = np.asarray(excess > limit)
+    return np.asarray(touching.any(axis=0))
+
+
+def _board(cells, good) -> Board:
+    board = Board(len(cells))
+    members = np.flatnonzero(good)
+    board.place(members, cells[members])
+    return board
+
+
+def _around(board: Board, cells) -> Int[np.ndarray, "24 dots"]:
+    """The dots of the 5 x 5 cells about each, -1 where there is none."""
+    offsets = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if (i, j) != (0, 0)]
+    return np.stack([board.at(cells + np.array(offset)) for offset in offsets])
+
+
+def _differs(value, around, ratio: float):
+    """Whether a logarithm is farther from its neighbours' median than the ratio."""
+    padded = np.append(value, np.nan)
+    with np.errstate(invalid="ignore"):
+        return np.abs(value - nanmedian(padded[around])) > np.log(ratio)
+
+
+def _sample(image, points_px):
+    """Nearest sample at positions; NaN outside or where the position is NaN."""
+    height, width = image.shape
+    known = np.isfinite(points_px).all(-1)
+    place = np.floor(np.where(known[..., None], points_px, 0)).astype(int)
+    x = np.clip(place[..., 0], 0, width - 1)
+    y = np.clip(place[..., 1], 0, height - 1)
+    return np.where(known, image[y, x], np.nan)

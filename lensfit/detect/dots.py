@@ -1,0 +1,218 @@
+"""Dots on a photograph of a dot or circle grid, measured and indexed.
+
+Bright dots on black or dark dots on white. Candidates come from a local threshold
+(`blobs`), their lattice from `lattice`, their positions from `centroids`; then what
+does not fit its neighbours in place, size and contrast is left out. Positions refer to
+the green channel, and every channel is measured by the same rule around the same start,
+so that differences between channels are lateral colour and nothing else.
+"""
+
+import cv2
+import numpy as np
+from scipy.spatial import KDTree
+
+from lensfit.detect.blobs import POLARITIES, Blobs, find_blobs
+from lensfit.detect.centroids import Measured, Windows, measure
+from lensfit.detect.dot_checks import overlapping, primitive_cells, resembling
+from lensfit.detect.lattice import index_lattice
+from lensfit.detect.neighbours import nearest
+from lensfit.detect.observations import POINT, Observations
+from lensfit.errors import DetectionError
+from lensfit.photograph import Photograph
+
+_FEWEST = 16
+_BRIGHT_REACH, _BRIGHT_RING = 0.49, 0.62
+"""Aperture and outer ring of bright dots, in distances to the nearest dot."""
+_DARK_REACH = 0.47
+_DARK_MARGIN_PX = 5.0
+
+
+def find_dots(
+    photograph: Photograph,
+    *,
+    polarity: str | None = None,
+    roi: tuple[float, float, float, float] | None = None,
+    asymmetric: bool = False,
+) -> Observations:
+    """Find, measure and index the dots of a grid.
+
+    Parameters
+    ----------
+    photograph : Scene-linear picture.
+    polarity : "bright" dots on black, "dark" dots on white, or None to find out.
+    roi : x0, y0, x1, y1 in pixels: look only there.
+    asymmetric : The target is an asymmetric circle grid.
+
+    Raises
+    ------
+    DetectionError : No dots, too few, or no lattice among them; the sentence says what
+        was seen and what to do.
+    """
+    polarities = POLARITIES if polarity is None else (polarity,)
+    if not set(polarities) <= set(POLARITIES):
+        raise ValueError(f"polarity must be one of {POLARITIES} or None")
+    x0, y0, x1, y1 = _window(photograph, roi)
+    image = photograph.luminance_channel[y0:y1, x0:x1]
+    search = find_blobs(np.ascontiguousarray(image), polarities)
+    candidates = len(search.blobs.centre_px)
+    indices, valid = index_lattice(search.blobs.centre_px, asymmetric=asymmetric)
+    if np.count_nonzero(valid) < _FEWEST:
+        raise _complaint(photograph, image, candidates, int(valid.sum()))
+    whole = valid & ~search.blobs.cut
+    blobs = search.blobs.subset(whole)
+    blobs = blobs._replace(centre_px=blobs.centre_px + np.array([x0, y0]))
+    strays = search.blobs.subset(~valid)
+    strays = strays._replace(centre_px=strays.centre_px + np.array([x0, y0]))
+    observations = _observe(
+        photograph, blobs, indices[whole], search.polarity, asymmetric, strays
+    )
+    if len(observations) < _FEWEST:
+        raise _complaint(photograph, image, candidates, len(observations))
+    return observations
+
+
+def _window(photograph: Photograph, roi):
+    width, height = photograph.size_px
+    if roi is None:
+        return 0, 0, width, height
+    x0, y0 = max(0, int(np.floor(roi[0]))), max(0, int(np.floor(roi[1])))
+    x1, y1 = min(width, int(np.ceil(roi[2]))), min(height, int(np.ceil(roi[3])))
+    if x1 - x0 < 8 or y1 - y0 < 8:
+        raise DetectionError(
+            f"the region of interest {list(roi)} has no area inside {width} x {height}",
+            where=photograph.path,
+            remedy="give roi as [x0, y0, x1, y1] in pixels",
+        )
+    return x0, y0, x1, y1
+
+
+def _windows(blobs: Blobs, polarity: str) -> Windows:
+    """Apertures that hold a dot's light and stay clear of its neighbours'.
+
+    The light of bright dots reaches far, as aberration: up to half-way to the next
+    dot. A dark dot's own ellipse plus a margin holds its blur and sharpening halo.
+    """
+    spacing = nearest(KDTree(blobs.centre_px), blobs.centre_px, 2)[0][:, 1]
+    radius = 2 * np.linalg.det(blobs.moment_px2) ** 0.25
+    if polarity == "bright":
+        aperture = _BRIGHT_REACH * spacing
+        shape = np.eye(2) * aperture[:, None, None] ** 2
+        ring = np.full(len(spacing), _BRIGHT_RING / _BRIGHT_REACH)
+    else:
+        aperture = np.maximum(_DARK_REACH * spacing, 1.1 * radius)
+        aperture = np.minimum(radius + _DARK_MARGIN_PX, aperture)
+        shape = 4 * blobs.moment_px2 * (aperture / radius)[:, None, None] ** 2
+        ring = 1 + np.maximum(2.0, 0.25 * aperture) / aperture
+    return Windows(shape, ring, np.maximum(0.5 * radius, 0.8) / aperture)
+
+
+def _observe(
+    photograph: Photograph, blobs: Blobs, indices, polarity, asymmetric, strays: Blobs
+) -> Observations:
+    """Measure every channel, leave out what is no dot, and fill in the record."""
+    pixels, ceiling = photograph.pixels, photograph.saturation
+    green = 1 if pixels.shape[2] == 3 else 0
+    windows = _windows(blobs, polarity)
+    ignore = _drawn(strays, pixels.shape[:2])
+    channels = [
+        measure(pixels[..., c], blobs.centre_px, windows, polarity, ceiling, ignore)
+        for c in range(pixels.shape[2])
+    ]
+    candidates = len(blobs.centre_px) + len(strays.centre_px)
+    main = channels[green]
+    sign = 1 if polarity == "bright" else -1
+    tone = sign * main.level / (1 if polarity == "bright" else main.background)
+    cells = primitive_cells(indices, asymmetric)
+    unrest = main.noise / np.abs(main.level)
+    keep = resembling(cells, main.centre_px, tone, blobs.area_px, unrest)
+    channels = [Measured(*(column[keep] for column in m)) for m in channels]
+    main = channels[green]
+    touching = overlapping(
+        photograph.luminance_channel,
+        cells[keep],
+        main.centre_px,
+        main.level,
+        float(np.median(main.noise)) if keep.any() else 0.0,
+    )
+    return _record(photograph, indices[keep], channels, touching, polarity, candidates)
+
+
+def _drawn(strays: Blobs, shape: tuple[int, int]) -> np.ndarray:
+    """Mask of the marks that belong to no lattice, with their blur."""
+    mask = np.zeros(shape, np.uint8)
+    radius = 1.3 * np.sqrt(strays.area_px / np.pi) + 2
+    centres = np.floor(strays.centre_px).astype(int)
+    for (x, y), r in zip(centres.tolist(), np.ceil(radius).astype(int), strict=True):
+        cv2.circle(mask, (x, y), int(r), 1, -1)
+    return mask.view(bool)
+
+
+def _record(
+    photograph, indices, channels: list[Measured], touching, polarity, candidates
+) -> Observations:
+    """The observations of measured, checked dots."""
+    count = len(indices)
+    main = channels[1 if len(channels) == 3 else 0]
+    points = np.full((3, count, 2), np.nan)
+    covariances = np.full((3, count, 2, 2), np.nan)
+    if len(channels) == 3:
+        points = np.stack([m.centre_px for m in channels])
+        covariances = np.stack([m.covariance_px2 for m in channels])
+    saturated = np.any([m.saturated for m in channels], axis=0)
+    flux = [m.flux if polarity == "bright" else m.background for m in channels]
+    half_trace = np.trace(main.moment_px2, axis1=1, axis2=2) / 2
+    return Observations(
+        lattice=indices.astype(float),
+        points_px=main.centre_px,
+        covariance_px2=main.covariance_px2,
+        family=np.full(count, POINT),
+        normal=np.full((count, 2), np.nan),
+        saturated=saturated,
+        overlapping=touching,
+        channel_points_px=points,
+        channel_covariance_px2=covariances,
+        flux=np.stack(flux, 1),
+        diameter_px=4 * np.sqrt(np.maximum(half_trace, 0)),
+        image_size_px=photograph.size_px,
+        candidates=candidates,
+        bright=polarity == "bright",
+        notes=_notes(photograph, saturated, touching),
+    )
+
+
+def _notes(photograph: Photograph, saturated, touching) -> tuple[str, ...]:
+    """What the photographer should know about the dots that were kept."""
+    notes = []
+    if saturated.any():
+        notes.append(
+            f"{saturated.sum()} of {len(saturated)} dots touch clipped samples; "
+            "expose less"
+        )
+    if touching.any():
+        notes.append(
+            f"the blur of {touching.sum()} of {len(touching)} dots touches a "
+            "neighbour's; focus nearer or use a coarser grid"
+        )
+    if photograph.chroma_subsampled and photograph.pixels.shape[2] == 3:
+        notes.append(
+            "red and blue were stored at lower resolution, so lateral colour is "
+            "less certain than its covariance says"
+        )
+    return tuple(notes)
+
+
+def _complaint(photograph, image, candidates: int, indexed: int) -> DetectionError:
+    """What was seen on a photograph without a grid, and what to do."""
+    clipped = float(np.mean(image >= photograph.saturation))
+    if clipped > 0.5:
+        what = f"no dot grid found: {clipped:.0%} of the picture is over-exposed"
+        remedy = "expose less, or light the target evenly"
+    elif not candidates:
+        what, remedy = "no dots found", "check the picture, its polarity and its roi"
+    elif indexed < 9:
+        what = f"{candidates} dot-like marks found, but no lattice among them"
+        remedy = "check that this is a dot grid, or set a roi around it"
+    else:
+        what = f"only {indexed} dots of a lattice found, {_FEWEST} are needed"
+        remedy = "show more of the target, or set a roi around it"
+    return DetectionError(what, where=photograph.path, remedy=remedy)

@@ -1,0 +1,77 @@
+"""What a photograph of a target says: lattice indices and where they were seen.
+
+An observation is one detected mark: a dot, a corner, a crossing, or one sample along
+the centre of a line. Positions are pixels of the whole photograph with pixel
+(column 0, row 0) covering [0, 1) x [0, 1), so that its centre is (0.5, 0.5); x runs
+right along columns, y down along rows. Lattice coordinates count target pitches: i to
+the right and j down on the target as photographed upright, origin arbitrary.
+
+A line sample knows its place across the line only. It is kept in the same record: its
+lattice coordinate across the line is the integer number of the line, the one along it
+is approximate (interpolated), and `normal` is the unit vector across the line in the
+image. A residual is then ``normal . (observed - predicted)``, to first order blind to
+the coordinate along the line.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+CHANNELS = ("r", "g", "b")
+
+POINT = -1
+"""`family` of an observation known in both directions."""
+LINE_OF_CONSTANT_I = 0
+"""`family` of a sample on a line i = const (upright on an upright target)."""
+LINE_OF_CONSTANT_J = 1
+"""`family` of a sample on a line j = const."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Every mark found on one photograph, in the channel that positions refer to.
+
+    Positions in `points_px` are those of the green channel (or of the only channel).
+
+    Attributes
+    ----------
+    lattice : Target coordinates in pitches; integers except along a line.
+    points_px : Sub-pixel positions, pixels.
+    covariance_px2 : Covariance of each position from the image noise, square pixels.
+    family : `POINT`, `LINE_OF_CONSTANT_I` or `LINE_OF_CONSTANT_J`.
+    normal : Unit vector across the line; NaN for a `POINT`.
+    saturated : Touches clipped samples, so its shape and flux cannot be trusted.
+    overlapping : Its blur touches a neighbour's, so the position may be biased.
+    channel_points_px : The same marks measured in r, g, b; NaN where not measured
+        (all NaN for a single-channel photograph).
+    channel_covariance_px2 : Their covariances.
+    flux : Background-subtracted, scene-linear sum over the mark per channel in
+        channel units x square pixels; for a line sample the flux per pixel of length;
+        for a mark on a bright field (dark dots, corners) the brightness of the bright
+        field around it. NaN where not measured. One column for one channel.
+    diameter_px : Diameter of the disc of the same second moment; NaN when meaningless.
+    bright : Marks are brighter than their surround; False for dark marks and corners.
+    image_size_px : Width and height of the photograph.
+    candidates : Number of marks that looked like the target's, indexed or not.
+    notes : One sentence for each thing the person who photographed it should know.
+    """
+
+    lattice: Float[np.ndarray, "marks 2"]
+    points_px: Float[np.ndarray, "marks 2"]
+    covariance_px2: Float[np.ndarray, "marks 2 2"]
+    family: Int[np.ndarray, " marks"]
+    normal: Float[np.ndarray, "marks 2"]
+    saturated: Bool[np.ndarray, " marks"]
+    overlapping: Bool[np.ndarray, " marks"]
+    channel_points_px: Float[np.ndarray, "3 marks 2"]
+    channel_covariance_px2: Float[np.ndarray, "3 marks 2 2"]
+    flux: Float[np.ndarray, "marks channels"]
+    diameter_px: Float[np.ndarray, " marks"]
+    image_size_px: tuple[int, int]
+    candidates: int
+    bright: bool = True
+    notes: tuple[str, ...] = field(default=())
+
+    def __len__(self) -> int:
+        return len(self.points_px)

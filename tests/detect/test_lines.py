@@ -1,0 +1,124 @@
+"""Line grids drawn from a formula: centres, numbers, colour, noise and refusals."""
+
+import numpy as np
+import pytest
+from drawn_grids import View, draw, line_grid, photograph
+
+from lensfit.detect.lines import find_lines
+from lensfit.errors import DetectionError
+
+VIEW = View()
+
+
+def whole_offset(found, view):
+    """The whole number of pitches between found and true lattice coordinates."""
+    offset = view.lattice(found.points_px) - found.lattice
+    whole = np.round(np.median(offset, axis=0))
+    assert np.abs(offset - whole).max() < 0.2
+    return whole
+
+
+def across(found, view, points_px=None):
+    """Signed distance of samples from the true lines, across them, pixels."""
+    points_px = found.points_px if points_px is None else points_px
+    lattice = view.lattice(points_px)
+    rows = np.arange(len(found))
+    lattice[rows, found.family] = (found.lattice + whole_offset(found, view))[
+        rows, found.family
+    ]
+    return ((points_px - view.pixels(lattice, points_px)) * found.normal).sum(1)
+
+
+@pytest.mark.parametrize("blur_px", [0.4, 0.8, 1.5])
+@pytest.mark.parametrize("width", [0.06, 0.12])
+def test_centres_of_noiseless_bright_lines_are_unbiased(width, blur_px):
+    found = find_lines(photograph(draw(VIEW, line_grid(width), blur_px=blur_px)))
+    error = across(found, VIEW)
+    assert len(found) > 250
+    assert abs(error.mean()) < 0.002
+    assert error.std() < 0.008
+    assert np.abs(error).max() < 0.06
+
+
+def test_line_numbers_survive_rotation_and_strong_distortion():
+    view = View(rotation_rad=0.6, radial=0.4, perspective=(0.15, 0.1))
+    found = find_lines(photograph(draw(view, line_grid(0.1), blur_px=0.6)))
+    integer = found.lattice[np.arange(len(found)), found.family]
+    assert np.array_equal(integer, np.round(integer))
+    error = across(found, view)
+    assert error.std() < 0.02
+    assert np.abs(error).max() < 0.15
+
+
+def test_dark_lines_on_unevenly_lit_paper():
+    def shade(place):
+        return 0.3 + 0.7 * place[..., 0] * (1 - 0.5 * place[..., 1])
+
+    image = draw(VIEW, line_grid(0.1), dark=0.9, light=0.1, blur_px=0.8, shade=shade)
+    found = find_lines(photograph(image))
+    error = across(found, VIEW)
+    assert error.std() < 0.02
+    columns, rows = np.floor(found.points_px).astype(int).T
+    paper = 0.9 * shade(np.stack([columns, rows], -1) / VIEW.size_px)
+    assert np.median(np.abs(found.flux[:, 0] / paper - 1)) < 0.06
+
+
+def test_scatter_matches_the_stated_covariance():
+    noise = 0.03
+    image = draw(VIEW, line_grid(0.09), blur_px=0.8, noise=noise, seed=3)
+    found = find_lines(photograph(image))
+    clean = find_lines(photograph(draw(VIEW, line_grid(0.09), blur_px=0.8)))
+    error = across(found, VIEW)
+    variance = np.einsum(
+        "ni,nij,nj->n", found.normal, found.covariance_px2, found.normal
+    )
+    chi = np.sqrt(np.mean(error**2 / variance))
+    assert 0.8 < chi < 1.25
+    assert error.std() > 3 * across(clean, VIEW).std()
+
+
+def test_flux_of_bright_lines_is_width_times_contrast():
+    found = find_lines(photograph(draw(View(radial=0), line_grid(0.1), blur_px=0.6)))
+    scale = np.linalg.norm(
+        View(radial=0).lattice(found.points_px + 0.5 * found.normal)
+        - View(radial=0).lattice(found.points_px - 0.5 * found.normal),
+        axis=1,
+    )
+    expected = 0.1 / scale * 0.78
+    assert np.median(np.abs(found.flux[:, 0] / expected - 1)) < 0.02
+
+
+def test_colour_fringes_are_measured_across_the_line():
+    shifts = {"r": (0.4, 0.0), "g": (0.0, 0.0), "b": (-0.2, 0.3)}
+    channels = [
+        draw(VIEW.shifted(*shift), line_grid(0.1), blur_px=0.6)
+        for shift in shifts.values()
+    ]
+    found = find_lines(photograph(*channels))
+    for channel, shift in enumerate(shifts.values()):
+        moved = found.channel_points_px[channel] - found.points_px
+        expected = found.normal @ np.array(shift)
+        assert np.abs((moved * found.normal).sum(1) - expected).max() < 0.05
+        assert np.std((moved * found.normal).sum(1) - expected) < 0.015
+
+
+def test_nearly_every_visible_length_is_sampled_even_without_some_crossings():
+    image = draw(VIEW, line_grid(0.1), blur_px=0.6)
+    whole = find_lines(photograph(image))
+    image[150:190, 190:230] = 0.02
+    holed = find_lines(photograph(image))
+    assert len(holed) > 0.93 * len(whole)
+    assert np.abs(across(holed, VIEW)).max() < 0.1
+
+
+def test_clipped_lines_are_flagged():
+    image = np.minimum(draw(VIEW, line_grid(0.1), blur_px=0.5), 0.6)
+    assert find_lines(photograph(image, saturation=0.6)).saturated.all()
+
+
+def test_a_blank_and_a_noisy_photograph_are_refused_in_one_sentence():
+    noise = np.random.default_rng(5).normal(0.5, 0.1, (300, 400))
+    for image in (np.full((300, 400), 0.5), noise):
+        with pytest.raises(DetectionError, match="line") as refusal:
+            find_lines(photograph(image))
+        assert "drawn.exr" in str(refusal.value)

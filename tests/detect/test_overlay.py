@@ -1,0 +1,92 @@
+"""The overlay: marks where they were seen, colours that tell, counts that are right."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_grids import View, checkerboard, draw, line_grid, photograph
+from PIL import Image
+
+from lensfit.detect.find import observe
+from lensfit.detect.observations import POINT, Observations
+from lensfit.detect.overlay import draw_overlay, stripe_colours
+
+
+def marks(points_px, size_px, lattice=None):
+    """Observations of points without neighbours."""
+    count = len(points_px)
+    return Observations(
+        lattice=np.array(lattice or [[3.0 * k + 1, 1.0] for k in range(count)]),
+        points_px=np.array(points_px, float),
+        covariance_px2=np.tile(np.eye(2) * 1e-4, (count, 1, 1)),
+        family=np.full(count, POINT),
+        normal=np.full((count, 2), np.nan),
+        saturated=np.zeros(count, bool),
+        overlapping=np.zeros(count, bool),
+        channel_points_px=np.full((3, count, 2), np.nan),
+        channel_covariance_px2=np.full((3, count, 2, 2), np.nan),
+        flux=np.ones((count, 1)),
+        diameter_px=np.full(count, 8.0),
+        image_size_px=size_px,
+        candidates=count,
+    )
+
+
+def drawn(picture, found, folder):
+    path = folder / "overlay.png"
+    draw_overlay(photograph(picture), found, path)
+    assert [entry.name for entry in folder.iterdir()] == ["overlay.png"]
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"), float)
+
+
+@pytest.mark.parametrize(("width", "scale"), [(1200, 1.0), (300, 4.0), (6000, 0.5)])
+def test_marks_sit_at_their_sub_pixel_positions(tmp_path, width, scale):
+    place = np.array([0.4 * width + 0.3, 60.7])
+    image = drawn(np.zeros((120, width)), marks([place], (width, 120)), tmp_path)
+    assert image.shape[1] == width * scale
+    light = image[: round(120 * scale)].sum(2)
+    y, x = np.mgrid[: light.shape[0], : light.shape[1]] + 0.5
+    centre = np.array([(light * x).sum(), (light * y).sum()]) / light.sum()
+    assert np.abs(centre - place * scale).max() < 0.1
+
+
+def test_neighbouring_rows_and_columns_differ_in_colour():
+    rows = stripe_colours(np.arange(14.0), np.zeros(14)).astype(int)
+    assert np.abs(np.diff(rows, axis=0)).max(1).min() > 60
+    columns = stripe_colours(np.zeros(4), np.arange(4.0)).astype(int)
+    assert np.abs(np.diff(columns, axis=0)).max(1).min() > 30
+    assert (columns[0] == columns[2]).all()
+
+
+def test_clipped_and_touching_marks_stand_out(tmp_path):
+    plain = marks([[600.0, 60.0], [700.0, 60.0]], (1200, 120))
+    flagged = replace(
+        plain,
+        saturated=np.array([True, False]),
+        overlapping=np.array([False, True]),
+    )
+    before = drawn(np.zeros((120, 1200)), plain, tmp_path)
+    after = drawn(np.zeros((120, 1200)), flagged, tmp_path)
+    changed = np.abs(after - before).max(2)[:120] > 30
+    assert changed[:, 585:615].any()
+    assert changed[:, 685:715].any()
+    assert not changed[:, :580].any()
+    red, green, _ = after[45:75, 585:615].reshape(-1, 3)[
+        (after - before)[45:75, 585:615].max(2).argmax()
+    ]
+    assert red > green
+
+
+def test_real_detections_of_every_family_are_drawn(tmp_path):
+    for name, paint, kind in (
+        ("lines.png", line_grid(0.1), "line-grid"),
+        ("board.png", checkerboard(7, 5), "checkerboard"),
+    ):
+        picture = photograph(draw(View(), paint, blur_px=0.7))
+        found = observe(picture, kind)
+        draw_overlay(picture, found, tmp_path / name)
+        with Image.open(tmp_path / name) as image:
+            pixels = np.asarray(image.convert("RGB"), int)
+        coloured = np.ptp(pixels, axis=2) > 40
+        assert coloured.sum() > 20 * len(found)
