@@ -1,0 +1,40 @@
+"""Relative illumination: how bright the picture is off axis, 1 on the axis.
+
+Its negative logarithm is a Bernstein polynomial of the squared radius s (in units of
+the largest photographed squared radius), with control values that rise from 0:
+
+    -ln I(s) = sum_k b_k B_k,n(s),    0 = b_0 <= b_1 <= ... <= b_n,
+
+so that I lies in (0, 1] and never rises outwards whatever the values are. (One in two
+hundred published polynomials of lens databases goes negative in the corner.) Beyond
+the photographed radius the logarithm goes on with its last slope.
+
+This is what the photographs show. At a wide aperture it holds natural, optical and
+mechanical vignetting together, which is why it belongs to one f-number.
+"""
+
+from math import comb
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+def log_loss(
+    relative_squared_radius: Float[Array, ""], control: Float[Array, " terms"]
+) -> Float[Array, ""]:
+    """-ln I at s; `control` holds b_1 ... b_n."""
+    s = relative_squared_radius
+    inside = jnp.minimum(s, 1.0)
+    value = bernstein(inside, control.shape[0]) @ control
+    before = control[-2] if control.shape[0] > 1 else jnp.zeros((), control.dtype)
+    slope = control.shape[0] * (control[-1] - before)
+    return value + slope * jnp.maximum(s - 1.0, 0.0)
+
+
+def bernstein(s: Float[Array, ""], degree: int) -> Float[Array, " terms"]:
+    """B_1,n ... B_n,n at s; B_0,n is left out because b_0 is zero."""
+    # Integer powers: the derivative of 0.0**0.0 is NaN, at the axis and at the edge.
+    terms = [
+        comb(degree, k) * s**k * (1 - s) ** (degree - k) for k in range(1, degree + 1)
+    ]
+    return jnp.stack(terms)

@@ -1,0 +1,77 @@
+"""Lateral colour: where red and blue land when green lands here.
+
+On the photograph, relative to the principal point and in reference radii,
+
+    x_c = x_g + shift + q (c0 + c1 r^2 + c2 r^4 + ...),
+
+the change of magnification with wavelength and its dependence on field height. The
+displacement of real lenses is thousandths of the radius, so that its inverse is a fast
+contraction; a guard keeps it one for any coefficients, and beyond the photographed
+radius the displacement stays what it was there.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+MAX_GRADIENT = 0.5
+_STEPS = 60
+
+
+class ChannelShift(eqx.Module):
+    """Displacement of one channel against green.
+
+    Attributes
+    ----------
+    radial : c0, c1, ...
+    shift_mm : The same displacement everywhere.
+    valid_radius : Largest photographed radius, in reference radii.
+    """
+
+    radial: Float[Array, " terms"]
+    shift_mm: Float[Array, "2"]
+    valid_radius: Float[Array, ""]
+
+
+def channel_from_green(
+    green_mm: Float[Array, "2"],
+    shift: ChannelShift,
+    principal_point_mm: Float[Array, "2"],
+    reference_radius_mm: Float[Array, ""],
+) -> Float[Array, "2"]:
+    """Where the channel's chief ray lands when green's lands at `green_mm`."""
+    q = (green_mm - principal_point_mm) / reference_radius_mm
+    return green_mm + shift.shift_mm + _displacement(q, shift) * reference_radius_mm
+
+
+def green_from_channel(
+    channel_mm: Float[Array, "2"],
+    shift: ChannelShift,
+    principal_point_mm: Float[Array, "2"],
+    reference_radius_mm: Float[Array, ""],
+) -> Float[Array, "2"]:
+    """Inverse of `channel_from_green`."""
+    target = channel_mm - shift.shift_mm - principal_point_mm
+    target = target / reference_radius_mm
+
+    def step(_, q):
+        return target - _displacement(q, shift)
+
+    q = jax.lax.fori_loop(0, _STEPS, step, target)
+    return principal_point_mm + q * reference_radius_mm
+
+
+def _displacement(q: Array, shift: ChannelShift) -> Array:
+    degree = jnp.arange(shift.radial.shape[0], dtype=q.dtype)
+    squared = jnp.sum(q**2)
+    limit = shift.valid_radius**2
+    bounded = jnp.minimum(squared, limit)
+    steepness = (2 * degree + 1) * limit**degree
+    bound = jnp.sum(jnp.abs(shift.radial) * steepness)
+    guard = (1 + (bound / MAX_GRADIENT) ** 10) ** -0.1
+    outside = jnp.sqrt(limit / jnp.maximum(squared, limit))
+    relative = jnp.zeros_like(bounded)
+    for k in range(shift.radial.shape[0] - 1, -1, -1):
+        relative = relative * bounded + shift.radial[k]
+    return q * outside * guard * relative

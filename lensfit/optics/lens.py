@@ -1,0 +1,191 @@
+"""A lens at one focal length, f-number and focus distance: what every caller asks.
+
+Points are sensor millimetres, origin at the sensor centre, x right, y down. Object
+points are millimetres, x right, y down, z the distance from the sensor plane.
+Distances to the scene count from the sensor plane, as on the barrel.
+"""
+
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from lensfit.optics import distortion as chief_ray
+from lensfit.optics.distortion import Distortion
+from lensfit.optics.falloff import log_loss
+from lensfit.optics.lateral import (
+    ChannelShift,
+    channel_from_green,
+    green_from_channel,
+)
+
+Channel = Literal["r", "g", "b"]
+
+
+class Illumination(eqx.Module):
+    """Fall-off of the three channels at one f-number; see `lensfit.optics.falloff`."""
+
+    control: Float[Array, "3 terms"]
+    valid_radius_mm: Float[Array, ""]
+
+
+class Lens(eqx.Module):
+    """A calibrated lens at one state.
+
+    Attributes
+    ----------
+    distortion : Chief-ray map of the green channel.
+    lateral_colour : Displacement of red and of blue, or None when there is none.
+    illumination : Fall-off, or None when it was not measured (then it is 1).
+    entrance_pupil_offset_mm : Centre of projection in front of the sensor plane.
+    sensor_size_mm : Width and height of the calibrated sensor area.
+    focal_length_mm, f_number, focus_distance_mm : The state; None where unknown.
+    notes : How the preset was stretched to reach this state, one sentence each.
+    """
+
+    distortion: Distortion
+    lateral_colour: tuple[ChannelShift, ChannelShift] | None
+    illumination: Illumination | None
+    entrance_pupil_offset_mm: Float[Array, ""]
+    sensor_size_mm: tuple[float, float] = eqx.field(static=True)
+    focal_length_mm: float = eqx.field(static=True)
+    f_number: float | None = eqx.field(static=True, default=None)
+    focus_distance_mm: float | None = eqx.field(static=True, default=None)
+    notes: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @property
+    def has_lateral_colour(self) -> bool:
+        """Whether red or blue land elsewhere than green."""
+        return self.lateral_colour is not None
+
+    def project(
+        self, object_points_mm: Float[ArrayLike, "points 3"], channel: Channel = "g"
+    ) -> Float[Array, "points 2"]:
+        """Sensor mm where the chief rays of object points land.
+
+        Parameters
+        ----------
+        object_points_mm : x right, y down, z distance from the sensor plane.
+        channel : "r", "g" or "b".
+
+        Raises
+        ------
+        ValueError : Unknown channel, or points of the wrong shape.
+        """
+        points = _points(object_points_mm, 3)
+        pupil = self.entrance_pupil_offset_mm
+        return _project(points, pupil, self.distortion, _shift_of(self, channel))
+
+    def distorted_from_undistorted(
+        self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
+    ) -> Float[Array, "points 2"]:
+        """Where points of the undistorted picture land on the photograph."""
+        points = _points(points_mm, 2)
+        return _distort(points, self.distortion, _shift_of(self, channel))
+
+    def undistorted_from_distorted(
+        self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
+    ) -> Float[Array, "points 2"]:
+        """Inverse of `distorted_from_undistorted`, to rounding.
+
+        NaN where no undistorted point exists (90 degrees off axis and beyond).
+        """
+        points = _points(points_mm, 2)
+        return _undistort(points, self.distortion, _shift_of(self, channel))
+
+    def relative_illumination(
+        self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
+    ) -> Float[Array, " points"]:
+        """Brightness at points of the photograph, in (0, 1], 1 on the axis."""
+        points = _points(points_mm, 2)
+        index = _channel_index(channel)
+        if self.illumination is None:
+            return jnp.ones(points.shape[0])
+        return _illuminate(
+            points,
+            self.distortion.principal_point_mm,
+            self.illumination.valid_radius_mm,
+            self.illumination.control[index],
+        )
+
+
+def _points(points: ArrayLike, columns: int) -> Array:
+    array = jnp.asarray(points, jnp.float64)
+    if array.ndim != 2 or array.shape[1] != columns:
+        raise ValueError(f"points have shape {array.shape}, expected (n, {columns})")
+    return array
+
+
+def _channel_index(channel: str) -> int:
+    if channel not in ("r", "g", "b"):
+        raise ValueError(f"channel {channel!r} is none of 'r', 'g', 'b'")
+    return "rgb".index(channel)
+
+
+def _shift_of(lens: Lens, channel: str) -> ChannelShift | None:
+    index = _channel_index(channel)
+    if lens.lateral_colour is None or index == 1:
+        return None
+    return lens.lateral_colour[index // 2]
+
+
+# The functions below take arrays only: the state of a `Lens` is static, and a program
+# compiled for one focus distance must serve the next.
+
+
+def _displaced(point: Array, distortion: Distortion, shift: ChannelShift | None):
+    if shift is None:
+        return point
+    return channel_from_green(
+        point, shift, distortion.principal_point_mm, distortion.reference_radius_mm
+    )
+
+
+@eqx.filter_jit
+def _project(
+    points: Array, pupil_mm: Array, distortion: Distortion, shift: ChannelShift | None
+) -> Array:
+    def one(point):
+        direction = point.at[2].add(-pupil_mm)
+        landed = chief_ray.distorted_from_direction(direction, distortion)
+        return _displaced(landed, distortion, shift)
+
+    return jax.vmap(one)(points)
+
+
+@eqx.filter_jit
+def _distort(
+    points: Array, distortion: Distortion, shift: ChannelShift | None
+) -> Array:
+    def one(point):
+        landed = chief_ray.distorted_from_undistorted(point, distortion)
+        return _displaced(landed, distortion, shift)
+
+    return jax.vmap(one)(points)
+
+
+@eqx.filter_jit
+def _undistort(
+    points: Array, distortion: Distortion, shift: ChannelShift | None
+) -> Array:
+    centre, radius = distortion.principal_point_mm, distortion.reference_radius_mm
+
+    def one(point):
+        if shift is not None:
+            point = green_from_channel(point, shift, centre, radius)
+        return chief_ray.undistorted_from_distorted(point, distortion)
+
+    return jax.vmap(one)(points)
+
+
+@eqx.filter_jit
+def _illuminate(
+    points: Array, centre_mm: Array, valid_radius_mm: Array, control: Array
+) -> Array:
+    def one(point):
+        squared = jnp.sum(((point - centre_mm) / valid_radius_mm) ** 2)
+        return jnp.exp(-log_loss(squared, control))
+
+    return jax.vmap(one)(points)

@@ -1,0 +1,95 @@
+"""Lateral colour: the formula, its inverse, and its limits."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from lensfit.optics.lateral import (
+    MAX_GRADIENT,
+    ChannelShift,
+    channel_from_green,
+    green_from_channel,
+)
+
+AXIS = np.array([0.3, -0.2])
+CENTRE = jnp.asarray(AXIS)
+REFERENCE = jnp.asarray(15.0)
+X = np.linspace(-21.0, 21.0, 15)
+GRID = jnp.asarray(np.stack(np.meshgrid(X, X), -1).reshape(-1, 2))
+
+
+def _over(function, points, shift):
+    return jax.vmap(lambda p: function(p, shift, CENTRE, REFERENCE))(points)
+
+
+@jax.jit
+def _forward(points, shift):
+    return _over(channel_from_green, points, shift)
+
+
+@jax.jit
+def _back(points, shift):
+    return _over(green_from_channel, points, shift)
+
+
+def _shift(radial, shift_mm=(0.0, 0.0), valid=1.05) -> ChannelShift:
+    return ChannelShift(jnp.asarray(radial), jnp.asarray(shift_mm), jnp.asarray(valid))
+
+
+def test_inside_the_frame_it_is_the_stated_polynomial():
+    c0, c1, c2 = 1e-3, -6e-4, 2e-4
+    q = np.array([[0.0, 0.0], [0.2, 0.1], [-0.5, 0.4], [0.6, -0.7]])
+    green = q * 15.0 + AXIS
+    moved = np.asarray(_forward(green, _shift([c0, c1, c2], (0.002, -0.001)))) - green
+    r2 = np.sum(q**2, -1, keepdims=True)
+    expected = 15.0 * q * (c0 + c1 * r2 + c2 * r2**2) + [0.002, -0.001]
+    np.testing.assert_allclose(moved, expected, atol=1e-14)
+
+
+def test_pure_magnification_scales_about_the_principal_point():
+    green = np.array([[5.0, 3.0], [-8.0, 2.0]])
+    moved = np.asarray(_forward(green, _shift([0.002]))) - AXIS
+    np.testing.assert_allclose(moved, 1.002 * (green - AXIS), rtol=1e-14)
+
+
+@pytest.mark.parametrize("radial", [[1e-3, -2e-3, 1e-3], [0.05, -0.08, 0.04]])
+def test_inverse_pair_over_frame_and_overscan(radial):
+    shift = _shift(radial, (0.01, -0.02))
+    np.testing.assert_allclose(_back(_forward(GRID, shift), shift), GRID, atol=1e-12)
+    np.testing.assert_allclose(_forward(_back(GRID, shift), shift), GRID, atol=1e-12)
+
+
+def test_displacement_beyond_the_photographed_radius_stays_what_it_was():
+    shift = _shift([1e-3, 2e-3])
+    direction = np.array([0.6, 0.8])
+    radii = np.array([1.05, 1.3, 5.0])[:, None] * 15.0
+    green = radii * direction + AXIS
+    moved = np.asarray(_forward(green, shift) - green)
+    np.testing.assert_allclose(moved, np.broadcast_to(moved[0], moved.shape), rtol=1e-9)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e6])
+def test_no_coefficients_make_it_fold(size):
+    for seed in range(5):
+        shift = _shift(np.random.default_rng(seed).normal(0, size, 3))
+        slope = jax.jacfwd(
+            lambda p, s=shift: channel_from_green(p, s, CENTRE, REFERENCE)
+        )
+        gradient = np.asarray(jax.vmap(slope)(GRID)) - np.eye(2)
+        assert (
+            np.linalg.norm(gradient, ord=2, axis=(-2, -1)).max() < MAX_GRADIENT + 1e-9
+        )
+        np.testing.assert_allclose(
+            _back(_forward(GRID, shift), shift), GRID, atol=1e-11
+        )
+
+
+def test_derivative_on_the_axis_is_the_magnification():
+    shift = _shift([2e-3, 1e-3])
+
+    def at(p):
+        return channel_from_green(p, shift, CENTRE, REFERENCE)
+
+    np.testing.assert_allclose(jax.jacfwd(at)(CENTRE), 1.002 * np.eye(2), atol=1e-14)
+    np.testing.assert_allclose(jax.jacrev(at)(CENTRE), 1.002 * np.eye(2), atol=1e-14)
