@@ -1,0 +1,1 @@
+"""The lens as a JSON file: schema, upgrades, selection by focal length and focus."""

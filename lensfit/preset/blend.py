@@ -1,0 +1,127 @@
+"""Weighted mean of two blocks of numbers of the same model.
+
+Numbers are interpolated linearly, focus distances as dioptres. Coefficients of a term
+that one neighbour lacks are zero there, so that a term fades in; what defines the terms
+(base projection, reference radius, degree and box of a free field) must agree.
+Fall-offs are first brought to one degree and radius, which is exact. The
+squeeze is interpolated as the logarithmic strain of `lensfit.optics.distortion`, which
+knows no jump where its axis turns around. What describes the measurement (terms,
+covariance, quality) comes from the nearer neighbour.
+"""
+
+import math
+from itertools import zip_longest
+from typing import Any, TypeVar
+
+import msgspec
+
+from lensfit.errors import PresetError
+from lensfit.preset.bernstein import on_common_footing
+from lensfit.preset.blocks import Distortion, FallOff
+from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
+
+Block = TypeVar("Block", bound=msgspec.Struct)
+
+_MUST_AGREE = {"base", "reference_radius_mm", "degree"}
+_SMALLER = {"valid_radius"}
+_FROM_THE_NEARER = {"assumed", "terms", "covariance", "quality"}
+
+
+def blend(first: Block, second: Block, weight: float) -> Block:
+    """`first` at weight 0, `second` at weight 1, linear between.
+
+    Raises
+    ------
+    PresetError : The two are of different models.
+    """
+    if weight in (0.0, 1.0):
+        return first if weight == 0.0 else second
+    if isinstance(first, FallOff) and isinstance(second, FallOff):
+        first, second = on_common_footing(first, second)
+    changes = {
+        name: _value(name, getattr(first, name), getattr(second, name), weight)
+        for name in first.__struct_fields__
+    }
+    if isinstance(first, Distortion) and isinstance(second, Distortion):
+        changes |= _squeeze(first, second, weight)
+        changes["valid_box"] = _common_box(first, second)
+    return msgspec.structs.replace(first, **changes)
+
+
+def _value(name: str, first: Any, second: Any, weight: float) -> Any:
+    if name in _FROM_THE_NEARER:
+        return first if weight < 0.5 else second
+    if name in _MUST_AGREE:
+        return _agreed(name, first, second)
+    if name in _SMALLER:
+        return min(first, second)
+    if first is None and second is None:
+        return None
+    if name == "focus_distance_mm":
+        return _focus(first, second, weight)
+    if first is None or second is None:
+        # Every number of an optional block is a coefficient that is zero without it.
+        return _scaled(second, weight) if first is None else _scaled(first, 1 - weight)
+    if isinstance(first, msgspec.Struct):
+        return blend(first, second, weight)
+    if name == "fall_off" and len(first) != len(second):
+        return first or second  # fall-off that was not measured is not zero
+    if isinstance(first, tuple):
+        empty = None if first and isinstance(first[0], msgspec.Struct) else 0.0
+        pairs = zip_longest(first, second, fillvalue=empty)
+        return tuple(_value("", a, b, weight) for a, b in pairs)
+    return (1 - weight) * first + weight * second
+
+
+def _agreed(name: str, first: Any, second: Any) -> Any:
+    if first != second:
+        raise PresetError(
+            f"neighbouring entries differ in {name} ({first} and {second}) and cannot "
+            "be interpolated",
+            remedy="calibrate them together, or ask for a measured state",
+        )
+    return first
+
+
+def _focus(first: float | None, second: float | None, weight: float) -> float | None:
+    if first is None or second is None:
+        return None
+    dioptres = (1 - weight) * dioptres_from_mm(first)
+    dioptres += weight * dioptres_from_mm(second)
+    return MILLIMETRES_PER_METRE / dioptres if dioptres else math.inf
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    """`value` with every number but the definition of its terms multiplied."""
+    if isinstance(value, msgspec.Struct):
+        changes = {
+            name: _scaled(getattr(value, name), factor)
+            for name in value.__struct_fields__
+            if name not in _MUST_AGREE | _SMALLER
+        }
+        return msgspec.structs.replace(value, **changes)
+    if isinstance(value, tuple):
+        return tuple(_scaled(item, factor) for item in value)
+    return value * factor
+
+
+def _squeeze(first: Distortion, second: Distortion, weight: float) -> dict[str, float]:
+    """Mean of ln(squeeze) (cos 2a, sin 2a): the axis `a` has no sense of direction."""
+    strain = [0.0, 0.0]
+    for block, share in ((first, 1 - weight), (second, weight)):
+        size, angle = share * math.log(block.squeeze), 2 * block.squeeze_axis_rad
+        strain[0] += size * math.cos(angle)
+        strain[1] += size * math.sin(angle)
+    size = math.hypot(*strain)
+    axis = math.atan2(strain[1], strain[0]) / 2 if size else 0.0
+    return {"squeeze": math.exp(size), "squeeze_axis_rad": axis}
+
+
+def _common_box(
+    first: Distortion, second: Distortion
+) -> tuple[float, float, float, float]:
+    """What both neighbours photographed."""
+    a, b = first.valid_box, second.valid_box
+    if first.field or second.field:
+        _agreed("valid_box", a, b)
+    return max(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), min(a[3], b[3])

@@ -1,0 +1,118 @@
+"""The numbers of one lens state, as they stand in a preset file.
+
+Lengths are millimetres on the sensor, angles radians, the origin is the sensor centre
+with x right and y down. A radius or coefficient without a unit counts in
+`reference_radius_mm`, from the principal point. Each block mirrors a module of
+`lensfit.optics`, where its formula stands; `lensfit.preset.lens_of_entry` joins them.
+"""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+PositiveFloat = Annotated[float, Meta(gt=0)]
+Pair = tuple[float, float]
+
+
+class Projection(Struct, frozen=True, forbid_unknown_fields=True):
+    """The pinhole camera behind the lens.
+
+    Attributes
+    ----------
+    principal_distance_mm : Image distance of the pinhole; for an anamorphic lens the
+        geometric mean of both axes'.
+    principal_point_mm : Where the optical axis meets the sensor.
+    entrance_pupil_offset_mm : Position of the entrance pupil in front of the sensor
+        plane, positive towards the scene.
+    assumed : Names of the values above that were stated or assumed, not measured.
+    """
+
+    principal_distance_mm: PositiveFloat
+    principal_point_mm: Pair
+    entrance_pupil_offset_mm: float
+    assumed: tuple[str, ...] = ()
+
+
+class FreeField(Struct, frozen=True, forbid_unknown_fields=True):
+    """Smooth distortion that no named term describes (`lensfit.optics.field`).
+
+    Attributes
+    ----------
+    degree : Total degree of the Chebyshev products, from 3.
+    x, y : Coefficients, lowest total degree first, in reference radii.
+    """
+
+    degree: Annotated[int, Meta(ge=3)]
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+
+
+class Distortion(Struct, frozen=True, forbid_unknown_fields=True):
+    """The chief-ray map (`lensfit.optics.distortion`).
+
+    Attributes
+    ----------
+    base : Ideal projection that distortion is measured from.
+    reference_radius_mm : Unit of every radius and coefficient below.
+    valid_radius : Largest undistorted radius that was photographed.
+    valid_box : x0, y0, x1, y1 of what was photographed.
+    radial_log_slope : a1, a2, ... of ln(dr'/dr) = a1 r^2 + a2 r^4 + ...
+    decentering : Brown's two coefficients, then the same two times r^2.
+    thin_prism : r^2 along x and y, then r^4.
+    anamorphic : Terms of odd degree with both mirror symmetries.
+    squeeze : Ratio by which the image is narrower along the squeezed axis.
+    squeeze_axis_rad : Azimuth of the squeezed axis, from +x towards +y.
+    field : The free field, or None.
+    """
+
+    base: Literal["rectilinear", "stereographic", "equidistant"]
+    reference_radius_mm: PositiveFloat
+    valid_radius: PositiveFloat
+    valid_box: tuple[float, float, float, float]
+    radial_log_slope: tuple[float, ...] = ()
+    decentering: tuple[float, ...] = ()
+    thin_prism: tuple[float, ...] = ()
+    anamorphic: tuple[float, ...] = ()
+    squeeze: PositiveFloat = 1.0
+    squeeze_axis_rad: float = 0.0
+    field: FreeField | None = None
+
+
+class ChannelShift(Struct, frozen=True, forbid_unknown_fields=True):
+    """Where one channel lands, relative to green.
+
+    Attributes
+    ----------
+    radial : c0, c1, ... of the relative change of radius, c0 + c1 r^2 + ...
+    shift_mm : The same displacement everywhere.
+    valid_radius : Largest photographed radius; beyond it the displacement stays.
+    """
+
+    radial: tuple[float, ...]
+    shift_mm: Pair
+    valid_radius: PositiveFloat
+
+
+class LateralColour(Struct, frozen=True, forbid_unknown_fields=True):
+    """Displacement of red and blue against green."""
+
+    r: ChannelShift
+    b: ChannelShift
+
+
+class FallOff(Struct, frozen=True, forbid_unknown_fields=True):
+    """Relative illumination at one f-number, 1 on the axis (`lensfit.optics.falloff`).
+
+    Attributes
+    ----------
+    f_number : As on the barrel.
+    valid_radius_mm : Largest photographed radius, where the control values end.
+    r, g, b : Control values b_1 ... b_n of -ln(illumination) as a Bernstein polynomial
+        of the squared radius; they never fall.
+    """
+
+    f_number: PositiveFloat
+    valid_radius_mm: PositiveFloat
+    r: tuple[float, ...]
+    g: tuple[float, ...]
+    b: tuple[float, ...]

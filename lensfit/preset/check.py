@@ -1,0 +1,80 @@
+"""What types cannot say about a preset: list lengths, order, and no state twice."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+from lensfit.errors import PresetError
+from lensfit.preset.blocks import Distortion, FallOff
+from lensfit.preset.entry import Covariance, Entry
+from lensfit.preset.schema import Preset
+
+_LONGEST = {"decentering": 4, "thin_prism": 4, "anamorphic": 8}
+
+
+def check_preset(preset: Preset, where: str | Path) -> None:
+    """Raise a `PresetError` that names the first key which cannot be right."""
+    for index, entry in enumerate(preset.entries):
+        for key, what in _faults(entry):
+            raise PresetError(f"entries[{index}].{key}: {what}", where=where)
+    states: dict[tuple[float, float | None], int] = {}
+    for index, entry in enumerate(preset.entries):
+        state = (entry.focal_length_mm, entry.focus_distance_mm)
+        if state in states:
+            raise PresetError(
+                f"entries[{index}]: the lens at {entry} is entries[{states[state]}] "
+                "again; keep one of them",
+                where=where,
+            )
+        states[state] = index
+
+
+def _faults(entry: Entry) -> Iterator[tuple[str, str]]:
+    for key, what in _distortion_faults(entry.distortion):
+        yield f"distortion.{key}", what
+    stops = [fall_off.f_number for fall_off in entry.fall_off]
+    if len(set(stops)) < len(stops):
+        yield "fall_off", "an f-number stands twice"
+    for index, fall_off in enumerate(entry.fall_off):
+        for key, what in _fall_off_faults(fall_off):
+            yield f"fall_off[{index}].{key}", what
+    if entry.covariance is not None:
+        for key, what in _covariance_faults(entry.covariance):
+            yield f"covariance.{key}", what
+
+
+def _distortion_faults(distortion: Distortion) -> Iterator[tuple[str, str]]:
+    x0, y0, x1, y1 = distortion.valid_box
+    if not (x0 < x1 and y0 < y1):
+        yield "valid_box", "is no box x0, y0, x1, y1 with x0 < x1 and y0 < y1"
+    for key, longest in _LONGEST.items():
+        if len(getattr(distortion, key)) > longest:
+            yield key, f"has more than {longest} coefficients"
+    field = distortion.field
+    if field is None:
+        return
+    count = (field.degree + 1) * (field.degree + 2) // 2 - 6
+    for axis in ("x", "y"):
+        if len(getattr(field, axis)) != count:
+            yield (
+                f"field.{axis}",
+                f"needs {count} coefficients at degree {field.degree}",
+            )
+
+
+def _fall_off_faults(fall_off: FallOff) -> Iterator[tuple[str, str]]:
+    for key in ("r", "g", "b"):
+        control = getattr(fall_off, key)
+        if not control or len(control) != len(fall_off.g):
+            yield key, "needs at least one number, and as many as the other channels"
+        if any(b < a for a, b in pairwise((0.0, *control))):
+            yield key, "falls somewhere; control values rise from 0"
+
+
+def _covariance_faults(covariance: Covariance) -> Iterator[tuple[str, str]]:
+    count = len(covariance.parameters)
+    if len(covariance.standard_deviation) != count:
+        yield "standard_deviation", f"needs {count} numbers, one for each parameter"
+    rows = [len(row) for row in covariance.correlation]
+    if rows != list(range(1, count + 1)):
+        yield "correlation", f"needs {count} rows of 1 to {count} numbers"

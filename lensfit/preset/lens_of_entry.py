@@ -1,0 +1,135 @@
+"""From the numbers of a preset entry to the lens that computes, and back.
+
+The file states a squeeze as ratio and azimuth, as people speak of it; the optics keep
+the logarithmic strain, which is smooth where there is no squeeze
+(`lensfit.optics.distortion`). Nothing else changes on the way.
+"""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+
+from lensfit.optics import field
+from lensfit.optics.distortion import Distortion
+from lensfit.optics.lateral import ChannelShift
+from lensfit.optics.lens import Illumination, Lens
+from lensfit.preset import blocks
+from lensfit.preset.entry import Entry
+from lensfit.preset.schema import Camera
+
+
+def lens_of_entry(
+    entry: Entry,
+    camera: Camera,
+    f_number: float | None = None,
+    notes: tuple[str, ...] = (),
+) -> Lens:
+    """The lens at the state of `entry`, whose `fall_off` has at most one member."""
+    return Lens(
+        distortion=_optics_of(entry.projection, entry.distortion),
+        lateral_colour=_lateral_of(entry.lateral_colour),
+        illumination=_illumination_of(entry.fall_off),
+        entrance_pupil_offset_mm=_number(entry.projection.entrance_pupil_offset_mm),
+        sensor_size_mm=(camera.sensor_width_mm, camera.sensor_height_mm),
+        focal_length_mm=entry.focal_length_mm,
+        f_number=f_number,
+        focus_distance_mm=entry.focus_distance_mm,
+        notes=notes,
+    )
+
+
+def distortion_block(distortion: Distortion) -> blocks.Distortion:
+    """The block that describes `distortion` in a file; all-zero terms are left out."""
+    decentering, prism, anamorphic = np.split(
+        np.asarray(distortion.named),
+        [field.DECENTERING_TERMS, field.DECENTERING_TERMS + field.PRISM_TERMS],
+    )
+    e1, e2 = (float(e) for e in distortion.squeeze)
+    free = np.asarray(distortion.free)
+    return blocks.Distortion(
+        base=distortion.base,
+        reference_radius_mm=float(distortion.reference_radius_mm),
+        valid_radius=float(distortion.valid_radius),
+        valid_box=tuple(np.asarray(distortion.box).ravel().tolist()),
+        radial_log_slope=_short(np.asarray(distortion.radial)),
+        decentering=_short(decentering),
+        thin_prism=_short(prism),
+        anamorphic=_short(anamorphic),
+        squeeze=math.exp(math.hypot(e1, e2)),
+        squeeze_axis_rad=math.atan2(e2, e1) / 2,
+        field=blocks.FreeField(
+            distortion.degree, tuple(free[0].tolist()), tuple(free[1].tolist())
+        )
+        if np.any(free)
+        else None,
+    )
+
+
+def _optics_of(p: blocks.Projection, d: blocks.Distortion) -> Distortion:
+    strain = math.log(d.squeeze)
+    angle = 2 * d.squeeze_axis_rad
+    degree = d.field.degree if d.field else 0
+    free = [d.field.x, d.field.y] if d.field else [(), ()]
+    named = np.concatenate(
+        [
+            _padded(d.decentering, field.DECENTERING_TERMS),
+            _padded(d.thin_prism, field.PRISM_TERMS),
+            _padded(d.anamorphic, field.ANAMORPHIC_TERMS),
+        ]
+    )
+    return Distortion(
+        principal_distance_mm=_number(p.principal_distance_mm),
+        principal_point_mm=_numbers(p.principal_point_mm),
+        radial=_numbers(d.radial_log_slope),
+        valid_radius=_number(d.valid_radius),
+        squeeze=_numbers((strain * math.cos(angle), strain * math.sin(angle))),
+        named=_numbers(named),
+        free=jnp.asarray(np.array(free, float).reshape(2, -1)),
+        box=_numbers(d.valid_box).reshape(2, 2),
+        reference_radius_mm=_number(d.reference_radius_mm),
+        base=d.base,
+        degree=degree,
+    )
+
+
+def _lateral_of(
+    colour: blocks.LateralColour | None,
+) -> tuple[ChannelShift, ChannelShift] | None:
+    if colour is None:
+        return None
+
+    def shift(block: blocks.ChannelShift) -> ChannelShift:
+        return ChannelShift(
+            _numbers(block.radial),
+            _numbers(block.shift_mm),
+            _number(block.valid_radius),
+        )
+
+    return shift(colour.r), shift(colour.b)
+
+
+def _illumination_of(fall_off: tuple[blocks.FallOff, ...]) -> Illumination | None:
+    if not fall_off:
+        return None
+    block = fall_off[0]
+    control = np.array([block.r, block.g, block.b], float)
+    return Illumination(jnp.asarray(control), _number(block.valid_radius_mm))
+
+
+def _number(value: float):
+    return jnp.asarray(value, jnp.float64)
+
+
+def _numbers(values):
+    return jnp.asarray(np.asarray(values, float))
+
+
+def _padded(values: tuple[float, ...], length: int) -> np.ndarray:
+    return np.concatenate([values, np.zeros(length - len(values))])
+
+
+def _short(values: np.ndarray) -> tuple[float, ...]:
+    """Without the zeros at its end."""
+    used = np.flatnonzero(values)
+    return tuple(values[: used[-1] + 1].tolist()) if len(used) else ()

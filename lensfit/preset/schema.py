@@ -1,0 +1,122 @@
+"""A preset: one lens on one camera, an entry per focal length and focus distance.
+
+The file is JSON, schema "lensfit.preset.1", every key with its unit, readable by a
+person. Whatever changes the meaning of a key raises the number in the schema and
+adds a step to `lensfit.preset.upgrade`. Reading and checking a preset needs no JAX.
+"""
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from lensfit.preset.blocks import PositiveFloat
+from lensfit.preset.entry import Entry
+from lensfit.preset.select import Selection, select
+
+if TYPE_CHECKING:
+    from lensfit.optics.lens import Lens
+
+SCHEMA = "lensfit.preset.1"
+CONVENTIONS = (
+    "Lengths in mm, angles in rad; origin at the sensor centre, x right, y down; "
+    "radii and coefficients without a unit count in reference_radius_mm from the "
+    "principal point; distances from the sensor plane."
+)
+Pixels = Annotated[int, Meta(gt=0)]
+
+
+class LensName(Struct, frozen=True, forbid_unknown_fields=True):
+    """Which lens this is."""
+
+    name: str
+    serial: str | None = None
+
+
+class Camera(Struct, frozen=True, forbid_unknown_fields=True):
+    """The sensor area, and the photographs' pixels across it."""
+
+    model: str | None
+    sensor_width_mm: PositiveFloat
+    sensor_height_mm: PositiveFloat
+    image_width_px: Pixels
+    image_height_px: Pixels
+
+
+class SourceImage(Struct, frozen=True, forbid_unknown_fields=True):
+    """A photograph the preset was made from, and what it was used for."""
+
+    path: str
+    sha256: str
+    role: str
+
+
+class Provenance(Struct, frozen=True, forbid_unknown_fields=True):
+    """Where the numbers come from.
+
+    Attributes
+    ----------
+    created : Date and time, ISO 8601 with time zone.
+    lensfit_version : Of the program that made it.
+    versions : Of the libraries the result may depend on.
+    images : Every photograph.
+    shoot_sha256 : Hash of the shoot file.
+    """
+
+    created: str
+    lensfit_version: str
+    versions: dict[str, str]
+    images: tuple[SourceImage, ...]
+    shoot_sha256: str | None = None
+
+
+class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A measured lens: load one with `lensfit.load_preset`."""
+
+    schema: Literal["lensfit.preset.1"] = SCHEMA
+    conventions: str = CONVENTIONS
+    lens: LensName
+    camera: Camera
+    entries: Annotated[tuple[Entry, ...], Meta(min_length=1)]
+    provenance: Provenance
+
+    def select(
+        self,
+        focal_length_mm: float | None = None,
+        f_number: float | None = None,
+        focus_distance_mm: float | None = None,
+    ) -> Selection:
+        """The entry at a lens state, and what its user should know about it.
+
+        See `lensfit.preset.select.select` for the rules of interpolation.
+        """
+        return select(
+            self.entries,
+            focal_length_mm=focal_length_mm,
+            f_number=f_number,
+            focus_distance_mm=focus_distance_mm,
+        )
+
+    def at(
+        self,
+        focal_length_mm: float | None = None,
+        f_number: float | None = None,
+        focus_distance_mm: float | None = None,
+    ) -> "Lens":
+        """The lens at a state; what is left out is taken from the preset.
+
+        Parameters
+        ----------
+        focal_length_mm : As on the barrel; may be left out of a preset with one.
+        f_number : Wide open, as far as it was measured, when left out.
+        focus_distance_mm : From the sensor plane; may be infinite.
+
+        Raises
+        ------
+        PresetError : The preset does not reach that state; `select` says how far it
+            is stretched when it does.
+        """
+        # Imported here, so that pipelines which only read presets never load JAX.
+        from lensfit.preset.lens_of_entry import lens_of_entry
+
+        chosen = self.select(focal_length_mm, f_number, focus_distance_mm)
+        return lens_of_entry(chosen.entry, self.camera, chosen.f_number, chosen.notes)

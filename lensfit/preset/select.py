@@ -1,0 +1,189 @@
+"""Which entry of a preset a lens state means, interpolated between measured ones.
+
+Focus is interpolated in dioptres (1/m), in which lens mechanics and distortion are
+nearly linear, among the entries of one focal length; then the focal length, linearly.
+Piecewise linear keeps every parameter between its neighbours, so that maps which do not
+fold at the measured states do not fold between them either. Fall-off is interpolated
+in the logarithm of the f-number.
+
+Beyond the measured focus distances the nearest measured state is used and a note says
+so: a prime measured at one focus serves all of them. Beyond the measured focal lengths
+the same holds within 5 %, as metadata of a prime scatter; further away it is an error.
+"""
+
+import math
+from typing import NamedTuple
+
+import msgspec
+
+from lensfit.errors import PresetError
+from lensfit.preset.blend import blend
+from lensfit.preset.blocks import FallOff
+from lensfit.preset.entry import Entry
+from lensfit.units import dioptres_from_mm
+
+FOCAL_LENGTH_SLACK = 0.05
+
+
+class Selection(NamedTuple):
+    """An entry at a lens state.
+
+    Attributes
+    ----------
+    entry : At the state asked for; its `fall_off` has at most one member.
+    f_number : The one asked for, or of the fall-off; None when neither is known.
+    notes : One sentence for each way in which the preset was stretched.
+    """
+
+    entry: Entry
+    f_number: float | None
+    notes: tuple[str, ...]
+
+
+def select(
+    entries: tuple[Entry, ...],
+    *,
+    focal_length_mm: float | None = None,
+    f_number: float | None = None,
+    focus_distance_mm: float | None = None,
+) -> Selection:
+    """The entry at a lens state; see the module docstring for the rules.
+
+    Raises
+    ------
+    PresetError : A value is missing that the preset needs, out of reach, or its
+        neighbours are of different models and cannot be interpolated.
+    """
+    _check_positive("focal_length_mm", focal_length_mm)
+    _check_positive("f_number", f_number)
+    _check_positive("focus_distance_mm", focus_distance_mm)
+    notes: list[str] = []
+    focal_lengths = sorted({entry.focal_length_mm for entry in entries})
+    focal = _focal_length(focal_length_mm, focal_lengths, notes)
+    low, high = _neighbours(focal, focal_lengths)
+    at_focal = [
+        _at_focus(
+            [e for e in entries if e.focal_length_mm == measured],
+            focus_distance_mm,
+            f_number,
+            notes,
+        )
+        for measured in dict.fromkeys((low, high))
+    ]
+    entry = at_focal[0]
+    if len(at_focal) == 2:
+        entry = blend(at_focal[0], at_focal[1], (focal - low) / (high - low))
+    if f_number is None and entry.fall_off:
+        f_number = entry.fall_off[0].f_number
+    return Selection(entry, f_number, tuple(dict.fromkeys(notes)))
+
+
+def _check_positive(name: str, value: float | None) -> None:
+    if value is not None and not value > 0:
+        raise PresetError(
+            f"{name} = {value:g} is not positive",
+            remedy="give a positive number, in the unit of its name",
+        )
+
+
+def _focal_length(
+    asked: float | None, measured: list[float], notes: list[str]
+) -> float:
+    span = f"{measured[0]:g} to {measured[-1]:g} mm"
+    if asked is None:
+        if len(measured) > 1:
+            raise PresetError(
+                f"the preset holds focal lengths {span}",
+                remedy="say which focal_length_mm is meant",
+            )
+        return measured[0]
+    nearest = min(max(asked, measured[0]), measured[-1])
+    if abs(asked - nearest) > FOCAL_LENGTH_SLACK * nearest:
+        raise PresetError(
+            f"focal length {asked:g} mm is not in the preset, which holds "
+            + (span if len(measured) > 1 else f"{nearest:g} mm"),
+            remedy="use the preset of that lens, or photograph a grid at that setting",
+        )
+    if nearest != asked:
+        notes.append(f"focal length {asked:g} mm taken as the measured {nearest:g} mm")
+    return nearest
+
+
+def _neighbours(value: float, measured: list[float]) -> tuple[float, float]:
+    """The measured values on either side; the same twice where one is met."""
+    low = max(m for m in measured if m <= value)
+    high = min(m for m in measured if m >= value)
+    return low, high
+
+
+def _at_focus(
+    entries: list[Entry],
+    focus_distance_mm: float | None,
+    f_number: float | None,
+    notes: list[str],
+) -> Entry:
+    """One entry, from those of one focal length."""
+    entries = [_at_f_number(entry, f_number, notes) for entry in entries]
+    if len(entries) == 1:
+        return _asked_focus(entries[0], focus_distance_mm, notes)
+    if focus_distance_mm is None:
+        raise PresetError(
+            f"the preset holds {len(entries)} focus distances at "
+            f"{entries[0].focal_length_mm:g} mm",
+            remedy="say which focus_distance_mm is meant",
+        )
+    by_focus = {_dioptres(entry): entry for entry in entries}
+    measured = sorted(by_focus)
+    asked = dioptres_from_mm(focus_distance_mm)
+    nearest = min(max(asked, measured[0]), measured[-1])
+    low, high = _neighbours(nearest, measured)
+    if low == high:
+        return _asked_focus(by_focus[low], focus_distance_mm, notes)
+    mixed = blend(by_focus[low], by_focus[high], (asked - low) / (high - low))
+    return msgspec.structs.replace(mixed, focus_distance_mm=focus_distance_mm)
+
+
+def _asked_focus(entry: Entry, asked_mm: float | None, notes: list[str]) -> Entry:
+    """`entry`, said to be at the focus asked for, with a note where it is not."""
+    measured_mm = entry.focus_distance_mm
+    if asked_mm is None or asked_mm == measured_mm:
+        return entry
+    if measured_mm is not None:
+        notes.append(
+            f"focus distance {asked_mm:g} mm is outside what was measured; "
+            f"the lens as measured at {measured_mm:g} mm is used"
+        )
+    return msgspec.structs.replace(entry, focus_distance_mm=asked_mm)
+
+
+def _dioptres(entry: Entry) -> float:
+    if entry.focus_distance_mm is None:
+        raise PresetError(
+            f"an entry at {entry.focal_length_mm:g} mm lacks its focus distance, and "
+            "the preset holds several",
+            remedy="add focus_distance_mm to every entry",
+        )
+    return dioptres_from_mm(entry.focus_distance_mm)
+
+
+def _at_f_number(entry: Entry, f_number: float | None, notes: list[str]) -> Entry:
+    """`entry` with one fall-off, at that f-number; the widest when none is asked."""
+    stops = sorted(entry.fall_off, key=lambda fall_off: fall_off.f_number)
+    if not stops:
+        return entry
+    if f_number is None:
+        return msgspec.structs.replace(entry, fall_off=(stops[0],))
+    measured = [stop.f_number for stop in stops]
+    nearest = min(max(f_number, measured[0]), measured[-1])
+    if nearest != f_number:
+        notes.append(
+            f"fall-off at f/{f_number:g} was not measured; f/{nearest:g} is used"
+        )
+    low, high = _neighbours(nearest, measured)
+    by_stop: dict[float, FallOff] = dict(zip(measured, stops, strict=True))
+    chosen = by_stop[low]
+    if low != high:
+        weight = math.log(nearest / low) / math.log(high / low)
+        chosen = blend(by_stop[low], by_stop[high], weight)
+    chosen = msgspec.structs.replace(chosen, f_number=f_number)
+    return msgspec.structs.replace(entry, fall_off=(chosen,))

@@ -1,0 +1,76 @@
+"""Older presets, brought up to the present schema one version at a time.
+
+Each step takes the plain tables of version n and returns those of version n + 1; it
+sets the schema itself. A preset never loses what a later version cannot hold: the step
+then refuses, with a `PresetError` that says why.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from lensfit.errors import PresetError
+
+Tables = dict[str, Any]
+Step = Callable[[Tables], Tables]
+
+CURRENT_VERSION = 1
+STEPS: dict[int, Step] = {}
+"""The step that leads from each version to the next."""
+
+
+def schema_name(version: int) -> str:
+    """ "lensfit.preset.1" and so on."""
+    return f"lensfit.preset.{version}"
+
+
+def upgrade(
+    tables: Tables,
+    where: str | Path,
+    *,
+    steps: Mapping[int, Step] = STEPS,
+    current_version: int = CURRENT_VERSION,
+) -> Tables:
+    """`tables` in the present schema.
+
+    Parameters
+    ----------
+    tables : What stands in a preset file; left as it is.
+    where : The file, for messages.
+
+    Raises
+    ------
+    PresetError : It is no preset, was written by a newer lensfit, or is too old.
+    """
+    version = _version(tables, where)
+    if version > current_version:
+        raise PresetError(
+            f'has the schema "{tables["schema"]}", newer than '
+            f'"{schema_name(current_version)}"',
+            where=where,
+            remedy="update lensfit to read it",
+        )
+    while version < current_version:
+        if version not in steps:
+            raise PresetError(
+                f'has the schema "{tables["schema"]}", which is no longer read',
+                where=where,
+                remedy="calibrate again, or load it with an older lensfit",
+            )
+        tables = steps[version](dict(tables))
+        version = _version(tables, where)
+    return tables
+
+
+def _version(tables: Tables, where: str | Path) -> int:
+    schema = tables.get("schema")
+    match = re.fullmatch(r"lensfit\.preset\.(\d{1,6})", str(schema))
+    if not match:
+        said = "has no schema" if schema is None else f"has the schema {schema!r}"
+        raise PresetError(
+            f"{said}, so it is no lensfit preset",
+            where=where,
+            remedy=f'a preset begins with "schema": "{schema_name(CURRENT_VERSION)}"',
+        )
+    return int(match[1])
