@@ -1,0 +1,173 @@
+"""Lateral colour from the same marks measured in every channel.
+
+The chart cancels: red minus green of one dot does not depend on where the dot was
+printed. What remains is linear in the coefficients of `lensfit.optics.lateral`, so it
+is solved in closed form with robust weights. Wide apertures add the colour of coma to a
+centroid, so the smallest aperture with enough marks is used.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.coords import mm_from_px
+from lensfit.detect.observations import POINT
+from lensfit.fit.take import Take
+
+_FEWEST_MARKS = 40
+_MOST_RADIAL_TERMS = 4
+_ROUNDS = 6
+_LEAST_BIC_GAIN = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelColour:
+    """Lateral displacement of one channel against green.
+
+    Attributes
+    ----------
+    radial : c0, c1, ...; empty when nothing was found.
+    shift_mm : Constant displacement.
+    covariance : Of (shift x, shift y, c0, c1, ...), zero rows for what was left.
+    valid_radius : Largest radius measured, in reference radii.
+    rms_px, marks : Median residual, and how many marks it rests on.
+    """
+
+    radial: tuple[float, ...]
+    shift_mm: tuple[float, float]
+    covariance: Float[np.ndarray, "parameters parameters"]
+    valid_radius: float
+    rms_px: float
+    marks: int
+
+    def radial_px(
+        self, radius: Float[np.ndarray, " radii"], px_per_radius: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Outward displacement at radii (in reference radii), and its sigma; px."""
+        powers = radius[:, None] ** (2 * np.arange(len(self.radial)) + 1)
+        value = powers @ np.asarray(self.radial) if self.radial else 0 * radius
+        part = self.covariance[2 : 2 + len(self.radial), 2 : 2 + len(self.radial)]
+        variance = np.einsum("ri,ij,rj->r", powers, part, powers)
+        return value * px_per_radius, np.sqrt(np.maximum(variance, 0)) * px_per_radius
+
+
+def fit_colour(
+    takes: tuple[Take, ...],
+    principal_point_mm: Float[np.ndarray, "2"],
+    reference_radius_mm: float,
+) -> dict[str, ChannelColour]:
+    """Red and blue against green; empty when the photographs have no colour."""
+    found = {}
+    for channel, index in (("r", 0), ("b", 2)):
+        rows = [_rows(take, index, principal_point_mm) for take in _chosen(takes)]
+        rows = [r for r in rows if len(r[0])]
+        if not rows or sum(len(r[0]) for r in rows) < _FEWEST_MARKS:
+            return {}
+        q, moved, normal, variance, mm_per_px = (
+            np.concatenate(column) for column in zip(*rows, strict=True)
+        )
+        found[channel] = _fit(
+            q / reference_radius_mm,
+            moved / reference_radius_mm,
+            normal,
+            variance / reference_radius_mm**2,
+            float(mm_per_px.mean()) / reference_radius_mm,
+            reference_radius_mm,
+        )
+    return found
+
+
+def _chosen(takes: tuple[Take, ...]) -> list[Take]:
+    """The takes at the smallest aperture that has enough marks in colour."""
+    coloured = [t for t in takes if np.isfinite(t.observations.channel_points_px).any()]
+    for number in sorted({t.f_number or 0.0 for t in coloured}, reverse=True):
+        chosen = [t for t in coloured if (t.f_number or 0.0) == number]
+        if sum(len(t.observations) for t in chosen) >= _FEWEST_MARKS:
+            return chosen
+    return coloured
+
+
+def _rows(take: Take, index: int, centre_mm: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Radius vector, displacement, normal (NaN for points), variance, scale; mm."""
+    o = take.observations
+    places = o.channel_points_px
+    keep = np.isfinite(places[index]).all(-1) & np.isfinite(places[1]).all(-1)
+    keep &= ~o.saturated & ~o.overlapping
+    mm_per_px = take.sensor_size_mm[0] / o.image_size_px[0]
+    moved = (places[index] - places[1])[keep] * mm_per_px
+    covariance = (o.channel_covariance_px2[index] + o.channel_covariance_px2[1])[keep]
+    normal = np.where((o.family != POINT)[:, None], o.normal, np.nan)[keep]
+    n = np.nan_to_num(normal)
+    across = np.einsum("mi,mij,mj->m", n, covariance, n)
+    mean = np.trace(covariance, axis1=1, axis2=2) / 2
+    variance = np.where(np.isfinite(normal[:, 0]), across, mean) * mm_per_px**2
+    green = mm_from_px(places[1][keep], o.image_size_px, take.sensor_size_mm)
+    scale = np.full(len(moved), mm_per_px)
+    return green - centre_mm, moved, normal, variance, scale
+
+
+def _fit(q, moved, normal, variance, px, reference_radius_mm) -> ChannelColour:
+    """Smallest model that BIC prefers, in reference radii.
+
+    Squared residuals are cut at four times the spread of the largest model, so that
+    a few bad marks decide nothing.
+    """
+    models = [(s, k) for s in (False, True) for k in range(_MOST_RADIAL_TERMS + 1)]
+    solved = [_solve(q, moved, normal, variance, s, k, px) for s, k in models]
+    limit = 16 * np.median(solved[-1][2]) / np.log(4)
+    count = len(q) * (1 if np.isfinite(normal).all() else 2)
+    best = None
+    for (shift, terms), (beta, covariance, squared) in zip(models, solved, strict=True):
+        level = np.mean(np.minimum(squared, limit)) + (1e-3 * px) ** 2
+        bic = count * np.log(level) + (2 * shift + terms) * np.log(count)
+        if best is None or bic < best[0] - _LEAST_BIC_GAIN:
+            best = (bic, beta, covariance, float(np.sqrt(np.median(squared))))
+    assert best is not None
+    _, beta, covariance, rms = best
+    return ChannelColour(
+        radial=tuple(beta[2:].tolist()),
+        shift_mm=tuple((beta[:2] * reference_radius_mm).tolist()),
+        covariance=covariance,
+        valid_radius=float(np.hypot(*q.T).max()),
+        rms_px=rms / px,
+        marks=len(q),
+    )
+
+
+def _solve(q, moved, normal, variance, shift, terms, px):
+    """Robust linear least squares: coefficients, covariance, squared residuals."""
+    r2 = np.sum(q**2, -1)
+    columns = [np.tile(e, (len(q), 1)) for e in np.eye(2)]
+    columns += [q * (r2**k)[:, None] for k in range(terms)]
+    design = np.stack(columns, -1)
+    lines = np.isfinite(normal[:, :1])
+    n = np.nan_to_num(normal)
+    flat = np.einsum("mi,mij->mj", n, design)[:, None]
+    design = np.where(lines[..., None], np.concatenate([flat, 0 * flat], 1), design)
+    across = np.sum(n * moved, -1, keepdims=True)
+    target = np.where(lines, np.concatenate([across, 0 * across], 1), moved)
+    used = np.ones(2 + terms, bool)
+    used[:2] = shift
+    a = design.reshape(-1, 2 + terms)[:, used]
+    y = target.ravel()
+    count = int(np.where(lines[:, 0], 1, 2).sum())
+    sigma2 = np.repeat(variance + (0.01 * px) ** 2, 2)
+    weight = 1 / sigma2
+    solution = np.zeros(used.sum())
+    for _ in range(_ROUNDS):
+        normal_matrix = (a.T * weight) @ a + 1e-12 * np.eye(a.shape[1])
+        solution = np.linalg.solve(normal_matrix, a.T @ (weight * y))
+        e = np.linalg.norm((y - a @ solution).reshape(-1, 2), axis=-1)
+        scale = max(np.median(e) / 1.1774, 1e-3 * px)
+        extra = np.repeat(np.maximum(scale**2 - variance, 0), 2)
+        cauchy = np.repeat(1 / (1 + (e / (3 * scale)) ** 2), 2)
+        weight = cauchy / (np.repeat(variance, 2) + extra + (2e-3 * px) ** 2)
+    residual = y - a @ solution
+    chi2 = float(weight @ residual**2)
+    covariance = np.zeros((2 + terms,) * 2)
+    inverse = np.linalg.inv((a.T * weight) @ a + 1e-12 * np.eye(a.shape[1]))
+    covariance[np.ix_(used, used)] = inverse * max(chi2 / count, 1.0)
+    beta = np.zeros(2 + terms)
+    beta[used] = solution
+    return beta, covariance, np.sum(residual.reshape(-1, 2) ** 2, -1)

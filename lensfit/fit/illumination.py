@@ -1,0 +1,156 @@
+"""Fall-off from how bright the marks are, for every f-number by itself.
+
+A bright dot sends as much light wherever it is, spread over the area of its image: its
+flux divided by the magnification of that area is the illumination there. A line's
+flux per length is divided by its magnified width. The bright field around dark marks is
+proportional to the illumination times the light that fell on the chart.
+
+The logarithm is fitted by a non-increasing Bernstein polynomial
+(`lensfit.optics.falloff`) with one gain for each photograph and channel: least squares
+with non-negative steps, weighted robustly. An unevenly lit chart cannot be told from
+fall-off, unless photographs at another orientation disagree.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.optimize import nnls
+
+from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
+from lensfit.fit import normal
+from lensfit.fit.adjust import Adjustment
+from lensfit.fit.geometry import View, predicted_mm
+from lensfit.fit.parameters import Layout
+from lensfit.fit.take import Take
+from lensfit.optics.falloff import bernstein
+
+TERMS = 5
+_FEWEST_MARKS = 30
+_ROUNDS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class FallOffFit:
+    """Fall-off of three channels at one f-number.
+
+    Attributes
+    ----------
+    f_number : None when nobody said.
+    control : b_1 ... b_n of r, g and b.
+    valid_radius_mm : Largest radius measured.
+    standard_deviation : Of the relative illumination, a single robust figure per mark
+        divided by the root of the marks per term.
+    """
+
+    f_number: float | None
+    control: Float[np.ndarray, "3 terms"]
+    valid_radius_mm: float
+    standard_deviation: float
+
+
+def fit_illumination(
+    takes: tuple[Take, ...], adjustment: Adjustment, principal_point_mm: np.ndarray
+) -> list[FallOffFit]:
+    """One fall-off for each f-number among the takes, widest first."""
+    stretch = area_stretch(adjustment)
+    observed = np.asarray(adjustment.stack.view.observed_mm)
+    numbers = sorted({t.f_number for t in takes}, key=lambda n: n or 0.0)
+    found = []
+    for number in numbers:
+        rows = [
+            _rows(t, stretch[k], observed[k] - principal_point_mm, adjustment.used[k])
+            for k, t in enumerate(takes)
+            if t.f_number == number
+        ]
+        rows = [row for row in rows if len(row[0])]
+        if sum(len(row[0]) for row in rows) >= _FEWEST_MARKS:
+            found.append(_fit(number, rows))
+    return found
+
+
+def area_stretch(adjustment: Adjustment) -> Float[np.ndarray, "views marks 2 2"]:
+    """d sensor mm / d board mm at every mark."""
+    return np.asarray(
+        _stretch(
+            jnp.asarray(adjustment.parameters),
+            adjustment.stack.view,
+            adjustment.layout,
+            adjustment.frame,
+        )
+    )
+
+
+@partial(jax.jit, static_argnames=("layout",))
+def _stretch(parameters: Array, views: View, layout: Layout, frame) -> Array:
+    shared, local = normal.split(parameters, layout)
+
+    def at(mark, own, view):
+        matrix = jax.jacfwd(
+            lambda b: predicted_mm(b, shared, own, view, layout, frame)
+        )(mark)
+        return matrix / view.half_board_mm[None]
+
+    def of_view(own, view):
+        return jax.vmap(lambda mark: at(mark, own, view))(view.board)
+
+    return jax.vmap(of_view)(local, views)
+
+
+def _rows(take: Take, stretch, radius_vector, used) -> tuple[np.ndarray, np.ndarray]:
+    """Squared radius and log brightness (3 channels) of the marks of one take."""
+    o = take.observations
+    count = len(o)
+    matrix, keep = stretch[:count], used[:count] & ~o.saturated & ~o.overlapping
+    brightness = o.flux if o.flux.shape[1] == 3 else np.repeat(o.flux, 3, 1)
+    if o.bright:
+        brightness = brightness / _spread(matrix, o)[:, None]
+    keep &= np.all(brightness > 0, -1)
+    squared = np.sum(radius_vector[:count] ** 2, -1)
+    return squared[keep], np.log(brightness[keep])
+
+
+def _spread(matrix: np.ndarray, o) -> np.ndarray:
+    """Area a dot is magnified by; for a line sample, its width."""
+    area = np.abs(np.linalg.det(matrix))
+    across = np.where(
+        (o.family == LINE_OF_CONSTANT_I)[:, None], matrix[..., 0], matrix[..., 1]
+    )
+    width = np.abs(np.sum(across * np.nan_to_num(o.normal), -1))
+    return np.where(o.family == POINT, area, width)
+
+
+def _fit(number: float | None, rows: list) -> FallOffFit:
+    limit = max(float(squared.max()) for squared, _ in rows)
+    basis = jax.vmap(lambda s: bernstein(s, TERMS))
+    steps, gains, values = [], [], []
+    for k, (squared, brightness) in enumerate(rows):
+        terms = np.asarray(basis(jnp.asarray(squared / limit)))
+        # Control values are sums of non-negative steps.
+        steps.append(-np.cumsum(terms[:, ::-1], axis=1)[:, ::-1])
+        gains.append(np.eye(len(rows))[np.full(len(squared), k)])
+        values.append(brightness)
+    design = np.hstack([np.vstack(steps), np.vstack(gains), -np.vstack(gains)])
+    control, spread = [], 0.0
+    for channel in range(3):
+        solution, spread = _robust(design, np.vstack(values)[:, channel])
+        control.append(np.cumsum(solution[:TERMS]))
+    error = spread / np.sqrt(max(len(design) / (TERMS + 1), 1.0))
+    return FallOffFit(number, np.array(control), float(np.sqrt(limit)), float(error))
+
+
+def _robust(design: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
+    """Non-negative least squares with Cauchy weights; solution and spread."""
+    offset = values.mean()
+    weight = np.ones(len(values))
+    solution, spread = np.zeros(design.shape[1]), 0.0
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weight)
+        solution, _ = nnls(design * root[:, None], (values - offset) * root)
+        residual = np.abs(values - offset - design @ solution)
+        spread = float(np.median(residual) / 0.6745) + 1e-6
+        weight = 1 / (1 + (residual / (3 * spread)) ** 2)
+    return solution, spread

@@ -1,0 +1,103 @@
+"""All states of a lens: one fit per focal length and focus distance.
+
+Takes of one state share their geometry and colour; fall-off belongs to each f-number.
+"""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from lensfit.errors import FitError
+from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
+from lensfit.fit.colour import ChannelColour, fit_colour
+from lensfit.fit.geometry import distortion_of
+from lensfit.fit.illumination import FallOffFit, fit_illumination
+from lensfit.fit.take import Take
+from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
+from lensfit.optics.distortion import Distortion
+from lensfit.progress import Progress, silent
+
+
+@dataclass(frozen=True, eq=False)
+class LensState:
+    """Everything measured at one focal length and focus distance.
+
+    Attributes
+    ----------
+    focal_length_mm, focus_distance_mm : As on the barrel.
+    geometry : The chief-ray fit and its marks.
+    distortion : Its lens.
+    uncertainty : Of its parameters.
+    colour : Red and blue against green; empty for monochrome photographs.
+    fall_off : One for each f-number.
+    """
+
+    focal_length_mm: float
+    focus_distance_mm: float | None
+    geometry: ChiefRayFit
+    distortion: Distortion
+    uncertainty: Uncertainty
+    colour: dict[str, ChannelColour]
+    fall_off: list[FallOffFit]
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """States that could be fitted, and why others could not, by take name."""
+
+    states: tuple[LensState, ...]
+    failed: dict[str, FitError]
+
+
+def fit(takes: list[Take], progress: Progress = silent) -> Fitted:
+    """Fit a lens to the marks of its photographs.
+
+    Parameters
+    ----------
+    takes : One for each photograph; any number of focal lengths, focus distances and
+        f-numbers of one lens.
+    progress : Told how far it is.
+
+    Raises
+    ------
+    FitError : No state could be fitted; otherwise failures come back with the rest.
+    """
+    states, failed = [], {}
+    for group in grouped(takes):
+        try:
+            states.append(_fit_state(group, takes, progress))
+        except FitError as error:
+            failed |= {take.name: error for take in group}
+    if not states:
+        raise next(iter(failed.values()), FitError("there are no photographs to fit"))
+    return Fitted(tuple(states), failed)
+
+
+def grouped(takes: list[Take]) -> list[list[Take]]:
+    """Takes of one focal length and focus distance together, in order."""
+    groups: dict[tuple, list[Take]] = {}
+    for take in takes:
+        groups.setdefault((take.focal_length_mm, take.focus_distance_mm), []).append(
+            take
+        )
+    return list(groups.values())
+
+
+def _fit_state(group: list[Take], takes: list[Take], progress: Progress) -> LensState:
+    geometry = fit_chief_ray(group, progress, shown=takes)
+    adjustment = geometry.adjustment
+    layout = adjustment.layout
+    shared = jnp.asarray(adjustment.parameters[: layout.shared])
+    distortion = distortion_of(shared, layout, adjustment.frame)
+    centre = np.asarray(distortion.principal_point_mm)
+    radius = float(distortion.reference_radius_mm)
+    return LensState(
+        focal_length_mm=group[0].focal_length_mm,
+        focus_distance_mm=group[0].focus_distance_mm,
+        geometry=geometry,
+        distortion=distortion,
+        uncertainty=uncertainty_of(adjustment),
+        colour=fit_colour(geometry.takes, centre, radius),
+        fall_off=fit_illumination(geometry.takes, adjustment, centre),
+    )

@@ -1,0 +1,112 @@
+"""What the geometric fit may change: one flat vector of named blocks.
+
+Every number is dimensionless and of the order of one reference radius on the sensor
+(or one half board), so that a unit of any of them moves image points by a comparable
+amount. Blocks that describe the lens or the board come first and are shared by all
+photographs. For each photograph six numbers of pose follow, two of the drift of a
+rolling shutter (how far a row moves per unit of its height), and the bend of the board
+out of its plane: paper and plates bend anew whenever they are moved, and a cropped
+grid does not tell which part of the board it shows.
+
+A block is fixed or freed by its prior: fixed means a standard deviation of zero.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.optics import field
+from lensfit.optics.base import BaseProjection
+
+POSE_PARAMETERS = 6
+DRIFT_PARAMETERS = 2
+LOWEST_BEND_DEGREE = 2
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which blocks exist and how long they are; static, so one program per layout.
+
+    Attributes
+    ----------
+    base : Ideal projection.
+    radial : Number of radial coefficients.
+    free_degree : Degree of the free field; 0 for none.
+    bend_degree : Degree of the board's bend out of its plane, one for each photograph;
+        0 for none.
+    stretch_degree : Degree of the board's errors within its plane, shared by the
+        photographs that show the whole board; 0 for none.
+    apertures : Number of f-numbers besides the smallest aperture.
+    """
+
+    base: BaseProjection = "rectilinear"
+    radial: int = 6
+    free_degree: int = 0
+    bend_degree: int = 0
+    stretch_degree: int = 0
+    apertures: int = 0
+
+    @cached_property
+    def blocks(self) -> dict[str, slice]:
+        """Where each named block lies in the vector."""
+        stretch = board_degrees(self.stretch_degree)
+        sizes = {
+            "focal_length": 1,
+            "principal_point": 2,
+            "radial": self.radial,
+            "squeeze": 2,
+            "decentering": field.DECENTERING_TERMS,
+            "thin_prism": field.PRISM_TERMS,
+            "anamorphic": field.ANAMORPHIC_TERMS,
+            "free_field": 2 * len(field.free_degrees(self.free_degree)),
+            "board_stretch": 2 * len(stretch),
+            "aperture_shift": APERTURE_SHIFT_TERMS * self.apertures,
+        }
+        ends = np.cumsum(list(sizes.values()))
+        return {
+            name: slice(int(end - size), int(end))
+            for (name, size), end in zip(sizes.items(), ends, strict=True)
+        }
+
+    @property
+    def shared(self) -> int:
+        """Number of parameters that all photographs share."""
+        return self.blocks["aperture_shift"].stop
+
+    @property
+    def local(self) -> int:
+        """Number of parameters of one photograph: pose, row drift, its board's bend."""
+        return POSE_PARAMETERS + DRIFT_PARAMETERS + len(board_degrees(self.bend_degree))
+
+    def size(self, views: int) -> int:
+        """Length of the whole vector."""
+        return self.shared + self.local * views
+
+
+APERTURE_SHIFT_TERMS = 3
+
+
+def board_degrees(degree: int) -> np.ndarray:
+    """(i, j) of the Chebyshev products that bend or stretch a board.
+
+    They start at two: constant and linear ones belong to the pose and the pitch.
+    """
+    pairs = [
+        (n - j, j) for n in range(LOWEST_BEND_DEGREE, degree + 1) for j in range(n + 1)
+    ]
+    return np.array(pairs, int).reshape(-1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Gaussian prior on every parameter; a standard deviation of zero fixes it."""
+
+    mean: Float[np.ndarray, " parameters"]
+    standard_deviation: Float[np.ndarray, " parameters"]
+
+    @property
+    def free(self) -> np.ndarray:
+        """Which parameters may change."""
+        return self.standard_deviation > 0

@@ -1,0 +1,267 @@
+"""Which terms the photographs ask for: evidence instead of taste.
+
+At a fitted lens the residuals are nearly linear in every parameter, so the normal
+equations of the full model hold, as sub-blocks, those of every smaller one. A term is
+tried by solving such a block: no new fit is needed, and the error on the half of the
+marks that a solve has not seen follows from the same matrices. A term enters when
+
+- the Bayesian information criterion improves, and
+- the held-out error improves (two halves, each predicting the other), and
+- the improvement is an effect of `LEAST_EFFECT_PX` on the marks at least: smaller ones
+  are within the systematic errors of any detector, and a term that fits those trades
+  against pose and principal point.
+
+Families of rising degree are nested: each step contains the steps before it. The
+search looks past a step that does not help by itself, and takes a longer step than it
+must only on the same evidence.
+
+Reference: G. Schwarz, Annals of Statistics 6 (1978) 461-464.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import cho_factor, cho_solve
+
+from lensfit.fit.parameters import (
+    DRIFT_PARAMETERS,
+    POSE_PARAMETERS,
+    Layout,
+    board_degrees,
+)
+from lensfit.optics import field
+
+LEAST_BIC_GAIN = 6.0
+"""Strong evidence on the usual scale."""
+LEAST_HELD_OUT_GAIN = 1e-4
+"""Of the sum of squares; below it a term cannot be seen in any picture."""
+LEAST_EFFECT_PX = 0.008
+"""Root mean square over the marks of what a term explains."""
+
+
+class Step(NamedTuple):
+    """One step of a family of terms, containing the steps before it."""
+
+    name: str
+    indices: Int[np.ndarray, " parameters"]
+
+
+class Statistics(NamedTuple):
+    """Normal equations of the full model on one set of marks."""
+
+    matrix: Float[np.ndarray, "parameters parameters"]
+    gradient: Float[np.ndarray, " parameters"]
+    sum_of_squares: float
+    count: int
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of one term.
+
+    Attributes
+    ----------
+    name : Of the term.
+    kept : Whether it is in the model.
+    bic_gain : Gain in BIC when it was tried last.
+    held_out_gain : Relative gain of the held-out sum of squares.
+    visible : Whether the effect reaches `LEAST_EFFECT_PX`.
+    """
+
+    name: str
+    kept: bool
+    bic_gain: float
+    held_out_gain: float
+    visible: bool = True
+
+    @property
+    def family(self) -> str:
+        """The block of parameters that the term belongs to."""
+        return self.name.rstrip("0123456789").rstrip("_")
+
+    @property
+    def reason(self) -> str:
+        """One sentence for the report."""
+        change = f"held-out error {-50 * self.held_out_gain:+.2g} %"
+        evidence = f"evidence {self.bic_gain:+.3g} (BIC), {change}"
+        if self.kept:
+            return f"kept: {evidence}"
+        if self.bic_gain < LEAST_BIC_GAIN:
+            return f"left out: the photographs do not ask for it; {evidence}"
+        if self.held_out_gain > LEAST_HELD_OUT_GAIN and not self.visible:
+            return f"left out: its effect is below {LEAST_EFFECT_PX:g} px; {evidence}"
+        return f"left out: it does not predict unseen marks better; {evidence}"
+
+
+def families(layout: Layout) -> dict[str, list[Step]]:
+    """Every family of shared terms that may enter, as nested steps."""
+    blocks = layout.blocks
+    of = {name: np.arange(where.start, where.stop) for name, where in blocks.items()}
+    found = {
+        "principal_point": [Step("principal_point", of["principal_point"])],
+        "radial": [
+            Step(f"radial_{k}", of["radial"][:k]) for k in range(1, layout.radial + 1)
+        ],
+        "squeeze": [Step("squeeze", of["squeeze"])],
+        "decentering": _prefixes("decentering", of["decentering"], (2, 4)),
+        "thin_prism": _prefixes("thin_prism", of["thin_prism"], (2, 4)),
+        "anamorphic": _prefixes("anamorphic", of["anamorphic"], (3, 8)),
+        "free_field": _field_steps(of["free_field"], layout.free_degree),
+        "board_stretch": _stretch_steps(of["board_stretch"], layout.stretch_degree),
+        "aperture_shift": [Step("aperture_shift", of["aperture_shift"])],
+    }
+    return {name: steps for name, steps in found.items() if steps and len(steps[0][1])}
+
+
+def choose(
+    first_half: Statistics,
+    second_half: Statistics,
+    precision: Float[np.ndarray, " parameters"],
+    offset: Float[np.ndarray, " parameters"],
+    always: Int[np.ndarray, " always"],
+    terms: dict[str, list[Step]],
+    px_per_deviation: float = np.inf,
+) -> tuple[dict[str, int], list[Verdict]]:
+    """Greedy search; returns the steps kept of each family, and all verdicts.
+
+    Parameters
+    ----------
+    first_half, second_half : Normal equations at the current solution.
+    precision : Prior precision of every parameter.
+    offset : Current parameters minus their prior mean.
+    always : Parameters that are in every model.
+    px_per_deviation : Pixels that a whitened residual of one stands for; the default
+        lets effects of any size pass.
+    """
+    marks = (first_half.count + second_half.count) / 2
+    least = marks * (LEAST_EFFECT_PX / px_per_deviation) ** 2
+    trial = _Trial(first_half, second_half, precision, offset)
+    kept: dict[str, int] = {}
+    indices = always
+    now = trial.scores(_without(indices, trial.size))
+    verdicts: dict[str, Verdict] = {}
+    while True:
+        best = None
+        for family, steps in terms.items():
+            own = None
+            for level in range(kept.get(family, 0), len(steps)):
+                step = steps[level]
+                grown = np.union1d(indices, step.indices)
+                if len(grown) == len(indices):
+                    continue
+                scores = trial.scores(_without(grown, trial.size))
+                bic = now.bic - scores.bic
+                held_out = 1 - scores.held_out / now.held_out
+                visible = now.held_out - scores.held_out > least
+                good = bic > LEAST_BIC_GAIN and held_out > LEAST_HELD_OUT_GAIN
+                good = good and visible
+                verdicts[step.name] = Verdict(step.name, False, bic, held_out, visible)
+                further = own is None or bic > own[0] + LEAST_BIC_GAIN
+                if good and further:
+                    own = (bic, family, level, grown, scores)
+            if own and (best is None or own[0] > best[0]):
+                best = own
+        if best is None:
+            break
+        _, family, level, indices, now = best
+        for step in terms[family][kept.get(family, 0) : level + 1]:
+            verdicts[step.name] = Verdict(
+                step.name, True, *_gain(verdicts[terms[family][level].name])
+            )
+        kept[family] = level + 1
+    return kept, list(verdicts.values())
+
+
+class _Scores(NamedTuple):
+    bic: float
+    held_out: float
+
+
+class _Trial:
+    """Scores of sub-models, from the statistics of both halves."""
+
+    def __init__(self, first, second, precision, offset):
+        self._halves = (first, second)
+        self._both = Statistics(*(a + b for a, b in zip(first, second, strict=True)))
+        self._precision, self._offset = precision, offset
+        self.size = len(precision)
+
+    def scores(self, dropped: np.ndarray) -> _Scores:
+        """BIC and held-out sum of squares; `dropped` parameters return to zero."""
+        both = self._both
+        step = self._step(both, dropped)
+        total = _after(both, step)
+        free = self.size - len(dropped)
+        bic = both.count * np.log(max(total, 1e-300)) + free * np.log(both.count)
+        held_out = 0.0
+        for seen, unseen in (self._halves, self._halves[::-1]):
+            held_out += _after(unseen, self._step(seen, dropped))
+        return _Scores(float(bic), float(held_out))
+
+    def _step(self, statistics: Statistics, dropped: np.ndarray) -> np.ndarray:
+        """Change of the parameters that minimises the linearised sum of squares."""
+        step = np.zeros(self.size)
+        step[dropped] = -self._offset[dropped]
+        free = np.ones(self.size, bool)
+        free[dropped] = False
+        matrix = statistics.matrix[np.ix_(free, free)]
+        matrix[np.diag_indices_from(matrix)] += self._precision[free]
+        gradient = statistics.gradient + statistics.matrix @ step
+        gradient = gradient[free] + (self._precision * self._offset)[free]
+        matrix[np.diag_indices_from(matrix)] *= 1 + 1e-12
+        step[free] = -cho_solve(cho_factor(matrix), gradient)
+        return step
+
+
+def _after(statistics: Statistics, step: np.ndarray) -> float:
+    """The linearised sum of squares after a step."""
+    linear = 2 * statistics.gradient @ step
+    bent = step @ statistics.matrix @ step
+    return float(statistics.sum_of_squares + linear + bent)
+
+
+def _without(kept: np.ndarray, size: int) -> np.ndarray:
+    return np.setdiff1d(np.arange(size), kept)
+
+
+def _gain(verdict: Verdict) -> tuple[float, float]:
+    return verdict.bic_gain, verdict.held_out_gain
+
+
+def _prefixes(name: str, indices: np.ndarray, lengths: tuple[int, ...]) -> list[Step]:
+    return [Step(f"{name}_{n}" if n else name, indices[:n]) for n in lengths]
+
+
+def _field_steps(indices: np.ndarray, degree: int) -> list[Step]:
+    both = indices.reshape(2, -1)
+    return [
+        Step(f"free_field_{d}", both[:, : len(field.free_degrees(d))].ravel())
+        for d in range(field.LOWEST_FREE_DEGREE, degree + 1)
+    ]
+
+
+def _stretch_steps(indices: np.ndarray, degree: int) -> list[Step]:
+    both = indices.reshape(2, -1)
+    return [
+        Step(f"board_stretch_{d}", both[:, : len(board_degrees(d))].ravel())
+        for d in range(2, degree + 1)
+    ]
+
+
+def bend_steps(layout: Layout, views: int) -> list[Step]:
+    """Bends of every photograph's board, of rising degree."""
+    rows = layout.shared + np.arange(layout.local * views).reshape(views, -1)
+    rows = rows[:, POSE_PARAMETERS + DRIFT_PARAMETERS :]
+    return [
+        Step(f"board_bend_{d}", rows[:, : len(board_degrees(d))].ravel())
+        for d in range(2, layout.bend_degree + 1)
+    ]
+
+
+def drift_steps(layout: Layout, views: int) -> list[Step]:
+    """The row drift of every photograph."""
+    rows = layout.shared + np.arange(layout.local * views).reshape(views, -1)
+    drift = rows[:, POSE_PARAMETERS : POSE_PARAMETERS + DRIFT_PARAMETERS]
+    return [Step("row_drift", drift.ravel())]

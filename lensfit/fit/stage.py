@@ -1,0 +1,250 @@
+"""Before the first step: scales, start poses, and how large a model may become.
+
+The largest model that may be tried follows from the number of marks: a free field of
+degree nine has a hundred coefficients, which a hundred marks cannot carry.
+"""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from lensfit.errors import FitError
+from lensfit.fit.adjust import Adjustment
+from lensfit.fit.geometry import Frame
+from lensfit.fit.parameters import Layout, Prior
+from lensfit.fit.start import (
+    Pose,
+    focal_length_from_homographies,
+    pose_from_homography,
+)
+from lensfit.fit.take import Take
+from lensfit.fit.views import Stack, board_of, observed_of, stack_takes
+
+_TILT_RAD = 0.12
+"""Views that differ by less do not fix a focal length."""
+_BEND_TILT_RAD = 0.35
+"""Views that differ by less cannot tell a bent board from a distorting lens."""
+_BEND_VIEWS = 5
+_MARGIN = 1.05
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Everything the stages share.
+
+    Attributes
+    ----------
+    takes : In the order of the arrays.
+    stack : Their marks.
+    frame : Scales of the parameters.
+    layout : The largest model that may be tried.
+    radius_mm : Of the dots of every take; 0 where marks are not dots.
+    focal_length_free : Whether views tilt enough to determine the focal length.
+    half_angle_rad : From the axis to the furthest mark.
+    notes : One sentence for each thing that was assumed.
+    """
+
+    takes: tuple[Take, ...]
+    stack: Stack
+    frame: Frame
+    layout: Layout
+    radius_mm: np.ndarray
+    focal_length_free: bool
+    half_angle_rad: float
+    notes: tuple[str, ...]
+
+    def adjustment(
+        self, layout: Layout, prior: Prior, like: Adjustment | None = None
+    ) -> Adjustment:
+        """An adjustment of this model at its start, or at another's solution."""
+        weight = self.stack.present.astype(float)
+        start = Adjustment(
+            parameters=np.zeros(layout.size(len(self.takes))),
+            layout=layout,
+            frame=self.frame,
+            prior=prior,
+            stack=self.stack,
+            radius_mm=self.radius_mm,
+            shift_mm=np.zeros((*weight.shape, 2)),
+            model_variance_mm2=self.stack.mm_per_px**2,
+            weight=weight,
+        )
+        return start if like is None else _continued(start, like)
+
+
+def start_of(takes: list[Take], shown: list[Take]) -> Start:
+    """Scales and start poses of the takes of one lens state.
+
+    `shown` are the takes of all states of this lens, whose marks span the frame.
+    """
+    focal_mm, notes = _stated_focal_length(takes)
+    poses = [_pose(take, focal_mm) for take in takes]
+    focal_mm, poses = _scaled_to_distance(takes, focal_mm, poses, notes)
+    numbers = sorted({t.f_number for t in takes if t.f_number}, reverse=True)[:4]
+    apertures = [_aperture(take, numbers) for take in takes]
+    whole = _whole_boards(takes)
+    stack = stack_takes(takes, poses, apertures, whole)
+    radius = float(np.hypot(*takes[0].sensor_size_mm)) / 2
+    squeeze = np.log(takes[0].squeeze)
+    observed = np.concatenate([observed_of(take) for take in shown])
+    box = np.array([observed.min(0), observed.max(0)]) / radius * _MARGIN
+    furthest = float(np.hypot(*observed.T).max())
+    frame = Frame(
+        stated_focal_length_mm=jnp.asarray(focal_mm),
+        reference_radius_mm=jnp.asarray(radius),
+        stated_squeeze=jnp.asarray([squeeze, 0.0]),
+        valid_radius=jnp.asarray(furthest / radius * _MARGIN),
+        box=jnp.asarray(box * np.exp([squeeze / 2, -squeeze / 2])),
+    )
+    return Start(
+        takes=tuple(takes),
+        stack=stack,
+        frame=frame,
+        layout=_layout(takes, len(numbers), any(whole), poses),
+        radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
+        focal_length_free=_views_tilt(poses),
+        half_angle_rad=float(np.arctan(furthest / focal_mm)),
+        notes=tuple(notes),
+    )
+
+
+def _stated_focal_length(takes: list[Take]) -> tuple[float, list[str]]:
+    stated = takes[0].focal_length_mm
+    found = None
+    if len(takes) >= 3:
+        found = focal_length_from_homographies(
+            [board_of(t) for t in takes], [observed_of(t) for t in takes]
+        )
+    ratio = found / stated if found is not None else 1.0
+    if found is not None and 0.2 < ratio < 5 and abs(ratio - 1) > 0.3:
+        note = (
+            f"the photographs have a principal distance near {found:.3g} mm, "
+            f"not the stated {stated:g} mm"
+        )
+        return found, [note]
+    return stated, []
+
+
+def _pose(take: Take, focal_mm: float) -> Pose:
+    unsqueezed = observed_of(take) * np.sqrt([take.squeeze, 1 / take.squeeze])
+    return pose_from_homography(board_of(take), unsqueezed, focal_mm, take.name)
+
+
+def _scaled_to_distance(
+    takes: list[Take], focal_mm: float, poses: list[Pose], notes: list[str]
+) -> tuple[float, list[Pose]]:
+    """The principal distance that puts the board where it was measured to be.
+
+    Distances count from the sensor; the entrance pupil is assumed one principal
+    distance in front of it, as in a thin lens. Contradictions of more than a fifth
+    mean a wrong pitch, distance, focal length or sensor width.
+    """
+    ratios = []
+    for take, pose in zip(takes, poses, strict=True):
+        if take.target_distance_mm is None:
+            continue
+        ratio = (take.target_distance_mm - focal_mm) / pose.translation_mm[2]
+        if not 0.8 < ratio < 1.25:
+            raise FitError(
+                f"the marks put the target at {pose.translation_mm[2] + focal_mm:.4g} "
+                f"mm, the shoot says {take.target_distance_mm:g} mm",
+                where=take.name,
+                remedy="check pitch_mm, target_distance_mm, focal_length_mm and the "
+                "sensor width",
+            )
+        ratios.append(ratio)
+    if not ratios:
+        return focal_mm, poses
+    ratio = float(np.median(ratios))
+    if abs(ratio - 1) > 0.05:
+        notes.append(
+            f"the measured target distance implies a principal distance "
+            f"{100 * (ratio - 1):+.1f} % from the stated focal length"
+        )
+    scale = np.array([1.0, 1.0, ratio])
+    return focal_mm * ratio, [Pose(p.rotation, p.translation_mm * scale) for p in poses]
+
+
+def _aperture(take: Take, numbers: list[float]) -> int:
+    if take.f_number is None or not numbers:
+        return 0
+    return int(np.argmin([abs(take.f_number - n) for n in numbers]))
+
+
+def _whole_boards(takes: list[Take]) -> list[bool]:
+    """Takes whose lattice has the extent that most takes of that target have."""
+    extents = [
+        (t.target, *np.round(np.ptp(t.observations.lattice, axis=0)).astype(int))
+        for t in takes
+    ]
+    commonest = max(extents, key=extents.count)
+    if extents.count(commonest) < 3:
+        return [False] * len(takes)
+    return [extent == commonest for extent in extents]
+
+
+def _layout(
+    takes: list[Take], apertures: int, whole: bool, poses: list[Pose]
+) -> Layout:
+    marks = sum(len(t.observations) for t in takes)
+    each = marks / len(takes)
+    degrees = ((10_000, 11), (1500, 9), (600, 7), (300, 5))
+    degree = next((d for n, d in degrees if marks >= n), 0)
+    several = len(takes) >= _BEND_VIEWS and _tilt_rad(poses) > _BEND_TILT_RAD
+    bend = next((d for n, d in ((200, 4), (40, 2)) if each >= n), 0) if several else 0
+    return Layout(
+        radial=6 if marks >= 200 else 3,
+        free_degree=degree,
+        bend_degree=bend,
+        stretch_degree=4 if several and whole and each >= 40 else 0,
+        apertures=max(apertures - 1, 0),
+    )
+
+
+def _dot_radius_mm(take: Take) -> float:
+    """Stated, or else from the image: diameter over pitch, both in pixels."""
+    if take.mark_diameter_mm is not None:
+        return take.mark_diameter_mm / 2
+    diameter = take.observations.diameter_px
+    if not np.isfinite(diameter).any():
+        return 0.0
+    spread = np.sqrt(np.linalg.det(np.cov(take.observations.points_px.T)))
+    lattice = np.sqrt(np.linalg.det(np.cov(take.observations.lattice.T)))
+    pitch_px = np.sqrt(spread / lattice) if lattice > 0 else np.inf
+    return float(np.nanmedian(diameter) / pitch_px * np.mean(take.pitch_mm) / 2)
+
+
+def _views_tilt(poses: list[Pose]) -> bool:
+    return _tilt_rad(poses) > _TILT_RAD
+
+
+def _tilt_rad(poses: list[Pose]) -> float:
+    """Largest angle between two boards."""
+    normals = np.stack([pose.rotation[:, 2] for pose in poses])
+    return float(np.arccos(np.clip((normals @ normals.T).min(), -1, 1)))
+
+
+def _continued(start: Adjustment, like: Adjustment) -> Adjustment:
+    """Carry the parameters that both layouts know over to the larger one."""
+    old, new = like.layout, start.layout
+    parameters = start.parameters.copy()
+    for name, where in old.blocks.items():
+        length = where.stop - where.start
+        first = new.blocks[name].start
+        parameters[first : first + length] = like.parameters[where]
+    views = len(start.weight)
+    mine = parameters[new.shared :].reshape(views, new.local)
+    theirs = like.parameters[old.shared :].reshape(views, old.local)
+    common = min(new.local, old.local)
+    mine[:, :common] = theirs[:, :common]
+    return Adjustment(
+        **{
+            **start.__dict__,
+            "parameters": parameters,
+            "shift_mm": like.shift_mm,
+            "model_variance_mm2": like.model_variance_mm2,
+            "weight": like.weight,
+            "steps": like.steps,
+        }
+    )

@@ -1,0 +1,39 @@
+"""What the fit is given, and what it gives back.
+
+A take is one photograph's marks together with what was known when it was made: the
+target's dimensions and the state of the lens. Distances count from the sensor plane.
+"""
+
+from dataclasses import dataclass
+
+from lensfit.detect.observations import Observations
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """One photograph of one target.
+
+    Attributes
+    ----------
+    name : Of the photograph, for messages.
+    target : Name of the target; takes of one target share its errors.
+    observations : The marks.
+    pitch_mm : Distance of neighbouring marks, to the right and down on the target.
+    mark_diameter_mm : Diameter of a dot; None for lines and corners.
+    focal_length_mm : As on the barrel.
+    sensor_size_mm : Width and height that the photograph spans.
+    f_number, focus_distance_mm, target_distance_mm : None where nobody said.
+    squeeze : Nominal horizontal squeeze of an anamorphic lens.
+    """
+
+    name: str
+    target: str
+    observations: Observations
+    pitch_mm: tuple[float, float]
+    mark_diameter_mm: float | None
+    focal_length_mm: float
+    sensor_size_mm: tuple[float, float]
+    f_number: float | None = None
+    focus_distance_mm: float | None = None
+    target_distance_mm: float | None = None
+    squeeze: float = 1.0

@@ -1,0 +1,106 @@
+"""How well the parameters, and what they predict, are known.
+
+The covariance is the inverse of the normal equations at the solution, scaled by the
+chi-squared that was reached, with the priors that hold what the photographs do not
+see. A prediction moves with the parameters; the part of the move that a different pose
+of the camera would undo (a homography of the undistorted picture) is no error of the
+lens and is taken out before the variance is stated.
+
+It covers noise, not a wrong model: for that there is the held-out error.
+
+Reference: the argument follows mrcal's documentation of projection uncertainty.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lensfit.fit.adjust import Adjustment
+from lensfit.fit.chief_ray import halves_of
+from lensfit.fit.geometry import Frame, distortion_of
+from lensfit.fit.parameters import Layout
+from lensfit.optics.distortion import distorted_from_undistorted
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Covariance of all parameters; zero rows for the fixed ones."""
+
+    covariance: Float[np.ndarray, "parameters parameters"]
+    layout: Layout
+
+    def deviation(self, block: str) -> Float[np.ndarray, " terms"]:
+        """Standard deviations of a named block."""
+        where = self.layout.blocks[block]
+        return np.sqrt(np.maximum(np.diag(self.covariance)[where], 0.0))
+
+
+def uncertainty_of(adjustment: Adjustment) -> Uncertainty:
+    """Covariance at the solution of an adjustment."""
+    one, other = halves_of(adjustment)
+    free = adjustment.prior.free
+    precision = adjustment.prior.standard_deviation[free] ** -2.0
+    matrix = (one.matrix + other.matrix)[np.ix_(free, free)] + np.diag(precision)
+    marks = 2 * adjustment.used - np.isfinite(adjustment.stack.normal[..., 0])
+    count = max(int(marks[adjustment.used].sum()) - int(free.sum()), 1)
+    scale = (one.sum_of_squares + other.sum_of_squares) / count
+    inside = np.linalg.inv(matrix)
+    covariance = np.zeros((len(free), len(free)))
+    covariance[np.ix_(free, free)] = inside * max(scale, 1.0)
+    return Uncertainty(covariance, adjustment.layout)
+
+
+def position_deviation_mm(
+    adjustment: Adjustment,
+    uncertainty: Uncertainty,
+    undistorted_mm: Float[np.ndarray, "points 2"],
+) -> Float[np.ndarray, " points"]:
+    """Standard deviation of the distorted position (root of both axes' variances).
+
+    `undistorted_mm` should cover the frame: it is over these points that the moves a
+    pose would undo are taken out.
+    """
+    layout = adjustment.layout
+    shared = jnp.asarray(adjustment.parameters[: layout.shared])
+    by_parameter, by_place = _sensitivity(
+        shared, jnp.asarray(_padded(undistorted_mm)), layout, adjustment.frame
+    )
+    count = len(undistorted_mm)
+    by_parameter = np.asarray(by_parameter)[:count].reshape(-1, layout.shared)
+    pose = np.einsum(
+        "pij,pjk->pik", np.asarray(by_place)[:count], _homography_moves(undistorted_mm)
+    ).reshape(-1, 8)
+    undone, *_ = np.linalg.lstsq(pose, by_parameter, rcond=1e-10)
+    left = by_parameter - pose @ undone
+    part = uncertainty.covariance[: layout.shared, : layout.shared]
+    variance = np.einsum("ra,ab,rb->r", left, part, left)
+    return np.sqrt(np.maximum(variance.reshape(-1, 2).sum(1), 0.0))
+
+
+def _padded(points: np.ndarray) -> np.ndarray:
+    """Points filled up to a multiple of 1024, so that one program serves them all."""
+    return np.concatenate([points, np.zeros((-len(points) % 1024, 2))])
+
+
+def _homography_moves(points: np.ndarray) -> np.ndarray:
+    """Displacements of a plane's points under the eight small homographies."""
+    scale = np.abs(points).max()
+    x, y = (points / scale).T
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    in_x = [one, zero, x, y, zero, zero, x * x, x * y]
+    in_y = [zero, one, zero, zero, x, y, x * y, y * y]
+    return np.stack([np.stack(in_x, -1), np.stack(in_y, -1)], 1)
+
+
+@partial(jax.jit, static_argnames=("layout",))
+def _sensitivity(shared: Array, points: Array, layout: Layout, frame: Frame):
+    def at(point, shared):
+        return distorted_from_undistorted(point, distortion_of(shared, layout, frame))
+
+    by_place, by_parameter = jax.jacfwd(at, (0, 1)), jax.jacfwd(at, 1)
+    places = jax.vmap(lambda p: by_place(p, shared)[0])(points)
+    return jax.vmap(lambda p: by_parameter(p, shared))(points), places

@@ -1,0 +1,126 @@
+"""Takes stacked into arrays of one shape, so that one compiled program fits any shoot.
+
+Marks are padded to a common number; padding has zero weight. Counts are rounded up to
+a few sizes per octave, so that the next shoot most likely reuses the program.
+"""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lensfit.coords import mm_from_px
+from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
+from lensfit.fit.geometry import View
+from lensfit.fit.start import Pose
+from lensfit.fit.take import Take
+
+OVERLAP_DEVIATION_PX = 0.1
+"""Added to the noise of a mark whose blur touches its neighbour's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Takes as padded arrays.
+
+    Attributes
+    ----------
+    view : The stacked `View`; `whitening` is 1/mm and zero for padding.
+    present : Which rows are marks.
+    covariance_mm2 : Of each mark; identity for padding.
+    normal : Unit vector across the line, NaN for points and padding.
+    board_mm : Nominal place on the board, from the middle of the lattice.
+    mm_per_px : Size of a pixel.
+    """
+
+    view: View
+    present: Bool[np.ndarray, "views marks"]
+    covariance_mm2: Float[np.ndarray, "views marks 2 2"]
+    normal: Float[np.ndarray, "views marks 2"]
+    board_mm: Float[np.ndarray, "views marks 2"]
+    mm_per_px: Float[np.ndarray, " views"]
+
+
+def board_of(take: Take) -> Float[np.ndarray, "marks 2"]:
+    """Nominal place of every mark, mm from the middle of the lattice that was seen."""
+    lattice = take.observations.lattice
+    middle = np.round((lattice.max(0) + lattice.min(0)) / 2)
+    return (lattice - middle) * np.asarray(take.pitch_mm)
+
+
+def observed_of(take: Take) -> Float[np.ndarray, "marks 2"]:
+    """Where every mark was seen, sensor mm."""
+    observations = take.observations
+    return mm_from_px(
+        observations.points_px, observations.image_size_px, take.sensor_size_mm
+    )
+
+
+def stack_takes(
+    takes: list[Take], poses: list[Pose], apertures: list[int], whole: list[bool]
+) -> Stack:
+    """Stack takes whose start poses are known."""
+    most = _rounded_up(max(len(take.observations) for take in takes))
+    count = len(takes)
+    board = np.zeros((count, most, 2))
+    observed = np.zeros((count, most, 2))
+    covariance = np.tile(np.eye(2), (count, most, 1, 1))
+    normal = np.full((count, most, 2), np.nan)
+    present = np.zeros((count, most), bool)
+    half = np.zeros((count, 2))
+    mm_per_px = np.zeros(count)
+    for k, take in enumerate(takes):
+        n = len(take.observations)
+        board[k, :n] = board_of(take)
+        half[k] = np.maximum(np.abs(board[k, :n]).max(0), 1e-9)
+        observed[k, :n] = observed_of(take)
+        mm_per_px[k] = take.sensor_size_mm[0] / take.observations.image_size_px[0]
+        doubt = OVERLAP_DEVIATION_PX**2 * take.observations.overlapping[:, None, None]
+        noise = take.observations.covariance_px2 + doubt * np.eye(2)
+        covariance[k, :n] = noise * mm_per_px[k] ** 2
+        lines = take.observations.family != POINT
+        normal[k, :n][lines] = take.observations.normal[lines]
+        present[k, :n] = True
+    view = View(
+        rotation=jnp.asarray(np.stack([p.rotation for p in poses])),
+        translation_mm=jnp.asarray(np.stack([p.translation_mm for p in poses])),
+        aperture=jnp.asarray(apertures),
+        half_board_mm=jnp.asarray(half),
+        whole_board=jnp.asarray(np.asarray(whole, float)),
+        board=jnp.asarray(board / half[:, None]),
+        observed_mm=jnp.asarray(observed),
+        whitening=jnp.zeros((count, most, 2, 2)),
+    )
+    return Stack(view, present, covariance, normal, board, mm_per_px)
+
+
+def whitening_of(
+    stack: Stack, model_variance_mm2: Float[np.ndarray, " views"]
+) -> Float[np.ndarray, "views marks 2 2"]:
+    """Matrices that turn residuals into standard deviations; zero for padding.
+
+    `model_variance_mm2` is what the model leaves besides detection noise, so that a
+    mark with little noise does not outvote its neighbours.
+    """
+    total = stack.covariance_mm2 + model_variance_mm2[:, None, None, None] * np.eye(2)
+    points = np.linalg.inv(np.linalg.cholesky(total))
+    lines = np.isfinite(stack.normal[..., 0])
+    n = np.where(lines[..., None], stack.normal, 0.0)
+    across = np.einsum("vmi,vmij,vmj->vm", n, total, n)
+    rows = n / np.sqrt(np.where(lines, across, 1.0))[..., None]
+    one_row = np.stack([rows, np.zeros_like(rows)], -2)
+    whitening = np.where(lines[..., None, None], one_row, points)
+    return whitening * stack.present[..., None, None]
+
+
+def line_numbers(family: np.ndarray, lattice: np.ndarray) -> np.ndarray:
+    """A number for every line of a lattice, so that lines can be told apart."""
+    across = np.where(family == LINE_OF_CONSTANT_I, lattice[:, 0], lattice[:, 1])
+    return np.round(across).astype(int)
+
+
+def _rounded_up(count: int) -> int:
+    """The next of eight sizes per octave."""
+    step = max(8, 2 ** max(0, int(np.ceil(np.log2(max(count, 1)))) - 3))
+    return int(np.ceil(count / step) * step)

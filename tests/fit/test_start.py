@@ -1,0 +1,70 @@
+"""Start poses: exact where there is no distortion, and refusals in words."""
+
+import numpy as np
+import pytest
+from pinhole_shoot import FRONTAL, LATTICE, PITCH_MM, Camera
+from scipy.spatial.transform import Rotation
+
+from lensfit.errors import FitError
+from lensfit.fit.start import focal_length_from_homographies, pose_from_homography
+
+BOARD_MM = LATTICE * PITCH_MM
+CENTRED = Camera(centre_mm=(0.0, 0.0))
+
+
+@pytest.mark.parametrize("view", range(3))
+def test_pose_of_an_undistorted_view_is_exact(view):
+    pose = pose_from_homography(
+        BOARD_MM, CENTRED.marks_mm(view), CENTRED.focal_length_mm, "here"
+    )
+    truth = Rotation.from_rotvec(CENTRED.rotations[view]).as_matrix()
+    np.testing.assert_allclose(pose.rotation, truth, atol=1e-6)
+    in_camera = BOARD_MM @ pose.rotation[:, :2].T + pose.translation_mm
+    np.testing.assert_allclose(
+        in_camera, CENTRED.camera_axes(view, BOARD_MM), atol=2e-3
+    )
+
+
+def test_pose_of_a_distorted_view_is_near():
+    camera = Camera(k=(-0.15, 0.05), p=(1e-3, -1e-3))
+    pose = pose_from_homography(BOARD_MM, camera.marks_mm(0), 30.0, "here")
+    truth = Rotation.from_rotvec(camera.rotations[0])
+    off = (Rotation.from_matrix(pose.rotation) * truth.inv()).magnitude()
+    assert off < 0.06
+    assert abs(pose.translation_mm[2] / 900 - 1) < 0.05
+
+
+def test_rotation_is_a_rotation_however_wrong_the_focal_length():
+    pose = pose_from_homography(BOARD_MM, CENTRED.marks_mm(1), 12.0, "here")
+    np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(pose.rotation) > 0
+
+
+@pytest.mark.parametrize("axis", [[1.0, 0.0], [0.6, 0.8]])
+def test_marks_on_one_line_are_refused(axis):
+    board = np.linspace(-200, 200, 30)[:, None] * axis
+    image = CENTRED.image_mm(CENTRED.camera_axes(0, board))
+    with pytest.raises(FitError, match="row 3: the marks lie on one line"):
+        pose_from_homography(board, image, 30.0, "row 3")
+
+
+def test_a_mirrored_lattice_is_refused():
+    with pytest.raises(FitError, match="numbered as on the target"):
+        pose_from_homography(BOARD_MM * [-1, 1], CENTRED.marks_mm(0), 30.0, "here")
+
+
+@pytest.mark.parametrize("focal_length_mm", [12.0, 30.6, 85.0])
+def test_focal_length_of_tilted_views_is_exact(focal_length_mm):
+    camera = Camera(focal_length_mm=focal_length_mm, centre_mm=(0.0, 0.0))
+    images = [camera.marks_mm(k) for k in range(3)]
+    found = focal_length_from_homographies([BOARD_MM] * 3, images)
+    assert found is not None
+    assert abs(found / focal_length_mm - 1) < 1e-6
+
+
+@pytest.mark.parametrize("rotations", [FRONTAL, ((0.0, 0.0, 0.0),) * 3])
+def test_frontal_views_are_silent_about_the_focal_length(rotations):
+    camera = Camera(k=(-0.12, 0.06), rotations=rotations)
+    noise = np.random.default_rng(0).normal(0, 5e-4, (3, *BOARD_MM.shape))
+    images = [camera.marks_mm(k) + noise[k] for k in range(3)]
+    assert focal_length_from_homographies([BOARD_MM] * 3, images) is None
