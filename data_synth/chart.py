@@ -1,0 +1,123 @@
+"""The chart in front of the lens: what it carries, and how it stands.
+
+Chart millimetres: X right, Y down on an upright chart, origin at its centre, where mark
+(0, 0) of a dot grid lies. Pose: P = R (X, Y, bend) + (shift_x, shift_y, distance) in
+object space (x right, y down, z distance from the sensor), with the rotation
+R = Rz(roll) Ry(pan) Rx(tilt). The chart may be bent into a paraboloid.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+ChartKind = Literal["dot-grid", "line-grid", "checkerboard"]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A bright pattern on black.
+
+    Attributes
+    ----------
+    kind : Round holes, bright lines, or a checkerboard (white square at X, Y > 0).
+    pitch_mm : Distance of neighbouring marks; side of one checker square.
+    mark_mm : Diameter of a hole, or width of a line; unused for a checkerboard.
+    """
+
+    kind: ChartKind
+    pitch_mm: float
+    mark_mm: float = 0.0
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the chart stands; angles in degrees, lengths in mm.
+
+    Attributes
+    ----------
+    distance_mm : From the sensor to the chart's centre.
+    tilt_deg, pan_deg, roll_deg : About x, y and z.
+    shift_mm : Of the chart's centre, right and down.
+    bow_mm_per_m2 : The bend: z rises by this times X^2 + Y^2 in square metres.
+    """
+
+    distance_mm: float
+    tilt_deg: float = 0.0
+    pan_deg: float = 0.0
+    roll_deg: float = 0.0
+    shift_mm: tuple[float, float] = (0.0, 0.0)
+    bow_mm_per_m2: float = 0.0
+
+    def rotation(self) -> Float[np.ndarray, "3 3"]:
+        """From chart axes to object space."""
+        angles = np.radians([self.tilt_deg, self.pan_deg, self.roll_deg])
+        (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
+        about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+        about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+        about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+        return about_z @ about_y @ about_x
+
+    def placed(
+        self, chart_mm: Float[np.ndarray, "points 2"]
+    ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
+        """Object-space positions of chart points, and unit normals there."""
+        bend = self.bow_mm_per_m2 * 1e-6
+        x, y = chart_mm.T
+        flat = np.stack([x, y, bend * (x * x + y * y)], -1)
+        normal = np.stack([-2 * bend * x, -2 * bend * y, np.ones_like(x)], -1)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        shift = np.array([*self.shift_mm, self.distance_mm])
+        axes = self.rotation()
+        # einsum, since a threaded matrix product wakes all cores for three columns.
+        turned = np.einsum("ij,nj->ni", axes, flat)
+        return turned + shift, np.einsum("ij,nj->ni", axes, normal)
+
+
+def pattern_coverage(
+    chart: Chart,
+    chart_mm: Float[np.ndarray, "*points 2"],
+    footprint_mm: Float[np.ndarray, "*points 2"],
+) -> Float[np.ndarray, "*points"]:
+    """Brightness of the pattern averaged over a small box, in [0, 1].
+
+    Exact for a box with sides along the chart's axes, each of `footprint_mm`; dots are
+    averaged across their edge only.
+    """
+    x, y = np.moveaxis(chart_mm, -1, 0)
+    width_x, width_y = np.moveaxis(footprint_mm, -1, 0)
+    if chart.kind == "checkerboard":
+        sign_x = _square_wave(x / chart.pitch_mm, width_x / chart.pitch_mm)
+        sign_y = _square_wave(y / chart.pitch_mm, width_y / chart.pitch_mm)
+        return 0.5 + 0.5 * sign_x * sign_y
+    if chart.kind == "line-grid":
+        duty = chart.mark_mm / chart.pitch_mm
+        dark_x = 1.0 - _pulse(x / chart.pitch_mm, width_x / chart.pitch_mm, duty)
+        dark_y = 1.0 - _pulse(y / chart.pitch_mm, width_y / chart.pitch_mm, duty)
+        return 1.0 - dark_x * dark_y
+    near_x = x - chart.pitch_mm * np.round(x / chart.pitch_mm)
+    near_y = y - chart.pitch_mm * np.round(y / chart.pitch_mm)
+    inside_mm = chart.mark_mm / 2 - np.hypot(near_x, near_y)
+    return np.clip(0.5 + inside_mm / np.sqrt(width_x * width_y), 0.0, 1.0)
+
+
+def _pulse(phase, width, duty: float):
+    """Box mean of a train of pulses centred on the integers."""
+
+    def integral(position):
+        whole = np.floor(position + 0.5)
+        part = np.clip(position - whole, -duty / 2, duty / 2)
+        return whole * duty + part
+
+    return (integral(phase + width / 2) - integral(phase - width / 2)) / width
+
+
+def _square_wave(phase, width):
+    """Box mean of a wave that is +1 on [0, 1), -1 on [1, 2), period 2."""
+
+    def integral(position):
+        within = position - 2.0 * np.floor(position * 0.5)
+        return np.minimum(within, 2.0 - within)
+
+    return (integral(phase + width / 2) - integral(phase - width / 2)) / width

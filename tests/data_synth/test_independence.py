@@ -1,0 +1,37 @@
+"""The tracer shares no line with the model it judges: its imports prove it."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "data_synth"
+ALLOWED = {
+    "lensfit.atomic",
+    "lensfit.coords",
+    "lensfit.io.exr",
+    "lensfit.errors",
+}
+"""Writing files, and where a window's pixels are: no optics."""
+
+
+def lensfit_modules(source: str) -> set[str]:
+    """The lensfit modules a source imports."""
+    names = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names.add(node.module or "")
+            assert node.level == 0, "absolute imports only, so that they can be read"
+    return {name for name in names if name.split(".")[0] == "lensfit"}
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.rglob("*.py")), ids=lambda p: p.stem)
+def test_data_synth_borrows_files_and_windows_only(path):
+    assert lensfit_modules(path.read_text()) <= ALLOWED
+
+
+def test_a_planted_import_is_caught():
+    planted = "def f():\n    from lensfit.optics.lens import Lens"
+    assert not lensfit_modules(planted) <= ALLOWED
