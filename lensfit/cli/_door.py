@@ -1,0 +1,70 @@
+"""What every command shares: one-line errors and exit codes.
+
+0 is done, 2 is wrong usage (the parser says it), 1 is anything else, with one line on
+standard error that says what is wrong, where and what to do. `--debug`, anywhere on
+the command line, gives the traceback instead.
+"""
+
+import sys
+import traceback
+import warnings
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from lensfit.errors import LensfitError
+
+DEBUG = "--debug"
+
+
+class DoorGroup(TyperGroup):
+    """A command group whose commands fail in one line."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Accept `--debug` after the command too, where one adds it to rerun."""
+        options = args[: args.index("--")] if "--" in args else args
+        if DEBUG in options:
+            args = [DEBUG, *(a for a in options if a != DEBUG), *args[len(options) :]]
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; say in one line why it failed, if it did."""
+        debug = bool(ctx.params.get("debug"))
+        if not debug:
+            # Deprecations inside libraries are for developers, not for users.
+            warnings.simplefilter("ignore")
+        try:
+            return super().invoke(ctx)
+        except (Exception, KeyboardInterrupt) as error:
+            if _is_the_parsers(error):
+                raise
+            if debug:
+                traceback.print_exc(file=sys.stderr)
+            else:
+                say_error(_line(error))
+            raise typer.Exit(1) from error
+
+
+def say_error(line: str) -> None:
+    """Print one line on standard error, the way every failure looks."""
+    typer.echo(f"lensfit: error: {line}", err=True)
+
+
+def say_note(line: str) -> None:
+    """Print a remark on standard error: something to know, not a failure."""
+    typer.echo(f"lensfit: note: {line}", err=True)
+
+
+def _is_the_parsers(error: BaseException) -> bool:
+    """Exits, usage errors and closed pipes have their own way out."""
+    return hasattr(error, "exit_code") or isinstance(error, (typer.Abort, EOFError))
+
+
+def _line(error: BaseException) -> str:
+    if isinstance(error, LensfitError):
+        return str(error)
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return f"{text}; run again with --debug for the traceback"

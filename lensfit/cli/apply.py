@@ -1,0 +1,127 @@
+"""`lensfit apply`: put a calibrated lens on CG plates."""
+
+from enum import StrEnum
+from pathlib import Path
+
+import typer
+
+
+class FilterName(StrEnum):
+    """Interpolating filters of `lensfit.render.filters`."""
+
+    catmull_rom = "catmull-rom"
+    keys_6 = "keys-6"
+
+
+def apply(
+    preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
+    plates: str = typer.Argument(help="EXR plate, or plate.####.exr for a sequence"),
+    out: Path = typer.Option(..., "--out", help="Folder for the results"),
+    frames: str = typer.Option(None, help="Frames of the sequence: 1001-1100x2,1200"),
+    focal_length_mm: float = typer.Option(None, help="In place of the header's, mm"),
+    f_number: float = typer.Option(None, help="In place of the header's"),
+    focus_distance_mm: float = typer.Option(
+        None, help="In place of the header's, mm from the sensor; inf is allowed"
+    ),
+    sensor_width_mm: float = typer.Option(
+        None, help="Width that the frame spans on the sensor, mm"
+    ),
+    no_distortion: bool = typer.Option(
+        False, "--no-distortion", help="Leave distortion out"
+    ),
+    no_lateral_colour: bool = typer.Option(
+        False, "--no-lateral-colour", help="Leave lateral colour out"
+    ),
+    no_falloff: bool = typer.Option(False, "--no-falloff", help="Leave fall-off out"),
+    keep_overscan: bool = typer.Option(
+        False,
+        "--keep-overscan",
+        help="Write the plate's data window, not only the display window",
+    ),
+    stmap: Path = typer.Option(
+        None, help="Redistort map (EXR) in place of the lens' own distortion"
+    ),
+    layer: list[str] = typer.Option(
+        None, help="Render only this layer; repeat for more ('' is the main one)"
+    ),
+    tolerance: float = typer.Option(
+        1e-3, min=1e-7, max=1.0, help="Accepted error of the picture"
+    ),
+    filter_name: FilterName = typer.Option(
+        FilterName.catmull_rom,
+        "--filter",
+        help="keys-6 is finer and takes twice as long",
+    ),
+    overwrite: bool = typer.Option(
+        False, "--overwrite", help="Render finished frames again"
+    ),
+    as_json: bool = typer.Option(False, "--json", help="Say the outcome as JSON"),
+) -> None:
+    """Put distortion, lateral colour and fall-off of a lens on CG plates.
+
+    The camera state comes from each plate's header; options count in its place. Colour
+    layers are rendered, every other channel and Cryptomatte keep their bits. Finished
+    frames are skipped; a bad one is reported, and the others go on.
+
+    Example: lensfit apply takumar/preset.json plate.####.exr --out rendered
+    """
+    from lensfit.cli._bars import progress_bars
+    from lensfit.preset.store import load_preset
+    from lensfit.render.stages import Switches
+    from lensfit.workflow.apply import ApplyOptions, StateOverrides, apply_preset
+
+    options = ApplyOptions(
+        overrides=StateOverrides(
+            focal_length_mm, f_number, focus_distance_mm, sensor_width_mm
+        ),
+        switches=Switches(not no_distortion, not no_lateral_colour, not no_falloff),
+        keep_overscan=keep_overscan,
+        layers=layer or None,
+        stmap=stmap,
+        tolerance=tolerance,
+        method=filter_name.value,
+        overwrite=overwrite,
+    )
+    with progress_bars() as progress:
+        applied = apply_preset(
+            load_preset(preset),
+            plates,
+            out,
+            frames=frames,
+            options=options,
+            progress=progress,
+        )
+    _say(applied, as_json)
+    if applied.failures:
+        raise typer.Exit(1)
+
+
+def _say(applied, as_json: bool) -> None:
+    """The outcome: results on standard output, remarks and failures on the other."""
+    from lensfit.cli._door import say_error, say_note
+
+    for note in applied.notes:
+        say_note(note)
+    for failure in applied.failures:
+        say_error(failure)
+    if as_json:
+        import json
+
+        outcome = {
+            "written": [str(path) for path in applied.written],
+            "skipped": [str(path) for path in applied.skipped],
+            "failures": applied.failures,
+            "notes": applied.notes,
+            "seconds": round(applied.seconds, 3),
+        }
+        typer.echo(json.dumps(outcome, indent=1))
+        return
+    count = len(applied.written)
+    text = f"{count} {'frame' if count == 1 else 'frames'} written"
+    if count:
+        text += f" in {applied.seconds:.1f} s ({count / applied.seconds:.2f} frames/s)"
+    if applied.skipped:
+        text += f", {len(applied.skipped)} finished before (--overwrite renders again)"
+    if applied.failures:
+        text += f", {len(applied.failures)} failed"
+    typer.echo(text)

@@ -1,0 +1,116 @@
+"""`lensfit bench`: measured now, on this machine, next to what others make of it."""
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from lensfit.cli._bars import progress_bars
+from lensfit.cli._door import say_error
+
+_WIDTH = 150
+
+app = typer.Typer(no_args_is_help=True, help="Measure lensfit against bars and peers.")
+
+
+@app.callback()
+def _group() -> None:
+    pass
+
+
+@app.command()
+def fit(
+    data: Annotated[Path, typer.Option("--data", help="Folder with real/ and oracle/")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for JSON and overlays")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the figures as JSON")
+    ] = False,
+    only: Annotated[
+        str | None, typer.Option("--only", help="Name of the one set to measure")
+    ] = None,
+) -> None:
+    """Detect and fit sets of photographs; one row per bar, pass or fall short.
+
+    Falling short is no error; a photograph that cannot be used is, and the exit code
+    is then 1.
+
+    Example: lensfit bench fit --data data --only dot_pattern_05
+    """
+    from lensfit.workflow.bench_fit import bench_fit
+
+    with progress_bars() as progress:
+        result = bench_fit(data, out, only=only, progress=progress)
+    if as_json:
+        typer.echo(json.dumps(result))
+    else:
+        _print(result)
+    for line in result["errors"]:
+        say_error(line)
+    if result["errors"]:
+        raise typer.Exit(1)
+
+
+def _print(result: dict[str, Any]) -> None:
+    from rich.console import Console
+
+    width = None if sys.stdout.isatty() else _WIDTH  # a log is not cut at 80
+    console = Console(highlight=False, width=width)
+    console.print(_bars_table(result["rows"]))
+    console.print()
+    console.print(_counts_table(result["sets"]))
+
+
+def _bars_table(rows: list[dict[str, Any]]):
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("set")
+    table.add_column("what")
+    for name in ("value", "bar", "aim"):
+        table.add_column(name, justify="right")
+    table.add_column("in the same run")
+    table.add_column("verdict")
+    for row in rows:
+        peers = ", ".join(f"{k} {_figure(v)}" for k, v in row["peers"].items())
+        bar = ("≥ " if row["least"] else "± " if row["expected"] else "≤ ") + _figure(
+            row["bar"]
+        )
+        verdict = "pass" if row["passed"] else "[bold]falls short[/bold]"
+        figures = (_figure(row["value"]), bar, _figure(row["aim"]))
+        table.add_row(row["set"], row["what"], *figures, peers, verdict)
+    return table
+
+
+def _counts_table(sets: list[dict[str, Any]]):
+    from rich.table import Table
+
+    columns = {
+        "photographs": "photographs",
+        "candidates": "candidates",
+        "indexed": "indexed",
+        "used": "used",
+        "rms_px": "rms px",
+        "detect_s": "detect s",
+        "first_fit_s": "first fit s",
+        "fit_s": "fit s",
+    }
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("set")
+    for name in columns.values():
+        table.add_column(name, justify="right")
+    for one in sets:
+        table.add_row(one["set"], *(_figure(one[key]) for key in columns))
+    return table
+
+
+def _figure(value: float | None) -> str:
+    if value is None or math.isnan(value):
+        return "–"
+    if value == round(value) and abs(value) < 1e6:
+        return f"{value:.0f}"
+    return f"{value:.3g}"

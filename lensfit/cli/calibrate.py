@@ -1,0 +1,55 @@
+"""`lensfit calibrate`: photographs of grids in; preset, UV maps and report out."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lensfit.cli._bars import progress_bars
+from lensfit.cli._door import say_error, say_note
+
+
+def calibrate(
+    shoot: Annotated[Path, typer.Argument(help="Shoot file (TOML)")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the results")],
+    images: Annotated[
+        Path | None,
+        typer.Option(
+            "--images", help="Folder of the photographs; else the shoot file's own"
+        ),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the report as JSON")
+    ] = False,
+) -> None:
+    """Measure a lens from photographs of grids.
+
+    Writes preset.json, stmaps/*.exr, report.html and report.json into the folder.
+    A photograph that cannot be used is named in one line while the others go on; the
+    exit code is then 1.
+
+    Example: lensfit calibrate shoot.toml --out takumar_50
+    """
+    from lensfit.workflow.shoot import load_shoot
+
+    described = load_shoot(shoot, images)
+    for note in described.notes:
+        say_note(f"{shoot}: {note}")
+
+    # The heavy part, imported only once there is something to calibrate.
+    from lensfit.cli._summary import failed_takes, print_files, print_summary
+    from lensfit.workflow.calibrate import calibrate as calibrate_shoot
+
+    with progress_bars() as progress:
+        report = calibrate_shoot(described, out, progress=progress)
+    if as_json:
+        typer.echo(json.dumps(report))
+    else:
+        print_summary(report)
+        print_files(out, report.get("files") or {})
+    failed = failed_takes(report)
+    for line in failed:
+        say_error(line)
+    if failed:
+        raise typer.Exit(1)

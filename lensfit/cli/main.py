@@ -1,0 +1,74 @@
+"""The command line: parses, calls `lensfit.workflow`, prints.
+
+Each command is a file of its own beside this one and imports what it needs inside
+its function, so that ``lensfit --help`` is instant.
+"""
+
+import importlib
+
+import typer
+
+from lensfit import __version__
+from lensfit.cli._door import DoorGroup
+
+COMMANDS = (
+    "demo",
+    "inspect",
+    "calibrate",
+    "report",
+    "stmap",
+    "apply",
+    "preset",
+    "synth",
+    "bench",
+)
+
+app = typer.Typer(
+    name="lensfit",
+    cls=DoorGroup,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Calibrate cinema lenses from photographs of grids; put them on CG plates.",
+    epilog="Try: lensfit demo --out demo",
+)
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"lensfit {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(
+        False,
+        "--version",
+        callback=_say_version,
+        is_eager=True,
+        help="Say the version",
+    ),
+    debug: bool = typer.Option(
+        False, "--debug", help="Show the whole traceback when something fails"
+    ),
+) -> None:
+    pass
+
+
+def _register() -> None:
+    for name in COMMANDS:
+        module = importlib.import_module(f"lensfit.cli.{name}")
+        if hasattr(module, "app"):
+            app.add_typer(module.app, name=name)
+        else:
+            app.command(name)(getattr(module, name))
+
+
+_register()
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

@@ -1,0 +1,110 @@
+"""`lensfit preset`: what a preset holds, and whether it is sound."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lensfit.errors import LensfitError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from lensfit.preset.entry import Entry
+    from lensfit.preset.schema import Preset
+
+app = typer.Typer(no_args_is_help=True, help="Look into a preset, or check it.")
+
+PresetFile = Annotated[Path, typer.Argument(help="preset.json")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print as JSON")]
+
+
+@app.command()
+def show(preset: PresetFile, as_json: AsJson = False) -> None:
+    """Print which lens a preset holds, its entries and how good each is.
+
+    Example: lensfit preset show takumar_50/preset.json
+    """
+    from lensfit.preset.store import load_preset
+
+    loaded = load_preset(preset)
+    if as_json:
+        import msgspec
+
+        from lensfit.preset.json_text import infinities_to_text
+
+        typer.echo(json.dumps(infinities_to_text(msgspec.to_builtins(loaded))))
+        return
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    for line in _heading(loaded):
+        console.print(line, markup=False)
+    console.print(_entries(loaded.entries))
+
+
+@app.command()
+def validate(
+    presets: Annotated[list[Path], typer.Argument(help="preset.json files")],
+    as_json: AsJson = False,
+) -> None:
+    """Check presets against the schema; every fault is one line with its key.
+
+    Example: lensfit preset validate presets/*.json
+    """
+    from lensfit.cli._door import say_error
+    from lensfit.preset.store import load_preset
+
+    faults: dict[str, str | None] = {}
+    for path in presets:
+        try:
+            load_preset(path)
+            faults[str(path)] = None
+        except LensfitError as error:
+            faults[str(path)] = str(error)
+    if as_json:
+        typer.echo(json.dumps(faults))
+    for path, fault in faults.items():
+        if fault is not None:
+            say_error(fault)
+        elif not as_json:
+            typer.echo(f"{path}: valid")
+    if any(faults.values()):
+        raise typer.Exit(1)
+
+
+def _heading(preset: "Preset") -> list[str]:
+    camera, made = preset.camera, preset.provenance
+    serial = f", serial {preset.lens.serial}" if preset.lens.serial else ""
+    return [
+        f"{preset.lens.name}{serial}",
+        f"{camera.model or 'camera'}: {camera.sensor_width_mm:g} x "
+        f"{camera.sensor_height_mm:g} mm, {camera.image_width_px} x "
+        f"{camera.image_height_px} px",
+        f"made {made.created} by lensfit {made.lensfit_version} from "
+        f"{len(made.images)} photographs",
+        "",
+    ]
+
+
+def _entries(entries: "tuple[Entry, ...]") -> "Table":
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("entry")
+    columns = ("principal distance", "lateral colour", "fall-off", "terms", "held out")
+    for name in columns:
+        table.add_column(name, justify="right")
+    for entry in entries:
+        quality = entry.quality
+        held_out = quality.held_out_rms_px
+        table.add_row(
+            str(entry),
+            f"{entry.projection.principal_distance_mm:.4f} mm",
+            "yes" if entry.lateral_colour else "no",
+            " ".join(f"f/{stop.f_number:g}" for stop in entry.fall_off) or "no",
+            str(sum(term.kept for term in entry.terms)),
+            "-" if held_out is None else f"{held_out:.3f} px",
+        )
+    return table

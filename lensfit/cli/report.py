@@ -1,0 +1,64 @@
+"""`lensfit report`: the page and the table of a finished calibration, made again."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from lensfit.errors import LensfitError
+
+
+def report(
+    results: Annotated[
+        Path,
+        typer.Argument(help="Folder of a calibration, or its report.json"),
+    ],
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the report as JSON")
+    ] = False,
+    open_page: Annotated[
+        bool, typer.Option("--open", help="Show the page in a browser")
+    ] = False,
+) -> None:
+    """Say what a calibration is worth, and write its report.html again.
+
+    Example: lensfit report takumar_50
+    """
+    path = results / "report.json" if results.is_dir() else results
+    tables = _read(path)
+    if as_json:
+        typer.echo(json.dumps(tables))
+        return
+
+    from lensfit.cli._summary import print_files, print_summary
+    from lensfit.workflow.report import write_report
+
+    page = write_report(tables, path.parent)
+    print_summary(tables)
+    print_files(page.parent, {"report": page.name})
+    if open_page:
+        typer.launch(str(page))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        tables = json.loads(path.read_bytes())
+    except OSError as error:
+        raise LensfitError(
+            f"cannot be read ({error.strerror})",
+            where=path,
+            remedy='give the folder that "lensfit calibrate" wrote',
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise LensfitError(
+            f"is not valid JSON: {error}", where=path, remedy="calibrate again"
+        ) from error
+    schema = tables.get("schema") if isinstance(tables, dict) else None
+    if not str(schema).startswith("lensfit.report."):
+        raise LensfitError(
+            "is JSON but no report of lensfit",
+            where=path,
+            remedy='give the report.json that "lensfit calibrate" wrote',
+        )
+    return tables

@@ -1,0 +1,117 @@
+"""`lensfit stmap`: write the UV maps of a calibrated lens."""
+
+from enum import StrEnum
+from pathlib import Path
+
+import typer
+
+
+class Direction(StrEnum):
+    """Which maps are written."""
+
+    both = "both"
+    undistort = "undistort"
+    redistort = "redistort"
+
+
+def stmap(
+    preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
+    out: Path = typer.Option(..., "--out", help="Folder for the maps"),
+    size: str = typer.Option(
+        None, help="Display window, as 4096x3072; that of the photographs by default"
+    ),
+    overscan: float = typer.Option(
+        0.0, help="Percent beyond the frame in total: 10 is 5 on each side"
+    ),
+    direction: Direction = typer.Option(Direction.both, help="Which maps"),
+    per_channel: bool = typer.Option(
+        False,
+        "--per-channel",
+        help="A map for each of red, green and blue (lateral colour)",
+    ),
+    focal_length_mm: float = typer.Option(None, help="Of the lens, mm"),
+    focus_distance_mm: float = typer.Option(
+        None, help="Of the lens, mm from the sensor; inf is allowed"
+    ),
+    sensor_width_mm: float = typer.Option(
+        None, help="Width that the frame spans on the sensor, mm"
+    ),
+    tolerance_px: float = typer.Option(
+        2.5e-4, min=1e-7, max=1.0, help="Largest error of the map, px"
+    ),
+    as_json: bool = typer.Option(False, "--json", help="Say the outcome as JSON"),
+) -> None:
+    """Write 32-bit UV maps of a lens, with overscan if wanted.
+
+    NAME_redistort.exr puts the distortion on CG plates, NAME_undistort.exr takes it off
+    photographs; values are absolute, origin bottom left, pixel centres at (i + 0.5)/N.
+
+    Example: lensfit stmap takumar/preset.json --size 4096x3072 --out maps
+    """
+    wanted = _size(size)
+    from lensfit.cli._bars import progress_bars
+    from lensfit.cli._door import say_note
+    from lensfit.preset.store import load_preset
+    from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
+
+    loaded = load_preset(preset)
+    camera = loaded.camera
+    lens = loaded.at(
+        focal_length_mm=focal_length_mm, focus_distance_mm=focus_distance_mm
+    )
+    frame = StmapFrame(
+        wanted or (camera.image_width_px, camera.image_height_px),
+        overscan,
+        sensor_width_mm,
+    )
+    with progress_bars() as progress:
+        written = write_stmaps(
+            lens,
+            frame,
+            out,
+            file_stem(loaded.lens.name, lens),
+            direction=direction.value,
+            per_channel=per_channel,
+            tolerance_px=tolerance_px,
+            progress=progress,
+        )
+    for note in lens.notes:
+        say_note(note)
+    if lens.has_lateral_colour and not per_channel:
+        say_note("the maps are those of green; --per-channel writes red and blue too")
+    _say(written, as_json)
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    try:
+        width, height = (int(part) for part in text.lower().split("x"))
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r} is no size; write it as 4096x3072", param_hint="--size"
+        ) from None
+    return width, height
+
+
+def _say(written, as_json: bool) -> None:
+    """The files, and the overscan that CG has to be rendered with."""
+    needed = written.overscan
+    if as_json:
+        import json
+
+        outcome = {
+            "files": [str(path) for path in written.paths],
+            "overscan_needed": {**needed._asdict(), "percent": needed.percent},
+        }
+        typer.echo(json.dumps(outcome, indent=1))
+        return
+    for path in written.paths:
+        typer.echo(path)
+    typer.echo(
+        f"CG plates need {needed.percent:.3f} % overscan in total "
+        f"(px: left {needed.left:.2f}, top {needed.top:.2f}, "
+        f"right {needed.right:.2f}, bottom {needed.bottom:.2f})"
+    )
+    if needed.missing:
+        typer.echo("Parts of the frame show nothing that an undistorted plate can hold")

@@ -1,0 +1,143 @@
+"""`lensfit synth`: photographs of charts by an exact ray tracer, with their truth."""
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from data_synth.frame import Frame
+    from data_synth.prescription import Prescription
+
+KINDS = ("dot-grid", "line-grid", "checkerboard")
+FORMATS = ("exr", "png16", "png", "jpg")
+
+
+def _one_of(choices: tuple[str, ...]):
+    def check(value: str) -> str:
+        if value not in choices:
+            raise typer.BadParameter(f"{value!r} is not one of {', '.join(choices)}")
+        return value
+
+    return check
+
+
+def synth(
+    lens: Annotated[
+        str | None, typer.Argument(help="A bundled lens, or a prescription file")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder to write to")] = Path("synth"),
+    size: Annotated[str, typer.Option(help="Pixels, WIDTHxHEIGHT")] = "1280x960",
+    f_number: Annotated[
+        float | None, typer.Option(help="Two stops from widest by default")
+    ] = None,
+    focus: Annotated[
+        float | None, typer.Option(help="Focus distance from the sensor, mm")
+    ] = None,
+    target: Annotated[
+        str, typer.Option(help=" | ".join(KINDS), callback=_one_of(KINDS))
+    ] = "dot-grid",
+    picture: Annotated[
+        str,
+        typer.Option("--format", help=" | ".join(FORMATS), callback=_one_of(FORMATS)),
+    ] = "exr",
+    bayer: Annotated[bool, typer.Option("--bayer", help="Through a mosaic")] = False,
+    seed: Annotated[int, typer.Option(help="Of rays and noise")] = 0,
+    list_lenses: Annotated[
+        bool, typer.Option("--list", help="Name the bundled lenses")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
+) -> None:
+    """Photograph a chart through a published lens, by exact ray tracing.
+
+    Writes the photographs, a shoot.toml for `lensfit calibrate`, and what only the ray
+    tracer knows (*_truth.json).
+
+    Example: lensfit synth nikkor_28 --out shoot --size 1280x960 --f-number 5.6
+    """
+    from data_synth.plan import planned_shots
+    from data_synth.sensor import Sensor
+    from data_synth.shoot import Camera, write_shoot
+
+    if list_lenses:
+        _print_lenses(as_json)
+        return
+    prescription = _prescription(lens, f_number, focus)
+    frame = _frame(size, prescription)
+    shots = planned_shots(
+        prescription,
+        frame,
+        kind=target,  # pyright: ignore[reportArgumentType]
+        f_number=f_number,
+        focus_distance_mm=focus,
+        form=picture,  # pyright: ignore[reportArgumentType]
+    )
+    camera = Camera(frame, Sensor(bayer=bayer))
+    write_shoot(out, prescription, camera, shots, seed=seed, progress=_say_on_terminal)
+    written = {"shoot": str(out / "shoot.toml"), "takes": [shot.name for shot in shots]}
+    typer.echo(json.dumps(written) if as_json else written["shoot"])
+
+
+def _say_on_terminal(name: str) -> None:
+    import sys
+
+    if sys.stderr.isatty():
+        typer.echo(f"photographing {name}", err=True)
+
+
+def _print_lenses(as_json: bool) -> None:
+    from data_synth.prescription import load_prescription, prescription_names
+
+    lenses = [load_prescription(name) for name in prescription_names()]
+    if as_json:
+        rows = [
+            {"name": p.name, "title": p.title, "source": p.source, "squeeze": p.squeeze}
+            for p in lenses
+        ]
+        typer.echo(json.dumps(rows))
+        return
+    for prescription in lenses:
+        typer.echo(
+            f"{prescription.name:18} {prescription.title}; {prescription.source}"
+        )
+
+
+def _prescription(
+    lens: str | None, f_number: float | None, focus_mm: float | None
+) -> "Prescription":
+    from data_synth.prescription import load_prescription, prescription_names
+
+    if lens is None:
+        raise typer.BadParameter(f"name a lens: {', '.join(prescription_names())}")
+    try:
+        prescription = load_prescription(lens)
+    except (ValueError, KeyError, TypeError) as error:
+        raise typer.BadParameter(f"LENS {lens}: {error}") from error
+    widest = prescription.f_number
+    if f_number is not None and f_number < widest:
+        raise typer.BadParameter(f"--f-number {f_number:g}: {lens} opens to {widest:g}")
+    nearest_mm = 10 * max(state.focal_length_mm for state in prescription.states)
+    if focus_mm is not None and not nearest_mm <= focus_mm < float("inf"):
+        raise typer.BadParameter(
+            f"--focus {focus_mm:g}: give at least {nearest_mm:g} mm (ten focal lengths)"
+        )
+    return prescription
+
+
+def _frame(size: str, prescription: "Prescription") -> "Frame":
+    """The sensor that the lens is made for, as high as the picture's shape asks."""
+    from data_synth.frame import Frame
+
+    match = re.fullmatch(r"(\d+)x(\d+)", size)
+    if not match or not all(16 <= int(n) <= 8192 for n in match.groups()):
+        raise typer.BadParameter(
+            f"--size {size}: give WIDTHxHEIGHT, 16 to 8192 px each"
+        )
+    width, height = int(match[1]), int(match[2])
+    width_mm, height_mm = prescription.sensor_size_mm
+    pitch_mm = min(width_mm / width, height_mm / height)
+    return Frame(
+        (width, height), (round(pitch_mm * width, 6), round(pitch_mm * height, 6))
+    )

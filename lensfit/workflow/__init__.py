@@ -1,0 +1,1 @@
+"""The whole jobs that notebooks and the command line call."""

@@ -1,0 +1,248 @@
+"""Detection and fit on real and on traced photographs, next to OpenCV.
+
+Everything is measured in the same run. A set that falls short is a row that says so,
+not an error: a benchmark informs. Nothing but this module's result is written unless
+a folder is given.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lensfit.atomic import write_text_atomic
+from lensfit.errors import DetectionError, LensfitError
+from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
+from lensfit.fit.lens_states import Fitted, LensState, fit
+from lensfit.optics.lens import Lens
+from lensfit.preset.schema import Camera
+from lensfit.progress import Progress, silent
+from lensfit.workflow import bench_lens, bench_sets
+from lensfit.workflow.bench_opencv import opencv_of
+from lensfit.workflow.bench_rows import Row, as_tables
+from lensfit.workflow.bench_sets import BenchSet
+from lensfit.workflow.entries import camera_of
+from lensfit.workflow.lens_facts import entry_facts, errors_of
+from lensfit.workflow.observe import observe_shoot
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A set after detection and fit.
+
+    Attributes
+    ----------
+    detect_s : Detection and indexing, all photographs, in seconds.
+    first_fit_s, fit_s : Geometric fit with and without compilation.
+    failed : Why photographs could not be used.
+    """
+
+    bench_set: BenchSet
+    state: LensState
+    camera: Camera
+    detect_s: float
+    first_fit_s: float
+    fit_s: float
+    failed: tuple[str, ...]
+
+    @property
+    def geometry(self) -> ChiefRayFit:
+        return self.state.geometry
+
+
+def bench_fit(
+    data: str | Path,
+    out_dir: str | Path | None = None,
+    *,
+    only: str | None = None,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Measure every set, or one.
+
+    Parameters
+    ----------
+    data : Folder with ``real`` and ``oracle``.
+    out_dir : Folder for bench_fit.json and for overlays of what was detected.
+    only : Name of a set.
+    progress : Told about each set.
+
+    Returns
+    -------
+    "rows" with a figure and its bar each, "sets" with counts and times, and "errors",
+    one line for each photograph or set that could not be used.
+
+    Raises
+    ------
+    LensfitError : There is no set of that name, or the results cannot be written.
+    """
+    rows: list[Row] = []
+    sets, errors = [], []
+    chosen = bench_sets.chosen_sets(only)
+    for done, one in enumerate(chosen):
+        progress("sets", done, len(chosen))
+        try:
+            measured = measure(one, Path(data), _folder(out_dir, one))
+        except LensfitError as error:
+            errors.append(f"{one.name}: {error}")
+            continue
+        errors += [f"{one.name}: {reason}" for reason in measured.failed]
+        rows += rows_of(measured, Path(data))
+        sets.append(counts_of(measured))
+    progress("sets", len(chosen), len(chosen))
+    result = {
+        "schema": "lensfit.bench.1",
+        "bench": "fit",
+        "rows": as_tables(rows),
+        "sets": sets,
+        "errors": errors,
+    }
+    if out_dir is not None:
+        text = json.dumps(result, indent=1)
+        write_text_atomic(Path(out_dir) / "bench_fit.json", text)
+    return result
+
+
+def measure(bench_set: BenchSet, data: Path, folder: Path | None) -> Measured:
+    """Detect and fit one set, the geometric fit twice.
+
+    Raises
+    ------
+    LensfitError : The photographs are missing, or none of them can be used.
+    """
+    shoot = bench_sets.shoot_of(bench_set, data)
+    observed = observe_shoot(shoot, folder, silent)
+    takes = [o.take for o in observed if o.take is not None]
+    failed = tuple(o.failed for o in observed if o.failed)
+    if not takes:
+        raise DetectionError(failed[0] if failed else "no photograph could be used")
+    fitted = fit(takes)
+    state = _state_of(fitted)
+    again = fit_chief_ray(list(state.geometry.takes), shown=takes)
+    return Measured(
+        bench_set=bench_set,
+        state=state,
+        camera=camera_of(shoot, observed),
+        detect_s=sum(o.seconds["detect"] for o in observed),
+        first_fit_s=_geometric_seconds(state.geometry),
+        fit_s=_geometric_seconds(again),
+        failed=failed + tuple(str(e) for e in fitted.failed.values()),
+    )
+
+
+def rows_of(measured: Measured, data: Path) -> list[Row]:
+    """Every figure of a set that has a bar."""
+    one, geometry = measured.bench_set, measured.geometry
+    lens = bench_lens.lens_of(measured.state, measured.camera)
+    rows = []
+    if one.traced:
+        truth = bench_lens.truth_errors_px(lens, data / "oracle" / one.name)
+        rows.append(Row(one.name, "chief ray against truth, px", truth["chief"], 0.05))
+        for pair in ("r-g", "b-g"):
+            what = f"lateral colour {pair} against truth, px"
+            rows.append(Row(one.name, what, truth[pair], 0.03))
+    elif one.marks is None:
+        rows.append(_straightness(measured))
+    else:
+        rows += _against_opencv(measured)
+    if one.detect_bar_s is not None:
+        what = "detection and indexing, s"
+        rows.append(Row(one.name, what, measured.detect_s, one.detect_bar_s))
+    if one.colour_px is not None:
+        found = bench_lens.edge_colour_px(geometry, lens, measured.camera)
+        for channel, expected in zip(("r", "b"), one.colour_px, strict=True):
+            rows.append(_edge_colour(one.name, channel, expected, found[channel]))
+    return [*rows, _round_trip(measured, lens)]
+
+
+def counts_of(measured: Measured) -> dict[str, Any]:
+    """Counts and times, which have no bar of their own."""
+    geometry, state = measured.geometry, measured.state
+    marks = [t.observations for t in geometry.takes]
+    centre = np.asarray(state.distortion.principal_point_mm)
+    return {
+        "set": measured.bench_set.name,
+        "photographs": len(geometry.takes),
+        "candidates": sum(m.candidates for m in marks),
+        "indexed": sum(len(m) for m in marks),
+        "used": int(geometry.adjustment.used.sum()),
+        "rms_px": errors_of(geometry)[0],
+        "held_out_rms_px": geometry.held_out_rms_px,
+        "detect_s": measured.detect_s,
+        "first_fit_s": measured.first_fit_s,
+        "fit_s": measured.fit_s,
+        "principal_distance_mm": float(state.distortion.principal_distance_mm),
+        "principal_point_mm": centre.tolist(),
+        "terms": list(geometry.kept),
+    }
+
+
+def _against_opencv(measured: Measured) -> list[Row]:
+    one, geometry = measured.bench_set, measured.geometry
+    five, fourteen = opencv_of(geometry, 5), opencv_of(geometry, 14)
+    held_out = Row(
+        one.name,
+        "held-out reprojection, px rms",
+        geometry.held_out_rms_px,
+        one.bar_px,
+        one.aim_px,
+        {"OpenCV 5": five.held_out_rms_px, "OpenCV 14": fourteen.held_out_rms_px},
+    )
+    used = float(geometry.adjustment.used.sum())
+    least = float(np.ceil(bench_sets.LEAST_PART_OF_MARKS * (one.marks or 0)))
+    points = Row(one.name, "points used", used, least, one.marks, least=True)
+    seconds = Row(
+        one.name,
+        "geometric fit, s",
+        measured.fit_s,
+        fourteen.seconds,
+        peers={"OpenCV 5": five.seconds, "OpenCV 14": fourteen.seconds},
+    )
+    return [held_out, points, seconds]
+
+
+def _straightness(measured: Measured) -> Row:
+    one = measured.bench_set
+    value = bench_lens.straightness_px(measured.geometry)
+    what = "straightness of lines, px rms"
+    return Row(one.name, what, value, one.bar_px, one.aim_px)
+
+
+def _edge_colour(
+    name: str, channel: str, expected: float, found: tuple[float, float]
+) -> Row:
+    return Row(
+        name,
+        f"lateral colour {channel}-g at the edge, px",
+        found[0],
+        bench_sets.MOST_COLOUR_DIFFERENCE_PX,
+        peers={"the marks": found[1], "other code": expected},
+        expected=expected,
+    )
+
+
+def _round_trip(measured: Measured, lens: Lens) -> Row:
+    """Undefined, and so short of the bar, for a map that folds or is off the frame."""
+    facts = entry_facts(measured.state, lens, measured.camera)
+    camera = measured.camera
+    half = np.array([camera.sensor_width_mm, camera.sensor_height_mm])
+    inside = bool(np.all(np.abs(facts["principal_point_mm"]) < half / 2))
+    value = facts["round_trip_max_px"] if facts["monotone"] and inside else np.nan
+    what = "undistort, redistort: frame + 15 %, px"
+    return Row(
+        measured.bench_set.name, what, float(value), bench_sets.MOST_ROUND_TRIP_PX
+    )
+
+
+def _geometric_seconds(geometry: ChiefRayFit) -> float:
+    return geometry.seconds["fit_compact"] + geometry.seconds["fit_select"]
+
+
+def _state_of(fitted: Fitted) -> LensState:
+    """The state with most photographs; the sets of this bench have one."""
+    return max(fitted.states, key=lambda state: len(state.geometry.takes))
+
+
+def _folder(out_dir: str | Path | None, bench_set: BenchSet) -> Path | None:
+    return None if out_dir is None else Path(out_dir) / bench_set.name

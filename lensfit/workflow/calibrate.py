@@ -1,0 +1,189 @@
+"""From a shoot to a preset: detect, fit, write.
+
+    photographs -> marks -> lens states -> preset, UV maps, report
+
+One photograph that cannot be used does not stop the others; it is in the report with
+its reason. Every file is written whole or not at all.
+"""
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lensfit.atomic import write_text_atomic
+from lensfit.errors import DetectionError, OutputError
+from lensfit.fit.lens_states import Fitted, LensState, fit
+from lensfit.optics.lens import Lens
+from lensfit.preset.schema import LensName, Preset
+from lensfit.preset.store import save_preset
+from lensfit.progress import Progress, silent
+from lensfit.workflow.entries import camera_of, entry_of, provenance_of
+from lensfit.workflow.lens_facts import entry_facts, take_facts, terms_of
+from lensfit.workflow.observe import Observed, observe_shoot
+from lensfit.workflow.report import write_report
+from lensfit.workflow.shoot_records import Shoot
+from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
+
+MAP_OVERSCAN_PERCENT = 10.0
+
+
+def calibrate(
+    shoot: Shoot, out_dir: str | Path, *, progress: Progress = silent
+) -> dict[str, Any]:
+    """Measure the lens of a shoot and write everything about it.
+
+    Parameters
+    ----------
+    shoot : From `lensfit.workflow.shoot.load_shoot`.
+    out_dir : Folder for preset.json, stmaps, overlays, report.json and report.html.
+    progress : Told how far it is.
+
+    Returns
+    -------
+    The report, as in report.json. A take that could not be used has its reason under
+    "failed".
+
+    Raises
+    ------
+    LensfitError : No photograph could be used, or the folder cannot be written.
+    """
+    folder = Path(out_dir)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"the folder cannot be made ({error.strerror})",
+            where=folder,
+            remedy="choose another --out",
+        ) from error
+    observed = observe_shoot(shoot, folder, progress)
+    takes = [o.take for o in observed if o.take is not None]
+    if not takes:
+        raise DetectionError(
+            observed[0].failed or "no photograph could be used",
+            remedy=_others(observed),
+        )
+    began = time.perf_counter()
+    fitted = fit(takes, progress)
+    seconds = _seconds(observed, fitted) | {"fit": time.perf_counter() - began}
+    began = time.perf_counter()
+    preset = _preset(shoot, observed, fitted)
+    save_preset(preset, folder / "preset.json")
+    maps = _write_maps(preset, folder, progress)
+    seconds["write"] = time.perf_counter() - began
+    report = _report(shoot, observed, fitted, preset, folder)
+    report["seconds"] = {k: round(v, 3) for k, v in seconds.items()}
+    report["files"]["stmaps"] = maps
+    write_text_atomic(folder / "report.json", json.dumps(report, indent=1))
+    write_report(report, folder)
+    return report
+
+
+def lens_of_state(preset: Preset, state: LensState) -> Lens:
+    """The lens of a preset at a state that was measured."""
+    return preset.at(
+        focal_length_mm=state.focal_length_mm,
+        focus_distance_mm=state.focus_distance_mm,
+    )
+
+
+def _preset(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> Preset:
+    return Preset(
+        lens=LensName(shoot.lens.name, shoot.lens.serial),
+        camera=camera_of(shoot, observed),
+        entries=tuple(entry_of(state) for state in fitted.states),
+        provenance=provenance_of(shoot, observed),
+    )
+
+
+def _write_maps(preset: Preset, folder: Path, progress: Progress) -> list[str]:
+    """Both UV maps of every state, with overscan, relative to the folder."""
+    size = preset.camera.image_width_px, preset.camera.image_height_px
+    frame = StmapFrame(size, MAP_OVERSCAN_PERCENT)
+    names = []
+    for entry in preset.entries:
+        lens = preset.at(
+            focal_length_mm=entry.focal_length_mm,
+            focus_distance_mm=entry.focus_distance_mm,
+        )
+        written = write_stmaps(
+            lens,
+            frame,
+            folder / "stmaps",
+            file_stem(preset.lens.name, lens),
+            per_channel=lens.has_lateral_colour,
+            progress=progress,
+        )
+        names += [str(path.relative_to(folder)) for path in written.paths]
+    return names
+
+
+def _report(
+    shoot: Shoot,
+    observed: list[Observed],
+    fitted: Fitted,
+    preset: Preset,
+    folder: Path,
+) -> dict[str, Any]:
+    takes = [take_facts(o, fitted, folder) for o in observed]
+    used = [t for t in takes if not t["failed"]]
+    camera = preset.camera
+    return {
+        "schema": "lensfit.report.1",
+        "lens": {"name": preset.lens.name, "serial": preset.lens.serial},
+        "camera": {name: getattr(camera, name) for name in camera.__struct_fields__},
+        "created": preset.provenance.created,
+        "versions": dict(preset.provenance.versions),
+        "rms_px": _pooled(used, "rms_px"),
+        "held_out_rms_px": _pooled(used, "held_out_rms_px"),
+        "points_detected": sum(t["points_detected"] or 0 for t in takes),
+        "points_used": sum(t["points_used"] or 0 for t in takes),
+        "notes": _notes(shoot, observed, fitted),
+        "terms": [term for state in fitted.states for term in terms_of(state)],
+        "takes": takes,
+        "entries": [
+            entry_facts(state, lens_of_state(preset, state), preset.camera)
+            for state in fitted.states
+        ],
+        "comparison": None,
+        "files": {
+            "preset": "preset.json",
+            "report": ["report.html", "report.json"],
+        },
+    }
+
+
+def _pooled(takes: list[dict[str, Any]], key: str) -> float:
+    """Root mean square over the points of all takes."""
+    squares = [t["points_used"] * t[key] ** 2 for t in takes]
+    return float(np.sqrt(sum(squares) / max(sum(t["points_used"] for t in takes), 1)))
+
+
+def _notes(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> list[str]:
+    notes = list(shoot.notes)
+    for state in fitted.states:
+        notes += state.geometry.notes
+    if len({o.orientation for o in observed if o.take is not None}) > 1:
+        notes.append(
+            "some photographs were turned by their EXIF orientation and others were "
+            "not: shoot all of them the same way up"
+        )
+    return list(dict.fromkeys(notes))
+
+
+def _others(observed: list[Observed]) -> str | None:
+    others = len(observed) - 1
+    return f"{others} more photographs failed too" if others else None
+
+
+def _seconds(observed: list[Observed], fitted: Fitted) -> dict[str, float]:
+    total: dict[str, float] = {}
+    parts = [o.seconds for o in observed]
+    parts += [state.geometry.seconds for state in fitted.states]
+    for part in parts:
+        for name, value in part.items():
+            total[name] = total.get(name, 0.0) + value
+    return total

@@ -1,0 +1,130 @@
+"""A first shoot file from photographs: what their headers know, and what to fill in.
+
+The draft is valid as it stands. Values that a header gave say which entry they came
+from; what only the photographer knows is a comment that starts with TODO.
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from lensfit.atomic import write_text_atomic
+from lensfit.errors import OutputError, ShootError
+from lensfit.io.transfer import ENCODINGS
+from lensfit.workflow.inspect import Inspection
+
+_TARGET = """\
+[[target]]
+name = "grid"
+kind = "dot-grid"           # TODO: dot-grid | line-grid | checkerboard | circle-grid
+pitch_mm = 1.0              # TODO: distance of neighbouring marks, or [x, y]
+# hole_diameter_mm = 0.5    # TODO: of a dot; line_width_mm for a line grid
+"""
+_UNKNOWN = {
+    "focal_length_mm": "# focal_length_mm = 50.0         # TODO: as on the barrel",
+    "f_number": "# f_number = 2.8                 # TODO: as on the barrel",
+    "focus_distance_mm": (
+        "# focus_distance_mm = 2000.0     # TODO: from the sensor, as on the barrel; "
+        "inf is allowed"
+    ),
+}
+_TARGET_DISTANCE = (
+    "# target_distance_mm = 2000.0    # from the sensor; fitted when left out"
+)
+
+
+def write_draft_shoot(path: str | Path, inspections: Sequence[Inspection]) -> None:
+    """Write a shoot file for these photographs; an existing file is never replaced.
+
+    Raises
+    ------
+    ShootError : There is no photograph.
+    OutputError : The file exists, or cannot be written.
+    """
+    path = Path(path)
+    if not inspections:
+        raise ShootError("no photograph to draft a shoot file from", where=path)
+    if path.exists():
+        raise OutputError(
+            "exists and may have been edited",
+            where=path,
+            remedy="choose another name for the draft, or remove it first",
+        )
+    write_text_atomic(path, draft_shoot(inspections, path.parent))
+
+
+def draft_shoot(inspections: Sequence[Inspection], folder: Path) -> str:
+    """The text of a shoot file that lies in `folder`."""
+    takes = [_take(inspection, folder) for inspection in inspections]
+    return "\n".join([_lens(inspections), _camera(inspections), _TARGET, *takes])
+
+
+def _lens(inspections: Sequence[Inspection]) -> str:
+    lines = ["[lens]"]
+    lines += _shared(inspections, "lens_model", "name") or [
+        'name = "unknown lens"       # TODO: as engraved'
+    ]
+    lines += _shared(inspections, "lens_serial", "serial") or [
+        '# serial = "1234567"        # TODO: as engraved; optional'
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _camera(inspections: Sequence[Inspection]) -> str:
+    lines = ["[camera]", *_shared(inspections, "camera_model", "model")]
+    lines += _shared(inspections, "sensor_width_mm", "sensor_width_mm") or [
+        "# sensor_width_mm = 24.89   # TODO: of the area that the photographs cover"
+    ]
+    widths = {inspection.state.sensor_width_mm for inspection in inspections}
+    same_sensor = inspections if len(widths) == 1 else ()
+    lines += _shared(same_sensor, "sensor_height_mm", "sensor_height_mm") or [
+        "# sensor_height_mm = 18.67  # left out, photosites are taken as square"
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _shared(inspections: Sequence[Inspection], name: str, key: str) -> list[str]:
+    """The line for a value that all photographs share; a comment where they differ."""
+    values: dict[object, str] = {}
+    for inspection in inspections:
+        value = getattr(inspection.state, name)
+        if value is not None:
+            source = inspection.state.sources[name]
+            values.setdefault(value, f"{source} of {inspection.path.name}")
+    if not values:
+        return []
+    first, *others = values.items()
+    lines = [_entry(key, *first)]
+    lines += [f"# TODO: but {_literal(v)} from {source}" for v, source in others]
+    return lines
+
+
+def _take(inspection: Inspection, folder: Path) -> str:
+    image = Path(os.path.relpath(inspection.path, folder)).as_posix()
+    state = inspection.state
+    lines = ["[[take]]", f"image = {_literal(image)}", 'target = "grid"']
+    for name, unknown in _UNKNOWN.items():
+        value = getattr(state, name)
+        known = value is not None
+        lines.append(_entry(name, value, state.sources[name]) if known else unknown)
+    lines.append(_TARGET_DISTANCE)
+    if inspection.encoding != "linear":
+        others = " | ".join(ENCODINGS)
+        lines.append(f'encoding = "{inspection.encoding}"  # assumed; {others}')
+    return "\n".join(lines) + "\n"
+
+
+def _entry(key: str, value: object, source: str) -> str:
+    return f"{key} = {_literal(value)}  # from {_comment(source)}"
+
+
+def _literal(value: object) -> str:
+    """A TOML value; JSON's strings are TOML's too, and repr writes inf as TOML does."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value)
+
+
+def _comment(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)

@@ -1,0 +1,149 @@
+"""What was measured, as it is kept: preset entries, camera and provenance."""
+
+import hashlib
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+import numpy as np
+
+from lensfit.fit.colour import ChannelColour
+from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.lens_states import LensState
+from lensfit.preset import blocks
+from lensfit.preset.entry import Covariance, Entry, Quality, Term
+from lensfit.preset.lens_of_entry import distortion_block
+from lensfit.preset.schema import Camera, Provenance, SourceImage
+from lensfit.workflow.lens_facts import errors_of, terms_of
+from lensfit.workflow.observe import Observed
+from lensfit.workflow.shoot_records import Shoot
+
+_LIBRARIES = ("jax", "optimistix", "equinox", "numpy", "opencv-contrib-python-headless")
+_LEAST_VISIBLE_PX = 0.01
+
+
+def camera_of(shoot: Shoot, observed: list[Observed]) -> Camera:
+    """The sensor area and pixels of the photographs that were used."""
+    first = next(o.take for o in observed if o.take is not None)
+    width_px, height_px = first.observations.image_size_px
+    return Camera(
+        model=shoot.camera.model,
+        sensor_width_mm=first.sensor_size_mm[0],
+        sensor_height_mm=first.sensor_size_mm[1],
+        image_width_px=width_px,
+        image_height_px=height_px,
+    )
+
+
+def provenance_of(shoot: Shoot, observed: list[Observed]) -> Provenance:
+    """Which photographs, which program, when."""
+    from lensfit import __version__
+
+    return Provenance(
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        lensfit_version=__version__,
+        versions={name: version(name) for name in _LIBRARIES},
+        images=tuple(
+            SourceImage(o.image, o.sha256, o.target) for o in observed if o.take
+        ),
+        shoot_sha256=hashlib.sha256(shoot.path.read_bytes()).hexdigest(),
+    )
+
+
+def entry_of(state: LensState) -> Entry:
+    """One state of the lens as a preset entry."""
+    geometry = state.geometry
+    distortion = state.distortion
+    distance = float(distortion.principal_distance_mm)
+    assumed = ["entrance_pupil_offset_mm"]
+    if not geometry.focal_length_free:
+        assumed.insert(0, "principal_distance_mm")
+    rms_px, held_out_px, used, detected = errors_of(geometry)
+    return Entry(
+        focal_length_mm=state.focal_length_mm,
+        focus_distance_mm=state.focus_distance_mm,
+        projection=blocks.Projection(
+            principal_distance_mm=distance,
+            principal_point_mm=tuple(
+                np.asarray(distortion.principal_point_mm).tolist()
+            ),
+            entrance_pupil_offset_mm=distance,
+            assumed=tuple(assumed),
+        ),
+        distortion=distortion_block(distortion),
+        lateral_colour=_lateral(state),
+        fall_off=tuple(_fall_off(f, state) for f in state.fall_off),
+        terms=tuple(_term(t) for t in terms_of(state)),
+        covariance=_covariance(state),
+        quality=Quality(
+            rms_px=rms_px,
+            held_out_rms_px=held_out_px,
+            points_detected=detected,
+            points_used=int(used),
+            photographs=len(geometry.takes),
+        ),
+    )
+
+
+def visible_colour(state: LensState) -> bool:
+    """Whether red or blue move by more than a hundredth of a pixel anywhere."""
+    px_per_radius = _px_per_radius(state)
+    for colour in state.colour.values():
+        radius = np.linspace(0, colour.valid_radius, 20)
+        moved = np.abs(colour.radial_px(radius, px_per_radius)[0]).max()
+        shift = np.hypot(*colour.shift_mm) / float(state.distortion.reference_radius_mm)
+        if max(moved, shift * px_per_radius) > _LEAST_VISIBLE_PX:
+            return True
+    return False
+
+
+def _px_per_radius(state: LensState) -> float:
+    mm_per_px = float(state.geometry.adjustment.stack.mm_per_px[0])
+    return float(state.distortion.reference_radius_mm) / mm_per_px
+
+
+def _lateral(state: LensState) -> blocks.LateralColour | None:
+    if not state.colour or not visible_colour(state):
+        return None
+
+    def block(colour: ChannelColour) -> blocks.ChannelShift:
+        return blocks.ChannelShift(
+            radial=colour.radial,
+            shift_mm=colour.shift_mm,
+            valid_radius=colour.valid_radius,
+        )
+
+    return blocks.LateralColour(block(state.colour["r"]), block(state.colour["b"]))
+
+
+def _fall_off(fall_off: FallOffFit, state: LensState) -> blocks.FallOff:
+    r, g, b = (tuple(row.tolist()) for row in fall_off.control)
+    number = fall_off.f_number or 1.0
+    return blocks.FallOff(number, fall_off.valid_radius_mm, r, g, b)
+
+
+def _term(term: dict) -> Term:
+    value, deviation = term["value"], term["standard_deviation"]
+    single = isinstance(value, float)
+    return Term(
+        name=term["name"],
+        kept=term["kept"],
+        value=value if single else None,
+        standard_deviation=deviation if single else None,
+        unit=term["unit"],
+        reason=term["reason"],
+    )
+
+
+def _covariance(state: LensState) -> Covariance:
+    """Of the shared parameters that were free, in the units of `fit.parameters`."""
+    adjustment = state.geometry.adjustment
+    layout = adjustment.layout
+    names, rows = [], []
+    free = adjustment.prior.free
+    for block, where in layout.blocks.items():
+        for k, index in enumerate(range(where.start, where.stop)):
+            if free[index]:
+                names.append(f"{block}[{k}]")
+                rows.append(index)
+    matrix = state.uncertainty.covariance[np.ix_(rows, rows)]
+    return Covariance.of_matrix(tuple(names), matrix)

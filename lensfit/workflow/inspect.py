@@ -1,0 +1,163 @@
+"""What pictures say of themselves, before anything is fitted to them.
+
+Size, channels, encoding and windows; the camera state with the header entry that each
+value came from; and how much of the picture is clipped, since a clipped dot has no
+centre. `lensfit.workflow.draft_shoot` turns the same facts into a shoot file.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from lensfit.coords import Window
+from lensfit.errors import ImageError
+from lensfit.io.exr_header import check_exr
+from lensfit.io.image import camera_state_of, read_photograph
+from lensfit.io.metadata import CameraState
+from lensfit.io.sequence import expand_frames
+from lensfit.photograph import Photograph
+from lensfit.progress import Progress, silent
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """The facts about one picture.
+
+    Attributes
+    ----------
+    size_px : Width and height of the picture as it is used (upright; the display
+        window of an EXR).
+    channels : Names of everything stored, part by part for an EXR.
+    bit_depth : Bits of a colour sample in the file.
+    encoding : How it is decoded unless the shoot file says otherwise.
+    data_window, display_window : Of an EXR; None otherwise.
+    clipped_fraction : Part of the pixels with a channel at its ceiling; None when the
+        file's ceiling is not known, as for EXR.
+    chroma_subsampled : Colour is stored at lower resolution.
+    orientation : EXIF orientation that was undone; 1 for none.
+    state : The camera state, with its sources.
+    problem : What is wrong with the camera entries of the header; None if nothing is.
+    """
+
+    path: Path
+    format: str
+    size_px: tuple[int, int]
+    channels: tuple[str, ...]
+    bit_depth: int
+    encoding: str
+    data_window: Window | None
+    display_window: Window | None
+    clipped_fraction: float | None
+    chroma_subsampled: bool
+    orientation: int
+    state: CameraState
+    problem: str | None
+
+
+def inspect_images(
+    images: Iterable[str | Path], progress: Progress = silent
+) -> tuple[list[Inspection], list[ImageError]]:
+    """Look at pictures; one that cannot be read does not stop the others.
+
+    Parameters
+    ----------
+    images : Paths; a frame pattern such as ``plate.####.exr`` means all its frames.
+
+    Returns
+    -------
+    The facts about each picture that can be read, and an error for each that cannot.
+    """
+    paths: list[Path] = []
+    errors: list[ImageError] = []
+    for image in images:
+        try:
+            paths += [path for _, path in expand_frames(image)]
+        except ImageError as error:
+            errors.append(error)
+    found: list[Inspection] = []
+    for done, path in enumerate(paths, 1):
+        try:
+            found.append(_inspect(path))
+        except ImageError as error:
+            errors.append(error)
+        progress("inspect", done, len(paths))
+    return found, errors
+
+
+def facts(inspection: Inspection) -> list[tuple[str, str, str]]:
+    """The lines of a table about one picture: what, its value, and where from."""
+    size = "{} x {} px".format(*inspection.size_px)
+    lines = [("size", size, ""), ("channels", ", ".join(inspection.channels), "")]
+    subsampled = ", chroma subsampled" * inspection.chroma_subsampled
+    depth = f"{inspection.format}, {inspection.bit_depth} bit{subsampled}"
+    lines += [("stored as", depth, ""), ("decoded as", inspection.encoding, "")]
+    if inspection.orientation != 1:
+        lines.append(
+            ("turned upright", f"orientation {inspection.orientation}", "EXIF")
+        )
+    if inspection.data_window != inspection.display_window:
+        lines.append(("display window", _box(inspection.display_window), ""))
+        lines.append(("data window", _box(inspection.data_window), ""))
+    clipped = inspection.clipped_fraction
+    lines.append(("clipped", "unknown" if clipped is None else f"{clipped:.2%}", ""))
+    for name, value in inspection.state.known().items():
+        shown = f"{value:g}" if isinstance(value, float) else str(value)
+        lines.append((name, shown, inspection.state.sources[name]))
+    if inspection.problem:
+        lines.append(("problem", inspection.problem, "header"))
+    return lines
+
+
+def as_json(inspection: Inspection) -> dict[str, object]:
+    """The facts in types that JSON knows; an infinite distance is the text "inf"."""
+    record: dict[str, object] = asdict(inspection)
+    record |= {"path": str(inspection.path)}
+    state = inspection.state.known() | {"sources": dict(inspection.state.sources)}
+    record["state"] = {k: "inf" if v == math.inf else v for k, v in state.items()}
+    return record
+
+
+def _box(window: Window | None) -> str:
+    return "" if window is None else "({}, {}) to ({}, {})".format(*window)
+
+
+def _inspect(path: Path) -> Inspection:
+    photograph = read_photograph(path)
+    metadata = photograph.metadata
+    try:
+        state, problem = camera_state_of(photograph), None
+    except ImageError as error:
+        state, problem = CameraState(), error.what
+    return Inspection(
+        path=path,
+        format=str(metadata["format"]),
+        size_px=photograph.size_px,
+        channels=_channels(path, photograph),
+        bit_depth=int(str(metadata["bit_depth"])),
+        encoding=photograph.encoding,
+        data_window=_window(metadata, "data_window"),
+        display_window=_window(metadata, "display_window"),
+        clipped_fraction=_clipped_fraction(photograph),
+        chroma_subsampled=photograph.chroma_subsampled,
+        orientation=int(str(metadata["orientation"])),
+        state=state,
+        problem=problem,
+    )
+
+
+def _window(metadata: Mapping[str, object], key: str) -> Window | None:
+    window = metadata.get(key)
+    return window if isinstance(window, Window) else None
+
+
+def _channels(path: Path, photograph: Photograph) -> tuple[str, ...]:
+    if photograph.metadata["format"] == "exr":
+        return tuple(name for part in check_exr(path) for name in part.channels)
+    return ("grey",) if photograph.pixels.shape[2] == 1 else ("r", "g", "b")
+
+
+def _clipped_fraction(photograph: Photograph) -> float | None:
+    if math.isinf(photograph.saturation):
+        return None
+    return float((photograph.pixels >= photograph.saturation).any(-1).mean())

@@ -1,0 +1,166 @@
+"""From the takes of a shoot to marks, photograph by photograph.
+
+Photographs are read and searched on two threads; a photograph that cannot be used is
+set aside with its reason while the others go on.
+"""
+
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lensfit.detect.find import observe
+from lensfit.detect.observations import Observations
+from lensfit.detect.overlay import draw_overlay
+from lensfit.errors import LensfitError
+from lensfit.fit.take import Take
+from lensfit.io.image import camera_state_of, read_photograph
+from lensfit.progress import Progress
+from lensfit.workflow.resolve import ResolvedTake, resolve_take
+from lensfit.workflow.shoot_records import Shoot
+from lensfit.workflow.shoot_records import Take as ShootTake
+
+_THREADS = 2
+_DOTS = ("dot-grid", "circle-grid")
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """One take of the shoot, and what came of it.
+
+    Attributes
+    ----------
+    image : Path as the shoot file has it.
+    take : For the fit; None if the photograph could not be used.
+    failed : Why not.
+    overlay : Picture of the marks.
+    notes : What its photographer should know.
+    sha256 : Hash of the photograph; empty if it could not be read.
+    seconds : Reading, detection and drawing.
+    """
+
+    image: str
+    target: str
+    seconds: dict[str, float]
+    resolved: ResolvedTake | None = None
+    take: Take | None = None
+    failed: str | None = None
+    overlay: Path | None = None
+    notes: tuple[str, ...] = ()
+    sha256: str = ""
+    orientation: object = None
+
+
+def observe_shoot(
+    shoot: Shoot, out_dir: Path | None, progress: Progress
+) -> list[Observed]:
+    """Read every photograph of a shoot, find its marks, and draw them.
+
+    Nothing is drawn if `out_dir` is None.
+    """
+    folder = None if out_dir is None else out_dir / "overlays"
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    names = _distinct_names([take.image for take in shoot.takes])
+    done = 0
+    progress("detect", 0, len(shoot.takes))
+    results = []
+    with ThreadPoolExecutor(_THREADS) as pool:
+        jobs = [
+            pool.submit(_observe, shoot, take, folder and folder / f"{name}.png")
+            for take, name in zip(shoot.takes, names, strict=True)
+        ]
+        for job in jobs:
+            results.append(job.result())
+            done += 1
+            progress("detect", done, len(jobs))
+    return results
+
+
+def _observe(shoot: Shoot, take: ShootTake, overlay: Path | None) -> Observed:
+    """One photograph; whatever goes wrong with it becomes its `failed`."""
+    known: dict[str, Any] = {"image": take.image, "target": take.target}
+    seconds = {"read": 0.0, "detect": 0.0, "overlay": 0.0}
+    try:
+        known |= _searched(shoot, take, overlay, known, seconds)
+    except LensfitError as error:
+        name = Path(take.image).name
+        known["failed"] = str(error) if name in str(error) else f"{take.image}: {error}"
+    return Observed(**known, seconds=seconds)
+
+
+def _searched(
+    shoot: Shoot,
+    take: ShootTake,
+    overlay: Path | None,
+    known: dict[str, Any],
+    seconds: dict[str, float],
+) -> dict[str, Any]:
+    """Read, search and draw; `known` keeps what was learnt before an error."""
+    with _timed(seconds, "read"):
+        photograph = read_photograph(shoot.image_path(take), take.encoding)
+        known["sha256"] = photograph.sha256
+        known["orientation"] = photograph.metadata.get("orientation")
+        header = camera_state_of(photograph)
+        resolved = resolve_take(shoot, take, header, photograph.size_px)
+        known["resolved"] = resolved
+    target = resolved.target
+    with _timed(seconds, "detect"):
+        marks = observe(
+            photograph,
+            target.kind,
+            polarity=target.polarity,
+            roi=take.roi,
+            board=_board_keys(target),
+        )
+    if overlay is not None:
+        with _timed(seconds, "overlay"):
+            draw_overlay(photograph, marks, overlay)
+    return {
+        "take": _take_for_fit(take, resolved, marks),
+        "overlay": overlay,
+        "notes": resolved.notes + marks.notes,
+    }
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    began = time.perf_counter()
+    yield
+    seconds[stage] = time.perf_counter() - began
+
+
+def _take_for_fit(take: ShootTake, resolved: ResolvedTake, marks: Observations) -> Take:
+    return Take(
+        name=take.image,
+        target=take.target,
+        observations=marks,
+        pitch_mm=resolved.target.pitch_xy_mm,
+        mark_diameter_mm=resolved.target.hole_diameter_mm,
+        focal_length_mm=resolved.focal_length_mm,
+        sensor_size_mm=resolved.sensor_size_mm,
+        f_number=resolved.f_number,
+        focus_distance_mm=resolved.focus_distance_mm,
+        target_distance_mm=take.target_distance_mm,
+        squeeze=take.anamorphic_squeeze or 1.0,
+    )
+
+
+def _board_keys(target: Any) -> dict[str, Any]:
+    keys = ("asymmetric", "squares", "dictionary", "marker_ratio")
+    return {k: getattr(target, k) for k in keys if getattr(target, k) is not None}
+
+
+def _distinct_names(images: list[str]) -> list[str]:
+    """File stems, numbered where two photographs would share one."""
+    names: list[str] = []
+    for image in images:
+        stem = Path(image).stem
+        name, k = stem, 2
+        while name in names:
+            name, k = f"{stem}_{k}", k + 1
+        names.append(name)
+    return names

@@ -1,0 +1,99 @@
+"""Which channels of a plate are colour, and the others brought to another window.
+
+A layer is colour when it has red, green and blue, or the grey channel Y. Cryptomatte
+is not, although its channels are called r, g, b and a: its values are ids and
+coverages of ranks (Cryptomatte specification 1.2.0).
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from lensfit.coords import Window
+from lensfit.io.exr import ExrPart
+from lensfit.io.exr_layers import colour_channels, layer_names
+
+_CRYPTOMATTE_NAME = re.compile(r"(?:.*/)?cryptomatte/[^/]+/name")
+_ALPHA = ("A", "a", "alpha")
+_GREY = ("Y", "y")
+
+
+class ColourLayer(NamedTuple):
+    """A layer to render: exact channel names, red green blue (alpha), or one grey."""
+
+    layer: str
+    names: tuple[str, ...]
+
+
+def colour_layers(
+    part: ExrPart, wanted: Sequence[str] | None = None
+) -> list[ColourLayer]:
+    """The colour layers of a part.
+
+    Parameters
+    ----------
+    wanted : Only these layers ("" is the unnamed one); all if None.
+    """
+    found = []
+    for layer in layer_names(part):
+        if (wanted is not None and layer not in wanted) or is_cryptomatte(part, layer):
+            continue
+        names = colour_channels(part, layer)
+        grey = len(names) == 1 and names[0].rpartition(".")[2] in _GREY
+        if len(names) != 3 and not grey:
+            continue
+        if any(part.channels[name].dtype == np.uint32 for name in names):
+            continue
+        prefix = f"{layer}." if layer else ""
+        alpha = [f"{prefix}{a}" for a in _ALPHA if f"{prefix}{a}" in part.channels]
+        found.append(ColourLayer(layer, names if grey else (*names, *alpha[:1])))
+    return found
+
+
+def is_cryptomatte(part: ExrPart, layer: str) -> bool:
+    """Whether a layer is of a Cryptomatte that the header declares, preview included.
+
+    In a part named after the Cryptomatte the layer may be without a name.
+    """
+    declared = [
+        str(value)
+        for key, value in part.attributes.items()
+        if _CRYPTOMATTE_NAME.fullmatch(key)
+    ]
+    names = (layer, f"{part.name}.{layer}".rstrip("."), part.name if not layer else "")
+    return any(
+        re.fullmatch(rf"(?:.*\.)?{re.escape(name)}\d*", own)
+        for name in declared
+        for own in names
+    )
+
+
+def resized_channels(part: ExrPart, window: Window) -> ExrPart:
+    """The part over another window: bits are copied, what lies outside it is zero.
+
+    The standard attribute ``originalDataWindow`` remembers the window it had.
+    """
+    old = part.data_window
+    if window == old:
+        return part
+    channels = {name: _moved(c, old, window) for name, c in part.channels.items()}
+    corners = np.asarray(old, np.int32)
+    attributes = {
+        "originalDataWindow": (corners[:2], corners[2:]),
+        **part.attributes,
+    }
+    return replace(part, channels=channels, data_window=window, attributes=attributes)
+
+
+def _moved(samples: np.ndarray, old: Window, new: Window) -> np.ndarray:
+    result = np.zeros((new.height, new.width), samples.dtype)
+    x0, x1 = max(old.x_min, new.x_min), min(old.x_max, new.x_max) + 1
+    y0, y1 = max(old.y_min, new.y_min), min(old.y_max, new.y_max) + 1
+    if x0 < x1 and y0 < y1:
+        result[y0 - new.y_min : y1 - new.y_min, x0 - new.x_min : x1 - new.x_min] = (
+            samples[y0 - old.y_min : y1 - old.y_min, x0 - old.x_min : x1 - old.x_min]
+        )
+    return result

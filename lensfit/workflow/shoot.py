@@ -1,0 +1,203 @@
+"""What was photographed: the shoot file, read strictly.
+
+A shoot file (TOML) names one lens, one camera, the targets and the takes
+(`lensfit.workflow.shoot_records` lists the keys). Everything that can be wrong with it
+before a picture is opened is found here; what picture headers know need not be in it,
+and `lensfit.workflow.resolve` joins the two.
+"""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from lensfit._strict import convert_strictly, did_you_mean, non_finite_numbers
+from lensfit.errors import ShootError
+from lensfit.io.transfer import ENCODINGS
+from lensfit.workflow.shoot_records import (
+    Camera,
+    LensName,
+    Shoot,
+    ShootFile,
+    Take,
+    Target,
+)
+
+__all__ = ["Camera", "LensName", "Shoot", "Take", "Target", "load_shoot"]
+
+_ONLY_FOR = {
+    "hole_diameter_mm": ("dot-grid", "circle-grid"),
+    "line_width_mm": ("line-grid",),
+    "asymmetric": ("circle-grid",),
+    "squares": ("checkerboard", "charuco"),
+    "dictionary": ("charuco",),
+    "marker_ratio": ("charuco",),
+}
+_NEEDED_BY = {"charuco": ("squares", "dictionary")}
+
+
+def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
+    """Read and check a shoot file; the photographs themselves are not opened.
+
+    Parameters
+    ----------
+    path : A TOML file as the README describes.
+    images : Folder that the photographs' paths count from; the shoot file's own if
+        None.
+
+    Raises
+    ------
+    ShootError : The file cannot be read, is not TOML, has an unknown key or a value
+        out of range, or contradicts itself. The sentence names the key.
+    """
+    path = Path(path)
+    data = _toml(path)
+    for key, value in non_finite_numbers(data):
+        if not (key.endswith(".focus_distance_mm") and value == math.inf):
+            raise ShootError(f"{_place(key)}: {value} is no finite number", where=path)
+    tables = convert_strictly(
+        data, ShootFile, error=ShootError, where=path, place=_place
+    )
+    targets = _by_name(tables.target, path)
+    _check_takes(tables.take, targets, path)
+    return Shoot(
+        path=path,
+        lens=tables.lens,
+        camera=tables.camera,
+        targets=targets,
+        takes=tuple(tables.take),
+        notes=_unused(tables),
+        images=None if images is None else Path(images),
+    )
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise ShootError(
+            f"cannot be read ({error.strerror})",
+            where=path,
+            remedy='"lensfit inspect IMAGES --write-shoot" drafts a shoot file',
+        ) from error
+    except UnicodeDecodeError as error:
+        raise ShootError(
+            "is not text", where=path, remedy="give a shoot file in TOML, UTF-8"
+        ) from error
+    except tomllib.TOMLDecodeError as error:
+        raise ShootError(f"is not valid TOML: {error}", where=path) from error
+
+
+def _place(key: str) -> str:
+    """ "take[2].f_number" as its reader finds it: "[[take]] 3, f_number"."""
+    table, bracket, rest = key.partition("[")
+    if not bracket or "." in table:
+        return key
+    index, _, inner = rest.partition("]")
+    name = inner.lstrip(".")
+    return f"[[{table}]] {int(index) + 1}" + (f", {name}" if name else "")
+
+
+def _by_name(targets: list[Target], path: Path) -> dict[str, Target]:
+    named: dict[str, Target] = {}
+    for number, target in enumerate(targets, 1):
+        where = f"{path}: [[target]] {number}"
+        if target.name in named:
+            raise ShootError(
+                f'a second target is named "{target.name}"',
+                where=where,
+                remedy="give every target a name of its own",
+            )
+        _check_target(target, where)
+        named[target.name] = target
+    return named
+
+
+def _check_target(target: Target, where: str) -> None:
+    for key, kinds in _ONLY_FOR.items():
+        if getattr(target, key) is not None and target.kind not in kinds:
+            raise ShootError(
+                f"{key} has no meaning for a {target.kind}",
+                where=where,
+                remedy=f"leave it out, or say kind = {_or(kinds)}",
+            )
+    for key in _NEEDED_BY.get(target.kind, ()):
+        if getattr(target, key) is None:
+            raise ShootError(f'a {target.kind} needs "{key}"; add it', where=where)
+    for key in ("hole_diameter_mm", "line_width_mm"):
+        size = getattr(target, key)
+        if size is not None and size >= min(target.pitch_xy_mm):
+            raise ShootError(
+                f"{key} = {size:g} is not smaller than pitch_mm = "
+                f"{min(target.pitch_xy_mm):g}",
+                where=where,
+                remedy="both are millimetres on the target",
+            )
+
+
+def _check_takes(takes: list[Take], targets: dict[str, Target], path: Path) -> None:
+    seen: dict[Path, int] = {}
+    for number, take in enumerate(takes, 1):
+        where = f"{path}: [[take]] {number} ({take.image})"
+        image = (path.parent / take.image).resolve()
+        if image in seen:
+            raise ShootError(
+                f"is the photograph of [[take]] {seen[image]} again",
+                where=where,
+                remedy="keep one take for each photograph",
+            )
+        seen[image] = number
+        if take.target not in targets:
+            raise ShootError(
+                f'no target is named "{take.target}"',
+                where=where,
+                remedy=did_you_mean(take.target, list(targets)),
+            )
+        if take.encoding is not None and take.encoding not in ENCODINGS:
+            raise ShootError(
+                f'encoding "{take.encoding}" is unknown',
+                where=where,
+                remedy=did_you_mean(take.encoding, list(ENCODINGS)),
+            )
+        _check_roi(take, where)
+        _check_distances(take, where)
+
+
+def _check_roi(take: Take, where: str) -> None:
+    if take.roi is None:
+        return
+    x0, y0, x1, y1 = take.roi
+    if x0 < 0 or y0 < 0 or x1 <= x0 or y1 <= y0:
+        raise ShootError(
+            f"roi = {list(take.roi)} is no box inside the image",
+            where=where,
+            remedy="write [x0, y0, x1, y1] in pixels, left top right bottom",
+        )
+
+
+def _check_distances(take: Take, where: str) -> None:
+    """A distance shorter than the focal length is nearly always in metres."""
+    for key in ("focus_distance_mm", "target_distance_mm"):
+        distance = getattr(take, key)
+        if None not in (distance, take.focal_length_mm) and (
+            distance <= take.focal_length_mm
+        ):
+            raise ShootError(
+                f"{key} = {distance:g} is not beyond the focal length "
+                f"{take.focal_length_mm:g} mm",
+                where=where,
+                remedy="distances are from the sensor, in millimetres",
+            )
+
+
+def _unused(tables: ShootFile) -> tuple[str, ...]:
+    used = {take.target for take in tables.take}
+    return tuple(
+        f'target "{target.name}" is in no take'
+        for target in tables.target
+        if target.name not in used
+    )
+
+
+def _or(words: tuple[str, ...]) -> str:
+    return " or ".join(f'"{word}"' for word in words)

@@ -1,0 +1,186 @@
+"""Write the UV maps of a lens: what compositing programs apply without lensfit.
+
+`NAME_redistort.exr` puts the lens' distortion on an undistorted CG plate,
+`NAME_undistort.exr` takes it off a photograph. Both hold absolute float32 positions,
+normalised by the display window; overscan is a larger data window. With lateral
+colour a file holds a map per channel (see `lensfit.io.stmap`).
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from jaxtyping import Float32
+
+from lensfit import __version__
+from lensfit.coords import Window
+from lensfit.errors import OutputError
+from lensfit.io.stmap import write_channel_stmaps, write_stmap
+from lensfit.progress import Progress, silent
+from lensfit.render.uv import (
+    DEFAULT_TOLERANCE_PX,
+    Overscan,
+    SourceMap,
+    overscan_needed,
+    stmap_redistort,
+    stmap_undistort,
+)
+from lensfit.units import m_from_mm
+
+if TYPE_CHECKING:
+    from lensfit.optics.lens import Lens
+
+Direction = Literal["redistort", "undistort", "both"]
+_MAKERS = {"undistort": stmap_undistort, "redistort": stmap_redistort}
+_CHANNELS = ("r", "g", "b")
+_LARGEST_SIDE_PX = 32768
+
+
+@dataclass(frozen=True)
+class StmapFrame:
+    """The pixels of a map.
+
+    Attributes
+    ----------
+    size_px : Width and height of the display window.
+    overscan_percent : Pixels beyond it, in total, percent of its size, as plates state
+        it: 10 is 5 % on each side.
+    sensor_width_mm : Width that the display window spans; the lens' own if None.
+    """
+
+    size_px: tuple[int, int]
+    overscan_percent: float = 0.0
+    sensor_width_mm: float | None = None
+
+    @property
+    def display_window(self) -> Window:
+        return Window.of_size(*self.size_px)
+
+    @property
+    def data_window(self) -> Window:
+        margins = [round(n * self.overscan_percent / 200) for n in self.size_px]
+        return self.display_window.grown(*margins)
+
+
+@dataclass(frozen=True)
+class WrittenStmaps:
+    """Files written, and the overscan that CG plates of this size need."""
+
+    paths: tuple[Path, ...]
+    overscan: Overscan
+
+
+def write_stmaps(
+    lens: "Lens",
+    frame: StmapFrame,
+    out_dir: str | Path,
+    name: str,
+    *,
+    direction: Direction = "both",
+    per_channel: bool = False,
+    tolerance_px: float = DEFAULT_TOLERANCE_PX,
+    progress: Progress = silent,
+) -> WrittenStmaps:
+    """Write ``NAME_undistort.exr`` and ``NAME_redistort.exr``.
+
+    Parameters
+    ----------
+    lens : Lens at its camera state.
+    frame : Size, overscan and sensor width of the maps.
+    out_dir : Folder for the files.
+    name : What the files are called, such as `file_stem` makes.
+    direction : One of the maps, or both.
+    per_channel : A map for each of red, green and blue in the file.
+    tolerance_px : Largest error of the interpolation between exact evaluations, px.
+    progress : Told about each file.
+
+    Raises
+    ------
+    OutputError : The size makes no map, or the folder cannot be written.
+    """
+    _check(frame, Path(out_dir))
+    wanted = [d for d in _MAKERS if direction in (d, "both")]
+    paths = []
+    for done, one in enumerate(wanted):
+        progress("UV maps", done, len(wanted))
+        path = Path(out_dir) / f"{name}_{one}.exr"
+        uv = {
+            channel: _map(lens, frame, one, channel, tolerance_px)
+            for channel in (_CHANNELS if per_channel else ("g",))
+        }
+        windows = (frame.display_window, frame.data_window)
+        attributes = _attributes(lens, frame, name, one)
+        if per_channel:
+            write_channel_stmaps(path, uv, *windows, attributes)
+        else:
+            write_stmap(path, uv["g"], *windows, attributes)
+        paths.append(path)
+    progress("UV maps", len(wanted), len(wanted))
+    needed = overscan_needed(
+        lens, frame.display_window, sensor_width_mm=frame.sensor_width_mm
+    )
+    return WrittenStmaps(tuple(paths), needed)
+
+
+def file_stem(lens_name: str, lens: "Lens") -> str:
+    """A file name for a lens state: ``smc-takumar-50-1-4_50mm_2000mm``."""
+    words = re.sub(r"[^a-z0-9]+", "-", lens_name.lower()).strip("-") or "lens"
+    numbers = [lens.focal_length_mm, lens.focus_distance_mm]
+    states = [f"{n:.6g}mm" for n in numbers if n is not None]
+    return "_".join([words, *states]).replace(".", "p")
+
+
+def _map(
+    lens: "Lens",
+    frame: StmapFrame,
+    direction: str,
+    channel: Literal["r", "g", "b"],
+    tolerance_px: float,
+) -> Float32[np.ndarray, "height width 2"]:
+    made: SourceMap = _MAKERS[direction](
+        lens,
+        frame.display_window,
+        frame.data_window,
+        channel,
+        tolerance_px=tolerance_px,
+        sensor_width_mm=frame.sensor_width_mm,
+    )
+    return made.uv(frame.display_window)
+
+
+def _attributes(
+    lens: "Lens", frame: StmapFrame, name: str, direction: str
+) -> dict[str, object]:
+    """What the map is, in the header."""
+    width = frame.sensor_width_mm or lens.sensor_size_mm[0]
+    known = {
+        "lensfit/map": direction,
+        "lensfit/lens": name,
+        "lensfit/version": __version__,
+        "lens/aperture": float(width),
+        "lens/overscan": float(frame.overscan_percent),
+        "lens/focal": lens.focal_length_mm,
+        "lens/focus": _metres(lens.focus_distance_mm),
+    }
+    return {k: v for k, v in known.items() if v is not None}
+
+
+def _metres(distance_mm: float | None) -> float | None:
+    return None if distance_mm is None else m_from_mm(distance_mm)
+
+
+def _check(frame: StmapFrame, out_dir: Path) -> None:
+    if not all(0 < n <= _LARGEST_SIDE_PX for n in frame.size_px):
+        raise OutputError(
+            f"a map of {frame.size_px[0]} x {frame.size_px[1]} cannot be made",
+            where=out_dir,
+            remedy=f"give a size of up to {_LARGEST_SIDE_PX} on a side",
+        )
+    if not 0 <= frame.overscan_percent <= 200:
+        raise OutputError(
+            f"overscan of {frame.overscan_percent:g} % is out of range",
+            where=out_dir,
+            remedy="give 0 to 200",
+        )

@@ -1,0 +1,62 @@
+"""`lensfit report`: the table and page of a finished calibration."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from lensfit.cli.main import app
+
+runner = CliRunner()
+
+REPORT = {
+    "schema": "lensfit.report.1",
+    "lens": {"name": "50/1.4"},
+    "rms_px": 0.0212,
+    "held_out_rms_px": 0.0234,
+    "points_detected": 1900,
+    "points_used": 1890,
+    "takes": [
+        {
+            "image": "a.exr",
+            "points_detected": 1000,
+            "points_used": 995,
+            "rms_px": 0.02,
+            "held_out_rms_px": 0.022,
+        },
+        {"image": "b.exr", "failed": "b.exr: no grid was found"},
+    ],
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "report.json").write_text(json.dumps(REPORT))
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["", "report.json"])
+def test_report_prints_the_errors_and_writes_the_page(folder: Path, name: str):
+    result = runner.invoke(app, ["report", str(folder / name)], env={"COLUMNS": "200"})
+    assert result.exit_code == 0, result.stderr
+    assert "0.0234" in result.stdout
+    assert "a.exr" in result.stdout
+    assert (folder / "report.html").read_text().startswith("<!")
+
+
+def test_report_as_json_is_the_report_and_writes_nothing(folder: Path):
+    result = runner.invoke(app, ["report", str(folder), "--json"])
+    assert json.loads(result.stdout) == REPORT
+    assert not (folder / "report.html").exists()
+
+
+@pytest.mark.parametrize("content", [None, "", "[]", '{"schema": "lensfit.preset.1"}'])
+def test_what_is_no_report_is_one_line(tmp_path: Path, content: str | None):
+    if content is not None:
+        (tmp_path / "report.json").write_text(content)
+    result = runner.invoke(app, ["report", str(tmp_path)])
+    assert result.exit_code == 1
+    assert result.stderr.startswith(f"lensfit: error: {tmp_path}")
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "report.html").exists()

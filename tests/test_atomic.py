@@ -1,0 +1,52 @@
+"""Outputs are whole or not there, whatever stops the writer."""
+
+import os
+import stat
+from pathlib import Path
+
+import pytest
+
+from lensfit.atomic import atomic_path, write_bytes_atomic, write_text_atomic
+from lensfit.errors import OutputError
+
+
+def test_the_result_appears_in_a_new_folder_and_nothing_else(tmp_path: Path):
+    target = tmp_path / "new" / "deep" / "a.json"
+    write_text_atomic(target, "é\n")
+    assert target.read_bytes() == "é\n".encode()
+    assert os.listdir(target.parent) == ["a.json"]
+
+
+@pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt, SystemExit])
+def test_a_writer_that_stops_leaves_the_old_file(tmp_path: Path, stop: type):
+    target = tmp_path / "map.exr"
+    write_bytes_atomic(target, b"old")
+
+    def write_half() -> None:
+        with atomic_path(target) as temporary:
+            assert temporary.parent == target.parent
+            assert temporary.suffix == ".exr"
+            temporary.write_bytes(b"half")
+            raise stop
+
+    with pytest.raises(stop):
+        write_half()
+    assert target.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["map.exr"]
+
+
+def test_permissions_follow_the_umask(tmp_path: Path):
+    before = os.umask(0o027)
+    try:
+        write_bytes_atomic(tmp_path / "a", b"")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "a").stat().st_mode) == 0o640
+
+
+def test_what_is_in_the_way_is_said(tmp_path: Path):
+    with pytest.raises(OutputError, match="a folder of that name is in the way"):
+        write_text_atomic(tmp_path, "")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_text_atomic(tmp_path / "file" / "a", "")

@@ -1,0 +1,127 @@
+"""The house stands: imports flow one way, heavy ones stay out of the doorway.
+
+The floors are the README's. A module imports only from lower floors or its own room;
+`data_synth` shares no line with the optics it judges.
+"""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "lensfit"
+
+FLOORS = {
+    "errors": 0,
+    "units": 0,
+    "atomic": 1,
+    "progress": 0,
+    "_jax": 0,
+    "_callable": 0,
+    "_strict": 1,
+    "_types": 0,
+    "coords": 2,
+    "photograph": 2,
+    "optics": 2,
+    "io": 3,
+    "preset": 3,
+    "detect": 3,
+    "render": 4,
+    "fit": 4,
+    "workflow": 5,
+    "cli": 6,
+}
+MODULE_PATHS = sorted(PACKAGE.rglob("*.py"))
+
+
+def imported_names(source: str, module: str, *, is_package: bool) -> list[str]:
+    """Absolute dotted names of everything `module` imports, at any depth."""
+    names = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            parts = module.split(".")
+            kept = len(parts) - node.level + (1 if is_package else 0)
+            base = parts[:kept] if node.level else []
+            stem = ".".join([*base, *([node.module] if node.module else [])])
+            names += [f"{stem}.{alias.name}" for alias in node.names]
+    return names
+
+
+def uphill_imports(source: str, module: str, *, is_package: bool = False) -> list[str]:
+    """What `module` imports from a floor that is not below its own."""
+    room = module.split(".")[1]
+    wrong = []
+    for name in imported_names(source, module, is_package=is_package):
+        parts = name.split(".")
+        if parts[0] == "data_synth" and room != "cli":
+            wrong.append(name)
+        if parts[0] != "lensfit" or len(parts) < 2 or parts[1] not in FLOORS:
+            continue
+        if parts[1] != room and FLOORS[parts[1]] >= FLOORS[room]:
+            wrong.append(name)
+    return wrong
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@pytest.mark.parametrize("path", MODULE_PATHS, ids=module_name)
+def test_imports_flow_one_way(path: Path):
+    module = module_name(path)
+    if module == "lensfit":
+        return  # the public list, on top of everything
+    assert module.split(".")[1] in FLOORS, (
+        "give the new room a floor, here and in README"
+    )
+    is_package = path.name == "__init__.py"
+    assert uphill_imports(path.read_text(), module, is_package=is_package) == []
+
+
+@pytest.mark.parametrize(
+    ("source", "module", "is_package"),
+    [
+        ("import lensfit.fit.solve", "lensfit.optics.lens", False),
+        ("from lensfit.fit import solve", "lensfit.render.warp", False),
+        ("from lensfit import workflow", "lensfit.io.exr", False),
+        ("from ..render import warp", "lensfit.fit.solve", False),
+        ("from .. import cli", "lensfit.workflow.apply", False),
+        ("from ..io.exr import read_exr", "lensfit.preset", True),
+        ("def f():\n    from lensfit.io import exr", "lensfit.detect.dots", False),
+        ("import data_synth.trace", "lensfit.optics.lens", False),
+    ],
+)
+def test_planted_violations_are_caught(source: str, module: str, is_package: bool):
+    assert uphill_imports(source, module, is_package=is_package)
+
+
+@pytest.mark.parametrize(
+    ("source", "module"),
+    [
+        ("from lensfit.detect.observations import Observations", "lensfit.fit.solve"),
+        ("from lensfit.errors import FitError\nimport numpy", "lensfit.optics.lens"),
+        ("from .blocks import Distortion", "lensfit.preset.schema"),
+    ],
+)
+def test_honest_imports_pass(source: str, module: str):
+    assert uphill_imports(source, module) == []
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "data_synth").rglob("*.py")), ids=str)
+def test_the_ray_tracer_shares_no_line_with_the_optics(path: Path):
+    names = imported_names(
+        path.read_text(), module_name(path), is_package=path.name == "__init__.py"
+    )
+    model = ("lensfit.optics", "lensfit.fit", "lensfit.render")
+    assert [name for name in names if name.startswith(model)] == []
+
+
+@pytest.mark.parametrize("room", ["render", "optics", "detect", "io", "preset"])
+def test_only_fit_optimises(room: str):
+    for path in (PACKAGE / room).rglob("*.py"):
+        names = imported_names(path.read_text(), module_name(path), is_package=False)
+        assert [n for n in names if n.split(".")[0] == "optimistix"] == [], path

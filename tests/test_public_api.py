@@ -1,0 +1,106 @@
+"""The public names: all there, typed, light to import, computing in float64."""
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import lensfit
+
+PACKAGE = Path(lensfit.__file__).parent
+PROMISED = {
+    "project": ["object_points_mm", "channel"],
+    "distorted_from_undistorted": ["points_mm", "channel"],
+    "undistorted_from_distorted": ["points_mm", "channel"],
+    "relative_illumination": ["points_mm", "channel"],
+}
+"""Methods of a lens that other programs rely on, with their arguments."""
+
+
+def output_of(script: str) -> str:
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    return run.stdout.strip()
+
+
+@pytest.mark.parametrize("name", lensfit.__all__)
+def test_every_public_name_is_there_and_documented(name: str):
+    assert name in dir(lensfit)
+    assert inspect.getdoc(getattr(lensfit, name))
+
+
+def test_what_is_not_there_is_said():
+    with pytest.raises(AttributeError, match="has no attribute 'rendr'"):
+        _ = lensfit.rendr  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_a_lens_keeps_its_promised_methods():
+    from lensfit.optics.lens import Lens
+
+    for name, arguments in PROMISED.items():
+        parameters = inspect.signature(getattr(Lens, name)).parameters
+        assert list(parameters)[1:] == arguments
+        assert parameters["channel"].default == "g"
+
+
+def test_a_preset_keeps_its_promised_method():
+    parameters = inspect.signature(lensfit.Preset.at).parameters
+    names = ["focal_length_mm", "f_number", "focus_distance_mm"]
+    assert list(parameters)[1:] == names
+    assert all(parameters[name].default is None for name in names)
+
+
+@pytest.mark.parametrize(
+    "first", ["", "import lensfit.render.filters; ", "from lensfit.render import uv; "]
+)
+def test_render_is_a_verb_whatever_was_imported_before(first: str):
+    script = f"{first}import lensfit; print(callable(lensfit.render))"
+    assert output_of(script) == "True"
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        "import lensfit",
+        "import jax, lensfit",
+        "import lensfit.optics.lens",
+        "from lensfit import load_preset",
+    ],
+)
+def test_float64_whichever_way_one_comes_in(first: str):
+    script = f"{first}; import jax.numpy as jnp; print(jnp.asarray(0.1).dtype)"
+    assert output_of(script) == "float64"
+
+
+def test_the_package_says_it_is_typed():
+    assert (PACKAGE / "py.typed").is_file()
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted(p for p in PACKAGE.rglob("*.py") if not p.name.startswith("_")),
+    ids=lambda path: str(path.relative_to(PACKAGE)),
+)
+def test_public_functions_are_fully_annotated(path: Path):
+    bare = [f.name for f in public_functions(path) if not is_annotated(f)]
+    assert bare == []
+
+
+def public_functions(path: Path) -> list[ast.FunctionDef]:
+    """Functions and methods without a leading underscore, not the nested ones."""
+    module = ast.parse(path.read_text())
+    classes = [n for n in module.body if isinstance(n, ast.ClassDef)]
+    bodies = [module.body, *(c.body for c in classes if not c.name.startswith("_"))]
+    functions = [n for body in bodies for n in body if isinstance(n, ast.FunctionDef)]
+    return [f for f in functions if not f.name.startswith("_")]
+
+
+def is_annotated(function: ast.FunctionDef) -> bool:
+    spec = function.args
+    arguments = [*spec.posonlyargs, *spec.args, *spec.kwonlyargs]
+    named = [a for a in arguments if a.arg not in ("self", "cls")]
+    return function.returns is not None and all(a.annotation for a in named)

@@ -1,0 +1,41 @@
+"""The README tells the truth: commands exist, every shoot key is described."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import msgspec
+
+from lensfit.cli.main import COMMANDS
+from lensfit.workflow.shoot_records import Camera, LensName, Take, Target
+
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+
+
+def keys_of(record: type[msgspec.Struct]) -> set[str]:
+    return {field.encode_name for field in msgspec.structs.fields(record)}
+
+
+def test_every_key_of_a_shoot_file_is_described():
+    block = re.search(r"```toml\n(.*?)```", README, re.DOTALL)
+    assert block is not None
+    tables = tomllib.loads(block[1])
+    assert set(tables["lens"]) == keys_of(LensName)
+    assert set(tables["camera"]) == keys_of(Camera)
+    assert set(tables["target"][0]) == keys_of(Target)
+    assert set(tables["take"][0]) == keys_of(Take)
+    for record, table in ((Target, tables["target"]), (Take, tables["take"])):
+        msgspec.convert(table, list[record])
+
+
+def test_every_command_shown_exists():
+    blocks = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
+    shown = set(re.findall(r"\blensfit (\w+)", "".join(blocks)))
+    assert {"demo", "inspect", "calibrate", "apply", "stmap"} <= shown
+    assert shown <= set(COMMANDS)
+
+
+def test_every_room_is_in_the_table():
+    rooms = {p.parent.name for p in Path(__file__).parents[1].glob("lensfit/*/*.py")}
+    described = set(re.findall(r"^\| \d \| `(\w+)/`", README, re.MULTILINE))
+    assert described == rooms

@@ -1,0 +1,303 @@
+"""Plates through a preset: channels, windows, camera state, failures, resuming."""
+
+import numpy as np
+import pytest
+
+from lensfit.coords import Window
+from lensfit.errors import ImageError, PresetError
+from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
+from lensfit.io.stmap import write_stmap
+from lensfit.preset.blocks import (
+    ChannelShift,
+    Distortion,
+    FallOff,
+    LateralColour,
+    Projection,
+)
+from lensfit.preset.entry import Entry, Quality
+from lensfit.preset.schema import Camera, LensName, Preset, Provenance
+from lensfit.render.frame import render
+from lensfit.render.stages import Switches
+from lensfit.workflow.apply import ApplyOptions, StateOverrides, apply_preset
+
+DISPLAY = Window.of_size(96, 64)
+DATA = Window(-8, -6, 103, 69)
+CAMERA = {"lens/focal": 35.0, "lens/fstop": 2.8, "lens/focus": 2.0}
+SENSOR = {"lens/aperture": 36.0}
+
+
+def make_preset(*focal_lengths_mm, stops=(2.8,)):
+    def entry(focal_length_mm):
+        return Entry(
+            focal_length_mm=focal_length_mm,
+            focus_distance_mm=2000.0,
+            projection=Projection(focal_length_mm, (0.1, -0.1), 50.0),
+            distortion=Distortion(
+                base="rectilinear",
+                reference_radius_mm=21.6,
+                valid_radius=1.5,
+                valid_box=(-1.5, -1.5, 1.5, 1.5),
+                radial_log_slope=(-0.2 * 35 / focal_length_mm,),
+            ),
+            lateral_colour=LateralColour(
+                ChannelShift((4e-3,), (0.0, 0.0), 1.5),
+                ChannelShift((-4e-3,), (0.0, 0.0), 1.5),
+            ),
+            fall_off=tuple(
+                FallOff(stop, 21.6, (0.2, 0.6), (0.2, 0.6), (0.2, 0.6))
+                for stop in stops
+            ),
+            terms=(),
+            covariance=None,
+            quality=Quality(0.02, 0.02, 100, 100, 1),
+        )
+
+    return Preset(
+        lens=LensName("Test 35"),
+        camera=Camera(None, 36.0, 24.0, 960, 640),
+        entries=tuple(entry(f) for f in focal_lengths_mm or (35.0,)),
+        provenance=Provenance("2025-01-01T00:00:00+00:00", "0.1.0", {}, ()),
+    )
+
+
+def scene(window):
+    x, y = np.moveaxis(window.pixel_centres(), -1, 0)
+    planes = [np.sin(x / 7), np.cos(y / 6), np.sin((x + y) / 9)]
+    return (1.2 + 0.5 * np.stack(planes, -1)).astype(np.float32)
+
+
+def write_plate(path, attributes=None, extra=None, window=DATA, name=""):
+    rgb = scene(window)
+    channels = {n: rgb[..., i].copy() for i, n in enumerate("RGB")}
+    channels["A"] = np.ones(rgb.shape[:2], np.float32)
+    channels |= extra or {}
+    header = {**CAMERA, **SENSOR} if attributes is None else attributes
+    part = ExrPart(channels, window, DISPLAY, header, name=name)
+    write_exr(path, ExrImage((part,)))
+    return path
+
+
+def noise(dtype, seed):
+    bits = np.random.default_rng(seed).integers(0, 2**32, (76, 112), np.uint32)
+    return bits.view(np.float32) if dtype == np.float32 else bits.astype(dtype)
+
+
+def test_a_plate_comes_out_as_the_renderer_says(tmp_path):
+    plate = write_plate(
+        tmp_path / "plate.0001.exr", {**CAMERA, **SENSOR, "owner": "me"}
+    )
+    applied = apply_preset(make_preset(), plate, tmp_path / "out")
+    assert applied.failures == []
+    (part,) = read_exr(applied.written[0]).parts
+    assert part.data_window == part.display_window == DISPLAY
+    lens = make_preset().at(35.0, 2.8, 2000.0)
+    exact = render(scene(DATA), None, lens, data_window=DATA, display_window=DISPLAY)
+    for index, name in enumerate("RGB"):
+        assert np.abs(part.channels[name] - exact[..., index]).max() < 1e-6
+    assert part.attributes["owner"] == "me"
+    assert part.attributes["lens/focal"] == pytest.approx(35.0)
+    kept = part.attributes["originalDataWindow"]
+    assert np.concatenate(kept).tolist() == list(DATA)
+
+
+def test_ids_depth_and_matte_keep_their_bits(tmp_path):
+    extra = {
+        "CryptoObject00.r": noise(np.float32, 1),
+        "CryptoObject00.g": noise(np.float32, 2),
+        "CryptoObject00.b": noise(np.float32, 3),
+        "CryptoObject00.a": noise(np.float32, 4),
+        "depth.Z": noise(np.float32, 5),
+        "count": noise(np.uint32, 6),
+        "small.R": scene(DATA)[..., 0].astype(np.float16),
+        "small.G": scene(DATA)[..., 1].astype(np.float16),
+        "small.B": scene(DATA)[..., 2].astype(np.float16),
+    }
+    header = {**CAMERA, **SENSOR, "cryptomatte/542cafa/name": "CryptoObject"}
+    plate = write_plate(tmp_path / "plate.exr", header, extra)
+    for keep in (True, False):
+        options = ApplyOptions(keep_overscan=keep, overwrite=True)
+        applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+        (part,) = read_exr(applied.written[0]).parts
+        inside = np.s_[:, :] if keep else np.s_[6:70, 8:104]
+        for name in list(extra)[:6]:
+            assert part.channels[name].tobytes() == extra[name][inside].tobytes()
+        assert part.data_window == (DATA if keep else DISPLAY)
+        # The half layer is rendered like the beauty, and stays half.
+        assert part.channels["small.R"].dtype == np.float16
+        gap = part.channels["small.R"].astype(np.float32) - part.channels["R"]
+        assert np.abs(gap).max() < 2e-3
+        assert not np.array_equal(part.channels["R"], scene(DATA)[..., 0][inside])
+
+
+def test_only_named_layers_are_rendered(tmp_path):
+    rgb = scene(DATA)
+    extra = {f"diffuse.{n}": rgb[..., i].copy() for i, n in enumerate("RGB")}
+    plate = write_plate(tmp_path / "plate.exr", extra=extra)
+    options = ApplyOptions(layers=["diffuse"], keep_overscan=True)
+    applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+    (part,) = read_exr(applied.written[0]).parts
+    assert np.array_equal(part.channels["R"], rgb[..., 0])
+    assert not np.array_equal(part.channels["diffuse.R"], rgb[..., 0])
+
+
+def test_several_parts_are_each_kept(tmp_path):
+    rgb = scene(DATA)
+    beauty = ExrPart(
+        {n: rgb[..., i].copy() for i, n in enumerate("RGB")},
+        DATA,
+        DISPLAY,
+        {**CAMERA, **SENSOR},
+        name="beauty",
+    )
+    depth = ExrPart({"Z": noise(np.float32, 7)}, DATA, DISPLAY, name="depth")
+    write_exr(tmp_path / "plate.exr", ExrImage((depth, beauty)))
+    applied = apply_preset(make_preset(), tmp_path / "plate.exr", tmp_path / "out")
+    assert applied.failures == []
+    first, second = read_exr(applied.written[0]).parts
+    assert (first.name, second.name) == ("depth", "beauty")
+    own = depth.channels["Z"][6:70, 8:104]
+    assert first.channels["Z"].tobytes() == own.tobytes()
+    assert set(second.channels) == {"R", "G", "B"}
+
+
+def test_switches_off_and_cropped_is_a_plain_crop(tmp_path):
+    plate = write_plate(tmp_path / "plate.exr")
+    switches = Switches(distortion=False, lateral_colour=False, falloff=False)
+    options = ApplyOptions(switches=switches)
+    applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+    (part,) = read_exr(applied.written[0]).parts
+    assert np.array_equal(part.channels["G"], scene(DATA)[6:70, 8:104, 1])
+
+
+def test_a_sequence_goes_on_past_a_bad_frame_and_resumes(tmp_path):
+    for number in (1, 2, 4):
+        write_plate(tmp_path / f"plate.{number:04d}.exr")
+    (tmp_path / "plate.0002.exr").write_bytes(b"no picture")
+    told = []
+    applied = apply_preset(
+        make_preset(),
+        tmp_path / "plate.####.exr",
+        tmp_path / "out",
+        frames="1-4",
+        progress=lambda *state: told.append(state),
+    )
+    assert [p.name for p in applied.written] == ["plate.0001.exr", "plate.0004.exr"]
+    assert len(applied.failures) == 2
+    assert "plate.0002.exr" in applied.failures[0]
+    assert "plate.0003.exr" in applied.failures[1]
+    assert told[-1] == ("frames", 4, 4)
+    assert len(list((tmp_path / "out").iterdir())) == 2  # nothing half-written
+
+    write_plate(tmp_path / "plate.0002.exr")
+    before = applied.written[0].stat().st_mtime_ns
+    again = apply_preset(make_preset(), tmp_path / "plate.####.exr", tmp_path / "out")
+    assert [p.name for p in again.written] == ["plate.0002.exr"]
+    assert len(again.skipped) == 2
+    assert applied.written[0].stat().st_mtime_ns == before
+
+
+def test_frames_follow_their_own_metadata_and_overrides_count_more(tmp_path):
+    preset = make_preset(35.0, 70.0)
+    write_plate(tmp_path / "plate.0001.exr")
+    write_plate(tmp_path / "plate.0002.exr", {**CAMERA, **SENSOR, "lens/focal": 70.0})
+    applied = apply_preset(preset, tmp_path / "plate.####.exr", tmp_path / "out")
+    wide, long = (read_exr(p).parts[0].channels["G"] for p in applied.written)
+    assert np.abs(wide - long).max() > 0.02
+    options = ApplyOptions(overrides=StateOverrides(focal_length_mm=70.0))
+    stated = apply_preset(
+        preset, tmp_path / "plate.0001.exr", tmp_path / "stated", options=options
+    )
+    assert np.array_equal(read_exr(stated.written[0]).parts[0].channels["G"], long)
+
+
+@pytest.mark.parametrize(
+    ("lacking", "preset", "option"),
+    [
+        ("lens/focal", make_preset(35.0, 70.0), "--focal-length-mm"),
+        ("lens/fstop", make_preset(stops=(2.8, 5.6)), "--f-number"),
+    ],
+)
+def test_a_missing_value_names_itself_the_frame_and_the_way_out(
+    tmp_path, lacking, preset, option
+):
+    header = {k: v for k, v in {**CAMERA, **SENSOR}.items() if k != lacking}
+    plate = write_plate(tmp_path / "plate.0007.exr", header)
+    (failure,) = apply_preset(preset, plate, tmp_path / "out").failures
+    assert "plate.0007.exr" in failure
+    assert lacking in failure
+    assert option in failure
+    assert "\n" not in failure
+
+
+def test_what_is_assumed_is_noted_once(tmp_path):
+    for number in (1, 2):
+        write_plate(tmp_path / f"plate.{number}.exr", CAMERA)
+    applied = apply_preset(make_preset(), tmp_path / "plate.#.exr", tmp_path / "out")
+    (note,) = applied.notes
+    assert "sensor width" in note
+    assert "36 mm" in note
+
+
+def test_a_lens_out_of_reach_is_told_with_the_frame(tmp_path):
+    plate = write_plate(tmp_path / "p.exr", {**CAMERA, **SENSOR, "lens/focal": 85.0})
+    (failure,) = apply_preset(make_preset(), plate, tmp_path / "out").failures
+    assert "p.exr" in failure
+    assert "85" in failure
+
+
+def test_no_colour_and_no_frame_at_all(tmp_path):
+    part = ExrPart({"Z": noise(np.float32, 1)}, DATA, DISPLAY, {**CAMERA, **SENSOR})
+    write_exr(tmp_path / "z.exr", ExrImage((part,)))
+    applied = apply_preset(make_preset(), tmp_path / "z.exr", tmp_path / "out")
+    assert "no R, G, B" in applied.failures[0]
+    with pytest.raises(ImageError, match="no frame exists"):
+        apply_preset(make_preset(), tmp_path / "none.####.exr", tmp_path / "out")
+
+
+def test_a_result_never_replaces_its_plate(tmp_path):
+    plate = write_plate(tmp_path / "plate.exr")
+    before = plate.read_bytes()
+    applied = apply_preset(make_preset(), plate, tmp_path)
+    assert "would replace its own source" in applied.failures[0]
+    assert plate.read_bytes() == before
+
+
+def test_an_external_map_replaces_the_distortion(tmp_path):
+    plate = write_plate(tmp_path / "plate.exr")
+    centres = DISPLAY.pixel_centres()
+    uv = np.stack([(centres[..., 0] + 2) / 96, 1 - (centres[..., 1] - 1) / 64], -1)
+    write_stmap(tmp_path / "map.exr", uv.astype(np.float32), DISPLAY)
+    switches = Switches(lateral_colour=False, falloff=False)
+    options = ApplyOptions(switches=switches, stmap=tmp_path / "map.exr")
+    applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+    (part,) = read_exr(applied.written[0]).parts
+    assert np.array_equal(part.channels["R"], scene(DATA)[5:69, 10:106, 0])
+    kept = ApplyOptions(keep_overscan=True, stmap=tmp_path / "map.exr")
+    (failure,) = apply_preset(
+        make_preset(), plate, tmp_path / "kept", options=kept
+    ).failures
+    assert "does not cover" in failure
+
+
+def test_preset_errors_before_the_first_frame_are_raised(tmp_path):
+    with pytest.raises(PresetError):
+        make_preset(35.0, 70.0).at()
+    options = ApplyOptions(stmap=tmp_path / "none.exr")
+    plate = write_plate(tmp_path / "plate.exr")
+    with pytest.raises(ImageError):
+        apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+
+
+def test_the_path_traced_plate(tmp_path, data_dir):
+    plate = data_dir / "plates" / "plate.0001.exr"
+    applied = apply_preset(make_preset(), plate, tmp_path)
+    assert applied.failures == []
+    (before,), (after,) = read_exr(plate).parts, read_exr(applied.written[0]).parts
+    rows, columns = slice(27, 567), slice(48, 1008)
+    for name, samples in before.channels.items():
+        same = np.array_equal(
+            samples[rows, columns].view(np.uint32), after.channels[name].view(np.uint32)
+        )
+        assert same == (name not in ("R", "G", "B", "A")), name
+    assert min(after.channels[n].min() for n in "RGB") >= 0
+    assert after.channels["A"].max() <= 1

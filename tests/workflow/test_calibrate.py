@@ -1,0 +1,107 @@
+"""The main job, end to end, on the bundled shoot whose truth is known."""
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lensfit.coords import mm_from_px
+from lensfit.errors import DetectionError
+from lensfit.io.stmap import read_stmap
+from lensfit.preset.store import load_preset
+from lensfit.workflow.calibrate import calibrate
+from lensfit.workflow.shoot import load_shoot
+
+DEMO = Path(str(files("data_synth") / "demo"))
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """The demo's three photographs, and one that does not exist."""
+    folder = tmp_path_factory.mktemp("shoot")
+    text = (DEMO / "shoot.toml").read_text()
+    for image in ("dots.exr", "dots_tilted.png", "lines.jpg"):
+        text = text.replace(f'"{image}"', json.dumps(str(DEMO / image)))
+    missing = """
+[[take]]
+image = "missing.jpg"
+target = "dot-grid-1"
+focal_length_mm = 28.0
+focus_distance_mm = 1500.0
+"""
+    (folder / "shoot.toml").write_text(text + missing)
+    out = folder / "out"
+    report = calibrate(load_shoot(folder / "shoot.toml"), out)
+    return report, out
+
+
+def test_chief_rays_agree_with_the_exact_ray_trace(calibrated):
+    """Up to the pose of the chart, which an affine map absorbs."""
+    _, out = calibrated
+    lens = load_preset(out / "preset.json").at()
+    truth = json.loads((DEMO / "dots_truth.json").read_text())
+    chief, objects = _truth_of(truth)
+    ours = np.asarray(lens.project(objects))
+    theirs = mm_from_px(chief, (1280, 960), (28.0, 21.0))
+    design = np.c_[ours, np.ones(len(ours))]
+    aligned = design @ np.linalg.lstsq(design, theirs, rcond=None)[0]
+    error_px = np.linalg.norm(aligned - theirs, axis=1) / (28.0 / 1280)
+    # f/4 centroids differ from chief rays by coma: up to 0.2 px in the corners.
+    assert np.sqrt(np.mean(error_px**2)) < 0.06
+
+
+def _truth_of(truth):
+    """Chief rays in green within the frame, px, and their object points, mm."""
+    dots = np.asarray(truth["dots"])
+    column = truth["columns"].index("chief_g_x_px")
+    chief = dots[:, column : column + 2]
+    dots = dots[np.all((chief > 0) & (chief < (1280, 960)), axis=1)]
+    plane = dots[:, :2] * truth["chart"]["pitch_mm"]
+    distance = np.full((len(dots), 1), truth["pose"]["distance_mm"])
+    return dots[:, column : column + 2], np.hstack([plane, distance])
+
+
+def test_held_out_error_is_near_the_noise_of_the_photographs(calibrated):
+    report, _ = calibrated
+    assert report["held_out_rms_px"] < 0.03
+    assert report["points_used"] >= 0.99 * report["points_detected"]
+
+
+def test_a_missing_photograph_is_named_and_stops_nothing(calibrated):
+    report, out = calibrated
+    failed = [take for take in report["takes"] if take["failed"]]
+    assert [take["image"] for take in failed] == ["missing.jpg"]
+    assert "missing.jpg" in failed[0]["failed"]
+    assert json.loads((out / "report.json").read_text())["takes"][3]["failed"]
+    assert (out / "report.html").stat().st_size > 20_000
+
+
+def test_the_maps_undo_each_other(calibrated):
+    report, out = calibrated
+    assert report["entries"][0]["round_trip_max_px"] < 1e-3
+    assert report["entries"][0]["monotone"]
+    names = report["files"]["stmaps"]
+    assert len(names) == 2
+    for name in names:
+        uv = read_stmap(out / name).uv
+        assert np.isfinite(uv).all()
+
+
+def test_the_preset_says_what_was_tried_and_how_sure_it_is(calibrated):
+    _, out = calibrated
+    entry = load_preset(out / "preset.json").entries[0]
+    radial = next(t for t in entry.terms if t.name.startswith("radial") and t.kept)
+    assert "BIC" in radial.reason
+    assert any(not t.kept for t in entry.terms)
+    assert entry.covariance is not None
+    assert entry.quality.photographs == 3
+
+
+def test_no_photograph_at_all_is_one_sentence(tmp_path):
+    text = (DEMO / "shoot.toml").read_text()
+    (tmp_path / "shoot.toml").write_text(text)
+    with pytest.raises(DetectionError, match=r"dots\.exr"):
+        calibrate(load_shoot(tmp_path / "shoot.toml"), tmp_path / "out")
+    assert not (tmp_path / "out" / "preset.json").exists()

@@ -1,0 +1,141 @@
+"""Inspection tells the truth about pictures, and its draft is a valid shoot file."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from lensfit.cli.main import app
+from lensfit.coords import Window
+from lensfit.errors import OutputError
+from lensfit.io.exr import ExrImage, ExrPart, write_exr
+from lensfit.workflow.draft_shoot import write_draft_shoot
+from lensfit.workflow.inspect import as_json, facts, inspect_images
+from lensfit.workflow.shoot import load_shoot
+
+OVERSCAN = Window(-4, -3, 43, 32)
+FRAME = Window.of_size(40, 30)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    plane = np.full((36, 48), 0.5, np.float32)
+    channels = {name: plane for name in ("R", "G", "B", "depth.Z")}
+    attributes = {
+        "lens/focal": 35.0,
+        "lens/fstop": 2.0,
+        "lens/focus": float("inf"),
+        "lens/aperture": 28.25,
+        "lensModel": 'A "quoted" Zoom\\',
+    }
+    part = ExrPart(channels, OVERSCAN, FRAME, attributes)
+    for frame in (1, 2):
+        write_exr(tmp_path / f"plate.{frame:04d}.exr", ExrImage((part,)))
+    codes = np.full((20, 30, 3), 90, np.uint8)
+    codes[:5, :6, 1] = 255
+    Image.fromarray(codes).save(tmp_path / "still.png")
+    return tmp_path
+
+
+def test_facts_of_an_exr_sequence(folder: Path):
+    inspections, errors = inspect_images([folder / "plate.####.exr"])
+    assert errors == []
+    assert [i.path.name for i in inspections] == ["plate.0001.exr", "plate.0002.exr"]
+    first = inspections[0]
+    assert first.size_px == (40, 30)
+    assert set(first.channels) == {"R", "G", "B", "depth.Z"}
+    assert (first.data_window, first.display_window) == (OVERSCAN, FRAME)
+    assert first.clipped_fraction is None
+    lines = {what: (value, source) for what, value, source in facts(first)}
+    assert lines["focal_length_mm"] == ("35", "lens/focal")
+    assert lines["focus_distance_mm"] == ("inf", "lens/focus")
+    assert lines["data window"][0] == "(-4, -3) to (43, 32)"
+    json.dumps(as_json(first), allow_nan=False)
+
+
+def test_clipping_is_counted(folder: Path):
+    (inspection,), _ = inspect_images([folder / "still.png"])
+    assert inspection.clipped_fraction == pytest.approx(30 / 600)
+    assert (inspection.encoding, inspection.bit_depth) == ("srgb", 8)
+
+
+def test_bad_pictures_do_not_stop_the_others(folder: Path):
+    (folder / "bad.png").write_bytes(b"nothing")
+    images = [folder / "bad.png", folder / "none.exr", folder / "still.png"]
+    inspections, errors = inspect_images(images)
+    assert [i.path.name for i in inspections] == ["still.png"]
+    assert len(errors) == 2
+
+
+def test_bad_camera_entry_is_told(folder: Path):
+    plane = np.zeros((30, 40), np.float32)
+    part = ExrPart({"Y": plane}, FRAME, FRAME, {"aperture": -1.0})
+    write_exr(folder / "bad.exr", ExrImage((part,)))
+    (inspection,), errors = inspect_images([folder / "bad.exr"])
+    assert errors == []
+    assert inspection.problem is not None
+    assert "aperture" in inspection.problem
+    assert ("problem", inspection.problem, "header") in facts(inspection)
+
+
+def test_draft_is_a_valid_shoot_with_what_is_known(folder: Path):
+    images = [folder / "plate.0001.exr", folder / "still.png"]
+    inspections, _ = inspect_images(images)
+    path = folder / "drafts" / "shoot.toml"
+    write_draft_shoot(path, inspections)
+    shoot = load_shoot(path)
+    assert shoot.lens.name == 'A "quoted" Zoom\\'
+    assert shoot.camera.sensor_width_mm == 28.25
+    plate, still = shoot.takes
+    assert shoot.image_path(plate).resolve() == images[0].resolve()
+    assert (plate.focal_length_mm, plate.focus_distance_mm) == (35.0, float("inf"))
+    assert (still.focal_length_mm, still.encoding) == (None, "srgb")
+    text = path.read_text()
+    assert "focal_length_mm = 35.0  # from lens/focal" in text
+    assert text.count("TODO") >= 5
+
+
+def test_draft_says_where_photographs_differ(folder: Path):
+    plane = np.zeros((30, 40), np.float32)
+    part = ExrPart({"Y": plane}, FRAME, FRAME, {"lens/aperture": 36.0})
+    write_exr(folder / "other.exr", ExrImage((part,)))
+    images = [folder / "plate.0001.exr", folder / "other.exr"]
+    write_draft_shoot(folder / "shoot.toml", inspect_images(images)[0])
+    text = (folder / "shoot.toml").read_text()
+    assert tomllib.loads(text)["camera"]["sensor_width_mm"] == 28.25
+    assert "# TODO: but 36.0 from lens/aperture of other.exr" in text
+
+
+def test_draft_never_replaces_a_file(folder: Path):
+    (folder / "shoot.toml").write_text("mine")
+    inspections, _ = inspect_images([folder / "still.png"])
+    with pytest.raises(OutputError, match="edited"):
+        write_draft_shoot(folder / "shoot.toml", inspections)
+    assert (folder / "shoot.toml").read_text() == "mine"
+
+
+def test_command_prints_tables_and_drafts(folder: Path):
+    draft = folder / "shoot.toml"
+    arguments = ["inspect", str(folder / "still.png"), "--write-shoot", str(draft)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0
+    assert "30 x 20 px" in result.stdout
+    assert "5.00%" in result.stdout
+    assert load_shoot(draft).takes[0].image == "still.png"
+
+
+def test_command_json_and_errors(folder: Path):
+    (folder / "empty.exr").touch()
+    images = [str(folder / "empty.exr"), str(folder / "plate.0001.exr")]
+    result = CliRunner().invoke(app, ["inspect", "--json", *images])
+    assert result.exit_code == 1
+    (record,) = json.loads(result.stdout)
+    assert record["state"]["focus_distance_mm"] == "inf"
+    assert record["state"]["sources"]["f_number"] == "lens/fstop"
+    assert result.stderr.splitlines() == [
+        f"lensfit: error: {folder / 'empty.exr'}: is empty"
+    ]

@@ -1,0 +1,226 @@
+"""The page: whole without the network, honest about gaps, and alive in a browser."""
+
+import copy
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from report_samples import barrel_report, draw_overlays, entry, failed_take
+
+from lensfit.errors import OutputError
+from lensfit.workflow.report import write_report
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+FIGURES = {
+    "comparison": 1,
+    "distortion-grid": 1,
+    "radial-profile": 1,
+    "lateral-colour": 1,
+    "fall-off": 1,
+    "uncertainty": 1,
+    "coverage": 1,
+    "common-residual": 1,
+    "overlay": 2,
+    "residual-arrows": 2,
+    "residual-histogram": 2,
+}
+
+
+def written(report: dict, folder: Path, size_px: tuple[int, int] = (400, 300)) -> str:
+    draw_overlays(report, folder, size_px)
+    return write_report(report, folder).read_text(encoding="utf-8")
+
+
+def figures_in(html: str) -> dict[str, int]:
+    keys = re.findall(r'data-figure="([a-z-]+)"', html)
+    return {key: keys.count(key) for key in keys}
+
+
+class _Outline(HTMLParser):
+    """Checks that elements nest, and gathers references and scripts."""
+
+    def __init__(self):
+        super().__init__()
+        self.open: list[str] = []
+        self.references: list[str] = []
+        self.text: list[str] = []
+        self.elements: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append(tag)
+        self.references += [
+            v for k, v in attrs if k in ("src", "href", "data", "action")
+        ]
+        if tag not in ("img", "meta"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def outline(html: str) -> _Outline:
+    parser = _Outline()
+    parser.feed(html)
+    parser.close()
+    assert parser.open == []
+    return parser
+
+
+def test_page_holds_every_figure_once(tmp_path):
+    assert figures_in(written(barrel_report(2), tmp_path)) == FIGURES
+
+
+def test_nothing_in_the_page_points_outside_it(tmp_path):
+    html = written(barrel_report(2), tmp_path)
+    references = outline(html).references
+    assert references
+    assert all(one.startswith(("#", "data:image/")) for one in references)
+    assert not re.search(r"https?://|@import|url\(", html)
+    assert "default-src &#x27;none&#x27;" in html
+
+
+def test_every_user_string_is_escaped(tmp_path):
+    """The same hostile text in every field adds text to the page, never an element."""
+    clean = barrel_report(2)
+    plain = outline(written(clean, tmp_path)).elements
+    hostile = '"><script>alert(1)</script><img src=x onerror=alert(2)>'
+
+    def poison(value, key=""):
+        if isinstance(value, dict):
+            return {k: poison(v, k) for k, v in value.items()}
+        if isinstance(value, list):
+            return [poison(one, key) for one in value]
+        if isinstance(value, str) and key != "overlay":
+            return value + hostile
+        return value
+
+    page = outline(written(poison(clean), tmp_path))
+    assert page.elements == plain
+    assert sum(hostile in text for text in page.text) > 10
+
+
+@pytest.mark.parametrize("key", sorted(barrel_report(1)))
+def test_any_part_may_be_missing(tmp_path, key):
+    for gap in ("absent", "null"):
+        report = barrel_report(1)
+        report.pop(key) if gap == "absent" else report.update({key: None})
+        outline(
+            written(report, tmp_path) if key != "takes" else page_of(report, tmp_path)
+        )
+
+
+def page_of(report: dict, folder: Path) -> str:
+    return write_report(report, folder).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("part", ["entries", "takes", "terms"])
+def test_any_key_of_any_part_may_be_missing(tmp_path, part):
+    for key in barrel_report(1)[part][0]:
+        report = barrel_report(1)
+        del report[part][0][key]
+        outline(written(report, tmp_path))
+        report = barrel_report(1)
+        report[part][0][key] = None
+        outline(written(report, tmp_path))
+
+
+def test_an_empty_report_is_still_a_page(tmp_path):
+    assert "Unnamed lens" in page_of({}, tmp_path)
+
+
+def test_undefined_numbers_are_gaps_not_words(tmp_path):
+    report = barrel_report(1)
+    lens = report["entries"][0]
+    lens["distortion_grid"]["dx_mm"][0][0] = None
+    lens["uncertainty_grid"]["sd_px"][0] = [None] * 25
+    lens["radial_profile"]["distortion_percent"][-1] = float("nan")
+    lens["focus_distance_mm"] = float("inf")
+    report["takes"][0]["residuals"]["dx_px"][3] = None
+    html = written(report, tmp_path)
+    picture = re.sub(r"base64,[A-Za-z0-9+/=]+", "", html)
+    assert not re.search(r"\b(nan|None|null|inf)\b", "".join(outline(picture).text[3:]))
+    assert not re.search(r' d="[^"]*nan', picture)
+    assert figures_in(html)["uncertainty"] == 1
+    assert "focused at ∞" in html
+
+
+def test_failed_take_is_shown_with_its_reason(tmp_path):
+    report = barrel_report(2)
+    report["takes"].append(failed_take("tilt", "no dots: over-exposed"))
+    html = written(report, tmp_path)
+    assert html.count("no dots: over-exposed") == 3  # verdict, table, its own block
+    assert "2 of 3" in html
+
+
+def test_a_lost_overlay_is_said_to_be_lost(tmp_path):
+    html = page_of(barrel_report(1), tmp_path)
+    assert "overlays/take_1.png could not be read" in html
+    assert "overlay" not in figures_in(html)
+
+
+def test_zoom_has_figures_for_each_entry(tmp_path):
+    report = barrel_report(2)
+    report["entries"].append(entry(85.0, float("inf")))
+    report["takes"][1]["focal_length_mm"] = 85.0
+    shown = figures_in(written(report, tmp_path))
+    assert shown["distortion-grid"] == shown["uncertainty"] == shown["coverage"] == 2
+
+
+def test_same_report_gives_the_same_bytes(tmp_path):
+    report = barrel_report(2)
+    first = written(report, tmp_path)
+    again = written(copy.deepcopy(report), tmp_path / "other")
+    assert first == again
+
+
+def test_big_overlays_are_shrunk_to_the_budget(tmp_path):
+    report = barrel_report(3)
+    html = written(report, tmp_path, size_px=(3000, 2000))
+    assert len(html) < 2_800_000
+    assert figures_in(html)["overlay"] == 3
+
+
+def test_small_distortion_is_enlarged_and_said_to_be(tmp_path):
+    report = barrel_report(1)
+    grid = report["entries"][0]["distortion_grid"]
+    for key in ("dx_mm", "dy_mm"):
+        grid[key] = [[0.01 * value for value in row] for row in grid[key]]
+    assert "times too strong" in written(report, tmp_path)
+    assert "true to scale" in written(barrel_report(1), tmp_path)
+
+
+def test_page_that_cannot_be_written_is_one_sentence(tmp_path):
+    (tmp_path / "report.html").mkdir()
+    with pytest.raises(OutputError, match=r"report\.html"):
+        write_report(barrel_report(1), tmp_path)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_browser_shows_all_figures_without_an_error(tmp_path):
+    """A browser lays out every figure, enlarges an overlay, and logs nothing."""
+    page = tmp_path / "report.html"
+    html = written(barrel_report(2), tmp_path)
+    probe = """<script>addEventListener("load", () => {
+      const seen = [...document.querySelectorAll("[data-figure]")]
+        .filter((f) => f.getBoundingClientRect().height > 60).length;
+      const loaded = [...document.querySelectorAll("button.zoom img")]
+        .every((i) => i.complete && i.naturalWidth > 0);
+      document.querySelector("button.zoom").click();
+      const enlarged = document.querySelector("dialog").open;
+      document.body.dataset.probe = [seen, loaded, enlarged].join(" ");
+    });</script>"""
+    page.write_text(html.replace("</body>", probe + "</body>"), encoding="utf-8")
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu"]
+    command += ["--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}"]
+    command += ["--virtual-time-budget=3000", "--dump-dom", page.as_uri()]
+    run = subprocess.run(
+        command, capture_output=True, text=True, timeout=90, check=True
+    )
+    assert "CONSOLE" not in run.stderr
+    assert f'data-probe="{sum(FIGURES.values())} true true"' in run.stdout

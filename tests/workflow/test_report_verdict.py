@@ -1,0 +1,189 @@
+"""The verdict: each rule speaks when its evidence is there, and only then."""
+
+import copy
+
+import numpy as np
+import pytest
+from report_samples import barrel_report, failed_take
+
+from lensfit.workflow.report_coverage import (
+    Residuals,
+    cell_counts,
+    empty_places,
+    pattern_px,
+)
+from lensfit.workflow.report_verdict import findings, verdict
+
+SIZE_PX = (2000.0, 1500.0)
+
+
+@pytest.fixture
+def report() -> dict:
+    return barrel_report()
+
+
+def said(report: dict, words: str) -> bool:
+    return any(words in sentence for sentence in verdict(report))
+
+
+@pytest.mark.parametrize(
+    ("held_out_px", "opening", "tone"),
+    [
+        (0.05, "Ready for measurement", "good"),
+        (0.3, "Ready for match-moving", "good"),
+        (1.0, "Good enough for soft", "caution"),
+        (3.0, "Not usable yet", "bad"),
+    ],
+)
+def test_grade_follows_the_held_out_error(report, held_out_px, opening, tone):
+    report["held_out_rms_px"] = held_out_px
+    first = findings(report)[0]
+    assert first.sentence.startswith(opening)
+    assert first.tone == tone
+
+
+def test_a_small_residual_does_not_hide_uncertain_corners(report):
+    """Held-out error is 0.09 px, but the corners are known to 2 px only."""
+    report["entries"][0]["uncertainty_grid"]["sd_px"][0][0] = 2.0
+    assert findings(report)[0].tone == "bad"
+    assert "in its worst corner the map is known to" in findings(report)[0].sentence
+    assert said(report, "In the corners at 50\u202fmm the map is known to 2.0\u202fpx")
+    assert said(report, "shoot the chart in the corners")
+
+
+def test_sound_calibration_draws_no_complaint(report):
+    tones = {finding.tone for finding in findings(report)}
+    assert tones <= {"good"}
+    assert said(report, "reach all of the frame")
+
+
+def test_a_fold_outweighs_any_error(report):
+    report["entries"][0]["monotone"] = False
+    assert findings(report)[0].tone == "bad"
+    assert said(report, "folds")
+
+
+def test_fit_that_never_held_points_out_says_so(report):
+    report["held_out_rms_px"] = None
+    assert said(report, "none were held out")
+
+
+def test_points_in_one_half_name_the_other(report):
+    for take in report["takes"]:
+        lists = take["residuals"]
+        kept = [i for i, x in enumerate(lists["x_px"]) if x < 1000]
+        take["residuals"] = {k: [v[i] for i in kept] for k, v in lists.items()}
+    assert said(report, "with gaps at the right side.")
+    assert not said(report, "reach all of the frame")
+
+
+def test_coverage_is_judged_for_each_focal_length(report):
+    """A zoom: the long end has points at its left only, the wide end everywhere."""
+    take = report["takes"][0]
+    take["focal_length_mm"] = 85.0
+    lists = take["residuals"]
+    kept = [i for i, x in enumerate(lists["x_px"]) if x < 600]
+    take["residuals"] = {k: [v[i] for i in kept] for k, v in lists.items()}
+    assert said(report, "of the frame at 85\u202fmm")
+    assert not said(report, "of the frame at 50\u202fmm")
+
+
+def test_failed_takes_are_named_with_their_reason(report):
+    report["takes"].append(failed_take("tilt", "no dots found."))
+    assert said(report, "“tilt” was left out: no dots found.")
+
+
+def test_no_usable_take_is_no_calibration(report):
+    report["takes"] = [failed_take("a", "empty"), failed_take("b", "empty")]
+    assert findings(report)[0].sentence.startswith("No photograph could be used")
+
+
+def test_few_takes_and_unmeasured_focal_length_ask_for_tilted_ones():
+    report = barrel_report(takes=1)
+    assert said(report, "Only 1 take at 50\u202fmm")
+    report["terms"][1]["kept"] = False
+    assert said(report, "The focal length is the stated one")
+
+
+def test_take_without_focal_length_is_noticed(report):
+    report["takes"][0]["focal_length_mm"] = None
+    assert said(report, "1 take without a focal length")
+
+
+def test_outstanding_take_is_pointed_at(report):
+    report["takes"][2]["rms_px"] = 0.6
+    assert said(report, "“take 3” fits 7.1 times worse")
+
+
+def test_overfit_rejection_round_trip_and_peers(report):
+    broken = copy.deepcopy(report)
+    broken["rms_px"] = 0.5 * broken["held_out_rms_px"]
+    broken["points_used"] = 0.8 * broken["points_detected"]
+    broken["entries"][0]["round_trip_max_px"] = 0.02
+    broken["comparison"]["opencv_14_held_out_px"] = 0.01
+    for words in ("2.0 times worse than fitted", "20% of the points", "loses up to"):
+        assert said(broken, words)
+        assert not said(report, words)
+    peers = {f.tone for f in findings(broken) if "OpenCV" in f.sentence}
+    assert peers == {"caution"}
+
+
+def test_what_was_not_measured_is_said(report):
+    report["entries"][0]["lateral_colour"] = None
+    report["entries"][0]["fall_off"] = []
+    assert said(report, "not applied: lateral colour and fall-off")
+
+
+def test_worst_news_comes_first(report):
+    report["entries"][0]["monotone"] = False
+    report["takes"][0]["focal_length_mm"] = None
+    order = [finding.tone for finding in findings(report)[1:]]
+    rank = {"bad": 0, "caution": 1, "note": 2, "good": 3}
+    assert order == sorted(order, key=rank.__getitem__)
+
+
+def test_an_empty_report_still_has_a_verdict():
+    assert len(verdict({})) >= 1
+
+
+def test_empty_places_are_where_the_points_are_not():
+    counts = np.ones((6, 8), dtype=np.int64)
+    assert empty_places(counts) == []
+    counts[:2, :3] = 0
+    assert empty_places(counts) == ["top left"]
+    counts[2:4, 3:6] = 0
+    assert empty_places(counts) == ["top left", "centre"]
+
+
+def test_counts_keep_every_point_even_on_the_far_edge():
+    points = np.array([[0.0, 0.0], [2000.0, 1500.0], [1999.9, 0.1]])
+    counts = cell_counts(points, SIZE_PX)
+    assert counts.sum() == 3
+    assert counts[0, 0] == counts[-1, -1] == counts[0, -1] == 1
+
+
+def test_pattern_finds_what_neighbours_share_and_ignores_noise():
+    rng = np.random.default_rng(3)
+    points = rng.uniform((0, 0), SIZE_PX, (6000, 2))
+    noise = rng.normal(0, 0.1, (6000, 2))
+    bend = np.stack([0.05 * np.sign(points[:, 0] - 1000), np.zeros(6000)], axis=1)
+    assert pattern_px(Residuals(points, noise), SIZE_PX) < 0.01
+    assert pattern_px(Residuals(points, noise + bend), SIZE_PX) == pytest.approx(
+        0.05, abs=0.005
+    )
+
+
+def test_shared_error_is_blamed_on_lens_or_chart(report):
+    for take in report["takes"]:
+        lists = take["residuals"]
+        lists["dx_px"] = [0.2 if x > 1000 else -0.2 for x in lists["x_px"]]
+    assert said(report, "Neighbouring points err alike by 0.20\u202fpx")
+
+
+def test_error_of_each_take_alone_is_blamed_on_the_chart(report):
+    """Patterns of opposite sign cancel over the takes, but not within one."""
+    for sign, take in zip((1, -1, 1, -1), report["takes"], strict=True):
+        lists = take["residuals"]
+        lists["dx_px"] = [sign * (0.2 if x > 1000 else -0.2) for x in lists["x_px"]]
+    assert said(report, "Each take has its own pattern of errors, 0.20\u202fpx")
+    assert not said(report, "Neighbouring points")
