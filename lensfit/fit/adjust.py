@@ -6,7 +6,7 @@ is still coarse. Marks far off their prediction lose weight (Cauchy), and the fe
 stay beyond reach are not used at all.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -15,19 +15,24 @@ from jaxtyping import Bool, Float
 
 from lensfit.fit import normal, solve
 from lensfit.fit.bias import centroid_shift_mm
-from lensfit.fit.geometry import Frame, View
+from lensfit.fit.chunks import Marks
+from lensfit.fit.geometry import Frame
+from lensfit.fit.normal import Equations
 from lensfit.fit.parameters import POSE_PARAMETERS, Layout, Prior
 from lensfit.fit.views import Stack, whitening_of
 
 CAUCHY_SCALE = 3.0
 REJECT_BEYOND = 7.0
 TOLERANCE = 1e-3
+LITTLE_DAMPING = 1e-7
+VALLEY_DAMPING = 1e-5
+"""Where terms that nearly span each other are free together."""
 _MOST_STEPS = 12
 _MEDIAN_OF_CHI2 = {1: 0.6745, 2: 1.1774}
 """Median length of a whitened residual of one and of two dimensions."""
 
 
-_residuals = jax.jit(normal.residuals, static_argnames=("layout",))
+_predictions_mm = jax.jit(normal.predictions_mm, static_argnames=("layout",))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +48,7 @@ class Adjustment:
     model_variance_mm2 : What the model leaves, per photograph.
     weight : Of every mark, 0 to 1.
     converged : Whether the last solve met its tolerance.
-    steps : Steps of all solves.
+    steps : Passes over the marks in all solves.
     """
 
     parameters: Float[np.ndarray, " parameters"]
@@ -57,33 +62,42 @@ class Adjustment:
     weight: Float[np.ndarray, "views marks"]
     converged: bool = False
     steps: int = 0
-    seconds: dict[str, float] = field(default_factory=dict)
 
     @property
     def used(self) -> Bool[np.ndarray, "views marks"]:
         """Marks that take part."""
         return self.stack.present & (self.weight > 0)
 
-    def views(self, weight: Float[np.ndarray, "views marks"] | None = None) -> View:
-        """The stacked views, weighed (by default with the current weights)."""
+    def marks(
+        self,
+        weight: Float[np.ndarray, "views marks"] | None = None,
+        chunks: int | None = None,
+    ) -> Marks:
+        """The marks in chunks, weighed (by default all, with the current weights)."""
         weight = self.weight if weight is None else weight
         whitening = whitening_of(self.stack, self.model_variance_mm2)
         whitening = whitening * np.sqrt(weight)[..., None, None]
-        return self.stack.view._replace(
-            observed_mm=jnp.asarray(
-                np.asarray(self.stack.view.observed_mm) - self.shift_mm
-            ),
-            whitening=jnp.asarray(whitening),
+        deal = self.stack.chunking
+        return Marks(
+            view=jnp.asarray(deal.view),
+            chunks=jnp.asarray(deal.count if chunks is None else chunks),
+            board=jnp.asarray(deal.cut(self.stack.board)),
+            observed_mm=jnp.asarray(deal.cut(self.stack.observed_mm - self.shift_mm)),
+            whitening=jnp.asarray(deal.cut(whitening) * deal.real[..., None, None]),
         )
 
     def residual_mm(self) -> Float[np.ndarray, "views marks 2"]:
         """Predicted minus observed; of a line sample, across the line."""
-        plain = self.views()._replace(
-            whitening=jnp.broadcast_to(jnp.eye(2), (*self.weight.shape, 2, 2))
+        deal, stack = self.stack.chunking, self.stack
+        predicted = _predictions_mm(
+            jnp.asarray(self.parameters),
+            stack.view,
+            self.marks(),
+            self.layout,
+            self.frame,
         )
-        residual = np.asarray(
-            _residuals(jnp.asarray(self.parameters), plain, self.layout, self.frame)
-        )
+        seen = stack.observed_mm - self.shift_mm
+        residual = deal.joined(np.asarray(predicted), seen) - seen
         n = self.stack.normal
         across = np.sum(np.nan_to_num(n) * residual, -1, keepdims=True) * n
         residual = np.where(np.isfinite(n), across, residual)
@@ -98,12 +112,14 @@ def fixed_prior(layout: Layout, views: int) -> Prior:
 def problem_of(
     adjustment: Adjustment,
     weight: Float[np.ndarray, "views marks"] | None = None,
+    chunks: int | None = None,
 ) -> solve.Problem:
-    """The least-squares problem at the current weights."""
+    """The least-squares problem of all marks at the current weights, or of some."""
     prior = adjustment.prior
     deviation = np.where(prior.free, prior.standard_deviation, 1.0)
     return solve.Problem(
-        views=adjustment.views(weight),
+        views=adjustment.stack.view,
+        marks=adjustment.marks(weight, chunks),
         frame=adjustment.frame,
         prior_mean=jnp.asarray(prior.mean),
         prior_precision=jnp.asarray(np.where(prior.free, deviation**-2.0, 0.0)),
@@ -111,54 +127,82 @@ def problem_of(
     )
 
 
-def adjust(adjustment: Adjustment, rounds: int = 2) -> Adjustment:
-    """Solve, weigh the marks anew, and repeat."""
+def adjust(
+    adjustment: Adjustment,
+    rounds: int = 2,
+    chunks: int | None = None,
+    damping: float = LITTLE_DAMPING,
+) -> Adjustment:
+    """Solve, weigh the marks anew, and repeat; `chunks` looks at some marks only."""
     for _ in range(rounds):
-        found = solve.solve(
-            jnp.asarray(adjustment.parameters),
-            problem_of(adjustment),
-            adjustment.layout,
-            TOLERANCE,
-            _MOST_STEPS,
-        )
-        adjustment = replace(
-            adjustment,
-            parameters=np.asarray(found.parameters),
-            converged=bool(found.converged),
-            steps=adjustment.steps + int(found.steps),
-        )
-        adjustment = weigh(adjustment)
-    return adjustment
+        problem = problem_of(adjustment, chunks=chunks)
+        adjustment = weigh(solved(adjustment, problem, damping=damping))
+    return with_centroid_shift(adjustment)
 
 
-def weigh(adjustment: Adjustment) -> Adjustment:
-    """Model variance, robust weights and centroid shifts at the current parameters."""
+def solved(
+    adjustment: Adjustment,
+    problem: solve.Problem,
+    most_steps: int = _MOST_STEPS,
+    damping: float = LITTLE_DAMPING,
+) -> Adjustment:
+    """The adjustment at the solution of a problem."""
+    found = solve.solve(
+        jnp.asarray(adjustment.parameters),
+        problem,
+        adjustment.layout,
+        TOLERANCE,
+        most_steps,
+        damping,
+    )
+    return replace(
+        adjustment,
+        parameters=np.asarray(found.parameters),
+        converged=bool(found.converged),
+        steps=adjustment.steps + int(found.steps),
+    )
+
+
+def equations_at(adjustment: Adjustment) -> Equations:
+    """The equations of both halves of the marks at the present parameters."""
+    here, problem = jnp.asarray(adjustment.parameters), problem_of(adjustment)
+    found = solve.solve(here, problem, adjustment.layout, TOLERANCE, 1, LITTLE_DAMPING)
+    return found.equations
+
+
+def with_centroid_shift(adjustment: Adjustment) -> Adjustment:
+    """The same with the shift of every dot's centroid predicted anew."""
     shift = centroid_shift_mm(
         jnp.asarray(adjustment.parameters),
         adjustment.stack.view,
+        adjustment.marks(),
         jnp.asarray(adjustment.radius_mm),
         adjustment.layout,
         adjustment.frame,
     )
-    adjustment = replace(adjustment, shift_mm=np.asarray(shift))
-    variance = _model_variance(adjustment)
-    adjustment = replace(adjustment, model_variance_mm2=variance)
-    distance = _whitened_length(adjustment)
+    deal = adjustment.stack.chunking
+    joined = deal.joined(np.asarray(shift), adjustment.shift_mm)
+    return replace(adjustment, shift_mm=joined)
+
+
+def weigh(adjustment: Adjustment) -> Adjustment:
+    """Model variance and robust weights at the current parameters."""
+    residual_mm = adjustment.residual_mm()
+    variance = _model_variance(adjustment.stack, residual_mm)
+    whitening = whitening_of(adjustment.stack, variance)
+    whitened = np.einsum("vmij,vmj->vmi", whitening, residual_mm)
+    distance = np.linalg.norm(whitened, axis=-1)
     weight = 1 / (1 + (distance / CAUCHY_SCALE) ** 2)
     weight = np.where(distance > REJECT_BEYOND, 0.0, weight)
-    return replace(adjustment, weight=np.where(adjustment.stack.present, weight, 0.0))
+    weight = np.where(adjustment.stack.present, weight, 0.0)
+    return replace(adjustment, model_variance_mm2=variance, weight=weight)
 
 
-def _whitened_length(adjustment: Adjustment) -> Float[np.ndarray, "views marks"]:
-    whitening = whitening_of(adjustment.stack, adjustment.model_variance_mm2)
-    residual = np.einsum("vmij,vmj->vmi", whitening, adjustment.residual_mm())
-    return np.linalg.norm(residual, axis=-1)
-
-
-def _model_variance(adjustment: Adjustment) -> Float[np.ndarray, " views"]:
+def _model_variance(
+    stack: Stack, residual_mm: Float[np.ndarray, "views marks 2"]
+) -> Float[np.ndarray, " views"]:
     """Per photograph: squared robust residual beyond what detection noise explains."""
-    stack, residual = adjustment.stack, adjustment.residual_mm()
-    length = np.linalg.norm(residual, axis=-1)
+    length = np.linalg.norm(residual_mm, axis=-1)
     noise = np.trace(stack.covariance_mm2, axis1=-2, axis2=-1) / 2
     variance = np.zeros(len(length))
     for k in range(len(length)):

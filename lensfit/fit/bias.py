@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.fit import normal
+from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import Frame, View, predicted_mm
 from lensfit.fit.parameters import Layout
 
@@ -32,30 +33,34 @@ _SLOPE = (-1.0) ** _APART / 2 / np.tan(np.pi / _CORNERS * np.where(_APART, _APAR
 def centroid_shift_mm(
     parameters: Float[Array, " parameters"],
     views: View,
+    marks: Marks,
     radius_mm: Float[Array, " views"],
     layout: Layout,
     frame: Frame,
-) -> Float[Array, "views marks 2"]:
+) -> Float[Array, "chunks marks 2"]:
     """Centroid of the image of each dot minus the image of its centre, mm.
 
     `radius_mm` is that of the dots on the board; zero gives zero.
     """
     shared, local = normal.split(parameters, layout)
-    outline = jnp.asarray(_OUTLINE, parameters.dtype)
+    points = jnp.concatenate([jnp.zeros((1, 2)), jnp.asarray(_OUTLINE)])
 
     def shift(mark, own, view, radius):
         def image(point):
-            return predicted_mm(point, shared, own, view, layout, frame)
+            around = mark + point * radius / view.half_board_mm
+            return predicted_mm(around, shared, own, view, layout, frame)
 
-        centre = image(mark)
-        around = jax.vmap(lambda o: image(mark + o * radius / view.half_board_mm))
-        return _centroid(jax.vmap(lambda p: p - centre)(around(outline)))
+        # One loop over the nine points keeps the program small.
+        images = jax.lax.map(image, points)
+        return _centroid(images[1:] - images[:1])
 
-    def of_view(own, view, radius):
-        return jax.vmap(lambda mark: shift(mark, own, view, radius))(view.board)
+    def of_chunk(board, k):
+        view = jax.tree.map(lambda a: a[k], views)
+        of_marks = jax.vmap(shift, (0, None, None, None))
+        return of_marks(board, local[k], view, radius_mm[k])
 
-    moved = jax.vmap(of_view)(local, views, radius_mm)
-    return jnp.where((radius_mm > 0)[:, None, None], moved, 0.0)
+    moved = jax.vmap(of_chunk)(marks.board, marks.view)
+    return jnp.where((radius_mm[marks.view] > 0)[:, None, None], moved, 0.0)
 
 
 def _centroid(outline: Float[Array, "corners 2"]) -> Float[Array, "2"]:

@@ -13,20 +13,19 @@ Three stages, each starting from the one before:
 import time
 from dataclasses import dataclass, replace
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from lensfit.errors import FitError
-from lensfit.fit import normal, solve
 from lensfit.fit.adjust import (
-    TOLERANCE,
+    VALLEY_DAMPING,
     Adjustment,
     adjust,
+    equations_at,
     fixed_prior,
     problem_of,
     release,
+    solved,
     with_poses_free,
 )
 from lensfit.fit.parameters import (
@@ -36,7 +35,6 @@ from lensfit.fit.parameters import (
     Prior,
 )
 from lensfit.fit.select import (
-    Statistics,
     Step,
     Verdict,
     bend_steps,
@@ -46,6 +44,7 @@ from lensfit.fit.select import (
 )
 from lensfit.fit.stage import Start, start_of
 from lensfit.fit.take import Take
+from lensfit.fit.trial import Statistics
 from lensfit.optics.base import BASE_PROJECTIONS
 from lensfit.progress import Progress, silent
 
@@ -70,6 +69,7 @@ COMPACT_RADIAL_TERMS = 3
 HELD_OUT_SEEDS = (0, 1, 2)
 _WIDE_RADIANS = 0.85
 _HELD_OUT_STEPS = 6
+_SAMPLE_PER_VIEW = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,14 +174,8 @@ def fitted_to_half(
 ) -> tuple[Adjustment, Bool[np.ndarray, "views marks"]]:
     """The same model and weights fitted to a random half of the marks; which half."""
     seen = np.random.default_rng(seed).random(adjustment.weight.shape) < 0.5
-    found = solve.solve(
-        jnp.asarray(adjustment.parameters),
-        problem_of(adjustment, np.where(seen, adjustment.weight, 0.0)),
-        adjustment.layout,
-        TOLERANCE,
-        _HELD_OUT_STEPS,
-    )
-    return replace(adjustment, parameters=np.asarray(found.parameters)), seen
+    problem = problem_of(adjustment, np.where(seen, adjustment.weight, 0.0))
+    return solved(adjustment, problem, _HELD_OUT_STEPS, VALLEY_DAMPING), seen
 
 
 def _compact(start: Start) -> Adjustment:
@@ -189,8 +183,7 @@ def _compact(start: Start) -> Adjustment:
     bases = BASE_PROJECTIONS[: 2 if start.half_angle_rad > _WIDE_RADIANS else 1]
     best = None
     for base in bases:
-        layout = replace(start.layout, base=base, free_degree=0)
-        fitted = _compact_on(start, layout)
+        fitted = _compact_on(start, replace(start.layout, base=base))
         squared = squared_px(fitted)
         score = float(np.median(squared[fitted.stack.present]))
         if best is None or score < 0.95 * best[0]:
@@ -200,39 +193,41 @@ def _compact(start: Start) -> Adjustment:
 
 
 def _compact_on(start: Start, layout: Layout) -> Adjustment:
+    """A sample of the marks is enough to come near."""
+    chunks = start.stack.chunking.sample(_SAMPLE_PER_VIEW)
     prior = with_poses_free(fixed_prior(layout, len(start.takes)), layout)
     first = layout.blocks["radial"].start
     prior = release(prior, slice(first, first + COMPACT_RADIAL_TERMS), 0.3)
     adjustment = start.adjustment(layout, prior)
-    adjustment = adjust(adjustment, rounds=2)
+    adjustment = adjust(adjustment, rounds=2, chunks=chunks)
     blocks = ["aperture_shift"]
     if start.focal_length_free:
         blocks += ["focal_length", "principal_point"]
     for name in blocks:
         prior = release(prior, layout.blocks[name], PRIOR_STANDARD_DEVIATION[name])
-    return adjust(replace(adjustment, prior=prior), rounds=2)
+    return adjust(replace(adjustment, prior=prior), rounds=2, chunks=chunks)
 
 
 def _with_evidence(
     start: Start, compact: Adjustment, progress: Progress
 ) -> tuple[Adjustment, tuple[str, ...], list[Verdict]]:
     """Stages 2 and 3."""
-    views = len(start.takes)
-    named = compact.layout
-    always = _always(named, views, start.focal_length_free)
-    terms = families(named)
+    views, layout = len(start.takes), compact.layout
+    always = _always(layout, views, start.focal_length_free)
+    terms = families(layout)
+    free_field = {n: terms.pop(n) for n in ("free_field",) if n in terms}
     adjustment, kept, verdicts = compact, {}, []
     for turn in range(2):
         adjustment, kept, verdicts = _chosen(adjustment, always, terms)
         progress("fit", 2 + turn, 5)
     names = [terms[f][n - 1].name for f, n in kept.items()]
-    if named.bend_degree:
+    if layout.bend_degree:
         # On top of the lens, never instead of it: seen frontally, a bent board
         # and a distorting lens are one and the same.
-        lens = np.setdiff1d(_indices(always, kept, terms), _spanned(named))
+        lens = np.setdiff1d(_indices(always, kept, terms), _spanned(layout))
         bends = {
-            "board_bend": bend_steps(named, views),
-            "row_drift": drift_steps(named, views),
+            "board_bend": bend_steps(layout, views),
+            "row_drift": drift_steps(layout, views),
         }
         adjustment, more, others = _chosen(adjustment, lens, bends)
         verdicts = verdicts + others
@@ -240,51 +235,38 @@ def _with_evidence(
         everything = np.union1d(
             _indices(always, kept, terms), _indices(lens, more, bends)
         )
-        adjustment = adjust(
-            replace(adjustment, prior=_prior_of(adjustment, everything, everything)),
-            rounds=1,
-        )
-    if start.layout.free_degree:
-        adjustment, more, others = _with_free_field(start, adjustment)
+        adjustment = _all_free(adjustment, everything)
+    if free_field:
+        adjustment, more, others = _with_free_field(adjustment, always, free_field)
         verdicts, names = verdicts + others, names + more
     progress("fit", 4, 5)
     return adjustment, tuple(names), verdicts
 
 
 def _with_free_field(
-    start: Start, named: Adjustment
+    named: Adjustment, always: np.ndarray, steps: dict[str, list[Step]]
 ) -> tuple[Adjustment, list[str], list[Verdict]]:
     """Stage 3; afterwards everything that was kept is free again."""
-    layout = replace(start.layout, base=named.layout.base)
-    views = len(start.takes)
-    held = start.adjustment(layout, fixed_prior(layout, views), like=named)
-    always = _always(layout, views, start.focal_length_free)
-    steps = {"free_field": families(layout)["free_field"]}
-    fitted, kept, verdicts = _chosen(held, always, steps)
+    fitted, kept, verdicts = _chosen(named, always, steps)
     if not kept:
         return named, [], verdicts
     step = steps["free_field"][kept["free_field"] - 1]
-    chosen = np.concatenate([_carried(named, layout), step.indices])
-    prior = _prior_of(fitted, np.zeros(0, int), np.unique(chosen))
+    everything = np.union1d(np.flatnonzero(named.prior.free), step.indices)
+    return _all_free(fitted, everything), [step.name], verdicts
+
+
+def _all_free(adjustment: Adjustment, everything: np.ndarray) -> Adjustment:
+    """One more round with all these free, each with a loose prior around zero."""
+    prior = _prior_of(adjustment, np.zeros(0, int), everything)
     prior = Prior(np.where(prior.free, 0.0, prior.mean), prior.standard_deviation)
-    return adjust(replace(fitted, prior=prior), rounds=1), [step.name], verdicts
+    released = replace(adjustment, prior=prior)
+    return adjust(released, rounds=1, damping=VALLEY_DAMPING)
 
 
 def _spanned(layout: Layout) -> np.ndarray:
     """Lens terms of degree three and more, held while bends are tried."""
     blocks = [layout.blocks[name] for name in ("radial", "anamorphic")]
     return np.concatenate([np.arange(b.start, b.stop) for b in blocks])
-
-
-def _carried(named: Adjustment, layout: Layout) -> np.ndarray:
-    """Where the free parameters of the named model lie in the larger one."""
-    free = np.flatnonzero(named.prior.free)
-    shift = layout.shared - named.layout.shared
-    moved = free + np.where(free >= named.layout.shared, shift, 0)
-    for name, where in named.layout.blocks.items():
-        inside = (free >= where.start) & (free < where.stop)
-        moved[inside] = free[inside] - where.start + layout.blocks[name].start
-    return moved
 
 
 def _chosen(
@@ -303,13 +285,21 @@ def _chosen(
     precision = np.where(everything.free, 1.0, 0.0)
     precision = precision / np.maximum(everything.standard_deviation, 1e-30) ** 2
     offset = adjustment.parameters - everything.mean
-    halves = halves_of(replace(adjustment, prior=everything))
-    kept, verdicts = choose(
-        *halves, precision, offset, always, terms, _px_per_deviation(adjustment)
+    found = choose(
+        *halves_of(replace(adjustment, prior=everything)),
+        precision,
+        offset,
+        always,
+        terms,
+        _px_per_deviation(adjustment),
     )
-    chosen = _indices(always, kept, terms)
-    fitted = adjust(replace(adjustment, prior=_prior_of(adjustment, tried, chosen)))
-    return fitted, kept, verdicts
+    chosen = _indices(always, found.kept, terms)
+    started = replace(
+        adjustment,
+        parameters=adjustment.parameters + found.step,
+        prior=_prior_of(adjustment, tried, chosen),
+    )
+    return adjust(started), found.kept, found.verdicts
 
 
 def _always(layout: Layout, views: int, focal_length: bool) -> np.ndarray:
@@ -361,38 +351,19 @@ def _px_per_deviation(adjustment: Adjustment) -> float:
 
 def halves_of(adjustment: Adjustment) -> tuple[Statistics, Statistics]:
     """Normal equations of the full model on two random halves of the marks."""
-    first = np.random.default_rng(7).random(adjustment.weight.shape) < 0.5
-    problem = problem_of(adjustment)
-    halves = _half_statistics(
-        jnp.asarray(adjustment.parameters),
-        problem,
-        jnp.asarray(first.astype(float)),
-        adjustment.layout,
-    )
-    marks = 2 * adjustment.used
-    counts = int((marks * first).sum()), int((marks * ~first).sum())
+    here = equations_at(adjustment)
+    deal = adjustment.stack.chunking
+    used = deal.cut(adjustment.used) & deal.real
     one, other = (
-        Statistics(np.asarray(matrix), np.asarray(gradient), float(squares), count)
-        for (matrix, gradient, squares), count in zip(halves, counts, strict=True)
+        Statistics(
+            np.asarray(here.matrix[half]),
+            np.asarray(here.gradient[half]),
+            float(here.chi_squared[half]),
+            2 * int(used[:, half::2].sum()),
+        )
+        for half in (0, 1)
     )
     return one, other
-
-
-def _half_statistics_of(parameters, problem, first, layout):
-    blocks, values = normal.jacobian_blocks(
-        parameters, problem.views, layout, problem.frame
-    )
-    rows = jnp.repeat(first, 2, axis=1)
-    whole = (*normal.gather(blocks, values, layout.local), jnp.sum(values**2))
-    one = (
-        *normal.gather(blocks * rows[..., None], values * rows, layout.local),
-        jnp.sum((values * rows) ** 2),
-    )
-    other = jax.tree.map(lambda a, b: a - b, whole, one)
-    return one, other
-
-
-_half_statistics = jax.jit(_half_statistics_of, static_argnames=("layout",))
 
 
 def require_marks(takes: list[Take], fewest: int = 12) -> None:

@@ -10,19 +10,19 @@ that no orientation is singular.
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from lensfit.fit.parameters import (
     APERTURE_SHIFT_TERMS,
-    DRIFT_PARAMETERS,
     LOWEST_BEND_DEGREE,
-    POSE_PARAMETERS,
     Layout,
     board_degrees,
 )
 from lensfit.optics.distortion import Distortion, distorted_from_direction
+
+Parts = dict[str, Array]
+"""Named blocks of the parameters: those of the lens, and of one photograph."""
 
 
 class Frame(NamedTuple):
@@ -36,7 +36,7 @@ class Frame(NamedTuple):
 
 
 class View(NamedTuple):
-    """One photograph's start pose and its marks; stacked over views for the fit.
+    """One photograph's start pose and board; stacked over photographs for the fit.
 
     `whole_board` is 1 where the photograph shows the board that `board_stretch`
     describes, from edge to edge, and 0 elsewhere.
@@ -47,47 +47,38 @@ class View(NamedTuple):
     aperture: Int[Array, ""]
     half_board_mm: Float[Array, "2"]
     whole_board: Float[Array, ""]
-    board: Float[Array, "marks 2"]
-    observed_mm: Float[Array, "marks 2"]
-    whitening: Float[Array, "marks 2 2"]
+
+
+def parts_of(shared: Array, local: Array, layout: Layout) -> Parts:
+    """The blocks of the shared parameters and of one photograph's, by name."""
+    shared_parts = {name: shared[where] for name, where in layout.blocks.items()}
+    local_parts = {name: local[where] for name, where in layout.local_blocks.items()}
+    return shared_parts | local_parts
 
 
 def distortion_of(shared: Array, layout: Layout, frame: Frame) -> Distortion:
     """The lens that the shared parameters describe."""
-    part = {name: shared[where] for name, where in layout.blocks.items()}
-    named = jnp.concatenate(
-        [part["decentering"], part["thin_prism"], part["anamorphic"]]
-    )
+    parts = {name: shared[where] for name, where in layout.blocks.items()}
+    return lens_of(parts, layout, frame)
+
+
+def lens_of(parts: Parts, layout: Layout, frame: Frame) -> Distortion:
+    """The lens that the named blocks describe."""
+    named = [parts["decentering"], parts["thin_prism"], parts["anamorphic"]]
     return Distortion(
         principal_distance_mm=frame.stated_focal_length_mm
-        * jnp.exp(part["focal_length"][0]),
-        principal_point_mm=part["principal_point"] * frame.reference_radius_mm,
-        radial=part["radial"],
+        * jnp.exp(parts["focal_length"][0]),
+        principal_point_mm=parts["principal_point"] * frame.reference_radius_mm,
+        radial=parts["radial"],
         valid_radius=frame.valid_radius,
-        squeeze=frame.stated_squeeze + part["squeeze"],
-        named=named,
-        free=part["free_field"].reshape(2, -1),
+        squeeze=frame.stated_squeeze + parts["squeeze"],
+        named=jnp.concatenate(named),
+        free=parts["free_field"].reshape(2, -1),
         box=frame.box,
         reference_radius_mm=frame.reference_radius_mm,
         base=layout.base,
         degree=layout.free_degree,
     )
-
-
-def board_point_mm(
-    board: Float[Array, "2"], shared: Array, bend: Array, view: View, layout: Layout
-) -> Float[Array, "3"]:
-    """The mark in board axes, mm: nominal place, plus stretch and bend."""
-    extent = jnp.max(view.half_board_mm)
-    flat = board * view.half_board_mm
-    z = jnp.zeros((), board.dtype)
-    if layout.stretch_degree >= LOWEST_BEND_DEGREE:
-        basis = _board_basis(board, layout.stretch_degree)
-        moved = shared[layout.blocks["board_stretch"]].reshape(2, -1) @ basis
-        flat = flat + moved * extent * view.whole_board
-    if layout.bend_degree >= LOWEST_BEND_DEGREE:
-        z = z + bend @ _board_basis(board, layout.bend_degree) * extent
-    return jnp.concatenate([flat, z[None]])
 
 
 def predicted_mm(
@@ -99,29 +90,59 @@ def predicted_mm(
     frame: Frame,
 ) -> Float[Array, "2"]:
     """Sensor mm where the mark's chief ray lands, moved by its aperture's shift."""
-    bend = local[POSE_PARAMETERS + DRIFT_PARAMETERS :]
-    point = board_point_mm(board, shared, bend, view, layout)
-    turned = rotation_from_vector(local[:3]) @ (view.rotation @ point)
-    shift = local[3:POSE_PARAMETERS] * view.translation_mm[2]
-    direction = turned + view.translation_mm + shift
-    landed = distorted_from_direction(direction, distortion_of(shared, layout, frame))
-    # A rolling shutter reads rows one after the other: a camera that moves meanwhile
-    # shifts each by an amount proportional to its height on the sensor.
-    drift = local[POSE_PARAMETERS : POSE_PARAMETERS + DRIFT_PARAMETERS]
-    landed = landed + drift * landed[1]
+    parts = parts_of(shared, local, layout)
+    lens = lens_of(parts, layout, frame)
+    point = board_point_mm(board, parts, view, layout)
+    landed = distorted_from_direction(direction_of(point, parts, view), lens)
+    return shifted_mm(landed, parts, view, lens, layout)
+
+
+def board_point_mm(
+    board: Float[Array, "2"], parts: Parts, view: View, layout: Layout
+) -> Float[Array, "3"]:
+    """The mark in board axes, mm: nominal place, plus stretch and bend."""
+    extent = jnp.max(view.half_board_mm)
+    stretch = parts["board_stretch"].reshape(2, -1)
+    moved = stretch @ board_basis(board, layout.stretch_degree) * view.whole_board
+    lifted = parts["board_bend"] @ board_basis(board, layout.bend_degree)
+    flat = board * view.half_board_mm + moved * extent
+    return jnp.concatenate([flat, (lifted * extent)[None]])
+
+
+def direction_of(
+    point_mm: Float[Array, "3"], parts: Parts, view: View
+) -> Float[Array, "3"]:
+    """A board point seen from the entrance pupil, mm."""
+    pose = parts["pose"]
+    turned = rotation_from_vector(pose[:3]) @ (view.rotation @ point_mm)
+    return turned + view.translation_mm + pose[3:] * view.translation_mm[2]
+
+
+def shifted_mm(
+    landed: Float[Array, "2"],
+    parts: Parts,
+    view: View,
+    lens: Distortion,
+    layout: Layout,
+) -> Float[Array, "2"]:
+    """What the shutter and a wide aperture do to a landed mark.
+
+    A rolling shutter reads rows one after the other: a camera that moves meanwhile
+    shifts each by an amount proportional to its height on the sensor.
+
+    The chief ray belongs to the smallest aperture; at the others the blur is lopsided,
+    to first order radially and oddly in the field, from coma and clipping.
+    """
+    landed = landed + parts["row_drift"] * landed[1]
     if not layout.apertures:
         return landed
-    return landed + _aperture_shift(landed, shared, view.aperture, layout, frame)
-
-
-def whitened_residual(
-    shared: Array, local: Array, view: View, layout: Layout, frame: Frame
-) -> Float[Array, "marks 2"]:
-    """(predicted - observed) in standard deviations, for every mark of one view."""
-    predict = jax.vmap(predicted_mm, (0, None, None, None, None, None))
-    difference = predict(view.board, shared, local, view, layout, frame)
-    difference = difference - view.observed_mm
-    return jnp.einsum("mij,mj->mi", view.whitening, difference)
+    radius_mm = lens.reference_radius_mm
+    q = (landed - lens.principal_point_mm) / radius_mm
+    shifts = parts["aperture_shift"].reshape(layout.apertures, APERTURE_SHIFT_TERMS)
+    mine = jnp.concatenate([jnp.zeros((1, APERTURE_SHIFT_TERMS)), shifts])
+    terms = mine[view.aperture]
+    r2 = jnp.sum(q**2)
+    return landed + q * (terms[0] + r2 * (terms[1] + r2 * terms[2])) * radius_mm
 
 
 def rotation_from_vector(rotation_rad: Float[Array, "3"]) -> Float[Array, "3 3"]:
@@ -144,26 +165,10 @@ def rotation_from_vector(rotation_rad: Float[Array, "3"]) -> Float[Array, "3 3"]
     return jnp.eye(3, dtype=cross.dtype) + first * cross + second * (cross @ cross)
 
 
-def _aperture_shift(
-    landed: Array, shared: Array, aperture: Array, layout: Layout, frame: Frame
-) -> Array:
-    """What a wider aperture adds to a centroid: radial, from coma and clipping.
-
-    The chief ray belongs to the smallest aperture; at the others the blur is lopsided,
-    to first order radially and oddly in the field.
-    """
-    distortion = distortion_of(shared, layout, frame)
-    q = (landed - distortion.principal_point_mm) / frame.reference_radius_mm
-    shifts = shared[layout.blocks["aperture_shift"]]
-    shifts = shifts.reshape(layout.apertures, APERTURE_SHIFT_TERMS)
-    mine = jnp.concatenate([jnp.zeros((1, APERTURE_SHIFT_TERMS)), shifts])[aperture]
-    r2 = jnp.sum(q**2)
-    radial = mine[0] + r2 * (mine[1] + r2 * mine[2])
-    return q * radial * frame.reference_radius_mm
-
-
-def _board_basis(board: Array, degree: int) -> Array:
+def board_basis(board: Float[Array, "2"], degree: int) -> Float[Array, " terms"]:
     """Chebyshev products of degrees 2 and more; lower ones belong to the pose."""
+    if degree < LOWEST_BEND_DEGREE:
+        return jnp.zeros(0, board.dtype)
     unit = jnp.clip(board, -1.2, 1.2)
     rows = [jnp.ones_like(unit), unit]
     for _ in range(2, degree + 1):

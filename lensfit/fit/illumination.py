@@ -23,7 +23,8 @@ from scipy.optimize import nnls
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
 from lensfit.fit import normal
 from lensfit.fit.adjust import Adjustment
-from lensfit.fit.geometry import View, predicted_mm
+from lensfit.fit.chunks import Marks
+from lensfit.fit.geometry import Frame, View, predicted_mm
 from lensfit.fit.parameters import Layout
 from lensfit.fit.take import Take
 from lensfit.optics.falloff import bernstein
@@ -57,7 +58,7 @@ def fit_illumination(
 ) -> list[FallOffFit]:
     """One fall-off for each f-number among the takes, widest first."""
     stretch = area_stretch(adjustment)
-    observed = np.asarray(adjustment.stack.view.observed_mm)
+    observed = adjustment.stack.observed_mm
     numbers = sorted({t.f_number for t in takes}, key=lambda n: n or 0.0)
     found = []
     for number in numbers:
@@ -74,18 +75,21 @@ def fit_illumination(
 
 def area_stretch(adjustment: Adjustment) -> Float[np.ndarray, "views marks 2 2"]:
     """d sensor mm / d board mm at every mark."""
-    return np.asarray(
-        _stretch(
-            jnp.asarray(adjustment.parameters),
-            adjustment.stack.view,
-            adjustment.layout,
-            adjustment.frame,
-        )
+    stretch = _stretch(
+        jnp.asarray(adjustment.parameters),
+        adjustment.stack.view,
+        adjustment.marks(),
+        adjustment.layout,
+        adjustment.frame,
     )
+    deal = adjustment.stack.chunking
+    return deal.joined(np.asarray(stretch), adjustment.stack.board)
 
 
 @partial(jax.jit, static_argnames=("layout",))
-def _stretch(parameters: Array, views: View, layout: Layout, frame) -> Array:
+def _stretch(
+    parameters: Array, views: View, marks: Marks, layout: Layout, frame: Frame
+) -> Array:
     shared, local = normal.split(parameters, layout)
 
     def at(mark, own, view):
@@ -94,10 +98,11 @@ def _stretch(parameters: Array, views: View, layout: Layout, frame) -> Array:
         )(mark)
         return matrix / view.half_board_mm[None]
 
-    def of_view(own, view):
-        return jax.vmap(lambda mark: at(mark, own, view))(view.board)
+    def of_chunk(board, k):
+        view = jax.tree.map(lambda a: a[k], views)
+        return jax.vmap(lambda mark: at(mark, local[k], view))(board)
 
-    return jax.vmap(of_view)(local, views)
+    return jax.vmap(of_chunk)(marks.board, marks.view)
 
 
 def _rows(take: Take, stretch, radius_vector, used) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from lensfit.fit.geometry import distortion_of
 from lensfit.fit.illumination import FallOffFit, fit_illumination
 from lensfit.fit.take import Take
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
-from lensfit.optics.distortion import Distortion
+from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent
 
 
@@ -89,7 +89,8 @@ def _fit_state(group: list[Take], takes: list[Take], progress: Progress) -> Lens
     adjustment = geometry.adjustment
     layout = adjustment.layout
     shared = jnp.asarray(adjustment.parameters[: layout.shared])
-    distortion = distortion_of(shared, layout, adjustment.frame)
+    lens = distortion_of(shared, layout, adjustment.frame)
+    distortion = without_idle_degrees(lens)
     centre = np.asarray(distortion.principal_point_mm)
     radius = float(distortion.reference_radius_mm)
     return LensState(

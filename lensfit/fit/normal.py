@@ -1,17 +1,51 @@
 """Normal equations of the geometric fit, built from the structure of the problem.
 
 A mark depends on the shared parameters and on those of its own photograph only, so
-its Jacobian is taken with respect to those, and the products are gathered into the
-full matrix: cost grows with the marks, not with marks times photographs. Parameters
-are scaled and carry priors, which keeps the matrix well within float64.
+the products of its row are added to the shared corner of the matrix, to the square of
+its photograph, and to the rectangle that joins the two: cost grows with the marks, not
+with marks times photographs. One pass yields the equations of two random halves of the
+marks apart, because evidence for a term is judged on marks a solve has not seen.
+
+Parameters are scaled and carry priors, which keeps the matrix well within float64.
 """
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from lensfit.fit.geometry import Frame, View, whitened_residual
+from lensfit.fit.chunks import Marks
+from lensfit.fit.geometry import (
+    Frame,
+    Parts,
+    View,
+    distortion_of,
+    parts_of,
+    predicted_mm,
+)
 from lensfit.fit.parameters import Layout
+from lensfit.fit.rows import GUARDED, Mark, row
+from lensfit.optics import field
+from lensfit.optics.distortion import box_from_principal_point
+
+
+class Equations(NamedTuple):
+    """J^T J, J^T r and r^T r of two halves of the marks.
+
+    Shared parameters come first, then each photograph's.
+    """
+
+    matrix: Float[Array, "2 parameters parameters"]
+    gradient: Float[Array, "2 parameters"]
+    chi_squared: Float[Array, "2"]
+
+
+class _Blocks(NamedTuple):
+    shared: Float[Array, "2 shared shared"]
+    own: Float[Array, "2 views row local"]
+    gradient: Float[Array, "2 views row"]
+    chi_squared: Float[Array, "2"]
 
 
 def split(parameters: Array, layout: Layout) -> tuple[Array, Array]:
@@ -20,62 +54,123 @@ def split(parameters: Array, layout: Layout) -> tuple[Array, Array]:
     return parameters[: layout.shared], local
 
 
-def residuals(
-    parameters: Float[Array, " parameters"], views: View, layout: Layout, frame: Frame
-) -> Float[Array, "views marks 2"]:
-    """Whitened residuals of all marks of all (stacked) views."""
-    shared, local = split(parameters, layout)
-    each = jax.vmap(whitened_residual, (None, 0, 0, None, None))
-    return each(shared, local, views, layout, frame)
-
-
-def jacobian_blocks(
+def predictions_mm(
     parameters: Float[Array, " parameters"],
     views: View,
+    marks: Marks,
     layout: Layout,
     frame: Frame,
-) -> tuple[Float[Array, "views rows both"], Float[Array, "views rows"]]:
-    """Per view: d residual / d (shared, own local), and the residual."""
+) -> Float[Array, "chunks marks 2"]:
+    """Where every mark should be seen."""
     shared, local = split(parameters, layout)
+    of_marks = jax.vmap(predicted_mm, (0, None, None, None, None, None))
 
-    def one(own, view):
-        both = jnp.concatenate([shared, own])
+    def of_chunk(board, k):
+        view = jax.tree.map(lambda a: a[k], views)
+        return of_marks(board, shared, local[k], view, layout, frame)
 
-        def flat(both):
-            r = whitened_residual(
-                both[: layout.shared], both[layout.shared :], view, layout, frame
-            )
-            return r.reshape(-1)
-
-        value, push = jax.linearize(flat, both)
-        unit = jnp.eye(both.size, dtype=both.dtype)
-        return jax.vmap(push, out_axes=1)(unit), value
-
-    return jax.vmap(one)(local, views)
+    return jax.vmap(of_chunk)(marks.board, marks.view)
 
 
-def gather(
-    blocks: Float[Array, "views rows both"],
-    values: Float[Array, "views rows"],
-    local: int,
-) -> tuple[Float[Array, "parameters parameters"], Float[Array, " parameters"]]:
-    """J^T J and J^T r of the whole problem: shared ones first, then each view's."""
-    views = blocks.shape[0]
-    k = blocks.shape[2] - local
-    products = jnp.einsum("vra,vrb->vab", blocks, blocks)
-    gradients = jnp.einsum("vra,vr->va", blocks, values)
-    n = k + local * views
-    rows = k + jnp.arange(local * views).reshape(views, local)
+def equations(
+    parameters: Float[Array, " parameters"],
+    views: View,
+    marks: Marks,
+    layout: Layout,
+    frame: Frame,
+) -> Equations:
+    """Gathered over the chunks in use; a chunk's every other mark makes a half."""
+    shared, local = split(parameters, layout)
+    guarded, by_coefficient = _behind_guard(shared, layout, frame)
+    k, n = layout.shared, layout.shared + layout.local
+    count = local.shape[0]
+    of_marks = jax.vmap(row, (0, None, None, None, None))
+
+    def add(i, sums: _Blocks) -> _Blocks:
+        own = marks.view[i]
+        view = jax.tree.map(lambda a: a[own], views)
+        parts: Parts = parts_of(shared, local[own], layout) | guarded
+        mark = Mark(marks.board[i], marks.observed_mm[i], marks.whitening[i])
+        rows, values = of_marks(mark, parts, view, layout, frame)
+        rows = jnp.swapaxes(rows.reshape(-1, 2, 2, n), 0, 1).reshape(2, -1, n)
+        values = jnp.swapaxes(values.reshape(-1, 2, 2), 0, 1).reshape(2, -1)
+        products = jnp.einsum("hra,hrb->hab", rows, rows)
+        return _Blocks(
+            sums.shared + products[:, :k, :k],
+            sums.own.at[:, own].add(products[:, :, k:]),
+            sums.gradient.at[:, own].add(jnp.einsum("hra,hr->ha", rows, values)),
+            sums.chi_squared + jnp.sum(values**2, 1),
+        )
+
+    empty = _Blocks(
+        jnp.zeros((2, k, k)),
+        jnp.zeros((2, count, n, layout.local)),
+        jnp.zeros((2, count, n)),
+        jnp.zeros(2),
+    )
+    sums = jax.lax.fori_loop(0, marks.chunks, add, empty)
+    return _assembled(_through_guard(sums, by_coefficient, layout), layout)
+
+
+def _behind_guard(
+    shared: Array, layout: Layout, frame: Frame
+) -> tuple[Parts, Float[Array, "guarded guarded"]]:
+    """Coefficients as they act, and their derivative by those that are fitted."""
+    where = _guarded_slice(layout)
+    box = box_from_principal_point(distortion_of(shared, layout, frame))
+    sizes = [layout.blocks[name].stop - layout.blocks[name].start for name in GUARDED]
+    named = sum(sizes[:-1])
+
+    def acting(fitted):
+        return fitted * field.fold_guard(
+            fitted[:named],
+            fitted[named:].reshape(2, -1),
+            box,
+            layout.free_degree,
+        )
+
+    fitted = shared[where]
+    pieces, at = {}, 0
+    for name, size in zip(GUARDED, sizes, strict=True):
+        pieces[name] = acting(fitted)[at : at + size]
+        at += size
+    return pieces, jax.jacrev(acting)(fitted)
+
+
+def _through_guard(sums: _Blocks, by_coefficient: Array, layout: Layout) -> _Blocks:
+    """The same sums by the coefficients that are fitted: chain rule, once for all."""
+    where = _guarded_slice(layout)
+    turn = by_coefficient.T
+    rows = sums.shared.at[:, where].set(turn @ sums.shared[:, where])
+    both = rows.at[:, :, where].set(rows[:, :, where] @ by_coefficient)
+    own = sums.own.at[:, :, where].set(turn @ sums.own[:, :, where])
+    gradient = sums.gradient.at[..., where].set(
+        sums.gradient[..., where] @ by_coefficient
+    )
+    return _Blocks(both, own, gradient, sums.chi_squared)
+
+
+def _guarded_slice(layout: Layout) -> slice:
+    blocks = layout.blocks
+    return slice(blocks[GUARDED[0]].start, blocks[GUARDED[-1]].stop)
+
+
+def _assembled(sums: _Blocks, layout: Layout) -> Equations:
+    """The whole matrix: shared ones first, then each view's."""
+    k, local = layout.shared, layout.local
+    count = sums.own.shape[1]
+    n = k + local * count
+    rows = k + jnp.arange(local * count).reshape(count, local)
     shared = jnp.arange(k)
-    matrix = jnp.zeros((n, n), blocks.dtype)
-    matrix = matrix.at[:k, :k].set(jnp.sum(products[:, :k, :k], 0))
-    across = products[:, :k, k:]
-    matrix = matrix.at[shared[None, :, None], rows[:, None, :]].set(across)
-    matrix = matrix.at[rows[:, :, None], shared[None, None, :]].set(
-        jnp.swapaxes(across, 1, 2)
+    across, within = sums.own[:, :, :k], sums.own[:, :, k:]
+    matrix = jnp.zeros((2, n, n)).at[:, :k, :k].set(sums.shared)
+    matrix = matrix.at[:, shared[None, :, None], rows[:, None, :]].set(across)
+    matrix = matrix.at[:, rows[:, :, None], shared[None, None, :]].set(
+        jnp.swapaxes(across, 2, 3)
     )
-    matrix = matrix.at[rows[:, :, None], rows[:, None, :]].set(products[:, k:, k:])
+    matrix = matrix.at[:, rows[:, :, None], rows[:, None, :]].set(within)
+    local_gradient = sums.gradient[:, :, k:].reshape(2, -1)
     gradient = jnp.concatenate(
-        [jnp.sum(gradients[:, :k], 0), gradients[:, k:].reshape(-1)]
+        [jnp.sum(sums.gradient[:, :, :k], 1), local_gradient], axis=1
     )
-    return matrix, gradient
+    return Equations(matrix, gradient, sums.chi_squared)

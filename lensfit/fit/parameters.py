@@ -70,6 +70,16 @@ class Layout:
             for (name, size), end in zip(sizes.items(), ends, strict=True)
         }
 
+    @cached_property
+    def local_blocks(self) -> dict[str, slice]:
+        """Where each block of one photograph lies in its own part of the vector."""
+        drift = POSE_PARAMETERS + DRIFT_PARAMETERS
+        return {
+            "pose": slice(0, POSE_PARAMETERS),
+            "row_drift": slice(POSE_PARAMETERS, drift),
+            "board_bend": slice(drift, self.local),
+        }
+
     @property
     def shared(self) -> int:
         """Number of parameters that all photographs share."""

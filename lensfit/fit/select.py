@@ -23,7 +23,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import cho_factor, cho_solve
 
 from lensfit.fit.parameters import (
     DRIFT_PARAMETERS,
@@ -31,6 +30,7 @@ from lensfit.fit.parameters import (
     Layout,
     board_degrees,
 )
+from lensfit.fit.trial import Statistics, Trial
 from lensfit.optics import field
 
 LEAST_BIC_GAIN = 6.0
@@ -46,15 +46,6 @@ class Step(NamedTuple):
 
     name: str
     indices: Int[np.ndarray, " parameters"]
-
-
-class Statistics(NamedTuple):
-    """Normal equations of the full model on one set of marks."""
-
-    matrix: Float[np.ndarray, "parameters parameters"]
-    gradient: Float[np.ndarray, " parameters"]
-    sum_of_squares: float
-    count: int
 
 
 @dataclass(frozen=True)
@@ -115,6 +106,21 @@ def families(layout: Layout) -> dict[str, list[Step]]:
     return {name: steps for name, steps in found.items() if steps and len(steps[0][1])}
 
 
+class Choice(NamedTuple):
+    """What the search found.
+
+    Attributes
+    ----------
+    kept : Steps kept of each family.
+    verdicts : Of every term that was tried.
+    step : Change of the parameters to the linearised solution of the chosen model.
+    """
+
+    kept: dict[str, int]
+    verdicts: list[Verdict]
+    step: Float[np.ndarray, " parameters"]
+
+
 def choose(
     first_half: Statistics,
     second_half: Statistics,
@@ -123,8 +129,8 @@ def choose(
     always: Int[np.ndarray, " always"],
     terms: dict[str, list[Step]],
     px_per_deviation: float = np.inf,
-) -> tuple[dict[str, int], list[Verdict]]:
-    """Greedy search; returns the steps kept of each family, and all verdicts.
+) -> Choice:
+    """Greedy search among models of rising size.
 
     Parameters
     ----------
@@ -137,10 +143,11 @@ def choose(
     """
     marks = (first_half.count + second_half.count) / 2
     least = marks * (LEAST_EFFECT_PX / px_per_deviation) ** 2
-    trial = _Trial(first_half, second_half, precision, offset)
+    tried = np.concatenate([steps[-1].indices for steps in terms.values()])
+    trial = Trial(first_half, second_half, precision, offset, always, tried)
     kept: dict[str, int] = {}
-    indices = always
-    now = trial.scores(_without(indices, trial.size))
+    indices = np.zeros(0, int)
+    now = trial.scores(indices)
     verdicts: dict[str, Verdict] = {}
     while True:
         best = None
@@ -151,7 +158,7 @@ def choose(
                 grown = np.union1d(indices, step.indices)
                 if len(grown) == len(indices):
                     continue
-                scores = trial.scores(_without(grown, trial.size))
+                scores = trial.scores(grown)
                 bic = now.bic - scores.bic
                 held_out = 1 - scores.held_out / now.held_out
                 visible = now.held_out - scores.held_out > least
@@ -171,59 +178,7 @@ def choose(
                 step.name, True, *_gain(verdicts[terms[family][level].name])
             )
         kept[family] = level + 1
-    return kept, list(verdicts.values())
-
-
-class _Scores(NamedTuple):
-    bic: float
-    held_out: float
-
-
-class _Trial:
-    """Scores of sub-models, from the statistics of both halves."""
-
-    def __init__(self, first, second, precision, offset):
-        self._halves = (first, second)
-        self._both = Statistics(*(a + b for a, b in zip(first, second, strict=True)))
-        self._precision, self._offset = precision, offset
-        self.size = len(precision)
-
-    def scores(self, dropped: np.ndarray) -> _Scores:
-        """BIC and held-out sum of squares; `dropped` parameters return to zero."""
-        both = self._both
-        step = self._step(both, dropped)
-        total = _after(both, step)
-        free = self.size - len(dropped)
-        bic = both.count * np.log(max(total, 1e-300)) + free * np.log(both.count)
-        held_out = 0.0
-        for seen, unseen in (self._halves, self._halves[::-1]):
-            held_out += _after(unseen, self._step(seen, dropped))
-        return _Scores(float(bic), float(held_out))
-
-    def _step(self, statistics: Statistics, dropped: np.ndarray) -> np.ndarray:
-        """Change of the parameters that minimises the linearised sum of squares."""
-        step = np.zeros(self.size)
-        step[dropped] = -self._offset[dropped]
-        free = np.ones(self.size, bool)
-        free[dropped] = False
-        matrix = statistics.matrix[np.ix_(free, free)]
-        matrix[np.diag_indices_from(matrix)] += self._precision[free]
-        gradient = statistics.gradient + statistics.matrix @ step
-        gradient = gradient[free] + (self._precision * self._offset)[free]
-        matrix[np.diag_indices_from(matrix)] *= 1 + 1e-12
-        step[free] = -cho_solve(cho_factor(matrix), gradient)
-        return step
-
-
-def _after(statistics: Statistics, step: np.ndarray) -> float:
-    """The linearised sum of squares after a step."""
-    linear = 2 * statistics.gradient @ step
-    bent = step @ statistics.matrix @ step
-    return float(statistics.sum_of_squares + linear + bent)
-
-
-def _without(kept: np.ndarray, size: int) -> np.ndarray:
-    return np.setdiff1d(np.arange(size), kept)
+    return Choice(kept, list(verdicts.values()), trial.step(indices))
 
 
 def _gain(verdict: Verdict) -> tuple[float, float]:

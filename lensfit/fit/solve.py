@@ -1,27 +1,34 @@
 """The nonlinear least-squares solve: the only module that calls Optimistix.
 
-Levenberg-Marquardt, as Optimistix composes it (Gauss-Newton, trust region), with one
-part of our own: a descent that takes the step from normal equations gathered block
-by block (`normal`), instead of from the dense Jacobian that a generic solver would
-have to build. Marquardt's scaling damps every parameter in proportion to how well the
-photographs see it; a prior of zero width removes a parameter from the step.
+Levenberg-Marquardt, as Optimistix composes it (Gauss-Newton, trust region). It is not
+shown the residuals of all marks but a vector no longer than the parameters that has
+the same normal equations: with A = L L^T, g and chi-squared at hand,
+
+    c = (L^-1 g, sqrt(chi-squared - |L^-1 g|^2)),   dc/dp = (L^T, 0)
+
+has c.c = chi-squared, (dc/dp)^T c = g and (dc/dp)^T (dc/dp) = A. So every step costs
+one pass over the marks (`normal`), and the pass is compiled once. The square of the
+first part of c is the fall of chi-squared still to be had: it says when to stop.
+
+Marquardt's scaling damps every parameter in proportion to how well the photographs see
+it; a prior of zero width removes a parameter from the step.
 """
 
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix as optx
+from jax.scipy.linalg import cho_solve, solve_triangular
 from jaxtyping import Array, Bool, Float, Int
 
-from lensfit.fit import normal
+from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import Frame, View
+from lensfit.fit.normal import Equations, equations
 from lensfit.fit.parameters import Layout
 
-_FIRST_DAMPING = 1e-7
 _LEAST_DAMPING = 1e-12
 
 
@@ -29,6 +36,7 @@ class Problem(NamedTuple):
     """Everything the residual needs besides the parameters."""
 
     views: View
+    marks: Marks
     frame: Frame
     prior_mean: Float[Array, " parameters"]
     prior_precision: Float[Array, " parameters"]
@@ -38,57 +46,71 @@ class Problem(NamedTuple):
 class Solution(NamedTuple):
     """Where the solve ended.
 
-    `converged` is False when the step limit came first.
+    Attributes
+    ----------
+    parameters : The solution; fixed ones at their prior mean.
+    converged : False when the step limit came first.
+    steps : Passes over the marks.
+    equations : Of both halves of the marks at the last pass, without priors, and of
+        all parameters, also of those that were fixed.
     """
 
     parameters: Float[Array, " parameters"]
     converged: Bool[Array, ""]
     steps: Int[Array, ""]
+    equations: Equations
 
 
-class _State(eqx.Module):
+class _State(NamedTuple):
+    """At the last accepted step; `fall` is what it took off chi-squared."""
+
     matrix: Array
     gradient: Array
-    decrement: Array
+    chi_squared: Array
+    fall: Array
 
 
-class NormalEquationsDescent(
+class MarquardtDescent(
     optx.AbstractDescent[Array, optx.FunctionInfo.ResidualJac, _State]
 ):
-    """-(A + damping diag A)^-1 g with A, g from `equations(parameters)`."""
+    """-(A + damping diag A)^-1 g, with A and g from the short residual."""
 
-    equations: Callable[[Array], tuple[Array, Array]]
+    first_damping: Array | float
 
     def init(self, y: Array, f_info_struct: Any) -> _State:
         del f_info_struct
-        matrix, gradient = jax.eval_shape(self.equations, y)
-        far = jnp.asarray(jnp.inf, gradient.dtype)
-        return _State(_zeros(matrix), _zeros(gradient), far)
+        far = jnp.asarray(jnp.inf, y.dtype)
+        return _State(jnp.zeros((y.size, y.size), y.dtype), jnp.zeros_like(y), far, far)
 
     def query(self, y: Array, f_info: Any, state: _State) -> _State:
-        del f_info, state
-        matrix, gradient = self.equations(y)
-        newton = _solve_damped(matrix, gradient, _LEAST_DAMPING)
-        return _State(matrix, gradient, gradient @ newton)
+        del y
+        jacobian = f_info.jac.as_matrix()
+        chi_squared = jnp.sum(f_info.residual**2)
+        return _State(
+            jacobian.T @ jacobian,
+            f_info.residual @ jacobian,
+            chi_squared,
+            state.chi_squared - chi_squared,
+        )
 
     def step(self, step_size: Array, state: _State) -> tuple[Array, optx.RESULTS]:
-        damping = _FIRST_DAMPING / step_size
-        step = -_solve_damped(state.matrix, state.gradient, damping)
-        return step, optx.RESULTS.successful
+        diagonal = jnp.diagonal(state.matrix) * (self.first_damping / step_size)
+        factor = jnp.linalg.cholesky(state.matrix + jnp.diag(diagonal))
+        return -cho_solve((factor, True), state.gradient), optx.RESULTS.successful
 
 
-class NormalEquationsLevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, None]):
+class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Equations]):
     """Optimistix's Gauss-Newton loop and trust region around the descent above.
 
-    Besides Optimistix's own test it ends when the Newton decrement g^T A^-1 g, the
-    fall of chi-squared that is still to be had, is below the share `tolerance` of
-    chi-squared: further steps would only chase directions the photographs do not see.
+    Besides Optimistix's own test it ends when the fall of chi-squared that is still to
+    be had, or what the last step took off, is below the share `tolerance` of it:
+    further steps would only chase directions the photographs do not see.
     """
 
     rtol: float
     atol: float
     norm: Callable[[Any], Array]
-    descent: NormalEquationsDescent
+    descent: MarquardtDescent
     search: optx.ClassicalTrustRegion[Array]
     verbose: Callable[..., None]
     tolerance: Array | float
@@ -98,14 +120,14 @@ class NormalEquationsLevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, N
         self,
         tolerance: Array | float,
         most_steps: Array | int,
-        descent: NormalEquationsDescent,
+        first_damping: Array | float,
     ):
         self.rtol = 1e-10
         self.atol = 1e-10
         self.tolerance = tolerance
         self.most_steps = most_steps
         self.norm = optx.max_norm
-        self.descent = descent
+        self.descent = MarquardtDescent(first_damping)
         self.search = optx.ClassicalTrustRegion(
             high_cutoff=0.75, high_constant=4.0, low_constant=0.1
         )
@@ -116,34 +138,18 @@ class NormalEquationsLevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, N
     ) -> tuple[Array, optx.RESULTS]:
         """Whether to stop, and how it went."""
         done, result = super().terminate(fn, y, args, options, state, tags)
-        chi_squared = jnp.sum(state.f_info.residual**2)
-        little = state.descent_state.decrement < self.tolerance * chi_squared
         late = state.num_steps >= self.most_steps
-        return done | little | late, result
+        slow = (
+            state.descent_state.fall < self.tolerance * state.descent_state.chi_squared
+        )
+        little = _little_left(state, self.tolerance)
+        return done | (state.num_steps > 0) & (little | slow) | late, result
 
 
-def residual_vector(parameters: Array, problem: Problem, layout: Layout) -> Array:
-    """Whitened residuals of the marks, then of the priors."""
-    effective = _effective(parameters, problem)
-    marks = normal.residuals(effective, problem.views, layout, problem.frame)
-    prior = jnp.sqrt(problem.prior_precision) * (effective - problem.prior_mean)
-    return jnp.concatenate([marks.reshape(-1), prior])
-
-
-def normal_equations(
-    parameters: Array, problem: Problem, layout: Layout
-) -> tuple[Float[Array, "parameters parameters"], Float[Array, " parameters"]]:
-    """J^T J and J^T r with priors; identity rows for parameters that are fixed."""
-    effective = _effective(parameters, problem)
-    blocks, values = normal.jacobian_blocks(
-        effective, problem.views, layout, problem.frame
-    )
-    matrix, gradient = normal.gather(blocks, values, layout.local)
-    free, precision = problem.free, problem.prior_precision
-    matrix = matrix + jnp.diag(precision)
-    gradient = gradient + precision * (effective - problem.prior_mean)
-    matrix = matrix * free[:, None] * free[None]
-    return matrix + jnp.diag(1 - free), gradient * free
+def _little_left(state: Any, tolerance: Array | float) -> Bool[Array, ""]:
+    """Whether a full Newton step would hardly lower chi-squared."""
+    squares = state.f_info.residual**2
+    return jnp.sum(squares[:-1]) < tolerance * jnp.sum(squares)
 
 
 @partial(jax.jit, static_argnames=("layout",))
@@ -153,40 +159,68 @@ def solve(
     layout: Layout,
     tolerance: float,
     most_steps: int,
+    first_damping: float,
 ) -> Solution:
     """Minimise the whitened residuals from `start`; compiled once per layout.
 
-    `tolerance` is the share of chi-squared that is not worth another step. (Neither it
-    nor `most_steps` has a default: leaving one out would be another program to JAX.)
+    Parameters
+    ----------
+    tolerance : Share of chi-squared that is not worth another step.
+    most_steps : Passes over the marks; one only evaluates the equations at `start`.
+    first_damping : Of the first step. Where the photographs leave a long, curved valley
+        an undamped step overshoots, and each such step costs a pass.
+
+    None has a default: leaving one out would be another program to JAX.
     """
-    descent = NormalEquationsDescent(
-        eqx.Partial(_equations_of, problem=problem, layout=layout)
-    )
     found = optx.least_squares(
-        lambda y, args: residual_vector(y, args, layout),
-        NormalEquationsLevenbergMarquardt(tolerance, most_steps, descent),
+        lambda y, args: short_residual(y, args, layout),
+        LevenbergMarquardt(tolerance, most_steps, first_damping),
         start,
+        has_aux=True,
         args=problem,
         max_steps=None,
         throw=False,
     )
     steps = found.stats["num_steps"]
     converged = (found.result == optx.RESULTS.successful) & (steps < most_steps)
-    return Solution(_effective(found.value, problem), converged, steps)
+    # The Newton step that was too small to be worth a pass is still worth taking.
+    descent = MarquardtDescent(_LEAST_DAMPING)
+    last, _ = descent.step(jnp.asarray(1.0), found.state.descent_state)
+    near = converged & _little_left(found.state, tolerance)
+    value = jnp.where(near, found.value + last, found.value)
+    return Solution(_effective(value, problem), converged, steps, found.aux)
 
 
-def _equations_of(y: Array, *, problem: Problem, layout: Layout):
-    return normal_equations(y, problem, layout)
+def short_residual(
+    parameters: Float[Array, " parameters"], problem: Problem, layout: Layout
+) -> tuple[Float[Array, " one_more"], Equations]:
+    """The vector c of the module docstring, and the equations behind it."""
+    fixed_point = jax.lax.stop_gradient(parameters)
+    effective = _effective(fixed_point, problem)
+    found = equations(effective, problem.views, problem.marks, layout, problem.frame)
+    matrix, gradient, chi_squared = with_prior(found, effective, problem)
+    scale = jnp.sqrt(jnp.diagonal(matrix))
+    damping = jnp.eye(scale.size) * _LEAST_DAMPING
+    factor = jnp.linalg.cholesky(matrix / jnp.outer(scale, scale) + damping)
+    head = solve_triangular(factor, gradient / scale, lower=True)
+    tail = jnp.sqrt(jnp.maximum(chi_squared - jnp.sum(head**2), 0.0))
+    head = head + factor.T @ (scale * (parameters - fixed_point))
+    return jnp.append(head, tail), found
 
 
-def _solve_damped(matrix: Array, gradient: Array, damping: Array | float) -> Array:
-    """(A + damping diag A)^-1 g: Marquardt's scaling."""
-    damped = matrix + jnp.diag(damping * jnp.diagonal(matrix))
-    return jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(damped), gradient)
-
-
-def _zeros(struct: jax.ShapeDtypeStruct) -> Array:
-    return jnp.zeros(struct.shape, struct.dtype)
+def with_prior(
+    found: Equations, effective: Float[Array, " parameters"], problem: Problem
+) -> tuple[
+    Float[Array, "parameters parameters"], Float[Array, " parameters"], Float[Array, ""]
+]:
+    """A, g and chi-squared of all marks and priors; identity rows for fixed ones."""
+    free, precision = problem.free, problem.prior_precision
+    off = effective - problem.prior_mean
+    matrix = jnp.sum(found.matrix, 0) + jnp.diag(precision)
+    gradient = jnp.sum(found.gradient, 0) + precision * off
+    matrix = matrix * free[:, None] * free[None] + jnp.diag(1 - free)
+    chi_squared = jnp.sum(found.chi_squared) + jnp.sum(precision * off**2)
+    return matrix, gradient * free, chi_squared
 
 
 def _effective(parameters: Array, problem: Problem) -> Array:

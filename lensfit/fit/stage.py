@@ -54,12 +54,10 @@ class Start:
     half_angle_rad: float
     notes: tuple[str, ...]
 
-    def adjustment(
-        self, layout: Layout, prior: Prior, like: Adjustment | None = None
-    ) -> Adjustment:
-        """An adjustment of this model at its start, or at another's solution."""
+    def adjustment(self, layout: Layout, prior: Prior) -> Adjustment:
+        """An adjustment of this model at its start."""
         weight = self.stack.present.astype(float)
-        start = Adjustment(
+        return Adjustment(
             parameters=np.zeros(layout.size(len(self.takes))),
             layout=layout,
             frame=self.frame,
@@ -70,7 +68,6 @@ class Start:
             model_variance_mm2=self.stack.mm_per_px**2,
             weight=weight,
         )
-        return start if like is None else _continued(start, like)
 
 
 def start_of(takes: list[Take], shown: list[Take]) -> Start:
@@ -223,28 +220,3 @@ def _tilt_rad(poses: list[Pose]) -> float:
     """Largest angle between two boards."""
     normals = np.stack([pose.rotation[:, 2] for pose in poses])
     return float(np.arccos(np.clip((normals @ normals.T).min(), -1, 1)))
-
-
-def _continued(start: Adjustment, like: Adjustment) -> Adjustment:
-    """Carry the parameters that both layouts know over to the larger one."""
-    old, new = like.layout, start.layout
-    parameters = start.parameters.copy()
-    for name, where in old.blocks.items():
-        length = where.stop - where.start
-        first = new.blocks[name].start
-        parameters[first : first + length] = like.parameters[where]
-    views = len(start.weight)
-    mine = parameters[new.shared :].reshape(views, new.local)
-    theirs = like.parameters[old.shared :].reshape(views, old.local)
-    common = min(new.local, old.local)
-    mine[:, :common] = theirs[:, :common]
-    return Adjustment(
-        **{
-            **start.__dict__,
-            "parameters": parameters,
-            "shift_mm": like.shift_mm,
-            "model_variance_mm2": like.model_variance_mm2,
-            "weight": like.weight,
-            "steps": like.steps,
-        }
-    )

@@ -45,7 +45,8 @@ def pose_from_homography(
     scale_mm = float(np.ptp(board_mm[central], axis=0).max())
     plane = image_mm[central] / principal_distance_mm
     matrix, _ = cv2.findHomography(board_mm[central] / max(scale_mm, 1e-9), plane, 0)
-    spread = np.linalg.svd(board_mm[central] - board_mm[central].mean(0))[1]
+    centred = board_mm[central] - board_mm[central].mean(0)
+    spread = np.linalg.svd(centred, compute_uv=False)
     if matrix is None or spread[1] < 1e-6 * spread[0]:
         raise FitError(
             "the marks lie on one line, which does not fix where the target stood",

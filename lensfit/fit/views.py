@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from lensfit.coords import mm_from_px
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
+from lensfit.fit.chunks import Chunking, chunking_of
 from lensfit.fit.geometry import View
 from lensfit.fit.start import Pose
 from lensfit.fit.take import Take
@@ -26,19 +27,23 @@ class Stack:
 
     Attributes
     ----------
-    view : The stacked `View`; `whitening` is 1/mm and zero for padding.
+    view : The stacked start poses.
+    chunking : How the marks are dealt into chunks.
+    board : Nominal place of every mark, half boards.
+    observed_mm : Where it was seen.
     present : Which rows are marks.
     covariance_mm2 : Of each mark; identity for padding.
     normal : Unit vector across the line, NaN for points and padding.
-    board_mm : Nominal place on the board, from the middle of the lattice.
     mm_per_px : Size of a pixel.
     """
 
     view: View
+    chunking: Chunking
+    board: Float[np.ndarray, "views marks 2"]
+    observed_mm: Float[np.ndarray, "views marks 2"]
     present: Bool[np.ndarray, "views marks"]
     covariance_mm2: Float[np.ndarray, "views marks 2 2"]
     normal: Float[np.ndarray, "views marks 2"]
-    board_mm: Float[np.ndarray, "views marks 2"]
     mm_per_px: Float[np.ndarray, " views"]
 
 
@@ -61,7 +66,7 @@ def stack_takes(
     takes: list[Take], poses: list[Pose], apertures: list[int], whole: list[bool]
 ) -> Stack:
     """Stack takes whose start poses are known."""
-    most = _rounded_up(max(len(take.observations) for take in takes))
+    most = max(len(take.observations) for take in takes)
     count = len(takes)
     board = np.zeros((count, most, 2))
     observed = np.zeros((count, most, 2))
@@ -88,11 +93,17 @@ def stack_takes(
         aperture=jnp.asarray(apertures),
         half_board_mm=jnp.asarray(half),
         whole_board=jnp.asarray(np.asarray(whole, float)),
-        board=jnp.asarray(board / half[:, None]),
-        observed_mm=jnp.asarray(observed),
-        whitening=jnp.zeros((count, most, 2, 2)),
     )
-    return Stack(view, present, covariance, normal, board, mm_per_px)
+    return Stack(
+        view=view,
+        chunking=chunking_of(present),
+        board=board / half[:, None],
+        observed_mm=observed,
+        present=present,
+        covariance_mm2=covariance,
+        normal=normal,
+        mm_per_px=mm_per_px,
+    )
 
 
 def whitening_of(
@@ -104,7 +115,7 @@ def whitening_of(
     mark with little noise does not outvote its neighbours.
     """
     total = stack.covariance_mm2 + model_variance_mm2[:, None, None, None] * np.eye(2)
-    points = np.linalg.inv(np.linalg.cholesky(total))
+    points = _inverse_root(total)
     lines = np.isfinite(stack.normal[..., 0])
     n = np.where(lines[..., None], stack.normal, 0.0)
     across = np.einsum("vmi,vmij,vmj->vm", n, total, n)
@@ -114,13 +125,20 @@ def whitening_of(
     return whitening * stack.present[..., None, None]
 
 
+def _inverse_root(
+    covariance: Float[np.ndarray, "... 2 2"],
+) -> Float[np.ndarray, "... 2 2"]:
+    """Inverse of the lower Cholesky factor; LAPACK is slow on tiny matrices."""
+    first = 1 / np.sqrt(covariance[..., 0, 0])
+    below = covariance[..., 1, 0] * first
+    second = 1 / np.sqrt(covariance[..., 1, 1] - below**2)
+    root = np.zeros_like(covariance)
+    root[..., 0, 0], root[..., 1, 1] = first, second
+    root[..., 1, 0] = -below * first * second
+    return root
+
+
 def line_numbers(family: np.ndarray, lattice: np.ndarray) -> np.ndarray:
     """A number for every line of a lattice, so that lines can be told apart."""
     across = np.where(family == LINE_OF_CONSTANT_I, lattice[:, 0], lattice[:, 1])
     return np.round(across).astype(int)
-
-
-def _rounded_up(count: int) -> int:
-    """The next of eight sizes per octave."""
-    step = max(8, 2 ** max(0, int(np.ceil(np.log2(max(count, 1)))) - 3))
-    return int(np.ceil(count / step) * step)

@@ -15,6 +15,8 @@ so that `principal_distance_mm` is the geometric mean of both axes'.
 Every function takes one point; callers map it over many with `jax.vmap`.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -87,6 +89,15 @@ def no_distortion(
     )
 
 
+def without_idle_degrees(distortion: Distortion) -> Distortion:
+    """The same map with no more degrees in its free field than have coefficients."""
+    free, degree = distortion.free, distortion.degree
+    while degree and not jnp.any(free[:, len(field.free_degrees(degree - 1)) :]):
+        degree = degree - 1 if degree > field.LOWEST_FREE_DEGREE else 0
+        free = free[:, : len(field.free_degrees(degree))]
+    return dataclasses.replace(distortion, free=free, degree=degree)
+
+
 def distorted_from_direction(
     direction: Float[Array, "3"], distortion: Distortion
 ) -> Float[Array, "2"]:
@@ -154,14 +165,32 @@ def jacobian_at(
     return jax.jacfwd(distorted_from_undistorted)(undistorted_mm, distortion)
 
 
-def _distorted_from_ideal(ideal: Array, distortion: Distortion) -> Array:
+def radial_image(ideal: Float[Array, "2"], distortion: Distortion) -> Float[Array, "2"]:
+    """After the radial profile: reference radii from the principal point, unsqueezed.
+
+    `ideal` is in principal distances, as `base.image_of_direction` gives it.
+    """
     b = ideal / _reference_per_distance(distortion)
-    q = b * radial.magnification(
+    return b * radial.magnification(
         jnp.sum(b**2), distortion.radial, distortion.valid_radius**2
     )
-    q = q + _displacement(q, distortion)
+
+
+def on_sensor_mm(q: Float[Array, "2"], distortion: Distortion) -> Float[Array, "2"]:
+    """Squeeze, scale and centre: the last factor of the chain."""
     squeezed = q @ _squeeze_matrix(distortion.squeeze)
     return distortion.principal_point_mm + squeezed * distortion.reference_radius_mm
+
+
+def box_from_principal_point(distortion: Distortion) -> Float[Array, "2 2"]:
+    """The photographed box as the displacement sees it: from the principal point."""
+    unsqueezed = distortion.principal_point_mm @ _squeeze_matrix(-distortion.squeeze)
+    return distortion.box - (unsqueezed / distortion.reference_radius_mm)[None]
+
+
+def _distorted_from_ideal(ideal: Array, distortion: Distortion) -> Array:
+    q = radial_image(ideal, distortion)
+    return on_sensor_mm(q + _displacement(q, distortion), distortion)
 
 
 def _before_displacement(y: Array, distortion: Distortion) -> Array:
@@ -181,9 +210,7 @@ def _before_displacement(y: Array, distortion: Distortion) -> Array:
 
 
 def _displacement(q: Array, distortion: Distortion) -> Array:
-    """`field.displacement` with the box seen from the principal point."""
-    unsqueezed = distortion.principal_point_mm @ _squeeze_matrix(-distortion.squeeze)
-    box = distortion.box - (unsqueezed / distortion.reference_radius_mm)[None]
+    box = box_from_principal_point(distortion)
     return field.displacement(
         q, distortion.named, distortion.free, box, distortion.degree
     )

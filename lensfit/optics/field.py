@@ -111,7 +111,7 @@ def displacement(
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _unguarded(degree: int, q: Array, named: Array, free: Array, box: Array) -> Array:
-    return _with_basis(degree, q, named, free, box)[0]
+    return with_basis(degree, q, named, free, box)[0]
 
 
 @_unguarded.defjvp
@@ -119,20 +119,24 @@ def _unguarded_derivative(degree, primals, tangents):
     """Linear in the coefficients; along q by one 2 x 2 matrix for all tangents."""
     q, named, free, box = primals
     q_dot, named_dot, free_dot, box_dot = tangents
-    value, named_at, free_at = _with_basis(degree, q, named, free, box)
+    value, named_at, free_at = with_basis(degree, q, named, free, box)
     # A box moves as a whole, with the principal point: only its corner's shift counts.
-    at_q = jax.jacfwd(lambda p: _with_basis(degree, p, named, free, box)[0])(q)
-    at_box = jax.jacfwd(
-        lambda b: _with_basis(degree, q, named, free, box + b[None])[0]
-    )(jnp.zeros_like(q))
+    at_q = jax.jacfwd(lambda p: with_basis(degree, p, named, free, box)[0])(q)
+    at_box = jax.jacfwd(lambda b: with_basis(degree, q, named, free, box + b[None])[0])(
+        jnp.zeros_like(q)
+    )
     change = at_q @ q_dot + at_box @ box_dot[0]
     return value, change + named_dot @ named_at + free_dot @ free_at
 
 
-def _with_basis(
-    degree: int, q: Array, named: Array, free: Array, box: Array
-) -> tuple[Array, Array, Array]:
-    """The displacement, and what it is per unit of every coefficient."""
+def with_basis(
+    degree: int,
+    q: Float[Array, "2"],
+    named: Float[Array, " named"],
+    free: Float[Array, "2 terms"],
+    box: Float[Array, "2 2"],
+) -> tuple[Float[Array, "2"], Float[Array, "named 2"], Float[Array, " terms"]]:
+    """The displacement without its guard, and its value per unit of coefficient."""
     named_at = named_basis(jnp.clip(q, box[0], box[1]))
     free_at = free_basis(q, box, degree)
     return named @ named_at + free @ free_at, named_at, free_at

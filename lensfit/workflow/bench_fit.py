@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from lensfit.atomic import write_text_atomic
@@ -82,6 +83,8 @@ def bench_fit(
     chosen = bench_sets.chosen_sets(only)
     for done, one in enumerate(chosen):
         progress("sets", done, len(chosen))
+        # Every set has programs of its own, and a process may map only so many.
+        jax.clear_caches()
         try:
             measured = measure(one, Path(data), _folder(out_dir, one))
         except LensfitError as error:

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lensfit.fit.bias import centroid_shift_mm
+from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import Frame, View, predicted_mm
 from lensfit.fit.parameters import Layout
 
@@ -30,6 +31,13 @@ def _view(tilt_rad: float) -> View:
         aperture=jnp.zeros(1, int),
         half_board_mm=jnp.full((1, 2), HALF_MM),
         whole_board=jnp.zeros(1),
+    )
+
+
+def _marks() -> Marks:
+    return Marks(
+        view=jnp.zeros(1, int),
+        chunks=jnp.asarray(1),
         board=jnp.asarray(MARKS)[None],
         observed_mm=jnp.zeros((1, 3, 2)),
         whitening=jnp.zeros((1, 3, 2, 2)),
@@ -41,7 +49,7 @@ def _shift(tilt_rad: float, radius_mm: float, radial=(0.0, 0.0)) -> np.ndarray:
     parameters[LAYOUT.blocks["radial"]] = radial
     radius = jnp.asarray([radius_mm])
     moved = centroid_shift_mm(
-        jnp.asarray(parameters), _view(tilt_rad), radius, LAYOUT, FRAME
+        jnp.asarray(parameters), _view(tilt_rad), _marks(), radius, LAYOUT, FRAME
     )
     return np.asarray(moved)[0]
 

@@ -10,7 +10,7 @@ from pinhole_shoot import FRONTAL, LATTICE, Camera, shoot, take_of
 
 from lensfit.errors import FitError
 from lensfit.fit import solve
-from lensfit.fit.adjust import problem_of
+from lensfit.fit.adjust import equations_at, problem_of
 from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fit.geometry import distortion_of
 from lensfit.optics.distortion import distorted_from_undistorted
@@ -27,9 +27,9 @@ def brown() -> ChiefRayFit:
 def _focal_length_mm(fit: ChiefRayFit) -> tuple[float, float]:
     """Value and standard error."""
     adjustment = fit.adjustment
-    matrix, _ = jax.jit(solve.normal_equations, static_argnums=2)(
-        jnp.asarray(adjustment.parameters), problem_of(adjustment), adjustment.layout
-    )
+    here = jnp.asarray(adjustment.parameters)
+    found, problem = equations_at(adjustment), problem_of(adjustment)
+    matrix, *_ = solve.with_prior(found, here, problem)
     where = adjustment.layout.blocks["focal_length"].start
     stated = float(adjustment.frame.stated_focal_length_mm)
     focal = stated * np.exp(adjustment.parameters[where])

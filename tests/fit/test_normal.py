@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lensfit.fit import solve
+from lensfit.fit import normal, solve
+from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import Frame, View
 from lensfit.fit.parameters import Layout
 
 LAYOUT = Layout(radial=2, free_degree=3, bend_degree=2, stretch_degree=2, apertures=1)
-VIEWS, MARKS = 3, 10
+VIEWS, CHUNKS, MARKS = 3, 5, 6
+OF_VIEW = [0, 1, 2, 2, 0]
 
 
 @pytest.fixture(scope="module")
@@ -25,9 +27,13 @@ def problem() -> solve.Problem:
         aperture=jnp.asarray([0, 1, 0]),
         half_board_mm=jnp.full((VIEWS, 2), 250.0),
         whole_board=jnp.asarray([1.0, 0.0, 1.0]),
-        board=jnp.asarray(rng.uniform(-1, 1, (VIEWS, MARKS, 2))),
-        observed_mm=jnp.asarray(rng.normal(0, 4, (VIEWS, MARKS, 2))),
-        whitening=jnp.asarray(rng.normal(0, 30, (VIEWS, MARKS, 2, 2))),
+    )
+    marks = Marks(
+        view=jnp.asarray(OF_VIEW),
+        chunks=jnp.asarray(CHUNKS),
+        board=jnp.asarray(rng.uniform(-1, 1, (CHUNKS, MARKS, 2))),
+        observed_mm=jnp.asarray(rng.normal(0, 4, (CHUNKS, MARKS, 2))),
+        whitening=jnp.asarray(rng.normal(0, 30, (CHUNKS, MARKS, 2, 2))),
     )
     frame = Frame(
         jnp.asarray(30.0),
@@ -40,6 +46,7 @@ def problem() -> solve.Problem:
     free[[3, 9, 40, size - 2]] = 0.0
     return solve.Problem(
         views=views,
+        marks=marks,
         frame=frame,
         prior_mean=jnp.asarray(rng.normal(0, 0.002, size)),
         prior_precision=jnp.asarray(rng.uniform(1, 50, size) * free),
@@ -47,22 +54,83 @@ def problem() -> solve.Problem:
     )
 
 
-def test_gathered_equations_are_those_of_the_dense_jacobian(problem):
-    at = jnp.asarray(np.random.default_rng(1).normal(0, 0.002, LAYOUT.size(VIEWS)))
+def _at(scale: float = 0.002) -> jnp.ndarray:
+    size = LAYOUT.size(VIEWS)
+    return jnp.asarray(np.random.default_rng(1).normal(0, scale, size))
 
-    def residual(parameters):
-        return solve.residual_vector(parameters, problem, LAYOUT)
 
-    jacobian = np.asarray(jax.jit(jax.jacfwd(residual))(at))
-    value = np.asarray(residual(at))
-    fixed = np.asarray(1 - problem.free)
-    matrix, gradient = jax.jit(solve.normal_equations, static_argnums=2)(
-        at, problem, LAYOUT
+def _whitened(parameters, problem: solve.Problem):
+    predicted = normal.predictions_mm(
+        parameters, problem.views, problem.marks, LAYOUT, problem.frame
     )
-    dense = jacobian.T @ jacobian + np.diag(fixed)
-    scale = np.sqrt(np.outer(np.diag(dense), np.diag(dense)))
-    np.testing.assert_allclose(matrix / scale, dense / scale, atol=1e-10)
-    # The principal point moves the free field's box, whose fold guard is not
-    # differentiated along with it; everything else is exact.
-    expected = jacobian.T @ value
-    np.testing.assert_allclose(gradient, expected, rtol=1e-9, atol=1e-7)
+    off = predicted - problem.marks.observed_mm
+    return jnp.einsum("cmij,cmj->cmi", problem.marks.whitening, off)
+
+
+_equations = jax.jit(normal.equations, static_argnames="layout")
+
+
+def _equations_at(parameters, problem: solve.Problem) -> normal.Equations:
+    return _equations(parameters, problem.views, problem.marks, LAYOUT, problem.frame)
+
+
+@pytest.mark.parametrize("scale", [0.002, 0.3])
+def test_equations_of_each_half_are_those_of_the_dense_jacobian(problem, scale):
+    """Also where the guard against folding is at work, at the larger scale."""
+    at = _at(scale)
+    value = np.asarray(jax.jit(_whitened)(at, problem))
+    jacobian = np.asarray(jax.jit(jax.jacfwd(_whitened))(at, problem))
+    found = _equations_at(at, problem)
+    for half in (0, 1):
+        rows = jacobian[:, half::2].reshape(-1, len(at))
+        values = value[:, half::2].ravel()
+        dense = rows.T @ rows
+        root = np.sqrt(np.diag(dense)) + 1e-30
+        scale_of = np.outer(root, root)
+        np.testing.assert_allclose(
+            found.matrix[half] / scale_of, dense / scale_of, atol=1e-10
+        )
+        np.testing.assert_allclose(
+            found.gradient[half] / root, rows.T @ values / root, rtol=1e-9, atol=1e-6
+        )
+        np.testing.assert_allclose(found.chi_squared[half], values @ values)
+
+
+def test_chunks_that_are_not_in_use_count_nothing(problem):
+    fewer = problem._replace(marks=problem.marks._replace(chunks=jnp.asarray(3)))
+    cut = jax.tree.map(lambda a: a[:3] if a.ndim else a, fewer.marks)
+    used = _equations_at(_at(), fewer)
+    alone = jax.jit(normal.equations, static_argnames="layout")(
+        _at(), problem.views, cut, LAYOUT, problem.frame
+    )
+    for mine, expected in zip(used, alone, strict=True):
+        np.testing.assert_allclose(mine, expected, rtol=1e-12, atol=1e-9)
+
+
+def test_the_short_residual_has_the_same_equations(problem):
+    """c.c is chi-squared with priors, its Jacobian gives their gradient and matrix."""
+    at = _at()
+
+    def short(parameters):
+        return solve.short_residual(parameters, problem, LAYOUT)
+
+    jacobian, _ = jax.jit(jax.jacfwd(short, has_aux=True))(at)
+    value, found = jax.jit(short)(at)
+    effective = jnp.where(problem.free > 0, at, problem.prior_mean)
+    matrix, gradient, chi_squared = solve.with_prior(found, effective, problem)
+    root = np.sqrt(np.diag(matrix))
+    scaled = np.outer(root, root)
+    np.testing.assert_allclose(value @ value, chi_squared, rtol=1e-12)
+    np.testing.assert_allclose(
+        jacobian.T @ jacobian / scaled, matrix / scaled, atol=1e-10
+    )
+    np.testing.assert_allclose(value @ jacobian / root, gradient / root, rtol=1e-8)
+
+
+def test_fixed_parameters_have_identity_rows(problem):
+    found = _equations_at(_at(), problem)
+    matrix, gradient, _ = solve.with_prior(found, _at(), problem)
+    fixed = np.asarray(problem.free) == 0
+    np.testing.assert_array_equal(matrix[fixed], np.eye(len(fixed))[fixed])
+    assert not np.asarray(gradient)[fixed].any()
+    assert np.asarray(matrix)[~fixed][:, ~fixed].any(1).all()

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lensfit.fit.parameters import DRIFT_PARAMETERS, POSE_PARAMETERS, Layout
-from lensfit.fit.select import Statistics, Step, bend_steps, choose, families
+from lensfit.fit.select import Step, bend_steps, choose, families
+from lensfit.fit.trial import Statistics
 
 ROWS, POSES = 600, 6
 FIELD = np.linspace(-1, 1, ROWS)
@@ -53,13 +54,13 @@ def _truth(**at: float) -> np.ndarray:
 
 
 def test_noise_asks_for_no_term():
-    asked = [bool(_choose(_truth(), 0.1, seed)[0]) for seed in range(40)]
+    asked = [bool(_choose(_truth(), 0.1, seed).kept) for seed in range(40)]
     assert sum(asked) <= 1
 
 
 def test_a_term_that_exists_is_kept_and_the_others_are_not():
     for seed in range(10):
-        kept, verdicts = _choose(_truth(t0=0.1), 0.1, seed)
+        kept, verdicts, _ = _choose(_truth(t0=0.1), 0.1, seed)
         assert kept == {"radial": 1}
         assert {v.name for v in verdicts if v.kept} == {"radial_1"}
 
@@ -69,13 +70,13 @@ def test_the_search_looks_past_a_step_that_does_not_help_by_itself():
     columns = np.concatenate([POSE, RADIAL[:, :2]], -1)
     solution = np.linalg.lstsq(columns, RADIAL[:, 2])[0]
     truth = _truth(t0=-solution[POSES], t1=-solution[POSES + 1], t2=1.0)
-    kept, verdicts = _choose(truth, 0.005, 0)
+    kept, verdicts, _ = _choose(truth, 0.005, 0)
     assert kept["radial"] == 3
     assert {v.name for v in verdicts if v.kept} == {"radial_1", "radial_2", "radial_3"}
 
 
 def test_two_families_are_found_together():
-    kept, _ = _choose(_truth(t0=0.2, t4=0.2, t5=0.1), 0.1, 3)
+    kept, _, _ = _choose(_truth(t0=0.2, t4=0.2, t5=0.1), 0.1, 3)
     assert kept == {"radial": 1, "other": 1}
 
 
@@ -90,7 +91,7 @@ def test_the_answer_does_not_depend_on_where_it_was_linearised():
 def test_evidence_is_the_textbooks_bic():
     """Against two least-squares fits made here; the prior is far too weak to matter."""
     rng = np.random.default_rng(6)
-    _, verdicts = _choose(_truth(t0=0.1), 0.1, 6)
+    _, verdicts, _ = _choose(_truth(t0=0.1), 0.1, 6)
     data = DESIGN @ _truth(t0=0.1) + rng.normal(0, 0.1, ROWS)
     both = np.concatenate([POSE, RADIAL[:, :1]], -1)
     left = [np.sum((data - a @ np.linalg.lstsq(a, data)[0]) ** 2) for a in (POSE, both)]
@@ -100,7 +101,7 @@ def test_evidence_is_the_textbooks_bic():
 
 
 def test_reasons_are_sentences_that_say_which_way():
-    _, verdicts = _choose(_truth(t0=0.1), 0.1, 0)
+    _, verdicts, _ = _choose(_truth(t0=0.1), 0.1, 0)
     reasons = {v.name: v.reason for v in verdicts}
     assert reasons["radial_1"].startswith("kept: evidence +")
     assert reasons["other"].startswith("left out: the photographs do not ask for it")

@@ -1,0 +1,95 @@
+"""Marks cut into pieces of one size, so that few programs serve every shoot.
+
+A program is compiled for the shapes of its arrays, and photographs hold any number of
+marks. Marks are therefore dealt into chunks of `MARKS` of one photograph each, and the
+number of chunks is filled up to a power of two; a loop over the chunks in use pays for
+those alone. Within a photograph marks are shuffled, so that
+
+- the first chunks of all photographs are a fair sample of the whole, and
+- every other mark of a chunk makes one of two random halves (`normal`).
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+MARKS = 64
+"""Of one chunk; a board of few marks fills one."""
+_FEWEST_CHUNKS = 8
+
+
+class Marks(NamedTuple):
+    """What the residual needs of every mark; zero `whitening` leaves a mark out.
+
+    Attributes
+    ----------
+    view : Photograph of each chunk.
+    chunks : How many of the chunks are looked at.
+    board : Nominal place, half boards from the middle of what was seen.
+    observed_mm : Where it was seen, its centroid's predicted shift taken off.
+    whitening : Turns a residual into standard deviations, 1/mm.
+    """
+
+    view: Int[Array, " chunks"]
+    chunks: Int[Array, ""]
+    board: Float[Array, "chunks marks 2"]
+    observed_mm: Float[Array, "chunks marks 2"]
+    whitening: Float[Array, "chunks marks 2 2"]
+
+
+@dataclass(frozen=True, eq=False)
+class Chunking:
+    """Which mark of a padded (views, marks) array lies where.
+
+    Attributes
+    ----------
+    index : Flat index of each mark; places without one repeat a mark of their view.
+    real : Which places hold a mark.
+    view : Photograph of each chunk.
+    count : Chunks in use.
+    views : Number of photographs.
+    """
+
+    index: Int[np.ndarray, "chunks marks"]
+    real: Bool[np.ndarray, "chunks marks"]
+    view: Int[np.ndarray, " chunks"]
+    count: int
+    views: int
+
+    def cut(self, values: np.ndarray) -> np.ndarray:
+        """(views, marks, ...) to (chunks, marks, ...)."""
+        return values.reshape(-1, *values.shape[2:])[self.index]
+
+    def joined(self, pieces: np.ndarray, like: np.ndarray) -> np.ndarray:
+        """(chunks, marks, ...) back to the shape of `like`; zero where no mark is."""
+        whole = np.zeros((like.shape[0] * like.shape[1], *pieces.shape[2:]))
+        whole[self.index[self.real]] = pieces[self.real]
+        return whole.reshape(*like.shape[:2], *pieces.shape[2:])
+
+    def sample(self, marks_per_view: int) -> int:
+        """Chunks that hold about so many marks of every photograph."""
+        parts = -(-marks_per_view // MARKS)
+        return min(self.count, parts * self.views)
+
+
+def chunking_of(present: Bool[np.ndarray, "views marks"]) -> Chunking:
+    """Deal the present marks of each photograph into chunks."""
+    rng = np.random.default_rng(7)
+    dealt = []
+    for view, here in enumerate(present):
+        mine = rng.permutation(np.flatnonzero(here)) + view * present.shape[1]
+        for part, first in enumerate(range(0, max(len(mine), 1), MARKS)):
+            dealt.append((part, view, mine[first : first + MARKS]))
+    dealt.sort(key=lambda piece: piece[:2])
+    count = len(dealt)
+    total = max(_FEWEST_CHUNKS, 1 << (count - 1).bit_length())
+    index = np.zeros((total, MARKS), int)
+    real = np.zeros((total, MARKS), bool)
+    views = np.zeros(total, int)
+    for k, (_, view, mine) in enumerate(dealt):
+        views[k] = view
+        real[k, : len(mine)] = True
+        index[k] = np.resize(mine, MARKS) if len(mine) else view * present.shape[1]
+    return Chunking(index, real, views, count, len(present))

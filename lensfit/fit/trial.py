@@ -1,0 +1,157 @@
+"""Linearised fits of many sub-models, from the normal equations of the largest one.
+
+Every sub-model contains the parameters that are in all of them (poses above all), so
+these are eliminated once: what is left of a half's equations, and of what a solution
+costs on the other half, are quadratic forms in the parameters that are tried. A
+sub-model is then a sub-block of small matrices.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import cho_factor, cho_solve
+
+_JITTER = 1e-12
+
+
+class Statistics(NamedTuple):
+    """Normal equations of the full model on one set of marks.
+
+    `count` is the number of residuals.
+    """
+
+    matrix: Float[np.ndarray, "parameters parameters"]
+    gradient: Float[np.ndarray, " parameters"]
+    sum_of_squares: float
+    count: int
+
+
+class Scores(NamedTuple):
+    """Bayesian information criterion, and sum of squares on unseen marks."""
+
+    bic: float
+    held_out: float
+
+
+class _Form(NamedTuple):
+    """constant + 2 linear.z + z.square.z"""
+
+    constant: float
+    linear: Float[np.ndarray, " tried"]
+    square: Float[np.ndarray, "tried tried"]
+
+    def at(self, chosen: np.ndarray, z: np.ndarray) -> float:
+        square = self.square[np.ix_(chosen, chosen)]
+        return float(self.constant + 2 * self.linear[chosen] @ z + z @ square @ z)
+
+
+class _Reduced(NamedTuple):
+    """The solution of a set of marks as a function of the tried parameters.
+
+    The step of all parameters is `origin` + `turn` z, where z counts from the prior
+    mean of the tried ones and the rest follow as the set of marks wants.
+    """
+
+    origin: Float[np.ndarray, " parameters"]
+    turn: Float[np.ndarray, "parameters tried"]
+    cost: _Form
+
+    def solution(self, chosen: np.ndarray) -> np.ndarray:
+        """The z that costs least, prior included, with the others at zero."""
+        square = self.cost.square[np.ix_(chosen, chosen)].copy()
+        square[np.diag_indices_from(square)] *= 1 + _JITTER
+        return -cho_solve(cho_factor(square), self.cost.linear[chosen])
+
+
+class Trial:
+    """Scores of the models `always` + any of `tried`.
+
+    Parameters
+    ----------
+    first, second : Of two halves of the marks, at the same parameters.
+    precision : Prior precision of every parameter.
+    offset : Those parameters minus their prior mean.
+    always, tried : Indices; every other parameter returns to its prior mean.
+    """
+
+    def __init__(
+        self,
+        first: Statistics,
+        second: Statistics,
+        precision: Float[np.ndarray, " parameters"],
+        offset: Float[np.ndarray, " parameters"],
+        always: Int[np.ndarray, " always"],
+        tried: Int[np.ndarray, " tried"],
+    ):
+        both = Statistics(
+            first.matrix + second.matrix,
+            first.gradient + second.gradient,
+            first.sum_of_squares + second.sum_of_squares,
+            first.count + second.count,
+        )
+        self._count = both.count
+        self._always, self._tried = len(always), np.asarray(tried, int)
+        parts = (np.asarray(always, int), self._tried)
+        self._both, *halves = (
+            _reduced(one, precision, offset, *parts) for one in (both, first, second)
+        )
+        self._total = _restricted(both, self._both)
+        self._unseen = [
+            (half, _restricted(other, half))
+            for half, other in zip(halves, (second, first), strict=True)
+        ]
+
+    def scores(self, indices: Int[np.ndarray, " chosen"]) -> Scores:
+        """Of the model whose tried parameters are `indices`."""
+        chosen = np.flatnonzero(np.isin(self._tried, indices))
+        total = self._total.at(chosen, self._both.solution(chosen))
+        free = self._always + len(chosen)
+        bic = self._count * np.log(max(total, 1e-300)) + free * np.log(self._count)
+        held_out = sum(
+            form.at(chosen, half.solution(chosen)) for half, form in self._unseen
+        )
+        return Scores(float(bic), float(held_out))
+
+    def step(self, indices: Int[np.ndarray, " chosen"]) -> np.ndarray:
+        """Change of all parameters to the solution of that model, on all marks."""
+        chosen = np.flatnonzero(np.isin(self._tried, indices))
+        turned = self._both.turn[:, chosen] @ self._both.solution(chosen)
+        return self._both.origin + turned
+
+
+def _reduced(
+    statistics: Statistics,
+    precision: np.ndarray,
+    offset: np.ndarray,
+    always: np.ndarray,
+    tried: np.ndarray,
+) -> _Reduced:
+    """Eliminate `always`; the tried ones and the rest start from their prior mean."""
+    home = -offset.copy()
+    home[always] = 0.0
+    gradient = statistics.gradient + statistics.matrix @ home
+    gradient = gradient + precision * (offset + home)
+    matrix = statistics.matrix
+    inner = matrix[np.ix_(always, always)].copy()
+    inner[np.diag_indices_from(inner)] += precision[always]
+    inner[np.diag_indices_from(inner)] *= 1 + _JITTER
+    factor = cho_factor(inner)
+    rest = cho_solve(factor, matrix[np.ix_(always, tried)])
+    origin, turn = home, np.zeros((len(offset), len(tried)))
+    origin[always] = -cho_solve(factor, gradient[always])
+    turn[always] = -rest
+    turn[tried, np.arange(len(tried))] = 1.0
+    square = matrix[np.ix_(tried, tried)] - matrix[np.ix_(tried, always)] @ rest
+    square[np.diag_indices_from(square)] += precision[tried]
+    linear = gradient[tried] - rest.T @ gradient[always]
+    return _Reduced(origin, turn, _Form(0.0, linear, (square + square.T) / 2))
+
+
+def _restricted(statistics: Statistics, reduced: _Reduced) -> _Form:
+    """What a solution of one set of marks costs on another, without priors."""
+    origin, turn = reduced.origin, reduced.turn
+    slope = statistics.gradient + statistics.matrix @ origin
+    constant = statistics.sum_of_squares + (statistics.gradient + slope) @ origin
+    square = turn.T @ (statistics.matrix @ turn)
+    return _Form(float(constant), turn.T @ slope, square)
