@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
+from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
 from lensfit.fit.adjust import (
@@ -97,6 +98,9 @@ class ChiefRayFit:
     seconds: dict[str, float]
 
 
+# Matrices of a few hundred rows gain nothing from several BLAS threads, which spin
+# while they wait: on a busy machine a fit took ten times longer.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def fit_chief_ray(
     takes: list[Take],
     progress: Progress = silent,

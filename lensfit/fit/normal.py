@@ -29,6 +29,10 @@ from lensfit.fit.rows import GUARDED, Mark, row
 from lensfit.optics import field
 from lensfit.optics.distortion import box_from_principal_point
 
+BATCH = 32
+"""Chunks in one turn of the loop: enough that turns are few, for every turn waits for
+its threads, and on a busy machine waiting is what costs."""
+
 
 class Equations(NamedTuple):
     """J^T J, J^T r and r^T r of two halves of the marks.
@@ -79,27 +83,35 @@ def equations(
     layout: Layout,
     frame: Frame,
 ) -> Equations:
-    """Gathered over the chunks in use; a chunk's every other mark makes a half."""
+    """Gathered over the chunks in use; a chunk's every other mark makes a half.
+
+    The number of chunks is a multiple of `BATCH`, or smaller.
+    """
     shared, local = split(parameters, layout)
     guarded, by_coefficient = _behind_guard(shared, layout, frame)
     k, n = layout.shared, layout.shared + layout.local
-    count = local.shape[0]
+    count, batch = local.shape[0], min(BATCH, marks.view.shape[0])
     of_marks = jax.vmap(row, (0, None, None, None, None))
 
-    def add(i, sums: _Blocks) -> _Blocks:
-        own = marks.view[i]
+    def of_chunk(own, mark: Mark):
         view = jax.tree.map(lambda a: a[own], views)
         parts: Parts = parts_of(shared, local[own], layout) | guarded
-        mark = Mark(marks.board[i], marks.observed_mm[i], marks.whitening[i])
         rows, values = of_marks(mark, parts, view, layout, frame)
         rows = jnp.swapaxes(rows.reshape(-1, 2, 2, n), 0, 1).reshape(2, -1, n)
-        values = jnp.swapaxes(values.reshape(-1, 2, 2), 0, 1).reshape(2, -1)
-        products = jnp.einsum("hra,hrb->hab", rows, rows)
+        return rows, jnp.swapaxes(values.reshape(-1, 2, 2), 0, 1).reshape(2, -1)
+
+    def add(i, sums: _Blocks) -> _Blocks:
+        own, mark = jax.tree.map(
+            lambda a: jax.lax.dynamic_slice_in_dim(a, i * batch, batch),
+            (marks.view, Mark(marks.board, marks.observed_mm, marks.whitening)),
+        )
+        rows, values = jax.vmap(of_chunk, out_axes=1)(own, mark)
+        flat = rows[..., :k].reshape(2, -1, k)
         return _Blocks(
-            sums.shared + products[:, :k, :k],
-            sums.own.at[:, own].add(products[:, :, k:]),
-            sums.gradient.at[:, own].add(jnp.einsum("hra,hr->ha", rows, values)),
-            sums.chi_squared + jnp.sum(values**2, 1),
+            sums.shared + jnp.einsum("hra,hrb->hab", flat, flat),
+            sums.own.at[:, own].add(jnp.einsum("hcra,hcrb->hcab", rows, rows[..., k:])),
+            sums.gradient.at[:, own].add(jnp.einsum("hcra,hcr->hca", rows, values)),
+            sums.chi_squared + jnp.sum(values**2, (1, 2)),
         )
 
     empty = _Blocks(
@@ -108,7 +120,7 @@ def equations(
         jnp.zeros((2, count, n)),
         jnp.zeros(2),
     )
-    sums = jax.lax.fori_loop(0, marks.chunks, add, empty)
+    sums = jax.lax.fori_loop(0, -(-marks.chunks // batch), add, empty)
     return _assembled(_through_guard(sums, by_coefficient, layout), layout)
 
 

@@ -96,12 +96,17 @@ def test_equations_of_each_half_are_those_of_the_dense_jacobian(problem, scale):
         np.testing.assert_allclose(found.chi_squared[half], values @ values)
 
 
-def test_chunks_that_are_not_in_use_count_nothing(problem):
-    fewer = problem._replace(marks=problem.marks._replace(chunks=jnp.asarray(3)))
-    cut = jax.tree.map(lambda a: a[:3] if a.ndim else a, fewer.marks)
-    used = _equations_at(_at(), fewer)
-    alone = jax.jit(normal.equations, static_argnames="layout")(
-        _at(), problem.views, cut, LAYOUT, problem.frame
+def test_batches_that_are_not_in_use_count_nothing(problem, monkeypatch):
+    monkeypatch.setattr(normal, "BATCH", 2)
+    marks = problem.marks
+    four = jax.tree.map(lambda a: a[:4] if a.ndim else a, marks)
+    first = marks._replace(chunks=jnp.asarray(2))
+    cut = jax.tree.map(lambda a: a[:2] if a.ndim else a, first)
+    used, alone = (
+        jax.jit(normal.equations, static_argnames="layout")(
+            _at(), problem.views, some, LAYOUT, problem.frame
+        )
+        for some in (four._replace(chunks=jnp.asarray(2)), cut)
     )
     for mine, expected in zip(used, alone, strict=True):
         np.testing.assert_allclose(mine, expected, rtol=1e-12, atol=1e-9)
