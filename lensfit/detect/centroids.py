@@ -23,7 +23,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter
 
-from lensfit.detect.patches import Patches, fitted_plane, second_moments_about
+from lensfit.detect.background import Flattened, on_black, on_white, unevenly_lit_px
+from lensfit.detect.patches import Patches, second_moments_about
 
 _CHUNK_SAMPLES = 1_500_000
 _THREADS = 2
@@ -63,6 +64,7 @@ class Measured(NamedTuple):
     noise : Standard deviation of the ring about its plane.
     moment_px2 : Second central moments of the dot.
     saturated : Clipped samples touch the dot.
+    steepness : Relative change of the light over a dark dot's radius; 0 for bright.
     """
 
     centre_px: Float[np.ndarray, "dots 2"]
@@ -73,6 +75,7 @@ class Measured(NamedTuple):
     noise: Float[np.ndarray, " dots"]
     moment_px2: Float[np.ndarray, "dots 2 2"]
     saturated: Bool[np.ndarray, " dots"]
+    steepness: Float[np.ndarray, " dots"]
 
 
 def measure(
@@ -158,20 +161,6 @@ def _batches(half: np.ndarray) -> list[np.ndarray]:
     return batches
 
 
-class _Flattened(NamedTuple):
-    """Patches with their background taken off.
-
-    plane : Background as level, x slope and y slope at the middle of the patch.
-    plane_covariance : Its covariance for unit noise.
-    """
-
-    sharp: np.ndarray
-    smooth: np.ndarray
-    plane: np.ndarray
-    plane_covariance: np.ndarray
-    noise: np.ndarray
-
-
 def _measure(
     patch: Patches, windows: Windows, bright: bool, saturation: float, shot: float
 ) -> Measured:
@@ -179,7 +168,7 @@ def _measure(
     rho = patch.radius(windows.shape_px2, patch.start)
     radius = np.linalg.det(windows.shape_px2).astype(np.float32)[:, None] ** 0.25
     ring = (rho > 1 + 0.5 / radius) & (rho < windows.ring[:, None]) & patch.inside
-    flat = _on_black(patch, ring) if bright else _on_white(patch, ring)
+    flat = on_black(patch, ring) if bright else on_white(patch, ring, radius)
     core = ((rho < windows.core[:, None]) & patch.inside).astype(np.float32)
     level = (core * flat.smooth).sum(1) / np.maximum(core.sum(1), 1e-3)
     centre, aperture, weight, light = patch.start, core, core, core
@@ -209,6 +198,14 @@ def _measure(
     limit = 0.0 if bright else _CLIPPED_FIELD
     good = np.isfinite(centre).all(1)
     at = np.concatenate([np.ones((len(centre), 1)), centre], 1)
+    moment = _central(sums, total, centre)
+    steepness = np.zeros(len(centre))
+    if not bright:
+        own_radius = 2 * np.linalg.det(np.nan_to_num(moment)).clip(0) ** 0.25
+        slope = np.linalg.norm(flat.plane[:, 1:], axis=1) / flat.plane[:, 0]
+        steepness = slope * own_radius
+        doubt = unevenly_lit_px(steepness, own_radius)
+        covariance += (doubt**2)[:, None, None] * np.eye(2)
     return Measured(
         centre_px=centre + patch.origin,
         covariance_px2=covariance,
@@ -218,32 +215,10 @@ def _measure(
         level=np.where(good, level, np.nan).astype(float),
         background=(flat.plane * at).sum(1),
         noise=flat.noise,
-        moment_px2=_central(sums, total, centre),
+        moment_px2=moment,
         saturated=clipped.mean(1) > limit,
+        steepness=steepness,
     )
-
-
-def _on_black(patch: Patches, ring) -> _Flattened:
-    """Take off the light around a bright dot: it adds to the dot's own."""
-    plane, covariance, noise = fitted_plane(patch, patch.sharp, ring)
-    background = plane.astype(np.float32) @ patch.basis[:, :3].T
-    sharp, smooth = patch.sharp - background, patch.smooth - background
-    return _Flattened(sharp, smooth, plane, covariance, noise)
-
-
-def _on_white(patch: Patches, ring) -> _Flattened:
-    """Undo the illumination of a dark dot, which reflects the light that falls on it.
-
-    The plane is one of the logarithm: fall-off and shadows multiply.
-    """
-    dimmest = 1e-3 * patch.sharp.max(1, keepdims=True, initial=1e-9)
-    logarithm = np.log(np.maximum(patch.sharp, dimmest))
-    plane, covariance, noise = fitted_plane(patch, logarithm, ring)
-    light = np.exp(plane[:, :1]).astype(np.float32)
-    even = np.exp(-plane[:, 1:].astype(np.float32) @ patch.basis[:, 1:3].T)
-    sharp, smooth = patch.sharp * even - light, patch.smooth * even - light
-    plane = light * np.concatenate([np.ones_like(light), plane[:, 1:]], 1)
-    return _Flattened(sharp, smooth, plane, covariance, noise * light[:, 0])
 
 
 def _above_noise(smooth, noise):
@@ -270,7 +245,7 @@ def _central(sums, total, centre):
     return second - centre[:, :, None] * centre[:, None, :]
 
 
-def _covariance(patch, flat: _Flattened, weight, centre):
+def _covariance(patch, flat: Flattened, weight, centre):
     """Of the first moments: white noise under the weight, and the fitted slopes'."""
     lever = second_moments_about(weight, patch, centre)
     spread = second_moments_about(weight * weight, patch, centre)

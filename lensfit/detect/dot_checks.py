@@ -1,7 +1,8 @@
 """Which indexed marks are really dots of the grid, and which run into each other.
 
 A dot resembles its lattice neighbours: in contrast, in size, and in place. Reflections
-of dots, texture beyond the target's edge and dirt on a missing dot's cell do not.
+of dots, texture beyond the target's edge and dirt on a missing dot's cell do not, and a
+mark without neighbours has nobody to vouch for it.
 Larger marker dots inside the grid are kept, since their neighbours vouch for their
 place.
 """
@@ -17,6 +18,8 @@ _CONTRAST_RATIO = 2.5
 _AREA_RATIO = 2.5
 _UNREST, _UNREST_RATIO = 0.11, 5.0
 """Surroundings this uneven (a shadow's edge, a scratch) make a position worthless."""
+_STEEP_LIGHT, _LEAST_LIT = 0.1, 2**-2.5
+"""A dot on the slope of a shadow must get this part of the usual light."""
 _ROUNDS = 3
 _OFF_STEPS = 0.12
 _OFF_DEVIATIONS = 12.0
@@ -43,6 +46,7 @@ def resembling(
     contrast: Float[np.ndarray, " dots"],
     area_px: Float[np.ndarray, " dots"],
     unrest: Float[np.ndarray, " dots"],
+    lit: Bool[np.ndarray, " dots"],
 ) -> Bool[np.ndarray, " dots"]:
     """Dots that resemble their lattice neighbours, connected to each other.
 
@@ -52,9 +56,11 @@ def resembling(
     points_px : Measured positions; NaN where the measurement failed.
     contrast : Positive level of each dot against its surroundings.
     area_px : Area of each dot's mask.
-    unrest : Deviation of each dot's surroundings from a plane, relative to its level.
+    unrest : Deviation of each dot's surroundings from a smooth background, relative
+        to its level.
+    lit : Whether enough light falls on each dot to tell where it is.
     """
-    good = np.isfinite(points_px).all(1) & (contrast > 0)
+    good = np.isfinite(points_px).all(1) & (contrast > 0) & lit
     if good.any():
         good &= unrest < max(_UNREST, _UNREST_RATIO * float(np.median(unrest[good])))
     points_px = np.where(good[:, None], points_px, 0.0)
@@ -72,6 +78,7 @@ def resembling(
             off > max(_MARKER_OFF * usual, 0.01)
         )
         odd |= odd_size & ~vouched
+        odd |= (around < 0).all(0)
         odd |= off > min(_OFF_STEPS, max(_LEAST_OFF_STEPS, _OFF_DEVIATIONS * usual))
         if not np.any(good & odd):
             break
@@ -80,6 +87,24 @@ def resembling(
             break
     board = _board(cells, good)
     return consistent_members(board, points_px)
+
+
+def lit_enough(
+    light: Float[np.ndarray, " dots"], steepness: Float[np.ndarray, " dots"]
+) -> Bool[np.ndarray, " dots"]:
+    """Whether dots are outside the depth of a penumbra.
+
+    What light gets there comes past an edge, through part of the pupil or off the
+    lamp's rim, and moves dots by a good part of a pixel. Evenly dim dots are fine.
+
+    Parameters
+    ----------
+    light : Brightness of each dot's surroundings.
+    steepness : Relative change of the light over the dot's radius.
+    """
+    known = np.isfinite(light)
+    usual = float(np.median(light[known])) if known.any() else 0.0
+    return ~((steepness > _STEEP_LIGHT) & (light < _LEAST_LIT * usual))
 
 
 def overlapping(

@@ -13,7 +13,12 @@ from scipy.spatial import KDTree
 
 from lensfit.detect.blobs import POLARITIES, Blobs, find_blobs
 from lensfit.detect.centroids import Measured, Windows, measure
-from lensfit.detect.dot_checks import overlapping, primitive_cells, resembling
+from lensfit.detect.dot_checks import (
+    lit_enough,
+    overlapping,
+    primitive_cells,
+    resembling,
+)
 from lensfit.detect.lattice import index_lattice
 from lensfit.detect.neighbours import nearest
 from lensfit.detect.observations import POINT, Observations
@@ -124,7 +129,8 @@ def _observe(
     tone = sign * main.level / (1 if polarity == "bright" else main.background)
     cells = primitive_cells(indices, asymmetric)
     unrest = main.noise / np.abs(main.level)
-    keep = resembling(cells, main.centre_px, tone, blobs.area_px, unrest)
+    lit = lit_enough(main.background, main.steepness)
+    keep = resembling(cells, main.centre_px, tone, blobs.area_px, unrest, lit)
     channels = [Measured(*(column[keep] for column in m)) for m in channels]
     main = channels[green]
     touching = overlapping(

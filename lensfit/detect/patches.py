@@ -1,4 +1,4 @@
-"""Small square patches around many dots at once, and sums and planes over them.
+"""Small square patches around many dots at once, and sums over them.
 
 One row per dot. Every sum over a patch is a matrix product with the polynomials 1, x,
 y, x^2, x y, y^2 of its samples, x and y being pixels from the middle of the patch.
@@ -13,7 +13,8 @@ import numpy as np
 class Patches:
     """Samples around each dot, one row per dot, and the patch polynomials.
 
-    Coordinates are pixels from the middle of the patch.
+    Coordinates are pixels from the middle of the patch. `basis` holds the polynomials
+    of the moments, `design` those of a background.
     """
 
     def __init__(self, image, smooth, centre_px, half: int, ignore=None):
@@ -35,6 +36,8 @@ class Patches:
         y, x = (g.reshape(-1) for g in np.meshgrid(offset, offset, indexing="ij"))
         one = np.ones_like(x)
         self.basis = np.stack([one, x, y, x * x, x * y, y * y], 1).astype(np.float32)
+        saddle = [one, x, y, x * y, x * x - y * y]
+        self.design = np.stack(saddle, 1).astype(np.float32)
         self.origin = middle + 0.5
         self.start = centre_px - self.origin
 
@@ -53,30 +56,6 @@ class Patches:
         ]
         rho2 = np.stack(row, 1).astype(np.float32) @ self.basis.T
         return np.sqrt(np.maximum(rho2, 0, out=rho2), out=rho2)
-
-
-def fitted_plane(
-    patch: Patches, values: np.ndarray, ring: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Background plane through the ring, its covariance per noise, and the noise.
-
-    Fitted twice: samples beyond three deviations (dirt, a neighbour) are left out.
-    """
-    weight = ring.astype(np.float32)
-    for last in (False, True):
-        sums = (weight @ patch.basis).astype(float)
-        normal = sums[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-        normal += np.eye(3) * (1e-9 + 1e-9 * normal[:, :1, :1])
-        right = ((weight * values) @ patch.basis[:, :3]).astype(float)
-        plane = np.linalg.solve(normal, right[..., None])[..., 0]
-        residual = values - plane.astype(np.float32) @ patch.basis[:, :3].T
-        square = residual * residual * weight
-        noise = np.sqrt(square.sum(1) / np.maximum(sums[:, 0] - 3, 1)).astype(float)
-        if not last:
-            first = noise
-            weight = weight * (square <= (9 * noise * noise)[:, None])
-    first = np.minimum(first, 2 * np.median(first)) if len(first) else first
-    return plane, np.linalg.inv(normal), np.maximum(noise, first)
 
 
 def second_moments_about(

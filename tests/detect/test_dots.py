@@ -13,6 +13,7 @@ from dots_scene import (
     view,
 )
 from scipy.spatial import cKDTree
+from scipy.stats import norm
 
 from lensfit.detect.dots import find_dots
 from lensfit.errors import DetectionError
@@ -151,6 +152,47 @@ def test_an_illumination_gradient_moves_nothing():
     assert len(found) >= 0.99 * len(centres)
     bright = field[found.points_px[:, 1].astype(int), found.points_px[:, 0].astype(int)]
     assert np.sqrt((error[bright > 0.1] ** 2).sum(1).mean()) < 0.03
+
+
+def half_lit_scene():
+    """The penumbra of a shadow lies on the last rows of dots."""
+    size, lattice, centres = simple_scene(13.0, columns=20, rows=18, spacing=26.0)
+    cover = coverage(size, centres, discs(6.5, len(centres)), blur_px=1.3)
+    edge, width = centres[:, 1].max() - 45.0, 14.0
+    light = 0.01 + 0.99 * norm.sf((np.arange(size[1]) + 0.5 - edge) / width)
+    picture = shaded(cover, "dark", field=light[:, None])
+    lit = np.interp(centres[:, 1], np.arange(size[1]) + 0.5, light)
+    return noisy(picture, 5, read=1e-3), lattice, centres, lit
+
+
+def test_half_lit_dots_are_found_and_their_covariance_says_so():
+    picture, lattice, centres, lit = half_lit_scene()
+    found = find_dots(photograph(picture))
+    error, nearest = matched(found, centres)
+    assert set(np.flatnonzero(lit > 0.4)) <= set(nearest)
+    assert same_lattice(found.lattice, lattice[nearest])
+    half_lit = lit[nearest] < 0.9
+    assert half_lit.sum() >= 20
+    sigma = np.sqrt(np.trace(found.covariance_px2, axis1=1, axis2=2) / 2)
+    assert np.linalg.norm(error[half_lit], axis=1).max() < 0.04
+    assert (np.abs(error) < 3 * sigma[:, None])[half_lit].all()
+    assert np.median(sigma[half_lit]) > 5 * np.median(sigma[~half_lit])
+
+
+def test_dots_deep_in_a_penumbra_are_left_out():
+    picture, _, centres, lit = half_lit_scene()
+    _, nearest = matched(find_dots(photograph(picture)), centres)
+    assert not set(np.flatnonzero(lit < 0.15)) & set(nearest)
+
+
+def test_a_mark_with_no_neighbour_is_left_out():
+    size, lattice, centres = simple_scene(12.0, columns=20, rows=12)
+    alone = (lattice[:, 0] == 18) & (lattice[:, 1] == 5)
+    there = (lattice[:, 0] < 16) | alone
+    cover = coverage(size, centres[there], discs(6.0, there.sum()), blur_px=1.0)
+    found = find_dots(photograph(noisy(shaded(cover, "dark"), 1, read=1e-3)))
+    _, nearest = matched(found, centres)
+    assert set(nearest) == set(np.flatnonzero(lattice[:, 0] < 16))
 
 
 def test_saturated_dots_are_flagged_and_only_those():

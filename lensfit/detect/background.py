@@ -1,0 +1,106 @@
+"""The light around dots, taken off or undone, on many patches at once.
+
+A bright dot's background adds to its light. A dark dot reflects the light that falls
+on it, so its background divides. Both are fitted to a ring around the dot.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from lensfit.detect.patches import Patches
+
+_DARKEST = 1e-3
+"""Of the brightest sample: light below is not told from none."""
+_STEEP = 0.2
+"""Dark dots: light that changes by this much to the aperture's edge is no plane."""
+PLANE, SADDLE = 3, 5
+"""Terms of a background: 1, x, y, and where it bends x y and x^2 - y^2. The sum of the
+squares is left out: on a ring it cannot be told from the level."""
+
+
+class Flattened(NamedTuple):
+    """Patches with their background taken off.
+
+    plane : Background as level, x slope and y slope at the middle of the patch.
+    plane_covariance : Its covariance for unit noise.
+    """
+
+    sharp: np.ndarray
+    smooth: np.ndarray
+    plane: np.ndarray
+    plane_covariance: np.ndarray
+    noise: np.ndarray
+
+
+def on_black(patch: Patches, ring) -> Flattened:
+    """Take off the light around a bright dot: it adds to the dot's own."""
+    plane, covariance, noise = fitted_background(patch, patch.sharp, ring)
+    background = plane.astype(np.float32) @ patch.design[:, :PLANE].T
+    sharp, smooth = patch.sharp - background, patch.smooth - background
+    return Flattened(sharp, smooth, plane, covariance, noise)
+
+
+def on_white(patch: Patches, ring, radius) -> Flattened:
+    """Undo the illumination of a dark dot, which reflects the light that falls on it.
+
+    It is a plane of the logarithm, since fall-off and shadows multiply; in the steep
+    light of a penumbra it bends as well.
+    """
+    dimmest = _DARKEST * patch.sharp.max(1, keepdims=True, initial=1e-9)
+    logarithm = np.log(np.maximum(patch.sharp, dimmest))
+    fitted, covariance, noise = fitted_background(patch, logarithm, ring)
+    terms = np.zeros((len(fitted), SADDLE))
+    terms[:, :PLANE] = fitted
+    steep = np.linalg.norm(fitted[:, 1:], axis=1) * radius[:, 0] > _STEEP
+    if steep.any():
+        terms[steep], bent, noise[steep] = fitted_background(
+            patch, logarithm[steep], ring[steep], SADDLE
+        )
+        covariance[steep] = bent[:, :PLANE, :PLANE]
+    light = np.exp(terms[:, :1]).astype(np.float32)
+    last = SADDLE if steep.any() else PLANE
+    slopes = -terms[:, 1:last].astype(np.float32)
+    slopes = slopes @ patch.design[:, 1:last].T
+    even = np.exp(np.clip(slopes, np.log(_DARKEST), -np.log(_DARKEST)))
+    sharp, smooth = patch.sharp * even - light, patch.smooth * even - light
+    plane = light * np.concatenate([np.ones_like(light), terms[:, 1:PLANE]], 1)
+    return Flattened(sharp, smooth, plane, covariance, noise * light[:, 0])
+
+
+def unevenly_lit_px(steepness, radius_px):
+    """Standard deviation of a dot's place from steep light.
+
+    Dividing by the light undoes its slope to first order. Steep light means besides
+    that part of the lamp or of the pupil is hidden, which moves the image itself; on
+    photographed penumbras the scatter grows with the square of the slope, as here.
+    """
+    return steepness**2 * radius_px / 2
+
+
+def fitted_background(
+    patch: Patches, values: np.ndarray, ring: np.ndarray, terms: int = PLANE
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Background through the ring, its covariance per noise, and the noise.
+
+    Fitted twice: samples beyond three deviations (dirt, a neighbour) are left out.
+    """
+    weight = ring.astype(np.float32)
+    design = patch.design[:, :terms]
+    first_of, second_of = np.triu_indices(terms)
+    products = design[:, first_of] * design[:, second_of]
+    normal = np.zeros((len(values), terms, terms))
+    for last in (False, True):
+        sums = (weight @ products).astype(float)
+        normal[:, first_of, second_of] = normal[:, second_of, first_of] = sums
+        normal += np.eye(terms) * (1e-9 + 1e-9 * normal[:, :1, :1])
+        right = ((weight * values) @ design).astype(float)
+        fitted = np.linalg.solve(normal, right[..., None])[..., 0]
+        residual = values - fitted.astype(np.float32) @ design.T
+        square = residual * residual * weight
+        noise = np.sqrt(square.sum(1) / np.maximum(sums[:, 0] - terms, 1)).astype(float)
+        if not last:
+            first = noise
+            weight = weight * (square <= (9 * noise * noise)[:, None])
+    first = np.minimum(first, 2 * np.median(first)) if len(first) else first
+    return fitted, np.linalg.inv(normal), np.maximum(noise, first)
