@@ -4,19 +4,28 @@ The chart cancels: red minus green of one dot does not depend on where the dot w
 printed. What remains is linear in the coefficients of `lensfit.optics.lateral`, so it
 is solved in closed form with robust weights. Wide apertures add the colour of coma to a
 centroid, so the smallest aperture with enough marks is used.
+
+Colour need not be centred on the principal point: tilted elements move the one without
+the other. Where the evidence asks for it the terms of such a lens are fitted too, since
+a radial formula about the wrong point misses most where it matters, at the edge.
 """
 
 from dataclasses import dataclass
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from lensfit.coords import mm_from_px
 from lensfit.detect.observations import POINT
 from lensfit.fit.take import Take
+from lensfit.optics.lateral import lopsided_basis
 
 _FEWEST_MARKS = 40
 _MOST_RADIAL_TERMS = 4
+_CENTRED, _SHIFTED, _LOPSIDED = 0, 2, 6
+"""Terms besides the radial ones: none, the shift, and strain and decentering too."""
 _ROUNDS = 6
 _LEAST_BIC_GAIN = 6.0
 
@@ -29,13 +38,17 @@ class ChannelColour:
     ----------
     radial : c0, c1, ...; empty when nothing was found.
     shift_mm : Constant displacement.
-    covariance : Of (shift x, shift y, c0, c1, ...), zero rows for what was left.
+    strain, decentering : As in `lensfit.optics.lateral`; empty when left.
+    covariance : Of (shift x, shift y, strain, decentering, c0, c1, ...), in reference
+        radii, zero rows for what was left.
     valid_radius : Largest radius measured, in reference radii.
     rms_px, marks : Median residual, and how many marks it rests on.
     """
 
     radial: tuple[float, ...]
     shift_mm: tuple[float, float]
+    strain: tuple[float, ...]
+    decentering: tuple[float, ...]
     covariance: Float[np.ndarray, "parameters parameters"]
     valid_radius: float
     rms_px: float
@@ -44,12 +57,26 @@ class ChannelColour:
     def radial_px(
         self, radius: Float[np.ndarray, " radii"], px_per_radius: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Outward displacement at radii (in reference radii), and its sigma; px."""
+        """Outward displacement at radii (in reference radii), and its sigma; px.
+
+        The mean over azimuths, over which shift, strain and decentering cancel.
+        """
         powers = radius[:, None] ** (2 * np.arange(len(self.radial)) + 1)
         value = powers @ np.asarray(self.radial) if self.radial else 0 * radius
-        part = self.covariance[2 : 2 + len(self.radial), 2 : 2 + len(self.radial)]
+        part = self.covariance[_LOPSIDED:, _LOPSIDED:]
         variance = np.einsum("ri,ij,rj->r", powers, part, powers)
         return value * px_per_radius, np.sqrt(np.maximum(variance, 0)) * px_per_radius
+
+    def lopsided(self, radius: float) -> float:
+        """Largest displacement by strain and decentering at a radius, reference radii.
+
+        A decentering term moves by three times its coefficient along its own axis.
+        """
+        strain, decentering = (
+            np.linalg.norm(self.strain),
+            np.linalg.norm(self.decentering),
+        )
+        return float(strain * radius + 3 * decentering * radius**2)
 
 
 def fit_colour(
@@ -113,21 +140,32 @@ def _fit(q, moved, normal, variance, px, reference_radius_mm) -> ChannelColour:
     Squared residuals are cut at four times the spread of the largest model, so that
     a few bad marks decide nothing.
     """
-    models = [(s, k) for s in (False, True) for k in range(_MOST_RADIAL_TERMS + 1)]
-    solved = [_solve(q, moved, normal, variance, s, k, px) for s, k in models]
+    models = [
+        (besides, terms)
+        for besides in (_CENTRED, _SHIFTED, _LOPSIDED)
+        for terms in range(_MOST_RADIAL_TERMS + 1)
+    ]
+    design, target = _system(q, moved, normal)
+    solved = [_solve(design, target, variance, px, *model) for model in models]
     limit = 16 * np.median(solved[-1][2]) / np.log(4)
-    count = len(q) * (1 if np.isfinite(normal).all() else 2)
+    count = _rows_in(normal)
     best = None
-    for (shift, terms), (beta, covariance, squared) in zip(models, solved, strict=True):
+    for (besides, terms), (beta, covariance, squared) in zip(
+        models, solved, strict=True
+    ):
         level = np.mean(np.minimum(squared, limit)) + (1e-3 * px) ** 2
-        bic = count * np.log(level) + (2 * shift + terms) * np.log(count)
+        bic = count * np.log(level) + (besides + terms) * np.log(count)
         if best is None or bic < best[0] - _LEAST_BIC_GAIN:
-            best = (bic, beta, covariance, float(np.sqrt(np.median(squared))))
+            rms = float(np.sqrt(np.median(squared)))
+            best = (bic, beta, covariance, rms, besides)
     assert best is not None
-    _, beta, covariance, rms = best
+    _, beta, covariance, rms, besides = best
+    lopsided = tuple(beta[_SHIFTED:_LOPSIDED].tolist()) if besides == _LOPSIDED else ()
     return ChannelColour(
-        radial=tuple(beta[2:].tolist()),
-        shift_mm=tuple((beta[:2] * reference_radius_mm).tolist()),
+        radial=tuple(beta[_LOPSIDED:].tolist()),
+        shift_mm=tuple((beta[:_SHIFTED] * reference_radius_mm).tolist()),
+        strain=lopsided[:2],
+        decentering=lopsided[2:],
         covariance=covariance,
         valid_radius=float(np.hypot(*q.T).max()),
         rms_px=rms / px,
@@ -135,11 +173,21 @@ def _fit(q, moved, normal, variance, px, reference_radius_mm) -> ChannelColour:
     )
 
 
-def _solve(q, moved, normal, variance, shift, terms, px):
-    """Robust linear least squares: coefficients, covariance, squared residuals."""
+def _rows_in(normal) -> int:
+    """Equations: two for a point, one for a sample of a line."""
+    return int(np.where(np.isfinite(normal[:, 0]), 1, 2).sum())
+
+
+def _system(q, moved, normal) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement per unit of every term, and the measured one.
+
+    Shift, strain, decentering, then radial terms. Of a line sample the first row is
+    along its normal, the second empty.
+    """
     r2 = np.sum(q**2, -1)
     columns = [np.tile(e, (len(q), 1)) for e in np.eye(2)]
-    columns += [q * (r2**k)[:, None] for k in range(terms)]
+    columns += list(np.moveaxis(np.asarray(_lopsided_bases(jnp.asarray(q))), 1, 0))
+    columns += [q * (r2**k)[:, None] for k in range(_MOST_RADIAL_TERMS)]
     design = np.stack(columns, -1)
     lines = np.isfinite(normal[:, :1])
     n = np.nan_to_num(normal)
@@ -147,27 +195,34 @@ def _solve(q, moved, normal, variance, shift, terms, px):
     design = np.where(lines[..., None], np.concatenate([flat, 0 * flat], 1), design)
     across = np.sum(n * moved, -1, keepdims=True)
     target = np.where(lines, np.concatenate([across, 0 * across], 1), moved)
-    used = np.ones(2 + terms, bool)
-    used[:2] = shift
-    a = design.reshape(-1, 2 + terms)[:, used]
-    y = target.ravel()
-    count = int(np.where(lines[:, 0], 1, 2).sum())
-    sigma2 = np.repeat(variance + (0.01 * px) ** 2, 2)
-    weight = 1 / sigma2
+    return design.reshape(2 * len(q), -1), target.ravel()
+
+
+_lopsided_bases = jax.jit(jax.vmap(lopsided_basis))
+
+
+def _solve(design, target, variance, px, besides, terms):
+    """Robust linear least squares: coefficients, covariance, squared residuals."""
+    used = np.zeros(_LOPSIDED + terms, bool)
+    used[:besides] = True
+    used[_LOPSIDED:] = True
+    a = design[:, : len(used)][:, used]
+    tiny = 1e-12 * np.eye(a.shape[1])
+    count = int((design != 0).any(1).sum())
+    weight = 1 / np.repeat(variance + (0.01 * px) ** 2, 2)
     solution = np.zeros(used.sum())
     for _ in range(_ROUNDS):
-        normal_matrix = (a.T * weight) @ a + 1e-12 * np.eye(a.shape[1])
-        solution = np.linalg.solve(normal_matrix, a.T @ (weight * y))
-        e = np.linalg.norm((y - a @ solution).reshape(-1, 2), axis=-1)
+        solution = np.linalg.solve((a.T * weight) @ a + tiny, a.T @ (weight * target))
+        e = np.linalg.norm((target - a @ solution).reshape(-1, 2), axis=-1)
         scale = max(np.median(e) / 1.1774, 1e-3 * px)
         extra = np.repeat(np.maximum(scale**2 - variance, 0), 2)
         cauchy = np.repeat(1 / (1 + (e / (3 * scale)) ** 2), 2)
         weight = cauchy / (np.repeat(variance, 2) + extra + (2e-3 * px) ** 2)
-    residual = y - a @ solution
+    residual = target - a @ solution
     chi2 = float(weight @ residual**2)
-    covariance = np.zeros((2 + terms,) * 2)
-    inverse = np.linalg.inv((a.T * weight) @ a + 1e-12 * np.eye(a.shape[1]))
+    covariance = np.zeros((len(used),) * 2)
+    inverse = np.linalg.inv((a.T * weight) @ a + tiny)
     covariance[np.ix_(used, used)] = inverse * max(chi2 / count, 1.0)
-    beta = np.zeros(2 + terms)
+    beta = np.zeros(len(used))
     beta[used] = solution
     return beta, covariance, np.sum(residual.reshape(-1, 2) ** 2, -1)

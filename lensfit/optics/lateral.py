@@ -2,12 +2,15 @@
 
 On the photograph, relative to the principal point and in reference radii,
 
-    x_c = x_g + shift + q (c0 + c1 r^2 + c2 r^4 + ...),
+    x_c = x_g + shift + q (c0 + c1 r^2 + c2 r^4 + ...) + strain + decentering,
 
-the change of magnification with wavelength and its dependence on field height. The
-displacement of real lenses is thousandths of the radius, so that its inverse is a fast
-contraction; a guard keeps it one for any coefficients, and beyond the photographed
-radius the displacement stays what it was there.
+the change of magnification with wavelength and its dependence on field height; and, for
+a lens whose elements are tilted or off the axis, what that adds to first order of the
+tilt: a shift, a magnification that differs between two azimuths (s cos 2a, s sin 2a),
+and Brown's two decentering terms, as in `lensfit.optics.field`. The displacement of
+real lenses is thousandths of the radius, so that its inverse is a fast contraction; a
+guard keeps it one for any coefficients, and beyond the photographed radius the
+displacement stays what it was there.
 """
 
 import equinox as eqx
@@ -15,8 +18,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from lensfit.optics.field import named_basis
+
 MAX_GRADIENT = 0.5
 _STEPS = 60
+_BROWN_GRADIENT = 6.0
+"""Steepest change of a decentering term, per unit coefficient and radius."""
 
 
 class ChannelShift(eqx.Module):
@@ -27,11 +34,22 @@ class ChannelShift(eqx.Module):
     radial : c0, c1, ...
     shift_mm : The same displacement everywhere.
     valid_radius : Largest photographed radius, in reference radii.
+    strain : s cos 2a, s sin 2a.
+    decentering : Brown's two coefficients.
     """
 
     radial: Float[Array, " terms"]
     shift_mm: Float[Array, "2"]
     valid_radius: Float[Array, ""]
+    strain: Float[Array, "2"] = eqx.field(default_factory=lambda: jnp.zeros(2))
+    decentering: Float[Array, "2"] = eqx.field(default_factory=lambda: jnp.zeros(2))
+
+
+def lopsided_basis(q: Float[Array, "2"]) -> Float[Array, "4 2"]:
+    """Displacements per unit of the two strains and the two decentering terms."""
+    x, y = q[0], q[1]
+    strain = jnp.stack([jnp.stack([x, -y]), jnp.stack([y, x])])
+    return jnp.concatenate([strain, named_basis(q)[:2]])
 
 
 def channel_from_green(
@@ -69,9 +87,13 @@ def _displacement(q: Array, shift: ChannelShift) -> Array:
     bounded = jnp.minimum(squared, limit)
     steepness = (2 * degree + 1) * limit**degree
     bound = jnp.sum(jnp.abs(shift.radial) * steepness)
+    bound += jnp.linalg.norm(shift.strain)
+    bound += _BROWN_GRADIENT * shift.valid_radius * jnp.linalg.norm(shift.decentering)
     guard = (1 + (bound / MAX_GRADIENT) ** 10) ** -0.1
     outside = jnp.sqrt(limit / jnp.maximum(squared, limit))
     relative = jnp.zeros_like(bounded)
     for k in range(shift.radial.shape[0] - 1, -1, -1):
         relative = relative * bounded + shift.radial[k]
-    return q * outside * guard * relative
+    inside = q * outside
+    lopsided = jnp.concatenate([shift.strain, shift.decentering])
+    return guard * (inside * relative + lopsided @ lopsided_basis(inside))

@@ -86,11 +86,15 @@ class ChannelShift(Struct, frozen=True, forbid_unknown_fields=True):
     radial : c0, c1, ... of the relative change of radius, c0 + c1 r^2 + ...
     shift_mm : The same displacement everywhere.
     valid_radius : Largest photographed radius; beyond it the displacement stays.
+    strain : Magnification that differs between azimuths: s cos 2a, s sin 2a; or none.
+    decentering : Brown's two coefficients; or none.
     """
 
     radial: tuple[float, ...]
     shift_mm: Pair
     valid_radius: PositiveFloat
+    strain: tuple[float, ...] = ()
+    decentering: tuple[float, ...] = ()
 
 
 class LateralColour(Struct, frozen=True, forbid_unknown_fields=True):

@@ -104,6 +104,8 @@ def _lateral_of(
             _numbers(block.radial),
             _numbers(block.shift_mm),
             _number(block.valid_radius),
+            _numbers(_padded(block.strain, 2)),
+            _numbers(_padded(block.decentering, 2)),
         )
 
     return shift(colour.r), shift(colour.b)

@@ -91,7 +91,8 @@ def visible_colour(state: LensState) -> bool:
         radius = np.linspace(0, colour.valid_radius, 20)
         moved = np.abs(colour.radial_px(radius, px_per_radius)[0]).max()
         shift = np.hypot(*colour.shift_mm) / float(state.distortion.reference_radius_mm)
-        if max(moved, shift * px_per_radius) > _LEAST_VISIBLE_PX:
+        lopsided = shift + colour.lopsided(colour.valid_radius)
+        if max(moved, lopsided * px_per_radius) > _LEAST_VISIBLE_PX:
             return True
     return False
 
@@ -110,6 +111,8 @@ def _lateral(state: LensState) -> blocks.LateralColour | None:
             radial=colour.radial,
             shift_mm=colour.shift_mm,
             valid_radius=colour.valid_radius,
+            strain=colour.strain,
+            decentering=colour.decentering,
         )
 
     return blocks.LateralColour(block(state.colour["r"]), block(state.colour["b"]))

@@ -33,8 +33,14 @@ def _back(points, shift):
     return _over(green_from_channel, points, shift)
 
 
-def _shift(radial, shift_mm=(0.0, 0.0), valid=1.05) -> ChannelShift:
-    return ChannelShift(jnp.asarray(radial), jnp.asarray(shift_mm), jnp.asarray(valid))
+def _shift(radial, shift_mm=(0.0, 0.0), valid=1.05, **lopsided) -> ChannelShift:
+    lopsided = {name: jnp.asarray(value) for name, value in lopsided.items()}
+    return ChannelShift(
+        jnp.asarray(radial), jnp.asarray(shift_mm), jnp.asarray(valid), **lopsided
+    )
+
+
+LOPSIDED = {"strain": (1e-3, -2e-3), "decentering": (-4e-4, 7e-4)}
 
 
 def test_inside_the_frame_it_is_the_stated_polynomial():
@@ -51,6 +57,41 @@ def test_pure_magnification_scales_about_the_principal_point():
     green = np.array([[5.0, 3.0], [-8.0, 2.0]])
     moved = np.asarray(_forward(green, _shift([0.002]))) - AXIS
     np.testing.assert_allclose(moved, 1.002 * (green - AXIS), rtol=1e-14)
+
+
+def test_decentering_is_the_first_order_of_a_moved_axis():
+    """c1 q |q|^2 about a near axis: a shift, strain, change of scale and decentering.
+
+    The axis is so near that its square does not matter.
+    """
+    c1, axis = 0.01, np.array([3e-5, -2e-5])
+    q = np.array([[0.2, 0.1], [-0.5, 0.4], [0.6, -0.7]])
+    about = q - axis
+    true = c1 * about * np.sum(about**2, -1, keepdims=True)
+    brown = (-c1 * axis[1], -c1 * axis[0])
+    shift = _shift([0.0, c1], decentering=brown)
+    moved = np.asarray(_forward(q * 15.0 + AXIS, shift)) - (q * 15.0 + AXIS)
+    np.testing.assert_allclose(moved, 15.0 * true, atol=15 * 1e-10)
+
+
+def test_strain_stretches_one_azimuth_and_shrinks_the_one_across():
+    azimuth, size = 0.4, 2e-3
+    strain = (size * np.cos(2 * azimuth), size * np.sin(2 * azimuth))
+    along = np.array([np.cos(azimuth), np.sin(azimuth)])
+    across = np.array([-along[1], along[0]])
+    points = 5.0 * np.stack([along, across]) + AXIS
+    moved = np.asarray(_forward(points, _shift([0.0], strain=strain))) - points
+    np.testing.assert_allclose(moved, 5.0 * size * np.stack([along, -across]), 1e-12)
+
+
+def test_lopsided_colour_inverts_and_stays_beyond_the_photographed_radius():
+    shift = _shift([1e-3, -2e-3], (0.01, -0.02), **LOPSIDED)
+    np.testing.assert_allclose(_back(_forward(GRID, shift), shift), GRID, atol=1e-12)
+    ray = np.array([0.6, 0.8])
+    radii = np.array([1.05, 1.2, 2.0]) * 15.0
+    points = radii[:, None] * ray + AXIS
+    moved = np.asarray(_forward(points, shift)) - points
+    np.testing.assert_allclose(moved, moved[:1] * np.ones((3, 1)), atol=1e-13)
 
 
 @pytest.mark.parametrize("radial", [[1e-3, -2e-3, 1e-3], [0.05, -0.08, 0.04]])

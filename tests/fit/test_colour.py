@@ -1,0 +1,127 @@
+"""Lateral colour from marks: edge shifts, decentred colour, few terms, bad marks."""
+
+import numpy as np
+import pytest
+
+from lensfit.detect.observations import POINT, Observations
+from lensfit.fit.colour import fit_colour
+from lensfit.fit.take import Take
+from lensfit.optics.lateral import ChannelShift, channel_from_green
+
+IMAGE_PX, MM_PER_PX = np.array([1920, 1080]), 0.01
+HALF_MM = IMAGE_PX * MM_PER_PX / 2
+RADIUS_MM = float(np.hypot(*HALF_MM))
+NOISE_PX = 0.2
+
+
+def take_with(moved_px, *, noise_px=NOISE_PX, seed=0) -> Take:
+    """One photograph whose red and blue marks lie `moved_px(green)` off the green."""
+    x, y = np.meshgrid(np.linspace(20, 1900, 44), np.linspace(20, 1060, 25))
+    green = np.stack([x.ravel(), y.ravel()], 1)
+    count = len(green)
+    noise = np.random.default_rng(seed).normal(size=(2, count, 2)) * noise_px
+    moved = moved_px(green - IMAGE_PX / 2)
+    points = np.stack([green + moved + noise[0], green, green + moved + noise[1]])
+    covariance = np.tile(np.eye(2) * noise_px**2 / 2, (count, 1, 1))
+    no = np.zeros(count, bool)
+    observations = Observations(
+        lattice=np.zeros((count, 2)),
+        points_px=green,
+        covariance_px2=covariance,
+        family=np.full(count, POINT),
+        normal=np.full((count, 2), np.nan),
+        saturated=no,
+        overlapping=no,
+        channel_points_px=points,
+        channel_covariance_px2=np.stack([covariance] * 3),
+        flux=np.ones((count, 3)),
+        diameter_px=np.full(count, 9.0),
+        image_size_px=(1920, 1080),
+        candidates=count,
+    )
+    size = tuple((IMAGE_PX * MM_PER_PX).tolist())
+    return Take("a", "board", observations, (1.0, 1.0), None, 20.0, size)
+
+
+def radial(coefficients, axis_px=(0.0, 0.0)):
+    """Displacement along the radius from an axis, px; its radii in half diagonals."""
+
+    def moved_px(from_centre_px):
+        q = (from_centre_px - np.asarray(axis_px)) * MM_PER_PX / RADIUS_MM
+        r2 = np.sum(q**2, -1, keepdims=True)
+        return q * sum(c * r2**k for k, c in enumerate(coefficients))
+
+    return moved_px
+
+
+def modelled_px(colour, principal_point_mm, from_centre_px):
+    """What the fitted channel does to green points, by the lens model itself."""
+    shift = ChannelShift(
+        np.asarray(colour.radial),
+        np.asarray(colour.shift_mm),
+        np.asarray(colour.valid_radius),
+        np.resize(np.asarray(colour.strain or (0.0, 0.0)), 2),
+        np.resize(np.asarray(colour.decentering or (0.0, 0.0)), 2),
+    )
+    green = from_centre_px * MM_PER_PX
+    landed = [
+        channel_from_green(g, shift, principal_point_mm, np.asarray(RADIUS_MM))
+        for g in green
+    ]
+    return (np.asarray(landed) - green) / MM_PER_PX
+
+
+RIM_PX = np.array([[-900.0, -500], [-900, 500], [900, -500], [900, 500], [0, 520]])
+
+
+def test_a_centred_lens_needs_radial_terms_only():
+    truth = radial([0.8, -1.5])
+    colour = fit_colour((take_with(truth),), np.zeros(2), RADIUS_MM)["b"]
+    assert len(colour.radial) == 2
+    assert colour.shift_mm == (0.0, 0.0)
+    assert colour.strain == colour.decentering == ()
+    deviation = np.sqrt(np.diag(colour.covariance))[-2:]
+    scale = MM_PER_PX / RADIUS_MM
+    error = np.array(colour.radial) - np.array([0.8, -1.5]) * scale
+    assert (np.abs(error) < 4 * deviation).all()
+
+
+@pytest.mark.parametrize("axis_px", [(190.0, 119.0), (-120.0, 60.0)])
+def test_colour_about_another_axis_is_met_at_the_edge(axis_px):
+    """The step near the edge that a radial formula about a wrong point undershoots."""
+    truth = radial([0.1, -2.8], axis_px)
+    colour = fit_colour((take_with(truth),), np.zeros(2), RADIUS_MM)["b"]
+    modelled = modelled_px(colour, np.zeros(2), RIM_PX)
+    assert np.abs(modelled - truth(RIM_PX)).max() < 0.1
+    assert np.abs(truth(RIM_PX)).max() > 1.5
+
+
+def test_a_tilted_element_is_met_and_its_azimuthal_mean_is_radial():
+    tilt = np.array([[0.5, 0.2], [0.2, -0.5]])
+    plain = radial([-0.6])
+
+    def truth(from_centre_px):
+        return plain(from_centre_px) + from_centre_px / 1100 @ tilt
+
+    colour = fit_colour((take_with(truth),), np.zeros(2), RADIUS_MM)["r"]
+    modelled = modelled_px(colour, np.zeros(2), RIM_PX)
+    assert np.abs(modelled - truth(RIM_PX)).max() < 0.08
+    value, deviation = colour.radial_px(np.array([1.0]), RADIUS_MM / MM_PER_PX)
+    assert abs(value[0] + 0.6) < max(4 * deviation[0], 0.02)
+
+
+def test_bad_marks_decide_nothing():
+    truth = radial([-1.0])
+    take = take_with(truth)
+    take.observations.channel_points_px[2, ::25] += [6.0, -4.0]
+    colour = fit_colour((take,), np.zeros(2), RADIUS_MM)["b"]
+    modelled = modelled_px(colour, np.zeros(2), RIM_PX)
+    assert np.abs(modelled - truth(RIM_PX)).max() < 0.1
+
+
+def test_nothing_is_found_where_nothing_moves():
+    take = take_with(lambda points: 0 * points)
+    colour = fit_colour((take,), np.zeros(2), RADIUS_MM)
+    for channel in colour.values():
+        assert channel.radial == channel.strain == channel.decentering == ()
+        assert channel.lopsided(1.0) == 0.0
