@@ -1,0 +1,1 @@
+"""The image of a point: from pupil to sensor, and onto pixels."""

@@ -1,0 +1,172 @@
+"""Point-spread functions: light, place, symmetry, convergence, derivatives."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from blurred_lens import CHROMATIC, NO_LATERAL, ONE, blurred_lens
+from jax.flatten_util import ravel_pytree
+
+from lensfit.kernel.psf import diffraction_variance_mm2, psf, splat
+from lensfit.kernel.spot import Blur, Spot, dot_spot, moments, through_hole
+from lensfit.optics.pupil import clear_pupil
+
+PITCH = jnp.array([0.012, 0.012])
+FIELD_MM = jnp.array([6.0, 8.0])
+F_NUMBER = jnp.asarray(1.4)
+
+
+@eqx.filter_jit
+def kernel(field, blur, dz, rays=2048, size_px=48, pitch=PITCH, f_number=F_NUMBER):
+    return psf(
+        field, blur, ONE, dz, CHROMATIC, NO_LATERAL, f_number, pitch,
+        size_px=size_px, rays=rays,
+    )  # fmt: skip
+
+
+def centre_of(patch, pitch=0.012):
+    """Centroid in mm from the middle of the array."""
+    n = patch.shape[0]
+    x = (np.arange(n) + 0.5 - n / 2) * pitch
+    return np.array([(patch.sum(0) * x).sum(), (patch.sum(1) * x).sum()])
+
+
+@pytest.mark.parametrize("dz", [-0.15, 0.0, 0.15])
+def test_all_light_arrives_and_none_is_negative(dz: float):
+    patch = np.asarray(kernel(FIELD_MM, blurred_lens(), jnp.asarray(dz)))
+    np.testing.assert_allclose(patch.sum(), 1.0, rtol=1e-12)
+    assert patch.min() >= 0
+
+
+def test_pixels_have_the_moments_of_the_rays():
+    """Place and size: x along columns, y down rows, the middle is the chief ray."""
+    dz = jnp.asarray(0.1)
+    patch = np.asarray(kernel(FIELD_MM, blurred_lens(), dz, size_px=96))
+
+    @jax.jit
+    def centroid_of(shift):
+        image, _ = dot_spot(
+            FIELD_MM, blurred_lens(), ONE, shift, CHROMATIC, NO_LATERAL,
+            rays=2048, deal=False,
+        )  # fmt: skip
+        return moments(image).centroid_mm
+
+    centroid = centroid_of(dz)
+    # A pixel does not tell where in it a narrow ray fell: 0.3 px over root rays.
+    np.testing.assert_allclose(centre_of(patch), centroid, atol=1e-4)
+    assert np.abs(np.asarray(centroid)).min() > 2e-4
+
+
+def test_mirror_images():
+    dz, blur = jnp.asarray(0.1), blurred_lens()
+    here = np.asarray(kernel(FIELD_MM, blur, dz))
+    across = np.asarray(kernel(FIELD_MM * jnp.array([-1.0, 1.0]), blur, dz))
+    assert np.linalg.norm(across[:, ::-1] - here) < 0.02 * np.linalg.norm(here)
+    assert np.linalg.norm(across - here) > 0.2 * np.linalg.norm(here)
+
+
+def test_an_axial_dot_is_round():
+    patch = np.asarray(kernel(jnp.zeros(2), blurred_lens(), jnp.asarray(0.1)))
+    for turned in (patch.T, patch[::-1], patch[:, ::-1]):
+        assert np.linalg.norm(turned - patch) < 0.02 * np.linalg.norm(patch)
+
+
+@pytest.mark.parametrize("dz", [0.0, 0.15])
+def test_converges_at_least_like_one_over_the_root_of_rays(dz: float):
+    """The footprint blurs edges by the spacing of rays, which is rays^-1/2."""
+    blur, at = blurred_lens(), jnp.asarray(dz)
+    truth = np.asarray(kernel(FIELD_MM, blur, at, rays=40000))
+    counts = np.array([128, 512, 2048, 8192])
+    errors = [
+        np.linalg.norm(np.asarray(kernel(FIELD_MM, blur, at, rays=int(n))) - truth)
+        / np.linalg.norm(truth)
+        for n in counts
+    ]
+    slope = np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    assert slope < -0.5, (slope, errors)
+    assert errors[2] < 0.02, errors
+
+
+def test_a_uniform_disc_is_integrated_over_pixels():
+    """Against the exact area of a circle in every pixel, by a fine grid."""
+    perfect = blurred_lens()
+    zero = jax.tree.map(jnp.zeros_like, perfect.aberration.coefficients_um)
+    none = jnp.zeros_like(perfect.aberration.colour_um)
+    aberration = replace(perfect.aberration, coefficients_um=zero, colour_um=none)
+    perfect = Blur(aberration, clear_pupil())
+    # Slow enough that the exact disc is even: the stop closed to f/14.
+    dz, stop = jnp.asarray(2.0), jnp.asarray(0.1)
+    patch = jax.jit(psf, static_argnames=("size_px", "rays"))(
+        jnp.zeros(2), perfect, stop, dz, CHROMATIC[1:2], jnp.zeros((1, 2)),
+        jnp.asarray(0.01), PITCH, size_px=24, rays=8000,
+    )  # fmt: skip
+    radius = 2.0 * 0.1 * 0.5 / 1.4 / 0.012
+    x = (np.arange(24 * 40) + 0.5) / 40 - 12
+    disc = (np.hypot(x[:, None], x) < radius).reshape(24, 40, 24, 40).mean((1, 3))
+    disc /= disc.sum()
+    assert np.linalg.norm(np.asarray(patch) - disc) < 0.015 * np.linalg.norm(disc)
+
+
+def test_a_sharp_dot_shows_the_hole():
+    """A perfect image of a hole three pixels wide."""
+    rays = 3000
+    point = Spot(jnp.zeros((rays, 2)), jnp.full(rays, 1 / rays), jnp.zeros(rays))
+    hole = jnp.eye(2) * 1.5 * 0.012
+    shown = through_hole(point, hole)
+    patch = splat(shown, -6 * PITCH, PITCH, (12, 12), jnp.asarray(0.0))
+    x = (np.arange(12 * 40) + 0.5) / 40 - 6
+    disc = (np.hypot(x[:, None], x) < 1.5).reshape(12, 40, 12, 40).mean((1, 3))
+    disc /= disc.sum()
+    assert np.linalg.norm(np.asarray(patch) - disc) < 0.02 * np.linalg.norm(disc)
+
+
+def test_diffraction_grows_with_the_f_number():
+    wide, small = (diffraction_variance_mm2(jnp.asarray(n)) for n in (1.4, 14.0))
+    np.testing.assert_allclose(small, 100 * wide)
+    np.testing.assert_allclose(np.sqrt(wide), 0.42 * 540e-6 * 1.4)
+
+
+@pytest.mark.parametrize("place", [[0.0, 0.0], [6.0, 8.0]], ids=["axis", "field"])
+@pytest.mark.parametrize("dz", [0.0, 0.08])
+def test_derivatives_of_a_dot_agree_with_differences(place, dz):
+    """Every parameter at once: coefficients, colours, rims, field point, defocus."""
+    flat, restored = ravel_pytree((blurred_lens(), jnp.asarray(place), jnp.asarray(dz)))
+    weights = jnp.asarray(np.random.default_rng(0).normal(size=(16, 16)))
+
+    @jax.jit
+    def summary(values):
+        blur, field, shift = restored(values)
+        image, area = dot_spot(field, blur, ONE, shift, CHROMATIC, NO_LATERAL, rays=96)
+        shown = through_hole(image, jnp.eye(2) * 0.006)
+        patch = splat(shown, -8 * PITCH, PITCH, (16, 16), jnp.asarray(1e-7))
+        return jnp.sum(weights * patch) + area
+
+    reverse = jax.grad(summary)(flat)
+    assert np.isfinite(reverse).all()
+    scale = jnp.maximum(jnp.abs(flat), 0.1)
+    way = scale * jnp.asarray(np.random.default_rng(1).normal(size=flat.shape))
+    step = 1e-6
+    ahead, behind = summary(flat + step * way), summary(flat - step * way)
+    _, forward = jax.jvp(summary, (flat,), (way,))
+    np.testing.assert_allclose(forward, reverse @ way, rtol=1e-9)
+    np.testing.assert_allclose(forward, (ahead - behind) / (2 * step), rtol=1e-5)
+
+
+def test_a_perfect_focus_has_finite_derivatives():
+    """All rays at one point: no blur at all, where 1/|det| would be infinite."""
+    perfect = blurred_lens(size_um=0.0)
+    flat, restored = ravel_pytree((perfect, jnp.asarray(0.0)))
+
+    @jax.jit
+    def sharpness(values):
+        blur, shift = restored(values)
+        image, _ = dot_spot(
+            jnp.zeros(2), blur, ONE, shift, CHROMATIC, NO_LATERAL, rays=96
+        )
+        patch = splat(image, -4 * PITCH, PITCH, (8, 8), jnp.asarray(0.0))
+        return jnp.sum(patch**2)
+
+    assert np.isfinite(jax.grad(sharpness)(flat)).all()
