@@ -14,6 +14,8 @@ _DARKEST = 1e-3
 """Of the brightest sample: light below is not told from none."""
 _STEEP = 0.2
 """Dark dots: light that changes by this much to the aperture's edge is no plane."""
+_SLOPE_LEFT = 0.4
+"""Of the shift by a slope of the light: scatter of half-lit dots about a smooth map."""
 PLANE, SADDLE = 3, 5
 """Terms of a background: 1, x, y, and where it bends x y and x^2 - y^2. The sum of the
 squares is left out: on a ring it cannot be told from the level."""
@@ -71,11 +73,12 @@ def on_white(patch: Patches, ring, radius) -> Flattened:
 def unevenly_lit_px(steepness, radius_px):
     """Standard deviation of a dot's place from steep light.
 
-    Dividing by the light undoes its slope to first order. Steep light means besides
-    that part of the lamp or of the pupil is hidden, which moves the image itself; on
-    photographed penumbras the scatter grows with the square of the slope, as here.
+    Light that grows by a relative s over the radius r draws the centroid of a disc
+    towards it by s r / 4, which dividing by the light undoes. But steep light means
+    besides that part of the lamp or of the pupil is hidden, which moves the image
+    itself: on photographed penumbras by a part of that.
     """
-    return steepness**2 * radius_px / 2
+    return _SLOPE_LEFT * steepness * radius_px / 4
 
 
 def fitted_background(

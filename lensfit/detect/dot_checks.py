@@ -16,10 +16,13 @@ from lensfit.detect.lattice_growth import STEPS, Board
 
 _CONTRAST_RATIO = 2.5
 _AREA_RATIO = 2.5
+_LEAST_AREA_PX = 9.0
+"""A mask of fewer samples says no more than this of a dot's size."""
 _UNREST, _UNREST_RATIO = 0.11, 5.0
 """Surroundings this uneven (a shadow's edge, a scratch) make a position worthless."""
 _STEEP_LIGHT, _LEAST_LIT = 0.1, 2**-2.5
 """A dot on the slope of a shadow must get this part of the usual light."""
+_SLOPING_LIGHT = 0.05
 _ROUNDS = 3
 _OFF_STEPS = 0.12
 _OFF_DEVIATIONS = 12.0
@@ -65,7 +68,8 @@ def resembling(
         good &= unrest < max(_UNREST, _UNREST_RATIO * float(np.median(unrest[good])))
     points_px = np.where(good[:, None], points_px, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        tone, size = np.log(np.where(good, contrast, 1)), np.log(area_px)
+        tone = np.log(np.where(good, contrast, 1))
+        size = np.log(np.maximum(area_px, _LEAST_AREA_PX))
     for _ in range(_ROUNDS):
         board = _board(cells, good)
         around = _around(board, cells)
@@ -113,10 +117,21 @@ def overlapping(
     points_px: Float[np.ndarray, "dots 2"],
     level: Float[np.ndarray, " dots"],
     noise: float,
+    steepness: Float[np.ndarray, " dots"],
 ) -> Bool[np.ndarray, " dots"]:
     """Whether light (or dark) of a dot still shows midway to a neighbour.
 
     Compared with the middle of the cell's four corners, which is farthest from dots.
+
+    Parameters
+    ----------
+    image : Scene-linear luminance.
+    cells : Cells in which neighbouring dots are one step apart.
+    points_px : Measured positions.
+    level : Brightness of each dot against its surroundings, negative for dark dots.
+    noise : Standard deviation of the surroundings.
+    steepness : Relative change of the light over the dot's radius; where the light is
+        steep its own slope hides an overlap.
     """
     smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
     board = _board(cells, np.ones(len(cells), bool))
@@ -131,7 +146,7 @@ def overlapping(
     limit = np.maximum(_TOUCHING * np.abs(level), 5 * noise)
     with np.errstate(invalid="ignore"):
         touching = np.asarray(excess > limit)
-    return np.asarray(touching.any(axis=0))
+    return np.asarray(touching.any(axis=0)) & (steepness < _SLOPING_LIGHT)
 
 
 def _board(cells, good) -> Board:

@@ -139,8 +139,18 @@ def _observe(
         main.centre_px,
         main.level,
         float(np.median(main.noise)) if keep.any() else 0.0,
+        main.steepness,
     )
-    return _record(photograph, indices[keep], channels, touching, polarity, candidates)
+    lattice = _from_zero(indices[keep], asymmetric)
+    return _record(photograph, lattice, channels, touching, polarity, candidates)
+
+
+def _from_zero(indices: np.ndarray, asymmetric: bool) -> np.ndarray:
+    """Indices counted from the smallest of the dots that are left."""
+    least = indices.min(0, initial=1 << 30)
+    if asymmetric:
+        least -= [0, least.sum() % 2]  # keep i + j even
+    return indices - least if len(indices) else indices
 
 
 def _drawn(strays: Blobs, shape: tuple[int, int]) -> np.ndarray:

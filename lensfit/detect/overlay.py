@@ -32,6 +32,8 @@ LIGHTNESS = (0.85, 0.7)
 """OKLab lightness of even and odd columns."""
 CHROMA = 0.16
 GREYED, DIMMED = 0.6, 0.5
+LEAST_OF_MARKS = 0.2
+"""Of the usual peak of bright marks: white is no darker, or their veil glares."""
 
 
 def draw_overlay(
@@ -50,7 +52,7 @@ def draw_overlay(
     OutputError : the file cannot be written.
     """
     scale = _scale(photograph.size_px[0])
-    canvas = _developed(photograph, scale)
+    canvas = _developed(photograph, observations, scale)
     lines = observations.family != POINT
     if lines.any():
         number = observations.lattice[
@@ -113,14 +115,21 @@ def _scale(width: int) -> float:
 
 
 def _developed(
-    photograph: Photograph, scale: float
+    photograph: Photograph, observations: Observations, scale: float
 ) -> UInt8[np.ndarray, "height width 3"]:
-    """The photograph exposed so that its highlights just fit, greyed and dimmed."""
+    """The photograph exposed so that its highlights just fit, greyed and dimmed.
+
+    Small bright dots are too few to count as highlights, and are looked at as well.
+    """
     width, height = (round(side * scale) for side in photograph.size_px)
     way = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     pixels = cv2.resize(photograph.pixels, (width, height), interpolation=way)
     pixels = np.nan_to_num(pixels.reshape(height, width, -1))
     white = max(float(np.percentile(pixels[::2, ::2], 99.7)), 1e-12)
+    if observations.bright:
+        column, row = np.floor(observations.points_px).astype(int).T
+        peak = float(np.median(photograph.pixels[row, column].max(-1)))
+        white = max(white, LEAST_OF_MARKS * peak)
     colour = np.broadcast_to(pixels / white, (height, width, 3))
     grey = colour.mean(2, keepdims=True)
     return _encoded(DIMMED * (colour + GREYED * (grey - colour)))

@@ -7,7 +7,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT, Observations
 
-LABEL_EVERY = 5
+LABEL_EVERY = (5, 10, 20, 50)
+"""Marks between labels: the first that keeps them this many widths apart."""
+LABEL_WIDTHS_APART = 3
 SUBPIXEL_BITS = 4
 LINK_OPACITY = 0.55
 CLIPPED_COLOUR = (255, 64, 64)
@@ -26,8 +28,7 @@ def draw_points(
     marks = np.flatnonzero(found.family == POINT)
     places = found.points_px[marks] * scale
     pairs = _neighbours(found.lattice[marks])
-    lengths = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
-    spacing = float(np.median(lengths)) if len(lengths) else 40.0
+    spacing = _spacing_px(found, scale)
     faint = canvas.copy()
     for a, b in pairs:
         _stroke(faint, places[a], places[b], colours[marks[a]])
@@ -39,6 +40,20 @@ def draw_points(
         for way in (np.array([arm, 0.0]), np.array([0.0, arm])):
             _stroke(canvas, place - way, place + way, colours[mark])
         _flags(canvas, place, size, found, mark)
+
+
+def _spacing_px(found: Observations, scale: float) -> float:
+    """Usual distance of neighbouring marks on the picture."""
+    marks = found.family == POINT
+    pairs = _neighbours(found.lattice[marks])
+    ends = found.points_px[marks][pairs] * scale
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return float(np.median(lengths)) if len(lengths) else 40.0
+
+
+def _label_every(found: Observations, scale: float, label_px: float) -> int:
+    wanted = LABEL_WIDTHS_APART * label_px / _spacing_px(found, scale)
+    return next((n for n in LABEL_EVERY if n >= wanted), LABEL_EVERY[-1])
 
 
 def _ring_radius(found: Observations, scale: float, spacing: float) -> np.ndarray:
@@ -69,11 +84,13 @@ def draw_samples(
 
 
 def draw_labels(picture: Image.Image, found: Observations, scale: float) -> None:
-    """Lattice indices at every fifth mark, line numbers at the ends of every fifth."""
+    """Lattice indices at every fifth mark (rarer where marks are dense), line numbers
+    at the ends of every fifth."""
     pen = ImageDraw.Draw(picture)
     size = round(11 * _unit(picture.width))
     font = ImageFont.load_default(size)
     width, height = picture.size
+    every = _label_every(found, scale, pen.textlength("00, 00", font))
 
     def write(place: np.ndarray, text: str) -> None:
         x = min(max(place[0], 2), width - pen.textlength(text, font) - 2)
@@ -84,7 +101,7 @@ def draw_labels(picture: Image.Image, found: Observations, scale: float) -> None
 
     for mark in np.flatnonzero(found.family == POINT):
         i, j = found.lattice[mark].astype(int)
-        if i % LABEL_EVERY == 0 and j % LABEL_EVERY == 0:
+        if i % every == 0 and j % every == 0:
             write(found.points_px[mark] * scale + [6, -6], f"{i}, {j}")
     for family, number, ends in _line_ends(found):
         name = "i" if family == LINE_OF_CONSTANT_I else "j"
@@ -162,7 +179,7 @@ def _line_ends(found: Observations) -> list[tuple[int, int, tuple[int, int]]]:
         of_family = np.flatnonzero(found.family == family)
         numbers = found.lattice[of_family, family].astype(int)
         for number in np.unique(numbers):
-            if number % LABEL_EVERY == 0:
+            if number % LABEL_EVERY[0] == 0:
                 own = of_family[numbers == number]
                 along = found.lattice[own, 1 - family]
                 ends.append(

@@ -15,6 +15,7 @@ from dots_scene import (
 from scipy.spatial import cKDTree
 from scipy.stats import norm
 
+from lensfit.detect.dot_checks import resembling
 from lensfit.detect.dots import find_dots
 from lensfit.errors import DetectionError
 
@@ -177,6 +178,7 @@ def test_half_lit_dots_are_found_and_their_covariance_says_so():
     assert np.linalg.norm(error[half_lit], axis=1).max() < 0.04
     assert (np.abs(error) < 3 * sigma[:, None])[half_lit].all()
     assert np.median(sigma[half_lit]) > 5 * np.median(sigma[~half_lit])
+    assert not found.overlapping.any()
 
 
 def test_dots_deep_in_a_penumbra_are_left_out():
@@ -193,6 +195,14 @@ def test_a_mark_with_no_neighbour_is_left_out():
     found = find_dots(photograph(noisy(shaded(cover, "dark"), 1, read=1e-3)))
     _, nearest = matched(found, centres)
     assert set(nearest) == set(np.flatnonzero(lattice[:, 0] < 16))
+
+
+def test_masks_of_a_few_samples_say_little_of_a_dots_size():
+    cells = grid(7, 7)
+    area = np.where(cells[:, 0] == 3, 4.0, 20.0)
+    usual = np.ones(len(cells))
+    good = resembling(cells, cells * 30.0, usual, area, 0 * usual, usual > 0)
+    assert good.all()
 
 
 def test_saturated_dots_are_flagged_and_only_those():

@@ -16,7 +16,9 @@ def marks(points_px, size_px, lattice=None):
     """Observations of points without neighbours."""
     count = len(points_px)
     return Observations(
-        lattice=np.array(lattice or [[3.0 * k + 1, 1.0] for k in range(count)]),
+        lattice=np.array(
+            [[3.0 * k + 1, 1.0] for k in range(count)] if lattice is None else lattice
+        ),
         points_px=np.array(points_px, float),
         covariance_px2=np.tile(np.eye(2) * 1e-4, (count, 1, 1)),
         family=np.full(count, POINT),
@@ -76,6 +78,29 @@ def test_clipped_and_touching_marks_stand_out(tmp_path):
         (after - before)[45:75, 585:615].max(2).argmax()
     ]
     assert red > green
+
+
+def test_the_veil_around_a_few_small_bright_dots_does_not_glare(tmp_path):
+    places = [[100.5 + 150 * k, 60.5] for k in range(8)]
+    found = marks(places, (1200, 120))
+    picture = np.full((120, 1200), 0.01)
+    for x, y in places:
+        picture[int(y), int(x)] = 1.0
+    image = drawn(picture, found, tmp_path)
+    assert image[:20, :20].max() < 64
+
+
+@pytest.mark.parametrize(("spacing", "apart"), [(60, 5), (14, 10), (8, 20)])
+def test_labels_are_rarer_where_marks_are_dense(tmp_path, spacing, apart):
+    i, j = np.meshgrid(np.arange(21), [0])
+    lattice = np.stack([i.ravel(), j.ravel()], 1).astype(float)
+    places = lattice * [spacing, 0] + [8.0, 60.0]
+    found = marks(places, (1300, 120), lattice)
+    image = drawn(np.zeros((120, 1300)), found, tmp_path)
+    above = (image[40:54, :].min(2) > 150).any(0)  # only letters reach up there
+    columns = np.flatnonzero(above)
+    labels = 1 + np.count_nonzero(np.diff(columns) > 25)
+    assert labels == 20 // apart + 1
 
 
 def test_real_detections_of_every_family_are_drawn(tmp_path):
