@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.kernel.spot import FOOTPRINT, Blur, Spot, dot_spot
+from lensfit.optics.depth import ObjectShift
 from lensfit.optics.pupil import SHARPNESS
 
 AIRY_SIGMA = 0.42
@@ -63,6 +64,7 @@ def psf(
     *,
     size_px: int,
     rays: int = 2048,
+    depth: ObjectShift | None = None,
     sharpness: float = SHARPNESS,
 ) -> Float[Array, "size size"]:
     """Point-spread function, row 0 on top, centred on the green chief ray, sum 1.
@@ -80,6 +82,7 @@ def psf(
         chromatic,
         lateral_mm,
         rays=rays,
+        depth=depth,
         deal=False,
         sharpness=sharpness,
     )

@@ -27,6 +27,7 @@ from lensfit.optics.aberration import (
     landing_and_jacobian_mm,
     local_wavefront,
 )
+from lensfit.optics.depth import ObjectShift
 from lensfit.optics.pupil import SHARPNESS, Pupil, PupilNodes, pupil_nodes
 
 FOOTPRINT = 0.16
@@ -80,6 +81,7 @@ def spot(
     chromatic: Float[Array, " wavelengths"],
     lateral_mm: Float[Array, "wavelengths 2"],
     *,
+    depth: ObjectShift | None = None,
     deal: bool = True,
 ) -> Spot:
     """Where the rays of one point of the scene land.
@@ -91,10 +93,11 @@ def spot(
     defocus_mm : How far the sensor lies behind the sharp image.
     chromatic : Wavelengths of equal weight (`optics.spectrum`).
     lateral_mm : Displacement of each wavelength's chief ray against green's.
+    depth : Where the object is not at the distance that the aberrations hold for.
     deal : One wavelength for each ray, in turn; otherwise all for each.
     """
-    per_wavelength = jax.vmap(local_wavefront, (None, 0, None))
-    local = per_wavelength(field_point_mm, chromatic, aberration)
+    per_wavelength = jax.vmap(local_wavefront, (None, 0, None, None))
+    local = per_wavelength(field_point_mm, chromatic, aberration, depth)
     count, wavelengths = nodes.u.shape[0], chromatic.shape[0]
 
     def all_rays(u, one, lateral):
@@ -125,6 +128,7 @@ def dot_spot(
     lateral_mm: Float[Array, "wavelengths 2"],
     *,
     rays: int,
+    depth: ObjectShift | None = None,
     deal: bool = True,
     sharpness: float = SHARPNESS,
 ) -> tuple[Spot, Float[Array, ""]]:
@@ -143,6 +147,7 @@ def dot_spot(
         defocus_mm,
         chromatic,
         lateral_mm,
+        depth=depth,
         deal=deal,
     )
     return landed, nodes.area

@@ -13,6 +13,7 @@ micrometres, and of defocus in its exact form: a sensor dz behind the sharp imag
 p_c being the chief ray's own direction cosine. (The parabola dz p^2 / 2 is 6 % wrong at
 the rim of f/1.4.) Every coefficient may depend on wavelength, linearly and
 quadratically in the chromatic coordinate of `spectrum`; lateral colour is not here.
+Another object distance adds the term of `depth`.
 
 Sensor orientation throughout: x right, y down; a positive p moves right as it travels.
 Every function takes one field point and one pupil point; callers use `jax.vmap`.
@@ -26,6 +27,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from lensfit.optics.depth import ObjectShift, shifted_path_mm
 from lensfit.optics.modes import power_series, wavefront, wavefront_gradient
 from lensfit.optics.terms import Term, mode_amplitudes, modes_of
 
@@ -66,11 +68,13 @@ class LocalWavefront(eqx.Module):
     series_mm : `modes.power_series` of E over the reference sine, mm.
     chief_sine : p_c.
     reference_sine : Unit of the pupil point.
+    depth : An object away from where the coefficients hold, or None.
     """
 
     series_mm: Float[Array, "orders powers 2"]
     chief_sine: Float[Array, "2"]
     reference_sine: Float[Array, ""]
+    depth: ObjectShift | None = None
 
 
 def no_aberration(
@@ -98,6 +102,7 @@ def local_wavefront(
     field_point_mm: Float[Array, "2"],
     chromatic: Float[Array, ""],
     aberration: Aberration,
+    depth: ObjectShift | None = None,
 ) -> LocalWavefront:
     """Everything about one field point that does not depend on the ray.
 
@@ -117,6 +122,7 @@ def local_wavefront(
         power_series(amplitudes, modes_of(terms)),
         chief_sine(field_point_mm, aberration),
         aberration.reference_sine,
+        depth,
     )
 
 
@@ -141,7 +147,10 @@ def landing_mm(
     """
     p = u * local.reference_sine
     slope = _slope(p + local.chief_sine) - _slope(local.chief_sine)
-    return wavefront_gradient(u, local.series_mm) + defocus_mm * slope
+    landed = wavefront_gradient(u, local.series_mm) + defocus_mm * slope
+    if local.depth is None:
+        return landed
+    return landed + jax.grad(shifted_path_mm)(p, local.depth)
 
 
 def landing_and_jacobian_mm(
@@ -159,7 +168,10 @@ def path_mm(
     p = u * local.reference_sine
     chief = local.chief_sine
     exact = -_cosine(p + chief) + _cosine(chief) - p @ _slope(chief)
-    return wavefront(u, local.series_mm) * local.reference_sine + defocus_mm * exact
+    path = wavefront(u, local.series_mm) * local.reference_sine + defocus_mm * exact
+    if local.depth is None:
+        return path
+    return path + shifted_path_mm(p, local.depth)
 
 
 def _cosine(p: Array) -> Array:
