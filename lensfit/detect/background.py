@@ -51,23 +51,31 @@ def on_white(patch: Patches, ring, radius) -> Flattened:
     """
     dimmest = _DARKEST * patch.sharp.max(1, keepdims=True, initial=1e-9)
     logarithm = np.log(np.maximum(patch.sharp, dimmest))
-    fitted, covariance, noise = fitted_background(patch, logarithm, ring)
-    terms = np.zeros((len(fitted), SADDLE))
-    terms[:, :PLANE] = fitted
-    steep = np.linalg.norm(fitted[:, 1:], axis=1) * radius[:, 0] > _STEEP
+    plane, covariance, noise = fitted_background(patch, logarithm, ring)
+    steep = np.linalg.norm(plane[:, 1:], axis=1) * radius[:, 0] > _STEEP
+    even = _levelling(patch, plane)
     if steep.any():
-        terms[steep], bent, noise[steep] = fitted_background(
+        bent, bent_covariance, noise[steep] = fitted_background(
             patch, logarithm[steep], ring[steep], SADDLE
         )
-        covariance[steep] = bent[:, :PLANE, :PLANE]
-    light = np.exp(terms[:, :1]).astype(np.float32)
-    last = SADDLE if steep.any() else PLANE
-    slopes = -terms[:, 1:last].astype(np.float32)
-    slopes = slopes @ patch.design[:, 1:last].T
-    even = np.exp(np.clip(slopes, np.log(_DARKEST), -np.log(_DARKEST)))
+        even[steep] = _levelling(patch, bent)
+        plane[steep] = bent[:, :PLANE]
+        covariance[steep] = bent_covariance[:, :PLANE, :PLANE]
+    light = np.exp(plane[:, :1]).astype(np.float32)
     sharp, smooth = patch.sharp * even - light, patch.smooth * even - light
-    plane = light * np.concatenate([np.ones_like(light), terms[:, 1:PLANE]], 1)
+    plane = light * np.concatenate([np.ones_like(light), plane[:, 1:]], 1)
     return Flattened(sharp, smooth, plane, covariance, noise * light[:, 0])
+
+
+def _levelling(patch: Patches, terms: np.ndarray) -> np.ndarray:
+    """What makes the light as bright everywhere as in the middle, from its logarithm.
+
+    Bounded by what the logarithm was bounded by.
+    """
+    last, most = terms.shape[1], -np.log(_DARKEST)
+    slopes = -terms[:, 1:].astype(np.float32) @ patch.design[:, 1:last].T
+    np.clip(slopes, -most, most, out=slopes)
+    return np.exp(slopes, out=slopes)
 
 
 def unevenly_lit_px(steepness, radius_px):

@@ -23,6 +23,7 @@ _UNREST, _UNREST_RATIO = 0.11, 5.0
 _STEEP_LIGHT, _LEAST_LIT = 0.1, 2**-2.5
 """A dot on the slope of a shadow must get this part of the usual light."""
 _SLOPING_LIGHT = 0.05
+"""Relative change over a radius from which the light itself looks like an overlap."""
 _ROUNDS = 3
 _OFF_STEPS = 0.12
 _OFF_DEVIATIONS = 12.0
