@@ -197,28 +197,34 @@ def _measure(
     clipped = (patch.sharp >= saturation) & (aperture > 0.5)
     limit = 0.0 if bright else _CLIPPED_FIELD
     good = np.isfinite(centre).all(1)
-    at = np.concatenate([np.ones((len(centre), 1)), centre], 1)
     moment = _central(sums, total, centre)
-    steepness = np.zeros(len(centre))
-    if not bright:
-        own_radius = 2 * np.linalg.det(np.nan_to_num(moment)).clip(0) ** 0.25
-        slope = np.linalg.norm(flat.plane[:, 1:], axis=1) / flat.plane[:, 0]
-        steepness = slope * own_radius
-        doubt = unevenly_lit_px(steepness, own_radius)
-        covariance += (doubt**2)[:, None, None] * np.eye(2)
+    steepness, doubt = _steep_light(flat, moment, bright)
     return Measured(
         centre_px=centre + patch.origin,
-        covariance_px2=covariance,
-        flux=np.where(good, (aperture * flat.sharp).sum(1), np.nan).astype(float)
-        if not bright
-        else total,
+        covariance_px2=covariance + doubt,
+        flux=total
+        if bright
+        else np.where(good, (aperture * flat.sharp).sum(1), np.nan),
         level=np.where(good, level, np.nan).astype(float),
-        background=(flat.plane * at).sum(1),
+        background=flat.plane[:, 0] + (flat.plane[:, 1:] * centre).sum(1),
         noise=flat.noise,
         moment_px2=moment,
         saturated=clipped.mean(1) > limit,
         steepness=steepness,
     )
+
+
+def _steep_light(flat: Flattened, moment, bright: bool):
+    """Relative change of the light over each dark dot's radius, and the doubt it casts.
+
+    The doubt is a covariance, square pixels; bright dots are lit by nothing else.
+    """
+    if bright:
+        return np.zeros(len(moment)), np.zeros((2, 2))
+    radius = 2 * np.linalg.det(np.nan_to_num(moment)).clip(0) ** 0.25
+    slope = np.linalg.norm(flat.plane[:, 1:], axis=1) / flat.plane[:, 0]
+    doubt = unevenly_lit_px(slope * radius, radius)
+    return slope * radius, (doubt**2)[:, None, None] * np.eye(2)
 
 
 def _above_noise(smooth, noise):
