@@ -7,23 +7,12 @@ pixels or sensor millimetres; the name of every quantity ends with its unit.
 import math
 
 MILLIMETRES_PER_METRE = 1000.0
-MILLIMETRES_PER_FOOT = 304.8
 MILLIMETRES_PER_INCH = 25.4
-
-
-def mm_from_m(distance_m: float) -> float:
-    """Millimetres from metres; infinity stays infinity."""
-    return distance_m * MILLIMETRES_PER_METRE
 
 
 def m_from_mm(distance_mm: float) -> float:
     """Metres from millimetres; infinity stays infinity."""
     return distance_mm / MILLIMETRES_PER_METRE
-
-
-def mm_from_ft(distance_ft: float) -> float:
-    """Millimetres from international feet."""
-    return distance_ft * MILLIMETRES_PER_FOOT
 
 
 def dioptres_from_mm(distance_mm: float) -> float:

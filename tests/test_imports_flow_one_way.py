@@ -121,7 +121,9 @@ def test_the_ray_tracer_shares_no_line_with_the_optics(path: Path):
     assert [name for name in names if name.startswith(model)] == []
 
 
-@pytest.mark.parametrize("room", ["render", "optics", "kernel", "detect", "io", "preset"])
+@pytest.mark.parametrize(
+    "room", ["render", "optics", "kernel", "detect", "io", "preset"]
+)
 def test_only_fit_optimises(room: str):
     for path in (PACKAGE / room).rglob("*.py"):
         names = imported_names(path.read_text(), module_name(path), is_package=False)

@@ -19,7 +19,7 @@ from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import Frame
 from lensfit.fit.normal import Equations
 from lensfit.fit.parameters import POSE_PARAMETERS, Layout, Prior
-from lensfit.fit.views import Stack, whitening_of
+from lensfit.fit.views import Stack, noise_mm2, whitening_of
 
 CAUCHY_SCALE = 3.0
 REJECT_BEYOND = 7.0
@@ -203,7 +203,7 @@ def _model_variance(
 ) -> Float[np.ndarray, " views"]:
     """Per photograph: squared robust residual beyond what detection noise explains."""
     length = np.linalg.norm(residual_mm, axis=-1)
-    noise = np.trace(stack.covariance_mm2, axis1=-2, axis2=-1) / 2
+    noise = noise_mm2(stack)
     variance = np.zeros(len(length))
     for k in range(len(length)):
         here = stack.present[k]

@@ -1,12 +1,13 @@
 """The geometric fit of one lens state: poses, focal length, distortion, board errors.
 
-Three stages, each starting from the one before:
+Four stages, each starting from the one before:
 
 1. a compact model (pose, three radial terms; focal length if the views tilt) from
    homographies, on the base projection that suits the marks best;
 2. the named terms the photographs ask for, chosen by evidence (`select`), twice;
-3. the free field, on top of named terms that are then held where they are: it spans
-   them, and fitting both would follow a curved valley that no photograph sees;
+3. the free field, chosen on top of named terms that are held where they are, since it
+   spans them; then a few damped steps with everything free, along the curved valley
+   that this leaves;
 4. half of every photograph's marks predicting the other half, three times.
 """
 
@@ -46,7 +47,8 @@ from lensfit.fit.select import (
 from lensfit.fit.stage import Start, start_of
 from lensfit.fit.take import Take
 from lensfit.fit.trial import Statistics
-from lensfit.optics.base import BASE_PROJECTIONS
+from lensfit.fit.views import noise_mm2, residuals_of
+from lensfit.optics.base import BASE_PROJECTIONS, BaseProjection
 from lensfit.progress import Progress, silent
 
 PRIOR_STANDARD_DEVIATION = {
@@ -106,11 +108,13 @@ def fit_chief_ray(
     progress: Progress = silent,
     *,
     shown: list[Take] | None = None,
+    base: BaseProjection | None = None,
 ) -> ChiefRayFit:
     """Fit one lens state (one focal length and focus) to its takes.
 
     `shown` are the takes of all states of the lens: the box of the free field covers
-    them, so that states can be interpolated.
+    them, so that states can be interpolated. `base` is the ideal projection to start
+    from; by default the one that suits the marks best.
 
     Raises
     ------
@@ -120,7 +124,7 @@ def fit_chief_ray(
     began = clock()
     require_marks(takes)
     start = start_of(takes, shown or takes)
-    compact = _compact(start)
+    compact = _compact(start, base)
     progress("fit", 1, 5)
     after_compact = clock()
     fitted, kept, verdicts = _with_evidence(start, compact, progress)
@@ -135,12 +139,22 @@ def fit_chief_ray(
         focal_length_free=start.focal_length_free,
         held_out_rms_px=held_out,
         held_out_rms_px_of_take=per_take,
-        notes=start.notes,
+        notes=start.notes + _told(fitted),
         seconds={
             "fit_compact": after_compact - began,
             "fit_select": after_selection - after_compact,
             "fit_held_out": clock() - after_selection,
         },
+    )
+
+
+def _told(fitted: Adjustment) -> tuple[str, ...]:
+    """What the user should know of how the fit ended."""
+    if fitted.converged:
+        return ()
+    return (
+        "the fit ended at its step limit: some terms are hardly determined, "
+        "see their standard deviations",
     )
 
 
@@ -182,9 +196,10 @@ def fitted_to_half(
     return solved(adjustment, problem, _HELD_OUT_STEPS, VALLEY_DAMPING), seen
 
 
-def _compact(start: Start) -> Adjustment:
-    """Stage 1, on the base projection that leaves least."""
+def _compact(start: Start, base: BaseProjection | None) -> Adjustment:
+    """Stage 1, on the given base projection or the one that leaves least."""
     bases = BASE_PROJECTIONS[: 2 if start.half_angle_rad > _WIDE_RADIANS else 1]
+    bases = bases if base is None else (base,)
     best = None
     for base in bases:
         fitted = _compact_on(start, replace(start.layout, base=base))
@@ -219,6 +234,8 @@ def _with_evidence(
     views, layout = len(start.takes), compact.layout
     always = _always(layout, views, start.focal_length_free)
     terms = families(layout)
+    if start.focal_length_free:
+        del terms["principal_point"]  # it is in every model then
     free_field = {n: terms.pop(n) for n in ("free_field",) if n in terms}
     adjustment, kept, verdicts = compact, {}, []
     for turn in range(2):
@@ -295,6 +312,7 @@ def _chosen(
         offset,
         always,
         terms,
+        int(adjustment.used.sum()),
         _px_per_deviation(adjustment),
     )
     chosen = _indices(always, found.kept, terms)
@@ -345,25 +363,23 @@ def _prior_of(adjustment: Adjustment, tried: np.ndarray, free: np.ndarray) -> Pr
 
 def _px_per_deviation(adjustment: Adjustment) -> float:
     """Pixels that a whitened residual of one stands for, on average."""
-    marks = adjustment.stack.covariance_mm2[adjustment.used]
-    extra = np.broadcast_to(
-        adjustment.model_variance_mm2[:, None], adjustment.used.shape
-    )[adjustment.used]
-    variance = np.trace(marks, axis1=1, axis2=2) / 2 + extra
-    return float(np.sqrt(np.mean(variance)) / adjustment.stack.mm_per_px.mean())
+    variance = noise_mm2(adjustment.stack) + adjustment.model_variance_mm2[:, None]
+    mean = np.mean(variance[adjustment.used])
+    return float(np.sqrt(mean) / adjustment.stack.mm_per_px.mean())
 
 
 def halves_of(adjustment: Adjustment) -> tuple[Statistics, Statistics]:
     """Normal equations of the full model on two random halves of the marks."""
     here = equations_at(adjustment)
     deal = adjustment.stack.chunking
-    used = deal.cut(adjustment.used) & deal.real
+    residuals = residuals_of(adjustment.stack) * adjustment.used
+    counts = deal.cut(residuals) * deal.real
     one, other = (
         Statistics(
             np.asarray(here.matrix[half]),
             np.asarray(here.gradient[half]),
             float(here.chi_squared[half]),
-            2 * int(used[:, half::2].sum()),
+            int(counts[:, half::2].sum()),
         )
         for half in (0, 1)
     )

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from lensfit.coords import mm_from_px
-from lensfit.detect.observations import POINT
+from lensfit.detect.observations import POINT, Observations
 from lensfit.fit.take import Take
 from lensfit.optics.lateral import lopsided_basis
 
@@ -110,9 +110,15 @@ def _chosen(takes: tuple[Take, ...]) -> list[Take]:
     coloured = [t for t in takes if np.isfinite(t.observations.channel_points_px).any()]
     for number in sorted({t.f_number or 0.0 for t in coloured}, reverse=True):
         chosen = [t for t in coloured if (t.f_number or 0.0) == number]
-        if sum(len(t.observations) for t in chosen) >= _FEWEST_MARKS:
+        if sum(int(_usable(t.observations).sum()) for t in chosen) >= _FEWEST_MARKS:
             return chosen
     return coloured
+
+
+def _usable(o: Observations) -> Bool[np.ndarray, " marks"]:
+    """Marks seen in all three channels, neither saturated nor touching another."""
+    seen = np.isfinite(o.channel_points_px).all((0, 2))
+    return seen & ~o.saturated & ~o.overlapping
 
 
 def _rows(take: Take, index: int, centre_mm: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -141,7 +141,8 @@ def _fit(number: float | None, rows: list) -> FallOffFit:
     design = np.hstack([np.vstack(steps), np.vstack(gains), -np.vstack(gains)])
     control, spread = [], 0.0
     for channel in range(3):
-        solution, spread = _robust(design, np.vstack(values)[:, channel])
+        solution, own = _robust(design, np.vstack(values)[:, channel])
+        spread = max(spread, own)
         control.append(np.cumsum(solution[:TERMS]))
     error = spread / np.sqrt(max(len(design) / (TERMS + 1), 1.0))
     return FallOffFit(number, np.array(control), float(np.sqrt(limit)), float(error))

@@ -5,6 +5,7 @@ Takes of one state share their geometry and colour; fall-off belongs to each f-n
 
 from dataclasses import dataclass
 
+import cv2
 import jax.numpy as jnp
 import numpy as np
 
@@ -15,8 +16,12 @@ from lensfit.fit.geometry import distortion_of
 from lensfit.fit.illumination import FallOffFit, fit_illumination
 from lensfit.fit.take import Take
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
+from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent
+from lensfit.units import dioptres_from_mm
+
+_SAME_FOCUS_DIOPTRES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,30 +67,76 @@ def fit(takes: list[Take], progress: Progress = silent) -> Fitted:
     Raises
     ------
     FitError : No state could be fitted; otherwise failures come back with the rest.
+        Or some takes of a focal length state their focus distance and others do not.
     """
+    _require_like_focus(takes)
     states, failed = [], {}
     for group in grouped(takes):
         try:
-            states.append(_fit_state(group, takes, progress))
+            base = states[0].distortion.base if states else None
+            states.append(_fit_state(group, takes, progress, base))
         except FitError as error:
             failed |= {take.name: error for take in group}
+        except (ValueError, cv2.error) as error:
+            reason = FitError(
+                f"the fit broke down ({error})",
+                where=group[0].name,
+                remedy="look at the overlays for marks with wrong numbers",
+            )
+            failed |= {take.name: reason for take in group}
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
     return Fitted(tuple(states), failed)
 
 
 def grouped(takes: list[Take]) -> list[list[Take]]:
-    """Takes of one focal length and focus distance together, in order."""
-    groups: dict[tuple, list[Take]] = {}
+    """Takes of one focal length and focus distance together, in order.
+
+    Focus distances that no barrel tells apart (`_SAME_FOCUS_DIOPTRES`) are one.
+    """
+    groups: list[list[Take]] = []
     for take in takes:
-        groups.setdefault((take.focal_length_mm, take.focus_distance_mm), []).append(
-            take
-        )
-    return list(groups.values())
+        same = (group for group in groups if _same_state(group[0], take))
+        group = next(same, None)
+        if group is None:
+            groups.append([take])
+        else:
+            group.append(take)
+    return groups
 
 
-def _fit_state(group: list[Take], takes: list[Take], progress: Progress) -> LensState:
-    geometry = fit_chief_ray(group, progress, shown=takes)
+def _same_state(one: Take, other: Take) -> bool:
+    if one.focal_length_mm != other.focal_length_mm:
+        return False
+    if one.focus_distance_mm is None or other.focus_distance_mm is None:
+        return one.focus_distance_mm is other.focus_distance_mm
+    apart = dioptres_from_mm(one.focus_distance_mm) - dioptres_from_mm(
+        other.focus_distance_mm
+    )
+    return abs(apart) < _SAME_FOCUS_DIOPTRES
+
+
+def _require_like_focus(takes: list[Take]) -> None:
+    for focal_mm in sorted({take.focal_length_mm for take in takes}):
+        mine = [take for take in takes if take.focal_length_mm == focal_mm]
+        silent_ones = [take for take in mine if take.focus_distance_mm is None]
+        if silent_ones and len(silent_ones) < len(mine):
+            raise FitError(
+                f"no focus distance is stated, but other takes at {focal_mm:g} mm "
+                "state theirs",
+                where=silent_ones[0].name,
+                remedy="add focus_distance_mm to every take of that focal length",
+            )
+
+
+def _fit_state(
+    group: list[Take],
+    takes: list[Take],
+    progress: Progress,
+    base: BaseProjection | None,
+) -> LensState:
+    """`base` is that of the states before, so that states can be interpolated."""
+    geometry = fit_chief_ray(group, progress, shown=takes, base=base)
     adjustment = geometry.adjustment
     layout = adjustment.layout
     shared = jnp.asarray(adjustment.parameters[: layout.shared])

@@ -128,6 +128,7 @@ def choose(
     offset: Float[np.ndarray, " parameters"],
     always: Int[np.ndarray, " always"],
     terms: dict[str, list[Step]],
+    marks: int = 0,
     px_per_deviation: float = np.inf,
 ) -> Choice:
     """Greedy search among models of rising size.
@@ -137,11 +138,11 @@ def choose(
     first_half, second_half : Normal equations at the current solution.
     precision : Prior precision of every parameter.
     offset : Current parameters minus their prior mean.
-    always : Parameters that are in every model.
+    always : Parameters that are in every model; none of them in `terms`.
+    marks : Marks of both halves, over which an effect is averaged.
     px_per_deviation : Pixels that a whitened residual of one stands for; the default
         lets effects of any size pass.
     """
-    marks = (first_half.count + second_half.count) / 2
     least = marks * (LEAST_EFFECT_PX / px_per_deviation) ** 2
     tried = np.concatenate([steps[-1].indices for steps in terms.values()])
     trial = Trial(first_half, second_half, precision, offset, always, tried)

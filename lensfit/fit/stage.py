@@ -111,7 +111,7 @@ def _stated_focal_length(takes: list[Take]) -> tuple[float, list[str]]:
     found = None
     if len(takes) >= 3:
         found = focal_length_from_homographies(
-            [board_of(t) for t in takes], [observed_of(t) for t in takes]
+            [board_of(t) for t in takes], [_unsqueezed_mm(t) for t in takes]
         )
     ratio = found / stated if found is not None else 1.0
     if found is not None and 0.2 < ratio < 5 and abs(ratio - 1) > 0.3:
@@ -124,8 +124,14 @@ def _stated_focal_length(takes: list[Take]) -> tuple[float, list[str]]:
 
 
 def _pose(take: Take, focal_mm: float) -> Pose:
-    unsqueezed = observed_of(take) * np.sqrt([take.squeeze, 1 / take.squeeze])
-    return pose_from_homography(board_of(take), unsqueezed, focal_mm, take.name)
+    return pose_from_homography(
+        board_of(take), _unsqueezed_mm(take), focal_mm, take.name
+    )
+
+
+def _unsqueezed_mm(take: Take) -> np.ndarray:
+    """Where the marks would be on a sensor behind a spherical lens."""
+    return observed_of(take) * np.sqrt([take.squeeze, 1 / take.squeeze])
 
 
 def _scaled_to_distance(

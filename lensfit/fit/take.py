@@ -1,4 +1,4 @@
-"""What the fit is given, and what it gives back.
+"""What the fit is given.
 
 A take is one photograph's marks together with what was known when it was made: the
 target's dimensions and the state of the lens. Distances count from the sensor plane.

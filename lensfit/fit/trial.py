@@ -72,7 +72,12 @@ class Trial:
     first, second : Of two halves of the marks, at the same parameters.
     precision : Prior precision of every parameter.
     offset : Those parameters minus their prior mean.
-    always, tried : Indices; every other parameter returns to its prior mean.
+    always, tried : Indices without a common one; every other parameter returns to its
+        prior mean.
+
+    Raises
+    ------
+    ValueError : A parameter is in both.
     """
 
     def __init__(
@@ -84,6 +89,8 @@ class Trial:
         always: Int[np.ndarray, " always"],
         tried: Int[np.ndarray, " tried"],
     ):
+        if np.intersect1d(always, tried).size:
+            raise ValueError("a parameter of every model cannot be tried as well")
         both = Statistics(
             first.matrix + second.matrix,
             first.gradient + second.gradient,

@@ -23,6 +23,7 @@ from lensfit.fit.adjust import Adjustment
 from lensfit.fit.chief_ray import halves_of
 from lensfit.fit.geometry import Frame, distortion_of
 from lensfit.fit.parameters import Layout
+from lensfit.fit.views import residuals_of
 from lensfit.optics.distortion import distorted_from_undistorted
 
 
@@ -45,8 +46,8 @@ def uncertainty_of(adjustment: Adjustment) -> Uncertainty:
     free = adjustment.prior.free
     precision = adjustment.prior.standard_deviation[free] ** -2.0
     matrix = (one.matrix + other.matrix)[np.ix_(free, free)] + np.diag(precision)
-    marks = 2 * adjustment.used - np.isfinite(adjustment.stack.normal[..., 0])
-    count = max(int(marks[adjustment.used].sum()) - int(free.sum()), 1)
+    residuals = residuals_of(adjustment.stack)[adjustment.used]
+    count = max(int(residuals.sum()) - int(free.sum()), 1)
     scale = (one.sum_of_squares + other.sum_of_squares) / count
     inside = np.linalg.inv(matrix)
     covariance = np.zeros((len(free), len(free)))

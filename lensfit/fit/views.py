@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from lensfit.coords import mm_from_px
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
@@ -123,6 +123,24 @@ def whitening_of(
     one_row = np.stack([rows, np.zeros_like(rows)], -2)
     whitening = np.where(lines[..., None, None], one_row, points)
     return whitening * stack.present[..., None, None]
+
+
+def noise_mm2(stack: Stack) -> Float[np.ndarray, "views marks"]:
+    """Detection variance of one residual of every mark.
+
+    Of a point the mean over both axes; of a line sample across the line, since along it
+    nothing was measured.
+    """
+    lines = np.isfinite(stack.normal[..., 0])
+    n = np.where(lines[..., None], stack.normal, 0.0)
+    across = np.einsum("vmi,vmij,vmj->vm", n, stack.covariance_mm2, n)
+    mean = np.trace(stack.covariance_mm2, axis1=-2, axis2=-1) / 2
+    return np.where(lines, across, mean)
+
+
+def residuals_of(stack: Stack) -> Int[np.ndarray, "views marks"]:
+    """Number of residuals of every mark: two of a point, one of a line sample."""
+    return np.where(np.isfinite(stack.normal[..., 0]), 1, 2)
 
 
 def _inverse_root(

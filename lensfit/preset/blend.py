@@ -22,8 +22,10 @@ from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
 
 Block = TypeVar("Block", bound=msgspec.Struct)
 
-_MUST_AGREE = {"base", "reference_radius_mm", "degree"}
+_MUST_AGREE = {"base", "reference_radius_mm"}
 _SMALLER = {"valid_radius"}
+_LARGER = {"degree"}
+"""Coefficients of the degrees that one of the two lacks are zero there."""
 _FROM_THE_NEARER = {"assumed", "terms", "covariance", "quality"}
 
 
@@ -55,7 +57,11 @@ def _value(name: str, first: Any, second: Any, weight: float) -> Any:
         return _agreed(name, first, second)
     if name in _SMALLER:
         return min(first, second)
+    if name in _LARGER:
+        return max(first, second)
     if first is None and second is None:
+        return None
+    if name == "f_number" and (first is None or second is None):
         return None
     if name == "focus_distance_mm":
         return _focus(first, second, weight)
@@ -97,7 +103,7 @@ def _scaled(value: Any, factor: float) -> Any:
         changes = {
             name: _scaled(getattr(value, name), factor)
             for name in value.__struct_fields__
-            if name not in _MUST_AGREE | _SMALLER
+            if name not in _MUST_AGREE | _SMALLER | _LARGER
         }
         return msgspec.structs.replace(value, **changes)
     if isinstance(value, tuple):

@@ -109,13 +109,13 @@ class FallOff(Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes
     ----------
-    f_number : As on the barrel.
+    f_number : As on the barrel; None when nobody said.
     valid_radius_mm : Largest photographed radius, where the control values end.
     r, g, b : Control values b_1 ... b_n of -ln(illumination) as a Bernstein polynomial
         of the squared radius; they never fall.
     """
 
-    f_number: PositiveFloat
+    f_number: PositiveFloat | None
     valid_radius_mm: PositiveFloat
     r: tuple[float, ...]
     g: tuple[float, ...]

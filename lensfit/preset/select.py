@@ -18,7 +18,6 @@ import msgspec
 
 from lensfit.errors import PresetError
 from lensfit.preset.blend import blend
-from lensfit.preset.blocks import FallOff
 from lensfit.preset.entry import Entry
 from lensfit.units import dioptres_from_mm
 
@@ -168,19 +167,20 @@ def _dioptres(entry: Entry) -> float:
 
 def _at_f_number(entry: Entry, f_number: float | None, notes: list[str]) -> Entry:
     """`entry` with one fall-off, at that f-number; the widest when none is asked."""
-    stops = sorted(entry.fall_off, key=lambda fall_off: fall_off.f_number)
-    if not stops:
+    by_stop = {one.f_number: one for one in entry.fall_off if one.f_number is not None}
+    measured = sorted(by_stop)
+    if not measured:
+        if f_number is not None and entry.fall_off:
+            notes.append("fall-off was measured at an f-number that nobody stated")
         return entry
     if f_number is None:
-        return msgspec.structs.replace(entry, fall_off=(stops[0],))
-    measured = [stop.f_number for stop in stops]
+        return msgspec.structs.replace(entry, fall_off=(by_stop[measured[0]],))
     nearest = min(max(f_number, measured[0]), measured[-1])
     if nearest != f_number:
         notes.append(
             f"fall-off at f/{f_number:g} was not measured; f/{nearest:g} is used"
         )
     low, high = _neighbours(nearest, measured)
-    by_stop: dict[float, FallOff] = dict(zip(measured, stops, strict=True))
     chosen = by_stop[low]
     if low != high:
         weight = math.log(nearest / low) / math.log(high / low)

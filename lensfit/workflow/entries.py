@@ -71,7 +71,7 @@ def entry_of(state: LensState) -> Entry:
         ),
         distortion=distortion_block(distortion),
         lateral_colour=_lateral(state),
-        fall_off=tuple(_fall_off(f, state) for f in state.fall_off),
+        fall_off=tuple(_fall_off(f) for f in _of_known_stops(state.fall_off)),
         terms=tuple(_term(t) for t in terms_of(state)),
         covariance=_covariance(state),
         quality=Quality(
@@ -118,10 +118,15 @@ def _lateral(state: LensState) -> blocks.LateralColour | None:
     return blocks.LateralColour(block(state.colour["r"]), block(state.colour["b"]))
 
 
-def _fall_off(fall_off: FallOffFit, state: LensState) -> blocks.FallOff:
+def _of_known_stops(measured: list[FallOffFit]) -> list[FallOffFit]:
+    """Those with an f-number; one without it counts only when it is alone."""
+    known = [fall_off for fall_off in measured if fall_off.f_number is not None]
+    return known or measured[:1]
+
+
+def _fall_off(fall_off: FallOffFit) -> blocks.FallOff:
     r, g, b = (tuple(row.tolist()) for row in fall_off.control)
-    number = fall_off.f_number or 1.0
-    return blocks.FallOff(number, fall_off.valid_radius_mm, r, g, b)
+    return blocks.FallOff(fall_off.f_number, fall_off.valid_radius_mm, r, g, b)
 
 
 def _term(term: dict) -> Term:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
+
 from lensfit.detect.find import observe
 from lensfit.detect.observations import Observations
 from lensfit.detect.overlay import draw_overlay
@@ -24,7 +26,6 @@ from lensfit.workflow.shoot_records import Shoot
 from lensfit.workflow.shoot_records import Take as ShootTake
 
 _THREADS = 2
-_DOTS = ("dot-grid", "circle-grid")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,7 @@ def _observe(shoot: Shoot, take: ShootTake, overlay: Path | None) -> Observed:
     seconds = {"read": 0.0, "detect": 0.0, "overlay": 0.0}
     try:
         known |= _searched(shoot, take, overlay, known, seconds)
-    except LensfitError as error:
+    except (LensfitError, ValueError, cv2.error) as error:
         name = Path(take.image).name
         known["failed"] = str(error) if name in str(error) else f"{take.image}: {error}"
     return Observed(**known, seconds=seconds)

@@ -207,4 +207,5 @@ def _fall_off_curves(axes: Axes, one: dict, class_: str) -> list[Markup]:
 
 
 def _stop_name(one: dict) -> str:
-    return f"f/{stated(round(one.get('f_number') or 0.0, 1))}"
+    stop = one.get("f_number")
+    return f"f/{stated(round(stop, 1))}" if stop else "f-number not stated"

@@ -7,7 +7,14 @@ import pytest
 from pinhole_shoot import MM_PER_PX, Camera, observations, shoot, take_of
 
 from lensfit.detect.observations import LINE_OF_CONSTANT_I
-from lensfit.fit.adjust import Adjustment, adjust, fixed_prior, release, with_poses_free
+from lensfit.fit.adjust import (
+    Adjustment,
+    adjust,
+    fixed_prior,
+    release,
+    weigh,
+    with_poses_free,
+)
 from lensfit.fit.stage import start_of
 
 NOISE_PX = 0.05
@@ -108,3 +115,42 @@ def _line_start(takes) -> Adjustment:
     start = start_of(takes, takes)
     layout = replace(start.layout, free_degree=0)
     return start.adjustment(layout, fixed_prior(layout, len(takes)))
+
+
+def test_noise_along_a_line_does_not_hide_what_the_model_leaves():
+    """Samples know little of their place along the line, and that is no excuse."""
+    rng = np.random.default_rng(5)
+    lines = []
+    for k, take in enumerate(shoot(CAMERA)):
+        seen = take.observations
+        across = rng.normal(0, 0.3, 165)
+        lines.append(
+            replace(
+                take,
+                observations=replace(
+                    seen,
+                    points_px=seen.points_px + across[:, None] * [1.0, 0.0],
+                    covariance_px2=np.tile(np.diag([0.01**2, 1.5]), (165, 1, 1)),
+                    family=np.full(165, LINE_OF_CONSTANT_I),
+                    normal=np.tile([1.0, 0.0], (165, 1)),
+                ),
+                name=f"line {k}",
+            )
+        )
+    adjustment = weigh(_pinhole_truth(lines))
+    left_px = np.sqrt(adjustment.model_variance_mm2) / MM_PER_PX
+    np.testing.assert_allclose(left_px, 0.3, rtol=0.25)
+
+
+def _pinhole_truth(takes) -> Adjustment:
+    """An adjustment that stands where points without noise put it."""
+    fitted = _adjusted(shoot(CAMERA))
+    start = start_of(takes, takes)
+    layout = replace(start.layout, free_degree=0, radial=fitted.layout.radial)
+    here = start.adjustment(layout, fixed_prior(layout, len(takes)))
+    return replace(
+        here,
+        parameters=fitted.parameters,
+        frame=fitted.frame,
+        stack=replace(here.stack, view=fitted.stack.view),
+    )

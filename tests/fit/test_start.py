@@ -1,11 +1,14 @@
 """Start poses: exact where there is no distortion, and refusals in words."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from pinhole_shoot import FRONTAL, LATTICE, PITCH_MM, Camera
+from pinhole_shoot import FRONTAL, LATTICE, PITCH_MM, Camera, shoot
 from scipy.spatial.transform import Rotation
 
 from lensfit.errors import FitError
+from lensfit.fit.stage import start_of
 from lensfit.fit.start import focal_length_from_homographies, pose_from_homography
 
 BOARD_MM = LATTICE * PITCH_MM
@@ -68,3 +71,19 @@ def test_frontal_views_are_silent_about_the_focal_length(rotations):
     noise = np.random.default_rng(0).normal(0, 5e-4, (3, *BOARD_MM.shape))
     images = [camera.marks_mm(k) + noise[k] for k in range(3)]
     assert focal_length_from_homographies([BOARD_MM] * 3, images) is None
+
+
+def test_a_squeezed_shoot_starts_from_its_own_focal_length():
+    """An anamorphic lens halves one axis; that is no shorter focal length."""
+    takes = []
+    for take in shoot(Camera(focal_length_mm=50.0, centre_mm=(0.0, 0.0))):
+        seen = take.observations
+        middle = np.asarray(seen.image_size_px) / 2
+        squeezed = (seen.points_px - middle) * [1.8**-0.5, 1.8**0.5] + middle
+        seen = replace(seen, points_px=squeezed)
+        takes.append(
+            replace(take, observations=seen, squeeze=1.8, focal_length_mm=50.0)
+        )
+    start = start_of(takes, takes)
+    np.testing.assert_allclose(start.frame.stated_focal_length_mm, 50.0, rtol=0.02)
+    assert not start.notes

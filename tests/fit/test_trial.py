@@ -49,3 +49,8 @@ def test_scores_are_those_of_a_fit_from_scratch(chosen):
     np.testing.assert_allclose(scores.bic, expected, rtol=1e-10)
     np.testing.assert_allclose(scores.held_out, unseen, rtol=1e-9)
     np.testing.assert_allclose(trial.step(chosen), _solved(both, chosen), atol=1e-9)
+
+
+def test_a_parameter_of_every_model_cannot_be_tried():
+    with pytest.raises(ValueError, match="every model"):
+        Trial(FIRST, SECOND, PRECISION, OFFSET, ALWAYS, np.array([3, 6]))

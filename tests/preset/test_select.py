@@ -9,6 +9,7 @@ import pytest
 from preset_makers import make_entry, make_preset
 
 from lensfit.errors import PresetError
+from lensfit.preset import blocks
 from lensfit.preset.blend import blend
 from lensfit.preset.blocks import FallOff
 from lensfit.preset.entry import Entry
@@ -179,3 +180,27 @@ def test_different_models_do_not_mix(key: str, value: object):
     second = make_entry(focus_distance_mm=1000.0, distortion=other)
     with pytest.raises(PresetError, match=f"differ in {key}"):
         make_preset(first, second).select(50.0, 2.8, 1500.0)
+
+
+def test_fields_of_other_degree_mix_and_lack_what_they_lack():
+    """States of one lens may need free fields of different degree."""
+    first = make_entry()
+    richer = blocks.FreeField(4, (0.0,) * 4 + (2e-5,) * 5, (1e-5,) * 9)
+    other = msgspec.structs.replace(first.distortion, field=richer)
+    second = make_entry(focus_distance_mm=1000.0, distortion=other)
+    mixed = blend(first, second, 0.25).distortion.field
+    assert mixed is not None
+    assert mixed.degree == 4
+    small = first.distortion.field
+    assert small is not None
+    np.testing.assert_allclose(mixed.x[:4], 0.75 * np.array(small.x))
+    np.testing.assert_allclose(mixed.x[4:], 0.25 * 2e-5)
+
+
+def test_fall_off_of_an_unknown_stop_is_used_as_it_is_and_said():
+    unknown = msgspec.structs.replace(make_entry().fall_off[0], f_number=None)
+    preset = make_preset(make_entry(fall_off=(unknown,)))
+    found = preset.select(50.0, 4.0, 2000.0)
+    assert found.entry.fall_off == (unknown,)
+    assert any("nobody stated" in note for note in found.notes)
+    assert preset.select(50.0, None, 2000.0).f_number is None

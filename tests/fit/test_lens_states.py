@@ -1,0 +1,36 @@
+"""Which takes belong to one state of the lens, and what is refused."""
+
+from dataclasses import replace
+
+import pytest
+from pinhole_shoot import Camera, shoot
+
+from lensfit.errors import FitError
+from lensfit.fit.lens_states import fit, grouped
+
+TAKES = shoot(Camera())
+
+
+def _focused(*distances_mm: float | None):
+    return [
+        replace(take, focus_distance_mm=distance)
+        for take, distance in zip(TAKES, distances_mm, strict=True)
+    ]
+
+
+def test_focus_that_no_barrel_tells_apart_is_one_state():
+    states = grouped(_focused(2000.0, 900.0, 2001.0))
+    assert [[t.name for t in state] for state in states] == [
+        ["view 0", "view 2"],
+        ["view 1"],
+    ]
+
+
+def test_infinity_is_a_state_of_its_own():
+    assert len(grouped(_focused(float("inf"), float("inf"), 2000.0))) == 2
+
+
+def test_focus_stated_for_some_takes_only_is_refused_by_name():
+    with pytest.raises(FitError, match="focus distance") as caught:
+        fit(_focused(2000.0, None, 2000.0))
+    assert "view 1" in str(caught.value)
