@@ -202,9 +202,7 @@ def _measure(
     return Measured(
         centre_px=centre + patch.origin,
         covariance_px2=covariance + doubt,
-        flux=total
-        if bright
-        else np.where(good, (aperture * flat.sharp).sum(1), np.nan),
+        flux=total if bright else (aperture * flat.sharp).sum(1) + 0 * centre[:, 0],
         level=np.where(good, level, np.nan).astype(float),
         background=flat.plane[:, 0] + (flat.plane[:, 1:] * centre).sum(1),
         noise=flat.noise,
