@@ -70,6 +70,8 @@ do not see from wandering; the principal point stays well inside the frame."""
 
 COMPACT_RADIAL_TERMS = 3
 HELD_OUT_SEEDS = (0, 1, 2)
+_ODD_SQUEEZE = 1.05
+"""No spherical lens, and no photosite, differs as much between its axes."""
 _WIDE_RADIANS = 0.85
 _HELD_OUT_STEPS = 6
 _SAMPLE_PER_VIEW = 512
@@ -150,12 +152,20 @@ def fit_chief_ray(
 
 def _told(fitted: Adjustment) -> tuple[str, ...]:
     """What the user should know of how the fit ended."""
-    if fitted.converged:
-        return ()
-    return (
-        "the fit ended at its step limit: some terms are hardly determined, "
-        "see their standard deviations",
-    )
+    notes = []
+    if not fitted.converged:
+        notes.append(
+            "the fit ended at its step limit: some terms are hardly determined, "
+            "see their standard deviations"
+        )
+    squeezed = fitted.parameters[fitted.layout.blocks["squeeze"]]
+    ratio = float(np.exp(np.hypot(*squeezed)))
+    if ratio > _ODD_SQUEEZE:
+        notes.append(
+            f"one axis of the picture is {100 * (ratio - 1):.0f} % longer than stated: "
+            "check pitch_mm (square marks have one pitch) and anamorphic_squeeze"
+        )
+    return tuple(notes)
 
 
 def squared_px(adjustment: Adjustment) -> Float[np.ndarray, "views marks"]:

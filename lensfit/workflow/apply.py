@@ -11,11 +11,13 @@ whole or not at all, finished ones are skipped, and a frame that fails is
 reported while the others go on.
 """
 
+import hashlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from jaxtyping import Float32
 
@@ -25,7 +27,7 @@ from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.exr_layers import with_channels
 from lensfit.io.sequence import expand_frames, frame_path, output_path, parse_frames
-from lensfit.io.stmap import read_stmap
+from lensfit.io.stmap import Stmap, read_stmap
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.render.buffers import aligned_empty
@@ -39,7 +41,13 @@ from lensfit.render.stages import (
 )
 from lensfit.render.uv import SourceMap
 from lensfit.workflow.plate import ColourLayer, colour_layers, resized_channels
+from lensfit.workflow.plate_notes import border_note, number_note
 from lensfit.workflow.plate_state import PlateState, StateOverrides, plate_state
+
+SAID = "lensfit/applied"
+"""Header entry that tells what was done to a frame."""
+OVERSCAN = "lens/overscan"
+"""Header entry of the CG renderer, percent; none is left in a cropped frame."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +131,7 @@ def apply_preset(
         try:
             target = output_path(path, out_dir)
             if target.is_file() and not options.overwrite:
+                renderer.note_if_made_otherwise(path, target)
                 applied.skipped.append(target)
                 continue
             write_exr(target, renderer.render(path))
@@ -144,25 +153,18 @@ class _Renderer:
         self.preset = preset
         self.options = options
         self.notes: list[str] = []
-        self.stmap = None if options.stmap is None else read_stmap(options.stmap)
+        self.stmap = None if options.stmap is None else _redistort_map(options.stmap)
         self._key: object = None
+        self._stages_noted: Stages | None = None
+        self._digest = hashlib.sha256(msgspec.json.encode(preset)).hexdigest()[:8]
         self._stages: Stages | None = None
 
     def render(self, path: Path) -> ExrImage:
         """One finished frame."""
         image = read_exr(path)
-        attributes = {
-            k: v for p in reversed(image.parts) for k, v in p.attributes.items()
-        }
-        display = image.parts[0].display_window
-        state = plate_state(
-            self.preset,
-            attributes,
-            (display.width, display.height),
-            self.options.overrides,
-            falloff=self.options.switches.falloff,
-        )
-        self.notes += [note for note in state.notes if note not in self.notes]
+        state = self._state_of(image)
+        for note in state.notes:
+            self._note(note)
         layers = [colour_layers(part, self.options.layers) for part in image.parts]
         if not any(layers):
             raise _no_colour(image, self.options.layers)
@@ -171,6 +173,34 @@ class _Renderer:
                 self._render_part(part, found, state)
                 for part, found in zip(image.parts, layers, strict=True)
             )
+        )
+
+    def note_if_made_otherwise(self, plate: Path, target: Path) -> None:
+        """Say so when a finished frame is not what would be rendered now."""
+        wanted = self._said(self._state_of(read_exr(plate, header_only=True)))
+        parts = read_exr(target, header_only=True).parts
+        made = next((p.attributes[SAID] for p in parts if SAID in p.attributes), None)
+        if made != wanted:
+            self._note(
+                "some frames were finished before with other settings or by an older "
+                "preset, and were kept (--overwrite renders them again)"
+            )
+
+    def _note(self, note: str | None) -> None:
+        if note and note not in self.notes:
+            self.notes.append(note)
+
+    def _state_of(self, image: ExrImage) -> PlateState:
+        attributes = {
+            k: v for p in reversed(image.parts) for k, v in p.attributes.items()
+        }
+        display = image.parts[0].display_window
+        return plate_state(
+            self.preset,
+            attributes,
+            (display.width, display.height),
+            self.options.overrides,
+            falloff=self.options.switches.falloff,
         )
 
     def _render_part(
@@ -182,13 +212,19 @@ class _Renderer:
         if not layers:
             return result
         stages = self._stages_for(state, part.display_window, window)
+        if self._stages_noted is not stages:
+            self._note(border_note(stages, part.data_window))
+            self._stages_noted = stages
         for layer in layers:
             pixels = _stacked(part, layer.names)
+            self._note(number_note(pixels))
             rendered = render_stages(
                 pixels, part.data_window, stages, window, method=self.options.method
             )
             result = with_channels(result, layer.names, rendered)
-        said = {**result.attributes, "lensfit/applied": self._said(state)}
+        said = {**result.attributes, SAID: self._said(state)}
+        if OVERSCAN in said and window == part.display_window:
+            said[OVERSCAN] = "0" if isinstance(said[OVERSCAN], str) else 0.0
         return replace(result, attributes=said)
 
     def _stages_for(self, state: PlateState, display: Window, window: Window) -> Stages:
@@ -253,8 +289,22 @@ class _Renderer:
             )
             if on
         ]
-        lens = ", ".join([self.preset.lens.name, *at])
+        if self.options.stmap is not None:
+            effects.append(f"map {self.options.stmap.name}")
+        lens = ", ".join([f"{self.preset.lens.name} ({self._digest})", *at])
         return f"lensfit {__version__}: {lens}; {', '.join(effects) or 'nothing'}"
+
+
+def _redistort_map(path: Path) -> Stmap:
+    """An external map, which must not be one that takes distortion off."""
+    found = read_stmap(path)
+    if found.attributes.get("lensfit/map") == "undistort":
+        raise ImageError(
+            "is an undistort map, and a plate needs the redistort map",
+            where=path,
+            remedy="give the file of the same name that ends in redistort.exr",
+        )
+    return found
 
 
 def _pictures(plates: str | Path, frames: str | None) -> list[Path]:

@@ -3,9 +3,11 @@
     photographs -> marks -> lens states -> preset, UV maps, report
 
 One photograph that cannot be used does not stop the others; it is in the report with
-its reason. Every file is written whole or not at all.
+its reason. Every file is written whole or not at all, preset and report one after the
+other at the end.
 """
 
+import contextlib
 import json
 import time
 from pathlib import Path
@@ -62,6 +64,7 @@ def calibrate(
     observed = observe_shoot(shoot, folder, progress)
     takes = [o.take for o in observed if o.take is not None]
     if not takes:
+        _remove_if_empty(folder / "overlays", folder)
         raise DetectionError(
             observed[0].failed or "no photograph could be used",
             remedy=_others(observed),
@@ -71,15 +74,23 @@ def calibrate(
     seconds = _seconds(observed, fitted) | {"fit": time.perf_counter() - began}
     began = time.perf_counter()
     preset = _preset(shoot, observed, fitted)
-    save_preset(preset, folder / "preset.json")
     maps = _write_maps(preset, folder, progress)
     seconds["write"] = time.perf_counter() - began
     report = _report(shoot, observed, fitted, preset, folder)
     report["seconds"] = {k: round(v, 3) for k, v in seconds.items()}
     report["files"]["stmaps"] = maps
+    # What takes long is done: preset and report, which must agree, follow each other.
+    save_preset(preset, folder / "preset.json")
     write_text_atomic(folder / "report.json", json.dumps(report, indent=1))
     write_report(report, folder)
     return report
+
+
+def _remove_if_empty(*folders: Path) -> None:
+    """Take back folders that nothing was written to."""
+    for folder in folders:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
 
 
 def lens_of_state(preset: Preset, state: LensState) -> Lens:

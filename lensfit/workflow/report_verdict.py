@@ -29,6 +29,8 @@ from lensfit.workflow.report_markup import number, stated
 PRECISE_PX = 0.1
 GOOD_PX = 0.5
 ROUGH_PX = 1.5
+WHOLE_COVERAGE = 0.75
+"""Part of the frame; where points reach less, no figure can speak for the rest."""
 ROUND_TRIP_PX = 1e-3
 WEAK_CORNER_PX = 0.3
 
@@ -114,6 +116,14 @@ def _grade(report: dict) -> Finding:
     said = (
         f"{whose} land within {number(error, 'px', 2)} rms of where the lens puts them."
     )
+    covered = least_coverage(report)
+    if covered < WHOLE_COVERAGE and error <= ROUGH_PX:
+        return Finding(
+            "caution",
+            f"Usable where the points are, {covered:.0%} of the frame, and a guess "
+            f"elsewhere: {whose} land within {number(error, 'px', 2)} rms of where the "
+            "lens puts them.",
+        )
     worst = max(error, corner)
     if corner > error and corner > GOOD_PX:
         said = (
@@ -128,6 +138,17 @@ def _grade(report: dict) -> Finding:
             "caution", f"Good enough for soft or moving CG, not for measurement: {said}"
         )
     return Finding("bad", f"Not usable yet: {said}")
+
+
+def least_coverage(report: dict) -> float:
+    """Part of the frame that the points reach, at the worst focal length; 0 to 1."""
+    size = image_size_px(report)
+    covered = [1.0]
+    for takes in takes_by_focal(report).values():
+        points = residuals_of(takes).points_px
+        if len(points) and all(size):
+            covered.append(float(np.mean(cell_counts(points, size) > 0)))
+    return min(covered)
 
 
 def _map(report: dict) -> Iterator[Finding]:

@@ -301,3 +301,54 @@ def test_the_path_traced_plate(tmp_path, data_dir):
         assert same == (name not in ("R", "G", "B", "A")), name
     assert min(after.channels[n].min() for n in "RGB") >= 0
     assert after.channels["A"].max() <= 1
+
+
+def test_borders_without_source_are_told_and_overscan_cures_them(tmp_path):
+    """A barrel lens looks beyond the frame: a plate without overscan lacks that."""
+    bare, wide = tmp_path / "bare.exr", tmp_path / "wide.exr"
+    write_plate(bare, window=DISPLAY)
+    write_plate(wide, window=Window(-30, -20, 125, 83))
+    preset = make_preset()
+    notes = [
+        apply_preset(preset, plate, tmp_path / "out").notes for plate in (bare, wide)
+    ]
+    assert any("outside the plate" in note for note in notes[0])
+    assert not any("outside the plate" in note for note in notes[1])
+
+
+def test_numbers_that_are_none_are_told(tmp_path):
+    red = scene(DATA)[..., 0].copy()
+    red[30, 40] = np.nan
+    write_plate(tmp_path / "nan.exr", extra={"R": red})
+    applied = apply_preset(make_preset(), tmp_path / "nan.exr", tmp_path / "out")
+    assert any("NaN" in note for note in applied.notes)
+
+
+def test_an_undistort_map_is_refused(tmp_path):
+    write_plate(tmp_path / "p.exr")
+    path = tmp_path / "lens_undistort.exr"
+    uv = np.zeros((DISPLAY.height, DISPLAY.width, 2), np.float32)
+    write_stmap(path, uv, DISPLAY, attributes={"lensfit/map": "undistort"})
+    options = ApplyOptions(stmap=path)
+    with pytest.raises(ImageError, match="undistort map"):
+        apply_preset(
+            make_preset(), tmp_path / "p.exr", tmp_path / "out", options=options
+        )
+
+
+def test_finished_frames_of_other_settings_are_kept_and_told(tmp_path):
+    write_plate(tmp_path / "p.exr")
+    plate, out = tmp_path / "p.exr", tmp_path / "out"
+    assert apply_preset(make_preset(), plate, out).written
+    same = apply_preset(make_preset(), plate, out)
+    other = apply_preset(make_preset(stops=(2.8, 4.0)), plate, out)
+    assert same.skipped == other.skipped
+    assert not any("other settings" in note for note in same.notes)
+    assert any("other settings" in note for note in other.notes)
+
+
+def test_a_cropped_frame_states_no_overscan(tmp_path):
+    write_plate(tmp_path / "p.exr", {**CAMERA, **SENSOR, "lens/overscan": 8.0})
+    apply_preset(make_preset(), tmp_path / "p.exr", tmp_path / "out")
+    header = read_exr(tmp_path / "out" / "p.exr", header_only=True).parts[0].attributes
+    assert header["lens/overscan"] == 0.0

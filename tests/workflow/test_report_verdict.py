@@ -187,3 +187,16 @@ def test_error_of_each_take_alone_is_blamed_on_the_chart(report):
         lists["dx_px"] = [sign * (0.2 if x > 1000 else -0.2) for x in lists["x_px"]]
     assert said(report, "Each take has its own pattern of errors, 0.20\u202fpx")
     assert not said(report, "Neighbouring points")
+
+
+@pytest.mark.parametrize("held_out_px", [0.05, 1.0])
+def test_points_that_leave_much_of_the_frame_out_cap_the_grade(report, held_out_px):
+    """Whatever the corners' figure says: it speaks for a model, not for the frame."""
+    report["held_out_rms_px"] = held_out_px
+    for take in report["takes"]:
+        lists = take["residuals"]
+        kept = [i for i, x in enumerate(lists["x_px"]) if x < SIZE_PX[0] / 2]
+        take["residuals"] = {k: [v[i] for i in kept] for k, v in lists.items()}
+    first = findings(report)[0]
+    assert first.sentence.startswith("Usable where the points are")
+    assert first.tone == "caution"

@@ -1,0 +1,41 @@
+"""What the user of a rendered plate should know, and nobody sees at first glance.
+
+Borders that stay black because a plate has too little overscan, and pixels that are not
+numbers and spread to their neighbours.
+"""
+
+import numpy as np
+from jaxtyping import Float32
+
+from lensfit.coords import Window
+from lensfit.render.stages import Stages
+
+_SEEN_PART = 1e-4
+"""Of the pixels; less is a rounding of the border."""
+
+
+def border_note(stages: Stages, source: Window) -> str | None:
+    """Whether the lens looks beyond the pixels that the plate has.
+
+    Parameters
+    ----------
+    stages : Maps over the rendered window.
+    source : Data window of the plate.
+    """
+    x, y = np.moveaxis(stages.maps[1].positions_px(), -1, 0)
+    outside = (x < source.x_min) | (x > source.x_max + 1)
+    outside |= (y < source.y_min) | (y > source.y_max + 1)
+    part = float(np.mean(outside))
+    if part < _SEEN_PART:
+        return None
+    return (
+        f"{100 * part:.2g} % of the frame lies outside the plate and is black: render "
+        "the CG with more overscan (`lensfit inspect PRESET` says how much)"
+    )
+
+
+def number_note(pixels: Float32[np.ndarray, "height width channels"]) -> str | None:
+    """Whether the plate holds NaN or infinity."""
+    if np.isfinite(pixels).all():
+        return None
+    return "plates hold NaN or infinite pixels, which spread to their neighbours"
