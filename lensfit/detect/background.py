@@ -35,7 +35,7 @@ class Flattened(NamedTuple):
     noise: np.ndarray
 
 
-def on_black(patch: Patches, ring) -> Flattened:
+def on_black(patch: Patches, ring: np.ndarray) -> Flattened:
     """Take off the light around a bright dot: it adds to the dot's own."""
     plane, covariance, noise = fitted_background(patch, patch.sharp, ring)
     background = plane.astype(np.float32) @ patch.design[:, :PLANE].T
@@ -43,7 +43,7 @@ def on_black(patch: Patches, ring) -> Flattened:
     return Flattened(sharp, smooth, plane, covariance, noise)
 
 
-def on_white(patch: Patches, ring, radius) -> Flattened:
+def on_white(patch: Patches, ring: np.ndarray, radius: np.ndarray) -> Flattened:
     """Undo the illumination of a dark dot, which reflects the light that falls on it.
 
     It is a plane of the logarithm, since fall-off and shadows multiply; in the steep
@@ -78,7 +78,7 @@ def _levelling(patch: Patches, terms: np.ndarray) -> np.ndarray:
     return np.exp(slopes, out=slopes)
 
 
-def unevenly_lit_px(steepness, radius_px):
+def unevenly_lit_px(steepness: np.ndarray, radius_px: np.ndarray) -> np.ndarray:
     """Standard deviation of a dot's place from steep light.
 
     Light that grows by a relative s over the radius r draws the centroid of a disc
