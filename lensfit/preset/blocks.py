@@ -104,7 +104,7 @@ class LateralColour(Struct, frozen=True, forbid_unknown_fields=True):
     b: ChannelShift
 
 
-class FallOff(Struct, frozen=True, forbid_unknown_fields=True):
+class FallOff(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Relative illumination at one f-number, 1 on the axis (`lensfit.optics.falloff`).
 
     Attributes
@@ -113,6 +113,7 @@ class FallOff(Struct, frozen=True, forbid_unknown_fields=True):
     valid_radius_mm : Largest photographed radius, where the control values end.
     r, g, b : Control values b_1 ... b_n of -ln(illumination) as a Bernstein polynomial
         of the squared radius; they never fall.
+    predicted : Whether it follows from the pupil's shape, measured at other f-numbers.
     """
 
     f_number: PositiveFloat | None
@@ -120,3 +121,4 @@ class FallOff(Struct, frozen=True, forbid_unknown_fields=True):
     r: tuple[float, ...]
     g: tuple[float, ...]
     b: tuple[float, ...]
+    predicted: bool = False

@@ -18,6 +18,7 @@ from lensfit.preset.blocks import (
     PositiveFloat,
     Projection,
 )
+from lensfit.preset.blur_blocks import Blur
 
 Count = Annotated[int, Meta(ge=0)]
 
@@ -103,7 +104,7 @@ class Quality(Struct, frozen=True, forbid_unknown_fields=True):
     round_trip_px: float | None = None
 
 
-class Entry(Struct, frozen=True, forbid_unknown_fields=True):
+class Entry(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The lens at one focal length and focus distance.
 
     Attributes
@@ -113,6 +114,7 @@ class Entry(Struct, frozen=True, forbid_unknown_fields=True):
         infinite, null when nobody said.
     lateral_colour : None when none was measured or none is visible.
     fall_off : One for each f-number that was measured, widest first; may be empty.
+    blur : None when it was not measured.
     """
 
     focal_length_mm: PositiveFloat
@@ -124,6 +126,7 @@ class Entry(Struct, frozen=True, forbid_unknown_fields=True):
     terms: tuple[Term, ...]
     covariance: Covariance | None
     quality: Quality
+    blur: Blur | None = None
 
     def __str__(self) -> str:
         focus = self.focus_distance_mm

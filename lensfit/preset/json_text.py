@@ -2,7 +2,7 @@
 
 Numbers are written as the shortest decimal that reads back as the same float64. Lists
 of plain values stay on one line, as do short objects; JSON has no infinity, so an
-infinite focus distance is the text "inf".
+infinite distance is the text "inf".
 """
 
 import json
@@ -11,6 +11,7 @@ from typing import Any
 
 WIDTH = 88
 INFINITE = "inf"
+_MAY_BE_INFINITE = ("focus_distance_mm", "reference_distance_mm")
 
 
 def to_json_text(value: Any) -> str:
@@ -19,7 +20,7 @@ def to_json_text(value: Any) -> str:
 
 
 def infinities_to_text(value: Any) -> Any:
-    """The same tables, with an infinite focus distance as "inf"."""
+    """The same tables, with an infinite distance as "inf"."""
     return _map_distances(value, lambda v: INFINITE if v == math.inf else v)
 
 
@@ -33,7 +34,7 @@ def _map_distances(value: Any, change: Any, key: str = "") -> Any:
         return {k: _map_distances(v, change, k) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
         return [_map_distances(v, change) for v in value]
-    return change(value) if key == "focus_distance_mm" else value
+    return change(value) if key in _MAY_BE_INFINITE else value
 
 
 def _text(value: Any, indent: str, used: int = 0) -> str:

@@ -53,7 +53,7 @@ def _from_tables(tables: dict[str, Any], path: Path) -> Preset:
         raise PresetError(
             f"{key}: {value} is no finite number",
             where=path,
-            remedy='only focus_distance_mm may be infinite, written "inf"',
+            remedy='only a focus or reference distance may be infinite, written "inf"',
         )
     preset = convert_strictly(
         infinities_from_text(tables), Preset, error=PresetError, where=path

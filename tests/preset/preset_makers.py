@@ -13,6 +13,7 @@ from lensfit.preset.blocks import (
     LateralColour,
     Projection,
 )
+from lensfit.preset.blur_blocks import AberrationTerm, Blur, Pupil, Rim, Stop
 from lensfit.preset.entry import Covariance, Entry, Quality, Term
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance, SourceImage
 
@@ -52,6 +53,40 @@ def make_entry(**changes: Any) -> Entry:
         quality=Quality(0.021, 0.023, 1900, 1890, 4, 0.03, 1e-11),
     )
     return msgspec.structs.replace(entry, **changes)
+
+
+def make_blur(**changes: Any) -> Blur:
+    """An f/1.4 lens of a few micrometres, with two rims and seven blades."""
+    blur = Blur(
+        aberrations=(
+            AberrationTerm(2, 0, 2, 0, "re", 9.0, (1.5, -0.5)),
+            AberrationTerm(3, 1, 1, 1, "re", -4.0),
+            AberrationTerm(4, 0, 0, 0, "re", 3.0, (0.5, 0.1)),
+        ),
+        field_radius_mm=15.6,
+        reference_sine=0.35,
+        exit_pupil_distance_mm=62.0,
+        chief_bend=0.02,
+        pupil_magnification=1.2,
+        reference_distance_mm=2000.0,
+        focus_offset_mm=0.01,
+        pupil=Pupil(
+            rims=(Rim((0.5, 0.1), (1.1, 0.0)), Rim((-0.5, 0.0), (1.2, 0.01))),
+            stop_shift=(0.01, 0.002),
+            stretch_along=(-0.08, 0.01),
+            stretch_across=(-0.03, 0.005),
+            squeeze=1.0,
+            blades=7,
+            blade_rotation_rad=0.3,
+            blade_curvature=0.4,
+        ),
+        stops=(Stop(1.4, 1.01), Stop(2.8, 0.98)),
+        band_centres_nm=(605.0, 538.0, 462.0),
+        band_widths_nm=(25.0, 27.0, 24.0),
+        round_f_number=1.4,
+        assumed=("pupil_magnification",),
+    )
+    return msgspec.structs.replace(blur, **changes)
 
 
 def make_preset(*entries: Entry) -> Preset:
