@@ -86,22 +86,30 @@ class Adjustment:
             whitening=jnp.asarray(deal.cut(whitening) * deal.real[..., None, None]),
         )
 
-    def residual_mm(self) -> Float[np.ndarray, "views marks 2"]:
-        """Predicted minus observed; of a line sample, across the line."""
-        deal, stack = self.stack.chunking, self.stack
+    def predicted_mm(
+        self, board: Float[np.ndarray, "views marks 2"]
+    ) -> Float[np.ndarray, "views marks 2"]:
+        """Where points on the boards should be seen; zero for padding."""
+        deal = self.stack.chunking
         predicted = _predictions_mm(
-            jnp.asarray(self.parameters),
-            stack.view,
-            self.marks(),
+            self.parameters,
+            self.stack.view,
+            deal.view,
+            deal.cut(board),
             self.layout,
             self.frame,
         )
+        return deal.joined(np.asarray(predicted), board)
+
+    def residual_mm(self) -> Float[np.ndarray, "views marks 2"]:
+        """Predicted minus observed; of a line sample, across the line."""
+        stack = self.stack
         seen = stack.observed_mm - self.shift_mm
-        residual = deal.joined(np.asarray(predicted), seen) - seen
-        n = self.stack.normal
+        residual = self.predicted_mm(stack.board) - seen
+        n = stack.normal
         across = np.sum(np.nan_to_num(n) * residual, -1, keepdims=True) * n
         residual = np.where(np.isfinite(n), across, residual)
-        return np.where(self.stack.present[..., None], residual, 0.0)
+        return np.where(stack.present[..., None], residual, 0.0)
 
 
 def fixed_prior(layout: Layout, views: int) -> Prior:
@@ -172,15 +180,16 @@ def equations_at(adjustment: Adjustment) -> Equations:
 
 def with_centroid_shift(adjustment: Adjustment) -> Adjustment:
     """The same with the shift of every dot's centroid predicted anew."""
+    deal = adjustment.stack.chunking
     shift = centroid_shift_mm(
-        jnp.asarray(adjustment.parameters),
+        adjustment.parameters,
         adjustment.stack.view,
-        adjustment.marks(),
-        jnp.asarray(adjustment.radius_mm),
+        deal.view,
+        deal.cut(adjustment.stack.board),
+        adjustment.radius_mm,
         adjustment.layout,
         adjustment.frame,
     )
-    deal = adjustment.stack.chunking
     joined = deal.joined(np.asarray(shift), adjustment.shift_mm)
     return replace(adjustment, shift_mm=joined)
 

@@ -14,10 +14,9 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from lensfit.fit import normal
-from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import Frame, View, predicted_mm
 from lensfit.fit.parameters import Layout
 
@@ -33,7 +32,8 @@ _SLOPE = (-1.0) ** _APART / 2 / np.tan(np.pi / _CORNERS * np.where(_APART, _APAR
 def centroid_shift_mm(
     parameters: Float[Array, " parameters"],
     views: View,
-    marks: Marks,
+    view_of_chunk: Int[Array, " chunks"],
+    board: Float[Array, "chunks marks 2"],
     radius_mm: Float[Array, " views"],
     layout: Layout,
     frame: Frame,
@@ -59,8 +59,8 @@ def centroid_shift_mm(
         of_marks = jax.vmap(shift, (0, None, None, None))
         return of_marks(board, local[k], view, radius_mm[k])
 
-    moved = jax.vmap(of_chunk)(marks.board, marks.view)
-    return jnp.where((radius_mm[marks.view] > 0)[:, None, None], moved, 0.0)
+    moved = jax.vmap(of_chunk)(board, view_of_chunk)
+    return jnp.where((radius_mm[view_of_chunk] > 0)[:, None, None], moved, 0.0)
 
 
 def _centroid(outline: Float[Array, "corners 2"]) -> Float[Array, "2"]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import (
@@ -61,11 +61,12 @@ def split(parameters: Array, layout: Layout) -> tuple[Array, Array]:
 def predictions_mm(
     parameters: Float[Array, " parameters"],
     views: View,
-    marks: Marks,
+    view_of_chunk: Int[Array, " chunks"],
+    board: Float[Array, "chunks marks 2"],
     layout: Layout,
     frame: Frame,
 ) -> Float[Array, "chunks marks 2"]:
-    """Where every mark should be seen."""
+    """Where points on the boards should be seen."""
     shared, local = split(parameters, layout)
     of_marks = jax.vmap(predicted_mm, (0, None, None, None, None, None))
 
@@ -73,7 +74,7 @@ def predictions_mm(
         view = jax.tree.map(lambda a: a[k], views)
         return of_marks(board, shared, local[k], view, layout, frame)
 
-    return jax.vmap(of_chunk)(marks.board, marks.view)
+    return jax.vmap(of_chunk)(board, view_of_chunk)
 
 
 def equations(

@@ -19,12 +19,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from lensfit.batches import in_batches
 from lensfit.fit.adjust import Adjustment
 from lensfit.fit.chief_ray import halves_of
 from lensfit.fit.geometry import Frame, distortion_of
 from lensfit.fit.parameters import Layout
 from lensfit.fit.views import residuals_of
 from lensfit.optics.distortion import distorted_from_undistorted
+
+_BATCH = 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,24 +70,19 @@ def position_deviation_mm(
     """
     layout = adjustment.layout
     shared = jnp.asarray(adjustment.parameters[: layout.shared])
-    by_parameter, by_place = _sensitivity(
-        shared, jnp.asarray(_padded(undistorted_mm)), layout, adjustment.frame
-    )
-    count = len(undistorted_mm)
-    by_parameter = np.asarray(by_parameter)[:count].reshape(-1, layout.shared)
-    pose = np.einsum(
-        "pij,pjk->pik", np.asarray(by_place)[:count], _homography_moves(undistorted_mm)
-    ).reshape(-1, 8)
+
+    def sensitivity(points: np.ndarray) -> Array:
+        return _sensitivity(shared, jnp.asarray(points), layout, adjustment.frame)
+
+    by_all = in_batches(sensitivity, undistorted_mm, _BATCH)
+    moves = _homography_moves(undistorted_mm)
+    pose = np.einsum("pij,pjk->pik", by_all[..., :2], moves).reshape(-1, 8)
+    by_parameter = by_all[..., 2:].reshape(-1, layout.shared)
     undone, *_ = np.linalg.lstsq(pose, by_parameter, rcond=1e-10)
     left = by_parameter - pose @ undone
     part = uncertainty.covariance[: layout.shared, : layout.shared]
     variance = np.einsum("ra,ab,rb->r", left, part, left)
     return np.sqrt(np.maximum(variance.reshape(-1, 2).sum(1), 0.0))
-
-
-def _padded(points: np.ndarray) -> np.ndarray:
-    """Points filled up to a multiple of 1024, so that one program serves them all."""
-    return np.concatenate([points, np.zeros((-len(points) % 1024, 2))])
 
 
 def _homography_moves(points: np.ndarray) -> np.ndarray:
@@ -98,10 +96,14 @@ def _homography_moves(points: np.ndarray) -> np.ndarray:
 
 
 @partial(jax.jit, static_argnames=("layout",))
-def _sensitivity(shared: Array, points: Array, layout: Layout, frame: Frame):
+def _sensitivity(
+    shared: Array, points: Array, layout: Layout, frame: Frame
+) -> Float[Array, "points 2 place_and_parameters"]:
+    """Derivative of distorted positions by the place (2 columns), then parameters."""
+
     def at(point, shared):
         return distorted_from_undistorted(point, distortion_of(shared, layout, frame))
 
-    by_place, by_parameter = jax.jacfwd(at, (0, 1)), jax.jacfwd(at, 1)
-    places = jax.vmap(lambda p: by_place(p, shared)[0])(points)
-    return jax.vmap(lambda p: by_parameter(p, shared))(points), places
+    # In reverse: a position has two components, a lens two hundred parameters.
+    both = jax.vmap(jax.jacrev(at, (0, 1)), (0, None))(points, shared)
+    return jnp.concatenate(both, -1)

@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.batches import in_batches
 from lensfit.coords import Window
 
 FIRST_NODES, LATER_NODES = 24, 10
 SMALLEST_BLOCK_PX = 16
-_CHUNK = 4096
 
 PointFunction = Callable[
     [Float[np.ndarray, "points 2"]], Float[np.ndarray, "points values"]
@@ -64,16 +64,6 @@ def smooth_over_window(
     return planes
 
 
-def evaluate_in_chunks(
-    function: PointFunction, points_px: Float[np.ndarray, "points 2"]
-) -> Float[np.ndarray, "points values"]:
-    """`function` in calls of one fixed size, so that compiled code is reused."""
-    padding = -len(points_px) % _CHUNK
-    padded = np.concatenate([points_px, np.repeat(points_px[-1:], padding, 0)])
-    parts = [np.asarray(function(part)) for part in padded.reshape(-1, _CHUNK, 2)]
-    return np.concatenate(parts)[: len(points_px)]
-
-
 class _Axis(NamedTuple):
     """Chebyshev nodes on [-1, 1], the points between them and the way from one to
     the other."""
@@ -108,7 +98,7 @@ def _evaluate_blocks(function: PointFunction, blocks: list[Window], axis: _Axis)
     node_points = [_points(block, axis.nodes) for block in blocks]
     check_points = [_points(block, axis.checks) for block in blocks]
     n = len(axis.nodes)
-    values = evaluate_in_chunks(function, np.concatenate(node_points + check_points))
+    values = in_batches(function, np.concatenate(node_points + check_points))
     split = len(blocks) * n**2
     count = values.shape[-1]
     return (
@@ -161,7 +151,7 @@ def _fill_directly(
     if not blocks:
         return
     points = [block.pixel_centres().reshape(-1, 2) for block in blocks]
-    values = evaluate_in_chunks(function, np.concatenate(points)).T
+    values = in_batches(function, np.concatenate(points)).T
     ends = np.cumsum([len(part) for part in points])
     for block, part in zip(blocks, np.split(values, ends[:-1], axis=1), strict=True):
         target = _view(planes, window, block)

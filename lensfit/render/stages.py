@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float32
 
+from lensfit.batches import in_batches
 from lensfit.coords import Window
 from lensfit.render.falloff import illumination_gain
-from lensfit.render.smooth import PointFunction, evaluate_in_chunks
+from lensfit.render.smooth import PointFunction
 from lensfit.render.uv import (
     Channel,
     PlateGeometry,
@@ -140,7 +141,7 @@ def lateral_colour_px(
         return 0.0
     points = window_grid(window, _GRID)
     moved = [
-        evaluate_in_chunks(_colour_shift(lens, geometry, c, landing), points) - points
+        in_batches(_colour_shift(lens, geometry, c, landing), points) - points
         for c in ("r", "b")
     ]
     distance = np.linalg.norm(np.concatenate(moved), axis=-1)

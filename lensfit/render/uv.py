@@ -19,13 +19,10 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float, Float32
 
+from lensfit.batches import in_batches
 from lensfit.coords import Window, mm_from_px, px_from_mm, px_from_uv, uv_from_px
 from lensfit.render.buffers import aligned_empty
-from lensfit.render.smooth import (
-    PointFunction,
-    evaluate_in_chunks,
-    smooth_over_window,
-)
+from lensfit.render.smooth import PointFunction, smooth_over_window
 
 if TYPE_CHECKING:
     from lensfit.optics.lens import Lens
@@ -196,7 +193,7 @@ def overscan_needed(
     border = low + size * np.concatenate([*sides, *(side[:, ::-1] for side in sides)])
     channels = ("r", "g", "b") if lens.has_lateral_colour else ("g",)
     mapped = np.concatenate(
-        [evaluate_in_chunks(geometry.undistorted(lens, c), border) for c in channels]
+        [in_batches(geometry.undistorted(lens, c), border) for c in channels]
     )
     finite = np.isfinite(mapped).all(-1)
     mapped = mapped[finite] if finite.any() else border

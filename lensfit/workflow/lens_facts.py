@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from lensfit.batches import in_batches
 from lensfit.coords import Window
 from lensfit.fit.chief_ray import ChiefRayFit, rms, squared_px
 from lensfit.fit.lens_states import Fitted, LensState
@@ -184,7 +184,7 @@ def _mesh(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def _distortion_grid(lens: Lens, size_mm) -> dict[str, Any]:
     x, y = _frame_points(size_mm)
     points = _mesh(x, y)
-    moved = np.asarray(lens.distorted_from_undistorted(points)) - points
+    moved = in_batches(lens.distorted_from_undistorted, points) - points
     shape = (len(y), len(x))
     return {
         "x_mm": _rounded(x, 4),
@@ -197,14 +197,13 @@ def _distortion_grid(lens: Lens, size_mm) -> dict[str, Any]:
 def _round_trip(lens: Lens, size_mm, mm_per_px: float) -> tuple[float, bool]:
     """Largest error of undistort then redistort over frame + 15 %, and no fold."""
     points = _mesh(*_frame_points(size_mm, 0.15))
-    back = np.asarray(
-        lens.distorted_from_undistorted(lens.undistorted_from_distorted(points))
-    )
+    straight = in_batches(lens.undistorted_from_distorted, points)
+    back = in_batches(lens.distorted_from_undistorted, straight)
     error = np.linalg.norm(back - points, axis=-1)
     step = 1e-4 * size_mm[0]
     along = [
-        np.asarray(lens.distorted_from_undistorted(points + step * e))
-        - np.asarray(lens.distorted_from_undistorted(points - step * e))
+        in_batches(lens.distorted_from_undistorted, points + step * e)
+        - in_batches(lens.distorted_from_undistorted, points - step * e)
         for e in np.eye(2)
     ]
     determinant = along[0][:, 0] * along[1][:, 1] - along[0][:, 1] * along[1][:, 0]
@@ -218,7 +217,7 @@ def _radial_profile(state: LensState, lens: Lens, size_mm) -> dict[str, Any]:
     angle = 2 * np.pi * np.arange(24) / 24
     spokes = np.stack([np.cos(angle), np.sin(angle)], -1)
     points = (radius[:, None, None] * spokes[None]).reshape(-1, 2) + centre
-    moved = np.asarray(lens.distorted_from_undistorted(points)) - centre
+    moved = in_batches(lens.distorted_from_undistorted, points) - centre
     ratio = np.hypot(*moved.T).reshape(len(radius), -1).mean(1) / radius
     deviation = position_deviation_mm(
         state.geometry.adjustment, state.uncertainty, points
@@ -246,15 +245,18 @@ def _lateral_curves(state: LensState, size_px) -> dict[str, Any] | None:
     return curves
 
 
+_log_losses = jax.jit(jax.vmap(log_loss, (0, None)))
+
+
 def _fall_off_curves(fall_off) -> dict[str, Any]:
-    s = jnp.linspace(0.0, 1.0, _RADII) ** 2
+    s = np.linspace(0.0, 1.0, _RADII) ** 2
     curves: dict[str, Any] = {
         "f_number": fall_off.f_number,
-        "radius_mm": _rounded(np.sqrt(np.asarray(s)) * fall_off.valid_radius_mm, 4),
+        "radius_mm": _rounded(np.sqrt(s) * fall_off.valid_radius_mm, 4),
     }
     for name, control in zip("rgb", fall_off.control, strict=True):
-        loss = jax.vmap(log_loss, (0, None))(s, jnp.asarray(control))
-        curves[name] = _rounded(np.exp(-np.asarray(loss)), 5)
+        loss = np.asarray(_log_losses(s, control))
+        curves[name] = _rounded(np.exp(-loss), 5)
     curves["sd"] = [round(fall_off.standard_deviation, 6)] * _RADII
     return curves
 
@@ -262,7 +264,7 @@ def _fall_off_curves(fall_off) -> dict[str, Any]:
 def _uncertainty_grid(state: LensState, lens: Lens, size_px, size_mm) -> dict[str, Any]:
     """Standard deviation of the distorted position at points of the photograph."""
     x, y = _frame_points(size_mm)
-    points = np.asarray(lens.undistorted_from_distorted(_mesh(x, y)))
+    points = in_batches(lens.undistorted_from_distorted, _mesh(x, y))
     finite = np.isfinite(points).all(-1)
     deviation = np.full(len(points), np.nan)
     deviation[finite] = position_deviation_mm(

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lensfit.fit.bias import centroid_shift_mm
-from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import Frame, View, predicted_mm
 from lensfit.fit.parameters import Layout
 
@@ -34,22 +33,17 @@ def _view(tilt_rad: float) -> View:
     )
 
 
-def _marks() -> Marks:
-    return Marks(
-        view=jnp.zeros(1, int),
-        chunks=jnp.asarray(1),
-        board=jnp.asarray(MARKS)[None],
-        observed_mm=jnp.zeros((1, 3, 2)),
-        whitening=jnp.zeros((1, 3, 2, 2)),
-    )
-
-
 def _shift(tilt_rad: float, radius_mm: float, radial=(0.0, 0.0)) -> np.ndarray:
     parameters = np.zeros(LAYOUT.size(1))
     parameters[LAYOUT.blocks["radial"]] = radial
-    radius = jnp.asarray([radius_mm])
     moved = centroid_shift_mm(
-        jnp.asarray(parameters), _view(tilt_rad), _marks(), radius, LAYOUT, FRAME
+        jnp.asarray(parameters),
+        _view(tilt_rad),
+        jnp.zeros(1, int),
+        jnp.asarray(MARKS)[None],
+        jnp.asarray([radius_mm]),
+        LAYOUT,
+        FRAME,
     )
     return np.asarray(moved)[0]
 

@@ -60,11 +60,12 @@ def _at(scale: float = 0.002) -> jnp.ndarray:
 
 
 def _whitened(parameters, problem: solve.Problem):
+    marks = problem.marks
     predicted = normal.predictions_mm(
-        parameters, problem.views, problem.marks, LAYOUT, problem.frame
+        parameters, problem.views, marks.view, marks.board, LAYOUT, problem.frame
     )
-    off = predicted - problem.marks.observed_mm
-    return jnp.einsum("cmij,cmj->cmi", problem.marks.whitening, off)
+    off = predicted - marks.observed_mm
+    return jnp.einsum("cmij,cmj->cmi", marks.whitening, off)
 
 
 _equations = jax.jit(normal.equations, static_argnames="layout")
