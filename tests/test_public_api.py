@@ -39,7 +39,7 @@ def test_what_is_not_there_is_said():
 
 
 def test_a_lens_keeps_its_promised_methods():
-    from lensfit.optics.lens import Lens
+    from lensfit.lens import Lens
 
     for name, arguments in PROMISED.items():
         parameters = inspect.signature(getattr(Lens, name)).parameters
@@ -67,7 +67,7 @@ def test_render_is_a_verb_whatever_was_imported_before(first: str):
     [
         "import lensfit",
         "import jax, lensfit",
-        "import lensfit.optics.lens",
+        "import lensfit.lens",
         "from lensfit import load_preset",
     ],
 )

@@ -14,7 +14,7 @@ from lensfit.preset.entry import Entry
 from lensfit.preset.select import Selection, select
 
 if TYPE_CHECKING:
-    from lensfit.optics.lens import Lens
+    from lensfit.lens import Lens
 
 SCHEMA = "lensfit.preset.1"
 CONVENTIONS = (

@@ -17,7 +17,7 @@ from lensfit.render.smooth import PointFunction, smooth_over_window
 from lensfit.render.uv import Channel, PlateGeometry
 
 if TYPE_CHECKING:
-    from lensfit.optics.lens import Lens
+    from lensfit.lens import Lens
 
 
 def illumination_gain(

@@ -24,7 +24,7 @@ from lensfit.render.stages import (
 from lensfit.render.warp import warp
 
 if TYPE_CHECKING:
-    from lensfit.optics.lens import Lens
+    from lensfit.lens import Lens
 
 
 def render(

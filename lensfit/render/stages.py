@@ -25,7 +25,7 @@ from lensfit.render.uv import (
 )
 
 if TYPE_CHECKING:
-    from lensfit.optics.lens import Lens
+    from lensfit.lens import Lens
 
 CHANNELS: tuple[Channel, ...] = ("r", "g", "b")
 DEFAULT_TOLERANCE = 1e-3

@@ -25,7 +25,7 @@ from lensfit.render.buffers import aligned_empty
 from lensfit.render.smooth import PointFunction, smooth_over_window
 
 if TYPE_CHECKING:
-    from lensfit.optics.lens import Lens
+    from lensfit.lens import Lens
 
 Channel = Literal["r", "g", "b"]
 DEFAULT_TOLERANCE_PX = 2.5e-4

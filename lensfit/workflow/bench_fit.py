@@ -17,7 +17,7 @@ from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, LensfitError
 from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fit.lens_states import Fitted, LensState, fit
-from lensfit.optics.lens import Lens
+from lensfit.lens import Lens
 from lensfit.preset.schema import Camera
 from lensfit.progress import Progress, silent
 from lensfit.workflow import bench_lens, bench_sets

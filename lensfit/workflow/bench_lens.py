@@ -20,7 +20,7 @@ from lensfit.fit.chief_ray import HELD_OUT_SEEDS, ChiefRayFit, fitted_to_half
 from lensfit.fit.geometry import distortion_of
 from lensfit.fit.lens_states import LensState
 from lensfit.fit.views import line_numbers, observed_of
-from lensfit.optics.lens import Channel, Lens
+from lensfit.lens import Channel, Lens
 from lensfit.preset.lens_of_entry import lens_of_entry
 from lensfit.preset.schema import Camera
 from lensfit.workflow.entries import entry_of

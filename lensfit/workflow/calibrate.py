@@ -18,7 +18,7 @@ import numpy as np
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, OutputError
 from lensfit.fit.lens_states import Fitted, LensState, fit
-from lensfit.optics.lens import Lens
+from lensfit.lens import Lens
 from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent

@@ -16,7 +16,7 @@ from lensfit.fit.lens_states import Fitted, LensState
 from lensfit.fit.select import Verdict
 from lensfit.fit.uncertainty import position_deviation_mm
 from lensfit.optics.falloff import log_loss
-from lensfit.optics.lens import Lens
+from lensfit.lens import Lens
 from lensfit.preset.schema import Camera
 from lensfit.render.uv import overscan_needed
 from lensfit.workflow.observe import Observed

@@ -30,7 +30,7 @@ from lensfit.render.uv import (
 from lensfit.units import m_from_mm
 
 if TYPE_CHECKING:
-    from lensfit.optics.lens import Lens
+    from lensfit.lens import Lens
 
 Direction = Literal["redistort", "undistort", "both"]
 _MAKERS = {"undistort": stmap_undistort, "redistort": stmap_redistort}

@@ -33,5 +33,5 @@ def test_data_synth_borrows_files_and_windows_only(path):
 
 
 def test_a_planted_import_is_caught():
-    planted = "def f():\n    from lensfit.optics.lens import Lens"
+    planted = "def f():\n    from lensfit.lens import Lens"
     assert not lensfit_modules(planted) <= ALLOWED
