@@ -10,10 +10,10 @@ import math
 import jax.numpy as jnp
 import numpy as np
 
+from lensfit.lens import Illumination, Lens
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift
-from lensfit.lens import Illumination, Lens
 from lensfit.preset import blocks
 from lensfit.preset.blur_of_block import blur_block as blur_block
 from lensfit.preset.entry import Entry

@@ -15,8 +15,8 @@ from lensfit.fit.chief_ray import ChiefRayFit, rms, squared_px
 from lensfit.fit.lens_states import Fitted, LensState
 from lensfit.fit.select import Verdict
 from lensfit.fit.uncertainty import position_deviation_mm
-from lensfit.optics.falloff import log_loss
 from lensfit.lens import Lens
+from lensfit.optics.falloff import log_loss
 from lensfit.preset.schema import Camera
 from lensfit.render.uv import overscan_needed
 from lensfit.workflow.observe import Observed
