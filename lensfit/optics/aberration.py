@@ -146,11 +146,24 @@ def landing_mm(
     defocus_mm : How far the sensor lies behind the sharp image.
     """
     p = u * local.reference_sine
-    slope = _slope(p + local.chief_sine) - _slope(local.chief_sine)
+    slope = defocus_slope(p, local.chief_sine)
     landed = wavefront_gradient(u, local.series_mm) + defocus_mm * slope
     if local.depth is None:
         return landed
     return landed + jax.grad(shifted_path_mm)(p, local.depth)
+
+
+def defocus_slope(
+    p: Float[Array, "2"], chief: Float[Array, "2"]
+) -> Float[Array, "2"]:
+    """d landing / d defocus: tangent of a ray's angle less the chief ray's.
+
+    Parameters
+    ----------
+    p : Direction cosines against the chief ray.
+    chief : Those of the chief ray.
+    """
+    return _slope(p + chief) - _slope(chief)
 
 
 def landing_and_jacobian_mm(

@@ -123,6 +123,35 @@ def wavefront_gradient(
     return spread * u + turning
 
 
+@lru_cache(maxsize=32)
+def _by_mode(modes: tuple[Mode, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Azimuthal order of each mode, and its polynomial in P, (modes, powers)."""
+    orders = np.array([m.order for m in modes], int)
+    table = _table(modes)
+    return orders, table[np.arange(len(modes)), orders]
+
+
+def mode_gradients(
+    u: Float[Array, "2"], modes: tuple[Mode, ...]
+) -> Float[Array, "modes 2 2"]:
+    """Gradient of every mode: of its Re and Im member, along x and y."""
+    orders, powers = _by_mode(modes)
+    square = u[0] * u[0] + u[1] * u[1]
+    value = jnp.asarray(powers[:, -1], u.dtype)
+    slope = jnp.zeros_like(value)
+    for k in range(powers.shape[1] - 2, -1, -1):
+        slope = slope * square + value
+        value = value * square + jnp.asarray(powers[:, k], u.dtype)
+    re, im = powers_of(u, int(orders.max(initial=0)) + 1)
+    lower = np.maximum(orders - 1, 0)
+    turn = value * jnp.asarray(orders, u.dtype)
+    spread_re, spread_im = 2 * slope * re[orders], 2 * slope * im[orders]
+    turn_re, turn_im = turn * re[lower], turn * im[lower]
+    of_re = jnp.stack([spread_re * u[0] + turn_re, spread_re * u[1] - turn_im], -1)
+    of_im = jnp.stack([spread_im * u[0] + turn_im, spread_im * u[1] + turn_re], -1)
+    return jnp.stack([of_re, of_im], 1)
+
+
 def powers_of(u: Float[Array, "2"], count: int) -> tuple[Array, Array]:
     """Re and Im of z^0 ... z^(count - 1)."""
     re, im = [jnp.ones_like(u[0])], [jnp.zeros_like(u[0])]

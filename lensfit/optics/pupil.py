@@ -39,6 +39,8 @@ from jaxtyping import Array, Float
 SHARPNESS = 128.0
 """The p of the norm that stands for the smallest of several radii."""
 AREA_AZIMUTHS = 128
+MOST_BLADES = 16
+"""More are round. One program serves any number up to it."""
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 _FAR = 1e-6
 
@@ -56,7 +58,7 @@ class Pupil(eqx.Module):
     squeeze : Logarithm of the width over the height of the pupil in u (anamorphic).
     blade_rotation_rad : Azimuth of one corner, from x towards y.
     blade_curvature : 0 for straight blades, 1 for a round opening.
-    blades : Number of blades; 0 for a round stop.
+    blades : Number of blades, up to `MOST_BLADES`; 0 for a round stop.
     """
 
     rim_shift: Float[Array, "rims 2"]
@@ -66,7 +68,10 @@ class Pupil(eqx.Module):
     squeeze: Float[Array, ""]
     blade_rotation_rad: Float[Array, ""]
     blade_curvature: Float[Array, ""]
-    blades: int = eqx.field(static=True, default=0)
+    blades: Float[Array, ""] = eqx.field(
+        converter=lambda n: jnp.asarray(n, float) if isinstance(n, int) else n,
+        default=0,
+    )
 
 
 class PupilNodes(eqx.Module):
@@ -253,39 +258,51 @@ def _stop_edges(
     k |s|^2 / 2 + (1 - k d) n.s - d + k d^2 / 2 = 0: a circle about the centre for
     k = 1/d, a straight line for k = 0.
     """
-    if pupil.blades < 3:
-        one = jnp.ones((1,), centre.dtype)
-        c = (centre @ centre - stop_radius**2)[None]
-        return one, 2 * (outward @ centre)[:, None], c
-    sector = 2 * math.pi / pupil.blades
+    curvature, used, sector = _blades(pupil)
     turn = pupil.blade_rotation_rad + sector / 2
-    azimuth = turn + sector * jnp.arange(pupil.blades, dtype=centre.dtype)
+    azimuth = turn + sector * jnp.arange(MOST_BLADES, dtype=centre.dtype)
     normal = jnp.stack([jnp.cos(azimuth), jnp.sin(azimuth)], -1)
-    d = stop_radius * _apothem(pupil.blade_curvature, pupil.blades, sharpness)
-    k = pupil.blade_curvature / d
-    ahead = 1 - pupil.blade_curvature
-    a = jnp.broadcast_to(k / 2, azimuth.shape)
+    d = stop_radius * _apothem(pupil, sharpness)
+    k = curvature / d
+    ahead = 1 - curvature
+    a = jnp.where(used, k / 2, 0.0)
     b = (k * outward @ centre)[:, None] + ahead * (outward @ normal.T)
     c = k / 2 * (centre @ centre) - d + k * d * d / 2 + ahead * (normal @ centre)
-    return a, b, c
+    # What is no blade is met nowhere.
+    return a, jnp.where(used[None], b, 0.0), jnp.where(used, c, -1.0)
 
 
-def _apothem(curvature: Array, blades: int, sharpness: float) -> Array:
+def _blades(pupil: Pupil) -> tuple[Array, Array, Array]:
+    """Curvature, which of the arcs exist, and the angle between them.
+
+    Fewer than three make a circle: a single arc.
+    """
+    count = jnp.where(pupil.blades < 3, 1.0, pupil.blades)
+    curvature = jnp.where(pupil.blades < 3, 1.0, pupil.blade_curvature)
+    used = jnp.arange(MOST_BLADES, dtype=count.dtype) < count
+    return curvature, used, 2 * math.pi / count
+
+
+def _apothem(pupil: Pupil, sharpness: float) -> Array:
     """Distance of the blades' middles that gives the opening the area of the unit disc.
 
     By quadrature over half a sector, the smooth corners included. From the centre, an
     arc of curvature k at unit distance is met at the inverse radius
     (b + sqrt(b^2 + 2 k (1 - k/2))) / (2 - k), b = (1 - k) cos(angle to its normal).
     """
-    nodes, weights = np.polynomial.legendre.leggauss(12)
-    sector = 2 * math.pi / blades
+    curvature, used, sector = _blades(pupil)
+    nodes, weights = (
+        jnp.asarray(part, curvature.dtype)
+        for part in np.polynomial.legendre.leggauss(12)
+    )
     angle = (nodes + 1) / 4 * sector
-    turned = np.cos(angle[:, None] - sector * np.arange(blades))
+    blade = jnp.arange(MOST_BLADES, dtype=curvature.dtype)
+    turned = jnp.cos(angle[:, None] - sector * blade[None])
     c = 1 - curvature / 2
-    b = (1 - curvature) * jnp.asarray(turned, curvature.dtype)
+    b = (1 - curvature) * turned
     inverse = (b + jnp.sqrt(b * b + 2 * curvature * c + _FAR**2)) / (2 * c)
-    radius = _nearest(inverse, sharpness)
-    return 1 / jnp.sqrt(jnp.asarray(weights / 2, curvature.dtype) @ radius**2)
+    radius = _nearest(jnp.where(used[None], inverse, 0.0), sharpness)
+    return 1 / jnp.sqrt(weights / 2 @ radius**2)
 
 
 def _nearest(inverse: Array, sharpness: float) -> Array:

@@ -148,6 +148,30 @@ def _field_tables(terms: tuple[Term, ...]):
     return powers, signed, row, imaginary
 
 
+def term_amplitudes(
+    h: Float[Array, "2"], terms: tuple[Term, ...]
+) -> tuple[np.ndarray, Float[Array, "terms 2"]]:
+    """What a unit of each term adds at one field point, and to which mode.
+
+    Returns
+    -------
+    Index into `modes_of(terms)` (static), and amplitude of its Re and Im member.
+    """
+    powers, signed, row, imaginary = _field_tables(terms)
+    square = h[0] * h[0] + h[1] * h[1]
+    radial = jnp.zeros(len(terms), h.dtype)
+    for k in range(powers.shape[1] - 1, -1, -1):
+        radial = radial * square + jnp.asarray(powers[:, k], h.dtype)
+    re, im = powers_of(h, int(np.max(np.abs(signed), initial=0)) + 1)
+    eta_re = re[np.abs(signed)]
+    eta_im = im[np.abs(signed)] * jnp.asarray(np.sign(signed), h.dtype)
+    # Re[conj(eta) z] = eta_re Re z + eta_im Im z; Im[...] = eta_re Im z - eta_im Re z.
+    swap = jnp.asarray(imaginary)
+    along = jnp.where(swap, -eta_im, eta_re)
+    across = jnp.where(swap, eta_re, eta_im)
+    return row, jnp.stack([along, across], -1) * radial[:, None]
+
+
 def mode_amplitudes(
     h: Float[Array, "2"], coefficients: Float[Array, " terms"], terms: tuple[Term, ...]
 ) -> Float[Array, "modes 2"]:
@@ -157,18 +181,6 @@ def mode_amplitudes(
     ----------
     h : Field point in field radii.
     """
-    powers, signed, row, imaginary = _field_tables(terms)
-    square = h[0] * h[0] + h[1] * h[1]
-    radial = jnp.zeros_like(coefficients)
-    for k in range(powers.shape[1] - 1, -1, -1):
-        radial = radial * square + jnp.asarray(powers[:, k], coefficients.dtype)
-    re, im = powers_of(h, int(np.max(np.abs(signed), initial=0)) + 1)
-    eta_re = re[np.abs(signed)]
-    eta_im = im[np.abs(signed)] * jnp.asarray(np.sign(signed), h.dtype)
-    # Re[conj(eta) z] = eta_re Re z + eta_im Im z; Im[...] = eta_re Im z - eta_im Re z.
-    swap = jnp.asarray(imaginary)
-    along = jnp.where(swap, -eta_im, eta_re)
-    across = jnp.where(swap, eta_re, eta_im)
-    pair = jnp.stack([along, across], -1) * (radial * coefficients)[:, None]
+    row, pair = term_amplitudes(h, terms)
     zero = jnp.zeros((len(modes_of(terms)), 2), coefficients.dtype)
-    return zero.at[row].add(pair)
+    return zero.at[row].add(pair * coefficients[:, None])

@@ -111,7 +111,7 @@ def _pupil_block(pupil: Pupil) -> blocks.Pupil:
         stretch_along=_pair(along),
         stretch_across=_pair(across),
         squeeze=math.exp(float(pupil.squeeze)),
-        blades=pupil.blades,
+        blades=round(float(pupil.blades)),
         blade_rotation_rad=float(pupil.blade_rotation_rad),
         blade_curvature=float(pupil.blade_curvature),
     )
