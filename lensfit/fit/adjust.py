@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import ArrayLike, Bool, Float
 
 from lensfit.fit import normal, solve
 from lensfit.fit.bias import centroid_shift_mm
@@ -68,6 +68,14 @@ class Adjustment:
         """Marks that take part."""
         return self.stack.present & (self.weight > 0)
 
+    def filled_up(
+        self, values: Float[ArrayLike, " parameters"]
+    ) -> Float[np.ndarray, " room"]:
+        """Values of all parameters, and zeros for the places of `stack.filled_view`."""
+        room = self.layout.size(len(self.stack.filled_view.aperture))
+        known = np.asarray(values)
+        return np.concatenate([known, np.zeros(room - len(known))])
+
     def marks(
         self,
         weight: Float[np.ndarray, "views marks"] | None = None,
@@ -92,8 +100,8 @@ class Adjustment:
         """Where points on the boards should be seen; zero for padding."""
         deal = self.stack.chunking
         predicted = _predictions_mm(
-            self.parameters,
-            self.stack.view,
+            self.filled_up(self.parameters),
+            self.stack.filled_view,
             deal.view,
             deal.cut(board),
             self.layout,
@@ -155,17 +163,10 @@ def solved(
     damping: float = LITTLE_DAMPING,
 ) -> Adjustment:
     """The adjustment at the solution of a problem."""
-    found = solve.solve(
-        jnp.asarray(adjustment.parameters),
-        problem,
-        adjustment.layout,
-        TOLERANCE,
-        most_steps,
-        damping,
-    )
+    found = _solve(adjustment, problem, most_steps, damping)
     return replace(
         adjustment,
-        parameters=np.asarray(found.parameters),
+        parameters=np.asarray(found.parameters)[: len(adjustment.parameters)],
         converged=bool(found.converged),
         steps=adjustment.steps + int(found.steps),
     )
@@ -173,20 +174,40 @@ def solved(
 
 def equations_at(adjustment: Adjustment) -> Equations:
     """The equations of both halves of the marks at the present parameters."""
-    here, problem = jnp.asarray(adjustment.parameters), problem_of(adjustment)
-    found = solve.solve(here, problem, adjustment.layout, TOLERANCE, 1, LITTLE_DAMPING)
-    return found.equations
+    found = _solve(adjustment, problem_of(adjustment), 1, LITTLE_DAMPING).equations
+    n = len(adjustment.parameters)
+    return Equations(
+        jnp.asarray(np.asarray(found.matrix)[:, :n, :n]),
+        jnp.asarray(np.asarray(found.gradient)[:, :n]),
+        found.chi_squared,
+    )
+
+
+def _solve(
+    adjustment: Adjustment, problem: solve.Problem, most_steps: int, damping: float
+) -> solve.Solution:
+    """The solution, of the parameters as `Adjustment.filled_up` has them."""
+    filled_up = adjustment.filled_up
+    roomy = problem._replace(
+        views=adjustment.stack.filled_view,
+        prior_mean=jnp.asarray(filled_up(problem.prior_mean)),
+        prior_precision=jnp.asarray(filled_up(problem.prior_precision)),
+        free=jnp.asarray(filled_up(problem.free)),
+    )
+    start = jnp.asarray(filled_up(adjustment.parameters))
+    layout = adjustment.layout
+    return solve.solve(start, roomy, layout, TOLERANCE, most_steps, damping)
 
 
 def with_centroid_shift(adjustment: Adjustment) -> Adjustment:
     """The same with the shift of every dot's centroid predicted anew."""
-    deal = adjustment.stack.chunking
+    deal, views = adjustment.stack.chunking, adjustment.stack.filled_view
     shift = centroid_shift_mm(
-        adjustment.parameters,
-        adjustment.stack.view,
+        adjustment.filled_up(adjustment.parameters),
+        views,
         deal.view,
         deal.cut(adjustment.stack.board),
-        adjustment.radius_mm,
+        np.resize(adjustment.radius_mm, len(views.aperture)),
         adjustment.layout,
         adjustment.frame,
     )

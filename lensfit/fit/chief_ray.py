@@ -243,7 +243,7 @@ def _with_evidence(
     """Stages 2 and 3."""
     views, layout = len(start.takes), compact.layout
     always = _always(layout, views, start.focal_length_free)
-    terms = families(layout)
+    terms = families(layout, start.largest)
     if start.focal_length_free:
         del terms["principal_point"]  # it is in every model then
     free_field = {n: terms.pop(n) for n in ("free_field",) if n in terms}
@@ -381,14 +381,16 @@ def _px_per_deviation(adjustment: Adjustment) -> float:
 def halves_of(adjustment: Adjustment) -> tuple[Statistics, Statistics]:
     """Normal equations of the full model on two random halves of the marks."""
     here = equations_at(adjustment)
+    matrix, gradient = np.asarray(here.matrix), np.asarray(here.gradient)
+    squares = np.asarray(here.chi_squared)
     deal = adjustment.stack.chunking
     residuals = residuals_of(adjustment.stack) * adjustment.used
     counts = deal.cut(residuals) * deal.real
     one, other = (
         Statistics(
-            np.asarray(here.matrix[half]),
-            np.asarray(here.gradient[half]),
-            float(here.chi_squared[half]),
+            matrix[half],
+            gradient[half],
+            float(squares[half]),
             int(counts[:, half::2].sum()),
         )
         for half in (0, 1)

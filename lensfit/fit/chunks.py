@@ -2,8 +2,9 @@
 
 A program is compiled for the shapes of its arrays, and photographs hold any number of
 marks. Marks are therefore dealt into chunks of `MARKS` of one photograph each, and the
-number of chunks is filled up to a power of two; a loop over the chunks in use pays for
-those alone. Within a photograph marks are shuffled, so that
+number of chunks is filled up to a power of two, no smaller than most shoots need; a
+loop over the chunks in use pays for those alone. Within a photograph marks are
+shuffled, so that
 
 - the first chunks of all photographs are a fair sample of the whole, and
 - every other mark of a chunk makes one of two random halves (`normal`).
@@ -17,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 MARKS = 64
 """Of one chunk; a board of few marks fills one."""
-_FEWEST_CHUNKS = 8
+_FEWEST_CHUNKS = 128
 
 
 class Marks(NamedTuple):

@@ -14,14 +14,11 @@ from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fit.colour import ChannelColour, fit_colour
 from lensfit.fit.geometry import distortion_of
 from lensfit.fit.illumination import FallOffFit, fit_illumination
-from lensfit.fit.take import Take
+from lensfit.fit.take import Take, grouped
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
 from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent
-from lensfit.units import dioptres_from_mm
-
-_SAME_FOCUS_DIOPTRES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,33 +84,6 @@ def fit(takes: list[Take], progress: Progress = silent) -> Fitted:
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
     return Fitted(tuple(states), failed)
-
-
-def grouped(takes: list[Take]) -> list[list[Take]]:
-    """Takes of one focal length and focus distance together, in order.
-
-    Focus distances that no barrel tells apart (`_SAME_FOCUS_DIOPTRES`) are one.
-    """
-    groups: list[list[Take]] = []
-    for take in takes:
-        same = (group for group in groups if _same_state(group[0], take))
-        group = next(same, None)
-        if group is None:
-            groups.append([take])
-        else:
-            group.append(take)
-    return groups
-
-
-def _same_state(one: Take, other: Take) -> bool:
-    if one.focal_length_mm != other.focal_length_mm:
-        return False
-    if one.focus_distance_mm is None or other.focus_distance_mm is None:
-        return one.focus_distance_mm is other.focus_distance_mm
-    apart = dioptres_from_mm(one.focus_distance_mm) - dioptres_from_mm(
-        other.focus_distance_mm
-    )
-    return abs(apart) < _SAME_FOCUS_DIOPTRES
 
 
 def _require_like_focus(takes: list[Take]) -> None:

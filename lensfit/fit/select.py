@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fit.parameters import (
+    APERTURE_SHIFT_TERMS,
     DRIFT_PARAMETERS,
     POSE_PARAMETERS,
     Layout,
@@ -86,22 +87,26 @@ class Verdict:
         return f"left out: it does not predict unseen marks better; {evidence}"
 
 
-def families(layout: Layout) -> dict[str, list[Step]]:
-    """Every family of shared terms that may enter, as nested steps."""
-    blocks = layout.blocks
+def families(layout: Layout, largest: Layout | None = None) -> dict[str, list[Step]]:
+    """Every family of shared terms that may enter, as nested steps.
+
+    `largest` is the model to stop at, where the layout has room for more.
+    """
+    blocks, largest = layout.blocks, largest or layout
+    apertures = slice(0, APERTURE_SHIFT_TERMS * largest.apertures)
     of = {name: np.arange(where.start, where.stop) for name, where in blocks.items()}
     found = {
         "principal_point": [Step("principal_point", of["principal_point"])],
         "radial": [
-            Step(f"radial_{k}", of["radial"][:k]) for k in range(1, layout.radial + 1)
+            Step(f"radial_{k}", of["radial"][:k]) for k in range(1, largest.radial + 1)
         ],
         "squeeze": [Step("squeeze", of["squeeze"])],
         "decentering": _prefixes("decentering", of["decentering"], (2, 4)),
         "thin_prism": _prefixes("thin_prism", of["thin_prism"], (2, 4)),
         "anamorphic": _prefixes("anamorphic", of["anamorphic"], (3, 8)),
-        "free_field": _field_steps(of["free_field"], layout.free_degree),
-        "board_stretch": _stretch_steps(of["board_stretch"], layout.stretch_degree),
-        "aperture_shift": [Step("aperture_shift", of["aperture_shift"])],
+        "free_field": _field_steps(of["free_field"], largest.free_degree),
+        "board_stretch": _stretch_steps(of["board_stretch"], largest.stretch_degree),
+        "aperture_shift": [Step("aperture_shift", of["aperture_shift"][apertures])],
     }
     return {name: steps for name, steps in found.items() if steps and len(steps[0][1])}
 

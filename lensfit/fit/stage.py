@@ -1,10 +1,12 @@
 """Before the first step: scales, start poses, and how large a model may become.
 
 The largest model that may be tried follows from the number of marks: a free field of
-degree nine has a hundred coefficients, which a hundred marks cannot carry.
+degree nine has a hundred coefficients, which a hundred marks cannot carry. The arrays
+are laid out for the largest model of any state of the lens, so that one compiled
+program fits them all.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +20,7 @@ from lensfit.fit.start import (
     focal_length_from_homographies,
     pose_from_homography,
 )
-from lensfit.fit.take import Take
+from lensfit.fit.take import Take, grouped
 from lensfit.fit.views import Stack, board_of, observed_of, stack_takes
 
 _TILT_RAD = 0.12
@@ -38,7 +40,8 @@ class Start:
     takes : In the order of the arrays.
     stack : Their marks.
     frame : Scales of the parameters.
-    layout : The largest model that may be tried.
+    largest : The model that these takes can carry.
+    layout : Room for the largest model of any state of the lens.
     radius_mm : Of the dots of every take; 0 where marks are not dots.
     focal_length_free : Whether views tilt enough to determine the focal length.
     half_angle_rad : From the axis to the furthest mark.
@@ -48,6 +51,7 @@ class Start:
     takes: tuple[Take, ...]
     stack: Stack
     frame: Frame
+    largest: Layout
     layout: Layout
     radius_mm: np.ndarray
     focal_length_free: bool
@@ -78,8 +82,7 @@ def start_of(takes: list[Take], shown: list[Take]) -> Start:
     focal_mm, notes = _stated_focal_length(takes)
     poses = [_pose(take, focal_mm) for take in takes]
     focal_mm, poses = _scaled_to_distance(takes, focal_mm, poses, notes)
-    numbers = sorted({t.f_number for t in takes if t.f_number}, reverse=True)[:4]
-    apertures = [_aperture(take, numbers) for take in takes]
+    apertures = [_aperture(take, _apertures(takes)) for take in takes]
     whole = _whole_boards(takes)
     stack = stack_takes(takes, poses, apertures, whole)
     radius = float(np.hypot(*takes[0].sensor_size_mm)) / 2
@@ -94,11 +97,14 @@ def start_of(takes: list[Take], shown: list[Take]) -> Start:
         valid_radius=jnp.asarray(furthest / radius * _MARGIN),
         box=jnp.asarray(box * np.exp([squeeze / 2, -squeeze / 2])),
     )
+    bend, stretch = _board_degrees(takes, any(whole), poses)
+    largest = replace(_lens_layout(takes), bend_degree=bend, stretch_degree=stretch)
     return Start(
         takes=tuple(takes),
         stack=stack,
         frame=frame,
-        layout=_layout(takes, len(numbers), any(whole), poses),
+        largest=largest,
+        layout=_with_room(largest, grouped(shown)),
         radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
         focal_length_free=_views_tilt(poses),
         half_angle_rad=float(np.arctan(furthest / focal_mm)),
@@ -169,6 +175,11 @@ def _scaled_to_distance(
     return focal_mm * ratio, [Pose(p.rotation, p.translation_mm * scale) for p in poses]
 
 
+def _apertures(takes: list[Take]) -> list[float]:
+    """The f-numbers that are told apart, smallest aperture first."""
+    return sorted({t.f_number for t in takes if t.f_number}, reverse=True)[:4]
+
+
 def _aperture(take: Take, numbers: list[float]) -> int:
     if take.f_number is None or not numbers:
         return 0
@@ -187,21 +198,36 @@ def _whole_boards(takes: list[Take]) -> list[bool]:
     return [extent == commonest for extent in extents]
 
 
-def _layout(
-    takes: list[Take], apertures: int, whole: bool, poses: list[Pose]
-) -> Layout:
+def _lens_layout(takes: list[Take]) -> Layout:
+    """The largest model of the lens, without errors of the board."""
     marks = sum(len(t.observations) for t in takes)
-    each = marks / len(takes)
     degrees = ((10_000, 11), (1500, 9), (600, 7), (300, 5))
-    degree = next((d for n, d in degrees if marks >= n), 0)
-    several = len(takes) >= _BEND_VIEWS and _tilt_rad(poses) > _BEND_TILT_RAD
-    bend = next((d for n, d in ((200, 4), (40, 2)) if each >= n), 0) if several else 0
     return Layout(
         radial=6 if marks >= 200 else 3,
-        free_degree=degree,
-        bend_degree=bend,
-        stretch_degree=4 if several and whole and each >= 40 else 0,
-        apertures=max(apertures - 1, 0),
+        free_degree=next((d for n, d in degrees if marks >= n), 0),
+        apertures=max(len(_apertures(takes)) - 1, 0),
+    )
+
+
+def _board_degrees(
+    takes: list[Take], whole: bool, poses: list[Pose]
+) -> tuple[int, int]:
+    """Of the board's bend, and of its errors within its plane."""
+    each = sum(len(t.observations) for t in takes) / len(takes)
+    if len(takes) < _BEND_VIEWS or _tilt_rad(poses) <= _BEND_TILT_RAD:
+        return 0, 0
+    bend = next((d for n, d in ((200, 4), (40, 2)) if each >= n), 0)
+    return bend, 4 if whole and each >= 40 else 0
+
+
+def _with_room(layout: Layout, states: list[list[Take]]) -> Layout:
+    """A layout with room for the lens model of every state."""
+    all_of_them = [layout, *map(_lens_layout, states)]
+    return replace(
+        layout,
+        radial=max(one.radial for one in all_of_them),
+        free_degree=max(one.free_degree for one in all_of_them),
+        apertures=max(one.apertures for one in all_of_them),
     )
 
 

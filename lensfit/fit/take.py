@@ -7,6 +7,9 @@ target's dimensions and the state of the lens. Distances count from the sensor p
 from dataclasses import dataclass
 
 from lensfit.detect.observations import Observations
+from lensfit.units import dioptres_from_mm
+
+_SAME_FOCUS_DIOPTRES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,3 +40,30 @@ class Take:
     focus_distance_mm: float | None = None
     target_distance_mm: float | None = None
     squeeze: float = 1.0
+
+
+def grouped(takes: list[Take]) -> list[list[Take]]:
+    """Takes of one focal length and focus distance together, in order.
+
+    Focus distances that no barrel tells apart (`_SAME_FOCUS_DIOPTRES`) are one.
+    """
+    groups: list[list[Take]] = []
+    for take in takes:
+        same = (group for group in groups if _same_state(group[0], take))
+        group = next(same, None)
+        if group is None:
+            groups.append([take])
+        else:
+            group.append(take)
+    return groups
+
+
+def _same_state(one: Take, other: Take) -> bool:
+    if one.focal_length_mm != other.focal_length_mm:
+        return False
+    if one.focus_distance_mm is None or other.focus_distance_mm is None:
+        return one.focus_distance_mm is other.focus_distance_mm
+    apart = dioptres_from_mm(one.focus_distance_mm) - dioptres_from_mm(
+        other.focus_distance_mm
+    )
+    return abs(apart) < _SAME_FOCUS_DIOPTRES

@@ -1,11 +1,14 @@
-"""Takes stacked into arrays of one shape, so that one compiled program fits any shoot.
+"""Takes stacked into arrays: start poses, and the marks of all photographs.
 
-Marks are padded to a common number; padding has zero weight. Counts are rounded up to
-a few sizes per octave, so that the next shoot most likely reuses the program.
+Marks are padded to the number of the photograph that has most; padding is not
+`present`. Programs are compiled for other shapes, of which there are few: marks go to
+them in chunks (`chunks`), and start poses filled up to a power of two.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,6 +20,8 @@ from lensfit.fit.geometry import View
 from lensfit.fit.start import Pose
 from lensfit.fit.take import Take
 
+FEWEST_VIEWS = 4
+"""A state of a lens with fewer photographs runs the program of this many."""
 OVERLAP_DEVIATION_PX = 0.1
 """Added to the noise of a mark whose blur touches its neighbour's."""
 
@@ -45,6 +50,14 @@ class Stack:
     covariance_mm2: Float[np.ndarray, "views marks 2 2"]
     normal: Float[np.ndarray, "views marks 2"]
     mm_per_px: Float[np.ndarray, " views"]
+
+    @cached_property
+    def filled_view(self) -> View:
+        """The start poses, and copies of the first ones up to a power of two."""
+        count = len(self.present)
+        room = max(FEWEST_VIEWS, 1 << (count - 1).bit_length())
+        places = np.arange(room) % count
+        return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[places]), self.view)
 
 
 def board_of(take: Take) -> Float[np.ndarray, "marks 2"]:

@@ -6,7 +6,8 @@ import pytest
 from pinhole_shoot import Camera, shoot
 
 from lensfit.errors import FitError
-from lensfit.fit.lens_states import fit, grouped
+from lensfit.fit.lens_states import fit
+from lensfit.fit.take import grouped
 
 TAKES = shoot(Camera())
 

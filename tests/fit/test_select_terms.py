@@ -128,3 +128,15 @@ def test_bends_belong_to_every_photograph_and_leave_poses_alone():
     assert [len(s.indices) for s in steps] == [4 * 3, 4 * 7]
     within = (steps[-1].indices - layout.shared) % layout.local
     assert within.min() == POSE_PARAMETERS + DRIFT_PARAMETERS
+
+
+def test_room_for_another_states_model_adds_no_terms():
+    own = Layout(radial=3, free_degree=3, apertures=1)
+    found = families(Layout(free_degree=7, apertures=3), own)
+    expected = families(own)
+    assert {
+        name: [(s.name, len(s.indices)) for s in steps] for name, steps in found.items()
+    } == {
+        name: [(s.name, len(s.indices)) for s in steps]
+        for name, steps in expected.items()
+    }

@@ -87,3 +87,14 @@ def test_a_squeezed_shoot_starts_from_its_own_focal_length():
     start = start_of(takes, takes)
     np.testing.assert_allclose(start.frame.stated_focal_length_mm, 50.0, rtol=0.02)
     assert not start.notes
+
+
+def test_states_of_one_lens_share_a_layout_and_keep_their_own_largest_model():
+    few, many = shoot(Camera())[:1], shoot(Camera())
+    many = [replace(take, focus_distance_mm=900.0, f_number=2.0) for take in many]
+    many[0] = replace(many[0], f_number=8.0)
+    few = [replace(take, focus_distance_mm=2000.0) for take in few]
+    starts = [start_of(state, few + many) for state in (few, many)]
+    assert starts[0].layout == starts[1].layout == starts[1].largest
+    assert starts[0].largest.free_degree < starts[0].layout.free_degree
+    assert starts[0].largest.apertures == 0 < starts[0].layout.apertures
