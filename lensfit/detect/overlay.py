@@ -108,6 +108,10 @@ def _encoded(linear: np.ndarray) -> UInt8[np.ndarray, "..."]:
     )
 
 
+_CODES = _encoded(np.linspace(0.0, 1.0, 1 << 16))
+"""Of all levels of 16 bits: a picture has millions of samples, a power is slow."""
+
+
 def _scale(width: int) -> float:
     if width > WIDEST_PX:
         return WIDEST_PX / width
@@ -130,6 +134,8 @@ def _developed(
         column, row = np.floor(observations.points_px).astype(int).T
         peak = float(np.median(photograph.pixels[row, column].max(-1)))
         white = max(white, LEAST_OF_MARKS * peak)
-    colour = np.broadcast_to(pixels / white, (height, width, 3))
-    grey = colour.mean(2, keepdims=True)
-    return _encoded(DIMMED * (colour + GREYED * (grey - colour)))
+    if pixels.shape[2] == 1:
+        pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB)
+    mixed = DIMMED * ((1 - GREYED) * np.eye(3) + GREYED / 3) * (len(_CODES) - 1) / white
+    levels = np.clip(cv2.transform(pixels, mixed), 0, len(_CODES) - 1)
+    return _CODES[np.rint(levels).astype(np.uint16)]
