@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 
 from lensfit.errors import OutputError
 
@@ -80,10 +81,15 @@ def _reserve(path: Path) -> Path:
     return Path(name)
 
 
+_one_at_a_time = Lock()
+"""The mask can only be read by setting it, for the whole process."""
+
+
 def _give_ordinary_permissions(path: Path) -> None:
     """mkstemp makes files private; outputs follow the user's umask instead."""
-    umask = os.umask(0)
-    os.umask(umask)
+    with _one_at_a_time:
+        umask = os.umask(0)
+        os.umask(umask)
     # The writer may have failed to make the file at all: os.replace then says so.
     if path.exists():
         path.chmod(0o666 & ~umask)

@@ -48,7 +48,9 @@ class Window(NamedTuple):
         """(x, y) of every pixel centre, in pixels of the shared pixel space."""
         x = np.arange(self.x_min, self.x_max + 1, dtype=float) + 0.5
         y = np.arange(self.y_min, self.y_max + 1, dtype=float) + 0.5
-        return np.stack(np.meshgrid(x, y), -1)
+        centres = np.empty((self.height, self.width, 2))
+        centres[..., 0], centres[..., 1] = x, y[:, None]
+        return centres
 
 
 def mm_from_px(
@@ -85,9 +87,11 @@ def uv_from_px(
 ) -> Float[np.ndarray, "*points 2"]:
     """Absolute UV, origin bottom-left, of positions in the shared pixel space."""
     points_px = np.asarray(points_px, float)
-    u = (points_px[..., 0] - display_window.x_min) / display_window.width
-    v = 1.0 - (points_px[..., 1] - display_window.y_min) / display_window.height
-    return np.stack([u, v], -1)
+    uv = np.empty_like(points_px)
+    uv[..., 0] = (points_px[..., 0] - display_window.x_min) / display_window.width
+    uv[..., 1] = (points_px[..., 1] - display_window.y_min) / display_window.height
+    uv[..., 1] = 1.0 - uv[..., 1]
+    return uv
 
 
 def px_from_uv(

@@ -6,7 +6,7 @@ Takes of one state share their geometry and colour; fall-off belongs to each f-n
 from dataclasses import dataclass
 
 import cv2
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 from lensfit.errors import FitError
@@ -99,6 +99,9 @@ def _require_like_focus(takes: list[Take]) -> None:
             )
 
 
+_distortion_of = jax.jit(distortion_of, static_argnames=("layout",))
+
+
 def _fit_state(
     group: list[Take],
     takes: list[Take],
@@ -109,9 +112,10 @@ def _fit_state(
     geometry = fit_chief_ray(group, progress, shown=takes, base=base)
     adjustment = geometry.adjustment
     layout = adjustment.layout
-    shared = jnp.asarray(adjustment.parameters[: layout.shared])
-    lens = distortion_of(shared, layout, adjustment.frame)
-    distortion = without_idle_degrees(lens)
+    shared = adjustment.parameters[: layout.shared]
+    lens = _distortion_of(shared, layout, adjustment.frame)
+    # On the host, where taking an array apart compiles nothing.
+    distortion = without_idle_degrees(jax.device_get(lens))
     centre = np.asarray(distortion.principal_point_mm)
     radius = float(distortion.reference_radius_mm)
     return LensState(

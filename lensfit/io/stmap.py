@@ -159,8 +159,11 @@ def _channels(
 ) -> dict[str, np.ndarray]:
     if uv.dtype == np.float16:
         raise _half(path)
-    undefined = ~np.isfinite(uv).all(-1, keepdims=True)
-    u, v = np.moveaxis(np.where(undefined, UNDEFINED_UV, uv).astype(np.float32), -1, 0)
+    planes = uv[..., 0], uv[..., 1]
+    defined = np.isfinite(planes[0]) & np.isfinite(planes[1])
+    u, v = (
+        np.where(defined, plane, UNDEFINED_UV).astype(np.float32) for plane in planes
+    )
     prefix = f"{layer}." if layer else ""
     return {f"{prefix}R": u, f"{prefix}G": v, f"{prefix}B": np.zeros_like(u)}
 

@@ -10,6 +10,7 @@ other at the end.
 import contextlib
 import json
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -74,9 +75,11 @@ def calibrate(
     seconds = _seconds(observed, fitted) | {"fit": time.perf_counter() - began}
     began = time.perf_counter()
     preset = _preset(shoot, observed, fitted)
-    maps = _write_maps(preset, folder, progress)
+    with ThreadPoolExecutor(1) as pool:
+        writing = pool.submit(_write_maps, preset, folder, progress)
+        report = _report(shoot, observed, fitted, preset, folder)
+        maps = writing.result()
     seconds["write"] = time.perf_counter() - began
-    report = _report(shoot, observed, fitted, preset, folder)
     report["seconds"] = {k: round(v, 3) for k, v in seconds.items()}
     report["files"]["stmaps"] = maps
     # What takes long is done: preset and report, which must agree, follow each other.

@@ -7,6 +7,7 @@ colour a file holds a map per channel (see `lensfit.io.stmap`).
 """
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -102,22 +103,26 @@ def write_stmaps(
     """
     _check(frame, Path(out_dir))
     wanted = [d for d in _MAKERS if direction in (d, "both")]
-    paths = []
-    for done, one in enumerate(wanted):
-        progress("UV maps", done, len(wanted))
+    channels = _CHANNELS if per_channel else ("g",)
+    progress("UV maps", 0, len(wanted))
+
+    def write(one: str) -> Path:
         path = Path(out_dir) / f"{name}_{one}.exr"
-        uv = {
-            channel: _map(lens, frame, one, channel, tolerance_px)
-            for channel in (_CHANNELS if per_channel else ("g",))
-        }
+        uv = {c: _map(lens, frame, one, c, tolerance_px) for c in channels}
         windows = (frame.display_window, frame.data_window)
         attributes = _attributes(lens, frame, name, one)
         if per_channel:
             write_channel_stmaps(path, uv, *windows, attributes)
         else:
             write_stmap(path, uv["g"], *windows, attributes)
-        paths.append(path)
-    progress("UV maps", len(wanted), len(wanted))
+        return path
+
+    paths = []
+    # One compresses while the other is computed.
+    with ThreadPoolExecutor(len(_MAKERS)) as pool:
+        for path in pool.map(write, wanted):
+            paths.append(path)
+            progress("UV maps", len(paths), len(wanted))
     needed = overscan_needed(
         lens, frame.display_window, sensor_width_mm=frame.sensor_width_mm
     )
