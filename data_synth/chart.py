@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 ChartKind = Literal["dot-grid", "line-grid", "checkerboard"]
 
@@ -24,11 +24,20 @@ class Chart:
     kind : Round holes, bright lines, or a checkerboard (white square at X, Y > 0).
     pitch_mm : Distance of neighbouring marks; side of one checker square.
     mark_mm : Diameter of a hole, or width of a line; unused for a checkerboard.
+    reach_mm : Half-sides of the printed area around mark (0, 0); None has no end.
     """
 
     kind: ChartKind
     pitch_mm: float
     mark_mm: float = 0.0
+    reach_mm: tuple[float, float] | None = None
+
+    def is_printed(
+        self, chart_mm: Float[np.ndarray, "*points 2"]
+    ) -> Bool[np.ndarray, "*points"]:
+        """Whether chart positions lie in the printed area."""
+        reach_mm = (np.inf, np.inf) if self.reach_mm is None else self.reach_mm
+        return np.all(np.abs(chart_mm) <= np.array(reach_mm), axis=-1)
 
 
 @dataclass(frozen=True)
@@ -85,6 +94,11 @@ def pattern_coverage(
     Exact for a box with sides along the chart's axes, each of `footprint_mm`; dots are
     averaged across their edge only.
     """
+    pattern = _endless_coverage(chart, chart_mm, footprint_mm)
+    return pattern if chart.reach_mm is None else pattern * chart.is_printed(chart_mm)
+
+
+def _endless_coverage(chart: Chart, chart_mm, footprint_mm):
     x, y = np.moveaxis(chart_mm, -1, 0)
     width_x, width_y = np.moveaxis(footprint_mm, -1, 0)
     if chart.kind == "checkerboard":

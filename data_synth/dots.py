@@ -112,6 +112,7 @@ def dots_in_frame(
     limit = np.array(frame.size_mm) * (0.5 + margin)
     with np.errstate(invalid="ignore"):
         seen = (np.abs(landing) < limit).all(axis=1) & (object_mm[:, 2] > 0)
+    seen &= chart.is_printed(chart_mm)
     seen &= _is_unfolded(lens, object_mm)
     return index[seen], chart_mm[seen]
 

@@ -181,7 +181,9 @@ def _defocus_mm(
     pupils = {s: first_order(surfaces, REFERENCE_NM, s) for s in ("x", "y")}
     stop_mm = pupils["y"].focal_length_mm / (2 * f_number)
     stop_mm /= pupils["y"].entrance_pupil_magnification
-    stop_heights = abs(stop_mm) * np.sqrt((np.arange(16) + 0.5) / 16)
+    one_side = abs(stop_mm) * np.sqrt((np.arange(16) + 0.5) / 16)
+    # Both sides of the axis: a displaced element throws the whole bundle aside.
+    stop_heights = np.concatenate([one_side, -one_side])
     product, square = 0.0, 0.0
     for section in sections:
         axis = "xy".index(section)
@@ -193,6 +195,7 @@ def _defocus_mm(
         origin[:, 2] = -min(distance_mm, FAR_MM)
         traced = trace(surfaces, None, *_ray_between(origin, target), REFERENCE_NM)
         slope = traced.direction[:, axis] / traced.direction[:, 2]
+        slope = slope - np.nanmean(slope)
         product += np.nansum(traced.landing_mm[:, axis] * slope)
         square += np.nansum(slope * slope)
     return float(-product / square)

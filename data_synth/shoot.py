@@ -9,6 +9,7 @@ truth.
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from jaxtyping import Float
 from data_synth.aim import chief_landings_mm, tracer_from_object
 from data_synth.bands import CHANNELS, Band, camera_bands
 from data_synth.chart import Chart, Pose
+from data_synth.dot_images import expose_dots_from_maps
 from data_synth.dots import DotTruth, expose_dots
 from data_synth.files import (
     ENCODINGS,
@@ -30,6 +32,12 @@ from data_synth.irradiance import plane_irradiance
 from data_synth.lens import SetLens, set_lens
 from data_synth.patterns import expose_pattern
 from data_synth.prescription import Prescription
+from data_synth.psf_truth import (
+    WavefrontTruth,
+    settings_for,
+    wavefront_truth,
+    write_truth,
+)
 from data_synth.sensor import Sensor, digitise
 from lensfit.atomic import write_text_atomic
 
@@ -40,7 +48,16 @@ FIELD_STEPS = (13, 11)
 
 @dataclass(frozen=True)
 class Shot:
-    """One photograph to take; angles and lengths as in `Pose`."""
+    """One photograph to take; angles and lengths as in `Pose`.
+
+    Attributes
+    ----------
+    exposure : Gain; None exposes automatically.
+    brightest : Automatic exposure puts the brightest sample here; None puts the
+        brightest half per mille of the picture at 0.75.
+    rays_per_wavelength : Per dot, by brute force.
+    from_maps : Dots are drawn from pupil maps in place of brute force.
+    """
 
     name: str
     chart: Chart
@@ -50,18 +67,26 @@ class Shot:
     focal_length_mm: float | None = None
     form: PictureFormat = "exr"
     exposure: float | None = None
+    brightest: float | None = None
     says_distance: bool = True
     rays_per_wavelength: int = 2048
+    from_maps: bool = False
 
 
 @dataclass(frozen=True)
 class Camera:
-    """The body: its frame, its sensor and its iris."""
+    """The body: its frame, its sensor, its colour filters and the lens' iris.
+
+    Attributes
+    ----------
+    wavelengths : Of each colour band.
+    """
 
     frame: Frame
     sensor: Sensor
     blades: int = 7
     blade_rotation_deg: float = 10.0
+    wavelengths: int = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,16 +107,16 @@ def take(
     change: Callable | None = None,
 ) -> tuple[SetLens, Taken]:
     """Set the lens for one shot and photograph its chart, without noise."""
-    lens = set_lens(
-        prescription,
-        focal_length_mm=shot.focal_length_mm,
-        f_number=shot.f_number,
-        focus_distance_mm=shot.focus_distance_mm,
-        blades=camera.blades,
-        blade_rotation_rad=math.radians(camera.blade_rotation_deg),
-        change=change,
-    )
-    bands = camera_bands()
+    lens = _set(
+        prescription, camera, shot.focal_length_mm, change,
+        shot.f_number, shot.focus_distance_mm,
+    )  # fmt: skip
+    bands = camera_bands(camera.wavelengths)
+    if shot.from_maps and shot.chart.kind == "dot-grid":
+        image, dots = expose_dots_from_maps(
+            lens, shot.chart, shot.pose, camera.frame, bands
+        )
+        return lens, Taken(image, dots, 0.0)
     if shot.chart.kind == "dot-grid":
         image, dots = expose_dots(
             lens, shot.chart, shot.pose, camera.frame, bands,
@@ -102,6 +127,20 @@ def take(
     return lens, Taken(image, None, misfit_px)
 
 
+def _set(
+    prescription, camera: Camera, focal_length_mm, change, f_number, focus_distance_mm
+) -> SetLens:
+    return set_lens(
+        prescription,
+        focal_length_mm=focal_length_mm,
+        f_number=f_number,
+        focus_distance_mm=focus_distance_mm,
+        blades=camera.blades,
+        blade_rotation_rad=math.radians(camera.blade_rotation_deg),
+        change=change,
+    )
+
+
 def write_shoot(
     folder: Path,
     prescription: Prescription,
@@ -110,6 +149,7 @@ def write_shoot(
     *,
     seed: int = 0,
     change: Callable | None = None,
+    with_wavefront: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Photograph every shot and write pictures, shoot file and truth into a folder.
@@ -117,6 +157,7 @@ def write_shoot(
     Parameters
     ----------
     change : A tolerance error of the lens (see `set_lens`).
+    with_wavefront : Also write `truth_wavefront.npz` (see `data_synth.psf_truth`).
     progress : Told the name of each shot before it is taken.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -126,7 +167,7 @@ def write_shoot(
         lens, taken = take(
             prescription, camera, shot, seed=seed + 100 * number, change=change
         )
-        gain = shot.exposure or _exposure(taken.image)
+        gain = shot.exposure or _exposure(taken.image, shot.brightest)
         picture = digitise(taken.image * gain, camera.sensor, seed + 100 * number + 1)
         write_picture(folder / picture_name(shot.name, shot.form), picture, shot.form)
         write_json(
@@ -136,9 +177,32 @@ def write_shoot(
         states.setdefault(f"{lens.focal_length_mm:.2f}mm_{setting}", lens)
     write_text_atomic(folder / "shoot.toml", shoot_toml(prescription, camera, shots))
     write_json(folder / "truth_lens.json", lens_truth(prescription, camera, states))
+    if with_wavefront:
+        progress("truth_wavefront")
+        write_truth(folder, _wavefront(prescription, camera, shots, change))
 
 
-def _exposure(image: Float[np.ndarray, "height width 3"]) -> float:
+def _wavefront(
+    prescription: Prescription, camera: Camera, shots: list[Shot], change
+) -> WavefrontTruth:
+    """Of the focal length of the first shot, at the settings of square dot takes."""
+    square = [s for s in shots if s.chart.kind == "dot-grid" and s.says_distance]
+    seen = [(s.f_number, s.focus_distance_mm, s.pose.distance_mm) for s in square]
+    state = prescription.state_nearest(shots[0].focal_length_mm)
+    return wavefront_truth(
+        partial(_set, prescription, camera, shots[0].focal_length_mm, change),
+        camera.frame,
+        camera_bands(camera.wavelengths),
+        settings_for(tuple(dict.fromkeys(seen))),
+        state.focal_length_mm,
+    )
+
+
+def _exposure(
+    image: Float[np.ndarray, "height width 3"], brightest: float | None
+) -> float:
+    if brightest is not None:
+        return brightest / max(float(image.max()), 1e-9)
     return BRIGHTEST / max(float(np.quantile(image, 0.9995)), 1e-9)
 
 
@@ -197,11 +261,11 @@ def lens_truth(prescription: Prescription, camera: Camera, states: dict) -> dict
         + [f"relative_illumination_{c}" for c in CHANNELS],
     }
     for key, lens in states.items():
-        table[key] = field_table(lens, camera.frame)
+        table[key] = field_table(lens, camera.frame, camera.wavelengths)
     return table
 
 
-def field_table(lens: SetLens, frame: Frame) -> list[list[float]]:
+def field_table(lens: SetLens, frame: Frame, wavelengths: int = 3) -> list[list[float]]:
     """Rows of object point, chief ray per channel (px) and relative illumination."""
     distance_mm = lens.focus_distance_mm
     if not math.isfinite(distance_mm):
@@ -215,7 +279,7 @@ def field_table(lens: SetLens, frame: Frame) -> list[list[float]]:
     columns = [object_mm.round(3)]
     light = []
     with_centre = np.concatenate([object_mm, [[0.0, 0.0, distance_mm]]])
-    for band in camera_bands():
+    for band in camera_bands(wavelengths):
         columns.append(_chiefs_px(lens, frame, object_mm, band).round(4))
         middle_nm = band.wavelengths_nm[len(band.wavelengths_nm) // 2]
         irradiance = plane_irradiance(lens, with_centre, middle_nm)
