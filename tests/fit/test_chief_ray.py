@@ -13,6 +13,7 @@ from lensfit.fit import solve
 from lensfit.fit.adjust import equations_at, problem_of
 from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fit.geometry import distortion_of
+from lensfit.fit.levenberg import with_prior
 from lensfit.optics.distortion import distorted_from_undistorted
 
 NOISE_PX = 0.05
@@ -29,7 +30,7 @@ def _focal_length_mm(fit: ChiefRayFit) -> tuple[float, float]:
     adjustment = fit.adjustment
     here = jnp.asarray(adjustment.parameters)
     found, problem = equations_at(adjustment), problem_of(adjustment)
-    matrix, *_ = solve.with_prior(found, here, problem)
+    matrix, *_ = with_prior(solve.total(found), here, problem.prior)
     where = adjustment.layout.blocks["focal_length"].start
     stated = float(adjustment.frame.stated_focal_length_mm)
     focal = stated * np.exp(adjustment.parameters[where])

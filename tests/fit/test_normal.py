@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from lensfit.fit import normal, solve
 from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import Frame, View
+from lensfit.fit.levenberg import short_residual, with_prior
 from lensfit.fit.parameters import Layout
 
 LAYOUT = Layout(radial=2, free_degree=3, bend_degree=2, stretch_degree=2, apertures=1)
@@ -118,12 +119,16 @@ def test_the_short_residual_has_the_same_equations(problem):
     at = _at()
 
     def short(parameters):
-        return solve.short_residual(parameters, problem, LAYOUT)
+        return short_residual(
+            parameters, lambda y: solve.both_halves(y, problem, LAYOUT), problem.prior
+        )
 
     jacobian, _ = jax.jit(jax.jacfwd(short, has_aux=True))(at)
     value, found = jax.jit(short)(at)
     effective = jnp.where(problem.free > 0, at, problem.prior_mean)
-    matrix, gradient, chi_squared = solve.with_prior(found, effective, problem)
+    matrix, gradient, chi_squared = with_prior(
+        solve.total(found), effective, problem.prior
+    )
     root = np.sqrt(np.diag(matrix))
     scaled = np.outer(root, root)
     np.testing.assert_allclose(value @ value, chi_squared, rtol=1e-12)
@@ -135,7 +140,7 @@ def test_the_short_residual_has_the_same_equations(problem):
 
 def test_fixed_parameters_have_identity_rows(problem):
     found = _equations_at(_at(), problem)
-    matrix, gradient, _ = solve.with_prior(found, _at(), problem)
+    matrix, gradient, _ = with_prior(solve.total(found), _at(), problem.prior)
     fixed = np.asarray(problem.free) == 0
     np.testing.assert_array_equal(matrix[fixed], np.eye(len(fixed))[fixed])
     assert not np.asarray(gradient)[fixed].any()

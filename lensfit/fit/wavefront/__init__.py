@@ -1,0 +1,1 @@
+"""The wavefront fit: from the shape of every dot to aberrations and pupil."""

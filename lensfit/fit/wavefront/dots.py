@@ -1,0 +1,63 @@
+"""Every dot of the wavefront fit as arrays: where it is, and its pixels.
+
+One row per dot, three channels each. A patch is a square of cells; a cell is a square
+of pixels, more than one where the blur is large, so that patches of all photographs
+have one shape and one compiled program serves them all.
+"""
+
+from typing import NamedTuple
+
+from jaxtyping import Array, Float, Int
+
+CELLS = 24
+"""Cells along each side of a patch."""
+
+
+class Dots(NamedTuple):
+    """What is known of the dots before the fit.
+
+    Attributes
+    ----------
+    field_mm : Where the chief ray lands, from the principal point.
+    magnified : Principal distance of the dot's state over the reference state's.
+    group : Which defocus.
+    stop : Which f-number; 0 is the widest.
+    stop_radius : Nominal, in radii of the widest stop.
+    blades : Of the iris; 0 where it is wide open and out of the way.
+    slope, pupil_per_sine_mm, vergence, reference : The chart's distance at this dot
+        (`optics.depth.ObjectShift`).
+    lateral_mm : Displacement of the wavelengths of each channel about their mean.
+    variance_mm2 : Of the Gaussian that stands for the hole and the Airy pattern.
+    cell_mm : Width and height of a cell.
+    """
+
+    field_mm: Float[Array, "dots 2"]
+    magnified: Float[Array, " dots"]
+    group: Int[Array, " dots"]
+    stop: Int[Array, " dots"]
+    stop_radius: Float[Array, " dots"]
+    blades: Float[Array, " dots"]
+    slope: Float[Array, "dots 2"]
+    pupil_per_sine_mm: Float[Array, "dots 2 2"]
+    vergence: Float[Array, " dots"]
+    reference: Float[Array, " dots"]
+    lateral_mm: Float[Array, "dots 3 wavelengths 2"]
+    variance_mm2: Float[Array, " dots"]
+    cell_mm: Float[Array, "dots 2"]
+
+
+class Pixels(NamedTuple):
+    """What was photographed, and how it is weighed.
+
+    Attributes
+    ----------
+    light : Mean of the pixels of each cell, scene-linear.
+    weight : Inverse variance; 0 where a cell is masked, saturated or outside.
+    corner_mm : Corner of cell (0, 0) minus where the chief ray is thought to land.
+    fold : Two for each take, for evidence (`normal.Equations`).
+    """
+
+    light: Float[Array, "dots 3 rows columns"]
+    weight: Float[Array, "dots 3 rows columns"]
+    corner_mm: Float[Array, "dots 3 2"]
+    fold: Int[Array, " dots"]

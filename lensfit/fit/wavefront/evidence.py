@@ -1,0 +1,122 @@
+"""Which families the photographs ask for, and how well a fit predicts what it left out.
+
+All from the normal equations of the largest model, in retrospect (`fit.trial`): a
+family stays if the Bayesian information criterion improves by it and dots that the fit
+did not see are predicted better. The highest orders are asked first.
+
+Cells of one dot share what the model misses of it, so they do not count as so many
+observations: `CELLS_PER_DOT` of each dot and channel do.
+"""
+
+import numpy as np
+
+from lensfit.fit.select import Verdict
+from lensfit.fit.trial import Statistics, Trial
+from lensfit.fit.wavefront.families import Family, indices_of
+from lensfit.fit.wavefront.normal import Equations
+from lensfit.fit.wavefront.stages import Stage
+
+CELLS_PER_DOT = 60
+_LEAST_BIC_GAIN = 6.0
+_ASKED_FIRST = (
+    "ninth_order",
+    "seventh_order",
+    "colour_of_third_order_curved",
+    "axial_colour_curved",
+    "colour_of_third_order",
+    "exit_pupil",
+    "pupil_squeeze",
+    "decentred_elements",
+    "pupil_stretch",
+    "pupil_coma",
+    "stop_ratios",
+    "fifth_order",
+    "axial_colour",
+)
+
+
+def choose(
+    stage: Stage, families: tuple[Family, ...]
+) -> tuple[tuple[Family, ...], tuple[Verdict, ...]]:
+    """The families to keep, and what came of each that was tried."""
+    always = indices_of(tuple(f for f in families if not f.tried))
+    tried = tuple(f for f in families if f.tried)
+    trial = _trial(stage, always, indices_of(tried))
+    kept = sorted(tried, key=lambda f: _ASKED_FIRST.index(f.name))
+    verdicts = {}
+    for family in list(kept):
+        without = [f for f in kept if f is not family]
+        full, less = (trial.scores(indices_of(tuple(m))) for m in (kept, without))
+        gain = less.bic - full.bic
+        held_out = (less.held_out - full.held_out) / max(full.held_out, 1e-300)
+        stays = gain > _LEAST_BIC_GAIN and held_out > 0
+        verdicts[family.name] = Verdict(family.name, stays, gain, held_out)
+        if not stays:
+            kept = without
+    order = [f.name for f in families]
+    chosen = tuple(f for f in families if not f.tried or f in kept)
+    told = sorted(verdicts.values(), key=lambda v: order.index(v.name))
+    return chosen, tuple(told)
+
+
+def held_out_take(
+    stage: Stage, families: tuple[Family, ...], take: int
+) -> float | None:
+    """Misfit of a take that the fit did not see over its misfit now; in retrospect.
+
+    Its own defocus, where no other take shares it, is taken as known. None where the
+    prediction is worthless: the other takes do not determine the fit.
+    """
+    free = indices_of(families)
+    mine = stage.gathered.take == take
+    groups = np.unique(stage.gathered.dots.group[mine])
+    others = np.unique(stage.gathered.dots.group[~mine])
+    start = stage.layout.blocks["defocus"].start
+    own = [start + g for g in groups if g not in others]
+    free = free[~np.isin(free, own)]
+    matrix, gradient, chi_squared = stage.equations
+    left = [f % len(chi_squared) for f in (2 * take, 2 * take + 1)]
+    rest = np.setdiff1d(np.arange(len(chi_squared)), left)
+    precision = stage.deviation[free] ** -2.0
+    inner = matrix[rest].sum(0)[np.ix_(free, free)] + np.diag(precision)
+    slope = gradient[rest].sum(0)[free]
+    slope = slope + precision * (stage.parameters - stage.mean)[free]
+    step = -np.linalg.solve(inner, slope)
+    of_take = matrix[left].sum(0)[np.ix_(free, free)]
+    now = float(chi_squared[left].sum())
+    then = now + 2 * float(gradient[left].sum(0)[free] @ step) + step @ of_take @ step
+    ratio = then / max(now, 1e-300)
+    return float(np.sqrt(ratio)) if ratio > 0 else None
+
+
+def held_out_dots(stage: Stage, families: tuple[Family, ...]) -> float:
+    """Misfit of the half of the dots that a fit did not see over the misfit of all."""
+    free = indices_of(families)
+    trial = _trial(stage, free, np.array([], int))
+    total = float(np.sum(stage.equations.chi_squared))
+    return float(np.sqrt(trial.scores(np.array([], int)).held_out / max(total, 1e-300)))
+
+
+def _trial(stage: Stage, always, tried) -> Trial:
+    deviation = np.where(stage.deviation > 0, stage.deviation, 1.0)
+    return Trial(
+        *_halves(stage.equations, stage),
+        precision=deviation**-2.0,
+        offset=stage.parameters - stage.mean,
+        always=always,
+        tried=tried,
+    )
+
+
+def _halves(equations: Equations, stage: Stage) -> tuple[Statistics, Statistics]:
+    count = CELLS_PER_DOT * int(np.sum(np.any(stage.weight > 0, (-2, -1)))) // 2
+    first, second = (
+        Statistics(
+            equations.matrix[half::2].sum(0),
+            equations.gradient[half::2].sum(0),
+            float(equations.chi_squared[half::2].sum()),
+            count,
+        )
+        for half in (0, 1)
+    )
+    return first, second

@@ -1,0 +1,152 @@
+"""Families of parameters that enter the wavefront fit, or stay out, together.
+
+A family has a prior wide enough for any lens and a stage from which it is free. Some
+are always there (defocus, third order, rims); the others are tried.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from lensfit.fit.wavefront.gather import Gathered
+from lensfit.fit.wavefront.parameters import Layout
+from lensfit.optics.terms import Term, decentring_terms
+
+COARSE, MIDDLE, FINE = 1, 2, 3
+_ORDER_NAMES = {3: "third", 5: "fifth", 7: "seventh", 9: "ninth"}
+_ORDER_STAGE = {3: COARSE, 5: MIDDLE, 7: FINE, 9: FINE}
+_THIRD_ORDER_UM = 100.0
+_ASYMMETRIC_UM = 10.0
+_COLOUR_UM = 15.0
+_FEWEST_FOR_ORDER = {5: 12, 7: 24, 9: 40}
+"""Dots; fewer cannot carry that many terms."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """Parameters that enter together.
+
+    Attributes
+    ----------
+    name : In reports.
+    indices : In the parameter vector.
+    deviation : Of the prior.
+    stage : From which it is free: COARSE, MIDDLE or FINE.
+    tried : Whether it may be left out.
+    """
+
+    name: str
+    indices: tuple[int, ...]
+    deviation: tuple[float, ...]
+    stage: int
+    tried: bool = True
+
+
+def families_of(
+    gathered: Gathered, layout: Layout, defocus_mm: Float[np.ndarray, " groups"]
+) -> tuple[Family, ...]:
+    """All families that these photographs could show."""
+    blocks = layout.blocks
+    groups = np.arange(len(gathered.groups)) + blocks["defocus"].start
+    spread = np.maximum(0.5 * np.abs(defocus_mm[: len(groups)]), 0.3)
+    found = [Family("defocus", _ints(groups), tuple(spread), COARSE, tried=False)]
+    found += _orders(gathered, layout)
+    if gathered.colour:
+        found += _colours(layout)
+    found += _opening(gathered, layout)
+    asymmetric = [i for i, t in enumerate(layout.terms) if t in decentring_terms()]
+    if len(gathered.take) >= _FEWEST_FOR_ORDER[5]:
+        found.append(_family("decentred_elements", asymmetric, _ASYMMETRIC_UM, FINE))
+    exit_pupil = _range(blocks["exit_pupil"])
+    found.append(_family("exit_pupil", exit_pupil, 0.5, FINE))
+    return tuple(found)
+
+
+def deviation_of(
+    families: tuple[Family, ...], layout: Layout, stage: int
+) -> Float[np.ndarray, " parameters"]:
+    """Prior deviations of the families that are free at a stage; 0 elsewhere."""
+    deviation = np.zeros(layout.size)
+    for family in families:
+        if family.stage <= stage:
+            deviation[list(family.indices)] = family.deviation
+    return deviation
+
+
+def indices_of(families: tuple[Family, ...]) -> Int[np.ndarray, " parameters"]:
+    """All their parameters."""
+    return np.array([i for family in families for i in family.indices], int)
+
+
+def _orders(gathered: Gathered, layout: Layout) -> list[Family]:
+    found = []
+    for order, name in _ORDER_NAMES.items():
+        which = [i for i, t in enumerate(layout.terms) if t.order == order and _even(t)]
+        enough = len(gathered.take) >= _FEWEST_FOR_ORDER.get(order, 0)
+        if which and enough:
+            deviation = _THIRD_ORDER_UM / (1 + (order - 3) / 2) ** 1.5
+            tried = order > 3
+            stage = _ORDER_STAGE[order]
+            found.append(_family(f"{name}_order", which, deviation, stage, tried=tried))
+    return found
+
+
+def _even(term: Term) -> bool:
+    """Whether a centred lens has it."""
+    return term.part == "re" and term.field_order == term.order_u
+
+
+def _colours(layout: Layout) -> list[Family]:
+    start = layout.blocks["colour"].start
+    count = len(layout.colour_terms)
+    axial = [i for i, t in enumerate(layout.colour_terms) if t.order == 1]
+    rest = [i for i in range(count) if i not in axial]
+    return [
+        _family("axial_colour", [start + i for i in axial], _COLOUR_UM, COARSE),
+        _family("colour_of_third_order", [start + i for i in rest], _COLOUR_UM, MIDDLE),
+        _family(
+            "axial_colour_curved",
+            [start + count + i for i in axial],
+            _COLOUR_UM,
+            MIDDLE,
+        ),
+        _family(
+            "colour_of_third_order_curved",
+            [start + count + i for i in rest],
+            _COLOUR_UM,
+            FINE,
+        ),
+    ]
+
+
+def _opening(gathered: Gathered, layout: Layout) -> list[Family]:
+    blocks = layout.blocks
+    rims = _range(blocks["rim_shift"]) + _range(blocks["rim_radius"])
+    wide = (*[0.5] * (2 * layout.rims), *[0.3] * (2 * layout.rims))
+    found = [Family("rims", tuple(rims), wide, COARSE, tried=False)]
+    found.append(_family("pupil_coma", _range(blocks["stop_shift"]), 0.1, MIDDLE))
+    found.append(_family("pupil_stretch", _range(blocks["stretch"]), 0.2, FINE))
+    squeeze, rotation, curvature = _range(blocks["iris"])
+    found.append(_family("pupil_squeeze", [squeeze], 0.05, FINE))
+    stops = len(gathered.f_numbers) - 1
+    if stops:
+        ratios = _range(blocks["stop_ratio"])[:stops]
+        found.append(_family("stop_ratios", ratios, 0.03, FINE))
+        blades = Family("blades", (rotation, curvature), (3.0, 1.0), FINE, tried=False)
+        found.append(blades)
+    return found
+
+
+def _family(
+    name: str, indices: list[int], deviation: float, stage: int, *, tried: bool = True
+) -> Family:
+    return Family(name, _ints(indices), (deviation,) * len(indices), stage, tried)
+
+
+def _ints(indices) -> tuple[int, ...]:
+    return tuple(int(i) for i in indices)
+
+
+def _range(where: slice) -> list[int]:
+    return list(range(where.start, where.stop))

@@ -1,0 +1,269 @@
+"""The wavefront of a lens at one focal length, from all its dot photographs at once.
+
+Stages are those of `stages`, terms enter as `evidence` says, and what was learnt comes
+with its uncertainty. Takes of other focus distances share everything but defocus: the
+lens only moves against the sensor (unit focusing), so the same ray lands further out
+by the ratio of the principal distances.
+"""
+
+import itertools
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.select import Verdict
+from lensfit.fit.wavefront.blades import with_blades
+from lensfit.fit.wavefront.evidence import choose, held_out_dots, held_out_take
+from lensfit.fit.wavefront.families import (
+    COARSE,
+    FINE,
+    MIDDLE,
+    Family,
+    deviation_of,
+    families_of,
+)
+from lensfit.fit.wavefront.gather import (
+    Gathered,
+    Shown,
+    chosen,
+    gather,
+    spread_over_takes,
+)
+from lensfit.fit.wavefront.parameters import Layout
+from lensfit.fit.wavefront.stages import (
+    COARSE_SHARE,
+    Stage,
+    best_of,
+    chi_squared,
+    first_stage,
+    freed,
+    reweighed,
+    settled,
+    solved,
+)
+from lensfit.fit.wavefront.start import first_defocus_mm, first_parameters
+from lensfit.fit.wavefront.uncertainty import covariance_of, unseen
+from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights, relative_misfit
+from lensfit.optics.spectrum import Bands, bands
+from lensfit.optics.terms import decentring_terms, rotational_terms
+from lensfit.progress import Progress, silent
+
+TERMS = rotational_terms(9) + decentring_terms()
+COLOUR_TERMS = rotational_terms(3)
+_GROUPS, _STOPS = 8, 4
+"""Room for so many defocus values and f-numbers, so that one program serves most."""
+_MOST_SIGNS = 3
+_DECISIVE = 1.1
+"""How much better a sign of defocus must explain the photographs."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Speed against error.
+
+    Attributes
+    ----------
+    coarse_dots, fine_dots : Dots of each take in the first and in the last stages.
+    rounds : Solves of the last stage, with weights found anew between them.
+    """
+
+    coarse_dots: int = 8
+    fine_dots: int = 20
+    rounds: int = 3
+
+
+@dataclass(frozen=True, eq=False)
+class WavefrontFit:
+    """What the photographs say about the wavefront.
+
+    Attributes
+    ----------
+    gathered : Every dot.
+    stage : The fit, on the dots it was made from.
+    families : What is free.
+    verdicts : What came of every family that was tried.
+    covariance : Of all parameters.
+    unseen : Families that the photographs do not see.
+    sign_known : Whether stated distances or the photographs settle the sign of defocus.
+    misfit : Median relative error of a dot's image, per take.
+    held_out_misfit : The same for dots the fit did not see.
+    held_out_takes : The same for each take if the fit had not seen it; None where the
+        other takes do not determine the fit.
+    converged : Whether the last solve met its tolerance.
+    notes : One sentence for each thing the photographer should know.
+    """
+
+    gathered: Gathered
+    stage: Stage
+    families: tuple[Family, ...]
+    verdicts: tuple[Verdict, ...]
+    covariance: Float[np.ndarray, "parameters parameters"]
+    unseen: tuple[str, ...]
+    sign_known: bool
+    misfit: Float[np.ndarray, " takes"]
+    held_out_misfit: float
+    held_out_takes: tuple[float | None, ...]
+    converged: bool
+    notes: tuple[str, ...]
+    seconds: dict[str, float]
+
+
+def fit_wavefront(
+    shown: list[Shown],
+    fall_off: FallOffFit | None,
+    progress: Progress = silent,
+    *,
+    effort: Effort | None = None,
+    spectrum: Bands | None = None,
+) -> WavefrontFit:
+    """Fit the wavefront to the dots of all photographs of one focal length.
+
+    Parameters
+    ----------
+    shown : Photographs whose f-number is known.
+    fall_off : Measured at the widest f-number, or None.
+    """
+    effort = effort or Effort()
+    clock = time.perf_counter
+    began = clock()
+    every = gather(shown, spectrum or bands(3))
+    layout = Layout(
+        TERMS,
+        COLOUR_TERMS,
+        groups=max(_GROUPS, len(every.groups)),
+        stops=max(_STOPS, len(every.f_numbers) - 1),
+    )
+    few = chosen(every, spread_over_takes(every, effort.coarse_dots))
+    coarse, sign_known, families = _coarse(few, layout, fall_off)
+    progress("wavefront", 1, 4)
+    middle = _middle(coarse, families)
+    progress("wavefront", 2, 4)
+    after_coarse = clock()
+    more = chosen(every, spread_over_takes(every, effort.fine_dots))
+    families = families_of(more, layout, coarse.mean[layout.blocks["defocus"]])
+    fine = _fine(more, middle, families, effort.rounds)
+    progress("wavefront", 3, 4)
+    families, verdicts = choose(fine, families)
+    final = _refitted(fine, families)
+    progress("wavefront", 4, 4)
+    covariance = covariance_of(final, families)
+    misfit, held_out = _misfits(final, families)
+    return WavefrontFit(
+        gathered=every,
+        stage=final,
+        families=families,
+        verdicts=verdicts,
+        covariance=covariance,
+        unseen=unseen(final, families, covariance),
+        sign_known=sign_known,
+        misfit=misfit,
+        held_out_misfit=float(np.median(misfit)) * held_out_dots(final, families),
+        held_out_takes=held_out,
+        converged=bool(final.solution and final.solution.converged),
+        notes=_notes(sign_known, final),
+        seconds={
+            "wavefront_coarse": after_coarse - began,
+            "wavefront_fine": clock() - after_coarse,
+        },
+    )
+
+
+def _coarse(
+    gathered: Gathered, layout: Layout, fall_off: FallOffFit | None
+) -> tuple[Stage, bool, tuple[Family, ...]]:
+    """Third order on smoothed dots, with the sign of defocus that suits best."""
+    start = first_parameters(gathered, layout, fall_off)
+    value, known = first_defocus_mm(gathered)
+    families = families_of(gathered, layout, value)
+    tries = []
+    for signs in _signs(value, known):
+        parameters = start.copy()
+        where = layout.blocks["defocus"]
+        parameters[where][: len(value)] = value * signs
+        stage = replace(first_stage(gathered, layout, parameters), smoothing=3.0)
+        stage = freed(stage, deviation_of(families, layout, COARSE))
+        tries.append(solved(settled(stage), 12))
+    best = best_of(tries)
+    costs = sorted(chi_squared(stage) for stage in tries)
+    decided = len(costs) < 2 or costs[1] > _DECISIVE * costs[0]
+    return solved(best, 12), bool(known.all()) or decided, families
+
+
+def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
+    """Signs to try: of the largest defocus values that nobody stated, all; and all."""
+    unknown = np.flatnonzero(~known)
+    unknown = unknown[np.argsort(-np.abs(value[unknown]))][:_MOST_SIGNS]
+    tries = []
+    for flips in itertools.product((1.0, -1.0), repeat=len(unknown)):
+        signs = np.ones(len(value))
+        signs[unknown] = flips
+        tries.append(signs)
+    return tries
+
+
+def _middle(coarse: Stage, families: tuple[Family, ...]) -> Stage:
+    """Fifth order on less smoothed dots, then the blades."""
+    stage = replace(coarse, smoothing=1.5)
+    stage = freed(stage, deviation_of(families, stage.layout, MIDDLE))
+    return with_blades(solved(solved(stage, 12), 12))
+
+
+def _fine(
+    gathered: Gathered, middle: Stage, families: tuple[Family, ...], rounds: int
+) -> Stage:
+    """Everything on full pixels."""
+    stage = first_stage(gathered, middle.layout, middle.parameters)
+    stage = replace(
+        stage,
+        mean=middle.mean,
+        blades=middle.blades,
+        passes=middle.passes,
+        weight=first_weights(gathered, COARSE_SHARE),
+    )
+    stage = settled(freed(stage, deviation_of(families, middle.layout, FINE)))
+    for _ in range(rounds):
+        stage = reweighed(solved(stage, 12), MODEL_SHARE)
+    return solved(stage, 12)
+
+
+def _refitted(fine: Stage, families: tuple[Family, ...]) -> Stage:
+    """With only the families that stay; the others neutral."""
+    deviation = deviation_of(families, fine.layout, FINE)
+    dropped = (fine.deviation > 0) & (deviation == 0)
+    if not dropped.any():
+        return fine
+    parameters = np.where(dropped, fine.mean, fine.parameters)
+    stage = freed(replace(fine, parameters=parameters), deviation)
+    return solved(solved(stage, 12), 6)
+
+
+def _misfits(
+    stage: Stage, families: tuple[Family, ...]
+) -> tuple[np.ndarray, tuple[float | None, ...]]:
+    """Per take: of the fit, and if the fit had not seen it."""
+    each = relative_misfit(stage.gathered, stage.residual, stage.nuisance[..., 1])
+    takes = range(len(stage.gathered.shown))
+    misfit = np.array([np.nanmedian(each[stage.gathered.take == k]) for k in takes])
+    if len(misfit) < 2:
+        return misfit, (None,) * len(misfit)
+    factors = [held_out_take(stage, families, k) for k in takes]
+    held_out = tuple(
+        None if f is None else float(f * m)
+        for f, m in zip(factors, misfit, strict=True)
+    )
+    return misfit, held_out
+
+
+def _notes(sign_known: bool, stage: Stage) -> tuple[str, ...]:
+    notes = []
+    if not sign_known:
+        notes.append(
+            "the photographs do not tell on which side of focus the chart was: state "
+            "focus_distance_mm and target_distance_mm, or add a take on the other side"
+        )
+    if stage.solution is not None and not stage.solution.converged:
+        notes.append("the fit of the dots' shape did not converge")
+    return tuple(notes)

@@ -1,0 +1,145 @@
+"""What the wavefront fit may change: one flat vector of named blocks.
+
+Coefficients are micrometres of rms spot, defocus is millimetres on the sensor, the rest
+plain numbers. Blocks:
+
+- `coefficients`, `colour`: of the aberration function (`optics.aberration`);
+- `defocus`: how far the sensor lies behind the sharp image of the chart, one for each
+  group of takes that share focus and chart distance;
+- `exit_pupil`: logarithm of its distance over the principal distance, and the chief
+  ray's bend;
+- `rim_shift`, `rim_radius`, `stop_shift`, `stretch`, `iris`: the opening
+  (`optics.pupil`); `iris` holds squeeze, rotation and curvature of the blades;
+- `stop_ratio`: logarithm of each stop's radius over the one its f-number says.
+
+The coefficient of constant defocus is the sum of all `defocus` over again: it stays
+fixed (a gauge). A block is fixed or freed by its prior: a standard deviation of zero
+fixes it.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lensfit.optics.aberration import Aberration
+from lensfit.optics.pupil import Pupil
+from lensfit.optics.terms import Term
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which numbers exist; static, so one program per layout.
+
+    Attributes
+    ----------
+    terms, colour_terms : Of the aberration function.
+    groups : Number of defocus values.
+    stops : Number of f-numbers besides the widest.
+    rims : Number of rims that clip.
+    """
+
+    terms: tuple[Term, ...]
+    colour_terms: tuple[Term, ...]
+    groups: int
+    stops: int
+    rims: int = 2
+
+    @cached_property
+    def blocks(self) -> dict[str, slice]:
+        """Where each named block lies in the vector."""
+        sizes = {
+            "coefficients": len(self.terms),
+            "colour": 2 * len(self.colour_terms),
+            "defocus": self.groups,
+            "exit_pupil": 2,
+            "rim_shift": 2 * self.rims,
+            "rim_radius": 2 * self.rims,
+            "stop_shift": 2,
+            "stretch": 4,
+            "iris": 3,
+            "stop_ratio": self.stops,
+        }
+        ends = np.cumsum(list(sizes.values()))
+        return {
+            name: slice(int(end - size), int(end))
+            for (name, size), end in zip(sizes.items(), ends, strict=True)
+        }
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return self.blocks["stop_ratio"].stop
+
+    @property
+    def opening(self) -> slice:
+        """All blocks of rims and stop, which lie side by side at the end."""
+        return slice(self.blocks["rim_shift"].start, self.size)
+
+
+class Scale(NamedTuple):
+    """Constants that give the parameters their meaning; never fitted.
+
+    Attributes
+    ----------
+    field_radius_mm : Unit of the field point, at the reference state.
+    reference_sine : Direction cosine at the rim of the widest stop.
+    principal_distance_mm : At the reference state.
+    """
+
+    field_radius_mm: Float[Array, ""]
+    reference_sine: Float[Array, ""]
+    principal_distance_mm: Float[Array, ""]
+
+
+def aberration_of(
+    parameters: Float[Array, " parameters"],
+    layout: Layout,
+    scale: Scale,
+    magnified: Float[Array, ""] | float = 1.0,
+) -> Aberration:
+    """The aberration function the parameters describe.
+
+    Parameters
+    ----------
+    magnified : Principal distance of a state over that of the reference state: the same
+        ray lands further out where the sensor lies further back.
+    """
+    part = {name: parameters[where] for name, where in layout.blocks.items()}
+    distance = scale.principal_distance_mm * jnp.exp(part["exit_pupil"][0])
+    return Aberration(
+        coefficients_um=part["coefficients"],
+        colour_um=part["colour"].reshape(2, -1),
+        field_radius_mm=scale.field_radius_mm * magnified,
+        reference_sine=scale.reference_sine,
+        exit_pupil_distance_mm=distance * magnified,
+        chief_bend=part["exit_pupil"][1],
+        terms=layout.terms,
+        colour_terms=layout.colour_terms,
+    )
+
+
+def pupil_of(
+    opening: Float[Array, " opening"],
+    layout: Layout,
+    blades: Float[Array, ""],
+) -> Pupil:
+    """Rims and stop, from the numbers in `Layout.opening`.
+
+    `blades` is 0 where the stop is wide open, its blades out of the way.
+    """
+    rims = 2 * layout.rims
+    iris = opening[2 * rims + 6 : 2 * rims + 9]
+    return Pupil(
+        rim_shift=opening[:rims].reshape(layout.rims, 2),
+        rim_radius=opening[rims : 2 * rims].reshape(layout.rims, 2),
+        stop_shift=opening[2 * rims : 2 * rims + 2],
+        stretch=opening[2 * rims + 2 : 2 * rims + 6].reshape(2, 2),
+        squeeze=iris[0],
+        blade_rotation_rad=iris[1],
+        blade_curvature=iris[2],
+        blades=blades,
+    )

@@ -1,0 +1,188 @@
+"""The image of one dot on a patch of cells, with its derivatives.
+
+Light is a sum of Gaussians, one for each ray, integrated over each cell exactly
+(`kernel.psf`). How much light a dot sends, what lies under it and where it lies are not
+asked of the model: brightness, background and both shifts are solved for in every
+patch, in closed form, and what the wavefront explains is judged by what they cannot
+(variable projection, G. H. Golub and V. Pereyra, Inverse Problems 19 (2003) R1).
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lensfit.fit.wavefront.rays import Rays
+from lensfit.kernel.psf import LEAST_SIGMA_PX
+from lensfit.kernel.spot import FOOTPRINT, Spot
+
+NUISANCE = 4
+"""Brightness, background, shift right and down."""
+_JITTER = 1e-9
+
+
+class Profile(NamedTuple):
+    """Share of every ray in the rows and columns of a patch, and derivatives."""
+
+    rows: Float[Array, "cells rays"]
+    columns: Float[Array, "cells rays"]
+    rows_moved: Float[Array, "cells rays"]
+    columns_moved: Float[Array, "cells rays"]
+
+
+class Patch(NamedTuple):
+    """What one patch says about the parameters.
+
+    Attributes
+    ----------
+    matrix, gradient, chi_squared : Half the second derivative of the sum of weighted
+        squares, half its first, and itself, nuisance solved for.
+    nuisance : Brightness, background, and shift right and down, mm.
+    residual : Photograph minus model, of every cell.
+    """
+
+    matrix: Float[Array, "parameters parameters"]
+    gradient: Float[Array, " parameters"]
+    chi_squared: Float[Array, ""]
+    nuisance: Float[Array, "4"]
+    residual: Float[Array, " cells"]
+
+
+def profile_of(
+    spot: Spot,
+    corner_mm: Float[Array, "2"],
+    cell_mm: Float[Array, "2"],
+    cells: int,
+    variance_mm2: Float[Array, ""],
+) -> Profile:
+    """How the rays share their light among rows and columns.
+
+    Parameters
+    ----------
+    corner_mm : Of cell (0, 0), in the coordinates of the spot.
+    variance_mm2 : Of the Gaussian that every ray is, besides its own width.
+    """
+    position = (spot.landing_mm - corner_mm[None]) / cell_mm[None]
+    variance = (variance_mm2 + FOOTPRINT * spot.cell_mm2)[:, None] / cell_mm[None] ** 2
+    sigma = jnp.sqrt(variance + LEAST_SIGMA_PX**2)
+    columns, columns_moved = _shares(position[:, 0], sigma[:, 0], cells)
+    rows, rows_moved = _shares(position[:, 1], sigma[:, 1], cells)
+    return Profile(rows, columns, rows_moved / cell_mm[1], columns_moved / cell_mm[0])
+
+
+def _shares(position: Array, sigma: Array, cells: int) -> tuple[Array, Array]:
+    """(cells, rays): share of each Gaussian in every cell; derivative by position."""
+    edges = jnp.asarray(np.arange(cells + 1), position.dtype)
+    reach = (edges[:, None] - position[None]) / (sigma * 2.0**0.5)[None]
+    below = jax.scipy.special.erf(reach) / 2
+    height = jnp.exp(-(reach**2)) / (sigma * (2 * np.pi) ** 0.5)[None]
+    return below[1:] - below[:-1], height[:-1] - height[1:]
+
+
+def image_of(spot: Spot, profile: Profile) -> Float[Array, "cells cells"]:
+    """Light in every cell; sums to 1 less what falls beside."""
+    return (profile.rows * spot.weight[None]) @ profile.columns.T
+
+
+def equations_of(
+    spot: Spot,
+    rays: Rays,
+    light: Float[Array, "cells cells"],
+    weight: Float[Array, "cells cells"],
+    corner_mm: Float[Array, "2"],
+    cell_mm: Float[Array, "2"],
+    variance_mm2: Float[Array, ""],
+    opening: slice,
+) -> Patch:
+    """Normal equations of one patch.
+
+    Parameters
+    ----------
+    spot : Rays that the image is made of, many.
+    rays : Rays that the derivatives are made of: fewer will do.
+    opening : As `Layout.opening`.
+    """
+    cells = light.shape[0]
+    profile = profile_of(spot, corner_mm, cell_mm, cells, variance_mm2)
+    nuisance_design = _nuisance_design(spot, profile)
+    design = _design(rays, corner_mm, cell_mm, cells, variance_mm2, opening)
+    target, w = light.reshape(-1), weight.reshape(-1)
+    inner = nuisance_design.T @ (w[:, None] * nuisance_design)
+    nuisance = _solved(inner, nuisance_design.T @ (w * target))
+    residual = target - nuisance_design @ nuisance
+    design = design * nuisance[0]
+    weighted = w[:, None] * design
+    coupling = nuisance_design.T @ weighted
+    matrix = design.T @ weighted - coupling.T @ _solved(inner, coupling)
+    bright = jnp.where(nuisance[0] == 0, 1.0, nuisance[0])
+    return Patch(
+        matrix,
+        -weighted.T @ residual,
+        jnp.sum(w * residual**2),
+        jnp.concatenate([nuisance[:2], nuisance[2:] / bright]),
+        residual,
+    )
+
+
+def placed_in(
+    spot: Spot,
+    light: Float[Array, "cells cells"],
+    weight: Float[Array, "cells cells"],
+    corner_mm: Float[Array, "2"],
+    cell_mm: Float[Array, "2"],
+    variance_mm2: Float[Array, ""],
+) -> tuple[Float[Array, "2"], Float[Array, "2 2"]]:
+    """Shift of the patch that suits it best, mm, and its covariance.
+
+    The noise is taken from what is left.
+    """
+    profile = profile_of(spot, corner_mm, cell_mm, light.shape[0], variance_mm2)
+    design = _nuisance_design(spot, profile)
+    target, w = light.reshape(-1), weight.reshape(-1)
+    inner = design.T @ (w[:, None] * design)
+    found = _solved(inner, design.T @ (w * target))
+    residual = target - design @ found
+    freedom = jnp.maximum(jnp.sum(w > 0) - NUISANCE, 1)
+    noise = jnp.sum(w * residual**2) / freedom
+    spread = _solved(inner, jnp.eye(NUISANCE, dtype=inner.dtype)) * noise
+    return found[2:] / found[0], spread[2:, 2:] / found[0] ** 2
+
+
+def _nuisance_design(spot: Spot, profile: Profile) -> Array:
+    """d light / d brightness, background and both shifts: (cells^2, 4)."""
+    image = image_of(spot, profile).reshape(-1)
+    return jnp.stack([image, jnp.ones_like(image), *_shifted(spot, profile)], -1)
+
+
+def _design(
+    rays: Rays, corner_mm, cell_mm, cells: int, variance_mm2, opening: slice
+) -> Array:
+    """d image / d parameter, (cells^2, parameters), for a brightness of 1."""
+    profile = profile_of(rays.spot, corner_mm, cell_mm, cells, variance_mm2)
+    weight = rays.spot.weight
+    across = profile.rows[:, None] * (profile.columns_moved * weight)[None]
+    down = profile.rows_moved[:, None] * (profile.columns * weight)[None]
+    both = jnp.concatenate([across, down], -1).reshape(-1, 2 * weight.shape[0])
+    moved = rays.moved_mm.transpose(1, 0, 2).reshape(2 * weight.shape[0], -1)
+    light = (profile.rows[:, None] * profile.columns[None]).reshape(both.shape[0], -1)
+    return (both @ moved).at[:, opening].add(light @ rays.brightened)
+
+
+def _shifted(spot: Spot, profile: Profile) -> tuple[Array, Array]:
+    """d image / d shift right and down."""
+    across = (profile.rows * spot.weight[None]) @ profile.columns_moved.T
+    down = (profile.rows_moved * spot.weight[None]) @ profile.columns.T
+    return across.reshape(-1), down.reshape(-1)
+
+
+def _solved(inner: Array, right: Array) -> Array:
+    """inner^-1 right, scaled so that float32 does."""
+    size = jnp.sqrt(jnp.diagonal(inner))
+    size = jnp.where(size > 0, size, 1.0)
+    scaled = inner / (size[:, None] * size[None])
+    scaled = scaled + _JITTER * jnp.eye(NUISANCE, dtype=inner.dtype)
+    right = right / (size if right.ndim == 1 else size[:, None])
+    found = jnp.linalg.solve(scaled, right)
+    return found / (size if right.ndim == 1 else size[:, None])

@@ -1,0 +1,203 @@
+"""Rays of one dot through one channel, and how every parameter moves them.
+
+What a photograph shows of a lens is where rays land and how much light each carries; so
+all derivatives of the fit are made here, once per ray: closed forms for the wavefront,
+in which landing points are linear, and forward differentiation for the handful of
+numbers of the opening, which moves the rays that fill it.
+
+The width of a ray's Gaussian (`kernel.spot`) is taken as it is in the derivatives: it
+only stands for rays in between, and vanishes as rays get many.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from lensfit.fit.wavefront.dots import Dots
+from lensfit.fit.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
+from lensfit.kernel.spot import Spot
+from lensfit.optics.aberration import (
+    chief_sine,
+    defocus_slope,
+    landing_and_jacobian_mm,
+    local_wavefront,
+)
+from lensfit.optics.depth import ObjectShift
+from lensfit.optics.modes import mode_gradients
+from lensfit.optics.pupil import PupilNodes, pupil_nodes
+from lensfit.optics.terms import Term, modes_of, term_amplitudes
+
+_MM_PER_UM = 1e-3
+_SHARPNESS = 64.0
+"""Of the opening's corners: enough for pixels, and steadier than what a kernel uses."""
+
+
+class Rays(NamedTuple):
+    """Where the rays of a dot land, and the derivatives with respect to all parameters.
+
+    Every point of the opening sends one ray of each wavelength, one wavelength after
+    the other.
+
+    Attributes
+    ----------
+    spot : Landing points from where the chief ray lands, weights and widths.
+    moved_mm : d landing / d parameter.
+    brightened : d weight / d parameter, of the parameters of the opening
+        (`Layout.opening`).
+    """
+
+    spot: Spot
+    moved_mm: Float[Array, "rays 2 parameters"]
+    brightened: Float[Array, "rays opening"]
+
+
+class Colour(NamedTuple):
+    """The wavelengths of one channel, of equal weight.
+
+    Attributes
+    ----------
+    chromatic : Chromatic coordinates (`optics.spectrum`).
+    lateral_mm : Displacement of each wavelength's chief ray about their mean.
+    """
+
+    chromatic: Float[Array, " wavelengths"]
+    lateral_mm: Float[Array, "wavelengths 2"]
+
+
+def spot_of(
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    colour: Colour,
+    layout: Layout,
+    scale: Scale,
+    points: int,
+) -> Spot:
+    """Rays of one dot (a row of `Dots`) in one channel, without derivatives.
+
+    Parameters
+    ----------
+    points : Of the opening; each sends a ray of each wavelength.
+    """
+    nodes = nodes_of(parameters[layout.opening], dot, layout, scale, points)
+    landing, slope = _landed(nodes.u, parameters, dot, colour, layout, scale)
+    return _image(landing, slope, nodes, colour)
+
+
+def rays_of(
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    colour: Colour,
+    layout: Layout,
+    scale: Scale,
+    points: int,
+) -> Rays:
+    """`spot_of` with derivatives."""
+    opening = parameters[layout.opening]
+    nodes = nodes_of(opening, dot, layout, scale, points)
+    widened = jax.jacfwd(nodes_of)(opening, dot, layout, scale, points)
+    landing, slope = _landed(nodes.u, parameters, dot, colour, layout, scale)
+    by_terms = _moved_by_terms(nodes.u, dot, colour, layout, scale)
+    by_state = _moved_by_state(nodes.u, parameters, dot, layout, scale)
+    by_opening = jnp.einsum("wkij,kjp->wkip", slope, widened.u)
+    moved = [by_terms, jnp.broadcast_to(by_state, (*landing.shape, by_state.shape[-1]))]
+    moved = jnp.concatenate([*moved, by_opening], axis=-1)
+    wavelengths = landing.shape[0]
+    return Rays(
+        _image(landing, slope, nodes, colour),
+        moved.reshape(-1, 2, layout.size),
+        jnp.tile(widened.weight, (wavelengths, 1)) / wavelengths,
+    )
+
+
+def nodes_of(
+    opening: Float[Array, " opening"],
+    dot: Dots,
+    layout: Layout,
+    scale: Scale,
+    count: int,
+) -> PupilNodes:
+    """Rays that fill the opening as this dot sees it; `opening` as `Layout.opening`."""
+    h = dot.field_mm / (scale.field_radius_mm * dot.magnified)
+    pupil = pupil_of(opening, layout, dot.blades)
+    radius = stop_radius_of(opening, dot, layout)
+    return pupil_nodes(h, radius, pupil, count, _SHARPNESS)
+
+
+def stop_radius_of(
+    opening: Float[Array, " opening"], dot: Dots, layout: Layout
+) -> Float[Array, ""]:
+    """Of the stop as set for this dot's photograph."""
+    ratios = opening[opening.shape[0] - layout.stops :]
+    all_stops = jnp.concatenate([jnp.zeros(1, opening.dtype), ratios])
+    return dot.stop_radius * jnp.exp(all_stops[dot.stop])
+
+
+def _landed(
+    u: Array, parameters: Array, dot: Dots, colour: Colour, layout, scale
+) -> tuple[Array, Array]:
+    """Landing points (wavelengths, points, 2) and d landing / d u."""
+    aberration = aberration_of(parameters, layout, scale, dot.magnified)
+    depth = ObjectShift(dot.slope, dot.pupil_per_sine_mm, dot.vergence, dot.reference)
+    local = jax.vmap(local_wavefront, (None, 0, None, None))(
+        dot.field_mm, colour.chromatic, aberration, depth
+    )
+    defocus = parameters[layout.blocks["defocus"]][dot.group]
+    of_points = jax.vmap(landing_and_jacobian_mm, (0, None, None))
+    return jax.vmap(of_points, (None, None, 0))(u, defocus, local)
+
+
+def _image(landing, slope, nodes: PupilNodes, colour: Colour) -> Spot:
+    wavelengths = landing.shape[0]
+    landing = landing + colour.lateral_mm[:, None]
+    spread = nodes.weight * nodes.area * jnp.sum(slope**2, (-2, -1)) / 2
+    weight = jnp.tile(nodes.weight / wavelengths, wavelengths)
+    return Spot(landing.reshape(-1, 2), weight, spread.reshape(-1))
+
+
+def _moved_by_terms(
+    u: Array, dot: Dots, colour: Colour, layout: Layout, scale: Scale
+) -> Array:
+    """d landing / d coefficients and colour: (wavelengths, points, 2, parameters)."""
+    h = dot.field_mm / (scale.field_radius_mm * dot.magnified)
+    wavelengths = colour.chromatic.shape[0]
+    fixed = _gradients(u, h, layout.terms)
+    coloured = _gradients(u, h, layout.colour_terms)
+    linear = coloured * colour.chromatic[:, None, None, None]
+    quadratic = linear * colour.chromatic[:, None, None, None]
+    fixed = jnp.broadcast_to(fixed, (wavelengths, *fixed.shape))
+    return jnp.concatenate([fixed, linear, quadratic], axis=-1)
+
+
+def _gradients(u: Array, h: Array, terms: tuple[Term, ...]) -> Array:
+    """Gradient of every term, mm per micrometre: (points, 2, terms)."""
+    if not terms:
+        return jnp.zeros((*u.shape, 0), u.dtype)
+    modes = modes_of(terms)
+    row, pair = term_amplitudes(h, terms)
+    shapes = jax.vmap(mode_gradients, (0, None))(u, modes)[:, row]
+    moved = jnp.einsum("ktci,tc->kit", shapes, pair)
+    return moved * _MM_PER_UM
+
+
+def _moved_by_state(
+    u: Array, parameters: Array, dot: Dots, layout: Layout, scale: Scale
+) -> Array:
+    """d landing / d defocus of each group, and exit pupil: (points, 2, parameters)."""
+    defocus = parameters[layout.blocks["defocus"]][dot.group]
+    p = u * scale.reference_sine
+    where = layout.blocks["exit_pupil"]
+
+    def chief(exit_pupil):
+        changed = parameters.at[where].set(exit_pupil)
+        aberration = aberration_of(changed, layout, scale, dot.magnified)
+        return chief_sine(dot.field_mm, aberration)
+
+    here = chief(parameters[where])
+    turned = jax.jacfwd(chief)(parameters[where])
+    slope = jax.vmap(defocus_slope, (0, None))
+    by_chief = defocus * jax.vmap(jax.jacfwd(defocus_slope, 1), (0, None))(p, here)
+    mine = jax.nn.one_hot(dot.group, layout.groups, dtype=u.dtype)
+    by_group = slope(p, here)[:, :, None] * mine
+    return jnp.concatenate([by_group, by_chief @ turned], axis=-1)

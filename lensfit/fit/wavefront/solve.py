@@ -1,0 +1,54 @@
+"""The solve of the wavefront fit: all patches and priors, by `fit.levenberg`."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from lensfit.fit.levenberg import Prior, Quadratic, minimise
+from lensfit.fit.wavefront.normal import Equations, Model, PerDot, Points, pass_over
+from lensfit.fit.wavefront.parameters import Layout
+
+
+class Solution(NamedTuple):
+    """Where the solve ended.
+
+    Attributes
+    ----------
+    parameters : The solution; fixed ones at their prior mean.
+    converged : False when the step limit came first.
+    steps : Passes over the patches.
+    equations, per_dot : At the last pass.
+    """
+
+    parameters: Float[Array, " parameters"]
+    converged: Bool[Array, ""]
+    steps: Int[Array, ""]
+    equations: Equations
+    per_dot: PerDot
+
+
+@partial(jax.jit, static_argnames=("layout", "points"))
+def solve(
+    start: Float[Array, " parameters"],
+    model: Model,
+    prior: Prior,
+    layout: Layout,
+    points: Points,
+    tolerance: float,
+    most_steps: int,
+    first_damping: float,
+) -> Solution:
+    """Minimise from `start`; one program per layout and number of points.
+
+    See `levenberg.minimise`; a single step only evaluates.
+    """
+
+    def equations(parameters: Array) -> tuple[Quadratic, tuple[Equations, PerDot]]:
+        found, per_dot = pass_over(parameters, model, layout, points)
+        return Quadratic(*(jnp.sum(part, 0) for part in found)), (found, per_dot)
+
+    found = minimise(equations, start, prior, tolerance, most_steps, first_damping)
+    return Solution(found.parameters, found.converged, found.steps, *found.extra)

@@ -1,0 +1,213 @@
+"""The stages of the wavefront fit, each starting from the one before.
+
+1. Smoothed by three cells, a few dots: defocus, rims, third order; every sign of
+   defocus that nobody stated is tried, and the one the photographs prefer is kept.
+2. Smoothed by a cell and a half: fifth order; then the blades of the iris are counted.
+3. Full pixels, more dots, everything; noise and robust weights found anew in between.
+
+Where a dot lies is not asked of the model: after every solve patches are moved to where
+the dots turned out to be.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import gaussian_filter
+
+from lensfit.fit.levenberg import Prior
+from lensfit.fit.wavefront.dots import Pixels
+from lensfit.fit.wavefront.gather import WIDE_OPEN, Gathered
+from lensfit.fit.wavefront.normal import DEFAULT_POINTS, FOLDS, Equations, Model, Points
+from lensfit.fit.wavefront.parameters import Layout
+from lensfit.fit.wavefront.solve import Solution, solve
+from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights, weights_after
+
+COARSE_SHARE = 0.05
+_FEWEST_DOTS = 256
+"""Arrays are filled up to this, or a power of two: one program for most shoots."""
+_TOLERANCE = 2e-3
+_DAMPING = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """The fit at one point.
+
+    Attributes
+    ----------
+    gathered, layout : What is fitted.
+    parameters : Present values.
+    mean, deviation : Of the prior; a deviation of zero fixes a parameter.
+    corner_mm : Corner of every patch from where its chief ray is thought to land.
+    weight : Of every cell.
+    smoothing : Standard deviation, cells, by which photograph and model are smoothed.
+    points : Rays through the opening.
+    solution : Of the last solve.
+    blades : Of the iris when stopped down.
+    passes : Over the patches so far, times dots.
+    """
+
+    gathered: Gathered
+    layout: Layout
+    parameters: Float[np.ndarray, " parameters"]
+    mean: Float[np.ndarray, " parameters"]
+    deviation: Float[np.ndarray, " parameters"]
+    corner_mm: Float[np.ndarray, "dots 3 2"]
+    weight: Float[np.ndarray, "dots 3 rows columns"]
+    smoothing: float = 0.0
+    points: Points = DEFAULT_POINTS
+    solution: Solution | None = None
+    blades: int = 0
+    passes: int = 0
+
+    @property
+    def equations(self) -> Equations:
+        """At the last pass."""
+        assert self.solution is not None
+        return self.solution.equations
+
+    @property
+    def residual(self) -> Float[np.ndarray, "dots 3 rows columns"]:
+        """Photograph minus model at the last pass."""
+        assert self.solution is not None
+        count = len(self.gathered.take)
+        found = np.asarray(self.solution.per_dot.residual)[:count]
+        return found.reshape(self.gathered.light.shape)
+
+    @property
+    def nuisance(self) -> Float[np.ndarray, "dots 3 4"]:
+        """Brightness, background and shift at the last pass."""
+        assert self.solution is not None
+        return np.asarray(self.solution.per_dot.nuisance)[: len(self.gathered.take)]
+
+
+def first_stage(gathered: Gathered, layout: Layout, parameters: np.ndarray) -> Stage:
+    """Everything fixed, patches where the centroids were found."""
+    return Stage(
+        gathered=gathered,
+        layout=layout,
+        parameters=parameters,
+        mean=parameters.copy(),
+        deviation=np.zeros(layout.size),
+        corner_mm=-gathered.observed_mm,
+        weight=first_weights(gathered, COARSE_SHARE),
+    )
+
+
+def model_of(stage: Stage) -> Model:
+    """Arrays of a pass."""
+    gathered = stage.gathered
+    light = smoothed(gathered.light, stage.smoothing)
+    stopped = stage.gathered.dots.stop_radius < 1 / WIDE_OPEN
+    dots = gathered.dots._replace(blades=stage.blades * stopped.astype(float))
+    return Model(
+        dots=jax.tree.map(jnp.asarray, dots),
+        pixels=Pixels(light, stage.weight, stage.corner_mm, folds_of(gathered)),
+        scale=gathered.scale,
+        chromatic=jnp.asarray(gathered.chromatic),
+        smoothing=jnp.asarray(stage.smoothing**2),
+        count=jnp.asarray(len(gathered.take)),
+    )
+
+
+def filled(model: Model, room: int) -> Model:
+    """The same with the last dot repeated up to `room`, in single precision."""
+
+    def one(array: jax.Array) -> jax.Array:
+        given = np.asarray(array)
+        space = [(0, room - len(given)), *[(0, 0)] * (given.ndim - 1)]
+        wide = np.pad(given, space, mode="edge")
+        floating = np.issubdtype(wide.dtype, np.floating)
+        return jnp.asarray(wide.astype(np.float32) if floating else wide)
+
+    return model._replace(
+        dots=jax.tree.map(one, model.dots), pixels=jax.tree.map(one, model.pixels)
+    )
+
+
+def folds_of(gathered: Gathered) -> np.ndarray:
+    """Two folds for each take: every other dot of it."""
+    fold = np.empty(len(gathered.take), int)
+    for k in range(len(gathered.shown)):
+        mine = np.flatnonzero(gathered.take == k)
+        fold[mine] = 2 * (k % (FOLDS // 2)) + np.arange(len(mine)) % 2
+    return fold
+
+
+def smoothed(light: np.ndarray, cells: float) -> np.ndarray:
+    """Every patch smoothed by a Gaussian."""
+    if not cells:
+        return light
+    return gaussian_filter(light, (0, 0, cells, cells), mode="nearest")
+
+
+def freed(stage: Stage, deviation: Float[np.ndarray, " parameters"]) -> Stage:
+    """The same with other priors; parameters that become fixed stay where they are."""
+    mean = np.where(deviation > 0, stage.mean, stage.parameters)
+    return replace(stage, mean=mean, deviation=deviation)
+
+
+def solved(stage: Stage, most_steps: int, damping: float = _DAMPING) -> Stage:
+    """After a solve, patches moved to where the dots are."""
+    free = stage.deviation > 0
+    precision = np.where(free, np.where(free, stage.deviation, 1.0) ** -2.0, 0.0)
+    prior = Prior(
+        jnp.asarray(stage.mean), jnp.asarray(precision), jnp.asarray(free.astype(float))
+    )
+    count = len(stage.gathered.take)
+    room = max(_FEWEST_DOTS, 1 << (count - 1).bit_length())
+    found = solve(
+        jnp.asarray(stage.parameters),
+        filled(model_of(stage), room),
+        prior,
+        stage.layout,
+        stage.points,
+        _TOLERANCE,
+        most_steps,
+        damping,
+    )
+    found = jax.tree.map(np.asarray, found)
+    after = replace(
+        stage,
+        parameters=found.parameters,
+        solution=found,
+        passes=stage.passes + int(found.steps) * len(stage.gathered.take),
+    )
+    return replace(after, corner_mm=_moved(after))
+
+
+def settled(stage: Stage, rounds: int = 2) -> Stage:
+    """Patches moved to where the dots are, nothing else."""
+    for _ in range(rounds):
+        stage = solved(stage, 1)
+    return stage
+
+
+def _moved(stage: Stage) -> np.ndarray:
+    """Corners after the shifts of the last pass, by no more than a cell."""
+    shift = stage.nuisance[..., 2:]
+    limit = stage.gathered.dots.cell_mm[:, None]
+    shift = np.where(np.isfinite(shift), np.clip(shift, -limit, limit), 0.0)
+    return stage.corner_mm - shift
+
+
+def reweighed(stage: Stage, share: float = MODEL_SHARE) -> Stage:
+    """Weights from what the last solve left."""
+    weight = weights_after(
+        stage.gathered, stage.residual, stage.nuisance[..., 1], share
+    )
+    return replace(stage, weight=weight)
+
+
+def chi_squared(stage: Stage) -> float:
+    """Of the last pass, without priors."""
+    return float(np.sum(stage.equations.chi_squared))
+
+
+def best_of(stages: list[Stage], cost: Callable[[Stage], float] = chi_squared) -> Stage:
+    """The one that explains the photographs best."""
+    return min(stages, key=lambda s: np.nan_to_num(cost(s), nan=np.inf))

@@ -1,0 +1,130 @@
+"""Where the wavefront fit begins: defocus from what was said and seen, rims from light.
+
+The size of every defocus follows from the spread of the dots near the axis, its sign
+from focus and chart distance where both were stated. Rims begin where they explain the
+fall-off that the dots' brightness shows.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.wavefront.gather import Gathered, Group
+from lensfit.fit.wavefront.parameters import Layout
+from lensfit.optics.falloff import log_loss
+from lensfit.optics.paraxial import defocus_mm
+from lensfit.optics.pupil import clear_pupil, relative_illumination
+
+_NEAR_AXIS = 0.35
+_IN_FOCUS_MM = 0.02
+_RADII = 9
+_RIM_RADII = (1.02, 1.1, 1.2, 1.35, 1.6, 2.0)
+_RIM_SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
+
+
+def stated_defocus_mm(gathered: Gathered, group: Group) -> float | None:
+    """What focus and chart distance say, in first-order optics; None if unsaid."""
+    if group.focus_distance_mm is None:
+        return None
+    found = defocus_mm(
+        gathered.first_order,
+        jnp.asarray(group.focus_distance_mm),
+        jnp.asarray(gathered.reference_distance_mm),
+    )
+    return float(found)
+
+
+def seen_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+    """Size of every group's defocus, from the spread of its dots near the axis."""
+    radius = np.hypot(*gathered.dots.field_mm.T)
+    limit = _NEAR_AXIS * float(gathered.scale.field_radius_mm)
+    central = radius <= max(limit, float(np.quantile(radius, 0.15)))
+    sine = float(gathered.scale.reference_sine) * gathered.dots.stop_radius
+    # The diameter is that of the disc of the same second moment.
+    square = gathered.diameter_mm**2 / 4 - 4 * gathered.dots.variance_mm2
+    tangent = sine / np.sqrt(1 - sine**2)
+    size = np.sqrt(np.maximum(square, 0.0)) / tangent
+    found = []
+    for group in range(len(gathered.groups)):
+        mine = (gathered.dots.group == group) & np.isfinite(size)
+        near = mine & central if (mine & central).any() else mine
+        found.append(float(np.median(size[near])) if near.any() else 0.0)
+    return np.array(found)
+
+
+def first_defocus_mm(gathered: Gathered) -> tuple[np.ndarray, np.ndarray]:
+    """Start value of every group, and whether its sign was stated."""
+    seen = seen_defocus_mm(gathered)
+    value, known = np.zeros(len(seen)), np.zeros(len(seen), bool)
+    for k, group in enumerate(gathered.groups):
+        stated = stated_defocus_mm(gathered, group)
+        if stated is not None and abs(stated) > _IN_FOCUS_MM:
+            value[k], known[k] = np.sign(stated) * seen[k], True
+        elif stated is not None:
+            value[k], known[k] = stated, True
+        else:
+            value[k] = seen[k]
+    return value, known
+
+
+def first_rims(
+    fall_off: FallOffFit | None, field_radius_mm: float
+) -> Float[np.ndarray, "2"]:
+    """Radius and shift of two opposite rims that explain a fall-off best."""
+    if fall_off is None:
+        return np.array([1.35, 0.6])
+    radius_mm = np.linspace(0.1, 1.0, _RADII) * fall_off.valid_radius_mm
+    squared = jnp.asarray((radius_mm / fall_off.valid_radius_mm) ** 2)
+    control = jnp.asarray(fall_off.control[1])
+    seen = np.exp(-np.asarray(jax.vmap(log_loss, (0, None))(squared, control)))
+    grid = np.array([(r, a) for r in _RIM_RADII for a in _RIM_SHIFTS])
+    lit = np.asarray(_lit(jnp.asarray(grid), jnp.asarray(radius_mm / field_radius_mm)))
+    # Natural fall-off comes on top: a smooth loss that grows as the square.
+    loss = np.log(np.maximum(lit, 1e-3)) - np.log(seen)
+    shape = (radius_mm / radius_mm[-1]) ** 2
+    natural = np.maximum(loss @ shape / (shape @ shape), 0.0)
+    left = loss - natural[:, None] * shape[None]
+    return grid[int(np.argmin(np.sum(left**2, -1) + 1e-4 * natural**2))]
+
+
+@jax.jit
+def _lit(rims, h):
+    """Relative illumination of each pair of rims at each field height."""
+
+    def one(rim, height):
+        pupil = clear_pupil(2)
+        shift = jnp.array([[1.0, 0.0], [-1.0, 0.0]]) * rim[1]
+        radius = jnp.array([[1.0, 0.0], [1.0, 0.0]]) * rim[0]
+        opened = pupil.__class__(
+            rim_shift=shift,
+            rim_radius=radius,
+            stop_shift=pupil.stop_shift,
+            stretch=pupil.stretch,
+            squeeze=pupil.squeeze,
+            blade_rotation_rad=pupil.blade_rotation_rad,
+            blade_curvature=pupil.blade_curvature,
+        )
+        place = jnp.stack([height, jnp.zeros_like(height)])
+        return relative_illumination(place, jnp.ones(()), opened)
+
+    return jax.vmap(jax.vmap(one, (None, 0)), (0, None))(rims, h)
+
+
+def first_parameters(
+    gathered: Gathered,
+    layout: Layout,
+    fall_off: FallOffFit | None,
+) -> Float[np.ndarray, " parameters"]:
+    """The whole vector: a perfect lens, defocused and clipped as seen."""
+    blocks = layout.blocks
+    parameters = np.zeros(layout.size)
+    value, _ = first_defocus_mm(gathered)
+    parameters[blocks["defocus"]][: len(value)] = value
+    radius, shift = first_rims(fall_off, float(gathered.scale.field_radius_mm))
+    parameters[blocks["rim_radius"]] = np.tile([radius, 0.0], layout.rims)
+    sides = np.resize([shift, 0.0, -shift, 0.0], 2 * layout.rims)
+    parameters[blocks["rim_shift"]] = sides
+    parameters[blocks["iris"]] = [0.0, 0.0, 0.1]
+    return parameters
