@@ -5,13 +5,18 @@ points are millimetres, x right, y down, z the distance from the sensor plane.
 Distances to the scene count from the sensor plane, as on the barrel.
 """
 
+from collections.abc import Sequence
 from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from lensfit.errors import LensfitError
+from lensfit.kernel.lens_blur import LensBlur, perfect_blur
+from lensfit.kernel.lens_psf import lens_psfs
 from lensfit.optics import distortion as chief_ray
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import log_loss
@@ -22,6 +27,8 @@ from lensfit.optics.lateral import (
 )
 
 Channel = Literal["r", "g", "b"]
+TOLERANCE = 0.01
+"""Relative error of a point-spread function, when nobody says."""
 
 
 class Illumination(eqx.Module):
@@ -43,6 +50,8 @@ class Lens(eqx.Module):
     sensor_size_mm : Width and height of the calibrated sensor area.
     focal_length_mm, f_number, focus_distance_mm : The state; None where unknown.
     notes : How the preset was stretched to reach this state, one sentence each.
+    blur : Aberrations and pupil, or None when they were not measured (then the lens
+        counts as perfect).
     """
 
     distortion: Distortion
@@ -54,6 +63,7 @@ class Lens(eqx.Module):
     f_number: float | None = eqx.field(static=True, default=None)
     focus_distance_mm: float | None = eqx.field(static=True, default=None)
     notes: tuple[str, ...] = eqx.field(static=True, default=())
+    blur: LensBlur | None = None
 
     @property
     def has_lateral_colour(self) -> bool:
@@ -108,6 +118,97 @@ class Lens(eqx.Module):
             self.distortion.principal_point_mm,
             self.illumination.valid_radius_mm,
             self.illumination.control[index],
+        )
+
+    def psf(
+        self,
+        image_point_mm: Float[ArrayLike, "2"],
+        object_distance_mm: float,
+        channel: Channel = "g",
+        *,
+        pixel_pitch_mm: float | tuple[float, float],
+        size_px: int,
+        tolerance: float = TOLERANCE,
+    ) -> Float[Array, "size size"]:
+        """Point-spread function on pixels, row 0 on top; sums to 1.
+
+        Light that falls beside the array is left out.
+
+        Parameters
+        ----------
+        image_point_mm : Where the green chief ray of the object lands (distorted): the
+            middle of the array, whatever the channel.
+        object_distance_mm : From the sensor plane; may be infinite.
+        channel : "r", "g" or "b".
+        pixel_pitch_mm : Of square pixels, or along x and y.
+        size_px : Rows and columns of the array.
+        tolerance : Relative error to aim at (L2); time is inverse to it.
+
+        Raises
+        ------
+        LensfitError : The blur was not measured, and f-number or focus distance is
+            unknown; or the object is nearer than the lens has an image of it.
+        ValueError : Unknown channel, or a size or point of the wrong shape.
+        """
+        return self.psfs(
+            jnp.asarray(image_point_mm, jnp.float64)[None],
+            object_distance_mm,
+            (channel,),
+            pixel_pitch_mm=pixel_pitch_mm,
+            size_px=size_px,
+            tolerance=tolerance,
+        )[0, 0]
+
+    def psfs(
+        self,
+        image_points_mm: Float[ArrayLike, "points 2"],
+        object_distance_mm: Float[ArrayLike, "*points"],
+        channels: Sequence[Channel] = ("r", "g", "b"),
+        *,
+        pixel_pitch_mm: float | tuple[float, float],
+        size_px: int,
+        tolerance: float = TOLERANCE,
+    ) -> Float[Array, "points channels size size"]:
+        """`psf` of many points and channels; one distance, or one for each point."""
+        points = _points(image_points_mm, 2)
+        distances = np.broadcast_to(
+            np.asarray(object_distance_mm, float), points.shape[:1]
+        )
+        blur = self.blur or self._perfect_blur()
+        nearest = float(np.min(distances, initial=np.inf))
+        if not nearest > blur.nearest_mm:
+            raise LensfitError(
+                f"an object {nearest:g} mm from the sensor has no sharp image",
+                remedy=f"keep object distances above {blur.nearest_mm:.4g} mm",
+            )
+        if size_px < 1:
+            raise ValueError(f"size_px = {size_px} is no size of an array")
+        indices = [_channel_index(channel) for channel in channels]
+        found = lens_psfs(
+            jnp.repeat(points, len(indices), 0),
+            jnp.asarray(np.repeat(distances, len(indices))),
+            jnp.asarray(np.tile(indices, len(points)).astype(int)),
+            blur,
+            self.distortion,
+            self.lateral_colour,
+            jnp.asarray(np.broadcast_to(np.asarray(pixel_pitch_mm, float), (2,))),
+            jnp.asarray(tolerance, jnp.float64),
+            size_px=size_px,
+        )
+        return found.reshape(len(points), len(indices), size_px, size_px)
+
+    def _perfect_blur(self) -> LensBlur:
+        if self.f_number is None or self.focus_distance_mm is None:
+            missing = "f_number" if self.f_number is None else "focus_distance_mm"
+            raise LensfitError(
+                f"the blur of this lens was not measured, and its {missing} is unknown",
+                remedy=f"give {missing} to preset.at, for the blur of a perfect lens",
+            )
+        return perfect_blur(
+            self.distortion,
+            self.entrance_pupil_offset_mm,
+            self.f_number,
+            self.focus_distance_mm,
         )
 
 

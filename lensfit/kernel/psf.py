@@ -47,8 +47,8 @@ def splat(
     least = LEAST_SIGMA_PX**2
     across = jnp.sqrt(variance / pixel_pitch_mm[0] ** 2 + least)
     down = jnp.sqrt(variance / pixel_pitch_mm[1] ** 2 + least)
-    in_columns = _shares(position[:, 0], across, columns)
-    in_rows = _shares(position[:, 1], down, rows)
+    in_columns = pixel_shares(position[:, 0], across, columns)
+    in_rows = pixel_shares(position[:, 1], down, rows)
     return (in_rows * image.weight[None]) @ in_columns.T
 
 
@@ -99,8 +99,16 @@ def diffraction_variance_mm2(
     return (AIRY_SIGMA * wavelength_mm * f_number) ** 2
 
 
-def _shares(position: Array, sigma: Array, pixels: int) -> Array:
-    """(pixels, rays): share of each Gaussian along one axis in every pixel."""
+def pixel_shares(
+    position: Float[Array, " rays"], sigma: Float[Array, " rays"], pixels: int
+) -> Float[Array, "pixels rays"]:
+    """Share of each Gaussian along one axis in every pixel.
+
+    Parameters
+    ----------
+    position, sigma : In pixels, from the edge of the first one.
+    pixels : How many (static).
+    """
     edges = jnp.asarray(np.arange(pixels + 1), position.dtype)
     reach = (edges[:, None] - position[None]) / (sigma * 2.0**0.5)[None]
     below = jax.scipy.special.erf(reach) / 2

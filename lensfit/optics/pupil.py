@@ -121,16 +121,39 @@ def pupil_nodes(
     k = np.arange(nodes)
     azimuth = jnp.asarray(k * _GOLDEN_ANGLE % (2 * np.pi), h.dtype)
     reach = jnp.asarray(np.sqrt((k + 0.5) / nodes), h.dtype)
-    outward = jnp.stack([jnp.cos(azimuth), jnp.sin(azimuth)], -1)
+    u, density = pupil_rays(h, stop_radius, pupil, azimuth, reach, sharpness)
+    return PupilNodes(
+        u=u,
+        weight=density / jnp.sum(density),
+        area=opening_area(h, stop_radius, pupil, sharpness),
+    )
+
+
+def pupil_rays(
+    h: Float[Array, "2"],
+    stop_radius: Float[Array, ""],
+    pupil: Pupil,
+    azimuth_rad: Float[Array, " rays"],
+    reach: Float[Array, " rays"],
+    sharpness: float = SHARPNESS,
+) -> tuple[Float[Array, "rays 2"], Float[Array, " rays"]]:
+    """Rays at chosen places of the opening, as polar coordinates of the unit disc.
+
+    Parameters
+    ----------
+    reach : 0 at a point inside the opening, 1 at its edge.
+
+    Returns
+    -------
+    u, and the area of the opening per area of the unit disc, times pi: its mean over
+    an evenly filled disc is `opening_area`.
+    """
+    outward = jnp.stack([jnp.cos(azimuth_rad), jnp.sin(azimuth_rad)], -1)
     centre = _inner_point(h, stop_radius, pupil)
     radius = _radius(outward, centre, h, stop_radius, pupil, sharpness)
     s = centre[None] + (reach * radius)[:, None] * outward
-    weight = radius * radius
-    return PupilNodes(
-        u=s @ stretch_matrix(h, pupil),
-        weight=weight / jnp.sum(weight),
-        area=opening_area(h, stop_radius, pupil, sharpness),
-    )
+    stretch = jnp.pi * jnp.exp(jnp.sum(_log_stretch(h, pupil)))
+    return s @ stretch_matrix(h, pupil), stretch * radius * radius
 
 
 def opening_area(
