@@ -18,7 +18,7 @@ from lensfit.fit.bias import centroid_shift_mm
 from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import Frame
 from lensfit.fit.normal import Equations
-from lensfit.fit.parameters import POSE_PARAMETERS, Layout, Prior
+from lensfit.fit.parameters import Layout, Prior
 from lensfit.fit.views import Stack, noise_mm2, whitening_of
 
 CAUCHY_SCALE = 3.0
@@ -118,11 +118,6 @@ class Adjustment:
         across = np.sum(np.nan_to_num(n) * residual, -1, keepdims=True) * n
         residual = np.where(np.isfinite(n), across, residual)
         return np.where(stack.present[..., None], residual, 0.0)
-
-
-def fixed_prior(layout: Layout, views: int) -> Prior:
-    """Everything at zero, nothing free."""
-    return Prior(np.zeros(layout.size(views)), np.zeros(layout.size(views)))
 
 
 def problem_of(
@@ -242,20 +237,3 @@ def _model_variance(
         floor = (2e-3 * stack.mm_per_px[k]) ** 2
         variance[k] = max(scale**2 - np.median(noise[k][here]), floor)
     return variance
-
-
-def release(
-    prior: Prior, where: slice | np.ndarray, standard_deviation: float
-) -> Prior:
-    """The same prior with some parameters free."""
-    deviation = prior.standard_deviation.copy()
-    deviation[where] = standard_deviation
-    return Prior(prior.mean, deviation)
-
-
-def with_poses_free(prior: Prior, layout: Layout) -> Prior:
-    """The same prior with every pose free, and bends as they were."""
-    deviation = prior.standard_deviation.copy()
-    local = deviation[layout.shared :].reshape(-1, layout.local)
-    local[:, :POSE_PARAMETERS] = 3.0
-    return Prior(prior.mean, deviation)

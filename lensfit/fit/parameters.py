@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from lensfit.optics import field
 from lensfit.optics.base import BaseProjection
@@ -79,6 +79,14 @@ class Layout:
             "row_drift": slice(POSE_PARAMETERS, drift),
             "board_bend": slice(drift, self.local),
         }
+
+    def local_indices(
+        self, name: str, views: int
+    ) -> Int[np.ndarray, "views parameters"]:
+        """Where a local block of every photograph lies in the whole vector."""
+        where = self.local_blocks[name]
+        starts = self.shared + self.local * np.arange(views)
+        return starts[:, None] + np.arange(where.start, where.stop)
 
     @property
     def shared(self) -> int:

@@ -18,7 +18,7 @@ must only on the same evidence.
 Reference: G. Schwarz, Annals of Statistics 6 (1978) 461-464.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,12 +26,10 @@ from jaxtyping import Float, Int
 
 from lensfit.fit.parameters import (
     APERTURE_SHIFT_TERMS,
-    DRIFT_PARAMETERS,
-    POSE_PARAMETERS,
     Layout,
     board_degrees,
 )
-from lensfit.fit.trial import Statistics, Trial
+from lensfit.fit.trial import Scores, Statistics, Trial
 from lensfit.optics import field
 
 LEAST_BIC_GAIN = 6.0
@@ -152,47 +150,80 @@ def choose(
     tried = np.concatenate([steps[-1].indices for steps in terms.values()])
     trial = Trial(first_half, second_half, precision, offset, always, tried)
     kept: dict[str, int] = {}
+    verdicts: dict[str, Verdict] = {}
     indices = np.zeros(0, int)
     now = trial.scores(indices)
-    verdicts: dict[str, Verdict] = {}
     while True:
         best = None
         for family, steps in terms.items():
-            own = None
-            for level in range(kept.get(family, 0), len(steps)):
-                step = steps[level]
-                grown = np.union1d(indices, step.indices)
-                if len(grown) == len(indices):
-                    continue
-                scores = trial.scores(grown)
-                bic = now.bic - scores.bic
-                held_out = 1 - scores.held_out / now.held_out
-                visible = now.held_out - scores.held_out > least
-                good = bic > LEAST_BIC_GAIN and held_out > LEAST_HELD_OUT_GAIN
-                good = good and visible
-                verdicts[step.name] = Verdict(step.name, False, bic, held_out, visible)
-                further = own is None or bic > own[0] + LEAST_BIC_GAIN
-                if good and further:
-                    own = (bic, family, level, grown, scores)
-            if own and (best is None or own[0] > best[0]):
-                best = own
+            growths = _growths(trial, indices, now, steps, kept.get(family, 0), least)
+            verdicts |= {growth.verdict.name: growth.verdict for growth in growths}
+            own = _best_of(growths)
+            if own and (best is None or own.evidence > best[1].evidence):
+                best = family, own
         if best is None:
             break
-        _, family, level, indices, now = best
-        for step in terms[family][kept.get(family, 0) : level + 1]:
-            verdicts[step.name] = Verdict(
-                step.name, True, *_gain(verdicts[terms[family][level].name])
-            )
-        kept[family] = level + 1
+        family, growth = best
+        indices, now = growth.indices, growth.scores
+        for step in terms[family][kept.get(family, 0) : growth.level + 1]:
+            verdicts[step.name] = replace(growth.verdict, name=step.name, kept=True)
+        kept[family] = growth.level + 1
     return Choice(kept, list(verdicts.values()), trial.step(indices))
 
 
-def _gain(verdict: Verdict) -> tuple[float, float]:
-    return verdict.bic_gain, verdict.held_out_gain
+class _Growth(NamedTuple):
+    """A step of a family on top of a model, and the model that makes."""
+
+    level: int
+    indices: Int[np.ndarray, " tried"]
+    scores: Scores
+    verdict: Verdict
+
+    @property
+    def evidence(self) -> float:
+        return self.verdict.bic_gain
+
+    @property
+    def good(self) -> bool:
+        verdict = self.verdict
+        better = verdict.held_out_gain > LEAST_HELD_OUT_GAIN and verdict.visible
+        return better and verdict.bic_gain > LEAST_BIC_GAIN
+
+
+def _growths(
+    trial: Trial,
+    indices: Int[np.ndarray, " tried"],
+    now: Scores,
+    steps: list[Step],
+    first: int,
+    least: float,
+) -> list[_Growth]:
+    """Every step from `first` on that adds something to the model of `indices`."""
+    found = []
+    for level, step in enumerate(steps[first:], first):
+        grown = np.union1d(indices, step.indices)
+        if len(grown) == len(indices):
+            continue
+        scores = trial.scores(grown)
+        fall = now.held_out - scores.held_out
+        gains = now.bic - scores.bic, 1 - scores.held_out / now.held_out
+        verdict = Verdict(step.name, False, *gains, visible=fall > least)
+        found.append(_Growth(level, grown, scores, verdict))
+    return found
+
+
+def _best_of(growths: list[_Growth]) -> _Growth | None:
+    """The good one with most evidence; a longer one only for a good deal more."""
+    best = None
+    for growth in growths:
+        further = best is None or growth.evidence > best.evidence + LEAST_BIC_GAIN
+        if growth.good and further:
+            best = growth
+    return best
 
 
 def _prefixes(name: str, indices: np.ndarray, lengths: tuple[int, ...]) -> list[Step]:
-    return [Step(f"{name}_{n}" if n else name, indices[:n]) for n in lengths]
+    return [Step(f"{name}_{n}", indices[:n]) for n in lengths]
 
 
 def _field_steps(indices: np.ndarray, degree: int) -> list[Step]:
@@ -213,8 +244,7 @@ def _stretch_steps(indices: np.ndarray, degree: int) -> list[Step]:
 
 def bend_steps(layout: Layout, views: int) -> list[Step]:
     """Bends of every photograph's board, of rising degree."""
-    rows = layout.shared + np.arange(layout.local * views).reshape(views, -1)
-    rows = rows[:, POSE_PARAMETERS + DRIFT_PARAMETERS :]
+    rows = layout.local_indices("board_bend", views)
     return [
         Step(f"board_bend_{d}", rows[:, : len(board_degrees(d))].ravel())
         for d in range(2, layout.bend_degree + 1)
@@ -223,6 +253,4 @@ def bend_steps(layout: Layout, views: int) -> list[Step]:
 
 def drift_steps(layout: Layout, views: int) -> list[Step]:
     """The row drift of every photograph."""
-    rows = layout.shared + np.arange(layout.local * views).reshape(views, -1)
-    drift = rows[:, POSE_PARAMETERS : POSE_PARAMETERS + DRIFT_PARAMETERS]
-    return [Step("row_drift", drift.ravel())]
+    return [Step("row_drift", layout.local_indices("row_drift", views).ravel())]

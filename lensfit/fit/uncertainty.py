@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from lensfit.batches import in_batches
 from lensfit.fit.adjust import Adjustment
-from lensfit.fit.chief_ray import halves_of
+from lensfit.fit.evidence import halves_of
 from lensfit.fit.geometry import Frame, distortion_of
 from lensfit.fit.parameters import Layout
 from lensfit.fit.views import residuals_of

@@ -16,8 +16,9 @@ from msgspec.structs import replace
 
 from lensfit.detect.observations import POINT
 from lensfit.fit.adjust import Adjustment
-from lensfit.fit.chief_ray import HELD_OUT_SEEDS, ChiefRayFit, fitted_to_half
+from lensfit.fit.chief_ray import ChiefRayFit
 from lensfit.fit.geometry import distortion_of
+from lensfit.fit.held_out import HELD_OUT_SEEDS, fitted_to_half
 from lensfit.fit.lens_states import LensState
 from lensfit.fit.views import line_numbers, observed_of
 from lensfit.lens import Channel, Lens

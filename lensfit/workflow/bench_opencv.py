@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 
 from lensfit.fit.adjust import Adjustment
-from lensfit.fit.chief_ray import HELD_OUT_SEEDS, ChiefRayFit
+from lensfit.fit.chief_ray import ChiefRayFit
+from lensfit.fit.held_out import HELD_OUT_SEEDS
 
 _MODELS = {
     5: 0,

@@ -11,7 +11,8 @@ import numpy as np
 
 from lensfit.batches import in_batches
 from lensfit.coords import Window
-from lensfit.fit.chief_ray import ChiefRayFit, rms, squared_px
+from lensfit.fit.chief_ray import ChiefRayFit
+from lensfit.fit.held_out import rms, squared_px
 from lensfit.fit.lens_states import Fitted, LensState
 from lensfit.fit.select import Verdict
 from lensfit.fit.uncertainty import position_deviation_mm

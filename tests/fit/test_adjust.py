@@ -7,14 +7,8 @@ import pytest
 from pinhole_shoot import MM_PER_PX, Camera, observations, shoot, take_of
 
 from lensfit.detect.observations import LINE_OF_CONSTANT_I
-from lensfit.fit.adjust import (
-    Adjustment,
-    adjust,
-    fixed_prior,
-    release,
-    weigh,
-    with_poses_free,
-)
+from lensfit.fit.adjust import Adjustment, adjust, weigh
+from lensfit.fit.priors import fixed_prior, release, with_poses_free
 from lensfit.fit.stage import start_of
 
 NOISE_PX = 0.05

@@ -8,16 +8,10 @@ from pinhole_shoot import MM_PER_PX, Camera, shoot
 from scipy.stats import chi2
 
 from lensfit.fit import solve
-from lensfit.fit.adjust import (
-    Adjustment,
-    equations_at,
-    fixed_prior,
-    problem_of,
-    release,
-    with_poses_free,
-)
-from lensfit.fit.chief_ray import squared_px
+from lensfit.fit.adjust import Adjustment, equations_at, problem_of
+from lensfit.fit.held_out import squared_px
 from lensfit.fit.levenberg import with_prior
+from lensfit.fit.priors import fixed_prior, release, with_poses_free
 from lensfit.fit.stage import start_of
 
 NOISE_PX = 0.05

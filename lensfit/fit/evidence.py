@@ -1,0 +1,167 @@
+"""Stages 2 and 3 of the geometric fit: which terms the photographs ask for.
+
+The named terms are chosen first, twice, then what bends boards, then the free field, on
+top of named terms that are held where they are, since it spans them. A few damped
+steps with everything free follow, along the curved valley that this leaves.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust, equations_at
+from lensfit.fit.parameters import Layout, Prior
+from lensfit.fit.priors import loose_prior
+from lensfit.fit.select import (
+    Step,
+    Verdict,
+    bend_steps,
+    choose,
+    drift_steps,
+    families,
+)
+from lensfit.fit.stage import Start
+from lensfit.fit.trial import Statistics
+from lensfit.fit.views import noise_mm2, residuals_of
+from lensfit.progress import Progress
+
+
+def with_evidence(
+    start: Start, compact: Adjustment, progress: Progress
+) -> tuple[Adjustment, tuple[str, ...], list[Verdict]]:
+    """Stages 2 and 3."""
+    views, layout = len(start.takes), compact.layout
+    always = _always(layout, views, start.focal_length_free)
+    terms = families(layout, start.largest)
+    if start.focal_length_free:
+        del terms["principal_point"]  # it is in every model then
+    free_field = {n: terms.pop(n) for n in ("free_field",) if n in terms}
+    adjustment, kept, verdicts = compact, {}, []
+    for turn in range(2):
+        adjustment, kept, verdicts = _chosen(adjustment, always, terms)
+        progress("fit", 2 + turn, 5)
+    names = [terms[f][n - 1].name for f, n in kept.items()]
+    if layout.bend_degree:
+        # On top of the lens, never instead of it: seen frontally, a bent board
+        # and a distorting lens are one and the same.
+        lens = np.setdiff1d(_indices(always, kept, terms), _spanned(layout))
+        bends = {
+            "board_bend": bend_steps(layout, views),
+            "row_drift": drift_steps(layout, views),
+        }
+        adjustment, more, others = _chosen(adjustment, lens, bends)
+        verdicts = verdicts + others
+        names += [bends[f][n - 1].name for f, n in more.items()]
+        everything = np.union1d(
+            _indices(always, kept, terms), _indices(lens, more, bends)
+        )
+        adjustment = _all_free(adjustment, everything)
+    if free_field:
+        adjustment, more, others = _with_free_field(adjustment, always, free_field)
+        verdicts, names = verdicts + others, names + more
+    progress("fit", 4, 5)
+    return adjustment, tuple(names), verdicts
+
+
+def _with_free_field(
+    named: Adjustment, always: np.ndarray, steps: dict[str, list[Step]]
+) -> tuple[Adjustment, list[str], list[Verdict]]:
+    """Stage 3; afterwards everything that was kept is free again."""
+    fitted, kept, verdicts = _chosen(named, always, steps)
+    if not kept:
+        return named, [], verdicts
+    step = steps["free_field"][kept["free_field"] - 1]
+    everything = np.union1d(np.flatnonzero(named.prior.free), step.indices)
+    return _all_free(fitted, everything), [step.name], verdicts
+
+
+def _all_free(adjustment: Adjustment, everything: np.ndarray) -> Adjustment:
+    """One more round with all these free, each with a loose prior around zero."""
+    nothing = np.zeros(0, int)
+    prior = loose_prior(adjustment.parameters, adjustment.layout, nothing, everything)
+    prior = Prior(np.where(prior.free, 0.0, prior.mean), prior.standard_deviation)
+    released = replace(adjustment, prior=prior)
+    return adjust(released, rounds=1, damping=VALLEY_DAMPING)
+
+
+def _spanned(layout: Layout) -> np.ndarray:
+    """Lens terms of degree three and more, held while bends are tried."""
+    blocks = [layout.blocks[name] for name in ("radial", "anamorphic")]
+    return np.concatenate([np.arange(b.start, b.stop) for b in blocks])
+
+
+def _chosen(
+    adjustment: Adjustment,
+    always: np.ndarray,
+    terms: dict[str, list[Step]],
+) -> tuple[Adjustment, dict[str, int], list[Verdict]]:
+    """Linearise, choose among `terms`, and fit what was chosen.
+
+    Parameters that are neither in `always` nor in `terms` stay where they are.
+    """
+    tried = np.unique(
+        np.concatenate([always, *(s[-1].indices for s in terms.values())])
+    )
+    here, layout = adjustment.parameters, adjustment.layout
+    everything = loose_prior(here, layout, tried, tried)
+    precision = np.where(everything.free, 1.0, 0.0)
+    precision = precision / np.maximum(everything.standard_deviation, 1e-30) ** 2
+    offset = here - everything.mean
+    found = choose(
+        *halves_of(replace(adjustment, prior=everything)),
+        precision,
+        offset,
+        always,
+        terms,
+        int(adjustment.used.sum()),
+        _px_per_deviation(adjustment),
+    )
+    chosen = _indices(always, found.kept, terms)
+    started = replace(
+        adjustment,
+        parameters=here + found.step,
+        prior=loose_prior(here, layout, tried, chosen),
+    )
+    return adjust(started), found.kept, found.verdicts
+
+
+def _always(layout: Layout, views: int, focal_length: bool) -> np.ndarray:
+    """Parameters in every model: poses, and the pinhole where it can be known."""
+    poses = layout.local_indices("pose", views).ravel()
+    pinhole = [layout.blocks["focal_length"], layout.blocks["principal_point"]]
+    known = [np.arange(w.start, w.stop) for w in pinhole if focal_length]
+    return np.concatenate([*known, poses]).astype(int)
+
+
+def _indices(
+    always: np.ndarray, kept: dict[str, int], terms: dict[str, list[Step]]
+) -> np.ndarray:
+    chosen = [terms[family][level - 1].indices for family, level in kept.items()]
+    return np.unique(np.concatenate([always, *chosen]))
+
+
+def _px_per_deviation(adjustment: Adjustment) -> float:
+    """Pixels that a whitened residual of one stands for, on average."""
+    variance = noise_mm2(adjustment.stack) + adjustment.model_variance_mm2[:, None]
+    mean = np.mean(variance[adjustment.used])
+    return float(np.sqrt(mean) / adjustment.stack.mm_per_px.mean())
+
+
+def halves_of(adjustment: Adjustment) -> tuple[Statistics, Statistics]:
+    """Normal equations of the full model on two random halves of the marks."""
+    here = equations_at(adjustment)
+    matrix, gradient = np.asarray(here.matrix), np.asarray(here.gradient)
+    squares = np.asarray(here.chi_squared)
+    deal = adjustment.stack.chunking
+    residuals = residuals_of(adjustment.stack) * adjustment.used
+    counts = deal.cut(residuals) * deal.real
+    one, other = (
+        Statistics(
+            matrix[half],
+            gradient[half],
+            float(squares[half]),
+            int(counts[:, half::2].sum()),
+        )
+        for half in (0, 1)
+    )
+    return one, other

@@ -1,0 +1,65 @@
+"""Which parameters may change, and how far: the priors of the stages.
+
+Loose ones: they keep what the photographs do not see from wandering, and hardly touch
+what they see. The principal point stays well inside the frame.
+"""
+
+import numpy as np
+
+from lensfit.fit.parameters import Layout, Prior
+
+LOOSE = {
+    "focal_length": 0.3,
+    "principal_point": 0.05,
+    "radial": 1.0,
+    "squeeze": 0.1,
+    "decentering": 0.05,
+    "thin_prism": 0.05,
+    "anamorphic": 0.05,
+    "free_field": 0.01,
+    "board_stretch": 0.01,
+    "aperture_shift": 0.01,
+    "pose": 3.0,
+    "row_drift": 0.005,
+    "board_bend": 0.01,
+}
+"""Standard deviations in the units of `parameters`: reference radii, half boards, and
+for a pose radians and distances."""
+
+
+def fixed_prior(layout: Layout, views: int) -> Prior:
+    """Everything at zero, nothing free."""
+    return Prior(np.zeros(layout.size(views)), np.zeros(layout.size(views)))
+
+
+def release(
+    prior: Prior, where: slice | np.ndarray, standard_deviation: float
+) -> Prior:
+    """The same prior with some parameters free."""
+    deviation = prior.standard_deviation.copy()
+    deviation[where] = standard_deviation
+    return Prior(prior.mean, deviation)
+
+
+def with_poses_free(prior: Prior, layout: Layout) -> Prior:
+    """The same prior with every pose free, and bends as they were."""
+    views = (len(prior.mean) - layout.shared) // layout.local
+    return release(prior, layout.local_indices("pose", views), LOOSE["pose"])
+
+
+def loose_prior(
+    parameters: np.ndarray, layout: Layout, tried: np.ndarray, free: np.ndarray
+) -> Prior:
+    """Loose priors around zero on `free`; zero for what was tried and is not free.
+
+    Every other parameter is held at its present value.
+    """
+    mean = parameters.copy()
+    mean[tried] = 0.0
+    views = (len(mean) - layout.shared) // layout.local
+    deviation = np.zeros(len(mean))
+    for name, where in layout.blocks.items():
+        deviation[where] = LOOSE[name]
+    for name in layout.local_blocks:
+        deviation[layout.local_indices(name, views)] = LOOSE[name]
+    return Prior(mean, np.where(np.isin(np.arange(len(mean)), free), deviation, 0.0))
