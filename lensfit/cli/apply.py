@@ -68,7 +68,9 @@ def apply(
     from lensfit.cli._bars import progress_bars
     from lensfit.preset.store import load_preset
     from lensfit.render.stages import Switches
-    from lensfit.workflow.apply import ApplyOptions, StateOverrides, apply_preset
+    from lensfit.workflow.apply import apply_preset
+    from lensfit.workflow.frame_renderer import ApplyOptions
+    from lensfit.workflow.plate_state import StateOverrides
 
     options = ApplyOptions(
         overrides=StateOverrides(

@@ -18,7 +18,9 @@ from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance
 from lensfit.render.frame import render
 from lensfit.render.stages import Switches
-from lensfit.workflow.apply import ApplyOptions, StateOverrides, apply_preset
+from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.frame_renderer import ApplyOptions
+from lensfit.workflow.plate_state import StateOverrides
 
 DISPLAY = Window.of_size(96, 64)
 DATA = Window(-8, -6, 103, 69)
