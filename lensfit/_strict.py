@@ -6,6 +6,7 @@ plain words for the types and, for an unknown key, the known one most like it.
 """
 
 import difflib
+import json
 import math
 import re
 import typing
@@ -56,6 +57,39 @@ def convert_strictly(
         raise error(
             f"{key}{_in_plain_words(what, record_type, path)}", where=where
         ) from complaint
+
+
+def read_json_object(
+    path: Path, *, error: type[LensfitError], source: str, mend: str
+) -> dict[str, Any]:
+    """The object that a JSON file holds; no key of it may stand twice.
+
+    Parameters
+    ----------
+    path : The file.
+    error : Raised when the file cannot be read or is no JSON, naming `path`.
+    source, mend : What to do about the one, and about the other.
+    """
+    try:
+        found = json.loads(path.read_bytes(), object_pairs_hook=_without_duplicates)
+    except OSError as reason:
+        raise error(
+            f"cannot be read ({reason.strerror})", where=path, remedy=source
+        ) from reason
+    except (ValueError, RecursionError) as reason:
+        raise error(f"is not valid JSON: {reason}", where=path, remedy=mend) from reason
+    if not isinstance(found, dict):
+        raise error("is JSON but no object", where=path, remedy=source)
+    return found
+
+
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    tables = dict(pairs)
+    if len(tables) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f'key "{twice}" stands twice in one object')
+    return tables
 
 
 def non_finite_numbers(data: object, path: str = "") -> Iterator[tuple[str, float]]:

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from lensfit._strict import read_json_object
 from lensfit.errors import LensfitError
 
 
@@ -42,20 +43,13 @@ def report(
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        tables = json.loads(path.read_bytes())
-    except OSError as error:
-        raise LensfitError(
-            f"cannot be read ({error.strerror})",
-            where=path,
-            remedy='give the folder that "lensfit calibrate" wrote',
-        ) from error
-    except (ValueError, RecursionError) as error:
-        raise LensfitError(
-            f"is not valid JSON: {error}", where=path, remedy="calibrate again"
-        ) from error
-    schema = tables.get("schema") if isinstance(tables, dict) else None
-    if not str(schema).startswith("lensfit.report."):
+    tables = read_json_object(
+        path,
+        error=LensfitError,
+        source='give the folder that "lensfit calibrate" wrote',
+        mend="calibrate again",
+    )
+    if not str(tables.get("schema")).startswith("lensfit.report."):
         raise LensfitError(
             "is JSON but no report of lensfit",
             where=path,

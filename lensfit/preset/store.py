@@ -1,12 +1,15 @@
 """Presets on disk: read strictly, written whole, and never written unreadable."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from lensfit._strict import convert_strictly, non_finite_numbers
+from lensfit._strict import (
+    convert_strictly,
+    non_finite_numbers,
+    read_json_object,
+)
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import PresetError
 from lensfit.preset.check import check_preset
@@ -32,7 +35,13 @@ def load_preset(path: str | Path) -> Preset:
         the sentence names the key.
     """
     path = Path(path)
-    return _from_tables(upgrade(_tables(path), path), path)
+    tables = read_json_object(
+        path,
+        error=PresetError,
+        source='give a preset.json that "lensfit calibrate" wrote',
+        mend="restore or mend the file",
+    )
+    return _from_tables(upgrade(tables, path), path)
 
 
 def save_preset(preset: Preset, path: str | Path) -> None:
@@ -60,30 +69,3 @@ def _from_tables(tables: dict[str, Any], path: Path) -> Preset:
     )
     check_preset(preset, path)
     return preset
-
-
-def _tables(path: Path) -> dict[str, Any]:
-    try:
-        tables = json.loads(path.read_bytes(), object_pairs_hook=_without_duplicates)
-    except OSError as error:
-        raise PresetError(
-            f"cannot be read ({error.strerror})",
-            where=path,
-            remedy='give a preset.json that "lensfit calibrate" wrote',
-        ) from error
-    except (ValueError, RecursionError) as error:
-        raise PresetError(
-            f"is not valid JSON: {error}", where=path, remedy="restore or mend the file"
-        ) from error
-    if not isinstance(tables, dict):
-        raise PresetError("is JSON but no preset", where=path)
-    return tables
-
-
-def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    tables = dict(pairs)
-    if len(tables) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f'key "{twice}" stands twice in one object')
-    return tables
