@@ -142,13 +142,20 @@ def _grade(report: dict) -> Finding:
 
 def least_coverage(report: dict) -> float:
     """Part of the frame that the points reach, at the worst focal length; 0 to 1."""
+    return min([_covered(counts) for _, counts in _counts_by_focal(report)] + [1.0])
+
+
+def _counts_by_focal(report: dict) -> Iterator[tuple[float | None, np.ndarray]]:
+    """Points in every cell of the frame, for each focal length that has any."""
     size = image_size_px(report)
-    covered = [1.0]
-    for takes in takes_by_focal(report).values():
+    for focal, takes in takes_by_focal(report).items():
         points = residuals_of(takes).points_px
         if len(points) and all(size):
-            covered.append(float(np.mean(cell_counts(points, size) > 0)))
-    return min(covered)
+            yield focal, cell_counts(points, size)
+
+
+def _covered(counts: np.ndarray) -> float:
+    return float(np.mean(counts > 0))
 
 
 def _map(report: dict) -> Iterator[Finding]:
@@ -223,18 +230,12 @@ def _outstanding(report: dict) -> Iterator[Finding]:
 
 
 def _coverage(report: dict) -> Iterator[Finding]:
-    size = image_size_px(report)
-    groups = takes_by_focal(report)
-    for focal, takes in groups.items():
-        points = residuals_of(takes).points_px
-        if not len(points) or not all(size):
-            continue
-        counts = cell_counts(points, size)
-        covered = float(np.mean(counts > 0))
-        places = empty_places(counts)
+    several = len(takes_by_focal(report)) > 1
+    for focal, counts in _counts_by_focal(report):
+        covered, places = _covered(counts), empty_places(counts)
         if covered >= 0.9 and not places:
             continue
-        place = f" at {stated(focal, 'mm')}" if len(groups) > 1 and focal else ""
+        place = f" at {stated(focal, 'mm')}" if several and focal else ""
         where = f", with gaps {_in_places(places)}" if places else ""
         yield Finding(
             "caution",
