@@ -11,6 +11,7 @@ that no orientation is singular.
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from lensfit.fit.parameters import (
@@ -19,10 +20,15 @@ from lensfit.fit.parameters import (
     Layout,
     board_degrees,
 )
+from lensfit.optics import field
 from lensfit.optics.distortion import Distortion, distorted_from_direction
 
 Parts = dict[str, Array]
 """Named blocks of the parameters: those of the lens, and of one photograph."""
+
+
+NAMED = ("decentering", "thin_prism", "anamorphic")
+"""Blocks of the coefficients of `field.named_basis`, in its order."""
 
 
 class Frame(NamedTuple):
@@ -64,7 +70,6 @@ def distortion_of(shared: Array, layout: Layout, frame: Frame) -> Distortion:
 
 def lens_of(parts: Parts, layout: Layout, frame: Frame) -> Distortion:
     """The lens that the named blocks describe."""
-    named = [parts["decentering"], parts["thin_prism"], parts["anamorphic"]]
     return Distortion(
         principal_distance_mm=frame.stated_focal_length_mm
         * jnp.exp(parts["focal_length"][0]),
@@ -72,13 +77,23 @@ def lens_of(parts: Parts, layout: Layout, frame: Frame) -> Distortion:
         radial=parts["radial"],
         valid_radius=frame.valid_radius,
         squeeze=frame.stated_squeeze + parts["squeeze"],
-        named=jnp.concatenate(named),
+        named=jnp.concatenate([parts[name] for name in NAMED]),
         free=parts["free_field"].reshape(2, -1),
         box=frame.box,
         reference_radius_mm=frame.reference_radius_mm,
         base=layout.base,
         degree=layout.free_degree,
     )
+
+
+def named_parts(named: Float[Array, " named"]) -> Parts:
+    """Coefficients (or slopes) of `field.named_basis` by the blocks they belong to."""
+    sizes = (field.DECENTERING_TERMS, field.PRISM_TERMS, field.ANAMORPHIC_TERMS)
+    ends = np.cumsum(sizes)
+    return {
+        name: named[end - size : end]
+        for name, size, end in zip(NAMED, sizes, ends.tolist(), strict=True)
+    }
 
 
 def predicted_mm(

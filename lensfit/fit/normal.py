@@ -21,6 +21,7 @@ from lensfit.fit.geometry import (
     Parts,
     View,
     distortion_of,
+    named_parts,
     parts_of,
     predicted_mm,
 )
@@ -131,8 +132,7 @@ def _behind_guard(
     """Coefficients as they act, and their derivative by those that are fitted."""
     where = _guarded_slice(layout)
     box = box_from_principal_point(distortion_of(shared, layout, frame))
-    sizes = [layout.blocks[name].stop - layout.blocks[name].start for name in GUARDED]
-    named = sum(sizes[:-1])
+    named = layout.blocks["free_field"].start - where.start
 
     def acting(fitted):
         return fitted * field.fold_guard(
@@ -143,11 +143,8 @@ def _behind_guard(
         )
 
     fitted = shared[where]
-    pieces, at = {}, 0
-    for name, size in zip(GUARDED, sizes, strict=True):
-        pieces[name] = acting(fitted)[at : at + size]
-        at += size
-    return pieces, jax.jacrev(acting)(fitted)
+    value, slope = acting(fitted), jax.jacrev(acting)(fitted)
+    return named_parts(value[:named]) | {"free_field": value[named:]}, slope
 
 
 def _through_guard(sums: _Blocks, by_coefficient: Array, layout: Layout) -> _Blocks:

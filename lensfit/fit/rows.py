@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from lensfit.fit.geometry import (
+    NAMED,
     Frame,
     Parts,
     View,
@@ -24,6 +25,7 @@ from lensfit.fit.geometry import (
     board_point_mm,
     direction_of,
     lens_of,
+    named_parts,
     shifted_mm,
 )
 from lensfit.fit.parameters import Layout
@@ -35,7 +37,9 @@ from lensfit.optics.distortion import (
     radial_image,
 )
 
-GUARDED = ("decentering", "thin_prism", "anamorphic", "free_field")
+BLOCKS = (*Layout().blocks, *Layout().local_blocks)
+"""Names of all blocks in the order of a row."""
+GUARDED = (*NAMED, "free_field")
 """Blocks behind the guard, which follow each other in the vector."""
 _ON_THE_BOARD = ("board_stretch", "board_bend")
 
@@ -122,14 +126,9 @@ def _displacement_near(q: Array, corner: Array, lens) -> _Displacement:
 
 
 def _guarded(nudge: _Nudge, displacement: _Displacement) -> Parts:
-    by_named = displacement.named @ nudge.image
-    decentering, prism = field.DECENTERING_TERMS, field.PRISM_TERMS
-    return {
-        "decentering": by_named[:decentering],
-        "thin_prism": by_named[decentering : decentering + prism],
-        "anamorphic": by_named[decentering + prism :],
-        "free_field": jnp.outer(nudge.image, displacement.free).reshape(-1),
-    }
+    by_free = jnp.outer(nudge.image, displacement.free).reshape(-1)
+    by_named = named_parts(displacement.named @ nudge.image)
+    return by_named | {"free_field": by_free}
 
 
 def _board_bases(board: Array, view: View, layout: Layout) -> tuple[Array, Array]:
@@ -149,7 +148,3 @@ def _of_board(nudge: _Nudge, bases: tuple[Array, Array]) -> Parts:
 
 def _in_order(slopes: Parts) -> Array:
     return jnp.concatenate([slopes[name] for name in BLOCKS])
-
-
-BLOCKS = (*Layout().blocks, *Layout().local_blocks)
-"""Names of all blocks in the order of a row."""
