@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 from lensfit.coords import mm_from_px
 from lensfit.detect.observations import POINT, Observations
 from lensfit.fit.take import Take
+from lensfit.fit.views import variance_of
 from lensfit.optics.lateral import lopsided_basis
 
 _FEWEST_MARKS = 40
@@ -131,10 +132,7 @@ def _rows(take: Take, index: int, centre_mm: np.ndarray) -> tuple[np.ndarray, ..
     moved = (places[index] - places[1])[keep] * mm_per_px
     covariance = (o.channel_covariance_px2[index] + o.channel_covariance_px2[1])[keep]
     normal = np.where((o.family != POINT)[:, None], o.normal, np.nan)[keep]
-    n = np.nan_to_num(normal)
-    across = np.einsum("mi,mij,mj->m", n, covariance, n)
-    mean = np.trace(covariance, axis1=1, axis2=2) / 2
-    variance = np.where(np.isfinite(normal[:, 0]), across, mean) * mm_per_px**2
+    variance = variance_of(covariance, normal) * mm_per_px**2
     green = mm_from_px(places[1][keep], o.image_size_px, take.sensor_size_mm)
     scale = np.full(len(moved), mm_per_px)
     return green - centre_mm, moved, normal, variance, scale

@@ -130,25 +130,30 @@ def whitening_of(
     total = stack.covariance_mm2 + model_variance_mm2[:, None, None, None] * np.eye(2)
     points = _inverse_root(total)
     lines = np.isfinite(stack.normal[..., 0])
-    n = np.where(lines[..., None], stack.normal, 0.0)
-    across = np.einsum("vmi,vmij,vmj->vm", n, total, n)
-    rows = n / np.sqrt(np.where(lines, across, 1.0))[..., None]
+    deviation = np.sqrt(variance_of(total, stack.normal))
+    rows = np.nan_to_num(stack.normal) / deviation[..., None]
     one_row = np.stack([rows, np.zeros_like(rows)], -2)
     whitening = np.where(lines[..., None, None], one_row, points)
     return whitening * stack.present[..., None, None]
 
 
 def noise_mm2(stack: Stack) -> Float[np.ndarray, "views marks"]:
-    """Detection variance of one residual of every mark.
+    """Detection variance of one residual of every mark."""
+    return variance_of(stack.covariance_mm2, stack.normal)
 
-    Of a point the mean over both axes; of a line sample across the line, since along it
-    nothing was measured.
+
+def variance_of(
+    covariance: Float[np.ndarray, "*marks 2 2"], normal: Float[np.ndarray, "*marks 2"]
+) -> Float[np.ndarray, "*marks"]:
+    """Variance of one residual of every mark.
+
+    Of a point (its normal is NaN) the mean over both axes; of a line sample across the
+    line, since along it nothing was measured.
     """
-    lines = np.isfinite(stack.normal[..., 0])
-    n = np.where(lines[..., None], stack.normal, 0.0)
-    across = np.einsum("vmi,vmij,vmj->vm", n, stack.covariance_mm2, n)
-    mean = np.trace(stack.covariance_mm2, axis1=-2, axis2=-1) / 2
-    return np.where(lines, across, mean)
+    n = np.nan_to_num(normal)
+    across = np.einsum("...i,...ij,...j->...", n, covariance, n)
+    mean = np.trace(covariance, axis1=-2, axis2=-1) / 2
+    return np.where(np.isfinite(normal[..., 0]), across, mean)
 
 
 def residuals_of(stack: Stack) -> Int[np.ndarray, "views marks"]:
