@@ -122,7 +122,7 @@ class Lens(eqx.Module):
 
     def psf(
         self,
-        image_point_mm: Float[ArrayLike, "2"],
+        image_point_mm: Float[ArrayLike, "2"] | Sequence[float],
         object_distance_mm: float,
         channel: Channel = "g",
         *,

@@ -16,6 +16,14 @@ PROMISED = {
     "distorted_from_undistorted": ["points_mm", "channel"],
     "undistorted_from_distorted": ["points_mm", "channel"],
     "relative_illumination": ["points_mm", "channel"],
+    "psf": [
+        "image_point_mm",
+        "object_distance_mm",
+        "channel",
+        "pixel_pitch_mm",
+        "size_px",
+        "tolerance",
+    ],
 }
 """Methods of a lens that other programs rely on, with their arguments."""
 

@@ -56,9 +56,8 @@ def stmap(
 
     loaded = load_preset(preset)
     camera = loaded.camera
-    lens = loaded.at(
-        focal_length_mm=focal_length_mm, focus_distance_mm=focus_distance_mm
-    )
+    state = {"focal_length_mm": focal_length_mm, "focus_distance_mm": focus_distance_mm}
+    lens = loaded.at(**state)
     frame = StmapFrame(
         wanted or (camera.image_width_px, camera.image_height_px),
         overscan,
@@ -75,7 +74,8 @@ def stmap(
             tolerance_px=tolerance_px,
             progress=progress,
         )
-    for note in lens.notes:
+    # Of the selection, not of the lens: a map has no blur that could be missing.
+    for note in loaded.select(**state).notes:
         say_note(note)
     if lens.has_lateral_colour and not per_channel:
         say_note("the maps are those of green; --per-channel writes red and blue too")

@@ -5,8 +5,9 @@ that one neighbour lacks are zero there, so that a term fades in; what defines t
 (base projection, reference radius, degree and box of a free field) must agree.
 Fall-offs are first brought to one degree and radius, which is exact. The
 squeeze is interpolated as the logarithmic strain of `lensfit.optics.distortion`, which
-knows no jump where its axis turns around. What describes the measurement (terms,
-covariance, quality) comes from the nearer neighbour.
+knows no jump where its axis turns around. Blur that one neighbour lacks is the other's
+(`lensfit.preset.blend_blur` has the rules for the rest). What describes the measurement
+(terms, covariance, quality) comes from the nearer neighbour.
 """
 
 import math
@@ -17,8 +18,10 @@ import msgspec
 
 from lensfit.errors import PresetError
 from lensfit.preset.bernstein import on_common_footing
+from lensfit.preset.blend_blur import blended_blur
+from lensfit.preset.blend_numbers import blended_distance_mm
 from lensfit.preset.blocks import Distortion, FallOff
-from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
+from lensfit.preset.blur_blocks import Blur
 
 Block = TypeVar("Block", bound=msgspec.Struct)
 
@@ -38,6 +41,8 @@ def blend(first: Block, second: Block, weight: float) -> Block:
     """
     if weight in (0.0, 1.0):
         return first if weight == 0.0 else second
+    if isinstance(first, Blur) and isinstance(second, Blur):
+        return blended_blur(first, second, weight)
     if isinstance(first, FallOff) and isinstance(second, FallOff):
         first, second = on_common_footing(first, second)
     changes = {
@@ -65,6 +70,10 @@ def _value(name: str, first: Any, second: Any, weight: float) -> Any:
         return None
     if name == "focus_distance_mm":
         return _focus(first, second, weight)
+    if name == "predicted":
+        return first or second
+    if name == "blur" and (first is None or second is None):
+        return first or second  # blur that was not measured is not zero
     if first is None or second is None:
         # Every number of an optional block is a coefficient that is zero without it.
         return _scaled(second, weight) if first is None else _scaled(first, 1 - weight)
@@ -92,9 +101,7 @@ def _agreed(name: str, first: Any, second: Any) -> Any:
 def _focus(first: float | None, second: float | None, weight: float) -> float | None:
     if first is None or second is None:
         return None
-    dioptres = (1 - weight) * dioptres_from_mm(first)
-    dioptres += weight * dioptres_from_mm(second)
-    return MILLIMETRES_PER_METRE / dioptres if dioptres else math.inf
+    return blended_distance_mm(first, second, weight)
 
 
 def _scaled(value: Any, factor: float) -> Any:

@@ -3,6 +3,11 @@
 The file lists each term of the aberration function with its change by colour, and the
 pupil's squeeze as a ratio; the optics keep arrays in the order of their terms, colour
 apart, and the logarithm of the squeeze. Nothing else changes on the way.
+
+`lens_blur` then sets f-number and focus. The radius of a stop that was not photographed
+follows its f-number, corrected as the stops beside it were. A focus distance that was
+not photographed is reached by first-order optics: the sensor moves to where it is
+sharp, as if the whole lens did (unit focusing).
 """
 
 import math
@@ -11,12 +16,23 @@ from collections.abc import Iterable
 import jax.numpy as jnp
 import numpy as np
 
+from lensfit.kernel.lens_blur import LensBlur
 from lensfit.optics.aberration import Aberration
+from lensfit.optics.paraxial import (
+    FirstOrder,
+    defocus_mm,
+    focal_length_mm,
+    rim_sine,
+)
 from lensfit.optics.pupil import Pupil
-from lensfit.optics.spectrum import CENTRES_NM, WIDTHS_NM
+from lensfit.optics.spectrum import CENTRES_NM, WIDTHS_NM, bands
 from lensfit.optics.terms import Term
 from lensfit.preset import blur_blocks as blocks
+from lensfit.preset.entry import Entry
+from lensfit.preset.stops import radius_ratio
 
+ROUND_SLACK = 1.02
+"""Blades show above this times the widest round f-number."""
 _COLOURS = 2
 
 
@@ -80,6 +96,49 @@ def pupil_of(pupil: blocks.Pupil, *, bladed: bool = True) -> Pupil:
         blade_rotation_rad=_numbers(pupil.blade_rotation_rad),
         blade_curvature=_numbers(pupil.blade_curvature),
         blades=pupil.blades if bladed else 0,
+    )
+
+
+def lens_blur(
+    entry: Entry, f_number: float, measured_focus_mm: float | None
+) -> LensBlur:
+    """The blur of an entry that has one, at an f-number and the entry's focus.
+
+    Parameters
+    ----------
+    measured_focus_mm : Focus distance that the entry's numbers hold for; None when
+        nobody said: then the lens counts as focused at the reference distance, and is
+        sharp where the entry's focus says, if it says so.
+    """
+    blur, projection = entry.blur, entry.projection
+    if blur is None:
+        raise ValueError("the entry has no blur")
+    reference = _numbers(blur.reference_distance_mm)
+    magnification = _numbers(blur.pupil_magnification)
+    offset = _numbers(projection.entrance_pupil_offset_mm)
+    held_mm = measured_focus_mm or blur.reference_distance_mm
+    focus_mm = entry.focus_distance_mm or held_mm
+    f = focal_length_mm(
+        _numbers(projection.principal_distance_mm),
+        magnification,
+        offset,
+        _numbers(held_mm),
+    )
+    first_order = FirstOrder(f, magnification, offset)
+    # A focus that nobody stated is what the offset measures; a stated one replaces it.
+    stated = measured_focus_mm is None and entry.focus_distance_mm is not None
+    beyond = 0.0 if stated else blur.focus_offset_mm
+    nominal = rim_sine(first_order, _numbers(f_number), reference)
+    ratio = radius_ratio(blur.stops, f_number) / blur.reference_sine
+    bladed = f_number > ROUND_SLACK * blur.round_f_number
+    return LensBlur(
+        aberration=aberration_of(blur),
+        pupil=pupil_of(blur.pupil, bladed=bladed),
+        first_order=first_order,
+        reference_distance_mm=reference,
+        defocus_mm=defocus_mm(first_order, _numbers(focus_mm), reference) + beyond,
+        stop_radius=nominal * ratio,
+        bands=bands(3, blur.band_centres_nm, blur.band_widths_nm),
     )
 
 

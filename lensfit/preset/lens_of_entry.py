@@ -16,8 +16,35 @@ from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift
 from lensfit.preset import blocks
 from lensfit.preset.blur_of_block import blur_block as blur_block
+from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
 from lensfit.preset.schema import Camera
+from lensfit.preset.select import Selection
+
+_NO_BLUR = "blur was not measured; a perfect lens stands in for it"
+
+
+def lens_of_selection(chosen: Selection, camera: Camera) -> Lens:
+    """The lens at a state that may lie beyond what was measured."""
+    entry, blur = chosen.entry, None
+    if entry.blur is None:
+        unmeasured = (_NO_BLUR,)
+    else:
+        unmeasured = ()
+        if chosen.f_number is not None:
+            blur = lens_blur(entry, chosen.f_number, chosen.measured_focus_mm)
+    return Lens(
+        distortion=_optics_of(entry.projection, entry.distortion),
+        lateral_colour=_lateral_of(entry.lateral_colour),
+        illumination=_illumination_of(entry.fall_off),
+        entrance_pupil_offset_mm=_number(entry.projection.entrance_pupil_offset_mm),
+        sensor_size_mm=(camera.sensor_width_mm, camera.sensor_height_mm),
+        focal_length_mm=entry.focal_length_mm,
+        f_number=chosen.f_number,
+        focus_distance_mm=entry.focus_distance_mm,
+        notes=chosen.notes + unmeasured,
+        blur=blur,
+    )
 
 
 def lens_of_entry(
@@ -27,17 +54,8 @@ def lens_of_entry(
     notes: tuple[str, ...] = (),
 ) -> Lens:
     """The lens at the state of `entry`, whose `fall_off` has at most one member."""
-    return Lens(
-        distortion=_optics_of(entry.projection, entry.distortion),
-        lateral_colour=_lateral_of(entry.lateral_colour),
-        illumination=_illumination_of(entry.fall_off),
-        entrance_pupil_offset_mm=_number(entry.projection.entrance_pupil_offset_mm),
-        sensor_size_mm=(camera.sensor_width_mm, camera.sensor_height_mm),
-        focal_length_mm=entry.focal_length_mm,
-        f_number=f_number,
-        focus_distance_mm=entry.focus_distance_mm,
-        notes=notes,
-    )
+    chosen = Selection(entry, f_number, notes, entry.focus_distance_mm)
+    return lens_of_selection(chosen, camera)
 
 
 def distortion_block(distortion: Distortion) -> blocks.Distortion:

@@ -116,7 +116,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             is stretched when it does.
         """
         # Imported here, so that pipelines which only read presets never load JAX.
-        from lensfit.preset.lens_of_entry import lens_of_entry
+        from lensfit.preset.lens_of_entry import lens_of_selection
 
         chosen = self.select(focal_length_mm, f_number, focus_distance_mm)
-        return lens_of_entry(chosen.entry, self.camera, chosen.f_number, chosen.notes)
+        return lens_of_selection(chosen, self.camera)

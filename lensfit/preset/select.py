@@ -7,7 +7,8 @@ fold at the measured states do not fold between them either. Fall-off is interpo
 in the logarithm of the f-number.
 
 Beyond the measured focus distances the nearest measured state is used and a note says
-so: a prime measured at one focus serves all of them. Beyond the measured focal lengths
+so: a prime measured at one focus serves all of them, its blur refocused by first-order
+optics (`lensfit.preset.blur_of_block`). Beyond the measured focal lengths
 the same holds within 5 %, as metadata of a prime scatter; further away it is an error.
 """
 
@@ -30,13 +31,16 @@ class Selection(NamedTuple):
     Attributes
     ----------
     entry : At the state asked for; its `fall_off` has at most one member.
-    f_number : The one asked for, or of the fall-off; None when neither is known.
+    f_number : The one asked for, or the widest measured; None when neither is known.
+    measured_focus_mm : Focus distance that the entry's numbers hold for; None when
+        nobody said.
     notes : One sentence for each way in which the preset was stretched.
     """
 
     entry: Entry
     f_number: float | None
     notes: tuple[str, ...]
+    measured_focus_mm: float | None = None
 
 
 def select(
@@ -56,6 +60,11 @@ def select(
     _check_positive("focal_length_mm", focal_length_mm)
     _check_positive("f_number", f_number)
     _check_positive("focus_distance_mm", focus_distance_mm)
+    # Numbers of numpy and JAX are welcome; what is kept and compared are plain ones.
+    focal_length_mm, f_number, focus_distance_mm = (
+        None if value is None else float(value)
+        for value in (focal_length_mm, f_number, focus_distance_mm)
+    )
     notes: list[str] = []
     focal_lengths = sorted({entry.focal_length_mm for entry in entries})
     focal = _focal_length(focal_length_mm, focal_lengths, notes)
@@ -72,9 +81,20 @@ def select(
     entry = at_focal[0]
     if len(at_focal) == 2:
         entry = blend(at_focal[0], at_focal[1], (focal - low) / (high - low))
-    if f_number is None and entry.fall_off:
-        f_number = entry.fall_off[0].f_number
-    return Selection(entry, f_number, tuple(dict.fromkeys(notes)))
+    if f_number is None:
+        f_number = _widest(entry)
+    held_mm = entry.focus_distance_mm
+    if focus_distance_mm is not None:
+        entry = msgspec.structs.replace(entry, focus_distance_mm=focus_distance_mm)
+    return Selection(entry, f_number, tuple(dict.fromkeys(notes)), held_mm)
+
+
+def _widest(entry: Entry) -> float | None:
+    """The f-number of the fall-off, or else the widest at which blur was measured."""
+    if entry.fall_off:
+        return entry.fall_off[0].f_number
+    stops = entry.blur.stops if entry.blur else ()
+    return min((stop.f_number for stop in stops), default=None)
 
 
 def _check_positive(name: str, value: float | None) -> None:
@@ -143,16 +163,17 @@ def _at_focus(
 
 
 def _asked_focus(entry: Entry, asked_mm: float | None, notes: list[str]) -> Entry:
-    """`entry`, said to be at the focus asked for, with a note where it is not."""
+    """`entry`, with a note where it was measured at another focus."""
     measured_mm = entry.focus_distance_mm
-    if asked_mm is None or asked_mm == measured_mm:
-        return entry
-    if measured_mm is not None:
-        notes.append(
+    if asked_mm is not None and measured_mm not in (None, asked_mm):
+        note = (
             f"focus distance {asked_mm:g} mm is outside what was measured; "
             f"the lens as measured at {measured_mm:g} mm is used"
         )
-    return msgspec.structs.replace(entry, focus_distance_mm=asked_mm)
+        if entry.blur:
+            note += ", its blur refocused as if the whole lens moved (unit focusing)"
+        notes.append(note)
+    return entry
 
 
 def _dioptres(entry: Entry) -> float:

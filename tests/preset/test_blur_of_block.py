@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+import jax.numpy as jnp
 import msgspec
 import numpy as np
 import pytest
@@ -45,12 +46,12 @@ def test_optics_survive_the_block():
     rng = np.random.default_rng(3)
     terms, colours = rotational_terms(5), rotational_terms(3) + decentring_terms()
     aberration = Aberration(
-        coefficients_um=rng.normal(size=len(terms)),
-        colour_um=rng.normal(size=(2, len(colours))),
-        field_radius_mm=np.asarray(15.0),
-        reference_sine=np.asarray(0.3),
-        exit_pupil_distance_mm=np.asarray(80.0),
-        chief_bend=np.asarray(0.01),
+        coefficients_um=jnp.asarray(rng.normal(size=len(terms))),
+        colour_um=jnp.asarray(rng.normal(size=(2, len(colours)))),
+        field_radius_mm=jnp.asarray(15.0),
+        reference_sine=jnp.asarray(0.3),
+        exit_pupil_distance_mm=jnp.asarray(80.0),
+        chief_bend=jnp.asarray(0.01),
         terms=terms,
         colour_terms=colours,
     )
@@ -67,9 +68,9 @@ def test_optics_survive_the_block():
     um = dict(zip(back.terms, np.asarray(back.coefficients_um), strict=True))
     colour = dict(zip(back.colour_terms, np.asarray(back.colour_um).T, strict=True))
     assert set(um) == set(terms) | set(colours)
-    for term, value in zip(terms, aberration.coefficients_um, strict=True):
+    for term, value in zip(terms, np.asarray(aberration.coefficients_um), strict=True):
         assert um[term] == value
-    for term, pair in zip(colours, aberration.colour_um.T, strict=True):
+    for term, pair in zip(colours, np.asarray(aberration.colour_um).T, strict=True):
         np.testing.assert_array_equal(colour[term], pair)
     assert all(um[term] == 0 for term in colours if term not in terms)
 

@@ -18,7 +18,10 @@ def test_the_lens_knows_its_state_and_how_it_was_reached():
     assert (lens.focal_length_mm, lens.f_number) == (50.0, 2.0)
     assert lens.focus_distance_mm == 1500.0
     assert lens.sensor_size_mm == (24.89, 18.6675)
-    assert lens.notes == ("focal length 50.5 mm taken as the measured 50 mm",)
+    assert lens.notes == (
+        "focal length 50.5 mm taken as the measured 50 mm",
+        "blur was not measured; a perfect lens stands in for it",
+    )
 
 
 def test_distortion_survives_file_and_lens():
