@@ -93,18 +93,27 @@ def _entries(entries: "tuple[Entry, ...]") -> "Table":
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("entry")
-    columns = ("principal distance", "lateral colour", "fall-off", "terms", "held out")
-    for name in columns:
+    columns = ("principal distance", "lateral colour", "fall-off", "blur", "terms")
+    for name in (*columns, "held out"):
         table.add_column(name, justify="right")
     for entry in entries:
         quality = entry.quality
         held_out = quality.held_out_rms_px
+        stops = [f.f_number for f in entry.fall_off if not f.predicted]
         table.add_row(
             str(entry),
             f"{entry.projection.principal_distance_mm:.4f} mm",
             "yes" if entry.lateral_colour else "no",
-            " ".join(f"f/{stop.f_number:g}" for stop in entry.fall_off) or "no",
+            " ".join("f/?" if n is None else f"f/{n:g}" for n in stops) or "no",
+            _blur(entry),
             str(sum(term.kept for term in entry.terms)),
             "-" if held_out is None else f"{held_out:.3f} px",
         )
     return table
+
+
+def _blur(entry: "Entry") -> str:
+    if entry.blur is None:
+        return "no"
+    stops = " ".join(f"f/{stop.f_number:g}" for stop in entry.blur.stops)
+    return f"{len(entry.blur.aberrations)} terms {stops}".rstrip()

@@ -1,13 +1,15 @@
 """What types cannot say about a preset: list lengths, order, and no state twice."""
 
+import math
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
 from lensfit.errors import PresetError
 from lensfit.preset.blocks import Distortion, FallOff
+from lensfit.preset.check_blur import blur_faults
 from lensfit.preset.entry import Covariance, Entry
-from lensfit.preset.schema import Preset
+from lensfit.preset.schema import Camera, Preset
 
 _LONGEST = {"decentering": 4, "thin_prism": 4, "anamorphic": 8}
 
@@ -15,7 +17,7 @@ _LONGEST = {"decentering": 4, "thin_prism": 4, "anamorphic": 8}
 def check_preset(preset: Preset, where: str | Path) -> None:
     """Raise a `PresetError` that names the first key which cannot be right."""
     for index, entry in enumerate(preset.entries):
-        for key, what in _faults(entry):
+        for key, what in _faults(entry, _frame_radius_mm(entry, preset.camera)):
             raise PresetError(f"entries[{index}].{key}: {what}", where=where)
     states: dict[tuple[float, float | None], int] = {}
     for index, entry in enumerate(preset.entries):
@@ -29,7 +31,15 @@ def check_preset(preset: Preset, where: str | Path) -> None:
         states[state] = index
 
 
-def _faults(entry: Entry) -> Iterator[tuple[str, str]]:
+def _frame_radius_mm(entry: Entry, camera: Camera) -> float:
+    """From the principal point to the furthest corner of the sensor."""
+    x, y = entry.projection.principal_point_mm
+    return math.hypot(
+        camera.sensor_width_mm / 2 + abs(x), camera.sensor_height_mm / 2 + abs(y)
+    )
+
+
+def _faults(entry: Entry, frame_radius_mm: float) -> Iterator[tuple[str, str]]:
     for key, what in _distortion_faults(entry.distortion):
         yield f"distortion.{key}", what
     stops = [fall_off.f_number for fall_off in entry.fall_off]
@@ -38,6 +48,9 @@ def _faults(entry: Entry) -> Iterator[tuple[str, str]]:
     for index, fall_off in enumerate(entry.fall_off):
         for key, what in _fall_off_faults(fall_off):
             yield f"fall_off[{index}].{key}", what
+    if entry.blur is not None:
+        for key, what in blur_faults(entry.blur, frame_radius_mm):
+            yield f"blur.{key}", what
     if entry.covariance is not None:
         for key, what in _covariance_faults(entry.covariance):
             yield f"covariance.{key}", what

@@ -28,6 +28,34 @@ def test_show_says_which_lens_and_each_entry():
     assert "51.3000 mm" in result.stdout
 
 
+def test_show_says_whether_blur_was_measured(tmp_path: Path):
+    tables = json.loads(PRESET.read_text())
+    before = runner.invoke(app, ["preset", "show", str(PRESET)], env={"COLUMNS": "200"})
+    tables["entries"][0]["blur"] = {
+        "aberrations": [
+            {"degree": 2, "order": 0, "field_degree": 2, "field_order": 0}
+            | {"part": "re", "um": 3.0}
+        ],
+        "field_radius_mm": 15.0,
+        "reference_sine": 0.3,
+        "exit_pupil_distance_mm": 60.0,
+        "pupil_magnification": 1.0,
+        "reference_distance_mm": "inf",
+        "focus_offset_mm": 0.0,
+        "pupil": {},
+        "stops": [{"f_number": 1.4}, {"f_number": 5.6, "radius_ratio": 0.98}],
+        "band_centres_nm": [610.0, 540.0, 460.0],
+        "band_widths_nm": [26.0, 26.0, 26.0],
+        "round_f_number": 1.4,
+    }
+    path = tmp_path / "blur.json"
+    path.write_text(json.dumps(tables))
+    after = runner.invoke(app, ["preset", "show", str(path)], env={"COLUMNS": "200"})
+    assert after.exit_code == 0
+    assert "1 terms f/1.4 f/5.6" in after.stdout
+    assert "1 terms f/1.4" not in before.stdout
+
+
 def test_show_as_json_is_the_preset():
     result = runner.invoke(app, ["preset", "show", str(PRESET), "--json"])
     assert json.loads(result.stdout) == json.loads(PRESET.read_text())
