@@ -1,0 +1,81 @@
+"""Fall-off at f-numbers that nobody photographed, from the shape of the pupil.
+
+The area of the opening, in direction cosines, over that on the axis is the relative
+illumination (`lensfit.optics.pupil`): rims that clip at a wide stop let a smaller one
+through whole, and what is left then is the pupil's own foreshortening, natural
+fall-off. It is written down as measured fall-off is (`lensfit.optics.falloff`): a
+Bernstein polynomial of the squared radius whose control values never fall, by least
+squares with non-negative steps, for the mean over all azimuths.
+"""
+
+from collections.abc import Iterable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.optimize import nnls
+
+from lensfit.optics.falloff import bernstein
+from lensfit.optics.pupil import Pupil, relative_illumination
+from lensfit.preset.blocks import FallOff
+from lensfit.preset.blur_of_block import lens_blur
+from lensfit.preset.entry import Entry
+
+TERMS = 7
+"""Control values: enough for the kink where a rim begins to clip."""
+_RADII, _AZIMUTHS = 48, 8
+
+
+def predicted_fall_off(
+    entry: Entry, f_numbers: Iterable[float], valid_radius_mm: float | None = None
+) -> tuple[FallOff, ...]:
+    """Fall-off of an entry that has a blur, at each f-number; marked as predicted.
+
+    Parameters
+    ----------
+    entry : Only its blur, projection and focus are read.
+    valid_radius_mm : From the principal point, where the control values end; that of
+        the measured fall-off, or of the measured distortion, when left out.
+
+    Raises
+    ------
+    ValueError : The entry has no blur.
+    """
+    if valid_radius_mm is None:
+        valid_radius_mm = _measured_radius_mm(entry)
+    return tuple(_fall_off(entry, float(n), valid_radius_mm) for n in f_numbers)
+
+
+def _measured_radius_mm(entry: Entry) -> float:
+    if entry.fall_off:
+        return max(one.valid_radius_mm for one in entry.fall_off)
+    return entry.distortion.valid_radius * entry.distortion.reference_radius_mm
+
+
+def _fall_off(entry: Entry, f_number: float, valid_radius_mm: float) -> FallOff:
+    blur = lens_blur(entry, f_number, entry.focus_distance_mm)
+    squared = (np.arange(_RADII) + 1) / _RADII
+    azimuth = (np.arange(_AZIMUTHS) + 0.5) * (2 * np.pi / _AZIMUTHS)
+    outward = np.stack([np.cos(azimuth), np.sin(azimuth)], -1)
+    points_mm = np.sqrt(squared)[:, None, None] * outward * valid_radius_mm
+    h = jnp.asarray(points_mm) / blur.aberration.field_radius_mm
+    loss = _mean_loss(h, blur.stop_radius, blur.pupil)
+    basis = np.asarray(_basis(jnp.asarray(squared)))
+    # Control values are sums of non-negative steps.
+    steps, _ = nnls(np.cumsum(basis[:, ::-1], axis=1)[:, ::-1], np.asarray(loss))
+    control = tuple(np.cumsum(steps).tolist())
+    return FallOff(f_number, valid_radius_mm, control, control, control, predicted=True)
+
+
+@jax.jit
+def _mean_loss(
+    h: Float[Array, "radii azimuths 2"], stop_radius: Float[Array, ""], pupil: Pupil
+) -> Float[Array, " radii"]:
+    over = jax.vmap(jax.vmap(relative_illumination, (0, None, None)), (0, None, None))
+    return -jnp.mean(jnp.log(over(h, stop_radius, pupil)), -1)
+
+
+@jax.jit
+def _basis(squared: Float[Array, " radii"]) -> Float[Array, "radii terms"]:
+    return jax.vmap(lambda s: bernstein(s, TERMS))(squared)
