@@ -3,7 +3,8 @@
 The chart cancels: red minus green of one dot does not depend on where the dot was
 printed. What remains is linear in the coefficients of `lensfit.optics.lateral`, so it
 is solved in closed form with robust weights. Wide apertures add the colour of coma to a
-centroid, so the smallest aperture with enough marks is used.
+centroid, so the smallest aperture with enough marks is used, unless marks are where
+chief rays land (`wavefront.place`).
 
 Colour need not be centred on the principal point: tilted elements move the one without
 the other. Where the evidence asks for it the terms of such a lens are fitted too, since
@@ -21,7 +22,7 @@ from lensfit.coords import mm_from_px
 from lensfit.detect.observations import POINT, Observations
 from lensfit.fit.take import Take
 from lensfit.fit.views import variance_of
-from lensfit.optics.lateral import lopsided_basis
+from lensfit.optics.lateral import ChannelShift, lopsided_basis
 
 _FEWEST_MARKS = 40
 _MOST_RADIAL_TERMS = 4
@@ -68,6 +69,19 @@ class ChannelColour:
         variance = np.einsum("ri,ij,rj->r", powers, part, powers)
         return value * px_per_radius, np.sqrt(np.maximum(variance, 0)) * px_per_radius
 
+    def optics(self) -> ChannelShift:
+        """The same for computing."""
+        strain, decentering = (
+            np.array([*part, 0.0, 0.0][:2]) for part in (self.strain, self.decentering)
+        )
+        return ChannelShift(
+            jnp.asarray(np.array(self.radial, float)),
+            jnp.asarray(np.array(self.shift_mm)),
+            jnp.asarray(self.valid_radius),
+            jnp.asarray(strain),
+            jnp.asarray(decentering),
+        )
+
     def lopsided(self, radius: float) -> float:
         """Largest displacement by strain and decentering at a radius, reference radii.
 
@@ -107,8 +121,11 @@ def fit_colour(
 
 
 def _chosen(takes: tuple[Take, ...]) -> list[Take]:
-    """The takes at the smallest aperture that has enough marks in colour."""
+    """Takes with chief rays, or those at the smallest aperture with enough marks."""
     coloured = [t for t in takes if np.isfinite(t.observations.channel_points_px).any()]
+    exact = [t for t in coloured if t.chief_rays]
+    if exact:
+        return exact
     for number in sorted({t.f_number or 0.0 for t in coloured}, reverse=True):
         chosen = [t for t in coloured if (t.f_number or 0.0) == number]
         if sum(int(_usable(t.observations).sum()) for t in chosen) >= _FEWEST_MARKS:

@@ -1,9 +1,13 @@
 """All states of a lens: one fit per focal length and focus distance.
 
 Takes of one state share their geometry and colour; fall-off belongs to each f-number.
+All states of one focal length share the wavefront, which is fitted to the shape of
+their dots. It says where chief rays land, as opposed to centroids, and geometry and
+colour are then fitted again to those.
 """
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 
 import cv2
 import jax
@@ -16,6 +20,9 @@ from lensfit.fit.geometry import distortion_of
 from lensfit.fit.illumination import FallOffFit, fit_illumination
 from lensfit.fit.take import Take, grouped
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
+from lensfit.fit.wavefront.fit import Effort, WavefrontFit, fit_wavefront
+from lensfit.fit.wavefront.gather import Shown
+from lensfit.fit.wavefront.place import placed
 from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent
@@ -46,13 +53,27 @@ class LensState:
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """States that could be fitted, and why others could not, by take name."""
+    """What came of all takes.
+
+    Attributes
+    ----------
+    states : Those that could be fitted.
+    failed : Why others could not, by take name.
+    wavefronts : Of the dots' shape, by focal length.
+    notes : One sentence for each thing the photographer should know.
+    seconds : Of the fits of shape.
+    """
 
     states: tuple[LensState, ...]
     failed: dict[str, FitError]
+    wavefronts: dict[float, WavefrontFit] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
 
 
-def fit(takes: list[Take], progress: Progress = silent) -> Fitted:
+def fit(
+    takes: list[Take], progress: Progress = silent, *, effort: Effort = Effort.NORMAL
+) -> Fitted:
     """Fit a lens to the marks of its photographs.
 
     Parameters
@@ -60,6 +81,7 @@ def fit(takes: list[Take], progress: Progress = silent) -> Fitted:
     takes : One for each photograph; any number of focal lengths, focus distances and
         f-numbers of one lens.
     progress : Told how far it is.
+    effort : Speed against error of the fit of the dots' shape.
 
     Raises
     ------
@@ -67,6 +89,26 @@ def fit(takes: list[Take], progress: Progress = silent) -> Fitted:
         Or some takes of a focal length state their focus distance and others do not.
     """
     _require_like_focus(takes)
+    states, failed = _fit_states(takes, progress)
+    if not states:
+        raise next(iter(failed.values()), FitError("there are no photographs to fit"))
+    began = time.perf_counter()
+    wavefronts, notes = _fit_wavefronts(states, progress, effort)
+    if not wavefronts:
+        return Fitted(tuple(states), failed, notes=tuple(notes))
+    seconds = {"fit_wavefront": time.perf_counter() - began}
+    exact = {
+        take.name: take
+        for found in wavefronts.values()
+        for take in placed(found.stage, found.gathered)
+    }
+    states, failed = _fit_states([exact.get(t.name, t) for t in takes], progress)
+    return Fitted(tuple(states), failed, wavefronts, tuple(notes), seconds)
+
+
+def _fit_states(
+    takes: list[Take], progress: Progress
+) -> tuple[list[LensState], dict[str, FitError]]:
     states, failed = [], {}
     for group in grouped(takes):
         try:
@@ -81,9 +123,45 @@ def fit(takes: list[Take], progress: Progress = silent) -> Fitted:
                 remedy="look at the overlays for marks with wrong numbers",
             )
             failed |= {take.name: reason for take in group}
-    if not states:
-        raise next(iter(failed.values()), FitError("there are no photographs to fit"))
-    return Fitted(tuple(states), failed)
+    return states, failed
+
+
+def _fit_wavefronts(
+    states: list[LensState], progress: Progress, effort: Effort
+) -> tuple[dict[float, WavefrontFit], list[str]]:
+    """One for each focal length whose dots can be used."""
+    found, notes = {}, []
+    for focal_mm in sorted({state.focal_length_mm for state in states}):
+        mine = [state for state in states if state.focal_length_mm == focal_mm]
+        shown = [s for state in mine for s in _shown_of(state)]
+        if not shown:
+            continue
+        try:
+            found[focal_mm] = fit_wavefront(
+                shown, _widest_fall_off(mine), progress, effort=effort
+            )
+        except (ValueError, np.linalg.LinAlgError) as error:
+            notes.append(
+                f"the dots' shape at {focal_mm:g} mm could not be fitted ({error})"
+            )
+    return found, notes
+
+
+def _shown_of(state: LensState) -> list[Shown]:
+    """The photographs of a state whose dots show the lens' blur."""
+    colour = None
+    if state.colour:
+        colour = state.colour["r"].optics(), state.colour["b"].optics()
+    return [
+        Shown(take, take.cutouts, state.geometry, state.distortion, colour, k)
+        for k, take in enumerate(state.geometry.takes)
+        if take.cutouts is not None and take.f_number is not None
+    ]
+
+
+def _widest_fall_off(states: list[LensState]) -> FallOffFit | None:
+    known = [f for state in states for f in state.fall_off if f.f_number is not None]
+    return min(known, key=lambda f: f.f_number, default=None)
 
 
 def _require_like_focus(takes: list[Take]) -> None:

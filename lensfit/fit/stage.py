@@ -176,7 +176,12 @@ def _scaled_to_distance(
 
 
 def _apertures(takes: list[Take]) -> list[float]:
-    """The f-numbers that are told apart, smallest aperture first."""
+    """The f-numbers that are told apart, smallest aperture first.
+
+    None, where marks are chief rays, which no aperture shifts.
+    """
+    if any(t.chief_rays for t in takes):
+        return []
     return sorted({t.f_number for t in takes if t.f_number}, reverse=True)[:4]
 
 

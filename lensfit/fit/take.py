@@ -6,6 +6,7 @@ target's dimensions and the state of the lens. Distances count from the sensor p
 
 from dataclasses import dataclass
 
+from lensfit.detect.cutouts import Cutouts
 from lensfit.detect.observations import Observations
 from lensfit.units import dioptres_from_mm
 
@@ -27,6 +28,8 @@ class Take:
     sensor_size_mm : Width and height that the photograph spans.
     f_number, focus_distance_mm, target_distance_mm : None where nobody said.
     squeeze : Nominal horizontal squeeze of an anamorphic lens.
+    cutouts : Pictures of the dots, where their shape can be fitted.
+    chief_rays : Whether marks are where chief rays land, not centroids.
     """
 
     name: str
@@ -40,6 +43,8 @@ class Take:
     focus_distance_mm: float | None = None
     target_distance_mm: float | None = None
     squeeze: float = 1.0
+    cutouts: Cutouts | None = None
+    chief_rays: bool = False
 
 
 def grouped(takes: list[Take]) -> list[list[Take]]:

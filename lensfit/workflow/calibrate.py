@@ -23,6 +23,7 @@ from lensfit.lens import Lens
 from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent
+from lensfit.workflow.blur_facts import blur_facts
 from lensfit.workflow.entries import camera_of, entry_of, provenance_of
 from lensfit.workflow.lens_facts import entry_facts, take_facts, terms_of
 from lensfit.workflow.observe import Observed, observe_shoot
@@ -108,7 +109,10 @@ def _preset(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> Preset:
     return Preset(
         lens=LensName(shoot.lens.name, shoot.lens.serial),
         camera=camera_of(shoot, observed),
-        entries=tuple(entry_of(state) for state in fitted.states),
+        entries=tuple(
+            entry_of(state, fitted.wavefronts.get(state.focal_length_mm))
+            for state in fitted.states
+        ),
         provenance=provenance_of(shoot, observed),
     )
 
@@ -156,11 +160,19 @@ def _report(
         "points_detected": sum(t["points_detected"] or 0 for t in takes),
         "points_used": sum(t["points_used"] or 0 for t in takes),
         "notes": _notes(shoot, observed, fitted),
-        "terms": [term for state in fitted.states for term in terms_of(state)],
+        "terms": [
+            term
+            for state in fitted.states
+            for term in terms_of(state, fitted.wavefronts.get(state.focal_length_mm))
+        ],
         "takes": takes,
         "entries": [
             entry_facts(state, lens_of_state(preset, state), preset.camera)
             for state in fitted.states
+        ],
+        "blur": [
+            {"focal_length_mm": focal_mm} | blur_facts(wavefront)
+            for focal_mm, wavefront in fitted.wavefronts.items()
         ],
         "comparison": None,
         "files": {
@@ -177,9 +189,11 @@ def _pooled(takes: list[dict[str, Any]], key: str) -> float:
 
 
 def _notes(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> list[str]:
-    notes = list(shoot.notes)
+    notes = list(shoot.notes) + list(fitted.notes)
     for state in fitted.states:
         notes += state.geometry.notes
+    for wavefront in fitted.wavefronts.values():
+        notes += wavefront.notes
     if len({o.orientation for o in observed if o.take is not None}) > 1:
         notes.append(
             "some photographs were turned by their EXIF orientation and others were "
@@ -197,6 +211,7 @@ def _seconds(observed: list[Observed], fitted: Fitted) -> dict[str, float]:
     total: dict[str, float] = {}
     parts = [o.seconds for o in observed]
     parts += [state.geometry.seconds for state in fitted.states]
+    parts.append(fitted.seconds)
     for part in parts:
         for name, value in part.items():
             total[name] = total.get(name, 0.0) + value

@@ -9,10 +9,12 @@ import numpy as np
 from lensfit.fit.colour import ChannelColour
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.lens_states import LensState
+from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.preset import blocks
 from lensfit.preset.entry import Covariance, Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block
 from lensfit.preset.schema import Camera, Provenance, SourceImage
+from lensfit.workflow.blur_entries import blur_of
 from lensfit.workflow.lens_facts import errors_of, terms_of
 from lensfit.workflow.observe import Observed
 from lensfit.workflow.shoot_records import Shoot
@@ -49,8 +51,13 @@ def provenance_of(shoot: Shoot, observed: list[Observed]) -> Provenance:
     )
 
 
-def entry_of(state: LensState) -> Entry:
-    """One state of the lens as a preset entry."""
+def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
+    """One state of the lens as a preset entry.
+
+    Parameters
+    ----------
+    wavefront : Of its focal length.
+    """
     geometry = state.geometry
     distortion = state.distortion
     distance = float(distortion.principal_distance_mm)
@@ -72,7 +79,7 @@ def entry_of(state: LensState) -> Entry:
         distortion=distortion_block(distortion),
         lateral_colour=_lateral(state),
         fall_off=tuple(_fall_off(f) for f in _of_known_stops(state.fall_off)),
-        terms=tuple(_term(t) for t in terms_of(state)),
+        terms=tuple(_term(t) for t in terms_of(state, wavefront)),
         covariance=_covariance(state),
         quality=Quality(
             rms_px=rms_px,
@@ -81,6 +88,7 @@ def entry_of(state: LensState) -> Entry:
             points_used=int(used),
             photographs=len(geometry.takes),
         ),
+        blur=blur_of(state, wavefront) if wavefront is not None else None,
     )
 
 

@@ -16,10 +16,12 @@ from lensfit.fit.held_out import rms, squared_px
 from lensfit.fit.lens_states import Fitted, LensState
 from lensfit.fit.select import Verdict
 from lensfit.fit.uncertainty import position_deviation_mm
+from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
 from lensfit.preset.schema import Camera
 from lensfit.render.uv import overscan_needed
+from lensfit.workflow.blur_facts import blur_terms
 from lensfit.workflow.observe import Observed
 
 _MOST_RESIDUALS = 3000
@@ -97,8 +99,15 @@ def _fitted_take(geometry: ChiefRayFit, k: int) -> dict[str, Any]:
     }
 
 
-def terms_of(state: LensState) -> list[dict[str, Any]]:
-    """Every term: kept or left, value, standard deviation, reason."""
+def terms_of(
+    state: LensState, wavefront: WavefrontFit | None = None
+) -> list[dict[str, Any]]:
+    """Every term: kept or left, value, standard deviation, reason.
+
+    Parameters
+    ----------
+    wavefront : Of its focal length.
+    """
     adjustment = state.geometry.adjustment
     distance = float(state.distortion.principal_distance_mm)
     deviation = float(state.uncertainty.deviation("focal_length")[0]) * distance
@@ -131,6 +140,8 @@ def terms_of(state: LensState) -> list[dict[str, Any]]:
                 "reason": verdict.reason,
             }
         )
+    if wavefront is not None:
+        terms += blur_terms(wavefront)
     return terms
 
 

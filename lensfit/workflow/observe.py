@@ -14,12 +14,14 @@ from typing import Any
 
 import cv2
 
+from lensfit.detect.cutouts import cut
 from lensfit.detect.find import observe
 from lensfit.detect.observations import Observations
 from lensfit.detect.overlay import draw_overlay
 from lensfit.errors import LensfitError
 from lensfit.fit.take import Take
 from lensfit.io.image import camera_state_of, read_photograph
+from lensfit.photograph import Photograph
 from lensfit.progress import Progress
 from lensfit.workflow.resolve import ResolvedTake, resolve_take
 from lensfit.workflow.shoot_records import Shoot
@@ -121,7 +123,7 @@ def _searched(
         with _timed(seconds, "overlay"):
             draw_overlay(photograph, marks, overlay)
     return {
-        "take": _take_for_fit(take, resolved, marks),
+        "take": _take_for_fit(take, resolved, marks, photograph),
         "overlay": overlay,
         "notes": resolved.notes + marks.notes,
     }
@@ -134,7 +136,13 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
     seconds[stage] = time.perf_counter() - began
 
 
-def _take_for_fit(take: ShootTake, resolved: ResolvedTake, marks: Observations) -> Take:
+def _take_for_fit(
+    take: ShootTake,
+    resolved: ResolvedTake,
+    marks: Observations,
+    photograph: Photograph,
+) -> Take:
+    shape = resolved.target.hole_diameter_mm and resolved.f_number
     return Take(
         name=take.image,
         target=take.target,
@@ -147,6 +155,7 @@ def _take_for_fit(take: ShootTake, resolved: ResolvedTake, marks: Observations) 
         focus_distance_mm=resolved.focus_distance_mm,
         target_distance_mm=take.target_distance_mm,
         squeeze=take.anamorphic_squeeze or 1.0,
+        cutouts=cut(photograph, marks) if shape else None,
     )
 
 

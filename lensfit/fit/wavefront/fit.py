@@ -9,6 +9,7 @@ by the ratio of the principal distances.
 import itertools
 import time
 from dataclasses import dataclass, replace
+from enum import Enum
 
 import numpy as np
 from jaxtyping import Float
@@ -60,19 +61,19 @@ _DECISIVE = 1.1
 """How much better a sign of defocus must explain the photographs."""
 
 
-@dataclass(frozen=True)
-class Effort:
-    """Speed against error.
+class Effort(Enum):
+    """Speed against error: dots of each take in the coarse and in the fine stages, and
+    rounds of the fine one with weights found anew between them."""
 
-    Attributes
-    ----------
-    coarse_dots, fine_dots : Dots of each take in the first and in the last stages.
-    rounds : Solves of the last stage, with weights found anew between them.
-    """
+    FASTEST = (6, 6, 1)
+    FAST = (6, 12, 2)
+    NORMAL = (8, 20, 3)
+    BEST = (8, 48, 4)
 
-    coarse_dots: int = 8
-    fine_dots: int = 20
-    rounds: int = 3
+    def __init__(self, coarse_dots: int, fine_dots: int, rounds: int):
+        self.coarse_dots = coarse_dots
+        self.fine_dots = fine_dots
+        self.rounds = rounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +117,7 @@ def fit_wavefront(
     fall_off: FallOffFit | None,
     progress: Progress = silent,
     *,
-    effort: Effort | None = None,
+    effort: Effort = Effort.NORMAL,
     spectrum: Bands | None = None,
 ) -> WavefrontFit:
     """Fit the wavefront to the dots of all photographs of one focal length.
@@ -126,7 +127,6 @@ def fit_wavefront(
     shown : Photographs whose f-number is known.
     fall_off : Measured at the widest f-number, or None.
     """
-    effort = effort or Effort()
     clock = time.perf_counter
     began = clock()
     every = gather(shown, spectrum or bands(3))

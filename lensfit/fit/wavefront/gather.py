@@ -30,8 +30,9 @@ from lensfit.fit.wavefront.parameters import Scale
 from lensfit.kernel.psf import diffraction_variance_mm2
 from lensfit.optics.depth import ObjectShift, object_shift
 from lensfit.optics.distortion import Distortion, distorted_from_direction
+from lensfit.optics.lateral import ChannelShift, channel_from_green
 from lensfit.optics.paraxial import FirstOrder, rim_sine
-from lensfit.optics.spectrum import Bands, chromatic_coordinate
+from lensfit.optics.spectrum import Bands, chromatic_coordinate, lateral_at
 
 WIDE_OPEN = 1.02
 """Up to this ratio to the widest f-number the blades are out of the way."""
@@ -53,6 +54,8 @@ class Shown(NamedTuple):
     cutouts: Cutouts
     geometry: ChiefRayFit
     distortion: Distortion
+    colour: tuple[ChannelShift, ChannelShift] | None
+    """Displacement of red and blue, as far as known."""
     index: int
     """Of the take within the geometry."""
 
@@ -272,7 +275,6 @@ def _dots_of(
     radius = _hole_radius_mm(shown)
     observed = adjustment.stack.observed_mm[shown.index][marks]
     pitch = _pixel_mm(shown)
-    wavelengths = bands.wavelengths_nm.shape[1]
     return Dots(
         field_mm=observed - np.asarray(shown.distortion.principal_point_mm),
         magnified=np.full(count, c / reference_c),
@@ -284,11 +286,46 @@ def _dots_of(
         pupil_per_sine_mm=np.asarray(shift.pupil_per_sine_mm),
         vergence=np.asarray(shift.vergence_per_mm),
         reference=np.asarray(shift.reference_per_mm),
-        lateral_mm=np.zeros((count, 3, wavelengths, 2)),
+        lateral_mm=_within_bands_mm(shown, observed, bands),
         variance_mm2=np.sum((per_board * radius) ** 2, (1, 2)) / 8
         + float(diffraction_variance_mm2(jnp.asarray(shown.take.f_number))),
         cell_mm=np.tile(pitch * shown.cutouts.cell_px, (count, 1)),
     )
+
+
+def _within_bands_mm(shown: Shown, observed_mm: np.ndarray, bands: Bands) -> np.ndarray:
+    """Wavelengths about their band's mean: (dots, 3, wavelengths, 2)."""
+    wavelengths = bands.wavelengths_nm.shape[1]
+    if shown.colour is None:
+        return np.zeros((len(observed_mm), 3, wavelengths, 2))
+    room = 1 << (len(observed_mm) - 1).bit_length()
+    points = np.pad(observed_mm, [(0, room - len(observed_mm)), (0, 0)], mode="edge")
+    centre = shown.distortion.principal_point_mm
+    radius = shown.distortion.reference_radius_mm
+    chromatic = chromatic_coordinate(bands.wavelengths_nm)
+    moved = _lateral_mm(jnp.asarray(points), *shown.colour, centre, radius, chromatic)
+    return np.asarray(moved)[: len(observed_mm)]
+
+
+@jax.jit
+def _lateral_mm(
+    points: Array,
+    red: ChannelShift,
+    blue: ChannelShift,
+    centre: Array,
+    radius: Array,
+    chromatic: Array,
+) -> Array:
+    means = jnp.mean(chromatic, 1)
+
+    def one(point):
+        shifts = [
+            channel_from_green(point, s, centre, radius) - point for s in (red, blue)
+        ]
+        moved = jax.vmap(lateral_at, (0, None, None, None))(chromatic, *shifts, means)
+        return moved - jnp.mean(moved, 1, keepdims=True)
+
+    return jax.vmap(one)(points)
 
 
 def _hole_radius_mm(shown: Shown) -> float:

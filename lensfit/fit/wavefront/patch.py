@@ -126,30 +126,6 @@ def equations_of(
     )
 
 
-def placed_in(
-    spot: Spot,
-    light: Float[Array, "cells cells"],
-    weight: Float[Array, "cells cells"],
-    corner_mm: Float[Array, "2"],
-    cell_mm: Float[Array, "2"],
-    variance_mm2: Float[Array, ""],
-) -> tuple[Float[Array, "2"], Float[Array, "2 2"]]:
-    """Shift of the patch that suits it best, mm, and its covariance.
-
-    The noise is taken from what is left.
-    """
-    profile = profile_of(spot, corner_mm, cell_mm, light.shape[0], variance_mm2)
-    design = _nuisance_design(spot, profile)
-    target, w = light.reshape(-1), weight.reshape(-1)
-    inner = design.T @ (w[:, None] * design)
-    found = _solved(inner, design.T @ (w * target))
-    residual = target - design @ found
-    freedom = jnp.maximum(jnp.sum(w > 0) - NUISANCE, 1)
-    noise = jnp.sum(w * residual**2) / freedom
-    spread = _solved(inner, jnp.eye(NUISANCE, dtype=inner.dtype)) * noise
-    return found[2:] / found[0], spread[2:, 2:] / found[0] ** 2
-
-
 def _nuisance_design(spot: Spot, profile: Profile) -> Array:
     """d light / d brightness, background and both shifts: (cells^2, 4)."""
     image = image_of(spot, profile).reshape(-1)

@@ -26,10 +26,11 @@ from lensfit.optics.aberration import (
 )
 from lensfit.optics.depth import ObjectShift
 from lensfit.optics.modes import mode_gradients
-from lensfit.optics.pupil import PupilNodes, pupil_nodes
+from lensfit.optics.pupil import PupilNodes, polar_nodes, pupil_nodes
 from lensfit.optics.terms import Term, modes_of, term_amplitudes
 
 _MM_PER_UM = 1e-3
+_RINGS_AND_SPOKES = 8, 48
 _SHARPNESS = 64.0
 """Of the opening's corners: enough for pixels, and steadier than what a kernel uses."""
 
@@ -109,6 +110,28 @@ def rays_of(
         moved.reshape(-1, 2, layout.size),
         jnp.tile(widened.weight, (wavelengths, 1)) / wavelengths,
     )
+
+
+def centroids_mm(
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    chromatic: Float[Array, "3 wavelengths"],
+    layout: Layout,
+    scale: Scale,
+) -> Float[Array, "3 2"]:
+    """Centroid of each channel's light from where the chief ray lands."""
+    h = dot.field_mm / (scale.field_radius_mm * dot.magnified)
+    opening = parameters[layout.opening]
+    pupil = pupil_of(opening, layout, dot.blades)
+    radius = stop_radius_of(opening, dot, layout)
+    nodes = polar_nodes(h, radius, pupil, *_RINGS_AND_SPOKES, _SHARPNESS)
+
+    def channel(chromatic, lateral_mm):
+        colour = Colour(chromatic, lateral_mm)
+        landing, _ = _landed(nodes.u, parameters, dot, colour, layout, scale)
+        return jnp.mean(jnp.einsum("k,wki->wi", nodes.weight, landing), 0)
+
+    return jax.vmap(channel)(chromatic, dot.lateral_mm)
 
 
 def nodes_of(

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter
 
 from lensfit.fit.levenberg import Prior
-from lensfit.fit.wavefront.dots import Pixels
+from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.gather import WIDE_OPEN, Gathered
 from lensfit.fit.wavefront.normal import DEFAULT_POINTS, FOLDS, Equations, Model, Points
 from lensfit.fit.wavefront.parameters import Layout
@@ -102,16 +102,20 @@ def model_of(stage: Stage) -> Model:
     """Arrays of a pass."""
     gathered = stage.gathered
     light = smoothed(gathered.light, stage.smoothing)
-    stopped = stage.gathered.dots.stop_radius < 1 / WIDE_OPEN
-    dots = gathered.dots._replace(blades=stage.blades * stopped.astype(float))
     return Model(
-        dots=jax.tree.map(jnp.asarray, dots),
+        dots=jax.tree.map(jnp.asarray, with_iris(gathered, stage.blades)),
         pixels=Pixels(light, stage.weight, stage.corner_mm, folds_of(gathered)),
         scale=gathered.scale,
         chromatic=jnp.asarray(gathered.chromatic),
         smoothing=jnp.asarray(stage.smoothing**2),
         count=jnp.asarray(len(gathered.take)),
     )
+
+
+def with_iris(gathered: Gathered, blades: int) -> Dots:
+    """The dots' constants, with blades where the iris is stopped down."""
+    stopped = gathered.dots.stop_radius < 1 / WIDE_OPEN
+    return gathered.dots._replace(blades=blades * stopped.astype(float))
 
 
 def filled(model: Model, room: int) -> Model:

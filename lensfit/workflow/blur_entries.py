@@ -1,0 +1,117 @@
+"""The fitted wavefront as it is kept: the blur block of a preset entry."""
+
+import numpy as np
+
+from lensfit.fit.lens_states import LensState
+from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.fit.wavefront.gather import Group
+from lensfit.fit.wavefront.parameters import aberration_of, pupil_of
+from lensfit.optics.paraxial import (
+    FirstOrder,
+    defocus_mm,
+    focal_length_mm,
+    rim_sine,
+)
+from lensfit.preset.blur_blocks import Blur, Stop
+from lensfit.preset.blur_of_block import blur_block
+
+_EQUAL_PUPILS = 1.0
+"""Assumed where the photographs do not show how far the exit pupil is."""
+
+
+def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
+    """The blur block of one state; states of a focal length share their wavefront."""
+    stage = wavefront.stage
+    gathered, layout, parameters = stage.gathered, stage.layout, stage.parameters
+    scale = gathered.scale
+    distance = float(state.distortion.principal_distance_mm)
+    magnified = distance / float(scale.principal_distance_mm)
+    aberration = aberration_of(parameters, layout, scale, magnified)
+    pupil = pupil_of(
+        parameters[layout.opening], layout, np.asarray(stage.blades, float)
+    )
+    ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
+    numbers = gathered.f_numbers
+    seen = "exit_pupil" in {f.name for f in wavefront.families}
+    return blur_block(
+        aberration,
+        pupil,
+        pupil_magnification=_pupil_magnification(state, wavefront),
+        reference_distance_mm=gathered.reference_distance_mm,
+        focus_offset_mm=_focus_offset_mm(state, wavefront),
+        stops=[
+            Stop(number, float(ratio) * _nominal_ratio(number, state, wavefront))
+            for number, ratio in zip(numbers, ratios, strict=False)
+        ],
+        round_f_number=numbers[0],
+        assumed=() if seen else ("pupil_magnification", "exit_pupil_distance_mm"),
+    )
+
+
+def _pupil_magnification(state: LensState, wavefront: WavefrontFit) -> float:
+    """Exit over entrance pupil, from how far the exit pupil is from the sensor.
+
+    By `optics.paraxial`, L = m_p f + f^2 / X and c = f + f^2 / (m_p X): L = m_p c.
+    """
+    if "exit_pupil" not in {family.name for family in wavefront.families}:
+        return _EQUAL_PUPILS
+    stage = wavefront.stage
+    return float(np.exp(stage.parameters[stage.layout.blocks["exit_pupil"]][0]))
+
+
+def _focus_offset_mm(state: LensState, wavefront: WavefrontFit) -> float:
+    """What the photographs of this state say beyond the barrel; else what all say."""
+    gathered = wavefront.stage.gathered
+    where = wavefront.stage.layout.blocks["defocus"]
+    found = wavefront.stage.parameters[where][: len(gathered.groups)]
+    offsets = [
+        value
+        - _said_mm(
+            group.focus_distance_mm,
+            state,
+            gathered.reference_distance_mm,
+            _pupil_magnification(state, wavefront),
+        )
+        for value, group in zip(found, gathered.groups, strict=True)
+    ]
+    measured = [not group.take for group in gathered.groups]
+    mine = [_same_focus(group, state) for group in gathered.groups]
+    for wanted in (np.array(mine) & measured, np.array(mine), np.array(measured)):
+        if wanted.any():
+            return float(np.mean(np.array(offsets)[wanted]))
+    return float(np.mean(offsets))
+
+
+def _same_focus(group: Group, state: LensState) -> bool:
+    return group.focus_distance_mm == state.focus_distance_mm
+
+
+def _nominal_ratio(f_number: float, state: LensState, wavefront: WavefrontFit) -> float:
+    """The stop that the fit took an f-number for, over what `Lens.psf` takes it for."""
+    gathered = wavefront.gathered
+    focus = state.focus_distance_mm or gathered.reference_distance_mm
+    mine = _first_order(state, _pupil_magnification(state, wavefront), focus)
+    reference = gathered.reference_distance_mm
+    fitted = rim_sine(gathered.first_order, f_number, reference)
+    return float(fitted / rim_sine(mine, f_number, reference))
+
+
+def _said_mm(
+    focus_distance_mm: float | None,
+    state: LensState,
+    reference_mm: float,
+    pupil_magnification: float,
+) -> float:
+    """Defocus of the reference distance by first-order optics, as `Lens.psf` has it."""
+    if focus_distance_mm is None:
+        return 0.0
+    first_order = _first_order(state, pupil_magnification, focus_distance_mm)
+    return float(defocus_mm(first_order, focus_distance_mm, reference_mm))
+
+
+def _first_order(
+    state: LensState, pupil_magnification: float, focus_distance_mm: float
+) -> FirstOrder:
+    distance = float(state.distortion.principal_distance_mm)
+    f = focal_length_mm(distance, pupil_magnification, distance, focus_distance_mm)
+    return FirstOrder(f, pupil_magnification, distance)

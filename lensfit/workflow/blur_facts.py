@@ -1,0 +1,93 @@
+"""Figures of the fitted wavefront for the report: terms, misfits, what was not seen.
+
+Everything is plain numbers, ready for JSON.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from lensfit.fit.wavefront.families import Family
+from lensfit.fit.wavefront.fit import WavefrontFit
+
+_UNITS = {
+    "defocus": "mm",
+    "third_order": "um",
+    "fifth_order": "um",
+    "seventh_order": "um",
+    "ninth_order": "um",
+    "axial_colour": "um",
+    "axial_colour_curved": "um",
+    "colour_of_third_order": "um",
+    "colour_of_third_order_curved": "um",
+    "decentred_elements": "um",
+}
+
+
+def blur_terms(wavefront: WavefrontFit) -> list[dict[str, Any]]:
+    """Every family of parameters: kept or left, value, deviation, reason."""
+    kept = {family.name: family for family in wavefront.families}
+    tried = {verdict.name: verdict for verdict in wavefront.verdicts}
+    terms = []
+    for name in dict.fromkeys((*kept, *tried)):
+        value, deviation = None, None
+        if name in kept:
+            value, deviation = _numbers(kept[name], wavefront)
+        reason = tried[name].reason if name in tried else "part of every lens"
+        if name in wavefront.unseen:
+            reason += "; the photographs hardly show it"
+        terms.append(
+            {
+                "name": f"blur_{name}",
+                "kept": name in kept,
+                "value": value,
+                "standard_deviation": deviation,
+                "unit": _UNITS.get(name, ""),
+                "reason": reason,
+            }
+        )
+    return terms
+
+
+def blur_facts(wavefront: WavefrontFit) -> dict[str, Any]:
+    """How well the shape of the dots is explained, per take and held out."""
+    gathered, stage = wavefront.gathered, wavefront.stage
+    takes = []
+    for k, shown in enumerate(gathered.shown):
+        held_out = wavefront.held_out_takes[k]
+        takes.append(
+            {
+                "image": shown.take.name,
+                "dots": int(np.sum(stage.gathered.take == k)),
+                "misfit": float(wavefront.misfit[k]),
+                "held_out_misfit": held_out,
+            }
+        )
+    where = stage.layout.blocks["defocus"]
+    deviation = np.sqrt(np.diag(wavefront.covariance))[where]
+    return {
+        "takes": takes,
+        "held_out_misfit": wavefront.held_out_misfit,
+        "defocus": [
+            {
+                "focus_distance_mm": group.focus_distance_mm,
+                "target_distance_mm": group.target_distance_mm,
+                "image": group.take or None,
+                "defocus_mm": float(value),
+                "standard_deviation_mm": float(spread),
+            }
+            for group, value, spread in zip(
+                gathered.groups, stage.parameters[where], deviation, strict=False
+            )
+        ],
+        "blades": stage.blades,
+        "sign_known": wavefront.sign_known,
+        "converged": wavefront.converged,
+        "not_seen": list(wavefront.unseen),
+    }
+
+
+def _numbers(family: Family, wavefront: WavefrontFit) -> tuple[list, list]:
+    rows = list(family.indices)
+    deviation = np.sqrt(np.diag(wavefront.covariance))[rows]
+    return wavefront.stage.parameters[rows].tolist(), deviation.tolist()
