@@ -57,13 +57,11 @@ class BlobSearch(NamedTuple):
     """The best set of blobs over scales and polarities.
 
     polarity : "bright" or "dark".
-    latticed : How many of the blobs have lattice-like surroundings.
     noise : Standard deviation of the picture's finest noise.
     """
 
     blobs: Blobs
     polarity: str
-    latticed: int
     noise: float
 
 
@@ -93,13 +91,13 @@ def find_blobs(
             blobs = _blobs_of(mask, scale)
             found[polarity, scale] = blobs, _latticed(blobs)
     if not found:
-        return BlobSearch(_no_blobs(), polarities[0], 0, noise)
+        return BlobSearch(_no_blobs(), polarities[0], noise)
     best = max(found, key=lambda key: found[key][1] * (1 + 0.02 / key[1]))
     polarity, scale = best
     blobs = found[best][0]
     if (polarity, 2 * scale) in found:
         blobs = _with_larger(blobs, found[polarity, 2 * scale][0])
-    return BlobSearch(blobs, polarity, found[best][1], noise)
+    return BlobSearch(blobs, polarity, noise)
 
 
 def noise_of(image: Float[np.ndarray, "height width"]) -> float:

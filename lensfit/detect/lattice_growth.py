@@ -35,13 +35,11 @@ class Neighbourhoods(NamedTuple):
     roughness : How far the pairs are from being opposite, relative to their length,
         averaged over the neighbours; inf where irregular.
     cross : The points at +a, -a, +b, -b.
-    spacing_px : Length of the shorter step.
     """
 
     regular: Bool[np.ndarray, " points"]
     roughness: Float[np.ndarray, " points"]
     cross: Int[np.ndarray, "points 4"]
-    spacing_px: Float[np.ndarray, " points"]
 
 
 def neighbourhoods(
@@ -74,7 +72,7 @@ def neighbourhoods(
     own = np.where(regular, miss[rows, first] + miss[rows, second], 1.0)
     roughness = np.where(regular, own + own[near[:, :8]].mean(1), np.inf)
     cross = np.take_along_axis(near, chosen, 1)
-    return Neighbourhoods(regular, roughness, cross, length[rows, first])
+    return Neighbourhoods(regular, roughness, cross)
 
 
 def _lower_quartile(size, regular, near):

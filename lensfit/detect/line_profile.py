@@ -79,7 +79,6 @@ class Centres:
     variance_px2: Float[np.ndarray, " samples"]
     flux_per_row: Float[np.ndarray, " samples"]
     background: Float[np.ndarray, " samples"]
-    spread_px: Float[np.ndarray, " samples"]
     highest: Float[np.ndarray, " samples"]
     measured: Bool[np.ndarray, " samples"]
 
@@ -123,15 +122,11 @@ def measure_centres(
             step = np.nan_to_num((light * patch.u_px).sum((1, 2)) / flux)
         found = patch.inside & (flux > 0) & (np.abs(step) < window.half_width_px)
         shift = shift + np.where(found, step, 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        second = (light * patch.u_px**2).sum((1, 2)) / flux
-        spread = np.sqrt(np.maximum(second, 0))
     return Centres(
         dx_px=np.where(found, shift, np.nan),
         variance_px2=_variance(light, patch.u_px, flux, found),
         flux_per_row=np.asarray(flux / window.rows),
         background=background,
-        spread_px=spread,
         highest=np.where(weight > 0, patch.values, -np.inf).max((1, 2)),
         measured=found,
     )

@@ -55,25 +55,6 @@ class Stmap:
     attributes: Mapping[str, object] = field(default_factory=dict)
 
 
-def identity_uv(
-    display_window: Window, data_window: Window | None = None
-) -> Float32[np.ndarray, "height width 2"]:
-    """The map that changes nothing, exact to float32.
-
-    Parameters
-    ----------
-    display_window : The frame that values are normalised by.
-    data_window : The pixels wanted; the display window if None.
-    """
-    data_window = data_window or display_window
-    columns = np.arange(data_window.x_min, data_window.x_max + 1)
-    rows = np.arange(data_window.y_min, data_window.y_max + 1)
-    # Half pixels are exact in float64, so each value is rounded twice at most.
-    u = (columns - display_window.x_min + 0.5) / display_window.width
-    v = (display_window.y_max - rows + 0.5) / display_window.height
-    return np.stack(np.meshgrid(u.astype(np.float32), v.astype(np.float32)), -1)
-
-
 def write_stmap(
     path: str | Path,
     uv: Float[np.ndarray, "height width 2"],

@@ -25,7 +25,6 @@ from typing import Literal
 from jaxtyping import Array, Float
 
 Filter = Literal["catmull-rom", "keys-6"]
-FILTERS: tuple[Filter, ...] = ("catmull-rom", "keys-6")
 
 Plane = Float[Array, "height width"]
 

@@ -10,13 +10,18 @@ from lensfit.coords import Window, px_from_uv, uv_from_px
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.stmap import (
-    identity_uv,
     read_stmap,
     write_channel_stmaps,
     write_stmap,
 )
+from lensfit.render.uv import SourceMap
 
 FRAME = Window.of_size(2048, 1556)
+
+
+def identity_uv(frame: Window, data: Window | None = None) -> np.ndarray:
+    """The map that changes nothing, as the renderer writes it."""
+    return SourceMap.identity(data or frame).uv(frame)
 
 
 def exact_float32(numerator: int, denominator: int) -> np.float32:

@@ -1,12 +1,16 @@
 """The warp: exactness, order of convergence, edges, highlights, minification."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
 from lensfit.coords import Window
-from lensfit.render.filters import FILTERS, tap_weights
+from lensfit.render.filters import Filter, tap_weights
 from lensfit.render.uv import SourceMap
 from lensfit.render.warp import warp
+
+FILTERS = get_args(Filter)
 
 
 def displaced(window, dx, dy):
