@@ -44,7 +44,6 @@ class ChannelColour:
     covariance : Of (shift x, shift y, strain, decentering, c0, c1, ...), in reference
         radii, zero rows for what was left.
     valid_radius : Largest radius measured, in reference radii.
-    rms_px, marks : Median residual, and how many marks it rests on.
     """
 
     radial: tuple[float, ...]
@@ -53,8 +52,6 @@ class ChannelColour:
     decentering: tuple[float, ...]
     covariance: Float[np.ndarray, "parameters parameters"]
     valid_radius: float
-    rms_px: float
-    marks: int
 
     def radial_px(
         self, radius: Float[np.ndarray, " radii"], px_per_radius: float
@@ -177,10 +174,9 @@ def _fit(q, moved, normal, variance, px, reference_radius_mm) -> ChannelColour:
         level = np.mean(np.minimum(squared, limit)) + (1e-3 * px) ** 2
         bic = count * np.log(level) + (besides + terms) * np.log(count)
         if best is None or bic < best[0] - _LEAST_BIC_GAIN:
-            rms = float(np.sqrt(np.median(squared)))
-            best = (bic, beta, covariance, rms, besides)
+            best = (bic, beta, covariance, besides)
     assert best is not None
-    _, beta, covariance, rms, besides = best
+    _, beta, covariance, besides = best
     lopsided = tuple(beta[_SHIFTED:_LOPSIDED].tolist()) if besides == _LOPSIDED else ()
     return ChannelColour(
         radial=tuple(beta[_LOPSIDED:].tolist()),
@@ -189,8 +185,6 @@ def _fit(q, moved, normal, variance, px, reference_radius_mm) -> ChannelColour:
         decentering=lopsided[2:],
         covariance=covariance,
         valid_radius=float(np.hypot(*q.T).max()),
-        rms_px=rms / px,
-        marks=len(q),
     )
 
 
