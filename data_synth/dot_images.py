@@ -50,9 +50,11 @@ def expose_dots_from_maps(
     for start in range(0, len(index), DOTS_AT_ONCE):
         dots = order[start : start + DOTS_AT_ONCE]
         hole_px = _hole_axes_px(lens, chart, pose, frame, chart_mm[dots])
+        scene = tracer_from_object(pose.placed(chart_mm[dots])[0])
+        bounds = open_bounds_mm(lens, scene)
         for channel, band in enumerate(bands):
             patches, corner, moment = _spots(
-                lens, pose, frame, chart_mm[dots], band, _reach_px(hole_px)
+                lens, pose, frame, chart_mm[dots], band, bounds, _reach_px(hole_px)
             )
             scale = np.pi / 4 * chart.mark_mm**2 / white[channel]
             seen = _through_holes(patches, hole_px) * scale
@@ -68,11 +70,10 @@ def _reach_px(hole_px) -> float:
     return float(np.nanmax(np.abs(hole_px))) + MARGIN_PX
 
 
-def _spots(lens, pose, frame, chart_mm, band: Band, margin_px: float):
+def _spots(lens, pose, frame, chart_mm, band: Band, bounds, margin_px: float):
     """Sub-pixel pictures of points, the pixel of each one's corner, and moments."""
     object_mm, normal = pose.placed(chart_mm)
     points, normals = tracer_from_object(object_mm), tracer_from_object(normal)
-    bounds = open_bounds_mm(lens, points)
     maps = [
         pupil_map(lens, points, normals, bounds, wavelength_nm, CELLS)
         for wavelength_nm in band.wavelengths_nm

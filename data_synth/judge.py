@@ -16,6 +16,7 @@ figure is a plain number, ready for JSON:
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,8 @@ from data_synth.bands import CHANNELS
 from data_synth.judge_maps import affinely_aligned, flags_of
 from data_synth.psf_error import psf_error
 from data_synth.psf_truth import Group, WavefrontTruth, read_truth
-from data_synth.stand_ins import Lens, mirrored_distance_mm
+from data_synth.stand_ins import Lens, ThinLens, mirrored_distance_mm
+from lensfit.errors import LensfitError
 
 Maker = Callable[[float, float], Lens]
 CLEARLY = 0.85
@@ -48,22 +50,42 @@ def judge(lens: Any, folder: str | Path, *, every: int = 1) -> dict[str, Any]:
     Raises
     ------
     OSError : The folder holds no truth.
+
+    A lens that says (by a `LensfitError`) that it knows no point-spread function gets
+    None for it, and a flag.
     """
     truth = read_truth(Path(folder))
     make = _maker(lens, truth)
-    errors = [
-        _spot_errors(make, truth, k, range(0, len(truth.spot_chief_mm[k]), every))
-        for k in range(len(truth.groups))
-    ]
     chief, colour, flags = _chief_figures(make, truth)
-    return {
+    figures: dict[str, Any] = {
         "chief_ray_px": chief,
         "lateral_colour_px": colour,
         "illumination_worst": _illumination_worst(make, truth),
-        "psf": _psf_figures(truth.groups, errors),
-        "defocus_sign": _defocus_sign(make, truth),
+        "psf": None,
+        "defocus_sign": "undecided",
         "flags": flags,
     }
+    try:
+        errors = [
+            _spot_errors(make, truth, k, range(0, len(truth.spot_chief_mm[k]), every))
+            for k in range(len(truth.groups))
+        ]
+        figures["psf"] = _psf_figures(truth.groups, errors)
+        figures["defocus_sign"] = _defocus_sign(make, truth)
+    except LensfitError as error:
+        flags.append(f"no point-spread function: {error}")
+    return figures
+
+
+def thin_lens_figures(folder: str | Path) -> dict[str, Any]:
+    """The same figures of a perfect thin lens with a disc for blur: the control.
+
+    Raises
+    ------
+    OSError : The folder holds no truth.
+    """
+    focal_mm = read_truth(Path(folder)).focal_length_mm
+    return judge(partial(ThinLens, focal_mm), folder, every=2)
 
 
 def _maker(lens: Any, truth: WavefrontTruth) -> Maker:

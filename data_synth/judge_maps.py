@@ -8,7 +8,7 @@ from data_synth.psf_truth import TABLE_REACH, TABLE_STEPS, WavefrontTruth
 from data_synth.stand_ins import Lens
 
 FINER = 4
-LIGHT_STEPS = (45, 35)
+LIGHT_STEPS = (17, 13)
 
 
 def affinely_aligned(

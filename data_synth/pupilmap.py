@@ -61,16 +61,21 @@ class PupilMap:
         return np.minimum(fields[:, 4], _stop_clearance(stop, at_stop).reshape(shape))
 
     def refined(self, stop: Stop, across: int) -> "FineRays":
-        """Interpolated rays, `across` to the side of the traced box, of one iris."""
+        """Interpolated rays through one iris, `across` to the side of the traced box.
+
+        Only the part of the box is interpolated that the iris leaves open for some
+        point.
+        """
         cells = self.fields.shape[-1]
+        rows, columns = self._open_part(stop, across)
         matrix = interpolation(cells, across)
-        fields = matrix @ self.fields @ matrix.T
+        down, right = matrix[rows], matrix[columns]
+        fields = down @ self.fields @ right.T
         clearance = self._clearance(fields, stop)
         steep = np.hypot(*np.gradient(clearance, axis=(1, 2)))
         cover = np.clip(0.5 + clearance / np.maximum(steep, 1e-12), 0.0, 1.0)
         if self.lost.any():
-            near = np.abs(matrix) > 0
-            cover[near @ self.lost @ near.T > 0] = 0.0
+            cover[np.abs(down) @ self.lost @ np.abs(right).T > 0] = 0.0
         widths = [np.hypot(*np.gradient(fields[:, k], axis=(1, 2))) for k in (0, 1)]
         flux = (
             fields[:, 5]
@@ -79,14 +84,28 @@ class PupilMap:
         )
         return FineRays(fields[:, :2], np.stack(widths, 1), flux)
 
+    def _open_part(self, stop: Stop, across: int) -> tuple[slice, slice]:
+        """Rows and columns of fine cells that may be open, two coarse cells more."""
+        cells = self.fields.shape[-1]
+        is_open = np.any(self._clearance(self.fields, stop) >= 0, axis=0)
+        parts = []
+        for axis in (1, 0):
+            lit = np.flatnonzero(np.any(is_open, axis=axis))
+            if not len(lit):
+                return slice(0, 2), slice(0, 2)
+            first, last = (lit[0] - 2) / cells, (lit[-1] + 3) / cells
+            first, last = max(int(first * across), 0), min(int(last * across), across)
+            parts.append(slice(first, max(last, first + 2)))
+        return parts[0], parts[1]
+
 
 @dataclass(frozen=True, eq=False)
 class FineRays:
     """Interpolated rays: landing (mm), size of each ray's cell on the sensor, flux."""
 
-    landing_mm: Float[np.ndarray, "points 2 across across"]
-    width_mm: Float[np.ndarray, "points 2 across across"]
-    flux: Float[np.ndarray, "points across across"]
+    landing_mm: Float[np.ndarray, "points 2 rows columns"]
+    width_mm: Float[np.ndarray, "points 2 rows columns"]
+    flux: Float[np.ndarray, "points rows columns"]
 
 
 def pupil_map(

@@ -44,7 +44,11 @@ class Subject:
     about: str
     prescription: Prescription
     camera: Camera
-    shots: tuple[Shot, ...]
+    plan: WavefrontPlan = field(default_factory=WavefrontPlan)
+
+    def shots(self) -> list[Shot]:
+        """The takes, planned for this lens."""
+        return wavefront_shots(self.prescription, self.camera.frame, self.plan)
 
     def write(
         self,
@@ -58,7 +62,7 @@ class Subject:
             folder,
             self.prescription,
             self.camera,
-            list(self.shots),
+            self.shots(),
             seed=seed,
             with_wavefront=True,
             progress=progress,
@@ -77,10 +81,6 @@ class Case:
 
 def _bundled(name: str, _: tuple[int, int]) -> Prescription:
     return load_prescription(name)
-
-
-def _opened(name: str, f_number: float, _: tuple[int, int]) -> Prescription:
-    return dataclasses.replace(load_prescription(name), f_number=f_number)
 
 
 def _corner_clipped(size_px: tuple[int, int]) -> Prescription:
@@ -103,7 +103,7 @@ def _fisheye(_: tuple[int, int]) -> Prescription:
 CASES = {
     "overlapping": Case(
         "spots out of focus are wider than the dots' pitch",
-        partial(_opened, "biotar_50", 2.0),
+        partial(_bundled, "biotar_50"),
         WavefrontPlan(blur_in_pitches=1.3),
     ),
     "saturated": Case(
@@ -170,15 +170,16 @@ def case_subject(name: str, size_px: tuple[int, int]) -> Subject:
     return _subject(name, case.about, prescription, size_px, case.plan, case.sensor)
 
 
-def bundled_subject(lens: str, size_px: tuple[int, int]) -> Subject:
-    """A bundled lens or a prescription file, as published.
-
-    Raises
-    ------
-    ValueError : There is no such lens.
-    """
-    prescription = load_prescription(lens)
-    return _subject(prescription.name, prescription.title, prescription, size_px)
+def subject_of(
+    prescription: Prescription,
+    size_px: tuple[int, int],
+    plan: WavefrontPlan | None = None,
+    sensor: Sensor | None = None,
+) -> Subject:
+    """Any lens, as its prescription has it."""
+    return _subject(
+        prescription.name, prescription.title, prescription, size_px, plan, sensor
+    )
 
 
 def random_subject(number: int, seed: int, size_px: tuple[int, int]) -> Subject:
@@ -205,8 +206,7 @@ def random_subject(number: int, seed: int, size_px: tuple[int, int]) -> Subject:
         wavelengths=WAVELENGTHS,
     )
     about = f"{focal_mm:.1f} mm f/{made.f_number:g}, errors x {strength:.2f}"
-    shots = tuple(wavefront_shots(made, camera.frame))
-    return Subject(f"{base.name}_{seed}_{number}", about, made, camera, shots)
+    return Subject(f"{base.name}_{seed}_{number}", about, made, camera)
 
 
 def _subject(
@@ -219,8 +219,7 @@ def _subject(
 ) -> Subject:
     frame = frame_for(prescription, size_px)
     camera = Camera(frame, sensor or Sensor(), wavelengths=WAVELENGTHS)
-    shots = tuple(wavefront_shots(prescription, frame, plan))
-    return Subject(name, about, prescription, camera, shots)
+    return Subject(name, about, prescription, camera, plan or WavefrontPlan())
 
 
 def frame_for(prescription: Prescription, size_px: tuple[int, int]) -> Frame:

@@ -31,7 +31,7 @@ MARKS_ACROSS = 25.6
 LEAST_PITCH_PX = 32.0
 SPOTS_IN_PITCH = 3.0
 """Dots stand at least so many spots in focus apart."""
-ORDINARY_ENDS, WIDE_ENDS = (0.715, 1.65), (0.5, 4.0)
+ORDINARY_ENDS, WIDE_ENDS = (0.715, 1.65), (0.4, 6.0)
 LEAST_PART = 0.1
 BISECTIONS = 6
 SPOT_FIELD = ((0.0, 0.5, 0.9), (-0.9, -0.4, 0.0, 0.4, 0.9))

@@ -43,6 +43,10 @@ def synth(
         str,
         typer.Option("--format", help=" | ".join(FORMATS), callback=_one_of(FORMATS)),
     ] = "exr",
+    wavefront: Annotated[
+        bool,
+        typer.Option("--wavefront", help="Dots in and out of focus, at two stops"),
+    ] = False,
     bayer: Annotated[bool, typer.Option("--bayer", help="Through a mosaic")] = False,
     seed: Annotated[int, typer.Option(help="Of rays and noise")] = 0,
     list_lenses: Annotated[
@@ -53,7 +57,8 @@ def synth(
     """Photograph a chart through a published lens, by exact ray tracing.
 
     Writes the photographs, a shoot.toml for `lensfit calibrate`, and what only the ray
-    tracer knows (*_truth.json).
+    tracer knows (*_truth.json). With --wavefront the takes show the shape of spots, and
+    the true spots are written too (truth_wavefront.npz).
 
     Example: lensfit synth nikkor_28 --out shoot --size 1280x960 --f-number 5.6
     """
@@ -65,6 +70,14 @@ def synth(
         _print_lenses(as_json)
         return
     prescription = _prescription(lens, f_number, focus)
+    if wavefront:
+        if focus is not None or target != "dot-grid":
+            raise typer.BadParameter("--wavefront chooses --focus and --target itself")
+        takes = _write_wavefront(
+            out, prescription, f_number, size, picture, bayer, seed
+        )
+        _say_written(out, takes, as_json)
+        return
     frame = _frame(size, prescription)
     shots = planned_shots(
         prescription,
@@ -76,7 +89,38 @@ def synth(
     )
     camera = Camera(frame, Sensor(bayer=bayer))
     write_shoot(out, prescription, camera, shots, seed=seed, progress=_say_on_terminal)
-    written = {"shoot": str(out / "shoot.toml"), "takes": [shot.name for shot in shots]}
+    _say_written(out, [shot.name for shot in shots], as_json)
+
+
+def _write_wavefront(
+    out: Path,
+    prescription: "Prescription",
+    f_number: float | None,
+    size: str,
+    picture: str,
+    bayer: bool,
+    seed: int,
+) -> list[str]:
+    """A shoot that shows the wavefront, and its truth; returns the takes' names."""
+    import dataclasses
+
+    from data_synth.sensor import Sensor
+    from data_synth.wavefront_cases import subject_of
+    from data_synth.wavefront_plan import WavefrontPlan
+
+    widest = prescription.f_number if f_number is None else f_number
+    subject = subject_of(
+        dataclasses.replace(prescription, f_number=widest),
+        size_px(size),
+        WavefrontPlan(form=picture),  # pyright: ignore[reportArgumentType]
+        Sensor(bayer=bayer),
+    )
+    subject.write(out, seed=seed, progress=_say_on_terminal)
+    return [shot.name for shot in subject.shots()]
+
+
+def _say_written(out: Path, takes: list[str], as_json: bool) -> None:
+    written = {"shoot": str(out / "shoot.toml"), "takes": takes}
     typer.echo(json.dumps(written) if as_json else written["shoot"])
 
 
@@ -128,16 +172,16 @@ def _prescription(
 
 def _frame(size: str, prescription: "Prescription") -> "Frame":
     """The sensor that the lens is made for, as high as the picture's shape asks."""
-    from data_synth.frame import Frame
+    from data_synth.wavefront_cases import frame_for
 
+    return frame_for(prescription, size_px(size))
+
+
+def size_px(size: str) -> tuple[int, int]:
+    """Width and height from WIDTHxHEIGHT."""
     match = re.fullmatch(r"(\d+)x(\d+)", size)
     if not match or not all(16 <= int(n) <= 8192 for n in match.groups()):
         raise typer.BadParameter(
             f"--size {size}: give WIDTHxHEIGHT, 16 to 8192 px each"
         )
-    width, height = int(match[1]), int(match[2])
-    width_mm, height_mm = prescription.sensor_size_mm
-    pitch_mm = min(width_mm / width, height_mm / height)
-    return Frame(
-        (width, height), (round(pitch_mm * width, 6), round(pitch_mm * height, 6))
-    )
+    return int(match[1]), int(match[2])

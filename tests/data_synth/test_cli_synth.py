@@ -44,6 +44,8 @@ def test_a_shoot_is_written_that_calibrate_can_read(tmp_path):
         (["petzval_50", "--size", "12"], "WIDTHxHEIGHT"),
         (["petzval_50", "--focus", "20"], "ten focal lengths"),
         (["petzval_50", "--target", "stars"], "not one of"),
+        (["petzval_50", "--wavefront", "--focus", "900"], "chooses --focus"),
+        (["petzval_50", "--wavefront", "--size", "9x9"], "WIDTHxHEIGHT"),
     ],
 )
 def test_wrong_use_is_told_and_exits_with_two(words, says, tmp_path):
@@ -51,6 +53,16 @@ def test_wrong_use_is_told_and_exits_with_two(words, says, tmp_path):
     assert done.exit_code == 2
     assert says in " ".join(done.output.replace("│", " ").split())
     assert not (tmp_path / "never").exists()
+
+
+@pytest.mark.slow
+def test_a_wavefront_shoot_is_written_with_its_true_spots(tmp_path):
+    words = ("--wavefront", "--f-number", "8", "--format", "png16", "--json")
+    done = run("cooke_triplet_50", *words, "--size", "96x72", "--out", str(tmp_path))
+    assert done.exit_code == 0, done.output
+    assert "dots_f8_near" in json.loads(done.stdout)["takes"]
+    assert {t.f_number for t in load_shoot(tmp_path / "shoot.toml").takes} == {8, 16}
+    assert (tmp_path / "truth_wavefront.npz").is_file()
 
 
 @pytest.mark.parametrize("name", prescription_names())

@@ -1,0 +1,87 @@
+"""What `lensfit bench wavefront` tries and how it shows it.
+
+The command line is the one place that knows both the ray tracer and lensfit, so shoots
+and judge are handed to the benchmark from here.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from lensfit.cli.synth import size_px
+
+if TYPE_CHECKING:
+    from lensfit.preset.schema import Preset
+    from lensfit.workflow.bench_wavefront import Trial
+
+
+def trials_of(lenses: int, cases: list[str], size: str, seed: int) -> "list[Trial]":
+    """Random lenses, then hard cases by name ("all" for every one)."""
+    from data_synth.wavefront_cases import CASES, case_subject, random_subject
+    from lensfit.workflow.bench_wavefront import Trial
+
+    wanted = list(CASES) if "all" in cases else cases
+    unknown = [name for name in wanted if name not in CASES]
+    if unknown:
+        raise typer.BadParameter(
+            f"--cases {unknown[0]}: use all, or {', '.join(CASES)}"
+        )
+    pixels = size_px(size)
+    subjects = [random_subject(number, seed, pixels) for number in range(lenses)]
+    subjects += [case_subject(name, pixels) for name in wanted]
+    return [Trial(s.name, s.about, partial(s.write, seed=seed)) for s in subjects]
+
+
+def judged(preset: "Preset", folder: Path) -> dict[str, Any]:
+    """Figures of a preset, with those of a thin lens beside them."""
+    from data_synth.judge import judge, thin_lens_figures
+
+    return judge(preset, folder) | {"thin_lens": thin_lens_figures(folder)}
+
+
+def wavefront_table(rows: list[dict[str, Any]]):
+    """One row for each lens."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("lens")
+    columns = "chief px,colour px,light,psf,p90,disc,stop,depth,sign,flags,fit s"
+    for name in columns.split(","):
+        table.add_column(name, justify="right")
+    table.add_column("converged")
+    for row in rows:
+        table.add_row(row["lens"], *_cells(row), _outcome(row))
+    return table
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    figures = row["figures"]
+    seconds = _figure(row["seconds"].get("calibrate"))
+    if figures is None:
+        return ["–"] * 10 + [seconds]
+    psf = figures["psf"] or {}
+    disc = figures["thin_lens"]["psf"]["all"]["median"]
+    values = [
+        max(figures["chief_ray_px"].values()),
+        max(figures["lateral_colour_px"].values()),
+        max(figures["illumination_worst"].values()),
+        psf.get("all", {}).get("median"),
+        psf.get("all", {}).get("p90"),
+        disc,
+        psf.get("unseen_stop", {}).get("median"),
+        psf.get("unseen_depth", {}).get("median"),
+    ]
+    said = [figures["defocus_sign"], str(len(figures["flags"])), seconds]
+    return [_figure(value) for value in values] + said
+
+
+def _outcome(row: dict[str, Any]) -> str:
+    if row["failed"]:
+        return "[bold]failed[/bold]"
+    return "yes" if row["converged"] else "said not"
+
+
+def _figure(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
