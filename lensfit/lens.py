@@ -86,14 +86,16 @@ class Lens(eqx.Module):
         """
         points = _points(object_points_mm, 3)
         pupil = self.entrance_pupil_offset_mm
-        return _project(points, pupil, self.distortion, _shift_of(self, channel))
+        landed = _project(points, pupil, self.distortion)
+        return _displaced(landed, self.distortion, _shift_of(self, channel))
 
     def distorted_from_undistorted(
         self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
     ) -> Float[Array, "points 2"]:
         """Where points of the undistorted picture land on the photograph."""
         points = _points(points_mm, 2)
-        return _distort(points, self.distortion, _shift_of(self, channel))
+        landed = _distort(points, self.distortion)
+        return _displaced(landed, self.distortion, _shift_of(self, channel))
 
     def undistorted_from_distorted(
         self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
@@ -103,7 +105,8 @@ class Lens(eqx.Module):
         NaN where no undistorted point exists (90 degrees off axis and beyond).
         """
         points = _points(points_mm, 2)
-        return _undistort(points, self.distortion, _shift_of(self, channel))
+        green = _displaced_back(points, self.distortion, _shift_of(self, channel))
+        return _undistort(green, self.distortion)
 
     def relative_illumination(
         self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
@@ -236,49 +239,48 @@ def _shift_of(lens: Lens, channel: str) -> ChannelShift | None:
 # compiled for one focus distance must serve the next.
 
 
-def _displaced(point: Array, distortion: Distortion, shift: ChannelShift | None):
+def _displaced(
+    green_mm: Array, distortion: Distortion, shift: ChannelShift | None
+) -> Array:
+    """Where a channel lands. A program of its own: that of the chief rays, which takes
+    longer to compile, then serves all channels."""
     if shift is None:
-        return point
-    return channel_from_green(
-        point, shift, distortion.principal_point_mm, distortion.reference_radius_mm
-    )
+        return green_mm
+    centre, radius = distortion.principal_point_mm, distortion.reference_radius_mm
+    return _channel_from_green(green_mm, shift, centre, radius)
+
+
+def _displaced_back(
+    points_mm: Array, distortion: Distortion, shift: ChannelShift | None
+) -> Array:
+    if shift is None:
+        return points_mm
+    centre, radius = distortion.principal_point_mm, distortion.reference_radius_mm
+    return _green_from_channel(points_mm, shift, centre, radius)
+
+
+_each = (0, None, None, None)
+_channel_from_green = eqx.filter_jit(jax.vmap(channel_from_green, _each))
+_green_from_channel = eqx.filter_jit(jax.vmap(green_from_channel, _each))
 
 
 @eqx.filter_jit
-def _project(
-    points: Array, pupil_mm: Array, distortion: Distortion, shift: ChannelShift | None
-) -> Array:
+def _project(points: Array, pupil_mm: Array, distortion: Distortion) -> Array:
     def one(point):
         direction = point.at[2].add(-pupil_mm)
-        landed = chief_ray.distorted_from_direction(direction, distortion)
-        return _displaced(landed, distortion, shift)
+        return chief_ray.distorted_from_direction(direction, distortion)
 
     return jax.vmap(one)(points)
 
 
 @eqx.filter_jit
-def _distort(
-    points: Array, distortion: Distortion, shift: ChannelShift | None
-) -> Array:
-    def one(point):
-        landed = chief_ray.distorted_from_undistorted(point, distortion)
-        return _displaced(landed, distortion, shift)
-
-    return jax.vmap(one)(points)
+def _distort(points: Array, distortion: Distortion) -> Array:
+    return jax.vmap(chief_ray.distorted_from_undistorted, (0, None))(points, distortion)
 
 
 @eqx.filter_jit
-def _undistort(
-    points: Array, distortion: Distortion, shift: ChannelShift | None
-) -> Array:
-    centre, radius = distortion.principal_point_mm, distortion.reference_radius_mm
-
-    def one(point):
-        if shift is not None:
-            point = green_from_channel(point, shift, centre, radius)
-        return chief_ray.undistorted_from_distorted(point, distortion)
-
-    return jax.vmap(one)(points)
+def _undistort(points: Array, distortion: Distortion) -> Array:
+    return jax.vmap(chief_ray.undistorted_from_distorted, (0, None))(points, distortion)
 
 
 @eqx.filter_jit
