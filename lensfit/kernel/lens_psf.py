@@ -41,6 +41,7 @@ _RAYS_PER_PX = 1.3
 """Rays per pixel of width and per unit of relative error, for a plain disc."""
 _EVEN, _UNEVEN, _MOST_FOLDED = 0.15, 10.0, 4.5
 _LONGEST = 512
+_LEAST_ROOM = 32
 _LEAST_DETERMINANT = 0.05
 
 
@@ -53,7 +54,6 @@ class _Rays(NamedTuple):
     wavelength: np.ndarray
 
 
-@partial(jax.jit, static_argnames=("size_px",))
 def lens_psfs(
     image_points_mm: Float[Array, "points 2"],
     object_distance_mm: Float[Array, " points"],
@@ -74,13 +74,45 @@ def lens_psfs(
     object_distance_mm, channel : Of each point; distances may be infinite.
     tolerance : Relative error to aim at.
     """
+    found = _in_room(
+        (image_points_mm, object_distance_mm, channel),
+        blur,
+        distortion,
+        lateral_colour,
+        pixel_pitch_mm,
+        tolerance,
+        jnp.asarray(float(size_px)),
+        room_px=_room(size_px),
+    )
+    return found[:, :size_px, :size_px]
+
+
+def _room(size_px: int) -> int:
+    """The next of a few sizes, so that one program serves several."""
+    octave = 1 << max(size_px - 1, _LEAST_ROOM - 1).bit_length()
+    return 3 * octave // 4 if size_px <= 3 * octave // 4 else octave
+
+
+@partial(jax.jit, static_argnames=("room_px",))
+def _in_room(
+    points: tuple[Array, Array, Array],
+    blur: LensBlur,
+    distortion: Distortion,
+    lateral_colour: LateralColour,
+    pixel_pitch_mm: Array,
+    tolerance: Array,
+    size_px: Array,
+    *,
+    room_px: int,
+) -> Array:
+    """Arrays of `room_px` whose first `size_px` rows and columns are asked for."""
 
     def one(point: tuple[Array, Array, Array]) -> Array:
         seen = pencil(*point, blur, distortion, lateral_colour)
         turns = _turns_needed(seen, blur, pixel_pitch_mm, tolerance)
-        return _patch(seen, blur, pixel_pitch_mm, turns, size_px)
+        return _patch(seen, blur, pixel_pitch_mm, turns, size_px, room_px)
 
-    return jax.lax.map(one, (image_points_mm, object_distance_mm, channel))
+    return jax.lax.map(one, points)
 
 
 def _turns_needed(
@@ -102,7 +134,12 @@ def _turns_needed(
 
 
 def _patch(
-    seen: Pencil, blur: LensBlur, pixel_pitch_mm: Array, turns: Array, size_px: int
+    seen: Pencil,
+    blur: LensBlur,
+    pixel_pitch_mm: Array,
+    turns: Array,
+    size_px: Array,
+    room_px: int,
 ) -> Array:
     middle = size_px / 2
 
@@ -115,12 +152,14 @@ def _patch(
         at, sigma, weight = (
             a.astype(jnp.float32) for a in (at, jnp.sqrt(wide), rays.weight)
         )
-        in_columns = pixel_shares(at[:, 0], sigma[:, 0], size_px)
-        in_rows = pixel_shares(at[:, 1], sigma[:, 1], size_px)
+        in_columns = pixel_shares(at[:, 0], sigma[:, 0], room_px)
+        in_rows = pixel_shares(at[:, 1], sigma[:, 1], room_px)
         return patch + (in_rows * weight[None]) @ in_columns.T
 
-    empty = jnp.zeros((size_px, size_px), jnp.float32)
+    empty = jnp.zeros((room_px, room_px), jnp.float32)
     patch = jax.lax.fori_loop(0, turns, add, empty).astype(float)
+    asked = jnp.arange(room_px) < size_px
+    patch = patch * (asked[:, None] & asked[None])
     return patch / jnp.maximum(jnp.sum(patch), 1e-300)
 
 

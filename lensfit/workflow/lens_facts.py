@@ -69,8 +69,10 @@ def take_facts(observed: Observed, fitted: Fitted, folder: Path) -> dict[str, An
         return facts
     facts["points_detected"] = len(observed.take.observations)
     for state in fitted.states:
-        if observed.take in state.geometry.takes:
-            k = state.geometry.takes.index(observed.take)
+        # By name: the fit may have moved a take's marks to its chief rays.
+        names = [take.name for take in state.geometry.takes]
+        if observed.take.name in names:
+            k = names.index(observed.take.name)
             return facts | _fitted_take(state.geometry, k)
     facts["failed"] = str(fitted.failed[observed.take.name])
     return facts

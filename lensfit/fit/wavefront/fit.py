@@ -205,16 +205,16 @@ def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
 
 
 def _middle(coarse: Stage, families: tuple[Family, ...]) -> Stage:
-    """Fifth order on less smoothed dots, then the blades."""
+    """Fifth order on less smoothed dots."""
     stage = replace(coarse, smoothing=1.5)
     stage = freed(stage, deviation_of(families, stage.layout, MIDDLE))
-    return with_blades(solved(solved(stage, 12), 12))
+    return solved(solved(stage, 12), 12)
 
 
 def _fine(
     gathered: Gathered, middle: Stage, families: tuple[Family, ...], rounds: int
 ) -> Stage:
-    """Everything on full pixels."""
+    """Everything on full pixels; the blades as soon as the rest is nearly right."""
     stage = first_stage(gathered, middle.layout, middle.parameters)
     stage = replace(
         stage,
@@ -224,6 +224,7 @@ def _fine(
         weight=first_weights(gathered, COARSE_SHARE),
     )
     stage = settled(freed(stage, deviation_of(families, middle.layout, FINE)))
+    stage = with_blades(solved(stage, 12))
     for _ in range(rounds):
         stage = reweighed(solved(stage, 12), MODEL_SHARE)
     return solved(stage, 12)

@@ -2,8 +2,9 @@
 
 1. Smoothed by three cells, a few dots: defocus, rims, third order; every sign of
    defocus that nobody stated is tried, and the one the photographs prefer is kept.
-2. Smoothed by a cell and a half: fifth order; then the blades of the iris are counted.
-3. Full pixels, more dots, everything; noise and robust weights found anew in between.
+2. Smoothed by a cell and a half: fifth order.
+3. Full pixels, more dots, everything: the blades of the iris are counted, noise and
+   robust weights found anew in between.
 
 Where a dot lies is not asked of the model: after every solve patches are moved to where
 the dots turned out to be.
