@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 import typer
 
-from lensfit._strict import read_json_object
 from lensfit.errors import LensfitError
 
 
@@ -43,6 +42,8 @@ def report(
 
 
 def _read(path: Path) -> dict[str, Any]:
+    from lensfit._strict import read_json_object
+
     tables = read_json_object(
         path,
         error=LensfitError,
