@@ -3,8 +3,8 @@
 The chart cancels: red minus green of one dot does not depend on where the dot was
 printed. What remains is linear in the coefficients of `lensfit.optics.lateral`, so it
 is solved in closed form with robust weights. Wide apertures add the colour of coma to a
-centroid, so the smallest aperture with enough marks is used, unless marks are where
-chief rays land (`wavefront.place`).
+centroid, so the smallest aperture with enough marks is used; there, what
+`wavefront.place` takes off is small, and so is its error.
 
 Colour need not be centred on the principal point: tilted elements move the one without
 the other. Where the evidence asks for it the terms of such a lens are fitted too, since
@@ -118,11 +118,8 @@ def fit_colour(
 
 
 def _chosen(takes: tuple[Take, ...]) -> list[Take]:
-    """Takes with chief rays, or those at the smallest aperture with enough marks."""
+    """The takes at the smallest aperture that has enough marks in colour."""
     coloured = [t for t in takes if np.isfinite(t.observations.channel_points_px).any()]
-    exact = [t for t in coloured if t.chief_rays]
-    if exact:
-        return exact
     for number in sorted({t.f_number or 0.0 for t in coloured}, reverse=True):
         chosen = [t for t in coloured if (t.f_number or 0.0) == number]
         if sum(int(_usable(t.observations).sum()) for t in chosen) >= _FEWEST_MARKS:
