@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from lensfit.detect.observations import Observations
 from lensfit.photograph import Photograph
@@ -106,7 +106,7 @@ def _nearest_is_own(points_px, chosen, corner, cell) -> np.ndarray:
     x = corner[:, 0, None, None] + middle[None, None]
     y = corner[:, 1, None, None] + middle[None, :, None]
     x, y = np.broadcast_arrays(x, y)
-    _, nearest = cKDTree(points_px).query(np.stack([x, y], -1))
+    _, nearest = KDTree(points_px).query(np.stack([x, y], -1))
     return nearest == chosen[:, None, None]
 
 

@@ -160,8 +160,13 @@ def _shown_of(state: LensState) -> list[Shown]:
 
 
 def _widest_fall_off(states: list[LensState]) -> FallOffFit | None:
-    known = [f for state in states for f in state.fall_off if f.f_number is not None]
-    return min(known, key=lambda f: f.f_number, default=None)
+    known = [
+        (fall_off.f_number, k, fall_off)
+        for k, state in enumerate(states)
+        for fall_off in state.fall_off
+        if fall_off.f_number is not None
+    ]
+    return min(known)[-1] if known else None
 
 
 def _require_like_focus(takes: list[Take]) -> None:

@@ -158,7 +158,7 @@ def _patch(
 
     empty = jnp.zeros((room_px, room_px), jnp.float32)
     patch = jax.lax.fori_loop(0, turns, add, empty).astype(float)
-    asked = jnp.arange(room_px) < size_px
+    asked = jnp.arange(room_px, dtype=size_px.dtype) < size_px
     patch = patch * (asked[:, None] & asked[None])
     return patch / jnp.maximum(jnp.sum(patch), 1e-300)
 

@@ -153,9 +153,7 @@ def landing_mm(
     return landed + jax.grad(shifted_path_mm)(p, local.depth)
 
 
-def defocus_slope(
-    p: Float[Array, "2"], chief: Float[Array, "2"]
-) -> Float[Array, "2"]:
+def defocus_slope(p: Float[Array, "2"], chief: Float[Array, "2"]) -> Float[Array, "2"]:
     """d landing / d defocus: tangent of a ray's angle less the chief ray's.
 
     Parameters

@@ -1,5 +1,6 @@
 """The fitted wavefront as it is kept: the blur block of a preset entry."""
 
+import jax.numpy as jnp
 import numpy as np
 
 from lensfit.fit.lens_states import LensState
@@ -26,10 +27,9 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     scale = gathered.scale
     distance = float(state.distortion.principal_distance_mm)
     magnified = distance / float(scale.principal_distance_mm)
-    aberration = aberration_of(parameters, layout, scale, magnified)
-    pupil = pupil_of(
-        parameters[layout.opening], layout, np.asarray(stage.blades, float)
-    )
+    aberration = aberration_of(jnp.asarray(parameters), layout, scale, magnified)
+    opening = jnp.asarray(parameters[layout.opening])
+    pupil = pupil_of(opening, layout, jnp.asarray(1.0 * stage.blades))
     ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
     numbers = gathered.f_numbers
     seen = "exit_pupil" in {f.name for f in wavefront.families}
@@ -92,8 +92,9 @@ def _nominal_ratio(f_number: float, state: LensState, wavefront: WavefrontFit) -
     focus = state.focus_distance_mm or gathered.reference_distance_mm
     mine = _first_order(state, _pupil_magnification(state, wavefront), focus)
     reference = gathered.reference_distance_mm
-    fitted = rim_sine(gathered.first_order, f_number, reference)
-    return float(fitted / rim_sine(mine, f_number, reference))
+    number, reference = jnp.asarray(f_number), jnp.asarray(reference)
+    fitted = rim_sine(gathered.first_order, number, reference)
+    return float(fitted / rim_sine(mine, number, reference))
 
 
 def _said_mm(
@@ -106,12 +107,16 @@ def _said_mm(
     if focus_distance_mm is None:
         return 0.0
     first_order = _first_order(state, pupil_magnification, focus_distance_mm)
-    return float(defocus_mm(first_order, focus_distance_mm, reference_mm))
+    focus, reference = jnp.asarray(focus_distance_mm), jnp.asarray(reference_mm)
+    return float(defocus_mm(first_order, focus, reference))
 
 
 def _first_order(
     state: LensState, pupil_magnification: float, focus_distance_mm: float
 ) -> FirstOrder:
-    distance = float(state.distortion.principal_distance_mm)
-    f = focal_length_mm(distance, pupil_magnification, distance, focus_distance_mm)
-    return FirstOrder(f, pupil_magnification, distance)
+    """The entrance pupil is taken to be one principal distance from the sensor."""
+    distance = jnp.asarray(state.distortion.principal_distance_mm)
+    magnification = jnp.asarray(pupil_magnification)
+    focus = jnp.asarray(focus_distance_mm)
+    f = focal_length_mm(distance, magnification, distance, focus)
+    return FirstOrder(f, magnification, distance)

@@ -5,12 +5,12 @@ of pixels, more than one where the blur is large, so that patches of all photogr
 have one shape and one compiled program serves them all.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 
-CELLS = 24
-"""Cells along each side of a patch."""
+Numbers = Any
+"""NumPy's arrays while dots are gathered and chosen, JAX's in the fit."""
 
 
 class Dots(NamedTuple):
@@ -31,19 +31,19 @@ class Dots(NamedTuple):
     cell_mm : Width and height of a cell.
     """
 
-    field_mm: Float[Array, "dots 2"]
-    magnified: Float[Array, " dots"]
-    group: Int[Array, " dots"]
-    stop: Int[Array, " dots"]
-    stop_radius: Float[Array, " dots"]
-    blades: Float[Array, " dots"]
-    slope: Float[Array, "dots 2"]
-    pupil_per_sine_mm: Float[Array, "dots 2 2"]
-    vergence: Float[Array, " dots"]
-    reference: Float[Array, " dots"]
-    lateral_mm: Float[Array, "dots 3 wavelengths 2"]
-    variance_mm2: Float[Array, " dots"]
-    cell_mm: Float[Array, "dots 2"]
+    field_mm: Float[Numbers, "dots 2"]
+    magnified: Float[Numbers, " dots"]
+    group: Int[Numbers, " dots"]
+    stop: Int[Numbers, " dots"]
+    stop_radius: Float[Numbers, " dots"]
+    blades: Float[Numbers, " dots"]
+    slope: Float[Numbers, "dots 2"]
+    pupil_per_sine_mm: Float[Numbers, "dots 2 2"]
+    vergence: Float[Numbers, " dots"]
+    reference: Float[Numbers, " dots"]
+    lateral_mm: Float[Numbers, "dots 3 wavelengths 2"]
+    variance_mm2: Float[Numbers, " dots"]
+    cell_mm: Float[Numbers, "dots 2"]
 
 
 class Pixels(NamedTuple):
@@ -57,7 +57,7 @@ class Pixels(NamedTuple):
     fold : Two for each take, for evidence (`normal.Equations`).
     """
 
-    light: Float[Array, "dots 3 rows columns"]
-    weight: Float[Array, "dots 3 rows columns"]
-    corner_mm: Float[Array, "dots 3 2"]
-    fold: Int[Array, " dots"]
+    light: Float[Numbers, "dots 3 rows columns"]
+    weight: Float[Numbers, "dots 3 rows columns"]
+    corner_mm: Float[Numbers, "dots 3 2"]
+    fold: Int[Numbers, " dots"]

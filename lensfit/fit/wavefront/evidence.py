@@ -112,8 +112,8 @@ def _halves(equations: Equations, stage: Stage) -> tuple[Statistics, Statistics]
     count = CELLS_PER_DOT * int(np.sum(np.any(stage.weight > 0, (-2, -1)))) // 2
     first, second = (
         Statistics(
-            equations.matrix[half::2].sum(0),
-            equations.gradient[half::2].sum(0),
+            np.asarray(equations.matrix[half::2].sum(0)),
+            np.asarray(equations.gradient[half::2].sum(0)),
             float(equations.chi_squared[half::2].sum()),
             count,
         )

@@ -109,7 +109,7 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
         jnp.asarray(1.0),
         jnp.asarray(offset),
     )
-    f_numbers = sorted({s.take.f_number for s in shown})
+    f_numbers = sorted({_f_number(s) for s in shown})
     sines = [
         float(rim_sine(first_order, jnp.asarray(n), jnp.asarray(distance)))
         for n in f_numbers
@@ -159,9 +159,10 @@ def chosen(gathered: Gathered, rows: Int[np.ndarray, " some"]) -> Gathered:
 
 def spread_over_takes(gathered: Gathered, most: int) -> Int[np.ndarray, " rows"]:
     """Rows of up to `most` dots of every take, as far from each other as can be."""
+    field_mm = np.asarray(gathered.dots.field_mm)
     return np.concatenate(
         [
-            spread_out(gathered.dots.field_mm, np.flatnonzero(gathered.take == k), most)
+            spread_out(field_mm, np.flatnonzero(gathered.take == k), most)
             for k in range(len(gathered.shown))
         ]
     )
@@ -190,17 +191,22 @@ def _three(valid: np.ndarray, cutouts: Cutouts) -> np.ndarray:
     return valid[:, None] & channels[None, :, None, None]
 
 
+def _f_number(shown: Shown) -> float:
+    if shown.take.f_number is None:
+        raise ValueError(f"the f-number of {shown.take.name} is not known")
+    return shown.take.f_number
+
+
 def _reference(shown: list[Shown]) -> Shown:
     """The take whose state the numbers refer to: nearest to being in focus."""
-    stated = [
-        s for s in shown if s.take.target_distance_mm and s.take.focus_distance_mm
-    ]
-    if not stated:
-        return min(shown, key=lambda s: s.cutouts.cell_px)
-    return min(
-        stated,
-        key=lambda s: abs(1 / s.take.target_distance_mm - 1 / s.take.focus_distance_mm),
-    )
+
+    def dioptres_off(one: Shown) -> float:
+        take = one.take
+        if not take.target_distance_mm or not take.focus_distance_mm:
+            return np.inf
+        return abs(1 / take.target_distance_mm - 1 / take.focus_distance_mm)
+
+    return min(shown, key=lambda one: (dioptres_off(one), one.cutouts.cell_px))
 
 
 def _group(shown: Shown) -> Group:
@@ -270,7 +276,7 @@ def _dots_of(
         jnp.asarray(distance),
     )
     shift, per_board = jax.tree.map(lambda a: np.asarray(a)[:count], (shift, per_board))
-    stop = f_numbers.index(shown.take.f_number)
+    stop = f_numbers.index(_f_number(shown))
     c = float(shown.distortion.principal_distance_mm)
     radius = _hole_radius_mm(shown)
     observed = adjustment.stack.observed_mm[shown.index][marks]
@@ -303,7 +309,8 @@ def _within_bands_mm(shown: Shown, observed_mm: np.ndarray, bands: Bands) -> np.
     centre = shown.distortion.principal_point_mm
     radius = shown.distortion.reference_radius_mm
     chromatic = chromatic_coordinate(bands.wavelengths_nm)
-    moved = _lateral_mm(jnp.asarray(points), *shown.colour, centre, radius, chromatic)
+    red, blue = shown.colour
+    moved = _lateral_mm(jnp.asarray(points), red, blue, centre, radius, chromatic)
     return np.asarray(moved)[: len(observed_mm)]
 
 
@@ -319,10 +326,10 @@ def _lateral_mm(
     means = jnp.mean(chromatic, 1)
 
     def one(point):
-        shifts = [
-            channel_from_green(point, s, centre, radius) - point for s in (red, blue)
-        ]
-        moved = jax.vmap(lateral_at, (0, None, None, None))(chromatic, *shifts, means)
+        to_red = channel_from_green(point, red, centre, radius) - point
+        to_blue = channel_from_green(point, blue, centre, radius) - point
+        of_channels = jax.vmap(lateral_at, (0, None, None, None))
+        moved = of_channels(chromatic, to_red, to_blue, means)
         return moved - jnp.mean(moved, 1, keepdims=True)
 
     return jax.vmap(one)(points)

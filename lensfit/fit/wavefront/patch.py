@@ -137,11 +137,11 @@ def _design(
 ) -> Array:
     """d image / d parameter, (cells^2, parameters), for a brightness of 1."""
     profile = profile_of(rays.spot, corner_mm, cell_mm, cells, variance_mm2)
-    weight = rays.spot.weight
+    weight = rays.spot.weight[None]
     across = profile.rows[:, None] * (profile.columns_moved * weight)[None]
     down = profile.rows_moved[:, None] * (profile.columns * weight)[None]
-    both = jnp.concatenate([across, down], -1).reshape(-1, 2 * weight.shape[0])
-    moved = rays.moved_mm.transpose(1, 0, 2).reshape(2 * weight.shape[0], -1)
+    both = jnp.concatenate([across, down], -1).reshape(-1, 2 * weight.size)
+    moved = rays.moved_mm.transpose(1, 0, 2).reshape(2 * weight.size, -1)
     light = (profile.rows[:, None] * profile.columns[None]).reshape(both.shape[0], -1)
     return (both @ moved).at[:, opening].add(light @ rays.brightened)
 

@@ -174,7 +174,8 @@ def _landed(
 def _image(landing, slope, nodes: PupilNodes, colour: Colour) -> Spot:
     wavelengths = landing.shape[0]
     landing = landing + colour.lateral_mm[:, None]
-    spread = nodes.weight * nodes.area * jnp.sum(slope**2, (-2, -1)) / 2
+    cell = (nodes.weight * nodes.area)[None]
+    spread = cell * jnp.sum(slope**2, (-2, -1)) / 2
     weight = jnp.tile(nodes.weight / wavelengths, wavelengths)
     return Spot(landing.reshape(-1, 2), weight, spread.reshape(-1))
 
@@ -187,8 +188,9 @@ def _moved_by_terms(
     wavelengths = colour.chromatic.shape[0]
     fixed = _gradients(u, h, layout.terms)
     coloured = _gradients(u, h, layout.colour_terms)
-    linear = coloured * colour.chromatic[:, None, None, None]
-    quadratic = linear * colour.chromatic[:, None, None, None]
+    chromatic = colour.chromatic[:, None, None, None]
+    linear = coloured[None] * chromatic
+    quadratic = linear * chromatic
     fixed = jnp.broadcast_to(fixed, (wavelengths, *fixed.shape))
     return jnp.concatenate([fixed, linear, quadratic], axis=-1)
 
@@ -222,5 +224,5 @@ def _moved_by_state(
     slope = jax.vmap(defocus_slope, (0, None))
     by_chief = defocus * jax.vmap(jax.jacfwd(defocus_slope, 1), (0, None))(p, here)
     mine = jax.nn.one_hot(dot.group, layout.groups, dtype=u.dtype)
-    by_group = slope(p, here)[:, :, None] * mine
+    by_group = slope(p, here)[:, :, None] * mine[None, None]
     return jnp.concatenate([by_group, by_chief @ turned], axis=-1)
