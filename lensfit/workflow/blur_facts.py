@@ -3,12 +3,14 @@
 Everything is plain numbers, ready for JSON.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from lensfit.fit.wavefront.families import Family
 from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.workflow.plain_numbers import plain, plain_distance
 
 _UNITS = {
     "defocus": "mm",
@@ -49,28 +51,34 @@ def blur_terms(wavefront: WavefrontFit) -> list[dict[str, Any]]:
     return terms
 
 
-def blur_facts(wavefront: WavefrontFit) -> dict[str, Any]:
-    """How well the shape of the dots is explained, per take and held out."""
+def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str, Any]:
+    """How well the shape of the dots is explained, per take and held out.
+
+    Parameters
+    ----------
+    wavefront : The fit.
+    pictures : Of the dots, by the take's name; see `blur_pictures`.
+    """
     gathered, stage = wavefront.gathered, wavefront.stage
     takes = []
     for k, shown in enumerate(gathered.shown):
-        held_out = wavefront.held_out_takes[k]
         takes.append(
             {
                 "image": shown.take.name,
                 "dots": int(np.sum(stage.gathered.take == k)),
-                "misfit": float(wavefront.misfit[k]),
-                "held_out_misfit": held_out,
+                "misfit": plain(wavefront.misfit[k]),
+                "held_out_misfit": plain(wavefront.held_out_takes[k]),
+                "picture": pictures.get(shown.take.name),
             }
         )
     where = stage.layout.blocks["defocus"]
     deviation = np.sqrt(np.diag(wavefront.covariance))[where]
     return {
         "takes": takes,
-        "held_out_misfit": wavefront.held_out_misfit,
+        "held_out_misfit": plain(wavefront.held_out_misfit),
         "defocus": [
             {
-                "focus_distance_mm": group.focus_distance_mm,
+                "focus_distance_mm": plain_distance(group.focus_distance_mm),
                 "target_distance_mm": group.target_distance_mm,
                 "image": group.take or None,
                 "defocus_mm": float(value),

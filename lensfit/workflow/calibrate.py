@@ -19,11 +19,13 @@ import numpy as np
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, OutputError
 from lensfit.fit.lens_states import Fitted, LensState, fit
+from lensfit.fit.wavefront.fit import Effort
 from lensfit.lens import Lens
 from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.blur_facts import blur_facts
+from lensfit.workflow.blur_pictures import write_dot_pictures
 from lensfit.workflow.entries import camera_of, entry_of, provenance_of
 from lensfit.workflow.lens_facts import entry_facts, take_facts, terms_of
 from lensfit.workflow.observe import Observed, observe_shoot
@@ -35,7 +37,11 @@ MAP_OVERSCAN_PERCENT = 10.0
 
 
 def calibrate(
-    shoot: Shoot, out_dir: str | Path, *, progress: Progress = silent
+    shoot: Shoot,
+    out_dir: str | Path,
+    *,
+    progress: Progress = silent,
+    effort: str = "normal",
 ) -> dict[str, Any]:
     """Measure the lens of a shoot and write everything about it.
 
@@ -44,6 +50,7 @@ def calibrate(
     shoot : From `lensfit.workflow.shoot.load_shoot`.
     out_dir : Folder for preset.json, stmaps, overlays, report.json and report.html.
     progress : Told how far it is.
+    effort : Speed against error of the blur: "fastest", "fast", "normal", "best".
 
     Returns
     -------
@@ -72,7 +79,7 @@ def calibrate(
             remedy=_others(observed),
         )
     began = time.perf_counter()
-    fitted = fit(takes, progress)
+    fitted = fit(takes, progress, effort=Effort[effort.upper()])
     seconds = _seconds(observed, fitted) | {"fit": time.perf_counter() - began}
     began = time.perf_counter()
     preset = _preset(shoot, observed, fitted)
@@ -149,6 +156,7 @@ def _report(
     takes = [take_facts(o, fitted, folder) for o in observed]
     used = [t for t in takes if not t["failed"]]
     camera = preset.camera
+    stems = {o.image: o.overlay.stem for o in observed if o.overlay is not None}
     return {
         "schema": "lensfit.report.1",
         "lens": {"name": preset.lens.name, "serial": preset.lens.serial},
@@ -171,7 +179,8 @@ def _report(
             for state in fitted.states
         ],
         "blur": [
-            {"focal_length_mm": focal_mm} | blur_facts(wavefront)
+            {"focal_length_mm": focal_mm}
+            | blur_facts(wavefront, write_dot_pictures(wavefront, stems, folder))
             for focal_mm, wavefront in fitted.wavefronts.items()
         ],
         "comparison": None,

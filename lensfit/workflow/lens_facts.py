@@ -23,6 +23,7 @@ from lensfit.preset.schema import Camera
 from lensfit.render.uv import overscan_needed
 from lensfit.workflow.blur_facts import blur_terms
 from lensfit.workflow.observe import Observed
+from lensfit.workflow.plain_numbers import plain_distance
 
 _MOST_RESIDUALS = 3000
 _GRID = (25, 17)
@@ -62,7 +63,7 @@ def take_facts(observed: Observed, fitted: Fitted, folder: Path) -> dict[str, An
         facts |= {
             "focal_length_mm": observed.resolved.focal_length_mm,
             "f_number": observed.resolved.f_number,
-            "focus_distance_mm": _finite(observed.resolved.focus_distance_mm),
+            "focus_distance_mm": plain_distance(observed.resolved.focus_distance_mm),
             "target_distance_mm": observed.resolved.take.target_distance_mm,
         }
     if observed.take is None:
@@ -169,7 +170,7 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
     overscan = overscan_needed(lens, Window.of_size(*size_px))
     return {
         "focal_length_mm": state.focal_length_mm,
-        "focus_distance_mm": _finite(state.focus_distance_mm),
+        "focus_distance_mm": plain_distance(state.focus_distance_mm),
         "principal_distance_mm": float(d.principal_distance_mm),
         "principal_point_mm": centre.tolist(),
         "distortion_centre_mm": centre.tolist(),
@@ -291,10 +292,6 @@ def _uncertainty_grid(state: LensState, lens: Lens, size_px, size_mm) -> dict[st
         "y_mm": _rounded(y, 4),
         "sd_px": [_rounded(row, 5) for row in rows],
     }
-
-
-def _finite(value: float | None) -> float | str | None:
-    return "inf" if value is not None and np.isinf(value) else value
 
 
 def _rounded(values: np.ndarray, digits: int) -> list[float | None]:

@@ -1,15 +1,16 @@
 """Writes ``report.html`` beside the ``report.json`` that a calibration made.
 
 The report dictionary (schema ``lensfit.report.1``) is all that is read, with the
-overlay pictures that it names relative to the folder of results. A picture that is
-gone is said to be gone; nothing else in the page can fail to load, as nothing is
-outside the file.
+pictures that it names relative to the folder of results and, for the point-spread
+functions, the preset there. A picture that is gone is said to be gone; nothing else in
+the page can fail to load, as nothing is outside the file.
 """
 
 from pathlib import Path
 
 from lensfit.atomic import write_text_atomic
 from lensfit.workflow.report_html import page
+from lensfit.workflow.report_kernels import kernel_sheets
 from lensfit.workflow.report_pictures import data_addresses
 
 
@@ -19,17 +20,24 @@ def write_report(report: dict, out_dir: Path) -> Path:
     Parameters
     ----------
     report : what ``calibrate`` writes as ``report.json``.
-    out_dir : the folder of results; overlay paths in the report start from it.
+    out_dir : the folder of results; paths in the report start from it.
 
     Returns
     -------
     Path of the page, ``out_dir/report.html``.
     """
-    named = [
-        take["overlay"] for take in report.get("takes") or [] if take.get("overlay")
-    ]
-    addresses = data_addresses([out_dir / name for name in named])
-    text = page(report, dict(zip(named, addresses, strict=True)))
+    takes = report.get("takes") or []
+    blurred = [t for blur in report.get("blur") or [] for t in blur.get("takes") or []]
+    addresses = _addresses([take.get("overlay") for take in takes], out_dir)
+    addresses |= _addresses([take.get("picture") for take in blurred], out_dir)
+    kernels = kernel_sheets(report, out_dir / "preset.json")
+    text = page(report, addresses, kernels)
     target = out_dir / "report.html"
     write_text_atomic(target, text)
     return target
+
+
+def _addresses(names: list[str | None], out_dir: Path) -> dict[str, str | None]:
+    named = [name for name in names if name]
+    found = data_addresses([out_dir / name for name in named])
+    return dict(zip(named, found, strict=True))

@@ -6,11 +6,13 @@ rest. `page` is a pure function of its arguments: the same report gives the same
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
+from lensfit.workflow.report_blur import blur_section
 from lensfit.workflow.report_coverage import numbers
+from lensfit.workflow.report_kernels import KernelSheet
 from lensfit.workflow.report_markup import Markup, number, tag
 from lensfit.workflow.report_sections import (
     coverage_section,
@@ -29,17 +31,23 @@ _POLICY += "script-src 'unsafe-inline'"
 _SIGNS = {"good": "✓", "note": "·", "caution": "!", "bad": "✕"}
 
 
-def page(report: dict, pictures: Mapping[str, str | None]) -> str:
+def page(
+    report: dict,
+    pictures: Mapping[str, str | None],
+    kernels: Sequence[KernelSheet] = (),
+) -> str:
     """The whole report as one HTML document.
 
     Parameters
     ----------
     report : what ``calibrate`` writes as ``report.json``; optional keys may be absent.
-    pictures : ``data:`` address of each overlay, by the path that the report names.
+    pictures : ``data:`` address of each picture, by the path that the report names.
+    kernels : point-spread functions of the states, where the preset is at hand.
     """
     sections = [
         numbers_section(report),
         lens_section(report),
+        blur_section(report, pictures, kernels),
         coverage_section(report),
         takes_section(report, pictures),
         terms_section(report),
@@ -114,9 +122,11 @@ def _header(report: dict) -> Markup:
     links = [
         tag("a", name, href=f"#{key}")
         for key, name in (
-            ("numbers", "Numbers"), ("lens", "Lens"), ("evidence", "Evidence"),
+            ("numbers", "Numbers"), ("lens", "Lens"), ("blur", "Blur"),
+            ("evidence", "Evidence"),
             ("takes", "Takes"), ("terms", "Terms"), ("provenance", "Provenance"),
         )
+        if key != "blur" or report.get("blur")
     ]  # fmt: skip
     return tag(
         "header",

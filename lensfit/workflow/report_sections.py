@@ -22,6 +22,9 @@ from lensfit.workflow.report_residuals import coverage, take_figures
 from lensfit.workflow.report_svg import Figure
 from lensfit.workflow.report_verdict import takes_by_focal
 
+_MOST_VALUES = 6
+"""Of one term; of more the largest is shown, all are in the JSON."""
+
 
 def lens_section(report: dict) -> Markup:
     """Every entry of the preset with its figures."""
@@ -54,8 +57,10 @@ def terms_section(report: dict) -> Markup:
     terms = report.get("terms") or []
     if not terms:
         return Markup("")
-    ordered = sorted(terms, key=lambda term: not term.get("kept"))
-    head = _row("th", ["Term", "", "Value ± 1σ", "Why"])
+    # States that share a wavefront each name its terms.
+    distinct = [t for k, t in enumerate(terms) if t not in terms[:k]]
+    ordered = sorted(distinct, key=lambda term: not term.get("kept"))
+    head = table_row("th", ["Term", "", "Value ± 1σ", "Why"])
     body = tag("tbody", *(_term_row(term) for term in ordered))
     about = "A term enters only when held-out error and evidence (BIC) say so, and its "
     about += "effect is larger than the photographs' noise."
@@ -113,7 +118,7 @@ def _entry_block(entry: dict, camera: dict) -> Markup:
     focus = entry.get("focus_distance_mm")
     name = stated(entry.get("focal_length_mm"), "mm")
     if focus is not None:
-        name += f", focused at {_distance(focus)}"
+        name += f", focused at {distance_text(float(focus))}"
     figures = entry_figures(entry, camera)
     header = tag(
         "header", tag("h3", name), tag("p", _entry_facts(entry), class_="facts")
@@ -142,7 +147,8 @@ def _entry_facts(entry: dict) -> str:
     return " · ".join(facts)
 
 
-def _distance(distance_mm: float) -> str:
+def distance_text(distance_mm: float) -> str:
+    """A distance in millimetres, or in metres from one metre on."""
     if math.isinf(distance_mm):
         return number(distance_mm)
     if distance_mm >= 1000:
@@ -150,7 +156,10 @@ def _distance(distance_mm: float) -> str:
     return stated(distance_mm, "mm")
 
 
-def _row(cell: str, values: list[Any], numeric: int = 99, class_: str = "") -> Markup:
+def table_row(
+    cell: str, values: list[Any], numeric: int = 99, class_: str = ""
+) -> Markup:
+    """A table's row of `cell` elements; from column `numeric` on they are numbers."""
     cells = [
         tag(cell, value, class_="n" if index >= numeric else None)
         for index, value in enumerate(values)
@@ -184,15 +193,17 @@ def _term_values(term: dict) -> list[Markup]:
     deviations = [deviation] * len(values)
     if isinstance(deviation, list | tuple) and len(deviation) == len(values):
         deviations = list(deviation)
-    return [
-        tag("div", number_with_deviation(v, sd, unit))
-        for v, sd in zip(values, deviations, strict=True)
-    ]
+    pairs = list(zip(values, deviations, strict=True))
+    if len(pairs) > _MOST_VALUES:
+        largest = max(pairs, key=lambda pair: abs(pair[0]))
+        about = f"{len(pairs)} values, the largest"
+        return [tag("div", about), tag("div", number_with_deviation(*largest, unit))]
+    return [tag("div", number_with_deviation(v, sd, unit)) for v, sd in pairs]
 
 
 def _takes_table(takes: list[dict]) -> Markup:
     names = ["Take", "Target", "Focal", "Stop", "Focus", "Chart at", "Used / found"]
-    head = _row("th", [*names, "Rms", "Held out"], numeric=2)
+    head = table_row("th", [*names, "Rms", "Held out"], numeric=2)
     rows = [_take_row(index, take) for index, take in enumerate(takes)]
     table = tag("table", tag("thead", head), tag("tbody", *rows), class_="takes")
     return tag("div", table, class_="scroll")
@@ -203,19 +214,22 @@ def _take_row(index: int, take: dict) -> Markup:
     if take.get("failed"):
         reason = tag("td", f"left out: {take['failed']}", colspan=8, class_="failure")
         return tag("tr", tag("td", link), reason)
-    state = [stated(take.get("focal_length_mm"), "mm"), _stop(take)]
+    state = [stated(take.get("focal_length_mm"), "mm"), stop_text(take)]
     for key in ("focus_distance_mm", "target_distance_mm"):
-        state.append(NOTHING if take.get(key) is None else _distance(take[key]))
+        state.append(
+            NOTHING if take.get(key) is None else distance_text(float(take[key]))
+        )
     used = f"{number(take.get('points_used'))} / {number(take.get('points_detected'))}"
     errors = [number(take.get(k), "px") for k in ("rms_px", "held_out_rms_px")]
-    return _row("td", [link, take.get("target"), *state, used, *errors], numeric=2)
+    return table_row("td", [link, take.get("target"), *state, used, *errors], numeric=2)
 
 
 def _take_name(take: dict) -> str:
     return str(take.get("name") or take.get("image") or "unnamed take")
 
 
-def _stop(take: dict) -> str:
+def stop_text(take: dict) -> str:
+    """The f-number of a take."""
     stop = take.get("f_number")
     return NOTHING if stop is None else f"f/{stated(round(stop, 1))}"
 

@@ -33,6 +33,8 @@ WHOLE_COVERAGE = 0.75
 """Part of the frame; where points reach less, no figure can speak for the rest."""
 ROUND_TRIP_PX = 1e-3
 WEAK_CORNER_PX = 0.3
+GOOD_BLUR, ROUGH_BLUR = 0.1, 0.25
+"""Relative error of a dot's image: hardly visible; visible but better than a disc."""
 
 Tone = Literal["good", "note", "caution", "bad"]
 
@@ -55,7 +57,11 @@ def findings(report: dict) -> list[Finding]:
     """Every finding: the grade first, the rest from the worst to the good."""
     rules = (_map, _overfit, _takes, _failed, _outstanding, _coverage, _corners)
     rest = [one for rule in (*rules, _pattern, _rejected) for one in rule(report)]
-    rest += [one for rule in (_focal, _missing, _sound, _peers) for one in rule(report)]
+    rest += [
+        one
+        for rule in (_focal, _missing, _blur, _sound, _peers)
+        for one in rule(report)
+    ]
     order = {"bad": 0, "caution": 1, "note": 2, "good": 3}
     return [_grade(report), *sorted(rest, key=lambda finding: order[finding.tone])]
 
@@ -356,6 +362,58 @@ def _missing(report: dict) -> Iterator[Finding]:
             "note",
             f"Not measured, and therefore not applied: {_join(absent)}.",
         )
+
+
+def _blur(report: dict) -> Iterator[Finding]:
+    """One sentence: the worst focal length speaks for all."""
+    if not report.get("entries"):
+        return
+    known = [one for one in report.get("blur") or [] if _blur_error(one)[0] >= 0]
+    if not known:
+        yield Finding(
+            "note",
+            "Blur was not measured: photograph the dots at two f-numbers and on both "
+            "sides of focus.",
+        )
+        return
+    worst = max(known, key=lambda one: _blur_error(one)[0])
+    error, whose = _blur_error(worst)
+    place = (
+        f" at {stated(worst.get('focal_length_mm'), 'mm')}" if len(known) > 1 else ""
+    )
+    said = f"the images of dots {whose} match to {number(100 * error, '%', 2)}{place}"
+    if any(one.get("converged") is False for one in known):
+        yield Finding(
+            "caution",
+            f"The blur is not to be relied on, its fit did not converge: {said}.",
+        )
+    elif any(one.get("sign_known") is False for one in known):
+        yield Finding(
+            "caution",
+            f"The blur is usable only where it was photographed: {said}, but on which "
+            "side of focus is not known. State focus_distance_mm and "
+            "target_distance_mm, or add a take on the other side.",
+        )
+    elif error <= GOOD_BLUR:
+        yield Finding("good", f"The blur is usable: {said} (median).")
+    elif error <= ROUGH_BLUR:
+        yield Finding("caution", f"The blur is usable for soft backgrounds: {said}.")
+    else:
+        yield Finding(
+            "caution",
+            f"The blur is not usable: {said}. Use small bright holes, more f-numbers "
+            "and both sides of focus.",
+        )
+
+
+def _blur_error(blur: dict) -> tuple[float, str]:
+    """Held-out misfit, else the largest of the takes', else NaN."""
+    held_out = _value(blur.get("held_out_misfit"))
+    if not math.isnan(held_out):
+        return held_out, "that the fit never saw"
+    each = [_value(take.get("misfit")) for take in blur.get("takes") or []]
+    known = [misfit for misfit in each if not math.isnan(misfit)]
+    return max(known, default=math.nan), "in the worst take"
 
 
 def _peers(report: dict) -> Iterator[Finding]:

@@ -40,6 +40,7 @@ def barrel_report(takes: int = 4, noise_px: float = 0.06, seed: int = 7) -> dict
         "terms": _terms(),
         "takes": [_take(index, rng, noise_px) for index in range(takes)],
         "entries": [entry(50.0, 2000.0)],
+        "blur": [_blur(takes)],
         "comparison": {"opencv_5_held_out_px": 0.16, "opencv_14_held_out_px": 0.11},
         "files": {"preset": "preset.json", "stmaps": ["stmaps/a_undistort.exr"]},
     }
@@ -100,6 +101,36 @@ def _take(index: int, rng: np.random.Generator, noise_px: float) -> dict:
             "dx_px": errors[0].tolist(),
             "dy_px": errors[1].tolist(),
         },
+    }
+
+
+def _blur(takes: int) -> dict:
+    return {
+        "focal_length_mm": 50.0,
+        "takes": [
+            {
+                "image": f"dots_{index + 1}.exr",
+                "dots": 20,
+                "misfit": 0.021 + 0.01 * index,
+                "held_out_misfit": 0.032 + 0.01 * index,
+            }
+            for index in range(takes)
+        ],
+        "held_out_misfit": 0.035,
+        "defocus": [
+            {
+                "focus_distance_mm": 2000.0,
+                "target_distance_mm": 1998.0 + index,
+                "image": None,
+                "defocus_mm": -0.35 - 0.01 * index,
+                "standard_deviation_mm": 0.003,
+            }
+            for index in range(takes)
+        ],
+        "blades": 8,
+        "sign_known": True,
+        "converged": True,
+        "not_seen": ["exit_pupil"],
     }
 
 

@@ -119,7 +119,7 @@ def page_of(report: dict, folder: Path) -> str:
     return write_report(report, folder).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("part", ["entries", "takes", "terms"])
+@pytest.mark.parametrize("part", ["entries", "takes", "terms", "blur"])
 def test_any_key_of_any_part_may_be_missing(tmp_path, part):
     for key in barrel_report(1)[part][0]:
         report = barrel_report(1)

@@ -200,3 +200,33 @@ def test_points_that_leave_much_of_the_frame_out_cap_the_grade(report, held_out_
     first = findings(report)[0]
     assert first.sentence.startswith("Usable where the points are")
     assert first.tone == "caution"
+
+
+def test_blur_that_was_not_measured_says_which_photographs_would(report):
+    for absent in (None, []):
+        report["blur"] = absent
+        assert said(report, "Blur was not measured: photograph the dots at two f-num")
+    del report["blur"]
+    assert said(report, "on both sides of focus")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, "The blur is usable: the images of dots that the fit never saw match to"),
+        ({"held_out_misfit": 0.2}, "usable for soft backgrounds"),
+        ({"held_out_misfit": 0.4}, "The blur is not usable"),
+        ({"sign_known": False}, "on which side of focus is not known"),
+        ({"converged": False}, "its fit did not converge"),
+        ({"held_out_misfit": None}, "in the worst take match to 5.1%"),
+    ],
+)
+def test_blur_is_judged_in_one_sentence(report, changes, words):
+    report["blur"][0] |= changes
+    assert [words in one for one in verdict(report) if "blur is" in one] == [True]
+
+
+def test_the_worst_focal_length_speaks_for_the_blur(report):
+    report["blur"].append(report["blur"][0] | {"focal_length_mm": 85.0})
+    report["blur"][1]["held_out_misfit"] = 0.09
+    assert said(report, "match to 9.0% at 85\u202fmm")

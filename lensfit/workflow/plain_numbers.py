@@ -1,0 +1,18 @@
+"""Numbers as JSON can hold them: no NaN, and "inf" for what is infinitely far."""
+
+import math
+
+
+def plain(value: float | None) -> float | None:
+    """The number; None where it is not known."""
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def plain_distance(value: float | None) -> float | str | None:
+    """A distance, which may be infinite."""
+    return "inf" if value is not None and math.isinf(value) else value
+
+
+def distance_of(plain_mm: float | str | None) -> float | None:
+    """The distance that `plain_distance` wrote."""
+    return None if plain_mm is None else float(plain_mm)

@@ -1,0 +1,187 @@
+"""The report's section on blur: how well the dots' shape is explained, and the kernels.
+
+As elsewhere in the report a part that is absent is left out; a report without blur has
+no such section.
+"""
+
+import base64
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from lensfit.workflow.blur_pictures import ENLARGED
+from lensfit.workflow.plain_numbers import distance_of
+from lensfit.workflow.report_kernels import GAMMA, MOST_SHEETS, KernelSheet
+from lensfit.workflow.report_markup import (
+    NOTHING,
+    Markup,
+    number,
+    number_with_deviation,
+    stated,
+    tag,
+)
+from lensfit.workflow.report_sections import distance_text, stop_text, table_row
+
+_ABOUT = (
+    "Misfit is the error of a dot's image, relative (L2, median of the dots); if held "
+    "out: what it would be had the fit not seen that photograph."
+)
+_KERNELS = (
+    "Green, at the middle of the frame, half way and near its edge, as the frame lies. "
+    f"Light is shown to the power {GAMMA:g}, each tile against its own peak."
+)
+_DOTS = (
+    "Green. Top: the photograph, from the middle of the field (left) outward. Middle: "
+    f"the model. Bottom: what is left, {ENLARGED} times stronger about grey."
+)
+
+
+def blur_section(
+    report: dict,
+    pictures: Mapping[str, str | None],
+    kernels: Sequence[KernelSheet],
+) -> Markup:
+    """Table of takes, kernels and dots of every focal length; nothing without blur.
+
+    Parameters
+    ----------
+    report : the report's dictionary.
+    pictures : ``data:`` address of each picture, by the path the report names.
+    kernels : of all states, from `report_kernels.kernel_sheets`.
+    """
+    blocks = [
+        _block(one, report, pictures, kernels) for one in report.get("blur") or []
+    ]
+    if not blocks:
+        return Markup("")
+    about = [tag("p", _ABOUT, class_="facts")]
+    if not kernels:
+        missing = "No kernels are drawn: preset.json is not beside this report."
+        about.append(tag("p", missing, class_="facts"))
+    if len(kernels) == MOST_SHEETS:
+        most = f"Kernels are drawn for the first {MOST_SHEETS} states only."
+        about.append(tag("p", most, class_="facts"))
+    return tag("section", tag("h2", "Blur"), *about, *blocks, id="blur")
+
+
+def _block(
+    blur: dict,
+    report: dict,
+    pictures: Mapping[str, str | None],
+    kernels: Sequence[KernelSheet],
+) -> Markup:
+    focal = blur.get("focal_length_mm")
+    name = "Focal length not stated" if focal is None else stated(focal, "mm")
+    known = {take.get("image"): take for take in report.get("takes") or []}
+    takes = [known.get(one.get("image"), {}) | one for one in blur.get("takes") or []]
+    mine = [one for one in kernels if one.state.focal_length_mm == focal]
+    header = tag("header", tag("h3", name), tag("p", _facts(blur), class_="facts"))
+    parts = [header, _hardly_seen(blur), _table(blur, takes)]
+    drawn = [_kernel_figure(one) for one in mine]
+    parts += _figures("Point-spread functions over the frame", _KERNELS, drawn)
+    drawn = [_dots_figure(take, pictures) for take in takes]
+    parts += _figures(
+        "Dots, photographed and modelled", _DOTS, list(filter(None, drawn))
+    )
+    return tag("div", *parts, class_="block blur")
+
+
+def _figures(title: str, about: str, figures: list[Markup]) -> list[Markup]:
+    if not figures:
+        return []
+    return [
+        tag("h4", title),
+        tag("p", about, class_="facts"),
+        tag("div", *figures, class_="figures"),
+    ]
+
+
+def _facts(blur: dict) -> str:
+    side = "known" if blur.get("sign_known") else "not known"
+    facts = [f"side of focus {side}"]
+    if blur.get("blades") is not None:
+        count = blur["blades"]
+        facts.append(f"{count} blades" if count else "opening taken as round")
+    if blur.get("held_out_misfit") is not None:
+        facts.append(f"{_percent(blur['held_out_misfit'])} on dots held out")
+    if blur.get("converged") is False:
+        facts.append("did not converge")
+    return " · ".join(facts)
+
+
+def _hardly_seen(blur: dict) -> Markup:
+    names = [str(name).replace("_", " ") for name in blur.get("not_seen") or []]
+    if not names:
+        return Markup("")
+    text = (
+        f"Hardly seen in these photographs, so not to be relied on: {', '.join(names)}."
+    )
+    return tag("p", text)
+
+
+def _table(blur: dict, takes: list[dict]) -> Markup:
+    names = ["Take", "Stop", "Focus", "Chart at", "Defocus ± 1σ", "Dots", "Misfit"]
+    head = table_row("th", [*names, "If held out"], numeric=1)
+    rows = [table_row("td", _row(blur, take), numeric=1) for take in takes]
+    table = tag("table", tag("thead", head), tag("tbody", *rows), class_="takes")
+    return tag("div", table, class_="scroll")
+
+
+def _row(blur: dict, take: dict) -> list[Any]:
+    return [
+        _name(take),
+        stop_text(take),
+        _distance(take.get("focus_distance_mm")),
+        _distance(take.get("target_distance_mm")),
+        _defocus(blur, take),
+        number(take.get("dots")),
+        _percent(take.get("misfit")),
+        _percent(take.get("held_out_misfit")),
+    ]
+
+
+def _name(take: dict) -> str:
+    return str(take.get("name") or take.get("image") or "unnamed take")
+
+
+def _distance(plain_mm: float | str | None) -> str:
+    distance = distance_of(plain_mm)
+    return NOTHING if distance is None else distance_text(distance)
+
+
+def _percent(share: float | None) -> str:
+    return number(None if share is None else 100.0 * share, "%", 2)
+
+
+def _defocus(blur: dict, take: dict) -> str:
+    """Of the group that the take belongs to: its own, or that of focus and chart."""
+    state = [take.get(key) for key in ("focus_distance_mm", "target_distance_mm")]
+    for group in blur.get("defocus") or []:
+        shared = [group.get("focus_distance_mm"), group.get("target_distance_mm")]
+        own = group.get("image") is not None and group["image"] == take.get("image")
+        if own or (group.get("image") is None and shared == state):
+            pair = group.get("defocus_mm"), group.get("standard_deviation_mm")
+            return number_with_deviation(*pair, "mm")
+    return NOTHING
+
+
+def _kernel_figure(sheet: KernelSheet) -> Markup:
+    state = sheet.state
+    title = stop_text({"f_number": state.f_number})
+    if state.focus_distance_mm is not None:
+        title += f", focused at {distance_text(state.focus_distance_mm)}"
+    title += f", point at {distance_text(state.object_distance_mm)}"
+    scale = f"A tile is {number(sheet.width_px, 'px')} wide, the bar "
+    scale += f"{stated(sheet.bar_px, 'px')}."
+    address = f"data:image/png;base64,{base64.b64encode(sheet.png).decode('ascii')}"
+    picture = tag("img", src=address, alt=f"Point-spread functions, {title}")
+    caption = tag("figcaption", scale)
+    return tag("figure", tag("h5", title), picture, caption, data_figure="kernels")
+
+
+def _dots_figure(take: dict, pictures: Mapping[str, str | None]) -> Markup:
+    address = pictures.get(take.get("picture") or "")
+    if address is None:
+        return Markup("")
+    title = _name(take)
+    picture = tag("img", src=address, alt=f"Dots of {title}")
+    return tag("figure", tag("h5", title), picture, data_figure="dots")

@@ -1,0 +1,165 @@
+"""Point-spread functions over the field, for the report: one sheet per state.
+
+Tiles lie as their points do on the frame: at the middle, half way and near the edge.
+Each shows the light to the power `GAMMA`, against its own brightest pixel, since the
+skirt of a spot is what differs from lens to lens. All tiles of a sheet have the same
+width, found by looking at the blur coarsely first and then more closely.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.errors import LensfitError
+from lensfit.lens import Lens
+from lensfit.preset.schema import Preset
+from lensfit.preset.store import load_preset
+from lensfit.workflow.grey_tiles import png, sheet_of, with_bar
+from lensfit.workflow.plain_numbers import distance_of
+from lensfit.workflow.report_axes import round_up
+
+MOST_SHEETS = 24
+GAMMA = 0.4
+_COLUMNS, _ROWS = (-0.9, -0.45, 0.0, 0.45, 0.9), (-0.9, 0.0, 0.9)
+_SIZE_PX = 64
+_TOLERANCE, _GLANCE = 0.01, 0.2
+_FIRST_SHARE, _LOOKS = 0.1, 2
+"""Width of the first look, as a share of the sensor's; how often to look."""
+_INSIDE, _ROOM = 0.97, 1.3
+_LEAST_PIXELS = 6.0
+_RADIALS = (
+    lambda lens: lens.distortion.radial,
+    lambda lens: lens.lateral_colour and lens.lateral_colour[0].radial,
+    lambda lens: lens.lateral_colour and lens.lateral_colour[1].radial,
+)
+
+
+class KernelState(NamedTuple):
+    """What was photographed: a lens state and an object distance."""
+
+    focal_length_mm: float | None
+    focus_distance_mm: float | None
+    f_number: float
+    object_distance_mm: float
+
+
+@dataclass(frozen=True)
+class KernelSheet:
+    """The point-spread functions of one state as a picture.
+
+    Attributes
+    ----------
+    png : The picture.
+    width_px, bar_px : Of one tile and of the bar below, in pixels of the camera.
+    """
+
+    state: KernelState
+    png: bytes
+    width_px: float
+    bar_px: float
+
+
+def kernel_sheets(report: dict, preset_path: Path) -> list[KernelSheet]:
+    """Sheets of the states in a report's blur; none when the preset cannot say."""
+    camera = report.get("camera") or {}
+    across, width_mm = camera.get("image_width_px"), camera.get("sensor_width_mm")
+    if not report.get("blur") or not across or not width_mm:
+        return []
+    try:
+        preset = load_preset(preset_path)
+        states = kernel_states(report, preset)[:MOST_SHEETS]
+        lenses = [
+            preset.at(one.focal_length_mm, one.f_number, one.focus_distance_mm)
+            for one in states
+        ]
+    except LensfitError:
+        return []
+    pairs = zip(_of_one_program(lenses), states, strict=True)
+    return [_sheet(lens, state, width_mm / across) for lens, state in pairs]
+
+
+def kernel_states(report: dict, preset: Preset) -> list[KernelState]:
+    """Distinct states of the takes that the blur was fitted to, in order.
+
+    A take whose chart distance nobody stated counts only if no other shows its state.
+    """
+    names = {t.get("image") for b in report["blur"] for t in b.get("takes") or []}
+    takes = [t for t in report.get("takes") or [] if t.get("image") in names]
+    blurs = [entry.blur for entry in preset.entries if entry.blur]
+    takes = [t for t in takes if t.get("f_number") and blurs]
+    found: dict[tuple[float | None, float | None, float], set[float]] = {}
+    for take in sorted(takes, key=lambda t: t.get("target_distance_mm") is None):
+        focal, focus = take.get("focal_length_mm"), take.get("focus_distance_mm")
+        lens = distance_of(focal), distance_of(focus), take["f_number"]
+        target = take.get("target_distance_mm")
+        if target is not None or lens not in found:
+            distance = float(target or blurs[0].reference_distance_mm)
+            found.setdefault(lens, set()).add(distance)
+    states = [
+        KernelState(*lens, far) for lens, all_far in found.items() for far in all_far
+    ]
+    return sorted(states, key=lambda s: tuple(-1.0 if v is None else v for v in s))
+
+
+def _sheet(lens: Lens, state: KernelState, pixel_mm: float) -> KernelSheet:
+    half_mm = np.asarray(lens.sensor_size_mm) / 2
+    points = np.array([(x, y) for y in _ROWS for x in _COLUMNS]) * half_mm
+
+    def look(
+        width_mm: float, tolerance: float
+    ) -> Float[np.ndarray, "points size size"]:
+        found = lens.psfs(
+            points,
+            state.object_distance_mm,
+            ("g",),
+            pixel_pitch_mm=width_mm / _SIZE_PX,
+            size_px=_SIZE_PX,
+            tolerance=tolerance,
+        )
+        return np.asarray(found[:, 0])
+
+    width_mm = _FIRST_SHARE * lens.sensor_size_mm[0]
+    for _ in range(_LOOKS):
+        wanted = _ROOM * reach_share(look(width_mm, _GLANCE)) * width_mm
+        width_mm = max(wanted, _LEAST_PIXELS * pixel_mm)
+    kernels = np.maximum(look(width_mm, _TOLERANCE), 0)
+    tiles = (kernels / kernels.max((1, 2), keepdims=True)) ** GAMMA
+    tiles = tiles.reshape(len(_ROWS), len(_COLUMNS), _SIZE_PX, _SIZE_PX)
+    width_px = width_mm / pixel_mm
+    bar_px = round_up(width_px / 4)
+    picture = with_bar(sheet_of(tiles), bar_px / width_px * _SIZE_PX)
+    return KernelSheet(state, png(picture), width_px, bar_px)
+
+
+def reach_share(kernels: Float[np.ndarray, "points size size"]) -> float:
+    """Width of the middle square that holds nearly all light of every kernel, as a
+    share of the array's; at most 1."""
+    size = kernels.shape[-1]
+    away = np.abs(np.arange(size) + 0.5 - size / 2)
+    square = np.maximum(away[:, None], away[None]) + 0.5
+    inside = [
+        np.min((kernels * (square <= half)).sum((1, 2)) / kernels.sum((1, 2)))
+        for half in range(1, size // 2 + 1)
+    ]
+    enough = np.flatnonzero(np.array(inside) >= _INSIDE)
+    return 2 * float(enough[0] + 1 if len(enough) else size // 2) / size
+
+
+def _of_one_program(lenses: list[Lens]) -> list[Lens]:
+    """The same lenses with as many coefficients each: zeros at the end of a radial
+    series change nothing, and one compiled program then serves all."""
+    for where in _RADIALS:
+        series = [where(one) for one in lenses]
+        if any(one is None for one in series):
+            continue
+        longest = max(len(one) for one in series)
+        lenses = [
+            eqx.tree_at(where, lens, jnp.pad(one, (0, longest - len(one))))
+            for lens, one in zip(lenses, series, strict=True)
+        ]
+    return lenses
