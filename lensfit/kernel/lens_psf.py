@@ -159,7 +159,7 @@ def _patch(
     empty = jnp.zeros((room_px, room_px), jnp.float32)
     patch = jax.lax.fori_loop(0, turns, add, empty).astype(float)
     asked = jnp.arange(room_px, dtype=size_px.dtype) < size_px
-    patch = patch * (asked[:, None] & asked[None])
+    patch = jnp.where(asked[:, None] & asked[None], patch, 0.0)
     return patch / jnp.maximum(jnp.sum(patch), 1e-300)
 
 
