@@ -8,6 +8,7 @@ the command line, gives the traceback instead.
 import sys
 import traceback
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import typer
@@ -54,6 +55,17 @@ def say_error(line: str) -> None:
 def say_note(line: str) -> None:
     """Print a remark on standard error: something to know, not a failure."""
     typer.echo(f"lensfit: note: {line}", err=True)
+
+
+def one_of(choices: tuple[str, ...]) -> Callable[[str], str]:
+    """A check that an option is one of a few words."""
+
+    def check(value: str) -> str:
+        if value not in choices:
+            raise typer.BadParameter(f"{value!r} is not one of {', '.join(choices)}")
+        return value
+
+    return check
 
 
 def _is_the_parsers(error: BaseException) -> bool:

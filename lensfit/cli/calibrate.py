@@ -7,7 +7,9 @@ from typing import Annotated
 import typer
 
 from lensfit.cli._bars import progress_bars
-from lensfit.cli._door import say_error, say_note
+from lensfit.cli._door import one_of, say_error, say_note
+
+EFFORTS = ("fastest", "fast", "normal", "best")
 
 
 def calibrate(
@@ -19,6 +21,13 @@ def calibrate(
             "--images", help="Folder of the photographs; else the shoot file's own"
         ),
     ] = None,
+    effort: Annotated[
+        str,
+        typer.Option(
+            help="Speed against error of the blur: " + " | ".join(EFFORTS),
+            callback=one_of(EFFORTS),
+        ),
+    ] = "normal",
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the report as JSON")
     ] = False,
@@ -42,7 +51,7 @@ def calibrate(
     from lensfit.workflow.calibrate import calibrate as calibrate_shoot
 
     with progress_bars() as progress:
-        report = calibrate_shoot(described, out, progress=progress)
+        report = calibrate_shoot(described, out, progress=progress, effort=effort)
     if as_json:
         typer.echo(json.dumps(report))
     else:

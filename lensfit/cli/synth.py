@@ -7,21 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._door import one_of
+
 if TYPE_CHECKING:
     from data_synth.frame import Frame
     from data_synth.prescription import Prescription
 
 KINDS = ("dot-grid", "line-grid", "checkerboard")
 FORMATS = ("exr", "png16", "png", "jpg")
-
-
-def _one_of(choices: tuple[str, ...]):
-    def check(value: str) -> str:
-        if value not in choices:
-            raise typer.BadParameter(f"{value!r} is not one of {', '.join(choices)}")
-        return value
-
-    return check
 
 
 def synth(
@@ -37,11 +30,11 @@ def synth(
         float | None, typer.Option(help="Focus distance from the sensor, mm")
     ] = None,
     target: Annotated[
-        str, typer.Option(help=" | ".join(KINDS), callback=_one_of(KINDS))
+        str, typer.Option(help=" | ".join(KINDS), callback=one_of(KINDS))
     ] = "dot-grid",
     picture: Annotated[
         str,
-        typer.Option("--format", help=" | ".join(FORMATS), callback=_one_of(FORMATS)),
+        typer.Option("--format", help=" | ".join(FORMATS), callback=one_of(FORMATS)),
     ] = "exr",
     wavefront: Annotated[
         bool,
