@@ -11,7 +11,7 @@ from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import LensfitError
 from lensfit.kernel.lens_blur import LensBlur
-from lensfit.kernel.lens_psf import lens_psfs
+from lensfit.kernel.lens_psf import _in_room
 from lensfit.lens import Channel, Lens
 from lensfit.optics.lateral import channel_from_green
 from lensfit.optics.paraxial import FirstOrder, defocus_mm
@@ -255,7 +255,7 @@ def test_many_points_are_the_same_as_each_alone():
 
 def programs() -> int:
     """How many were compiled."""
-    return lens_psfs._cache_size()  # pyright: ignore[reportAttributeAccessIssue]
+    return _in_room._cache_size()  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_one_program_serves_every_state():
