@@ -21,7 +21,7 @@ from lensfit.fit.illumination import FallOffFit, fit_illumination
 from lensfit.fit.take import Take, grouped
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
 from lensfit.fit.wavefront.fit import Effort, WavefrontFit, fit_wavefront
-from lensfit.fit.wavefront.gather import Shown
+from lensfit.fit.wavefront.gather import LARGEST_HOLE_CELLS, Shown, hole_cells
 from lensfit.fit.wavefront.place import placed
 from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, without_idle_degrees
@@ -133,7 +133,13 @@ def _fit_wavefronts(
     found, notes = {}, []
     for focal_mm in sorted({state.focal_length_mm for state in states}):
         mine = [state for state in states if state.focal_length_mm == focal_mm]
-        shown = [s for state in mine for s in _shown_of(state)]
+        pictured = [s for state in mine for s in _shown_of(state)]
+        shown = [s for s in pictured if hole_cells(s) <= LARGEST_HOLE_CELLS]
+        if pictured and not shown:
+            notes.append(
+                f"the blur at {focal_mm:g} mm was not measured: the dots themselves "
+                "are too large; photograph holes less than 1.8 pixels wide"
+            )
         if not shown:
             continue
         try:

@@ -34,6 +34,8 @@ from lensfit.optics.lateral import ChannelShift, channel_from_green
 from lensfit.optics.paraxial import FirstOrder, rim_sine
 from lensfit.optics.spectrum import Bands, chromatic_coordinate, lateral_at
 
+LARGEST_HOLE_CELLS = 0.9
+"""Up to this radius a Gaussian of the same variance stands for the hole to 1 %."""
 WIDE_OPEN = 1.02
 """Up to this ratio to the widest f-number the blades are out of the way."""
 
@@ -333,6 +335,20 @@ def _lateral_mm(
         return moved - jnp.mean(moved, 1, keepdims=True)
 
     return jax.vmap(one)(points)
+
+
+def hole_cells(shown: Shown) -> float:
+    """Radius of the hole's image, in cells of its cutout."""
+    stack, rows = shown.geometry.adjustment.stack, shown.cutouts.marks
+    half_mm = np.asarray(stack.view.half_board_mm[shown.index])
+    board = stack.board[shown.index][rows] * half_mm
+    areas = [
+        np.linalg.det(np.cov(points.T))
+        for points in (stack.observed_mm[shown.index][rows], board)
+    ]
+    magnification = (areas[0] / areas[1]) ** 0.25
+    cell_mm = float(np.mean(_pixel_mm(shown))) * shown.cutouts.cell_px
+    return _hole_radius_mm(shown) * magnification / cell_mm
 
 
 def _hole_radius_mm(shown: Shown) -> float:
