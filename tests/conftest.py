@@ -1,6 +1,7 @@
 """Strictness for every test: float64, no silent promotion, one data folder."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax
@@ -9,6 +10,10 @@ import pytest
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+
+_MOST_MAPS = 20_000
+"""Linux gives a process 65,530 memory maps, and every compiled program takes some."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -26,3 +31,12 @@ def data_dir() -> Path:
     if not folder:
         pytest.skip("LENSFIT_DATA does not name the data folder")
     return Path(folder)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _room_for_programs() -> Iterator[None]:
+    """Forget compiled programs before they are too many for one process."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > _MOST_MAPS:
+        jax.clear_caches()
