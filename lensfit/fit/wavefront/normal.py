@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.patch import Patch, equations_of
-from lensfit.fit.wavefront.rays import Colour, rays_of, spot_of
+from lensfit.fit.wavefront.rays import Colour, rays_of
 
 FOLDS = 32
 """Two for each of up to sixteen takes; more takes share them."""
@@ -24,8 +24,9 @@ class Points(NamedTuple):
 
     Attributes
     ----------
-    image : For the light on the cells: 512 are 1 to 3 % wrong, 1024 half of that.
-    design : For derivatives, which only lead the way.
+    image : For the light on the cells, and the gradient: 512 are 1 to 3 % wrong, 1024
+        half of that.
+    design : For the matrix, which only leads the way.
     """
 
     image: int = 512
@@ -154,9 +155,9 @@ def _of_dot(
 
     def channel(chromatic, lateral, light, weight, corner):
         at = (parameters, dot, Colour(chromatic, lateral), layout, model.scale)
-        spot, rays = spot_of(*at, points.image), rays_of(*at, points.design)
+        rays, few = rays_of(*at, points.image), rays_of(*at, points.design)
         return equations_of(
-            spot, rays, light, weight, corner, dot.cell_mm, variance, layout.opening
+            rays, few, light, weight, corner, dot.cell_mm, variance, layout.opening
         )
 
     return jax.vmap(channel)(

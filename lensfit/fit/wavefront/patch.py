@@ -87,8 +87,8 @@ def image_of(spot: Spot, profile: Profile) -> Float[Array, "cells cells"]:
 
 
 def equations_of(
-    spot: Spot,
     rays: Rays,
+    few: Rays,
     light: Float[Array, "cells cells"],
     weight: Float[Array, "cells cells"],
     corner_mm: Float[Array, "2"],
@@ -100,14 +100,15 @@ def equations_of(
 
     Parameters
     ----------
-    spot : Rays that the image is made of, many.
-    rays : Rays that the derivatives are made of: fewer will do.
+    rays : What image and gradient are made of, many: a gradient from other rays than
+        the image's is 0 elsewhere than where the image suits best.
+    few : What the matrix is made of: it only leads the way.
     opening : As `Layout.opening`.
     """
-    cells = light.shape[0]
+    cells, spot = light.shape[0], rays.spot
     profile = profile_of(spot, corner_mm, cell_mm, cells, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile)
-    design = _design(rays, corner_mm, cell_mm, cells, variance_mm2, opening)
+    design = _design(few, corner_mm, cell_mm, cells, variance_mm2, opening)
     target, w = light.reshape(-1), weight.reshape(-1)
     inner = nuisance_design.T @ (w[:, None] * nuisance_design)
     nuisance = _solved(inner, nuisance_design.T @ (w * target))
@@ -116,10 +117,11 @@ def equations_of(
     weighted = w[:, None] * design
     coupling = nuisance_design.T @ weighted
     matrix = design.T @ weighted - coupling.T @ _solved(inner, coupling)
+    pull = nuisance[0] * (w * residual).reshape(light.shape)
     bright = jnp.where(nuisance[0] == 0, 1.0, nuisance[0])
     return Patch(
         matrix,
-        -weighted.T @ residual,
+        -_pulled(rays, profile, pull, opening),
         jnp.sum(w * residual**2),
         jnp.concatenate([nuisance[:2], nuisance[2:] / bright]),
         residual,
@@ -144,6 +146,18 @@ def _design(
     moved = rays.moved_mm.transpose(1, 0, 2).reshape(2 * weight.size, -1)
     light = (profile.rows[:, None] * profile.columns[None]).reshape(both.shape[0], -1)
     return (both @ moved).at[:, opening].add(light @ rays.brightened)
+
+
+def _pulled(
+    rays: Rays, profile: Profile, pull: Float[Array, "cells cells"], opening: slice
+) -> Float[Array, " parameters"]:
+    """Sum over the cells of `pull` times d image / d parameter, a brightness of 1."""
+    across = jnp.sum(profile.rows * (pull @ profile.columns_moved), 0)
+    down = jnp.sum(profile.rows_moved * (pull @ profile.columns), 0)
+    light = jnp.sum(profile.rows * (pull @ profile.columns), 0)
+    moved = rays.spot.weight[:, None] * jnp.stack([across, down], -1)
+    by_place = jnp.einsum("ri,rip->p", moved, rays.moved_mm)
+    return by_place.at[opening].add(light @ rays.brightened)
 
 
 def _shifted(spot: Spot, profile: Profile) -> tuple[Array, Array]:

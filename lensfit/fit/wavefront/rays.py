@@ -67,25 +67,6 @@ class Colour(NamedTuple):
     lateral_mm: Float[Array, "wavelengths 2"]
 
 
-def spot_of(
-    parameters: Float[Array, " parameters"],
-    dot: Dots,
-    colour: Colour,
-    layout: Layout,
-    scale: Scale,
-    points: int,
-) -> Spot:
-    """Rays of one dot (a row of `Dots`) in one channel, without derivatives.
-
-    Parameters
-    ----------
-    points : Of the opening; each sends a ray of each wavelength.
-    """
-    nodes = nodes_of(parameters[layout.opening], dot, layout, scale, points)
-    landing, slope = _landed(nodes.u, parameters, dot, colour, layout, scale)
-    return _image(landing, slope, nodes, colour)
-
-
 def rays_of(
     parameters: Float[Array, " parameters"],
     dot: Dots,
@@ -94,7 +75,12 @@ def rays_of(
     scale: Scale,
     points: int,
 ) -> Rays:
-    """`spot_of` with derivatives."""
+    """Rays of one dot (a row of `Dots`) in one channel.
+
+    Parameters
+    ----------
+    points : Of the opening; each sends a ray of each wavelength.
+    """
     opening = parameters[layout.opening]
     nodes = nodes_of(opening, dot, layout, scale, points)
     widened = jax.jacfwd(nodes_of)(opening, dot, layout, scale, points)
