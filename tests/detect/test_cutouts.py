@@ -1,0 +1,144 @@
+"""Pictures of dots: light is kept, and cells that must not be used are marked."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lensfit.detect.cutouts import CELLS, cut
+from lensfit.detect.observations import POINT, Observations
+from lensfit.photograph import Photograph
+
+SIZE = (400, 300)
+
+
+def marks_at(points_px, diameter_px) -> Observations:
+    """Dots at these places."""
+    points_px = np.asarray(points_px, float)
+    count = len(points_px)
+    return Observations(
+        lattice=np.stack([np.arange(count), np.zeros(count)], -1),
+        points_px=points_px,
+        covariance_px2=np.tile(np.eye(2) * 1e-4, (count, 1, 1)),
+        family=np.full(count, POINT),
+        normal=np.full((count, 2), np.nan),
+        saturated=np.zeros(count, bool),
+        overlapping=np.zeros(count, bool),
+        channel_points_px=np.full((3, count, 2), np.nan),
+        channel_covariance_px2=np.full((3, count, 2, 2), np.nan),
+        flux=np.full((count, 1), np.nan),
+        diameter_px=np.broadcast_to(np.asarray(diameter_px, float), count).copy(),
+        image_size_px=SIZE,
+        candidates=count,
+    )
+
+
+def photograph_of(pixels: np.ndarray, saturation: float = np.inf) -> Photograph:
+    if pixels.ndim == 2:
+        pixels = pixels[..., None]
+    return Photograph(
+        pixels.astype(np.float32), Path("dots.exr"), "", saturation=saturation
+    )
+
+
+def disc(centre, diameter: float) -> np.ndarray:
+    """A disc of light 1, columns x and rows y of the whole photograph."""
+    x, y = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
+    return (np.hypot(x - centre[0], y - centre[1]) < diameter / 2).astype(float)
+
+
+@pytest.mark.parametrize(("diameter", "cell"), [(8.0, 1), (20.0, 2), (60.0, 4)])
+def test_cells_of_several_pixels_keep_the_light(diameter, cell):
+    centre = (203.3, 148.6)
+    pixels = disc(centre, diameter) * np.linspace(0.5, 1.5, SIZE[0])
+    found = cut(photograph_of(pixels), marks_at([centre], diameter))
+    assert found is not None
+    assert found.cell_px == cell
+    np.testing.assert_allclose(
+        found.light[0, 1].sum() * cell**2, pixels.sum(), rtol=1e-5
+    )
+    assert found.valid.all()
+    assert not found.clipped.any()
+    middle = (np.arange(CELLS) + 0.5) * cell
+    light = found.light[0, 1]
+    x = light.sum(0) @ middle / light.sum() + found.corner_px[0, 0]
+    y = light.sum(1) @ middle / light.sum() + found.corner_px[0, 1]
+    columns, rows = np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5
+    assert x == pytest.approx(pixels.sum(0) @ columns / pixels.sum(), abs=5e-3 * cell)
+    assert y == pytest.approx(pixels.sum(1) @ rows / pixels.sum(), abs=5e-3 * cell)
+
+
+def test_a_coloured_photograph_keeps_its_channels():
+    pixels = disc((200.0, 150.0), 8.0)[..., None] * [1.0, 2.0, 3.0]
+    found = cut(photograph_of(pixels), marks_at([(200.0, 150.0)], 8.0))
+    assert found is not None
+    assert found.channels == 3
+    sums = found.light[0].sum((1, 2))
+    np.testing.assert_allclose(sums / sums[0], [1.0, 2.0, 3.0], rtol=1e-6)
+    grey = cut(photograph_of(pixels[..., :1]), marks_at([(200.0, 150.0)], 8.0))
+    assert grey is not None
+    assert grey.channels == 1
+    np.testing.assert_array_equal(grey.light[0, 0], grey.light[0, 2])
+
+
+@pytest.mark.parametrize(
+    ("centre", "outside"),
+    [
+        ((5.0, 150.0), (slice(None), slice(0, 7))),
+        ((SIZE[0] - 5.0, 150.0), (slice(None), slice(17, None))),
+        ((200.0, 5.0), (slice(0, 7), slice(None))),
+        ((200.0, SIZE[1] - 5.0), (slice(17, None), slice(None))),
+    ],
+    ids=["left", "right", "top", "bottom"],
+)
+def test_cells_outside_the_frame_are_masked(centre, outside):
+    found = cut(photograph_of(np.ones(SIZE[::-1])), marks_at([centre], 8.0))
+    assert found is not None
+    assert found.cell_px == 1
+    expected = np.ones((CELLS, CELLS), bool)
+    expected[outside] = False
+    np.testing.assert_array_equal(found.valid[0], expected)
+    np.testing.assert_array_equal(found.light[0, 1] > 0, expected)
+
+
+def test_cells_nearer_to_a_neighbour_are_masked():
+    points = [(200.0, 150.0), (214.0, 150.0), (200.0, 141.0)]
+    marks = marks_at(points, [8.0, 8.0, np.nan])
+    found = cut(photograph_of(np.ones(SIZE[::-1])), marks)
+    assert found is not None
+    np.testing.assert_array_equal(found.marks, [0, 1])
+    x = found.corner_px[0, 0] + np.arange(CELLS) + 0.5
+    y = found.corner_px[0, 1] + np.arange(CELLS) + 0.5
+    x, y = np.meshgrid(x, y)
+    expected = (x < 207.0) & (y > 145.5)
+    away = (np.abs(x - 207.0) > 0.6) & (np.abs(y - 145.5) > 0.6)
+    np.testing.assert_array_equal(found.valid[0][away], expected[away])
+    assert 0 < expected.sum() < expected.size
+
+
+def test_a_cell_with_one_clipped_pixel_is_marked():
+    pixels = np.full((*SIZE[::-1], 3), 0.5)
+    pixels[150, 200, 1] = 1.0
+    found = cut(photograph_of(pixels, 1.0), marks_at([(200.0, 150.0)], 20.0))
+    assert found is not None
+    assert found.cell_px == 2
+    assert found.clipped.sum() == 1
+    assert found.clipped[0, 1, 12, 12]
+    assert found.valid.all()
+
+
+@pytest.mark.parametrize("sigma", [1e-3, 0.02])
+@pytest.mark.parametrize("diameter", [8.0, 60.0])
+def test_read_noise_is_that_of_the_photograph(sigma, diameter):
+    """Of a cell: that of a pixel, less by the pixels in it. The dot is no noise."""
+    rng = np.random.default_rng(4)
+    dot = disc((200.0, 150.0), diameter)
+    pixels = dot[..., None] + rng.normal(0.05, 1, (*SIZE[::-1], 3)) * sigma
+    found = cut(photograph_of(pixels), marks_at([(200.0, 150.0)], diameter))
+    assert found is not None
+    np.testing.assert_allclose(found.read_noise * found.cell_px, sigma, rtol=0.1)
+
+
+def test_without_sizes_there_is_nothing_to_cut():
+    marks = marks_at([(200.0, 150.0)], np.nan)
+    assert cut(photograph_of(np.ones(SIZE[::-1])), marks) is None

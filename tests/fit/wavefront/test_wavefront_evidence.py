@@ -1,0 +1,100 @@
+"""What the photographs ask for, and what the fit would do without one of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
+
+from lensfit.fit.wavefront.evidence import choose, held_out_dots, held_out_take
+from lensfit.fit.wavefront.families import FINE, deviation_of, families_of, indices_of
+from lensfit.fit.wavefront.stages import first_stage, freed, settled, solved
+
+LENS = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.15, -0.12))
+SHOTS = [Shot(0, 0), Shot(1, 0), Shot(0, 1), Shot(1, 1)]
+DEFOCUS = LAYOUT.blocks["defocus"]
+
+
+def fitted(lens: Seidel):
+    """Everything free, from a start without what decentring adds."""
+    places = np.concatenate([PLACES_MM, -PLACES_MM[1:] + [1.0, 2.0]])
+    gathered = photographed(lens, SHOTS, places_mm=places, seed=3)
+    start = replace(lens, constant_coma_um=0.0).parameters()
+    families = families_of(gathered, LAYOUT, start[DEFOCUS])
+    stage = freed(
+        first_stage(gathered, LAYOUT, start), deviation_of(families, LAYOUT, FINE)
+    )
+    return solved(solved(settled(stage), 8), 8), families
+
+
+@pytest.fixture(scope="module")
+def centred():
+    return fitted(LENS)
+
+
+def test_decentring_that_is_there_is_kept():
+    chosen, verdicts = choose(*fitted(replace(LENS, constant_coma_um=5.0)))
+    assert "decentred_elements" in {family.name for family in chosen}
+    verdict = next(v for v in verdicts if v.name == "decentred_elements")
+    assert verdict.kept
+    assert verdict.bic_gain > 100
+    assert verdict.held_out_gain > 0.05
+
+
+def test_a_centred_lens_is_left_centred(centred):
+    chosen, verdicts = choose(*centred)
+    names = [family.name for family in chosen]
+    assert names == ["defocus", "third_order", "rims", "blades"]
+    assert not any(verdict.kept for verdict in verdicts)
+    assert {v.name for v in verdicts} >= {"decentred_elements", "exit_pupil"}
+
+
+def test_a_take_left_out_is_predicted_as_a_refit_would(centred):
+    """In retrospect, against a fit that really has not seen it."""
+    stage, _ = centred
+    families = _determined(centred)
+    stage = freed(stage, deviation_of(families, LAYOUT, FINE))
+    stage = solved(solved(stage, 8), 1)
+    take = 3
+    mine = stage.gathered.take == take
+    told = held_out_take(stage, families, take)
+    blind = replace(stage, weight=stage.weight * ~mine[:, None, None, None])
+    without = solved(solved(blind, 8), 8)
+    again = solved(replace(without, weight=stage.weight), 1)
+    left = [2 * take, 2 * take + 1]
+    now, then = (s.equations.chi_squared[left].sum() for s in (stage, again))
+    assert told is not None
+    assert 1.0 < told < 1.3
+    assert told == pytest.approx(np.sqrt(then / now), rel=0.05)
+
+
+def _determined(centred):
+    _, families = centred
+    return tuple(f for f in families if f.name in ("defocus", "third_order"))
+
+
+def test_a_take_alone_in_its_group_keeps_its_own_defocus(centred):
+    """Nobody else could know it: it is taken as known, and the rest predicts."""
+    stage, families = centred
+    group = np.where(stage.gathered.take == 3, 2, stage.gathered.dots.group)
+    dots = stage.gathered.dots._replace(group=group)
+    own = replace(stage, gathered=replace(stage.gathered, dots=dots))
+    third = DEFOCUS.start + 2
+    wide = tuple(
+        replace(f, indices=(*f.indices, third), deviation=(*f.deviation, 9.0))
+        if f.name == "defocus"
+        else f
+        for f in families
+    )
+    own = replace(own, deviation=deviation_of(wide, LAYOUT, FINE))
+    told = held_out_take(own, wide, 3)
+    assert told is not None
+    assert 0.9 < told < 2
+    assert third in indices_of(wide)
+
+
+def test_dots_left_out_are_predicted_nearly_as_well(centred):
+    stage, families = centred
+    factor = held_out_dots(stage, _determined(centred))
+    assert 0.99 < factor < 1.2
+    assert held_out_dots(stage, families) > factor

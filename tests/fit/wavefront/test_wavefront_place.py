@@ -1,0 +1,94 @@
+"""Marks move from where their light is to where their chief rays land."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from drawn_lens import F_NUMBERS, LAYOUT, PLACES_MM, Seidel, Shot, photographed
+
+from lensfit.detect.observations import POINT, Observations
+from lensfit.fit.take import Take
+from lensfit.fit.wavefront.gather import Gathered
+from lensfit.fit.wavefront.place import placed
+from lensfit.fit.wavefront.stages import Stage, first_stage
+
+LENS = Seidel(0.0, 0.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
+SENSOR_MM = (36.0, 40.0)
+IMAGE_PX = (3600, 4000)
+PIXEL_MM = 0.01
+SHOTS = [Shot(0, 0, 1900.0), Shot(0, 1, 1900.0)]
+
+
+def seen(points_mm: np.ndarray) -> Observations:
+    """Centroids of all channels, and one more mark whose size is unknown."""
+    points = np.concatenate([points_mm, [[1.0, 1.0]]]) / PIXEL_MM
+    points = points + np.asarray(IMAGE_PX) / 2
+    count = len(points)
+    return Observations(
+        lattice=np.zeros((count, 2)),
+        points_px=points,
+        covariance_px2=np.tile(np.eye(2) * 1e-4, (count, 1, 1)),
+        family=np.full(count, POINT),
+        normal=np.full((count, 2), np.nan),
+        saturated=np.zeros(count, bool),
+        overlapping=np.zeros(count, bool),
+        channel_points_px=np.stack([points, points, points + 1.0]),
+        channel_covariance_px2=np.full((3, count, 2, 2), 1e-4),
+        flux=np.full((count, 1), 1.0),
+        diameter_px=np.append(np.full(count - 1, 9.0), np.nan),
+        image_size_px=IMAGE_PX,
+        candidates=count,
+    )
+
+
+def shot_lens() -> tuple[Stage, Gathered, np.ndarray]:
+    """The true fit, all dots, and their centroids from where the chief rays land."""
+    gathered = photographed(LENS, SHOTS, rays=2000)
+    rng = np.random.default_rng(9)
+    dragged, shown = [], []
+    for k, shot in enumerate(SHOTS):
+        radius = F_NUMBERS[0] / F_NUMBERS[shot.stop]
+        mean = [
+            LENS.landing_mm(
+                LENS.opening(place / 20.0, radius, 100_000, rng), place, 0
+            ).mean(0)
+            for place in PLACES_MM
+        ]
+        dragged.append(np.array(mean))
+        take = Take(
+            f"take {k}", "grid", seen(PLACES_MM + mean), (40.0, 40.0), 8.0, 50.0,
+            SENSOR_MM, F_NUMBERS[shot.stop], 1900.0, 2000.0,
+        )  # fmt: skip
+        marks = np.arange(len(PLACES_MM))
+        shown.append(SimpleNamespace(take=take, cutouts=SimpleNamespace(marks=marks)))
+    gathered = replace(gathered, shown=tuple(shown))
+    return first_stage(gathered, LAYOUT, LENS.parameters()), gathered, np.array(dragged)
+
+
+@pytest.fixture(scope="module")
+def shot():
+    return shot_lens()
+
+
+def test_comatic_dots_move_to_their_chief_rays(shot):
+    stage, gathered, dragged = shot
+    takes = placed(stage, gathered)
+    assert np.hypot(*dragged[0].T).max() > 0.4 * PIXEL_MM
+    for take, shown in zip(takes, gathered.shown, strict=True):
+        before, after = shown.take.observations, take.observations
+        middle = np.asarray(IMAGE_PX) / 2
+        found = (after.points_px[:-1] - middle) * PIXEL_MM
+        np.testing.assert_allclose(found, PLACES_MM, atol=3e-4)
+        moved = after.channel_points_px - before.channel_points_px
+        np.testing.assert_allclose(moved[:, :-1], np.stack([moved[1, :-1]] * 3))
+        assert take.chief_rays
+        assert not shown.take.chief_rays
+
+
+def test_a_mark_without_a_size_stays(shot):
+    stage, gathered, _ = shot
+    for take, shown in zip(placed(stage, gathered), gathered.shown, strict=True):
+        np.testing.assert_array_equal(
+            take.observations.points_px[-1], shown.take.observations.points_px[-1]
+        )

@@ -1,0 +1,107 @@
+"""Where the fit begins: size and sign of defocus, and which dots it begins with."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_lens import LAYOUT, PLACES_MM, REFERENCE_MM, Seidel, Shot, photographed
+
+from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.wavefront.gather import Group, chosen, spread_out, spread_over_takes
+from lensfit.fit.wavefront.start import (
+    first_defocus_mm,
+    first_parameters,
+    first_rims,
+    seen_defocus_mm,
+)
+from lensfit.optics.falloff import bernstein
+
+
+@pytest.fixture(scope="module")
+def discs():
+    lens = Seidel(defocus_mm=(0.4, -0.2))
+    shots = [Shot(0, 0, 1600.0), Shot(0, 1, 1600.0), Shot(1, 1, 2600.0)]
+    return photographed(lens, shots, rays=8000)
+
+
+def test_the_size_of_defocus_is_that_of_the_disc(discs):
+    np.testing.assert_allclose(seen_defocus_mm(discs), [0.4, 0.2], rtol=0.03)
+
+
+def test_its_sign_is_that_of_the_stated_distances(discs):
+    """The chart beyond the focus distance: the sensor lies behind its image."""
+    value, known = first_defocus_mm(discs)
+    np.testing.assert_allclose(value, [0.4, -0.2], rtol=0.03)
+    assert known.all()
+
+
+def test_without_distances_the_sign_is_unknown(discs):
+    silent = replace(discs, groups=(Group(None, None, "a"), discs.groups[1]))
+    value, known = first_defocus_mm(silent)
+    np.testing.assert_allclose(value, [0.4, -0.2], rtol=0.03)
+    np.testing.assert_array_equal(known, [False, True])
+
+
+def test_a_chart_stated_in_focus_is_taken_to_be(discs):
+    """What is seen is then aberrations, not defocus."""
+    focused = Group(REFERENCE_MM, REFERENCE_MM, "")
+    value, known = first_defocus_mm(replace(discs, groups=(focused, discs.groups[1])))
+    assert known.all()
+    assert abs(value[0]) < 1e-9
+
+
+def test_the_first_lens_is_perfect_but_defocused_and_clipped(discs):
+    first = first_parameters(discs, LAYOUT, None)
+    assert not np.any(first[LAYOUT.blocks["coefficients"]])
+    np.testing.assert_allclose(
+        first[LAYOUT.blocks["defocus"]], [0.4, -0.2, 0.0], rtol=0.03
+    )
+    assert np.all(first[LAYOUT.blocks["rim_radius"]][::2] > 1)
+
+
+@pytest.mark.parametrize("truth", [(1.1, 0.8), (1.6, 0.2)])
+def test_rims_begin_where_they_explain_the_fall_off(truth):
+    """Fall-off of two opposite rims, counted over a grid of the opening."""
+    h = np.linspace(0.02, 1.0, 40)
+    light = np.array([_open_share(*truth, one) for one in h])
+    found = first_rims(_fall_off(h, light), 20.0)
+    again = np.array([_open_share(*found, one) for one in h])
+    np.testing.assert_allclose(again, light, atol=0.06)
+
+
+def _open_share(radius: float, shift: float, h: float) -> float:
+    x, y = np.meshgrid(np.linspace(-1, 1, 301), np.linspace(-1, 1, 301))
+    disc = np.hypot(x, y) < 1
+    clear = disc.copy()
+    for side in (-shift, shift):
+        clear &= np.hypot(x + side * h, y) < radius
+    return clear.sum() / disc.sum()
+
+
+def _fall_off(h: np.ndarray, light: np.ndarray) -> FallOffFit:
+    """Least squares for the Bernstein form of the logarithm."""
+    terms = 5
+    basis = np.asarray(bernstein(h**2, terms)).T
+    control = np.linalg.lstsq(basis, -np.log(light), rcond=None)[0]
+    return FallOffFit(2.0, np.tile(control, (3, 1)), 20.0, 0.01)
+
+
+def test_dots_are_chosen_far_apart():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (200, 2))
+    among = np.arange(0, 200, 2)
+    found = spread_out(points, among, 9)
+    assert len(set(found)) == 9
+    assert set(found) <= set(among)
+    apart = np.hypot(*(points[found][:, None] - points[found][None]).T)
+    assert apart[np.triu_indices(9, 1)].min() > 0.5
+    np.testing.assert_array_equal(spread_out(points, among[:5], 9), among[:5])
+
+
+def test_every_take_keeps_its_dots(discs):
+    rows = spread_over_takes(discs, 4)
+    few = chosen(discs, rows)
+    assert [int(np.sum(few.take == k)) for k in range(3)] == [4, 4, 4]
+    np.testing.assert_array_equal(few.light, discs.light[rows])
+    np.testing.assert_array_equal(few.dots.group, discs.dots.group[rows])
+    assert len(PLACES_MM) > 4
