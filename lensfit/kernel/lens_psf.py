@@ -1,6 +1,6 @@
 """Point-spread functions of a lens on pixels, to an accuracy that is asked for.
 
-As in `kernel.psf`, every ray is a Gaussian integrated over pixels, but the rays are
+As in `kernel.pixels`, every ray is a Gaussian integrated over pixels, but the rays are
 laid for pictures rather than for derivatives:
 
 - they crowd towards the rim of the pupil, where a disc of blur has its edge: with t
@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from lensfit.kernel.lens_blur import LateralColour, LensBlur, Pencil, pencil
-from lensfit.kernel.psf import AIRY_SIGMA, LEAST_SIGMA_PX, pixel_shares
+from lensfit.kernel.pixels import AIRY_SIGMA, LEAST_SIGMA_PX, pixel_shares
 from lensfit.optics.aberration import landing_and_jacobian_mm
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.pupil import pupil_rays
@@ -152,8 +152,8 @@ def _patch(
         at, sigma, weight = (
             a.astype(jnp.float32) for a in (at, jnp.sqrt(wide), rays.weight)
         )
-        in_columns = pixel_shares(at[:, 0], sigma[:, 0], room_px)
-        in_rows = pixel_shares(at[:, 1], sigma[:, 1], room_px)
+        in_columns, _ = pixel_shares(at[:, 0], sigma[:, 0], room_px)
+        in_rows, _ = pixel_shares(at[:, 1], sigma[:, 1], room_px)
         return patch + (in_rows * weight[None]) @ in_columns.T
 
     empty = jnp.zeros((room_px, room_px), jnp.float32)

@@ -1,13 +1,14 @@
 """A fast, badly corrected, strongly clipping lens for the kernel's tests."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
-from lensfit.kernel.spot import Blur
-from lensfit.optics.aberration import no_aberration
-from lensfit.optics.pupil import clear_pupil
+from lensfit.kernel.spot import Spot, landings_mm, spot_of
+from lensfit.optics.aberration import Aberration, no_aberration
+from lensfit.optics.pupil import Pupil, clear_pupil, pupil_nodes
 from lensfit.optics.spectrum import bands, chromatic_coordinate
 from lensfit.optics.terms import rotational_terms
 
@@ -16,6 +17,49 @@ CHROMATIC = chromatic_coordinate(bands(3).wavelengths_nm)[1]
 NO_LATERAL = jnp.zeros((3, 2))
 TERMS = rotational_terms(7)
 COLOURS = rotational_terms(3)
+
+
+class Blur(NamedTuple):
+    """What makes the blur of a lens."""
+
+    aberration: Aberration
+    pupil: Pupil
+
+
+class Moments(NamedTuple):
+    """Mean and covariance of a spot's light."""
+
+    centroid_mm: jnp.ndarray
+    covariance_mm2: jnp.ndarray
+
+
+def spot_at(
+    field, blur: Blur, dz, rays: int, stop=ONE, chromatic=CHROMATIC, lateral=NO_LATERAL
+) -> Spot:
+    """The spot of a field point, mm from the axis."""
+    aberration = blur.aberration
+    nodes = pupil_nodes(field / aberration.field_radius_mm, stop, blur.pupil, rays)
+    landed = landings_mm(nodes.u, field, aberration, dz, chromatic)
+    return spot_of(*landed, nodes, lateral)
+
+
+def moments(spot: Spot) -> Moments:
+    """The cells' own size included: a round cell of unit area has 1/(4 pi) of it."""
+    centroid = spot.weight @ spot.landing_mm
+    away = spot.landing_mm - centroid[None]
+    covariance = jnp.einsum("k,ki,kj->ij", spot.weight, away, away)
+    own = spot.weight @ spot.cell_mm2 / (4 * np.pi)
+    return Moments(centroid, covariance + own * jnp.eye(2))
+
+
+def perfect(blur: Blur) -> Blur:
+    """The same aperture without aberrations and rims."""
+    zero = replace(
+        blur.aberration,
+        coefficients_um=jnp.zeros_like(blur.aberration.coefficients_um),
+        colour_um=jnp.zeros_like(blur.aberration.colour_um),
+    )
+    return Blur(zero, clear_pupil())
 
 
 def blurred_lens(seed: int = 0, size_um: float = 6.0) -> Blur:

@@ -13,7 +13,11 @@ from lensfit.fit.wavefront.families import FINE, Family
 from lensfit.fit.wavefront.gather import Group
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.rays import Colour, rays_of
-from lensfit.kernel.psf import diffraction_variance_mm2, splat
+from lensfit.kernel.pixels import (
+    diffraction_variance_mm2,
+    image_of,
+    profile_of,
+)
 from lensfit.optics.distortion import no_distortion
 from lensfit.optics.paraxial import FirstOrder, rim_sine
 from lensfit.optics.spectrum import bands, chromatic_coordinate
@@ -174,7 +178,8 @@ def fitted_image(wavefront, group: int, stop: int, principal_mm: float) -> np.nd
     found = []
     for k in range(3):
         one = jax.tree.map(lambda a, k=k: a[k], spots)
-        patch = splat(one, -SIZE_PX / 2 * pitch, pitch, (SIZE_PX, SIZE_PX), variance)
+        corner = -SIZE_PX / 2 * pitch
+        patch = image_of(one, profile_of(one, corner, pitch, SIZE_PX, variance))
         found.append(np.asarray(patch / jnp.sum(patch)))
     return np.stack(found)
 

@@ -27,7 +27,7 @@ from lensfit.fit.parameters import Layout as GeometryLayout
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.parameters import Scale
-from lensfit.kernel.psf import diffraction_variance_mm2
+from lensfit.kernel.pixels import diffraction_variance_mm2
 from lensfit.optics.depth import ObjectShift, object_shift
 from lensfit.optics.distortion import Distortion, distorted_from_direction
 from lensfit.optics.lateral import ChannelShift, channel_from_green

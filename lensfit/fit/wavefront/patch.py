@@ -1,35 +1,24 @@
 """The image of one dot on a patch of cells, with its derivatives.
 
 Light is a sum of Gaussians, one for each ray, integrated over each cell exactly
-(`kernel.psf`). How much light a dot sends, what lies under it and where it lies are not
-asked of the model: brightness, background and both shifts are solved for in every
+(`kernel.pixels`). How much light a dot sends, what lies under it and where it lies are
+not asked of the model: brightness, background and both shifts are solved for in every
 patch, in closed form, and what the wavefront explains is judged by what they cannot
 (variable projection, G. H. Golub and V. Pereyra, Inverse Problems 19 (2003) R1).
 """
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.fit.wavefront.rays import Rays
-from lensfit.kernel.psf import LEAST_SIGMA_PX
-from lensfit.kernel.spot import FOOTPRINT, Spot
+from lensfit.kernel.pixels import Profile, image_of, profile_of
+from lensfit.kernel.spot import Spot
 
 NUISANCE = 4
 """Brightness, background, shift right and down."""
 _JITTER = 1e-9
-
-
-class Profile(NamedTuple):
-    """Share of every ray in the rows and columns of a patch, and derivatives."""
-
-    rows: Float[Array, "cells rays"]
-    columns: Float[Array, "cells rays"]
-    rows_moved: Float[Array, "cells rays"]
-    columns_moved: Float[Array, "cells rays"]
 
 
 class Patch(NamedTuple):
@@ -48,42 +37,6 @@ class Patch(NamedTuple):
     chi_squared: Float[Array, ""]
     nuisance: Float[Array, "4"]
     residual: Float[Array, " cells"]
-
-
-def profile_of(
-    spot: Spot,
-    corner_mm: Float[Array, "2"],
-    cell_mm: Float[Array, "2"],
-    cells: int,
-    variance_mm2: Float[Array, ""],
-) -> Profile:
-    """How the rays share their light among rows and columns.
-
-    Parameters
-    ----------
-    corner_mm : Of cell (0, 0), in the coordinates of the spot.
-    variance_mm2 : Of the Gaussian that every ray is, besides its own width.
-    """
-    position = (spot.landing_mm - corner_mm[None]) / cell_mm[None]
-    variance = (variance_mm2 + FOOTPRINT * spot.cell_mm2)[:, None] / cell_mm[None] ** 2
-    sigma = jnp.sqrt(variance + LEAST_SIGMA_PX**2)
-    columns, columns_moved = _shares(position[:, 0], sigma[:, 0], cells)
-    rows, rows_moved = _shares(position[:, 1], sigma[:, 1], cells)
-    return Profile(rows, columns, rows_moved / cell_mm[1], columns_moved / cell_mm[0])
-
-
-def _shares(position: Array, sigma: Array, cells: int) -> tuple[Array, Array]:
-    """(cells, rays): share of each Gaussian in every cell; derivative by position."""
-    edges = jnp.asarray(np.arange(cells + 1), position.dtype)
-    reach = (edges[:, None] - position[None]) / (sigma * 2.0**0.5)[None]
-    below = jax.scipy.special.erf(reach) / 2
-    height = jnp.exp(-(reach**2)) / (sigma * (2 * np.pi) ** 0.5)[None]
-    return below[1:] - below[:-1], height[:-1] - height[1:]
-
-
-def image_of(spot: Spot, profile: Profile) -> Float[Array, "cells cells"]:
-    """Light in every cell; sums to 1 less what falls beside."""
-    return (profile.rows * spot.weight[None]) @ profile.columns.T
 
 
 def equations_of(

@@ -17,16 +17,11 @@ from jaxtyping import Array, Float
 
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
-from lensfit.kernel.spot import Spot
-from lensfit.optics.aberration import (
-    chief_sine,
-    defocus_slope,
-    landing_and_jacobian_mm,
-    local_wavefront,
-)
+from lensfit.kernel.spot import Spot, landings_mm, spot_of
+from lensfit.optics.aberration import chief_sine, defocus_slope
 from lensfit.optics.depth import ObjectShift
 from lensfit.optics.modes import mode_gradients
-from lensfit.optics.pupil import PupilNodes, polar_nodes, pupil_nodes
+from lensfit.optics.pupil import Pupil, PupilNodes, polar_nodes, pupil_nodes
 from lensfit.optics.terms import Term, modes_of, term_amplitudes
 
 _MM_PER_UM = 1e-3
@@ -92,7 +87,7 @@ def rays_of(
     moved = jnp.concatenate([*moved, by_opening], axis=-1)
     wavelengths = landing.shape[0]
     return Rays(
-        _image(landing, slope, nodes, colour),
+        spot_of(landing, slope, nodes, colour.lateral_mm),
         moved.reshape(-1, 2, layout.size),
         jnp.tile(widened.weight, (wavelengths, 1)) / wavelengths,
     )
@@ -106,11 +101,8 @@ def centroids_mm(
     scale: Scale,
 ) -> Float[Array, "3 2"]:
     """Centroid of each channel's light from where the chief ray lands."""
-    h = dot.field_mm / (scale.field_radius_mm * dot.magnified)
-    opening = parameters[layout.opening]
-    pupil = pupil_of(opening, layout, dot.blades)
-    radius = stop_radius_of(opening, dot, layout)
-    nodes = polar_nodes(h, radius, pupil, *_RINGS_AND_SPOKES, _SHARPNESS)
+    seen = _opening_seen(parameters[layout.opening], dot, layout, scale)
+    nodes = polar_nodes(*seen, *_RINGS_AND_SPOKES, _SHARPNESS)
 
     def channel(chromatic, lateral_mm):
         colour = Colour(chromatic, lateral_mm)
@@ -128,49 +120,40 @@ def nodes_of(
     count: int,
 ) -> PupilNodes:
     """Rays that fill the opening as this dot sees it; `opening` as `Layout.opening`."""
-    h = dot.field_mm / (scale.field_radius_mm * dot.magnified)
-    pupil = pupil_of(opening, layout, dot.blades)
-    radius = stop_radius_of(opening, dot, layout)
-    return pupil_nodes(h, radius, pupil, count, _SHARPNESS)
+    seen = _opening_seen(opening, dot, layout, scale)
+    return pupil_nodes(*seen, count, _SHARPNESS)
 
 
-def stop_radius_of(
-    opening: Float[Array, " opening"], dot: Dots, layout: Layout
-) -> Float[Array, ""]:
-    """Of the stop as set for this dot's photograph."""
+def _opening_seen(
+    opening: Array, dot: Dots, layout: Layout, scale: Scale
+) -> tuple[Array, Array, Pupil]:
+    """Field point in field radii, radius of the stop as set, rims and stop."""
     ratios = opening[opening.shape[0] - layout.stops :]
     all_stops = jnp.concatenate([jnp.zeros(1, opening.dtype), ratios])
-    return dot.stop_radius * jnp.exp(all_stops[dot.stop])
+    radius = dot.stop_radius * jnp.exp(all_stops[dot.stop])
+    return _field_point(dot, scale), radius, pupil_of(opening, layout, dot.blades)
+
+
+def _field_point(dot: Dots, scale: Scale) -> Array:
+    """In field radii of the dot's state."""
+    return dot.field_mm / (scale.field_radius_mm * dot.magnified)
 
 
 def _landed(
     u: Array, parameters: Array, dot: Dots, colour: Colour, layout, scale
 ) -> tuple[Array, Array]:
-    """Landing points (wavelengths, points, 2) and d landing / d u."""
+    """`landings_mm` of the rays of a dot."""
     aberration = aberration_of(parameters, layout, scale, dot.magnified)
     depth = ObjectShift(dot.slope, dot.pupil_per_sine_mm, dot.vergence, dot.reference)
-    local = jax.vmap(local_wavefront, (None, 0, None, None))(
-        dot.field_mm, colour.chromatic, aberration, depth
-    )
     defocus = parameters[layout.blocks["defocus"]][dot.group]
-    of_points = jax.vmap(landing_and_jacobian_mm, (0, None, None))
-    return jax.vmap(of_points, (None, None, 0))(u, defocus, local)
-
-
-def _image(landing, slope, nodes: PupilNodes, colour: Colour) -> Spot:
-    wavelengths = landing.shape[0]
-    landing = landing + colour.lateral_mm[:, None]
-    cell = (nodes.weight * nodes.area)[None]
-    spread = cell * jnp.sum(slope**2, (-2, -1)) / 2
-    weight = jnp.tile(nodes.weight / wavelengths, wavelengths)
-    return Spot(landing.reshape(-1, 2), weight, spread.reshape(-1))
+    return landings_mm(u, dot.field_mm, aberration, defocus, colour.chromatic, depth)
 
 
 def _moved_by_terms(
     u: Array, dot: Dots, colour: Colour, layout: Layout, scale: Scale
 ) -> Array:
     """d landing / d coefficients and colour: (wavelengths, points, 2, parameters)."""
-    h = dot.field_mm / (scale.field_radius_mm * dot.magnified)
+    h = _field_point(dot, scale)
     wavelengths = colour.chromatic.shape[0]
     fixed = _gradients(u, h, layout.terms)
     coloured = _gradients(u, h, layout.colour_terms)

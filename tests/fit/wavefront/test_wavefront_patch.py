@@ -9,8 +9,9 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 
 from lensfit.detect.cutouts import CELLS
-from lensfit.fit.wavefront.patch import equations_of, image_of, profile_of
+from lensfit.fit.wavefront.patch import equations_of
 from lensfit.fit.wavefront.rays import Colour, rays_of
+from lensfit.kernel.pixels import image_of, profile_of
 from lensfit.kernel.spot import Spot
 
 CELL = 0.008
