@@ -1,8 +1,8 @@
 """The order in which a lens acts on a plate.
 
 chief-ray warp      where each channel's light lands (distortion, lateral colour)
-[depth of field]    not yet in this version: it goes here, in the distorted picture,
-                    on the window with its margin, before any light is lost
+depth of field      in the distorted picture, on the window with its margin, before any
+                    light is lost: each layer blurred by the lens' own kernels
 illumination        how much of it arrives
 crop                the margin and the overscan go last
 """
@@ -13,8 +13,11 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from lensfit.coords import Window
+from lensfit.render.defocus import defocused
+from lensfit.render.edges import split_layers
 from lensfit.render.falloff import apply_gain
 from lensfit.render.filters import Filter
+from lensfit.render.layer_stack import LayerStack, Mattes, flattened
 from lensfit.render.stages import (
     DEFAULT_TOLERANCE,
     Stages,
@@ -26,9 +29,12 @@ from lensfit.render.warp import warp
 if TYPE_CHECKING:
     from lensfit.lens import Lens
 
+_NO_VERGENCE = 1e-12
+"""Per mm: a thousand kilometres, where even a telescope is at infinity."""
+
 
 def render(
-    rgb: Float[np.ndarray, "height width channels"],
+    rgb: Float[np.ndarray, "height width channels"] | LayerStack,
     depth_mm: Float[np.ndarray, "height width"] | None,
     lens: "Lens",
     *,
@@ -39,13 +45,16 @@ def render(
     sensor_width_mm: float | None = None,
     switches: Switches | None = None,
     method: Filter = "catmull-rom",
+    mattes: Mattes | None = None,
 ) -> Float32[np.ndarray, "out_height out_width channels"]:
     """The plate as the lens would have photographed it.
 
     Parameters
     ----------
-    rgb : Undistorted plate, scene-linear: r, g, b, or r, g, b, alpha, premultiplied.
-    depth_mm : Must be None: this version does not model defocus.
+    rgb : Undistorted plate, scene-linear: r, g, b, or r, g, b, alpha, premultiplied;
+        or the layers of a deep plate.
+    depth_mm : Perpendicular distance from the lens' entrance pupil (the pinhole of the
+        CG camera) of every pixel; infinite is allowed. None leaves defocus out.
     lens : Lens at the camera state of the plate.
     tolerance : Accepted error of the picture, display-referred.
     data_window : Where the pixels of `rgb` lie; larger than the display window if
@@ -56,72 +65,156 @@ def render(
     sensor_width_mm : Width that the display window spans; the lens' own if None.
     switches : Effects of the lens that are wanted; all if None.
     method : Interpolating filter.
+    mattes : Coverage of the objects that share a pixel, where the plate knows it.
 
     Returns
     -------
-    The display window, or the data window.
+    The display window, or the data window; four channels for a deep plate.
 
     Raises
     ------
-    ValueError : Depth is given, or shapes do not fit.
+    ValueError : Shapes do not fit, or a distance is not positive or NaN.
     """
+    if isinstance(rgb, LayerStack):
+        pixels, (height, width) = rgb, rgb.depth_mm.shape[1:]
+    else:
+        pixels = np.asarray(rgb, np.float32)
+        if pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
+            raise ValueError(f"a plate is (height, width, 3 or 4), not {pixels.shape}")
+        height, width = pixels.shape[:2]
     if depth_mm is not None:
-        raise ValueError(
-            "defocus is not modelled by this version of lensfit: pass depth_mm=None"
-        )
-    pixels = np.asarray(rgb, np.float32)
-    if pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
-        raise ValueError(f"a plate is (height, width, 3 or 4), not {pixels.shape}")
-    display_window = display_window or Window.of_size(pixels.shape[1], pixels.shape[0])
+        depth_mm = np.asarray(depth_mm, np.float32)
+    display_window = display_window or Window.of_size(width, height)
     data_window = data_window or display_window
     output = data_window if keep_overscan else display_window
+    has_depth = depth_mm is not None or isinstance(rgb, LayerStack)
     stages = prepare_stages(
         lens,
         display_window,
-        output,
+        window_with_margin(output, data_window) if has_depth else output,
         tolerance=tolerance,
         switches=switches,
         sensor_width_mm=sensor_width_mm,
     )
-    return render_stages(pixels, data_window, stages, output, method=method)
+    return render_stages(
+        pixels,
+        data_window,
+        stages,
+        output,
+        method=method,
+        depth_mm=depth_mm,
+        mattes=mattes,
+    )
+
+
+def window_with_margin(output_window: Window, data_window: Window) -> Window:
+    """The window to prepare stages for when there is depth: light from beside the
+    output spreads into it, as far as the plate has any."""
+    a, b = output_window, data_window
+    return Window(
+        min(a.x_min, b.x_min),
+        min(a.y_min, b.y_min),
+        max(a.x_max, b.x_max),
+        max(a.y_max, b.y_max),
+    )
 
 
 def render_stages(
-    pixels: Float32[np.ndarray, "height width channels"],
+    pixels: Float32[np.ndarray, "height width channels"] | LayerStack,
     data_window: Window,
     stages: Stages,
     output_window: Window,
     *,
     method: Filter = "catmull-rom",
+    depth_mm: Float32[np.ndarray, "height width"] | None = None,
+    mattes: Mattes | None = None,
 ) -> Float32[np.ndarray, "out_height out_width channels"]:
     """`render` with everything about the lens prepared already.
 
     Parameters
     ----------
-    pixels : One grey channel, r g b, or r g b alpha; scene-linear, premultiplied.
+    pixels : One grey channel, r g b, or r g b alpha; scene-linear, premultiplied; or
+        the layers of a deep plate, which are returned as r g b alpha.
     data_window : Where they lie.
-    stages : What the lens does; its window holds `output_window`.
+    stages : What the lens does; its window holds `output_window` (for a plate with
+        depth: `window_with_margin`).
     output_window : Pixels to return.
     method : Interpolating filter.
+    depth_mm : As in `render`; None leaves defocus out (of a flat plate).
+    mattes : As in `render`.
     """
+    if stages.defocus is None or (
+        depth_mm is None and not isinstance(pixels, LayerStack)
+    ):
+        flat = flattened(pixels) if isinstance(pixels, LayerStack) else pixels
+        landed = _landed(flat, data_window, stages, method)
+        return crop(_lit(landed, stages), stages.window, output_window)
+    if isinstance(pixels, LayerStack):
+        stack, count = pixels, 4
+    else:
+        assert depth_mm is not None
+        stack, count = split_layers(pixels, depth_mm, mattes), pixels.shape[-1]
+    layers = _landed_layers(stack, data_window, stages, method)
+    blurred = defocused(layers, stages.window, output_window, stages.defocus)
+    lit = _lit(blurred, stages, output_window)
+    return lit[..., _CHANNELS_OF[count]]
+
+
+_CHANNELS_OF = {1: slice(1, 2), 3: slice(0, 3), 4: slice(0, 4)}
+
+
+def _landed(
+    pixels: Float32[np.ndarray, "height width channels"],
+    data_window: Window,
+    stages: Stages,
+    method: Filter,
+) -> Float32[np.ndarray, "height width channels"]:
+    """The plate through the chief-ray maps, over the window of the stages."""
     red, green, blue = stages.maps
     maps = {1: [green], 3: [red, green, blue], 4: [red, green, blue, green]}
-    gains = {1: stages.gains[1:2], 3: stages.gains, 4: (*stages.gains, None)}
     count = pixels.shape[-1]
     alpha_channel = 3 if count == 4 else None
-
-    landed = warp(
+    return warp(
         pixels, data_window, maps[count], method=method, alpha_channel=alpha_channel
     )
-    lit = apply_gain(landed, gains[count])
-    return crop(lit, stages.window, output_window)
+
+
+def _landed_layers(
+    stack: LayerStack, data_window: Window, stages: Stages, method: Filter
+) -> LayerStack:
+    """Every layer through the maps; distances are read in 1/z, and never mixed with
+    those of another layer."""
+    colours = [_landed(rgba, data_window, stages, method) for rgba in stack.rgba]
+    green = stages.maps[1]
+    vergence = np.stack(
+        [
+            warp((1 / z)[..., None], data_window, green, border="clamp", method=method)
+            for z in stack.depth_mm
+        ]
+    )[..., 0]
+    depth = 1 / np.maximum(vergence, _NO_VERGENCE)
+    return LayerStack(np.stack(colours), depth)
+
+
+def _lit(
+    pixels: Float32[np.ndarray, "height width channels"],
+    stages: Stages,
+    window: Window | None = None,
+) -> Float32[np.ndarray, "height width channels"]:
+    """Relative illumination; alpha is coverage, which does not dim."""
+    gains = [
+        gain if gain is None or window is None else crop(gain, stages.window, window)
+        for gain in stages.gains
+    ]
+    each = {1: gains[1:2], 3: gains, 4: [*gains, None]}
+    return apply_gain(pixels, each[pixels.shape[-1]])
 
 
 def crop(
-    pixels: Float32[np.ndarray, "height width channels"],
+    pixels: Float32[np.ndarray, "height width *channels"],
     window: Window,
     wanted: Window,
-) -> Float32[np.ndarray, "out_height out_width channels"]:
+) -> Float32[np.ndarray, "out_height out_width *channels"]:
     """The part of `pixels`, which lie on `window`, that lies on `wanted`.
 
     Raises

@@ -14,6 +14,7 @@ from jaxtyping import Float32
 
 from lensfit.batches import in_batches
 from lensfit.coords import Window
+from lensfit.render.defocus import Defocus
 from lensfit.render.falloff import illumination_gain
 from lensfit.render.smooth import PointFunction
 from lensfit.render.uv import (
@@ -57,6 +58,7 @@ class Switches:
     distortion: bool = True
     lateral_colour: bool = True
     falloff: bool = True
+    defocus: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,12 +72,14 @@ class Stages:
     gains : Relative illumination of red, green and blue; None where there is no
         fall-off to see.
     lateral_colour_px : Largest distance between the channels, whether applied or not.
+    defocus : The lens' kernels, for plates with depth; None where it is not wanted.
     """
 
     window: Window
     maps: tuple[SourceMap, SourceMap, SourceMap]
     gains: tuple[Float32[np.ndarray, "height width"] | None, ...]
     lateral_colour_px: float
+    defocus: Defocus | None = None
 
 
 def prepare_stages(
@@ -127,7 +131,8 @@ def prepare_stages(
     gains = (None, None, None)
     if switches.falloff:
         gains = _gains(lens, geometry, window, budget.gain_error, landing)
-    return Stages(window, maps, gains, shift)
+    defocus = Defocus(lens, geometry, tolerance) if switches.defocus else None
+    return Stages(window, maps, gains, shift, defocus)
 
 
 def lateral_colour_px(

@@ -136,9 +136,12 @@ def test_an_external_map_takes_the_place_of_the_distortion():
         prepare_stages(lens, DISPLAY, DISPLAY.grown(1, 1), external=external)
 
 
-def test_depth_is_refused_rather_than_ignored():
-    with pytest.raises(ValueError, match="defocus is not modelled"):
-        render(plate(DISPLAY), np.ones((160, 240)), IdentityLens())
+def test_depth_that_is_no_distance_is_refused():
+    for wrong in (0.0, -1.0, np.nan):
+        with pytest.raises(ValueError, match="not positive, or NaN"):
+            render(plate(DISPLAY), np.full((160, 240), wrong), IdentityLens())
+    with pytest.raises(ValueError, match="depth is"):
+        render(plate(DISPLAY), np.ones((160, 24)), IdentityLens())
 
 
 def test_wrong_plates_are_refused():
