@@ -1,4 +1,4 @@
-"""`lensfit preset`: what a preset holds, and whether it is sound."""
+"""`lensfit preset`: what a preset holds, whether it is sound, and an ideal one."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from lensfit.preset.entry import Entry
     from lensfit.preset.schema import Preset
 
-app = typer.Typer(no_args_is_help=True, help="Look into a preset, or check it.")
+app = typer.Typer(
+    no_args_is_help=True, help="Look into a preset, check it, or make an ideal one."
+)
 
 PresetFile = Annotated[Path, typer.Argument(help="preset.json")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print as JSON")]
@@ -72,6 +74,34 @@ def validate(
             typer.echo(f"{path}: valid")
     if any(faults.values()):
         raise typer.Exit(1)
+
+
+@app.command("thin-lens")
+def thin_lens(
+    camera: Annotated[Path, typer.Argument(help="camera.json of a CG renderer")],
+    out: Annotated[Path, typer.Option("--out", help="Preset to write")],
+) -> None:
+    """Make an ideal lens: defocus and nothing else, as a CG renderer's thin lens.
+
+    The file states focal_length_mm, f_number, focus_distance_m (from the lens),
+    sensor_width_mm, width_px and height_px.
+
+    Example: lensfit preset thin-lens camera.json --out thin.json
+    """
+    from lensfit._strict import convert_strictly, read_json_object
+    from lensfit.errors import PresetError
+    from lensfit.preset.store import save_preset
+    from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
+
+    tables = read_json_object(
+        camera,
+        error=PresetError,
+        source="give the camera.json of the plate",
+        mend="mend the file",
+    )
+    stated = convert_strictly(tables, ThinCamera, error=PresetError, where=camera)
+    save_preset(thin_lens_preset(stated), out)
+    typer.echo(f"{out}: thin lens {stated.focal_length_mm:g} mm f/{stated.f_number:g}")
 
 
 def _heading(preset: "Preset") -> list[str]:

@@ -41,6 +41,7 @@ from lensfit.optics.spectrum import Bands, bands, chromatic_coordinate, lateral_
 
 LateralColour = tuple[ChannelShift, ChannelShift] | None
 _MM_PER_NM = 1e-6
+_EXACT_AT = (0.7, 1.05)
 
 
 class LensBlur(eqx.Module):
@@ -100,7 +101,11 @@ def perfect_blur(
     f_number: float,
     focus_distance_mm: float,
 ) -> LensBlur:
-    """A lens without aberrations, its pupils of one size: defocus and diffraction."""
+    """A lens without aberrations, its pupils flat and of one size.
+
+    A flat pupil is foreshortened off axis, to cos^3 of the field angle along the field
+    and to cos across it, so that the blur of a point is one disc all over the frame.
+    """
     one = jnp.ones(())
     focus = jnp.asarray(focus_distance_mm, float)
     c = distortion.principal_distance_mm
@@ -114,13 +119,29 @@ def perfect_blur(
             f_number=float(0.5 / sine),
             exit_pupil_distance_mm=float(c),
         ),
-        pupil=clear_pupil(),
+        pupil=_flat_pupil(distortion.reference_radius_mm / c),
         first_order=first_order,
         reference_distance_mm=focus,
         defocus_mm=jnp.zeros(()),
         stop_radius=one,
         bands=bands(),
     )
+
+
+def _flat_pupil(edge_slope: Array) -> Pupil:
+    """The clear pupil, foreshortened; exact at `_EXACT_AT` of the field radius.
+
+    Parameters
+    ----------
+    edge_slope : Tangent of the field angle at the field radius.
+    """
+    # log cos = a s + b s^2 in s = |h|^2, through two points
+    s1, s2 = (r * r for r in _EXACT_AT)
+    y1, y2 = (-jnp.log1p(s * edge_slope**2) / 2 for s in (s1, s2))
+    b = (y2 / s2 - y1 / s1) / (s2 - s1)
+    across = jnp.stack([y1 / s1 - b * s1, b])
+    clear = clear_pupil()
+    return eqx.tree_at(lambda p: p.stretch, clear, jnp.stack([3 * across, across]))
 
 
 def pencil(

@@ -3,10 +3,12 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
+from lensfit.preset.store import load_preset
 
 runner = CliRunner()
 
@@ -87,3 +89,45 @@ def test_show_of_what_is_no_preset_is_one_line(tmp_path: Path):
     assert result.exit_code == 1
     assert result.stderr.count("\n") == 1
     assert "has no schema, so it is no lensfit preset" in result.stderr
+
+
+CAMERA = {
+    "focal_length_mm": 35.0,
+    "f_number": 1.4,
+    "focus_distance_m": 4.0,
+    "sensor_width_mm": 28.25,
+    "width_px": 960,
+    "height_px": 540,
+    "note": "of a CG renderer",
+}
+
+
+def test_a_thin_lens_blurs_as_the_cg_renderer_does(tmp_path: Path):
+    camera, out = tmp_path / "camera.json", tmp_path / "thin.json"
+    camera.write_text(json.dumps(CAMERA))
+    made = runner.invoke(app, ["preset", "thin-lens", str(camera), "--out", str(out)])
+    assert made.exit_code == 0, made.output
+    pitch = 28.25 / 960
+    for focus_mm, z_mm in ((4000.0, 1000.0), (4000.0, np.inf), (1500.0, 4000.0)):
+        lens = load_preset(out).at(focus_distance_mm=focus_mm)
+        assert lens.f_number == 1.4
+        # (f / N) f |1/z - 1/s|, the disc of the renderer's pinhole picture
+        radius_px = 25 * 35 * abs(1 / z_mm - 1 / focus_mm) / 2 / pitch
+        reach = np.arange(41) - 20.0
+        square = reach**2 + reach[:, None] ** 2
+        for point in ((0.0, 0.0), (13.0, 7.0)):
+            kernel = np.asarray(lens.psf(point, z_mm, pixel_pitch_mm=pitch, size_px=41))
+            # a pixel by itself has a mean square of 1/6
+            found = np.sqrt(2 * ((kernel * square).sum() - 1 / 6))
+            assert found == pytest.approx(radius_px, rel=0.004)
+
+
+def test_a_camera_that_is_no_thin_lens_is_refused(tmp_path: Path):
+    camera, out = tmp_path / "camera.json", tmp_path / "thin.json"
+    camera.write_text(json.dumps(CAMERA | {"aperture_blades": 6}))
+    made = runner.invoke(app, ["preset", "thin-lens", str(camera), "--out", str(out)])
+    assert made.exit_code == 1
+    camera.write_text(json.dumps(CAMERA | {"f_number": 0}))
+    made = runner.invoke(app, ["preset", "thin-lens", str(camera), "--out", str(out)])
+    assert made.exit_code == 1
+    assert not out.exists()
