@@ -1,8 +1,9 @@
 """The spot of one dot: rays through the opening, each with its weight and its width.
 
 Rays fill the opening of the pupil evenly (`optics.pupil`), each standing for a cell of
-equal area; every point of the opening sends a ray of each wavelength. The image of a
-cell is stood for by a round Gaussian (`pixels`) whose variance is proportional to
+equal area. They are dealt to the wavelengths in turn: half as many rays as if every
+point of the opening sent one of each wavelength are as accurate. The image of a cell is
+stood for by a round Gaussian (`pixels`) whose variance is proportional to
 
     A/M |dx/du|^2 / 2,
 
@@ -45,7 +46,7 @@ class Spot(eqx.Module):
 
 
 def landings_mm(
-    u: Float[Array, "points 2"],
+    u: Float[Array, "wavelengths points 2"],
     field_point_mm: Float[Array, "2"],
     aberration: Aberration,
     defocus_mm: Float[Array, ""],
@@ -58,7 +59,7 @@ def landings_mm(
 
     Parameters
     ----------
-    u : Points of the opening (`optics.pupil.PupilNodes`).
+    u : Points of the opening, of each wavelength its own.
     field_point_mm : Where the green chief ray lands, from the principal point.
     defocus_mm : How far the sensor lies behind the sharp image.
     chromatic : Chromatic coordinates of the wavelengths (`optics.spectrum`).
@@ -72,7 +73,20 @@ def landings_mm(
         field_point_mm, chromatic, aberration, depth
     )
     of_points = jax.vmap(landing_and_jacobian_mm, (0, None, None))
-    return jax.vmap(of_points, (None, None, 0))(u, defocus_mm, local)
+    return jax.vmap(of_points, (0, None, 0))(u, defocus_mm, local)
+
+
+def dealt(
+    of_nodes: Float[Array, "nodes *shape"], wavelengths: int
+) -> Float[Array, "wavelengths points *shape"]:
+    """Nodes of the opening, in turn to one wavelength after the other.
+
+    Parameters
+    ----------
+    of_nodes : Their number is a multiple of `wavelengths`.
+    """
+    shape = (-1, wavelengths, *of_nodes.shape[1:])
+    return jnp.swapaxes(of_nodes.reshape(shape), 0, 1)
 
 
 def spot_of(
@@ -85,13 +99,13 @@ def spot_of(
 
     Parameters
     ----------
-    nodes : Whose points they went through.
+    nodes : Whose points, dealt to the wavelengths, they went through.
     lateral_mm : Displacement of each wavelength's chief ray against green's.
     """
-    wavelengths = landing_mm.shape[0]
-    cell = (nodes.weight * nodes.area)[None]
+    weight = dealt(nodes.weight, landing_mm.shape[0])
+    cell = weight * nodes.area * jnp.sum(slope_mm**2, (-2, -1)) / 2
     return Spot(
         landing_mm=(landing_mm + lateral_mm[:, None]).reshape(-1, 2),
-        weight=jnp.tile(nodes.weight / wavelengths, wavelengths),
-        cell_mm2=(cell * jnp.sum(slope_mm**2, (-2, -1)) / 2).reshape(-1),
+        weight=weight.reshape(-1),
+        cell_mm2=cell.reshape(-1),
     )

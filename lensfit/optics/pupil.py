@@ -41,7 +41,7 @@ SHARPNESS = 128.0
 AREA_AZIMUTHS = 128
 MOST_BLADES = 16
 """More are round. One program serves any number up to it."""
-_GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+_FEWEST_SPOKES = 89
 _FAR = 1e-6
 
 
@@ -110,7 +110,11 @@ def pupil_nodes(
     nodes: int,
     sharpness: float = SHARPNESS,
 ) -> PupilNodes:
-    """Rays that fill the opening evenly, in a spiral of golden angles.
+    """Rays that fill the opening evenly, in a spiral of nearly golden angles.
+
+    The angle is a ratio of Fibonacci's numbers, so that rays lie on a few hundred
+    spokes and the edge of the opening is asked for once on each: as even as the golden
+    angle while spokes are no fewer than a sixteenth of the rays.
 
     Parameters
     ----------
@@ -118,15 +122,30 @@ def pupil_nodes(
     stop_radius : Of the stop as set, in radii of the reference stop.
     nodes : How many rays (static).
     """
-    k = np.arange(nodes)
-    azimuth = jnp.asarray(k * _GOLDEN_ANGLE % (2 * np.pi), h.dtype)
-    reach = jnp.asarray(np.sqrt((k + 0.5) / nodes), h.dtype)
-    u, density = pupil_rays(h, stop_radius, pupil, azimuth, reach, sharpness)
+    azimuth = _spokes(max(nodes // 16, _FEWEST_SPOKES))
+    outward = jnp.asarray(np.stack([np.cos(azimuth), np.sin(azimuth)], -1), h.dtype)
+    centre = _inner_point(h, stop_radius, pupil)
+    radius = _radius(outward, centre, h, stop_radius, pupil, sharpness)
+    turns = -(-nodes // len(azimuth))
+    edge = jnp.tile(radius[:, None] * outward, (turns, 1))[:nodes]
+    density = jnp.tile(radius * radius, turns)[:nodes]
+    reach = np.sqrt((np.arange(nodes) + 0.5) / nodes)
+    s = centre[None] + jnp.asarray(reach, h.dtype)[:, None] * edge
+    stretch = jnp.exp(jnp.sum(_log_stretch(h, pupil)))
     return PupilNodes(
-        u=u,
+        u=s @ stretch_matrix(h, pupil),
         weight=density / jnp.sum(density),
-        area=opening_area(h, stop_radius, pupil, sharpness),
+        area=jnp.pi * jnp.mean(radius * radius) * stretch,
     )
+
+
+def _spokes(fewest: int) -> np.ndarray:
+    """Azimuths that follow each other by nearly the golden angle, evenly spread."""
+    before, last = 1, 1
+    while last < fewest:
+        before, last = last, before + last
+    step = last - before
+    return np.arange(last) * step % last * (2 * np.pi / last)
 
 
 def pupil_rays(
@@ -289,7 +308,7 @@ def _radius(
     # A centre outside a boundary (an opening that has closed) is led back smoothly.
     c = jnp.concatenate(constant)
     inside = (jnp.sqrt(c * c + _FAR**2) - c) / 2
-    root = jnp.sqrt(b * b + (4 * a * inside)[None] + _FAR**2)
+    root = _root(b * b + (4 * a * inside)[None])
     inverse = (b + root) / (2 * inside)[None]
     return _nearest(inverse, sharpness)
 
@@ -349,9 +368,14 @@ def _apothem(pupil: Pupil, sharpness: float) -> Array:
     turned = jnp.cos(angle[:, None] - sector * blade[None])
     c = 1 - curvature / 2
     b = (1 - curvature) * turned
-    inverse = (b + jnp.sqrt(b * b + 2 * curvature * c + _FAR**2)) / (2 * c)
+    inverse = (b + _root(b * b + 2 * curvature * c)) / (2 * c)
     radius = _nearest(jnp.where(used[None], inverse, 0.0), sharpness)
     return 1 / jnp.sqrt(weights / 2 @ radius**2)
+
+
+def _root(square: Array) -> Array:
+    """Its square root; next to nothing where a hollow blade is not met at all."""
+    return jnp.sqrt(jnp.maximum(square, 0.0) + _FAR**2)
 
 
 def _nearest(inverse: Array, sharpness: float) -> Array:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from lensfit.kernel.spot import Spot, landings_mm, spot_of
+from lensfit.kernel.spot import Spot, dealt, landings_mm, spot_of
 from lensfit.optics.aberration import Aberration, no_aberration
 from lensfit.optics.pupil import Pupil, clear_pupil, pupil_nodes
 from lensfit.optics.spectrum import bands, chromatic_coordinate
@@ -36,10 +36,12 @@ class Moments(NamedTuple):
 def spot_at(
     field, blur: Blur, dz, rays: int, stop=ONE, chromatic=CHROMATIC, lateral=NO_LATERAL
 ) -> Spot:
-    """The spot of a field point, mm from the axis."""
+    """The spot of a field point, mm from the axis; rays a multiple of wavelengths."""
     aberration = blur.aberration
-    nodes = pupil_nodes(field / aberration.field_radius_mm, stop, blur.pupil, rays)
-    landed = landings_mm(nodes.u, field, aberration, dz, chromatic)
+    count = -(-rays // len(chromatic)) * len(chromatic)
+    nodes = pupil_nodes(field / aberration.field_radius_mm, stop, blur.pupil, count)
+    u = dealt(nodes.u, len(chromatic))
+    landed = landings_mm(u, field, aberration, dz, chromatic)
     return spot_of(*landed, nodes, lateral)
 
 

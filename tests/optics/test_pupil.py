@@ -75,6 +75,18 @@ def test_straight_blades_make_a_polygon_with_a_corner_where_asked():
     assert min(away, np.pi / 3 - away) < 0.05
 
 
+@pytest.mark.parametrize("blades", [5, 8])
+def test_slightly_hollow_blades_are_next_to_straight_ones(blades: int):
+    """A fit may end there; a pencil that misses an arc must not become NaN."""
+
+    def area(curvature: float) -> float:
+        one = replace(clear_pupil(2, blades), blade_curvature=jnp.asarray(curvature))
+        return float(opening_area(jnp.array([0.7, 0.2]), jnp.asarray(0.5), one))
+
+    assert area(-1e-6) == pytest.approx(area(0.0), rel=1e-5)
+    assert area(-0.05) == pytest.approx(area(0.0), rel=0.02)
+
+
 def test_roundness_one_is_round():
     one = replace(clear_pupil(0, 7), blade_curvature=ONE)
     u = np.asarray(pupil_nodes(jnp.zeros(2), ONE, one, 500, SHARP).u)

@@ -26,21 +26,22 @@ class Patch(NamedTuple):
 
     Attributes
     ----------
-    matrix, gradient, chi_squared : Half the second derivative of the sum of weighted
-        squares, half its first, and itself, nuisance solved for.
+    matrix, chi_squared : Half the second derivative of the sum of weighted squares, and
+        itself, nuisance solved for.
+    pull : Half its derivative with respect to the spot.
     nuisance : Brightness, background, and shift right and down, mm.
     residual : Photograph minus model, of every cell.
     """
 
     matrix: Float[Array, "parameters parameters"]
-    gradient: Float[Array, " parameters"]
     chi_squared: Float[Array, ""]
+    pull: Spot
     nuisance: Float[Array, "4"]
     residual: Float[Array, " cells"]
 
 
 def equations_of(
-    rays: Rays,
+    spot: Spot,
     few: Rays,
     light: Float[Array, "cells cells"],
     weight: Float[Array, "cells cells"],
@@ -53,12 +54,12 @@ def equations_of(
 
     Parameters
     ----------
-    rays : What image and gradient are made of, many: a gradient from other rays than
-        the image's is 0 elsewhere than where the image suits best.
+    spot : What the image is made of, and the gradient: one from other rays than the
+        image's is 0 elsewhere than where the image suits best.
     few : What the matrix is made of: it only leads the way.
     opening : As `Layout.opening`.
     """
-    cells, spot = light.shape[0], rays.spot
+    cells = light.shape[0]
     profile = profile_of(spot, corner_mm, cell_mm, cells, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile)
     design = _design(few, corner_mm, cell_mm, cells, variance_mm2, opening)
@@ -74,8 +75,8 @@ def equations_of(
     bright = jnp.where(nuisance[0] == 0, 1.0, nuisance[0])
     return Patch(
         matrix,
-        -_pulled(rays, profile, pull, opening),
         jnp.sum(w * residual**2),
+        _pulled(spot, profile, -pull),
         jnp.concatenate([nuisance[:2], nuisance[2:] / bright]),
         residual,
     )
@@ -101,16 +102,16 @@ def _design(
     return (both @ moved).at[:, opening].add(light @ rays.brightened)
 
 
-def _pulled(
-    rays: Rays, profile: Profile, pull: Float[Array, "cells cells"], opening: slice
-) -> Float[Array, " parameters"]:
-    """Sum over the cells of `pull` times d image / d parameter, a brightness of 1."""
+def _pulled(spot: Spot, profile: Profile, pull: Float[Array, "cells cells"]) -> Spot:
+    """Sum over the cells of `pull` times d image / d spot."""
+    light = pull @ profile.columns
     across = jnp.sum(profile.rows * (pull @ profile.columns_moved), 0)
-    down = jnp.sum(profile.rows_moved * (pull @ profile.columns), 0)
-    light = jnp.sum(profile.rows * (pull @ profile.columns), 0)
-    moved = rays.spot.weight[:, None] * jnp.stack([across, down], -1)
-    by_place = jnp.einsum("ri,rip->p", moved, rays.moved_mm)
-    return by_place.at[opening].add(light @ rays.brightened)
+    down = jnp.sum(profile.rows_moved * light, 0)
+    return Spot(
+        spot.weight[:, None] * jnp.stack([across, down], -1),
+        jnp.sum(profile.rows * light, 0),
+        jnp.zeros_like(spot.cell_mm2),
+    )
 
 
 def _shifted(spot: Spot, profile: Profile) -> tuple[Array, Array]:

@@ -24,6 +24,9 @@ from lensfit.fit.wavefront.rays import centroids_mm
 from lensfit.fit.wavefront.stages import Stage, with_iris
 
 _BATCH = 512
+_UNSURE = 0.05
+"""Share of a drag that the model may get wrong, so that a photograph in which blur drags
+little tells where chief rays land, and one in which it drags much follows."""
 
 
 def placed(stage: Stage, gathered: Gathered) -> list[Take]:
@@ -79,5 +82,16 @@ def _moved(shown: Shown, dragged_mm: Float[np.ndarray, "dots 3 2"]) -> Take:
     points[rows] -= dragged[:, 1]
     channels = observations.channel_points_px.copy()
     channels[:, rows] -= dragged.transpose(1, 0, 2)
-    corrected = replace(observations, points_px=points, channel_points_px=channels)
+    unsure = _UNSURE**2 * np.einsum("kci,kcj->ckij", dragged, dragged)
+    covariance = observations.covariance_px2.copy()
+    covariance[rows] += unsure[1]
+    of_channels = observations.channel_covariance_px2.copy()
+    of_channels[:, rows] += unsure
+    corrected = replace(
+        observations,
+        points_px=points,
+        channel_points_px=channels,
+        covariance_px2=covariance,
+        channel_covariance_px2=of_channels,
+    )
     return replace(take, chief_rays=True, observations=corrected)

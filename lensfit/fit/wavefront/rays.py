@@ -1,14 +1,17 @@
 """Rays of one dot through one channel, and how every parameter moves them.
 
-What a photograph shows of a lens is where rays land and how much light each carries; so
-all derivatives of the fit are made here, once per ray: closed forms for the wavefront,
-in which landing points are linear, and forward differentiation for the handful of
-numbers of the opening, which moves the rays that fill it.
+What a photograph shows of a lens is where rays land and how much light each carries.
+The image is made of many rays, of which the gradient needs only sums (`spot_seen`). The
+matrix that leads the way to the minimum needs the derivative of every ray by every
+parameter (`rays_of`), of few rays. Both are closed forms for the wavefront, in which
+landing points are linear; the handful of numbers of the opening, which moves the rays
+that fill it, are left to JAX.
 
-The width of a ray's Gaussian (`kernel.spot`) is taken as it is in the derivatives: it
+The width of a ray's Gaussian (`kernel.spot`) is taken as it is in all derivatives: it
 only stands for rays in between, and vanishes as rays get many.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -17,7 +20,7 @@ from jaxtyping import Array, Float
 
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
-from lensfit.kernel.spot import Spot, landings_mm, spot_of
+from lensfit.kernel.spot import Spot, dealt, landings_mm, spot_of
 from lensfit.optics.aberration import chief_sine, defocus_slope
 from lensfit.optics.depth import ObjectShift
 from lensfit.optics.modes import mode_gradients
@@ -32,9 +35,6 @@ _SHARPNESS = 64.0
 
 class Rays(NamedTuple):
     """Where the rays of a dot land, and the derivatives with respect to all parameters.
-
-    Every point of the opening sends one ray of each wavelength, one wavelength after
-    the other.
 
     Attributes
     ----------
@@ -62,34 +62,77 @@ class Colour(NamedTuple):
     lateral_mm: Float[Array, "wavelengths 2"]
 
 
+def spot_seen(
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    colour: Colour,
+    layout: Layout,
+    scale: Scale,
+    count: int,
+) -> tuple[Spot, Callable[[Spot], Float[Array, " parameters"]]]:
+    """Where rays of one dot (a row of `Dots`) land in one channel.
+
+    Parameters
+    ----------
+    count : Of rays, a multiple of the number of wavelengths.
+
+    Returns
+    -------
+    The spot, and what leads a derivative by the spot back to one by the parameters.
+    """
+    wavelengths = len(colour.chromatic)
+
+    def opened(opening: Array) -> tuple[tuple[Array, Array], PupilNodes]:
+        nodes = nodes_of(opening, dot, layout, scale, count)
+        return (dealt(nodes.u, wavelengths), dealt(nodes.weight, wavelengths)), nodes
+
+    (u, weight), to_opening, nodes = jax.vjp(
+        opened, parameters[layout.opening], has_aux=True
+    )
+    landing, slope = _landed(u, parameters, dot, colour, layout, scale)
+
+    def led_back(by_spot: Spot) -> Array:
+        by_landing = by_spot.landing_mm.reshape(landing.shape)
+        by_u = jnp.einsum("wkij,wki->wkj", slope, by_landing)
+        by_weight = by_spot.weight.reshape(weight.shape)
+        by_state = jax.vmap(_moved_by_state, (0, *[None] * 4))(
+            u, parameters, dot, layout, scale
+        )
+        return jnp.concatenate(
+            [
+                _terms_pulled(u, by_landing, dot, colour, layout, scale),
+                jnp.einsum("wkip,wki->p", by_state, by_landing),
+                *to_opening((by_u, by_weight)),
+            ]
+        )
+
+    return spot_of(landing, slope, nodes, colour.lateral_mm), led_back
+
+
 def rays_of(
     parameters: Float[Array, " parameters"],
     dot: Dots,
     colour: Colour,
     layout: Layout,
     scale: Scale,
-    points: int,
+    count: int,
 ) -> Rays:
-    """Rays of one dot (a row of `Dots`) in one channel.
-
-    Parameters
-    ----------
-    points : Of the opening; each sends a ray of each wavelength.
-    """
+    """The same rays with all their derivatives."""
     opening = parameters[layout.opening]
-    nodes = nodes_of(opening, dot, layout, scale, points)
-    widened = jax.jacfwd(nodes_of)(opening, dot, layout, scale, points)
-    landing, slope = _landed(nodes.u, parameters, dot, colour, layout, scale)
-    by_terms = _moved_by_terms(nodes.u, dot, colour, layout, scale)
-    by_state = _moved_by_state(nodes.u, parameters, dot, layout, scale)
-    by_opening = jnp.einsum("wkij,kjp->wkip", slope, widened.u)
-    moved = [by_terms, jnp.broadcast_to(by_state, (*landing.shape, by_state.shape[-1]))]
-    moved = jnp.concatenate([*moved, by_opening], axis=-1)
-    wavelengths = landing.shape[0]
+    nodes = nodes_of(opening, dot, layout, scale, count)
+    widened = jax.jacfwd(nodes_of)(opening, dot, layout, scale, count)
+    wavelengths = len(colour.chromatic)
+    u, u_widened = dealt(nodes.u, wavelengths), dealt(widened.u, wavelengths)
+    landing, slope = _landed(u, parameters, dot, colour, layout, scale)
+    moved = [
+        _moved_by_terms(u, dot, colour, layout, scale),
+        jax.vmap(_moved_by_state, (0, *[None] * 4))(u, parameters, dot, layout, scale),
+        jnp.einsum("wkij,wkjp->wkip", slope, u_widened),
+    ]
     return Rays(
         spot_of(landing, slope, nodes, colour.lateral_mm),
-        moved.reshape(-1, 2, layout.size),
-        jnp.tile(widened.weight, (wavelengths, 1)) / wavelengths,
+        jnp.concatenate(moved, axis=-1).reshape(-1, 2, layout.size),
+        dealt(widened.weight, wavelengths).reshape(count, -1),
     )
 
 
@@ -106,7 +149,8 @@ def centroids_mm(
 
     def channel(chromatic, lateral_mm):
         colour = Colour(chromatic, lateral_mm)
-        landing, _ = _landed(nodes.u, parameters, dot, colour, layout, scale)
+        u = jnp.broadcast_to(nodes.u[None], (len(chromatic), *nodes.u.shape))
+        landing, _ = _landed(u, parameters, dot, colour, layout, scale)
         return jnp.mean(jnp.einsum("k,wki->wi", nodes.weight, landing), 0)
 
     return jax.vmap(channel)(chromatic, dot.lateral_mm)
@@ -154,14 +198,11 @@ def _moved_by_terms(
 ) -> Array:
     """d landing / d coefficients and colour: (wavelengths, points, 2, parameters)."""
     h = _field_point(dot, scale)
-    wavelengths = colour.chromatic.shape[0]
-    fixed = _gradients(u, h, layout.terms)
-    coloured = _gradients(u, h, layout.colour_terms)
+    gradients = jax.vmap(_gradients, (0, None, None))
+    fixed = gradients(u, h, layout.terms)
     chromatic = colour.chromatic[:, None, None, None]
-    linear = coloured[None] * chromatic
-    quadratic = linear * chromatic
-    fixed = jnp.broadcast_to(fixed, (wavelengths, *fixed.shape))
-    return jnp.concatenate([fixed, linear, quadratic], axis=-1)
+    linear = gradients(u, h, layout.colour_terms) * chromatic
+    return jnp.concatenate([fixed, linear, linear * chromatic], axis=-1)
 
 
 def _gradients(u: Array, h: Array, terms: tuple[Term, ...]) -> Array:
@@ -173,6 +214,26 @@ def _gradients(u: Array, h: Array, terms: tuple[Term, ...]) -> Array:
     shapes = jax.vmap(mode_gradients, (0, None))(u, modes)[:, row]
     moved = jnp.einsum("ktci,tc->kit", shapes, pair)
     return moved * _MM_PER_UM
+
+
+def _terms_pulled(
+    u: Array, by_landing: Array, dot: Dots, colour: Colour, layout: Layout, scale: Scale
+) -> Array:
+    """Sum over the rays of `by_landing` times `_moved_by_terms`."""
+    h = _field_point(dot, scale)
+
+    def pulled(terms: tuple[Term, ...]) -> Array:
+        """Of each wavelength."""
+        row, pair = term_amplitudes(h, terms)
+        shapes = jax.vmap(mode_gradients, (0, None))(u.reshape(-1, 2), modes_of(terms))
+        shapes = shapes.reshape(*u.shape[:2], *shapes.shape[1:])
+        by_mode = jnp.einsum("wkmci,wki->wmc", shapes, by_landing)
+        return jnp.einsum("wtc,tc->wt", by_mode[:, row], pair) * _MM_PER_UM
+
+    linear = pulled(layout.colour_terms) * colour.chromatic[:, None]
+    quadratic = linear * colour.chromatic[:, None]
+    every = [pulled(layout.terms), linear, quadratic]
+    return jnp.concatenate([jnp.sum(part, 0) for part in every])
 
 
 def _moved_by_state(

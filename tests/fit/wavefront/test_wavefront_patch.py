@@ -1,6 +1,7 @@
 """One patch: its gradient, and what brightness, background and place cannot change."""
 
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -32,13 +33,26 @@ def _rays(parameters, points=POINTS):
     return rays_of(parameters, dot, colour, LAYOUT, SCALE, points)
 
 
+class Found(NamedTuple):
+    """Of one patch, its pull led back by the rays' own derivatives."""
+
+    matrix: jnp.ndarray
+    gradient: jnp.ndarray
+    chi_squared: jnp.ndarray
+    nuisance: jnp.ndarray
+
+
 @jax.jit
 def _patch(rays, light, weight, corner, few=None):
     """The matrix is made of the same rays unless of a few."""
     few = rays if few is None else few
-    return equations_of(
-        rays, few, light, weight, corner, CELL_MM, VARIANCE, LAYOUT.opening
+    found = equations_of(
+        rays.spot, few, light, weight, corner, CELL_MM, VARIANCE, LAYOUT.opening
     )
+    gradient = jnp.einsum("ri,rip->p", found.pull.landing_mm, rays.moved_mm)
+    opened = found.pull.weight @ rays.brightened
+    gradient = gradient.at[LAYOUT.opening].add(opened)
+    return Found(found.matrix, gradient, found.chi_squared, found.nuisance)
 
 
 @pytest.fixture(scope="module")
