@@ -6,40 +6,34 @@
   the reading pixel's square that lies on it ("black": premultiplied colour and alpha
   fade together over exactly one pixel), or simply continued ("clamp"). Positions
   that are NaN read as 0 in either case.
-- Highlights: a cubic swings below zero beside a light a thousand times its
-  surroundings. The result is therefore held within one stop of the four nearest
-  samples (half the darkest, twice the brightest), which ordinary detail never
-  reaches, and nearer than that where another sample that is read is more than
-  `ORDINARY_CONTRAST` times the brightest of the four. Radiance that was not negative
-  stays so, and a highlight gets no rings. Alpha does not exceed 1.
+- Highlights: a cubic swings below zero beside a light; what holds it is told in
+  `lensfit.render.resample`. Radiance that was not negative stays so, a highlight
+  gets no rings, and alpha does not exceed 1.
 - Minification: where the map steps by more than `UNFILTERED_STRETCH` source pixels per
   output pixel, the reading is averaged over a parallelogram that grows with the
   stretch from zero size, so that detail fades instead of aliasing.
 
-`resample` is a pure JAX function: the same code runs on a GPU.
+On a CPU most of the picture is read in tiles (`lensfit.render.tiles`), on a GPU pixel
+by pixel; the values are the same to rounding.
 """
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Float32, Int
+from jaxtyping import Float32
 
 from lensfit.coords import Window
-from lensfit.render.buffers import aligned_empty
-from lensfit.render.filters import Filter, first_tap, tap_weights
+from lensfit.render.filters import Filter
+from lensfit.render.resample import Border, resample
+from lensfit.render.tile_plan import has_tiles
+from lensfit.render.tiles import TileWarp
 from lensfit.render.uv import SourceMap
 
-Border = Literal["black", "clamp"]
 UNFILTERED_STRETCH = 1.25
-ORDINARY_CONTRAST = 8.0
 _TILE = 128
 _STRETCH_STEP = 8
-_FARTHEST_PX = 1e6
-_DARKEST = 1e-30
 
 
 def warp(
@@ -57,8 +51,7 @@ def warp(
     ----------
     pixels : Any number of channels; colour premultiplied if there is alpha.
     source_window : Where those pixels lie, in the pixel space of the maps.
-    maps : One map for all channels, or one for each. Channels that share a map
-        (the same object) are read together.
+    maps : One map for all channels, or one for each.
     border : What lies outside `source_window`.
     method : Interpolating filter.
     alpha_channel : Index of the channel that is a coverage.
@@ -74,129 +67,76 @@ def warp(
     each = [maps] * count if isinstance(maps, SourceMap) else list(maps)
     if len(each) != count or len({m.window for m in each}) != 1:
         raise ValueError("give one map, or one map of the same window per channel")
-    ceiling = _ceiling(pixels, alpha_channel)
-    groups = list(_groups(each))
-    if len(groups) == 1:
-        return _warp_one(pixels, source_window, each[0], border, method, ceiling)
-    result = np.empty((each[0].window.height, each[0].window.width, count), np.float32)
-    for source_map, channels in groups:
-        part = aligned_empty((*pixels.shape[:2], len(channels)))
-        part[:] = pixels[..., channels]
-        result[..., channels] = _warp_one(
-            part, source_window, source_map, border, method, ceiling[channels]
-        )
+    pixels, parts = np.ascontiguousarray(pixels), list(_groups(each, method))
+    results = []
+    for source_map, channels in parts:
+        part = pixels if len(channels) == count else pixels[..., channels].copy()
+        alpha = channels.index(alpha_channel) if alpha_channel in channels else None
+        task = TileWarp(part, source_map, source_window, border, method, alpha)
+        results.append(_warp_one(task))
+    if len(parts) == 1:
+        return results[0]
+    result = np.empty((*results[0].shape[:2], count), np.float32)
+    for (_, channels), part in zip(parts, results, strict=True):
+        result[..., channels] = part
     return result
 
 
-@partial(jax.jit, static_argnames=("border", "method"))
-def resample(
-    pixels: Float[Array, "height width channels"],
-    displacement: Float[Array, "2 out_height out_width"],
-    offset: Int[Array, "2"],
-    ceiling: Float[Array, " channels"],
-    *,
-    border: Border = "black",
-    method: Filter = "catmull-rom",
-) -> Float[Array, "out_height out_width channels"]:
-    """One reading per output pixel.
-
-    Parameters
-    ----------
-    pixels : Source, float32.
-    displacement : Source position minus own position, px; x plane, y plane.
-    offset : Column and row in the source of the first output pixel, int32.
-    ceiling : Largest value of each channel; infinity for colour.
-    """
-    height, width, channels = pixels.shape
-    valid = jnp.isfinite(displacement).all(0)
-    moved = jnp.clip(
-        jnp.where(valid[None], displacement, 0), -_FARTHEST_PX, _FARTHEST_PX
+def _warp_one(task: TileWarp) -> np.ndarray:
+    """Channels by one map: one reading each, then several where it minifies."""
+    window, source = task.source_map.window, task.source
+    displacement = task.source_map.displacement_px
+    shift = _whole_shift(displacement)
+    if shift is not None:
+        return _copied(task, shift)
+    minified = list(_minified_tiles(displacement))
+    in_tiles = (
+        jax.default_backend() == "cpu" and has_tiles(window) and has_tiles(source)
     )
-    columns, x, dx = _split(moved[0], offset[0], axis=1)
-    rows, y, dy = _split(moved[1], offset[1], axis=0)
-
-    first = first_tap(method)
-    x_weights, y_weights = tap_weights(method, dx), tap_weights(method, dy)
-    taps = range(first, first + len(x_weights))
-    at_column = [jnp.clip(columns + k, 0, width - 1) for k in taps]
-    at_row = [jnp.clip(rows + k, 0, height - 1) * width for k in taps]
-    flat = pixels.reshape(-1, channels)
-
-    zero = jnp.zeros((), pixels.dtype)
-    total, peak, nearest = zero, zero, []
-    for j, row in enumerate(at_row):
-        line = zero
-        for i, column in enumerate(at_column):
-            tap = flat.at[row + column].get(mode="promise_in_bounds")
-            line = line + tap * x_weights[i][..., None]
-            peak = jnp.maximum(peak, jnp.abs(tap))
-            if taps[i] in (0, 1) and taps[j] in (0, 1):
-                nearest.append(tap)
-        total = total + line * y_weights[j][..., None]
-
-    total = _within_one_stop(total, nearest, peak, ceiling)
-    on_sample = (dx == 0) & (dy == 0)
-    total = jnp.where(on_sample[..., None], nearest[0], total)
-    if border == "black":
-        total = total * (_share(x, width) * _share(y, height))[..., None]
-    return jnp.where(valid[..., None], total, 0)
-
-
-def _split(moved: Array, offset: Array, axis: int) -> tuple[Array, Array, Array]:
-    """Index of the sample at or below the position, the position in indices, and the
-    fraction between; the fraction comes from the small displacement alone."""
-    whole = jnp.floor(moved)
-    own = jax.lax.broadcasted_iota(jnp.int32, moved.shape, axis) + offset
-    index = whole.astype(jnp.int32) + own
-    fraction = moved - whole
-    return index, index.astype(moved.dtype) + fraction, fraction
-
-
-def _within_one_stop(
-    value: Array, nearest: list[Array], peak: Array, ceiling: Array
-) -> Array:
-    """`value` held to a stop around the range of the nearest samples, or to less
-    where the largest sample that was read is out of proportion to them."""
-    low, high = nearest[0], nearest[0]
-    for sample in nearest[1:]:
-        low, high = jnp.minimum(low, sample), jnp.maximum(high, sample)
-    own = jnp.maximum(jnp.abs(low), jnp.abs(high))
-    room = jnp.minimum(1, ORDINARY_CONTRAST * own / jnp.maximum(peak, _DARKEST))
-    low, high = low - 0.5 * room * jnp.abs(low), high + room * jnp.abs(high)
-    return jnp.clip(value, low, jnp.minimum(high, ceiling[None, None]))
-
-
-def _share(position: Array, size: int) -> Array:
-    """Share, along one axis, of the unit square about a position that is on the
-    picture; position 0 is the centre of the first sample."""
-    return jnp.clip(position + 1, 0, 1) * jnp.clip(size - position, 0, 1)
-
-
-def _warp_one(
-    pixels: np.ndarray,
-    source_window: Window,
-    source_map: SourceMap,
-    border: Border,
-    method: Filter,
-    ceiling: np.ndarray,
-) -> np.ndarray:
-    """All channels by one map: one reading each, then several where it minifies."""
-    window = source_map.window
-    offset = np.array(
-        [window.x_min - source_window.x_min, window.y_min - source_window.y_min],
-        np.int32,
+    result = task.warped() if in_tiles else None
+    if result is not None and not minified:
+        return result
+    own = np.indices((window.height, window.width), np.int32, sparse=True)
+    row = own[0] + np.int32(window.y_min - source.y_min)
+    column = own[1] + np.int32(window.x_min - source.x_min)
+    read = partial(
+        resample,
+        jax.device_put(task.pixels),
+        ceiling=task.ceiling,
+        border=task.border,
+        method=task.method,
     )
-    source = jax.device_put(pixels)
-    read = partial(resample, source, ceiling=ceiling, border=border, method=method)
-    result = np.asarray(read(source_map.displacement_px, offset))
-    tiles = list(_minified_tiles(source_map.displacement_px))
-    if tiles:
-        result = result.copy()
-    for tile in tiles:
-        corner = np.array([tile[1].start, tile[0].start], np.int32)
-        readings = _spread(source_map.displacement_px, tile)
-        total = sum(np.asarray(read(d, offset + corner), np.float64) for d in readings)
-        result[tile] = total / len(readings)
+    if result is None:
+        result = np.array(read(displacement, column, row))
+    for tile in minified:
+        readings = [
+            np.asarray(read(moved, column[:, tile[1]], row[tile[0]]))
+            for moved in _spread(displacement, tile)
+        ]
+        result[tile] = np.mean(readings, 0, np.float64)
+    return result
+
+
+def _whole_shift(displacement: np.ndarray) -> tuple[int, int] | None:
+    """Columns and rows by which a map moves the whole picture, if that is all."""
+    first = displacement[:, :1, :1]
+    if not (first == np.floor(first)).all() or (displacement != first).any():
+        return None
+    return int(first[0, 0, 0]), int(first[1, 0, 0])
+
+
+def _copied(task: TileWarp, shift: tuple[int, int]) -> np.ndarray:
+    """Samples moved by whole pixels, bit for bit."""
+    window, source = task.source_map.window, task.source
+    columns = np.arange(window.width) + window.x_min - source.x_min + shift[0]
+    rows = np.arange(window.height) + window.y_min - source.y_min + shift[1]
+    x = np.clip(columns, 0, source.width - 1)
+    y = np.clip(rows, 0, source.height - 1)
+    result = task.pixels[y[0] : y[-1] + 1] if (y == rows).all() else task.pixels[y]
+    result = result[:, x]
+    if task.border == "black":
+        result[y != rows] = 0
+        result[:, x != columns] = 0
     return result
 
 
@@ -267,15 +207,15 @@ def _even(count: int) -> np.ndarray:
     return (np.arange(count) + 0.5) / count - 0.5
 
 
-def _groups(maps: list[SourceMap]) -> Iterator[tuple[SourceMap, list[int]]]:
-    """Each distinct map with the channels that read by it."""
+def _groups(
+    maps: list[SourceMap], method: Filter
+) -> Iterator[tuple[SourceMap, list[int]]]:
+    """Each distinct map with channels that read by it; as many at a time as OpenCV
+    reads fast, where it may do it."""
     for source_map in {id(m): m for m in maps}.values():
-        yield source_map, [c for c, m in enumerate(maps) if m is source_map]
-
-
-def _ceiling(pixels: np.ndarray, alpha_channel: int | None) -> np.ndarray:
-    """No limit for colour; 1 for alpha, unless the source itself goes beyond."""
-    ceiling = np.full(pixels.shape[-1], np.inf, np.float32)
-    if alpha_channel is not None:
-        ceiling[alpha_channel] = max(1.0, float(np.max(pixels[..., alpha_channel])))
-    return ceiling
+        channels = [c for c, m in enumerate(maps) if m is source_map]
+        size = len(channels)
+        if method == "cubic" and size not in (1, 3, 4):
+            size = 1
+        for first in range(0, len(channels), size):
+            yield source_map, channels[first : first + size]

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from lensfit.coords import Window
-from lensfit.render.filters import Filter, tap_weights
+from lensfit.render.filters import Filter, filter_for, tap_weights
+from lensfit.render.resample import resample
+from lensfit.render.tiles import TileWarp
 from lensfit.render.uv import SourceMap
 from lensfit.render.warp import warp
 
@@ -55,7 +57,10 @@ def test_whole_pixel_moves_copy_pixels_and_fill_with_nothing():
     assert not result[:, -3:].any()
 
 
-@pytest.mark.parametrize(("method", "order"), [("catmull-rom", 3), ("keys-6", 4)])
+ORDERS = {"cubic": 2, "catmull-rom": 3, "keys-6": 4}
+
+
+@pytest.mark.parametrize(("method", "order"), ORDERS.items())
 def test_error_falls_with_the_order_of_the_filter(method, order):
     window = Window.of_size(200, 160)
     source_map = swirl(window)
@@ -68,7 +73,7 @@ def test_error_falls_with_the_order_of_the_filter(method, order):
         errors.append(np.sqrt(np.mean(error[8:-8, 8:-8] ** 2)))
     slope = np.polyfit(np.log(wavelengths), np.log(errors), 1)[0]
     assert -slope > order - 0.3
-    assert errors[0] < 0.012
+    assert errors[0] < 0.015
 
 
 @pytest.mark.parametrize("method", FILTERS)
@@ -76,7 +81,7 @@ def test_weights_reproduce_polynomials_below_the_order(method):
     t = np.linspace(0, 0.999, 40)[None]
     weights = [np.asarray(w) for w in tap_weights(method, t)]
     first = 1 - len(weights) // 2
-    for degree in range(3 if method == "catmull-rom" else 4):
+    for degree in range(ORDERS[method]):
         value = sum(w * (first + k) ** degree for k, w in enumerate(weights))
         assert np.abs(value - t**degree).max() < 1e-12
 
@@ -201,6 +206,88 @@ def test_minification_begins_without_a_step():
     ]
     assert np.abs(results[1] - results[0])[:, :200].max() < 0.1
     assert np.sqrt(np.mean((results[1] - results[0])[:, :100] ** 2)) < 0.02
+
+
+def rough(window, channels, brightest):
+    """Noise with lights in it, one negative pixel, alpha with hard edges last."""
+    rng = np.random.default_rng(8)
+    size = window.height, window.width
+    pixels = rng.random((*size, channels), np.float32)
+    pixels[rng.random(size) > 0.99] *= brightest
+    pixels[20, 30] = -0.5
+    pixels[..., -1] = rng.random(size) > 0.5
+    return pixels
+
+
+@pytest.mark.parametrize(
+    ("method", "border", "brightest"),
+    [
+        ("cubic", "black", 1000.0),
+        ("cubic", "clamp", 1.0),
+        ("catmull-rom", "black", 1000.0),
+        ("keys-6", "clamp", 1.0),
+    ],
+)
+def test_tiles_and_single_readings_agree(method, border, brightest):
+    # Shifts, steep parts, positions on samples, beyond the edge and without a place.
+    source, output = Window(-20, -10, 230, 171), Window(-9, 3, 200, 150)
+    pixels, source_map = rough(source, 4, brightest), swirl(output, 14.0)
+    moved = source_map.displacement_px
+    moved[:, 60:70, 100:130] = 2
+    moved[0, :, 180:] += 25
+    moved[1, 100, 50] = np.nan
+    moved[:, :20, :20] -= np.float32(60)
+    tiles = TileWarp(pixels, source_map, source, border, method, 3).warped()
+    row, column = np.indices((output.height, output.width), np.int32)
+    ceiling = np.array([np.inf, np.inf, np.inf, 1], np.float32)
+    single = resample(
+        pixels, moved, column + 11, row + 13, ceiling, border=border, method=method
+    )
+    assert np.abs(tiles - np.asarray(single)).max() < 1e-4 * brightest
+    assert tiles[..., 3].max() <= 1
+
+
+def test_few_and_odd_channels_are_read_alike():
+    window = Window.of_size(130, 90)
+    pixels, source_map = rough(window, 6, 50.0), swirl(window)
+    together = warp(pixels, window, source_map, method="cubic")
+    for count in (1, 2, 3, 5):
+        part = warp(pixels[..., :count], window, source_map, method="cubic")
+        assert np.abs(part - together[..., :count]).max() < 1e-4
+
+
+def test_no_number_spreads_no_farther_than_the_filter_reaches():
+    window = Window.of_size(160, 120)
+    for value in (np.nan, np.inf):
+        pixels = np.full((120, 160, 1), 0.5, np.float32)
+        pixels[60, 80] = value
+        for method in FILTERS:
+            result = warp(pixels, window, displaced(window, 0.3, 0.4), method=method)
+            rows, columns, _ = np.nonzero(~np.isfinite(result))
+            assert len(rows)
+            assert max(np.ptp(rows), np.ptp(columns)) < 6
+            assert result[40, 40] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_ramp_is_returned_exactly_by_every_filter():
+    window = Window.of_size(200, 100)
+    x, y = np.moveaxis(window.pixel_centres(), -1, 0)
+    ramp = ((x + 2 * y) / 512).astype(np.float32)[..., None]
+    source_map = swirl(window)
+    at = source_map.positions_px()
+    exact = (at[..., 0] + 2 * at[..., 1]) / 512
+    for method in FILTERS:
+        result = warp(ramp, window, source_map, method=method)[..., 0]
+        assert np.abs(result - exact)[6:-6, 6:-6].max() < 2e-6
+
+
+def test_tolerance_chooses_the_filter():
+    assert [filter_for(t) for t in (1e-2, 1e-3, 5e-4, 1e-4)] == [
+        "cubic",
+        "cubic",
+        "catmull-rom",
+        "keys-6",
+    ]
 
 
 def test_wrong_shapes_are_refused():
