@@ -1,84 +1,263 @@
-"""Depth of field: every layer blurred by the lens' own kernels, near over far."""
+"""Depth of field: layers cut into levels of depth, each blurred and laid over the rest.
 
+From the farthest level to the nearest,
+
+    picture = shown_k + picture * (1 - hidden_k),
+
+with both from `lensfit.render.convolve`. Near blur so spreads over a sharp background,
+thin near things turn translucent, and a near sharp edge hides far blur completely.
+Lights far brighter than white are spread by themselves (`lensfit.render.highlights`)
+and dimmed by the levels in front of them.
+
+A level that blurs less than could be seen is laid over as it is; a picture that holds
+no other comes back bit for bit.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
+import cv2
+import jax.numpy as jnp
 import numpy as np
-import scipy.fft
-from jaxtyping import Float32
+from jaxtyping import Float32, Int16
 
 from lensfit.coords import Window
-from lensfit.render.layer_stack import LayerStack
-from lensfit.render.uv import PlateGeometry
+from lensfit.render.blur_setup import BlurSetup, Defocus
+from lensfit.render.buffers import crop
+from lensfit.render.convolve import blurred_tiles, sharp_tiles
+from lensfit.render.edges import two_layers
+from lensfit.render.highlights import Highlights, take_highlights
+from lensfit.render.layer_stack import LayerStack, Mattes, flattened
+from lensfit.render.lights import SpreadLights
 
-if TYPE_CHECKING:
-    from lensfit.lens import Lens
+NEVER = np.iinfo(np.int16).max
+"""Level of a pixel that a layer lacks."""
+_CELL = 16
+_BATCH = 8
 
-_SLICES = 12
 
-
-@dataclass(frozen=True, eq=False)
-class Defocus:
-    """A lens on a plate, ready to blur it.
+@dataclass(eq=False)
+class Scene:
+    """What is blurred: layers with their levels, and lights by themselves.
 
     Attributes
     ----------
-    lens : At the camera state of the plate.
-    geometry : How the plate lies on the sensor.
-    tolerance : Accepted error of the picture, display-referred.
+    rgba, index : Front to back; a pixel's level, `NEVER` where the layer is empty.
+    highlights : Lights taken off, or None.
     """
 
-    lens: "Lens"
-    geometry: PlateGeometry
-    tolerance: float
+    rgba: Float32[np.ndarray, "layers height width 4"]
+    index: Int16[np.ndarray, "layers height width"]
+    highlights: Highlights | None = None
 
 
-def defocused(
-    layers: LayerStack, window: Window, output_window: Window, defocus: Defocus
+def blurred_plate(
+    rgba: Float32[np.ndarray, "height width 4"],
+    depth_mm: Float32[np.ndarray, "height width"],
+    mattes: Mattes | None,
+    window: Window,
+    output_window: Window,
+    defocus: Defocus,
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
-    """The layers as the lens shows them, composited.
+    """A flat plate as the lens shows it, bit for bit where that is how it was.
 
     Parameters
     ----------
-    layers : Over `window`, in the distorted picture.
+    rgba : The distorted picture over `window`, premultiplied; what lies beside it
+        continues as its border.
+    depth_mm : From the entrance pupil.
+    mattes : Coverage of the objects that share a pixel, where it is known.
     output_window : Pixels to return; inside `window`.
     """
-    vergence = 1 / layers.depth_mm
-    low, high = float(vergence.min()), float(vergence.max())
-    levels = np.linspace(low, high, _SLICES if high > low else 1)
-    nearest = np.abs(vergence[..., None] - levels).argmin(-1)
-    offset = float(defocus.lens.entrance_pupil_offset_mm)
-    pitch = defocus.geometry.area_mm[0] / defocus.geometry.size_px[0]
-    size = 65
-    kernels = np.asarray(
-        defocus.lens.psfs(
-            np.zeros((len(levels), 2)),
-            1 / np.maximum(levels, 1e-12) + offset,
-            ("g",),
-            pixel_pitch_mm=pitch,
-            size_px=size,
+    radius_px = defocus.circle.radius_px(depth_mm)
+    levels = _levels_in(defocus.levels.index(radius_px))
+    setup = defocus.setup(window, levels)
+    if setup.is_sharp:
+        return crop(rgba, window, output_window)
+    rgba = np.nan_to_num(rgba, nan=0.0, posinf=0.0, neginf=0.0)
+    lights = take_highlights(rgba, radius_px)
+    found = two_layers(rgba, radius_px, mattes)
+    front = defocus.levels.index(found.front_px)
+    back = defocus.levels.index(found.back_px)
+    back[~found.has_back] = NEVER
+    scene = Scene(np.stack([found.front, found.back]), np.stack([front, back]), lights)
+    return _blurred_scene(scene, window, output_window, defocus)
+
+
+def blurred_layers(
+    layers: LayerStack, window: Window, output_window: Window, defocus: Defocus
+) -> Float32[np.ndarray, "out_height out_width 4"]:
+    """A deep plate, which knows what is hidden; parameters as `blurred_plate`."""
+    index = defocus.levels.index(defocus.circle.radius_px(layers.depth_mm))
+    index[layers.rgba[..., 3] <= 0] = NEVER
+    if defocus.setup(window, _levels_in(index)).is_sharp:
+        return crop(flattened(layers), window, output_window)
+    rgba = np.nan_to_num(layers.rgba, nan=0.0, posinf=0.0, neginf=0.0)
+    return _blurred_scene(Scene(rgba, index), window, output_window, defocus)
+
+
+def _blurred_scene(
+    scene: Scene, window: Window, output_window: Window, defocus: Defocus
+) -> Float32[np.ndarray, "out_height out_width 4"]:
+    setup = defocus.setup(window, _levels_in(scene.index))
+    tiles = _Tiles.over(window, output_window, setup)
+    result = np.zeros((output_window.height, output_window.width, 4), np.float32)
+    lights = SpreadLights.of(
+        scene.highlights, window, output_window, defocus.bank, setup
+    )
+    arrays = _padded(scene, tiles)
+    where = _presence(scene, setup.levels)
+    with ThreadPoolExecutor() as threads:
+        for level in setup.levels:
+            active = tiles.reached(where[level], setup.reach_px(level))
+            jobs = [active[i : i + _BATCH] for i in range(0, len(active), _BATCH)]
+            work = [
+                threads.submit(_blurred, arrays, tiles, setup, level, job)
+                for job in jobs
+            ]
+            for job, made in zip(jobs, work, strict=True):
+                shown, hidden = made.result()
+                for n, tile in enumerate(job):
+                    _lay_over(result, lights, tiles.inside(tile), shown[n], hidden[n])
+            lights.add(level)
+    result[..., :3] += lights.plane
+    return result
+
+
+def _levels_in(index: np.ndarray) -> list[int]:
+    low = int(index.min())
+    counts = np.bincount((index.astype(np.int32) - low).ravel())
+    levels = [low + int(n) for n in np.flatnonzero(counts)]
+    return [n for n in levels if n != NEVER] or [0]
+
+
+class _Tiles(NamedTuple):
+    """Square tiles over the output window, and where they lie in padded arrays."""
+
+    size: int
+    margin: int
+    rows: int
+    columns: int
+    height: int
+    width: int
+    top: int
+    left: int
+    padding: tuple[tuple[int, int], tuple[int, int]]
+
+    @classmethod
+    def over(cls, window: Window, output: Window, setup: BlurSetup) -> "_Tiles":
+        size = setup.tile
+        margin = (max(setup.rooms.values(), default=size) - size) // 2
+        rows, columns = -(-output.height // size), -(-output.width // size)
+        top, left = output.y_min - window.y_min, output.x_min - window.x_min
+        below = max(top + rows * size - window.height, 0)
+        right = max(left + columns * size - window.width, 0)
+        padding = ((margin, margin + below), (margin, margin + right))
+        return cls(
+            size, margin, rows, columns, output.height, output.width, top, left, padding
         )
-    )[:, 0]
-    pad = size // 2
-    shape = [scipy.fft.next_fast_len(n + 2 * pad) for n in vergence.shape[1:]]
-    inside = np.s_[pad : pad + vergence.shape[1], pad : pad + vergence.shape[2]]
-    result = np.zeros((*vergence.shape[1:], 4))
-    behind = np.zeros(vergence.shape[1:])
-    for k, kernel in enumerate(kernels):
-        here = layers.rgba * (nearest == k)[..., None]
-        light = here.sum(0)
-        behind = np.clip(behind + light[..., 3], 0, 1)
-        planes = np.concatenate([light, behind[..., None]], -1)
-        padded = np.zeros((*shape, 5))
-        padded[inside] = planes
-        otf = scipy.fft.rfft2(kernel, shape)[..., None]
-        spread = scipy.fft.irfft2(
-            scipy.fft.rfft2(padded, axes=(0, 1)) * otf, shape, axes=(0, 1)
+
+    def corner(self, tile: int, room: int) -> tuple[int, int]:
+        """Row and column, in padded arrays, of a tile's surroundings."""
+        row, column = divmod(tile, self.columns)
+        spare = self.margin - (room - self.size) // 2
+        return (
+            self.top + row * self.size + spare,
+            self.left + column * self.size + spare,
         )
-        spread = np.roll(spread, (-pad, -pad), (0, 1))[inside]
-        reach = np.maximum(spread[..., 4:], 1e-6)
-        seen = np.where(spread[..., 4:] > 1e-4, spread[..., :4] / reach, 0)
-        result = seen + result * (1 - np.clip(seen[..., 3:], 0, 1))
-    top, left = output_window.y_min - window.y_min, output_window.x_min - window.x_min
-    cut = result[top : top + output_window.height, left : left + output_window.width]
-    return cut.astype(np.float32)
+
+    def inside(self, tile: int) -> tuple[slice, slice]:
+        """The tile in the output."""
+        row, column = divmod(tile, self.columns)
+        y, x = row * self.size, column * self.size
+        return (
+            slice(y, min(y + self.size, self.height)),
+            slice(x, min(x + self.size, self.width)),
+        )
+
+    def reached(self, cells: np.ndarray, reach_px: int) -> list[int]:
+        """Tiles that light from these cells of the window can reach."""
+        wide = 2 * -(-reach_px // _CELL) + 1
+        lit = cv2.dilate(cells, np.ones((wide, wide), np.uint8))
+        found = []
+        for tile in range(self.rows * self.columns):
+            row, column = divmod(tile, self.columns)
+            y, x = self.top + row * self.size, self.left + column * self.size
+            y1, x1 = y + self.size, x + self.size
+            if lit[y // _CELL : -(-y1 // _CELL), x // _CELL : -(-x1 // _CELL)].any():
+                found.append(tile)
+        return found
+
+
+def _presence(scene: Scene, levels: list[int]) -> dict[int, np.ndarray]:
+    """For each level, which cells of the window hold any of it."""
+    low, count = levels[0], levels[-1] - levels[0] + 1
+    height, width = scene.index.shape[1:]
+    rows, columns = -(-height // _CELL), -(-width // _CELL)
+    cell = (np.arange(height) // _CELL * columns)[:, None] + np.arange(width) // _CELL
+    held = np.zeros(count * rows * columns, bool)
+    for index in scene.index:
+        own = index != NEVER
+        if own.all():
+            held[((index.astype(np.int32) - low) * (rows * columns) + cell)] = True
+        else:
+            at = (index[own].astype(np.int32) - low) * (rows * columns) + cell[own]
+            held[at] = True
+    planes = held.reshape(count, rows, columns).astype(np.uint8)
+    return {n: planes[n - low] for n in levels}
+
+
+def _padded(scene: Scene, tiles: _Tiles) -> tuple[jnp.ndarray, jnp.ndarray]:
+    """Layers with a margin that continues their border, on the device."""
+    around = ((0, 0), *tiles.padding)
+    rgba = np.pad(scene.rgba, (*around, (0, 0)), mode="edge")
+    return jnp.asarray(rgba), jnp.asarray(np.pad(scene.index, around, mode="edge"))
+
+
+def _blurred(
+    arrays: tuple[jnp.ndarray, jnp.ndarray],
+    tiles: _Tiles,
+    setup: BlurSetup,
+    level: int,
+    job: list[int],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Some tiles of a level; always a whole batch, so that one program serves all."""
+    filled = (job + job[-1:] * _BATCH)[:_BATCH]
+    size, at = tiles.size, np.int16(level)
+    if level not in setup.rooms:
+        corners = np.array([tiles.corner(t, size) for t in filled], np.int32)
+        shown, hidden = sharp_tiles(*arrays, corners, at, tile=size)
+    else:
+        room = setup.rooms[level]
+        corners = np.array([tiles.corner(t, room) for t in filled], np.int32)
+        nodes, cells = setup.around(corners - tiles.margin, room)
+        shown, hidden = blurred_tiles(
+            *arrays,
+            corners,
+            at,
+            setup.transforms[level],
+            nodes,
+            cells,
+            tile=size,
+            room=room,
+        )
+    return np.asarray(shown), np.asarray(hidden)
+
+
+def _lay_over(
+    result: np.ndarray,
+    lights: SpreadLights,
+    at: tuple[slice, slice],
+    shown: np.ndarray,
+    hidden: np.ndarray,
+) -> None:
+    """A tile of a level over what lies behind it."""
+    height, width = at[0].stop - at[0].start, at[1].stop - at[1].start
+    left = 1 - hidden[:height, :width]
+    target = result[at]
+    target[..., :3] *= left
+    target[..., :3] += shown[:height, :width]
+    green = left[..., left.shape[-1] // 2]
+    target[..., 3] = 1 - (1 - target[..., 3]) * green
+    lights.dim(at, left)

@@ -13,11 +13,12 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from lensfit.coords import Window
-from lensfit.render.defocus import defocused
-from lensfit.render.edges import split_layers
+from lensfit.render.buffers import aligned_empty, crop
+from lensfit.render.defocus import blurred_layers, blurred_plate
 from lensfit.render.falloff import apply_gain
 from lensfit.render.filters import Filter
-from lensfit.render.layer_stack import LayerStack, Mattes, flattened
+from lensfit.render.layer_stack import LayerStack, Mattes, check_depth, flattened
+from lensfit.render.nearest import nearest
 from lensfit.render.stages import (
     DEFAULT_TOLERANCE,
     Stages,
@@ -28,9 +29,6 @@ from lensfit.render.warp import warp
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens
-
-_NO_VERGENCE = 1e-12
-"""Per mm: a thousand kilometres, where even a telescope is at infinity."""
 
 
 def render(
@@ -150,14 +148,22 @@ def render_stages(
         landed = _landed(flat, data_window, stages, method)
         return crop(_lit(landed, stages), stages.window, output_window)
     if isinstance(pixels, LayerStack):
-        stack, count = pixels, 4
+        count = 4
+        layers = _landed_layers(pixels, data_window, stages, method)
+        blurred = blurred_layers(layers, stages.window, output_window, stages.defocus)
     else:
         assert depth_mm is not None
-        stack, count = split_layers(pixels, depth_mm, mattes), pixels.shape[-1]
-    layers = _landed_layers(stack, data_window, stages, method)
-    blurred = defocused(layers, stages.window, output_window, stages.defocus)
-    lit = _lit(blurred, stages, output_window)
-    return lit[..., _CHANNELS_OF[count]]
+        check_depth(depth_mm, pixels.shape[:2])
+        count = pixels.shape[-1]
+        blurred = blurred_plate(
+            _landed(_with_alpha(pixels), data_window, stages, method),
+            nearest(depth_mm, data_window, stages.maps[1]),
+            _landed_mattes(mattes, data_window, stages),
+            stages.window,
+            output_window,
+            stages.defocus,
+        )
+    return _lit(blurred, stages, output_window)[..., _CHANNELS_OF[count]]
 
 
 _CHANNELS_OF = {1: slice(1, 2), 3: slice(0, 3), 4: slice(0, 4)}
@@ -182,18 +188,33 @@ def _landed(
 def _landed_layers(
     stack: LayerStack, data_window: Window, stages: Stages, method: Filter
 ) -> LayerStack:
-    """Every layer through the maps; distances are read in 1/z, and never mixed with
-    those of another layer."""
+    """Every layer through the maps; a distance is that of the nearest pixel, since a
+    mean of two is nobody's."""
     colours = [_landed(rgba, data_window, stages, method) for rgba in stack.rgba]
+    depth = [nearest(z, data_window, stages.maps[1]) for z in stack.depth_mm]
+    return LayerStack(np.stack(colours), np.stack(depth))
+
+
+def _landed_mattes(
+    mattes: Mattes | None, data_window: Window, stages: Stages
+) -> Mattes | None:
+    """Ids are never mixed, so coverage is not either."""
+    if mattes is None:
+        return None
     green = stages.maps[1]
-    vergence = np.stack(
-        [
-            warp((1 / z)[..., None], data_window, green, border="clamp", method=method)
-            for z in stack.depth_mm
-        ]
-    )[..., 0]
-    depth = 1 / np.maximum(vergence, _NO_VERGENCE)
-    return LayerStack(np.stack(colours), depth)
+    bits = [nearest(m.view(np.float32), data_window, green) for m in mattes.ids]
+    share = [nearest(m, data_window, green) for m in mattes.coverage]
+    return Mattes(np.stack(bits).view(np.uint32), np.stack(share))
+
+
+def _with_alpha(
+    pixels: Float32[np.ndarray, "height width channels"],
+) -> Float32[np.ndarray, "height width 4"]:
+    """Grey as three channels, and opaque where nothing else is said."""
+    rgba = aligned_empty((*pixels.shape[:2], 4))
+    rgba[..., 3] = 1
+    rgba[..., : max(pixels.shape[-1], 3)] = pixels
+    return rgba
 
 
 def _lit(
@@ -208,21 +229,3 @@ def _lit(
     ]
     each = {1: gains[1:2], 3: gains, 4: [*gains, None]}
     return apply_gain(pixels, each[pixels.shape[-1]])
-
-
-def crop(
-    pixels: Float32[np.ndarray, "height width *channels"],
-    window: Window,
-    wanted: Window,
-) -> Float32[np.ndarray, "out_height out_width *channels"]:
-    """The part of `pixels`, which lie on `window`, that lies on `wanted`.
-
-    Raises
-    ------
-    ValueError : `wanted` reaches beyond `window`.
-    """
-    top, left = wanted.y_min - window.y_min, wanted.x_min - window.x_min
-    inside = wanted.x_max <= window.x_max and wanted.y_max <= window.y_max
-    if min(top, left) < 0 or not inside:
-        raise ValueError(f"{wanted} is not inside {window}")
-    return pixels[top : top + wanted.height, left : left + wanted.width]

@@ -14,7 +14,7 @@ from jaxtyping import Float32
 
 from lensfit.batches import in_batches
 from lensfit.coords import Window
-from lensfit.render.defocus import Defocus
+from lensfit.render.blur_setup import Defocus
 from lensfit.render.falloff import illumination_gain
 from lensfit.render.smooth import PointFunction
 from lensfit.render.uv import (

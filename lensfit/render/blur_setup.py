@@ -1,0 +1,242 @@
+"""What a tolerance and a plate's depths ask of the blur: levels, kernels, tiles.
+
+Made once per range of depth and kept: a sequence whose camera stays pays for its
+kernels with the first frame.
+"""
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Complex64, Float, Float32, Int
+
+from lensfit.coords import Window
+from lensfit.render.circle import Circle, Levels
+from lensfit.render.convolve import kernel_transforms
+from lensfit.render.kernel_bank import (
+    RGB,
+    FieldGrid,
+    KernelBank,
+    KernelNeeds,
+    colours_differ,
+    field_grid,
+)
+from lensfit.render.uv import Channel, PlateGeometry
+
+if TYPE_CHECKING:
+    from lensfit.lens import Lens
+
+_TILES = ((14, 64), (56, 128), (1000, 256))
+"""Largest reach of a kernel, px, and the tile that goes with it."""
+_LEVEL_GROUP = 4
+
+
+class BlurBudget(NamedTuple):
+    """What a tolerance on the picture allows each approximation of the blur.
+
+    Attributes
+    ----------
+    step_px : Difference of radius between levels in focus.
+    growth : The same over the radius, where that is large.
+    kernel_error : Relative error (L2) of a kernel.
+    lost : Share of a kernel's light that may be cut off.
+    unseen : Share of light that may leave its pixel and the blur still not be run.
+    light_step_px : Resolution of the radius of highlights.
+    """
+
+    step_px: float
+    growth: float
+    kernel_error: float
+    lost: float
+    unseen: float
+    light_step_px: float
+
+    @classmethod
+    def of(cls, tolerance: float) -> "BlurBudget":
+        # A level wrong by d px shows as about d^2 on a picture, a kernel wrong by e
+        # as about e/50: most of either is where the picture has no detail.
+        loose = tolerance / 1e-3
+        return cls(
+            step_px=float(np.clip(0.6 * loose**0.5, 0.1, 2.0)),
+            growth=float(np.clip(0.11 * loose**0.5, 0.03, 0.35)),
+            kernel_error=float(np.clip(50 * tolerance, 0.01, 0.3)),
+            lost=float(np.clip(tolerance, 1e-5, 1e-2)),
+            unseen=10 * tolerance,
+            light_step_px=float(np.clip(0.05 * loose**0.5, 0.02, 0.25)),
+        )
+
+
+@dataclass(eq=False)
+class BlurSetup:
+    """Kernels and tiles for one range of depth over one window.
+
+    Attributes
+    ----------
+    levels : That occur, far to near.
+    grid : Nodes of the kernels.
+    chromatic : Whether each channel has kernels of its own.
+    transforms : Of the kernels of each level that is blurred.
+    rooms : Side of the transformed tiles of each such level; sharp ones have none.
+    tile : Side of the tiles that are filled.
+    reaches : Half the size of each level's kernel.
+    light_step_px, lost : As in `BlurBudget`.
+    """
+
+    levels: list[int]
+    grid: FieldGrid
+    chromatic: bool
+    transforms: dict[int, Complex64[jax.Array, "nodes channels room half"]]
+    rooms: dict[int, int]
+    tile: int
+    reaches: dict[int, int]
+    light_step_px: float
+    lost: float
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether nothing is blurred visibly."""
+        return not self.rooms
+
+    def reach_px(self, level: int) -> int:
+        """How far light of a level travels."""
+        return self.reaches[level] if level in self.rooms else 0
+
+    def around(
+        self, corners: Int[np.ndarray, "tiles 2"], room: int
+    ) -> tuple[Int[np.ndarray, "tiles corners"], Float32[np.ndarray, "tiles 4"]]:
+        """The nodes around tiles, and their cells counted from the tiles' corners.
+
+        Parameters
+        ----------
+        corners : Row and column of the tiles' first pixels in the window.
+        """
+        grid = self.grid
+        if not grid.varies:
+            count = len(corners)
+            return np.zeros((count, 1), np.int32), np.zeros((count, 4), np.float32)
+        width, height = grid.cell_px
+        middle = corners + room / 2
+        column = np.clip(middle[:, 1] // width, 0, grid.columns - 1).astype(np.int32)
+        row = np.clip(middle[:, 0] // height, 0, grid.rows - 1).astype(np.int32)
+        first = row * (grid.columns + 1) + column
+        below = first + grid.columns + 1
+        nodes = np.stack([first, first + 1, below, below + 1], -1)
+        left, top = column * width - corners[:, 1], row * height - corners[:, 0]
+        size = np.broadcast_to([[width, height]], (len(corners), 2))
+        cells = np.concatenate([np.stack([left, top], -1), size], -1)
+        return nodes, cells.astype(np.float32)
+
+    def place_of_light(
+        self, centre_px: Float[np.ndarray, "2"]
+    ) -> Float[np.ndarray, "2"]:
+        """Where a light's kernel is taken, x and y in the pixel space of the plate.
+
+        A kernel serves lights within an eighth of a cell, so that neighbours share it.
+        """
+        window = self.grid.window
+        if not self.grid.varies:
+            return self.grid.nodes_px()[0]
+        step = np.array(self.grid.cell_px) / 4
+        rounded = (np.floor(centre_px / step) + 0.5) * step
+        return rounded + np.array(window[:2])
+
+
+@dataclass(eq=False)
+class Defocus:
+    """A lens on a plate, ready to blur it; keeps the kernels it has made.
+
+    Attributes
+    ----------
+    lens : At the camera state of the plate.
+    geometry : How the plate lies on the sensor.
+    tolerance : Accepted error of the picture, display-referred.
+    """
+
+    lens: "Lens"
+    geometry: PlateGeometry
+    tolerance: float
+    _kept: dict = field(default_factory=dict)
+
+    @cached_property
+    def budget(self) -> BlurBudget:
+        return BlurBudget.of(self.tolerance)
+
+    @cached_property
+    def circle(self) -> Circle:
+        return Circle.of(self.lens, self.geometry)
+
+    @cached_property
+    def levels(self) -> Levels:
+        return Levels(self.budget.step_px, self.budget.growth)
+
+    @cached_property
+    def bank(self) -> KernelBank:
+        needs = KernelNeeds(self.budget.kernel_error, self.budget.lost)
+        return KernelBank(self.lens, self.geometry, self.circle, self.levels, needs)
+
+    def setup(self, window: Window, levels: list[int]) -> BlurSetup:
+        """Kernels of these levels over a window."""
+        grid, chromatic = self.variation(window, levels)
+        channels = RGB if chromatic else ("g",)
+        kernels = {n: self.bank.kernels(n, grid, channels) for n in levels}
+        reaches = {n: k.shape[-1] // 2 for n, k in kernels.items()}
+        blurred = {n for n in levels if _leaves(kernels[n]) > self.budget.unseen}
+        longest = max((reaches[n] for n in blurred), default=0)
+        tile = next(size for reach, size in _TILES if longest <= reach)
+        rooms = {n: room_px(tile, reaches[n]) for n in blurred}
+        transforms = {n: self._transforms(n, grid, channels, rooms[n]) for n in blurred}
+        return BlurSetup(
+            levels,
+            grid,
+            chromatic,
+            transforms,
+            rooms,
+            tile,
+            reaches,
+            self.budget.light_step_px,
+            self.budget.lost,
+        )
+
+    def variation(self, window: Window, levels: list[int]) -> tuple[FieldGrid, bool]:
+        """How the kernels vary over a window: their grid, and whether by colour."""
+        near = min(levels, key=abs)
+        ends = [
+            _LEVEL_GROUP * math.floor(min(levels) / _LEVEL_GROUP),
+            _LEVEL_GROUP * math.ceil(max(levels) / _LEVEL_GROUP),
+            0 if abs(near) <= _LEVEL_GROUP else near,
+        ]
+        key = (window, *ends)
+        if key not in self._kept:
+            self._kept[key] = (
+                field_grid(self.bank, window, ends),
+                colours_differ(self.bank, window, ends),
+            )
+        return self._kept[key]
+
+    def _transforms(
+        self, level: int, grid: FieldGrid, channels: tuple[Channel, ...], room: int
+    ) -> jax.Array:
+        key = (level, grid, channels, room)
+        if key not in self._kept:
+            kernels = self.bank.kernels(level, grid, channels)
+            self._kept[key] = kernel_transforms(kernels, room=room)
+        return self._kept[key]
+
+
+def room_px(tile: int, reach: int) -> int:
+    """Side of a tile with its surroundings, from a few that transform fast."""
+    margin = 4
+    while margin < reach:
+        margin *= 2
+    if margin >= 16 and 3 * margin // 4 >= reach:
+        margin = 3 * margin // 4
+    return tile + 2 * margin
+
+
+def _leaves(kernels: np.ndarray) -> float:
+    """Largest share of light that leaves its pixel."""
+    middle = kernels.shape[-1] // 2
+    return float(1 - kernels[..., middle, middle].min())

@@ -1,0 +1,108 @@
+"""The circle of confusion: how large a plain thin lens makes the blur of a distance.
+
+It does not make the picture (the lens' own kernels do), but it orders what there is:
+how finely depth must be cut into levels, where two neighbouring pixels belong to
+different surfaces, how far light can reach.
+
+In pixels, with the aperture's diameter A = f/N, the principal distance c and the pixel
+pitch q, the signed radius of an object at vergence v = 1/z is
+
+    r = A c (v - v_focus) / 2 q,
+
+positive in front of the focus distance. It is linear in vergence, so everything here
+counts in vergence: the sky is an ordinary 0.
+
+References
+----------
+Thin-lens circle |S2 - S1| / S2 * f^2 / (N (S1 - f)), S1 the focus distance; the same
+with c = f S1 / (S1 - f).
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float32, Int16
+
+from lensfit.render.uv import PlateGeometry
+
+if TYPE_CHECKING:
+    from lensfit.lens import Lens
+
+_GROWTH = 0.11
+"""Width of a level over its radius, where the radius is large."""
+
+
+@dataclass(frozen=True)
+class Circle:
+    """Signed radius of the blur as a function of vergence.
+
+    Attributes
+    ----------
+    px_mm : Radius per vergence, px mm.
+    focus_vergence : Per mm, from the entrance pupil.
+    """
+
+    px_mm: float
+    focus_vergence: float
+
+    @classmethod
+    def of(cls, lens: "Lens", geometry: PlateGeometry) -> "Circle":
+        """Of a lens on a plate; zero everywhere where nobody knows the f-number."""
+        pitch_mm = geometry.area_mm[0] / geometry.size_px[0]
+        if lens.f_number is None:
+            return cls(0.0, 0.0)
+        focus_mm = lens.focus_distance_mm
+        if focus_mm is None and lens.blur is not None:
+            focus_mm = float(lens.blur.reference_distance_mm)
+        to_focus = np.inf if focus_mm is None else focus_mm
+        to_focus -= float(lens.entrance_pupil_offset_mm)
+        c = float(lens.distortion.principal_distance_mm)
+        opening_mm = c / (1 + c / to_focus) / lens.f_number
+        return cls(opening_mm * c / (2 * pitch_mm), 1 / to_focus)
+
+    def radius_px(
+        self, depth_mm: Float32[np.ndarray, "*shape"]
+    ) -> Float32[np.ndarray, "*shape"]:
+        """Of distances from the entrance pupil."""
+        scale, focus = np.float32(self.px_mm), np.float32(self.focus_vergence)
+        return scale * (1 / depth_mm - focus)
+
+    def depth_mm(self, radius_px: float) -> float:
+        """Of a radius; infinite for one that only lies beyond infinity."""
+        if self.px_mm == 0:
+            return np.inf
+        vergence = self.focus_vergence + radius_px / self.px_mm
+        return 1 / vergence if vergence > 1e-12 else np.inf
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Depth cut into levels: fine about the focus distance, coarser as blur grows.
+
+    Level n has the radius (step / growth) sinh(growth n), whatever the picture holds,
+    so that the kernels of one frame serve the next.
+
+    Attributes
+    ----------
+    step_px : Difference of radius between levels in focus.
+    growth : Width of a level over its radius where that is large.
+    """
+
+    step_px: float
+    growth: float = _GROWTH
+
+    def index(
+        self, radius_px: Float32[np.ndarray, "*shape"]
+    ) -> Int16[np.ndarray, "*shape"]:
+        """The level nearest to each radius."""
+        scaled = np.arcsinh(radius_px * np.float32(self.growth / self.step_px))
+        return np.rint(scaled / np.float32(self.growth)).astype(np.int16)
+
+    def between(self, radius_px: float) -> float:
+        """Where a radius lies among the levels, exactly."""
+        return float(np.arcsinh(radius_px * self.growth / self.step_px) / self.growth)
+
+    def radius_px(self, index: float) -> float:
+        """Signed radius of a level, or between levels."""
+        return float(self.step_px / self.growth * np.sinh(self.growth * index))

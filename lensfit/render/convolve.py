@@ -1,0 +1,154 @@
+"""One level of depth, blurred in tiles: what it shows, and how much it hides.
+
+For a level k with kernel K_k, of everything that the pinhole sees (or that was filled
+in behind it),
+
+    a_k   coverage of what lies on the level
+    l_k   its light, premultiplied
+    E_k   1 where what is on or behind the level is known, 0 where nearer things hide it
+
+the level shows (K_k * l_k) / (K_k * E_k) and hides the share
+(K_k * a_k) / (K_k * E_k) of what lies behind. The division continues a surface under
+what stands before it, so that no darkness leaks from there, and keeps a constant
+constant whatever the kernels.
+
+The convolution is a product of Fourier transforms of a tile and its surroundings. Where
+kernels change over the frame, each source pixel's light is dealt to the four nodes
+around it before it is spread (so none is lost), by weights that are bilinear in its
+position; weights run on linearly into the surroundings of the tile.
+
+Pure JAX: the same programs run on a GPU. Compiled for each size of tile, not of frame.
+
+References
+----------
+Normalised layers: H. Ikoma et al., ICCP 2021. Spreading with interpolated kernels:
+L. Denis et al., IJCV 115, 2015.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Complex64, Float32, Int, Int16
+
+_LEAST_KNOWN = 1e-3
+"""Where less than this of the kernel's light is known, nothing is shown or hidden."""
+
+Layers = Float32[Array, "layers height width 4"]
+Indices = Int16[Array, "layers height width"]
+
+
+@partial(jax.jit, static_argnames=("room",))
+def kernel_transforms(
+    kernels: Float32[Array, "nodes channels size size"], *, room: int
+) -> Complex64[Array, "nodes channels room half"]:
+    """Transforms of kernels, their middle at the origin, in tiles of `room` pixels."""
+    half = kernels.shape[-1] // 2
+    spare = room - kernels.shape[-1]
+    padded = jnp.pad(kernels, ((0, 0), (0, 0), (0, spare), (0, spare)))
+    return jnp.fft.rfft2(jnp.roll(padded, (-half, -half), (-2, -1)))
+
+
+@partial(jax.jit, static_argnames=("tile", "room"))
+def blurred_tiles(
+    rgba: Layers,
+    index: Indices,
+    corners: Int[Array, "tiles 2"],
+    level: Int[Array, ""],
+    transforms: Complex64[Array, "nodes channels room half"],
+    nodes: Int[Array, "tiles corners"],
+    cells: Float32[Array, "tiles 4"],
+    *,
+    tile: int,
+    room: int,
+) -> tuple[Float32[Array, "tiles tile tile 3"], Float32[Array, "tiles tile tile c"]]:
+    """What a level shows and hides over some tiles.
+
+    Parameters
+    ----------
+    rgba, index : Layers front to back with a margin, and the level of each pixel.
+    corners : Row and column, in those arrays, of the first pixel of the surroundings.
+    level : Which.
+    transforms : Of its kernels at all nodes; one channel, or three.
+    nodes : The four nodes around each tile, or one: top left, top right, bottom ...
+    cells : Left, top, width and height of each tile's cell, px, counted from `corners`.
+    """
+    light, cover, known = _patches(rgba, index, corners, level, room)
+    planes = jnp.concatenate([light, cover[..., None], known[..., None]], -1)
+    planes = jnp.moveaxis(planes, -1, 1)  # tiles, 5, room, room
+    if nodes.shape[1] == 4:
+        weights = _bilinear(cells, room)
+        planes = planes[:, None] * weights[:, :, None]
+    else:
+        planes = planes[:, None]
+    spectra = jnp.fft.rfft2(planes)  # tiles, corners, 5, room, half
+    response = transforms[nodes]  # tiles, corners, channels, room, half
+    colours = (spectra[:, :, :3] * response).sum(1)
+    masks = (spectra[:, :, 3:, None] * response[:, :, None]).sum(1)
+    margin = (room - tile) // 2
+    inside = slice(margin, margin + tile)
+    shown = jnp.fft.irfft2(colours, (room, room))[..., inside, inside]
+    both = jnp.fft.irfft2(masks, (room, room))[..., inside, inside]
+    hidden, reach = both[:, 0], both[:, 1]
+    seen = reach > _LEAST_KNOWN
+    share = jnp.where(seen, 1 / jnp.where(seen, reach, 1), 0)
+    return (
+        jnp.moveaxis(shown * share, 1, -1),
+        jnp.moveaxis(jnp.clip(hidden * share, 0, 1), 1, -1),
+    )
+
+
+@partial(jax.jit, static_argnames=("tile",))
+def sharp_tiles(
+    rgba: Layers,
+    index: Indices,
+    corners: Int[Array, "tiles 2"],
+    level: Int[Array, ""],
+    *,
+    tile: int,
+) -> tuple[Float32[Array, "tiles tile tile 3"], Float32[Array, "tiles tile tile 1"]]:
+    """`blurred_tiles` of a level whose kernel is a single pixel."""
+    light, cover, _ = _patches(rgba, index, corners, level, tile)
+    return light, cover[..., None]
+
+
+def _patches(
+    rgba: Array, index: Array, corners: Array, level: Array, room: int
+) -> tuple[Array, Array, Array]:
+    """Light, coverage and what is known of a level, over tiles with surroundings."""
+    layers = rgba.shape[0]
+
+    def cut(corner: Array) -> tuple[Array, Array]:
+        y, x = corner[0], corner[1]
+        none = jnp.zeros((), corner.dtype)
+        return (
+            jax.lax.dynamic_slice(rgba, (none, y, x, none), (layers, room, room, 4)),
+            jax.lax.dynamic_slice(index, (none, y, x), (layers, room, room)),
+        )
+
+    colour, at = jax.vmap(cut)(corners)
+    on_it = jnp.zeros_like(colour[:, 0])
+    covered = jnp.zeros_like(on_it[..., 0])
+    unhidden = jnp.ones_like(covered)
+    for i in reversed(range(layers)):  # back to front
+        here = colour[:, i]
+        alpha = here[..., 3]
+        same = at[:, i] == level
+        over = here + on_it * (1 - alpha[..., None])
+        on_it = jnp.where(same[..., None], over, on_it)
+        behind = (at[:, i] <= level) & (alpha > 0)
+        covered = jnp.where(behind, 1.0, covered)
+        unhidden = unhidden * jnp.where(at[:, i] > level, 1 - alpha, 1.0)
+    known = jnp.where(covered > 0, 1.0, unhidden).astype(on_it.dtype)
+    return on_it[..., :3], on_it[..., 3], known
+
+
+def _bilinear(cells: Array, room: int) -> Array:
+    """Weights of the four nodes over each tile: (tiles, 4, room, room)."""
+    centre = jnp.arange(room, dtype=jnp.float32) + 0.5
+    u = (centre[None] - cells[:, :1]) / cells[:, 2:3]
+    v = (centre[None] - cells[:, 1:2]) / cells[:, 3:4]
+    across = jnp.stack([1 - u, u], 1)
+    down = jnp.stack([1 - v, v], 1)
+    both = down[:, :, None, :, None] * across[:, None, :, None, :]
+    return both.reshape(cells.shape[0], 4, room, room)

@@ -1,0 +1,155 @@
+"""Small lights far brighter than white: each blurred by its own kernel, exactly.
+
+A light of hundreds times white, out of focus, is a disc whose rim the eye sees sharp:
+what the rest of the picture can do without (a radius true to a hundredth of a pixel, a
+kernel of that very place) matters there. So small bright spots are taken off the
+plate, each with the one depth that most of its light has, and their light is spread
+pixel by pixel.
+
+A light that fills several pixels has been through the pixel filter of whoever rendered
+the plate, and its kernel is not filtered by a pixel again: it is sampled three times
+finer instead. A light in a single pixel is a point, and its image is the lens' kernel.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+
+_WHITE = 1.0
+_ABOVE = 2.0
+_SIZE_PX = 9
+_SMOOTH_PX = 3.0
+_DEPTH_HOPS = 3
+
+
+class Highlights(NamedTuple):
+    """Lights taken off a plate.
+
+    Attributes
+    ----------
+    light : What was taken, r g b; zero elsewhere.
+    radius_px : Radius of blur of each light, where there is one.
+    mask : Where anything was taken, 0 or 1.
+    """
+
+    light: Float32[np.ndarray, "height width 3"]
+    radius_px: Float32[np.ndarray, "height width"]
+    mask: np.ndarray
+
+
+class Spot(NamedTuple):
+    """One light: its pixels as a patch, and where that lies.
+
+    Attributes
+    ----------
+    light : r g b.
+    row, column : Of the patch's first pixel.
+    radius_px : Of its blur.
+    is_point : Whether it is one pixel by itself.
+    """
+
+    light: Float32[np.ndarray, "height width 3"]
+    row: int
+    column: int
+    radius_px: float
+    is_point: bool
+
+
+def take_highlights(
+    rgba: Float32[np.ndarray, "height width 4"],
+    radius_px: Float32[np.ndarray, "height width"],
+) -> Highlights | None:
+    """Take small lights off a plate, in place; None where there are none.
+
+    Parameters
+    ----------
+    rgba : Loses its lights; what surrounds them closes over the gap.
+    radius_px : Signed radius of blur of each pixel; under a light it becomes that of
+        the surroundings, or the light's own if that lies farther.
+    """
+    brightest = rgba[..., :3].max(-1)
+    if not (brightest > _WHITE).any():
+        return None
+    broad = cv2.morphologyEx(
+        brightest, cv2.MORPH_OPEN, np.ones((_SIZE_PX, _SIZE_PX), np.uint8)
+    )
+    bright = (brightest > _WHITE) & (brightest > _ABOVE * broad + _WHITE / 2)
+    if not bright.any():
+        return None
+    ring = np.ones((3, 3), np.uint8)
+    mask = cv2.dilate(bright.astype(np.uint8), ring)
+    ground, ground_px = _closed(rgba, radius_px, cv2.dilate(mask, ring))
+    light = np.zeros((*mask.shape, 3), np.float32)
+    at = mask > 0
+    base = np.minimum(ground[at], rgba[at])
+    light[at] = (rgba[at] - base)[:, :3]
+    own_px = _one_depth_each(light.sum(-1), radius_px, at)
+    rgba[at] = base
+    radius_px[at] = np.minimum(ground_px[at], own_px[at])
+    return Highlights(light, own_px, mask)
+
+
+def _closed(
+    rgba: np.ndarray, radius_px: np.ndarray, hole: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Colour and radius of the surroundings, continued into holes."""
+    rows, columns = np.flatnonzero(hole.any(1)), np.flatnonzero(hole.any(0))
+    room = 16
+    y = slice(max(rows[0] - room, 0), rows[-1] + room)
+    x = slice(max(columns[0] - room, 0), columns[-1] + room)
+    keep = (1 - hole[y, x]).astype(np.float32)
+    weight = np.maximum(cv2.GaussianBlur(keep, (0, 0), _SMOOTH_PX), 1e-6)
+    colour, radius = rgba.copy(), radius_px.copy()
+    smooth = cv2.GaussianBlur(rgba[y, x] * keep[..., None], (0, 0), _SMOOTH_PX)
+    colour[y, x] = smooth / weight[..., None]
+    radius[y, x] = cv2.GaussianBlur(radius_px[y, x] * keep, (0, 0), _SMOOTH_PX) / weight
+    return colour, radius
+
+
+def _one_depth_each(
+    light: np.ndarray, radius_px: np.ndarray, at: np.ndarray
+) -> np.ndarray:
+    """Every pixel of a light takes the radius of its brightest neighbour, a few
+    times over: depth is not anti-aliased, and a rim pixel may hold the background's."""
+    result = radius_px.copy()
+    height, width = light.shape
+    rows, columns = np.nonzero(at)
+    best, radius = light.copy(), radius_px.copy()
+    for _ in range(_DEPTH_HOPS):
+        most, its = best[rows, columns], radius[rows, columns]
+        for dy in (-1, 0, 1):
+            for dx in (-1, 0, 1):
+                y = np.clip(rows + dy, 0, height - 1)
+                x = np.clip(columns + dx, 0, width - 1)
+                brighter = best[y, x] > most
+                most = np.where(brighter, best[y, x], most)
+                its = np.where(brighter, radius[y, x], its)
+        best[rows, columns], radius[rows, columns] = most, its
+    result[at] = radius[at]
+    return result
+
+
+def spots(found: Highlights, resolution_px: float) -> Iterator[Spot]:
+    """The lights one by one; those that touch but differ in depth are two.
+
+    Parameters
+    ----------
+    resolution_px : Radii are rounded to multiples of this, so that kernels repeat.
+    """
+    count, label, boxes, _ = cv2.connectedComponentsWithStats(found.mask)
+    for i in range(1, count):
+        x, y, width, height = (int(v) for v in boxes[i, :4])
+        box = np.s_[y : y + height, x : x + width]
+        mine = label[box] == i
+        steps = np.rint(found.radius_px[box] / resolution_px).astype(int)
+        for step in np.unique(steps[mine]):
+            part = mine & (steps == step)
+            light = found.light[box] * part[..., None]
+            lit = light.sum(-1)
+            if lit.max() <= 0:
+                continue
+            alone = lit.max() > 0.999 * lit.sum()
+            yield Spot(light, y, x, float(step) * resolution_px, bool(alone))

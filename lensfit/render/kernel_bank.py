@@ -1,0 +1,285 @@
+"""The lens' own kernels for a plate: over the frame, over depth, made once and kept.
+
+Kernels stand at the nodes of a grid over the frame and, between the nodes, are mixed
+bilinearly. How fine the grid must be is measured, not assumed: along the diagonal of
+the frame the mixture of two neighbours is compared with the kernel between them, and
+the grid is refined until they agree. A lens whose kernel is one and the same has one
+node; one whose colours do not differ visibly has one kernel for three channels.
+"""
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from lensfit.coords import Window
+from lensfit.render.circle import Circle, Levels
+from lensfit.render.disc import diffracts, disc_kernel
+from lensfit.render.uv import Channel, PlateGeometry
+
+if TYPE_CHECKING:
+    from lensfit.lens import Lens
+
+RGB: tuple[Channel, ...] = ("r", "g", "b")
+_LARGEST_HALF_PX = 600
+_MOST_CELLS = 24
+_LEAST_RAY_ERROR = 0.004
+_TOGETHER = 12
+"""Kernels that are asked for together, so that one program serves any number."""
+_RAY_ERROR = 0.5
+"""Error of a kernel's own rays, as a share of what the mixture is allowed."""
+
+
+@dataclass(frozen=True)
+class KernelNeeds:
+    """What a tolerance asks of kernels.
+
+    Attributes
+    ----------
+    error : Relative error (L2) allowed between nodes.
+    lost : Share of the light that may be cut off.
+    """
+
+    error: float
+    lost: float
+
+
+@dataclass(frozen=True)
+class FieldGrid:
+    """Nodes over a window: `columns` by `rows` cells, one more node than cells.
+
+    No cells: one kernel for the whole window, that of its centre.
+    """
+
+    window: Window
+    columns: int
+    rows: int
+
+    @property
+    def varies(self) -> bool:
+        return self.columns > 0
+
+    @property
+    def cell_px(self) -> tuple[float, float]:
+        """Width and height of a cell."""
+        return (
+            self.window.width / max(self.columns, 1),
+            self.window.height / max(self.rows, 1),
+        )
+
+    def nodes_px(self) -> Float[np.ndarray, "nodes 2"]:
+        """Positions, row by row."""
+        w = self.window
+        if not self.varies:
+            return np.array([[w.x_min + w.width / 2, w.y_min + w.height / 2]])
+        x = np.linspace(w.x_min, w.x_max + 1, self.columns + 1)
+        y = np.linspace(w.y_min, w.y_max + 1, self.rows + 1)
+        return np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+
+
+@dataclass(eq=False)
+class KernelBank:
+    """Kernels of one lens on one plate, made when first asked for.
+
+    Attributes
+    ----------
+    lens, geometry : Whose kernels, and how pixels lie on the sensor.
+    circle, levels : What distances the levels stand for.
+    needs : How good the kernels must be.
+    of_lights : Kernels of highlights, kept by whoever made them.
+    """
+
+    lens: "Lens"
+    geometry: PlateGeometry
+    circle: Circle
+    levels: Levels
+    needs: KernelNeeds
+    of_lights: dict = field(default_factory=dict)
+    _kept: dict = field(default_factory=dict)
+
+    @cached_property
+    def is_disc(self) -> bool:
+        """Whether every kernel is a plain disc, the same all over the frame."""
+        if self.lens.blur is not None or self.lens.f_number is None:
+            return False
+        pitch_mm = self.geometry.area_mm[0] / self.geometry.size_px[0]
+        return not diffracts(self.lens.f_number, pitch_mm)
+
+    def kernels(
+        self, level: float, grid: FieldGrid, channels: tuple[Channel, ...]
+    ) -> Float32[np.ndarray, "nodes channels size size"]:
+        """Kernels at the nodes of a grid, as small as their light allows.
+
+        Parameters
+        ----------
+        level : Of `levels`; may lie between two.
+        grid : Where.
+        channels : One for all ("g"), or all three.
+        """
+        key = (round(level, 4), grid, channels)
+        if key not in self._kept:
+            made = self.at(grid.nodes_px(), level, channels)
+            self._kept[key] = trimmed(_without_gaps(made), self.needs.lost)
+        return self._kept[key]
+
+    def at(
+        self,
+        points_px: Float[np.ndarray, "points 2"],
+        level: Float[np.ndarray, " points"] | float,
+        channels: Sequence[Channel],
+        *,
+        finer: int = 1,
+    ) -> Float32[np.ndarray, "points channels size size"]:
+        """Kernels at any points, odd in size; NaN where the lens has no image.
+
+        Parameters
+        ----------
+        level : Of all points, or of each; may lie between two.
+        finer : Pixels of the kernel per pixel of the plate; odd in size all the same.
+        """
+        each = np.broadcast_to(np.asarray(level, float), len(points_px))
+        radii = [self.levels.radius_px(n) for n in each]
+        widest = max(abs(r) for r in radii)
+        if self.is_disc:
+            half = math.ceil((widest + 1) * finer)
+            discs = np.stack([disc_kernel(r, half, finer) for r in radii])
+            return np.repeat(discs[:, None], len(channels), 1)
+        half = max(math.ceil((1.2 * widest + 3) * finer), 3)
+        depths = np.array([self.circle.depth_mm(r) for r in radii])
+        while True:
+            found = self._evaluated(points_px, depths, channels, 2 * half + 1, finer)
+            lost = _border_light(found)
+            if lost < self.needs.lost or half >= _LARGEST_HALF_PX:
+                return found
+            half = min(math.ceil(1.6 * half), _LARGEST_HALF_PX)
+
+    def _evaluated(
+        self,
+        points_px: np.ndarray,
+        depth_mm: np.ndarray,
+        channels: Sequence[Channel],
+        size: int,
+        finer: int,
+    ) -> np.ndarray:
+        distance = depth_mm + float(self.lens.entrance_pupil_offset_mm)
+        pitch = self.geometry.area_mm[0] / self.geometry.size_px[0] / finer
+        points = np.column_stack([self.geometry.mm(points_px), distance])
+        error = max(_RAY_ERROR * self.needs.error, _LEAST_RAY_ERROR)
+        together = max(_TOGETHER // len(channels), 1)
+        spare = np.tile(points[-1:], (-len(points) % together, 1))
+        filled = np.concatenate([points, spare])
+
+        def part(of: np.ndarray) -> np.ndarray:
+            found = self.lens.psfs(
+                of[:, :2],
+                of[:, 2],
+                channels,
+                pixel_pitch_mm=pitch,
+                size_px=size,
+                tolerance=error,
+            )
+            return np.asarray(found, np.float32)
+
+        with ThreadPoolExecutor() as threads:
+            made = threads.map(part, filled.reshape(-1, together, 3))
+            return np.concatenate(list(made))[: len(points)]
+
+
+def trimmed(
+    kernels: Float32[np.ndarray, "nodes channels size size"], lost: float
+) -> Float32[np.ndarray, "nodes channels size size"]:
+    """Without the margin that holds next to nothing; sums stay 1."""
+    half = kernels.shape[-1] // 2
+    away = np.abs(np.arange(2 * half + 1) - half)
+    ring = np.maximum(away, away[:, None])
+    light = kernels.max((0, 1))
+    inside = np.cumsum(np.bincount(ring.ravel(), light.ravel()))
+    keep = int(np.searchsorted(inside, (1 - lost) * inside[-1]))
+    cut = kernels[..., half - keep : half + keep + 1, half - keep : half + keep + 1]
+    return cut / cut.sum((-2, -1), keepdims=True)
+
+
+def mixing_error(bank: KernelBank, window: Window, level: float, cells: int) -> float:
+    """Largest relative error, along the diagonal, of the mixture of two neighbours."""
+    low, high = np.array(window[:2], float), np.array(window[2:], float) + 1
+    t = np.linspace(0.0, 1.0, 2 * cells + 1)[:, None]
+    found = bank.at(low + t * (high - low), level, ("g",))[:, 0]
+    exact, between = found[1::2], (found[:-1:2] + found[2::2]) / 2
+    away = np.linalg.norm(exact - between, axis=(1, 2))
+    error = away / np.linalg.norm(exact, axis=(1, 2))
+    return float(np.nanmax(error, initial=0.0))
+
+
+def field_grid(bank: KernelBank, window: Window, levels: list[int]) -> FieldGrid:
+    """The coarsest grid whose mixtures are good enough at all these levels.
+
+    Parameters
+    ----------
+    levels : At least the two extremes that occur.
+    """
+    ends = sorted({min(levels), max(levels), min(levels, key=abs)})
+    centre = FieldGrid(window, 0, 0)
+    if bank.is_disc or all(
+        _field_change(bank, window, n) <= bank.needs.error for n in ends
+    ):
+        return centre
+    cells = 2
+    while cells < _MOST_CELLS:
+        if all(mixing_error(bank, window, n, cells) <= bank.needs.error for n in ends):
+            break
+        cells = math.ceil(1.5 * cells)
+    # Cells along the diagonal, spread over two sides.
+    diagonal = math.hypot(window.width, window.height)
+    return FieldGrid(
+        window,
+        max(1, math.ceil(cells * window.width / diagonal)),
+        max(1, math.ceil(cells * window.height / diagonal)),
+    )
+
+
+def colours_differ(bank: KernelBank, window: Window, levels: list[int]) -> bool:
+    """Whether red's or blue's kernel differs visibly from green's anywhere."""
+    if bank.is_disc:
+        return False
+    points = _cross(window)
+    for n in {min(levels), max(levels), min(levels, key=abs)}:
+        found = bank.at(points, n, RGB)
+        away = np.linalg.norm(found - found[:, 1:2], axis=(-2, -1))
+        change = away / np.linalg.norm(found[:, 1:2], axis=(-2, -1))
+        if np.nanmax(change, initial=0.0) > bank.needs.error:
+            return True
+    return False
+
+
+def _field_change(bank: KernelBank, window: Window, level: int) -> float:
+    """Largest relative difference between the centre's kernel and others."""
+    found = bank.at(_cross(window), level, ("g",))[:, 0]
+    away = np.linalg.norm(found - found[:1], axis=(1, 2))
+    return float(np.nanmax(away / np.linalg.norm(found[0]), initial=0.0))
+
+
+def _cross(window: Window) -> np.ndarray:
+    """Centre, two corners, the middles of two sides."""
+    t = np.array([[0.5, 0.5], [1, 1], [0, 0], [1, 0.5], [0.5, 0]])
+    return np.array(window[:2]) + t * [window.width, window.height]
+
+
+def _border_light(kernels: np.ndarray) -> float:
+    """Largest share of light in the outermost ring."""
+    inner = kernels[..., 1:-1, 1:-1].sum((-2, -1))
+    return float(np.nanmax(1 - inner, initial=0.0))
+
+
+def _without_gaps(kernels: np.ndarray) -> np.ndarray:
+    """Nodes beyond what the lens images take the kernel of the nearest that has one."""
+    bad = ~np.isfinite(kernels).all((1, 2, 3)) | (kernels.sum((1, 2, 3)) <= 0)
+    if bad.any() and not bad.all():
+        good = np.flatnonzero(~bad)
+        for i in np.flatnonzero(bad):
+            kernels[i] = kernels[good[np.abs(good - i).argmin()]]
+    return kernels

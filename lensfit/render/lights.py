@@ -1,0 +1,126 @@
+"""Highlights as the lens spreads them: over a frame, behind the levels yet to come."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32
+
+from lensfit.coords import Window
+from lensfit.render.blur_setup import BlurSetup
+from lensfit.render.highlights import Highlights, Spot, spots
+from lensfit.render.kernel_bank import RGB, KernelBank, trimmed
+from lensfit.render.uv import Channel
+
+_FINER = 3
+
+
+@dataclass(eq=False)
+class SpreadLights:
+    """Lights wait for their level, and levels in front of them dim them.
+
+    Attributes
+    ----------
+    plane : What has been spread so far, over the output.
+    waiting : By level: a patch of spread light, row and column of its first pixel.
+    lit : Whether `plane` holds anything.
+    """
+
+    plane: Float32[np.ndarray, "height width 3"]
+    waiting: dict[int, list[tuple[np.ndarray, int, int]]]
+    lit: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        found: Highlights | None,
+        window: Window,
+        output: Window,
+        bank: KernelBank,
+        setup: BlurSetup,
+    ) -> "SpreadLights":
+        """Spread all lights of a plate, each by the kernel of its place and depth."""
+        waiting: dict[int, list[tuple[np.ndarray, int, int]]] = {}
+        plane = np.zeros((output.height, output.width, 3), np.float32)
+        each = [] if found is None else list(spots(found, setup.light_step_px))
+        top, left = output.y_min - window.y_min, output.x_min - window.x_min
+        for spot, kernels in zip(each, _kernels(each, bank, setup), strict=True):
+            own = round(bank.levels.between(spot.radius_px))
+            level = min(setup.levels, key=lambda n, own=own: abs(n - own))
+            half = kernels.shape[-1] // 2
+            place = spot.row - half - top, spot.column - half - left
+            waiting.setdefault(level, []).append((_spread(spot.light, kernels), *place))
+        return cls(plane, waiting)
+
+    def add(self, level: int) -> None:
+        """Lights of a level that has just been laid over."""
+        for light, row, column in self.waiting.pop(level, []):
+            height, width = self.plane.shape[:2]
+            y0, x0 = max(row, 0), max(column, 0)
+            y1 = min(row + light.shape[0], height)
+            x1 = min(column + light.shape[1], width)
+            if y0 < y1 and x0 < x1:
+                part = light[y0 - row : y1 - row, x0 - column : x1 - column]
+                self.plane[y0:y1, x0:x1] += part
+                self.lit = True
+
+    def dim(self, at: tuple[slice, slice], left: np.ndarray) -> None:
+        """A level that lets this share through lies in front of the lights so far."""
+        if self.lit:
+            self.plane[at] *= left
+
+
+def _kernels(
+    each: list[Spot], bank: KernelBank, setup: BlurSetup
+) -> list[Float32[np.ndarray, "channels size size"]]:
+    """Kernels of lights where they stand; those not made before are made together."""
+    channels: tuple[Channel, ...] = RGB if setup.chromatic else ("g",)
+    keys = [_Key.of(spot, setup, channels) for spot in each]
+    for finer in (1, _FINER):
+        new = {k: None for k in keys if k not in bank.of_lights and k.finer == finer}
+        if not new:
+            continue
+        points = np.array([(key.x, key.y) for key in new])
+        levels = np.array([bank.levels.between(key.radius_px) for key in new])
+        made = bank.at(points, levels, channels, finer=finer)
+        first = made.shape[-1] // 2 % finer
+        for key, kernel in zip(new, made[..., first::finer, first::finer], strict=True):
+            bank.of_lights[key] = trimmed(kernel[None], setup.lost)[0]
+    return [bank.of_lights[key] for key in keys]
+
+
+class _Key(NamedTuple):
+    """What decides a light's kernel."""
+
+    x: float
+    y: float
+    radius_px: float
+    finer: int
+    channels: tuple[Channel, ...]
+
+    @classmethod
+    def of(cls, spot: Spot, setup: BlurSetup, channels: tuple[Channel, ...]) -> "_Key":
+        height, width = spot.light.shape[:2]
+        middle = np.array([spot.column + width / 2, spot.row + height / 2])
+        x, y = setup.place_of_light(middle)
+        finer = 1 if spot.is_point else _FINER
+        return cls(float(x), float(y), round(spot.radius_px, 4), finer, channels)
+
+
+def _spread(
+    light: Float32[np.ndarray, "height width 3"],
+    kernels: Float32[np.ndarray, "channels size size"],
+) -> Float[np.ndarray, "tall wide 3"]:
+    """A patch of light blurred, larger by the kernel's half on every side."""
+    half = kernels.shape[-1] // 2
+    patch = np.pad(light, ((half, half), (half, half), (0, 0)))
+    turned = np.ascontiguousarray(kernels[:, ::-1, ::-1])  # cv2 correlates
+    border = cv2.BORDER_CONSTANT
+    return np.stack(
+        [
+            cv2.filter2D(patch[..., c], -1, turned[c % len(turned)], borderType=border)
+            for c in range(3)
+        ],
+        -1,
+    )

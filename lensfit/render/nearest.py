@@ -1,0 +1,34 @@
+"""Planes that must not be interpolated, read through a map: depth, ids, coverage."""
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+
+from lensfit.coords import Window
+from lensfit.render.uv import SourceMap
+
+
+def nearest(
+    plane: Float32[np.ndarray, "height width"],
+    source_window: Window,
+    source_map: SourceMap,
+) -> Float32[np.ndarray, "out_height out_width"]:
+    """The sample nearest to each position of the map; the border goes on beyond it.
+
+    Parameters
+    ----------
+    source_window : Where `plane` lies, in the pixel space of the map.
+    """
+    moved, window = source_map.displacement_px, source_map.window
+    if window == source_window and not moved.any():
+        return plane
+    x, y = np.nan_to_num(moved)
+    x = x + np.arange(window.x_min, window.x_max + 1, dtype=np.float32)
+    y = y + np.arange(window.y_min, window.y_max + 1, dtype=np.float32)[:, None]
+    return cv2.remap(
+        plane,
+        x - np.float32(source_window.x_min),
+        y - np.float32(source_window.y_min),
+        cv2.INTER_NEAREST,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
