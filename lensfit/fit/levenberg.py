@@ -102,9 +102,10 @@ class MarquardtDescent(
 class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
     """Optimistix's Gauss-Newton loop and trust region around the descent above.
 
-    Besides Optimistix's own test it ends when the fall of chi-squared that is still to
-    be had, or what the last step took off, is below the share `tolerance` of it:
-    further steps would only chase directions the photographs do not see.
+    Besides Optimistix's own test it ends when the fall of chi-squared that the next
+    step promises, or what the last one took off, is below the share `tolerance` of it:
+    further steps would only chase directions the photographs do not see. A step within
+    a trust region that rejections have made small promises little too.
     """
 
     rtol: float
@@ -142,8 +143,16 @@ class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
         slow = (
             state.descent_state.fall < self.tolerance * state.descent_state.chi_squared
         )
-        little = _little_left(state, self.tolerance)
+        little = (
+            self._promised(state) < self.tolerance * state.descent_state.chi_squared
+        )
         return done | (state.num_steps > 0) & (little | slow) | late, result
+
+    def _promised(self, state: Any) -> Array:
+        """By how much the next step should lower chi-squared."""
+        here = state.descent_state
+        step, _ = self.descent.step(state.search_state.step_size, here)
+        return -(2 * here.gradient @ step + step @ here.matrix @ step)
 
 
 def _little_left(state: Any, tolerance: Array | float) -> Bool[Array, ""]:

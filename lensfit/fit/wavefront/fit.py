@@ -57,6 +57,8 @@ COLOUR_TERMS = rotational_terms(3)
 _GROUPS, _STOPS = 8, 4
 """Room for so many defocus values and f-numbers, so that one program serves most."""
 _MOST_SIGNS = 3
+_BETWEEN = 5
+"""Passes between two findings of weights."""
 _DECISIVE = 1.1
 """How much better a sign of defocus must explain the photographs."""
 
@@ -224,9 +226,11 @@ def _fine(
         weight=first_weights(gathered, COARSE_SHARE),
     )
     stage = settled(freed(stage, deviation_of(families, middle.layout, FINE)))
-    stage = with_blades(solved(stage, 12))
+    stage = solved(with_blades(stage), 12)
+    if not stage.blades:
+        stage = with_blades(stage)
     for _ in range(rounds):
-        stage = reweighed(solved(stage, 12), MODEL_SHARE)
+        stage = reweighed(solved(stage, _BETWEEN), MODEL_SHARE)
     return solved(stage, 12)
 
 

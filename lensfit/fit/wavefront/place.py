@@ -25,8 +25,8 @@ from lensfit.fit.wavefront.stages import Stage, with_iris
 
 _BATCH = 512
 _UNSURE = 0.05
-"""Share of a drag that the model may get wrong, so that a photograph in which blur drags
-little tells where chief rays land, and one in which it drags much follows."""
+"""Share of a drag that the model may get wrong: a photograph in which blur drags little
+tells where chief rays land, and one in which it drags much follows."""
 
 
 def placed(stage: Stage, gathered: Gathered) -> list[Take]:
