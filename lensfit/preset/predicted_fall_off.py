@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 import jax
 import jax.numpy as jnp
+import msgspec
 import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import nnls
@@ -24,6 +25,8 @@ from lensfit.preset.entry import Entry
 
 TERMS = 7
 """Control values: enough for the kink where a rim begins to clip."""
+FULL_STOPS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0)
+_SAME_STOP = 1.05
 _RADII, _AZIMUTHS = 48, 8
 
 
@@ -45,6 +48,28 @@ def predicted_fall_off(
     if valid_radius_mm is None:
         valid_radius_mm = _measured_radius_mm(entry)
     return tuple(_fall_off(entry, float(n), valid_radius_mm) for n in f_numbers)
+
+
+def with_predicted_fall_off(entry: Entry) -> Entry:
+    """The entry with fall-off at the full stops that were not photographed.
+
+    Nothing is added to an entry without a blur, or whose fall-off belongs to no stated
+    f-number.
+    """
+    measured = [one.f_number for one in entry.fall_off]
+    if entry.blur is None or not entry.blur.stops or None in measured:
+        return entry
+    known = [one for one in measured if one is not None]
+    widest = min([*known, *(stop.f_number for stop in entry.blur.stops)])
+    wanted = [
+        number
+        for number in FULL_STOPS
+        if number > widest / _SAME_STOP
+        and all(not 1 / _SAME_STOP < number / one < _SAME_STOP for one in known)
+    ]
+    every = (*entry.fall_off, *predicted_fall_off(entry, wanted))
+    ordered = sorted(every, key=lambda one: one.f_number or 0.0)
+    return msgspec.structs.replace(entry, fall_off=tuple(ordered))
 
 
 def _measured_radius_mm(entry: Entry) -> float:

@@ -206,5 +206,10 @@ def _at_f_number(entry: Entry, f_number: float | None, notes: list[str]) -> Entr
     if low != high:
         weight = math.log(nearest / low) / math.log(high / low)
         chosen = blend(by_stop[low], by_stop[high], weight)
+    if chosen.predicted:
+        notes.append(
+            f"fall-off at f/{f_number:g} is predicted from the pupil's shape, measured "
+            "at other f-numbers"
+        )
     chosen = msgspec.structs.replace(chosen, f_number=f_number)
     return msgspec.structs.replace(entry, fall_off=(chosen,))

@@ -13,6 +13,7 @@ from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.preset import blocks
 from lensfit.preset.entry import Covariance, Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block
+from lensfit.preset.predicted_fall_off import with_predicted_fall_off
 from lensfit.preset.schema import Camera, Provenance, SourceImage
 from lensfit.workflow.blur_entries import blur_of
 from lensfit.workflow.lens_facts import errors_of, terms_of
@@ -65,7 +66,7 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
     if not geometry.focal_length_free:
         assumed.insert(0, "principal_distance_mm")
     rms_px, held_out_px, used, detected = errors_of(geometry)
-    return Entry(
+    entry = Entry(
         focal_length_mm=state.focal_length_mm,
         focus_distance_mm=state.focus_distance_mm,
         projection=blocks.Projection(
@@ -90,6 +91,7 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
         ),
         blur=blur_of(state, wavefront) if wavefront is not None else None,
     )
+    return with_predicted_fall_off(entry)
 
 
 def visible_colour(state: LensState) -> bool:

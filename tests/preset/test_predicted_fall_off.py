@@ -12,7 +12,10 @@ from lensfit.optics.pupil import relative_illumination
 from lensfit.preset.blocks import FallOff
 from lensfit.preset.blur_blocks import Pupil
 from lensfit.preset.blur_of_block import lens_blur
-from lensfit.preset.predicted_fall_off import predicted_fall_off
+from lensfit.preset.predicted_fall_off import (
+    predicted_fall_off,
+    with_predicted_fall_off,
+)
 
 EDGE_MM = 15.6
 RADII_MM = np.linspace(0, EDGE_MM, 60)
@@ -83,3 +86,28 @@ def test_measured_and_predicted_stops_interpolate_alike():
 def test_an_entry_without_blur_predicts_nothing():
     with pytest.raises(ValueError, match="no blur"):
         predicted_fall_off(make_entry(), [2.8])
+
+
+def test_full_stops_that_were_not_photographed_are_added():
+    measured = FallOff(2.8, EDGE_MM, *[(0.0, 0.05, 0.2)] * 3)
+    entry = make_entry(blur=make_blur(), fall_off=(measured,))
+    found = {one.f_number: one for one in with_predicted_fall_off(entry).fall_off}
+    assert found[2.8] == measured
+    assert {1.4, 2.0, 4.0, 5.6, 11.0} <= set(found)
+    assert all(one.predicted for number, one in found.items() if number != 2.8)
+    assert min(found) >= min(stop.f_number for stop in entry.blur.stops) / 1.05
+
+
+def test_nothing_is_predicted_without_a_blur_or_an_f_number():
+    nameless = FallOff(None, EDGE_MM, *[(0.0, 0.05, 0.2)] * 3)
+    for entry in (make_entry(), make_entry(blur=make_blur(), fall_off=(nameless,))):
+        assert with_predicted_fall_off(entry) == entry
+
+
+def test_a_lens_says_that_its_fall_off_is_predicted():
+    measured = FallOff(2.8, EDGE_MM, *[(0.0, 0.05, 0.2)] * 3)
+    entry = make_entry(blur=make_blur(), fall_off=(measured,))
+    preset = make_preset(with_predicted_fall_off(entry))
+    said = {n: " ".join(preset.at(f_number=n).notes) for n in (2.8, 5.6)}
+    assert "predicted" not in said[2.8]
+    assert "fall-off at f/5.6 is predicted" in said[5.6]
