@@ -2,10 +2,13 @@
 
 Everything lensfit writes goes first to a temporary file in the *same folder* and
 is then renamed over its final name, which POSIX and Windows do in one step. A killed
-job leaves the old file, or nothing, never half of a new one.
+job leaves the old file, or nothing, never half of a new one; the temporary file that it
+may leave behind says whose it is, and `remove_abandoned` takes it away.
 """
 
+import hashlib
 import os
+import socket
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -62,6 +65,38 @@ def write_bytes_atomic(path: str | Path, content: bytes) -> None:
             raise _cannot_write(Path(path), error) from error
 
 
+def remove_abandoned(path: str | Path) -> None:
+    """Remove temporary files of `path` whose process, on this machine, is no more."""
+    path = Path(path)
+    start, own = f".{path.stem}.{_machine()}-", f".{path.stem}.{_owner()}."
+    if not path.parent.is_dir():
+        return
+    for found in path.parent.iterdir():
+        if not found.name.startswith(start) or found.name.startswith(own):
+            continue
+        process = found.name[len(start) :].split(".")[0]
+        if process.isdigit() and not _is_alive(int(process)):
+            found.unlink(missing_ok=True)
+
+
+def _machine() -> str:
+    return hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
+
+
+def _owner() -> str:
+    return f"{_machine()}-{os.getpid()}"
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True  # it is another user's
+    return True
+
+
 def _reserve(path: Path) -> Path:
     """An empty temporary file in the folder of `path`."""
     if path.is_dir():
@@ -73,7 +108,7 @@ def _reserve(path: Path) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(
-            dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix
+            dir=path.parent, prefix=f".{path.stem}.{_owner()}.", suffix=path.suffix
         )
         os.close(handle)
     except OSError as error:

@@ -5,14 +5,14 @@ Channels keep their exact names (``depth.Z``, ``CryptoObject00.r``) and their ty
 Attributes keep the types of the official Python binding (OpenEXR 3.5), measured: all
 survive a round trip except ``double``, which the binding can only write as ``float``.
 Tiled files are read at full resolution and written as scan lines. Deep pixels are
-refused.
+refused here; `lensfit.io.exr_deep` reads them.
 """
 
 import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -151,12 +151,11 @@ def write_exr(
             ) from error
 
 
-def _part_from(part: OpenEXR.Part) -> ExrPart:
+def part_without_channels(part: OpenEXR.Part) -> ExrPart:
+    """The record of a part's header."""
     header = part.header
     return ExrPart(
-        channels={name: ch.pixels for name, ch in part.channels.items()}
-        if part.channels
-        else {},
+        channels={},
         data_window=_window(header["dataWindow"]),
         display_window=_window(header["displayWindow"]),
         attributes={k: v for k, v in header.items() if k not in _NOT_ATTRIBUTES},
@@ -164,6 +163,12 @@ def _part_from(part: OpenEXR.Part) -> ExrPart:
         pixel_aspect=float(header.get("pixelAspectRatio", 1.0)),
         compression=header["compression"].name.removesuffix("_COMPRESSION").lower(),
     )
+
+
+def _part_from(part: OpenEXR.Part) -> ExrPart:
+    channels = part.channels or {}
+    pixels = {name: channel.pixels for name, channel in channels.items()}
+    return replace(part_without_channels(part), channels=pixels)
 
 
 def _window(corners: tuple[np.ndarray, np.ndarray]) -> Window:

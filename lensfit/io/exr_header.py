@@ -53,8 +53,12 @@ class PartHeader:
         return pixels * sum(_SAMPLE_BYTES.get(c[0], 4) for c in self.channels.values())
 
 
-def check_exr(path: str | Path) -> list[PartHeader]:
+def check_exr(path: str | Path, *, deep: bool = False) -> list[PartHeader]:
     """Read the headers of an OpenEXR file and refuse what cannot be read safely.
+
+    Parameters
+    ----------
+    deep : Accept deep pixels, whose number is not in the header.
 
     Returns
     -------
@@ -70,7 +74,7 @@ def check_exr(path: str | Path) -> list[PartHeader]:
         with path.open("rb") as file:
             size = file.seek(0, 2)
             file.seek(0)
-            return _checked(file, size, path)
+            return _checked(file, size, path, deep)
     except OSError as error:
         reason = error.strerror or str(error)
         raise ImageError(f"cannot be read ({reason})", where=path) from error
@@ -78,7 +82,7 @@ def check_exr(path: str | Path) -> list[PartHeader]:
         raise _damaged(path, "its header is cut short or malformed") from error
 
 
-def _checked(file: BinaryIO, size: int, path: Path) -> list[PartHeader]:
+def _checked(file: BinaryIO, size: int, path: Path, deep: bool) -> list[PartHeader]:
     start = file.read(8)
     if not start:
         raise ImageError("is empty", where=path)
@@ -87,6 +91,12 @@ def _checked(file: BinaryIO, size: int, path: Path) -> list[PartHeader]:
     flags = struct.unpack("<I", start[4:])[0]
     parts = _read_headers(file, size, flags)
     for part in parts:
+        if part.deep and not deep:
+            raise ImageError(
+                "holds deep pixels, which only `lensfit apply` reads",
+                where=path,
+                remedy="flatten it to one sample per pixel with a Z channel",
+            )
         _refuse_unreadable(part, size, path)
     _check_chunks(file, size, parts, bool(flags & _MULTIPART), path)
     return parts
@@ -159,12 +169,6 @@ def _channels(data: bytes) -> dict[str, tuple[int, int, int]]:
 
 def _refuse_unreadable(part: PartHeader, size: int, path: Path) -> None:
     window = part.data_window
-    if part.deep:
-        raise ImageError(
-            "holds deep pixels, which lensfit does not read",
-            where=path,
-            remedy="flatten it to one sample per pixel with a Z channel",
-        )
     if min(window.width, window.height) < 1:
         raise _damaged(path, f"its data window {tuple(window)} is empty")
     claimed = part.bytes_uncompressed
@@ -204,7 +208,15 @@ def _check_chunks(
     # x, y; its length; its data.
     length_at = int(table[last]) + 4 * multipart + (16 if parts[owner].tiled else 4)
     file.seek(length_at)
-    (length,) = struct.unpack("<i", file.read(4))
+    if parts[owner].deep:
+        # The sizes of the table of sample counts and of the samples, each packed, and
+        # of the samples unpacked.
+        table_bytes, sample_bytes, _ = struct.unpack("<3q", file.read(24))
+        if min(table_bytes, sample_bytes) < 0:
+            raise _damaged(path, "a chunk claims less than nothing")
+        length, length_at = table_bytes + sample_bytes, length_at + 20
+    else:
+        (length,) = struct.unpack("<i", file.read(4))
     if length < 0 or length_at + 4 + length > size:
         raise _damaged(path, "it is truncated")
 

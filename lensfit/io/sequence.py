@@ -1,9 +1,13 @@
 """Image sequences: frame patterns, frame ranges and the names of results.
 
 A pattern is a path whose file name holds one frame number: ``plate.####.exr`` (one
-sign per digit at least), ``plate.@@@@.exr`` or ``plate.%04d.exr``. A range is
-``1001-1100``, ``1,5,9`` or ``1-10,20-30x2`` (every second one), negative frames
-included. A path without a frame number is a single picture.
+sign per digit at least), ``plate.@@@@.exr``, ``plate.%04d.exr`` or ``plate.$F4.exr``.
+It may bring its range: ``plate.1001-1100####.exr``. A path without a frame number is
+a single picture.
+
+A range is a list of ``5``, ``1001-1100``, ``1-10x2`` (every second), ``1-10y2`` (all
+but every second) and ``1-10:4`` (every fourth, then every second, then the others),
+with negative frames, forwards or backwards: the conventions of fileseq.
 """
 
 import re
@@ -12,8 +16,11 @@ from pathlib import Path
 
 from lensfit.errors import ImageError, OutputError
 
-_TOKEN = re.compile(r"#+|@+|%0?(\d*)d")
-_RANGE = re.compile(r"(-?\d+)(?:-(-?\d+)(?:x(\d+))?)?")
+_TOKEN = re.compile(r"#+|@+|%0?(\d*)d|\$F(\d*)")
+_RANGE = re.compile(r"(-?\d+)(?:-(-?\d+)(?:([xy:])(-?\d+))?)?")
+_OWN_RANGE = re.compile(
+    r"(?:(?<=[^\d-])|^)(-?\d+(?:-{1,2}\d+(?:[xy:]\d+)?)?(?:,-?\d+(?:-{1,2}\d+(?:[xy:]\d+)?)?)*)$"
+)
 _MOST_FRAMES = 10_000_000
 
 
@@ -36,7 +43,8 @@ def expand_frames(
     ImageError : No frame exists, some of `frames` are missing (they are listed), or
         the pattern or range is malformed.
     """
-    path = Path(pattern)
+    path, own = split_pattern(pattern)
+    frames = own if frames is None else frames
     token = _token_of(path)
     if token is None:
         return [(None, _single(path, frames))]
@@ -60,7 +68,7 @@ def parse_frames(text: str) -> list[int]:
 
     Raises
     ------
-    ImageError : The text is no range, or runs backwards.
+    ImageError : The text is no range.
     """
     numbers: dict[int, None] = {}
     for item in text.split(","):
@@ -69,11 +77,36 @@ def parse_frames(text: str) -> list[int]:
             raise _bad_range(text)
         first = int(match[1])
         last = int(match[2]) if match[2] is not None else first
-        step = int(match[3] or 1)
-        if last < first or step < 1 or last - first > _MOST_FRAMES:
+        step = int(match[4] or 1)
+        if step == 0 or abs(last - first) > _MOST_FRAMES:
             raise _bad_range(text)
-        numbers.update(dict.fromkeys(range(first, last + 1, step)))
+        numbers.update(dict.fromkeys(_stepped(first, last, match[3] or "x", step)))
     return list(numbers)
+
+
+def split_pattern(pattern: str | Path) -> tuple[Path, str | None]:
+    """A pattern without the range that it may bring, and that range."""
+    path = Path(pattern)
+    token = _TOKEN.search(path.name)
+    match = _OWN_RANGE.search(path.name[: token.start()]) if token else None
+    if token is None or match is None or not re.search(r"\d[-,]", match[1]):
+        return path, None
+    name = path.name[: match.start(1)] + path.name[token.start() :]
+    return path.with_name(name), match[1]
+
+
+def _stepped(first: int, last: int, how: str, step: int) -> list[int]:
+    """A run of frames: every `step`-th, all others, or in ever finer steps."""
+    way = 1 if last >= first else -1
+    run = list(range(first, last + way, way))
+    size = abs(step)
+    if how == "y":
+        return [number for at, number in enumerate(run) if at % size]
+    numbers = run[::size]
+    while how == ":" and size > 1:
+        size = size // 2
+        numbers += run[::size]
+    return numbers
 
 
 def format_frames(numbers: Iterable[int]) -> str:
@@ -130,8 +163,8 @@ def _token_of(path: Path) -> re.Match | None:
 
 
 def _padding(token: re.Match) -> int:
-    if token[0].startswith("%"):
-        return int(token[1] or 1)
+    if token[0].startswith(("%", "$")):
+        return int(token[1] or token[2] or 1)
     return len(token[0])
 
 

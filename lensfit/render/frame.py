@@ -16,7 +16,7 @@ from lensfit.coords import Window
 from lensfit.render.buffers import aligned_empty, crop
 from lensfit.render.defocus import blurred_layers, blurred_plate
 from lensfit.render.falloff import apply_gain
-from lensfit.render.filters import Filter
+from lensfit.render.filters import Filter, filter_for
 from lensfit.render.layer_stack import LayerStack, Mattes, check_depth, flattened
 from lensfit.render.nearest import nearest
 from lensfit.render.stages import (
@@ -42,7 +42,7 @@ def render(
     keep_overscan: bool = False,
     sensor_width_mm: float | None = None,
     switches: Switches | None = None,
-    method: Filter = "catmull-rom",
+    method: Filter | None = None,
     mattes: Mattes | None = None,
 ) -> Float32[np.ndarray, "out_height out_width channels"]:
     """The plate as the lens would have photographed it.
@@ -62,7 +62,7 @@ def render(
     keep_overscan : Return the data window rather than the display window.
     sensor_width_mm : Width that the display window spans; the lens' own if None.
     switches : Effects of the lens that are wanted; all if None.
-    method : Interpolating filter.
+    method : Interpolating filter; chosen by the tolerance if None.
     mattes : Coverage of the objects that share a pixel, where the plate knows it.
 
     Returns
@@ -99,7 +99,7 @@ def render(
         data_window,
         stages,
         output,
-        method=method,
+        method=method or filter_for(tolerance),
         depth_mm=depth_mm,
         mattes=mattes,
     )

@@ -6,14 +6,24 @@ reported while the others go on. `frame_renderer` says what happens to a frame.
 """
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from lensfit.errors import ImageError, LensfitError
-from lensfit.io.exr import write_exr
-from lensfit.io.sequence import expand_frames, frame_path, output_path, parse_frames
+from lensfit.atomic import remove_abandoned
+from lensfit.errors import LensfitError
+from lensfit.io.sequence import (
+    expand_frames,
+    frame_path,
+    output_path,
+    parse_frames,
+    split_pattern,
+)
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
+from lensfit.workflow.apply_frame import FrameOutcome, apply_frame, error_line
+from lensfit.workflow.apply_workers import worker_outcomes
 from lensfit.workflow.frame_renderer import ApplyOptions, FrameRenderer
 
 
@@ -43,6 +53,7 @@ def apply_preset(
     *,
     frames: str | None = None,
     options: ApplyOptions | None = None,
+    workers: int = 1,
     progress: Progress = silent,
 ) -> Applied:
     """Render a plate or a sequence through a lens.
@@ -54,6 +65,8 @@ def apply_preset(
     out_dir : Folder for the results, which keep their names.
     frames : A range such as ``1001-1100``; every frame that exists if None.
     options : How; the defaults if None.
+    workers : Processes that render frames, each in memory of its own; 1 renders in
+        this one.
     progress : Told about each finished frame.
 
     Raises
@@ -61,49 +74,73 @@ def apply_preset(
     LensfitError : Nothing can be rendered at all: no frame exists, the range is
         malformed or the external map cannot be used. Failures of single frames are
         returned, not raised.
+    ValueError : Fewer than one worker.
     """
+    if workers < 1:
+        raise ValueError(f"{workers} workers render nothing")
     start = time.perf_counter()
     options = options or ApplyOptions()
     pictures = _pictures(plates, frames)
-    renderer = FrameRenderer(preset, options)
-    applied = Applied(notes=renderer.notes)
-    for done, path in enumerate(pictures):
-        progress("frames", done, len(pictures))
-        try:
-            target = output_path(path, out_dir)
-            if target.is_file() and not options.overwrite:
-                renderer.note_if_made_otherwise(path, target)
-                applied.skipped.append(target)
-                continue
-            write_exr(target, renderer.render(path))
-            applied.written.append(target)
-        except LensfitError as error:
-            applied.failures.append(str(_at(error, path)))
-        except (ValueError, MemoryError, ArithmeticError) as error:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            applied.failures.append(str(ImageError(reason, where=path)))
-    progress("frames", len(pictures), len(pictures))
-    applied.seconds = time.perf_counter() - start
+    outcomes: list[FrameOutcome | None] = [None] * len(pictures)
+    progress("frames", 0, len(pictures))
+    with _outcomes(preset, options, pictures, Path(out_dir), workers) as finished:
+        for done, (index, outcome) in enumerate(finished, 1):
+            outcomes[index] = outcome
+            progress("frames", done, len(pictures))
+    applied = Applied(seconds=time.perf_counter() - start)
+    for outcome in outcomes:
+        if outcome is not None:
+            _gather(applied, outcome)
     return applied
+
+
+@contextmanager
+def _outcomes(
+    preset: Preset, options: ApplyOptions, pictures: list[Path], out: Path, workers: int
+) -> Iterator[Iterator[tuple[int, FrameOutcome]]]:
+    """Frames as they are finished, with their place in the list."""
+    renderer = FrameRenderer(preset, options)  # a bad map fails here, and only once
+    targets = [_target(path, out) for path in pictures]
+    if workers == 1 or len(pictures) < 2:
+        yield (
+            (index, target)
+            if isinstance(target, FrameOutcome)
+            else (index, apply_frame(renderer, path, target))
+            for index, (path, target) in enumerate(zip(pictures, targets, strict=True))
+        )
+        return
+    with worker_outcomes(
+        preset, options, pictures, targets, min(workers, len(pictures))
+    ) as found:
+        yield found
+
+
+def _target(path: Path, out: Path) -> Path | FrameOutcome:
+    """Where a result goes, cleared of what a killed run left there."""
+    try:
+        target = output_path(path, out)
+    except LensfitError as error:
+        return FrameOutcome(failure=error_line(error, path))
+    remove_abandoned(target)
+    return target
+
+
+def _gather(applied: Applied, outcome: FrameOutcome) -> None:
+    if outcome.failure is not None:
+        applied.failures.append(outcome.failure)
+    elif outcome.target is not None:
+        (applied.skipped if outcome.skipped else applied.written).append(outcome.target)
+    applied.notes += [note for note in outcome.notes if note not in applied.notes]
 
 
 def _pictures(plates: str | Path, frames: str | None) -> list[Path]:
     """Files to render; those of a stated range that do not exist fail on their own."""
+    pattern, own = split_pattern(plates)
+    frames = own if frames is None else frames
     if frames is None:
-        return [path for _, path in expand_frames(plates)]
+        return [path for _, path in expand_frames(pattern)]
     numbers = parse_frames(frames)
-    paths = list(dict.fromkeys(frame_path(plates, number) for number in numbers))
+    paths = list(dict.fromkeys(frame_path(pattern, number) for number in numbers))
     if not any(path.is_file() for path in paths):
-        return [path for _, path in expand_frames(plates, frames)]  # says what lacks
+        return [path for _, path in expand_frames(pattern, frames)]  # says what lacks
     return paths
-
-
-def _at(error: LensfitError, path: Path) -> LensfitError:
-    """The error with the frame it happened at."""
-    if error.where is not None:
-        if Path(error.where) == path:
-            return error
-        return LensfitError(
-            f"{error.where}: {error.what}", where=path, remedy=error.remedy
-        )
-    return type(error)(error.what, where=path, remedy=error.remedy)

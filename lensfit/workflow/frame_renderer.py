@@ -4,14 +4,15 @@ Colour layers (R, G, B, with A where there is one) are rendered; every other cha
 and Cryptomatte whatever its channels are called, keeps its bits: ids and depths must
 not be mixed, so they still describe the *undistorted* plate. A plate may have overscan
 (a data window larger than the display window); what is written is the display
-window, or the plate's own data window when overscan is kept.
+window, or the plate's own data window when overscan is kept. A plate with a depth
+channel gets depth of field; a deep plate is returned flat.
 """
 
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import final
+from typing import Literal, final
 
 import msgspec
 import numpy as np
@@ -20,26 +21,37 @@ from jaxtyping import Float32
 from lensfit import __version__
 from lensfit.coords import Window
 from lensfit.errors import ImageError
+from lensfit.io.depth import FoundDepth, ray_slant
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
+from lensfit.io.exr_deep import is_deep, read_deep
 from lensfit.io.exr_layers import with_channels
 from lensfit.io.stmap import Stmap, read_stmap
 from lensfit.preset.schema import Preset
 from lensfit.render.buffers import aligned_empty
-from lensfit.render.filters import Filter
-from lensfit.render.frame import render_stages
+from lensfit.render.filters import Filter, filter_for
+from lensfit.render.frame import render_stages, window_with_margin
+from lensfit.render.layer_stack import LayerStack, Mattes, flattened
 from lensfit.render.stages import (
     DEFAULT_TOLERANCE,
     Stages,
     Switches,
     prepare_stages,
 )
-from lensfit.render.uv import SourceMap
+from lensfit.render.uv import PlateGeometry, SourceMap
+from lensfit.workflow.deep_layers import deep_layers
 from lensfit.workflow.plate import ColourLayer, colour_layers, resized_channels
+from lensfit.workflow.plate_depth import DepthOptions, depth_meaning, plate_depth
+from lensfit.workflow.plate_mattes import plate_mattes, with_edge_mask
 from lensfit.workflow.plate_notes import border_note, number_note
 from lensfit.workflow.plate_state import PlateState, StateOverrides, plate_state
 
+Output = Literal["result", "circle-of-confusion", "aberration-dots", "filter"]
 SAID = "lensfit/applied"
 """Header entry that tells what was done to a frame."""
+NO_DEPTH = "plates hold no depth, so depth of field is left out"
+DEEP_IS_FLAT = "deep plates are returned flat, as R, G, B, A"
+_NEAREST_FOCAL_LENGTHS = 1.5
+_DEEP_ATTRIBUTES = ("deepImageState", "maxSamplesPerPixel", "version", "chunkCount")
 OVERSCAN = "lens/overscan"
 """Header entry of the CG renderer, percent; none is left in a cropped frame."""
 
@@ -56,8 +68,11 @@ class ApplyOptions:
     layers : Layers to render; every colour layer if None ("" is the unnamed one).
     stmap : A redistort map to use in place of the lens' own distortion.
     tolerance : Accepted error of the picture, display-referred.
-    method : Interpolating filter.
+    method : Interpolating filter; chosen by the tolerance if None.
     overwrite : Render frames again that are finished.
+    depth : What the user says about the depth channel.
+    edge_mask : Objects of the Cryptomatte whose depth reaches over all they touch.
+    output : The result, or a picture that explains it (see `frame_outputs`).
     """
 
     overrides: StateOverrides = field(default_factory=StateOverrides)
@@ -66,8 +81,16 @@ class ApplyOptions:
     layers: Sequence[str] | None = None
     stmap: Path | None = None
     tolerance: float = DEFAULT_TOLERANCE
-    method: Filter = "catmull-rom"
+    method: Filter | None = None
     overwrite: bool = False
+    depth: DepthOptions = field(default_factory=DepthOptions)
+    edge_mask: Sequence[str] = ()
+    output: Output = "result"
+
+    @property
+    def filter(self) -> Filter:
+        """The interpolating filter."""
+        return self.method or filter_for(self.tolerance)
 
 
 @final
@@ -86,23 +109,29 @@ class FrameRenderer:
 
     def render(self, path: Path) -> ExrImage:
         """One finished frame."""
+        if is_deep(path):
+            return self._render_deep(path)
         image = read_exr(path)
-        state = self._state_of(image)
-        for note in state.notes:
-            self._note(note)
+        state = self._noted_state(image)
         layers = [colour_layers(part, self.options.layers) for part in image.parts]
         if not any(layers):
             raise _no_colour(image, self.options.layers)
         return ExrImage(
             tuple(
-                self._render_part(part, found, state)
+                self._render_part(part, found, state, (image, path))
                 for part, found in zip(image.parts, layers, strict=True)
             )
         )
 
+    def _noted_state(self, image: ExrImage) -> PlateState:
+        state = self._state_of(image)
+        for note in state.notes:
+            self._note(note)
+        return state
+
     def note_if_made_otherwise(self, plate: Path, target: Path) -> None:
         """Say so when a finished frame is not what would be rendered now."""
-        wanted = self._said(self._state_of(read_exr(plate, header_only=True)))
+        wanted = self._said(self._state_of(self._header_of(plate)))
         parts = read_exr(target, header_only=True).parts
         made = next((p.attributes[SAID] for p in parts if SAID in p.attributes), None)
         if made != wanted:
@@ -110,6 +139,11 @@ class FrameRenderer:
                 "some frames were finished before with other settings or by an older "
                 "preset, and were kept (--overwrite renders them again)"
             )
+
+    def _header_of(self, plate: Path) -> ExrImage:
+        if is_deep(plate):
+            return ExrImage((read_deep(plate).flat,))
+        return read_exr(plate, header_only=True)
 
     def _note(self, note: str | None) -> None:
         if note and note not in self.notes:
@@ -129,28 +163,157 @@ class FrameRenderer:
         )
 
     def _render_part(
-        self, part: ExrPart, layers: list[ColourLayer], state: PlateState
+        self,
+        part: ExrPart,
+        layers: list[ColourLayer],
+        state: PlateState,
+        plate: tuple[ExrImage, Path],
     ) -> ExrPart:
         keep = self.options.keep_overscan
         window = part.data_window if keep else part.display_window
         result = resized_channels(part, window)
         if not layers:
             return result
-        stages = self._stages_for(state, part.display_window, window)
-        if self._stages_noted is not stages:
-            self._note(border_note(stages, part.data_window))
-            self._stages_noted = stages
+        depth, mattes = self._depth_of(part, state, *plate)
+        reach = (
+            window if depth is None else window_with_margin(window, part.data_window)
+        )
+        stages = self._stages_for(state, part.display_window, reach)
+        self._note_border(stages, part.data_window)
         for layer in layers:
             pixels = _stacked(part, layer.names)
             self._note(number_note(pixels))
             rendered = render_stages(
-                pixels, part.data_window, stages, window, method=self.options.method
+                pixels,
+                part.data_window,
+                stages,
+                window,
+                method=self.options.filter,
+                depth_mm=depth,
+                mattes=mattes,
             )
             result = with_channels(result, layer.names, rendered)
-        said = {**result.attributes, SAID: self._said(state)}
-        if OVERSCAN in said and window == part.display_window:
+        return self._signed(result, state)
+
+    def _depth_of(
+        self, part: ExrPart, state: PlateState, image: ExrImage, path: Path
+    ) -> tuple[np.ndarray | None, Mattes | None]:
+        """Depth and objects over the data window of a part with colours; none where
+        depth of field is not wanted or cannot be had, which is noted."""
+        if not self.options.switches.defocus:
+            return None, None
+        found = plate_depth(
+            image,
+            part,
+            self.options.depth,
+            self._geometry(state, part.display_window),
+            self._cg_focal_length_mm(state),
+        )
+        if found is None:
+            self._note(NO_DEPTH)
+            return None, None
+        depth = found.depth_mm
+        names = self.options.edge_mask
+        if names:
+            depth = with_edge_mask(depth, image, path, part.data_window, names)
+        for note in found.notes:
+            self._note(note)
+        if not self._knows_blur(state):
+            return None, None
+        depth = self._within_reach(depth, state)
+        return depth, plate_mattes(image, path, part.data_window)
+
+    def _within_reach(self, depth_mm: np.ndarray, state: PlateState) -> np.ndarray:
+        """Distances of which the lens has an image at all."""
+        lens = self.preset.at(*state.lens_key)
+        nearest_mm = _NEAREST_FOCAL_LENGTHS * lens.focal_length_mm
+        if lens.blur is not None:
+            from_pupil = lens.blur.nearest_mm - float(lens.entrance_pupil_offset_mm)
+            nearest_mm = max(nearest_mm, 1.05 * from_pupil)
+        if not (depth_mm < nearest_mm).any():
+            return depth_mm
+        self._note(
+            f"depth nearer than {nearest_mm:.0f} mm, of which the lens has no image, "
+            "is taken as that"
+        )
+        return np.maximum(depth_mm, np.float32(nearest_mm))
+
+    def _knows_blur(self, state: PlateState) -> bool:
+        """Whether the lens has kernels at this state; said so if not."""
+        lens = self.preset.at(*state.lens_key)
+        if lens.blur is not None or None not in (
+            lens.f_number,
+            lens.focus_distance_mm,
+        ):
+            return True
+        if self.options.depth.asked or self.options.edge_mask:
+            raise ImageError(
+                "states no f-number or focus distance, which depth of field needs",
+                remedy="give --f-number and --focus-distance-mm, or --no-defocus",
+            )
+        self._note(
+            "depth of field is left out: f-number or focus distance is not known "
+            "(--f-number, --focus-distance-mm)"
+        )
+        return False
+
+    def _render_deep(self, path: Path) -> ExrImage:
+        """A deep plate, flat: its layers hold what the front ones hide."""
+        deep = read_deep(path)
+        flat, options = deep.flat, self.options
+        state = self._noted_state(ExrImage((flat,)))
+        meaning, notes = depth_meaning(
+            ExrImage((flat,)),
+            FoundDepth(flat, options.depth.channel or "Z"),
+            options.depth,
+        )
+        slant = 1.0
+        if meaning.kind == "ray":
+            offsets = self._geometry(state, flat.display_window).mm(
+                flat.data_window.pixel_centres()
+            )
+            slant = ray_slant(offsets, self._cg_focal_length_mm(state))
+        stack = deep_layers(deep, meaning, slant, depth_channel=options.depth.channel)
+        window = flat.data_window if options.keep_overscan else flat.display_window
+        blurs = options.switches.defocus and self._knows_blur(state)
+        if blurs:
+            depth = self._within_reach(stack.depth_mm, state)
+            pixels = LayerStack(stack.rgba, depth)
+        else:
+            pixels = flattened(stack)
+        reach = window_with_margin(window, flat.data_window) if blurs else window
+        stages = self._stages_for(state, flat.display_window, reach)
+        self._note_border(stages, flat.data_window)
+        for note in (*notes, DEEP_IS_FLAT):
+            self._note(note)
+        rendered = render_stages(
+            pixels, flat.data_window, stages, window, method=options.filter
+        )
+        kept = {k: v for k, v in flat.attributes.items() if k not in _DEEP_ATTRIBUTES}
+        planes = np.ascontiguousarray(np.moveaxis(rendered, -1, 0))
+        channels = dict(zip("RGBA", planes, strict=True))
+        result = replace(flat, channels=channels, data_window=window, attributes=kept)
+        return ExrImage((self._signed(result, state),))
+
+    def _signed(self, part: ExrPart, state: PlateState) -> ExrPart:
+        """The part with a header that says what was done to it."""
+        said = {**part.attributes, SAID: self._said(state)}
+        if OVERSCAN in said and part.data_window == part.display_window:
             said[OVERSCAN] = "0" if isinstance(said[OVERSCAN], str) else 0.0
-        return replace(result, attributes=said)
+        return replace(part, attributes=said)
+
+    def _note_border(self, stages: Stages, source: Window) -> None:
+        if self._stages_noted is not stages:
+            self._note(border_note(stages, source))
+            self._stages_noted = stages
+
+    def _geometry(self, state: PlateState, display: Window) -> PlateGeometry:
+        lens = self.preset.at(*state.lens_key)
+        return PlateGeometry.of(lens, display, state.sensor_width_mm)
+
+    def _cg_focal_length_mm(self, state: PlateState) -> float:
+        stated = state.lens_key[0]
+        return self.preset.entries[0].focal_length_mm if stated is None else stated
 
     def _stages_for(self, state: PlateState, display: Window, window: Window) -> Stages:
         """Maps and gains; made anew only when the camera or the windows change."""
@@ -211,11 +374,14 @@ class FrameRenderer:
                 ("distortion", switches.distortion),
                 ("lateral colour", switches.lateral_colour),
                 ("fall-off", switches.falloff),
+                ("depth of field", switches.defocus),
             )
             if on
         ]
         if self.options.stmap is not None:
             effects.append(f"map {self.options.stmap.name}")
+        if switches.defocus and self.options.edge_mask:
+            effects.append(f"edges of {', '.join(self.options.edge_mask)}")
         lens = ", ".join([f"{self.preset.lens.name} ({self._digest})", *at])
         return f"lensfit {__version__}: {lens}; {', '.join(effects) or 'nothing'}"
 

@@ -11,6 +11,7 @@ from lensfit.io.sequence import (
     frame_path,
     output_path,
     parse_frames,
+    split_pattern,
 )
 
 
@@ -24,7 +25,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("token", ["####", "@@@@", "%04d"])
+@pytest.mark.parametrize("token", ["####", "@@@@", "%04d", "$F4"])
 def test_existing_frames_in_order(folder: Path, token: str):
     pictures = expand_frames(folder / f"PLATE.{token}.exr")
     assert [number for number, _ in pictures] == [8, 9, 10, 12, 10001]
@@ -34,7 +35,7 @@ def test_existing_frames_in_order(folder: Path, token: str):
     ]
 
 
-@pytest.mark.parametrize("token", ["#", "%d", "@"])
+@pytest.mark.parametrize("token", ["#", "%d", "@", "$F"])
 def test_unpadded_numbers(folder: Path, token: str):
     pictures = expand_frames(folder / f"PLATE.{token}.exr")
     assert [(n, p.name) for n, p in pictures] == [
@@ -49,6 +50,28 @@ def test_chosen_frames_and_missing_ones(folder: Path):
     assert [n for n, _ in expand_frames(pattern, [12, 8])] == [12, 8]
     with pytest.raises(ImageError, match=r"4 of 8 frames are missing: 7,11,13-14"):
         expand_frames(pattern, "7-14")
+
+
+@pytest.mark.parametrize(
+    ("name", "without", "frames"),
+    [
+        ("a.1-9####.exr", "a.####.exr", "1-9"),
+        ("a.-3--1x2,7@@@.exr", "a.@@@.exr", "-3--1x2,7"),
+        ("a_8-12%04d.exr", "a_%04d.exr", "8-12"),
+        ("a.1001,1003$F4.exr", "a.$F4.exr", "1001,1003"),
+        ("shot2.####.exr", "shot2.####.exr", None),
+        ("v2####.exr", "v2####.exr", None),
+        ("1-2.exr", "1-2.exr", None),
+    ],
+)
+def test_a_pattern_may_bring_its_range(name, without, frames):
+    assert split_pattern(f"dir/{name}") == (Path("dir") / without, frames)
+
+
+def test_frames_of_the_pattern_are_found_and_those_given_count_more(folder: Path):
+    pattern = folder / "PLATE.8-9####.exr"
+    assert [n for n, _ in expand_frames(pattern)] == [8, 9]
+    assert [n for n, _ in expand_frames(pattern, "12")] == [12]
 
 
 def test_single_pictures(folder: Path):
@@ -76,6 +99,12 @@ def test_nothing_there_is_said(tmp_path: Path):
         ("1-10x4, 20", [1, 5, 9, 20]),
         ("-3--1,2", [-3, -2, -1, 2]),
         ("1-3,2-4", [1, 2, 3, 4]),
+        ("5-1", [5, 4, 3, 2, 1]),
+        ("5-1x2", [5, 3, 1]),
+        ("5-1x-2", [5, 3, 1]),
+        ("1-7y3", [2, 3, 5, 6]),
+        ("1-9:4", [1, 5, 9, 3, 7, 2, 4, 6, 8]),
+        ("-4--8x2", [-4, -6, -8]),
     ],
 )
 def test_ranges(text: str, numbers: list[int]):
@@ -83,7 +112,7 @@ def test_ranges(text: str, numbers: list[int]):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "a", "1-", "5-1", "1-3x0", "1..3", "1-99999999999"]
+    "text", ["", "a", "1-", "1-3z2", "1-3x0", "1-3y0", "1..3", "1-99999999999"]
 )
 def test_bad_ranges(text: str):
     with pytest.raises(ImageError, match="no range of frames"):

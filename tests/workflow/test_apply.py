@@ -235,7 +235,8 @@ def test_what_is_assumed_is_noted_once(tmp_path):
     for number in (1, 2):
         write_plate(tmp_path / f"plate.{number}.exr", CAMERA)
     applied = apply_preset(make_preset(), tmp_path / "plate.#.exr", tmp_path / "out")
-    (note,) = applied.notes
+    note, depth_note = applied.notes
+    assert "no depth" in depth_note
     assert "sensor width" in note
     assert "36 mm" in note
 

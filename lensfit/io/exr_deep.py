@@ -1,0 +1,90 @@
+"""Deep OpenEXR pictures: several samples in a pixel, each with its own distance.
+
+Samples are kept as flat arrays, pixel after pixel and row after row, in the order of
+the file. Colour is premultiplied; a sample covers what lies behind it by its alpha.
+``Z`` is the front of a sample and ``ZBack``, where there is one, its back.
+Source: OpenEXR, "Interpreting Deep Pixels".
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from jaxtyping import Int
+
+from lensfit.coords import Window
+from lensfit.errors import ImageError
+from lensfit.io.exr import ExrPart, part_without_channels
+from lensfit.io.exr_header import check_exr
+
+
+@dataclass(frozen=True, eq=False)
+class DeepPart:
+    """One deep image of a file.
+
+    Attributes
+    ----------
+    flat : Windows, attributes and name; no channels.
+    counts : Samples of each pixel.
+    samples : Channel name to the samples of all pixels.
+    """
+
+    flat: ExrPart
+    counts: Int[np.ndarray, "height width"]
+    samples: Mapping[str, np.ndarray]
+
+    @property
+    def data_window(self) -> Window:
+        return self.flat.data_window
+
+
+def is_deep(path: str | Path) -> bool:
+    """Whether a file holds deep pixels.
+
+    Raises
+    ------
+    ImageError : It is no whole OpenEXR file.
+    """
+    return any(header.deep for header in check_exr(path, deep=True))
+
+
+def read_deep(path: str | Path) -> DeepPart:
+    """The first deep part of a file.
+
+    Raises
+    ------
+    ImageError : There is none, or it is damaged.
+    """
+    path = Path(path)
+    check_exr(path, deep=True)
+    try:
+        file = OpenEXR.File(str(path), separate_channels=True)
+        deep = (OpenEXR.deepscanline, OpenEXR.deeptile)
+        parts = [p for p in file.parts if p.header.get("type") in deep and p.channels]
+        if not parts:
+            raise ImageError("holds no deep pixels that can be read", where=path)
+        part = parts[0]
+        channels = {name: channel.pixels for name, channel in part.channels.items()}
+    except (RuntimeError, ValueError, TypeError, MemoryError) as error:
+        raise ImageError(f"cannot be read ({error})", where=path) from error
+    counts = _counts(next(iter(channels.values())))
+    samples = {name: _flat(pixels) for name, pixels in channels.items()}
+    if any(len(flat) != counts.sum() for flat in samples.values()):
+        raise ImageError(
+            "is damaged: its channels hold different numbers of samples",
+            where=path,
+            remedy="render or copy it again",
+        )
+    return DeepPart(part_without_channels(part), counts, samples)
+
+
+def _counts(pixels: np.ndarray) -> np.ndarray:
+    sizes = [0 if p is None else len(p) for p in pixels.ravel()]
+    return np.array(sizes, np.int64).reshape(pixels.shape)
+
+
+def _flat(pixels: np.ndarray) -> np.ndarray:
+    filled = [p for p in pixels.ravel() if p is not None and len(p)]
+    return np.concatenate(filled) if filled else np.zeros(0, np.float32)

@@ -1,0 +1,56 @@
+"""One frame of a batch: rendered, skipped or failed, and never an exception."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from lensfit.errors import ImageError, LensfitError
+from lensfit.io.exr import write_exr
+from lensfit.workflow.frame_renderer import FrameRenderer
+
+
+@dataclass(frozen=True)
+class FrameOutcome:
+    """What became of a frame.
+
+    Attributes
+    ----------
+    target : The result; None if there is none.
+    skipped : It was finished before.
+    failure : Why there is none, as one line that names the frame.
+    notes : What was noted so far.
+    """
+
+    target: Path | None = None
+    skipped: bool = False
+    failure: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+def apply_frame(renderer: FrameRenderer, path: Path, target: Path) -> FrameOutcome:
+    """Render a frame to its place, unless it is there."""
+    failure, skipped = None, False
+    try:
+        skipped = target.is_file() and not renderer.options.overwrite
+        if skipped:
+            renderer.note_if_made_otherwise(path, target)
+        else:
+            write_exr(target, renderer.render(path))
+    except (LensfitError, ValueError, MemoryError, ArithmeticError) as error:
+        failure = error_line(error, path)
+    notes = tuple(renderer.notes)
+    if failure is not None:
+        return FrameOutcome(failure=failure, notes=notes)
+    return FrameOutcome(target, skipped, notes=notes)
+
+
+def error_line(error: Exception, path: Path) -> str:
+    """The error as one line, with the frame it happened at."""
+    if not isinstance(error, LensfitError):
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        return str(ImageError(reason, where=path))
+    if error.where is None:
+        return str(type(error)(error.what, where=path, remedy=error.remedy))
+    if Path(error.where) == path:
+        return str(error)
+    what = f"{error.where}: {error.what}"
+    return str(LensfitError(what, where=path, remedy=error.remedy))
