@@ -6,10 +6,12 @@ from contextlib import contextmanager
 
 from lensfit.progress import Progress, silent
 
+_COUNTED = ("frames",)
+
 
 @contextmanager
 def progress_bars() -> Iterator[Progress]:
-    """A `Progress` with one bar per stage, cleared away when the work is done."""
+    """A `Progress` with one bar per stage and the time left; cleared away at the end."""
     if not sys.stderr.isatty():
         yield silent
         return
@@ -17,16 +19,30 @@ def progress_bars() -> Iterator[Progress]:
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
+        ProgressColumn,
+        Task,
         TextColumn,
         TimeElapsedColumn,
+        TimeRemainingColumn,
     )
     from rich.progress import Progress as Bars
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        """Steps per second, for stages that are counted in things."""
+
+        def render(self, task: Task) -> Text:
+            if not task.speed or task.description not in _COUNTED:
+                return Text("")
+            return Text(f"{task.speed:.2f} {task.description}/s")
 
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        Rate(),
     )
     with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
         tasks = {}

@@ -9,8 +9,27 @@ import typer
 class FilterName(StrEnum):
     """Interpolating filters of `lensfit.render.filters`."""
 
+    cubic = "cubic"
     catmull_rom = "catmull-rom"
     keys_6 = "keys-6"
+
+
+class KindName(StrEnum):
+    """How depth is measured, as in `lensfit.io.depth`."""
+
+    perpendicular = "perpendicular"
+    ray = "ray"
+    inverse = "inverse"
+    normalised = "normalised"
+
+
+class OutputName(StrEnum):
+    """What is written, as in `lensfit.workflow.frame_outputs`."""
+
+    result = "result"
+    circle_of_confusion = "circle-of-confusion"
+    aberration_dots = "aberration-dots"
+    filter = "filter"
 
 
 def apply(
@@ -18,6 +37,10 @@ def apply(
     plates: str = typer.Argument(help="EXR plate, or plate.####.exr for a sequence"),
     out: Path = typer.Option(..., "--out", help="Folder for the results"),
     frames: str = typer.Option(None, help="Frames of the sequence: 1001-1100x2,1200"),
+    workers: int = typer.Option(1, min=1, help="Frames rendered at the same time"),
+    output: OutputName = typer.Option(
+        OutputName.result, help="The result, or a picture that explains it"
+    ),
     focal_length_mm: float = typer.Option(None, help="In place of the header's, mm"),
     f_number: float = typer.Option(None, help="In place of the header's"),
     focus_distance_mm: float = typer.Option(
@@ -33,6 +56,27 @@ def apply(
         False, "--no-lateral-colour", help="Leave lateral colour out"
     ),
     no_falloff: bool = typer.Option(False, "--no-falloff", help="Leave fall-off out"),
+    no_defocus: bool = typer.Option(
+        False, "--no-defocus", help="Leave depth of field out"
+    ),
+    depth_channel: str = typer.Option(
+        None, help="Channel of the depth; Z, depth.Z and the like are found"
+    ),
+    depth_unit: str = typer.Option(
+        None, help="mm, cm, m, in, ft, or millimetres of one unit; metres if unknown"
+    ),
+    depth_kind: KindName = typer.Option(
+        None, help="How depth is measured; along the optical axis if unknown"
+    ),
+    depth_near: float = typer.Option(
+        None, help="Distance at 0 of a normalised depth, in its unit"
+    ),
+    depth_far: float = typer.Option(
+        None, help="Distance at 1 of a normalised depth, in its unit"
+    ),
+    edge_mask: str = typer.Option(
+        None, help="Cryptomatte objects whose depth reaches their edges: NAME,NAME"
+    ),
     keep_overscan: bool = typer.Option(
         False,
         "--keep-overscan",
@@ -48,20 +92,19 @@ def apply(
         1e-3, min=1e-7, max=1.0, help="Accepted error of the picture"
     ),
     filter_name: FilterName = typer.Option(
-        FilterName.catmull_rom,
-        "--filter",
-        help="keys-6 is finer and takes twice as long",
+        None, "--filter", help="Of the warp; chosen by the tolerance if left out"
     ),
     overwrite: bool = typer.Option(
         False, "--overwrite", help="Render finished frames again"
     ),
     as_json: bool = typer.Option(False, "--json", help="Say the outcome as JSON"),
 ) -> None:
-    """Put distortion, lateral colour and fall-off of a lens on CG plates.
+    """Put distortion, lateral colour, depth of field and fall-off on CG plates.
 
     The camera state comes from each plate's header; options count in its place. Colour
-    layers are rendered, every other channel and Cryptomatte keep their bits. Finished
-    frames are skipped; a bad one is reported, and the others go on.
+    layers are rendered, every other channel and Cryptomatte keep their bits. Depth of
+    field needs a depth channel, or deep pixels. Finished frames are skipped; a bad one
+    is reported, and the others go on.
 
     Example: lensfit apply takumar/preset.json plate.####.exr --out rendered
     """
@@ -70,18 +113,30 @@ def apply(
     from lensfit.render.stages import Switches
     from lensfit.workflow.apply import apply_preset
     from lensfit.workflow.frame_renderer import ApplyOptions
+    from lensfit.workflow.plate_depth import DepthOptions
     from lensfit.workflow.plate_state import StateOverrides
 
     options = ApplyOptions(
         overrides=StateOverrides(
             focal_length_mm, f_number, focus_distance_mm, sensor_width_mm
         ),
-        switches=Switches(not no_distortion, not no_lateral_colour, not no_falloff),
+        switches=Switches(
+            not no_distortion, not no_lateral_colour, not no_falloff, not no_defocus
+        ),
+        depth=DepthOptions(
+            depth_channel,
+            depth_unit,
+            None if depth_kind is None else depth_kind.value,
+            depth_near,
+            depth_far,
+        ),
+        edge_mask=tuple(n.strip() for n in (edge_mask or "").split(",") if n.strip()),
+        output=output.value,
         keep_overscan=keep_overscan,
         layers=layer or None,
         stmap=stmap,
         tolerance=tolerance,
-        method=filter_name.value,
+        method=None if filter_name is None else filter_name.value,
         overwrite=overwrite,
     )
     with progress_bars() as progress:
@@ -91,6 +146,7 @@ def apply(
             out,
             frames=frames,
             options=options,
+            workers=workers,
             progress=progress,
         )
     _say(applied, as_json)

@@ -39,6 +39,7 @@ from lensfit.render.stages import (
 )
 from lensfit.render.uv import PlateGeometry, SourceMap
 from lensfit.workflow.deep_layers import deep_layers
+from lensfit.workflow.frame_outputs import explaining_picture
 from lensfit.workflow.plate import ColourLayer, colour_layers, resized_channels
 from lensfit.workflow.plate_depth import DepthOptions, depth_meaning, plate_depth
 from lensfit.workflow.plate_mattes import plate_mattes, with_edge_mask
@@ -109,10 +110,12 @@ class FrameRenderer:
 
     def render(self, path: Path) -> ExrImage:
         """One finished frame."""
+        if self.options.output != "result":
+            return explaining_picture(self, path)
         if is_deep(path):
             return self._render_deep(path)
         image = read_exr(path)
-        state = self._noted_state(image)
+        state = self.noted_state(image)
         layers = [colour_layers(part, self.options.layers) for part in image.parts]
         if not any(layers):
             raise _no_colour(image, self.options.layers)
@@ -123,7 +126,8 @@ class FrameRenderer:
             )
         )
 
-    def _noted_state(self, image: ExrImage) -> PlateState:
+    def noted_state(self, image: ExrImage) -> PlateState:
+        """The camera state of a plate; what was assumed is noted."""
         state = self._state_of(image)
         for note in state.notes:
             self._note(note)
@@ -131,7 +135,7 @@ class FrameRenderer:
 
     def note_if_made_otherwise(self, plate: Path, target: Path) -> None:
         """Say so when a finished frame is not what would be rendered now."""
-        wanted = self._said(self._state_of(self._header_of(plate)))
+        wanted = self._said(self._state_of(self.header_of(plate)))
         parts = read_exr(target, header_only=True).parts
         made = next((p.attributes[SAID] for p in parts if SAID in p.attributes), None)
         if made != wanted:
@@ -140,7 +144,8 @@ class FrameRenderer:
                 "preset, and were kept (--overwrite renders them again)"
             )
 
-    def _header_of(self, plate: Path) -> ExrImage:
+    def header_of(self, plate: Path) -> ExrImage:
+        """A plate without its pixels."""
         if is_deep(plate):
             return ExrImage((read_deep(plate).flat,))
         return read_exr(plate, header_only=True)
@@ -174,11 +179,11 @@ class FrameRenderer:
         result = resized_channels(part, window)
         if not layers:
             return result
-        depth, mattes = self._depth_of(part, state, *plate)
+        depth, mattes = self.depth_of(part, state, *plate)
         reach = (
             window if depth is None else window_with_margin(window, part.data_window)
         )
-        stages = self._stages_for(state, part.display_window, reach)
+        stages = self.stages_for(state, part.display_window, reach)
         self._note_border(stages, part.data_window)
         for layer in layers:
             pixels = _stacked(part, layer.names)
@@ -193,9 +198,9 @@ class FrameRenderer:
                 mattes=mattes,
             )
             result = with_channels(result, layer.names, rendered)
-        return self._signed(result, state)
+        return self.signed(result, state)
 
-    def _depth_of(
+    def depth_of(
         self, part: ExrPart, state: PlateState, image: ExrImage, path: Path
     ) -> tuple[np.ndarray | None, Mattes | None]:
         """Depth and objects over the data window of a part with colours; none where
@@ -206,7 +211,7 @@ class FrameRenderer:
             image,
             part,
             self.options.depth,
-            self._geometry(state, part.display_window),
+            self.geometry(state, part.display_window),
             self._cg_focal_length_mm(state),
         )
         if found is None:
@@ -261,7 +266,7 @@ class FrameRenderer:
         """A deep plate, flat: its layers hold what the front ones hide."""
         deep = read_deep(path)
         flat, options = deep.flat, self.options
-        state = self._noted_state(ExrImage((flat,)))
+        state = self.noted_state(ExrImage((flat,)))
         meaning, notes = depth_meaning(
             ExrImage((flat,)),
             FoundDepth(flat, options.depth.channel or "Z"),
@@ -269,7 +274,7 @@ class FrameRenderer:
         )
         slant = 1.0
         if meaning.kind == "ray":
-            offsets = self._geometry(state, flat.display_window).mm(
+            offsets = self.geometry(state, flat.display_window).mm(
                 flat.data_window.pixel_centres()
             )
             slant = ray_slant(offsets, self._cg_focal_length_mm(state))
@@ -282,7 +287,7 @@ class FrameRenderer:
         else:
             pixels = flattened(stack)
         reach = window_with_margin(window, flat.data_window) if blurs else window
-        stages = self._stages_for(state, flat.display_window, reach)
+        stages = self.stages_for(state, flat.display_window, reach)
         self._note_border(stages, flat.data_window)
         for note in (*notes, DEEP_IS_FLAT):
             self._note(note)
@@ -293,9 +298,9 @@ class FrameRenderer:
         planes = np.ascontiguousarray(np.moveaxis(rendered, -1, 0))
         channels = dict(zip("RGBA", planes, strict=True))
         result = replace(flat, channels=channels, data_window=window, attributes=kept)
-        return ExrImage((self._signed(result, state),))
+        return ExrImage((self.signed(result, state),))
 
-    def _signed(self, part: ExrPart, state: PlateState) -> ExrPart:
+    def signed(self, part: ExrPart, state: PlateState) -> ExrPart:
         """The part with a header that says what was done to it."""
         said = {**part.attributes, SAID: self._said(state)}
         if OVERSCAN in said and part.data_window == part.display_window:
@@ -307,7 +312,8 @@ class FrameRenderer:
             self._note(border_note(stages, source))
             self._stages_noted = stages
 
-    def _geometry(self, state: PlateState, display: Window) -> PlateGeometry:
+    def geometry(self, state: PlateState, display: Window) -> PlateGeometry:
+        """How a plate lies on the sensor."""
         lens = self.preset.at(*state.lens_key)
         return PlateGeometry.of(lens, display, state.sensor_width_mm)
 
@@ -315,7 +321,7 @@ class FrameRenderer:
         stated = state.lens_key[0]
         return self.preset.entries[0].focal_length_mm if stated is None else stated
 
-    def _stages_for(self, state: PlateState, display: Window, window: Window) -> Stages:
+    def stages_for(self, state: PlateState, display: Window, window: Window) -> Stages:
         """Maps and gains; made anew only when the camera or the windows change."""
         key = (state.lens_key, state.sensor_width_mm, display, window)
         if self._stages is None or key != self._key:
@@ -383,6 +389,8 @@ class FrameRenderer:
         if switches.defocus and self.options.edge_mask:
             effects.append(f"edges of {', '.join(self.options.edge_mask)}")
         lens = ", ".join([f"{self.preset.lens.name} ({self._digest})", *at])
+        if self.options.output != "result":
+            effects = [self.options.output]
         return f"lensfit {__version__}: {lens}; {', '.join(effects) or 'nothing'}"
 
 

@@ -1,0 +1,118 @@
+"""Pictures that explain a result: blur in pixels, the lens' dots, its kernels.
+
+- ``circle-of-confusion``: signed diameter in pixels of the blur of each pixel, positive
+  in front of the focus distance, as a plain thin lens of this focal length and stop
+  would make it; in channel Y, where the result has its pixels.
+- ``aberration-dots``: the dot grid at the focus distance, as this lens would photograph
+  it, at the plate's size.
+- ``filter``: the kernels over a grid of field points, at the plate's pixels, for a
+  point at infinity (R, G, B), at the focus distance (``focus``) and half as far
+  (``near``).
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lensfit.coords import Window
+from lensfit.errors import ImageError
+from lensfit.io.exr import ExrImage, ExrPart, read_exr
+from lensfit.render.circle import Circle
+from lensfit.render.lens_pictures import aberration_dots, kernel_mosaic
+from lensfit.render.nearest import nearest
+from lensfit.workflow.plate import colour_layers
+
+if TYPE_CHECKING:
+    from lensfit.workflow.frame_renderer import FrameRenderer
+
+_FAR_MM = 1e7
+"""Chart distance for a lens that is focused at infinity."""
+
+
+def explaining_picture(renderer: "FrameRenderer", path: Path) -> ExrImage:
+    """The picture that the options ask for in place of the result.
+
+    Raises
+    ------
+    ImageError : The plate has no depth where it is needed.
+    LensfitError : The lens' blur cannot be known.
+    """
+    if renderer.options.output == "circle-of-confusion":
+        return _circle_of_confusion(renderer, path)
+    image = renderer.header_of(path)
+    part = image.parts[0]
+    state = renderer.noted_state(image)
+    lens = renderer.preset.at(*state.lens_key)
+    geometry = renderer.geometry(state, part.display_window)
+    focus_mm = lens.focus_distance_mm
+    if focus_mm is None and lens.blur is not None:
+        focus_mm = float(lens.blur.reference_distance_mm)
+    if focus_mm is None:
+        raise ImageError(
+            "states no focus distance", remedy="give it with --focus-distance-mm"
+        )
+    focus_mm = min(focus_mm, _FAR_MM)
+    if renderer.options.output == "aberration-dots":
+        keep = renderer.options.keep_overscan
+        window = part.data_window if keep else part.display_window
+        rgb = aberration_dots(lens, geometry, window, focus_mm)
+        layers, display = {"": rgb}, part.display_window
+    else:
+        mosaics = {
+            "": kernel_mosaic(lens, geometry, np.inf),
+            "focus": kernel_mosaic(lens, geometry, focus_mm),
+            "near": kernel_mosaic(lens, geometry, focus_mm / 2),
+        }
+        height = max(m.rgb.shape[0] for m in mosaics.values())
+        width = max(m.rgb.shape[1] for m in mosaics.values())
+        window = display = Window.of_size(width, height)
+        layers = {
+            name: _spaced(m.rgb, m.tile_px, display) for name, m in mosaics.items()
+        }
+    channels = {
+        f"{name}.{leaf}" if name else leaf: np.ascontiguousarray(rgb[..., index])
+        for name, rgb in layers.items()
+        for index, leaf in enumerate("RGB")
+    }
+    made = ExrPart(channels, window, display, part.attributes)
+    return ExrImage((renderer.signed(made, state),))
+
+
+def _spaced(rgb: np.ndarray, tile_px: int, display: Window) -> np.ndarray:
+    """Tiles in the middle of larger ones, so that all mosaics fit one another."""
+    rows, columns = rgb.shape[0] // tile_px, rgb.shape[1] // tile_px
+    size = display.height // rows
+    before = (size - tile_px) // 2
+    tiles = rgb.reshape(rows, tile_px, columns, tile_px, 3)
+    pad = (before, size - tile_px - before)
+    return np.pad(tiles, ((0, 0), pad, (0, 0), pad, (0, 0))).reshape(
+        rows * size, columns * size, 3
+    )
+
+
+def _circle_of_confusion(renderer: "FrameRenderer", path: Path) -> ExrImage:
+    image = read_exr(path)
+    state = renderer.noted_state(image)
+    part = next((p for p in image.parts if colour_layers(p)), image.parts[0])
+    depth, _ = renderer.depth_of(part, state, image, path)
+    if depth is None:
+        raise ImageError(
+            "has no depth from which blur could be known",
+            remedy="name its channel with --depth-channel, and state --f-number and "
+            "--focus-distance-mm",
+        )
+    keep = renderer.options.keep_overscan
+    window = part.data_window if keep else part.display_window
+    stages = renderer.stages_for(state, part.display_window, window)
+    lens = renderer.preset.at(*state.lens_key)
+    circle = Circle.of(lens, renderer.geometry(state, part.display_window))
+    landed = nearest(depth, part.data_window, stages.maps[1])
+    made = ExrPart(
+        {"Y": (2 * circle.radius_px(landed)).astype(np.float32)},
+        window,
+        part.display_window,
+        part.attributes,
+        pixel_aspect=part.pixel_aspect,
+    )
+    return ExrImage((renderer.signed(made, state),))
