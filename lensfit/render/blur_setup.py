@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 _TILES = ((14, 64), (56, 128), (1000, 256))
 """Largest reach of a kernel, px, and the tile that goes with it."""
 _LEVEL_GROUP = 4
+_FINE = 8
+"""Kernels are made for multiples of this part of a level, so that frames share them."""
 
 
 class BlurBudget(NamedTuple):
@@ -177,17 +179,26 @@ class Defocus:
         needs = KernelNeeds(self.budget.kernel_error, self.budget.lost)
         return KernelBank(self.lens, self.geometry, self.circle, self.levels, needs)
 
-    def setup(self, window: Window, levels: list[int]) -> BlurSetup:
-        """Kernels of these levels over a window."""
+    def setup(self, window: Window, found: dict[int, float]) -> BlurSetup:
+        """Kernels of levels over a window.
+
+        Parameters
+        ----------
+        found : Levels that occur, far to near, and where within each its pixels lie.
+        """
+        levels = list(found)
         grid, chromatic = self.variation(window, levels)
-        channels = RGB if chromatic else ("g",)
-        kernels = {n: self.bank.kernels(n, grid, channels) for n in levels}
+        channels: tuple[Channel, ...] = RGB if chromatic else ("g",)
+        at = {n: round(_FINE * found[n]) / _FINE for n in levels}
+        kernels = {n: self.bank.kernels(at[n], grid, channels) for n in levels}
         reaches = {n: k.shape[-1] // 2 for n, k in kernels.items()}
         blurred = {n for n in levels if _leaves(kernels[n]) > self.budget.unseen}
         longest = max((reaches[n] for n in blurred), default=0)
         tile = next(size for reach, size in _TILES if longest <= reach)
         rooms = {n: room_px(tile, reaches[n]) for n in blurred}
-        transforms = {n: self._transforms(n, grid, channels, rooms[n]) for n in blurred}
+        transforms = {
+            n: self._transforms(at[n], grid, channels, rooms[n]) for n in blurred
+        }
         return BlurSetup(
             levels,
             grid,
@@ -217,7 +228,7 @@ class Defocus:
         return self._kept[key]
 
     def _transforms(
-        self, level: int, grid: FieldGrid, channels: tuple[Channel, ...], room: int
+        self, level: float, grid: FieldGrid, channels: tuple[Channel, ...], room: int
     ) -> jax.Array:
         key = (level, grid, channels, room)
         if key not in self._kept:

@@ -71,36 +71,41 @@ def blurred_plate(
     output_window : Pixels to return; inside `window`.
     """
     radius_px = defocus.circle.radius_px(depth_mm)
-    levels = _levels_in(defocus.levels.index(radius_px))
-    setup = defocus.setup(window, levels)
-    if setup.is_sharp:
+    index = defocus.levels.index(radius_px)
+    if defocus.setup(window, levels_in(index, radius_px, defocus)).is_sharp:
         return crop(rgba, window, output_window)
     rgba = np.nan_to_num(rgba, nan=0.0, posinf=0.0, neginf=0.0)
     lights = take_highlights(rgba, radius_px)
     found = two_layers(rgba, radius_px, mattes)
-    front = defocus.levels.index(found.front_px)
-    back = defocus.levels.index(found.back_px)
-    back[~found.has_back] = NEVER
-    scene = Scene(np.stack([found.front, found.back]), np.stack([front, back]), lights)
-    return _blurred_scene(scene, window, output_window, defocus)
+    each_px = np.stack([found.front_px, found.back_px])
+    index = defocus.levels.index(each_px)
+    index[1][~found.has_back] = NEVER
+    scene = Scene(np.stack([found.front, found.back]), index, lights)
+    setup = defocus.setup(window, levels_in(index, each_px, defocus))
+    return _blurred_scene(scene, setup, window, output_window, defocus)
 
 
 def blurred_layers(
     layers: LayerStack, window: Window, output_window: Window, defocus: Defocus
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
     """A deep plate, which knows what is hidden; parameters as `blurred_plate`."""
-    index = defocus.levels.index(defocus.circle.radius_px(layers.depth_mm))
+    radius_px = defocus.circle.radius_px(layers.depth_mm)
+    index = defocus.levels.index(radius_px)
     index[layers.rgba[..., 3] <= 0] = NEVER
-    if defocus.setup(window, _levels_in(index)).is_sharp:
+    setup = defocus.setup(window, levels_in(index, radius_px, defocus))
+    if setup.is_sharp:
         return crop(flattened(layers), window, output_window)
     rgba = np.nan_to_num(layers.rgba, nan=0.0, posinf=0.0, neginf=0.0)
-    return _blurred_scene(Scene(rgba, index), window, output_window, defocus)
+    return _blurred_scene(Scene(rgba, index), setup, window, output_window, defocus)
 
 
 def _blurred_scene(
-    scene: Scene, window: Window, output_window: Window, defocus: Defocus
+    scene: Scene,
+    setup: BlurSetup,
+    window: Window,
+    output_window: Window,
+    defocus: Defocus,
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
-    setup = defocus.setup(window, _levels_in(scene.index))
     tiles = _Tiles.over(window, output_window, setup)
     result = np.zeros((output_window.height, output_window.width, 4), np.float32)
     lights = SpreadLights.of(
@@ -125,11 +130,28 @@ def _blurred_scene(
     return result
 
 
-def _levels_in(index: np.ndarray) -> list[int]:
-    low = int(index.min())
-    counts = np.bincount((index.astype(np.int32) - low).ravel())
-    levels = [low + int(n) for n in np.flatnonzero(counts)]
-    return [n for n in levels if n != NEVER] or [0]
+def levels_in(
+    index: Int16[np.ndarray, "*shape"],
+    radius_px: Float32[np.ndarray, "*shape"],
+    defocus: Defocus,
+) -> dict[int, float]:
+    """The levels that occur, far to near, and where in each its pixels really lie.
+
+    A wall that fills half of a picture so gets the kernel of its own distance.
+    """
+    present = index != NEVER
+    some = index if present.all() else index[present]
+    radii = radius_px if some is index else radius_px[present]
+    if not some.size:
+        return {0: 0.0}
+    low = int(some.min())
+    from_low = (some - np.int16(low)).ravel()
+    counts = np.bincount(from_low)
+    sums = np.bincount(from_low, radii.ravel())
+    return {
+        low + int(n): defocus.levels.between(sums[n] / counts[n])
+        for n in np.flatnonzero(counts)
+    }
 
 
 class _Tiles(NamedTuple):

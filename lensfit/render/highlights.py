@@ -20,6 +20,9 @@ from jaxtyping import Float32
 
 _WHITE = 1.0
 _ABOVE = 2.0
+_DIM = 0.05
+_FAR_ABOVE = 30.0
+"""Over its surroundings: a star on black is a highlight however dim it is."""
 _SIZE_PX = 9
 _SMOOTH_PX = 3.0
 _DEPTH_HOPS = 3
@@ -71,12 +74,13 @@ def take_highlights(
         the surroundings, or the light's own if that lies farther.
     """
     brightest = rgba[..., :3].max(-1)
-    if not (brightest > _WHITE).any():
+    if not (brightest > _DIM).any():
         return None
     broad = cv2.morphologyEx(
         brightest, cv2.MORPH_OPEN, np.ones((_SIZE_PX, _SIZE_PX), np.uint8)
     )
     bright = (brightest > _WHITE) & (brightest > _ABOVE * broad + _WHITE / 2)
+    bright |= (brightest > _DIM) & (brightest > _FAR_ABOVE * broad)
     if not bright.any():
         return None
     ring = np.ones((3, 3), np.uint8)

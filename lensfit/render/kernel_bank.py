@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 
 RGB: tuple[Channel, ...] = ("r", "g", "b")
 _LARGEST_HALF_PX = 600
-_MOST_CELLS = 24
+_MOST_CELLS = 30
 _LEAST_RAY_ERROR = 0.004
+_MIDWAY = 1.6
+"""Error of a mixture midway between nodes over its mean over a cell."""
 _TOGETHER = 12
 """Kernels that are asked for together, so that one program serves any number."""
 _RAY_ERROR = 0.5
@@ -205,14 +207,15 @@ def trimmed(
 
 
 def mixing_error(bank: KernelBank, window: Window, level: float, cells: int) -> float:
-    """Largest relative error, along the diagonal, of the mixture of two neighbours."""
+    """Relative error, rms along the diagonal, of the mixture of two neighbours."""
     low, high = np.array(window[:2], float), np.array(window[2:], float) + 1
     t = np.linspace(0.0, 1.0, 2 * cells + 1)[:, None]
     found = bank.at(low + t * (high - low), level, ("g",))[:, 0]
     exact, between = found[1::2], (found[:-1:2] + found[2::2]) / 2
     away = np.linalg.norm(exact - between, axis=(1, 2))
     error = away / np.linalg.norm(exact, axis=(1, 2))
-    return float(np.nanmax(error, initial=0.0))
+    seen = error[np.isfinite(error)]
+    return float(np.sqrt(np.mean(seen**2))) if seen.size else 0.0
 
 
 def field_grid(bank: KernelBank, window: Window, levels: list[int]) -> FieldGrid:
@@ -230,7 +233,10 @@ def field_grid(bank: KernelBank, window: Window, levels: list[int]) -> FieldGrid
         return centre
     cells = 2
     while cells < _MOST_CELLS:
-        if all(mixing_error(bank, window, n, cells) <= bank.needs.error for n in ends):
+        if all(
+            mixing_error(bank, window, n, cells) <= _MIDWAY * bank.needs.error
+            for n in ends
+        ):
             break
         cells = math.ceil(1.5 * cells)
     # Cells along the diagonal, spread over two sides.
