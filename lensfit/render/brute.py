@@ -3,10 +3,6 @@
 `exact_block` spreads each pixel of one surface by the lens' kernel of that very place,
 summed pixel by pixel: no grid of kernels, no levels, no tiles, nothing cut off. It
 answers for a small block of output pixels at a time, since a kernel takes milliseconds.
-
-`every_level` is the depth of field of a whole plate with the same layers as the fast
-way, but with a level for every twentieth of a pixel of blur and each convolved directly:
-what is left of the fast way's error when levels, tiles and cut-off cost nothing.
 """
 
 import numpy as np

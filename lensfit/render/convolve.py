@@ -29,10 +29,13 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex64, Float32, Int, Int16
 
 _LEAST_KNOWN = 1e-3
 """Where less than this of the kernel's light is known, nothing is shown or hidden."""
+
+_FAR_LEVEL = np.int32(1 << 20)
 
 Layers = Float32[Array, "layers height width 4"]
 Indices = Int16[Array, "layers height width"]
@@ -128,19 +131,34 @@ def _patches(
 
     colour, at = jax.vmap(cut)(corners)
     on_it = jnp.zeros_like(colour[:, 0])
-    covered = jnp.zeros_like(on_it[..., 0])
-    unhidden = jnp.ones_like(covered)
     for i in reversed(range(layers)):  # back to front
         here = colour[:, i]
-        alpha = here[..., 3]
-        same = at[:, i] == level
-        over = here + on_it * (1 - alpha[..., None])
-        on_it = jnp.where(same[..., None], over, on_it)
-        behind = (at[:, i] <= level) & (alpha > 0)
-        covered = jnp.where(behind, 1.0, covered)
-        unhidden = unhidden * jnp.where(at[:, i] > level, 1 - alpha, 1.0)
-    known = jnp.where(covered > 0, 1.0, unhidden).astype(on_it.dtype)
-    return on_it[..., :3], on_it[..., 3], known
+        over = here + on_it * (1 - here[..., 3:])
+        on_it = jnp.where((at[:, i] == level)[..., None], over, on_it)
+    known = _known(colour[..., 3], at.astype(jnp.int32), level.astype(jnp.int32))
+    return on_it[..., :3], on_it[..., 3], known.astype(on_it.dtype)
+
+
+def _known(alpha: Array, at: Array, level: Array) -> Array:
+    """What is known of a level or of what lies behind it, 0 to 1, at each pixel.
+
+    Where the first thing on or behind the level was filled in behind a nearer one, a
+    level closer to the nearer one counts as the other side of that same surface, which
+    nobody knows there: a curved thing must not let through what is behind it.
+    """
+    unhidden = jnp.ones_like(alpha[:, 0])
+    known, decided = jnp.zeros_like(unhidden), jnp.zeros(unhidden.shape, bool)
+    nearer = jnp.full(unhidden.shape, _FAR_LEVEL)
+    for i in range(alpha.shape[1]):
+        there, own = alpha[:, i] > 0, at[:, i]
+        behind = there & (own <= level)
+        close = level - own <= nearer - level
+        known = jnp.where(behind & ~decided, jnp.where(close, 1, unhidden), known)
+        decided = decided | behind
+        in_front = there & ~decided
+        unhidden = unhidden * jnp.where(in_front, 1 - alpha[:, i], 1)
+        nearer = jnp.where(in_front, own, nearer)
+    return jnp.where(decided, known, unhidden)
 
 
 def _bilinear(cells: Array, room: int) -> Array:

@@ -107,7 +107,8 @@ def _blurred_scene(
     defocus: Defocus,
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
     tiles = _Tiles.over(window, output_window, setup)
-    result = np.zeros((output_window.height, output_window.width, 4), np.float32)
+    size = output_window.height, output_window.width
+    colour, through = np.zeros((*size, 3), np.float32), np.ones(size, np.float32)
     lights = SpreadLights.of(
         scene.highlights, window, output_window, defocus.bank, setup
     )
@@ -124,9 +125,13 @@ def _blurred_scene(
             for job, made in zip(jobs, work, strict=True):
                 shown, hidden = made.result()
                 for n, tile in enumerate(job):
-                    _lay_over(result, lights, tiles.inside(tile), shown[n], hidden[n])
+                    at = tiles.inside(tile)
+                    left = _lay_over(colour[at], through[at], shown[n], hidden[n])
+                    lights.dim(at, left)
             lights.add(level)
-    result[..., :3] += lights.plane
+    result = np.empty((*size, 4), np.float32)
+    np.add(colour, lights.plane, out=result[..., :3])
+    np.subtract(1, through, out=result[..., 3])
     return result
 
 
@@ -268,18 +273,12 @@ def _blurred(
 
 
 def _lay_over(
-    result: np.ndarray,
-    lights: SpreadLights,
-    at: tuple[slice, slice],
-    shown: np.ndarray,
-    hidden: np.ndarray,
-) -> None:
-    """A tile of a level over what lies behind it."""
-    height, width = at[0].stop - at[0].start, at[1].stop - at[1].start
+    colour: np.ndarray, through: np.ndarray, shown: np.ndarray, hidden: np.ndarray
+) -> np.ndarray:
+    """A tile of a level over what lies behind it; what the level lets through."""
+    height, width = through.shape
     left = 1 - hidden[:height, :width]
-    target = result[at]
-    target[..., :3] *= left
-    target[..., :3] += shown[:height, :width]
-    green = left[..., left.shape[-1] // 2]
-    target[..., 3] = 1 - (1 - target[..., 3]) * green
-    lights.dim(at, left)
+    colour *= left
+    colour += shown[:height, :width]
+    through *= left[..., left.shape[-1] // 2]
+    return left

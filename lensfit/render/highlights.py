@@ -26,6 +26,8 @@ _FAR_ABOVE = 30.0
 _SIZE_PX = 9
 _SMOOTH_PX = 3.0
 _DEPTH_HOPS = 3
+_ROOM_PX = 12
+_MOST_BOXES = 2000
 
 
 class Highlights(NamedTuple):
@@ -73,7 +75,8 @@ def take_highlights(
     radius_px : Signed radius of blur of each pixel; under a light it becomes that of
         the surroundings, or the light's own if that lies farther.
     """
-    brightest = rgba[..., :3].max(-1)
+    red, green, blue = (rgba[..., c] for c in range(3))
+    brightest = np.maximum(np.maximum(red, green), blue)
     if not (brightest > _DIM).any():
         return None
     broad = cv2.morphologyEx(
@@ -85,32 +88,48 @@ def take_highlights(
         return None
     ring = np.ones((3, 3), np.uint8)
     mask = cv2.dilate(bright.astype(np.uint8), ring)
-    ground, ground_px = _closed(rgba, radius_px, cv2.dilate(mask, ring))
-    light = np.zeros((*mask.shape, 3), np.float32)
+    light, own_px = np.zeros((*mask.shape, 3), np.float32), radius_px.copy()
     at = mask > 0
-    base = np.minimum(ground[at], rgba[at])
-    light[at] = (rgba[at] - base)[:, :3]
-    own_px = _one_depth_each(light.sum(-1), radius_px, at)
-    rgba[at] = base
-    radius_px[at] = np.minimum(ground_px[at], own_px[at])
+    hole = cv2.dilate(mask, ring)
+    for box, own in _boxes(hole):
+        here = at[box] & own
+        ground, ground_px = _closed(rgba[box], radius_px[box], hole[box])
+        base = np.minimum(ground, rgba[box])[here]
+        light[box][here] = (rgba[box][here] - base)[:, :3]
+        lit = light[box].sum(-1)
+        own_px[box][here] = _one_depth_each(lit, radius_px[box], here)[here]
+        rgba[box][here] = base
+        radius_px[box][here] = np.minimum(ground_px[here], own_px[box][here])
     return Highlights(light, own_px, mask)
+
+
+def _boxes(
+    hole: np.ndarray,
+) -> Iterator[tuple[tuple[slice, slice], np.ndarray]]:
+    """A box with some room around each hole, and which of its pixels are that hole's;
+    the whole plate if they are very many."""
+    count, label, found, _ = cv2.connectedComponentsWithStats(hole)
+    if count > _MOST_BOXES:
+        yield (slice(0, hole.shape[0]), slice(0, hole.shape[1])), label > 0
+        return
+    for i in range(1, count):
+        x, y, width, height = (int(v) for v in found[i, :4])
+        box = (
+            slice(max(y - _ROOM_PX, 0), y + height + _ROOM_PX),
+            slice(max(x - _ROOM_PX, 0), x + width + _ROOM_PX),
+        )
+        yield box, label[box] == i
 
 
 def _closed(
     rgba: np.ndarray, radius_px: np.ndarray, hole: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Colour and radius of the surroundings, continued into holes."""
-    rows, columns = np.flatnonzero(hole.any(1)), np.flatnonzero(hole.any(0))
-    room = 16
-    y = slice(max(rows[0] - room, 0), rows[-1] + room)
-    x = slice(max(columns[0] - room, 0), columns[-1] + room)
-    keep = (1 - hole[y, x]).astype(np.float32)
+    keep = (1 - hole).astype(np.float32)
     weight = np.maximum(cv2.GaussianBlur(keep, (0, 0), _SMOOTH_PX), 1e-6)
-    colour, radius = rgba.copy(), radius_px.copy()
-    smooth = cv2.GaussianBlur(rgba[y, x] * keep[..., None], (0, 0), _SMOOTH_PX)
-    colour[y, x] = smooth / weight[..., None]
-    radius[y, x] = cv2.GaussianBlur(radius_px[y, x] * keep, (0, 0), _SMOOTH_PX) / weight
-    return colour, radius
+    smooth = cv2.GaussianBlur(rgba * keep[..., None], (0, 0), _SMOOTH_PX)
+    radius = cv2.GaussianBlur(radius_px * keep, (0, 0), _SMOOTH_PX)
+    return smooth / weight[..., None], radius / weight
 
 
 def _one_depth_each(

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32
 
 from lensfit.coords import Window
 from lensfit.render.blur_setup import BlurSetup
@@ -14,6 +14,7 @@ from lensfit.render.kernel_bank import RGB, KernelBank, trimmed
 from lensfit.render.uv import Channel
 
 _FINER = 3
+_CELL = 16
 
 
 @dataclass(eq=False)
@@ -24,12 +25,12 @@ class SpreadLights:
     ----------
     plane : What has been spread so far, over the output.
     waiting : By level: a patch of spread light, row and column of its first pixel.
-    lit : Whether `plane` holds anything.
+    lit : Which cells of `plane` hold anything.
     """
 
     plane: Float32[np.ndarray, "height width 3"]
     waiting: dict[int, list[tuple[np.ndarray, int, int]]]
-    lit: bool = False
+    lit: Bool[np.ndarray, "rows columns"]
 
     @classmethod
     def of(
@@ -51,7 +52,8 @@ class SpreadLights:
             half = kernels.shape[-1] // 2
             place = spot.row - half - top, spot.column - half - left
             waiting.setdefault(level, []).append((_spread(spot.light, kernels), *place))
-        return cls(plane, waiting)
+        cells = np.zeros((output.height // _CELL + 1, output.width // _CELL + 1), bool)
+        return cls(plane, waiting, cells)
 
     def add(self, level: int) -> None:
         """Lights of a level that has just been laid over."""
@@ -63,11 +65,16 @@ class SpreadLights:
             if y0 < y1 and x0 < x1:
                 part = light[y0 - row : y1 - row, x0 - column : x1 - column]
                 self.plane[y0:y1, x0:x1] += part
-                self.lit = True
+                rows, columns = (
+                    slice(y0 // _CELL, y1 // _CELL + 1),
+                    slice(x0 // _CELL, x1 // _CELL + 1),
+                )
+                self.lit[rows, columns] = True
 
     def dim(self, at: tuple[slice, slice], left: np.ndarray) -> None:
         """A level that lets this share through lies in front of the lights so far."""
-        if self.lit:
+        rows, columns = (slice(s.start // _CELL, s.stop // _CELL + 1) for s in at)
+        if self.lit[rows, columns].any():
             self.plane[at] *= left
 
 
