@@ -5,27 +5,42 @@ with the same number of rows is compiled once, whatever number of them is wanted
 """
 
 from collections.abc import Callable
+from typing import Any
 
+import jax
 import numpy as np
-from jaxtyping import Float
 
 BATCH = 4096
 
 
-def in_batches(
-    function: Callable[[np.ndarray], object],
-    rows: Float[np.ndarray, "rows ..."],
-    size: int = BATCH,
-) -> Float[np.ndarray, "rows ..."]:
+def in_batches(function: Callable[[Any], Any], rows: Any, size: int = BATCH) -> Any:
     """`function` of all rows, called with `size` rows at a time.
 
     Parameters
     ----------
-    function : One value, of any shape, for each row, independent of the other rows.
-    rows : At least one; the last is repeated to fill its batch.
+    function : One value, of any shape, for each row, independent of the other rows; or
+        a tree of such arrays.
+    rows : At least one, an array or a tree of arrays; the last is repeated to fill its
+        batch.
     size : Rows of a batch.
+
+    Returns
+    -------
+    NumPy arrays, as many rows as were given.
     """
-    padding = -len(rows) % size
-    padded = np.concatenate([rows, np.repeat(rows[-1:], padding, 0)])
-    batches = padded.reshape(-1, size, *rows.shape[1:])
-    return np.concatenate([np.asarray(function(b)) for b in batches])[: len(rows)]
+    count = len(jax.tree.leaves(rows)[0])
+    padding = -count % size
+
+    def padded(array: Any) -> np.ndarray:
+        array = np.asarray(array)
+        return np.concatenate([array, np.repeat(array[-1:], padding, 0)])
+
+    def joined(*parts: Any) -> np.ndarray:
+        return np.concatenate([np.asarray(part) for part in parts])[:count]
+
+    whole = jax.tree.map(padded, rows)
+    batches = (
+        jax.tree.map(lambda array, k=k: array[k : k + size], whole)
+        for k in range(0, count + padding, size)
+    )
+    return jax.tree.map(joined, *[function(batch) for batch in batches])

@@ -20,9 +20,10 @@ from lensfit.fit.geometry import distortion_of
 from lensfit.fit.illumination import FallOffFit, fit_illumination
 from lensfit.fit.take import Take, grouped
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
-from lensfit.fit.wavefront.fit import Effort, WavefrontFit, fit_wavefront
-from lensfit.fit.wavefront.gather import LARGEST_HOLE_CELLS, Shown, hole_cells
+from lensfit.fit.wavefront.effort import Effort
+from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
 from lensfit.fit.wavefront.place import placed
+from lensfit.fit.wavefront.shown import LARGEST_HOLE_CELLS, Shown, hole_cells
 from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent

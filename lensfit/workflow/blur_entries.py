@@ -32,7 +32,7 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     pupil = pupil_of(opening, layout, jnp.asarray(1.0 * stage.blades))
     ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
     numbers = gathered.f_numbers
-    seen = "exit_pupil" in {f.name for f in wavefront.families}
+    seen = wavefront.has("exit_pupil")
     return blur_block(
         aberration,
         pupil,
@@ -53,7 +53,7 @@ def _pupil_magnification(state: LensState, wavefront: WavefrontFit) -> float:
 
     By `optics.paraxial`, L = m_p f + f^2 / X and c = f + f^2 / (m_p X): L = m_p c.
     """
-    if "exit_pupil" not in {family.name for family in wavefront.families}:
+    if not wavefront.has("exit_pupil"):
         return _EQUAL_PUPILS
     stage = wavefront.stage
     return float(np.exp(stage.parameters[stage.layout.blocks["exit_pupil"]][0]))

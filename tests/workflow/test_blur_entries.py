@@ -12,7 +12,7 @@ from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.families import FINE, Family
 from lensfit.fit.wavefront.gather import Group
 from lensfit.fit.wavefront.parameters import Layout, Scale
-from lensfit.fit.wavefront.rays import Colour, rays_of
+from lensfit.fit.wavefront.rays import Colour, spot_seen
 from lensfit.kernel.pixels import (
     diffraction_variance_mm2,
     image_of,
@@ -93,6 +93,7 @@ def fit_of(focus_mm: tuple[float | None, ...], exit_pupil: bool = True):
         gathered=gathered,
         stage=stage,
         families=families,
+        has=lambda name: any(one.name == name for one in families),
         verdicts=(
             Verdict("exit_pupil", exit_pupil, 30.0, 0.1),
             Verdict("fifth_order", False, -8.0, 0.0),
@@ -143,7 +144,7 @@ def _spots(numbers, dot, colours):
     """Of all channels."""
 
     def one(colour):
-        return rays_of(numbers, dot, colour, LAYOUT, _spots_scale(), 4096).spot
+        return spot_seen(numbers, dot, colour, LAYOUT, _spots_scale(), 3 * 4096)[0]
 
     return jax.vmap(one)(colours)
 

@@ -7,9 +7,7 @@ by the ratio of the principal distances.
 """
 
 import itertools
-import time
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +15,7 @@ from jaxtyping import Float
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.select import Verdict
 from lensfit.fit.wavefront.blades import with_blades
+from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.evidence import choose, held_out_dots, held_out_take
 from lensfit.fit.wavefront.families import (
     COARSE,
@@ -28,12 +27,12 @@ from lensfit.fit.wavefront.families import (
 )
 from lensfit.fit.wavefront.gather import (
     Gathered,
-    Shown,
     chosen,
     gather,
     spread_over_takes,
 )
 from lensfit.fit.wavefront.parameters import Layout
+from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import (
     COARSE_SHARE,
     Stage,
@@ -61,21 +60,6 @@ _BETWEEN = 5
 """Passes between two findings of weights."""
 _DECISIVE = 1.1
 """How much better a sign of defocus must explain the photographs."""
-
-
-class Effort(Enum):
-    """Speed against error: dots of each take in the coarse and in the fine stages, and
-    rounds of the fine one with weights found anew between them."""
-
-    FASTEST = (6, 6, 1)
-    FAST = (6, 12, 2)
-    NORMAL = (8, 20, 3)
-    BEST = (8, 48, 4)
-
-    def __init__(self, coarse_dots: int, fine_dots: int, rounds: int):
-        self.coarse_dots = coarse_dots
-        self.fine_dots = fine_dots
-        self.rounds = rounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +95,10 @@ class WavefrontFit:
     held_out_takes: tuple[float | None, ...]
     converged: bool
     notes: tuple[str, ...]
-    seconds: dict[str, float]
+
+    def has(self, family: str) -> bool:
+        """Whether a family of parameters was fitted and kept."""
+        return any(one.name == family for one in self.families)
 
 
 def fit_wavefront(
@@ -129,8 +116,6 @@ def fit_wavefront(
     shown : Photographs whose f-number is known.
     fall_off : Measured at the widest f-number, or None.
     """
-    clock = time.perf_counter
-    began = clock()
     every = gather(shown, spectrum or bands(3))
     layout = Layout(
         TERMS,
@@ -143,7 +128,6 @@ def fit_wavefront(
     progress("wavefront", 1, 4)
     middle = _middle(coarse, families)
     progress("wavefront", 2, 4)
-    after_coarse = clock()
     more = chosen(every, spread_over_takes(every, effort.fine_dots))
     families = families_of(more, layout, coarse.mean[layout.blocks["defocus"]])
     fine = _fine(more, middle, families, effort.rounds)
@@ -166,10 +150,6 @@ def fit_wavefront(
         held_out_takes=held_out,
         converged=bool(final.solution and final.solution.converged),
         notes=_notes(sign_known, final),
-        seconds={
-            "wavefront_coarse": after_coarse - began,
-            "wavefront_fine": clock() - after_coarse,
-        },
     )
 
 
@@ -222,7 +202,6 @@ def _fine(
         stage,
         mean=middle.mean,
         blades=middle.blades,
-        passes=middle.passes,
         weight=first_weights(gathered, COARSE_SHARE),
     )
     stage = settled(freed(stage, deviation_of(families, middle.layout, FINE)))

@@ -16,11 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from lensfit.batches import in_batches
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.dots import Dots
-from lensfit.fit.wavefront.gather import Gathered, Shown
+from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.rays import centroids_mm
+from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage, with_iris
 
 _BATCH = 512
@@ -43,24 +45,17 @@ def placed(stage: Stage, gathered: Gathered) -> list[Take]:
 
 def _dragged_mm(stage: Stage, gathered: Gathered) -> Float[np.ndarray, "dots 3 2"]:
     """Centroid of every dot and channel from where its chief ray lands."""
-    dots = with_iris(gathered, stage.blades)
-    count = len(gathered.take)
-    room = -(-count // _BATCH) * _BATCH
-    filled = jax.tree.map(
-        lambda a: np.pad(a, [(0, room - count), *[(0, 0)] * (a.ndim - 1)], mode="edge"),
-        dots,
-    )
-    found = [
-        _centroids(
+    return in_batches(
+        lambda dots: _centroids(
             jnp.asarray(stage.parameters),
-            jax.tree.map(lambda a, k=k: jnp.asarray(a[k : k + _BATCH]), filled),
+            jax.tree.map(jnp.asarray, dots),
             jnp.asarray(gathered.chromatic),
             stage.layout,
             gathered.scale,
-        )
-        for k in range(0, room, _BATCH)
-    ]
-    return np.concatenate([np.asarray(part) for part in found])[:count]
+        ),
+        with_iris(gathered, stage.blades),
+        _BATCH,
+    )
 
 
 @partial(jax.jit, static_argnames=("layout",))

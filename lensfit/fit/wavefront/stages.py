@@ -49,7 +49,6 @@ class Stage:
     points : Rays through the opening.
     solution : Of the last solve.
     blades : Of the iris when stopped down.
-    passes : Over the patches so far, times dots.
     """
 
     gathered: Gathered
@@ -63,7 +62,6 @@ class Stage:
     points: Points = DEFAULT_POINTS
     solution: Solution | None = None
     blades: int = 0
-    passes: int = 0
 
     @property
     def equations(self) -> Equations:
@@ -180,7 +178,6 @@ def solved(stage: Stage, most_steps: int, damping: float = _DAMPING) -> Stage:
         stage,
         parameters=found.parameters,
         solution=found,
-        passes=stage.passes + int(found.steps) * len(stage.gathered.take),
     )
     return replace(after, corner_mm=_moved(after))
 

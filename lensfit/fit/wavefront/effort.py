@@ -1,0 +1,18 @@
+"""How much work the wavefront fit may be: speed against error."""
+
+from enum import Enum
+
+
+class Effort(Enum):
+    """Speed against error: dots of each take in the coarse and in the fine stages, and
+    rounds of the fine one with weights found anew between them."""
+
+    FASTEST = (6, 6, 1)
+    FAST = (6, 12, 2)
+    NORMAL = (8, 20, 3)
+    BEST = (8, 48, 4)
+
+    def __init__(self, coarse_dots: int, fine_dots: int, rounds: int):
+        self.coarse_dots = coarse_dots
+        self.fine_dots = fine_dots
+        self.rounds = rounds

@@ -1,0 +1,201 @@
+"""What is known of the dots of one photograph before the wavefront fit.
+
+The geometry says where on the lens' field every dot is, how large its hole is imaged,
+and how far from the lens that part of the chart is; all of this is taken as known.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from lensfit.batches import in_batches
+from lensfit.fit.geometry import (
+    Frame,
+    View,
+    board_point_mm,
+    direction_of,
+    lens_of,
+    parts_of,
+)
+from lensfit.fit.parameters import Layout as GeometryLayout
+from lensfit.fit.wavefront.dots import Dots
+from lensfit.fit.wavefront.shown import (
+    Shown,
+    fitted_depth_mm,
+    hole_radius_mm,
+    pixel_mm,
+    pupil_offset_mm,
+)
+from lensfit.kernel.pixels import diffraction_variance_mm2
+from lensfit.optics.depth import ObjectShift, object_shift
+from lensfit.optics.distortion import distorted_from_direction
+from lensfit.optics.lateral import ChannelShift, channel_from_green
+from lensfit.optics.paraxial import FirstOrder
+from lensfit.optics.spectrum import Bands, chromatic_coordinate, lateral_at
+
+_BATCH = 512
+
+
+class Reference(NamedTuple):
+    """What the numbers of all dots refer to.
+
+    Attributes
+    ----------
+    principal_distance_mm : Of the state nearest to being in focus.
+    first_order : The thin lens with these chief rays.
+    distance_mm : From the sensor, at which the aberrations hold.
+    """
+
+    principal_distance_mm: float
+    first_order: FirstOrder
+    distance_mm: float
+
+
+def dots_of(
+    shown: Shown,
+    group: int,
+    stop: int,
+    stop_radius: float,
+    reference: Reference,
+    bands: Bands,
+) -> Dots:
+    """Constants of the dots of one photograph; see `Dots`."""
+    adjustment, marks = shown.geometry.adjustment, shown.cutouts.marks
+    count = len(marks)
+    shift, per_board = in_batches(
+        lambda board: _seen(
+            jnp.asarray(adjustment.parameters),
+            jnp.asarray(shown.index),
+            jnp.asarray(_depth_factor(shown)),
+            jnp.asarray(board),
+            adjustment.stack.view,
+            adjustment.layout,
+            adjustment.frame,
+            reference.first_order,
+            jnp.asarray(reference.distance_mm),
+        ),
+        adjustment.stack.board[shown.index][marks],
+        _BATCH,
+    )
+    observed = adjustment.stack.observed_mm[shown.index][marks]
+    distance = float(shown.distortion.principal_distance_mm)
+    radius = hole_radius_mm(shown)
+    diffraction = diffraction_variance_mm2(jnp.asarray(shown.take.f_number))
+    return Dots(
+        field_mm=observed - np.asarray(shown.distortion.principal_point_mm),
+        magnified=np.full(count, distance / reference.principal_distance_mm),
+        group=np.full(count, group),
+        stop=np.full(count, stop),
+        stop_radius=np.full(count, stop_radius),
+        blades=np.zeros(count),
+        slope=shift.slope,
+        pupil_per_sine_mm=shift.pupil_per_sine_mm,
+        vergence=shift.vergence_per_mm,
+        reference=shift.reference_per_mm,
+        lateral_mm=_within_bands_mm(shown, observed, bands),
+        variance_mm2=np.sum((per_board * radius) ** 2, (1, 2)) / 8 + float(diffraction),
+        cell_mm=np.tile(pixel_mm(shown) * shown.cutouts.cell_px, (count, 1)),
+    )
+
+
+def _depth_factor(shown: Shown) -> float:
+    """What corrects the geometry's depths.
+
+    Blur moves centroids outward at some f-numbers (`aperture_shift`), which looks like
+    a nearer board; the takes of that state and f-number whose distance was measured say
+    by how much.
+    """
+    offset = pupil_offset_mm(shown)
+    ratios = [
+        (take.target_distance_mm - offset) / fitted_depth_mm(shown.geometry, k)
+        for k, take in enumerate(shown.geometry.takes)
+        if take.target_distance_mm and take.f_number == shown.take.f_number
+    ]
+    return float(np.median(ratios)) if ratios else 1.0
+
+
+def _within_bands_mm(shown: Shown, observed_mm: np.ndarray, bands: Bands) -> np.ndarray:
+    """Wavelengths about their band's mean: (dots, 3, wavelengths, 2)."""
+    wavelengths = bands.wavelengths_nm.shape[1]
+    if shown.colour is None:
+        return np.zeros((len(observed_mm), 3, wavelengths, 2))
+    centre = shown.distortion.principal_point_mm
+    radius = shown.distortion.reference_radius_mm
+    chromatic = chromatic_coordinate(bands.wavelengths_nm)
+    red, blue = shown.colour
+    return in_batches(
+        lambda points: _lateral_mm(
+            jnp.asarray(points), red, blue, centre, radius, chromatic
+        ),
+        observed_mm,
+        _BATCH,
+    )
+
+
+@jax.jit
+def _lateral_mm(
+    points: Array,
+    red: ChannelShift,
+    blue: ChannelShift,
+    centre: Array,
+    radius: Array,
+    chromatic: Array,
+) -> Array:
+    means = jnp.mean(chromatic, 1)
+
+    def one(point):
+        to_red = channel_from_green(point, red, centre, radius) - point
+        to_blue = channel_from_green(point, blue, centre, radius) - point
+        of_channels = jax.vmap(lateral_at, (0, None, None, None))
+        moved = of_channels(chromatic, to_red, to_blue, means)
+        return moved - jnp.mean(moved, 1, keepdims=True)
+
+    return jax.vmap(one)(points)
+
+
+@partial(jax.jit, static_argnames=("layout",))
+def _seen(
+    parameters: Array,
+    index: Array,
+    factor: Array,
+    board: Array,
+    views: View,
+    layout: GeometryLayout,
+    frame: Frame,
+    first_order: FirstOrder,
+    reference_mm: Array,
+) -> tuple[ObjectShift, Array]:
+    """Of each mark: how far from the reference depth, and d sensor / d board mm.
+
+    `factor` corrects depths (`_depth_factor`).
+    """
+    shared = parameters[: layout.shared]
+    local = parameters[layout.shared :].reshape(-1, layout.local)[index]
+    view = jax.tree.map(lambda a: a[index], views)
+    parts = parts_of(shared, local, layout)
+    lens = lens_of(parts, layout, frame)
+
+    def ahead(mark):
+        point = board_point_mm(mark, parts, view, layout)
+        return direction_of(point, parts, view).at[2].multiply(factor)
+
+    def landed(slope):
+        return distorted_from_direction(jnp.append(slope, 1.0), lens)
+
+    def slope_of(mark):
+        direction = ahead(mark)
+        return direction[:2] / direction[2]
+
+    def one(mark):
+        slope = slope_of(mark)
+        per_slope = jax.jacfwd(landed)(slope)
+        per_board = per_slope @ jax.jacfwd(slope_of)(mark) / view.half_board_mm[None]
+        distance = ahead(mark)[2] + first_order.entrance_pupil_offset_mm
+        shift = object_shift(slope, per_slope, first_order, reference_mm, distance)
+        return shift, per_board
+
+    return jax.vmap(one)(board)

@@ -1,0 +1,93 @@
+"""One photograph as the wavefront fit sees it: pictures of dots, and their geometry."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from lensfit.detect.cutouts import Cutouts
+from lensfit.fit.chief_ray import ChiefRayFit
+from lensfit.fit.take import Take
+from lensfit.optics.distortion import Distortion
+from lensfit.optics.lateral import ChannelShift
+
+LARGEST_HOLE_CELLS = 0.9
+"""Up to this radius a Gaussian of the same variance stands for the hole to 1 %."""
+
+
+class Shown(NamedTuple):
+    """One photograph with cutouts, and the geometry of its state."""
+
+    take: Take
+    cutouts: Cutouts
+    geometry: ChiefRayFit
+    distortion: Distortion
+    colour: tuple[ChannelShift, ChannelShift] | None
+    """Displacement of red and blue, as far as known."""
+    index: int
+    """Of the take within the geometry."""
+
+
+def f_number_of(shown: Shown) -> float:
+    if shown.take.f_number is None:
+        raise ValueError(f"the f-number of {shown.take.name} is not known")
+    return shown.take.f_number
+
+
+def pupil_offset_mm(shown: Shown) -> float:
+    """Entrance pupil in front of the sensor, assumed as in the geometry."""
+    return float(shown.distortion.principal_distance_mm)
+
+
+def fitted_depth_mm(geometry: ChiefRayFit, index: int) -> float:
+    """From the entrance pupil to the middle of the board, as the geometry has it."""
+    adjustment = geometry.adjustment
+    layout = adjustment.layout
+    local = adjustment.parameters[layout.shared :].reshape(-1, layout.local)[index]
+    pose = local[layout.local_blocks["pose"]]
+    return float(adjustment.stack.view.translation_mm[index][2] * (1 + pose[5]))
+
+
+def usable_cells(valid: np.ndarray, cutouts: Cutouts) -> np.ndarray:
+    """Cells to use of each channel: a grey photograph has only green."""
+    channels = np.array([cutouts.channels == 3, True, cutouts.channels == 3])
+    return valid[:, None] & channels[None, :, None, None]
+
+
+def hole_cells(shown: Shown) -> float:
+    """Radius of the hole's image, in cells of its cutout."""
+    stack, rows = shown.geometry.adjustment.stack, shown.cutouts.marks
+    half_mm = np.asarray(stack.view.half_board_mm[shown.index])
+    board = stack.board[shown.index][rows] * half_mm
+    areas = [
+        np.linalg.det(np.cov(points.T))
+        for points in (stack.observed_mm[shown.index][rows], board)
+    ]
+    magnification = (areas[0] / areas[1]) ** 0.25
+    cell_mm = float(np.mean(pixel_mm(shown))) * shown.cutouts.cell_px
+    return hole_radius_mm(shown) * magnification / cell_mm
+
+
+def hole_radius_mm(shown: Shown) -> float:
+    return float(shown.geometry.adjustment.radius_mm[shown.index])
+
+
+def pixel_mm(shown: Shown) -> np.ndarray:
+    size = shown.take.observations.image_size_px
+    return np.asarray(shown.take.sensor_size_mm) / np.asarray(size)
+
+
+def diameters_mm(shown: Shown) -> np.ndarray:
+    """A pixel adds a twelfth of its square to the second moment of each axis."""
+    diameter = shown.take.observations.diameter_px[shown.cutouts.marks]
+    square = np.maximum(diameter**2 - 16 / 12, 0.0)
+    return np.sqrt(square) * float(np.mean(pixel_mm(shown)))
+
+
+def centroids_mm(shown: Shown) -> np.ndarray:
+    """(dots, 3, 2): of every channel, from the corner of the cutout."""
+    observations, cutouts = shown.take.observations, shown.cutouts
+    green = observations.points_px[cutouts.marks]
+    channels = observations.channel_points_px[:, cutouts.marks]
+    channels = np.where(np.isfinite(channels), channels, green[None])
+    from_corner = channels.transpose(1, 0, 2) - cutouts.corner_px[:, None]
+    return from_corner * pixel_mm(shown)
