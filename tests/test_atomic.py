@@ -2,11 +2,18 @@
 
 import os
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from lensfit.atomic import atomic_path, write_bytes_atomic, write_text_atomic
+from lensfit.atomic import (
+    atomic_path,
+    remove_abandoned,
+    write_bytes_atomic,
+    write_text_atomic,
+)
 from lensfit.errors import OutputError
 
 
@@ -50,3 +57,21 @@ def test_what_is_in_the_way_is_said(tmp_path: Path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot be written"):
         write_text_atomic(tmp_path / "file" / "a", "")
+
+
+def test_only_what_dead_processes_left_is_removed(tmp_path: Path):
+    target = tmp_path / "a.exr"
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    with atomic_path(target) as mine:
+        dead = mine.with_name(mine.name.replace(f"-{os.getpid()}.", f"-{ended.pid}."))
+        other = dead.with_name(dead.name.replace(".a.", ".b."))
+        dead.touch()
+        other.touch()
+        (tmp_path / ".a.exr").touch()
+        remove_abandoned(target)
+        assert mine.exists()
+        assert not dead.exists()
+        assert other.exists()
+        assert (tmp_path / ".a.exr").exists()
+    remove_abandoned(tmp_path / "no" / "folder.exr")

@@ -11,7 +11,7 @@ _COUNTED = ("frames",)
 
 @contextmanager
 def progress_bars() -> Iterator[Progress]:
-    """A `Progress` with one bar per stage and the time left; cleared away at the end."""
+    """A `Progress` with a bar and the time left for each stage, cleared at the end."""
     if not sys.stderr.isatty():
         yield silent
         return

@@ -184,7 +184,7 @@ class FrameRenderer:
             window if depth is None else window_with_margin(window, part.data_window)
         )
         stages = self.stages_for(state, part.display_window, reach)
-        self._note_border(stages, part.data_window)
+        self._note_border(stages, window, part.data_window)
         for layer in layers:
             pixels = _stacked(part, layer.names)
             self._note(number_note(pixels))
@@ -288,7 +288,7 @@ class FrameRenderer:
             pixels = flattened(stack)
         reach = window_with_margin(window, flat.data_window) if blurs else window
         stages = self.stages_for(state, flat.display_window, reach)
-        self._note_border(stages, flat.data_window)
+        self._note_border(stages, window, flat.data_window)
         for note in (*notes, DEEP_IS_FLAT):
             self._note(note)
         rendered = render_stages(
@@ -307,9 +307,9 @@ class FrameRenderer:
             said[OVERSCAN] = "0" if isinstance(said[OVERSCAN], str) else 0.0
         return replace(part, attributes=said)
 
-    def _note_border(self, stages: Stages, source: Window) -> None:
+    def _note_border(self, stages: Stages, window: Window, source: Window) -> None:
         if self._stages_noted is not stages:
-            self._note(border_note(stages, source))
+            self._note(border_note(stages, window, source))
             self._stages_noted = stages
 
     def geometry(self, state: PlateState, display: Window) -> PlateGeometry:

@@ -14,15 +14,16 @@ _SEEN_PART = 1e-4
 """Of the pixels; less is a rounding of the border."""
 
 
-def border_note(stages: Stages, source: Window) -> str | None:
+def border_note(stages: Stages, window: Window, source: Window) -> str | None:
     """Whether the lens looks beyond the pixels that the plate has.
 
     Parameters
     ----------
-    stages : Maps over the rendered window.
+    stages : Maps, over the rendered window or more.
+    window : Pixels that are written.
     source : Data window of the plate.
     """
-    x, y = np.moveaxis(stages.maps[1].positions_px(), -1, 0)
+    x, y = np.moveaxis(stages.maps[1].cropped(window).positions_px(), -1, 0)
     outside = (x < source.x_min) | (x > source.x_max + 1)
     outside |= (y < source.y_min) | (y > source.y_max + 1)
     part = float(np.mean(outside))

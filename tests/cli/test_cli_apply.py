@@ -1,0 +1,75 @@
+"""`lensfit apply` passes every option on, and says in one line what is wrong."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lensfit.cli.main import app
+from lensfit.workflow import apply as workflow
+from lensfit.workflow.plate_depth import DepthOptions
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What the command asks of the workflow, which is not run."""
+    calls = {}
+
+    def note(preset, plates, out, **options):
+        calls.update(options, plates=plates)
+        return workflow.Applied(notes=["heed this"], failures=calls.get("bad", []))
+
+    monkeypatch.setattr(workflow, "apply_preset", note)
+    monkeypatch.setattr("lensfit.preset.store.load_preset", lambda path: None)
+    return calls
+
+
+def run(*arguments):
+    return CliRunner().invoke(
+        app, ["apply", "p.json", "a.#.exr", "--out", "o", *arguments]
+    )
+
+
+def test_options_reach_the_workflow(asked):
+    arguments = (
+        "--workers 3 --frames 1-9x2 --depth-channel far.Z --depth-unit cm "
+        "--depth-kind ray --edge-mask wire,fence --output circle-of-confusion"
+    )
+    assert run(*arguments.split()).exit_code == 0
+    options = asked["options"]
+    assert (asked["workers"], asked["frames"]) == (3, "1-9x2")
+    assert options.depth == DepthOptions("far.Z", "cm", "ray", None, None)
+    assert options.edge_mask == ("wire", "fence")
+    assert options.output == "circle-of-confusion"
+    assert options.switches.defocus
+
+
+def test_defaults_leave_all_to_the_plate(asked):
+    assert run("--no-defocus").exit_code == 0
+    options = asked["options"]
+    assert not options.depth.asked
+    assert not options.switches.defocus
+    assert (options.output, options.filter, asked["workers"]) == ("result", "cubic", 1)
+    assert run("--tolerance", "1e-4").exit_code == 0
+    assert asked["options"].filter == "keys-6"
+    assert run("--tolerance", "1e-4", "--filter", "cubic").exit_code == 0
+    assert asked["options"].filter == "cubic"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--depth-kind", "sideways"], ["--output", "all"], ["--workers", "0"]],
+)
+def test_wrong_words_are_wrong_usage(asked, arguments):
+    assert run(*arguments).exit_code == 2
+
+
+def test_failures_set_the_exit_code_and_json_holds_them(asked):
+    asked["bad"] = ["a.1.exr: is broken"]
+    result = run("--json")
+    assert result.exit_code == 1
+    outcome = json.loads(result.stdout)
+    assert outcome["failures"] == ["a.1.exr: is broken"]
+    assert np.isclose(outcome["seconds"], 0)
+    assert "heed this" in result.stderr

@@ -1,0 +1,156 @@
+"""Depth of field in a batch: from channel to frame, and what is said when it lacks."""
+
+import numpy as np
+import OpenEXR
+import pytest
+from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, make_preset, scene, write_plate
+
+from lensfit.io.cryptomatte import object_id
+from lensfit.io.exr import read_exr
+from lensfit.render.frame import render
+from lensfit.render.stages import Switches
+from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.frame_renderer import ApplyOptions
+from lensfit.workflow.plate_depth import DepthOptions
+
+STATE = (35.0, 2.8, 2000.0)
+METRES = DepthOptions(unit="m", kind="perpendicular")
+
+
+def near_and_far():
+    """A near left half and a far right one, millimetres."""
+    depth = np.full((DATA.height, DATA.width), 6000, np.float32)
+    depth[:, :50] = 300
+    return depth
+
+
+def rendered(plate, out, **options):
+    applied = apply_preset(make_preset(), plate, out, options=ApplyOptions(**options))
+    assert applied.failures == []
+    return read_exr(applied.written[0]).parts[0], applied.notes
+
+
+def test_depth_reaches_the_renderer(tmp_path):
+    depth = near_and_far()
+    plate = write_plate(tmp_path / "p.exr", extra={"Z": depth / 1000})
+    part, notes = rendered(plate, tmp_path / "out", depth=METRES)
+    rgba = np.concatenate([scene(DATA), np.ones_like(depth)[..., None]], -1)
+    exact = render(
+        rgba,
+        depth,
+        make_preset().at(*STATE),
+        data_window=DATA,
+        display_window=DISPLAY,
+    )
+    assert notes == []
+    for index, name in enumerate("RGB"):
+        assert np.abs(part.channels[name] - exact[..., index]).max() < 1e-5
+    sharp, _ = rendered(plate, tmp_path / "sharp", switches=Switches(defocus=False))
+    assert np.abs(sharp.channels["R"] - part.channels["R"]).max() > 0.02
+    # Depth itself still describes the undistorted plate.
+    own = (depth / 1000)[6:70, 8:104]
+    assert part.channels["Z"].tobytes() == own.tobytes()
+
+
+def test_no_depth_and_no_defocus_are_the_same_picture(tmp_path):
+    plain = write_plate(tmp_path / "plain.exr")
+    deep = write_plate(tmp_path / "z.exr", extra={"Z": near_and_far()})
+    first, notes = rendered(plain, tmp_path / "a")
+    second, _ = rendered(deep, tmp_path / "b", switches=Switches(defocus=False))
+    assert np.array_equal(first.channels["G"], second.channels["G"])
+    assert [n for n in notes if "no depth" in n]
+
+
+def test_depth_without_a_stop_is_left_out_or_an_error_when_asked_for(tmp_path):
+    header = {k: v for k, v in {**CAMERA, **SENSOR}.items() if k != "lens/fstop"}
+    plate = write_plate(tmp_path / "p.exr", header, {"Z": near_and_far()})
+    options = ApplyOptions(switches=Switches(falloff=False))
+    preset = make_preset(stops=())
+    applied = apply_preset(preset, plate, tmp_path / "a", options=options)
+    assert any("f-number" in note for note in applied.notes)
+    options = ApplyOptions(switches=Switches(falloff=False), depth=METRES)
+    (failure,) = apply_preset(preset, plate, tmp_path / "b", options=options).failures
+    assert "--f-number" in failure
+
+
+def with_objects(depth):
+    """A plate whose left object has a soft edge two pixels wide, at the far depth."""
+    ids = np.array([object_id("left"), object_id("right")], np.uint32).view(np.float32)
+    left = np.zeros_like(depth)
+    left[:, :50], left[:, 50:52] = 1, 0.5
+    header = {**CAMERA, **SENSOR, "cryptomatte/542cafa/name": "CryptoObject"}
+    return header, {
+        "Z": depth / 1000,
+        "CryptoObject00.r": np.where(left >= 0.5, ids[0], ids[1]),
+        "CryptoObject00.g": np.where(left >= 0.5, left, 1 - left),
+        "CryptoObject00.b": np.where(left >= 0.5, ids[1], ids[0]),
+        "CryptoObject00.a": np.where(left >= 0.5, 1 - left, left),
+    }
+
+
+def test_an_edge_mask_changes_the_edge_and_ids_keep_their_bits(tmp_path):
+    header, extra = with_objects(near_and_far())
+    plate = write_plate(tmp_path / "p.exr", header, extra)
+    part, _ = rendered(plate, tmp_path / "a", depth=METRES, edge_mask=("left",))
+    for name in extra:
+        own = extra[name][6:70, 8:104]
+        assert part.channels[name].tobytes() == own.tobytes()
+    assert "left" in part.attributes["lensfit/applied"]
+    options = ApplyOptions(edge_mask=("middle",))
+    applied = apply_preset(make_preset(), plate, tmp_path / "b", options=options)
+    (failure,) = applied.failures
+    assert "no object 'middle'" in failure
+    plain = write_plate(tmp_path / "q.exr", extra={"Z": near_and_far()})
+    options = ApplyOptions(edge_mask=("left",))
+    (failure,) = apply_preset(
+        make_preset(), plain, tmp_path / "c", options=options
+    ).failures
+    assert "no Cryptomatte" in failure
+
+
+def write_deep_plate(path, front_alpha):
+    """A layer at the focus distance over a wall; every pixel has two samples."""
+    height, width = DISPLAY.height, DISPLAY.width
+    front, wall = 0.8 * front_alpha, scene(DISPLAY)
+    channels = {}
+    for index, name in enumerate(("R", "G", "B", "A", "Z")):
+        pixels = np.empty((height, width), object)
+        for y, x in np.ndindex(height, width):
+            behind = wall[y, x, index] if index < 3 else (1.0, 9.0)[index - 3]
+            ahead = front if index < 3 else (front_alpha, 2.0)[index - 3]
+            pixels[y, x] = np.float32([behind, ahead])
+        channels[name] = pixels
+    corners = np.array([0, 0], np.int32), np.array([width - 1, height - 1], np.int32)
+    header = {
+        **CAMERA,
+        **SENSOR,
+        "type": OpenEXR.deepscanline,
+        "compression": OpenEXR.ZIPS_COMPRESSION,
+        "dataWindow": corners,
+        "displayWindow": corners,
+    }
+    OpenEXR.File(header, channels).write(str(path))
+    return path
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
+def test_a_deep_plate_is_returned_flat(tmp_path, alpha):
+    plate = write_deep_plate(tmp_path / "deep.exr", alpha)
+    wall = np.concatenate([scene(DISPLAY), np.ones((*scene(DISPLAY).shape[:2], 1))], -1)
+    flat = 0.8 * alpha * np.array([1, 1, 1, 0]) + (1 - alpha) * wall
+    flat[..., 3] = 1
+    part, notes = rendered(plate, tmp_path / "a", switches=Switches(defocus=False))
+    lens = make_preset().at(*STATE)
+    exact = render(flat, None, lens)
+    assert set(part.channels) == set("RGBA")
+    for index, name in enumerate("RGBA"):
+        assert np.abs(part.channels[name] - exact[..., index]).max() < 1e-5
+    assert any("flat" in note for note in notes)
+    # The wall is out of focus: it loses its detail, the layer in front does not.
+    blurred, _ = rendered(plate, tmp_path / "b", depth=METRES)
+    inner = np.s_[16:-16, 16:-16]
+    detail = [np.std(p.channels["R"][inner]) for p in (part, blurred)]
+    assert detail[1] <= detail[0] + 1e-4
+    again = apply_preset(make_preset(), plate, tmp_path / "b")
+    assert again.skipped
+    assert again.failures == []

@@ -1,0 +1,100 @@
+"""Frames on several processes, and jobs that are killed: the same files in the end."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from plate_makers import make_preset, write_plate
+
+from lensfit.preset.store import save_preset
+from lensfit.workflow.apply import apply_preset
+
+
+@pytest.fixture
+def sequence(tmp_path):
+    """Six frames, of which one is no picture and one would replace its own source."""
+    for number in range(1, 7):
+        write_plate(tmp_path / f"plate.{number:04d}.exr")
+    (tmp_path / "plate.0003.exr").write_bytes(b"no picture")
+    return tmp_path / "plate.####.exr"
+
+
+def contents(folder):
+    return {p.name: p.read_bytes() for p in sorted(folder.iterdir())}
+
+
+def test_workers_write_what_one_process_writes(sequence, tmp_path):
+    told = []
+    alone = apply_preset(make_preset(), sequence, tmp_path / "alone", frames="1-7")
+    shared = apply_preset(
+        make_preset(),
+        sequence,
+        tmp_path / "shared",
+        frames="1-7",
+        workers=2,
+        progress=lambda *state: told.append(state),
+    )
+    assert contents(tmp_path / "alone") == contents(tmp_path / "shared")
+    assert [p.name for p in shared.written] == [p.name for p in alone.written]
+    assert [f.split(":")[0] for f in shared.failures] == [
+        str(tmp_path / "plate.0003.exr"),
+        str(tmp_path / "plate.0007.exr"),
+    ]
+    assert shared.notes == alone.notes
+    assert told[0] == ("frames", 0, 7)
+    assert told[-1] == ("frames", 7, 7)
+    again = apply_preset(make_preset(), sequence, tmp_path / "shared", workers=2)
+    assert len(again.skipped) == 5
+    assert not again.written
+
+
+def test_no_worker_renders_nothing(sequence, tmp_path):
+    with pytest.raises(ValueError, match="0 workers"):
+        apply_preset(make_preset(), sequence, tmp_path / "out", workers=0)
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+def test_a_killed_job_run_again_ends_with_the_same_files(tmp_path):
+    for number in range(8):
+        write_plate(tmp_path / f"plate.{number:04d}.exr")
+    preset, out = tmp_path / "preset.json", tmp_path / "out"
+    save_preset(make_preset(), preset)
+    pattern = tmp_path / "plate.####.exr"
+    script = "from lensfit.cli.main import main; main()"
+    command = [sys.executable, "-c", script, "apply", preset, pattern]
+    for wanted in (1, 4):
+        job = subprocess.Popen(
+            [*map(str, command), "--out", str(out)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        while job.poll() is None and len(list(out.glob("[!.]*.exr"))) < wanted:
+            time.sleep(0.002)
+        job.kill()
+        job.wait()
+    # As a process leaves it that is killed while it writes.
+    ended = job.pid
+    from lensfit.atomic import _machine
+
+    (out / f".plate.0007.{_machine()}-{ended}.abc.exr").write_bytes(b"half")
+    (out / f".plate.0006.{_machine()}-{os.getpid()}0.abc.exr").touch()
+    applied = apply_preset(make_preset(), pattern, out)
+    assert applied.failures == []
+    assert len(applied.written) + len(applied.skipped) == 8
+    apply_preset(make_preset(), pattern, tmp_path / "whole")
+    assert contents(out) == contents(tmp_path / "whole")
+
+
+def test_options_travel_to_processes(sequence):
+    import pickle
+
+    from lensfit.workflow.frame_renderer import ApplyOptions
+
+    preset = make_preset(35.0, 70.0)
+    again = pickle.loads(pickle.dumps((preset, ApplyOptions(edge_mask=("a",)))))
+    assert again == (preset, ApplyOptions(edge_mask=("a",)))
+    assert np.isclose(again[0].entries[1].focal_length_mm, 70)
