@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 _TILES = ((14, 64), (56, 128), (1000, 256))
 """Largest reach of a kernel, px, and the tile that goes with it."""
 _LEVEL_GROUP = 4
+_MOST_EXACT = 6
+"""Levels that each get kernels of their own; more share those of a few depths."""
 _FINE = 8
 """Kernels are made for multiples of this part of a level, so that frames share them."""
 
@@ -58,16 +60,15 @@ class BlurBudget(NamedTuple):
 
     @classmethod
     def of(cls, tolerance: float) -> "BlurBudget":
-        # A level wrong by d px shows as about d^2 on a picture, a kernel wrong by e
-        # as about e/50: most of either is where the picture has no detail.
-        loose = tolerance / 1e-3
+        # Measured on a path-traced scene: levels `step_px` apart show as 5.6e-3 of it
+        # (rms of the picture); a kernel wrong by e, on a 1/f picture, as about e / 50.
         return cls(
-            step_px=float(np.clip(0.6 * loose**0.5, 0.1, 2.0)),
-            growth=float(np.clip(0.11 * loose**0.5, 0.03, 0.35)),
+            step_px=float(np.clip(180 * tolerance, 0.08, 2.5)),
+            growth=float(np.clip(33 * tolerance, 0.02, 0.4)),
             kernel_error=float(np.clip(50 * tolerance, 0.01, 0.3)),
             lost=float(np.clip(tolerance, 1e-5, 1e-2)),
             unseen=10 * tolerance,
-            light_step_px=float(np.clip(0.05 * loose**0.5, 0.02, 0.25)),
+            light_step_px=float(np.clip(50 * tolerance, 0.02, 0.1)),
         )
 
 
@@ -84,7 +85,7 @@ class BlurSetup:
     rooms : Side of the transformed tiles of each such level; sharp ones have none.
     tile : Side of the tiles that are filled.
     reaches : Half the size of each level's kernel.
-    light_step_px, lost : As in `BlurBudget`.
+    light_step_px : As in `BlurBudget`.
     """
 
     levels: list[int]
@@ -95,7 +96,6 @@ class BlurSetup:
     tile: int
     reaches: dict[int, int]
     light_step_px: float
-    lost: float
 
     @property
     def is_sharp(self) -> bool:
@@ -190,14 +190,18 @@ class Defocus:
         grid, chromatic = self.variation(window, levels)
         channels: tuple[Channel, ...] = RGB if chromatic else ("g",)
         at = {n: round(_FINE * found[n]) / _FINE for n in levels}
-        kernels = {n: self.bank.kernels(at[n], grid, channels) for n in levels}
+        mixed = len(levels) > _MOST_EXACT
+        kernels = {
+            n: self.bank.kernels(at[n], grid, channels, mixed=mixed) for n in levels
+        }
         reaches = {n: k.shape[-1] // 2 for n, k in kernels.items()}
         blurred = {n for n in levels if _leaves(kernels[n]) > self.budget.unseen}
         longest = max((reaches[n] for n in blurred), default=0)
         tile = next(size for reach, size in _TILES if longest <= reach)
         rooms = {n: room_px(tile, reaches[n]) for n in blurred}
         transforms = {
-            n: self._transforms(at[n], grid, channels, rooms[n]) for n in blurred
+            n: self._transforms((at[n], grid, channels, rooms[n], mixed), kernels[n])
+            for n in blurred
         }
         return BlurSetup(
             levels,
@@ -208,7 +212,6 @@ class Defocus:
             tile,
             reaches,
             self.budget.light_step_px,
-            self.budget.lost,
         )
 
     def variation(self, window: Window, levels: list[int]) -> tuple[FieldGrid, bool]:
@@ -227,13 +230,10 @@ class Defocus:
             )
         return self._kept[key]
 
-    def _transforms(
-        self, level: float, grid: FieldGrid, channels: tuple[Channel, ...], room: int
-    ) -> jax.Array:
-        key = (level, grid, channels, room)
+    def _transforms(self, key: tuple, kernels: np.ndarray) -> jax.Array:
+        """Kept by level, grid, channels, room and whether they were mixed."""
         if key not in self._kept:
-            kernels = self.bank.kernels(level, grid, channels)
-            self._kept[key] = kernel_transforms(kernels, room=room)
+            self._kept[key] = kernel_transforms(kernels, room=key[3])
         return self._kept[key]
 
 

@@ -35,6 +35,7 @@ NEVER = np.iinfo(np.int16).max
 """Level of a pixel that a layer lacks."""
 _CELL = 16
 _BATCH = 8
+_OPAQUE = 1e-4
 
 
 @dataclass(eq=False)
@@ -45,11 +46,13 @@ class Scene:
     ----------
     rgba, index : Front to back; a pixel's level, `NEVER` where the layer is empty.
     highlights : Lights taken off, or None.
+    is_opaque : Whether one can nowhere see through everything.
     """
 
     rgba: Float32[np.ndarray, "layers height width 4"]
     index: Int16[np.ndarray, "layers height width"]
     highlights: Highlights | None = None
+    is_opaque: bool = False
 
 
 def blurred_plate(
@@ -75,12 +78,13 @@ def blurred_plate(
     if defocus.setup(window, levels_in(index, radius_px, defocus)).is_sharp:
         return crop(rgba, window, output_window)
     rgba = np.nan_to_num(rgba, nan=0.0, posinf=0.0, neginf=0.0)
+    is_opaque = bool((rgba[..., 3] >= 1 - _OPAQUE).all())
     lights = take_highlights(rgba, radius_px)
     found = two_layers(rgba, radius_px, mattes)
     each_px = np.stack([found.front_px, found.back_px])
     index = defocus.levels.index(each_px)
     index[1][~found.has_back] = NEVER
-    scene = Scene(np.stack([found.front, found.back]), index, lights)
+    scene = Scene(np.stack([found.front, found.back]), index, lights, is_opaque)
     setup = defocus.setup(window, levels_in(index, each_px, defocus))
     return _blurred_scene(scene, setup, window, output_window, defocus)
 
@@ -129,6 +133,10 @@ def _blurred_scene(
                     left = _lay_over(colour[at], through[at], shown[n], hidden[n])
                     lights.dim(at, left)
             lights.add(level)
+    if scene.is_opaque:
+        # What nobody knows, far behind near things, looks like the rest of its pixel.
+        colour /= np.maximum(1 - through, _OPAQUE)[..., None]
+        through[:] = 0
     result = np.empty((*size, 4), np.float32)
     np.add(colour, lights.plane, out=result[..., :3])
     np.subtract(1, through, out=result[..., 3])

@@ -29,6 +29,8 @@ RGB: tuple[Channel, ...] = ("r", "g", "b")
 _LARGEST_HALF_PX = 600
 _MOST_CELLS = 30
 _LEAST_RAY_ERROR = 0.004
+_ANCHOR_STEP, _ANCHOR_GROWTH = 12.0, 2.2
+"""Step (px) and growth of the anchors per relative error of a kernel."""
 _MIDWAY = 1.6
 """Error of a mixture midway between nodes over its mean over a cell."""
 _TOGETHER = 12
@@ -113,7 +115,12 @@ class KernelBank:
         return not diffracts(self.lens.f_number, pitch_mm)
 
     def kernels(
-        self, level: float, grid: FieldGrid, channels: tuple[Channel, ...]
+        self,
+        level: float,
+        grid: FieldGrid,
+        channels: tuple[Channel, ...],
+        *,
+        mixed: bool = False,
     ) -> Float32[np.ndarray, "nodes channels size size"]:
         """Kernels at the nodes of a grid, as small as their light allows.
 
@@ -122,12 +129,37 @@ class KernelBank:
         level : Of `levels`; may lie between two.
         grid : Where.
         channels : One for all ("g"), or all three.
+        mixed : Mix the kernel from those of two of `anchors`, which serve many levels;
+            a disc is exact all the same.
         """
-        key = (round(level, 4), grid, channels)
+        key = (round(level, 4), grid, channels, mixed)
         if key not in self._kept:
-            made = self.at(grid.nodes_px(), level, channels)
-            self._kept[key] = trimmed(_without_gaps(made), self.needs.lost)
+            if mixed and not self.is_disc:
+                made = self._mixed(self.levels.radius_px(level), grid, channels)
+            else:
+                made = _without_gaps(self.at(grid.nodes_px(), level, channels))
+            self._kept[key] = trimmed(made, self.needs.lost)
         return self._kept[key]
+
+    @cached_property
+    def anchors(self) -> Levels:
+        """Levels near enough to each other for their kernels to be mixed."""
+        return Levels(
+            _ANCHOR_STEP * self.needs.error, _ANCHOR_GROWTH * self.needs.error
+        )
+
+    def _mixed(
+        self, radius_px: float, grid: FieldGrid, channels: tuple[Channel, ...]
+    ) -> np.ndarray:
+        place = self.anchors.between(radius_px)
+        low = math.floor(place)
+        both = [
+            self.kernels(self.levels.between(self.anchors.radius_px(n)), grid, channels)
+            for n in (low, low + 1)
+        ]
+        size = max(k.shape[-1] for k in both)
+        first, second = (_widened(k, size) for k in both)
+        return (1 - np.float32(place - low)) * first + np.float32(place - low) * second
 
     def at(
         self,
@@ -273,6 +305,11 @@ def _cross(window: Window) -> np.ndarray:
     """Centre, two corners, the middles of two sides."""
     t = np.array([[0.5, 0.5], [1, 1], [0, 0], [1, 0.5], [0.5, 0]])
     return np.array(window[:2]) + t * [window.width, window.height]
+
+
+def _widened(kernels: np.ndarray, size: int) -> np.ndarray:
+    margin = (size - kernels.shape[-1]) // 2
+    return np.pad(kernels, ((0, 0), (0, 0), (margin, margin), (margin, margin)))
 
 
 def _border_light(kernels: np.ndarray) -> float:

@@ -14,6 +14,8 @@ from lensfit.render.kernel_bank import RGB, KernelBank, trimmed
 from lensfit.render.uv import Channel
 
 _FINER = 3
+_LOST = 1e-6
+"""Share of a light that may be cut off: what is left at its rim still glares."""
 _CELL = 16
 
 
@@ -93,7 +95,7 @@ def _kernels(
         made = bank.at(points, levels, channels, finer=finer)
         first = made.shape[-1] // 2 % finer
         for key, kernel in zip(new, made[..., first::finer, first::finer], strict=True):
-            bank.of_lights[key] = trimmed(kernel[None], setup.lost)[0]
+            bank.of_lights[key] = trimmed(kernel[None], _LOST)[0]
     return [bank.of_lights[key] for key in keys]
 
 
