@@ -12,6 +12,7 @@ from lensfit.cli._bars import progress_bars
 from lensfit.cli._door import say_error
 
 _WIDTH = 150
+_VERDICTS = {True: "pass", False: "[bold]falls short[/bold]", None: ""}
 
 app = typer.Typer(no_args_is_help=True, help="Measure lensfit against bars and peers.")
 
@@ -99,6 +100,45 @@ def wavefront(
         raise typer.Exit(1)
 
 
+@app.command()
+def render(
+    data: Annotated[
+        Path, typer.Option("--data", help="Folder with camera.json, plate, reference")
+    ],
+    preset: Annotated[
+        Path | None, typer.Option("--preset", help="Fitted preset with measured blur")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for JSON")] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Leave frames of 8 megapixels out")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the figures as JSON")
+    ] = False,
+) -> None:
+    """Render a path-traced scene and synthetic frames; error against time, bars, peers.
+
+    Falling short is no error.
+
+    Example: lensfit bench render --data data/plates --preset takumar_50/preset.json
+    """
+    from lensfit.cli._render_tables import curve_tables
+    from lensfit.workflow.bench_render import bench_render
+
+    with progress_bars() as progress:
+        result = bench_render(data, out, preset=preset, quick=quick, progress=progress)
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    console = _console()
+    console.print(_bars_table(result["rows"]))
+    for table in curve_tables(result["curves"]):
+        console.print()
+        console.print(table)
+    for note in result["notes"]:
+        console.print(note, markup=False)
+
+
 def _console():
     from rich.console import Console
 
@@ -125,10 +165,9 @@ def _bars_table(rows: list[dict[str, Any]]):
     table.add_column("verdict")
     for row in rows:
         peers = ", ".join(f"{k} {_figure(v)}" for k, v in row["peers"].items())
-        bar = ("≥ " if row["least"] else "± " if row["expected"] else "≤ ") + _figure(
-            row["bar"]
-        )
-        verdict = "pass" if row["passed"] else "[bold]falls short[/bold]"
+        sign = "≥ " if row["least"] else "± " if row["expected"] else "≤ "
+        bar = _figure(row["bar"]) if row["bar"] is None else sign + _figure(row["bar"])
+        verdict = _VERDICTS[row["passed"]]
         figures = (_figure(row["value"]), bar, _figure(row["aim"]))
         table.add_row(row["set"], row["what"], *figures, peers, verdict)
     return table

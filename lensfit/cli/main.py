@@ -18,6 +18,7 @@ COMMANDS = (
     "report",
     "stmap",
     "apply",
+    "plan",
     "preset",
     "synth",
     "bench",

@@ -86,6 +86,7 @@ class BlurSetup:
     tile : Side of the tiles that are filled.
     reaches : Half the size of each level's kernel.
     light_step_px : As in `BlurBudget`.
+    is_mixed : Whether kernels were mixed from those of a few depths.
     """
 
     levels: list[int]
@@ -96,6 +97,7 @@ class BlurSetup:
     tile: int
     reaches: dict[int, int]
     light_step_px: float
+    is_mixed: bool
 
     @property
     def is_sharp(self) -> bool:
@@ -212,6 +214,7 @@ class Defocus:
             tile,
             reaches,
             self.budget.light_step_px,
+            mixed,
         )
 
     def variation(self, window: Window, levels: list[int]) -> tuple[FieldGrid, bool]:

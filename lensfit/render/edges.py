@@ -66,22 +66,22 @@ def two_layers(
     radius_px : Signed, positive in front of the focus distance.
     mattes : Who shares each pixel, over the same window.
     """
-    outline = _outline(radius_px)
+    beside = outline(radius_px)
     front_px = radius_px.copy()
     alpha = np.ones_like(radius_px)
     known = None
     if mattes is not None and len(mattes.ids) > 1:
         known = _shared_by_objects(rgba, radius_px, mattes)
-        outline[known.rows, known.columns] = True
+        beside[known.rows, known.columns] = True
         front_px[known.rows, known.columns] = known.front_px
-    if not outline.any():
+    if not beside.any():
         none = np.zeros(radius_px.shape, bool)
         return TwoLayers(rgba, radius_px, np.zeros_like(rgba), radius_px, none)
-    by_depth = outline.copy()
+    by_depth = beside.copy()
     if known is not None:
         by_depth[known.rows, known.columns] = False
     front_px[by_depth] = cv2.dilate(radius_px, _CROSS)[by_depth]
-    back, back_px, has_back = _continued(rgba, front_px, outline)
+    back, back_px, has_back = _continued(rgba, front_px, beside)
     y, x = np.nonzero(by_depth)
     alpha[y, x] = _shares(rgba, radius_px, front_px, back, by_depth, y, x)
     if known is not None:
@@ -91,7 +91,7 @@ def two_layers(
         back[y, x] = np.where(has_back[y, x][:, None], mean, known.behind)
         back_px[y, x] = np.where(has_back[y, x], back_px[y, x], known.back_px)
         has_back[y, x] = True
-    split = outline & has_back
+    split = beside & has_back
     front = rgba.copy()
     left = rgba[split] - (1 - alpha[split])[:, None] * back[split]
     front[split] = np.maximum(left, 0)
@@ -105,7 +105,7 @@ def _threshold(radius_px: np.ndarray) -> np.ndarray:
     return np.float32(STEP_PX) + np.float32(_STEP_GROWTH) * np.abs(radius_px)
 
 
-def _outline(radius_px: Plane) -> np.ndarray:
+def outline(radius_px: Plane) -> Bool[np.ndarray, "height width"]:
     """Pixels beside a step in depth, on both of its sides."""
     nearest, farthest = cv2.dilate(radius_px, _CROSS), cv2.erode(radius_px, _CROSS)
     largest = np.maximum(np.abs(nearest), np.abs(farthest))

@@ -1,0 +1,83 @@
+"""`lensfit plan`: what a plate needs from a lens, and what it costs."""
+
+import json
+from pathlib import Path
+
+import typer
+
+
+def plan(
+    preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
+    plate: Path = typer.Argument(help="EXR plate"),
+    tolerance: float = typer.Option(
+        1e-3, min=1e-6, help="Accepted rms error of the picture, display-referred"
+    ),
+    focal_length_mm: float = typer.Option(None, help="In place of the header's, mm"),
+    f_number: float = typer.Option(None, help="In place of the header's"),
+    focus_distance_mm: float = typer.Option(
+        None, help="In place of the header's, mm from the sensor; inf is allowed"
+    ),
+    sensor_width_mm: float = typer.Option(
+        None, help="Width that the frame spans on the sensor, mm"
+    ),
+    as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
+) -> None:
+    """Print which stages a plate needs, which are left out and why, error and time.
+
+    Example: lensfit plan takumar_50/preset.json plate.1001.exr --tolerance 3e-3
+    """
+    from lensfit.cli._door import say_note
+    from lensfit.preset.store import load_preset
+    from lensfit.workflow.frame_renderer import ApplyOptions
+    from lensfit.workflow.plan_plate import plan_plate
+    from lensfit.workflow.plate_state import StateOverrides
+
+    overrides = StateOverrides(
+        focal_length_mm, f_number, focus_distance_mm, sensor_width_mm
+    )
+    options = ApplyOptions(overrides=overrides, tolerance=tolerance)
+    found, notes = plan_plate(load_preset(preset), plate, options)
+    if as_json:
+        stages = [stage._asdict() for stage in found.stages]
+        totals = {
+            "tolerance": found.tolerance,
+            "expected_error": found.error,
+            "expected_seconds": found.seconds,
+            "first_frame_seconds": found.first_s,
+        }
+        typer.echo(json.dumps(totals | {"stages": stages, "notes": notes}))
+        return
+    _print(found)
+    for note in notes:
+        say_note(note)
+
+
+def _print(found) -> None:
+    import sys
+
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("stage", "", "why"):
+        table.add_column(name)
+    table.add_column("error", justify="right")
+    table.add_column("seconds", justify="right")
+    for stage in found.stages:
+        table.add_row(
+            stage.stage,
+            "run" if stage.runs else "left out",
+            stage.reason,
+            f"{stage.error:.1e}" if stage.error else "–",
+            f"{stage.seconds:.2f}" if stage.seconds else "–",
+        )
+    more = f"; the first frame {found.first_s:.0f} s more" if found.first_s >= 1 else ""
+    table.add_row(
+        "all",
+        "",
+        f"tolerance {found.tolerance:g}{more}",
+        f"{found.error:.1e}",
+        f"{found.seconds:.2f}",
+    )
+    width = None if sys.stdout.isatty() else 150
+    Console(highlight=False, width=width).print(table)

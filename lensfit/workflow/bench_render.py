@@ -1,0 +1,230 @@
+"""The renderer on a path-traced scene and synthetic frames: error, time, bars, peers.
+
+The scene is a CG plate with its depth and the same frame path-traced through a thin
+lens. Peers are run in the same process on the same pixels: no defocus at all, a plain
+script of layered discs, `cv2.remap` for the warp, and Blender's compositor node where
+`bpy` can be imported. Wall seconds count; those of the processor stand beside them,
+since other work on the machine does not lengthen them.
+"""
+
+import json
+import math
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lensfit._strict import convert_strictly, read_json_object
+from lensfit.atomic import write_text_atomic
+from lensfit.errors import PresetError
+from lensfit.preset.store import load_preset
+from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
+from lensfit.progress import Progress, silent
+from lensfit.workflow.bench_render_kernels import kernel_rows
+from lensfit.workflow.bench_render_scenes import (
+    Scene,
+    layered_discs,
+    plate_scene,
+    synthetic_scene,
+)
+from lensfit.workflow.bench_render_warp import warp_row
+from lensfit.workflow.bench_rows import Row, as_tables
+
+RESULT = "bench_render.json"
+TOLERANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
+_RUNS = 3
+_UHD = (3840, 2160)
+_AREAS_PX = (2.0, 4.0, 8.0, 16.0)
+
+
+def bench_render(
+    data: str | Path,
+    out_dir: str | Path | None = None,
+    *,
+    preset: str | Path | None = None,
+    quick: bool = False,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Measure everything.
+
+    Parameters
+    ----------
+    data : Folder with camera.json, plate.0001.exr and reference.0001.exr.
+    out_dir : Folder for bench_render.json and the rendered pictures.
+    preset : A fitted preset whose blur was measured, for the kernels' errors.
+    quick : Leave the frames of eight million pixels out.
+
+    Returns
+    -------
+    "rows", "curves" (error against time; time against pixels and blur) and "notes".
+
+    Raises
+    ------
+    LensfitError : Something cannot be read or written.
+    """
+    folder = Path(data)
+    tables = read_json_object(
+        folder / "camera.json",
+        error=PresetError,
+        source="give the folder of the plate with --data",
+        mend="mend the file",
+    )
+    camera = convert_strictly(
+        tables, ThinCamera, error=PresetError, where=folder / "camera.json"
+    )
+    notes = [] if find_spec("bpy") else ["Blender's Defocus node: bpy is not installed"]
+    progress("render", 0, 5)
+    scene = plate_scene(folder, thin_lens_preset(camera), camera)
+    plate, rows = _error_against_time(scene, TOLERANCES)
+    rows = [*_plate_rows(scene), *rows, *_law_rows(camera)]
+    progress("render", 2, 5)
+    curves = {"plate": plate, "pixels": _pixels(camera), "blur": _areas(camera)}
+    progress("render", 3, 5)
+    if not quick:
+        uhd = synthetic_scene(camera, *_UHD)
+        curves["uhd"], _ = _error_against_time(uhd, TOLERANCES[1:], runs=1)
+        rows += [_memory_row(), warp_row(*_UHD, _best)]
+    progress("render", 4, 5)
+    if preset is not None:
+        rows += kernel_rows(load_preset(preset))
+    else:
+        notes.append("no fitted preset (--preset): kernel errors are not measured")
+    result = {
+        "schema": "lensfit.bench.1",
+        "bench": "render",
+        "rows": as_tables(rows),
+        "curves": curves,
+        "notes": notes,
+    }
+    if out_dir is not None:
+        write_text_atomic(Path(out_dir) / RESULT, json.dumps(result, indent=1))
+    progress("render", 5, 5)
+    return result
+
+
+def psnr_db(picture: np.ndarray, reference: np.ndarray) -> float:
+    """Both clipped to 0..1, linear."""
+    away = np.clip(picture, 0, 1) - np.clip(reference, 0, 1)
+    return float(-10 * np.log10(np.mean(away**2)))
+
+
+def _best(work: Callable[[], Any], runs: int = _RUNS) -> tuple[Any, float, float]:
+    """The result, and the least wall and processor seconds of several runs."""
+    result, wall, cpu = None, math.inf, math.inf
+    for _ in range(runs):
+        began, own = time.perf_counter(), time.process_time()
+        result = work()
+        wall = min(wall, time.perf_counter() - began)
+        cpu = min(cpu, time.process_time() - own)
+    return result, wall, cpu
+
+
+def _error_against_time(
+    scene: Scene, tolerances: tuple[float, ...], runs: int = _RUNS
+) -> tuple[list[dict[str, float]], list[Row]]:
+    """One point for each tolerance, against the finest and against the truth."""
+    finest = np.clip(scene.render(min(tolerances) / 3), 0, 1)
+    points, rows = [], []
+    for tolerance in tolerances:
+        scene.render(tolerance)  # kernels are made once
+        found, wall, cpu = _best(lambda t=tolerance: scene.render(t), runs)
+        away = np.clip(found, 0, 1) - finest
+        point = {
+            "tolerance": tolerance,
+            "expected": scene.expected_error(tolerance),
+            "rms": float(np.sqrt(np.mean(away**2))),
+            "seconds": wall,
+            "cpu_seconds": cpu,
+            "seconds_per_megapixel": wall / scene.megapixels,
+        }
+        if scene.reference is not None:
+            point["psnr_db"] = psnr_db(found, scene.reference)
+        points.append(point)
+        if tolerance >= 1e-3:
+            what = f"rms at tolerance {tolerance:g}, of the finest"
+            rows.append(Row(scene.name, what, point["rms"], bar=1.5 * tolerance))
+    return points, rows
+
+
+def _plate_rows(scene: Scene) -> list[Row]:
+    assert scene.reference is not None
+    scene.render(1e-3, mattes=True)
+    found, wall, cpu = _best(lambda: scene.render(1e-3, mattes=True))
+    discs, discs_wall, _ = _best(lambda: layered_discs(scene), 1)
+    plain = scene.render(1e-3)
+    peers = {
+        "no defocus": psnr_db(scene.undefocused(), scene.reference),
+        "layered discs": psnr_db(discs, scene.reference),
+        "without mattes": psnr_db(plain, scene.reference),
+    }
+    value = psnr_db(found, scene.reference)
+    size = scene.megapixels
+    return [
+        Row("plate", "PSNR, dB", value, bar=36.0, aim=40.0, peers=peers, least=True),
+        Row(
+            "plate",
+            "seconds",
+            wall,
+            bar=4.0,
+            aim=size,
+            peers={"processor": cpu, "layered discs": discs_wall},
+        ),
+        Row("plate", "seconds per megapixel", wall / size, bar=None, aim=1.0),
+    ]
+
+
+def _law_rows(camera: ThinCamera) -> list[Row]:
+    """Energy, constancy, identity, on a small frame."""
+    scene = synthetic_scene(camera, 480, 270)
+    near = np.full_like(scene.depth_mm, 500 * camera.focus_distance_m)
+    worst = 0.0
+    for row, column in ((135, 240), (40, 60), (230, 430)):
+        for value in (0.5, 300.0):
+            point = np.zeros_like(scene.rgb)
+            point[row, column] = value
+            lit = scene.render(1e-3, rgb=point, depth_mm=near)
+            worst = max(worst, abs(float(lit.sum()) / (3 * value) - 1))
+    flat = np.full_like(scene.rgb, 0.6)
+    moved = float(np.abs(scene.render(1e-3, rgb=flat) - flat).max())
+    focus = np.full_like(near, 1000 * camera.focus_distance_m)
+    same = scene.render(1e-3, depth_mm=focus).tobytes() == scene.rgb.tobytes()
+    return [
+        Row("laws", "energy of a point, relative error", worst, bar=1e-3),
+        Row("laws", "a constant, largest change", moved, bar=1e-5),
+        Row("laws", "zero blur, frames that lost a bit", float(not same), bar=0.0),
+    ]
+
+
+def _pixels(camera: ThinCamera) -> list[dict[str, float]]:
+    """Seconds against pixels, blur growing with the frame."""
+    points = []
+    for width in (480, 960, 1920):
+        scene = synthetic_scene(camera, width, width * 9 // 16)
+        scene.render(3e-3)
+        _, wall, cpu = _best(lambda s=scene: s.render(3e-3), 2)
+        size = scene.megapixels
+        points.append({"megapixels": size, "seconds": wall, "cpu_seconds": cpu})
+    return points
+
+
+def _areas(camera: ThinCamera) -> list[dict[str, float]]:
+    """Seconds against the area of the blur, one distance."""
+    scene = synthetic_scene(camera, 1280, 720)
+    points = []
+    for radius in _AREAS_PX:
+        depth = np.full_like(scene.depth_mm, scene.circle().depth_mm(radius))
+        scene.render(3e-3, depth_mm=depth)
+        _, wall, cpu = _best(lambda d=depth: scene.render(3e-3, depth_mm=d), 2)
+        area = math.pi * radius**2
+        points.append({"blur_area_px": area, "seconds": wall, "cpu_seconds": cpu})
+    return points
+
+
+def _memory_row() -> Row:
+    import resource
+
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    return Row("uhd", "memory of the whole run, GiB", most, bar=4.0)
