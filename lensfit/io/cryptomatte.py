@@ -115,17 +115,23 @@ def find_cryptomattes(image: ExrImage, path: str | Path) -> list[Cryptomatte]:
     return found
 
 
-def read_ranks(crypto: Cryptomatte) -> Ranks:
-    """Ids and coverages over the data window of the Cryptomatte."""
+def read_ranks(crypto: Cryptomatte, most: int | None = None) -> Ranks:
+    """Ids and coverages over the data window of the Cryptomatte.
+
+    Parameters
+    ----------
+    most : The first so many ranks; all if None.
+    """
     ids, coverage = [], []
-    for part, layer in crypto.layers:
+    layers = crypto.layers if most is None else crypto.layers[: (most + 1) // 2]
+    for part, layer in layers:
         for pair in (("r", "g"), ("b", "a")):
             planes = [_channel(part, layer, leaf) for leaf in pair]
             if planes[0] is None or planes[1] is None:
                 continue
             ids.append(np.ascontiguousarray(planes[0], np.float32).view(np.uint32))
             coverage.append(planes[1].astype(np.float32))
-    return Ranks(np.stack(ids), np.stack(coverage))
+    return Ranks(np.stack(ids[:most]), np.stack(coverage[:most]))
 
 
 def coverage_of(

@@ -89,6 +89,10 @@ def resized_channels(part: ExrPart, window: Window) -> ExrPart:
 
 
 def _moved(samples: np.ndarray, old: Window, new: Window) -> np.ndarray:
+    """Over a part of the old window a view, so that a frame is not held twice."""
+    top, left = new.y_min - old.y_min, new.x_min - old.x_min
+    if min(top, left) >= 0 and new.x_max <= old.x_max and new.y_max <= old.y_max:
+        return samples[top : top + new.height, left : left + new.width]
     result = np.zeros((new.height, new.width), samples.dtype)
     x0, x1 = max(old.x_min, new.x_min), min(old.x_max, new.x_max) + 1
     y0, y1 = max(old.y_min, new.y_min), min(old.y_max, new.y_max) + 1

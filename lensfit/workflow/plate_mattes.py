@@ -24,6 +24,8 @@ from lensfit.io.cryptomatte import (
 from lensfit.io.exr import ExrImage
 from lensfit.render.layer_stack import Mattes
 
+_RANKS = 2
+"""Objects of a pixel that the renderer tells apart."""
 _WHOLE, _LEAST = 0.999, 1e-3
 _REACH_PX = 3.0
 """A pixel that an object covers wholly, this near, knows the object's distance."""
@@ -44,7 +46,7 @@ def plate_mattes(image: ExrImage, path: Path, window: Window) -> Mattes | None:
     if not found:
         return None
     chosen = next((c for c in found if "object" in c.name.lower()), found[0])
-    ranks = read_ranks(chosen)
+    ranks = read_ranks(chosen, _RANKS)
     with np.errstate(invalid="ignore"):
         coverage = np.clip(np.nan_to_num(ranks.coverage), 0, 1)
     return Mattes(ranks.ids, coverage)
