@@ -1,0 +1,70 @@
+"""`lensfit plan`: stages, reasons and prices, for people and for machines."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lensfit.cli.main import app
+from lensfit.coords import Window
+from lensfit.io.exr import ExrImage, ExrPart, write_exr
+
+runner = CliRunner()
+
+
+@pytest.fixture
+def plate(tmp_path: Path) -> list[str]:
+    """An ideal lens focused at 4 m, and a plate with a step in depth."""
+    camera = {
+        "focal_length_mm": 35.0,
+        "f_number": 1.4,
+        "focus_distance_m": 4.0,
+        "sensor_width_mm": 28.25,
+        "width_px": 96,
+        "height_px": 54,
+    }
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
+    preset = str(tmp_path / "thin.json")
+    asked = ["preset", "thin-lens", str(tmp_path / "camera.json"), "--out", preset]
+    assert runner.invoke(app, asked).exit_code == 0
+    depth = np.full((54, 96), 4.0, np.float32)
+    depth[:, 50:] = 0.8
+    grey = np.full((54, 96), 0.3, np.float32)
+    window = Window.of_size(96, 54)
+    channels = {"R": grey, "G": grey, "B": grey, "Z": depth}
+    header = {"lens/focal": "35.0", "lens/focus": "4.0", "lens/fstop": "1.4"}
+    path = tmp_path / "plate.0001.exr"
+    write_exr(path, ExrImage((ExrPart(channels, window, window, header),)))
+    return [preset, str(path)]
+
+
+def test_a_plan_names_every_stage_and_why(plate: list[str]):
+    found = runner.invoke(app, ["plan", *plate])
+    assert found.exit_code == 0, found.output
+    for word in ("distortion", "left out", "depth of field", "run", "levels blurred"):
+        assert word in found.stdout
+
+
+def test_a_plan_for_machines(plate: list[str]):
+    found = runner.invoke(app, ["plan", *plate, "--tolerance", "3e-3", "--json"])
+    plan = json.loads(found.stdout)
+    runs = {stage["stage"]: stage["runs"] for stage in plan["stages"]}
+    assert runs == {
+        "distortion": False,
+        "lateral colour": False,
+        "outlines": True,
+        "depth of field": True,
+        "fall-off": False,
+    }
+    assert plan["tolerance"] == 3e-3
+    assert 0 < plan["expected_error"] < 1e-2
+    assert plan["expected_seconds"] > 0
+
+
+def test_a_plate_that_is_none_is_refused(plate: list[str], tmp_path: Path):
+    wrong = tmp_path / "none.exr"
+    wrong.write_bytes(b"no picture")
+    found = runner.invoke(app, ["plan", plate[0], str(wrong)])
+    assert found.exit_code == 1
