@@ -95,7 +95,7 @@ def remapped(
         band = slice(first, first + _BAND)
         at = columns[band], rows[band]
         cv2.remap(pixels, *at, cv2.INTER_CUBIC, result[band], cv2.BORDER_REPLICATE)
-        np.maximum(lines[band], 0, out=lines[band])
+        cv2.threshold(lines[band], 0, 0, cv2.THRESH_TOZERO, lines[band])
         if highest is not None:
             np.minimum(lines[band], highest, out=lines[band])
 

@@ -40,7 +40,7 @@ def resample(
     ceiling: Float[Array, " channels"],
     *,
     border: Border = "black",
-    method: Filter = "catmull-rom",
+    method: Filter = "cubic",
 ) -> Float[Array, "out_height out_width channels"]:
     """Read anywhere.
 

@@ -78,8 +78,11 @@ class TileWarp:
             sliding_window_view(result[..., c], _TILE, writeable=True)
             for c in range(channels)
         ]
-        rest = []
-        for kind in plan.classes:
+        rest, done = (
+            [],
+            read_already and bool((self._largest_bits <= _WHITE_BITS).all()),
+        )
+        for kind in () if done else plan.classes:
             ordinary = self._are_ordinary(kind.starts)
             rest.append(self._read_class(kind, ordinary, placed, read_already))
         if read_already:

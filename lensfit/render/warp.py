@@ -42,7 +42,7 @@ def warp(
     maps: SourceMap | Sequence[SourceMap],
     *,
     border: Border = "black",
-    method: Filter = "catmull-rom",
+    method: Filter = "cubic",
     alpha_channel: int | None = None,
 ) -> Float32[np.ndarray, "out_height out_width channels"]:
     """The picture that reads `pixels` where the maps say.
