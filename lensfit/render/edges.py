@@ -16,6 +16,7 @@ Everything here compares radii of blur, not distances: two depths that blur alik
 one surface.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import cv2
@@ -177,23 +178,21 @@ def _shares(
     columns: np.ndarray,
 ) -> Float32[np.ndarray, " n"]:
     """How much of each outline pixel the near surface covers."""
-    height, width = radius_px.shape
     own_px, own = front_px[rows, columns], rgba[rows, columns]
     step = _threshold(own_px)
     colour, weight = np.zeros_like(own), np.zeros_like(own_px)
     shape, shapes = np.zeros_like(own_px), 0.0
-    for dy in range(-_NEAR, _NEAR + 1):
-        for dx in range(-_NEAR, _NEAR + 1):
-            y = np.clip(rows + dy, 0, height - 1)
-            x = np.clip(columns + dx, 0, width - 1)
-            near = np.abs(radius_px[y, x] - own_px) < step
-            trust = near * np.where(outline[y, x], np.float32(_BESIDE), np.float32(1))
-            colour += trust[:, None] * rgba[y, x]
-            weight += trust
-            if max(abs(dy), abs(dx)) <= 1:
-                fall = np.exp(-(dy * dy + dx * dx) / (2 * _SHAPE_SIGMA_PX**2))
-                shape += np.float32(fall) * (radius_px[y, x] > own_px - step / 2)
-                shapes += fall
+    colours, radii, mixed = rgba.reshape(-1, 4), radius_px.ravel(), outline.ravel()
+    for dy, dx, at in _around(rows, columns, radius_px.shape):
+        its_px = radii[at]
+        near = np.abs(its_px - own_px) < step
+        trust = near * np.where(mixed[at], np.float32(_BESIDE), np.float32(1))
+        colour += trust[:, None] * colours.take(at, 0)
+        weight += trust
+        if max(abs(dy), abs(dx)) <= 1:
+            fall = np.exp(-(dy * dy + dx * dx) / (2 * _SHAPE_SIGMA_PX**2))
+            shape += np.float32(fall) * (its_px > own_px - step / 2)
+            shapes += fall
     colour /= np.maximum(weight, 1e-9)[:, None]
     behind = back[rows, columns]
     contrast = colour - behind
@@ -242,19 +241,28 @@ def _of_object(
     columns: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Radius, colour and weight of the object of one rank, around each pixel."""
-    height, width = radius_px.shape
     wanted = mattes.ids[rank, rows, columns]
     radius = np.zeros(len(rows), np.float32)
     colour, weight = np.zeros((len(rows), 4), np.float32), np.zeros_like(radius)
-    for dy in range(-_NEAR, _NEAR + 1):
-        for dx in range(-_NEAR, _NEAR + 1):
-            y = np.clip(rows + dy, 0, height - 1)
-            x = np.clip(columns + dx, 0, width - 1)
-            pure = np.maximum(mattes.coverage[0, y, x] - 0.5, 0.01) ** 4
-            w = pure * (mattes.ids[0, y, x] == wanted) / (1 + (dy * dy + dx * dx) / 2)
-            w = w.astype(np.float32)
-            radius += w * radius_px[y, x]
-            colour += w[:, None] * rgba[y, x]
-            weight += w
+    colours, radii = rgba.reshape(-1, 4), radius_px.ravel()
+    first, covers = mattes.ids[0].ravel(), mattes.coverage[0].ravel()
+    for dy, dx, at in _around(rows, columns, radius_px.shape):
+        pure = np.square(np.square(np.maximum(covers[at] - 0.5, 0.01)))
+        w = pure * (first[at] == wanted) / np.float32(1 + (dy * dy + dx * dx) / 2)
+        radius += w * radii[at]
+        colour += w[:, None] * colours.take(at, 0)
+        weight += w
     total = np.maximum(weight, 1e-20)
     return radius / total, colour / total[:, None], weight
+
+
+def _around(
+    rows: np.ndarray, columns: np.ndarray, shape: tuple[int, ...]
+) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Offsets to the neighbours of some pixels, and where they lie in a flat plane."""
+    reach = range(-_NEAR, _NEAR + 1)
+    across = [np.clip(columns + dx, 0, shape[1] - 1) for dx in reach]
+    for dy in reach:
+        down = np.clip(rows + dy, 0, shape[0] - 1) * shape[1]
+        for dx, column in zip(reach, across, strict=True):
+            yield dy, dx, down + column
