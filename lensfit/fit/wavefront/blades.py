@@ -17,13 +17,20 @@ COUNTS = (5, 6, 7, 8, 9, 10, 11, 12)
 _TURNS = 3
 _DOTS = 16
 _FINALISTS = 3
-_CLEARLY = 0.95
+CLEARLY, EVIDENTLY = 0.95, 0.8
+"""What blades must leave of what a round opening does not explain: where all the rest
+is fitted, and before that."""
 _SMOOTHING = 0.8
 _DEVIATION = (3.0, 1.0)
 
 
-def with_blades(stage: Stage) -> Stage:
-    """The same with the blades that the photographs show, turned as they are."""
+def with_blades(stage: Stage, share: float = CLEARLY) -> Stage:
+    """The same with the blades that the photographs show, turned as they are.
+
+    Parameters
+    ----------
+    share : Of the misfit of a round opening that blades may leave at most.
+    """
     rows = _telling(stage)
     if not len(rows):
         return stage
@@ -42,7 +49,7 @@ def with_blades(stage: Stage) -> Stage:
     turned = [best_of(_turned(some, count, rotation)) for count in COUNTS]
     turned.sort(key=chi_squared)
     best = best_of([solved(trial, 6) for trial in turned[:_FINALISTS]])
-    if chi_squared(best) > _CLEARLY * chi_squared(solved(some, 1)):
+    if chi_squared(best) > share * chi_squared(solved(some, 1)):
         return stage
     iris = best.parameters[where].copy()
     iris[1] = np.mod(iris[1], 2 * np.pi / best.blades)

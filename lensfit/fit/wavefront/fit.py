@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.select import Verdict
-from lensfit.fit.wavefront.blades import with_blades
+from lensfit.fit.wavefront.blades import EVIDENTLY, with_blades
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.evidence import choose, held_out_dots, held_out_take
 from lensfit.fit.wavefront.families import (
@@ -205,7 +205,7 @@ def _fine(
         weight=first_weights(gathered, COARSE_SHARE),
     )
     stage = settled(freed(stage, deviation_of(families, middle.layout, FINE)))
-    stage = solved(with_blades(stage), 12)
+    stage = solved(with_blades(stage, EVIDENTLY), 12)
     if not stage.blades:
         stage = with_blades(stage)
     for _ in range(rounds):
@@ -221,7 +221,7 @@ def _refitted(fine: Stage, families: tuple[Family, ...]) -> Stage:
         return fine
     parameters = np.where(dropped, fine.mean, fine.parameters)
     stage = freed(replace(fine, parameters=parameters), deviation)
-    return solved(solved(stage, 12), 6)
+    return solved(solved(stage, 12), 12)
 
 
 def _misfits(
