@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, UInt32
+from jaxtyping import Float32, UInt32
 from numpy.lib.stride_tricks import sliding_window_view
 
 from lensfit.coords import Window
@@ -42,6 +43,8 @@ _TILE = (TILE_HEIGHT, TILE_WIDTH)
 _THREADS = 2
 # Bits grow with the value; those of negative values and of NaN exceed all others.
 _WHITE_BITS = np.float32(WHITE).view(np.uint32)
+_INFINITE_BITS = np.float32(np.inf).view(np.uint32)
+_FEW_TILES = 10_000
 
 Pixels = Float32[np.ndarray, "height width channels"]
 
@@ -78,15 +81,13 @@ class TileWarp:
             sliding_window_view(result[..., c], _TILE, writeable=True)
             for c in range(channels)
         ]
-        rest, done = (
-            [],
-            read_already and bool((self._largest_bits <= _WHITE_BITS).all()),
-        )
+        done = read_already and self._bits.of_blocks.max() <= _WHITE_BITS
+        rest = []
         for kind in () if done else plan.classes:
-            ordinary = self._are_ordinary(kind.starts)
-            rest.append(self._read_class(kind, ordinary, placed, read_already))
+            rest.append(self._read_class(kind, placed, read_already))
         if read_already:
-            ordinary = self._are_ordinary(plan.odd_starts)
+            ordinary = self._read_bits(plan.odd_starts) <= _WHITE_BITS
+            ordinary &= (plan.odd_starts < TORN).all(1)
             self._fade(plan.odd[ordinary], placed)
             rest.append(plan.odd[~ordinary])
         else:
@@ -105,21 +106,20 @@ class TileWarp:
         ceiling = np.full(self.pixels.shape[2], np.inf, np.float32)
         if self.alpha_channel is not None:
             ceiling[self.alpha_channel] = 1
-            if (self._largest_bits > _WHITE_BITS).any():
+            if self._bits.of_channels[self.alpha_channel] > _WHITE_BITS:
                 alpha = self.pixels[..., self.alpha_channel]
                 ceiling[self.alpha_channel] = max(1.0, float(alpha.max()))
         return ceiling
 
     @cached_property
-    def _largest_bits(self) -> UInt32[np.ndarray, "rows columns"]:
-        return _largest_bits(self.pixels)
+    def _bits(self) -> "_LargestBits":
+        return _LargestBits.of(self.pixels)
 
-    def _are_ordinary(self, starts: Corners) -> Bool[np.ndarray, " tiles"]:
-        """Tiles, by their first samples, that read nothing beyond the display range."""
+    def _read_bits(self, starts: Corners) -> UInt32[np.ndarray, " tiles"]:
+        """The largest bits that tiles read, by their first samples."""
         blocks = np.maximum(starts, 0) // _TILE
-        blocks = np.minimum(blocks, np.array(self._largest_bits.shape) - 1)
-        largest = self._largest_bits[blocks[:, 0], blocks[:, 1]]
-        return (largest <= _WHITE_BITS) & (starts < TORN).all(1)
+        blocks = np.minimum(blocks, np.array(self._bits.of_blocks.shape) - 1)
+        return self._bits.of_blocks[blocks[:, 0], blocks[:, 1]]
 
     def _fade(self, corners: Corners, placed: list) -> None:
         """Darken tiles at the edge of the source by the share of it they show."""
@@ -135,31 +135,28 @@ class TileWarp:
         for view in placed:
             view[corners[:, 0], corners[:, 1]] *= share
 
-    def _read_class(
-        self,
-        kind: TileClass,
-        ordinary: Bool[np.ndarray, " tiles"],
-        placed: list,
-        read_already: bool,
-    ) -> Corners:
+    def _read_class(self, kind: TileClass, placed: list, read_already: bool) -> Corners:
         """Read the tiles of a class; those that hold no numbers are returned.
 
         Tiles that need not be held to their neighbours read the same either way, so
         all are read as ordinary ones and the few others once more.
         """
+        bits = self._read_bits(kind.starts)
+        ordinary = bits <= _WHITE_BITS
         most = bool(ordinary.mean() > 0.5)
         if not (most and read_already):
             self._read_chunks(kind, most, placed)
-        if ordinary.all():
+        if most and not ordinary.all():
+            self._read_chunks(kind.chosen(~ordinary), False, placed)
+        doubtful = bits >= _INFINITE_BITS
+        if not doubtful.any():
             return kind.corners[:0]
-        others = kind.chosen(~ordinary)
-        if most:
-            self._read_chunks(others, False, placed)
+        chosen = kind.chosen(doubtful)
         finite = [
-            np.isfinite(self._patches(others, chunk)).all((1, 2, 3))
-            for chunk in _chunks(others.corners)
+            np.isfinite(self._patches(chosen, chunk)).all((1, 2, 3))
+            for chunk in _chunks(chosen.corners)
         ]
-        return others.corners[~np.concatenate(finite)]
+        return chosen.corners[~np.concatenate(finite)]
 
     def _read_chunks(self, kind: TileClass, ordinary: bool, placed: list) -> None:
         moved = sliding_window_view(self.source_map.displacement_px, _TILE, axis=(1, 2))
@@ -192,7 +189,12 @@ class TileWarp:
         reach = reach_of(self.method, kind.levels)
         shape = TILE_HEIGHT + reach, TILE_WIDTH + reach
         rows, columns = kind.starts[chunk].T
-        patches = aligned_empty((len(rows), len(self._planes), *shape))
+        channels = self.pixels.shape[2]
+        patches = aligned_empty((len(rows), channels, *shape))
+        if len(kind.corners) < _FEW_TILES:
+            at = sliding_window_view(self.pixels, (*shape, channels))[:, :, 0]
+            patches[:] = np.moveaxis(at[rows, columns], 3, 1)
+            return patches
         for channel, plane in enumerate(self._planes):
             patches[:, channel] = sliding_window_view(plane, shape)[rows, columns]
         return patches
@@ -247,22 +249,35 @@ def _share(position: np.ndarray, size: int) -> np.ndarray:
     return np.clip(position + 1, 0, 1) * np.clip(size - position, 0, 1)
 
 
-def _largest_bits(pixels: Pixels) -> UInt32[np.ndarray, "rows columns"]:
-    """Over 3 x 3 blocks of the size of a tile, from each block on: these hold what a
-    tile reads whose first sample is in the block."""
-    height, width, channels = pixels.shape
-    bits = pixels.view(np.uint32).reshape(height, -1)
-    rows, columns = -(-height // TILE_HEIGHT), -(-width // TILE_WIDTH)
-    lines = np.zeros((rows, columns * TILE_WIDTH * channels), np.uint32)
-    whole = height // TILE_HEIGHT
-    full = bits[: whole * TILE_HEIGHT].reshape(whole, TILE_HEIGHT, -1)
+class _LargestBits(NamedTuple):
+    """Bits of the largest samples.
 
-    def read(part: slice) -> None:
-        np.max(full[part], 1, out=lines[:whole][part, : bits.shape[1]])
+    Attributes
+    ----------
+    of_blocks : Over 3 x 3 blocks of the size of a tile, from each block on: these hold
+        what a tile reads whose first sample is in the block.
+    of_channels : Over the whole picture.
+    """
 
-    _on_threads(read, (slice(first, first + 8) for first in range(0, whole, 8)))
-    if whole < rows:
-        lines[whole, : bits.shape[1]] = bits[whole * TILE_HEIGHT :].max(0)
-    blocks = lines.reshape(rows, columns, -1).max(2)
-    blocks = np.pad(blocks, ((0, 2), (0, 2)), mode="edge")
-    return sliding_window_view(blocks, (3, 3)).max((2, 3))
+    of_blocks: UInt32[np.ndarray, "rows columns"]
+    of_channels: UInt32[np.ndarray, " channels"]
+
+    @classmethod
+    def of(cls, pixels: Pixels) -> "_LargestBits":
+        height, width, channels = pixels.shape
+        bits = pixels.view(np.uint32).reshape(height, -1)
+        rows, columns = -(-height // TILE_HEIGHT), -(-width // TILE_WIDTH)
+        lines = np.zeros((rows, columns * TILE_WIDTH * channels), np.uint32)
+        whole = height // TILE_HEIGHT
+        full = bits[: whole * TILE_HEIGHT].reshape(whole, TILE_HEIGHT, -1)
+
+        def read(part: slice) -> None:
+            np.max(full[part], 1, out=lines[:whole][part, : bits.shape[1]])
+
+        _on_threads(read, (slice(first, first + 8) for first in range(0, whole, 8)))
+        if whole < rows:
+            lines[whole, : bits.shape[1]] = bits[whole * TILE_HEIGHT :].max(0)
+        blocks = lines.reshape(rows, columns, -1).max(2)
+        blocks = np.pad(blocks, ((0, 2), (0, 2)), mode="edge")
+        in_reach = sliding_window_view(blocks, (3, 3)).max((2, 3))
+        return cls(in_reach, lines.max(0).reshape(-1, channels).max(0))
