@@ -180,9 +180,7 @@ class FrameRenderer:
         if not layers:
             return result
         depth, mattes = self.depth_of(part, state, *plate)
-        reach = (
-            window if depth is None else window_with_margin(window, part.data_window)
-        )
+        reach = window if depth is None else self._reach(part, window)
         stages = self.stages_for(state, part.display_window, reach)
         self._note_border(stages, window, part.data_window)
         for layer in layers:
@@ -286,7 +284,7 @@ class FrameRenderer:
             pixels = LayerStack(stack.rgba, depth)
         else:
             pixels = flattened(stack)
-        reach = window_with_margin(window, flat.data_window) if blurs else window
+        reach = self._reach(flat, window) if blurs else window
         stages = self.stages_for(state, flat.display_window, reach)
         self._note_border(stages, window, flat.data_window)
         for note in (*notes, DEEP_IS_FLAT):
@@ -338,6 +336,24 @@ class FrameRenderer:
             self._key = key
         return self._stages
 
+    def _reach(self, part: ExrPart, window: Window) -> Window:
+        """Pixels from which light may spread into `window`: all that the plate has, as
+        far as an external map knows where they land."""
+        wanted = window_with_margin(window, part.data_window)
+        if self.stmap is None:
+            return wanted
+        known = self._mapped_window(self.stmap, part.display_window)
+        low = np.maximum(wanted[:2], known[:2])
+        high = np.minimum(wanted[2:], known[2:])
+        return window_with_margin(window, Window(*map(int, (*low, *high))))
+
+    @staticmethod
+    def _mapped_window(stmap: Stmap, display: Window) -> Window:
+        """The window of a map in the pixel space of a plate."""
+        made, own = stmap.display_window, stmap.data_window
+        dx, dy = display.x_min - made.x_min, display.y_min - made.y_min
+        return Window(own.x_min + dx, own.y_min + dy, own.x_max + dx, own.y_max + dy)
+
     def _external(self, display: Window, window: Window) -> SourceMap | None:
         """The map of the file, in the plate's own pixel space."""
         if self.stmap is None:
@@ -351,9 +367,7 @@ class FrameRenderer:
                 where=self.options.stmap,
                 remedy="write the map at the size of the plate",
             )
-        dx, dy = display.x_min - made.x_min, display.y_min - made.y_min
-        own = self.stmap.data_window
-        moved = Window(own.x_min + dx, own.y_min + dy, own.x_max + dx, own.y_max + dy)
+        moved = self._mapped_window(self.stmap, display)
         source_map = SourceMap.from_uv(self.stmap.uv, moved, display)
         try:
             return source_map.cropped(window)

@@ -5,8 +5,10 @@ import OpenEXR
 import pytest
 from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, make_preset, scene, write_plate
 
+from lensfit.coords import uv_from_px
 from lensfit.io.cryptomatte import object_id
 from lensfit.io.exr import read_exr
+from lensfit.io.stmap import write_stmap
 from lensfit.render.frame import render
 from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
@@ -71,6 +73,26 @@ def test_depth_without_a_stop_is_left_out_or_an_error_when_asked_for(tmp_path):
     options = ApplyOptions(switches=Switches(falloff=False), depth=METRES)
     (failure,) = apply_preset(preset, plate, tmp_path / "b", options=options).failures
     assert "--f-number" in failure
+
+
+@pytest.mark.parametrize("margin", [0, 4, 40])
+def test_an_external_map_need_not_reach_as_far_as_the_plate(tmp_path, margin):
+    plate = write_plate(tmp_path / "p.exr", extra={"Z": near_and_far() / 1000})
+    window = DISPLAY.grown(margin, margin)
+    uv = uv_from_px(window.pixel_centres(), DISPLAY).astype(np.float32)
+    write_stmap(tmp_path / "map.exr", uv, DISPLAY, window)
+    switches = Switches(lateral_colour=False, falloff=False)
+    plain = Switches(distortion=False, lateral_colour=False, falloff=False)
+    mapped, _ = rendered(
+        plate,
+        tmp_path / "a",
+        stmap=tmp_path / "map.exr",
+        depth=METRES,
+        switches=switches,
+    )
+    straight, _ = rendered(plate, tmp_path / "b", depth=METRES, switches=plain)
+    gap = np.abs(mapped.channels["G"] - straight.channels["G"])
+    assert gap[8:-8, 8:-8].max() < 0.01
 
 
 def with_objects(depth):
