@@ -1,6 +1,7 @@
 """Depth of field by its physics: energy, constancy, order, translucency, points."""
 
 import cv2
+import jax
 import numpy as np
 import pytest
 from ideal_lens import (
@@ -222,3 +223,13 @@ def test_a_tighter_tolerance_comes_closer():
     ]
     assert errors[0] < errors[1] < 0.05
     assert errors[0] < 5e-3
+
+
+@pytest.mark.skipif(jax.default_backend() == "cpu", reason="JAX sees no GPU")
+def test_a_gpu_makes_the_same_picture():
+    picture, depth = half_step(6.0, -4.0)
+    picture[60:62, 50:52] = 300.0
+    found = render(picture, depth, LENS)
+    with jax.default_device(jax.devices("cpu")[0]):
+        same = render(picture, depth, LENS)
+    assert np.abs(np.clip(found, 0, 1) - np.clip(same, 0, 1)).max() < 1e-3
