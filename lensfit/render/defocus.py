@@ -24,7 +24,7 @@ from jaxtyping import Float32, Int16
 
 from lensfit.coords import Window
 from lensfit.render.blur_setup import BlurSetup, Defocus
-from lensfit.render.buffers import crop
+from lensfit.render.buffers import aligned_empty, crop
 from lensfit.render.convolve import blurred_tiles, sharp_tiles
 from lensfit.render.edges import two_layers
 from lensfit.render.highlights import Highlights, take_highlights
@@ -49,7 +49,7 @@ class Scene:
     is_opaque : Whether one can nowhere see through everything.
     """
 
-    rgba: Float32[np.ndarray, "layers height width 4"]
+    rgba: list[Float32[np.ndarray, "height width 4"]]
     index: Int16[np.ndarray, "layers height width"]
     highlights: Highlights | None = None
     is_opaque: bool = False
@@ -84,8 +84,9 @@ def blurred_plate(
     each_px = np.stack([found.front_px, found.back_px])
     index = defocus.levels.index(each_px)
     index[1][~found.has_back] = NEVER
-    scene = Scene(np.stack([found.front, found.back]), index, lights, is_opaque)
     setup = defocus.setup(window, levels_in(index, each_px, defocus))
+    scene = Scene([found.front, found.back], index, lights, is_opaque)
+    del rgba, found, each_px, radius_px
     return _blurred_scene(scene, setup, window, output_window, defocus)
 
 
@@ -100,7 +101,9 @@ def blurred_layers(
     if setup.is_sharp:
         return crop(flattened(layers), window, output_window)
     rgba = np.nan_to_num(layers.rgba, nan=0.0, posinf=0.0, neginf=0.0)
-    return _blurred_scene(Scene(rgba, index), setup, window, output_window, defocus)
+    return _blurred_scene(
+        Scene(list(rgba), index), setup, window, output_window, defocus
+    )
 
 
 def _blurred_scene(
@@ -116,8 +119,8 @@ def _blurred_scene(
     lights = SpreadLights.of(
         scene.highlights, window, output_window, defocus.bank, setup
     )
-    arrays = _padded(scene, tiles)
     where = _presence(scene, setup.levels)
+    arrays = _padded(scene, tiles)
     with ThreadPoolExecutor() as threads:
         for level in setup.levels:
             active = tiles.reached(where[level], setup.reach_px(level))
@@ -244,9 +247,18 @@ def _presence(scene: Scene, levels: list[int]) -> dict[int, np.ndarray]:
 
 
 def _padded(scene: Scene, tiles: _Tiles) -> tuple[jnp.ndarray, jnp.ndarray]:
-    """Layers with a margin that continues their border, on the device."""
+    """Layers with a margin that continues their border, on the device; the scene gives
+    its own up, since two copies of a large frame are too many."""
+    (top, bottom), (left, right) = tiles.padding
+    count, height, width = scene.index.shape
+    rgba = aligned_empty((count, top + height + bottom, left + width + right, 4))
+    for layer in rgba:
+        own = scene.rgba.pop(0)
+        layer[top : top + height, left : left + width] = own
+        layer[top : top + height, :left] = own[:, :1]
+        layer[top : top + height, left + width :] = own[:, -1:]
+        layer[:top], layer[top + height :] = layer[top], layer[top + height - 1]
     around = ((0, 0), *tiles.padding)
-    rgba = np.pad(scene.rgba, (*around, (0, 0)), mode="edge")
     return jnp.asarray(rgba), jnp.asarray(np.pad(scene.index, around, mode="edge"))
 
 

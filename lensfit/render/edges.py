@@ -63,7 +63,7 @@ def two_layers(
 
     Parameters
     ----------
-    rgba : Premultiplied.
+    rgba : Premultiplied; becomes the front.
     radius_px : Signed, positive in front of the focus distance.
     mattes : Who shares each pixel, over the same window.
     """
@@ -93,10 +93,9 @@ def two_layers(
         back_px[y, x] = np.where(has_back[y, x], back_px[y, x], known.back_px)
         has_back[y, x] = True
     split = beside & has_back
-    front = rgba.copy()
     left = rgba[split] - (1 - alpha[split])[:, None] * back[split]
-    front[split] = np.maximum(left, 0)
-    return TwoLayers(front, front_px, back, back_px, has_back)
+    rgba[split] = np.maximum(left, 0)
+    return TwoLayers(rgba, front_px, back, back_px, has_back)
 
 
 _CROSS = np.ones((3, 3), np.uint8)
