@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 _TILES = ((14, 64), (56, 128), (1000, 256))
 """Largest reach of a kernel, px, and the tile that goes with it."""
+_LEAST_TILE = 16
 _LEVEL_GROUP = 4
 _MOST_EXACT = 6
 """Levels that each get kernels of their own; more share those of a few depths."""
@@ -200,6 +201,9 @@ class Defocus:
         blurred = {n for n in levels if _leaves(kernels[n]) > self.budget.unseen}
         longest = max((reaches[n] for n in blurred), default=0)
         tile = next(size for reach, size in _TILES if longest <= reach)
+        if grid.varies:  # the weights of a cell's nodes hold in that cell
+            widest = _LEAST_TILE * int(min(grid.cell_px) // _LEAST_TILE)
+            tile = max(min(tile, widest), _LEAST_TILE)
         rooms = {n: room_px(tile, reaches[n]) for n in blurred}
         transforms = {
             n: self._transforms((at[n], grid, channels, rooms[n], mixed), kernels[n])
