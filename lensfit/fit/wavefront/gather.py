@@ -75,28 +75,14 @@ class Gathered:
 
 def gather(shown: list[Shown], bands: Bands) -> Gathered:
     """Arrays of all dots; every take states its f-number."""
-    reference = _reference(shown)
-    offset = pupil_offset_mm(reference)
-    distance = reference.take.target_distance_mm or _middle_distance_mm(reference)
-    c = float(reference.distortion.principal_distance_mm)
-    # The thin lens whose chief rays have this principal distance.
-    first_order = FirstOrder(
-        jnp.asarray(1 / (1 / c + 1 / (distance - offset))),
-        jnp.asarray(1.0),
-        jnp.asarray(offset),
-    )
+    known = _reference(shown)
+    distance_mm = jnp.asarray(known.distance_mm)
     f_numbers = sorted({f_number_of(s) for s in shown})
     sines = [
-        float(rim_sine(first_order, jnp.asarray(n), jnp.asarray(distance)))
+        float(rim_sine(known.first_order, jnp.asarray(n), distance_mm))
         for n in f_numbers
     ]
     groups = tuple(dict.fromkeys(_group(s) for s in shown))
-    scale = Scale(
-        field_radius_mm=jnp.asarray(np.hypot(*reference.take.sensor_size_mm) / 2),
-        reference_sine=jnp.asarray(sines[0]),
-        principal_distance_mm=jnp.asarray(c),
-    )
-    known = Reference(c, first_order, distance)
     rows = []
     for one in shown:
         stop = f_numbers.index(f_number_of(one))
@@ -115,12 +101,16 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
         read_noise=np.repeat([c.read_noise for c in cut], counts, axis=0),
         take=np.repeat(np.arange(len(shown)), counts),
         colour=any(c.channels == 3 for c in cut),
-        scale=scale,
+        scale=Scale(
+            jnp.asarray(np.hypot(*shown[0].take.sensor_size_mm) / 2),
+            jnp.asarray(sines[0]),
+            jnp.asarray(known.principal_distance_mm),
+        ),
         chromatic=np.asarray(chromatic_coordinate(bands.wavelengths_nm)),
         groups=groups,
         f_numbers=tuple(f_numbers),
-        reference_distance_mm=distance,
-        first_order=first_order,
+        reference_distance_mm=known.distance_mm,
+        first_order=known.first_order,
     )
 
 
@@ -163,9 +153,18 @@ def spread_out(
     return among[np.sort(found)]
 
 
-def _reference(shown: list[Shown]) -> Shown:
-    """The take whose state the numbers refer to: nearest to being in focus."""
+def _reference(shown: list[Shown]) -> Reference:
+    """The state nearest to being in focus, and the distance of its chart."""
+    nearest = _nearest_to_focus(shown)
+    offset = pupil_offset_mm(nearest)
+    distance = nearest.take.target_distance_mm or _middle_distance_mm(nearest)
+    c = float(nearest.distortion.principal_distance_mm)
+    thin = 1 / (1 / c + 1 / (distance - offset))
+    first_order = FirstOrder(*(jnp.asarray(n) for n in (thin, 1.0, offset)))
+    return Reference(c, first_order, distance)
 
+
+def _nearest_to_focus(shown: list[Shown]) -> Shown:
     def dioptres_off(one: Shown) -> float:
         take = one.take
         if not take.target_distance_mm or not take.focus_distance_mm:
