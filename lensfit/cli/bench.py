@@ -112,6 +112,10 @@ def render(
     quick: Annotated[
         bool, typer.Option("--quick", help="Leave frames of 8 megapixels out")
     ] = False,
+    blender: Annotated[
+        str | None,
+        typer.Option("--blender", help="Python that has bpy, for Blender's Defocus"),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the figures as JSON")
     ] = False,
@@ -126,7 +130,9 @@ def render(
     from lensfit.workflow.bench_render import bench_render
 
     with progress_bars() as progress:
-        result = bench_render(data, out, preset=preset, quick=quick, progress=progress)
+        result = bench_render(
+            data, out, preset=preset, quick=quick, blender=blender, progress=progress
+        )
     if as_json:
         typer.echo(json.dumps(result))
         return

@@ -11,7 +11,6 @@ import json
 import math
 import time
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from lensfit.errors import PresetError
 from lensfit.preset.store import load_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.progress import Progress, silent
+from lensfit.workflow.bench_blender import blender_defocus, python_with_bpy
 from lensfit.workflow.bench_render_kernels import kernel_rows
 from lensfit.workflow.bench_render_scenes import (
     Scene,
@@ -39,6 +39,9 @@ _UHD_TOLERANCES = (1e-3, 2e-3, 5e-3, 1e-2, 3e-2)
 _FINEST = 0.5
 """Tolerance of what the others are compared with, over the tightest of them."""
 _RUNS = 3
+_FASTER_THAN_BLENDER = 20
+_BLENDER_LIMIT_PX = 64.0
+"""Which does not cut the blur of near things short, as a careful artist sets it."""
 _UHD = (3840, 2160)
 _AREAS_PX = (2.0, 4.0, 8.0, 16.0)
 
@@ -49,6 +52,7 @@ def bench_render(
     *,
     preset: str | Path | None = None,
     quick: bool = False,
+    blender: str | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Measure everything.
@@ -59,6 +63,8 @@ def bench_render(
     out_dir : Folder for bench_render.json and the rendered pictures.
     preset : A fitted preset whose blur was measured, for the kernels' errors.
     quick : Leave the frames of eight million pixels out.
+    blender : Interpreter that has `bpy`, for Blender's Defocus node; this one, if it
+        has, when None.
 
     Returns
     -------
@@ -78,11 +84,12 @@ def bench_render(
     camera = convert_strictly(
         tables, ThinCamera, error=PresetError, where=folder / "camera.json"
     )
-    notes = [] if find_spec("bpy") else ["Blender's Defocus node: bpy is not installed"]
+    blender = blender or python_with_bpy()
+    notes = [] if blender else ["Blender's Defocus node: bpy is not installed"]
     progress("render", 0, 5)
     scene = plate_scene(folder, thin_lens_preset(camera), camera)
     plate, rows = _error_against_time(scene, TOLERANCES)
-    rows = [*_plate_rows(scene), *rows, *_law_rows(camera)]
+    rows = [*_plate_rows(scene, camera, blender), *rows, *_law_rows(camera)]
     progress("render", 2, 5)
     curves = {"plate": plate, "pixels": _pixels(camera), "blur": _areas(camera)}
     progress("render", 3, 5)
@@ -153,29 +160,33 @@ def _error_against_time(
     return points, rows
 
 
-def _plate_rows(scene: Scene) -> list[Row]:
+def _plate_rows(scene: Scene, camera: ThinCamera, blender: str | None) -> list[Row]:
+    """Against the path-traced reference, with peers; Blender's time sets the bar."""
     assert scene.reference is not None
     scene.render(1e-3, mattes=True)
     found, wall, cpu = _best(lambda: scene.render(1e-3, mattes=True))
-    discs, discs_wall, _ = _best(lambda: layered_discs(scene), 1)
-    plain = scene.render(1e-3)
-    peers = {
-        "no defocus": psnr_db(scene.undefocused(), scene.reference),
-        "layered discs": psnr_db(discs, scene.reference),
-        "without mattes": psnr_db(plain, scene.reference),
+    discs, discs_s, _ = _best(lambda: layered_discs(scene), 1)
+    pictures = {
+        "no defocus": scene.undefocused(),
+        "layered discs": discs,
+        "without mattes": scene.render(1e-3),
     }
-    value = psnr_db(found, scene.reference)
-    size = scene.megapixels
+    seconds, bar = {"processor": cpu, "layered discs": discs_s}, None
+    if blender is not None:
+        radius_px = np.abs(scene.circle().radius_px(scene.depth_mm[scene.inside]))
+        tight_px = float(np.ceil(radius_px.max()))
+        for name, limit_px in (
+            ("Blender Defocus", _BLENDER_LIMIT_PX),
+            (f"Blender Defocus, limit {tight_px:g} px", tight_px),
+        ):
+            run = blender_defocus(scene, camera, blender, limit_px)
+            pictures[name], seconds[name] = run
+        bar = seconds["Blender Defocus"] / _FASTER_THAN_BLENDER
+    peers = {name: psnr_db(one, scene.reference) for name, one in pictures.items()}
+    value, size = psnr_db(found, scene.reference), scene.megapixels
     return [
         Row("plate", "PSNR, dB", value, bar=36.0, aim=40.0, peers=peers, least=True),
-        Row(
-            "plate",
-            "seconds",
-            wall,
-            bar=4.0,
-            aim=size,
-            peers={"processor": cpu, "layered discs": discs_wall},
-        ),
+        Row("plate", "seconds", wall, bar=bar, aim=size, peers=seconds),
         Row("plate", "seconds per megapixel", wall / size, bar=None, aim=1.0),
     ]
 

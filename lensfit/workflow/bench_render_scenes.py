@@ -91,9 +91,10 @@ class Scene:
 
     def undefocused(self) -> Float32[np.ndarray, "height width 3"]:
         """The plate as it is."""
-        return self.rgb[self._inside()]
+        return self.rgb[self.inside]
 
-    def _inside(self) -> tuple[slice, slice]:
+    @property
+    def inside(self) -> tuple[slice, slice]:
         data, shown = self.data_window, self.display_window
         top, left = shown.y_min - data.y_min, shown.x_min - data.x_min
         return slice(top, top + shown.height), slice(left, left + shown.width)
@@ -186,4 +187,4 @@ def layered_discs(scene: Scene) -> Float32[np.ndarray, "height width 3"]:
         )
         share = np.where(known > 1e-3, 1 / np.maximum(known, 1e-3), 0)[..., None]
         result = spread[..., :3] * share + result * (1 - spread[..., 3:] * share)
-    return result[scene._inside()]
+    return result[scene.inside]
