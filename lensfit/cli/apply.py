@@ -112,7 +112,7 @@ def apply(
     from lensfit.preset.store import load_preset
     from lensfit.render.stages import Switches
     from lensfit.workflow.apply import apply_preset
-    from lensfit.workflow.frame_renderer import ApplyOptions
+    from lensfit.workflow.apply_options import ApplyOptions
     from lensfit.workflow.plate_depth import DepthOptions
     from lensfit.workflow.plate_state import StateOverrides
 

@@ -28,7 +28,7 @@ def plan(
     """
     from lensfit.cli._door import say_note
     from lensfit.preset.store import load_preset
-    from lensfit.workflow.frame_renderer import ApplyOptions
+    from lensfit.workflow.apply_options import ApplyOptions
     from lensfit.workflow.plan_plate import plan_plate
     from lensfit.workflow.plate_state import StateOverrides
 

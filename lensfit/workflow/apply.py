@@ -23,8 +23,9 @@ from lensfit.io.sequence import (
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.apply_frame import FrameOutcome, apply_frame, error_line
+from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.apply_workers import worker_outcomes
-from lensfit.workflow.frame_renderer import ApplyOptions, FrameRenderer
+from lensfit.workflow.frame_renderer import FrameRenderer
 
 
 @dataclass

@@ -16,7 +16,8 @@ from pathlib import Path
 from lensfit.errors import ImageError
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_frame import FrameOutcome, apply_frame
-from lensfit.workflow.frame_renderer import ApplyOptions, FrameRenderer
+from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.frame_renderer import FrameRenderer
 
 _renderer: FrameRenderer | None = None
 

@@ -16,7 +16,9 @@ from lensfit.render.frame import render_stages, window_with_margin
 from lensfit.render.layer_stack import Mattes
 from lensfit.render.plan import plan_of
 from lensfit.render.stages import Stages, prepare_stages
-from lensfit.workflow.frame_renderer import ApplyOptions, FrameRenderer
+from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.flat_plate import depth_of
+from lensfit.workflow.plate_lens import PlateLens
 
 _CHECKER_PX = 24
 
@@ -110,8 +112,8 @@ def plate_scene(folder: Path, preset: Preset, camera: ThinCamera) -> Scene:
     path = folder / "plate.0001.exr"
     image = read_exr(path)
     part = image.parts[0]
-    renderer = FrameRenderer(preset, ApplyOptions())
-    depth, mattes = renderer.depth_of(part, renderer.noted_state(image), image, path)
+    lens = PlateLens(preset, ApplyOptions())
+    depth, mattes = depth_of(lens, part, lens.noted_state(image), image, path)
     assert depth is not None
     reference = read_exr(folder / "reference.0001.exr").parts[0].channels
     return Scene(

@@ -12,8 +12,8 @@ from lensfit.errors import LensfitError
 from lensfit.preset.store import load_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.frame_renderer import ApplyOptions
 from lensfit.workflow.shoot import load_shoot
 
 PLATE = "plate.0001.exr"

@@ -11,7 +11,6 @@
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,16 +20,17 @@ from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.render.circle import Circle
 from lensfit.render.lens_pictures import aberration_dots, kernel_mosaic
 from lensfit.render.nearest import nearest
+from lensfit.workflow.flat_plate import depth_of
+from lensfit.workflow.frame_signature import signed
 from lensfit.workflow.plate import colour_layers
-
-if TYPE_CHECKING:
-    from lensfit.workflow.frame_renderer import FrameRenderer
+from lensfit.workflow.plate_header import plate_header
+from lensfit.workflow.plate_lens import PlateLens
 
 _FAR_MM = 1e7
 """Chart distance for a lens that is focused at infinity."""
 
 
-def explaining_picture(renderer: "FrameRenderer", path: Path) -> ExrImage:
+def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
     """The picture that the options ask for in place of the result.
 
     Raises
@@ -38,13 +38,13 @@ def explaining_picture(renderer: "FrameRenderer", path: Path) -> ExrImage:
     ImageError : The plate has no depth where it is needed.
     LensfitError : The lens' blur cannot be known.
     """
-    if renderer.options.output == "circle-of-confusion":
-        return _circle_of_confusion(renderer, path)
-    image = renderer.header_of(path)
+    if plate_lens.options.output == "circle-of-confusion":
+        return _circle_of_confusion(plate_lens, path)
+    image = plate_header(path)
     part = image.parts[0]
-    state = renderer.noted_state(image)
-    lens = renderer.preset.at(*state.lens_key)
-    geometry = renderer.geometry(state, part.display_window)
+    state = plate_lens.noted_state(image)
+    lens = plate_lens.preset.at(*state.lens_key)
+    geometry = plate_lens.geometry(state, part.display_window)
     focus_mm = lens.focus_distance_mm
     if focus_mm is None and lens.blur is not None:
         focus_mm = float(lens.blur.reference_distance_mm)
@@ -53,9 +53,8 @@ def explaining_picture(renderer: "FrameRenderer", path: Path) -> ExrImage:
             "states no focus distance", remedy="give it with --focus-distance-mm"
         )
     focus_mm = min(focus_mm, _FAR_MM)
-    if renderer.options.output == "aberration-dots":
-        keep = renderer.options.keep_overscan
-        window = part.data_window if keep else part.display_window
+    if plate_lens.options.output == "aberration-dots":
+        window = plate_lens.options.written(part.data_window, part.display_window)
         rgb = aberration_dots(lens, geometry, window, focus_mm)
         layers, display = {"": rgb}, part.display_window
     else:
@@ -76,7 +75,7 @@ def explaining_picture(renderer: "FrameRenderer", path: Path) -> ExrImage:
         for index, leaf in enumerate("RGB")
     }
     made = ExrPart(channels, window, display, part.attributes)
-    return ExrImage((renderer.signed(made, state),))
+    return ExrImage((signed(made, plate_lens.signature(state)),))
 
 
 def _spaced(rgb: np.ndarray, tile_px: int, display: Window) -> np.ndarray:
@@ -91,22 +90,21 @@ def _spaced(rgb: np.ndarray, tile_px: int, display: Window) -> np.ndarray:
     )
 
 
-def _circle_of_confusion(renderer: "FrameRenderer", path: Path) -> ExrImage:
+def _circle_of_confusion(plate_lens: PlateLens, path: Path) -> ExrImage:
     image = read_exr(path)
-    state = renderer.noted_state(image)
+    state = plate_lens.noted_state(image)
     part = next((p for p in image.parts if colour_layers(p)), image.parts[0])
-    depth, _ = renderer.depth_of(part, state, image, path)
+    depth, _ = depth_of(plate_lens, part, state, image, path)
     if depth is None:
         raise ImageError(
             "has no depth from which blur could be known",
             remedy="name its channel with --depth-channel, and state --f-number and "
             "--focus-distance-mm",
         )
-    keep = renderer.options.keep_overscan
-    window = part.data_window if keep else part.display_window
-    stages = renderer.stages_for(state, part.display_window, window)
-    lens = renderer.preset.at(*state.lens_key)
-    circle = Circle.of(lens, renderer.geometry(state, part.display_window))
+    window = plate_lens.options.written(part.data_window, part.display_window)
+    stages = plate_lens.stages_for(state, part.display_window, window)
+    lens = plate_lens.preset.at(*state.lens_key)
+    circle = Circle.of(lens, plate_lens.geometry(state, part.display_window))
     landed = nearest(depth, part.data_window, stages.maps[1])
     made = ExrPart(
         {"Y": (2 * circle.radius_px(landed)).astype(np.float32)},
@@ -115,4 +113,4 @@ def _circle_of_confusion(renderer: "FrameRenderer", path: Path) -> ExrImage:
         part.attributes,
         pixel_aspect=part.pixel_aspect,
     )
-    return ExrImage((renderer.signed(made, state),))
+    return ExrImage((signed(made, plate_lens.signature(state)),))

@@ -8,8 +8,10 @@ from lensfit.io.exr_deep import is_deep
 from lensfit.preset.schema import Preset
 from lensfit.render.frame import window_with_margin
 from lensfit.render.plan import Plan, plan_of
-from lensfit.workflow.frame_renderer import ApplyOptions, FrameRenderer
+from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.flat_plate import depth_of
 from lensfit.workflow.plate import colour_layers
+from lensfit.workflow.plate_lens import PlateLens
 
 
 def plan_plate(
@@ -27,21 +29,21 @@ def plan_plate(
             where=plate,
             remedy='render it with "lensfit apply", which takes deep plates',
         )
-    renderer = FrameRenderer(preset, options)
+    lens = PlateLens(preset, options)
     image = read_exr(plate)
-    state = renderer.noted_state(image)
+    state = lens.noted_state(image)
     for part in image.parts:
         if not colour_layers(part, options.layers):
             continue
-        window = part.data_window if options.keep_overscan else part.display_window
-        depth, _ = renderer.depth_of(part, state, image, plate)
+        window = options.written(part.data_window, part.display_window)
+        depth, _ = depth_of(lens, part, state, image, plate)
         if depth is not None:
             reach = window_with_margin(window, part.data_window)
         else:
             reach = window
-        stages = renderer.stages_for(state, part.display_window, reach)
+        stages = lens.stages_for(state, part.display_window, reach)
         plan = plan_of(stages, window, options.tolerance, depth_mm=depth)
-        return plan, renderer.notes
+        return plan, lens.notes.said
     raise ImageError(
         "holds no R, G, B to render", where=plate, remedy="give a colour plate"
     )

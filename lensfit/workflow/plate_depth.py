@@ -29,6 +29,7 @@ from lensfit.io.depth import (
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.render.uv import PlateGeometry
 from lensfit.units import MILLIMETRES_PER_METRE
+from lensfit.workflow.plate_header import header_entries
 
 
 @dataclass(frozen=True)
@@ -116,8 +117,7 @@ def depth_meaning(
     ------
     ImageError : An option or a header entry is no unit or kind.
     """
-    header = {k: v for p in reversed(image.parts) for k, v in p.attributes.items()}
-    header |= found.part.attributes
+    header = header_entries(image) | dict(found.part.attributes)
     assumed = []
     unit_mm = _unit_mm(header, options)
     if unit_mm is None:

@@ -4,6 +4,8 @@ Borders that stay black because a plate has too little overscan, and pixels that
 numbers and spread to their neighbours.
 """
 
+from typing import final
+
 import numpy as np
 from jaxtyping import Float32
 
@@ -12,6 +14,25 @@ from lensfit.render.stages import Stages
 
 _SEEN_PART = 1e-4
 """Of the pixels; less is a rounding of the border."""
+
+
+@final
+class Notes:
+    """Sentences for the user, each said once.
+
+    Attributes
+    ----------
+    said : In the order they came.
+    """
+
+    def __init__(self):
+        self.said: list[str] = []
+
+    def add(self, *notes: str | None) -> None:
+        """Say these too; None is nothing to say."""
+        for note in notes:
+            if note and note not in self.said:
+                self.said.append(note)
 
 
 def border_note(stages: Stages, window: Window, source: Window) -> str | None:

@@ -11,7 +11,7 @@ from lensfit.io.stmap import write_stmap
 from lensfit.render.frame import render
 from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
-from lensfit.workflow.frame_renderer import ApplyOptions
+from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.plate_state import StateOverrides
 
 

@@ -12,7 +12,7 @@ from lensfit.io.stmap import write_stmap
 from lensfit.render.frame import render
 from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
-from lensfit.workflow.frame_renderer import ApplyOptions
+from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.plate_depth import DepthOptions
 
 STATE = (35.0, 2.8, 2000.0)

@@ -92,7 +92,7 @@ def test_a_killed_job_run_again_ends_with_the_same_files(tmp_path):
 def test_options_travel_to_processes(sequence):
     import pickle
 
-    from lensfit.workflow.frame_renderer import ApplyOptions
+    from lensfit.workflow.apply_options import ApplyOptions
 
     preset = make_preset(35.0, 70.0)
     again = pickle.loads(pickle.dumps((preset, ApplyOptions(edge_mask=("a",)))))

@@ -7,7 +7,7 @@ from plate_makers import DATA, DISPLAY, make_preset, write_plate
 from lensfit.io.exr import read_exr
 from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
-from lensfit.workflow.frame_renderer import ApplyOptions
+from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.plate_depth import DepthOptions
 
 PLAIN = Switches(distortion=False, lateral_colour=False)

@@ -1,0 +1,55 @@
+"""How plates are to be rendered: everything that `lensfit apply` can be told."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from lensfit.coords import Window
+from lensfit.render.filters import Filter, filter_for
+from lensfit.render.stages import DEFAULT_TOLERANCE, Switches
+from lensfit.workflow.plate_depth import DepthOptions
+from lensfit.workflow.plate_state import StateOverrides
+
+Output = Literal["result", "circle-of-confusion", "aberration-dots", "filter"]
+
+
+@dataclass(frozen=True)
+class ApplyOptions:
+    """How plates are rendered.
+
+    Attributes
+    ----------
+    overrides : Camera state that counts in place of the headers.
+    switches : Effects of the lens that are wanted.
+    keep_overscan : Write the plate's data window rather than the display window.
+    layers : Layers to render; every colour layer if None ("" is the unnamed one).
+    stmap : A redistort map to use in place of the lens' own distortion.
+    tolerance : Accepted error of the picture, display-referred.
+    method : Interpolating filter; chosen by the tolerance if None.
+    overwrite : Render frames again that are finished.
+    depth : What the user says about the depth channel.
+    edge_mask : Objects of the Cryptomatte whose depth reaches over all they touch.
+    output : The result, or a picture that explains it (see `frame_outputs`).
+    """
+
+    overrides: StateOverrides = field(default_factory=StateOverrides)
+    switches: Switches = field(default_factory=Switches)
+    keep_overscan: bool = False
+    layers: Sequence[str] | None = None
+    stmap: Path | None = None
+    tolerance: float = DEFAULT_TOLERANCE
+    method: Filter | None = None
+    overwrite: bool = False
+    depth: DepthOptions = field(default_factory=DepthOptions)
+    edge_mask: Sequence[str] = ()
+    output: Output = "result"
+
+    @property
+    def filter(self) -> Filter:
+        """The interpolating filter."""
+        return self.method or filter_for(self.tolerance)
+
+    def written(self, data_window: Window, display_window: Window) -> Window:
+        """The window of a plate that is written."""
+        return data_window if self.keep_overscan else display_window

@@ -1,0 +1,56 @@
+"""A deep plate through the lens, returned flat; its samples tell what hides behind."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lensfit.io.depth import FoundDepth, ray_slant
+from lensfit.io.exr import ExrImage
+from lensfit.io.exr_deep import read_deep
+from lensfit.render.frame import render_stages
+from lensfit.render.layer_stack import LayerStack, flattened
+from lensfit.workflow.deep_layers import deep_layers
+from lensfit.workflow.frame_signature import signed
+from lensfit.workflow.plate_depth import depth_meaning
+from lensfit.workflow.plate_lens import PlateLens
+
+DEEP_IS_FLAT = "deep plates are returned flat, as R, G, B, A"
+_DEEP_ATTRIBUTES = ("deepImageState", "maxSamplesPerPixel", "version", "chunkCount")
+
+
+def render_deep(lens: PlateLens, path: Path) -> ExrImage:
+    """The finished frame of a deep plate: R, G, B, A over one another.
+
+    Raises
+    ------
+    ImageError : It has no colour or no depth.
+    """
+    deep = read_deep(path)
+    flat, options = deep.flat, lens.options
+    source, display = flat.data_window, flat.display_window
+    image = ExrImage((flat,))
+    state = lens.noted_state(image)
+    found = FoundDepth(flat, options.depth.channel or "Z")
+    meaning, notes = depth_meaning(image, found, options.depth)
+    slant = 1.0
+    if meaning.kind == "ray":
+        offsets = lens.geometry(state, display).mm(source.pixel_centres())
+        slant = ray_slant(offsets, lens.cg_focal_length_mm(state))
+    stack = deep_layers(deep, meaning, slant, depth_channel=options.depth.channel)
+    window = options.written(source, display)
+    if options.switches.defocus and lens.knows_blur(state):
+        depth = lens.within_reach(stack.depth_mm, state)
+        pixels = LayerStack(stack.rgba, depth)
+        reach = lens.reach(window, source, display)
+    else:
+        pixels, reach = flattened(stack), window
+    stages = lens.stages_for(state, display, reach)
+    lens.note_border(stages, window, source)
+    lens.notes.add(*notes, DEEP_IS_FLAT)
+    rendered = render_stages(pixels, source, stages, window, method=options.filter)
+    kept = {k: v for k, v in flat.attributes.items() if k not in _DEEP_ATTRIBUTES}
+    planes = np.ascontiguousarray(np.moveaxis(rendered, -1, 0))
+    channels = dict(zip("RGBA", planes, strict=True))
+    result = replace(flat, channels=channels, data_window=window, attributes=kept)
+    return ExrImage((signed(result, lens.signature(state)),))

@@ -1,0 +1,125 @@
+"""A flat plate through the lens: its colour layers, blurred by its depth channel.
+
+Every other channel, and Cryptomatte whatever its channels are called, keeps its bits:
+ids and depths must not be mixed, so they still describe the *undistorted* plate.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32
+
+from lensfit.errors import ImageError
+from lensfit.io.exr import ExrImage, ExrPart
+from lensfit.io.exr_layers import with_channels
+from lensfit.render.buffers import aligned_empty
+from lensfit.render.frame import render_stages
+from lensfit.render.layer_stack import Mattes
+from lensfit.workflow.frame_signature import signed
+from lensfit.workflow.plate import ColourLayer, colour_layers, resized_channels
+from lensfit.workflow.plate_depth import plate_depth
+from lensfit.workflow.plate_lens import PlateLens
+from lensfit.workflow.plate_mattes import plate_mattes, with_edge_mask
+from lensfit.workflow.plate_notes import number_note
+from lensfit.workflow.plate_state import PlateState
+
+NO_DEPTH = "plates hold no depth, so depth of field is left out"
+
+
+def render_flat(lens: PlateLens, image: ExrImage, path: Path) -> ExrImage:
+    """The finished frame of a flat plate.
+
+    Raises
+    ------
+    ImageError : No part holds colour.
+    """
+    state = lens.noted_state(image)
+    layers = [colour_layers(part, lens.options.layers) for part in image.parts]
+    if not any(layers):
+        raise _no_colour(image, lens.options.layers)
+    return ExrImage(
+        tuple(
+            _rendered(lens, part, found, state, (image, path))
+            for part, found in zip(image.parts, layers, strict=True)
+        )
+    )
+
+
+def _rendered(
+    lens: PlateLens,
+    part: ExrPart,
+    layers: list[ColourLayer],
+    state: PlateState,
+    plate: tuple[ExrImage, Path],
+) -> ExrPart:
+    source, display = part.data_window, part.display_window
+    window = lens.options.written(source, display)
+    result = resized_channels(part, window)
+    if not layers:
+        return result
+    depth, mattes = depth_of(lens, part, state, *plate)
+    reach = window if depth is None else lens.reach(window, source, display)
+    stages = lens.stages_for(state, display, reach)
+    lens.note_border(stages, window, source)
+    for layer in layers:
+        pixels = _stacked(part, layer.names)
+        lens.notes.add(number_note(pixels))
+        rendered = render_stages(
+            pixels,
+            source,
+            stages,
+            window,
+            method=lens.options.filter,
+            depth_mm=depth,
+            mattes=mattes,
+        )
+        result = with_channels(result, layer.names, rendered)
+    return signed(result, lens.signature(state))
+
+
+def depth_of(
+    lens: PlateLens, part: ExrPart, state: PlateState, image: ExrImage, path: Path
+) -> tuple[np.ndarray | None, Mattes | None]:
+    """Depth and objects over the data window of a part with colours; none where
+    depth of field is not wanted or cannot be had, which is noted."""
+    if not lens.options.switches.defocus:
+        return None, None
+    found = plate_depth(
+        image,
+        part,
+        lens.options.depth,
+        lens.geometry(state, part.display_window),
+        lens.cg_focal_length_mm(state),
+    )
+    if found is None:
+        lens.notes.add(NO_DEPTH)
+        return None, None
+    depth = found.depth_mm
+    names = lens.options.edge_mask
+    if names:
+        depth = with_edge_mask(depth, image, path, part.data_window, names)
+    lens.notes.add(*found.notes)
+    if not lens.knows_blur(state):
+        return None, None
+    depth = lens.within_reach(depth, state)
+    return depth, plate_mattes(image, path, part.data_window)
+
+
+def _stacked(
+    part: ExrPart, names: tuple[str, ...]
+) -> Float32[np.ndarray, "height width channels"]:
+    """Channels side by side, where JAX can use them without a copy."""
+    window = part.data_window
+    pixels = aligned_empty((window.height, window.width, len(names)))
+    for index, name in enumerate(names):
+        pixels[..., index] = part.channels[name]
+    return pixels
+
+
+def _no_colour(image: ExrImage, layers: Sequence[str] | None) -> ImageError:
+    names = ", ".join(name for part in image.parts for name in part.channels)
+    wanted = "" if layers is None else f" in {', '.join(map(repr, layers))}"
+    return ImageError(
+        f"holds no R, G, B to render{wanted}", remedy=f"its channels are {names}"
+    )

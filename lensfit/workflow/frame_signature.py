@@ -1,0 +1,71 @@
+"""What the header of a finished frame says was done to it.
+
+One line names the version, the lens with a digest of its preset, the camera state and
+the effects. A later run compares it with what it would do, and tells when they differ.
+"""
+
+import hashlib
+from dataclasses import replace
+
+import msgspec
+
+from lensfit import __version__
+from lensfit.io.exr import ExrPart
+from lensfit.preset.schema import Preset
+from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.plate_state import PlateState
+
+SAID = "lensfit/applied"
+"""Header entry that tells what was done to a frame."""
+OVERSCAN = "lens/overscan"
+"""Header entry of the CG renderer, percent; none is left in a cropped frame."""
+
+
+def preset_digest(preset: Preset) -> str:
+    """Eight hexadecimal digits that change with anything in the preset."""
+    return hashlib.sha256(msgspec.json.encode(preset)).hexdigest()[:8]
+
+
+def signature(
+    lens_name: str, digest: str, state: PlateState, options: ApplyOptions
+) -> str:
+    """What is done to a plate of this state, for whoever opens the file."""
+    focal, f_number, focus = state.lens_key
+    at = [
+        f"{value:g} {unit}"
+        for value, unit in ((focal, "mm"), (focus, "mm focus"))
+        if value is not None
+    ]
+    at += [] if f_number is None else [f"f/{f_number:g}"]
+    lens = ", ".join([f"{lens_name} ({digest})", *at])
+    return f"lensfit {__version__}: {lens}; {', '.join(_effects(options)) or 'nothing'}"
+
+
+def _effects(options: ApplyOptions) -> list[str]:
+    if options.output != "result":
+        return [options.output]
+    switches = options.switches
+    effects = [
+        name
+        for name, on in (
+            ("distortion", switches.distortion),
+            ("lateral colour", switches.lateral_colour),
+            ("fall-off", switches.falloff),
+            ("depth of field", switches.defocus),
+        )
+        if on
+    ]
+    if options.stmap is not None:
+        effects.append(f"map {options.stmap.name}")
+    if switches.defocus and options.edge_mask:
+        effects.append(f"edges of {', '.join(options.edge_mask)}")
+    return effects
+
+
+def signed(part: ExrPart, said: str) -> ExrPart:
+    """The part with a header that says what was done to it."""
+    attributes = {**part.attributes, SAID: said}
+    if OVERSCAN in attributes and part.data_window == part.display_window:
+        text = isinstance(attributes[OVERSCAN], str)
+        attributes[OVERSCAN] = "0" if text else 0.0
+    return replace(part, attributes=attributes)

@@ -1,0 +1,151 @@
+"""The lens as a plate meets it: at its camera state, over its windows.
+
+Knows for a plate which state the lens has, how the frame lies on the sensor and which
+stages prepare it; keeps the stages while neither camera nor windows change.
+"""
+
+from typing import final
+
+import numpy as np
+
+from lensfit.coords import Window
+from lensfit.errors import ImageError
+from lensfit.io.exr import ExrImage
+from lensfit.preset.schema import Preset
+from lensfit.render.frame import window_with_margin
+from lensfit.render.stages import Stages, prepare_stages
+from lensfit.render.uv import PlateGeometry
+from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.external_map import ExternalMap
+from lensfit.workflow.frame_signature import preset_digest, signature
+from lensfit.workflow.plate_header import header_entries
+from lensfit.workflow.plate_notes import Notes, border_note
+from lensfit.workflow.plate_state import PlateState, plate_state
+
+_NEAREST_FOCAL_LENGTHS = 1.5
+
+
+@final
+class PlateLens:
+    """A preset with the options that it is used by, and what was noted of the plates.
+
+    Raises
+    ------
+    ImageError : The external map of the options cannot be used.
+    """
+
+    def __init__(self, preset: Preset, options: ApplyOptions):
+        self.preset = preset
+        self.options = options
+        self.notes = Notes()
+        stmap = options.stmap
+        self._map = None if stmap is None else ExternalMap.read(stmap)
+        self._digest = preset_digest(preset)
+        self._key: object = None
+        self._stages: Stages | None = None
+        self._stages_noted: Stages | None = None
+
+    def state_of(self, image: ExrImage) -> PlateState:
+        """The camera state of a plate."""
+        display = image.parts[0].display_window
+        return plate_state(
+            self.preset,
+            header_entries(image),
+            (display.width, display.height),
+            self.options.overrides,
+            falloff=self.options.switches.falloff,
+        )
+
+    def noted_state(self, image: ExrImage) -> PlateState:
+        """The camera state of a plate; what was assumed is noted."""
+        state = self.state_of(image)
+        self.notes.add(*state.notes)
+        return state
+
+    def signature(self, state: PlateState) -> str:
+        """What is done to plates of this state, in a line."""
+        return signature(self.preset.lens.name, self._digest, state, self.options)
+
+    def geometry(self, state: PlateState, display: Window) -> PlateGeometry:
+        """How a plate lies on the sensor."""
+        lens = self.preset.at(*state.lens_key)
+        return PlateGeometry.of(lens, display, state.sensor_width_mm)
+
+    def cg_focal_length_mm(self, state: PlateState) -> float:
+        """Focal length of the CG camera."""
+        stated = state.lens_key[0]
+        return self.preset.entries[0].focal_length_mm if stated is None else stated
+
+    def stages_for(self, state: PlateState, display: Window, window: Window) -> Stages:
+        """Maps and gains; made anew only when the camera or the windows change."""
+        key = (state.lens_key, state.sensor_width_mm, display, window)
+        if self._stages is None or key != self._key:
+            self._stages = None  # two sets need not be held in memory at once
+            external = self._map
+            self._stages = prepare_stages(
+                self.preset.at(*state.lens_key),
+                display,
+                window,
+                tolerance=self.options.tolerance,
+                switches=self.options.switches,
+                sensor_width_mm=state.sensor_width_mm,
+                external=external and external.source_map(display, window),
+            )
+            self._key = key
+        return self._stages
+
+    def reach(self, window: Window, data_window: Window, display: Window) -> Window:
+        """Pixels from which light may spread into `window`: all that the plate has, as
+        far as an external map knows where they land."""
+        wanted = window_with_margin(window, data_window)
+        if self._map is None:
+            return wanted
+        known = self._map.window(display)
+        low = np.maximum(wanted[:2], known[:2])
+        high = np.minimum(wanted[2:], known[2:])
+        return window_with_margin(window, Window(*map(int, (*low, *high))))
+
+    def note_border(self, stages: Stages, window: Window, source: Window) -> None:
+        """Say so, once for a camera, when the lens looks beyond the plate."""
+        if self._stages_noted is not stages:
+            self.notes.add(border_note(stages, window, source))
+            self._stages_noted = stages
+
+    def knows_blur(self, state: PlateState) -> bool:
+        """Whether the lens has kernels at this state; noted if not.
+
+        Raises
+        ------
+        ImageError : It has none, and the options ask for depth of field.
+        """
+        lens = self.preset.at(*state.lens_key)
+        if lens.blur is not None or None not in (
+            lens.f_number,
+            lens.focus_distance_mm,
+        ):
+            return True
+        if self.options.depth.asked or self.options.edge_mask:
+            raise ImageError(
+                "states no f-number or focus distance, which depth of field needs",
+                remedy="give --f-number and --focus-distance-mm, or --no-defocus",
+            )
+        self.notes.add(
+            "depth of field is left out: f-number or focus distance is not known "
+            "(--f-number, --focus-distance-mm)"
+        )
+        return False
+
+    def within_reach(self, depth_mm: np.ndarray, state: PlateState) -> np.ndarray:
+        """Distances of which the lens has an image at all; nearer ones are noted."""
+        lens = self.preset.at(*state.lens_key)
+        nearest_mm = _NEAREST_FOCAL_LENGTHS * lens.focal_length_mm
+        if lens.blur is not None:
+            from_pupil = lens.blur.nearest_mm - float(lens.entrance_pupil_offset_mm)
+            nearest_mm = max(nearest_mm, 1.05 * from_pupil)
+        if not (depth_mm < nearest_mm).any():
+            return depth_mm
+        self.notes.add(
+            f"depth nearer than {nearest_mm:.0f} mm, of which the lens has no image, "
+            "is taken as that"
+        )
+        return np.maximum(depth_mm, np.float32(nearest_mm))
