@@ -75,7 +75,7 @@ def apply(
         None, help="Distance at 1 of a normalised depth, in its unit"
     ),
     edge_mask: str = typer.Option(
-        None, help="Cryptomatte objects whose depth reaches their edges: NAME,NAME"
+        None, help="Thin Cryptomatte objects to blur as layers of their own: NAME,NAME"
     ),
     keep_overscan: bool = typer.Option(
         False,

@@ -62,6 +62,7 @@ def blurred_plate(
     window: Window,
     output_window: Window,
     defocus: Defocus,
+    in_front: LayerStack | None = None,
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
     """A flat plate as the lens shows it, bit for bit where that is how it was.
 
@@ -72,10 +73,13 @@ def blurred_plate(
     depth_mm : From the entrance pupil.
     mattes : Coverage of the objects that share a pixel, where it is known.
     output_window : Pixels to return; inside `window`.
+    in_front : Layers over `window` that were cut out of the plate, each with its own
+        distances; the plate is what they hide.
     """
     radius_px = defocus.circle.radius_px(depth_mm)
     index = defocus.levels.index(radius_px)
-    if defocus.setup(window, levels_in(index, radius_px, defocus)).is_sharp:
+    levels = levels_in(index, radius_px, defocus)
+    if in_front is None and defocus.setup(window, levels).is_sharp:
         return crop(rgba, window, output_window)
     rgba = np.nan_to_num(rgba, nan=0.0, posinf=0.0, neginf=0.0)
     is_opaque = bool((rgba[..., 3] >= 1 - _OPAQUE).all())
@@ -84,9 +88,16 @@ def blurred_plate(
     each_px = np.stack([found.front_px, found.back_px])
     index = defocus.levels.index(each_px)
     index[1][~found.has_back] = NEVER
+    layers = [found.front, found.back]
+    if in_front is not None:
+        own_px = defocus.circle.radius_px(in_front.depth_mm)
+        own = defocus.levels.index(own_px)
+        own[in_front.rgba[..., 3] <= 0] = NEVER
+        layers = [*np.nan_to_num(in_front.rgba, posinf=0, neginf=0), *layers]
+        index, each_px = np.concatenate([own, index]), np.concatenate([own_px, each_px])
     setup = defocus.setup(window, levels_in(index, each_px, defocus))
-    scene = Scene([found.front, found.back], index, lights, is_opaque)
-    del rgba, found, each_px, radius_px
+    scene = Scene(layers, index, lights, is_opaque)
+    del rgba, found, each_px, radius_px, layers
     return _blurred_scene(scene, setup, window, output_window, defocus)
 
 

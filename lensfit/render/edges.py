@@ -136,7 +136,7 @@ def _continued(
         free = (front_px <= cut) & ~outline
         if not free.any():
             continue
-        source, away = _nearest(free, wanted)
+        source, away = nearest_pixels(free, wanted)
         found_px = flat_px[source]
         reach = np.abs(front_px[wanted]) + np.abs(found_px) + 2
         near = away <= reach
@@ -153,8 +153,8 @@ def _cuts(low: float, high: float) -> np.ndarray:
     return np.array(cuts, np.float32)
 
 
-def _nearest(
-    free: np.ndarray, wanted: np.ndarray
+def nearest_pixels(
+    free: Bool[np.ndarray, "height width"], wanted: Bool[np.ndarray, "height width"]
 ) -> tuple[Int[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
     """Flat index of the free pixel nearest to each wanted one, and its distance."""
     distance, labels = cv2.distanceTransformWithLabels(

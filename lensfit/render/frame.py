@@ -126,6 +126,7 @@ def render_stages(
     method: Filter = "catmull-rom",
     depth_mm: Float32[np.ndarray, "height width"] | None = None,
     mattes: Mattes | None = None,
+    in_front: LayerStack | None = None,
 ) -> Float32[np.ndarray, "out_height out_width channels"]:
     """`render` with everything about the lens prepared already.
 
@@ -140,6 +141,7 @@ def render_stages(
     method : Interpolating filter.
     depth_mm : As in `render`; None leaves defocus out (of a flat plate).
     mattes : As in `render`.
+    in_front : Layers cut out of a flat plate with depth, over the same window.
     """
     if stages.defocus is None or (
         depth_mm is None and not isinstance(pixels, LayerStack)
@@ -162,6 +164,7 @@ def render_stages(
             stages.window,
             output_window,
             stages.defocus,
+            in_front and _landed_layers(in_front, data_window, stages, method),
         )
     return _lit(blurred, stages, output_window)[..., _CHANNELS_OF[count]]
 

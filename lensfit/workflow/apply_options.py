@@ -29,7 +29,8 @@ class ApplyOptions:
     method : Interpolating filter; chosen by the tolerance if None.
     overwrite : Render frames again that are finished.
     depth : What the user says about the depth channel.
-    edge_mask : Objects of the Cryptomatte whose depth reaches over all they touch.
+    edge_mask : Objects of the Cryptomatte that are cut out of the plate and blurred as
+        layers of their own (see `cut_out`).
     output : The result, or a picture that explains it (see `frame_outputs`).
     """
 

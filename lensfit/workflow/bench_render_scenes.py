@@ -17,7 +17,7 @@ from lensfit.render.layer_stack import Mattes
 from lensfit.render.plan import plan_of
 from lensfit.render.stages import Stages, prepare_stages
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.flat_plate import depth_of
+from lensfit.workflow.plate_in_depth import plate_in_depth
 from lensfit.workflow.plate_lens import PlateLens
 
 _CHECKER_PX = 24
@@ -113,19 +113,19 @@ def plate_scene(folder: Path, preset: Preset, camera: ThinCamera) -> Scene:
     image = read_exr(path)
     part = image.parts[0]
     lens = PlateLens(preset, ApplyOptions())
-    depth, mattes = depth_of(lens, part, lens.noted_state(image), image, path)
-    assert depth is not None
+    found = plate_in_depth(lens, part, lens.noted_state(image), image, path)
+    assert found is not None
     reference = read_exr(folder / "reference.0001.exr").parts[0].channels
     return Scene(
         "plate",
         np.stack([part.channels[c] for c in "RGB"], -1).astype(np.float32),
-        depth,
+        found.depth_mm,
         part.data_window,
         part.display_window,
         preset,
         1000 * camera.focus_distance_m,
         np.stack([reference[c] for c in "RGB"], -1).astype(np.float32),
-        mattes,
+        found.mattes,
     )
 
 

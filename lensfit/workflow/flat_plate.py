@@ -15,16 +15,12 @@ from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.exr_layers import with_channels
 from lensfit.render.buffers import aligned_empty
 from lensfit.render.frame import render_stages
-from lensfit.render.layer_stack import Mattes
 from lensfit.workflow.frame_signature import signed
 from lensfit.workflow.plate import ColourLayer, colour_layers, resized_channels
-from lensfit.workflow.plate_depth import plate_depth
+from lensfit.workflow.plate_in_depth import plate_in_depth
 from lensfit.workflow.plate_lens import PlateLens
-from lensfit.workflow.plate_mattes import plate_mattes, with_edge_mask
 from lensfit.workflow.plate_notes import number_note
 from lensfit.workflow.plate_state import PlateState
-
-NO_DEPTH = "plates hold no depth, so depth of field is left out"
 
 
 def render_flat(lens: PlateLens, image: ExrImage, path: Path) -> ExrImage:
@@ -58,52 +54,28 @@ def _rendered(
     result = resized_channels(part, window)
     if not layers:
         return result
-    depth, mattes = depth_of(lens, part, state, *plate)
-    reach = window if depth is None else lens.reach(window, source, display)
+    deep = plate_in_depth(lens, part, state, *plate)
+    reach = window if deep is None else lens.reach(window, source, display)
     stages = lens.stages_for(state, display, reach)
     lens.note_border(stages, window, source)
     for layer in layers:
         pixels = _stacked(part, layer.names)
         lens.notes.add(number_note(pixels))
+        in_front = None
+        if deep is not None and deep.cut_out is not None:
+            pixels, in_front = deep.cut_out.cut(pixels)
         rendered = render_stages(
             pixels,
             source,
             stages,
             window,
             method=lens.options.filter,
-            depth_mm=depth,
-            mattes=mattes,
+            depth_mm=deep and deep.depth_mm,
+            mattes=deep and deep.mattes,
+            in_front=in_front,
         )
         result = with_channels(result, layer.names, rendered)
     return signed(result, lens.signature(state))
-
-
-def depth_of(
-    lens: PlateLens, part: ExrPart, state: PlateState, image: ExrImage, path: Path
-) -> tuple[np.ndarray | None, Mattes | None]:
-    """Depth and objects over the data window of a part with colours; none where
-    depth of field is not wanted or cannot be had, which is noted."""
-    if not lens.options.switches.defocus:
-        return None, None
-    found = plate_depth(
-        image,
-        part,
-        lens.options.depth,
-        lens.geometry(state, part.display_window),
-        lens.cg_focal_length_mm(state),
-    )
-    if found is None:
-        lens.notes.add(NO_DEPTH)
-        return None, None
-    depth = found.depth_mm
-    names = lens.options.edge_mask
-    if names:
-        depth = with_edge_mask(depth, image, path, part.data_window, names)
-    lens.notes.add(*found.notes)
-    if not lens.knows_blur(state):
-        return None, None
-    depth = lens.within_reach(depth, state)
-    return depth, plate_mattes(image, path, part.data_window)
 
 
 def _stacked(

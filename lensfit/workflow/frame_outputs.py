@@ -20,10 +20,10 @@ from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.render.circle import Circle
 from lensfit.render.lens_pictures import aberration_dots, kernel_mosaic
 from lensfit.render.nearest import nearest
-from lensfit.workflow.flat_plate import depth_of
 from lensfit.workflow.frame_signature import signed
 from lensfit.workflow.plate import colour_layers
 from lensfit.workflow.plate_header import plate_header
+from lensfit.workflow.plate_in_depth import plate_in_depth
 from lensfit.workflow.plate_lens import PlateLens
 
 _FAR_MM = 1e7
@@ -94,8 +94,8 @@ def _circle_of_confusion(plate_lens: PlateLens, path: Path) -> ExrImage:
     image = read_exr(path)
     state = plate_lens.noted_state(image)
     part = next((p for p in image.parts if colour_layers(p)), image.parts[0])
-    depth, _ = depth_of(plate_lens, part, state, image, path)
-    if depth is None:
+    found = plate_in_depth(plate_lens, part, state, image, path)
+    if found is None:
         raise ImageError(
             "has no depth from which blur could be known",
             remedy="name its channel with --depth-channel, and state --f-number and "
@@ -105,7 +105,7 @@ def _circle_of_confusion(plate_lens: PlateLens, path: Path) -> ExrImage:
     stages = plate_lens.stages_for(state, part.display_window, window)
     lens = plate_lens.preset.at(*state.lens_key)
     circle = Circle.of(lens, plate_lens.geometry(state, part.display_window))
-    landed = nearest(depth, part.data_window, stages.maps[1])
+    landed = nearest(found.seen_depth_mm, part.data_window, stages.maps[1])
     made = ExrPart(
         {"Y": (2 * circle.radius_px(landed)).astype(np.float32)},
         window,

@@ -9,8 +9,8 @@ from lensfit.preset.schema import Preset
 from lensfit.render.frame import window_with_margin
 from lensfit.render.plan import Plan, plan_of
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.flat_plate import depth_of
 from lensfit.workflow.plate import colour_layers
+from lensfit.workflow.plate_in_depth import plate_in_depth
 from lensfit.workflow.plate_lens import PlateLens
 
 
@@ -36,13 +36,15 @@ def plan_plate(
         if not colour_layers(part, options.layers):
             continue
         window = options.written(part.data_window, part.display_window)
-        depth, _ = depth_of(lens, part, state, image, plate)
-        if depth is not None:
+        found = plate_in_depth(lens, part, state, image, plate)
+        if found is not None:
             reach = window_with_margin(window, part.data_window)
         else:
             reach = window
         stages = lens.stages_for(state, part.display_window, reach)
-        plan = plan_of(stages, window, options.tolerance, depth_mm=depth)
+        plan = plan_of(
+            stages, window, options.tolerance, depth_mm=found and found.seen_depth_mm
+        )
         return plan, lens.notes.said
     raise ImageError(
         "holds no R, G, B to render", where=plate, remedy="give a colour plate"

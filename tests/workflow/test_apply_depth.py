@@ -10,6 +10,7 @@ from lensfit.io.cryptomatte import object_id
 from lensfit.io.exr import read_exr
 from lensfit.io.stmap import write_stmap
 from lensfit.render.frame import render
+from lensfit.render.layer_stack import LayerStack, flattened
 from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
@@ -128,6 +129,61 @@ def test_an_edge_mask_changes_the_edge_and_ids_keep_their_bits(tmp_path):
         make_preset(), plain, tmp_path / "c", options=options
     ).failures
     assert "no Cryptomatte" in failure
+
+
+def wire_before_a_wall(tmp_path, depth_of, crest):
+    """A plate with a near wire, soft at its edges, and the frame that a lens makes of
+    it, from layers that know what the wire hides."""
+    y, x = np.moveaxis(DATA.pixel_centres(), -1, 0)[::-1]
+    share = np.clip(crest - np.abs(x - 40 - y / 4), 0, 1).astype(np.float32)
+    near, far = np.float32(300), np.float32(6000)
+    wire, wall = np.float32([2.5, 0.3, 0.1]), scene(DATA)
+    layers = np.ones((2, *share.shape, 4), np.float32)
+    layers[0, ..., :3], layers[1, ..., :3] = share[..., None] * wire, wall
+    layers[0, ..., 3] = share
+    stack = LayerStack(layers, np.stack([np.full_like(share, z) for z in (near, far)]))
+    exact = render(
+        stack, None, make_preset().at(*STATE), data_window=DATA, display_window=DISPLAY
+    )
+    ids = np.array([object_id("wire"), object_id("wall")], np.uint32).view(np.float32)
+    first = share >= 0.5
+    rgb = flattened(stack)
+    extra = {
+        **{name: rgb[..., index] for index, name in enumerate("RGB")},
+        "Z": depth_of(share, near, far).astype(np.float32) / 1000,
+        "CryptoObject00.r": np.where(first, ids[0], ids[1]),
+        "CryptoObject00.g": np.maximum(share, 1 - share),
+        "CryptoObject00.b": np.where(first, ids[1], ids[0]),
+        "CryptoObject00.a": np.minimum(share, 1 - share),
+    }
+    header = {**CAMERA, **SENSOR, "cryptomatte/542cafa/name": "CryptoObject"}
+    return write_plate(tmp_path / "wire.exr", header, extra), exact
+
+
+SHARED = {
+    "farthest": lambda c, near, far: np.where(c < c.max(), far, near),
+    "centre": lambda c, near, far: np.where(c > 0.5, near, far),
+    "nearest": lambda c, near, far: np.where(c > 0, near, far),
+}
+
+
+@pytest.mark.parametrize(
+    ("crest", "part", "most"),
+    [(2, 0.5, 0.0025), (0.8, 0.85, 0.0045)],
+    ids=["wire", "thinner than a pixel"],
+)
+@pytest.mark.parametrize("whose", SHARED)
+def test_an_edge_mask_makes_up_for_depth_that_a_wire_shares(
+    tmp_path, whose, crest, part, most
+):
+    plate, exact = wire_before_a_wall(tmp_path, SHARED[whose], crest)
+    rms = []
+    for name, mask in (("plain", ()), ("masked", ("wire",))):
+        made, _ = rendered(plate, tmp_path / name, depth=METRES, edge_mask=mask)
+        gap = np.stack([made.channels[c] for c in "RGB"], -1) - exact[..., :3]
+        rms.append(float(np.sqrt(np.mean(gap[8:-8, 8:-8] ** 2))))
+    assert rms[1] < part * rms[0]
+    assert rms[1] < most
 
 
 def write_deep_plate(path, front_alpha):

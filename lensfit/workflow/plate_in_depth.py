@@ -1,0 +1,70 @@
+"""A plate as it stands in depth: its distances, its objects, what is cut out of it."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float32
+
+from lensfit.io.exr import ExrImage, ExrPart
+from lensfit.render.layer_stack import Mattes
+from lensfit.workflow.cut_out import CutOut
+from lensfit.workflow.plate_depth import plate_depth
+from lensfit.workflow.plate_lens import PlateLens
+from lensfit.workflow.plate_mattes import named_cut_out, plate_mattes
+from lensfit.workflow.plate_state import PlateState
+
+NO_DEPTH = "plates hold no depth, so depth of field is left out"
+
+
+class PlateInDepth(NamedTuple):
+    """What is known over the data window of a part with colours.
+
+    Attributes
+    ----------
+    depth_mm, mattes : Of the plate; without what is cut out of it, if anything is.
+    cut_out : The objects of the edge mask.
+    """
+
+    depth_mm: Float32[np.ndarray, "height width"]
+    mattes: Mattes | None
+    cut_out: CutOut | None = None
+
+    @property
+    def seen_depth_mm(self) -> Float32[np.ndarray, "height width"]:
+        """Of the nearest thing in each pixel."""
+        return self.depth_mm if self.cut_out is None else self.cut_out.seen_depth_mm
+
+
+def plate_in_depth(
+    lens: PlateLens, part: ExrPart, state: PlateState, image: ExrImage, path: Path
+) -> PlateInDepth | None:
+    """The depth of a part with colours; None where depth of field is not wanted or
+    cannot be had, which is noted.
+
+    Raises
+    ------
+    ImageError : Depth of field was asked for and cannot be had, or the edge mask names
+        an object that the plate does not have.
+    """
+    if not lens.options.switches.defocus:
+        return None
+    found = plate_depth(
+        image,
+        part,
+        lens.options.depth,
+        lens.geometry(state, part.display_window),
+        lens.cg_focal_length_mm(state),
+    )
+    if found is None:
+        lens.notes.add(NO_DEPTH)
+        return None
+    lens.notes.add(*found.notes)
+    if not lens.knows_blur(state):
+        return None
+    depth = lens.within_reach(found.depth_mm, state)
+    window, names = part.data_window, lens.options.edge_mask
+    if not names:
+        return PlateInDepth(depth, plate_mattes(image, path, window))
+    cut = named_cut_out(depth, image, path, window, names)
+    return PlateInDepth(cut.rest_depth_mm, cut.rest_mattes, cut)
