@@ -26,7 +26,7 @@ from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.blur_facts import blur_facts
 from lensfit.workflow.blur_pictures import write_dot_pictures
-from lensfit.workflow.entries import camera_of, entry_of, provenance_of
+from lensfit.workflow.entries import camera_of, entry_of, provenance_of, with_quality
 from lensfit.workflow.lens_facts import entry_facts, take_facts, terms_of
 from lensfit.workflow.observe import Observed, observe_shoot
 from lensfit.workflow.report import write_report
@@ -86,6 +86,7 @@ def calibrate(
     with ThreadPoolExecutor(1) as pool:
         writing = pool.submit(_write_maps, preset, folder, progress)
         report = _report(shoot, observed, fitted, preset, folder)
+        preset = with_quality(preset, report["entries"])
         maps = writing.result()
     seconds["write"] = time.perf_counter() - began
     report["seconds"] = {k: round(v, 3) for k, v in seconds.items()}

@@ -3,7 +3,9 @@
 import hashlib
 from datetime import UTC, datetime
 from importlib.metadata import version
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from lensfit.fit.colour import ChannelColour
@@ -14,7 +16,7 @@ from lensfit.preset import blocks
 from lensfit.preset.entry import Covariance, Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block
 from lensfit.preset.predicted_fall_off import with_predicted_fall_off
-from lensfit.preset.schema import Camera, Provenance, SourceImage
+from lensfit.preset.schema import Camera, Preset, Provenance, SourceImage
 from lensfit.workflow.blur_entries import blur_of
 from lensfit.workflow.lens_facts import errors_of, terms_of
 from lensfit.workflow.observe import Observed
@@ -92,6 +94,28 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
         blur=blur_of(state, wavefront) if wavefront is not None else None,
     )
     return with_predicted_fall_off(entry)
+
+
+def with_quality(preset: Preset, facts: list[dict[str, Any]]) -> Preset:
+    """The preset with what the report found of each entry over the whole frame.
+
+    Parameters
+    ----------
+    facts : As `lens_facts.entry_facts`, in the order of the entries.
+    """
+
+    def one(entry: Entry, found: dict[str, Any]) -> Entry:
+        deviation = np.array(found["uncertainty_grid"]["sd_px"], float)
+        known = deviation[np.isfinite(deviation)]
+        quality = msgspec.structs.replace(
+            entry.quality,
+            largest_standard_deviation_px=float(known.max()) if len(known) else None,
+            round_trip_px=float(found["round_trip_max_px"]),
+        )
+        return msgspec.structs.replace(entry, quality=quality)
+
+    entries = tuple(one(e, f) for e, f in zip(preset.entries, facts, strict=True))
+    return msgspec.structs.replace(preset, entries=entries)
 
 
 def visible_colour(state: LensState) -> bool:

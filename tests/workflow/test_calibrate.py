@@ -99,6 +99,13 @@ def test_the_preset_says_what_was_tried_and_how_sure_it_is(calibrated):
     assert entry.quality.photographs == 3
 
 
+def test_the_preset_says_how_good_it_is_over_the_whole_frame(calibrated):
+    _, out = calibrated
+    for entry in load_preset(out / "preset.json").entries:
+        assert 0 < entry.quality.largest_standard_deviation_px < 5
+        assert entry.quality.round_trip_px < 1e-6
+
+
 def test_no_photograph_at_all_is_one_sentence(tmp_path):
     text = (DEMO / "shoot.toml").read_text()
     (tmp_path / "shoot.toml").write_text(text)
