@@ -18,6 +18,7 @@ from scipy.ndimage import distance_transform_edt
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart
+from lensfit.io.windows import over_another
 from lensfit.units import MILLIMETRES_PER_INCH, MILLIMETRES_PER_METRE
 
 DepthKind = Literal["perpendicular", "ray", "inverse", "normalised"]
@@ -134,14 +135,9 @@ def over_window(
     part: ExrPart, name: str, window: Window
 ) -> Float32[np.ndarray, "height width"]:
     """The samples of a channel over another data window; NaN where it has none."""
-    own, samples = part.data_window, part.channels[name]
-    result = np.full((window.height, window.width), np.nan, np.float32)
-    x0, x1 = max(own.x_min, window.x_min), min(own.x_max, window.x_max) + 1
-    y0, y1 = max(own.y_min, window.y_min), min(own.y_max, window.y_max) + 1
-    if x0 < x1 and y0 < y1:
-        result[
-            y0 - window.y_min : y1 - window.y_min, x0 - window.x_min : x1 - window.x_min
-        ] = samples[y0 - own.y_min : y1 - own.y_min, x0 - own.x_min : x1 - own.x_min]
+    samples = part.channels[name]
+    whole = samples.astype(np.float32)  # a copy, and one that has a NaN
+    result = over_another(whole, part.data_window, window, np.nan)
     if samples.dtype == np.float16:
         result[result >= _HALF_SKY] = np.inf
     return result

@@ -17,13 +17,14 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.errors import ImageError
-from lensfit.io.exr import ExrPart, read_exr
+from lensfit.io.exr import read_exr
 from lensfit.io.exr_header import MAGIC as EXR_MAGIC
 from lensfit.io.exr_layers import find_colour, stack_channels
 from lensfit.io.metadata import CameraState, camera_state_from
 from lensfit.io.raster import Raster, read_raster, tiff_header
 from lensfit.io.raw import RAW_SUFFIXES, read_raw
 from lensfit.io.transfer import decode, encode, transfer_of
+from lensfit.io.windows import over_another
 from lensfit.photograph import Photograph
 
 MID_GREY = 0.18
@@ -97,7 +98,10 @@ def _from_exr(path: Path, data: bytes, encoding: str) -> Photograph:
     image = read_exr(path)
     index, names = find_colour(image)
     part = image.parts[index]
-    pixels = _display_window(part, stack_channels(part, names))
+    stored = stack_channels(part, names)
+    pixels = np.ascontiguousarray(
+        over_another(stored, part.data_window, part.display_window)
+    )
     if encoding != "linear":
         pixels = decode(pixels, encoding).astype(np.float32)
     depth = {"float16": 16}.get(str(part.channels[names[0]].dtype), 32)
@@ -110,24 +114,6 @@ def _from_exr(path: Path, data: bytes, encoding: str) -> Photograph:
         encoding=encoding,
         metadata=metadata | _camera(part.attributes, pixels),
     )
-
-
-def _display_window(
-    part: ExrPart, pixels: Float32[np.ndarray, "rows columns channels"]
-) -> Float32[np.ndarray, "height width channels"]:
-    shown, stored = part.display_window, part.data_window
-    if shown == stored:
-        return pixels
-    framed = np.zeros((shown.height, shown.width, pixels.shape[2]), np.float32)
-    x0, x1 = max(shown.x_min, stored.x_min), min(shown.x_max, stored.x_max) + 1
-    y0, y1 = max(shown.y_min, stored.y_min), min(shown.y_max, stored.y_max) + 1
-    if x0 < x1 and y0 < y1:
-        framed[
-            y0 - shown.y_min : y1 - shown.y_min, x0 - shown.x_min : x1 - shown.x_min
-        ] = pixels[
-            y0 - stored.y_min : y1 - stored.y_min, x0 - stored.x_min : x1 - stored.x_min
-        ]
-    return framed
 
 
 def _from_raw(path: Path, data: bytes, encoding: str) -> Photograph:

@@ -15,6 +15,7 @@ import numpy as np
 from lensfit.coords import Window
 from lensfit.io.exr import ExrPart
 from lensfit.io.exr_layers import colour_channels, layer_names
+from lensfit.io.windows import over_another
 
 _CRYPTOMATTE_NAME = re.compile(r"(?:.*/)?cryptomatte/[^/]+/name")
 _ALPHA = ("A", "a", "alpha")
@@ -79,25 +80,13 @@ def resized_channels(part: ExrPart, window: Window) -> ExrPart:
     old = part.data_window
     if window == old:
         return part
-    channels = {name: _moved(c, old, window) for name, c in part.channels.items()}
+    channels = {
+        name: over_another(samples, old, window)
+        for name, samples in part.channels.items()
+    }
     corners = np.asarray(old, np.int32)
     attributes = {
         "originalDataWindow": (corners[:2], corners[2:]),
         **part.attributes,
     }
     return replace(part, channels=channels, data_window=window, attributes=attributes)
-
-
-def _moved(samples: np.ndarray, old: Window, new: Window) -> np.ndarray:
-    """Over a part of the old window a view, so that a frame is not held twice."""
-    top, left = new.y_min - old.y_min, new.x_min - old.x_min
-    if min(top, left) >= 0 and new.x_max <= old.x_max and new.y_max <= old.y_max:
-        return samples[top : top + new.height, left : left + new.width]
-    result = np.zeros((new.height, new.width), samples.dtype)
-    x0, x1 = max(old.x_min, new.x_min), min(old.x_max, new.x_max) + 1
-    y0, y1 = max(old.y_min, new.y_min), min(old.y_max, new.y_max) + 1
-    if x0 < x1 and y0 < y1:
-        result[y0 - new.y_min : y1 - new.y_min, x0 - new.x_min : x1 - new.x_min] = (
-            samples[y0 - old.y_min : y1 - old.y_min, x0 - old.x_min : x1 - old.x_min]
-        )
-    return result
