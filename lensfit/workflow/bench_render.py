@@ -60,7 +60,7 @@ def bench_render(
     Parameters
     ----------
     data : Folder with camera.json, plate.0001.exr and reference.0001.exr.
-    out_dir : Folder for bench_render.json and the rendered pictures.
+    out_dir : Folder for bench_render.json and a plot of error against time.
     preset : A fitted preset whose blur was measured, for the kernels' errors.
     quick : Leave the frames of eight million pixels out.
     blender : Interpreter that has `bpy`, for Blender's Defocus node; this one, if it
@@ -110,7 +110,10 @@ def bench_render(
         "notes": notes,
     }
     if out_dir is not None:
+        from lensfit.workflow.bench_render_plot import write_plot
+
         write_text_atomic(Path(out_dir) / RESULT, json.dumps(result, indent=1))
+        write_plot(result, Path(out_dir))
     progress("render", 5, 5)
     return result
 
