@@ -58,8 +58,9 @@ _GROUPS, _STOPS = 8, 4
 _MOST_SIGNS = 3
 _BETWEEN = 5
 """Passes between two findings of weights."""
-_DECISIVE = 1.1
-"""How much better a sign of defocus must explain the photographs."""
+_DECISIVE, _HOPELESS = 1.1, 3.0
+"""How much better a sign of defocus must explain the photographs; how much worse it may
+begin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +169,12 @@ def _coarse(
         stage = replace(first_stage(gathered, layout, parameters), smoothing=3.0)
         stage = freed(stage, deviation_of(families, layout, COARSE))
         tries.append(solved(settled(stage), 12))
-    best = best_of(tries)
+    # A try that ended early must not lose for that.
+    least = chi_squared(best_of(tries))
+    tries = [solved(t, 12) for t in tries if chi_squared(t) < _HOPELESS * least]
     costs = sorted(chi_squared(stage) for stage in tries)
     decided = len(costs) < 2 or costs[1] > _DECISIVE * costs[0]
-    return solved(best, 12), bool(known.all()) or decided, families
+    return best_of(tries), bool(known.all()) or decided, families
 
 
 def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
