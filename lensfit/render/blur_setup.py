@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Complex64, Float, Float32, Int
 
 from lensfit.coords import Window
+from lensfit.errors import LensfitError
 from lensfit.render.circle import Circle, Levels
 from lensfit.render.convolve import kernel_transforms
 from lensfit.render.kernel_bank import (
@@ -188,6 +189,10 @@ class Defocus:
         Parameters
         ----------
         found : Levels that occur, far to near, and where within each its pixels lie.
+
+        Raises
+        ------
+        LensfitError : A kernel is too wide to convolve.
         """
         levels = list(found)
         grid, chromatic = self.variation(window, levels)
@@ -200,7 +205,7 @@ class Defocus:
         reaches = {n: k.shape[-1] // 2 for n, k in kernels.items()}
         blurred = {n for n in levels if _leaves(kernels[n]) > self.budget.unseen}
         longest = max((reaches[n] for n in blurred), default=0)
-        tile = next(size for reach, size in _TILES if longest <= reach)
+        tile = _tile_px(longest)
         if grid.varies:  # the weights of a cell's nodes hold in that cell
             widest = _LEAST_TILE * int(min(grid.cell_px) // _LEAST_TILE)
             tile = max(min(tile, widest), _LEAST_TILE)
@@ -242,6 +247,17 @@ class Defocus:
         if key not in self._kept:
             self._kept[key] = kernel_transforms(kernels, room=key[3])
         return self._kept[key]
+
+
+def _tile_px(longest: int) -> int:
+    """Side of the tiles in which kernels of this reach are convolved."""
+    for reach, size in _TILES:
+        if longest <= reach:
+            return size
+    raise LensfitError(
+        f"blur reaches {longest} px, and {_TILES[-1][0]} px is the most",
+        remedy="check f-number, focus distance, and the unit of depth",
+    )
 
 
 def room_px(tile: int, reach: int) -> int:

@@ -152,7 +152,7 @@ def _outlines(radius_px: np.ndarray, setup: BlurSetup, is_deep: bool) -> StagePl
     if share == 0:
         why = "no step in depth shows"
         return StagePlan(name, False, why, 0, pixels * _OUTLINE_S)
-    why = f"{100 * share:.2g} % of the pixels lie beside a step in depth"
+    why = f"{100 * share:.3g} % of the pixels lie beside a step in depth"
     return StagePlan(name, True, why, 0, pixels * (_OUTLINE_S + _TAKE_APART_S))
 
 

@@ -101,10 +101,8 @@ def plate_depth(
     depth = perpendicular_mm(samples, meaning, slant)
     missing = float(np.mean(np.isnan(depth)))
     if missing > 0:
-        notes += (
-            f"{100 * missing:.2g} % of the depth is missing or NaN: the nearest "
-            "pixel's is taken",
-        )
+        instead = "the nearest pixel's is taken" if missing < 1 else "all is sky"
+        notes += (f"{100 * missing:.3g} % of the depth is missing or NaN: {instead}",)
     return PlateDepth(without_nan(depth), notes)
 
 

@@ -51,8 +51,8 @@ def border_note(stages: Stages, window: Window, source: Window) -> str | None:
     if part < _SEEN_PART:
         return None
     return (
-        f"{100 * part:.2g} % of the frame lies outside the plate and is black: render "
-        "the CG with more overscan (`lensfit inspect PRESET` says how much)"
+        f"{100 * part:.3g} % of the frame lies outside the plate and is black: render "
+        "the CG with more overscan (`lensfit stmap` says how much)"
     )
 
 
@@ -60,4 +60,7 @@ def number_note(pixels: Float32[np.ndarray, "height width channels"]) -> str | N
     """Whether the plate holds NaN or infinity."""
     if np.isfinite(pixels).all():
         return None
-    return "plates hold NaN or infinite pixels, which spread to their neighbours"
+    return (
+        "plates hold NaN or infinite pixels, which spread to their neighbours, and "
+        "turn black where depth of field is put on: mend them in the plates"
+    )

@@ -4,9 +4,11 @@ from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import pytest
 from radial_lens import IdentityLens
 
 from lensfit.coords import Window
+from lensfit.errors import LensfitError
 from lensfit.render.blur_setup import Defocus
 from lensfit.render.brute import exact_block
 from lensfit.render.frame import render
@@ -93,3 +95,10 @@ def test_colours_of_one_kernel_share_it():
     setup = defocus_of(plain).setup(FRAME, levels)
     assert not setup.chromatic
     assert setup.grid.varies
+
+
+def test_blur_too_wide_to_convolve_is_refused(monkeypatch):
+    defocus = defocus_of(SwellingLens())
+    monkeypatch.setattr("lensfit.render.blur_setup._TILES", ((1, 64), (2, 128)))
+    with pytest.raises(LensfitError, match=r"blur reaches \d+ px, and 2 px is"):
+        defocus.setup(FRAME, {12: 12.0})

@@ -86,3 +86,9 @@ def test_a_plate_without_depth_is_an_error_only_when_depth_was_asked_for():
 def test_what_makes_no_sense_is_told(options, words):
     with pytest.raises(ImageError, match=words):
         read(plate(), **options)
+
+
+def test_depth_that_is_all_missing_is_sky_and_told():
+    depth, notes = read(plate(value=np.nan))
+    assert np.isposinf(depth).all()
+    assert any("100 % of the depth" in n and "all is sky" in n for n in notes)
