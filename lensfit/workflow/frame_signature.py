@@ -5,7 +5,7 @@ the effects. A later run compares it with what it would do, and tells when they 
 """
 
 import hashlib
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import msgspec
 
@@ -37,8 +37,27 @@ def signature(
         if value is not None
     ]
     at += [] if f_number is None else [f"f/{f_number:g}"]
+    at += [f"{state.sensor_width_mm:g} mm wide"]
     lens = ", ".join([f"{lens_name} ({digest})", *at])
-    return f"lensfit {__version__}: {lens}; {', '.join(_effects(options)) or 'nothing'}"
+    done = ", ".join(_effects(options)) or "nothing"
+    return "; ".join([f"lensfit {__version__}: {lens}", done, *_settings(options)])
+
+
+def _settings(options: ApplyOptions) -> list[str]:
+    """What else was asked for that changes pixels."""
+    found = [f"tolerance {options.tolerance:g}", options.filter]
+    depth = [
+        f"{name} {value}"
+        for name, value in asdict(options.depth).items()
+        if value is not None
+    ]
+    if depth:
+        found.append(f"depth {', '.join(depth)}")
+    if options.layers is not None:
+        found.append(f"layers {', '.join(map(repr, options.layers))}")
+    if options.keep_overscan:
+        found.append("overscan kept")
+    return found
 
 
 def _effects(options: ApplyOptions) -> list[str]:

@@ -4,6 +4,7 @@ A value that is missing is an error only where the answer depends on it: the foc
 length of a prime's preset is known without it, that of a zoom's is not.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -39,6 +40,8 @@ class PlateState(NamedTuple):
     notes: tuple[str, ...]
 
 
+_LEAST_WIDTH_MM = 0.01
+"""Less is no sensor but another unit, or a slip."""
 _WHERE_TO_FIND = {
     "focal_length_mm": ("focal length", "pinholeFocalLength or lens/focal"),
     "f_number": ("f-number", "aperture or lens/fstop"),
@@ -66,8 +69,9 @@ def plate_state(
 
     Raises
     ------
-    ImageError : A value is missing that the preset cannot do without; the line names
-        it, the header entries it is looked for in and the option that gives it.
+    ImageError : The sensor has no width, or a value is missing that the preset cannot
+        do without; the line names it, the header entries it is looked for in and the
+        option that gives it.
     PresetError : The preset does not reach the state.
     """
     header = camera_state_from(attributes, size_px)
@@ -95,6 +99,11 @@ def plate_state(
         notes.append(
             f"the plate spans {width:g} mm and the lens was photographed over "
             f"{preset.camera.sensor_width_mm:g} mm: the rest is extrapolated"
+        )
+    if not _LEAST_WIDTH_MM <= width < math.inf:
+        raise ImageError(
+            f"the sensor is stated to be {width:g} mm wide",
+            remedy="give its width with --sensor-width-mm",
         )
     return PlateState(key, width, tuple(notes))
 

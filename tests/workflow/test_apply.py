@@ -12,6 +12,7 @@ from lensfit.render.frame import render
 from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.plate_depth import DepthOptions
 from lensfit.workflow.plate_state import StateOverrides
 
 
@@ -284,6 +285,38 @@ def test_finished_frames_of_other_settings_are_kept_and_told(tmp_path):
     assert same.skipped == other.skipped
     assert not any("other settings" in note for note in same.notes)
     assert any("other settings" in note for note in other.notes)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"depth": DepthOptions(unit="cm")},
+        {"depth": DepthOptions(kind="ray")},
+        {"overrides": StateOverrides(sensor_width_mm=20.0)},
+        {"tolerance": 0.01},
+        {"method": "keys-6"},
+        {"layers": ("",)},
+        {"keep_overscan": True},
+    ],
+)
+def test_every_setting_that_changes_pixels_is_told_of_a_finished_frame(
+    tmp_path, changed
+):
+    plate, out = tmp_path / "p.exr", tmp_path / "out"
+    write_plate(plate, {**CAMERA, **SENSOR})
+    apply_preset(make_preset(), plate, out)
+    again = apply_preset(make_preset(), plate, out, options=ApplyOptions(**changed))
+    assert any("other settings" in note for note in again.notes)
+
+
+@pytest.mark.parametrize("width_mm", [0.0, -5.0, float("nan"), 1e-9])
+def test_a_sensor_without_width_is_refused_in_one_line(tmp_path, width_mm):
+    write_plate(tmp_path / "p.exr", CAMERA)
+    options = ApplyOptions(overrides=StateOverrides(sensor_width_mm=width_mm))
+    applied = apply_preset(
+        make_preset(), tmp_path / "p.exr", tmp_path / "out", options=options
+    )
+    assert "--sensor-width-mm" in applied.failures[0]
 
 
 def test_a_cropped_frame_states_no_overscan(tmp_path):
