@@ -33,6 +33,7 @@ _ANCHOR_STEP, _ANCHOR_GROWTH = 12.0, 2.2
 """Step (px) and growth of the anchors per relative error of a kernel."""
 _MIDWAY = 1.6
 """Error of a mixture midway between nodes over its mean over a cell."""
+_PROBES = 8
 _TOGETHER = 12
 """Kernels that are asked for together, so that one program serves any number."""
 _RAY_ERROR = 0.5
@@ -185,11 +186,28 @@ class KernelBank:
             return np.repeat(discs[:, None], len(channels), 1)
         half = max(math.ceil((1.2 * widest + 3) * finer), 3)
         depths = np.array([self.circle.depth_mm(r) for r in radii])
+        # A few outermost points say how large kernels are, before all are made.
+        few = _outermost(points_px, np.abs(radii))
+        found, half = self._whole(points_px[few], depths[few], channels, half, finer)
+        if len(few) < len(points_px):
+            found, half = self._whole(points_px, depths, channels, half, finer)
+        return found
+
+    def _whole(
+        self,
+        points_px: np.ndarray,
+        depth_mm: np.ndarray,
+        channels: Sequence[Channel],
+        half: int,
+        finer: int,
+    ) -> tuple[np.ndarray, int]:
+        """Kernels of `half`, or so much larger that their light has room; and half."""
         while True:
-            found = self._evaluated(points_px, depths, channels, 2 * half + 1, finer)
+            size = 2 * half + 1
+            found = self._evaluated(points_px, depth_mm, channels, size, finer)
             lost = _border_light(found)
             if lost < self.needs.lost or half >= _LARGEST_HALF_PX:
-                return found
+                return found, half
             half = min(math.ceil(1.6 * half), _LARGEST_HALF_PX)
 
     def _evaluated(
@@ -310,6 +328,15 @@ def _cross(window: Window) -> np.ndarray:
 def _widened(kernels: np.ndarray, size: int) -> np.ndarray:
     margin = (size - kernels.shape[-1]) // 2
     return np.pad(kernels, ((0, 0), (0, 0), (margin, margin), (margin, margin)))
+
+
+def _outermost(points_px: np.ndarray, radius_px: np.ndarray) -> np.ndarray:
+    """Rows of the few points where kernels are likely to be largest; all of a few."""
+    if len(points_px) <= 2 * _PROBES:
+        return np.arange(len(points_px))
+    away = np.linalg.norm(points_px - points_px.mean(0), axis=1)
+    last = [np.argsort(value)[-_PROBES // 2 :] for value in (away, radius_px)]
+    return np.unique(np.concatenate(last))
 
 
 def _border_light(kernels: np.ndarray) -> float:
