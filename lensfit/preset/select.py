@@ -23,6 +23,8 @@ from lensfit.preset.entry import Entry
 from lensfit.units import dioptres_from_mm
 
 FOCAL_LENGTH_SLACK = 0.05
+_LARGEST_F_NUMBER = 1000
+"""A pinhole's; what is beyond spreads over the whole frame by diffraction."""
 
 
 class Selection(NamedTuple):
@@ -102,6 +104,11 @@ def _check_positive(name: str, value: float | None) -> None:
         raise PresetError(
             f"{name} = {value:g} is not positive",
             remedy="give a positive number, in the unit of its name",
+        )
+    if name == "f_number" and value is not None and value > _LARGEST_F_NUMBER:
+        raise PresetError(
+            f"f_number = {value:g} is not one of a lens",
+            remedy=f"give a number up to {_LARGEST_F_NUMBER}",
         )
 
 

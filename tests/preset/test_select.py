@@ -102,6 +102,8 @@ def test_what_must_be_said_is_asked_for():
         prime.select(50.0)
     with pytest.raises(PresetError, match="f_number = 0 is not positive"):
         prime.select(50.0, 0.0)
+    with pytest.raises(PresetError, match="not one of a lens"):
+        prime.select(50.0, 1e9)
 
 
 def test_fall_off_between_stops_lies_between_them():
