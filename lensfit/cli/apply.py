@@ -5,6 +5,8 @@ from pathlib import Path
 
 import typer
 
+from lensfit.cli._camera import FNumber, FocalLength, FocusDistance, SensorWidth
+
 
 class FilterName(StrEnum):
     """Interpolating filters of `lensfit.render.filters`."""
@@ -41,14 +43,10 @@ def apply(
     output: OutputName = typer.Option(
         OutputName.result, help="The result, or a picture that explains it"
     ),
-    focal_length_mm: float = typer.Option(None, help="In place of the header's, mm"),
-    f_number: float = typer.Option(None, help="In place of the header's"),
-    focus_distance_mm: float = typer.Option(
-        None, help="In place of the header's, mm from the sensor; inf is allowed"
-    ),
-    sensor_width_mm: float = typer.Option(
-        None, help="Width that the frame spans on the sensor, mm"
-    ),
+    focal_length_mm: FocalLength = None,
+    f_number: FNumber = None,
+    focus_distance_mm: FocusDistance = None,
+    sensor_width_mm: SensorWidth = None,
     no_distortion: bool = typer.Option(
         False, "--no-distortion", help="Leave distortion out"
     ),

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import typer
 
+from lensfit.cli._camera import FNumber, FocalLength, FocusDistance, SensorWidth
+
 
 def plan(
     preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
@@ -12,14 +14,10 @@ def plan(
     tolerance: float = typer.Option(
         1e-3, min=1e-6, help="Accepted rms error of the picture, display-referred"
     ),
-    focal_length_mm: float = typer.Option(None, help="In place of the header's, mm"),
-    f_number: float = typer.Option(None, help="In place of the header's"),
-    focus_distance_mm: float = typer.Option(
-        None, help="In place of the header's, mm from the sensor; inf is allowed"
-    ),
-    sensor_width_mm: float = typer.Option(
-        None, help="Width that the frame spans on the sensor, mm"
-    ),
+    focal_length_mm: FocalLength = None,
+    f_number: FNumber = None,
+    focus_distance_mm: FocusDistance = None,
+    sensor_width_mm: SensorWidth = None,
     as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
 ) -> None:
     """Print which stages a plate needs, which are left out and why, error and time.

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.kernel.spot import Spot
+from lensfit.optics.spectrum import REFERENCE_NM
 
 FOOTPRINT = 0.16
 """Variance of a ray's Gaussian over `Spot.cell_mm2`: 0.4 of the spacing of the rays."""
@@ -25,7 +26,7 @@ AIRY_SIGMA = 0.42
 """Standard deviation of the Gaussian nearest to an Airy pattern, in wavelength x N."""
 LEAST_SIGMA_PX = 0.05
 """No Gaussian is narrower: it keeps derivatives alive where the blur vanishes."""
-WAVELENGTH_MM = 540e-6
+WAVELENGTH_MM = REFERENCE_NM / 1e6
 
 
 class Profile(NamedTuple):

@@ -73,7 +73,7 @@ def test_error_falls_with_the_order_of_the_filter(method, order):
         errors.append(np.sqrt(np.mean(error[8:-8, 8:-8] ** 2)))
     slope = np.polyfit(np.log(wavelengths), np.log(errors), 1)[0]
     assert -slope > order - 0.3
-    assert errors[0] < 0.015
+    assert errors[0] < (0.015 if method == "cubic" else 0.012)
 
 
 @pytest.mark.parametrize("method", FILTERS)

@@ -1,8 +1,8 @@
 """Depth of field in a batch: from channel to frame, and what is said when it lacks."""
 
 import numpy as np
-import OpenEXR
 import pytest
+from deep_files import write_deep
 from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, make_preset, scene, write_plate
 
 from lensfit.coords import uv_from_px
@@ -188,27 +188,15 @@ def test_an_edge_mask_makes_up_for_depth_that_a_wire_shares(
 
 def write_deep_plate(path, front_alpha):
     """A layer at the focus distance over a wall; every pixel has two samples."""
-    height, width = DISPLAY.height, DISPLAY.width
-    front, wall = 0.8 * front_alpha, scene(DISPLAY)
-    channels = {}
-    for index, name in enumerate(("R", "G", "B", "A", "Z")):
-        pixels = np.empty((height, width), object)
-        for y, x in np.ndindex(height, width):
-            behind = wall[y, x, index] if index < 3 else (1.0, 9.0)[index - 3]
-            ahead = front if index < 3 else (front_alpha, 2.0)[index - 3]
-            pixels[y, x] = np.float32([behind, ahead])
-        channels[name] = pixels
-    corners = np.array([0, 0], np.int32), np.array([width - 1, height - 1], np.int32)
-    header = {
-        **CAMERA,
-        **SENSOR,
-        "type": OpenEXR.deepscanline,
-        "compression": OpenEXR.ZIPS_COMPRESSION,
-        "dataWindow": corners,
-        "displayWindow": corners,
-    }
-    OpenEXR.File(header, channels).write(str(path))
-    return path
+    shape = DISPLAY.height, DISPLAY.width
+    wall, front = scene(DISPLAY), 0.8 * front_alpha
+    behind_ahead = {name: (wall[..., k], front) for k, name in enumerate("RGB")}
+    behind_ahead |= {"A": (1.0, front_alpha), "Z": (9.0, 2.0)}
+    samples = {}
+    for name, pair in behind_ahead.items():
+        planes = [np.broadcast_to(np.float32(value), shape) for value in pair]
+        samples[name] = np.stack(planes, -1).ravel()
+    return write_deep(path, np.full(shape, 2), samples, {**CAMERA, **SENSOR})
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])

@@ -81,12 +81,18 @@ def held_out_take(
     inner = matrix[rest].sum(0)[np.ix_(free, free)] + np.diag(precision)
     slope = gradient[rest].sum(0)[free]
     slope = slope + precision * (stage.parameters - stage.mean)[free]
-    step = -np.linalg.solve(inner, slope)
     of_take = matrix[left].sum(0)[np.ix_(free, free)]
-    now = float(chi_squared[left].sum())
-    then = now + 2 * float(gradient[left].sum(0)[free] @ step) + step @ of_take @ step
-    ratio = then / max(now, 1e-300)
-    return float(np.sqrt(ratio)) if ratio > 0 else None
+    pull = gradient[left].sum(0)[free]
+
+    def misfit(step: np.ndarray) -> float:
+        """Of the take, to second order."""
+        return float(chi_squared[left].sum() + 2 * pull @ step + step @ of_take @ step)
+
+    # A solve ends when nothing is to be gained, a little before its minimum: both are
+    # taken at their own, so that a take never does better for being left out.
+    now = misfit(-np.linalg.solve(inner + of_take, slope + pull))
+    then = misfit(-np.linalg.solve(inner, slope))
+    return float(np.sqrt(then / max(now, 1e-300))) if then > 0 else None
 
 
 def held_out_dots(stage: Stage, families: tuple[Family, ...]) -> float:

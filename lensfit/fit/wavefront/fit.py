@@ -168,10 +168,10 @@ def _coarse(
         parameters[where][: len(value)] = value * signs
         stage = replace(first_stage(gathered, layout, parameters), smoothing=3.0)
         stage = freed(stage, deviation_of(families, layout, COARSE))
-        tries.append(solved(settled(stage), 12))
+        tries.append(solved(settled(stage)))
     # A try that ended early must not lose for that.
     least = chi_squared(best_of(tries))
-    tries = [solved(t, 12) for t in tries if chi_squared(t) < _HOPELESS * least]
+    tries = [solved(t) for t in tries if chi_squared(t) < _HOPELESS * least]
     costs = sorted(chi_squared(stage) for stage in tries)
     decided = len(costs) < 2 or costs[1] > _DECISIVE * costs[0]
     return best_of(tries), bool(known.all()) or decided, families
@@ -193,7 +193,7 @@ def _middle(coarse: Stage, families: tuple[Family, ...]) -> Stage:
     """Fifth order on less smoothed dots."""
     stage = replace(coarse, smoothing=1.5)
     stage = freed(stage, deviation_of(families, stage.layout, MIDDLE))
-    return solved(solved(stage, 12), 12)
+    return solved(solved(stage))
 
 
 def _fine(
@@ -208,12 +208,12 @@ def _fine(
         weight=first_weights(gathered, COARSE_SHARE),
     )
     stage = settled(freed(stage, deviation_of(families, middle.layout, FINE)))
-    stage = solved(with_blades(stage, EVIDENTLY), 12)
+    stage = solved(with_blades(stage, EVIDENTLY))
     if not stage.blades:
         stage = with_blades(stage)
     for _ in range(rounds):
         stage = reweighed(solved(stage, _BETWEEN), MODEL_SHARE)
-    return solved(stage, 12)
+    return solved(stage)
 
 
 def _refitted(fine: Stage, families: tuple[Family, ...]) -> Stage:
@@ -224,7 +224,7 @@ def _refitted(fine: Stage, families: tuple[Family, ...]) -> Stage:
         return fine
     parameters = np.where(dropped, fine.mean, fine.parameters)
     stage = freed(replace(fine, parameters=parameters), deviation)
-    return solved(solved(stage, 12), 12)
+    return solved(solved(stage))
 
 
 def _misfits(

@@ -94,7 +94,7 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
         shown=tuple(shown),
         dots=jax.tree.map(lambda *parts: np.concatenate(parts), *rows),
         light=np.concatenate([c.light for c in cut]),
-        valid=np.concatenate([usable_cells(c.valid, c) for c in cut]),
+        valid=np.concatenate([usable_cells(c) for c in cut]),
         clipped=np.concatenate([c.clipped for c in cut]),
         observed_mm=np.concatenate([centroids_mm(s) for s in shown]),
         diameter_mm=np.concatenate([diameters_mm(s) for s in shown]),

@@ -95,9 +95,7 @@ def spot_seen(
         by_landing = by_spot.landing_mm.reshape(landing.shape)
         by_u = jnp.einsum("wkij,wki->wkj", slope, by_landing)
         by_weight = by_spot.weight.reshape(weight.shape)
-        by_state = jax.vmap(_moved_by_state, (0, *[None] * 4))(
-            u, parameters, dot, layout, scale
-        )
+        by_state = _moved_by_state(u, parameters, dot, layout, scale)
         return jnp.concatenate(
             [
                 _terms_pulled(u, by_landing, dot, colour, layout, scale),
@@ -126,7 +124,7 @@ def rays_of(
     landing, slope = _landed(u, parameters, dot, colour, layout, scale)
     moved = [
         _moved_by_terms(u, dot, colour, layout, scale),
-        jax.vmap(_moved_by_state, (0, *[None] * 4))(u, parameters, dot, layout, scale),
+        _moved_by_state(u, parameters, dot, layout, scale),
         jnp.einsum("wkij,wkjp->wkip", slope, u_widened),
     ]
     return Rays(
@@ -193,27 +191,25 @@ def _landed(
     return landings_mm(u, dot.field_mm, aberration, defocus, colour.chromatic, depth)
 
 
+def _of_rays(function: Callable) -> Callable:
+    """Of an array (wavelengths, points, 2) in place of one ray's; the rest is one."""
+    return jax.vmap(jax.vmap(function, (0, None)), (0, None))
+
+
 def _moved_by_terms(
     u: Array, dot: Dots, colour: Colour, layout: Layout, scale: Scale
 ) -> Array:
     """d landing / d coefficients and colour: (wavelengths, points, 2, parameters)."""
     h = _field_point(dot, scale)
-    gradients = jax.vmap(_gradients, (0, None, None))
-    fixed = gradients(u, h, layout.terms)
+
+    def moved(terms: tuple[Term, ...]) -> Array:
+        row, pair = term_amplitudes(h, terms)
+        shapes = _of_rays(mode_gradients)(u, modes_of(terms))[:, :, row]
+        return jnp.einsum("wktci,tc->wkit", shapes, pair) * _MM_PER_UM
+
     chromatic = colour.chromatic[:, None, None, None]
-    linear = gradients(u, h, layout.colour_terms) * chromatic
-    return jnp.concatenate([fixed, linear, linear * chromatic], axis=-1)
-
-
-def _gradients(u: Array, h: Array, terms: tuple[Term, ...]) -> Array:
-    """Gradient of every term, mm per micrometre: (points, 2, terms)."""
-    if not terms:
-        return jnp.zeros((*u.shape, 0), u.dtype)
-    modes = modes_of(terms)
-    row, pair = term_amplitudes(h, terms)
-    shapes = jax.vmap(mode_gradients, (0, None))(u, modes)[:, row]
-    moved = jnp.einsum("ktci,tc->kit", shapes, pair)
-    return moved * _MM_PER_UM
+    linear = moved(layout.colour_terms) * chromatic
+    return jnp.concatenate([moved(layout.terms), linear, linear * chromatic], axis=-1)
 
 
 def _terms_pulled(
@@ -225,8 +221,7 @@ def _terms_pulled(
     def pulled(terms: tuple[Term, ...]) -> Array:
         """Of each wavelength."""
         row, pair = term_amplitudes(h, terms)
-        shapes = jax.vmap(mode_gradients, (0, None))(u.reshape(-1, 2), modes_of(terms))
-        shapes = shapes.reshape(*u.shape[:2], *shapes.shape[1:])
+        shapes = _of_rays(mode_gradients)(u, modes_of(terms))
         by_mode = jnp.einsum("wkmci,wki->wmc", shapes, by_landing)
         return jnp.einsum("wtc,tc->wt", by_mode[:, row], pair) * _MM_PER_UM
 
@@ -239,7 +234,7 @@ def _terms_pulled(
 def _moved_by_state(
     u: Array, parameters: Array, dot: Dots, layout: Layout, scale: Scale
 ) -> Array:
-    """d landing / d defocus of each group, and exit pupil: (points, 2, parameters)."""
+    """d landing / d defocus and exit pupil: (wavelengths, points, 2, parameters)."""
     defocus = parameters[layout.blocks["defocus"]][dot.group]
     p = u * scale.reference_sine
     where = layout.blocks["exit_pupil"]
@@ -251,8 +246,7 @@ def _moved_by_state(
 
     here = chief(parameters[where])
     turned = jax.jacfwd(chief)(parameters[where])
-    slope = jax.vmap(defocus_slope, (0, None))
-    by_chief = defocus * jax.vmap(jax.jacfwd(defocus_slope, 1), (0, None))(p, here)
+    by_chief = defocus * _of_rays(jax.jacfwd(defocus_slope, 1))(p, here)
     mine = jax.nn.one_hot(dot.group, layout.groups, dtype=u.dtype)
-    by_group = slope(p, here)[:, :, None] * mine[None, None]
+    by_group = _of_rays(defocus_slope)(p, here)[..., None] * mine[None, None, None]
     return jnp.concatenate([by_group, by_chief @ turned], axis=-1)

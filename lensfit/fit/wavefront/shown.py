@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from lensfit.detect.cutouts import Cutouts
 from lensfit.fit.chief_ray import ChiefRayFit
@@ -28,6 +29,12 @@ class Shown(NamedTuple):
 
 
 def f_number_of(shown: Shown) -> float:
+    """As on the barrel.
+
+    Raises
+    ------
+    ValueError : Nobody stated it.
+    """
     if shown.take.f_number is None:
         raise ValueError(f"the f-number of {shown.take.name} is not known")
     return shown.take.f_number
@@ -47,10 +54,10 @@ def fitted_depth_mm(geometry: ChiefRayFit, index: int) -> float:
     return float(adjustment.stack.view.translation_mm[index][2] * (1 + pose[5]))
 
 
-def usable_cells(valid: np.ndarray, cutouts: Cutouts) -> np.ndarray:
+def usable_cells(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
     """Cells to use of each channel: a grey photograph has only green."""
     channels = np.array([cutouts.channels == 3, True, cutouts.channels == 3])
-    return valid[:, None] & channels[None, :, None, None]
+    return cutouts.valid[:, None] & channels[None, :, None, None]
 
 
 def hole_cells(shown: Shown) -> float:
@@ -68,23 +75,28 @@ def hole_cells(shown: Shown) -> float:
 
 
 def hole_radius_mm(shown: Shown) -> float:
+    """Of the hole itself, on the chart."""
     return float(shown.geometry.adjustment.radius_mm[shown.index])
 
 
-def pixel_mm(shown: Shown) -> np.ndarray:
+def pixel_mm(shown: Shown) -> Float[np.ndarray, "2"]:
+    """Width and height of a pixel on the sensor."""
     size = shown.take.observations.image_size_px
     return np.asarray(shown.take.sensor_size_mm) / np.asarray(size)
 
 
-def diameters_mm(shown: Shown) -> np.ndarray:
-    """A pixel adds a twelfth of its square to the second moment of each axis."""
+def diameters_mm(shown: Shown) -> Float[np.ndarray, " dots"]:
+    """Of the disc of each dot's second moment, the pixel's own taken off.
+
+    A pixel adds a twelfth of its square to the second moment of each axis.
+    """
     diameter = shown.take.observations.diameter_px[shown.cutouts.marks]
     square = np.maximum(diameter**2 - 16 / 12, 0.0)
     return np.sqrt(square) * float(np.mean(pixel_mm(shown)))
 
 
-def centroids_mm(shown: Shown) -> np.ndarray:
-    """(dots, 3, 2): of every channel, from the corner of the cutout."""
+def centroids_mm(shown: Shown) -> Float[np.ndarray, "dots 3 2"]:
+    """Of every channel, from the corner of the cutout."""
     observations, cutouts = shown.take.observations, shown.cutouts
     green = observations.points_px[cutouts.marks]
     channels = observations.channel_points_px[:, cutouts.marks]

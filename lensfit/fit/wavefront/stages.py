@@ -32,6 +32,7 @@ _FEWEST_DOTS = 256
 """Arrays are filled up to this, or a power of two: one program for most shoots."""
 _TOLERANCE = 2e-3
 _DAMPING = 1e-3
+_MOST_STEPS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,7 @@ def freed(stage: Stage, deviation: Float[np.ndarray, " parameters"]) -> Stage:
     return replace(stage, mean=mean, deviation=deviation)
 
 
-def solved(stage: Stage, most_steps: int, damping: float = _DAMPING) -> Stage:
+def solved(stage: Stage, most_steps: int = _MOST_STEPS) -> Stage:
     """After a solve, patches moved to where the dots are."""
     free = stage.deviation > 0
     precision = np.where(free, np.where(free, stage.deviation, 1.0) ** -2.0, 0.0)
@@ -171,7 +172,7 @@ def solved(stage: Stage, most_steps: int, damping: float = _DAMPING) -> Stage:
         stage.points,
         _TOLERANCE,
         most_steps,
-        damping,
+        _DAMPING,
     )
     found = jax.tree.map(np.asarray, found)
     after = replace(
