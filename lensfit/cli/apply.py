@@ -5,7 +5,10 @@ from pathlib import Path
 
 import typer
 
-from lensfit.cli._camera import FNumber, FocalLength, FocusDistance, SensorWidth
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.camera import CameraGroup
+from lensfit.cli.groups.depth import DepthGroup
+from lensfit.cli.groups.effects import EffectsGroup
 
 
 class FilterName(StrEnum):
@@ -14,15 +17,6 @@ class FilterName(StrEnum):
     cubic = "cubic"
     catmull_rom = "catmull-rom"
     keys_6 = "keys-6"
-
-
-class KindName(StrEnum):
-    """How depth is measured, as in `lensfit.io.depth`."""
-
-    perpendicular = "perpendicular"
-    ray = "ray"
-    inverse = "inverse"
-    normalised = "normalised"
 
 
 class OutputName(StrEnum):
@@ -34,47 +28,20 @@ class OutputName(StrEnum):
     filter = "filter"
 
 
+@takes_groups
 def apply(
     preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
     plates: str = typer.Argument(help="EXR plate, or plate.####.exr for a sequence"),
+    *,
     out: Path = typer.Option(..., "--out", help="Folder for the results"),
     frames: str = typer.Option(None, help="Frames of the sequence: 1001-1100x2,1200"),
     workers: int = typer.Option(1, min=1, help="Frames rendered at the same time"),
     output: OutputName = typer.Option(
         OutputName.result, help="The result, or a picture that explains it"
     ),
-    focal_length_mm: FocalLength = None,
-    f_number: FNumber = None,
-    focus_distance_mm: FocusDistance = None,
-    sensor_width_mm: SensorWidth = None,
-    no_distortion: bool = typer.Option(
-        False, "--no-distortion", help="Leave distortion out"
-    ),
-    no_lateral_colour: bool = typer.Option(
-        False, "--no-lateral-colour", help="Leave lateral colour out"
-    ),
-    no_falloff: bool = typer.Option(False, "--no-falloff", help="Leave fall-off out"),
-    no_defocus: bool = typer.Option(
-        False, "--no-defocus", help="Leave depth of field out"
-    ),
-    depth_channel: str = typer.Option(
-        None, help="Channel of the depth; Z, depth.Z and the like are found"
-    ),
-    depth_unit: str = typer.Option(
-        None, help="mm, cm, m, in, ft, or millimetres of one unit; metres if unknown"
-    ),
-    depth_kind: KindName = typer.Option(
-        None, help="How depth is measured; along the optical axis if unknown"
-    ),
-    depth_near: float = typer.Option(
-        None, help="Distance at 0 of a normalised depth, in its unit"
-    ),
-    depth_far: float = typer.Option(
-        None, help="Distance at 1 of a normalised depth, in its unit"
-    ),
-    edge_mask: str = typer.Option(
-        None, help="Thin Cryptomatte objects to blur as layers of their own: NAME,NAME"
-    ),
+    camera: CameraGroup,
+    depth: DepthGroup,
+    effects: EffectsGroup,
     keep_overscan: bool = typer.Option(
         False,
         "--keep-overscan",
@@ -108,27 +75,14 @@ def apply(
     """
     from lensfit.cli._bars import progress_bars
     from lensfit.preset.store import load_preset
-    from lensfit.render.stages import Switches
     from lensfit.workflow.apply import apply_preset
     from lensfit.workflow.apply_options import ApplyOptions
-    from lensfit.workflow.plate_depth import DepthOptions
-    from lensfit.workflow.plate_state import StateOverrides
 
     options = ApplyOptions(
-        overrides=StateOverrides(
-            focal_length_mm, f_number, focus_distance_mm, sensor_width_mm
-        ),
-        switches=Switches(
-            not no_distortion, not no_lateral_colour, not no_falloff, not no_defocus
-        ),
-        depth=DepthOptions(
-            depth_channel,
-            depth_unit,
-            None if depth_kind is None else depth_kind.value,
-            depth_near,
-            depth_far,
-        ),
-        edge_mask=tuple(n.strip() for n in (edge_mask or "").split(",") if n.strip()),
+        overrides=camera.overrides(),
+        switches=effects.switches(),
+        depth=depth.options(),
+        edge_mask=depth.edge_objects,
         output=output.value,
         keep_overscan=keep_overscan,
         layers=layer or None,

@@ -5,19 +5,23 @@ from pathlib import Path
 
 import typer
 
-from lensfit.cli._camera import FNumber, FocalLength, FocusDistance, SensorWidth
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.camera import CameraGroup
+from lensfit.cli.groups.depth import DepthGroup
+from lensfit.cli.groups.effects import EffectsGroup
 
 
+@takes_groups
 def plan(
     preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
     plate: Path = typer.Argument(help="EXR plate"),
+    *,
     tolerance: float = typer.Option(
         1e-3, min=1e-6, help="Accepted rms error of the picture, display-referred"
     ),
-    focal_length_mm: FocalLength = None,
-    f_number: FNumber = None,
-    focus_distance_mm: FocusDistance = None,
-    sensor_width_mm: SensorWidth = None,
+    camera: CameraGroup,
+    depth: DepthGroup,
+    effects: EffectsGroup,
     as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
 ) -> None:
     """Print which stages a plate needs, which are left out and why, error and time.
@@ -28,12 +32,14 @@ def plan(
     from lensfit.preset.store import load_preset
     from lensfit.workflow.apply_options import ApplyOptions
     from lensfit.workflow.plan_plate import plan_plate
-    from lensfit.workflow.plate_state import StateOverrides
 
-    overrides = StateOverrides(
-        focal_length_mm, f_number, focus_distance_mm, sensor_width_mm
+    options = ApplyOptions(
+        overrides=camera.overrides(),
+        switches=effects.switches(),
+        depth=depth.options(),
+        edge_mask=depth.edge_objects,
+        tolerance=tolerance,
     )
-    options = ApplyOptions(overrides=overrides, tolerance=tolerance)
     found, notes = plan_plate(load_preset(preset), plate, options)
     if as_json:
         stages = [stage._asdict() for stage in found.stages]
