@@ -38,6 +38,7 @@ def convert_strictly(
     error: type[LensfitError],
     where: str | Path,
     place: Callable[[str], str] = str,
+    lax: bool = False,
 ) -> Record:
     """`data` as a `record_type`, or `error` that names the key at fault.
 
@@ -48,9 +49,10 @@ def convert_strictly(
     error : Which `LensfitError` to raise.
     where : The file, for the message.
     place : Spells a path such as "take[2].f_number" for its reader.
+    lax : Numbers may be text.
     """
     try:
-        return msgspec.convert(data, record_type)
+        return msgspec.convert(data, record_type, strict=not lax)
     except msgspec.ValidationError as complaint:
         what, path = _split(str(complaint))
         key = f"{place(path)}: " if path else ""

@@ -9,6 +9,12 @@ from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.depth import DepthGroup
 from lensfit.cli.groups.effects import EffectsGroup
+from lensfit.cli.groups.knobs import (
+    AberrationGroup,
+    BokehGroup,
+    LookGroup,
+    stated,
+)
 
 
 class FilterName(StrEnum):
@@ -42,6 +48,9 @@ def apply(
     camera: CameraGroup,
     depth: DepthGroup,
     effects: EffectsGroup,
+    aberrations: AberrationGroup,
+    bokeh: BokehGroup,
+    look: LookGroup,
     keep_overscan: bool = typer.Option(
         False,
         "--keep-overscan",
@@ -83,6 +92,7 @@ def apply(
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,
+        knobs=stated(aberrations, bokeh, look),
         output=output.value,
         keep_overscan=keep_overscan,
         layers=layer or None,

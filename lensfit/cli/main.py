@@ -18,6 +18,7 @@ COMMANDS = (
     "report",
     "stmap",
     "apply",
+    "submit",
     "plan",
     "preset",
     "synth",

@@ -9,6 +9,12 @@ from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.depth import DepthGroup
 from lensfit.cli.groups.effects import EffectsGroup
+from lensfit.cli.groups.knobs import (
+    AberrationGroup,
+    BokehGroup,
+    LookGroup,
+    stated,
+)
 
 
 @takes_groups
@@ -22,6 +28,9 @@ def plan(
     camera: CameraGroup,
     depth: DepthGroup,
     effects: EffectsGroup,
+    aberrations: AberrationGroup,
+    bokeh: BokehGroup,
+    look: LookGroup,
     as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
 ) -> None:
     """Print which stages a plate needs, which are left out and why, error and time.
@@ -38,6 +47,7 @@ def plan(
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,
+        knobs=stated(aberrations, bokeh, look),
         tolerance=tolerance,
     )
     found, notes = plan_plate(load_preset(preset), plate, options)

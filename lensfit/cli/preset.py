@@ -28,15 +28,11 @@ def show(preset: PresetFile, as_json: AsJson = False) -> None:
 
     Example: lensfit preset show takumar_50/preset.json
     """
-    from lensfit.preset.store import load_preset
+    from lensfit.preset.store import load_preset, preset_tables
 
     loaded = load_preset(preset)
     if as_json:
-        import msgspec
-
-        from lensfit.preset.json_text import infinities_to_text
-
-        typer.echo(json.dumps(infinities_to_text(msgspec.to_builtins(loaded))))
+        typer.echo(json.dumps(preset_tables(loaded)))
         return
     from rich.console import Console
 

@@ -56,8 +56,9 @@ def stmap(
 
     loaded = load_preset(preset)
     camera = loaded.camera
-    state = {"focal_length_mm": focal_length_mm, "focus_distance_mm": focus_distance_mm}
-    lens = loaded.at(**state)
+    lens = loaded.at(
+        focal_length_mm=focal_length_mm, focus_distance_mm=focus_distance_mm
+    )
     frame = StmapFrame(
         wanted or (camera.image_width_px, camera.image_height_px),
         overscan,
@@ -75,7 +76,9 @@ def stmap(
             progress=progress,
         )
     # Of the selection, not of the lens: a map has no blur that could be missing.
-    for note in loaded.select(**state).notes:
+    for note in loaded.select(
+        focal_length_mm=focal_length_mm, focus_distance_mm=focus_distance_mm
+    ).notes:
         say_note(note)
     if lens.has_lateral_colour and not per_channel:
         say_note("the maps are those of green; --per-channel writes red and blue too")

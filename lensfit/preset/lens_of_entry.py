@@ -18,14 +18,17 @@ from lensfit.preset import blocks
 from lensfit.preset.blur_of_block import blur_block as blur_block
 from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
+from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.schema import Camera
 from lensfit.preset.select import Selection
 
 _NO_BLUR = "blur was not measured; a perfect lens stands in for it"
 
 
-def lens_of_selection(chosen: Selection, camera: Camera) -> Lens:
-    """The lens at a state that may lie beyond what was measured."""
+def lens_of_selection(
+    chosen: Selection, camera: Camera, knobs: Knobs = NEUTRAL
+) -> Lens:
+    """The lens at a state that may lie beyond what was measured, as it was turned."""
     entry, blur = chosen.entry, None
     if entry.blur is None:
         unmeasured = (_NO_BLUR,)

@@ -11,6 +11,7 @@ from msgspec import Meta, Struct
 
 from lensfit.preset.blocks import PositiveFloat
 from lensfit.preset.entry import Entry
+from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.select import Selection, select
 
 if TYPE_CHECKING:
@@ -70,7 +71,12 @@ class Provenance(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A measured lens: load one with `lensfit.load_preset`."""
+    """A measured lens: load one with `lensfit.load_preset`.
+
+    Attributes
+    ----------
+    knobs : What was turned on it since; neutral knobs are not written.
+    """
 
     schema: Literal["lensfit.preset.1"] = SCHEMA
     conventions: str = CONVENTIONS
@@ -78,6 +84,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     camera: Camera
     entries: Annotated[tuple[Entry, ...], Meta(min_length=1)]
     provenance: Provenance
+    knobs: Knobs = NEUTRAL
 
     def select(
         self,
@@ -101,6 +108,8 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         focal_length_mm: float | None = None,
         f_number: float | None = None,
         focus_distance_mm: float | None = None,
+        *,
+        knobs: Knobs | None = None,
     ) -> "Lens":
         """The lens at a state; what is left out is taken from the preset.
 
@@ -109,6 +118,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         focal_length_mm : As on the barrel; may be left out of a preset with one.
         f_number : Wide open, as far as it was measured, when left out.
         focus_distance_mm : From the sensor plane; may be infinite.
+        knobs : In place of the preset's own (its look is for the renderer).
 
         Raises
         ------
@@ -119,4 +129,4 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         from lensfit.preset.lens_of_entry import lens_of_selection
 
         chosen = self.select(focal_length_mm, f_number, focus_distance_mm)
-        return lens_of_selection(chosen, self.camera)
+        return lens_of_selection(chosen, self.camera, knobs or self.knobs)

@@ -52,9 +52,17 @@ def save_preset(preset: Preset, path: str | Path) -> None:
     PresetError : The preset holds what `load_preset` would refuse, such as a NaN.
     OutputError : The file cannot be written.
     """
-    tables = infinities_to_text(msgspec.to_builtins(preset))
+    tables = preset_tables(preset)
     _from_tables(tables, Path(path))
     write_text_atomic(path, to_json_text(tables))
+
+
+def preset_tables(preset: Preset) -> dict[str, Any]:
+    """The preset as it stands in a file; knobs only if one was turned."""
+    tables = infinities_to_text(msgspec.to_builtins(preset))
+    if not tables["knobs"]:
+        del tables["knobs"]
+    return tables
 
 
 def _from_tables(tables: dict[str, Any], path: Path) -> Preset:

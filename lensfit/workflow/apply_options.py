@@ -1,6 +1,6 @@
 """How plates are to be rendered: everything that `lensfit apply` can be told."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -31,6 +31,7 @@ class ApplyOptions:
     depth : What the user says about the depth channel.
     edge_mask : Objects of the Cryptomatte that are cut out of the plate and blurred as
         layers of their own (see `cut_out`).
+    knobs : What the user turned, by name (see `lensfit.preset.knobs`).
     output : The result, or a picture that explains it (see `frame_outputs`).
     """
 
@@ -44,6 +45,7 @@ class ApplyOptions:
     overwrite: bool = False
     depth: DepthOptions = field(default_factory=DepthOptions)
     edge_mask: Sequence[str] = ()
+    knobs: Mapping[str, object] = field(default_factory=dict)
     output: Output = "result"
 
     @property

@@ -43,7 +43,7 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
     image = plate_header(path)
     part = image.parts[0]
     state = plate_lens.noted_state(image)
-    lens = plate_lens.preset.at(*state.lens_key)
+    lens = plate_lens.lens_at(state)
     geometry = plate_lens.geometry(state, part.display_window)
     focus_mm = lens.focus_distance_mm
     if focus_mm is None and lens.blur is not None:
@@ -103,7 +103,7 @@ def _circle_of_confusion(plate_lens: PlateLens, path: Path) -> ExrImage:
         )
     window = plate_lens.options.written(part.data_window, part.display_window)
     stages = plate_lens.stages_for(state, part.display_window, window)
-    lens = plate_lens.preset.at(*state.lens_key)
+    lens = plate_lens.lens_at(state)
     circle = Circle.of(lens, plate_lens.geometry(state, part.display_window))
     landed = nearest(found.seen_depth_mm, part.data_window, stages.maps[1])
     made = ExrPart(

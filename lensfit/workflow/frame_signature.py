@@ -11,6 +11,7 @@ import msgspec
 
 from lensfit import __version__
 from lensfit.io.exr import ExrPart
+from lensfit.preset.knobs import not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.plate_state import PlateState
@@ -40,7 +41,9 @@ def signature(
     at += [f"{state.sensor_width_mm:g} mm wide"]
     lens = ", ".join([f"{lens_name} ({digest})", *at])
     done = ", ".join(_effects(options)) or "nothing"
-    return "; ".join([f"lensfit {__version__}: {lens}", done, *_settings(options)])
+    turned = [f"{name} {value}" for name, value in not_neutral(state.knobs).items()]
+    settings = _settings(options) + ([", ".join(turned)] if turned else [])
+    return "; ".join([f"lensfit {__version__}: {lens}", done, *settings])
 
 
 def _settings(options: ApplyOptions) -> list[str]:

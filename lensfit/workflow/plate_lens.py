@@ -11,6 +11,7 @@ import numpy as np
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage
+from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.render.frame import window_with_margin
 from lensfit.render.stages import Stages, prepare_stages
@@ -54,7 +55,12 @@ class PlateLens:
             (display.width, display.height),
             self.options.overrides,
             falloff=self.options.switches.falloff,
+            knobs=self.options.knobs,
         )
+
+    def lens_at(self, state: PlateState) -> Lens:
+        """The lens at the state of a plate, as it was turned."""
+        return self.preset.at(*state.lens_key, knobs=state.knobs)
 
     def noted_state(self, image: ExrImage) -> PlateState:
         """The camera state of a plate; what was assumed is noted."""
@@ -68,7 +74,7 @@ class PlateLens:
 
     def geometry(self, state: PlateState, display: Window) -> PlateGeometry:
         """How a plate lies on the sensor."""
-        lens = self.preset.at(*state.lens_key)
+        lens = self.lens_at(state)
         return PlateGeometry.of(lens, display, state.sensor_width_mm)
 
     def cg_focal_length_mm(self, state: PlateState) -> float:
@@ -78,12 +84,12 @@ class PlateLens:
 
     def stages_for(self, state: PlateState, display: Window, window: Window) -> Stages:
         """Maps and gains; made anew only when the camera or the windows change."""
-        key = (state.lens_key, state.sensor_width_mm, display, window)
+        key = (state.lens_key, state.knobs, state.sensor_width_mm, display, window)
         if self._stages is None or key != self._key:
             self._stages = None  # two sets need not be held in memory at once
             external = self._map
             self._stages = prepare_stages(
-                self.preset.at(*state.lens_key),
+                self.lens_at(state),
                 display,
                 window,
                 tolerance=self.options.tolerance,
@@ -118,7 +124,7 @@ class PlateLens:
         ------
         ImageError : It has none, and the options ask for depth of field.
         """
-        lens = self.preset.at(*state.lens_key)
+        lens = self.lens_at(state)
         if lens.blur is not None or None not in (
             lens.f_number,
             lens.focus_distance_mm,
@@ -137,7 +143,7 @@ class PlateLens:
 
     def within_reach(self, depth_mm: np.ndarray, state: PlateState) -> np.ndarray:
         """Distances of which the lens has an image at all; nearer ones are noted."""
-        lens = self.preset.at(*state.lens_key)
+        lens = self.lens_at(state)
         nearest_mm = _NEAREST_FOCAL_LENGTHS * lens.focal_length_mm
         if lens.blur is not None:
             from_pupil = lens.blur.nearest_mm - float(lens.entrance_pupil_offset_mm)

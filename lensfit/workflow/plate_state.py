@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from lensfit.errors import ImageError
+from lensfit.errors import ImageError, PresetError
 from lensfit.io.metadata import camera_state_from
+from lensfit.preset.knobs import NEUTRAL, Knobs, knobs_in, turned
 from lensfit.preset.schema import Preset
 
 
@@ -33,11 +34,13 @@ class PlateState(NamedTuple):
         them; None where the preset decides.
     sensor_width_mm : Width that the display window spans.
     notes : One sentence for each thing that was assumed.
+    knobs : As turned by the preset, the header and the user, the last one first.
     """
 
     lens_key: tuple[float | None, float | None, float | None]
     sensor_width_mm: float
     notes: tuple[str, ...]
+    knobs: Knobs = NEUTRAL
 
 
 _LEAST_WIDTH_MM = 0.01
@@ -56,6 +59,7 @@ def plate_state(
     overrides: StateOverrides,
     *,
     falloff: bool = True,
+    knobs: Mapping[str, object] | None = None,
 ) -> PlateState:
     """The state of one plate.
 
@@ -66,6 +70,7 @@ def plate_state(
     size_px : Width and height of its display window, pixels.
     overrides : What the user states.
     falloff : Whether the fall-off, and so the f-number, matters.
+    knobs : What the user turned, by name.
 
     Raises
     ------
@@ -105,7 +110,18 @@ def plate_state(
             f"the sensor is stated to be {width:g} mm wide",
             remedy="give its width with --sensor-width-mm",
         )
-    return PlateState(key, width, tuple(notes))
+    return PlateState(
+        key, width, tuple(notes), _turned(preset, attributes, knobs or {})
+    )
+
+
+def _turned(
+    preset: Preset, attributes: Mapping[str, object], stated: Mapping[str, object]
+) -> Knobs:
+    by_header = turned(
+        preset.knobs, knobs_in(attributes), error=ImageError, where="header"
+    )
+    return turned(by_header, stated, error=PresetError, where="options")
 
 
 def _either(stated: float | None, found: float | None) -> float | None:

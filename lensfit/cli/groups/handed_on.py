@@ -1,0 +1,100 @@
+"""The options of one command as another command takes them and hands them on.
+
+What is handed on is read from the command itself, so that an option added to it cannot
+be forgotten on the way.
+"""
+
+import functools
+import inspect
+from collections.abc import Callable, Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from lensfit.workflow.farm_job import HandedOption
+
+
+def hands_on(
+    other: Callable[..., None], *, except_for: Sequence[str]
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A command that takes the options of `other` too.
+
+    It receives those that were given, ready to be handed on, as its parameter `handed`.
+
+    Parameters
+    ----------
+    other : A command, as typer runs it.
+    except_for : Parameters of `other` that are not taken over.
+    """
+    taken = [
+        p
+        for name, p in inspect.signature(other).parameters.items()
+        if name not in except_for
+    ]
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        own = [
+            p.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+            for name, p in inspect.signature(command).parameters.items()
+            if name != "handed"
+        ]
+
+        @functools.wraps(command)
+        def run(**given: Any) -> None:
+            values = {p.name: given.pop(p.name) for p in taken}
+            command(**given, handed=handed_options(other, values))
+
+        # typer reads the one, and the types of the other
+        parameters = [*own, *(p.replace(kind=own[0].kind) for p in taken)]
+        run.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
+        run.__annotations__ = {p.name: p.annotation for p in parameters}
+        return run
+
+    return decorate
+
+
+def handed_options(
+    command: Callable[..., None], values: dict[str, Any]
+) -> tuple[HandedOption, ...]:
+    """Options that give `command` these values; those of its own defaults need none.
+
+    Parameters
+    ----------
+    values : By parameter of `command`, as typer passes them.
+    """
+    found: list[HandedOption] = []
+    for option in _parameters_as_typed(command):
+        if option.name in values:
+            found += _handed(option, values[option.name])
+    return tuple(found)
+
+
+def _parameters_as_typed(command: Callable[..., None]) -> list[Any]:
+    """What the parser knows of the options: their words, and how many values follow."""
+    alone = typer.Typer(add_completion=False)
+    alone.command()(command)
+    return list(typer.main.get_command(alone).params)
+
+
+def _handed(option: Any, value: Any) -> list[HandedOption]:
+    words = [w for w in option.opts if w.startswith("--")]
+    if value is None or value == option.default:
+        return []
+    if option.is_flag:
+        return [HandedOption((words if value else option.secondary_opts)[0], ())]
+    writes = bool(getattr(option.type, "writable", False))
+    each = value if option.multiple else [value]
+    return [
+        HandedOption(words[0], tuple(_plain(v) for v in _listed(one)), writes)
+        for one in each
+    ]
+
+
+def _listed(value: Any) -> Sequence[Any]:
+    return value if isinstance(value, (list, tuple)) else [value]
+
+
+def _plain(value: Any) -> str | int | float | Path:
+    return value.value if isinstance(value, Enum) else value

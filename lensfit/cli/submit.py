@@ -1,0 +1,87 @@
+"""`lensfit submit`: hand a sequence to a render farm."""
+
+import json
+import shlex
+from enum import StrEnum
+from pathlib import Path
+
+import typer
+
+from lensfit.cli.apply import apply
+from lensfit.cli.groups.handed_on import hands_on
+from lensfit.workflow.farm_job import FarmJob, HandedOption, absolute, farm_job
+
+
+class Farm(StrEnum):
+    """Which farm the job is written for."""
+
+    openjd = "openjd"
+    opencue = "opencue"
+
+
+_SUFFIX = {Farm.openjd: "openjd.json", Farm.opencue: "outline"}
+
+
+@hands_on(apply, except_for=("preset", "plates", "out", "frames", "as_json"))
+def submit(
+    preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
+    plates: str = typer.Argument(help="EXR plate, or plate.####.exr for a sequence"),
+    *,
+    out: Path = typer.Option(..., "--out", help="Folder for the results"),
+    frames: str = typer.Option(None, help="Frames of the sequence: 1001-1100x2,1200"),
+    chunk: int = typer.Option(10, min=1, help="Frames of one task"),
+    to: Farm = typer.Option(
+        Farm.openjd, help="Open Job Description, or OpenCue (needs its PyOutline)"
+    ),
+    write: Path = typer.Option(
+        None, help="File of the job; apply.openjd.json or apply.outline in OUT"
+    ),
+    as_json: bool = typer.Option(False, "--json", help="Say the outcome as JSON"),
+    handed: tuple[HandedOption, ...],
+) -> None:
+    """Write a job for a render farm: `lensfit apply` on chunks of a sequence.
+
+    Takes every option of apply and hands it on as given. The job is an Open Job
+    Description template with its paths in a file beside it, or an outline of OpenCue;
+    nothing is rendered here. A task that is run again skips its finished frames.
+
+    Example: lensfit submit takumar/preset.json plate.####.exr --out rendered --chunk 20
+    """
+    from lensfit.cli._door import say_note
+
+    job = farm_job(preset, plates, out, frames, chunk=chunk, options=handed)
+    path = absolute(write or out / f"apply.{_SUFFIX[to]}")
+    files, run = _written(job, to, path)
+    if job.missing:
+        say_note(
+            f"frames {job.missing} do not exist yet; their tasks fail without them"
+        )
+    if as_json:
+        said = {
+            "files": [str(file) for file in files],
+            "tasks": len(job.chunks) or 1,
+            "run": run,
+        }
+        typer.echo(json.dumps(said, indent=1))
+        return
+    for file in files:
+        typer.echo(file)
+    count = len(job.chunks) or 1
+    typer.echo(f"{count} {'task' if count == 1 else 'tasks'}; {shlex.join(run)}")
+
+
+def _written(job: FarmJob, to: Farm, path: Path) -> tuple[list[Path], list[str]]:
+    """The files of the job, and the command that runs or submits it."""
+    if to is Farm.opencue:
+        from lensfit.workflow.opencue_outline import write_outline
+
+        write_outline(job, path)
+        return [path], ["pycuerun", str(path)]
+    from lensfit.atomic import write_text_atomic
+    from lensfit.workflow.openjd_template import openjd_template
+
+    template, paths = openjd_template(job)
+    beside = path.with_name(f"{path.stem}.parameters.json")
+    write_text_atomic(path, json.dumps(template, indent=1))
+    write_text_atomic(beside, json.dumps(paths, indent=1))
+    return [path, beside], ["openjd", "run", str(path), "-p", f"file://{beside}"]

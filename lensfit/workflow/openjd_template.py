@@ -1,0 +1,143 @@
+"""A farm job as an Open Job Description template (``jobtemplate-2023-09``).
+
+Preset, plates, results and files among the options are PATH parameters, so that a farm
+may map them to where they lie on a machine; the specification keeps their values out of
+the template (a default may not leave the template's folder), which is why they stand in
+a file of their own. Options are INT, FLOAT and STRING parameters with the values given
+as defaults. Every text of a user is the value of a parameter: neither a shell nor the
+template's format strings read it.
+
+References
+----------
+Open Job Description, "Template Schemas", 2023-09.
+"""
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+from lensfit.errors import OutputError
+from lensfit.workflow.farm_job import FarmJob, HandedOption, option_words
+
+_MOST_TASKS = 1024
+_MOST_PARAMETERS = 50
+_LONGEST_VALUE = 1024
+
+
+def openjd_template(job: FarmJob) -> tuple[dict[str, Any], dict[str, str]]:
+    """The template, and the values of its parameters that are paths.
+
+    Raises
+    ------
+    OutputError : The job is larger than the specification allows.
+    """
+    definitions = [_command(), _path("Preset", "FILE", "IN", "Preset of the lens")]
+    paths = {"Preset": str(job.preset), "Out": str(job.out)}
+    words = ["apply", "{{Param.Preset}}"]
+    if job.chunks:
+        definitions += [
+            _path("PlatesFolder", "DIRECTORY", "IN", "Folder of the plates"),
+            _text("PlatesName", job.plates.name, "Pattern of the plates' names"),
+        ]
+        paths["PlatesFolder"] = str(job.plates.parent)
+        words += ["{{Param.PlatesFolder}}/{{Param.PlatesName}}"]
+        words += ["--frames={{Task.Param.Frames}}"]
+    else:
+        definitions.append(_path("Plate", "FILE", "IN", "The plate"))
+        paths["Plate"] = str(job.plates)
+        words.append("{{Param.Plate}}")
+    definitions.append(_path("Out", "DIRECTORY", "OUT", "Folder for the results"))
+    words.append("--out={{Param.Out}}")
+    for option in job.options:
+        names = [_parameter(option, v, definitions, paths) for v in option.values]
+        words += option_words(option, [f"{{{{Param.{name}}}}}" for name in names])
+    _check(job, definitions, paths)
+    return _template(job, definitions, words), paths
+
+
+def _template(job: FarmJob, definitions: list, words: list[str]) -> dict[str, Any]:
+    step: dict[str, Any] = {
+        "name": "apply",
+        "script": {
+            "actions": {"onRun": {"command": "{{Param.Command}}", "args": words}}
+        },
+    }
+    if job.chunks:
+        frames = {"name": "Frames", "type": "STRING", "range": list(job.chunks)}
+        step["parameterSpace"] = {"taskParameterDefinitions": [frames]}
+    return {
+        "specificationVersion": "jobtemplate-2023-09",
+        "name": job.name,
+        "parameterDefinitions": definitions,
+        "steps": [step],
+    }
+
+
+def _parameter(
+    option: HandedOption, value: object, definitions: list, paths: dict[str, str]
+) -> str:
+    """The name of the parameter that holds a value, which is defined here."""
+    stem = "".join(part.capitalize() for part in re.split(r"\W+", option.word))
+    taken = {definition["name"] for definition in definitions}
+    name, count = stem, 1
+    while name in taken:
+        count += 1
+        name = f"{stem}{count}"
+    if isinstance(value, Path):
+        kind = "DIRECTORY" if value.is_dir() else "FILE"
+        flow = "OUT" if option.writes else "IN"
+        definitions.append(_path(name, kind, flow, option.word))
+        paths[name] = str(value)
+    elif isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)):
+        kind = "INT" if isinstance(value, int) else "FLOAT"
+        definitions.append(
+            {"name": name, "type": kind, "default": value, "description": option.word}
+        )
+    else:
+        definitions.append(_text(name, str(value), option.word))
+    return name
+
+
+def _command() -> dict[str, str]:
+    return _text("Command", "lensfit", "The program, where it is not on the PATH")
+
+
+def _text(name: str, value: str, said: str) -> dict[str, str]:
+    return {"name": name, "type": "STRING", "default": value, "description": said}
+
+
+def _path(name: str, kind: str, flow: str, said: str) -> dict[str, str]:
+    return {
+        "name": name,
+        "type": "PATH",
+        "objectType": kind,
+        "dataFlow": flow,
+        "description": said,
+    }
+
+
+def _check(job: FarmJob, definitions: list, paths: dict[str, str]) -> None:
+    if len(job.chunks) > _MOST_TASKS:
+        raise OutputError(
+            f"a job of {len(job.chunks)} tasks is more than the {_MOST_TASKS} of Open "
+            "Job Description",
+            remedy="give more frames to a task with --chunk",
+        )
+    if len(definitions) > _MOST_PARAMETERS:
+        raise OutputError(
+            f"{len(definitions)} parameters are more than the {_MOST_PARAMETERS} of "
+            "Open Job Description",
+            remedy="give fewer options",
+        )
+    values = [
+        *job.chunks,
+        *paths.values(),
+        *(d.get("default", "") for d in definitions),
+    ]
+    if any(isinstance(v, str) and len(v) > _LONGEST_VALUE for v in values):
+        raise OutputError(
+            f"a path, an option or a list of frames is longer than {_LONGEST_VALUE} "
+            "characters",
+            remedy="shorten it, or give fewer frames to a task with --chunk",
+        )

@@ -1,0 +1,76 @@
+"""Knobs have one name everywhere, and say plainly what they cannot be set to."""
+
+import msgspec
+import pytest
+from preset_makers import make_preset
+
+from lensfit.errors import PresetError
+from lensfit.preset.knobs import (
+    GROUP_OF,
+    NEUTRAL,
+    Knobs,
+    knobs_in,
+    not_neutral,
+    turned,
+)
+from lensfit.preset.store import load_preset, save_preset
+
+
+def test_every_name_stands_in_one_group():
+    groups = [getattr(NEUTRAL, g).__struct_fields__ for g in Knobs.__struct_fields__]
+    assert sum(map(len, groups)) == len(GROUP_OF)
+
+
+def test_every_knob_says_what_it_is_and_where_it_ends():
+    for group in Knobs.__struct_fields__:
+        schema = msgspec.json.schema(type(getattr(NEUTRAL, group)))
+        for record in schema["$defs"].values():
+            for name, knob in record["properties"].items():
+                kinds = knob.get("anyOf", [knob])
+                assert any("description" in kind for kind in kinds), name
+                for kind in kinds:
+                    if kind.get("type") in ("number", "integer"):
+                        assert {"minimum", "maximum"} <= set(kind), name
+
+
+def test_the_last_word_counts_and_text_is_a_number():
+    once = turned(NEUTRAL, {"coma_gain": "0.5", "blades": "7"})
+    twice = turned(once, {"coma_gain": 2})
+    assert not_neutral(twice) == {"coma_gain": 2.0, "blades": 7}
+    assert not_neutral(turned(twice, {"coma_gain": 1.0, "blades": None})) == {}
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"coma": 1}, 'no knob "coma"; did you mean "coma_gain"?'),
+        ({"blades": "many"}, "whole number"),
+        ({"blades": 99}, "<= 16"),
+        ({"coma_gain": "nan"}, "no finite number"),
+        ({"coma_gain": float("nan")}, "no finite number"),
+        ({"coma_gain": "1e999"}, "no finite number"),
+        ({"coma_gain": [1]}, "expected a number, got a list"),
+    ],
+)
+def test_what_cannot_be_set_is_said(values, said):
+    with pytest.raises(PresetError, match="knobs: ") as caught:
+        turned(NEUTRAL, values)
+    assert said in str(caught.value)
+
+
+def test_a_header_may_have_any_prefix_and_other_entries():
+    attributes = {
+        "exr/lensfit/coma_gain": "2",
+        "lensfit/blades": 5,
+        "otherlensfit/blades": 3,
+        "lensfit/applied": "said",
+    }
+    assert knobs_in(attributes) == {"coma_gain": "2", "blades": 5}
+
+
+def test_a_preset_keeps_its_knobs(tmp_path):
+    knobs = turned(NEUTRAL, {"coma_gain": 0.25})
+    preset = msgspec.structs.replace(make_preset(), knobs=knobs)
+    save_preset(preset, tmp_path / "preset.json")
+    assert '"coma_gain": 0.25' in (tmp_path / "preset.json").read_text()
+    assert load_preset(tmp_path / "preset.json") == preset
