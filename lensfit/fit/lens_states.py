@@ -111,12 +111,19 @@ def _fit_states(
     takes: list[Take], progress: Progress
 ) -> tuple[list[LensState], dict[str, FitError]]:
     states, failed = [], {}
-    for group in grouped(takes):
+    groups = grouped(takes)
+    while groups:
+        group = groups.pop(0)
         try:
             base = states[0].distortion.base if states else None
             states.append(_fit_state(group, takes, progress, base))
         except FitError as error:
-            failed |= {take.name: error for take in group}
+            # One photograph that contradicts itself must not cost the others.
+            rest = [take for take in group if take.name != error.where]
+            at_fault = [take for take in group if take.name == error.where] or group
+            failed |= {take.name: error for take in at_fault}
+            if at_fault is not group and rest:
+                groups.insert(0, rest)
         except (ValueError, cv2.error) as error:
             reason = FitError(
                 f"the fit broke down ({error})",

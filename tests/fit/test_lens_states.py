@@ -35,3 +35,19 @@ def test_focus_stated_for_some_takes_only_is_refused_by_name():
     with pytest.raises(FitError, match="focus distance") as caught:
         fit(_focused(2000.0, None, 2000.0))
     assert "view 1" in str(caught.value)
+
+
+def test_a_photograph_that_contradicts_itself_costs_no_other():
+    away = [900.0 + 40.0 * view + Camera.focal_length_mm for view in range(3)]
+    away[1] *= 1.5
+    takes = [
+        replace(take, target_distance_mm=distance)
+        for take, distance in zip(TAKES, away, strict=True)
+    ]
+    found = fit(takes)
+    assert [take.name for take in found.states[0].geometry.takes] == [
+        "view 0",
+        "view 2",
+    ]
+    assert list(found.failed) == ["view 1"]
+    assert "the shoot says" in str(found.failed["view 1"])
