@@ -32,13 +32,11 @@ class HandedOption(NamedTuple):
     Attributes
     ----------
     word : Such as ``--depth-unit``.
-    values : What follows it; nothing after a flag.
-    writes : Whether a path among the values is written rather than read.
+    values : What follows it, nothing after a flag; paths are read, not written.
     """
 
     word: str
     values: tuple[str | int | float | Path, ...]
-    writes: bool = False
 
 
 @dataclass(frozen=True)
@@ -156,9 +154,9 @@ def _range(numbers: Sequence[int]) -> str:
 
 
 def _absolute(option: HandedOption) -> HandedOption:
-    """The option with paths from the root; those that are read must exist."""
+    """The option with paths from the root, which must exist."""
     for value in option.values:
-        if isinstance(value, Path) and not option.writes and not value.exists():
+        if isinstance(value, Path) and not value.exists():
             raise ImageError(f"does not exist ({option.word})", where=value)
     values = (absolute(v) if isinstance(v, Path) else v for v in option.values)
     return option._replace(values=tuple(values))

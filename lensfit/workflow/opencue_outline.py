@@ -54,7 +54,7 @@ def write_outline(job: FarmJob, path: Path) -> None:
 
 def _pyoutline(path: Path):
     try:
-        import outline
+        import outline  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise OutputError(
             "an outline of OpenCue needs PyOutline, which is not installed",

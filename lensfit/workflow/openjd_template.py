@@ -86,8 +86,7 @@ def _parameter(
         name = f"{stem}{count}"
     if isinstance(value, Path):
         kind = "DIRECTORY" if value.is_dir() else "FILE"
-        flow = "OUT" if option.writes else "IN"
-        definitions.append(_path(name, kind, flow, option.word))
+        definitions.append(_path(name, kind, "IN", option.word))
         paths[name] = str(value)
     elif isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)):
         kind = "INT" if isinstance(value, int) else "FLOAT"

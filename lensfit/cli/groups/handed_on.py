@@ -84,11 +84,9 @@ def _handed(option: Any, value: Any) -> list[HandedOption]:
         return []
     if option.is_flag:
         return [HandedOption((words if value else option.secondary_opts)[0], ())]
-    writes = bool(getattr(option.type, "writable", False))
     each = value if option.multiple else [value]
     return [
-        HandedOption(words[0], tuple(_plain(v) for v in _listed(one)), writes)
-        for one in each
+        HandedOption(words[0], tuple(_plain(v) for v in _listed(one))) for one in each
     ]
 
 

@@ -1,0 +1,315 @@
+"""`lensfit submit` hands on what `apply` takes, word for word."""
+
+import inspect
+import json
+import math
+import os
+import subprocess
+import sys
+from enum import EnumType
+from pathlib import Path
+from typing import Annotated, get_args, get_origin
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from lensfit.cli.apply import apply
+from lensfit.cli.main import app
+
+NASTY = "a'b \"$HOME;{{Param.Out}}|é"
+OWN = {"preset", "plates", "out", "frames", "as_json"}
+"""What submit has itself, and JSON, which is how submit speaks."""
+RECORDER = """#!{python}
+import json, pathlib, sys
+pathlib.Path({log!r}).open("a").write(json.dumps(sys.argv[1:]) + "\\n")
+"""
+
+
+@pytest.fixture
+def job(tmp_path):
+    """A preset and five plates, whose names are as bad as a file system allows."""
+    folder = tmp_path / NASTY
+    folder.mkdir()
+    (folder / "preset.json").touch()
+    (folder / "map.exr").touch()
+    for number in range(-2, 3):
+        sign, size = ("-" if number < 0 else ""), abs(number)
+        (folder / f"{NASTY}.{sign}{size:04d}.exr").touch()
+    return folder
+
+
+def submit(job, *arguments):
+    plates = str(job / f"{NASTY}.####.exr")
+    command = ["submit", str(job / "preset.json"), plates, "--out", str(job / "o ut")]
+    return CliRunner().invoke(app, [*command, *arguments])
+
+
+def words_of(job) -> list[list[str]]:
+    """The command of each task, with parameters put in as the specification says."""
+    template = json.loads((job / "o ut" / "apply.openjd.json").read_text())
+    values = json.loads((job / "o ut" / "apply.openjd.parameters.json").read_text())
+    for parameter in template["parameterDefinitions"]:
+        values.setdefault(parameter["name"], parameter.get("default"))
+    (step,) = template["steps"]
+    tasks = [None]
+    if "parameterSpace" in step:
+        (frames,) = step["parameterSpace"]["taskParameterDefinitions"]
+        tasks = frames["range"]
+    return [[_filled(w, values, t) for w in _action(step)["args"]] for t in tasks]
+
+
+def _action(step):
+    return step["script"]["actions"]["onRun"]
+
+
+def _filled(word, values, frames):
+    """One pass over the word: what is put in is not read again."""
+    parts = word.replace("{{", "\0").replace("}}", "\0").split("\0")
+    named = {f"Param.{k}": str(v) for k, v in values.items()}
+    named["Task.Param.Frames"] = frames
+    return "".join(named[p] if i % 2 else p for i, p in enumerate(parts))
+
+
+def parsed(words):
+    """What the parser of `apply` makes of a command."""
+    command = typer.main.get_command(app).commands["apply"]
+    return command.make_context("apply", list(words)).params
+
+
+def given_to_every_option(job) -> list[str]:
+    """Each option of `apply`, at a value that is not its default."""
+    words: list[str] = []
+    for option in typer.main.get_command(app).commands["apply"].params:
+        if option.name in OWN or option.name == "help":
+            continue
+        if option.is_flag:
+            words.append(option.opts[0])
+            continue
+        for value in [accepted(option, job), *([""] if option.multiple else [])]:
+            words += [option.opts[0], value]
+    return words
+
+
+def accepted(option, job) -> str:
+    """A value that the parser takes for an option."""
+    kind = inspect.signature(apply).parameters[option.name].annotation
+    if "Path" in str(kind):
+        return str(job / "map.exr")
+    kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
+    kinds = get_args(kind) or [kind]
+    words = [m.value for k in kinds if isinstance(k, EnumType) for m in k][::-1]
+    for value in [*words, NASTY, "0.1", "3", "5000"]:
+        try:
+            found = parsed(["p", "q", "--out", "o", option.opts[0], value])
+        except typer.BadParameter:
+            continue
+        if found[option.name] != option.default:
+            return value
+    raise AssertionError(f"no value for {option.name}")
+
+
+def test_every_option_of_apply_survives(job):
+    options = given_to_every_option(job)
+    direct = [str(job / "preset.json"), str(job / f"{NASTY}.####.exr")]
+    direct += ["--out", str(job / "o ut"), "--frames", "-2--1"]
+    assert submit(job, "--frames", "-2--1", *options).exit_code == 0
+    (task,) = words_of(job)
+    assert task[0] == "apply"
+    wanted = parsed([*direct, *options])
+    assert parsed(task[1:]) == wanted
+    # And the test has left none of them at its default.
+    for option in typer.main.get_command(app).commands["apply"].params:
+        if option.name not in OWN and option.name != "help":
+            assert wanted[option.name] != option.default, option.name
+
+
+@pytest.mark.parametrize("value", ["inf", "1e-07", "0.1", "2.8", "1234567.125"])
+def test_numbers_arrive_as_they_were_given(job, value):
+    assert submit(job, "--focus-distance-mm", value).exit_code == 0
+    (task,) = words_of(job)
+    assert parsed(task[1:])["focus_distance_mm"] == float(value)
+    assert math.isfinite(float(value)) == ('"FLOAT"' in text(job))
+
+
+def text(job):
+    return (job / "o ut" / "apply.openjd.json").read_text()
+
+
+def test_options_left_alone_are_not_handed_on(job):
+    assert submit(job).exit_code == 0
+    (task,) = words_of(job)
+    assert [w.split("=")[0] for w in task[3:]] == ["--frames", "--out"]
+
+
+def test_frames_are_dealt_into_chunks(job):
+    assert submit(job, "--chunk", "2").exit_code == 0
+    assert [t[3] for t in words_of(job)] == [
+        "--frames=-2--1",
+        "--frames=0-1",
+        "--frames=2",
+    ]
+    assert submit(job, "--frames", "2--2x2,9", "--chunk", "3").exit_code == 0
+    assert [t[3] for t in words_of(job)] == ["--frames=2--2x2", "--frames=9"]
+    said = submit(job, "--frames", "1-9").stderr
+    assert "frames 3-9 do not exist yet" in said
+
+
+def test_paths_are_parameters_a_farm_may_map(job):
+    assert submit(job, "--stmap", str(job / "map.exr")).exit_code == 0
+    template = json.loads(text(job))
+    paths = {
+        d["name"]: (d["objectType"], d["dataFlow"])
+        for d in template["parameterDefinitions"]
+        if d["type"] == "PATH"
+    }
+    assert paths == {
+        "Preset": ("FILE", "IN"),
+        "PlatesFolder": ("DIRECTORY", "IN"),
+        "Out": ("DIRECTORY", "OUT"),
+        "Stmap": ("FILE", "IN"),
+    }
+    assert str(job) not in text(job)
+    assert "{{" not in template["name"]
+
+
+def test_a_single_plate_is_one_task(job):
+    (job / "one.exr").touch()
+    words = ["submit", str(job / "preset.json"), str(job / "one.exr")]
+    run = CliRunner().invoke(app, [*words, "--out", str(job / "o ut"), "--json"])
+    said = json.loads(run.stdout)
+    assert said["tasks"] == 1
+    ((_, _, plate, out),) = words_of(job)
+    assert (plate, out) == (str(job / "one.exr"), f"--out={job / 'o ut'}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--frames", "7-9"], "3 of 3 frames are missing"),
+        (["--frames", "x"], "no range of frames"),
+        (["--stmap", "none.exr"], "does not exist"),
+        (["--layer", "a\nb"], "control character"),
+        (["--frames", "-2-2000", "--chunk", "1"], "more than the 1024"),
+        (["--frames", "-2-999x2,-1-999x3", "--chunk", "999"], "longer than 1024"),
+        ([f"--layer={i}" for i in range(60)], "more than the 50"),
+    ],
+)
+def test_what_no_farm_could_run_is_refused_in_one_line(job, arguments, said):
+    result = submit(job, *arguments)
+    assert result.exit_code == 1
+    assert said in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not (job / "o ut").exists()
+
+
+def test_results_do_not_replace_plates_and_presets_exist(job):
+    plates = str(job / f"{NASTY}.####.exr")
+    for preset, out, said in (
+        ("preset.json", job, "would replace its own source"),
+        ("none.json", job / "o ut", "none.json: does not exist"),
+    ):
+        words = ["submit", str(job / preset), plates, "--out", str(out)]
+        result = CliRunner().invoke(app, words)
+        assert result.exit_code == 1
+        assert said in result.stderr
+
+
+def test_submitting_loads_nothing_heavy(job):
+    words = [str(job / "preset.json"), str(job / f"{NASTY}.####.exr")]
+    script = (
+        "import sys; from lensfit.cli.main import app\n"
+        f"app(['submit', *{words!r}, '--out', {str(job / 'o ut')!r}],"
+        " standalone_mode=False)\n"
+        "print([m for m in ('numpy', 'jax', 'cv2', 'OpenEXR')"
+        " if m in sys.modules])"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert run.stdout.splitlines()[-1] == "[]"
+
+
+def openjd(*words):
+    run = subprocess.run(
+        [sys.executable, "-m", "openjd", *map(str, words)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    return run.stdout
+
+
+def test_open_job_description_accepts_it_and_words_arrive_whole(job, tmp_path):
+    """Run by its own implementation, with a program that writes its words down."""
+    program, log = tmp_path / "program", tmp_path / "log"
+    program.write_text(RECORDER.format(python=sys.executable, log=str(log)))
+    program.chmod(0o755)
+    options = given_to_every_option(job)
+    result = submit(job, "--chunk", "3", "--json", *options)
+    said = json.loads(result.stdout)
+    template, _ = said["files"]
+    assert "passes validation" in openjd("check", template)
+    openjd(*said["run"][1:], "-p", f"Command={program}")
+    ran = [json.loads(line) for line in log.read_text().splitlines()]
+    assert [parsed(words[1:]) for words in ran] == [
+        parsed(words[1:]) for words in words_of(job)
+    ]
+    assert ran[0][1] == str(job / "preset.json")
+    assert ran[0][2] == str(job / f"{NASTY}.####.exr")
+
+
+@pytest.mark.slow
+def test_a_farm_renders_what_apply_renders(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "workflow")
+    from plate_makers import make_preset, write_plate
+
+    from lensfit.preset.store import save_preset
+
+    save_preset(make_preset(), tmp_path / "preset.json")
+    for number in range(1, 4):
+        write_plate(tmp_path / f"plate.{number:04d}.exr")
+    words = [str(tmp_path / "preset.json"), str(tmp_path / "plate.####.exr")]
+    common = ["--no-falloff", "--keep-overscan", "--tolerance", "2e-4"]
+    farm, own = tmp_path / "farm", tmp_path / "own"
+    result = CliRunner().invoke(
+        app, ["submit", *words, "--out", str(farm), "--chunk", "2", "--json", *common]
+    )
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    monkeypatch.setenv("PATH", path)
+    openjd(*json.loads(result.stdout)["run"][1:])
+    CliRunner().invoke(app, ["apply", *words, "--out", str(own), *common])
+    for frame in sorted(own.iterdir()):
+        assert frame.read_bytes() == (farm / frame.name).read_bytes()
+    assert len(list(farm.glob("*.exr"))) == 3
+
+
+def test_opencue_without_pyoutline_says_what_to_install(job, monkeypatch):
+    monkeypatch.setitem(sys.modules, "outline", None)
+    result = submit(job, "--to", "opencue")
+    assert result.exit_code == 1
+    assert "pip install 'lensfit[opencue]'" in result.stderr
+    assert not (job / "o ut").exists()
+
+
+def test_pyoutline_runs_the_words_as_they_are(job, tmp_path, monkeypatch):
+    outline = pytest.importorskip("outline")
+    from outline.cuerun import execute_frame
+
+    program, log = tmp_path / "lensfit", tmp_path / "log"
+    program.write_text(RECORDER.format(python=sys.executable, log=str(log)))
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    options = given_to_every_option(job)
+    assert submit(job, "--to", "opencue", "--chunk", "3", *options).exit_code == 0
+    assert submit(job, "--chunk", "3", *options).exit_code == 0
+    script = outline.load_outline(str(job / "o ut" / "apply.outline"))
+    script.setup()
+    for frame in (1, 2):
+        execute_frame(script.get_path(), "apply", frame)
+    ran = [json.loads(line) for line in log.read_text().splitlines()]
+    assert [parsed(words[1:]) for words in ran] == [
+        parsed(words[1:]) for words in words_of(job)
+    ]
