@@ -20,6 +20,11 @@ from lensfit.errors import LensfitError
 
 Record = TypeVar("Record")
 
+LARGEST_BYTES = 32 * 2**20
+"""A preset of a long zoom has one or two MiB."""
+_DEEPEST = 64
+_LARGEST_INTEGER = 2**63 - 1
+_LONGEST_WORD = 60
 _PLAIN = {
     "float": "a number",
     "int": "a whole number",
@@ -62,18 +67,34 @@ def convert_strictly(
 
 
 def read_json_object(
-    path: Path, *, error: type[LensfitError], source: str, mend: str
+    path: Path,
+    *,
+    error: type[LensfitError],
+    source: str,
+    mend: str,
+    largest_bytes: int = LARGEST_BYTES,
 ) -> dict[str, Any]:
     """The object that a JSON file holds; no key of it may stand twice.
 
     Parameters
     ----------
     path : The file.
-    error : Raised when the file cannot be read or is no JSON, naming `path`.
+    error : Raised when the file cannot be read or is no JSON, naming `path`; also when
+        it is larger, deeper or holds larger integers than any file of lensfit does.
     source, mend : What to do about the one, and about the other.
+    largest_bytes : Of the file; no more is read.
     """
     try:
-        found = json.loads(path.read_bytes(), object_pairs_hook=_without_duplicates)
+        with path.open("rb") as file:
+            content = file.read(largest_bytes + 1)
+        if len(content) > largest_bytes:
+            raise error(
+                f"is larger than {largest_bytes / 2**20:g} MiB, which no such file is",
+                where=path,
+                remedy=source,
+            )
+        found = json.loads(content, object_pairs_hook=_without_duplicates)
+        _check_extent(found)
     except OSError as reason:
         raise error(
             f"cannot be read ({reason.strerror})", where=path, remedy=source
@@ -85,12 +106,33 @@ def read_json_object(
     return found
 
 
+def _check_extent(found: object) -> None:
+    """Raise a ValueError for what the steps after this one cannot take."""
+    level = [found]
+    for _ in range(_DEEPEST):
+        inner: list[object] = []
+        for value in level:
+            if isinstance(value, dict):
+                inner += value.keys()
+                inner += value.values()
+            elif isinstance(value, list):
+                inner += value
+            elif isinstance(value, int) and abs(value) > _LARGEST_INTEGER:
+                raise ValueError("an integer of more than 64 bits")
+            elif isinstance(value, str) and not value.isascii():
+                value.encode()  # half a surrogate pair is no text
+        level = inner
+        if not level:
+            return
+    raise ValueError(f"nested deeper than {_DEEPEST}")
+
+
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     tables = dict(pairs)
     if len(tables) < len(pairs):
         names = [name for name, _ in pairs]
         twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f'key "{twice}" stands twice in one object')
+        raise ValueError(f'key "{_shortened(twice)}" stands twice in one object')
     return tables
 
 
@@ -117,24 +159,29 @@ def did_you_mean(word: str, known: list[str]) -> str:
 
 def _split(complaint: str) -> tuple[str, str]:
     """What is wrong, and the path of the key without its leading "$."."""
-    match = re.fullmatch(r"(.*) - at `\$\.?(.*)`", complaint)
+    match = re.fullmatch(r"(?s)(.*) - at `\$\.?(.*)`", complaint)
     return (match[1], match[2]) if match else (complaint, "")
 
 
 def _in_plain_words(what: str, record_type: Any, path: str) -> str:
-    unknown = re.fullmatch(r"Object contains unknown field `(.*)`", what)
+    unknown = re.fullmatch(r"(?s)Object contains unknown field `(.*)`", what)
     if unknown:
         hint = did_you_mean(unknown[1], _keys_at(record_type, path))
-        return f'unknown key "{unknown[1]}"; {hint}'
+        return f'unknown key "{_shortened(unknown[1])}"; {hint}'
     missing = re.fullmatch(r"Object missing required field `(.*)`", what)
     if missing:
         return f'key "{missing[1]}" is missing; add it'
-    choice = re.fullmatch(r"Invalid enum value '?(.*?)'?", what)
+    choice = re.fullmatch(r"(?s)Invalid enum value '?(.*?)'?", what)
     if choice:
         known = [str(literal) for literal in _literals(_type_at(record_type, path))]
-        return f'"{choice[1]}" is unknown; {did_you_mean(choice[1], known)}'
+        hint = did_you_mean(choice[1], known)
+        return f'"{_shortened(choice[1])}" is unknown; {hint}'
     what = re.sub(r"`([a-z| ]+)`", lambda types: _plain_types(types[1]), what)
     return what[:1].lower() + what[1:]
+
+
+def _shortened(word: str) -> str:
+    return word if len(word) <= _LONGEST_WORD else f"{word[:_LONGEST_WORD]}..."
 
 
 def _plain_types(types: str) -> str:

@@ -4,8 +4,12 @@ Everything lensfit writes goes first to a temporary file in the *same folder* an
 is then renamed over its final name, which POSIX and Windows do in one step. A killed
 job leaves the old file, or nothing, never half of a new one; the temporary file that it
 may leave behind says whose it is, and `remove_abandoned` takes it away.
+
+A file that must never replace another (a numbered version) is linked to its name
+instead: of many writers, on many machines, the file system lets exactly one succeed.
 """
 
+import errno
 import hashlib
 import os
 import socket
@@ -63,6 +67,97 @@ def write_bytes_atomic(path: str | Path, content: bytes) -> None:
             temporary.write_bytes(content)
         except OSError as error:
             raise _cannot_write(Path(path), error) from error
+
+
+@contextmanager
+def written_aside(path: str | Path, content: bytes) -> Iterator[Path]:
+    """`content` in a temporary file beside `path`, on the disk; removed afterwards.
+
+    Parameters
+    ----------
+    path : Where the result may belong; its folder is made if missing.
+
+    Raises
+    ------
+    OutputError : It cannot be written.
+    """
+    path = Path(path)
+    temporary = _reserve(path)
+    try:
+        try:
+            with temporary.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            _give_ordinary_permissions(temporary)
+        except OSError as error:
+            raise _cannot_write(path, error) from error
+        yield temporary
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def claim(temporary: Path, path: Path) -> bool:
+    """Give a file written aside its name, unless that is taken: whether it now has it.
+
+    One of any number of writers gets the name, also on NFS, where an answer may be
+    lost: two links of the temporary file prove success. Where there are no links, an
+    empty file takes the name first; a crash just then leaves it, and the name is spent.
+
+    Raises
+    ------
+    OutputError : The folder cannot be written.
+    """
+    try:
+        try:
+            os.link(temporary, path)
+        except FileExistsError:
+            return _is_same(temporary, path)
+        except OSError as error:
+            if _is_same(temporary, path):
+                return True
+            if error.errno not in _NO_LINKS:
+                raise
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+            os.replace(temporary, path)
+    except FileExistsError:
+        return False
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    sync_folder(path.parent)
+    return True
+
+
+_NO_LINKS = (
+    errno.EPERM,
+    errno.ENOTSUP,
+    errno.EOPNOTSUPP,
+    errno.ENOSYS,
+    errno.EINVAL,
+    errno.EMLINK,
+)
+"""What file systems without hard links answer."""
+
+
+def _is_same(temporary: Path, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.lstat(temporary), os.lstat(path))
+    except OSError:
+        return False
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the names in a folder survive a power cut, where the system can."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return  # Windows opens no folders
+    try:
+        os.fsync(handle)
+    except OSError:
+        return
+    finally:
+        os.close(handle)
 
 
 def remove_abandoned(path: str | Path) -> None:

@@ -1,8 +1,9 @@
 """Preset JSON as people read it, with every bit of every number kept.
 
 Numbers are written as the shortest decimal that reads back as the same float64. Lists
-of plain values stay on one line, as do short objects; JSON has no infinity, so an
-infinite distance is the text "inf".
+of plain values stay on one line, as do short objects; longer lists are filled lines,
+so that a change shows where it is. Keys keep the order of the schema. JSON has no
+infinity, so an infinite distance is the text "inf".
 """
 
 import json
@@ -44,7 +45,7 @@ def _text(value: Any, indent: str, used: int = 0) -> str:
     items = value.values() if isinstance(value, dict) else value
     plain = not any(isinstance(item, (dict, list, tuple)) for item in items)
     fits = len(indent) + used + len(flat) <= WIDTH
-    if plain and (fits or not isinstance(value, dict)):
+    if plain and fits:
         return flat
     inner = indent + "  "
     if isinstance(value, dict):
@@ -54,7 +55,21 @@ def _text(value: Any, indent: str, used: int = 0) -> str:
             inner + name + _text(item, inner, len(name) + 1)
             for name, item in zip(names, value.values(), strict=True)
         ]
+    elif plain:
+        return "[\n" + _filled(value, inner) + "\n" + indent + "]"
     else:
         opening, closing = "[", "]"
         lines = [inner + _text(item, inner, 1) for item in value]
     return opening + "\n" + ",\n".join(lines) + "\n" + indent + closing
+
+
+def _filled(values: Any, indent: str) -> str:
+    """Plain values, comma by comma, in lines as long as they may be."""
+    lines = [indent]
+    for index, value in enumerate(values):
+        word = json.dumps(value, ensure_ascii=False, allow_nan=False)
+        word += "," if index < len(values) - 1 else ""
+        if len(lines[-1]) + len(word) + 1 > WIDTH and lines[-1] != indent:
+            lines.append(indent)
+        lines[-1] += word if lines[-1] == indent else f" {word}"
+    return "\n".join(lines)

@@ -70,12 +70,31 @@ class Provenance(Struct, frozen=True, forbid_unknown_fields=True):
     shoot_sha256: str | None = None
 
 
+class Saved(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Who put a preset where it is, and what it was made of.
+
+    Attributes
+    ----------
+    who, when : The latter ISO 8601 with time zone.
+    note : Why, in words.
+    origin : The version of a library that it was taken from.
+    edits : What was changed on top of that, one sentence each.
+    """
+
+    who: str
+    when: str
+    note: str = ""
+    origin: str = ""
+    edits: tuple[str, ...] = ()
+
+
 class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A measured lens: load one with `lensfit.load_preset`.
 
     Attributes
     ----------
     knobs : What was turned on it since; neutral knobs are not written.
+    saved : How it came into a library or out of it; None before.
     """
 
     schema: Literal["lensfit.preset.1"] = SCHEMA
@@ -85,6 +104,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     entries: Annotated[tuple[Entry, ...], Meta(min_length=1)]
     provenance: Provenance
     knobs: Knobs = NEUTRAL
+    saved: Saved | None = None
 
     def select(
         self,

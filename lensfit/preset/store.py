@@ -41,7 +41,7 @@ def load_preset(path: str | Path) -> Preset:
         source='give a preset.json that "lensfit calibrate" wrote',
         mend="restore or mend the file",
     )
-    return _from_tables(upgrade(tables, path), path)
+    return preset_of_tables(upgrade(tables, path), path)
 
 
 def save_preset(preset: Preset, path: str | Path) -> None:
@@ -52,28 +52,52 @@ def save_preset(preset: Preset, path: str | Path) -> None:
     PresetError : The preset holds what `load_preset` would refuse, such as a NaN.
     OutputError : The file cannot be written.
     """
-    tables = preset_tables(preset)
-    _from_tables(tables, Path(path))
-    write_text_atomic(path, to_json_text(tables))
+    write_text_atomic(path, preset_text(preset, path))
+
+
+def preset_text(preset: Preset, where: str | Path) -> str:
+    """What a file of the preset holds.
+
+    Raises
+    ------
+    PresetError : The preset holds what `load_preset` would refuse.
+    """
+    # As it would be read: a whole number where a length belongs is written as 50.0.
+    read_back = preset_of_tables(preset_tables(preset), where)
+    return to_json_text(preset_tables(read_back))
 
 
 def preset_tables(preset: Preset) -> dict[str, Any]:
     """The preset as it stands in a file; knobs only if one was turned."""
     tables = infinities_to_text(msgspec.to_builtins(preset))
-    if not tables["knobs"]:
-        del tables["knobs"]
+    for key in ("knobs", "saved"):
+        if not tables[key]:
+            del tables[key]
     return tables
 
 
-def _from_tables(tables: dict[str, Any], path: Path) -> Preset:
+def preset_of_tables(tables: dict[str, Any], where: str | Path) -> Preset:
+    """A preset from what stands in its file, of the present schema; checked.
+
+    Raises
+    ------
+    PresetError : As `load_preset`; the sentence names `where` and the key.
+    """
     for key, value in non_finite_numbers(tables):
         raise PresetError(
             f"{key}: {value} is no finite number",
-            where=path,
+            where=where,
             remedy='only a focus or reference distance may be infinite, written "inf"',
         )
     preset = convert_strictly(
-        infinities_from_text(tables), Preset, error=PresetError, where=path
+        infinities_from_text(tables), Preset, error=PresetError, where=where
     )
-    check_preset(preset, path)
+    try:
+        check_preset(preset, where)
+    except ArithmeticError as reason:
+        raise PresetError(
+            "holds numbers too large or too small for any lens",
+            where=where,
+            remedy="restore or mend the file",
+        ) from reason
     return preset
