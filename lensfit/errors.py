@@ -43,6 +43,14 @@ class OutputError(LensfitError):
     """A result that cannot be written where it was asked for."""
 
 
+class CameraError(LensfitError):
+    """A sidecar or camera file that cannot be read, or does not know a frame."""
+
+
+class SettingsError(LensfitError):
+    """A settings file that is malformed, or says what cannot be."""
+
+
 class DetectionError(LensfitError):
     """A photograph on which the target could not be found or indexed."""
 
@@ -57,3 +65,7 @@ class FitError(LensfitError):
 
 class PresetError(LensfitError):
     """A preset that is malformed, of an unknown schema, or lacks what was asked."""
+
+
+class ExchangeError(LensfitError):
+    """A lens file of another program that is malformed, or a lens it cannot hold."""

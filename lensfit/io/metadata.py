@@ -1,11 +1,9 @@
 """What a header says about the camera: focal length, stop, focus, sensor.
 
-One table names every header entry that is understood, with the factor to lensfit's
-unit, the most trustworthy first. It covers OpenEXR's standard attributes (3.2), the
-``lens/*`` set written by CG renders, Nuke's and V-Ray's camera, and EXIF 2.3. Numbers
-may be strings. Names with a slash may have any prefix (Nuke shows ``exr/lens/focal``),
-others only ``exr/``, so that a renderer's own ``aperture`` is not taken for the
-standard one.
+`lensfit.io.camera.aliases` names every header entry that is understood, and a settings
+file may name more. Numbers may be strings. Names with a slash may have any prefix (Nuke
+shows ``exr/lens/focal``), others only ``exr/``, so that a renderer's own ``aperture``
+is not taken for the standard one.
 
 Focus distances in headers are metres, for the standard ``focus`` and for ``lens/focus``
 alike. ``lens/aperture`` is the horizontal sensor size; the standard ``aperture`` is the
@@ -13,14 +11,15 @@ f-number. EXIF writes 0 for what it does not know, which counts as missing here.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import NamedTuple
 
 import numpy as np
 
 from lensfit.errors import ImageError
-from lensfit.units import MILLIMETRES_PER_INCH, MILLIMETRES_PER_METRE
+from lensfit.io.camera.aliases import ALIASES, Alias
+from lensfit.io.camera.quantity import TEXTS
+from lensfit.units import MILLIMETRES_PER_INCH
 
 _DIAGONAL_35MM_MM = math.hypot(36.0, 24.0)
 _EXIF_UNIT_MM: dict[object, float] = {
@@ -39,6 +38,7 @@ class CameraState:
 
     Attributes
     ----------
+    t_number : T-stop: the f-number of a lens without losses that lets as much through.
     focus_distance_mm : Focus distance; infinity is allowed.
     sensor_width_mm, sensor_height_mm : The area the picture covers.
     overscan_percent : Rendered beyond the frame, in total, percent of its size.
@@ -51,6 +51,7 @@ class CameraState:
     sensor_width_mm: float | None = None
     sensor_height_mm: float | None = None
     overscan_percent: float | None = None
+    t_number: float | None = None
     camera_model: str | None = None
     lens_model: str | None = None
     lens_serial: str | None = None
@@ -62,51 +63,15 @@ class CameraState:
         return {k: v for k, v in values.items() if v is not None and k != "sources"}
 
 
-class _Alias(NamedTuple):
-    key: str
-    factor: float = 1.0
-
-
-_ALIASES: dict[str, tuple[_Alias, ...]] = {
-    "focal_length_mm": (
-        _Alias("pinholeFocalLength"),
-        _Alias("effectiveFocalLength"),
-        _Alias("nominalFocalLength"),
-        _Alias("lens/focal"),
-        _Alias("nuke/camera/focal"),
-        _Alias("cameraFocalLength"),
-        _Alias("FocalLength"),
-    ),
-    "f_number": (
-        _Alias("aperture"),
-        _Alias("lens/fstop"),
-        _Alias("cameraFNumber"),
-        _Alias("fnumber"),
-        _Alias("FNumber"),
-    ),
-    "focus_distance_mm": (
-        _Alias("focus", MILLIMETRES_PER_METRE),
-        _Alias("lens/focus", MILLIMETRES_PER_METRE),
-        _Alias("SubjectDistance", MILLIMETRES_PER_METRE),
-    ),
-    "sensor_width_mm": (
-        _Alias("lens/aperture"),
-        _Alias("nuke/camera/haperture"),
-        _Alias("cameraAperture"),
-    ),
-    "sensor_height_mm": (_Alias("nuke/camera/vaperture"),),
-    "overscan_percent": (_Alias("lens/overscan"),),
-    "camera_model": (_Alias("cameraModel"), _Alias("Model")),
-    "lens_model": (_Alias("lensModel"), _Alias("LensModel")),
-    "lens_serial": (_Alias("lensSerialNumber"), _Alias("LensSerialNumber")),
-}
-_TEXT_FIELDS = ("camera_model", "lens_model", "lens_serial")
 _MAY_BE_ZERO = ("overscan_percent",)
 _MAY_BE_INFINITE = ("focus_distance_mm",)
 
 
 def camera_state_from(
-    header: Mapping[str, object], size_px: tuple[int, int] | None = None
+    header: Mapping[str, object],
+    size_px: tuple[int, int] | None = None,
+    aliases: Mapping[str, Sequence[Alias]] | None = None,
+    known_better: Collection[str] = (),
 ) -> CameraState:
     """The camera state that a header describes.
 
@@ -115,6 +80,9 @@ def camera_state_from(
     header : Entries by name, of an EXR file or EXIF.
     size_px : Width and height of the upright picture, pixels; needed to turn EXIF's
         resolution on the sensor, or its 35 mm equivalent, into a sensor size.
+    aliases : More entries, by field; they count before the built-in ones.
+    known_better : Fields that somebody else tells: an impossible entry of theirs is
+        passed over.
 
     Raises
     ------
@@ -123,25 +91,32 @@ def camera_state_from(
     """
     values: dict[str, float | str] = {}
     sources: dict[str, str] = {}
-    for name, aliases in _ALIASES.items():
-        found = _first_known(header, name, aliases)
+    for name, own in ALIASES.items():
+        try:
+            found = _first_known(header, name, (*(aliases or {}).get(name, ()), *own))
+        except ImageError:
+            if name not in known_better:
+                raise
+            found = None
         if found is not None:
             values[name], sources[name] = found
-    values, sources = _with_sensor(header, values, sources, size_px)
+    try:
+        values, sources = _with_sensor(header, values, sources, size_px, aliases or {})
+    except ImageError:
+        if "sensor_width_mm" not in known_better:
+            raise
     return CameraState(**values, sources=sources)  # pyright: ignore[reportArgumentType]
 
 
 def _first_known(
-    header: Mapping[str, object], name: str, aliases: tuple[_Alias, ...]
+    header: Mapping[str, object], name: str, aliases: Sequence[Alias]
 ) -> tuple[float | str, str] | None:
     for alias in aliases:
         for key, value in header.items():
             if not _names(key, alias.key):
                 continue
-            if name in _TEXT_FIELDS:
-                known = _text(value)
-            else:
-                known = _number(name, key, value, alias)
+            text = name in TEXTS
+            known = _text(value) if text else _number(name, key, value, alias)
             if known is not None:
                 return known, key
     return None
@@ -160,7 +135,7 @@ def _text(value: object) -> str | None:
     return str(value).split("\0")[0].strip() or None
 
 
-def _number(name: str, key: str, value: object, alias: _Alias) -> float | None:
+def _number(name: str, key: str, value: object, alias: Alias) -> float | None:
     number = _float(key, value)
     if _is_exif(alias.key):
         if number == _EXIF_INFINITY:
@@ -202,8 +177,12 @@ def _with_sensor(
     values: dict[str, float | str],
     sources: dict[str, str],
     size_px: tuple[int, int] | None,
+    aliases: Mapping[str, Sequence[Alias]],
 ) -> tuple[dict[str, float | str], dict[str, str]]:
     """Fill in the sensor size from the best entries that give both its sides."""
+    named = {alias.key for alias in aliases.get("sensor_width_mm", ())}
+    if any(_names(sources.get("sensor_width_mm", ""), key) for key in named):
+        return values, sources
     candidates = (
         _from_photosites(header),
         _from_overall_dimensions(header),

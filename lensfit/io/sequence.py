@@ -21,6 +21,7 @@ _RANGE = re.compile(r"(-?\d+)(?:-(-?\d+)(?:([xy:])(-?\d+))?)?")
 _OWN_RANGE = re.compile(
     r"(?:(?<=[^\d-])|^)(-?\d+(?:-{1,2}\d+(?:[xy:]\d+)?)?(?:,-?\d+(?:-{1,2}\d+(?:[xy:]\d+)?)?)*)$"
 )
+_NUMBER = re.compile(r"(?<![vV\d])((?:(?<=[._])-)?\d{1,12})$")
 _MOST_FRAMES = 10_000_000
 
 
@@ -129,6 +130,35 @@ def frame_path(pattern: str | Path, frame: int) -> Path:
     sign = "-" if frame < 0 else ""
     number = f"{sign}{abs(frame):0{_padding(token)}d}"
     return path.with_name(path.name.replace(token[0], number, 1))
+
+
+def frame_of(path: str | Path) -> int | None:
+    """The frame number in a picture's name: the digits at its end, as in plate.1001.exr
+    or plate_1001.exr; None where there are none. The number of v002 is a version."""
+    match = _NUMBER.search(Path(path).stem)
+    return None if match is None else int(match[1])
+
+
+def in_frames(text: str, number: int) -> bool:
+    """Whether a range such as ``1001-1050x2,1100`` has a frame.
+
+    Raises
+    ------
+    ImageError : The text is no range.
+    """
+    return any(_in_item(item, text, number) for item in text.split(","))
+
+
+def _in_item(item: str, text: str, number: int) -> bool:
+    match = _RANGE.fullmatch(item.strip()) if len(item) < 100 else None
+    if match is None or int(match[4] or 1) == 0:
+        raise _bad_range(text)
+    first = int(match[1])
+    last = first if match[2] is None else int(match[2])
+    if not min(first, last) <= number <= max(first, last):
+        return False
+    on_step = (number - first) % abs(int(match[4] or 1)) == 0
+    return {"x": on_step, "y": not on_step}.get(match[3] or "x", True)
 
 
 def output_path(

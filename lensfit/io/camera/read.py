@@ -1,0 +1,61 @@
+"""Which reader a camera file is for, told by its name and its beginning."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from lensfit.errors import CameraError
+from lensfit.io.camera.arri import read_arri
+from lensfit.io.camera.blackmagic import FRAME_HEADING, read_blackmagic
+from lensfit.io.camera.canon import read_canon
+from lensfit.io.camera.chan import read_chan
+from lensfit.io.camera.nuke_camera import NODE, read_nuke_camera
+from lensfit.io.camera.red import read_red_frames, read_red_static
+from lensfit.io.camera.sony import read_sony
+from lensfit.io.camera.table import CameraFile
+from lensfit.io.camera.text import sniff
+
+_BY_COLUMN: tuple[tuple[str, Callable[[Path], CameraFile]], ...] = (
+    ("Lens Distance Unit", read_arri),
+    ("Lens Linear Iris", read_arri),
+    ("FrameNo", read_red_frames),
+    ("Camera PIN", read_red_static),
+    ("FocusPosition", read_canon),
+    ("Focus Distance (ft)", read_sony),
+)
+
+
+def read_camera_file(
+    path: str | Path, name: str | None = None, unit_mm: float | None = None
+) -> CameraFile:
+    """A sidecar or a camera, of whichever kind it is.
+
+    Parameters
+    ----------
+    name : Of the camera, in a file that may hold several.
+    unit_mm : Millimetres of the scene's unit, for distances of a CG camera.
+
+    Raises
+    ------
+    CameraError : The file cannot be read, is of no known kind, or is malformed.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix == ".chan":
+        return read_chan(path)
+    beginning = sniff(path)
+    if suffix == ".nk" or NODE.search(beginning):
+        return read_nuke_camera(path, name, unit_mm)
+    first = next((line for line in beginning.splitlines() if line.strip()), "")
+    for column, reader in _BY_COLUMN:
+        if column in (cell.strip(' "') for cell in re.split(r"[\t,]", first)):
+            return reader(path)
+    blackmagic = re.search(r"^Clip Metadata\s*$", beginning, re.MULTILINE)
+    if blackmagic or any(map(FRAME_HEADING.fullmatch, beginning.splitlines())):
+        return read_blackmagic(path)
+    raise CameraError(
+        "is no camera file that lensfit knows",
+        where=path,
+        remedy="give a table of ARRI, RED, Sony VENICE or Canon, a text of Blackmagic, "
+        "a .chan or a .nk with a camera",
+    )

@@ -1,0 +1,213 @@
+"""What a camera file says about a frame: a row of its table, or a point of its curves.
+
+The rows of a sidecar belong to frames by timecode, or by counting from a stated first
+frame; those of a match-moved camera carry the plate's own frame numbers. A table whose
+rows are all alike, like that of a prime nobody touched, needs neither.
+"""
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, final
+
+from lensfit.errors import CameraError
+from lensfit.io.camera.quantity import Reading, at_line, checked, number
+
+Readings = Mapping[str, Reading]
+
+_TIMECODE = re.compile(
+    r"(\d{1,2})[:;.](\d{1,2})[:;.](\d{1,2})[:;.,](\d{1,3})(?:\.\d+)?"
+)
+
+
+class FrameKey(NamedTuple):
+    """What tells a frame from others.
+
+    Attributes
+    ----------
+    number : In the name of its file.
+    timecode : Of its header, as `plain_timecode` spells it.
+    """
+
+    number: int | None = None
+    timecode: str | None = None
+
+
+class CameraFile(ABC):
+    """A file that knows the camera.
+
+    Attributes
+    ----------
+    path : The file.
+    kind : What it is, in words.
+    notes : What its user should know of how it is read.
+    """
+
+    path: Path
+    kind: str
+    notes: tuple[str, ...]
+
+    @abstractmethod
+    def at(self, frame: FrameKey, first_frame: int | None) -> tuple[Readings, str]:
+        """What is known at a frame, by quantity, and where in the file it stands.
+
+        Parameters
+        ----------
+        first_frame : Frame number of the first row, of tables without frame numbers.
+
+        Raises
+        ------
+        CameraError : The frame is not in the file, or cannot be told from others.
+        """
+
+
+class Row(NamedTuple):
+    """One row: its line in the file, its timecode or frame number, what it says."""
+
+    line: int
+    readings: Readings
+    timecode: str | None = None
+    number: int | None = None
+
+
+@final
+class CameraTable(CameraFile):
+    """A table with a row for each frame, or with one for the whole clip."""
+
+    def __init__(
+        self,
+        path: Path,
+        kind: str,
+        rows: Sequence[Row],
+        notes: Iterable[str] = (),
+    ):
+        if not rows:
+            raise CameraError(f"is a {kind} without rows", where=path)
+        self.path, self.kind, self.notes = path, kind, tuple(notes)
+        self.rows = tuple(rows)
+        self._alike = all(row.readings == rows[0].readings for row in rows)
+        self._by_number = {row.number: row for row in rows if row.number is not None}
+        self._by_timecode: dict[str, list[Row]] = {}
+        for row in rows:
+            if row.timecode is not None:
+                self._by_timecode.setdefault(row.timecode, []).append(row)
+
+    def at(self, frame: FrameKey, first_frame: int | None) -> tuple[Readings, str]:
+        """What is known at a frame, by quantity, and where in the file it stands."""
+        row = self._row(frame, first_frame)
+        return row.readings, f"line {row.line}"
+
+    def _row(self, frame: FrameKey, first_frame: int | None) -> Row:
+        if self._by_number:
+            if frame.number in self._by_number:
+                return self._by_number[frame.number]
+            return self._one_or(
+                f"does not know frame {frame.number}"
+                if frame.number is not None
+                else "has many frames, and the plate's name has no frame number",
+                "export the camera over the whole shot",
+            )
+        if first_frame is not None:
+            return self._counted(frame, first_frame)
+        if frame.timecode is not None and self._by_timecode:
+            return self._timed(frame.timecode)
+        return self._one_or(
+            "cannot tell which row belongs to a frame: the plate has no timecode"
+            if self._by_timecode
+            else "cannot tell which row belongs to a frame: its rows have no timecode",
+            "give the frame number of its first row with --metadata-start",
+        )
+
+    def _counted(self, frame: FrameKey, first_frame: int) -> Row:
+        if frame.number is None:
+            return self._one_or(
+                "cannot count its rows: the plate's name has no frame number",
+                "name the plate as plate.1001.exr",
+            )
+        place = frame.number - first_frame
+        if 0 <= place < len(self.rows):
+            return self.rows[place]
+        last = first_frame + len(self.rows) - 1
+        raise CameraError(
+            f"has rows for frames {first_frame} to {last} and none for {frame.number}",
+            where=self.path,
+            remedy="give the frame number of its first row with --metadata-start",
+        )
+
+    def _timed(self, timecode: str) -> Row:
+        rows = self._by_timecode.get(timecode, ())
+        if not rows:
+            first, last = self.rows[0].timecode, self.rows[-1].timecode
+            raise CameraError(
+                f"has no row of timecode {timecode} (its rows go from {first} to "
+                f"{last})",
+                where=self.path,
+                remedy="give the frame number of its first row with --metadata-start",
+            )
+        if any(row.readings != rows[0].readings for row in rows):
+            raise CameraError(
+                f"has {len(rows)} rows of timecode {timecode} that differ",
+                where=self.path,
+                remedy="give the frame number of its first row with --metadata-start",
+            )
+        return rows[0]
+
+    def _one_or(self, what: str, remedy: str) -> Row:
+        """Any row, if all say the same and none is a frame's own."""
+        if self._alike and (len(self.rows) == 1 or not self._by_number):
+            return self.rows[0]
+        raise CameraError(what, where=self.path, remedy=remedy)
+
+
+class Gathered(dict[str, Reading]):
+    """Readings of one row as they are found; errors name the line."""
+
+    def __init__(self, path: Path, line: int):
+        super().__init__()
+        self.path, self.line = path, line
+
+    def put(self, name: str, value: float | str | None, entry: str) -> None:
+        """Keep a value, unless it is None or stands for nothing."""
+        if isinstance(value, str):
+            self[name] = Reading(value[:200], entry)
+        elif value is not None:
+            try:
+                known = checked(name, value, entry)
+            except CameraError as error:
+                raise at_line(error, self.path, self.line) from None
+            if known is not None:
+                self[name] = Reading(known, entry)
+
+    def number(self, text: str | None, entry: str) -> float | None:
+        """The number in a cell, if there is a cell."""
+        if text is None:
+            return None
+        try:
+            return number(text, entry)
+        except CameraError as error:
+            raise at_line(error, self.path, self.line) from None
+
+
+def shared(rows: Iterable[Row]) -> list[Row]:
+    """The rows, with neighbours that say the same sharing their readings: a prime's
+    table of an hour then takes a few megabytes."""
+    kept: list[Row] = []
+    for row in rows:
+        if kept and kept[-1].readings == row.readings:
+            row = row._replace(readings=kept[-1].readings)
+        else:
+            row = row._replace(readings=dict(row.readings))
+        kept.append(row)
+    return kept
+
+
+def plain_timecode(text: object) -> str | None:
+    """A timecode as 01:02:03:04, whatever separates its parts; None if it is none."""
+    if all(hasattr(text, part) for part in ("hours", "minutes", "seconds", "frame")):
+        parts = (text.hours, text.minutes, text.seconds, text.frame)  # pyright: ignore
+        return "{:02d}:{:02d}:{:02d}:{:02d}".format(*map(int, parts))
+    match = _TIMECODE.fullmatch(text.strip()) if isinstance(text, str) else None
+    if match is None:
+        return None
+    return ":".join(f"{int(part):02d}" for part in match.groups())

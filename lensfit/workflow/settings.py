@@ -1,0 +1,334 @@
+"""Settings of a project, a sequence or a shot: `lensfit.toml` beside the plates.
+
+The file is looked for in the plate's folder and every folder above it. Each key counts
+from the nearest file that has it, so that a shot states what is its own and the project
+the rest. A file that is named with ``--settings`` stands alone. Tables:
+
+``[camera]``   values for all frames: focal_length_mm, f_number, t_number,
+               focus_distance_mm, sensor_width_mm, sensor_height_mm
+``[[frames]]`` the same for a ``range``; of several that have a frame the last counts.
+               With key frames (``at = [1001, 1050]``) values may be lists of the same
+               length: focal length and stops go linearly from key to key, focus
+               in dioptres; the first and last key hold beyond.
+``[aliases]``  header entries of other renderers, by quantity
+``[knobs]``, ``[preset]``   handed on as they are
+"""
+
+import math
+import tomllib
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple, final
+
+import msgspec
+
+from lensfit._strict import convert_strictly, did_you_mean
+from lensfit.errors import CameraError, ImageError, SettingsError
+from lensfit.io.camera.aliases import ALIASES, Alias
+from lensfit.io.camera.quantity import LENGTHS_MM, TEXTS, Reading, checked
+from lensfit.io.sequence import in_frames
+from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
+
+NAME = "lensfit.toml"
+_MOST_BYTES = 4 << 20
+_QUANTITIES = (
+    "focal_length_mm",
+    "f_number",
+    "t_number",
+    "focus_distance_mm",
+    "sensor_width_mm",
+    "sensor_height_mm",
+)
+
+
+class CameraValues(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """``[camera]``."""
+
+    focal_length_mm: float | None = None
+    f_number: float | None = None
+    t_number: float | None = None
+    focus_distance_mm: float | None = None
+    sensor_width_mm: float | None = None
+    sensor_height_mm: float | None = None
+
+
+class FrameValues(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One of ``[[frames]]``."""
+
+    range: str | None = None
+    at: list[int] | None = None
+    focal_length_mm: float | list[float] | None = None
+    f_number: float | list[float] | None = None
+    t_number: float | list[float] | None = None
+    focus_distance_mm: float | list[float] | None = None
+    sensor_width_mm: float | list[float] | None = None
+    sensor_height_mm: float | list[float] | None = None
+
+
+class AliasEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One of ``[aliases]`` with its unit."""
+
+    key: str
+    unit: str | None = None
+    factor: float | None = None
+
+
+_Aliases = str | AliasEntry | list[str | AliasEntry]
+
+
+class SettingsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A settings file as it is written."""
+
+    aliases: dict[str, _Aliases] = {}
+    camera: CameraValues = CameraValues()
+    frames: list[FrameValues] = []
+    knobs: dict[str, Any] = {}
+    preset: dict[str, Any] = {}
+
+
+class _Level(NamedTuple):
+    """One file, checked."""
+
+    path: Path
+    file: SettingsFile
+    aliases: dict[str, tuple[Alias, ...]]
+
+
+@final
+@dataclass(frozen=True)
+class Settings:
+    """What the settings files say, the nearest first.
+
+    Attributes
+    ----------
+    paths : The files.
+    aliases : Header entries by quantity.
+    knobs, preset : The tables of these names, joined key by key.
+    sources : The file that each knob and each entry of `preset` came from, as
+        "knobs.NAME" and "preset.NAME".
+    """
+
+    paths: tuple[Path, ...] = ()
+    aliases: Mapping[str, tuple[Alias, ...]] = field(default_factory=dict)
+    knobs: Mapping[str, Any] = field(default_factory=dict)
+    preset: Mapping[str, Any] = field(default_factory=dict)
+    sources: Mapping[str, Path] = field(default_factory=dict)
+    levels: tuple[_Level, ...] = ()
+
+    def camera_at(self, frame: int | None) -> Iterator[tuple[str, Reading]]:
+        """What is said of a frame, the word that counts most first.
+
+        Parameters
+        ----------
+        frame : Its number; None leaves ``[[frames]]`` out.
+        """
+        for level in self.levels:
+            for number, values in reversed([*enumerate(level.file.frames, 1)]):
+                if frame is None or not _has(values, frame):
+                    continue
+                for name in _QUANTITIES:
+                    value = _value_at(values, name, frame)
+                    if value is not None:
+                        yield name, Reading(value, f"{level.path} [[frames]] {number}")
+        for level in self.levels:
+            for name in _QUANTITIES:
+                value = getattr(level.file.camera, name)
+                if value is not None:
+                    yield name, Reading(value, f"{level.path} [camera]")
+
+    @property
+    def has_frames(self) -> bool:
+        """Whether anything is said of single frames."""
+        return any(level.file.frames for level in self.levels)
+
+
+def settings_beside(folder: str | Path) -> Settings:
+    """The settings that hold for plates of a folder.
+
+    Raises
+    ------
+    SettingsError : One of the files is malformed.
+    """
+    folder = Path(folder).absolute()
+    found = [place / NAME for place in (folder, *folder.parents)]
+    return _joined([path for path in found if path.is_file()])
+
+
+def load_settings(path: str | Path) -> Settings:
+    """The settings of one file.
+
+    Raises
+    ------
+    SettingsError : The file cannot be read or is malformed; the sentence names the key.
+    """
+    return _joined([Path(path)])
+
+
+def _joined(paths: Sequence[Path]) -> Settings:
+    levels = tuple(_level(path, _stamp(path)) for path in paths)
+    aliases: dict[str, tuple[Alias, ...]] = {}
+    tables: dict[str, dict[str, Any]] = {"knobs": {}, "preset": {}}
+    sources: dict[str, Path] = {}
+    for level in reversed(levels):
+        aliases |= level.aliases
+        for table, kept in tables.items():
+            own = getattr(level.file, table)
+            kept |= own
+            sources |= {f"{table}.{name}": level.path for name in own}
+    return Settings(tuple(paths), aliases, **tables, sources=sources, levels=levels)
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Changes with the file, so that one that was edited is read again."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+@lru_cache(maxsize=64)
+def _level(path: Path, stamp: tuple[int, int] | None) -> _Level:
+    data = _toml(path, stamp)
+    file = convert_strictly(
+        data, SettingsFile, error=SettingsError, where=path, place=_place
+    )
+    for name in _QUANTITIES:
+        _check(name, getattr(file.camera, name), path, f"[camera] {name}")
+    for number, values in enumerate(file.frames, 1):
+        _check_frames(values, path, f"[[frames]] {number}")
+    aliases = {
+        name: tuple(
+            _alias(name, entry, path)
+            for entry in (entries if isinstance(entries, list) else [entries])
+        )
+        for name, entries in file.aliases.items()
+    }
+    return _Level(path, file, aliases)
+
+
+def _toml(path: Path, stamp: tuple[int, int] | None) -> dict[str, Any]:
+    remedy = "the README describes settings files"
+    try:
+        if stamp is not None and stamp[1] > _MOST_BYTES:
+            raise SettingsError(
+                f"is larger than {_MOST_BYTES >> 20} MiB", where=path, remedy=remedy
+            )
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        raise SettingsError("is not UTF-8 text", where=path, remedy=remedy) from error
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise SettingsError(f"cannot be read ({reason})", where=path) from error
+    except (ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise SettingsError(f"is not valid TOML: {reason}", where=path) from error
+
+
+def _place(key: str) -> str:
+    """ "frames[2].f_number" as its reader finds it: "[[frames]] 3, f_number"."""
+    table, bracket, rest = key.partition("[")
+    index, _, inner = rest.partition("]")
+    if not bracket or "." in table or not index.isdigit():
+        return key
+    return f"[[{table}]] {int(index) + 1}" + (f", {inner[1:]}" if inner else "")
+
+
+def _check(name: str, value: float | None, path: Path, place: str) -> None:
+    if value is None:
+        return
+    try:
+        # Elsewhere 0 is "not known"; who writes it here means something else.
+        if math.isnan(value) or checked(name, value or -math.inf, place) is None:
+            raise CameraError(f"{place} is {value:g}, which is no number above zero")
+    except CameraError:
+        raise SettingsError(
+            f"{place} is {value:g}, which it cannot be",
+            where=path,
+            remedy="give a number above zero, in the unit of its name",
+        ) from None
+
+
+def _check_frames(values: FrameValues, path: Path, place: str) -> None:
+    keys = values.at
+    if keys is not None and (not keys or keys != sorted(set(keys))):
+        raise SettingsError(f"{place}: at must list rising frames", where=path)
+    if values.range is None and keys is None:
+        raise SettingsError(
+            f"{place} has no frames", where=path, remedy='add range = "1001-1050"'
+        )
+    if values.range is not None:
+        try:
+            in_frames(values.range, 0)
+        except ImageError as error:
+            raise SettingsError(
+                f"{place}: {error.what}", where=path, remedy=error.remedy
+            ) from None
+    for name in _QUANTITIES:
+        value = getattr(values, name)
+        listed = value if isinstance(value, list) else [value]
+        if isinstance(value, list) and len(value) != len(keys or ()):
+            raise SettingsError(
+                f"{place}: {name} has {len(value)} values and at has "
+                f"{len(keys or ())} frames",
+                where=path,
+                remedy="give one value for each frame of at",
+            )
+        for number in listed:
+            _check(name, number, path, f"{place}: {name}")
+
+
+def _alias(name: str, entry: str | AliasEntry, path: Path) -> Alias:
+    if name not in ALIASES:
+        raise SettingsError(
+            f'[aliases]: "{name}" is no quantity; {did_you_mean(name, [*ALIASES])}',
+            where=path,
+        )
+    if isinstance(entry, str):
+        entry = AliasEntry(entry)
+    place = f"[aliases] {name}"
+    if not entry.key.strip():
+        raise SettingsError(f"{place}: an entry has no name", where=path)
+    if entry.unit is None and entry.factor is None:
+        return Alias(entry.key)
+    if name in TEXTS or (entry.unit is not None and entry.factor is not None):
+        raise SettingsError(
+            f"{place}: give a unit or a factor, and only of a number", where=path
+        )
+    if entry.factor is not None:
+        if not 0 < entry.factor < math.inf:
+            raise SettingsError(f"{place}: factor must be above zero", where=path)
+        return Alias(entry.key, entry.factor)
+    factor = LENGTHS_MM.get(str(entry.unit)) if name.endswith("_mm") else None
+    if factor is None:
+        raise SettingsError(
+            f'{place}: "{entry.unit}" is no unit of it',
+            where=path,
+            remedy=f"lensfit knows {', '.join(LENGTHS_MM)} of lengths; else give factor",
+        )
+    return Alias(entry.key, factor)
+
+
+def _has(values: FrameValues, frame: int) -> bool:
+    if values.range is not None:
+        return in_frames(values.range, frame)
+    return bool(values.at) and values.at[0] <= frame <= values.at[-1]  # pyright: ignore
+
+
+def _value_at(values: FrameValues, name: str, frame: int) -> float | None:
+    value = getattr(values, name)
+    if not isinstance(value, list):
+        return value
+    keys = values.at or []
+    after = bisect_right(keys, frame)
+    if after in (0, len(keys)):
+        return value[max(after - 1, 0)]
+    low, high = value[after - 1], value[after]
+    share = (frame - keys[after - 1]) / (keys[after] - keys[after - 1])
+    if name != "focus_distance_mm":
+        return low * (1 - share) + high * share
+    dioptres = dioptres_from_mm(low) * (1 - share) + dioptres_from_mm(high) * share
+    return MILLIMETRES_PER_METRE / dioptres if dioptres else math.inf
