@@ -75,7 +75,8 @@ def apply(
 ) -> None:
     """Put distortion, lateral colour, depth of field and fall-off on CG plates.
 
-    The camera state comes from each plate's header; options count in its place. Colour
+    The camera state comes from each plate's header; a sidecar or camera file, the
+    settings (lensfit.toml) and options count in its place, in rising order. Colour
     layers are rendered, every other channel and Cryptomatte keep their bits. Depth of
     field needs a depth channel, or deep pixels. Finished frames are skipped; a bad one
     is reported, and the others go on.
@@ -89,6 +90,7 @@ def apply(
 
     options = ApplyOptions(
         overrides=camera.overrides(),
+        camera=camera.sources(),
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,

@@ -44,6 +44,7 @@ def plan(
 
     options = ApplyOptions(
         overrides=camera.overrides(),
+        camera=camera.sources(),
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,

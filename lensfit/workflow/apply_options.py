@@ -8,8 +8,8 @@ from typing import Literal
 from lensfit.coords import Window
 from lensfit.render.filters import Filter, filter_for
 from lensfit.render.stages import DEFAULT_TOLERANCE, Switches
+from lensfit.workflow.camera_sources import CameraOptions, StateOverrides
 from lensfit.workflow.plate_depth import DepthOptions
-from lensfit.workflow.plate_state import StateOverrides
 
 Output = Literal["result", "circle-of-confusion", "aberration-dots", "filter"]
 
@@ -21,6 +21,7 @@ class ApplyOptions:
     Attributes
     ----------
     overrides : Camera state that counts in place of the headers.
+    camera : Sidecars, cameras and settings that know more of it.
     switches : Effects of the lens that are wanted.
     keep_overscan : Write the plate's data window rather than the display window.
     layers : Layers to render; every colour layer if None ("" is the unnamed one).
@@ -36,6 +37,7 @@ class ApplyOptions:
     """
 
     overrides: StateOverrides = field(default_factory=StateOverrides)
+    camera: CameraOptions = field(default_factory=CameraOptions)
     switches: Switches = field(default_factory=Switches)
     keep_overscan: bool = False
     layers: Sequence[str] | None = None

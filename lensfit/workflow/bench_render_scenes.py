@@ -113,7 +113,8 @@ def plate_scene(folder: Path, preset: Preset, camera: ThinCamera) -> Scene:
     image = read_exr(path)
     part = image.parts[0]
     lens = PlateLens(preset, ApplyOptions())
-    found = plate_in_depth(lens, part, lens.noted_state(image), image, path)
+    state = lens.noted_state(image, path)
+    found = plate_in_depth(lens, part, state, image, path)
     assert found is not None
     reference = read_exr(folder / "reference.0001.exr").parts[0].channels
     return Scene(

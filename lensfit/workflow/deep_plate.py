@@ -30,7 +30,7 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     flat, options = deep.flat, lens.options
     source, display = flat.data_window, flat.display_window
     image = ExrImage((flat,))
-    state = lens.noted_state(image)
+    state = lens.noted_state(image, path)
     found = FoundDepth(flat, options.depth.channel or "Z")
     meaning, notes = depth_meaning(image, found, options.depth)
     slant = 1.0

@@ -30,7 +30,7 @@ def render_flat(lens: PlateLens, image: ExrImage, path: Path) -> ExrImage:
     ------
     ImageError : No part holds colour.
     """
-    state = lens.noted_state(image)
+    state = lens.noted_state(image, path)
     layers = [colour_layers(part, lens.options.layers) for part in image.parts]
     if not any(layers):
         raise _no_colour(image, lens.options.layers)

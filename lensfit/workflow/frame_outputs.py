@@ -42,7 +42,7 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
         return _circle_of_confusion(plate_lens, path)
     image = plate_header(path)
     part = image.parts[0]
-    state = plate_lens.noted_state(image)
+    state = plate_lens.noted_state(image, path)
     lens = plate_lens.lens_at(state)
     geometry = plate_lens.geometry(state, part.display_window)
     focus_mm = lens.focus_distance_mm
@@ -92,7 +92,7 @@ def _spaced(rgb: np.ndarray, tile_px: int, display: Window) -> np.ndarray:
 
 def _circle_of_confusion(plate_lens: PlateLens, path: Path) -> ExrImage:
     image = read_exr(path)
-    state = plate_lens.noted_state(image)
+    state = plate_lens.noted_state(image, path)
     part = next((p for p in image.parts if colour_layers(p)), image.parts[0])
     found = plate_in_depth(plate_lens, part, state, image, path)
     if found is None:

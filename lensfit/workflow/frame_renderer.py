@@ -2,7 +2,7 @@
 
 kind of plate       a flat one (`flat_plate`), a deep one, which is returned flat
                     (`deep_plate`), or a picture that explains (`frame_outputs`)
-camera state        from the header and the options (`plate_lens`)
+camera state        from all its sources (`camera_sources`, `plate_state`)
 depth, objects      of the plate, if it has any (`plate_depth`, `plate_mattes`)
 maps, gains, blur   of the lens, kept while the camera stays (`plate_lens`)
 colour layers       rendered; every other channel keeps its bits
@@ -49,7 +49,8 @@ class FrameRenderer:
 
     def note_if_made_otherwise(self, plate: Path, target: Path) -> None:
         """Say so when a finished frame is not what would be rendered now."""
-        wanted = self.lens.signature(self.lens.state_of(plate_header(plate)))
+        state = self.lens.state_of(plate_header(plate), plate)
+        wanted = self.lens.signature(state)
         parts = read_exr(target, header_only=True).parts
         made = next((p.attributes[SAID] for p in parts if SAID in p.attributes), None)
         if made != wanted:

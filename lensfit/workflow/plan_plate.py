@@ -31,7 +31,7 @@ def plan_plate(
         )
     lens = PlateLens(preset, options)
     image = read_exr(plate)
-    state = lens.noted_state(image)
+    state = lens.noted_state(image, plate)
     for part in image.parts:
         if not colour_layers(part, options.layers):
             continue

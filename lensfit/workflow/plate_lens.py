@@ -4,6 +4,7 @@ Knows for a plate which state the lens has, how the frame lies on the sensor and
 stages prepare it; keeps the stages while neither camera nor windows change.
 """
 
+from pathlib import Path
 from typing import final
 
 import numpy as np
@@ -17,7 +18,9 @@ from lensfit.render.frame import window_with_margin
 from lensfit.render.stages import Stages, prepare_stages
 from lensfit.render.uv import PlateGeometry
 from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.camera_sources import CameraSources, Known, PlateCamera
 from lensfit.workflow.external_map import ExternalMap
+from lensfit.workflow.focus_pick import picked_depth_mm
 from lensfit.workflow.frame_signature import preset_digest, signature
 from lensfit.workflow.plate_header import header_entries
 from lensfit.workflow.plate_notes import Notes, border_note
@@ -33,6 +36,7 @@ class PlateLens:
     Raises
     ------
     ImageError : The external map of the options cannot be used.
+    LensfitError : A sidecar, camera or settings file of the options is malformed.
     """
 
     def __init__(self, preset: Preset, options: ApplyOptions):
@@ -41,19 +45,45 @@ class PlateLens:
         self.notes = Notes()
         stmap = options.stmap
         self._map = None if stmap is None else ExternalMap.read(stmap)
+        self._sources = CameraSources(options.camera, options.overrides)
         self._digest = preset_digest(preset)
         self._key: object = None
         self._stages: Stages | None = None
         self._stages_noted: Stages | None = None
 
-    def state_of(self, image: ExrImage) -> PlateState:
+    def state_of(self, image: ExrImage, path: Path) -> PlateState:
         """The camera state of a plate."""
+        camera = self._camera(image, path)
+        state = self._state(camera, image)
+        pick = self.options.camera.focus_at
+        if pick is None:
+            return state
         display = image.parts[0].display_window
-        return plate_state(
-            self.preset,
+        depth_mm, notes = picked_depth_mm(
+            path,
+            pick,
+            self.options.depth,
+            self.geometry(state, display),
+            self.cg_focal_length_mm(state),
+        )
+        found = Known(depth_mm, "--focus-at", from_pupil=True)
+        state = self._state(camera.focused(found), image)
+        return state._replace(notes=(*state.notes, *notes))
+
+    def _camera(self, image: ExrImage, path: Path) -> PlateCamera:
+        display = image.parts[0].display_window
+        return self._sources.of_plate(
+            path,
             header_entries(image),
             (display.width, display.height),
-            self.options.overrides,
+            self.preset.camera.sensor_width_mm,
+        )
+
+    def _state(self, camera: PlateCamera, image: ExrImage) -> PlateState:
+        return plate_state(
+            self.preset,
+            camera,
+            header_entries(image),
             falloff=self.options.switches.falloff,
             knobs=self.options.knobs,
         )
@@ -62,9 +92,9 @@ class PlateLens:
         """The lens at the state of a plate, as it was turned."""
         return self.preset.at(*state.lens_key, knobs=state.knobs)
 
-    def noted_state(self, image: ExrImage) -> PlateState:
+    def noted_state(self, image: ExrImage, path: Path) -> PlateState:
         """The camera state of a plate; what was assumed is noted."""
-        state = self.state_of(image)
+        state = self.state_of(image, path)
         self.notes.add(*state.notes)
         return state
 

@@ -1,4 +1,6 @@
-"""The camera state of a plate: its header, the user's word, what the preset needs.
+"""The camera state of a plate: what its sources say, and what the preset needs.
+
+`lensfit.workflow.camera_sources` has the sources, and which of them counts.
 
 A value that is missing is an error only where the answer depends on it: the focal
 length of a prime's preset is known without it, that of a zoom's is not.
@@ -6,23 +8,13 @@ length of a prime's preset is known without it, that of a zoom's is not.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
-from lensfit.errors import ImageError, PresetError
-from lensfit.io.metadata import camera_state_from
+from lensfit.errors import ImageError, PresetError, SettingsError
 from lensfit.preset.knobs import NEUTRAL, Knobs, knobs_in, turned
 from lensfit.preset.schema import Preset
-
-
-@dataclass(frozen=True)
-class StateOverrides:
-    """Camera state given by the user; None leaves the header's word."""
-
-    focal_length_mm: float | None = None
-    f_number: float | None = None
-    focus_distance_mm: float | None = None
-    sensor_width_mm: float | None = None
+from lensfit.workflow.camera_sources import PlateCamera
+from lensfit.workflow.focus_pick import from_sensor_mm
 
 
 class PlateState(NamedTuple):
@@ -54,9 +46,8 @@ _WHERE_TO_FIND = {
 
 def plate_state(
     preset: Preset,
+    camera: PlateCamera,
     attributes: Mapping[str, object],
-    size_px: tuple[int, int],
-    overrides: StateOverrides,
     *,
     falloff: bool = True,
     knobs: Mapping[str, object] | None = None,
@@ -66,66 +57,77 @@ def plate_state(
     Parameters
     ----------
     preset : The lens, which decides what must be known.
+    camera : What is known of the plate's camera.
     attributes : Header of the plate.
-    size_px : Width and height of its display window, pixels.
-    overrides : What the user states.
     falloff : Whether the fall-off, and so the f-number, matters.
     knobs : What the user turned, by name.
 
     Raises
     ------
     ImageError : The sensor has no width, or a value is missing that the preset cannot
-        do without; the line names it, the header entries it is looked for in and the
-        option that gives it.
+        do without; the line names it, where it was looked for and the option that
+        gives it.
     PresetError : The preset does not reach the state.
     """
-    header = camera_state_from(attributes, size_px)
-    values = {
-        name: _either(getattr(overrides, name), getattr(header, name))
-        for name in _WHERE_TO_FIND
-    }
-    for name in _needed(preset, falloff):
-        if values[name] is None:
-            raise _missing(name)
-    key = (
-        values["focal_length_mm"],
-        values["f_number"],
-        values["focus_distance_mm"],
+    key = _lens_key(preset, camera)
+    for name, value in zip(_WHERE_TO_FIND, key, strict=True):
+        if value is None and name in _needed(preset, falloff):
+            raise _missing(name, camera)
+    notes = [*camera.notes, *preset.select(*key).notes]
+    width, note = _width_mm(preset, camera)
+    notes += [note] if note else []
+    turns = _turned(preset, attributes, camera, knobs or {})
+    return PlateState(key, width, tuple(notes), turns)
+
+
+def _lens_key(
+    preset: Preset, camera: PlateCamera
+) -> tuple[float | None, float | None, float | None]:
+    focal, stop, focus = map(camera.number, _WHERE_TO_FIND)
+    if focus is not None and camera.known["focus_distance_mm"].from_pupil:
+        focus = from_sensor_mm(focus, lambda guess: preset.at(focal, stop, guess))
+    return focal, stop, focus
+
+
+def _width_mm(preset: Preset, camera: PlateCamera) -> tuple[float, str | None]:
+    """The width that the display window spans, and what is to be said of it."""
+    width, measured, note = (
+        camera.number("sensor_width_mm"),
+        preset.camera.sensor_width_mm,
+        None,
     )
-    notes = list(preset.select(*key).notes)
-    width = _either(overrides.sensor_width_mm, header.sensor_width_mm)
     if width is None:
-        width = preset.camera.sensor_width_mm
-        notes.append(
+        width = measured
+        note = (
             f"no sensor width in the header: the preset's {width:g} mm is used "
             "(--sensor-width-mm states another)"
         )
-    elif width > preset.camera.sensor_width_mm * 1.001:
-        notes.append(
+    elif width > measured * 1.001:
+        note = (
             f"the plate spans {width:g} mm and the lens was photographed over "
-            f"{preset.camera.sensor_width_mm:g} mm: the rest is extrapolated"
+            f"{measured:g} mm: the rest is extrapolated"
         )
     if not _LEAST_WIDTH_MM <= width < math.inf:
         raise ImageError(
             f"the sensor is stated to be {width:g} mm wide",
             remedy="give its width with --sensor-width-mm",
         )
-    return PlateState(
-        key, width, tuple(notes), _turned(preset, attributes, knobs or {})
-    )
+    return width, note
 
 
 def _turned(
-    preset: Preset, attributes: Mapping[str, object], stated: Mapping[str, object]
+    preset: Preset,
+    attributes: Mapping[str, object],
+    camera: PlateCamera,
+    stated: Mapping[str, object],
 ) -> Knobs:
-    by_header = turned(
-        preset.knobs, knobs_in(attributes), error=ImageError, where="header"
-    )
-    return turned(by_header, stated, error=PresetError, where="options")
-
-
-def _either(stated: float | None, found: float | None) -> float | None:
-    return found if stated is None else stated
+    """Knobs by the preset, turned by the header, the settings, the options."""
+    found = turned(preset.knobs, knobs_in(attributes), error=ImageError, where="header")
+    settings = camera.settings
+    for name, value in settings.knobs.items():
+        file = settings.sources[f"knobs.{name}"]
+        found = turned(found, {name: value}, error=SettingsError, where=file)
+    return turned(found, stated, error=PresetError, where="options")
 
 
 def _needed(preset: Preset, falloff: bool) -> list[str]:
@@ -141,10 +143,10 @@ def _needed(preset: Preset, falloff: bool) -> list[str]:
     return needed
 
 
-def _missing(name: str) -> ImageError:
+def _missing(name: str, camera: PlateCamera) -> ImageError:
     words, entries = _WHERE_TO_FIND[name]
     option = "--" + name.replace("_", "-")
+    places = ", ".join([f"{entries} in the header", *camera.asked])
     return ImageError(
-        f"states no {words} (looked for {entries} in the header)",
-        remedy=f"give it with {option}",
+        f"states no {words} (looked for {places})", remedy=f"give it with {option}"
     )

@@ -307,7 +307,7 @@ def _alias(name: str, entry: str | AliasEntry, path: Path) -> Alias:
         raise SettingsError(
             f'{place}: "{entry.unit}" is no unit of it',
             where=path,
-            remedy=f"lensfit knows {', '.join(LENGTHS_MM)} of lengths; else give factor",
+            remedy=f"give one of {', '.join(LENGTHS_MM)} of a length, or a factor",
         )
     return Alias(entry.key, factor)
 

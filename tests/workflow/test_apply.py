@@ -13,7 +13,7 @@ from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.plate_depth import DepthOptions
-from lensfit.workflow.plate_state import StateOverrides
+from lensfit.workflow.camera_sources import StateOverrides
 
 
 def noise(dtype, seed):

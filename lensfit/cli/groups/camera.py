@@ -1,14 +1,16 @@
-"""The camera state on the command line: options that count in place of the header."""
+"""The camera on the command line: its state, and the files that know it."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
-    from lensfit.workflow.plate_state import StateOverrides
+    from lensfit.workflow.camera_sources import CameraOptions, StateOverrides
 
 _PANEL = "Camera"
+_UNITS = ("mm", "cm", "m", "in", "ft")
 
 
 @dataclass(frozen=True)
@@ -17,16 +19,24 @@ class CameraGroup:
 
     focal_length_mm: Annotated[
         float | None,
-        typer.Option(help="In place of the header's, mm", rich_help_panel=_PANEL),
+        typer.Option(help="In place of all others', mm", rich_help_panel=_PANEL),
     ] = None
     f_number: Annotated[
         float | None,
-        typer.Option(help="In place of the header's", rich_help_panel=_PANEL),
+        typer.Option(help="In place of all others'", rich_help_panel=_PANEL),
     ] = None
     focus_distance_mm: Annotated[
         float | None,
         typer.Option(
-            help="In place of the header's, mm from the sensor; inf is allowed",
+            help="In place of all others', mm from the sensor; inf is allowed",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None
+    focus_at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y[,X1,Y1]",
+            help="Focus on what lies at a pixel of the frame, or (median) in a region",
             rich_help_panel=_PANEL,
         ),
     ] = None
@@ -36,10 +46,48 @@ class CameraGroup:
             help="Width that the frame spans on the sensor, mm", rich_help_panel=_PANEL
         ),
     ] = None
+    settings: Annotated[
+        Path | None,
+        typer.Option(
+            help="In place of every lensfit.toml beside and above the plate",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None
+    metadata: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--metadata",
+            "--camera",
+            metavar="FILE",
+            help="Sidecar (ARRI, RED, Sony, Canon, Blackmagic) or camera (.chan, .nk); "
+            "repeat for more, the first that knows a value counts",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None
+    metadata_start: Annotated[
+        int | None,
+        typer.Option(
+            metavar="FRAME",
+            help="Frame number of a sidecar's first row; by timecode if left out",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None
+    camera_name: Annotated[
+        str | None,
+        typer.Option(help="Camera node, of a .nk with several", rich_help_panel=_PANEL),
+    ] = None
+    camera_unit: Annotated[
+        str | None,
+        typer.Option(
+            help="Unit of a .nk camera's focal_point: mm, cm, m, in, ft; metres if "
+            "left out",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None
 
     def overrides(self) -> "StateOverrides":
-        """As plates are rendered with it."""
-        from lensfit.workflow.plate_state import StateOverrides
+        """What is stated outright."""
+        from lensfit.workflow.camera_sources import StateOverrides
 
         return StateOverrides(
             self.focal_length_mm,
@@ -47,3 +95,45 @@ class CameraGroup:
             self.focus_distance_mm,
             self.sensor_width_mm,
         )
+
+    def sources(self) -> "CameraOptions":
+        """Where else the camera is described.
+
+        Raises
+        ------
+        typer.BadParameter : Focus is both stated and picked, or a word is no unit, or
+            no pixel.
+        """
+        from lensfit.workflow.camera_sources import CameraOptions
+
+        if self.camera_unit is not None and self.camera_unit not in _UNITS:
+            raise typer.BadParameter(
+                f"{self.camera_unit!r} is not one of {', '.join(_UNITS)}",
+                param_hint="--camera-unit",
+            )
+        return CameraOptions(
+            tuple(self.metadata or ()),
+            self.metadata_start,
+            self.camera_name,
+            self.camera_unit,
+            self.settings,
+            self._picked(),
+        )
+
+    def _picked(self) -> tuple[float, ...] | None:
+        if self.focus_at is None:
+            return None
+        hint = "--focus-at"
+        if self.focus_distance_mm is not None:
+            raise typer.BadParameter(
+                "give it or --focus-distance-mm, not both", param_hint=hint
+            )
+        try:
+            numbers = tuple(float(word) for word in self.focus_at.split(","))
+        except ValueError:
+            numbers = ()
+        if len(numbers) not in (2, 4) or not all(abs(n) < 1e6 for n in numbers):
+            raise typer.BadParameter(
+                f"{self.focus_at!r} is not X,Y or X0,Y0,X1,Y1", param_hint=hint
+            )
+        return numbers

@@ -1,0 +1,321 @@
+"""Where the camera state of a plate comes from, and which word counts.
+
+Sources, the one that counts most first:
+
+1. the command line (``--focal-length-mm`` and the like, ``--focus-at``)
+2. ``[[frames]]`` of the settings files, the nearest file first
+3. ``[camera]`` of the settings files, the nearest file first
+4. sidecars and cameras (``--metadata``, ``--camera``), in the order given
+5. the plate's header
+6. what the preset knows (`lensfit.workflow.plate_state`)
+
+Each quantity is decided by itself. A T-stop stands for the f-number only where no
+source knows an f-number, and a note says so.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple, final
+
+from lensfit.io.camera.quantity import unit_mm
+from lensfit.io.camera.read import read_camera_file
+from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
+from lensfit.io.metadata import CameraState, camera_state_from
+from lensfit.io.sequence import frame_of
+from lensfit.workflow.settings import Settings, load_settings, settings_beside
+
+_MOST_FOLDERS = 256
+
+
+@dataclass(frozen=True)
+class StateOverrides:
+    """Camera state given by the user; None leaves the other sources' word."""
+
+    focal_length_mm: float | None = None
+    f_number: float | None = None
+    focus_distance_mm: float | None = None
+    sensor_width_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """Where else than in its header a plate's camera is described.
+
+    Attributes
+    ----------
+    files : Sidecars and cameras; the first one that knows a quantity counts.
+    first_frame : Frame number of the first row of tables that have none.
+    camera_name : Of the node, in a script with several cameras.
+    unit : Of distances in CG cameras (mm, cm, m, in, ft); metres, noted, if None.
+    settings : The one settings file; those beside and above the plate if None.
+    focus_at : x, y of a pixel of the display window, or x0, y0, x1, y1 of a region,
+        that is in focus (see `lensfit.workflow.focus_pick`).
+    """
+
+    files: tuple[Path, ...] = ()
+    first_frame: int | None = None
+    camera_name: str | None = None
+    unit: str | None = None
+    settings: Path | None = None
+    focus_at: tuple[float, ...] | None = None
+
+
+class Known(NamedTuple):
+    """A value and its source.
+
+    Attributes
+    ----------
+    value : In the unit of its quantity.
+    source : The option, file or header entry, for people.
+    from_pupil : A focus distance from the pinhole of the CG camera, which is the
+        entrance pupil, rather than from the sensor.
+    rank : Place among the sources; less counts more.
+    """
+
+    value: float | str
+    source: str
+    from_pupil: bool = False
+    rank: int = 0
+
+
+@dataclass(frozen=True)
+class PlateCamera:
+    """All that is known of a plate's camera.
+
+    Attributes
+    ----------
+    known : By quantity, what counts.
+    overruled : By quantity, what does not, in the order in which it would.
+    notes : One sentence for each thing that was assumed.
+    asked : The sources beside the header, for saying where something was not found.
+    settings : The settings that hold for the plate.
+    """
+
+    known: Mapping[str, Known]
+    overruled: Mapping[str, tuple[Known, ...]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    asked: tuple[str, ...] = ()
+    settings: Settings = field(default_factory=Settings)
+
+    def number(self, name: str) -> float | None:
+        """The value of a quantity that is a number."""
+        found = self.known.get(name)
+        return None if found is None else float(found.value)
+
+    def focused(self, distance: Known) -> "PlateCamera":
+        """The same, focused at a distance that the user picked."""
+        known = {**self.known, "focus_distance_mm": distance}
+        return replace(self, known=known)
+
+    @property
+    def state(self) -> CameraState:
+        """As a header would say it; a focus distance from the pinhole is not in it."""
+        names = CameraState.__dataclass_fields__.keys() - {"sources"}
+        kept = {n: k for n, k in self.known.items() if n in names and not k.from_pupil}
+        values = {name: known.value for name, known in kept.items()}
+        sources = {name: known.source for name, known in kept.items()}
+        return CameraState(**values, sources=sources)  # pyright: ignore[reportArgumentType]
+
+
+@final
+class CameraSources:
+    """The sources of a job, read once.
+
+    Raises
+    ------
+    LensfitError : A sidecar, camera or stated settings file is malformed.
+    """
+
+    def __init__(
+        self,
+        options: CameraOptions | None = None,
+        overrides: StateOverrides | None = None,
+    ):
+        self.options = options or CameraOptions()
+        self.overrides = overrides or StateOverrides()
+        unit = self.options.unit
+        scale = None if unit is None else unit_mm(unit, "--camera-unit")
+        self._files: tuple[CameraFile, ...] = tuple(
+            read_camera_file(path, self.options.camera_name, scale)
+            for path in self.options.files
+        )
+        stated = self.options.settings
+        self._stated = None if stated is None else load_settings(stated)
+        self._beside: dict[Path, Settings] = {}
+
+    def settings_of(self, plate: Path) -> Settings:
+        """The settings that hold for a plate."""
+        if self._stated is not None:
+            return self._stated
+        if plate.parent not in self._beside:
+            if len(self._beside) >= _MOST_FOLDERS:
+                self._beside.clear()
+            self._beside[plate.parent] = settings_beside(plate.parent)
+        return self._beside[plate.parent]
+
+    def of_plate(
+        self,
+        plate: str | Path,
+        header: Mapping[str, object],
+        size_px: tuple[int, int] | None,
+        preset_width_mm: float | None = None,
+    ) -> PlateCamera:
+        """The camera of a plate, with the source of each value.
+
+        Parameters
+        ----------
+        plate : Its path, which holds its frame number.
+        header : Its attributes.
+        size_px : Of its display window, pixels.
+        preset_width_mm : Sensor width where no source knows one.
+
+        Raises
+        ------
+        CameraError : A sidecar has no row for the plate.
+        SettingsError : A settings file is malformed.
+        ImageError : A header entry that counts holds something impossible.
+        """
+        plate = Path(plate)
+        frame = FrameKey(frame_of(plate), _timecode(header))
+        settings = self.settings_of(plate)
+        words: dict[str, list[Known]] = {}
+        for name, known in self._beside_header(frame, settings):
+            words.setdefault(name, []).append(known)
+        better = words.keys() | {_SAME_AS[name] for name in words.keys() & _SAME_AS}
+        state = camera_state_from(header, size_px, settings.aliases, better)
+        for name, value in state.known().items():
+            known = Known(value, state.sources[name], rank=_HEADER)
+            words.setdefault(name, []).append(known)
+        _join_focus(words)
+        _join_field_of_view(words, size_px, preset_width_mm)
+        notes = [*self._notes(), *_stop_notes(words), *_settings_notes(words, settings)]
+        return PlateCamera(
+            {name: found[0] for name, found in words.items()},
+            {name: tuple(found[1:]) for name, found in words.items() if found[1:]},
+            tuple(notes),
+            tuple(str(f.path) for f in self._files) + tuple(map(str, settings.paths)),
+            settings,
+        )
+
+    def _beside_header(
+        self, frame: FrameKey, settings: Settings
+    ) -> Iterator[tuple[str, Known]]:
+        """Every word of the sources but the header, the one that counts most first."""
+        for name, value in vars(self.overrides).items():
+            if value is not None:
+                yield name, Known(value, "--" + name.replace("_", "-"))
+        rank = 1
+        for name, reading in settings.camera_at(frame.number):
+            yield name, Known(*reading, rank=rank)
+        for file in self._files:
+            rank += 1
+            readings, place = file.at(frame, self.options.first_frame)
+            for name, (value, entry) in readings.items():
+                source = f"{file.path} {place}, {entry}"
+                yield name, Known(value, source, name == _FROM_PUPIL, rank)
+
+    def _notes(self) -> Iterator[str]:
+        for file in self._files:
+            yield from file.notes
+
+
+_HEADER = 1_000_000
+"""Rank of the header; there are fewer files."""
+_FROM_PUPIL = "focus_from_pupil_mm"
+_SAME_AS = {_FROM_PUPIL: "focus_distance_mm", "vertical_fov_deg": "focal_length_mm"}
+"""Quantities that tell another one."""
+
+
+def _timecode(header: Mapping[str, object]) -> str | None:
+    for key, value in header.items():
+        if key.rpartition("/")[2].lower() == "timecode":
+            return plain_timecode(value)
+    return None
+
+
+def _join_focus(words: dict[str, list[Known]]) -> None:
+    """Focus distances from either end are one quantity."""
+    from_pupil = words.pop(_FROM_PUPIL, [])
+    if from_pupil:
+        joined = [*words.get("focus_distance_mm", ()), *from_pupil]
+        words["focus_distance_mm"] = sorted(joined, key=lambda known: known.rank)
+
+
+def _join_field_of_view(
+    words: dict[str, list[Known]],
+    size_px: tuple[int, int] | None,
+    preset_width_mm: float | None,
+) -> None:
+    """A field of view is a focal length, once the sensor's height is known."""
+    views = words.get("vertical_fov_deg")
+    if not views:
+        return
+    height = _height_mm(words, size_px, preset_width_mm)
+    if height is None:
+        return
+    height_mm, whose = height
+    found = [
+        Known(
+            float(f"{height_mm / 2 / math.tan(math.radians(float(v.value)) / 2):.9g}"),
+            f"{v.source} {v.value:g} degrees over {height_mm:g} mm ({whose})",
+            rank=v.rank,
+        )
+        for v in views
+    ]
+    joined = [*words.get("focal_length_mm", ()), *found]
+    words["focal_length_mm"] = sorted(joined, key=lambda known: known.rank)
+
+
+def _height_mm(
+    words: dict[str, list[Known]],
+    size_px: tuple[int, int] | None,
+    preset_width_mm: float | None,
+) -> tuple[float, str] | None:
+    """Height of the sensor: as stated, unless the width comes from a better source;
+    then, and where nobody states it, that of the format at this width."""
+    heights, widths = words.get("sensor_height_mm"), words.get("sensor_width_mm")
+    if heights and not (widths and size_px and widths[0].rank < heights[0].rank):
+        return float(heights[0].value), heights[0].source
+    if size_px is None:
+        return None
+    aspect = size_px[1] / size_px[0]
+    if widths:
+        return float(widths[0].value) * aspect, f"format, {widths[0].source}"
+    if preset_width_mm is not None:
+        return preset_width_mm * aspect, "format, preset"
+    return None
+
+
+def _stop_notes(words: dict[str, list[Known]]) -> Iterator[str]:
+    """Let a T-stop stand for the f-number where nothing better is known."""
+    if not words.get("t_number"):
+        return
+    stop = words["t_number"][0]
+    shown = f"T{stop.value:.4g} of {_file_of(stop.source)}"
+    if "f_number" not in words:
+        words["f_number"] = [
+            Known(stop.value, f"{stop.source}, a T-stop", rank=stop.rank)
+        ]
+        yield (
+            f"a T-stop is used as the f-number, as no source knows that: {shown} "
+            "(--f-number states it)"
+        )
+    elif words["f_number"][0].rank > stop.rank:
+        better = words["f_number"][0]
+        yield (
+            f"{shown} is no f-number: f/{better.value:.4g} of "
+            f"{_file_of(better.source)} is used"
+        )
+
+
+def _file_of(source: str) -> str:
+    """The source without its line, so that a note is the same for every frame."""
+    return source.split(" line ")[0]
+
+
+def _settings_notes(words: dict[str, list[Known]], settings: Settings) -> Iterator[str]:
+    for path in settings.paths:
+        if any(found[0].source.startswith(f"{path} [") for found in words.values()):
+            yield f"the camera is as {path} says, where it does"
