@@ -23,7 +23,7 @@ class Photograph:
     sha256 : Hash of that file, hexadecimal.
     encoding : How it was decoded: "linear", "srgb", "logc3", ...
     saturation : Scene-linear value at and above which a sample is clipped; infinity
-        when the encoding has no ceiling that is known.
+        when neither encoding nor pixels show a ceiling.
     quantisation_step : Largest scene-linear step between two codes near mid-grey;
         0 for floating point.
     chroma_subsampled : Red and blue were stored at lower resolution (4:2:0, 4:2:2).

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.errors import ImageError
+from lensfit.io.ceiling import ceiling_of
 from lensfit.io.exr import read_exr
 from lensfit.io.exr_header import MAGIC as EXR_MAGIC
 from lensfit.io.exr_layers import find_colour, stack_channels
@@ -112,6 +113,7 @@ def _from_exr(path: Path, data: bytes, encoding: str) -> Photograph:
         path=path,
         sha256=hashlib.sha256(data).hexdigest(),
         encoding=encoding,
+        saturation=ceiling_of(pixels),
         metadata=metadata | _camera(part.attributes, pixels),
     )
 
@@ -138,7 +140,8 @@ def _from_raster(
     if codes.dtype.kind == "f":
         encoding = encoding or "linear"
         pixels = codes if encoding == "linear" else decode(codes, encoding)
-        pixels, saturation, step = pixels.astype(np.float32), float("inf"), 0.0
+        pixels, step = pixels.astype(np.float32), 0.0
+        saturation = ceiling_of(pixels)
     else:
         encoding = encoding or "srgb"
         table = _decoding_table(encoding, codes.dtype.itemsize)
