@@ -17,6 +17,7 @@ COMMANDS = (
     "calibrate",
     "report",
     "stmap",
+    "overscan",
     "apply",
     "submit",
     "plan",

@@ -48,7 +48,7 @@ def stmap(
 
     Example: lensfit stmap takumar/preset.json --size 4096x3072 --out maps
     """
-    wanted = _size(size)
+    wanted = size_px(size)
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
     from lensfit.preset.store import load_preset
@@ -85,7 +85,13 @@ def stmap(
     _say(written, as_json)
 
 
-def _size(text: str | None) -> tuple[int, int] | None:
+def size_px(text: str | None) -> tuple[int, int] | None:
+    """Width and height as they are written on the command line.
+
+    Raises
+    ------
+    typer.BadParameter : It is no size.
+    """
     if text is None:
         return None
     try:

@@ -52,7 +52,7 @@ def border_note(stages: Stages, window: Window, source: Window) -> str | None:
         return None
     return (
         f"{100 * part:.3g} % of the frame lies outside the plate and is black: render "
-        "the CG with more overscan (`lensfit stmap` says how much)"
+        "the CG with more overscan (`lensfit overscan` says how much)"
     )
 
 

@@ -20,6 +20,7 @@ from lensfit.coords import Window
 from lensfit.errors import OutputError
 from lensfit.io.stmap import write_channel_stmaps, write_stmap
 from lensfit.progress import Progress, silent
+from lensfit.render.overscan import window_of_percent
 from lensfit.render.uv import (
     DEFAULT_TOLERANCE_PX,
     Overscan,
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 Direction = Literal["redistort", "undistort", "both"]
 _MAKERS = {"undistort": stmap_undistort, "redistort": stmap_redistort}
 _CHANNELS = ("r", "g", "b")
-_LARGEST_SIDE_PX = 32768
+LARGEST_SIDE_PX = 32768
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,7 @@ class StmapFrame:
 
     @property
     def data_window(self) -> Window:
-        margins = [round(n * self.overscan_percent / 200) for n in self.size_px]
-        return self.display_window.grown(*margins)
+        return window_of_percent(self.display_window, self.overscan_percent)
 
 
 @dataclass(frozen=True)
@@ -177,11 +177,11 @@ def _metres(distance_mm: float | None) -> float | None:
 
 
 def _check(frame: StmapFrame, out_dir: Path) -> None:
-    if not all(0 < n <= _LARGEST_SIDE_PX for n in frame.size_px):
+    if not all(0 < n <= LARGEST_SIDE_PX for n in frame.size_px):
         raise OutputError(
             f"a map of {frame.size_px[0]} x {frame.size_px[1]} cannot be made",
             where=out_dir,
-            remedy=f"give a size of up to {_LARGEST_SIDE_PX} on a side",
+            remedy=f"give a size of up to {LARGEST_SIDE_PX} on a side",
         )
     if not 0 <= frame.overscan_percent <= 200:
         raise OutputError(

@@ -1,0 +1,153 @@
+"""`lensfit overscan`: what the CG department must render beyond the frame."""
+
+import json
+import math
+from pathlib import Path
+
+import typer
+
+from lensfit.cli.apply import FilterName
+
+
+def overscan(
+    preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
+    size: str = typer.Option(
+        None, help="Frame, as 4096x3072; that of the photographs by default"
+    ),
+    focal_length_mm: str = typer.Option(
+        None,
+        help="Of the lens, mm, or a range: 24:70; all that was measured if left out",
+    ),
+    focus_distance_mm: str = typer.Option(
+        None, help="From the sensor, mm, or a range: 800:inf; all that was measured"
+    ),
+    f_number: float = typer.Option(None, help="Also say what depth of field needs"),
+    nearest_mm: float = typer.Option(
+        None, help="Nearest object from the sensor, mm; beyond focus only if left out"
+    ),
+    sensor_width_mm: float = typer.Option(
+        None, help="Width that the frame spans on the sensor, mm"
+    ),
+    filter_name: FilterName = typer.Option(
+        FilterName.cubic, "--filter", help="Of the warp; keys-6 reads a pixel further"
+    ),
+    per_channel: bool = typer.Option(
+        False, "--per-channel", help="Also say what red, green and blue need alone"
+    ),
+    as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
+) -> None:
+    """Say how much more than the frame the CG must render, to the pixel.
+
+    In pixels on each side, in percent as lens/overscan states it, as render resolution,
+    data window and wider film back, and as the factor of OpenLensIO. Over a range of
+    focal lengths or focus distances it is the largest.
+
+    Example: lensfit overscan takumar/preset.json --size 4096x3072 --f-number 2
+    """
+    from lensfit.cli._door import say_note
+    from lensfit.cli.stmap import size_px
+    from lensfit.preset.store import load_preset
+    from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
+
+    frame = size_px(size)
+    focal = _span(focal_length_mm, "--focal-length-mm")
+    focus = _span(focus_distance_mm, "--focus-distance-mm")
+    loaded = load_preset(preset)
+    question = OverscanQuestion(
+        frame or (loaded.camera.image_width_px, loaded.camera.image_height_px),
+        sensor_width_mm,
+        focal,
+        focus,
+        f_number,
+        nearest_mm,
+        filter_name.value,
+    )
+    plan = plan_overscan(loaded, question)
+    for note in plan.notes:
+        say_note(note)
+    if plan.margins.missing:
+        say_note("part of the frame shows nothing that an undistorted plate can hold")
+    if as_json:
+        typer.echo(json.dumps(_facts(plan, per_channel), indent=1))
+        return
+    for line in _lines(plan, per_channel):
+        typer.echo(line)
+
+
+def _span(text: str | None, option: str) -> tuple[float, float] | None:
+    """A number, or two with a colon between, rising."""
+    if text is None:
+        return None
+    try:
+        low, high = (float(part) for part in (text.split(":") * 2)[:2])
+    except ValueError:
+        low = high = math.nan
+    if text.count(":") > 1 or not 0 < low <= high:
+        raise typer.BadParameter(
+            f"{text!r} is neither a length nor a range; write 35 or 24:70",
+            param_hint=option,
+        )
+    return low, high
+
+
+def _facts(plan, per_channel: bool) -> dict:
+    found = {
+        **_need(plan.margins, plan.camera),
+        "open_lens_io_factor": plan.factor,
+        "states": plan.states,
+    }
+    if plan.blur_camera is not None:
+        found["depth_of_field"] = {
+            "blur_radius_px": plan.blur_px,
+            **_need(plan.with_blur, plan.blur_camera),
+        }
+    if per_channel:
+        found["channels"] = {c: m._asdict() for c, m in plan.channels.items()}
+    return found
+
+
+def _need(margins, camera) -> dict:
+    return {
+        "margins_px": margins._asdict(),
+        "overscan_percent": camera.percent,
+        "render_px": list(camera.render_px),
+        "data_window": list(camera.data_window),
+        "sensor_mm": list(camera.sensor_mm),
+    }
+
+
+def _lines(plan, per_channel: bool) -> list[str]:
+    lines = [
+        *_said(plan.margins, plan.camera),
+        f"OpenLensIO overscan {plan.factor:.6f}",
+    ]
+    if per_channel:
+        lines += [f"{c} alone: {_sides(m)}" for c, m in plan.channels.items()]
+    if plan.blur_camera is not None:
+        lines.append(
+            f"With depth of field, blur of up to {plan.blur_px:.1f} px radius:"
+        )
+        lines += [f"  {line}" for line in _said(plan.with_blur, plan.blur_camera)]
+    if plan.states > 1:
+        lines.append(f"The largest of {plan.states} states of the lens")
+    return lines
+
+
+def _said(margins, camera) -> list[str]:
+    width, height = camera.render_px
+    window = camera.data_window
+    return [
+        f"pixels beyond the frame: {_sides(margins)}",
+        f"lens/overscan {camera.percent:.4f} % (in total, both axes)",
+        f"render {width} x {height}, data window "
+        f"({window.x_min}, {window.y_min}) - ({window.x_max}, {window.y_max})",
+        f"film back {camera.sensor_mm[0]:.6f} x {camera.sensor_mm[1]:.6f} mm, "
+        "focal length unchanged",
+    ]
+
+
+def _sides(margins) -> str:
+    return (
+        f"left {margins.left}, top {margins.top}, "
+        f"right {margins.right}, bottom {margins.bottom}"
+    )

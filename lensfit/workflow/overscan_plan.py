@@ -1,0 +1,210 @@
+"""Overscan for a shot: the largest that any state of the lens in a range asks for.
+
+Between measured states the lens is interpolated, so that the largest need may lie
+between them: each range is tried at its ends, at what was measured inside and at steps
+between.
+"""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lensfit.coords import Window
+from lensfit.errors import ImageError, PresetError
+from lensfit.preset.schema import Preset
+from lensfit.render.circle import Circle
+from lensfit.render.filters import Filter
+from lensfit.render.overscan import (
+    CgCamera,
+    Margins,
+    cg_camera,
+    margins_read,
+)
+from lensfit.render.uv import Channel, PlateGeometry, overscan_needed
+from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
+from lensfit.workflow.stmaps import LARGEST_SIDE_PX
+
+if TYPE_CHECKING:
+    from lensfit.lens import Lens
+
+_STEPS = 4
+"""Parts of the way between two states that are tried."""
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class OverscanQuestion:
+    """What the CG is rendered for.
+
+    Attributes
+    ----------
+    size_px : Width and height of the frame.
+    sensor_width_mm : Width that it spans; the preset's own if None.
+    focal_length_mm, focus_distance_mm : Ranges; None is all that was measured.
+    f_number : For depth of field; None leaves it out.
+    nearest_mm : Nearest object from the sensor; None counts what lies beyond focus.
+    method : Filter of the warp.
+    """
+
+    size_px: tuple[int, int]
+    sensor_width_mm: float | None = None
+    focal_length_mm: Span | None = None
+    focus_distance_mm: Span | None = None
+    f_number: float | None = None
+    nearest_mm: float | None = None
+    method: Filter = "cubic"
+
+
+@dataclass(frozen=True)
+class OverscanPlan:
+    """The answer.
+
+    Attributes
+    ----------
+    margins, camera : Without depth of field.
+    channels : Margins of each colour channel alone.
+    factor : Of OpenLensIO.
+    blur_px : Radius of the widest blur; None when no f-number was given or known.
+    with_blur, blur_camera : What depth of field makes of margins and camera.
+    states : How many states of the lens were tried.
+    notes : Where the preset was stretched.
+    """
+
+    margins: Margins
+    camera: CgCamera
+    channels: dict[Channel, Margins]
+    factor: float
+    blur_px: float | None
+    with_blur: Margins | None
+    blur_camera: CgCamera | None
+    states: int
+    notes: tuple[str, ...]
+
+
+def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
+    """The overscan that a render needs, over all states asked for.
+
+    Raises
+    ------
+    PresetError : The preset does not reach a state.
+    ImageError : The frame has no size, or the sensor none.
+    """
+    _check(question)
+    display = Window.of_size(*question.size_px)
+    sensor_mm = question.sensor_width_mm or preset.camera.sensor_width_mm
+    none = Margins(0, 0, 0, 0)
+    channels: dict[Channel, Margins] = {"r": none, "g": none, "b": none}
+    factor, blur_px, blurred = 1.0, None, none
+    notes: dict[str, None] = {}
+    states = _states(preset, question)
+    for focal, focus in states:
+        notes |= dict.fromkeys(preset.select(focal, None, focus).notes)
+        lens = preset.at(focal, question.f_number, focus)
+        factor = max(
+            factor, overscan_needed(lens, display, sensor_width_mm=sensor_mm).factor
+        )
+        for channel in channels:
+            found = _margins(lens, display, question, channel)
+            channels[channel] = channels[channel].joined(found)
+        if question.f_number is not None:
+            radius = _blur_px(lens, display, question)
+            blur_px = max(blur_px or 0.0, radius)
+            blurred = blurred.joined(_margins(lens, display, question, None, radius))
+    all_channels = channels["r"].joined(channels["g"]).joined(channels["b"])
+    return OverscanPlan(
+        margins=all_channels,
+        camera=cg_camera(all_channels, display, sensor_mm),
+        channels=channels,
+        factor=factor,
+        blur_px=blur_px,
+        with_blur=None if blur_px is None else blurred,
+        blur_camera=None if blur_px is None else cg_camera(blurred, display, sensor_mm),
+        states=len(states),
+        notes=tuple(notes),
+    )
+
+
+def _check(question: OverscanQuestion) -> None:
+    width, height = question.size_px
+    if not (0 < width <= LARGEST_SIDE_PX and 0 < height <= LARGEST_SIDE_PX):
+        raise ImageError(
+            f"a frame of {width} x {height} is none",
+            remedy=f"give a size of up to {LARGEST_SIDE_PX} on a side",
+        )
+    sensor_mm = question.sensor_width_mm
+    if sensor_mm is not None and not 0 < sensor_mm < math.inf:
+        raise ImageError(
+            f"a sensor {sensor_mm:g} mm wide is none", remedy="give --sensor-width-mm"
+        )
+
+
+def _margins(
+    lens: "Lens",
+    display: Window,
+    question: OverscanQuestion,
+    channel: Channel | None,
+    blur_px: float = 0.0,
+) -> Margins:
+    return margins_read(
+        lens,
+        display,
+        channels=None if channel is None else (channel,),
+        sensor_width_mm=question.sensor_width_mm,
+        method=question.method,
+        blur_px=blur_px,
+    )
+
+
+def _blur_px(lens: "Lens", display: Window, question: OverscanQuestion) -> float:
+    """Radius of the circle of confusion of the sky, and of the nearest object."""
+    geometry = PlateGeometry.of(lens, display, question.sensor_width_mm)
+    depths = [math.inf]
+    if question.nearest_mm is not None:
+        depths.append(question.nearest_mm - float(lens.entrance_pupil_offset_mm))
+        if depths[1] <= 0:
+            raise PresetError(
+                f"an object {question.nearest_mm:g} mm from the sensor lies inside the "
+                "lens",
+                remedy="give a larger --nearest-mm",
+            )
+    radii = Circle.of(lens, geometry).radius_px(np.array(depths, np.float32))
+    return float(np.abs(radii).max())
+
+
+def _states(
+    preset: Preset, question: OverscanQuestion
+) -> list[tuple[float | None, float | None]]:
+    """Focal lengths and focus distances to be tried."""
+    entries = preset.entries
+    focal_lengths = sorted({e.focal_length_mm for e in entries})
+    focal = _tried(focal_lengths, question.focal_length_mm, np.linspace)
+    measured = sorted({d for e in entries if (d := e.focus_distance_mm) is not None})
+    span = question.focus_distance_mm
+    if span is None and len(entries) == len(focal_lengths):
+        return [(f, None) for f in focal]
+    return list(product(focal, _tried(measured, span, _between_in_dioptres)))
+
+
+def _tried(
+    measured: list[float], span: Span | None, between: Callable[..., Iterable[float]]
+) -> list[float]:
+    """Values at the ends of a range, at what was measured in it, and between."""
+    low, high = span or (measured[0], measured[-1])
+    inside = [low, *(m for m in measured if low < m < high), high]
+    found = set(inside)
+    for a, b in pairwise(inside):
+        found.update(float(v) for v in [*between(a, b, _STEPS + 1)][1:-1])
+    return sorted(found)
+
+
+def _between_in_dioptres(low_mm: float, high_mm: float, count: int) -> list[float]:
+    ends = dioptres_from_mm(low_mm), dioptres_from_mm(high_mm)
+    if ends[0] == ends[1]:
+        return [low_mm] * count
+    steps = np.linspace(*ends, count)[1:-1]
+    return [low_mm, *(MILLIMETRES_PER_METRE / d for d in steps), high_mm]

@@ -1,0 +1,138 @@
+"""Overscan of a shot: what the CG is told is what `apply` then needs."""
+
+import json
+
+import numpy as np
+import pytest
+from plate_makers import make_preset, write_plate
+from typer.testing import CliRunner
+
+from lensfit.cli.main import app
+from lensfit.coords import Window
+from lensfit.errors import ImageError, PresetError
+from lensfit.io.exr import read_exr
+from lensfit.preset.store import save_preset
+from lensfit.render.overscan import Margins, margins_read
+from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
+from lensfit.workflow.stmaps import StmapFrame
+
+SIZE = (96, 64)
+"""Of the plates."""
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["overscan", *map(str, arguments)])
+
+
+def border(path):
+    pixels = read_exr(path).parts[0].channels["G"]
+    return np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+
+
+def test_a_plate_with_the_data_window_it_states_has_no_black_border(tmp_path):
+    preset = make_preset(stops=())
+    plan = plan_overscan(preset, OverscanQuestion(SIZE))
+    wide, short = plan.camera.data_window, plan.camera.data_window.grown(-4, -4)
+    for name, window in (("wide", wide), ("short", short)):
+        plate = write_plate(tmp_path / f"{name}.exr", window=window)
+        applied = apply_preset(preset, plate, tmp_path / "out")
+        black = any("lensfit overscan" in note for note in applied.notes)
+        assert black == (name == "short")
+        assert (border(applied.written[0]).min() < 0.1) == (name == "short")
+
+
+def test_maps_of_that_percentage_cover_the_same_pixels():
+    plan = plan_overscan(make_preset(), OverscanQuestion((4096, 3072)))
+    maps = StmapFrame((4096, 3072), plan.camera.percent)
+    assert maps.data_window == plan.camera.data_window
+    assert plan.camera.percent / 100 + 1 == pytest.approx(plan.factor, abs=2e-3)
+
+
+def test_a_range_is_as_wide_as_its_worst_state():
+    preset = make_preset(24.0, 35.0, 70.0)
+    span = OverscanQuestion((960, 640), focal_length_mm=(28.0, 60.0))
+    found = plan_overscan(preset, span)
+    worst = Margins(0, 0, 0, 0)
+    for focal in np.random.default_rng(0).uniform(28, 60, 12):
+        lens = preset.at(float(focal), None, 2000.0)
+        worst = worst.joined(margins_read(lens, Window.of_size(960, 640)))
+    assert all(a <= b for a, b in zip(worst, found.margins, strict=True))
+    everything = plan_overscan(preset, OverscanQuestion((960, 640)))
+    assert everything.margins.left > found.margins.left
+    assert everything.states > 3
+
+
+def test_colours_alone_and_together():
+    plan = plan_overscan(make_preset(), OverscanQuestion((960, 640)))
+    red, green, blue = plan.channels.values()
+    assert blue.left > green.left > red.left
+    assert plan.margins == red.joined(green).joined(blue)
+
+
+def test_depth_of_field_is_stated_apart():
+    question = OverscanQuestion((960, 640), f_number=2.0, nearest_mm=900.0)
+    plan = plan_overscan(make_preset(), question)
+    assert plan.blur_px is not None
+    assert plan.with_blur is not None
+    sharp = plan_overscan(make_preset(), OverscanQuestion((960, 640)))
+    assert plan.margins == sharp.margins
+    assert sharp.blur_px is None
+    assert plan.with_blur.left - plan.margins.left >= int(plan.blur_px)
+    only_far = plan_overscan(make_preset(), OverscanQuestion((960, 640), f_number=2.0))
+    assert only_far.blur_px is not None
+    assert only_far.blur_px < plan.blur_px
+    # f/N f' / (2 pitch): the sky, focused at 2 m from the sensor, 1950 mm ahead.
+    radius = (35 / (1 + 35 / 1950)) / 2 * 35 / 1950 / (2 * 36 / 960)
+    assert only_far.blur_px == pytest.approx(radius, rel=1e-6)
+
+
+def test_what_cannot_be_answered_is_one_line(tmp_path):
+    preset = make_preset(24.0, 70.0)
+    with pytest.raises(PresetError, match="not in the preset"):
+        plan_overscan(preset, OverscanQuestion(SIZE, focal_length_mm=(10.0, 24.0)))
+    with pytest.raises(PresetError, match="inside the lens"):
+        plan_overscan(preset, OverscanQuestion(SIZE, f_number=2.0, nearest_mm=40.0))
+    with pytest.raises(ImageError, match="0 x 64"):
+        plan_overscan(preset, OverscanQuestion((0, 64)))
+    with pytest.raises(ImageError, match="sensor -1 mm wide"):
+        plan_overscan(preset, OverscanQuestion(SIZE, sensor_width_mm=-1.0))
+    save_preset(preset, tmp_path / "preset.json")
+    for wrong in ("70:24", "a", "24:35:70", "-5", "nan"):
+        words = [tmp_path / "preset.json", "--focal-length-mm", wrong]
+        assert run(*words).exit_code == 2
+
+
+def test_the_command_says_the_same_to_people_and_machines(tmp_path):
+    save_preset(make_preset(24.0, 35.0), tmp_path / "preset.json")
+    words = [tmp_path / "preset.json", "--size", "4096x3072", "--f-number", 2.8]
+    result = run(*words, "--json", "--per-channel")
+    said = json.loads(result.stdout)
+    plan = plan_overscan(
+        make_preset(24.0, 35.0), OverscanQuestion((4096, 3072), f_number=2.8)
+    )
+    assert said["overscan_percent"] == plan.camera.percent
+    assert said["data_window"] == list(plan.camera.data_window)
+    assert said["sensor_mm"][0] == pytest.approx(36 * said["render_px"][0] / 4096)
+    assert said["open_lens_io_factor"] == plan.factor
+    assert said["channels"]["b"]["left"] == plan.margins.left
+    assert plan.blur_camera is not None
+    blurred = said["depth_of_field"]
+    assert blurred["overscan_percent"] == plan.blur_camera.percent
+    text = run(*words, "--per-channel").stdout
+    for fact in (
+        f"lens/overscan {plan.camera.percent:.4f} %",
+        f"render {plan.camera.render_px[0]} x {plan.camera.render_px[1]}",
+        f"OpenLensIO overscan {plan.factor:.6f}",
+        f"blur of up to {plan.blur_px:.1f} px",
+        f"largest of {plan.states} states",
+        "b alone: left",
+    ):
+        assert fact in text
+
+
+def test_a_focus_range_reaches_to_infinity_and_notes_what_was_not_measured(tmp_path):
+    save_preset(make_preset(), tmp_path / "preset.json")
+    result = run(tmp_path / "preset.json", "--focus-distance-mm", "1000:inf")
+    assert result.exit_code == 0
+    assert "outside what was measured" in result.stderr
