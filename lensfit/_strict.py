@@ -94,7 +94,7 @@ def read_json_object(
                 remedy=source,
             )
         found = json.loads(content, object_pairs_hook=_without_duplicates)
-        _check_extent(found)
+        check_extent(found)
     except OSError as reason:
         raise error(
             f"cannot be read ({reason.strerror})", where=path, remedy=source
@@ -106,8 +106,8 @@ def read_json_object(
     return found
 
 
-def _check_extent(found: object) -> None:
-    """Raise a ValueError for what the steps after this one cannot take."""
+def check_extent(found: object) -> None:
+    """Raise a ValueError for what no step after this one can take."""
     level = [found]
     for _ in range(_DEEPEST):
         inner: list[object] = []

@@ -20,9 +20,39 @@ STEPS: dict[int, Step] = {}
 """The step that leads from each version to the next."""
 
 
-def schema_name(version: int) -> str:
+def schema_name(version: int, kind: str = "preset") -> str:
     """ "lensfit.preset.1" and so on."""
-    return f"lensfit.preset.{version}"
+    return f"lensfit.{kind}.{version}"
+
+
+def check_version(
+    tables: Tables,
+    where: str | Path,
+    *,
+    kind: str = "preset",
+    current_version: int = CURRENT_VERSION,
+) -> int:
+    """The version that a file states, which is not newer than this program.
+
+    Parameters
+    ----------
+    tables : What stands in the file.
+    where : The file, for messages.
+    kind : Of file, as its schema names it.
+
+    Raises
+    ------
+    PresetError : It is of another kind, or was written by a newer lensfit.
+    """
+    version = _version(tables, where, kind)
+    if version > current_version:
+        raise PresetError(
+            f'has the schema "{tables["schema"]}", newer than '
+            f'"{schema_name(current_version, kind)}"',
+            where=where,
+            remedy="update lensfit to read it",
+        )
+    return version
 
 
 def upgrade(
@@ -43,14 +73,7 @@ def upgrade(
     ------
     PresetError : It is no preset, was written by a newer lensfit, or is too old.
     """
-    version = _version(tables, where)
-    if version > current_version:
-        raise PresetError(
-            f'has the schema "{tables["schema"]}", newer than '
-            f'"{schema_name(current_version)}"',
-            where=where,
-            remedy="update lensfit to read it",
-        )
+    version = check_version(tables, where, current_version=current_version)
     while version < current_version:
         if version not in steps:
             raise PresetError(
@@ -63,14 +86,17 @@ def upgrade(
     return tables
 
 
-def _version(tables: Tables, where: str | Path) -> int:
+def _version(tables: Tables, where: str | Path, kind: str = "preset") -> int:
     schema = tables.get("schema")
-    match = re.fullmatch(r"lensfit\.preset\.(\d{1,6})", str(schema))
+    match = re.fullmatch(rf"lensfit\.{kind}\.([1-9]\d{{0,5}})", str(schema), re.ASCII)
     if not match:
-        said = "has no schema" if schema is None else f"has the schema {schema!r}"
+        words = kind.replace("_", " ")
+        said = "has the schema " + repr(schema)[:80]
         raise PresetError(
-            f"{said}, so it is no lensfit preset",
+            f"{'has no schema' if schema is None else said}, so it is no lensfit "
+            f"{words}",
             where=where,
-            remedy=f'a preset begins with "schema": "{schema_name(CURRENT_VERSION)}"',
+            remedy=f'a {words} begins with "schema": '
+            f'"{schema_name(CURRENT_VERSION, kind)}"',
         )
     return int(match[1])

@@ -1,0 +1,64 @@
+"""The library on the command line: where presets are looked up by name."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from lensfit.preset.library.found import Found
+    from lensfit.preset.library.levels import Level
+
+PRESET_HELP = "Preset: a file, or a lens of the library as NAME or NAME@v002"
+
+
+@dataclass(frozen=True)
+class LibraryGroup:
+    """Where lenses have names."""
+
+    library: Annotated[
+        Path | None,
+        typer.Option(
+            help="Deepest folder whose lenses are known by name: a shot, a sequence or "
+            "a project; the user's own if left out",
+            envvar="LENSFIT_LIBRARY",
+        ),
+    ] = None
+
+    def find(self, preset: str) -> "Found":
+        """What a path or a name means; remarks on it go to standard error."""
+        from lensfit.cli._door import say_note
+        from lensfit.preset.library.resolve import find_preset
+
+        found = find_preset(preset, self.library)
+        for note in found.notes:
+            say_note(note)
+        return found
+
+    def levels(self) -> "tuple[Level, ...]":
+        """Nearest first."""
+        from lensfit.preset.library.levels import levels_of
+
+        return levels_of(self.library)
+
+
+def user_name(stated: str | None) -> str:
+    """Who it is, for the record.
+
+    Raises
+    ------
+    LensfitError : Neither was it stated nor does the system know.
+    """
+    import getpass
+
+    from lensfit.errors import LensfitError
+
+    if stated is not None:
+        return stated
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError) as error:
+        raise LensfitError(
+            "the system does not know who you are", remedy="say it with --who"
+        ) from error

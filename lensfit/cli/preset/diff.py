@@ -1,0 +1,55 @@
+"""`lensfit preset diff`: two presets, key by key."""
+
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+
+if TYPE_CHECKING:
+    from lensfit.preset.library.diff import Difference
+
+
+@takes_groups
+def diff(
+    a: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    b: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    library: LibraryGroup,
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
+) -> None:
+    """Print every key at which two presets differ.
+
+    Numbers with their relative change, measured ones also in standard deviations where
+    a preset states them. The folder of a lens in another level is a preset too.
+
+    Example: lensfit preset diff takumar@v001 takumar@v002 --library show
+    """
+    from lensfit.preset.library.diff import differences
+
+    found = differences(library.find(a).preset, library.find(b).preset)
+    if as_json:
+        typer.echo(json.dumps([_plain(one) for one in found]))
+        return
+    if not found:
+        typer.echo("no difference")
+    for one in found:
+        typer.echo(_line(one))
+
+
+def _plain(one: "Difference") -> dict[str, object]:
+    """As JSON has it; a value that is not there is left out."""
+    from lensfit.preset.library.key_path import MISSING
+
+    return {k: v for k, v in one._asdict().items() if v is not MISSING}
+
+
+def _line(one: "Difference") -> str:
+    from lensfit.preset.library.found import value_text
+
+    said = [f"{100 * one.relative:+.3g} %"] if one.relative is not None else []
+    if one.deviations is not None:
+        said.append(f"{one.deviations:+.2g} standard deviations")
+    more = f" ({', '.join(said)})" if said else ""
+    return f"{one.key}: {value_text(one.a)} -> {value_text(one.b)}{more}"

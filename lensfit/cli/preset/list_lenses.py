@@ -1,0 +1,43 @@
+"""`lensfit preset list`: the lenses of a library, level by level."""
+
+import json
+from typing import Annotated
+
+import typer
+
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.library import LibraryGroup
+
+
+@takes_groups
+def list_lenses(
+    library: LibraryGroup,
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
+) -> None:
+    """Print the lenses of a library with their versions, nearest level first.
+
+    Example: lensfit preset list --library show/sq010
+    """
+    from lensfit.preset.library.catalogue import catalogue
+
+    levels = library.levels()
+    rows = catalogue(levels)
+    if as_json:
+        typer.echo(json.dumps([row._asdict() for row in rows]))
+        return
+    if not rows:
+        typer.echo(f"{levels[0].lenses}: no lens yet")
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("lens", "level", "versions", "in use", "default", ""):
+        table.add_column(name)
+    for row in rows:
+        span = " to ".join(dict.fromkeys(row.versions[:1] + row.versions[-1:]))
+        what = row.fault or (row.lens or "") + (", sparse" if row.sparse else "")
+        table.add_row(
+            row.slug, row.level, span, row.in_use or "-", row.marked or "-", what
+        )
+    Console(highlight=False, soft_wrap=True, markup=False).print(table)

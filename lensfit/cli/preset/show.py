@@ -1,0 +1,103 @@
+"""`lensfit preset show`: what a preset holds, and which levels decided it."""
+
+import json
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from lensfit.preset.entry import Entry
+    from lensfit.preset.library.found import Found
+    from lensfit.preset.schema import Preset
+
+
+@takes_groups
+def show(
+    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    library: LibraryGroup,
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
+) -> None:
+    """Print which lens a preset holds, its entries and how good each is.
+
+    Of a library, also the versions it was put together from, and which level decided
+    each key that was changed.
+
+    Example: lensfit preset show takumar_50/preset.json
+    """
+    from lensfit.preset.store import preset_tables
+
+    found = library.find(preset)
+    if as_json:
+        typer.echo(json.dumps(preset_tables(found.preset)))
+        return
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    for line in _heading(found.preset):
+        console.print(line, markup=False)
+    console.print(_entries(found.preset.entries))
+    for line in _origins(found):
+        console.print(line, markup=False)
+
+
+def _origins(found: "Found") -> list[str]:
+    """The versions, and each changed key with the level that decided it."""
+    from lensfit.preset.knobs import not_neutral
+
+    lines = [f"{p.level} {p.version}: {p.path}" for p in found.parts]
+    changed = [f"changed: {override}" for override in found.overrides]
+    if not changed and found.preset.saved is not None:
+        changed = [f"changed: {edit}" for edit in found.preset.saved.edits]
+    knobs = [f"knob: {n} = {v}" for n, v in not_neutral(found.preset.knobs).items()]
+    lines += changed + knobs
+    return ["", *lines] if lines else []
+
+
+def _heading(preset: "Preset") -> list[str]:
+    camera, made = preset.camera, preset.provenance
+    serial = f", serial {preset.lens.serial}" if preset.lens.serial else ""
+    return [
+        f"{preset.lens.name}{serial}",
+        f"{camera.model or 'camera'}: {camera.sensor_width_mm:g} x "
+        f"{camera.sensor_height_mm:g} mm, {camera.image_width_px} x "
+        f"{camera.image_height_px} px",
+        f"made {made.created} by lensfit {made.lensfit_version} from "
+        f"{len(made.images)} photographs",
+        "",
+    ]
+
+
+def _entries(entries: "tuple[Entry, ...]") -> "Table":
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("entry")
+    columns = ("principal distance", "lateral colour", "fall-off", "blur", "terms")
+    for name in (*columns, "held out"):
+        table.add_column(name, justify="right")
+    for entry in entries:
+        quality = entry.quality
+        held_out = quality.held_out_rms_px
+        stops = [f.f_number for f in entry.fall_off if not f.predicted]
+        table.add_row(
+            str(entry),
+            f"{entry.projection.principal_distance_mm:.4f} mm",
+            "yes" if entry.lateral_colour else "no",
+            " ".join("f/?" if n is None else f"f/{n:g}" for n in stops) or "no",
+            _blur(entry),
+            str(sum(term.kept for term in entry.terms)),
+            "-" if held_out is None else f"{held_out:.3f} px",
+        )
+    return table
+
+
+def _blur(entry: "Entry") -> str:
+    if entry.blur is None:
+        return "no"
+    stops = " ".join(f"f/{stop.f_number:g}" for stop in entry.blur.stops)
+    return f"{len(entry.blur.aberrations)} terms {stops}".rstrip()

@@ -1,0 +1,1 @@
+"""Presets kept by name: numbered versions, levels of a project, edits on record."""

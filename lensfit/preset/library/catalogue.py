@@ -1,0 +1,153 @@
+"""What a library holds, and whether all of it can be used."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from lensfit._strict import read_json_object
+from lensfit.errors import LensfitError, PresetError
+from lensfit.preset.library.change_set import is_change_set
+from lensfit.preset.library.layers import put_together
+from lensfit.preset.library.levels import LENSES, Level, levels_of
+from lensfit.preset.library.names import version_name
+from lensfit.preset.library.resolve import find_preset
+from lensfit.preset.library.shelf import Shelf, shelves_of
+from lensfit.preset.library.versions import version_path, versions_in
+from lensfit.preset.store import load_preset
+
+
+class Row(NamedTuple):
+    """A lens at one level.
+
+    Attributes
+    ----------
+    slug : Its folder.
+    versions : Names, rising.
+    in_use : The one that counts when none is named; None if that cannot be told.
+    marked : The default mark, or None.
+    lens : Name as it was measured; None if it cannot be read.
+    sparse : Whether the version in use holds only what differs here.
+    fault : Why it cannot be used, or None.
+    """
+
+    slug: str
+    level: str
+    versions: tuple[str, ...]
+    in_use: str | None
+    marked: str | None
+    lens: str | None
+    sparse: bool
+    fault: str | None
+
+
+def catalogue(levels: tuple[Level, ...]) -> list[Row]:
+    """Every lens at every level, nearest level first."""
+    return [
+        _row(levels[at:], slug)
+        for at in range(len(levels))
+        for slug in levels[at].slugs()
+    ]
+
+
+def _row(levels: tuple[Level, ...], slug: str) -> Row:
+    level = levels[0]
+    row = Row(slug, level.label, (), None, None, None, False, None)
+    try:
+        shelf = Shelf(level, slug)
+        row = row._replace(versions=tuple(version_name(n) for n in shelf.numbers))
+        if not shelf.numbers:
+            return row._replace(fault="holds no version")
+        mark = shelf.mark
+        number = shelf.in_use()
+        row = row._replace(
+            in_use=version_name(number), marked=mark.version if mark else None
+        )
+        found = put_together([shelf, *shelves_of(levels[1:], slug)], number)
+    except PresetError as fault:
+        return row._replace(fault=str(fault))
+    return row._replace(lens=found.preset.lens.name, sparse=len(found.parts) > 1)
+
+
+def validated(path: Path) -> dict[str, str | None]:
+    """Files and what is wrong with each; None where nothing is.
+
+    Parameters
+    ----------
+    path : A preset, a change set, the folder of a lens, or a library: of that, the
+        named level and those around it.
+    """
+    if not path.is_dir():
+        return {str(path): _fault(lambda: _check_file(path))}
+    found: dict[str, str | None] = {}
+    for name, check in _checks(path):
+        found[name] = _fault(check)
+    if not found:
+        said = PresetError(
+            "holds no lenses", where=path, remedy="name a preset or a library"
+        )
+        found[str(path)] = str(said)
+    return found
+
+
+def _fault(check: Callable[[], object]) -> str | None:
+    try:
+        check()
+    except LensfitError as error:
+        return str(error)
+    return None
+
+
+def _check_file(path: Path) -> None:
+    tables = read_json_object(
+        path, error=PresetError, source="name a preset", mend="restore or mend the file"
+    )
+    if is_change_set(tables):
+        find_preset(path)
+    else:
+        load_preset(path)
+
+
+def _checks(folder: Path) -> Iterator[tuple[str, Callable[[], object]]]:
+    whole = Path(os.path.abspath(folder))
+    if whole.parent.name == LENSES:
+        levels, slugs = levels_of(whole.parents[1])[:1], [whole.name]
+    else:
+        levels, slugs = levels_of(folder), None
+    around = levels_of(levels[0].folder)
+    for at, level in enumerate(levels):
+        for slug in slugs or level.slugs():
+            yield from _checks_of_shelf(around[at:], slug)
+
+
+def _checks_of_shelf(
+    levels: tuple[Level, ...], slug: str
+) -> Iterator[tuple[str, Callable[[], object]]]:
+    folder = levels[0].lenses / slug
+    yield str(folder), lambda: levels[0].shelf_folder(slug)
+    if _fault(lambda: levels[0].shelf_folder(slug)):
+        return
+
+    def whole(number: int) -> None:
+        shelves = [Shelf(levels[0], slug), *shelves_of(levels[1:], slug)]
+        put_together(shelves, number)
+
+    def mark() -> None:
+        Shelf(levels[0], slug).in_use()
+
+    def stranger(path: Path) -> None:
+        raise PresetError(
+            "is no version, or was claimed by a save that never ended",
+            where=path,
+            remedy="remove it; versions are v001.json to v999999.json",
+        )
+
+    numbers = versions_in(folder)
+    for number in numbers:
+        yield str(version_path(folder, number)), lambda n=number: whole(n)
+    if numbers and (folder / "default.json").exists():
+        yield str(folder / "default.json"), mark
+    known = {version_path(folder, n).name for n in numbers} | {"default.json"}
+    for name in sorted(os.listdir(folder)):
+        if name.endswith(".json") and not name.startswith(".") and name not in known:
+            yield str(folder / name), lambda p=folder / name: stranger(p)

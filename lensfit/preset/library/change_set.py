@@ -1,0 +1,167 @@
+"""A sparse preset: what is different at one level, key by key, on top of a whole one.
+
+The file is JSON, schema "lensfit.change_set.1", one version among those of its lens.
+It holds every edit made at its level since the preset it stands on, in order; of each
+key the last counts. Who, when, why and what stood there before are part of the edit.
+"""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from lensfit._strict import convert_strictly, non_finite_numbers, read_json_object
+from lensfit.errors import PresetError
+from lensfit.preset.json_text import to_json_text
+from lensfit.preset.library.key_path import steps_of
+from lensfit.preset.library.locks import check_lock
+from lensfit.preset.library.names import is_slug, version_number
+from lensfit.preset.upgrade import check_version
+
+KIND = "change_set"
+LARGEST_BYTES = 4 * 2**20
+Text = Annotated[str, Meta(min_length=1, max_length=2000)]
+
+
+class Base(Struct, frozen=True, forbid_unknown_fields=True):
+    """The preset that the changes are made to.
+
+    Attributes
+    ----------
+    level : "here" for a version of the same level, "outer" for the next level that
+        holds the lens.
+    version : Such as "v001"; None for whichever is in use there.
+    """
+
+    level: Literal["here", "outer"]
+    version: str | None = None
+
+
+class Change(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """One edit.
+
+    Attributes
+    ----------
+    key : As `key_path.key_of` spells it.
+    value, before : What stands there now, and what stood there.
+    who, when, why : The edit's author, time (ISO 8601 with time zone) and reason.
+    unlocked : Whether a measured value was changed, knowingly.
+    dropped : Whether the key was given back to the preset beneath.
+    """
+
+    key: Text
+    value: Any
+    before: Any
+    who: Text
+    when: Text
+    why: Text
+    unlocked: bool = False
+    dropped: bool = False
+
+
+class ChangeSet(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """All that differs at one level.
+
+    Attributes
+    ----------
+    lens : Folder of the lens.
+    base : What it stands on.
+    continues : The version of this level that the last edit was made to; None for the
+        first of a level.
+    changes : Oldest first.
+    """
+
+    schema: Literal["lensfit.change_set.1"] = "lensfit.change_set.1"
+    lens: str
+    base: Base
+    continues: str | None
+    changes: Annotated[tuple[Change, ...], Meta(min_length=1)]
+
+    def in_effect(self) -> dict[str, Change]:
+        """The last change of every key that is still changed, in the order made."""
+        last: dict[str, Change] = {}
+        for change in self.changes:
+            last.pop(change.key, None)
+            if not change.dropped:
+                last[change.key] = change
+        return last
+
+
+def is_change_set(tables: dict[str, Any]) -> bool:
+    """Whether a file says that it is one, of whatever version."""
+    return str(tables.get("schema")).startswith(f"lensfit.{KIND}.")
+
+
+def read_change_set(path: str | Path) -> ChangeSet:
+    """Read a change set.
+
+    Raises
+    ------
+    PresetError : It cannot be read, is no change set, or changes what is locked.
+    """
+    path = Path(path)
+    tables = read_json_object(
+        path,
+        error=PresetError,
+        source='give a change set that "lensfit preset edit" wrote',
+        mend="restore or mend the file",
+        largest_bytes=LARGEST_BYTES,
+    )
+    return change_set_of_tables(tables, path)
+
+
+def change_set_of_tables(tables: dict[str, Any], where: str | Path) -> ChangeSet:
+    """A change set from what stands in its file; checked.
+
+    Raises
+    ------
+    PresetError : As `read_change_set`.
+    """
+    check_version(tables, where, kind=KIND)
+    for key, value in non_finite_numbers(tables):
+        raise PresetError(f"{key}: {value} is no finite number", where=where)
+    found = convert_strictly(tables, ChangeSet, error=PresetError, where=where)
+    versions = [v for v in (found.base.version, found.continues) if v is not None]
+    for version in versions:
+        if version_number(version) is None:
+            raise PresetError(f"{version[:40]!r} is no version", where=where)
+    if not is_slug(found.lens):
+        raise PresetError(f"{found.lens[:40]!r} is no folder of a lens", where=where)
+    for index, change in enumerate(found.changes):
+        try:
+            _check_change(change)
+        except PresetError as fault:
+            raise PresetError(
+                f"changes[{index}]: {fault.what}", where=where, remedy=fault.remedy
+            ) from fault
+    return found
+
+
+def _check_change(change: Change) -> None:
+    check_lock(change.key, steps_of(change.key), unlocked=change.unlocked)
+    for name in ("who", "why"):
+        if not getattr(change, name).strip():
+            raise PresetError(f"{name} is empty", remedy="every edit says who and why")
+    try:
+        aware = datetime.fromisoformat(change.when).tzinfo is not None
+    except ValueError:
+        aware = False
+    if not aware:
+        raise PresetError(
+            f"when: {change.when[:40]!r} is no date and time with its zone",
+            remedy="write it as 2025-01-31T12:00:00+00:00",
+        )
+
+
+def change_set_text(changes: ChangeSet) -> str:
+    """What a file of it holds.
+
+    Raises
+    ------
+    PresetError : It holds what `read_change_set` would refuse.
+    """
+    tables = msgspec.to_builtins(changes)
+    change_set_of_tables(tables, changes.lens)
+    return to_json_text(tables)

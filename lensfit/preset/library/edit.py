@@ -1,0 +1,212 @@
+"""Edits: a new version with one more change, and who made it, when and why.
+
+An edit is made to the version in use at the named level, or to one that is named. Where
+the level has none of its own, its first change set stands on the next level outwards.
+Nothing is overwritten: of two edits at once, the second is made anew on the first.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from lensfit._strict import check_extent
+from lensfit.errors import PresetError
+from lensfit.preset.library.change_set import (
+    Base,
+    Change,
+    ChangeSet,
+    change_set_text,
+)
+from lensfit.preset.library.found import Found, value_text
+from lensfit.preset.library.key_path import (
+    MISSING,
+    complete_tables,
+    key_of,
+    steps_of,
+    value_at,
+)
+from lensfit.preset.library.layers import put_beneath, put_together, with_layer
+from lensfit.preset.library.levels import levels_of, now
+from lensfit.preset.library.locks import check_lock, lock_of
+from lensfit.preset.library.names import version_name
+from lensfit.preset.library.resolve import lens_in
+from lensfit.preset.library.shelf import Shelf, shelves_of
+from lensfit.preset.library.versions import claim_version, next_number
+from lensfit.preset.schema import Preset
+
+_TRIES = 10_000
+
+
+class Wish(NamedTuple):
+    """What somebody wants of a key: a value, or to drop what this level says."""
+
+    key: str
+    value: Any = None
+    drop: bool = False
+
+
+class Author(NamedTuple):
+    """Who edits, and why."""
+
+    who: str
+    why: str
+
+
+def wish_of(text: str) -> Wish:
+    """KEY=VALUE as it is typed; the value is JSON, or else text.
+
+    Raises
+    ------
+    PresetError : There is no "=", or the value is too large or too deep.
+    """
+    depth = 0
+    for at, letter in enumerate(text):
+        depth += (letter == "[") - (letter == "]")
+        if letter == "=" and depth == 0:
+            return Wish(text[:at].strip(), _value(text[at + 1 :].strip()))
+    raise PresetError(f"{text[:80]!r} is not KEY=VALUE", remedy="write coma_gain=0.5")
+
+
+def _value(text: str) -> Any:
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):
+        value = text
+    try:
+        check_extent(value)
+    except ValueError as reason:
+        raise PresetError(f"{text[:80]!r} is {reason}") from reason
+    return value
+
+
+def edit_preset(
+    name: str,
+    wishes: Sequence[Wish],
+    author: Author,
+    *,
+    library: Path | None = None,
+    unlock: bool = False,
+    pin: bool = False,
+) -> Found:
+    """Make one new version with these changes, and return what it is.
+
+    Parameters
+    ----------
+    name : NAME or NAME@v002.
+    library : The level that is edited.
+    unlock : Measured values may be changed.
+    pin : A first change set stands on the version now in use further out, whatever is
+        saved there later.
+
+    Raises
+    ------
+    PresetError : There is no such lens or key, it is locked, or the value does not fit.
+    OutputError : The level cannot be written.
+    """
+    if not author.why.strip() or not author.who.strip():
+        raise PresetError("an edit says who and why", remedy="give --who and --why")
+    if not wishes:
+        raise PresetError("nothing to change", remedy="give --set or --drop")
+    levels = levels_of(library)
+    lens, _, asked = name.partition("@")
+    slug = lens_in(levels, lens)
+    for _ in range(_TRIES):
+        here = Shelf(levels[0], slug)
+        shelves = [here, *shelves_of(levels[1:], slug)]
+        number = next_number(here.folder)
+        if here.numbers and here.numbers[-1] >= number:
+            continue  # saved just now
+        before = _start(shelves, asked or None, pin)
+        changes = _changed(shelves, number, before, wishes, author, unlock)
+        found = with_layer(shelves, number, changes)
+        if claim_version(here.folder, number, change_set_text(changes)):
+            return found
+    raise PresetError("others edit it all the time", where=here.folder)
+
+
+def _start(shelves: list[Shelf], asked: str | None, pin: bool) -> ChangeSet:
+    """What the edit continues: a set of changes, maybe none yet."""
+    here = shelves[0]
+    if not here.numbers:
+        if len(shelves) < 2:
+            raise PresetError("holds no version", where=here.folder)
+        version = None
+        if asked is not None or pin:
+            version = version_name(shelves[1].number(asked))
+        return ChangeSet(
+            lens=here.slug, base=Base("outer", version), continues=None, changes=()
+        )
+    number = here.number(asked)
+    name, found = version_name(number), here.read(number)
+    if isinstance(found, Preset):
+        base, changes = Base("here", name), ()
+    else:
+        base, changes = found.base, found.changes
+    return ChangeSet(lens=here.slug, base=base, continues=name, changes=changes)
+
+
+def _changed(
+    shelves: list[Shelf],
+    number: int,
+    before: ChangeSet,
+    wishes: Sequence[Wish],
+    author: Author,
+    unlock: bool,
+) -> ChangeSet:
+    """`before` with one more change for each wish."""
+
+    def looked_at(changes: ChangeSet) -> Found:
+        if not changes.changes:
+            return put_together(*put_beneath(shelves, number, changes))
+        try:
+            return with_layer(shelves, number, changes)
+        except PresetError as fault:
+            if fault.where != shelves[0].path(number):
+                raise
+            # That file is not there yet, and will not be.
+            raise PresetError(fault.what, remedy=fault.remedy) from fault
+
+    found, when = looked_at(before), now()
+    for wish in wishes:
+        steps = steps_of(wish.key)
+        check_lock(wish.key, steps, unlocked=unlock)
+        tables = complete_tables(found.preset)
+        key = key_of(tables, steps)
+        old = value_at(tables, steps)
+        own = before.in_effect().get(key)
+        if wish.drop and own is None:
+            raise PresetError(f"{key}: is not changed at {shelves[0].level.label}")
+        change = Change(
+            key=key,
+            value=wish.value,
+            before=None if old is MISSING else old,
+            who=author.who.strip(),
+            when=when,
+            why=author.why.strip(),
+            unlocked=lock_of(steps) == "locked",
+            dropped=wish.drop,
+        )
+        after = _with(before, change)
+        found = looked_at(after)
+        # As it is kept: a whole number where a length belongs becomes 50.0.
+        kept = None if wish.drop else value_at(complete_tables(found.preset), steps)
+        if own is not None and not wish.drop and kept == own.value:
+            raise PresetError(f"{key}: is {value_text(kept)} already")
+        before = _with(before, _valued(change, kept))
+    return before
+
+
+def _with(changes: ChangeSet, change: Change) -> ChangeSet:
+    return ChangeSet(
+        lens=changes.lens,
+        base=changes.base,
+        continues=changes.continues,
+        changes=(*changes.changes, change),
+    )
+
+
+def _valued(change: Change, value: Any) -> Change:
+    return msgspec.structs.replace(change, value=value)

@@ -1,0 +1,163 @@
+"""Change sets laid on a whole preset, outermost first, so that the nearest level wins.
+
+A change set stands on a version of its own level or on whatever the next level outwards
+says, and so on until a whole preset is met, which hides what lies further out.
+"""
+
+from typing import Any, NamedTuple
+
+from lensfit.errors import PresetError
+from lensfit.preset.library.change_set import Change, ChangeSet
+from lensfit.preset.library.found import Found, Override, Part, value_text
+from lensfit.preset.library.key_path import (
+    MISSING,
+    Tables,
+    complete_tables,
+    steps_of,
+    value_at,
+    with_value,
+)
+from lensfit.preset.library.names import version_name, version_number
+from lensfit.preset.library.shelf import Shelf
+from lensfit.preset.schema import Preset
+from lensfit.preset.store import preset_of_tables
+
+
+class Layer(NamedTuple):
+    """A change set and where it stands."""
+
+    part: Part
+    changes: ChangeSet
+
+
+def put_together(shelves: list[Shelf], number: int) -> Found:
+    """A version of the first shelf, with all that it stands on.
+
+    Raises
+    ------
+    PresetError : Something of it is missing, or cannot be what it is.
+    """
+    base, part, layers = _gathered(shelves, number)
+    return found_of(shelves[0].slug, base, part, layers)
+
+
+def put_beneath(
+    shelves: list[Shelf], number: int, changes: ChangeSet
+) -> tuple[list[Shelf], int]:
+    """The shelves and the version that a change set stands on.
+
+    Parameters
+    ----------
+    shelves : That of the change set, then those further out.
+    number : Its version.
+
+    Raises
+    ------
+    PresetError : It stands on nothing.
+    """
+    base = changes.base
+    asked = None if base.version is None else version_number(base.version)
+    if base.level == "outer":
+        if len(shelves) < 2:
+            raise PresetError(
+                "changes a preset of an outer level, where there is none",
+                where=shelves[0].path(number),
+                remedy="save the lens at the project, and mark the project's folder "
+                "with: lensfit preset project FOLDER",
+            )
+        outer = shelves[1]
+        below = outer.in_use() if asked is None else outer.existing(asked)
+        return shelves[1:], below
+    if asked is None or asked >= number:
+        raise PresetError(
+            "stands on no earlier version of its own level",
+            where=shelves[0].path(number),
+            remedy="restore the file",
+        )
+    return shelves, shelves[0].existing(asked)
+
+
+def _gathered(shelves: list[Shelf], number: int) -> tuple[Preset, Part, list[Layer]]:
+    """The whole preset at the bottom, its place, and what lies on it, nearest first."""
+    layers: list[Layer] = []
+    while True:
+        shelf = shelves[0]
+        part = Part(shelf.level.label, version_name(number), shelf.path(number))
+        found = shelf.read(number)
+        if isinstance(found, Preset):
+            return found, part, layers
+        layers.append(Layer(part, found))
+        shelves, number = put_beneath(shelves, number, found)
+
+
+def with_layer(shelves: list[Shelf], number: int, changes: ChangeSet) -> Found:
+    """What a version would be, were it these changes.
+
+    Raises
+    ------
+    PresetError : The result would be no preset.
+    """
+    shelf = shelves[0]
+    part = Part(shelf.level.label, version_name(number), shelf.path(number))
+    base, bottom, layers = _gathered(*put_beneath(shelves, number, changes))
+    return found_of(shelf.slug, base, bottom, [Layer(part, changes), *layers])
+
+
+def found_of(slug: str, base: Preset, bottom: Part, layers: list[Layer]) -> Found:
+    """A preset with its layers of changes, nearest first."""
+    preset, overrides, notes = _changed(base, layers)
+    parts = (*(layer.part for layer in layers), bottom)
+    return Found(
+        preset,
+        f"{slug}@{parts[0].version}",
+        parts[0].path,
+        parts,
+        tuple(overrides.values()),
+        tuple(notes),
+    )
+
+
+def _changed(
+    base: Preset, layers: list[Layer]
+) -> tuple[Preset, dict[str, Override], list[str]]:
+    """The preset with all changes, outermost first, so that the nearest wins."""
+    if not layers:
+        return base, {}, []
+    tables: Tables = complete_tables(base)
+    overrides: dict[str, Override] = {}
+    notes: list[str] = []
+    for part, changes in reversed(layers):
+        first: dict[str, Change] = {}
+        for change in changes.changes:
+            first.setdefault(change.key, change)
+        below = tables
+        for key, change in changes.in_effect().items():
+            beneath = _value_at(below, key, part)
+            if _is_other(beneath, first[key].before):
+                notes.append(
+                    f"{key} was {value_text(first[key].before)} when {part.level} "
+                    f"{part.version} changed it and is {value_text(beneath)} beneath it"
+                )
+            tables = with_value(tables, steps_of(key), change.value)
+            overrides = {k: o for k, o in overrides.items() if not _is_below(k, key)}
+            overrides[key] = Override(change, beneath, part)
+    return preset_of_tables(tables, layers[0].part.path), overrides, notes
+
+
+def _is_other(value: Any, stated: Any) -> bool:
+    return (None if value is MISSING else value) != stated
+
+
+def _is_below(key: str, above: str) -> bool:
+    return key == above or key.startswith((f"{above}.", f"{above}["))
+
+
+def _value_at(tables: Tables, key: str, part: Part) -> Any:
+    try:
+        return value_at(tables, steps_of(key))
+    except PresetError as fault:
+        raise PresetError(
+            f"changes what the preset beneath does not have: {fault.what}",
+            where=part.path,
+            remedy="drop that key (--drop), or name the version it was made for",
+        ) from fault
