@@ -9,6 +9,7 @@ from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.depth import DepthGroup
 from lensfit.cli.groups.effects import EffectsGroup
+from lensfit.cli.groups.focus import FocusGroup
 from lensfit.cli.groups.knobs import (
     AberrationGroup,
     BokehGroup,
@@ -46,6 +47,7 @@ def apply(
         OutputName.result, help="The result, or a picture that explains it"
     ),
     camera: CameraGroup,
+    focus: FocusGroup,
     depth: DepthGroup,
     effects: EffectsGroup,
     aberrations: AberrationGroup,
@@ -90,7 +92,7 @@ def apply(
 
     options = ApplyOptions(
         overrides=camera.overrides(),
-        camera=camera.sources(),
+        camera=camera.sources(focus.pick()),
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,

@@ -1,40 +1,48 @@
 """``lensfit inspect``: what pictures say of themselves, and a draft shoot file."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.camera import CameraGroup
 
+
+@takes_groups
 def inspect(
-    images: Annotated[
-        list[Path],
-        typer.Argument(help="Pictures, or a frame pattern such as plate.####.exr."),
-    ],
-    write_shoot: Annotated[
-        Path | None,
-        typer.Option(help="Draft a shoot file from what the headers know."),
-    ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print machine-readable results.")
-    ] = False,
+    images: list[Path] = typer.Argument(
+        help="Pictures, or a frame pattern such as plate.####.exr."
+    ),
+    *,
+    camera: CameraGroup,
+    write_shoot: Path = typer.Option(
+        None, help="Draft a shoot file from what the headers know."
+    ),
+    json: bool = typer.Option(False, "--json", help="Print machine-readable results."),
 ) -> None:
     """Show size, encoding, windows, camera state and clipping of pictures.
 
+    Says of every camera value where it came from, and what other sources say of it.
+
     Example: lensfit inspect dots_*.jpg --write-shoot shoot.toml
+    Example: lensfit inspect plate.1001.exr --metadata A001.csv --camera shot.nk
     """
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_error, say_note
+    from lensfit.workflow.camera_sources import CameraSources
     from lensfit.workflow.draft_shoot import write_draft_shoot
     from lensfit.workflow.inspect import as_json, inspect_images
 
+    sources = CameraSources(camera.sources(), camera.overrides())
     with progress_bars() as progress:
-        inspections, errors = inspect_images(images, progress)
+        inspections, errors = inspect_images(images, progress, sources)
     if json:
         _print_json([as_json(inspection) for inspection in inspections])
     else:
         for inspection in inspections:
             _print_table(inspection)
+    for note in dict.fromkeys(n for found in inspections for n in found.notes):
+        say_note(note)
     for error in errors:
         say_error(str(error))
     if write_shoot is not None and inspections:

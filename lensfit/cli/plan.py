@@ -9,6 +9,7 @@ from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.depth import DepthGroup
 from lensfit.cli.groups.effects import EffectsGroup
+from lensfit.cli.groups.focus import FocusGroup
 from lensfit.cli.groups.knobs import (
     AberrationGroup,
     BokehGroup,
@@ -26,6 +27,7 @@ def plan(
         1e-3, min=1e-6, help="Accepted rms error of the picture, display-referred"
     ),
     camera: CameraGroup,
+    focus: FocusGroup,
     depth: DepthGroup,
     effects: EffectsGroup,
     aberrations: AberrationGroup,
@@ -44,7 +46,7 @@ def plan(
 
     options = ApplyOptions(
         overrides=camera.overrides(),
-        camera=camera.sources(),
+        camera=camera.sources(focus.pick()),
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,

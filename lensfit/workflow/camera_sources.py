@@ -89,7 +89,7 @@ class PlateCamera:
     known : By quantity, what counts.
     overruled : By quantity, what does not, in the order in which it would.
     notes : One sentence for each thing that was assumed.
-    asked : The sources beside the header, for saying where something was not found.
+    asked : The files beside the header, for saying where something was not found.
     settings : The settings that hold for the plate.
     """
 
@@ -184,6 +184,8 @@ class CameraSources:
         for name, known in self._beside_header(frame, settings):
             words.setdefault(name, []).append(known)
         better = words.keys() | {_SAME_AS[name] for name in words.keys() & _SAME_AS}
+        if self.options.focus_at is not None:
+            better.add("focus_distance_mm")
         state = camera_state_from(header, size_px, settings.aliases, better)
         for name, value in state.known().items():
             known = Known(value, state.sources[name], rank=_HEADER)

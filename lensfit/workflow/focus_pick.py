@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from lensfit.lens import Lens
     from lensfit.render.uv import PlateGeometry
 
+FOCUS_AT = "--focus-at"
 _ROUNDS = 4
 _REMEDY = "give --focus-at another pixel or region, or --focus-distance-mm"
 
@@ -70,6 +71,7 @@ def picked_region(pick: tuple[float, ...], display: Window) -> Window:
 
 
 def picked_depth_mm(
+    image: ExrImage,
     path: Path,
     pick: tuple[float, ...],
     options: DepthOptions,
@@ -81,7 +83,8 @@ def picked_depth_mm(
 
     Parameters
     ----------
-    path : The plate; a deep one is seen from the front.
+    image : The plate; read again if it is its header alone.
+    path : Its file; a deep one is seen from the front.
     options : What the user says about depth.
     geometry, focal_length_mm : Of the plate and its CG camera, for ray distance.
 
@@ -89,8 +92,8 @@ def picked_depth_mm(
     ------
     ImageError : The plate has no depth, or only sky there.
     """
-    deep = read_deep(path) if is_deep(path) else None
-    image = read_exr(path) if deep is None else _front(deep, options)
+    if not any(part.channels for part in image.parts):
+        image = _front(read_deep(path), options) if is_deep(path) else read_exr(path)
     beside = image.parts[0]
     found = find_depth(image, options.channel, beside)
     if found is None:

@@ -1,23 +1,25 @@
 """What pictures say of themselves, before anything is fitted to them.
 
-Size, channels, encoding and windows; the camera state with the header entry that each
-value came from; and how much of the picture is clipped, since a clipped dot has no
-centre. `lensfit.workflow.draft_shoot` turns the same facts into a shoot file.
+Size, channels, encoding and windows; the camera state with the source that each value
+came from, and those that it overruled; and how much of the picture is clipped, since a
+clipped dot has no centre. `lensfit.workflow.draft_shoot` turns the same facts into a
+shoot file.
 """
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from lensfit.coords import Window
-from lensfit.errors import ImageError
+from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr_header import check_exr
-from lensfit.io.image import camera_state_of, read_photograph
+from lensfit.io.image import read_photograph
 from lensfit.io.metadata import CameraState
 from lensfit.io.sequence import expand_frames
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress, silent
+from lensfit.workflow.camera_sources import CameraSources, Known, PlateCamera
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,10 @@ class Inspection:
     chroma_subsampled : Colour is stored at lower resolution.
     orientation : EXIF orientation that was undone; 1 for none.
     state : The camera state, with its sources.
+    overruled : By quantity, what other sources say of it, the next best first.
+    notes : What was assumed of the camera.
+    undecided : What only a preset can turn into a camera state: a field of view
+        without a sensor height, a focus distance from the pinhole.
     problem : What is wrong with the camera entries of the header; None if nothing is.
     """
 
@@ -53,23 +59,31 @@ class Inspection:
     orientation: int
     state: CameraState
     problem: str | None
+    overruled: Mapping[str, tuple[Known, ...]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    undecided: Mapping[str, Known] = field(default_factory=dict)
 
 
 def inspect_images(
-    images: Iterable[str | Path], progress: Progress = silent
-) -> tuple[list[Inspection], list[ImageError]]:
+    images: Iterable[str | Path],
+    progress: Progress = silent,
+    sources: CameraSources | None = None,
+) -> tuple[list[Inspection], list[LensfitError]]:
     """Look at pictures; one that cannot be read does not stop the others.
 
     Parameters
     ----------
     images : Paths; a frame pattern such as ``plate.####.exr`` means all its frames.
+    sources : Where the camera is described beside the headers; settings beside the
+        pictures if None.
 
     Returns
     -------
     The facts about each picture that can be read, and an error for each that cannot.
     """
     paths: list[Path] = []
-    errors: list[ImageError] = []
+    errors: list[LensfitError] = []
+    sources = sources or CameraSources()
     for image in images:
         try:
             paths += [path for _, path in expand_frames(image)]
@@ -78,8 +92,8 @@ def inspect_images(
     found: list[Inspection] = []
     for done, path in enumerate(paths, 1):
         try:
-            found.append(_inspect(path))
-        except ImageError as error:
+            found.append(_inspect(path, sources))
+        except LensfitError as error:
             errors.append(error)
         progress("inspect", done, len(paths))
     return found, errors
@@ -102,8 +116,12 @@ def facts(inspection: Inspection) -> list[tuple[str, str, str]]:
     clipped = inspection.clipped_fraction
     lines.append(("clipped", "unknown" if clipped is None else f"{clipped:.2%}", ""))
     for name, value in inspection.state.known().items():
-        shown = f"{value:g}" if isinstance(value, float) else str(value)
-        lines.append((name, shown, inspection.state.sources[name]))
+        lines.append((name, _shown(value), inspection.state.sources[name]))
+        lines += _overruled(name, inspection)
+    for name, known in inspection.undecided.items():
+        from_pinhole = " from the pinhole" * known.from_pupil
+        lines.append((name, f"{known.value:g}{from_pinhole}", known.source))
+        lines += _overruled(name, inspection)
     if inspection.problem:
         lines.append(("problem", inspection.problem, "header"))
     return lines
@@ -115,20 +133,48 @@ def as_json(inspection: Inspection) -> dict[str, object]:
     record |= {"path": str(inspection.path)}
     state = inspection.state.known() | {"sources": dict(inspection.state.sources)}
     record["state"] = {k: "inf" if v == math.inf else v for k, v in state.items()}
+    record["overruled"] = {
+        name: [_as_record(known) for known in others]
+        for name, others in inspection.overruled.items()
+    }
+    undecided = inspection.undecided.items()
+    record["undecided"] = {name: _as_record(known) for name, known in undecided}
     return record
+
+
+def _overruled(name: str, inspection: Inspection) -> list[tuple[str, str, str]]:
+    return [
+        ("", _shown(known.value), f"overruled: {known.source}")
+        for known in inspection.overruled.get(name, ())
+    ]
+
+
+def _shown(value: float | str) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _as_record(known: Known) -> dict[str, object]:
+    value = "inf" if known.value == math.inf else known.value
+    record: dict[str, object] = {"value": value, "source": known.source}
+    return record | ({"from": "pinhole"} if known.from_pupil else {})
 
 
 def _box(window: Window | None) -> str:
     return "" if window is None else "({}, {}) to ({}, {})".format(*window)
 
 
-def _inspect(path: Path) -> Inspection:
+def _inspect(path: Path, sources: CameraSources) -> Inspection:
     photograph = read_photograph(path)
     metadata = photograph.metadata
+    header = metadata["header"]
+    assert isinstance(header, Mapping)
     try:
-        state, problem = camera_state_of(photograph), None
+        camera = sources.of_plate(path, header, photograph.size_px)
+        problem = None
     except ImageError as error:
-        state, problem = CameraState(), error.what
+        camera, problem = PlateCamera({}), error.what
+    decided = camera.state.known()
+    undecided = {n: k for n, k in camera.known.items() if n not in decided}
     return Inspection(
         path=path,
         format=str(metadata["format"]),
@@ -141,8 +187,11 @@ def _inspect(path: Path) -> Inspection:
         clipped_fraction=_clipped_fraction(photograph),
         chroma_subsampled=photograph.chroma_subsampled,
         orientation=int(str(metadata["orientation"])),
-        state=state,
+        state=camera.state,
         problem=problem,
+        overruled=camera.overruled,
+        notes=camera.notes,
+        undecided=undecided,
     )
 
 

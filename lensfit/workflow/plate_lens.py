@@ -4,6 +4,7 @@ Knows for a plate which state the lens has, how the frame lies on the sensor and
 stages prepare it; keeps the stages while neither camera nor windows change.
 """
 
+import math
 from pathlib import Path
 from typing import final
 
@@ -20,7 +21,7 @@ from lensfit.render.uv import PlateGeometry
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera_sources import CameraSources, Known, PlateCamera
 from lensfit.workflow.external_map import ExternalMap
-from lensfit.workflow.focus_pick import picked_depth_mm
+from lensfit.workflow.focus_pick import FOCUS_AT, picked_depth_mm
 from lensfit.workflow.frame_signature import preset_digest, signature
 from lensfit.workflow.plate_header import header_entries
 from lensfit.workflow.plate_notes import Notes, border_note
@@ -54,21 +55,28 @@ class PlateLens:
     def state_of(self, image: ExrImage, path: Path) -> PlateState:
         """The camera state of a plate."""
         camera = self._camera(image, path)
-        state = self._state(camera, image)
+        if self.options.camera.focus_at is None:
+            return self._state(camera, image)
+        focus, notes = self._picked(camera, image, path)
+        state = self._state(camera.focused(focus), image)
+        return state._replace(notes=(*state.notes, *notes))
+
+    def _picked(
+        self, camera: PlateCamera, image: ExrImage, path: Path
+    ) -> tuple[Known, tuple[str, ...]]:
+        """What the user picked to be in focus; until it is known, the sky is."""
         pick = self.options.camera.focus_at
-        if pick is None:
-            return state
-        display = image.parts[0].display_window
+        assert pick is not None
+        state = self._state(camera.focused(Known(math.inf, FOCUS_AT)), image)
         depth_mm, notes = picked_depth_mm(
+            image,
             path,
             pick,
             self.options.depth,
-            self.geometry(state, display),
+            self.geometry(state, image.parts[0].display_window),
             self.cg_focal_length_mm(state),
         )
-        found = Known(depth_mm, "--focus-at", from_pupil=True)
-        state = self._state(camera.focused(found), image)
-        return state._replace(notes=(*state.notes, *notes))
+        return Known(depth_mm, FOCUS_AT, from_pupil=True), notes
 
     def _camera(self, image: ExrImage, path: Path) -> PlateCamera:
         display = image.parts[0].display_window

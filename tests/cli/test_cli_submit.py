@@ -86,8 +86,10 @@ def given_to_every_option(job) -> list[str]:
         if option.is_flag:
             words.append(option.opts[0])
             continue
-        for value in [accepted(option, job), *([""] if option.multiple else [])]:
-            words += [option.opts[0], value]
+        value = accepted(option, job)
+        empty = [""] if option.multiple and not Path(value).is_absolute() else []
+        for word in [value, *empty]:
+            words += [option.opts[0], word]
     return words
 
 

@@ -32,14 +32,6 @@ class CameraGroup:
             rich_help_panel=_PANEL,
         ),
     ] = None
-    focus_at: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y[,X1,Y1]",
-            help="Focus on what lies at a pixel of the frame, or (median) in a region",
-            rich_help_panel=_PANEL,
-        ),
-    ] = None
     sensor_width_mm: Annotated[
         float | None,
         typer.Option(
@@ -96,13 +88,16 @@ class CameraGroup:
             self.sensor_width_mm,
         )
 
-    def sources(self) -> "CameraOptions":
+    def sources(self, focus_at: tuple[float, ...] | None = None) -> "CameraOptions":
         """Where else the camera is described.
+
+        Parameters
+        ----------
+        focus_at : What the user picked to be in focus.
 
         Raises
         ------
-        typer.BadParameter : Focus is both stated and picked, or a word is no unit, or
-            no pixel.
+        typer.BadParameter : Focus is both stated and picked, or a word is no unit.
         """
         from lensfit.workflow.camera_sources import CameraOptions
 
@@ -111,29 +106,15 @@ class CameraGroup:
                 f"{self.camera_unit!r} is not one of {', '.join(_UNITS)}",
                 param_hint="--camera-unit",
             )
+        if focus_at is not None and self.focus_distance_mm is not None:
+            raise typer.BadParameter(
+                "give it or --focus-distance-mm, not both", param_hint="--focus-at"
+            )
         return CameraOptions(
             tuple(self.metadata or ()),
             self.metadata_start,
             self.camera_name,
             self.camera_unit,
             self.settings,
-            self._picked(),
+            focus_at,
         )
-
-    def _picked(self) -> tuple[float, ...] | None:
-        if self.focus_at is None:
-            return None
-        hint = "--focus-at"
-        if self.focus_distance_mm is not None:
-            raise typer.BadParameter(
-                "give it or --focus-distance-mm, not both", param_hint=hint
-            )
-        try:
-            numbers = tuple(float(word) for word in self.focus_at.split(","))
-        except ValueError:
-            numbers = ()
-        if len(numbers) not in (2, 4) or not all(abs(n) < 1e6 for n in numbers):
-            raise typer.BadParameter(
-                f"{self.focus_at!r} is not X,Y or X0,Y0,X1,Y1", param_hint=hint
-            )
-        return numbers
