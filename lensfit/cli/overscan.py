@@ -2,15 +2,19 @@
 
 import json
 import math
-from pathlib import Path
 
 import typer
 
 from lensfit.cli.apply import FilterName
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 
 
+@takes_groups
 def overscan(
-    preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
+    preset: str = typer.Argument(help=PRESET_HELP),
+    *,
+    library: LibraryGroup,
     size: str = typer.Option(
         None, help="Frame, as 4096x3072; that of the photographs by default"
     ),
@@ -46,13 +50,12 @@ def overscan(
     """
     from lensfit.cli._door import say_note
     from lensfit.cli.stmap import size_px
-    from lensfit.preset.store import load_preset
     from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
 
     frame = size_px(size)
     focal = _span(focal_length_mm, "--focal-length-mm")
     focus = _span(focus_distance_mm, "--focus-distance-mm")
-    loaded = load_preset(preset)
+    loaded = library.find(preset).preset
     question = OverscanQuestion(
         frame or (loaded.camera.image_width_px, loaded.camera.image_height_px),
         sensor_width_mm,

@@ -5,6 +5,9 @@ from pathlib import Path
 
 import typer
 
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+
 
 class Direction(StrEnum):
     """Which maps are written."""
@@ -14,8 +17,11 @@ class Direction(StrEnum):
     redistort = "redistort"
 
 
+@takes_groups
 def stmap(
-    preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
+    preset: str = typer.Argument(help=PRESET_HELP),
+    *,
+    library: LibraryGroup,
     out: Path = typer.Option(..., "--out", help="Folder for the maps"),
     size: str = typer.Option(
         None, help="Display window, as 4096x3072; that of the photographs by default"
@@ -51,10 +57,9 @@ def stmap(
     wanted = size_px(size)
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
-    from lensfit.preset.store import load_preset
     from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 
-    loaded = load_preset(preset)
+    loaded = library.find(preset).preset
     camera = loaded.camera
     lens = loaded.at(
         focal_length_mm=focal_length_mm, focus_distance_mm=focus_distance_mm
