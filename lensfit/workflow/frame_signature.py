@@ -23,7 +23,8 @@ OVERSCAN = "lens/overscan"
 
 
 def preset_digest(preset: Preset) -> str:
-    """Eight hexadecimal digits that change with anything in the preset."""
+    """Eight hexadecimal digits that change with anything but where it was saved."""
+    preset = msgspec.structs.replace(preset, saved=None)
     return hashlib.sha256(msgspec.json.encode(preset)).hexdigest()[:8]
 
 

@@ -23,6 +23,7 @@ from lensfit.preset.library.change_set import (
 from lensfit.preset.library.found import Found, value_text
 from lensfit.preset.library.key_path import (
     MISSING,
+    Tables,
     complete_tables,
     key_of,
     steps_of,
@@ -169,34 +170,66 @@ def _changed(
             # That file is not there yet, and will not be.
             raise PresetError(fault.what, remedy=fault.remedy) from fault
 
-    found, when = looked_at(before), now()
+    # First, for it mends a level whose keys are gone from the preset beneath.
     for wish in wishes:
-        steps = steps_of(wish.key)
-        check_lock(wish.key, steps, unlocked=unlock)
-        tables = complete_tables(found.preset)
-        key = key_of(tables, steps)
-        old = value_at(tables, steps)
-        own = before.in_effect().get(key)
-        if wish.drop and own is None:
-            raise PresetError(f"{key}: is not changed at {shelves[0].level.label}")
-        change = Change(
-            key=key,
-            value=wish.value,
-            before=None if old is MISSING else old,
-            who=author.who.strip(),
-            when=when,
-            why=author.why.strip(),
-            unlocked=lock_of(steps) == "locked",
-            dropped=wish.drop,
-        )
-        after = _with(before, change)
-        found = looked_at(after)
-        # As it is kept: a whole number where a length belongs becomes 50.0.
-        kept = None if wish.drop else value_at(complete_tables(found.preset), steps)
-        if own is not None and not wish.drop and kept == own.value:
-            raise PresetError(f"{key}: is {value_text(kept)} already")
-        before = _with(before, _valued(change, kept))
+        if wish.drop:
+            check_lock(wish.key, steps_of(wish.key), unlocked=unlock)
+            key = _own_key(before, wish.key, shelves[0].level.label)
+            before = _with(before, _dropped(before.in_effect()[key], author))
+    found = looked_at(before)
+    for wish in wishes:
+        if not wish.drop:
+            check_lock(wish.key, steps_of(wish.key), unlocked=unlock)
+            change = _change(complete_tables(found.preset), wish, author)
+            found = looked_at(_with(before, change))
+            # As it is kept: a whole number where a length belongs becomes 50.0.
+            kept = value_at(complete_tables(found.preset), steps_of(change.key))
+            own = before.in_effect().get(change.key)
+            if own is not None and kept == own.value:
+                raise PresetError(f"{change.key}: is {value_text(kept)} already")
+            before = _with(before, msgspec.structs.replace(change, value=kept))
     return before
+
+
+def _own_key(changes: ChangeSet, key: str, level: str) -> str:
+    """The key as the level's changes spell it."""
+    meant = steps_of(key)
+    own = [k for k in changes.in_effect() if steps_of(k) == meant]
+    if not own:
+        here = ", ".join(changes.in_effect()) or "nothing"
+        raise PresetError(
+            f"{key}: is not changed at {level}", remedy=f"changed is {here}"
+        )
+    return own[0]
+
+
+def _dropped(change: Change, author: Author) -> Change:
+    """The change taken back."""
+    return Change(
+        key=change.key,
+        value=None,
+        before=change.value,
+        who=author.who.strip(),
+        when=now(),
+        why=author.why.strip(),
+        unlocked=change.unlocked,
+        dropped=True,
+    )
+
+
+def _change(tables: Tables, wish: Wish, author: Author) -> Change:
+    """A wish as it goes on record."""
+    steps = steps_of(wish.key)
+    before = value_at(tables, steps)
+    return Change(
+        key=key_of(tables, steps),
+        value=wish.value,
+        before=None if before is MISSING else before,
+        who=author.who.strip(),
+        when=now(),
+        why=author.why.strip(),
+        unlocked=lock_of(steps) == "locked",
+    )
 
 
 def _with(changes: ChangeSet, change: Change) -> ChangeSet:
@@ -206,7 +239,3 @@ def _with(changes: ChangeSet, change: Change) -> ChangeSet:
         continues=changes.continues,
         changes=(*changes.changes, change),
     )
-
-
-def _valued(change: Change, value: Any) -> Change:
-    return msgspec.structs.replace(change, value=value)

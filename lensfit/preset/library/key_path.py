@@ -128,9 +128,7 @@ def _index(value: Any, step: int | Pairs, place: str) -> int:
         raise PresetError(f"{place}: is no list here")
     if isinstance(step, int):
         if step >= len(value):
-            raise PresetError(
-                f"{place}[{step}]: there are {len(value)} members, from 0"
-            )
+            raise PresetError(f"{place}[{step}]: there are {len(value)}, from 0")
         return step
     said = ",".join(f"{name}={text}" for name, text in step)
     found = [i for i, m in enumerate(value) if _is_meant(m, step)]

@@ -157,7 +157,7 @@ def _value_at(tables: Tables, key: str, part: Part) -> Any:
         return value_at(tables, steps_of(key))
     except PresetError as fault:
         raise PresetError(
-            f"changes what the preset beneath does not have: {fault.what}",
+            f"changes {key}, which the preset beneath does not have",
             where=part.path,
-            remedy="drop that key (--drop), or name the version it was made for",
+            remedy="give the key back with: lensfit preset edit --drop KEY",
         ) from fault
