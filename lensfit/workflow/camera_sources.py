@@ -295,21 +295,18 @@ def _stop_notes(words: dict[str, list[Known]]) -> Iterator[str]:
     if not words.get("t_number"):
         return
     stop = words["t_number"][0]
-    shown = f"T{stop.value:.4g} of {_file_of(stop.source)}"
+    whose = _file_of(stop.source)
     if "f_number" not in words:
         words["f_number"] = [
             Known(stop.value, f"{stop.source}, a T-stop", rank=stop.rank)
         ]
         yield (
-            f"a T-stop is used as the f-number, as no source knows that: {shown} "
+            f"the T-stop of {whose} is used as the f-number, which no source knows "
             "(--f-number states it)"
         )
     elif words["f_number"][0].rank > stop.rank:
-        better = words["f_number"][0]
-        yield (
-            f"{shown} is no f-number: f/{better.value:.4g} of "
-            f"{_file_of(better.source)} is used"
-        )
+        better = _file_of(words["f_number"][0].source)
+        yield f"the f-number of {better} is used, as {whose} knows the T-stop only"
 
 
 def _file_of(source: str) -> str:

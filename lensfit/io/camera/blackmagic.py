@@ -11,7 +11,7 @@ from lensfit.errors import CameraError
 from lensfit.io.camera.quantity import at_line, is_missing, number, unit_mm
 from lensfit.io.camera.stops import stop
 from lensfit.io.camera.table import CameraTable, Gathered, Row, shared
-from lensfit.io.camera.text import MOST_ROWS, read_text
+from lensfit.io.camera.text import MOST_ROWS, read_lines
 
 KIND = "Blackmagic text"
 FRAME_HEADING = re.compile(r"Frame (\d{1,9}) Metadata\s*")
@@ -29,7 +29,7 @@ def read_blackmagic(path: str | Path) -> CameraTable:
     rows: list[Row] = []
     clip: dict[str, str] = {}
     block: Gathered | None = None
-    for line, text in enumerate(read_text(path).splitlines(), 1):
+    for line, text in read_lines(path):
         if FRAME_HEADING.fullmatch(text):
             block = Gathered(path, line)
             block.put("lens_model", clip.get("lens_type"), "lens_type")
@@ -43,7 +43,8 @@ def read_blackmagic(path: str | Path) -> CameraTable:
         if not colon or is_missing(value):
             continue
         if block is None:
-            clip[key] = value
+            if key in ("lens_type", "camera_type"):
+                clip[key] = value
             continue
         block.line = line
         try:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from lensfit.errors import CameraError
 from lensfit.io.camera.table import CameraTable, Gathered, Row
-from lensfit.io.camera.text import MOST_ROWS, read_text
+from lensfit.io.camera.text import MOST_ROWS, read_lines
 
 KIND = ".chan camera"
 _ENTRY = "vfov"
@@ -24,7 +24,7 @@ def read_chan(path: str | Path) -> CameraTable:
     """
     path = Path(path)
     rows: dict[int, Row] = {}
-    for line, text in enumerate(read_text(path).splitlines(), 1):
+    for line, text in read_lines(path):
         words = text.split(maxsplit=_COLUMNS + 8)
         if not words or words[0].startswith("#"):
             continue

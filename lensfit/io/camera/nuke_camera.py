@@ -34,6 +34,7 @@ _KNOBS = {
     "focal_point": "focus_from_pupil_mm",
 }
 _MOST_NODES = 1000
+_LARGEST_NODE = 4 << 20
 _MOST_KEYS = 200_000
 
 
@@ -176,6 +177,8 @@ def _nodes(path: Path, text: str) -> dict[str, dict[str, str]]:
         if count >= _MOST_NODES:
             raise CameraError(f"has more than {_MOST_NODES} cameras", where=path)
         end = _closing(text, match.end(), path)
+        if end - match.start() > _LARGEST_NODE:
+            raise CameraError("has a camera too large to be one", where=path)
         words = list(_words(text[match.end() : end], path))
         knobs = dict(zip(words[::2], words[1::2], strict=False))
         found[knobs.get("name", f"{match[1]}_{count + 1}")[:100]] = knobs

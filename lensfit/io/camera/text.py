@@ -6,7 +6,8 @@ file costs one error line, not the machine.
 """
 
 import csv
-from collections.abc import Iterator, Sequence
+import io
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ from lensfit.io.camera.quantity import is_missing
 MOST_BYTES = 64 << 20
 MOST_ROWS = 200_000
 MOST_COLUMNS = 4096
+MOST_LINES = 20 * MOST_ROWS
 _SNIFFED = 1 << 16
 _LONGEST_CELL = 1 << 16
 
@@ -44,6 +46,23 @@ def read_text(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
     if "\0" in text:
         raise _no_text(path, "it holds NUL bytes")
     return text
+
+
+def read_lines(path: str | Path) -> Iterator[tuple[int, str]]:
+    """Number and text of each line of a file.
+
+    Raises
+    ------
+    CameraError : As `read_text`, or it has more lines than any camera writes.
+    """
+    for at, line in enumerate(io.StringIO(read_text(path)), 1):
+        if at > MOST_LINES:
+            raise CameraError(
+                f"has more than {MOST_LINES} lines",
+                where=path,
+                remedy="cut it to the frames of the shot",
+            )
+        yield at, line.rstrip("\n")
 
 
 def sniff(path: str | Path) -> str:
@@ -80,7 +99,7 @@ def read_sheet(path: str | Path, delimiter: str) -> Sheet:
         than any camera writes; the rows' own are raised when they are asked for.
     """
     path = Path(path)
-    lines = _within_bounds(read_text(path).splitlines(keepends=True), delimiter, path)
+    lines = _within_bounds(io.StringIO(read_text(path), newline=""), delimiter, path)
     rows = _rows(csv.reader(lines, delimiter=delimiter), path)
     first = next(rows, None)
     columns: dict[str, list[int]] = {}
@@ -89,7 +108,7 @@ def read_sheet(path: str | Path, delimiter: str) -> Sheet:
     return Sheet(columns, rows)
 
 
-def _within_bounds(lines: list[str], delimiter: str, path: Path) -> Iterator[str]:
+def _within_bounds(lines: Iterable[str], delimiter: str, path: Path) -> Iterator[str]:
     for at, line in enumerate(lines, 1):
         if at > MOST_ROWS + 1:
             raise CameraError(
