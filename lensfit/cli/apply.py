@@ -16,6 +16,7 @@ from lensfit.cli.groups.knobs import (
     LookGroup,
     stated,
 )
+from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 
 
 class FilterName(StrEnum):
@@ -37,7 +38,7 @@ class OutputName(StrEnum):
 
 @takes_groups
 def apply(
-    preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
+    preset: str = typer.Argument(help=PRESET_HELP),
     plates: str = typer.Argument(help="EXR plate, or plate.####.exr for a sequence"),
     *,
     out: Path = typer.Option(..., "--out", help="Folder for the results"),
@@ -46,6 +47,7 @@ def apply(
     output: OutputName = typer.Option(
         OutputName.result, help="The result, or a picture that explains it"
     ),
+    library: LibraryGroup,
     camera: CameraGroup,
     focus: FocusGroup,
     depth: DepthGroup,
@@ -86,7 +88,6 @@ def apply(
     Example: lensfit apply takumar/preset.json plate.####.exr --out rendered
     """
     from lensfit.cli._bars import progress_bars
-    from lensfit.preset.store import load_preset
     from lensfit.workflow.apply import apply_preset
     from lensfit.workflow.apply_options import ApplyOptions
 
@@ -107,7 +108,7 @@ def apply(
     )
     with progress_bars() as progress:
         applied = apply_preset(
-            load_preset(preset),
+            library.find(preset).preset,
             plates,
             out,
             frames=frames,

@@ -16,16 +16,18 @@ from lensfit.cli.groups.knobs import (
     LookGroup,
     stated,
 )
+from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 
 
 @takes_groups
 def plan(
-    preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
+    preset: str = typer.Argument(help=PRESET_HELP),
     plate: Path = typer.Argument(help="EXR plate"),
     *,
     tolerance: float = typer.Option(
         1e-3, min=1e-6, help="Accepted rms error of the picture, display-referred"
     ),
+    library: LibraryGroup,
     camera: CameraGroup,
     focus: FocusGroup,
     depth: DepthGroup,
@@ -40,7 +42,6 @@ def plan(
     Example: lensfit plan takumar_50/preset.json plate.1001.exr --tolerance 3e-3
     """
     from lensfit.cli._door import say_note
-    from lensfit.preset.store import load_preset
     from lensfit.workflow.apply_options import ApplyOptions
     from lensfit.workflow.plan_plate import plan_plate
 
@@ -53,7 +54,7 @@ def plan(
         knobs=stated(aberrations, bokeh, look),
         tolerance=tolerance,
     )
-    found, notes = plan_plate(load_preset(preset), plate, options)
+    found, notes = plan_plate(library.find(preset).preset, plate, options)
     if as_json:
         stages = [stage._asdict() for stage in found.stages]
         totals = {

@@ -8,7 +8,9 @@ from pathlib import Path
 import typer
 
 from lensfit.cli.apply import apply
+from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.handed_on import hands_on
+from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.workflow.farm_job import FarmJob, HandedOption, absolute, farm_job
 
 
@@ -22,11 +24,13 @@ class Farm(StrEnum):
 _SUFFIX = {Farm.openjd: "openjd.json", Farm.opencue: "outline"}
 
 
-@hands_on(apply, except_for=("preset", "plates", "out", "frames", "as_json"))
+@hands_on(apply, except_for=("preset", "plates", "out", "frames", "library", "as_json"))
+@takes_groups
 def submit(
-    preset: Path = typer.Argument(help="Preset of the lens, preset.json"),
+    preset: str = typer.Argument(help=PRESET_HELP),
     plates: str = typer.Argument(help="EXR plate, or plate.####.exr for a sequence"),
     *,
+    library: LibraryGroup,
     out: Path = typer.Option(..., "--out", help="Folder for the results"),
     frames: str = typer.Option(None, help="Frames of the sequence: 1001-1100x2,1200"),
     chunk: int = typer.Option(10, min=1, help="Frames of one task"),
@@ -43,13 +47,16 @@ def submit(
 
     Takes every option of apply and hands it on as given. The job is an Open Job
     Description template with its paths in a file beside it, or an outline of OpenCue;
-    nothing is rendered here. A task that is run again skips its finished frames.
+    nothing is rendered here. A task that is run again skips its finished frames. A lens
+    of the library is handed on as the file of the version that is in use now.
 
     Example: lensfit submit takumar/preset.json plate.####.exr --out rendered --chunk 20
     """
     from lensfit.cli._door import say_note
 
-    job = farm_job(preset, plates, out, frames, chunk=chunk, options=handed)
+    job = farm_job(
+        library.file(preset), plates, out, frames, chunk=chunk, options=handed
+    )
     path = absolute(write or out / f"apply.{_SUFFIX[to]}")
     files, run = _written(job, to, path)
     if job.missing:

@@ -1,11 +1,13 @@
 """`lensfit apply` passes every option on, and says in one line what is wrong."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from lensfit.cli.groups.library import LibraryGroup
 from lensfit.cli.main import app
 from lensfit.workflow import apply as workflow
 from lensfit.workflow.plate_depth import DepthOptions
@@ -21,7 +23,9 @@ def asked(monkeypatch):
         return workflow.Applied(notes=["heed this"], failures=calls.get("bad", []))
 
     monkeypatch.setattr(workflow, "apply_preset", note)
-    monkeypatch.setattr("lensfit.preset.store.load_preset", lambda path: None)
+    monkeypatch.setattr(
+        LibraryGroup, "find", lambda group, name: SimpleNamespace(preset=None)
+    )
     return calls
 
 

@@ -18,7 +18,7 @@ from lensfit.cli.apply import apply
 from lensfit.cli.main import app
 
 NASTY = "a'b \"$HOME;{{Param.Out}}|é"
-OWN = {"preset", "plates", "out", "frames", "as_json"}
+OWN = {"preset", "plates", "out", "frames", "library", "as_json"}
 """What submit has itself, and JSON, which is how submit speaks."""
 RECORDER = """#!{python}
 import json, pathlib, sys
@@ -209,7 +209,7 @@ def test_results_do_not_replace_plates_and_presets_exist(job):
     plates = str(job / f"{NASTY}.####.exr")
     for preset, out, said in (
         ("preset.json", job, "would replace its own source"),
-        ("none.json", job / "o ut", "none.json: does not exist"),
+        ("none.json", job / "o ut", "none.json: cannot be read"),
     ):
         words = ["submit", str(job / preset), plates, "--out", str(out)]
         result = CliRunner().invoke(app, words)

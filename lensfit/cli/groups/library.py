@@ -36,6 +36,11 @@ class LibraryGroup:
             say_note(note)
         return found
 
+    def file(self, preset: str) -> Path:
+        """The file that a path or a name means; a path is not looked into."""
+        path = Path(preset)
+        return path if path.is_file() else self.find(preset).path
+
     def levels(self) -> "tuple[Level, ...]":
         """Nearest first."""
         from lensfit.preset.library.levels import levels_of
