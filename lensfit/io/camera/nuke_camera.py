@@ -143,6 +143,12 @@ def read_nuke_camera(
             )
         else:
             curves[knob] = curve
+    if not curves and not notes:
+        raise CameraError(
+            f"{name} states none of {', '.join(_KNOBS)}",
+            where=path,
+            remedy="Nuke does not write a knob at its default: state the values",
+        )
     notes += _remarks(path, name, curves, unit_mm)
     return NukeCamera(path, name, curves, unit_mm or 1000.0, sorted(notes))
 

@@ -20,6 +20,7 @@ MOST_COLUMNS = 4096
 MOST_LINES = 20 * MOST_ROWS
 _SNIFFED = 1 << 16
 _LONGEST_CELL = 1 << 16
+_LONGEST_LINE = 1 << 16
 
 
 def read_text(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
@@ -61,6 +62,10 @@ def read_lines(path: str | Path) -> Iterator[tuple[int, str]]:
                 f"has more than {MOST_LINES} lines",
                 where=path,
                 remedy="cut it to the frames of the shot",
+            )
+        if len(line) > _LONGEST_LINE:
+            raise CameraError(
+                f"line {at} is longer than any that a camera writes", where=path
             )
         yield at, line.rstrip("\n")
 
