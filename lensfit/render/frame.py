@@ -4,20 +4,28 @@ chief-ray warp      where each channel's light lands (distortion, lateral colour
 depth of field      in the distorted picture, on the window with its margin, before any
                     light is lost: each layer blurred by the lens' own kernels
 illumination        how much of it arrives
+looks               filters, reflections, glare, white balance (`look.stack`), on the
+                    window with its margin
 crop                the margin and the overscan go last
 """
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Float32
 
 from lensfit.coords import Window
+from lensfit.preset.look_knobs import LookKnobs
 from lensfit.render.buffers import aligned_empty, crop
 from lensfit.render.defocus import blurred_layers, blurred_plate
 from lensfit.render.falloff import apply_gain
 from lensfit.render.filters import Filter, filter_for
 from lensfit.render.layer_stack import LayerStack, Mattes, check_depth, flattened
+from lensfit.render.look.blur_of_light import SharpLayer
+from lensfit.render.look.sharp import sharp_layers
+from lensfit.render.look.stack import Arrival, light_spreads
+from lensfit.render.look.white_balance import Chromaticities
 from lensfit.render.nearest import nearest
 from lensfit.render.stages import (
     DEFAULT_TOLERANCE,
@@ -44,6 +52,8 @@ def render(
     switches: Switches | None = None,
     method: Filter | None = None,
     mattes: Mattes | None = None,
+    look: LookKnobs | None = None,
+    chromaticities: Chromaticities | None = None,
 ) -> Float32[np.ndarray, "out_height out_width channels"]:
     """The plate as the lens would have photographed it.
 
@@ -64,6 +74,9 @@ def render(
     switches : Effects of the lens that are wanted; all if None.
     method : Interpolating filter; chosen by the tolerance if None.
     mattes : Coverage of the objects that share a pixel, where the plate knows it.
+    look : Bloom, glints, filters, ghosts, white balance; none if None.
+    chromaticities : x and y of red, green, blue and white of the plate, for the white
+        balance; Rec. 709 if None.
 
     Returns
     -------
@@ -86,13 +99,16 @@ def render(
     data_window = data_window or display_window
     output = data_window if keep_overscan else display_window
     has_depth = depth_mm is not None or isinstance(rgb, LayerStack)
+    spreads = has_depth or light_spreads(look)
     stages = prepare_stages(
         lens,
         display_window,
-        window_with_margin(output, data_window) if has_depth else output,
+        window_with_margin(output, data_window) if spreads else output,
         tolerance=tolerance,
         switches=switches,
         sensor_width_mm=sensor_width_mm,
+        look=look,
+        chromaticities=chromaticities,
     )
     return render_stages(
         pixels,
@@ -106,8 +122,8 @@ def render(
 
 
 def window_with_margin(output_window: Window, data_window: Window) -> Window:
-    """The window to prepare stages for when there is depth: light from beside the
-    output spreads into it, as far as the plate has any."""
+    """The window to prepare stages for when there is depth, or a look that spreads
+    light: it comes from beside the output, as far as the plate has any."""
     a, b = output_window, data_window
     return Window(
         min(a.x_min, b.x_min),
@@ -136,40 +152,64 @@ def render_stages(
         the layers of a deep plate, which are returned as r g b alpha.
     data_window : Where they lie.
     stages : What the lens does; its window holds `output_window` (for a plate with
-        depth: `window_with_margin`).
+        depth, or a look that spreads light: `window_with_margin`).
     output_window : Pixels to return.
     method : Interpolating filter.
     depth_mm : As in `render`; None leaves defocus out (of a flat plate).
     mattes : As in `render`.
     in_front : Layers cut out of a flat plate with depth, over the same window.
     """
-    if stages.defocus is None or (
-        depth_mm is None and not isinstance(pixels, LayerStack)
-    ):
+    look = stages.look
+    whole = look is not None and look.spreads
+    window = stages.window if whole else output_window
+    if isinstance(pixels, LayerStack) and stages.defocus is not None:
+        layers = _landed_layers(pixels, data_window, stages, method)
+        arrival = _arrival(stages, list(layers.rgba), list(layers.depth_mm))
+        blurred = blurred_layers(layers, stages.window, window, stages.defocus)
+        picture = _lit(blurred, stages, window)
+    elif depth_mm is None or stages.defocus is None:
         flat = flattened(pixels) if isinstance(pixels, LayerStack) else pixels
         landed = _landed(flat, data_window, stages, method)
-        return crop(_lit(landed, stages), stages.window, output_window)
-    if isinstance(pixels, LayerStack):
-        count = 4
-        layers = _landed_layers(pixels, data_window, stages, method)
-        blurred = blurred_layers(layers, stages.window, output_window, stages.defocus)
+        arrival = _arrival(stages, [landed])
+        picture = crop(_lit(landed, stages), stages.window, window)
     else:
-        assert depth_mm is not None
+        assert isinstance(pixels, np.ndarray)
         check_depth(depth_mm, pixels.shape[:2])
-        count = pixels.shape[-1]
+        landed = _landed(_with_alpha(pixels), data_window, stages, method)
+        depth = nearest(depth_mm, data_window, stages.maps[1])
+        front = in_front and _landed_layers(in_front, data_window, stages, method)
+        colours, depths = ([], []) if front is None else (front.rgba, front.depth_mm)
+        arrival = _arrival(stages, [*colours, landed], [*depths, depth])
         blurred = blurred_plate(
-            _landed(_with_alpha(pixels), data_window, stages, method),
-            nearest(depth_mm, data_window, stages.maps[1]),
+            landed,
+            depth,
             _landed_mattes(mattes, data_window, stages),
             stages.window,
-            output_window,
+            window,
             stages.defocus,
-            in_front and _landed_layers(in_front, data_window, stages, method),
+            front,
         )
-    return _lit(blurred, stages, output_window)[..., _CHANNELS_OF[count]]
+        picture = _lit(blurred, stages, window)[..., _CHANNELS_OF[pixels.shape[-1]]]
+    if look is None:
+        return picture
+    return crop(look.applied(picture, window, arrival), window, output_window)
 
 
 _CHANNELS_OF = {1: slice(1, 2), 3: slice(0, 3), 4: slice(0, 4)}
+
+
+def _arrival(
+    stages: Stages,
+    rgba: Sequence[Float32[np.ndarray, "height width channels"]],
+    depth_mm: Sequence[Float32[np.ndarray, "height width"]] | None = None,
+) -> Arrival:
+    """What looks must know of the plate before it is blurred, layers front to back."""
+    look = stages.look
+    if look is None or not look.wants_arrival:
+        return Arrival(None, None)
+    if depth_mm is None or stages.defocus is None:
+        return look.arrival([SharpLayer(rgba[0][..., :3], None)])
+    return look.arrival(sharp_layers(rgba, depth_mm, stages.defocus.circle))
 
 
 def _landed(

@@ -15,6 +15,7 @@ from lensfit.render.blur_setup import BlurSetup, Defocus
 from lensfit.render.defocus import levels_in
 from lensfit.render.edges import outline
 from lensfit.render.layer_stack import LayerStack
+from lensfit.render.look.price import prices
 from lensfit.render.stages import Budget, Stages
 
 _PER_PX = 0.1
@@ -84,7 +85,7 @@ def plan_of(
     depth_mm: Float32[np.ndarray, "height width"] | None = None,
     layers: LayerStack | None = None,
 ) -> Plan:
-    """The plan of one plate.
+    """The plan of one plate; looks are listed where they run.
 
     Parameters
     ----------
@@ -109,6 +110,9 @@ def plan_of(
         found.append(_depth_of_field(radius_px, output_window, setup, stages.defocus))
         first_s = _kernels_s(setup, stages.defocus)
     found.append(_falloff(stages, tolerance))
+    if stages.look is not None:
+        on = prices(stages.look, stages.window)
+        found += [StagePlan(p.name, True, p.reason, p.error, p.seconds) for p in on]
     return Plan(tolerance, tuple(found), first_s)
 
 

@@ -14,8 +14,11 @@ from jaxtyping import Float32
 
 from lensfit.batches import in_batches
 from lensfit.coords import Window
+from lensfit.preset.look_knobs import LookKnobs
 from lensfit.render.blur_setup import Defocus
 from lensfit.render.falloff import illumination_gain
+from lensfit.render.look.stack import Look, look_of
+from lensfit.render.look.white_balance import Chromaticities
 from lensfit.render.smooth import PointFunction
 from lensfit.render.uv import (
     Channel,
@@ -73,6 +76,7 @@ class Stages:
         fall-off to see.
     lateral_colour_px : Largest distance between the channels, whether applied or not.
     defocus : The lens' kernels, for plates with depth; None where it is not wanted.
+    look : Bloom, glints and the like; None where all are neutral.
     """
 
     window: Window
@@ -80,6 +84,7 @@ class Stages:
     gains: tuple[Float32[np.ndarray, "height width"] | None, ...]
     lateral_colour_px: float
     defocus: Defocus | None = None
+    look: Look | None = None
 
 
 def prepare_stages(
@@ -91,6 +96,8 @@ def prepare_stages(
     switches: Switches | None = None,
     sensor_width_mm: float | None = None,
     external: SourceMap | None = None,
+    look: LookKnobs | None = None,
+    chromaticities: Chromaticities | None = None,
 ) -> Stages:
     """The maps and gains of a lens over a window.
 
@@ -103,6 +110,8 @@ def prepare_stages(
     switches : Effects wanted; all if None.
     sensor_width_mm : Width that the display window spans; the lens' own if None.
     external : Map to use in place of the lens' own distortion; it covers `window`.
+    look : Wanted looks; none if None.
+    chromaticities : Of the plate's colours; Rec. 709 if None.
     """
     switches, budget = switches or Switches(), Budget.of(tolerance)
     geometry = PlateGeometry.of(lens, display_window, sensor_width_mm)
@@ -132,7 +141,8 @@ def prepare_stages(
     if switches.falloff:
         gains = _gains(lens, geometry, window, budget.gain_error, landing)
     defocus = Defocus(lens, geometry, tolerance) if switches.defocus else None
-    return Stages(window, maps, gains, shift, defocus)
+    looks = look_of(look, lens, geometry, tolerance, chromaticities)
+    return Stages(window, maps, gains, shift, defocus, looks)
 
 
 def lateral_colour_px(

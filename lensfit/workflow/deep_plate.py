@@ -10,6 +10,7 @@ from lensfit.io.exr import ExrImage
 from lensfit.io.exr_deep import read_deep
 from lensfit.render.frame import render_stages
 from lensfit.render.layer_stack import LayerStack, flattened
+from lensfit.render.look.stack import light_spreads
 from lensfit.workflow.deep_layers import deep_layers
 from lensfit.workflow.frame_signature import signed
 from lensfit.workflow.plate_depth import depth_meaning
@@ -41,10 +42,10 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     window = options.written(source, display)
     if options.switches.defocus and lens.knows_blur(state):
         depth = lens.within_reach(stack.depth_mm, state)
-        pixels = LayerStack(stack.rgba, depth)
-        reach = lens.reach(window, source, display)
+        pixels, spreads = LayerStack(stack.rgba, depth), True
     else:
-        pixels, reach = flattened(stack), window
+        pixels, spreads = flattened(stack), light_spreads(state.knobs.look)
+    reach = lens.reach(window, source, display) if spreads else window
     stages = lens.stages_for(state, display, reach)
     lens.note_border(stages, window, source)
     lens.notes.add(*notes, DEEP_IS_FLAT)

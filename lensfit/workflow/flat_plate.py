@@ -15,6 +15,7 @@ from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.exr_layers import with_channels
 from lensfit.render.buffers import aligned_empty
 from lensfit.render.frame import render_stages
+from lensfit.render.look.stack import light_spreads
 from lensfit.workflow.frame_signature import signed
 from lensfit.workflow.plate import ColourLayer, colour_layers, resized_channels
 from lensfit.workflow.plate_in_depth import plate_in_depth
@@ -55,7 +56,8 @@ def _rendered(
     if not layers:
         return result
     deep = plate_in_depth(lens, part, state, *plate)
-    reach = window if deep is None else lens.reach(window, source, display)
+    spreads = deep is not None or light_spreads(state.knobs.look)
+    reach = lens.reach(window, source, display) if spreads else window
     stages = lens.stages_for(state, display, reach)
     lens.note_border(stages, window, source)
     for layer in layers:

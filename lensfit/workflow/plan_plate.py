@@ -7,6 +7,7 @@ from lensfit.io.exr import read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.preset.schema import Preset
 from lensfit.render.frame import window_with_margin
+from lensfit.render.look.stack import light_spreads
 from lensfit.render.plan import Plan, plan_of
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.plate import colour_layers
@@ -37,7 +38,7 @@ def plan_plate(
             continue
         window = options.written(part.data_window, part.display_window)
         found = plate_in_depth(lens, part, state, image, plate)
-        if found is not None:
+        if found is not None or light_spreads(state.knobs.look):
             reach = window_with_margin(window, part.data_window)
         else:
             reach = window

@@ -5,17 +5,21 @@ stages prepare it; keeps the stages while neither camera nor windows change.
 """
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import final
 
+import msgspec
 import numpy as np
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage
 from lensfit.lens import Lens
+from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.schema import Preset
 from lensfit.render.frame import window_with_margin
+from lensfit.render.look.stack import look_of
 from lensfit.render.stages import Stages, prepare_stages
 from lensfit.render.uv import PlateGeometry
 from lensfit.workflow.apply_options import ApplyOptions
@@ -49,6 +53,7 @@ class PlateLens:
         self._sources = CameraSources(options.camera, options.overrides)
         self._digest = preset_digest(preset)
         self._key: object = None
+        self._look_key: object = None
         self._stages: Stages | None = None
         self._stages_noted: Stages | None = None
 
@@ -122,7 +127,9 @@ class PlateLens:
 
     def stages_for(self, state: PlateState, display: Window, window: Window) -> Stages:
         """Maps and gains; made anew only when the camera or the windows change."""
-        key = (state.lens_key, state.knobs, state.sensor_width_mm, display, window)
+        # Looks may change from frame to frame and need none of the maps anew.
+        turned = msgspec.structs.replace(state.knobs, look=NEUTRAL.look)
+        key = (state.lens_key, turned, state.sensor_width_mm, display, window)
         if self._stages is None or key != self._key:
             self._stages = None  # two sets need not be held in memory at once
             external = self._map
@@ -135,7 +142,18 @@ class PlateLens:
                 sensor_width_mm=state.sensor_width_mm,
                 external=external and external.source_map(display, window),
             )
-            self._key = key
+            self._key, self._look_key = key, None
+        look_key = (state.knobs.look, state.chromaticities)
+        if look_key != self._look_key:
+            look = look_of(
+                state.knobs.look,
+                self.lens_at(state),
+                self.geometry(state, display),
+                self.options.tolerance,
+                state.chromaticities,
+            )
+            self._stages = replace(self._stages, look=look)
+            self._look_key = look_key
         return self._stages
 
     def reach(self, window: Window, data_window: Window, display: Window) -> Window:

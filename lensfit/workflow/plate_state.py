@@ -10,9 +10,12 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
+
 from lensfit.errors import ImageError, PresetError, SettingsError
 from lensfit.preset.knobs import NEUTRAL, Knobs, knobs_in, turned
 from lensfit.preset.schema import Preset
+from lensfit.render.look.white_balance import REC709, Chromaticities
 from lensfit.workflow.camera_sources import PlateCamera
 from lensfit.workflow.focus_pick import from_sensor_mm
 
@@ -27,12 +30,15 @@ class PlateState(NamedTuple):
     sensor_width_mm : Width that the display window spans.
     notes : One sentence for each thing that was assumed.
     knobs : As turned by the preset, the header and the user, the last one first.
+    chromaticities : x and y of red, green, blue and white of the plate; None where its
+        header does not say.
     """
 
     lens_key: tuple[float | None, float | None, float | None]
     sensor_width_mm: float
     notes: tuple[str, ...]
     knobs: Knobs = NEUTRAL
+    chromaticities: Chromaticities | None = None
 
 
 _LEAST_WIDTH_MM = 0.01
@@ -77,7 +83,19 @@ def plate_state(
     width, note = _width_mm(preset, camera)
     notes += [note] if note else []
     turns = _turned(preset, attributes, camera, knobs or {})
-    return PlateState(key, width, tuple(notes), turns)
+    colours = _chromaticities(attributes)
+    return PlateState(key, width, tuple(notes), turns, colours)
+
+
+def _chromaticities(attributes: Mapping[str, object]) -> Chromaticities | None:
+    """The standard attribute; one that is not eight numbers says nothing."""
+    try:
+        numbers = np.asarray(attributes.get("chromaticities"), float).ravel()
+    except (TypeError, ValueError):
+        return None
+    if numbers.size != len(REC709) or not np.isfinite(numbers).all():
+        return None
+    return tuple(numbers.tolist())
 
 
 def _lens_key(
