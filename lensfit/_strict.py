@@ -140,7 +140,8 @@ def non_finite_numbers(data: object, path: str = "") -> Iterator[tuple[str, floa
     """Path and value of every NaN and infinity in plain tables and lists."""
     if isinstance(data, dict):
         for key, value in data.items():
-            yield from non_finite_numbers(value, f"{path}.{key}" if path else str(key))
+            word = _shortened(str(key))
+            yield from non_finite_numbers(value, f"{path}.{word}" if path else word)
     elif isinstance(data, (list, tuple)):
         for index, value in enumerate(data):
             yield from non_finite_numbers(value, f"{path}[{index}]")

@@ -18,7 +18,7 @@ def default(
 
     Later edits of the marked version are used too; mark it again to go back.
 
-    Example: lensfit preset default takumar@v001 --library show
+    Example: lensfit preset default zeiss-50@v001 --library show
     """
     from lensfit.errors import PresetError
     from lensfit.preset.library.names import version_name

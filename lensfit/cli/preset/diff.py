@@ -24,7 +24,7 @@ def diff(
     Numbers with their relative change, measured ones also in standard deviations where
     a preset states them. The folder of a lens in another level is a preset too.
 
-    Example: lensfit preset diff takumar@v001 takumar@v002 --library show
+    Example: lensfit preset diff zeiss-50@v001 zeiss-50@v002 --library show
     """
     from lensfit.preset.library.diff import differences
 

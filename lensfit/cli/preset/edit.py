@@ -38,7 +38,7 @@ def edit(
     Keys are names joined by dots, members of lists by what they are, or the name of a
     knob. Measured values are locked.
 
-    Example: lensfit preset edit takumar --library show/sq010 --set coma_gain=0.5
+    Example: lensfit preset edit zeiss-50 --library show/sq010 --set coma_gain=0.5
     --why "too strong on faces"
     """
     from lensfit.cli._door import say_note

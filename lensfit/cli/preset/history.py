@@ -19,7 +19,7 @@ def history(
 
     A star marks the version of each level that is in use.
 
-    Example: lensfit preset history takumar --library show/sq010/sh0020
+    Example: lensfit preset history zeiss-50 --library show/sq010/sh0020
     """
     from lensfit.preset.library.history import history as events_of
     from lensfit.preset.library.resolve import lens_in

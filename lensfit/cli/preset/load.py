@@ -20,7 +20,7 @@ def load(
 
     The file records the versions and edits it was put together from.
 
-    Example: lensfit preset load takumar@v002 --library show/sq010 --out takumar.json
+    Example: lensfit preset load zeiss-50@v002 --library show/sq010 --out zeiss.json
     """
     from lensfit.preset.store import save_preset
 

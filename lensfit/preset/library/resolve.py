@@ -78,7 +78,10 @@ def lens_in(levels: tuple[Level, ...], name: str) -> str:
             where=where,
             remedy=f"say which: {', '.join(meant)}",
         )
-    hint = did_you_mean(slug, known) if known else "save one: lensfit preset save"
+    near = [one for one in known if slug and slug in one] or known
+    hint = did_you_mean(slug, near) if known else "save one: lensfit preset save"
+    if len(near) == 1:
+        hint = f'did you mean "{near[0]}"?'
     raise PresetError(
         f"{name[:80]!r} is neither a file nor a lens of this library",
         where=where,
