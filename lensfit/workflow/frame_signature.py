@@ -11,7 +11,7 @@ import msgspec
 
 from lensfit import __version__
 from lensfit.io.exr import ExrPart
-from lensfit.preset.knobs import not_neutral
+from lensfit.preset.knobs import NEUTRAL, not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.plate_state import PlateState
@@ -25,7 +25,11 @@ OVERSCAN = "lens/overscan"
 def preset_digest(preset: Preset) -> str:
     """Eight hexadecimal digits that change with anything but where it was saved."""
     preset = msgspec.structs.replace(preset, saved=None)
-    return hashlib.sha256(msgspec.json.encode(preset)).hexdigest()[:8]
+    # A preset that travelled to a worker encodes its neutral knobs, which are no longer
+    # the defaults themselves.
+    plain = msgspec.structs.replace(preset, knobs=NEUTRAL)
+    told = msgspec.json.encode((plain, not_neutral(preset.knobs)))
+    return hashlib.sha256(told).hexdigest()[:8]
 
 
 def signature(
