@@ -8,6 +8,7 @@ import camera_files as files
 import numpy as np
 import OpenEXR
 import pytest
+from deep_files import write_deep
 from plate_makers import DATA, DISPLAY, make_preset, write_plate
 
 from lensfit.coords import Window
@@ -23,6 +24,7 @@ from lensfit.workflow.camera_sources import (
 from lensfit.workflow.focus_pick import from_sensor_mm, picked_region
 from lensfit.workflow.frame_signature import SAID
 from lensfit.workflow.inspect import as_json, facts, inspect_images
+from lensfit.workflow.plate_depth import DepthOptions
 from lensfit.workflow.plate_header import plate_header
 from lensfit.workflow.plate_lens import PlateLens
 
@@ -293,6 +295,21 @@ def test_a_pick_needs_depth(tmp_path):
     plate = write_plate(tmp_path / "p.1001.exr")
     with pytest.raises(ImageError, match="no depth channel"):
         state_of(plate, camera=CameraOptions(focus_at=(5.0, 5.0)))
+
+
+@pytest.mark.parametrize(("kind", "factor"), [("perpendicular", 1), ("inverse", -1)])
+def test_of_deep_pixels_the_nearest_that_shows_is_picked(tmp_path, kind, factor):
+    counts = np.array([[3, 0]])
+    samples = {name: np.full(3, 0.5, np.float32) for name in "RGB"}
+    samples["A"] = np.array([0.5, 0.0, 0.5], np.float32)
+    # One that shows nothing lies before the others.
+    samples["Z"] = np.array([4.0, 1.0, 2.0], np.float32) ** factor
+    plate = write_deep(tmp_path / "p.1.exr", counts, samples)
+    depth = DepthOptions(kind=kind)
+    state, _ = state_of(plate, depth=depth, camera=CameraOptions(focus_at=(0.0, 0.0)))
+    assert state.lens_key[2] == pytest.approx(2050)
+    with pytest.raises(ImageError, match="only sky"):
+        state_of(plate, depth=depth, camera=CameraOptions(focus_at=(1.0, 0.0)))
 
 
 def test_a_resumed_frame_is_picked_from_the_same_depth(tmp_path):
