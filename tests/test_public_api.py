@@ -58,8 +58,9 @@ def test_a_lens_keeps_its_promised_methods():
 def test_a_preset_keeps_its_promised_method():
     parameters = inspect.signature(lensfit.Preset.at).parameters
     names = ["focal_length_mm", "f_number", "focus_distance_mm"]
-    assert list(parameters)[1:] == names
-    assert all(parameters[name].default is None for name in names)
+    positional = [n for n, p in parameters.items() if p.kind != p.KEYWORD_ONLY]
+    assert positional == ["self", *names]
+    assert all(p.default is None for n, p in parameters.items() if n != "self")
 
 
 @pytest.mark.parametrize(
