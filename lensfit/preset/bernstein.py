@@ -3,23 +3,41 @@
 A fall-off is a Bernstein polynomial of the squared radius with b_0 = 0
 (`lensfit.optics.falloff`), over the radius that was photographed. Raising its degree
 and cutting its interval short are exact, and neither makes rising control values fall
-(G. Farin, Curves and Surfaces for CAGD, 2002, on Bezier curves).
+(G. Farin, Curves and Surfaces for CAGD, 2002, on Bezier curves). The common radius
+moves from one to the other with the weight, so that nothing jumps where a sequence
+leaves an entry; the one whose radius is smaller is followed beyond it, where it goes on
+with its last slope, by a polynomial through enough of its values.
 """
 
+from functools import cache
 from itertools import pairwise
 from math import comb
 
 import msgspec
+import numpy as np
+from jaxtyping import Float
 
 from lensfit.preset.blocks import FallOff
 
 Control = tuple[float, ...]
+_DEGREE_BEYOND = 8
+"""Of the polynomial that follows a fall-off over the bend at its radius."""
 
 
-def on_common_footing(first: FallOff, second: FallOff) -> tuple[FallOff, FallOff]:
-    """Both with the smaller of their radii and the larger of their degrees."""
-    radius_mm = min(first.valid_radius_mm, second.valid_radius_mm)
+def on_common_footing(
+    first: FallOff, second: FallOff, weight: float
+) -> tuple[FallOff, FallOff]:
+    """Both over a radius between theirs, and of one degree.
+
+    Parameters
+    ----------
+    weight : Share of the second, 0 to 1.
+    """
+    a_mm, b_mm = first.valid_radius_mm, second.valid_radius_mm
+    radius_mm = (1 - weight) * a_mm + weight * b_mm
     degree = max(len(first.g), len(second.g))
+    if a_mm != b_mm:
+        degree = max(degree, _DEGREE_BEYOND)
     return _with(first, radius_mm, degree), _with(second, radius_mm, degree)
 
 
@@ -27,6 +45,8 @@ def _with(block: FallOff, radius_mm: float, degree: int) -> FallOff:
     fraction = (radius_mm / block.valid_radius_mm) ** 2
 
     def change(control: Control) -> Control:
+        if fraction > 1.0:
+            return _followed(control, fraction, degree)
         return _raised(_shortened(control, fraction), degree)
 
     return msgspec.structs.replace(
@@ -36,6 +56,31 @@ def _with(block: FallOff, radius_mm: float, degree: int) -> FallOff:
         g=change(block.g),
         b=change(block.b),
     )
+
+
+def _followed(control: Control, fraction: float, degree: int) -> Control:
+    """Of the function over [0, fraction], where it is a straight line from 1 on."""
+    nodes, inverse = _through_values(degree)
+    s = fraction * nodes
+    inside = _bernstein(np.minimum(s, 1.0), len(control)) @ np.array(control)
+    slope = len(control) * (control[-1] - (control[-2] if len(control) > 1 else 0.0))
+    found = inverse @ (inside + slope * np.maximum(s - 1.0, 0.0))
+    return tuple(np.maximum.accumulate(np.maximum(found, 0.0)).tolist())
+
+
+@cache
+def _through_values(
+    degree: int,
+) -> tuple[Float[np.ndarray, " nodes"], Float[np.ndarray, "degree nodes"]]:
+    """Places, and the matrix that makes control values of the values there."""
+    nodes = (1 - np.cos(np.pi * np.arange(1, degree + 1) / degree)) / 2
+    return nodes, np.linalg.inv(_bernstein(nodes, degree))
+
+
+def _bernstein(s: np.ndarray, degree: int) -> Float[np.ndarray, "places degree"]:
+    orders = range(1, degree + 1)
+    rows = [comb(degree, k) * s**k * (1 - s) ** (degree - k) for k in orders]
+    return np.stack(rows, -1)
 
 
 def _shortened(control: Control, fraction: float) -> Control:

@@ -3,9 +3,11 @@
 Numbers are interpolated linearly, focus distances as dioptres. Coefficients of a term
 that one neighbour lacks are zero there, so that a term fades in; what defines the terms
 (base projection, reference radius, degree and box of a free field) must agree.
-Fall-offs are first brought to one degree and radius, which is exact. The
-squeeze is interpolated as the logarithmic strain of `lensfit.optics.distortion`, which
-knows no jump where its axis turns around. Blur that one neighbour lacks is the other's
+Fall-offs are first brought to one degree and radius. What was photographed, beyond
+which the terms go on in a simpler way, moves from one to the other like a number: with
+the smaller of both, the map would jump where a sequence leaves an entry. The squeeze is
+interpolated as the logarithmic strain of `lensfit.optics.distortion`, which knows no
+jump where its axis turns around. Blur that one neighbour lacks is the other's
 (`lensfit.preset.blend_blur` has the rules for the rest). What describes the measurement
 (terms, covariance, quality) comes from the nearer neighbour.
 """
@@ -26,7 +28,8 @@ from lensfit.preset.blur_blocks import Blur
 Block = TypeVar("Block", bound=msgspec.Struct)
 
 _MUST_AGREE = {"base", "reference_radius_mm"}
-_SMALLER = {"valid_radius"}
+_PHOTOGRAPHED = {"valid_radius"}
+"""What defines the terms, but may differ: it moves from one to the other."""
 _LARGER = {"degree"}
 """Coefficients of the degrees that one of the two lacks are zero there."""
 _FROM_THE_NEARER = {"assumed", "terms", "covariance", "quality"}
@@ -44,14 +47,15 @@ def blend(first: Block, second: Block, weight: float) -> Block:
     if isinstance(first, Blur) and isinstance(second, Blur):
         return blended_blur(first, second, weight)
     if isinstance(first, FallOff) and isinstance(second, FallOff):
-        first, second = on_common_footing(first, second)
+        first, second = on_common_footing(first, second, weight)
     changes = {
         name: _value(name, getattr(first, name), getattr(second, name), weight)
         for name in first.__struct_fields__
     }
     if isinstance(first, Distortion) and isinstance(second, Distortion):
         changes |= _squeeze(first, second, weight)
-        changes["valid_box"] = _common_box(first, second)
+        if first.field or second.field:
+            _agreed("valid_box", first.valid_box, second.valid_box)
     return msgspec.structs.replace(first, **changes)
 
 
@@ -60,8 +64,6 @@ def _value(name: str, first: Any, second: Any, weight: float) -> Any:
         return first if weight < 0.5 else second
     if name in _MUST_AGREE:
         return _agreed(name, first, second)
-    if name in _SMALLER:
-        return min(first, second)
     if name in _LARGER:
         return max(first, second)
     if first is None and second is None:
@@ -110,7 +112,7 @@ def _scaled(value: Any, factor: float) -> Any:
         changes = {
             name: _scaled(getattr(value, name), factor)
             for name in value.__struct_fields__
-            if name not in _MUST_AGREE | _SMALLER | _LARGER
+            if name not in _MUST_AGREE | _PHOTOGRAPHED | _LARGER
         }
         return msgspec.structs.replace(value, **changes)
     if isinstance(value, tuple):
@@ -128,13 +130,3 @@ def _squeeze(first: Distortion, second: Distortion, weight: float) -> dict[str, 
     size = math.hypot(*strain)
     axis = math.atan2(strain[1], strain[0]) / 2 if size else 0.0
     return {"squeeze": math.exp(size), "squeeze_axis_rad": axis}
-
-
-def _common_box(
-    first: Distortion, second: Distortion
-) -> tuple[float, float, float, float]:
-    """What both neighbours photographed."""
-    a, b = first.valid_box, second.valid_box
-    if first.field or second.field:
-        _agreed("valid_box", a, b)
-    return max(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), min(a[3], b[3])

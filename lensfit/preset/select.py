@@ -1,10 +1,10 @@
 """Which entry of a preset a lens state means, interpolated between measured ones.
 
 Focus is interpolated in dioptres (1/m), in which lens mechanics and distortion are
-nearly linear, among the entries of one focal length; then the focal length, linearly.
-Piecewise linear keeps every parameter between its neighbours, so that maps which do not
-fold at the measured states do not fold between them either. Fall-off is interpolated
-in the logarithm of the f-number.
+nearly linear, among the entries of one focal length; then the focal length, linearly
+(`lensfit.preset.between`). Piecewise linear keeps every parameter between its
+neighbours, so that maps which do not fold at the measured states do not fold between
+them either. Fall-off is interpolated in the logarithm of the f-number.
 
 Beyond the measured focus distances the nearest measured state is used and a note says
 so: a prime measured at one focus serves all of them, its blur refocused by first-order
@@ -18,6 +18,7 @@ from typing import NamedTuple
 import msgspec
 
 from lensfit.errors import PresetError
+from lensfit.preset.between import between_focal_lengths, between_focus
 from lensfit.preset.blend import blend
 from lensfit.preset.entry import Entry
 from lensfit.units import dioptres_from_mm
@@ -82,7 +83,7 @@ def select(
     ]
     entry = at_focal[0]
     if len(at_focal) == 2:
-        entry = blend(at_focal[0], at_focal[1], (focal - low) / (high - low))
+        entry = between_focal_lengths(at_focal[0], at_focal[1], focal)
     if f_number is None:
         f_number = _widest(entry)
     held_mm = entry.focus_distance_mm
@@ -165,8 +166,7 @@ def _at_focus(
     low, high = _neighbours(nearest, measured)
     if low == high:
         return _asked_focus(by_focus[low], focus_distance_mm, notes)
-    mixed = blend(by_focus[low], by_focus[high], (asked - low) / (high - low))
-    return msgspec.structs.replace(mixed, focus_distance_mm=focus_distance_mm)
+    return between_focus(by_focus[low], by_focus[high], focus_distance_mm)
 
 
 def _asked_focus(entry: Entry, asked_mm: float | None, notes: list[str]) -> Entry:

@@ -47,12 +47,12 @@ def test_measured_states_come_back_exactly():
         assert chosen.notes == ()
 
 
-def test_breathing_of_a_thin_lens_is_followed_in_dioptres():
-    # Unit focusing: the image distance is f (1 + f/(s - f)), nearly linear in 1/s.
+def test_breathing_of_a_thin_lens_is_followed_exactly():
+    # 1/c = 1/f - 1/z, with z from the pupil, which the entries have 60 mm ahead.
     f = 50.0
 
     def image_distance(focus: float) -> float:
-        return f if math.isinf(focus) else f * (1 + f / (focus - f))
+        return 1 / (1 / f - 1 / (focus - 60))
 
     measured = [math.inf, 4000.0, 2000.0, 1000.0]
     preset = make_preset(*(entry_at(f, s, image_distance(s)) for s in measured))
@@ -60,7 +60,7 @@ def test_breathing_of_a_thin_lens_is_followed_in_dioptres():
         entry = preset.select(f, 2.8, focus).entry
         expected = image_distance(focus)
         assert entry.projection.principal_distance_mm == pytest.approx(
-            expected, abs=0.01
+            expected, rel=1e-12
         )
         assert entry.focus_distance_mm == focus
 
@@ -126,11 +126,12 @@ def test_fall_offs_of_other_degree_and_radius_are_averaged_as_functions():
     first = FallOff(2.0, 15.0, straight, straight, straight)
     second = FallOff(2.0, 12.0, bent, bent, bent)
     mixed = blend(first, second, 0.25)
-    assert mixed.valid_radius_mm == 12.0
+    assert mixed.valid_radius_mm == 14.25
     assert all(a <= b for a, b in itertools.pairwise((0.0, *mixed.g)))
     for radius in (3.0, 8.0, 12.0):
         expected = 0.75 * loss(first, radius) + 0.25 * loss(second, radius)
-        assert loss(mixed, radius) == pytest.approx(expected, rel=1e-14)
+        # Beyond 12 mm the second goes on straight, which bends a polynomial a little.
+        assert loss(mixed, radius) == pytest.approx(expected, abs=5e-4)
 
 
 def loss(fall_off: FallOff, radius_mm: float) -> float:
