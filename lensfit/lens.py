@@ -52,6 +52,8 @@ class Lens(eqx.Module):
     notes : How the preset was stretched to reach this state, one sentence each.
     blur : Aberrations and pupil, or None when they were not measured (then the lens
         counts as perfect).
+    largest_blur_mm : No object counts as farther out of focus than a thin lens blurs to
+        this radius; None for no limit.
     """
 
     distortion: Distortion
@@ -64,6 +66,7 @@ class Lens(eqx.Module):
     focus_distance_mm: float | None = eqx.field(static=True, default=None)
     notes: tuple[str, ...] = eqx.field(static=True, default=())
     blur: LensBlur | None = None
+    largest_blur_mm: float | None = eqx.field(static=True, default=None)
 
     @property
     def has_lateral_colour(self) -> bool:
@@ -177,7 +180,8 @@ class Lens(eqx.Module):
         distances = np.broadcast_to(
             np.asarray(object_distance_mm, float), points.shape[:1]
         )
-        blur = self.blur or self._perfect_blur()
+        distances = self._within_largest_blur(distances)
+        blur = self.blur or self.perfect_blur()
         nearest = float(np.min(distances, initial=np.inf))
         if not nearest > blur.nearest_mm:
             raise LensfitError(
@@ -200,7 +204,13 @@ class Lens(eqx.Module):
         )
         return found.reshape(len(points), len(indices), size_px, size_px)
 
-    def _perfect_blur(self) -> LensBlur:
+    def perfect_blur(self) -> LensBlur:
+        """The blur of a lens of this state without aberrations.
+
+        Raises
+        ------
+        LensfitError : Its f-number or focus distance is unknown.
+        """
         if self.f_number is None or self.focus_distance_mm is None:
             missing = "f_number" if self.f_number is None else "focus_distance_mm"
             raise LensfitError(
@@ -213,6 +223,40 @@ class Lens(eqx.Module):
             self.f_number,
             self.focus_distance_mm,
         )
+
+    def blur_per_vergence(self) -> tuple[float, float]:
+        """How wide depth blurs, as a thin lens: the radius of a disc in mm is the first
+        number, mm^2, times what the vergence of its object (1/mm, from the entrance
+        pupil) has beyond the second, that of the focus distance.
+
+        Zeros where nobody knows the f-number.
+        """
+        if self.f_number is None:
+            return 0.0, 0.0
+        focus_mm = self.focus_distance_mm
+        if focus_mm is None and self.blur is not None:
+            focus_mm = float(self.blur.reference_distance_mm)
+        to_focus = np.inf if focus_mm is None else focus_mm
+        to_focus -= float(self.entrance_pupil_offset_mm)
+        c = float(self.distortion.principal_distance_mm)
+        opening_mm = c / (1 + c / to_focus) / self.f_number
+        return opening_mm * c / 2, 1 / to_focus
+
+    def _within_largest_blur(self, distances_mm: np.ndarray) -> np.ndarray:
+        """Distances from the sensor, those that blur too widely moved to the limit."""
+        if self.largest_blur_mm is None:
+            return distances_mm
+        per_vergence, focus = self.blur_per_vergence()
+        if per_vergence == 0:
+            return distances_mm
+        most, offset = (
+            self.largest_blur_mm / per_vergence,
+            self.entrance_pupil_offset_mm,
+        )
+        vergence = 1 / (distances_mm - float(offset))
+        held = np.clip(vergence, max(focus - most, 0.0), focus + most)
+        with np.errstate(divide="ignore"):
+            return np.where(held == vergence, distances_mm, 1 / held + float(offset))
 
 
 def _points(points: ArrayLike, columns: int) -> Array:

@@ -8,6 +8,7 @@ import typer
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.depth import DepthGroup
+from lensfit.cli.groups.disable import DisableGroup
 from lensfit.cli.groups.effects import EffectsGroup
 from lensfit.cli.groups.focus import FocusGroup
 from lensfit.cli.groups.knobs import (
@@ -53,6 +54,7 @@ def apply(
     depth: DepthGroup,
     effects: EffectsGroup,
     aberrations: AberrationGroup,
+    disabled: DisableGroup,
     bokeh: BokehGroup,
     look: LookGroup,
     keep_overscan: bool = typer.Option(
@@ -97,7 +99,8 @@ def apply(
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,
-        knobs=stated(aberrations, bokeh, look),
+        edge_matte=depth.edge_matte,
+        knobs=stated(aberrations, bokeh, look) | disabled.gains,
         output=output.value,
         keep_overscan=keep_overscan,
         layers=layer or None,

@@ -8,6 +8,7 @@ import typer
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.depth import DepthGroup
+from lensfit.cli.groups.disable import DisableGroup
 from lensfit.cli.groups.effects import EffectsGroup
 from lensfit.cli.groups.focus import FocusGroup
 from lensfit.cli.groups.knobs import (
@@ -33,6 +34,7 @@ def plan(
     depth: DepthGroup,
     effects: EffectsGroup,
     aberrations: AberrationGroup,
+    disabled: DisableGroup,
     bokeh: BokehGroup,
     look: LookGroup,
     as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
@@ -51,7 +53,8 @@ def plan(
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,
-        knobs=stated(aberrations, bokeh, look),
+        edge_matte=depth.edge_matte,
+        knobs=stated(aberrations, bokeh, look) | disabled.gains,
         tolerance=tolerance,
     )
     found, notes = plan_plate(library.find(preset).preset, plate, options)

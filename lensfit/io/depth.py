@@ -166,6 +166,9 @@ def perpendicular_mm(
             distance = np.where(np.isposinf(value), np.inf, distance)
         elif meaning.kind == "normalised":
             distance = meaning.near + value * (meaning.far - meaning.near)
+            # The sky is at the far plane and beyond, whichever of the two that is.
+            if meaning.far < meaning.near:
+                value = 1 - value
             distance = np.where((value >= 1) | (value < 0), np.inf, distance)
         else:
             distance = value / slant if meaning.kind == "ray" else value

@@ -38,6 +38,7 @@ from lensfit.optics.paraxial import (
 )
 from lensfit.optics.pupil import Pupil, clear_pupil, opening_area
 from lensfit.optics.spectrum import Bands, bands, chromatic_coordinate, lateral_at
+from lensfit.optics.transmission import Transmission
 
 LateralColour = tuple[ChannelShift, ChannelShift] | None
 _MM_PER_NM = 1e-6
@@ -57,6 +58,10 @@ class LensBlur(eqx.Module):
         reference distance.
     stop_radius : Of the stop as set, in radii of the reference stop.
     bands : Wavelengths of red, green and blue.
+    transmission : Of the stop; None where it is clear.
+    known : The opening through which the aberrations were measured, where `pupil` may
+        let other rays through: these are aberrated as the nearest that was measured.
+    oval : By how much the blur is drawn out along x and y; None for nothing.
     """
 
     aberration: Aberration
@@ -66,6 +71,9 @@ class LensBlur(eqx.Module):
     defocus_mm: Float[Array, ""]
     stop_radius: Float[Array, ""]
     bands: Bands
+    transmission: Transmission | None = None
+    known: Pupil | None = None
+    oval: Float[Array, "2"] | None = None
 
     @property
     def nearest_mm(self) -> float:
@@ -81,6 +89,7 @@ class Pencil(NamedTuple):
     Attributes
     ----------
     h : Field point in field radii.
+    channel : 0, 1 or 2 for red, green or blue.
     local : Aberration function of each wavelength.
     lateral_mm : Where its chief ray lands, from where green's does.
     grown : Direction cosines at the pupil over those for the reference distance.
@@ -89,6 +98,7 @@ class Pencil(NamedTuple):
     """
 
     h: Float[Array, "2"]
+    channel: Int[Array, ""]
     local: LocalWavefront
     lateral_mm: Float[Array, "wavelengths 2"]
     grown: Float[Array, ""]
@@ -184,7 +194,7 @@ def pencil(
     sine = blur.aberration.reference_sine * grown * jnp.sqrt(area / jnp.pi)
     lateral = _lateral_mm(image_point_mm, channel, blur, distortion, lateral_colour)
     per_airy = wavelengths_nm * _MM_PER_NM / (2 * sine)
-    return Pencil(h, local, lateral, grown, per_airy**2)
+    return Pencil(h, channel, local, lateral, grown, per_airy**2)
 
 
 def _image_distance(blur: LensBlur, distance_mm: Array) -> Array:

@@ -18,6 +18,7 @@ over rays is as long as each point needs, so one program serves every lens of th
 terms. Rays are computed in float64, pixels in float32.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -28,9 +29,15 @@ from jaxtyping import Array, Float, Int
 
 from lensfit.kernel.lens_blur import LateralColour, LensBlur, Pencil, pencil
 from lensfit.kernel.pixels import AIRY_SIGMA, LEAST_SIGMA_PX, pixel_shares
-from lensfit.optics.aberration import landing_and_jacobian_mm
+from lensfit.optics.aberration import (
+    LocalWavefront,
+    landing_and_jacobian_mm,
+    landing_mm,
+)
 from lensfit.optics.distortion import Distortion
-from lensfit.optics.pupil import pupil_rays
+from lensfit.optics.modes import wavefront_gradient
+from lensfit.optics.pupil import nearest_in_opening, places_in_stop, pupil_rays
+from lensfit.optics.transmission import transmitted
 
 FOOTPRINT = 0.35
 """Variance of a ray's Gaussian over the area of its cell's image."""
@@ -46,10 +53,12 @@ _LEAST_DETERMINANT = 0.05
 
 
 class _Rays(NamedTuple):
-    """Some rays: landing points (mm), weights, area of each cell's image (mm^2)."""
+    """Some rays: landing points (mm), weights, areas of each one's cell in the pupil
+    and of the cell's image (mm^2)."""
 
     landing_mm: Array
     weight: Array
+    cell: Array
     cell_mm2: Array
     wavelength: np.ndarray
 
@@ -120,12 +129,12 @@ def _turns_needed(
 ) -> Array:
     """How often the loop runs: from the width and the evenness of the light."""
     rays = _rays(seen, blur, jnp.asarray(0), jnp.asarray(1))
-    share = rays.weight / jnp.sum(rays.weight)
+    share = rays.weight / jnp.maximum(jnp.sum(rays.weight), 1e-300)
     at = rays.landing_mm / pixel_pitch_mm[None]
     away = at - (share @ at)[None]
     width_px = 2 * jnp.sqrt(2 * jnp.sum(share @ (away * away)))
-    # The image of a cell over its area in the pupil, which its weight is.
-    spread = rays.cell_mm2 / rays.weight
+    # The image of a cell over its area in the pupil.
+    spread = rays.cell_mm2 / rays.cell
     mean = share @ spread
     uneven = jnp.sqrt(share @ (spread - mean) ** 2) / jnp.maximum(mean, 1e-300)
     folded = jnp.clip(1 + _UNEVEN * (uneven - _EVEN), 1.0, _MOST_FOLDED)
@@ -172,19 +181,51 @@ def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> _Rays:
     reach = jnp.sqrt(1 - left * left)
     u, density = pupil_rays(seen.h, blur.stop_radius, blur.pupil, azimuth, reach)
     cell = seen.grown**2 * density * 2 * left / count
+    weight = cell
+    if blur.transmission is not None:
+        at = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)
+        weight = cell * transmitted(*at, seen.channel, count, blur.transmission)
     wavelengths = seen.lateral_mm.shape[0]
     dealt = (seen.grown * u).reshape(-1, wavelengths, 2)
 
-    def landed(u: Array, local, lateral: Array) -> tuple[Array, Array]:
-        at, slope = jax.vmap(landing_and_jacobian_mm, (0, None, None))(
-            u, blur.defocus_mm, local
+    def landed(u: Array, local: LocalWavefront, lateral: Array) -> tuple[Array, Array]:
+        at, slope = jax.vmap(_landing_and_jacobian_mm, (0, None, None, None))(
+            u, seen, blur, local
         )
         return at + lateral[None], _spread(slope)
 
     at, spread = jax.vmap(landed, (1, 0, 0), (1, 1))(dealt, seen.local, seen.lateral_mm)
     return _Rays(
-        at.reshape(-1, 2), cell, cell * spread.reshape(-1), inner % wavelengths
+        at.reshape(-1, 2), weight, cell, cell * spread.reshape(-1), inner % wavelengths
     )
+
+
+def _landing_and_jacobian_mm(
+    u: Array, seen: Pencil, blur: LensBlur, local: LocalWavefront
+) -> tuple[Array, Array]:
+    """Of one ray; an oval lens draws both out along x and y."""
+    at, slope = _round_landing_and_jacobian_mm(u, seen, blur, local)
+    if blur.oval is None:
+        return at, slope
+    return at * blur.oval, slope * blur.oval[:, None]
+
+
+def _round_landing_and_jacobian_mm(
+    u: Array, seen: Pencil, blur: LensBlur, local: LocalWavefront
+) -> tuple[Array, Array]:
+    """A ray that nobody measured has the aberration of the nearest that was."""
+    known = blur.known
+    if known is None:
+        return landing_and_jacobian_mm(u, blur.defocus_mm, local)
+
+    def landing(u: Array) -> Array:
+        widest = jnp.maximum(blur.stop_radius, 1.0)
+        own = nearest_in_opening(u / seen.grown, seen.h, widest, known) * seen.grown
+        perfect = replace(local, series_mm=jnp.zeros_like(local.series_mm))
+        blurred = landing_mm(u, blur.defocus_mm, perfect)
+        return wavefront_gradient(own, local.series_mm) + blurred
+
+    return landing(u), jax.jacfwd(landing)(u)
 
 
 def _spread(slope: Array) -> Array:

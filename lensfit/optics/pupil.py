@@ -175,6 +175,47 @@ def pupil_rays(
     return s @ stretch_matrix(h, pupil), stretch * radius * radius
 
 
+def places_in_stop(
+    u: Float[Array, "rays 2"],
+    h: Float[Array, "2"],
+    stop_radius: Float[Array, ""],
+    pupil: Pupil,
+    sharpness: float = SHARPNESS,
+) -> tuple[Float[Array, "rays 2"], Float[Array, " rays"]]:
+    """Where rays pass the stop, from its middle and in its radii, x right and y down;
+    and how far away its edge is in the direction of each.
+
+    Parameters
+    ----------
+    u : As `pupil_rays` gives them.
+    """
+    middle = _stop_centre(h, stop_radius, pupil)
+    s = u @ jnp.linalg.inv(stretch_matrix(h, pupil)) - middle[None]
+    length = jnp.sqrt(jnp.sum(s * s, -1) + 1e-24)
+    outward, nowhere = s / length[:, None], jnp.zeros_like(h)
+    a, b, c = _stop_edges(outward, nowhere, stop_radius, pupil, sharpness)
+    inverse = (b + _root(b * b - (4 * a * c)[None])) / (-2 * c)[None]
+    edge = _nearest(inverse, sharpness)
+    return s / stop_radius, edge / stop_radius
+
+
+def nearest_in_opening(
+    u: Float[Array, "2"],
+    h: Float[Array, "2"],
+    stop_radius: Float[Array, ""],
+    pupil: Pupil,
+    sharpness: float = SHARPNESS,
+) -> Float[Array, "2"]:
+    """A ray, or the one at the edge of the opening on the way to it from inside."""
+    matrix = stretch_matrix(h, pupil)
+    inner = _inner_point(h, stop_radius, pupil)
+    away = u @ jnp.linalg.inv(matrix) - inner
+    length = jnp.sqrt(away @ away + 1e-24)
+    outward = away / length
+    edge = _radius(outward[None], inner, h, stop_radius, pupil, sharpness)[0]
+    return (inner + outward * jnp.minimum(length, edge)) @ matrix
+
+
 def polar_nodes(
     h: Float[Array, "2"],
     stop_radius: Float[Array, ""],

@@ -21,6 +21,7 @@ from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.schema import Camera
 from lensfit.preset.select import Selection
+from lensfit.preset.turned_lens import turned_lens
 
 _NO_BLUR = "blur was not measured; a perfect lens stands in for it"
 
@@ -28,7 +29,12 @@ _NO_BLUR = "blur was not measured; a perfect lens stands in for it"
 def lens_of_selection(
     chosen: Selection, camera: Camera, knobs: Knobs = NEUTRAL
 ) -> Lens:
-    """The lens at a state that may lie beyond what was measured, as it was turned."""
+    """The lens at a state that may lie beyond what was measured, as it was turned.
+
+    Raises
+    ------
+    ImageError : The filter image of the knobs cannot be read, or lets no light through.
+    """
     entry, blur = chosen.entry, None
     if entry.blur is None:
         unmeasured = (_NO_BLUR,)
@@ -36,7 +42,7 @@ def lens_of_selection(
         unmeasured = ()
         if chosen.f_number is not None:
             blur = lens_blur(entry, chosen.f_number, chosen.measured_focus_mm)
-    return Lens(
+    lens = Lens(
         distortion=_optics_of(entry.projection, entry.distortion),
         lateral_colour=_lateral_of(entry.lateral_colour),
         illumination=_illumination_of(entry.fall_off),
@@ -48,6 +54,7 @@ def lens_of_selection(
         notes=chosen.notes + unmeasured,
         blur=blur,
     )
+    return turned_lens(lens, knobs.aberration, knobs.bokeh)
 
 
 def lens_of_entry(

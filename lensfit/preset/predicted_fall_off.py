@@ -10,24 +10,17 @@ squares with non-negative steps, for the mean over all azimuths.
 
 from collections.abc import Iterable
 
-import jax
-import jax.numpy as jnp
 import msgspec
-import numpy as np
-from jaxtyping import Array, Float
-from scipy.optimize import nnls
 
-from lensfit.optics.falloff import bernstein
-from lensfit.optics.pupil import Pupil, relative_illumination
 from lensfit.preset.blocks import FallOff
 from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
+from lensfit.preset.fall_off_control import control_of, pupil_loss
 
 TERMS = 7
 """Control values: enough for the kink where a rim begins to clip."""
 FULL_STOPS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0)
 _SAME_STOP = 1.05
-_RADII, _AZIMUTHS = 48, 8
 
 
 def predicted_fall_off(
@@ -80,27 +73,11 @@ def _measured_radius_mm(entry: Entry) -> float:
 
 def _fall_off(entry: Entry, f_number: float, valid_radius_mm: float) -> FallOff:
     blur = lens_blur(entry, f_number, entry.focus_distance_mm)
-    squared = (np.arange(_RADII) + 1) / _RADII
-    azimuth = (np.arange(_AZIMUTHS) + 0.5) * (2 * np.pi / _AZIMUTHS)
-    outward = np.stack([np.cos(azimuth), np.sin(azimuth)], -1)
-    points_mm = np.sqrt(squared)[:, None, None] * outward * valid_radius_mm
-    h = jnp.asarray(points_mm) / blur.aberration.field_radius_mm
-    loss = _mean_loss(h, blur.stop_radius, blur.pupil)
-    basis = np.asarray(_basis(jnp.asarray(squared)))
-    # Control values are sums of non-negative steps.
-    steps, _ = nnls(np.cumsum(basis[:, ::-1], axis=1)[:, ::-1], np.asarray(loss))
-    control = tuple(np.cumsum(steps).tolist())
+    loss = pupil_loss(
+        blur.pupil,
+        blur.stop_radius,
+        float(blur.aberration.field_radius_mm),
+        valid_radius_mm,
+    )
+    control = tuple(control_of(loss, TERMS).tolist())
     return FallOff(f_number, valid_radius_mm, control, control, control, predicted=True)
-
-
-@jax.jit
-def _mean_loss(
-    h: Float[Array, "radii azimuths 2"], stop_radius: Float[Array, ""], pupil: Pupil
-) -> Float[Array, " radii"]:
-    over = jax.vmap(jax.vmap(relative_illumination, (0, None, None)), (0, None, None))
-    return -jnp.mean(jnp.log(over(h, stop_radius, pupil)), -1)
-
-
-@jax.jit
-def _basis(squared: Float[Array, " radii"]) -> Float[Array, "radii terms"]:
-    return jax.vmap(lambda s: bernstein(s, TERMS))(squared)

@@ -5,7 +5,7 @@ kernels with the first frame.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -36,6 +36,9 @@ _LEAST_TILE = 16
 _LEVEL_GROUP = 4
 _MOST_EXACT = 6
 """Levels that each get kernels of their own; more share those of a few depths."""
+_EVEN = 1e-6
+"""Growth of levels that are all of one width."""
+_LEAST_STEP_PX, _STEPS_PER_OCTAVE = 0.01, 16
 _FINE = 8
 """Kernels are made for multiples of this part of a level, so that frames share them."""
 
@@ -159,12 +162,34 @@ class Defocus:
     lens : At the camera state of the plate.
     geometry : How the plate lies on the sensor.
     tolerance : Accepted error of the picture, display-referred.
+    depth_levels : Levels that a plate's depth is cut into, evenly in blur; None leaves
+        it to the tolerance.
+    step_px : Between levels that are even.
     """
 
     lens: "Lens"
     geometry: PlateGeometry
     tolerance: float
+    depth_levels: int | None = None
+    step_px: float | None = None
     _kept: dict = field(default_factory=dict)
+
+    def over(self, radius_px: Float32[np.ndarray, "*shape"]) -> "Defocus":
+        """Itself, or with levels that cut this range of blur into as many as wanted.
+
+        Steps are rounded up a little, so that frames which differ little share kernels.
+        """
+        if self.depth_levels is None:
+            return self
+        span = float(radius_px.max()) - float(radius_px.min())
+        least = max(span / (self.depth_levels - 1), _LEAST_STEP_PX)
+        step = 2 ** (
+            math.ceil(_STEPS_PER_OCTAVE * math.log2(least)) / _STEPS_PER_OCTAVE
+        )
+        key = ("even", step)
+        if key not in self._kept:
+            self._kept[key] = replace(self, depth_levels=None, step_px=step, _kept={})
+        return self._kept[key]
 
     @cached_property
     def budget(self) -> BlurBudget:
@@ -176,6 +201,8 @@ class Defocus:
 
     @cached_property
     def levels(self) -> Levels:
+        if self.step_px is not None:
+            return Levels(self.step_px, _EVEN)
         return Levels(self.budget.step_px, self.budget.growth)
 
     @cached_property

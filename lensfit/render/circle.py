@@ -41,32 +41,31 @@ class Circle:
     ----------
     px_mm : Radius per vergence, px mm.
     focus_vergence : Per mm, from the entrance pupil.
+    most_px : No radius is larger.
     """
 
     px_mm: float
     focus_vergence: float
+    most_px: float = np.inf
 
     @classmethod
     def of(cls, lens: "Lens", geometry: PlateGeometry) -> "Circle":
         """Of a lens on a plate; zero everywhere where nobody knows the f-number."""
         pitch_mm = geometry.area_mm[0] / geometry.size_px[0]
-        if lens.f_number is None:
-            return cls(0.0, 0.0)
-        focus_mm = lens.focus_distance_mm
-        if focus_mm is None and lens.blur is not None:
-            focus_mm = float(lens.blur.reference_distance_mm)
-        to_focus = np.inf if focus_mm is None else focus_mm
-        to_focus -= float(lens.entrance_pupil_offset_mm)
-        c = float(lens.distortion.principal_distance_mm)
-        opening_mm = c / (1 + c / to_focus) / lens.f_number
-        return cls(opening_mm * c / (2 * pitch_mm), 1 / to_focus)
+        per_vergence, focus = lens.blur_per_vergence()
+        most_mm = lens.largest_blur_mm
+        most_px = np.inf if most_mm is None else most_mm / pitch_mm
+        return cls(per_vergence / pitch_mm, focus, most_px)
 
     def radius_px(
         self, depth_mm: Float32[np.ndarray, "*shape"]
     ) -> Float32[np.ndarray, "*shape"]:
         """Of distances from the entrance pupil."""
         scale, focus = np.float32(self.px_mm), np.float32(self.focus_vergence)
-        return scale * (1 / depth_mm - focus)
+        radius = scale * (1 / depth_mm - focus)
+        if self.most_px == np.inf:
+            return radius
+        return np.clip(radius, np.float32(-self.most_px), np.float32(self.most_px))
 
     def depth_mm(self, radius_px: float) -> float:
         """Of a radius; infinite for one that only lies beyond infinity."""

@@ -77,6 +77,7 @@ def blurred_plate(
         distances; the plate is what they hide.
     """
     radius_px = defocus.circle.radius_px(depth_mm)
+    defocus = defocus.over(radius_px)
     index = defocus.levels.index(radius_px)
     levels = levels_in(index, radius_px, defocus)
     if in_front is None and defocus.setup(window, levels).is_sharp:
@@ -106,6 +107,7 @@ def blurred_layers(
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
     """A deep plate, which knows what is hidden; parameters as `blurred_plate`."""
     radius_px = defocus.circle.radius_px(layers.depth_mm)
+    defocus = defocus.over(radius_px)
     index = defocus.levels.index(radius_px)
     index[layers.rgba[..., 3] <= 0] = NEVER
     setup = defocus.setup(window, levels_in(index, radius_px, defocus))

@@ -54,6 +54,7 @@ def render(
     mattes: Mattes | None = None,
     look: LookKnobs | None = None,
     chromaticities: Chromaticities | None = None,
+    depth_levels: int | None = None,
 ) -> Float32[np.ndarray, "out_height out_width channels"]:
     """The plate as the lens would have photographed it.
 
@@ -77,6 +78,7 @@ def render(
     look : Bloom, glints, filters, ghosts, white balance; none if None.
     chromaticities : x and y of red, green, blue and white of the plate, for the white
         balance; Rec. 709 if None.
+    depth_levels : Levels that depth is cut into; by the tolerance if None.
 
     Returns
     -------
@@ -109,6 +111,7 @@ def render(
         sensor_width_mm=sensor_width_mm,
         look=look,
         chromaticities=chromaticities,
+        depth_levels=depth_levels,
     )
     return render_stages(
         pixels,

@@ -105,10 +105,11 @@ def plan_of(
         found += [StagePlan("depth of field", False, why, 0, 0)]
     else:
         radius_px = stages.defocus.circle.radius_px(depth_mm)
-        setup = _setup(radius_px, stages.window, stages.defocus)
+        defocus = stages.defocus.over(radius_px)
+        setup = _setup(radius_px, stages.window, defocus)
         found.append(_outlines(radius_px, setup, layers is not None))
-        found.append(_depth_of_field(radius_px, output_window, setup, stages.defocus))
-        first_s = _kernels_s(setup, stages.defocus)
+        found.append(_depth_of_field(radius_px, output_window, setup, defocus))
+        first_s = _kernels_s(setup, defocus)
     found.append(_falloff(stages, tolerance))
     if stages.look is not None:
         on = prices(stages.look, stages.window)
@@ -171,13 +172,15 @@ def _depth_of_field(
     grid = setup.grid
     place = f"{grid.columns + 1} x {grid.rows + 1}" if grid.varies else "one"
     colour = "for each colour" if setup.chromatic else "for all colours"
+    most_px = defocus.circle.most_px
+    limit = f", {most_px:.3g} px at most" if np.isfinite(most_px) else ""
     why = (
-        f"blur from {low:.3g} to {high:.3g} px: {len(setup.rooms)} of "
+        f"blur from {low:.3g} to {high:.3g} px{limit}: {len(setup.rooms)} of "
         f"{len(setup.levels)} levels blurred, kernels {place} over the frame "
         f"and {colour}, tiles of {setup.tile} px"
     )
     is_flat = len(setup.levels) == 1
-    error = 0.0 if is_flat else _LEVEL_ERROR * budget.step_px
+    error = 0.0 if is_flat else _LEVEL_ERROR * defocus.levels.step_px
     if not defocus.bank.is_disc:
         error = float(np.hypot(error, _KERNEL_ERROR * budget.kernel_error))
     planes = (9 if setup.chromatic else 5) + (15 if grid.varies else 0)

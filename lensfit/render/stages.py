@@ -98,6 +98,7 @@ def prepare_stages(
     external: SourceMap | None = None,
     look: LookKnobs | None = None,
     chromaticities: Chromaticities | None = None,
+    depth_levels: int | None = None,
 ) -> Stages:
     """The maps and gains of a lens over a window.
 
@@ -112,6 +113,7 @@ def prepare_stages(
     external : Map to use in place of the lens' own distortion; it covers `window`.
     look : Wanted looks; none if None.
     chromaticities : Of the plate's colours; Rec. 709 if None.
+    depth_levels : Levels of depth; by the tolerance if None.
     """
     switches, budget = switches or Switches(), Budget.of(tolerance)
     geometry = PlateGeometry.of(lens, display_window, sensor_width_mm)
@@ -140,7 +142,9 @@ def prepare_stages(
     gains = (None, None, None)
     if switches.falloff:
         gains = _gains(lens, geometry, window, budget.gain_error, landing)
-    defocus = Defocus(lens, geometry, tolerance) if switches.defocus else None
+    defocus = None
+    if switches.defocus:
+        defocus = Defocus(lens, geometry, tolerance, depth_levels)
     looks = look_of(look, lens, geometry, tolerance, chromaticities)
     return Stages(window, maps, gains, shift, defocus, looks)
 

@@ -32,6 +32,7 @@ class ApplyOptions:
     depth : What the user says about the depth channel.
     edge_mask : Objects of the Cryptomatte that are cut out of the plate and blurred as
         layers of their own (see `cut_out`).
+    edge_matte : A channel with their coverage, in place of their names.
     knobs : What the user turned, by name (see `lensfit.preset.knobs`).
     output : The result, or a picture that explains it (see `frame_outputs`).
     """
@@ -47,8 +48,14 @@ class ApplyOptions:
     overwrite: bool = False
     depth: DepthOptions = field(default_factory=DepthOptions)
     edge_mask: Sequence[str] = ()
+    edge_matte: str | None = None
     knobs: Mapping[str, object] = field(default_factory=dict)
     output: Output = "result"
+
+    @property
+    def has_edges(self) -> bool:
+        """Whether anything is to be cut out of the plate."""
+        return bool(self.edge_mask) or self.edge_matte is not None
 
     @property
     def filter(self) -> Filter:

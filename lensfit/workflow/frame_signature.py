@@ -6,6 +6,7 @@ the effects. A later run compares it with what it would do, and tells when they 
 
 import hashlib
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import msgspec
 
@@ -47,8 +48,17 @@ def signature(
     lens = ", ".join([f"{lens_name} ({digest})", *at])
     done = ", ".join(_effects(options)) or "nothing"
     turned = [f"{name} {value}" for name, value in not_neutral(state.knobs).items()]
+    turned += _filter_digest(state)
     settings = _settings(options) + ([", ".join(turned)] if turned else [])
     return "; ".join([f"lensfit {__version__}: {lens}", done, *settings])
+
+
+def _filter_digest(state: PlateState) -> list[str]:
+    """What the filter image holds: another picture may come to have its name."""
+    path = state.knobs.bokeh.filter_image
+    if path is None or not Path(path).is_file():
+        return []
+    return [f"filter {hashlib.sha256(Path(path).read_bytes()).hexdigest()[:8]}"]
 
 
 def _settings(options: ApplyOptions) -> list[str]:
@@ -86,6 +96,8 @@ def _effects(options: ApplyOptions) -> list[str]:
         effects.append(f"map {options.stmap.name}")
     if switches.defocus and options.edge_mask:
         effects.append(f"edges of {', '.join(options.edge_mask)}")
+    if switches.defocus and options.edge_matte is not None:
+        effects.append(f"edges by channel {options.edge_matte}")
     return effects
 
 

@@ -11,7 +11,7 @@ from lensfit.render.layer_stack import Mattes
 from lensfit.workflow.cut_out import CutOut
 from lensfit.workflow.plate_depth import plate_depth
 from lensfit.workflow.plate_lens import PlateLens
-from lensfit.workflow.plate_mattes import named_cut_out, plate_mattes
+from lensfit.workflow.plate_mattes import matte_cut_out, named_cut_out, plate_mattes
 from lensfit.workflow.plate_state import PlateState
 
 NO_DEPTH = "plates hold no depth, so depth of field is left out"
@@ -45,7 +45,7 @@ def plate_in_depth(
     Raises
     ------
     ImageError : Depth of field was asked for and cannot be had, or the edge mask names
-        an object that the plate does not have.
+        an object or a channel that the plate does not have.
     """
     if not lens.options.switches.defocus:
         return None
@@ -63,8 +63,12 @@ def plate_in_depth(
     if not lens.knows_blur(state):
         return None
     depth = lens.within_reach(found.depth_mm, state)
-    window, names = part.data_window, lens.options.edge_mask
-    if not names:
+    window, options = part.data_window, lens.options
+    if options.edge_matte is not None:
+        cut = matte_cut_out(depth, image, path, part, options.edge_matte)
+        # The plate's Cryptomatte may hold its objects too, and nobody takes them out.
+        return PlateInDepth(cut.rest_depth_mm, None, cut)
+    if not options.edge_mask:
         return PlateInDepth(depth, plate_mattes(image, path, window))
-    cut = named_cut_out(depth, image, path, window, names)
+    cut = named_cut_out(depth, image, path, window, options.edge_mask)
     return PlateInDepth(cut.rest_depth_mm, cut.rest_mattes, cut)

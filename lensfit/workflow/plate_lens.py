@@ -52,6 +52,8 @@ class PlateLens:
         self._map = None if stmap is None else ExternalMap.read(stmap)
         self._sources = CameraSources(options.camera, options.overrides)
         self._digest = preset_digest(preset)
+        self._lens_key: object = None
+        self._lens: Lens | None = None
         self._key: object = None
         self._look_key: object = None
         self._stages: Stages | None = None
@@ -102,8 +104,12 @@ class PlateLens:
         )
 
     def lens_at(self, state: PlateState) -> Lens:
-        """The lens at the state of a plate, as it was turned."""
-        return self.preset.at(*state.lens_key, knobs=state.knobs)
+        """The lens at the state of a plate, as it was turned; kept for the next."""
+        key = (state.lens_key, state.knobs.aberration, state.knobs.bokeh)
+        if self._lens is None or key != self._lens_key:
+            self._lens = self.preset.at(*state.lens_key, knobs=state.knobs)
+            self._lens_key = key
+        return self._lens
 
     def noted_state(self, image: ExrImage, path: Path) -> PlateState:
         """The camera state of a plate; what was assumed is noted."""
@@ -141,6 +147,7 @@ class PlateLens:
                 switches=self.options.switches,
                 sensor_width_mm=state.sensor_width_mm,
                 external=external and external.source_map(display, window),
+                depth_levels=state.knobs.bokeh.depth_levels,
             )
             self._key, self._look_key = key, None
         look_key = (state.knobs.look, state.chromaticities)
@@ -186,7 +193,7 @@ class PlateLens:
             lens.focus_distance_mm,
         ):
             return True
-        if self.options.depth.asked or self.options.edge_mask:
+        if self.options.depth.asked or self.options.has_edges:
             raise ImageError(
                 "states no f-number or focus distance, which depth of field needs",
                 remedy="give --f-number and --focus-distance-mm, or --no-defocus",

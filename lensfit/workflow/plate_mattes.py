@@ -1,4 +1,4 @@
-"""What a Cryptomatte knows of a plate: who shares a pixel, and where an object is."""
+"""What mattes know of a plate: who shares a pixel, and where an object is."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,10 +15,14 @@ from lensfit.io.cryptomatte import (
     id_of,
     read_ranks,
 )
-from lensfit.io.exr import ExrImage
+from lensfit.io.depth import over_window
+from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.render.layer_stack import Mattes
 from lensfit.workflow.cut_out import CutOut, cut_out
 from lensfit.workflow.rest_of_plate import RANKS
+
+_OBJECTS, _REST = 1, 2
+"""Ids of what a matte channel covers, and of all else."""
 
 
 def plate_mattes(image: ExrImage, path: Path, window: Window) -> Mattes | None:
@@ -75,6 +79,51 @@ def named_cut_out(
         where=path,
         remedy=f"its objects are {known or 'not named'}",
     )
+
+
+def matte_cut_out(
+    depth_mm: Float32[np.ndarray, "height width"],
+    image: ExrImage,
+    path: Path,
+    part: ExrPart,
+    name: str,
+) -> CutOut:
+    """Objects cut out of a plate by a channel that holds their coverage, 0 to 1.
+
+    Parameters
+    ----------
+    depth_mm : Over the data window of `part`.
+    part : With the colours; its channels are looked at first.
+    name : Of the channel, with or without the name of its part before a dot.
+
+    Raises
+    ------
+    ImageError : No channel is called that.
+    """
+    parts = [part, *(other for other in image.parts if other is not part)]
+    found = next(
+        (
+            (of, own)
+            for of in parts
+            for own in of.channels
+            if name in (own, f"{of.name}.{own}")
+        ),
+        None,
+    )
+    if found is None:
+        known = ", ".join(n for of in parts for n in of.channels)
+        raise ImageError(
+            f"has no channel {name!r} that could be an edge matte",
+            where=path,
+            remedy=f"its channels are {known}",
+        )
+    samples = np.nan_to_num(over_window(*found, part.data_window))
+    coverage = np.clip(samples, 0, 1).astype(np.float32)
+    ids = np.broadcast_to(
+        np.array([_OBJECTS, _REST], np.uint32)[:, None, None], (2, *coverage.shape)
+    )
+    ranks = Ranks(ids, np.stack([coverage, 1 - coverage]))
+    return cut_out(depth_mm, ranks, [_OBJECTS])
 
 
 def _knows(crypto: Cryptomatte, ranks: Ranks, name: str) -> bool:

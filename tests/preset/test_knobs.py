@@ -43,7 +43,7 @@ def test_the_last_word_counts_and_text_is_a_number():
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"coma": 1}, 'no knob "coma"; did you mean "coma_gain"?'),
+        ({"coma_gan": 1}, 'no knob "coma_gan"; did you mean "coma_gain"?'),
         ({"blades": "many"}, "whole number"),
         ({"blades": 99}, "<= 16"),
         ({"coma_gain": "nan"}, "no finite number"),

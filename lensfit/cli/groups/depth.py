@@ -68,6 +68,14 @@ class DepthGroup:
         ),
     ] = None
 
+    edge_matte: Annotated[
+        str | None,
+        typer.Option(
+            help="Channel that covers such objects, in place of their names",
+            rich_help_panel=_PANEL,
+        ),
+    ] = None
+
     def options(self) -> "DepthOptions":
         """As plates are rendered with it."""
         from lensfit.workflow.plate_depth import DepthOptions
@@ -86,10 +94,14 @@ class DepthGroup:
 
         Raises
         ------
-        typer.BadParameter : It was given, and names nothing.
+        typer.BadParameter : It was given, and names nothing; or a matte was given too.
         """
         if self.edge_mask is None:
             return ()
+        if self.edge_matte is not None:
+            raise typer.BadParameter(
+                "goes without --edge-matte", param_hint="--edge-mask"
+            )
         names = tuple(n.strip() for n in self.edge_mask.split(",") if n.strip())
         if not names:
             raise typer.BadParameter("names no object", param_hint="--edge-mask")
