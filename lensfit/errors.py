@@ -59,6 +59,10 @@ class ShootError(LensfitError):
     """A shoot file that is malformed, or contradicts itself or its photographs."""
 
 
+class ChartError(LensfitError):
+    """A chart that cannot be made as it was asked for."""
+
+
 class FitError(LensfitError):
     """Observations that do not determine a lens."""
 

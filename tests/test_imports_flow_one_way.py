@@ -25,6 +25,7 @@ FLOORS = {
     "coords": 2,
     "photograph": 2,
     "optics": 2,
+    "chart": 2,
     "io": 3,
     "detect": 3,
     "kernel": 3,

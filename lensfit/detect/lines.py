@@ -12,6 +12,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import median_filter
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay
 
 from lensfit.detect.lattice import index_lattice
@@ -31,6 +33,8 @@ from lensfit.photograph import Photograph
 FEWEST_CROSSINGS = 9
 LEAST_EXPLAINED = 0.4
 LEAST_JOINED = 0.6
+LEAST_ATTACHED = 0.1
+"""Crossings that hang together are of the grid from this part of all of them on."""
 BREAK = 0.25
 """A line is broken where its ridge is weaker than this part of that at its ends."""
 PIECE_PX = (6, 16)
@@ -93,11 +97,16 @@ def _numbered_crossings(
     crossings, ridge = find_crossings(image, scale)
     indices, valid = index_lattice(crossings)
     indices, on_grid = indices[valid], crossings[valid]
+    start, end = _neighbours(indices)
+    joined = _joined(on_grid[start], on_grid[end], ridge, scale)
+    share = float(joined.mean()) if len(joined) else 0.0
+    attached = _attached(len(on_grid), start[joined], end[joined])
+    indices, on_grid = indices[attached], on_grid[attached]
     if (
         len(on_grid) < FEWEST_CROSSINGS
         or (np.ptp(indices, axis=0) < 2).any()
         or _explained(on_grid, crossings) < LEAST_EXPLAINED
-        or _joined(indices, on_grid, ridge, scale) < LEAST_JOINED
+        or share < LEAST_JOINED
     ):
         colour = "bright" if scale.sign > 0 else "dark"
         raise DetectionError(
@@ -106,7 +115,7 @@ def _numbered_crossings(
             where=photograph.path,
             remedy="check the target's kind and polarity, the focus and the exposure",
         )
-    return on_grid, indices, len(crossings)
+    return on_grid, indices - indices.min(0), len(crossings)
 
 
 def _refined(
@@ -133,19 +142,33 @@ def _explained(on_grid: np.ndarray, crossings: np.ndarray) -> float:
 
 
 def _joined(
-    indices: np.ndarray, crossings: np.ndarray, ridge: np.ndarray, scale: RidgeScale
-) -> float:
-    """Part of the neighbouring crossings that a ridge joins without a break."""
+    start: np.ndarray, end: np.ndarray, ridge: np.ndarray, scale: RidgeScale
+) -> Bool[np.ndarray, " pairs"]:
+    """Which neighbouring crossings a ridge joins without a break."""
+    if not len(start):
+        return np.zeros(0, bool)
     reach = 2 * round(scale.sigma_px) + 1
     ridge = cv2.dilate(ridge, np.ones((reach, reach), np.uint8))
-    start, end = _neighbours(indices)
-    if not len(start):
-        return 0.0
     fraction = np.linspace(0, 1, 11)[:, None, None]
-    path = crossings[start] + (crossings[end] - crossings[start]) * fraction
+    path = start + (end - start) * fraction
     x, y = np.moveaxis(path, -1, 0).astype(int)
     strength = ridge[y, x]
-    return float(np.mean(strength[3:-3].min(0) > BREAK * strength[[0, -1]].mean(0)))
+    return strength[3:-3].min(0) > BREAK * strength[[0, -1]].mean(0)
+
+
+def _attached(
+    count: int, start: np.ndarray, end: np.ndarray
+) -> Bool[np.ndarray, " crossings"]:
+    """Crossings that hang together, by ridges, with a good part of all others.
+
+    Print beside a grid has places that look like crossings, some of them where the
+    next line would be.
+    """
+    if not count:
+        return np.zeros(0, bool)
+    links = coo_matrix((np.ones(len(start)), (start, end)), (count, count))
+    _, part = connected_components(links, directed=False)
+    return np.bincount(part)[part] >= LEAST_ATTACHED * count
 
 
 def _neighbours(indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,124 @@
+"""What a chart shows: a grid of dots, of lines, or a checkerboard, in millimetres.
+
+Lattice coordinates are those of `lensfit.detect.observations`, counted from the chart's
+own first mark: (0, 0) is the top left dot, crossing or inner corner of the upright
+chart, i to the right, j down.
+
+Orientation marks break the symmetry of the grid. They are four sites near its middle,
+no two of which can be confused with others after any quarter turn or in a mirror: dots
+that are missing, or small discs in the middle of cells. Nothing a detector measures is
+near them.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from lensfit.errors import ChartError
+
+ChartKind = Literal["dot-grid", "line-grid", "checkerboard"]
+Polarity = Literal["bright", "dark"]
+KINDS: tuple[ChartKind, ...] = get_args(ChartKind)
+POLARITIES: tuple[Polarity, ...] = get_args(Polarity)
+
+STEP_MM = 1e-4
+"""Lengths of a pattern are whole multiples: as much as a chart can say of itself."""
+MOST_MARKS = 255
+FEWEST_MARKS = 5
+ORIENTATION_CELLS = np.array([[0, 0], [2, 0], [5, 0], [0, 3]])
+"""Orientation marks, in sites from the first one."""
+_ORIENTATION_SPAN = ORIENTATION_CELLS.max(0) + 1
+_DISC_PART = {"line-grid": 0.25, "checkerboard": 0.22}
+"""Diameter of an orientation mark, in pitches: clear of what the detectors measure."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """The grid of a chart.
+
+    Attributes
+    ----------
+    pitch_mm : Distance of neighbouring marks; side of a checker square.
+    mark_mm : Diameter of a dot or width of a line; 0 for a checkerboard.
+    columns, rows : Dots or lines; squares of a checkerboard.
+    oriented : Orientation marks are there.
+    """
+
+    kind: ChartKind
+    polarity: Polarity
+    pitch_mm: float
+    mark_mm: float
+    columns: int
+    rows: int
+    oriented: bool
+
+    @property
+    def lattice_size(self) -> tuple[int, int]:
+        """Columns and rows of what a detector numbers: dots, crossings or corners."""
+        less = 1 if self.kind == "checkerboard" else 0
+        return self.columns - less, self.rows - less
+
+    @property
+    def site_offset(self) -> float:
+        """From a lattice point to the site of the same number, in both directions."""
+        return 0.0 if self.kind == "dot-grid" else 0.5
+
+    @property
+    def first_orientation_site(self) -> Int[np.ndarray, " 2"]:
+        """Column and row of the site that `ORIENTATION_CELLS` count from."""
+        sites = np.array(self.lattice_size) - (self.site_offset > 0)
+        return (sites - _ORIENTATION_SPAN) // 2
+
+    @property
+    def orientation_marks(self) -> Float[np.ndarray, "marks 2"]:
+        """Their lattice coordinates; none if the chart is not oriented."""
+        cells = ORIENTATION_CELLS if self.oriented else ORIENTATION_CELLS[:0]
+        return cells + self.first_orientation_site + self.site_offset
+
+    @property
+    def orientation_mark_mm(self) -> float:
+        """Diameter of an orientation mark; 0 where it is a missing dot."""
+        return _DISC_PART.get(self.kind, 0.0) * self.pitch_mm
+
+
+def make_pattern(
+    kind: ChartKind,
+    polarity: Polarity,
+    pitch_mm: float,
+    mark_mm: float,
+    columns: int,
+    rows: int,
+) -> Pattern:
+    """A pattern with orientation marks, if it has room for them.
+
+    Raises
+    ------
+    ChartError : Too few or too many marks, or marks as wide as their pitch.
+    """
+    name = kind.replace("-", " ")
+    if min(columns, rows) < FEWEST_MARKS:
+        raise ChartError(
+            f"the {name} would have {columns} x {rows} marks, and {FEWEST_MARKS} each "
+            "way are needed",
+            remedy="use a smaller pitch or a larger sheet",
+        )
+    if max(columns, rows) > MOST_MARKS:
+        raise ChartError(
+            f"the {name} would have {columns} x {rows} marks, more than {MOST_MARKS}",
+            remedy="use a larger pitch",
+        )
+    if kind != "checkerboard" and not 0 < mark_mm < 0.9 * pitch_mm:
+        raise ChartError(
+            f"marks of {mark_mm:g} mm do not suit a pitch of {pitch_mm:g} mm",
+            remedy="make them narrower than 0.9 pitches",
+        )
+    plain = Pattern(kind, polarity, pitch_mm, mark_mm, columns, rows, False)
+    oriented = bool((plain.first_orientation_site >= 1).all())
+    return Pattern(kind, polarity, pitch_mm, mark_mm, columns, rows, oriented)
+
+
+def in_steps(length_mm: float) -> float:
+    """The nearest length that a chart can say of itself."""
+    return round(round(length_mm / STEP_MM) * STEP_MM, 4)

@@ -1,0 +1,84 @@
+"""What a photographed chart says of itself: its code strip, found and read.
+
+Markers are found by OpenCV, in linear light, in which blur leaves edges where they are;
+if some are missing, once more on a picture enlarged twice. Each knows its place in the
+strip, so that any copies of it that are in the frame fill in for each
+other; a checksum decides. A strip needs about two pixels for each of its modules and a
+blur of less than one and a half of them; no take but the sharpest has to show it.
+"""
+
+import math
+from itertools import islice, product
+
+import cv2
+import numpy as np
+
+from lensfit.chart.code import BASE, MARKERS, dictionary, pattern_of
+from lensfit.chart.pattern import Pattern
+from lensfit.photograph import Photograph
+
+_LEAST_PERIMETER_PX = 40.0
+"""Of a marker: ten pixels a side."""
+_MOST_TO_ENLARGE_PX = 16_000_000
+_MOST_READINGS = 64
+"""Strips that are tried where markers of one place disagree."""
+
+
+def read_chart_code(photograph: Photograph) -> Pattern | None:
+    """The pattern that the code strip of a chart describes.
+
+    Parameters
+    ----------
+    photograph : The picture, scene-linear.
+
+    Returns
+    -------
+    None where no whole strip can be read.
+    """
+    image = photograph.luminance_channel
+    if not np.isfinite(image).all() or min(image.shape) < 32:
+        return None
+    white = max(float(np.percentile(image[::4, ::4], 99.5)), 1e-12)
+    picture = np.clip(255 / white * image, 0, 255).astype(np.uint8)
+    # The sheet's own tone first: what is mostly black holds inverted markers.
+    tones = (True, False) if np.mean(picture) < 100 else (False, True)
+    tries = [(1, inverted) for inverted in tones]
+    if picture.size <= _MOST_TO_ENLARGE_PX:
+        tries += [(2, inverted) for inverted in tones]
+    seen: list[set[int]] = [set() for _ in range(MARKERS)]
+    for enlarged, inverted in tries:
+        _look(picture, enlarged, inverted, seen)
+        pattern = _first_sound(seen)
+        if pattern is not None:
+            return pattern
+        if (enlarged, inverted) == tries[1] and not any(seen):
+            return None
+    return None
+
+
+def _first_sound(seen: list[set[int]]) -> Pattern | None:
+    """The first pattern of a right checksum that the markers make."""
+    ways = product(*(sorted(ids) for ids in seen))
+    for ids in islice(ways, min(_MOST_READINGS, math.prod(map(len, seen)))):
+        pattern = pattern_of(ids)
+        if pattern is not None:
+            return pattern
+    return None
+
+
+def _look(
+    picture: np.ndarray, enlarged: int, inverted: bool, seen: list[set[int]]
+) -> None:
+    """Add the markers of one tone to those seen for each place of the strip."""
+    if enlarged > 1:
+        picture = cv2.resize(
+            picture, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_CUBIC
+        )
+    options = cv2.aruco.DetectorParameters()
+    options.minMarkerPerimeterRate = enlarged * _LEAST_PERIMETER_PX / max(picture.shape)
+    options.adaptiveThreshWinSizeMax *= enlarged
+    detector = cv2.aruco.ArucoDetector(dictionary(), options)
+    _, ids, _ = detector.detectMarkers(255 - picture if inverted else picture)
+    for marker in () if ids is None else np.ravel(ids):
+        if marker < BASE * MARKERS:
+            seen[int(marker) // BASE].add(int(marker))
