@@ -16,17 +16,18 @@ _FLATNESS = 8.0
 """Curves of letters are flattened at so many times the pixels' scale."""
 
 
-def paint(
-    drawing: Drawing, size_px: tuple[int, int]
-) -> Float[np.ndarray, "height width"]:
+def paint(drawing: Drawing, pixel_mm: float) -> Float[np.ndarray, "height width"]:
     """Mean tone of every pixel, scene-linear, float32.
+
+    The first pixel's corner is the sheet's; the last column and row may show a part of
+    a pixel more or less than the sheet, so that its scale is exact.
 
     Parameters
     ----------
-    size_px : Width and height; the sheet is stretched to fill them.
+    pixel_mm : Side of a pixel.
     """
-    width, height = size_px
-    scale = np.array([width / drawing.width_mm, height / drawing.height_mm])
+    width, height = size_in_pixels(drawing, pixel_mm)
+    scale = np.full(2, 1 / pixel_mm)
     picture = np.full((height, width), drawing.ground, np.float32)
     for layer in drawing.layers:
         covered = np.zeros((height, width), np.float32)
@@ -34,6 +35,12 @@ def paint(
         np.clip(covered, 0, 1, out=covered)
         picture += covered * (np.float32(layer.tone) - picture)
     return picture
+
+
+def size_in_pixels(drawing: Drawing, pixel_mm: float) -> tuple[int, int]:
+    """Width and height of a drawing, to the nearest whole pixel."""
+    width = max(round(drawing.width_mm / pixel_mm), 1)
+    return width, max(round(drawing.height_mm / pixel_mm), 1)
 
 
 def _cover(covered: np.ndarray, layer: Layer, scale: np.ndarray) -> None:

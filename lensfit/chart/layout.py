@@ -17,7 +17,14 @@ from lensfit.chart.code import STRIP_MODULES, marker_cells, marker_ids
 from lensfit.chart.drawing import BLACK, WHITE, Drawing, Layer, Outline
 from lensfit.chart.lettering import lettered, width_per_em
 from lensfit.chart.marks import pattern_layers
-from lensfit.chart.pattern import ChartKind, Pattern, Polarity, in_steps, make_pattern
+from lensfit.chart.pattern import (
+    LINE_END,
+    ChartKind,
+    Pattern,
+    Polarity,
+    in_steps,
+    make_pattern,
+)
 from lensfit.chart.sheet import Sheet
 from lensfit.errors import ChartError
 
@@ -135,7 +142,8 @@ def _pattern(sheet: Sheet, wanted: Wanted, module_mm: float) -> Pattern:
         kept = np.array([sheet.margin_mm, band + 0.25 * pitch])
         count = np.floor((size - 2 * kept) / pitch + 1e-9)
     else:
-        beside = max(CLEAR_PITCHES * pitch, sheet.margin_mm + mark / 2)
+        end = LINE_END * pitch if lines else mark / 2
+        beside = max(CLEAR_PITCHES * pitch, sheet.margin_mm + end)
         kept = np.array([beside, band + clear])
         count = np.floor((size - 2 * kept) / pitch + 1e-9) + 1
     columns, rows = (max(int(n), 0) for n in count)

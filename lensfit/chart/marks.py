@@ -4,10 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.chart.drawing import Layer
-from lensfit.chart.pattern import Pattern
-
-LINE_END = 0.5
-"""How far a line goes on beyond its last crossing, in pitches."""
+from lensfit.chart.pattern import LINE_END, Pattern
 
 
 def pattern_layers(

@@ -27,11 +27,9 @@ STEP_MM = 1e-4
 """Lengths of a pattern are whole multiples: as much as a chart can say of itself."""
 MOST_MARKS = 255
 FEWEST_MARKS = 5
-ORIENTATION_CELLS = np.array([[0, 0], [2, 0], [5, 0], [0, 3]])
-"""Orientation marks, in sites from the first one."""
-_ORIENTATION_SPAN = ORIENTATION_CELLS.max(0) + 1
-_DISC_PART = {"line-grid": 0.25, "checkerboard": 0.22}
-"""Diameter of an orientation mark, in pitches: clear of what the detectors measure."""
+LINE_END = 0.5
+"""How far a line goes on beyond its last crossing, in pitches: no further, or its end
+looks like one more crossing."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import numpy as np
 from lensfit.detect.corners import find_charuco, find_checkerboard
 from lensfit.detect.dots import find_dots
 from lensfit.detect.lines import find_lines
-from lensfit.detect.observations import Observations
+from lensfit.detect.observations import Observations, only
 from lensfit.errors import DetectionError
 from lensfit.photograph import Photograph
 
@@ -150,19 +150,11 @@ def _in_whole_photograph(
     inside = np.ones(len(points), bool)
     if roi is not None:
         inside = ((points >= roi[:2]) & (points <= roi[2:])).all(1)
+    found = only(found, inside)
     return replace(
         found,
-        lattice=found.lattice[inside],
-        points_px=points[inside],
-        covariance_px2=found.covariance_px2[inside],
-        family=found.family[inside],
-        normal=found.normal[inside],
-        saturated=found.saturated[inside],
-        overlapping=found.overlapping[inside],
-        channel_points_px=found.channel_points_px[:, inside] + corner,
-        channel_covariance_px2=found.channel_covariance_px2[:, inside],
-        flux=found.flux[inside],
-        diameter_px=found.diameter_px[inside],
+        points_px=found.points_px + corner,
+        channel_points_px=found.channel_points_px + corner,
         image_size_px=photograph.size_px,
     )
 

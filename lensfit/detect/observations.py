@@ -13,7 +13,7 @@ image. A residual is then ``normal . (observed - predicted)``, to first order bl
 the coordinate along the line.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -75,3 +75,21 @@ class Observations:
 
     def __len__(self) -> int:
         return len(self.points_px)
+
+
+def only(found: Observations, kept: Bool[np.ndarray, " marks"]) -> Observations:
+    """The record of some of the marks."""
+    return replace(
+        found,
+        lattice=found.lattice[kept],
+        points_px=found.points_px[kept],
+        covariance_px2=found.covariance_px2[kept],
+        family=found.family[kept],
+        normal=found.normal[kept],
+        saturated=found.saturated[kept],
+        overlapping=found.overlapping[kept],
+        channel_points_px=found.channel_points_px[:, kept],
+        channel_covariance_px2=found.channel_covariance_px2[:, kept],
+        flux=found.flux[kept],
+        diameter_px=found.diameter_px[kept],
+    )

@@ -17,8 +17,8 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import map_coordinates
 from scipy.spatial import QhullError
 
-from lensfit.chart.pattern import ORIENTATION_CELLS, Pattern
-from lensfit.detect.observations import POINT, Observations
+from lensfit.chart.pattern import LINE_END, ORIENTATION_CELLS, Pattern
+from lensfit.detect.observations import POINT, Observations, only
 from lensfit.photograph import Photograph
 
 _QUARTER = np.array([[0, -1], [1, 0]])
@@ -30,6 +30,8 @@ _RING_PITCHES = 0.29
 _RING = np.array([[np.cos(a), np.sin(a)] for a in np.pi / 4 * np.arange(8)])
 _CORNERS = 0.5 * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
 _SMALLEST_PITCH_PX = 5.0
+_LINE_PART = 0.7 * LINE_END
+"""Samples further beyond the last crossing than this may lie on a line's end."""
 _BEYOND = 0.95
 """Lines go on beyond their last crossing, but nothing is a whole pitch away."""
 
@@ -71,7 +73,9 @@ def numbered_as_on_chart(
     family = found.family
     if numbering.turns % 2:
         family = np.where(points, POINT, 1 - family)
-    return replace(found, lattice=lattice, family=family)
+    last = np.array(pattern.lattice_size) - 1
+    on_line = ((lattice > -_LINE_PART) & (lattice < last + _LINE_PART)).all(1)
+    return only(replace(found, lattice=lattice, family=family), points | on_line)
 
 
 def read_numbering(
