@@ -41,15 +41,25 @@ Layers = Float32[Array, "layers height width 4"]
 Indices = Int16[Array, "layers height width"]
 
 
-@partial(jax.jit, static_argnames=("room",))
 def kernel_transforms(
-    kernels: Float32[Array, "nodes channels size size"], *, room: int
+    kernels: Float32[np.ndarray, "nodes channels size size"], *, room: int
 ) -> Complex64[Array, "nodes channels room half"]:
-    """Transforms of kernels, their middle at the origin, in tiles of `room` pixels."""
+    """Transforms of kernels, their middle at the origin, in tiles of `room` pixels.
+
+    They are laid out before they are handed over, so that one program serves all sizes:
+    with an animated focus every frame has its own.
+    """
     half = kernels.shape[-1] // 2
     spare = room - kernels.shape[-1]
-    padded = jnp.pad(kernels, ((0, 0), (0, 0), (0, spare), (0, spare)))
-    return jnp.fft.rfft2(jnp.roll(padded, (-half, -half), (-2, -1)))
+    padded = np.pad(kernels, ((0, 0), (0, 0), (0, spare), (0, spare)))
+    return _transformed(np.roll(padded, (-half, -half), (-2, -1)))
+
+
+@jax.jit
+def _transformed(
+    planes: Float32[Array, "nodes channels room room"],
+) -> Complex64[Array, "nodes channels room half"]:
+    return jnp.fft.rfft2(planes)
 
 
 @partial(jax.jit, static_argnames=("tile", "room"))

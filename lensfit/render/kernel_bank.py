@@ -184,7 +184,7 @@ class KernelBank:
             half = math.ceil((widest + 1) * finer)
             discs = np.stack([disc_kernel(r, half, finer) for r in radii])
             return np.repeat(discs[:, None], len(channels), 1)
-        half = max(math.ceil((1.2 * widest + 3) * finer), 3)
+        half = _filling(max(math.ceil((1.2 * widest + 3) * finer), 3))
         depths = np.array([self.circle.depth_mm(r) for r in radii])
         # A few outermost points say how large kernels are, before all are made.
         few = _outermost(points_px, np.abs(radii))
@@ -208,7 +208,7 @@ class KernelBank:
             lost = _border_light(found)
             if lost < self.needs.lost or half >= _LARGEST_HALF_PX:
                 return found, half
-            half = min(math.ceil(1.6 * half), _LARGEST_HALF_PX)
+            half = _filling(min(math.ceil(1.6 * half), _LARGEST_HALF_PX))
 
     def _evaluated(
         self,
@@ -240,6 +240,16 @@ class KernelBank:
         with ThreadPoolExecutor() as threads:
             made = threads.map(part, filled.reshape(-1, together, 3))
             return np.concatenate(list(made))[: len(points)]
+
+
+def _filling(half: int) -> int:
+    """At least this, of a few: arrays of 2^n and 3 2^n pixels are made anyhow
+    (`lensfit.kernel.lens_psf`), and what is asked of them in few sizes is compiled
+    seldom, also where every frame has a focus of its own."""
+    size = 2 * half + 1
+    octave = 1 << size.bit_length()
+    room = 3 * octave // 4 if size < 3 * octave // 4 else octave
+    return room // 2 - 1
 
 
 def trimmed(
