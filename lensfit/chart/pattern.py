@@ -30,6 +30,11 @@ FEWEST_MARKS = 5
 LINE_END = 0.5
 """How far a line goes on beyond its last crossing, in pitches: no further, or its end
 looks like one more crossing."""
+ORIENTATION_CELLS = np.array([[0, 0], [2, 0], [5, 0], [0, 3]])
+"""Orientation marks, in sites from the first one."""
+_ORIENTATION_SPAN = ORIENTATION_CELLS.max(0) + 1
+_DISC_PART = {"line-grid": 0.2, "checkerboard": 0.2}
+"""Diameter of an orientation mark, in pitches: clear of what the detectors measure."""
 
 
 @dataclass(frozen=True)
