@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import typer
 
@@ -17,6 +18,9 @@ def overscan(
     library: LibraryGroup,
     size: str = typer.Option(
         None, help="Frame, as 4096x3072; that of the photographs by default"
+    ),
+    plate: Path = typer.Option(
+        None, help="Take frame and camera from this EXR, and say if it has enough"
     ),
     focal_length_mm: str = typer.Option(
         None,
@@ -46,34 +50,48 @@ def overscan(
     data window and wider film back, and as the factor of OpenLensIO. Over a range of
     focal lengths or focus distances it is the largest.
 
+    --plate takes all of this from a rendered plate and judges what it was given.
+
     Example: lensfit overscan takumar/preset.json --size 4096x3072 --f-number 2
     """
     from lensfit.cli._door import say_note
     from lensfit.cli.stmap import size_px
-    from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
+    from lensfit.workflow.overscan_plan import (
+        OverscanQuestion,
+        overscan_of_plate,
+        plan_overscan,
+    )
 
     frame = size_px(size)
     focal = _span(focal_length_mm, "--focal-length-mm")
     focus = _span(focus_distance_mm, "--focus-distance-mm")
     loaded = library.find(preset).preset
+    own = None if plate is None else overscan_of_plate(loaded, plate)
+    camera = loaded.camera
+    known = (
+        own.question
+        if own
+        else OverscanQuestion((camera.image_width_px, camera.image_height_px))
+    )
     question = OverscanQuestion(
-        frame or (loaded.camera.image_width_px, loaded.camera.image_height_px),
-        sensor_width_mm,
-        focal,
-        focus,
-        f_number,
+        frame or known.size_px,
+        sensor_width_mm or known.sensor_width_mm,
+        focal or known.focal_length_mm,
+        focus or known.focus_distance_mm,
+        f_number or known.f_number,
         nearest_mm,
         filter_name.value,
     )
     plan = plan_overscan(loaded, question)
-    for note in plan.notes:
+    for note in dict.fromkeys([*(own.notes if own else ()), *plan.notes]):
         say_note(note)
     if plan.margins.missing:
         say_note("part of the frame shows nothing that an undistorted plate can hold")
     if as_json:
-        typer.echo(json.dumps(_facts(plan, per_channel), indent=1))
+        facts = _facts(plan, per_channel) | (_of_plate(own, plan) if own else {})
+        typer.echo(json.dumps(facts, indent=1))
         return
-    for line in _lines(plan, per_channel):
+    for line in [*_lines(plan, per_channel), *(_verdict(own, plan) if own else [])]:
         typer.echo(line)
 
 
@@ -107,6 +125,28 @@ def _facts(plan, per_channel: bool) -> dict:
     if per_channel:
         found["channels"] = {c: m._asdict() for c, m in plan.channels.items()}
     return found
+
+
+def _of_plate(own, plan) -> dict:
+    blurred = plan.with_blur
+    return {
+        "plate": {
+            "margins_px": own.margins._asdict(),
+            "stated_percent": own.stated_percent,
+            "suffices": own.suffices(plan.margins),
+            "suffices_with_depth_of_field": blurred and own.suffices(blurred),
+        }
+    }
+
+
+def _verdict(own, plan) -> list[str]:
+    stated = own.stated_percent
+    said = "" if stated is None else f", header states {stated:g} %"
+    enough = "enough" if own.suffices(plan.margins) else "too little"
+    if plan.with_blur is not None and own.suffices(plan.margins):
+        word = "enough" if own.suffices(plan.with_blur) else "too little"
+        enough += f"; with depth of field {word}"
+    return [f"The plate has {_sides(own.margins)}{said}: {enough}"]
 
 
 def _need(margins, camera) -> dict:

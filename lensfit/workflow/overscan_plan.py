@@ -9,12 +9,14 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import pairwise, product
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
+from lensfit.io.metadata import camera_state_from
 from lensfit.preset.schema import Preset
 from lensfit.render.circle import Circle
 from lensfit.render.filters import Filter
@@ -26,6 +28,9 @@ from lensfit.render.overscan import (
 )
 from lensfit.render.uv import Channel, PlateGeometry, overscan_needed
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
+from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.plate_header import header_entries, plate_header
+from lensfit.workflow.plate_lens import PlateLens
 from lensfit.workflow.stmaps import LARGEST_SIDE_PX
 
 if TYPE_CHECKING:
@@ -84,6 +89,65 @@ class OverscanPlan:
     blur_camera: CgCamera | None
     states: int
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PlateOverscan:
+    """What a plate has beyond its frame.
+
+    Attributes
+    ----------
+    question : What it needs, at its own camera state.
+    margins : Pixels that its data window has beyond its display window.
+    stated_percent : `lens/overscan` of its header; None if it states none.
+    notes : What was assumed of its camera state.
+    """
+
+    question: OverscanQuestion
+    margins: Margins
+    stated_percent: float | None
+    notes: tuple[str, ...]
+
+    def suffices(self, needed: Margins) -> bool:
+        """Whether the plate holds every pixel that is read."""
+        return all(a >= b for a, b in zip(self.margins[:4], needed[:4], strict=True))
+
+
+def overscan_of_plate(preset: Preset, path: Path) -> PlateOverscan:
+    """The question that a plate's own header asks, and the overscan it was given.
+
+    Raises
+    ------
+    ImageError : The plate cannot be read, or its header lacks what the preset needs.
+    """
+    image = plate_header(path)
+    part = image.parts[0]
+    frame, data = part.display_window, part.data_window
+    lens = PlateLens(preset, ApplyOptions())
+    state = lens.noted_state(image, path)
+    focal, f_number, focus = state.lens_key
+    size = frame.width, frame.height
+    question = OverscanQuestion(
+        size,
+        state.sensor_width_mm,
+        None if focal is None else (focal, focal),
+        None if focus is None else (focus, focus),
+        f_number,
+    )
+    beyond = Margins(
+        max(0, frame.x_min - data.x_min),
+        max(0, frame.y_min - data.y_min),
+        max(0, data.x_max - frame.x_max),
+        max(0, data.y_max - frame.y_max),
+    )
+    stated = camera_state_from(header_entries(image), size).overscan_percent
+    notes = list(lens.notes.said)
+    if stated and not any(beyond[:4]):
+        notes.append(
+            f"the header states {stated:g} % overscan, but no pixel lies beyond the "
+            "display window: the whole picture is taken as the frame"
+        )
+    return PlateOverscan(question, beyond, stated, tuple(notes))
 
 
 def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:

@@ -136,3 +136,30 @@ def test_a_focus_range_reaches_to_infinity_and_notes_what_was_not_measured(tmp_p
     result = run(tmp_path / "preset.json", "--focus-distance-mm", "1000:inf")
     assert result.exit_code == 0
     assert "outside what was measured" in result.stderr
+
+
+def test_a_plate_is_judged_by_its_own_header(tmp_path):
+    preset = tmp_path / "preset.json"
+    save_preset(make_preset(24.0, 35.0, 70.0), preset)
+    state = {"lens/focal": 30.0, "lens/aperture": 30.0, "lens/focus": 2.0}
+    lens = make_preset(24.0, 35.0, 70.0).at(30.0, None, 2000.0)
+    needed = margins_read(lens, Window.of_size(96, 64), sensor_width_mm=30.0)
+    exact = Window(-needed.left, -needed.top, 95 + needed.right, 63 + needed.bottom)
+    short = exact._replace(x_min=exact.x_min + 1)
+    for window, enough in ((exact, True), (short, False)):
+        header = {**state, "lens/overscan": 9.0}
+        plate = write_plate(tmp_path / "plate.exr", header, window=window)
+        said = json.loads(run(preset, "--plate", plate, "--json").stdout)
+        assert said["margins_px"] == needed._asdict()
+        assert said["plate"]["suffices"] == enough
+        assert said["plate"]["stated_percent"] == 9.0
+        text = run(preset, "--plate", plate).stdout
+        assert ("header states 9 %: enough" in text) == enough
+        assert ("too little" in text) != enough
+    bare = write_plate(
+        tmp_path / "bare.exr",
+        {**state, "lens/overscan": 9.0},
+        window=Window(0, 0, 95, 63),
+    )
+    assert "no pixel lies beyond" in run(preset, "--plate", bare).stderr
+    assert run(preset, "--plate", tmp_path / "none.exr").exit_code == 1
