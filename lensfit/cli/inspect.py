@@ -23,6 +23,7 @@ def inspect(
     """Show size, encoding, windows, camera state and clipping of pictures.
 
     Says of every camera value where it came from, and what other sources say of it.
+    A drafted shoot file has the targets that charts made by `lensfit chart` state.
 
     Example: lensfit inspect dots_*.jpg --write-shoot shoot.toml
     Example: lensfit inspect plate.1001.exr --metadata A001.csv --camera shot.nk
@@ -35,7 +36,9 @@ def inspect(
 
     sources = CameraSources(camera.sources(), camera.overrides())
     with progress_bars() as progress:
-        inspections, errors = inspect_images(images, progress, sources)
+        inspections, errors = inspect_images(
+            images, progress, sources, charts=write_shoot is not None
+        )
     if json:
         _print_json([as_json(inspection) for inspection in inspections])
     else:

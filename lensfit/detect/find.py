@@ -149,7 +149,7 @@ def _in_whole_photograph(
     points = found.points_px + corner
     inside = np.ones(len(points), bool)
     if roi is not None:
-        inside = ((points >= roi[:2]) & (points <= roi[2:])).all(1)
+        inside &= ((points >= roi[:2]) & (points <= roi[2:])).all(1)
     found = only(found, inside)
     return replace(
         found,

@@ -5,6 +5,7 @@ rounded to a millionth of a point.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -42,7 +43,10 @@ def write_pdf(path: str | Path, drawing: Drawing, *, compressed: bool = True) ->
             shape = PathPatch(curves, facecolor=str(layer.tone), linewidth=0)
             shape.set_clip_on(False)
             axes.add_artist(shape)
-    settings = {"pdf.compression": 6 if compressed else 0, "path.simplify": False}
+    settings: dict[Any, Any] = {
+        "pdf.compression": 6 if compressed else 0,
+        "path.simplify": False,
+    }
     with atomic_path(path) as temporary, rc_context(settings):
         about = {"Title": drawing.title, "CreationDate": None}
         canvas = FigureCanvasPdf(figure)

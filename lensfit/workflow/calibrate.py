@@ -26,6 +26,7 @@ from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.blur_facts import blur_facts
 from lensfit.workflow.blur_pictures import write_dot_pictures
+from lensfit.workflow.charts_seen import with_charts_read
 from lensfit.workflow.entries import camera_of, entry_of, provenance_of, with_quality
 from lensfit.workflow.lens_facts import entry_facts, take_facts, terms_of
 from lensfit.workflow.observe import Observed, observe_shoot
@@ -70,6 +71,7 @@ def calibrate(
             where=folder,
             remedy="choose another --out",
         ) from error
+    shoot = with_charts_read(shoot, progress)
     observed = observe_shoot(shoot, folder, progress)
     takes = [o.take for o in observed if o.take is not None]
     if not takes:

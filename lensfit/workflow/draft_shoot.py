@@ -9,11 +9,16 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+import msgspec
+
 from lensfit.atomic import write_text_atomic
+from lensfit.chart.pattern import Pattern
 from lensfit.errors import OutputError, ShootError
 from lensfit.io.transfer import ENCODINGS
+from lensfit.workflow.charts_seen import free_name, target_of_pattern
 from lensfit.workflow.inspect import Inspection
 
+_UNREAD = "grid"
 _TARGET = """\
 [[target]]
 name = "grid"
@@ -56,8 +61,40 @@ def write_draft_shoot(path: str | Path, inspections: Sequence[Inspection]) -> No
 
 def draft_shoot(inspections: Sequence[Inspection], folder: Path) -> str:
     """The text of a shoot file that lies in `folder`."""
-    takes = [_take(inspection, folder) for inspection in inspections]
-    return "\n".join([_lens(inspections), _camera(inspections), _TARGET, *takes])
+    names = _chart_names(inspections)
+    common = next(iter(names.values())) if len(names) == 1 else _UNREAD
+    used = [names[i.chart] if i.chart else common for i in inspections]
+    targets = [_target(pattern, name) for pattern, name in names.items()]
+    if _UNREAD in used:
+        targets.append(_TARGET)
+    takes = [
+        _take(inspection, folder, name)
+        for inspection, name in zip(inspections, used, strict=True)
+    ]
+    return "\n".join([_lens(inspections), _camera(inspections), *targets, *takes])
+
+
+def _chart_names(inspections: Sequence[Inspection]) -> dict[Pattern, str]:
+    """A name for every chart that said what it is."""
+    names: dict[Pattern, str] = {}
+    for inspection in inspections:
+        chart = inspection.chart
+        if chart is not None and chart not in names:
+            names[chart] = free_name(chart.kind, names.values())
+    return names
+
+
+def _target(pattern: Pattern, name: str) -> str:
+    """A target as its chart's code states it."""
+    said = msgspec.to_builtins(target_of_pattern(pattern, name))
+    lines = ["[[target]]  # from the chart's code"]
+    for key, value in said.items():
+        if value is not None:
+            listed = list(value) if isinstance(value, tuple) else value
+            lines.append(f"{key} = {_literal(listed)}")
+    place = next(k for k, line in enumerate(lines) if line.startswith("pitch_mm"))
+    lines[place] += "  # as printed at 100 %; TODO: measure the chart's ruler"
+    return "\n".join(lines) + "\n"
 
 
 def _lens(inspections: Sequence[Inspection]) -> str:
@@ -100,10 +137,10 @@ def _shared(inspections: Sequence[Inspection], name: str, key: str) -> list[str]
     return lines
 
 
-def _take(inspection: Inspection, folder: Path) -> str:
+def _take(inspection: Inspection, folder: Path, target: str) -> str:
     image = Path(os.path.relpath(inspection.path, folder)).as_posix()
     state = inspection.state
-    lines = ["[[take]]", f"image = {_literal(image)}", 'target = "grid"']
+    lines = ["[[take]]", f"image = {_literal(image)}", f'target = "{target}"']
     for name, unknown in _UNKNOWN.items():
         value = getattr(state, name)
         known = value is not None

@@ -11,7 +11,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from lensfit.chart.layout import described
+from lensfit.chart.pattern import Pattern
 from lensfit.coords import Window
+from lensfit.detect.chart_code import read_chart_code
 from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr_header import check_exr
 from lensfit.io.image import read_photograph
@@ -44,6 +47,8 @@ class Inspection:
     undecided : What only a preset can turn into a camera state: a field of view
         without a sensor height, a focus distance from the pinhole.
     problem : What is wrong with the camera entries of the header; None if nothing is.
+    chart : What the code of a lensfit chart says; None where none was looked for, or
+        read.
     """
 
     path: Path
@@ -62,12 +67,15 @@ class Inspection:
     overruled: Mapping[str, tuple[Known, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     undecided: Mapping[str, Known] = field(default_factory=dict)
+    chart: Pattern | None = None
 
 
 def inspect_images(
     images: Iterable[str | Path],
     progress: Progress = silent,
     sources: CameraSources | None = None,
+    *,
+    charts: bool = False,
 ) -> tuple[list[Inspection], list[LensfitError]]:
     """Look at pictures; one that cannot be read does not stop the others.
 
@@ -76,6 +84,7 @@ def inspect_images(
     images : Paths; a frame pattern such as ``plate.####.exr`` means all its frames.
     sources : Where the camera is described beside the headers; settings beside the
         pictures if None.
+    charts : Look for the code of a lensfit chart too.
 
     Returns
     -------
@@ -92,7 +101,7 @@ def inspect_images(
     found: list[Inspection] = []
     for done, path in enumerate(paths, 1):
         try:
-            found.append(_inspect(path, sources))
+            found.append(_inspect(path, sources, charts))
         except LensfitError as error:
             errors.append(error)
         progress("inspect", done, len(paths))
@@ -122,6 +131,8 @@ def facts(inspection: Inspection) -> list[tuple[str, str, str]]:
         from_pinhole = " from the pinhole" * known.from_pupil
         lines.append((name, f"{known.value:g}{from_pinhole}", known.source))
         lines += _overruled(name, inspection)
+    if inspection.chart is not None:
+        lines.append(("chart", ", ".join(described(inspection.chart)), "its code"))
     if inspection.problem:
         lines.append(("problem", inspection.problem, "header"))
     return lines
@@ -163,7 +174,7 @@ def _box(window: Window | None) -> str:
     return "" if window is None else "({}, {}) to ({}, {})".format(*window)
 
 
-def _inspect(path: Path, sources: CameraSources) -> Inspection:
+def _inspect(path: Path, sources: CameraSources, charts: bool) -> Inspection:
     photograph = read_photograph(path)
     metadata = photograph.metadata
     header = metadata["header"]
@@ -189,6 +200,7 @@ def _inspect(path: Path, sources: CameraSources) -> Inspection:
         orientation=int(str(metadata["orientation"])),
         state=camera.state,
         problem=problem,
+        chart=read_chart_code(photograph) if charts else None,
         overruled=camera.overruled,
         notes=camera.notes,
         undecided=undecided,

@@ -17,12 +17,14 @@ import cv2
 from lensfit.detect.cutouts import cut
 from lensfit.detect.find import observe
 from lensfit.detect.observations import Observations
+from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
 from lensfit.errors import LensfitError
 from lensfit.fit.take import Take
 from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
+from lensfit.workflow.charts_seen import pattern_of_target
 from lensfit.workflow.resolve import ResolvedTake, resolve_take
 from lensfit.workflow.shoot_records import Shoot
 from lensfit.workflow.shoot_records import Take as ShootTake
@@ -85,7 +87,7 @@ def observe_shoot(
 
 def _observe(shoot: Shoot, take: ShootTake, overlay: Path | None) -> Observed:
     """One photograph; whatever goes wrong with it becomes its `failed`."""
-    known: dict[str, Any] = {"image": take.image, "target": take.target}
+    known: dict[str, Any] = {"image": take.image, "target": take.target or ""}
     seconds = {"read": 0.0, "detect": 0.0, "overlay": 0.0}
     try:
         known |= _searched(shoot, take, overlay, known, seconds)
@@ -119,6 +121,9 @@ def _searched(
             roi=take.roi,
             board=_board_keys(target),
         )
+        chart = pattern_of_target(target)
+        if chart is not None:
+            marks = numbered_as_on_chart(photograph, marks, chart) or marks
     if overlay is not None:
         with _timed(seconds, "overlay"):
             draw_overlay(photograph, marks, overlay)
@@ -145,7 +150,7 @@ def _take_for_fit(
     shape = resolved.target.hole_diameter_mm and resolved.f_number
     return Take(
         name=take.image,
-        target=take.target,
+        target=resolved.target.name,
         observations=marks,
         pitch_mm=resolved.target.pitch_xy_mm,
         mark_diameter_mm=resolved.target.hole_diameter_mm,

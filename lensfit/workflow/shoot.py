@@ -7,11 +7,14 @@ and `lensfit.workflow.resolve` joins the two.
 """
 
 import math
-import tomllib
 from pathlib import Path
-from typing import Any
 
-from lensfit._strict import convert_strictly, did_you_mean, non_finite_numbers
+from lensfit._strict import (
+    convert_strictly,
+    did_you_mean,
+    non_finite_numbers,
+    read_toml_tables,
+)
 from lensfit.errors import ShootError
 from lensfit.io.transfer import ENCODINGS
 from lensfit.workflow.shoot_records import (
@@ -32,6 +35,7 @@ _ONLY_FOR = {
     "squares": ("checkerboard", "charuco"),
     "dictionary": ("charuco",),
     "marker_ratio": ("charuco",),
+    "marks": ("dot-grid", "line-grid"),
 }
 _NEEDED_BY = {"charuco": ("squares", "dictionary")}
 
@@ -51,7 +55,12 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
         out of range, or contradicts itself. The sentence names the key.
     """
     path = Path(path)
-    data = _toml(path)
+    data = read_toml_tables(
+        path,
+        error=ShootError,
+        source='"lensfit inspect IMAGES --write-shoot" drafts a shoot file',
+        mend="give a shoot file in TOML, as the README describes",
+    )
     for key, value in non_finite_numbers(data):
         if not (key.endswith(".focus_distance_mm") and value == math.inf):
             raise ShootError(f"{_place(key)}: {value} is no finite number", where=path)
@@ -69,23 +78,6 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
         notes=_unused(tables),
         images=None if images is None else Path(images),
     )
-
-
-def _toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
-    except OSError as error:
-        raise ShootError(
-            f"cannot be read ({error.strerror})",
-            where=path,
-            remedy='"lensfit inspect IMAGES --write-shoot" drafts a shoot file',
-        ) from error
-    except UnicodeDecodeError as error:
-        raise ShootError(
-            "is not text", where=path, remedy="give a shoot file in TOML, UTF-8"
-        ) from error
-    except tomllib.TOMLDecodeError as error:
-        raise ShootError(f"is not valid TOML: {error}", where=path) from error
 
 
 def _place(key: str) -> str:
@@ -147,7 +139,7 @@ def _check_takes(takes: list[Take], targets: dict[str, Target], path: Path) -> N
                 remedy="keep one take for each photograph",
             )
         seen[image] = number
-        if take.target not in targets:
+        if take.target is not None and take.target not in targets:
             raise ShootError(
                 f'no target is named "{take.target}"',
                 where=where,

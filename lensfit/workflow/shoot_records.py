@@ -9,11 +9,14 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from lensfit.errors import ShootError
+
 PositiveFloat = Annotated[float, Meta(gt=0)]
 # msgspec 0.22 reads memory it should not when a union joins a number with bounds and a
 # tuple of fixed length, so the length is a bound here.
 PositivePair = Annotated[tuple[PositiveFloat, ...], Meta(min_length=2, max_length=2)]
 Name = Annotated[str, Meta(min_length=1)]
+MarkCount = Annotated[int, Meta(ge=5, le=255)]
 
 
 class LensName(Struct, frozen=True, forbid_unknown_fields=True):
@@ -45,6 +48,9 @@ class Target(Struct, frozen=True, forbid_unknown_fields=True):
     squares : Columns and rows of squares of a ChArUco board, or of a checkerboard.
     dictionary : ArUco dictionary of a ChArUco board, "DICT_5X5_250" and the like.
     marker_ratio : Side of a marker divided by that of its square.
+    marks : Columns and rows of a dot or line grid made by lensfit: marks are then
+        numbered by the chart's orientation marks, where they are seen. Charts that
+        are read from their code have it; a checkerboard has `squares`.
     """
 
     name: Name
@@ -57,6 +63,7 @@ class Target(Struct, frozen=True, forbid_unknown_fields=True):
     squares: tuple[Annotated[int, Meta(ge=2)], Annotated[int, Meta(ge=2)]] | None = None
     dictionary: Name | None = None
     marker_ratio: Annotated[float, Meta(gt=0, lt=1)] | None = None
+    marks: tuple[MarkCount, MarkCount] | None = None
 
     @property
     def pitch_xy_mm(self) -> tuple[float, float]:
@@ -72,7 +79,7 @@ class Take(Struct, frozen=True, forbid_unknown_fields=True):
     Attributes
     ----------
     image : Path as written, relative to the shoot file.
-    target : Name of a target.
+    target : Name of a target; None to read the chart's code, here or on another take.
     focal_length_mm : As on the barrel.
     f_number : As on the barrel.
     focus_distance_mm : From the sensor; may be infinite.
@@ -83,7 +90,7 @@ class Take(Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     image: Name
-    target: Name
+    target: Name | None = None
     focal_length_mm: PositiveFloat | None = None
     f_number: PositiveFloat | None = None
     focus_distance_mm: PositiveFloat | None = None
@@ -97,8 +104,8 @@ class ShootFile(Struct, frozen=True, forbid_unknown_fields=True):
     """The tables of a shoot file, under their own names."""
 
     lens: LensName
-    target: Annotated[list[Target], Meta(min_length=1)]
     take: Annotated[list[Take], Meta(min_length=1)]
+    target: list[Target] = []
     camera: Camera = Camera()
 
 
@@ -127,5 +134,16 @@ class Shoot(Struct, frozen=True):
         return (self.images or self.path.parent) / take.image
 
     def target_of(self, take: Take) -> Target:
-        """The target a take shows."""
+        """The target a take shows.
+
+        Raises
+        ------
+        ShootError : Neither the take nor a chart's code says.
+        """
+        if take.target is None:
+            raise ShootError(
+                "no target is stated and no chart's code can be read",
+                where=f"{self.path}: {take.image}",
+                remedy='state [[target]] and add target = "its name" to the take',
+            )
         return self.targets[take.target]
