@@ -18,6 +18,7 @@ COMMANDS = (
     "report",
     "stmap",
     "overscan",
+    "export",
     "apply",
     "submit",
     "plan",

@@ -6,6 +6,7 @@ from lensfit.cli.preset.default import default
 from lensfit.cli.preset.diff import diff
 from lensfit.cli.preset.edit import edit
 from lensfit.cli.preset.history import history
+from lensfit.cli.preset.import_lens import import_lens
 from lensfit.cli.preset.list_lenses import list_lenses
 from lensfit.cli.preset.load import load
 from lensfit.cli.preset.project import project
@@ -21,4 +22,5 @@ app = typer.Typer(
 for command in (show, validate, save, load, edit, history, diff, default, project):
     app.command()(command)
 app.command("list")(list_lenses)
+app.command("import")(import_lens)
 app.command("thin-lens")(thin_lens)

@@ -1,0 +1,111 @@
+"""`lensfit export`: hand a lens to another program."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.exchange import FrameGroup, StateGroup
+from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+from lensfit.cli.stmap import size_px
+
+if TYPE_CHECKING:
+    from lensfit.workflow.exchange.export import Exported
+
+
+class ExportFormat(StrEnum):
+    """As in `lensfit.workflow.exchange.export.FORMATS`."""
+
+    nuke_radial = "nuke-radial"
+    nuke_anamorphic = "nuke-anamorphic"
+    nuke_anamorphic_rescaled = "nuke-anamorphic-rescaled"
+    opentrackio = "opentrackio"
+    opencv = "opencv"
+    lensfun = "lensfun"
+    stmap = "stmap"
+    nuke_stmap = "nuke-stmap"
+
+
+@takes_groups
+def export(
+    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    to: Annotated[ExportFormat, typer.Option("--to", help="What to write")],
+    out: Annotated[
+        Path, typer.Option("--out", help="File to write; for stmap the folder")
+    ],
+    library: LibraryGroup,
+    state: StateGroup,
+    frame: FrameGroup,
+    per_channel: Annotated[
+        bool,
+        typer.Option("--per-channel", help="Maps for each of red, green and blue"),
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Say the outcome as JSON")
+    ] = False,
+) -> None:
+    """Write a lens for another program, and say how near its model comes, in pixels.
+
+    UV maps (stmap, nuke-stmap) are exact; the others are fitted to the lens over frame
+    and overscan. lensfun and opentrackio get all entries unless one is asked for.
+
+    Example: lensfit export takumar/preset.json --to nuke-radial --out takumar.nk
+    """
+    size = size_px(frame.size)
+    from lensfit.cli._bars import progress_bars
+    from lensfit.cli._door import say_note
+    from lensfit.fit.exchange.samples import ExchangeFrame
+    from lensfit.workflow.exchange.export import (
+        ExportRequest,
+        LensState,
+        export_preset,
+    )
+
+    loaded = library.find(preset).preset
+    camera = loaded.camera
+    with progress_bars() as progress:
+        written = export_preset(
+            to.value,
+            ExportRequest(
+                preset=loaded,
+                state=LensState(
+                    state.focal_length_mm, state.f_number, state.focus_distance_mm
+                ),
+                frame=ExchangeFrame(
+                    size or (camera.image_width_px, camera.image_height_px),
+                    frame.sensor_width_mm or camera.sensor_width_mm,
+                    frame.overscan,
+                ),
+                out=out,
+                per_channel=per_channel,
+                progress=progress,
+            ),
+        )
+    for note in written.notes:
+        say_note(note)
+    _say(written, as_json)
+
+
+def _say(written: "Exported", as_json: bool) -> None:
+    if as_json:
+        import json
+
+        fitted = [
+            {"what": one.what}
+            | (one.residual._asdict() if one.residual else {})
+            | ({} if one.worst_light is None else {"worst_light": one.worst_light})
+            for one in written.fitted
+        ]
+        outcome = {
+            "files": [str(path) for path in written.paths],
+            "residuals": fitted,
+            "notes": list(written.notes),
+        }
+        typer.echo(json.dumps(outcome, indent=1))
+        return
+    for path in written.paths:
+        typer.echo(path)
+    for one in written.fitted:
+        typer.echo(one)

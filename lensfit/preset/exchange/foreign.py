@@ -1,0 +1,103 @@
+"""A lens as another program describes it, before it becomes a preset.
+
+Points are sensor millimetres, origin at the sensor centre, x right, y down. The
+undistorted picture is that of a pinhole with the stated principal distance and point.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+Points = Float[np.ndarray, "points 2"]
+PointFunction = Callable[[Points], Points]
+
+
+class PointMap(Protocol):
+    """Distortion in both directions."""
+
+    def distorted(self, undistorted_mm: Points) -> Points:
+        """Where points of the undistorted picture land on the photograph."""
+        ...
+
+    def undistorted(self, distorted_mm: Points) -> Points:
+        """The inverse; NaN where there is none."""
+        ...
+
+
+class Stated(NamedTuple):
+    """What the user knows and the file does not, or what counts in its place.
+
+    Attributes
+    ----------
+    sensor_width_mm : Width that the picture spans on the sensor.
+    focal_length_mm, focus_distance_mm, f_number : Of the lens.
+    size_px : Width and height of the picture.
+    lens : Part of the name of a lens, or of a node, where a file holds several.
+    direction : Of a UV map.
+    """
+
+    sensor_width_mm: float | None = None
+    focal_length_mm: float | None = None
+    focus_distance_mm: float | None = None
+    f_number: float | None = None
+    size_px: tuple[int, int] | None = None
+    lens: str | None = None
+    direction: Literal["undistort", "redistort"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignFallOff:
+    """Brightness over the photograph, 1 on the axis, at one f-number."""
+
+    f_number: float | None
+    illumination: Callable[[Points], Float[np.ndarray, " points"]]
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignState:
+    """The lens at one focal length and focus distance.
+
+    Attributes
+    ----------
+    map : Distortion of green.
+    channels : Where "r" and "b" land, of where green lands; empty when unknown.
+    focal_length_mm : Nominal, as on the barrel.
+    focus_distance_mm : None when nobody said.
+    entrance_pupil_offset_mm : None when nobody said.
+    assumed : Names of the values that were not in the file.
+    """
+
+    map: PointMap
+    principal_distance_mm: float
+    principal_point_mm: tuple[float, float]
+    focal_length_mm: float
+    focus_distance_mm: float | None = None
+    entrance_pupil_offset_mm: float | None = None
+    channels: Mapping[str, PointFunction] = field(default_factory=dict)
+    fall_off: tuple[ForeignFallOff, ...] = ()
+    assumed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignLens:
+    """What a file holds.
+
+    Attributes
+    ----------
+    source : The format, as people call it.
+    sensor_size_mm, size_px : Of the picture.
+    states : At least one.
+    notes : What its user should know, one sentence each.
+    """
+
+    source: str
+    name: str
+    sensor_size_mm: tuple[float, float]
+    size_px: tuple[int, int]
+    states: tuple[ForeignState, ...]
+    serial: str | None = None
+    camera_model: str | None = None
+    notes: tuple[str, ...] = ()

@@ -1,0 +1,83 @@
+"""Text of other programs, read with bounds: a wrong file is a sentence, not a crash.
+
+A lens file is kilobytes. What is larger than `LARGEST_BYTES`, no ordinary file, or no
+text is refused before anything is made of it; numbers must be finite.
+"""
+
+import math
+from pathlib import Path
+
+from lensfit.errors import ExchangeError
+
+LARGEST_BYTES = 4 << 20
+
+
+def read_text(path: str | Path, kind: str) -> str:
+    """The text of a file.
+
+    Parameters
+    ----------
+    kind : What it should be, for messages, such as "OpenCV calibration".
+
+    Raises
+    ------
+    ExchangeError : It cannot be read, is too large, or is no UTF-8 text.
+    """
+    path = Path(path)
+    try:
+        if not path.is_file():
+            missing = "is no ordinary file" if path.exists() else "does not exist"
+            raise ExchangeError(missing, where=path, remedy=f"give an {kind}")
+        with path.open("rb") as file:
+            content = file.read(LARGEST_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ExchangeError(f"cannot be read ({reason})", where=path) from error
+    if len(content) > LARGEST_BYTES:
+        raise ExchangeError(
+            f"is larger than {LARGEST_BYTES >> 20} MiB, and no {kind} is",
+            where=path,
+            remedy="give the file of one lens",
+        )
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ExchangeError(
+            "is no UTF-8 text", where=path, remedy=f"give an {kind}"
+        ) from error
+    if "\0" in text:
+        raise ExchangeError("is no text", where=path, remedy=f"give an {kind}")
+    return text
+
+
+def finite(value: object, what: str, where: str | Path) -> float:
+    """A number of a file, given as text or as a number.
+
+    Raises
+    ------
+    ExchangeError : It is no finite number.
+    """
+    try:
+        if isinstance(value, bool) or not isinstance(value, (str, int, float)):
+            raise ValueError
+        number = float(value)
+    except (ValueError, OverflowError):
+        raise ExchangeError(
+            f"{what} = {_short(value)} is no number", where=where
+        ) from None
+    if not math.isfinite(number):
+        raise ExchangeError(f"{what} = {_short(value)} is not finite", where=where)
+    return number
+
+
+def positive(value: object, what: str, where: str | Path) -> float:
+    """A `finite` number above zero."""
+    number = finite(value, what, where)
+    if not number > 0:
+        raise ExchangeError(f"{what} = {number:g} is not positive", where=where)
+    return number
+
+
+def _short(value: object) -> str:
+    text = str(value) if isinstance(value, (str, float)) else type(value).__name__
+    return text if len(text) <= 40 else text[:37] + "..."

@@ -1,0 +1,1 @@
+"""A preset handed to other programs, and their lenses as presets."""

@@ -1,0 +1,295 @@
+"""Another program's lens as a preset.
+
+`read_foreign` finds out what a file is and reads it; `preset_of_foreign` fits lensfit's
+own terms to it and says how near they are, pixel by pixel, and what the file does not
+know.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from lensfit.errors import ExchangeError
+from lensfit.fit.exchange.preset_light import fit_channel_shift, fit_fall_off
+from lensfit.fit.exchange.preset_map import OnAxis, fit_distortion, on_axis
+from lensfit.fit.exchange.samples import (
+    JUDGE_COUNT,
+    ExchangeFrame,
+    LensMap,
+    Residual,
+    Samples,
+    residual_from,
+)
+from lensfit.preset import blocks
+from lensfit.preset.entry import Entry, Quality, Term
+from lensfit.preset.exchange.foreign import ForeignLens, ForeignState, Stated
+from lensfit.preset.exchange.lensfun_lens import lens_of_lensfun
+from lensfit.preset.exchange.lensfun_xml import read_lensfun
+from lensfit.preset.exchange.opencv_file import lens_of_opencv, read_opencv
+from lensfit.preset.exchange.opentrackio import read_opentrackio
+from lensfit.preset.exchange.opentrackio_lens import lens_of_opentrackio
+from lensfit.preset.exchange.tde4_node import lens_of_tde4, read_tde4_nodes
+from lensfit.preset.exchange.text_file import read_text
+from lensfit.preset.lens_of_entry import distortion_block, lens_of_entry
+from lensfit.preset.schema import Camera, LensName, Preset, Provenance, SourceImage
+from lensfit.progress import Progress, silent
+from lensfit.workflow.exchange.uv_map_lens import lens_of_uv_map
+
+FOREIGN_FORMATS = ("opencv", "lensfun", "opentrackio", "nuke", "stmap")
+_EXR_MAGIC = b"\x76\x2f\x31\x01"
+_OVERSCAN_PERCENT = 10.0
+_NOTICED = 1e-5
+_UNKNOWN = (
+    "the file knows no uncertainty and no blur: the preset holds none, and its depth "
+    "of field is that of a perfect lens"
+)
+
+
+class StateFit(NamedTuple):
+    """How near one entry is to the file."""
+
+    state: str
+    distortion: Residual
+    colour: Residual | None
+    worst_light: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """A preset, how near each of its entries is, and what to know."""
+
+    preset: Preset
+    fits: tuple[StateFit, ...]
+    notes: tuple[str, ...]
+
+
+def import_preset(
+    path: str | Path,
+    stated: Stated,
+    *,
+    kind: str | None = None,
+    camera: str | None = None,
+    progress: Progress = silent,
+) -> Imported:
+    """The lens of a file as a preset.
+
+    Parameters
+    ----------
+    kind : One of `FOREIGN_FORMATS`; found from the content if None.
+    camera : Part of the name of a camera in a lensfun database.
+
+    Raises
+    ------
+    LensfitError : The file cannot be read, or its lens is none that a preset holds.
+    """
+    path = Path(path)
+    return preset_of_foreign(
+        read_foreign(path, stated, kind=kind, camera=camera), path, progress
+    )
+
+
+def read_foreign(
+    path: str | Path,
+    stated: Stated,
+    *,
+    kind: str | None = None,
+    camera: str | None = None,
+) -> ForeignLens:
+    """The lens of a file as the other program describes it.
+
+    Raises
+    ------
+    ExchangeError : It is of no known format, or malformed.
+    ImageError : It is a picture, and no UV map.
+    """
+    path = Path(path)
+    kind = kind or kind_of(path)
+    if kind == "stmap":
+        return lens_of_uv_map(path, stated)
+    if kind == "nuke":
+        return lens_of_tde4(read_tde4_nodes(path), stated, path)
+    if kind == "opentrackio":
+        return lens_of_opentrackio(read_opentrackio(path), stated, path)
+    if kind == "lensfun":
+        return lens_of_lensfun(read_lensfun(path), stated, path, camera)
+    return lens_of_opencv(read_opencv(path), stated, path)
+
+
+def kind_of(path: Path) -> str:
+    """Which of `FOREIGN_FORMATS` a file is, by its content.
+
+    Raises
+    ------
+    ExchangeError : It cannot be read, or is none of them.
+    """
+    if path.is_file():
+        with path.open("rb") as file:
+            if file.read(4) == _EXR_MAGIC:
+                return "stmap"
+    text = read_text(path, "exchange file")
+    start = text.lstrip()[:1]
+    if start in ("{", "["):
+        return "opentrackio"
+    if start == "<":
+        return "lensfun" if "<lensdatabase" in text else "opencv"
+    if "LD_3DE" in text:
+        return "nuke"
+    if "camera_matrix" in text or "opencv-matrix" in text or text.startswith("%YAML"):
+        return "opencv"
+    raise ExchangeError(
+        "is of no format that is known here",
+        where=path,
+        remedy=f"say with --from which it is: {', '.join(FOREIGN_FORMATS)}",
+    )
+
+
+def preset_of_foreign(
+    lens: ForeignLens, path: Path, progress: Progress = silent
+) -> Imported:
+    """lensfit's terms fitted to a lens, an entry for each of its states."""
+    entries, fits, notes = [], [], list(lens.notes)
+    camera = Camera(lens.camera_model, *lens.sensor_size_mm, *lens.size_px)
+    frame = ExchangeFrame(lens.size_px, lens.sensor_size_mm[0], _OVERSCAN_PERCENT)
+    progress("fit", 0, len(lens.states))
+    for state in lens.states:
+        try:
+            entry, fit, more = _entry(state, lens, frame, camera)
+        except ExchangeError as error:
+            raise ExchangeError(error.what, where=path, remedy=error.remedy) from error
+        entries.append(entry)
+        fits.append(fit)
+        notes += more
+        progress("fit", len(entries), len(lens.states))
+    preset = Preset(
+        lens=LensName(lens.name, lens.serial),
+        camera=camera,
+        entries=tuple(entries),
+        provenance=_provenance(lens, path),
+    )
+    return Imported(preset, tuple(fits), tuple(dict.fromkeys([*notes, _UNKNOWN])))
+
+
+def _provenance(lens: ForeignLens, path: Path) -> Provenance:
+    from lensfit import __version__
+
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return Provenance(
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        lensfit_version=__version__,
+        versions={},
+        images=(SourceImage(path.name, digest, f"imported from {lens.source}"),),
+    )
+
+
+def _entry(
+    state: ForeignState, lens: ForeignLens, frame: ExchangeFrame, camera: Camera
+) -> tuple[Entry, StateFit, list[str]]:
+    axis = on_axis(state.map, state.principal_point_mm, frame.radius_mm)
+    frame, fit, judge = _samples(axis, frame)
+    distance = state.principal_distance_mm / axis.magnification
+    found = fit_distortion(fit, distance, axis.principal_point_mm)
+    pupil = state.entrance_pupil_offset_mm
+    assumed = list(state.assumed)
+    if pupil is None:
+        assumed.append("entrance_pupil_offset_mm")
+    colour, colour_off = _colour(state, found, judge)
+    lights = [
+        fit_fall_off(f.illumination, f.f_number, axis.principal_point_mm, frame)
+        for f in state.fall_off
+    ]
+    entry = Entry(
+        focal_length_mm=state.focal_length_mm,
+        focus_distance_mm=state.focus_distance_mm,
+        projection=blocks.Projection(
+            distance,
+            axis.principal_point_mm,
+            distance if pupil is None else pupil,
+            tuple(assumed),
+        ),
+        distortion=distortion_block(found),
+        lateral_colour=colour,
+        fall_off=tuple(light for light, _ in lights),
+        terms=(_term(lens),),
+        covariance=None,
+        quality=Quality(0.0, None, 0, 0, 0),
+    )
+    made = LensMap(lens_of_entry(entry, camera))
+    off = np.linalg.norm(
+        made.distorted(judge.undistorted_mm) - judge.distorted_mm, axis=-1
+    )
+    residual = residual_from(off / frame.pitch_mm)
+    entry = _with_rms(entry, residual)
+    worst_light = max((worst for _, worst in lights), default=None)
+    fitted = StateFit(str(entry), residual, colour_off, worst_light)
+    return entry, fitted, _notes(axis, frame)
+
+
+def _samples(
+    axis: OnAxis, frame: ExchangeFrame
+) -> tuple[ExchangeFrame, Samples, Samples]:
+    """Over frame and overscan; over the frame alone where the map ends with it."""
+    for overscan in (frame.overscan_percent, 0.0, -2.0):
+        own = ExchangeFrame(frame.size_px, frame.sensor_width_mm, overscan)
+        try:
+            return own, Samples.of(axis, own), Samples.of(axis, own, JUDGE_COUNT)
+        except ExchangeError as error:
+            failure = error
+    raise failure
+
+
+def _colour(
+    state: ForeignState, found, judge: Samples
+) -> tuple[blocks.LateralColour | None, Residual | None]:
+    """Red and blue over the points where green lands, as far as they are known."""
+    if not state.channels:
+        return None, None
+    shifts, worst = {}, Residual(0.0, 0.0)
+    for channel in ("r", "b"):
+        landed = state.channels[channel](judge.distorted_mm)
+        known = np.isfinite(landed).all(-1)
+        shifts[channel], residual = fit_channel_shift(
+            judge.distorted_mm[known], landed[known], found, judge.frame
+        )
+        worst = max(worst, residual, key=lambda r: r.worst_px)
+    return blocks.LateralColour(shifts["r"], shifts["b"]), worst
+
+
+def _term(lens: ForeignLens) -> Term:
+    return Term(
+        name="distortion",
+        kept=True,
+        value=None,
+        standard_deviation=None,
+        unit="",
+        reason=f"imported from {lens.source}, not measured here",
+    )
+
+
+def _with_rms(entry: Entry, residual: Residual) -> Entry:
+    import msgspec
+
+    quality = msgspec.structs.replace(entry.quality, rms_px=residual.rms_px)
+    return msgspec.structs.replace(entry, quality=quality)
+
+
+def _notes(axis: OnAxis, frame: ExchangeFrame) -> list[str]:
+    notes = []
+    if abs(axis.magnification - 1) > _NOTICED:
+        notes.append(
+            f"the other program's undistorted picture is {axis.magnification:.5f} "
+            "times as large as the preset's: render CG with the principal distance of "
+            "the preset"
+        )
+    moved_px = axis.moved_mm / frame.pitch_mm
+    if moved_px > 1e-3:
+        notes.append(
+            f"the other program's undistorted picture is moved by {moved_px:.2f} px "
+            "against the preset's, whose axis stays where it is on the photograph"
+        )
+    if frame.overscan_percent < _OVERSCAN_PERCENT:
+        notes.append("the file knows nothing beyond the frame: no overscan was fitted")
+    return notes
