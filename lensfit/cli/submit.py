@@ -24,7 +24,11 @@ class Farm(StrEnum):
 _SUFFIX = {Farm.openjd: "openjd.json", Farm.opencue: "outline"}
 
 
-@hands_on(apply, except_for=("preset", "plates", "out", "frames", "library", "as_json"))
+@hands_on(
+    apply,
+    except_for=("preset", "plates", "out", "frames", "library", "as_json"),
+    files=("filter_image",),
+)
 @takes_groups
 def submit(
     preset: str = typer.Argument(help=PRESET_HELP),

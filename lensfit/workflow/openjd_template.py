@@ -4,8 +4,9 @@ Preset, plates, results and files among the options are PATH parameters, so that
 may map them to where they lie on a machine; the specification keeps their values out of
 the template (a default may not leave the template's folder), which is why they stand in
 a file of their own. Options are INT, FLOAT and STRING parameters with the values given
-as defaults. Every text of a user is the value of a parameter: neither a shell nor the
-template's format strings read it.
+as defaults; where they are more than the specification allows, numbers stand in the
+command itself. Every text of a user is the value of a parameter: neither a shell nor
+the template's format strings read it.
 
 References
 ----------
@@ -49,9 +50,15 @@ def openjd_template(job: FarmJob) -> tuple[dict[str, Any], dict[str, str]]:
         words.append("{{Param.Plate}}")
     definitions.append(_path("Out", "DIRECTORY", "OUT", "Folder for the results"))
     words.append("--out={{Param.Out}}")
+    count = len(definitions) + sum(len(option.values) for option in job.options)
     for option in job.options:
-        names = [_parameter(option, v, definitions, paths) for v in option.values]
-        words += option_words(option, [f"{{{{Param.{name}}}}}" for name in names])
+        values = [
+            str(value)
+            if count > _MOST_PARAMETERS and isinstance(value, (int, float))
+            else _parameter(option, value, definitions, paths)
+            for value in option.values
+        ]
+        words += option_words(option, values)
     _check(job, definitions, paths)
     return _template(job, definitions, words), paths
 
@@ -77,7 +84,7 @@ def _template(job: FarmJob, definitions: list, words: list[str]) -> dict[str, An
 def _parameter(
     option: HandedOption, value: object, definitions: list, paths: dict[str, str]
 ) -> str:
-    """The name of the parameter that holds a value, which is defined here."""
+    """What stands for a value in the command: a parameter, which is defined here."""
     stem = "".join(part.capitalize() for part in re.split(r"\W+", option.word))
     taken = {definition["name"] for definition in definitions}
     name, count = stem, 1
@@ -95,7 +102,7 @@ def _parameter(
         )
     else:
         definitions.append(_text(name, str(value), option.word))
-    return name
+    return f"{{{{Param.{name}}}}}"
 
 
 def _command() -> dict[str, str]:

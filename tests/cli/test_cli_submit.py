@@ -96,7 +96,7 @@ def given_to_every_option(job) -> list[str]:
 def accepted(option, job) -> str:
     """A value that the parser takes for an option."""
     kind = inspect.signature(apply).parameters[option.name].annotation
-    if "Path" in str(kind):
+    if "Path" in str(kind) or option.name == "filter_image":
         return str(job / "map.exr")
     kind = get_args(kind)[0] if get_origin(kind) is Annotated else kind
     kinds = get_args(kind) or [kind]
@@ -173,6 +173,15 @@ def test_paths_are_parameters_a_farm_may_map(job):
     }
     assert str(job) not in text(job)
     assert "{{" not in template["name"]
+
+
+def test_pictures_and_maps_named_from_here_are_found_from_anywhere(job, monkeypatch):
+    monkeypatch.chdir(job)
+    assert submit(job, "--filter-image", "map.exr", "--stmap", "map.exr").exit_code == 0
+    (task,) = words_of(job)
+    found = parsed(task[1:])
+    assert found["filter_image"] == str(job / "map.exr")
+    assert found["stmap"] == job / "map.exr"
 
 
 def test_a_single_plate_is_one_task(job):

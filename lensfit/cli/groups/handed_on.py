@@ -17,7 +17,7 @@ from lensfit.workflow.farm_job import HandedOption
 
 
 def hands_on(
-    other: Callable[..., None], *, except_for: Sequence[str]
+    other: Callable[..., None], *, except_for: Sequence[str], files: Sequence[str] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """A command that takes the options of `other` too.
 
@@ -27,6 +27,7 @@ def hands_on(
     ----------
     other : A command, as typer runs it.
     except_for : Parameters of `other` that are not taken over.
+    files : Parameters that name files, though `other` takes them as text.
     """
     taken = [
         p
@@ -44,6 +45,8 @@ def hands_on(
         @functools.wraps(command)
         def run(**given: Any) -> None:
             values = {p.name: given.pop(p.name) for p in taken}
+            named = {n: Path(values[n]) for n in files if values[n] is not None}
+            values |= named
             command(**given, handed=handed_options(other, values))
 
         # typer reads the one, and the types of the other
