@@ -13,6 +13,7 @@ from lensfit.cli._door import DoorGroup
 
 COMMANDS = (
     "demo",
+    "chart",
     "inspect",
     "calibrate",
     "report",

@@ -1,0 +1,119 @@
+"""`lensfit chart`: charts to print or show, and advice on which."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.chart import ChartGroup
+
+if TYPE_CHECKING:
+    from lensfit.workflow.chart_advice import Advice
+
+app = typer.Typer(invoke_without_command=True)
+
+
+@app.callback()
+@takes_groups
+def chart(
+    context: typer.Context,
+    *,
+    chart: ChartGroup,
+    out: list[Path] = typer.Option(
+        None, help="File to write: .svg, .pdf, .png or .exr; may be repeated"
+    ),
+    dpi: float = typer.Option(None, help="Of PNG and EXR of paper; 300 by default"),
+    as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
+) -> None:
+    """Make a chart of dots, lines or squares, to print or to show on a screen.
+
+    It carries a code that calibrate reads, marks that say which way up it is, and a
+    ruler to check the printer.
+
+    Example: lensfit chart --paper A2 --pitch-mm 20 --out dots.pdf
+    Example: lensfit chart advise --focal-length-mm 50 --f-number 1.4
+    --sensor-width-mm 24.89
+    """
+    if context.invoked_subcommand is not None:
+        return
+    if not out:
+        raise typer.BadParameter("name a file to write, as in --out chart.pdf")
+    from lensfit.chart.layout import described
+    from lensfit.workflow.chart import write_chart
+
+    layout = write_chart(out, chart.sheet(), chart.wanted(), dpi=dpi)
+    if as_json:
+        from dataclasses import asdict
+
+        typer.echo(json.dumps({"files": [str(p) for p in out], **asdict(layout)}))
+        return
+    typer.echo(", ".join(described(layout.pattern)))
+    for path in out:
+        typer.echo(str(path))
+
+
+@app.command()
+@takes_groups
+def advise(
+    *,
+    focal_length_mm: float = typer.Option(..., help="Of the lens"),
+    f_number: float = typer.Option(..., help="Widest that will be photographed"),
+    sensor_width_mm: float = typer.Option(..., help="Width that the frame spans"),
+    size: str = typer.Option("4096x3072", help="Of the photographs, WIDTHxHEIGHT px"),
+    focus_distance_mm: float = typer.Option(
+        None, help="Of the chart, from the sensor; where it fills the frame by default"
+    ),
+    noise_percent: float = typer.Option(0.5, help="Of a pixel, of white, rms"),
+    chart: ChartGroup,
+    as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
+) -> None:
+    """Say how a chart will look through a lens, and from where to photograph it.
+
+    Example: lensfit chart advise --focal-length-mm 50 --f-number 1.4
+    --sensor-width-mm 24.89 --paper A2
+    """
+    from lensfit.cli.synth import size_px
+    from lensfit.workflow.chart_advice import Camera
+    from lensfit.workflow.chart_advice import advise as advise_on
+
+    camera = Camera(
+        focal_length_mm, f_number, sensor_width_mm, size_px(size), noise_percent
+    )
+    sheet = chart.sheet().sheet() if chart.says_sheet() else None
+    advice = advise_on(camera, chart.wanted(), sheet, focus_distance_mm)
+    if as_json:
+        typer.echo(json.dumps(advice.as_json()))
+    else:
+        _print_advice(advice, noise_percent)
+
+
+def _print_advice(advice: "Advice", noise_percent: float) -> None:
+    from lensfit.workflow.chart_advice import MODEL_NUMBERS
+
+    sheet = "{:g} x {:g} mm".format(*advice.sheet_mm)
+    mark = f", marks {advice.mark_mm:g} mm" if advice.mark_mm else ""
+    lines = [
+        f"chart     {advice.kind}, {advice.columns} x {advice.rows}, pitch "
+        f"{advice.pitch_mm:g} mm{mark}, on {sheet}",
+        f"distance  {advice.distance_mm:.0f} mm from the sensor; the frame sees "
+        "{:.0f} x {:.0f} mm".format(*advice.field_mm),
+        f"on frame  {advice.marks_on_frame} marks, {advice.pitch_px:.1f} px apart"
+        + (f", {advice.mark_px:.1f} px wide" if advice.mark_mm else ""),
+    ]
+    if advice.scatter_px is not None:
+        lines += [
+            f"expected  {advice.scatter_px:.2g} px scatter of a dot (noise R^2 / "
+            f"(2 sqrt(pi) r^2), noise {noise_percent:g} %),",
+            f"          {advice.expected_rms_px:.1g} px rms of the lens (scatter x "
+            f"sqrt({MODEL_NUMBERS} numbers / {advice.marks_on_frame} dots))",
+        ]
+    lines.append("takes     f-number  focus at     blur")
+    for take in advice.takes:
+        lines.append(
+            f"  {take.name:9} {take.f_number:6.3g} {take.focus_distance_mm:8.0f} mm "
+            f"{take.blur_px:7.1f} px" + ", dots overlap" * take.overlapping
+        )
+    for line in [*lines, *(f"note      {note}" for note in advice.notes)]:
+        typer.echo(line)

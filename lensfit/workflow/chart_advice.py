@@ -1,0 +1,371 @@
+"""Which chart at which distance: what will land on the frame, before it is printed.
+
+A thin lens of focal length f that is focused by moving it, with distances D from the
+sensor as on the barrel. Its object distance is ``s = (D + sqrt(D^2 - 4 f D)) / 2`` and
+its magnification ``m = f / (s - f)``. Focused at S1 from the lens, a point at S2 from
+it is a disc of diameter ``|S2 - S1| / S2 * f^2 / (N (S1 - f))``.
+
+The position of a dot of radius r pixels, measured as the centroid of an aperture of
+radius R, scatters by ``n R^2 / (2 sqrt(pi) r^2)`` pixels, n the noise of one pixel as
+part of the dot's contrast. A model of k numbers fitted to d dots then errs by
+``scatter * sqrt(k / d)`` pixels rms over the frame.
+"""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from lensfit.chart.layout import Layout, Wanted, lay_out
+from lensfit.chart.sheet import PAPERS, Sheet, paper_sheet
+from lensfit.errors import ChartError
+
+MODEL_NUMBERS = 20
+"""Of a lens and a pose, as a fit of one photograph chooses."""
+APERTURE_PITCHES = 0.49
+DARK_MARGIN_PX = 5.0
+BLUR_PITCHES = 0.4
+"""Blur of the out-of-focus takes, wide open: enough to show the pupil, and apart."""
+SMALL_HOLE_PX = 1.6
+"""Diameter of holes by which blur is measured."""
+READABLE_MODULE_PX = 2.5
+NEAREST_PART, FARTHEST_PART = 0.715, 1.65
+"""How far the focus ring is turned at most, in distances of the chart."""
+CLOSE_FOCAL_LENGTHS = 10.0
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A lens and a sensor.
+
+    Attributes
+    ----------
+    noise_percent : Of a pixel, standard deviation, as part of white.
+    """
+
+    focal_length_mm: float
+    f_number: float
+    sensor_width_mm: float
+    size_px: tuple[int, int]
+    noise_percent: float = 0.5
+
+    @property
+    def pixel_mm(self) -> float:
+        """Pitch of the photosites."""
+        return self.sensor_width_mm / self.size_px[0]
+
+    @property
+    def sensor_mm(self) -> tuple[float, float]:
+        """Width and height."""
+        return self.sensor_width_mm, self.size_px[1] * self.pixel_mm
+
+    def check(self) -> None:
+        """Refuse what no camera is.
+
+        Raises
+        ------
+        ChartError : A number is not positive.
+        """
+        for name in ("focal_length_mm", "f_number", "sensor_width_mm", "noise_percent"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                option = "--" + name.replace("_", "-")
+                raise ChartError(f"{option} {value:g} is not positive")
+
+
+@dataclass(frozen=True)
+class FocusTake:
+    """One setting of focus ring and iris on the standing chart.
+
+    Attributes
+    ----------
+    blur_px : Diameter of a point's disc.
+    overlapping : Dots run into each other.
+    """
+
+    name: str
+    f_number: float
+    focus_distance_mm: float
+    blur_px: float
+    overlapping: bool
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What a chart will look like, and what to do about it.
+
+    Attributes
+    ----------
+    distance_mm : Of the chart, from the sensor.
+    field_mm : Width and height that the frame sees there.
+    marks_on_frame : Dots, crossings or corners, the chart's middle in the frame's.
+    mark_px, pitch_px, module_px : Width of a mark, pitch, module of the code.
+    scatter_px : Of a dot's position, in focus; None for other charts.
+    expected_rms_px : Of a fitted lens over the frame.
+    small_hole_mm : Diameter of a hole by which blur could be measured.
+    whole_sheet_distance_mm : From where the frame sees the whole sheet, with its code.
+    """
+
+    sheet_mm: tuple[float, float]
+    kind: str
+    pitch_mm: float
+    mark_mm: float
+    columns: int
+    rows: int
+    distance_mm: float
+    field_mm: tuple[float, float]
+    marks_on_frame: int
+    mark_px: float
+    pitch_px: float
+    module_px: float
+    scatter_px: float | None
+    expected_rms_px: float | None
+    small_hole_mm: float
+    whole_sheet_distance_mm: float
+    takes: tuple[FocusTake, ...]
+    notes: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """In types that JSON knows."""
+        return asdict(self)
+
+
+def advise(
+    camera: Camera,
+    wanted: Wanted,
+    sheet: Sheet | None = None,
+    focus_distance_mm: float | None = None,
+) -> Advice:
+    """What lands on the frame.
+
+    Parameters
+    ----------
+    sheet : Of the chart; None takes the smallest paper that fills the frame at the
+        focus distance, or A3 if there is none.
+    focus_distance_mm : Of lens and chart, from the sensor; None takes that at which
+        the pattern fills the frame.
+
+    Raises
+    ------
+    ChartError : The chart cannot be made, or is nearer than the lens can focus.
+    """
+    camera.check()
+    if sheet is None:
+        sheet = _paper_for(camera, wanted, focus_distance_mm)
+    layout = lay_out(sheet, wanted)
+    distance = focus_distance_mm or _filling_distance_mm(camera, _extent_mm(layout))
+    magnification = magnification_at(camera.focal_length_mm, distance)
+    px_per_mm = magnification / camera.pixel_mm
+    pattern = layout.pattern
+    field = tuple(side / magnification for side in camera.sensor_mm)
+    marks = _marks_in(layout, field)
+    scatter = None
+    if pattern.kind == "dot-grid":
+        scatter = _scatter_px(
+            camera, pattern.mark_mm * px_per_mm, pattern.pitch_mm * px_per_mm,
+            bright=pattern.polarity == "bright",
+        )  # fmt: skip
+    advice = Advice(
+        sheet_mm=(sheet.width_mm, sheet.height_mm),
+        kind=pattern.kind,
+        pitch_mm=pattern.pitch_mm,
+        mark_mm=pattern.mark_mm,
+        columns=pattern.columns,
+        rows=pattern.rows,
+        distance_mm=distance,
+        field_mm=(field[0], field[1]),
+        marks_on_frame=marks,
+        mark_px=pattern.mark_mm * px_per_mm,
+        pitch_px=pattern.pitch_mm * px_per_mm,
+        module_px=layout.module_mm * px_per_mm,
+        scatter_px=scatter,
+        expected_rms_px=scatter and scatter * math.sqrt(MODEL_NUMBERS / max(marks, 1)),
+        small_hole_mm=SMALL_HOLE_PX / px_per_mm,
+        whole_sheet_distance_mm=_whole_sheet_distance_mm(camera, sheet),
+        takes=(),
+        notes=(),
+    )
+    takes = _takes(camera, advice)
+    notes = _notes(camera, layout, advice)
+    return Advice(**(vars(advice) | {"takes": takes, "notes": notes}))
+
+
+def object_distance_mm(focal_length_mm: float, distance_mm: float) -> float:
+    """From a thin lens to what it is focused on, at a distance from the sensor.
+
+    Raises
+    ------
+    ChartError : Nearer than four focal lengths nothing is in focus.
+    """
+    room = distance_mm**2 - 4 * focal_length_mm * distance_mm
+    if not (math.isfinite(distance_mm) and room >= 0 and distance_mm > 0):
+        raise ChartError(
+            f"a chart at {distance_mm:g} mm cannot be in focus at "
+            f"{focal_length_mm:g} mm focal length",
+            remedy="distances are from the sensor, in mm: at least four focal lengths",
+        )
+    return (distance_mm + math.sqrt(room)) / 2
+
+
+def magnification_at(focal_length_mm: float, distance_mm: float) -> float:
+    """Image over object size of what is in focus at a distance from the sensor."""
+    away = object_distance_mm(focal_length_mm, distance_mm)
+    return focal_length_mm / (away - focal_length_mm)
+
+
+def blur_mm(
+    focal_length_mm: float,
+    f_number: float,
+    focus_distance_mm: float,
+    chart_distance_mm: float,
+) -> float:
+    """Diameter on the sensor of a point of the chart; distances from the sensor."""
+    focused = object_distance_mm(focal_length_mm, focus_distance_mm)
+    away = chart_distance_mm - (focus_distance_mm - focused)
+    circle = focal_length_mm**2 / (f_number * (focused - focal_length_mm))
+    return abs(away - focused) / away * circle
+
+
+def _distance_mm(focal_length_mm: float, magnification: float) -> float:
+    """From the sensor to an object that is imaged at this magnification."""
+    return focal_length_mm * (2 + magnification + 1 / magnification)
+
+
+def _extent_mm(layout: Layout) -> tuple[float, float]:
+    """Of the pattern, from its first to its last mark."""
+    pattern = layout.pattern
+    columns, rows = pattern.lattice_size
+    return (columns - 1) * pattern.pitch_mm, (rows - 1) * pattern.pitch_mm
+
+
+def _filling_distance_mm(camera: Camera, extent_mm: tuple[float, float]) -> float:
+    """Where the pattern covers the whole frame, and no more."""
+    parts = [s / e for s, e in zip(camera.sensor_mm, extent_mm, strict=True)]
+    # a lens images no larger than life size at four focal lengths
+    return _distance_mm(camera.focal_length_mm, min(max(parts), 1.0))
+
+
+def _whole_sheet_distance_mm(camera: Camera, sheet: Sheet) -> float:
+    sides = (sheet.width_mm, sheet.height_mm)
+    parts = [s / e for s, e in zip(camera.sensor_mm, sides, strict=True)]
+    return _distance_mm(camera.focal_length_mm, min(*parts, 1.0))
+
+
+def _paper_for(camera: Camera, wanted: Wanted, distance_mm: float | None) -> Sheet:
+    if distance_mm is None:
+        return paper_sheet("A3")
+    magnification = magnification_at(camera.focal_length_mm, distance_mm)
+    sheets = [paper_sheet(name) for name in sorted(PAPERS) if name.startswith("A")]
+    for sheet in reversed(sheets):
+        try:
+            extent = _extent_mm(lay_out(sheet, wanted))
+        except ChartError:
+            continue  # too small for that pitch
+        if all(
+            e * magnification >= s
+            for e, s in zip(extent, camera.sensor_mm, strict=True)
+        ):
+            return sheet
+    return sheets[0]
+
+
+def _marks_in(layout: Layout, field_mm: tuple[float, ...]) -> int:
+    count = 1
+    for number, side in zip(layout.pattern.lattice_size, field_mm, strict=True):
+        place = (np.arange(number) - (number - 1) / 2) * layout.pattern.pitch_mm
+        count *= int(np.count_nonzero(np.abs(place) <= side / 2))
+    missing = layout.pattern.kind == "dot-grid" and layout.pattern.oriented
+    return max(count - 4 * missing, 0)
+
+
+def _scatter_px(
+    camera: Camera, mark_px: float, pitch_px: float, *, bright: bool
+) -> float:
+    radius = mark_px / 2
+    aperture = APERTURE_PITCHES * pitch_px
+    if not bright:
+        aperture = min(radius + DARK_MARGIN_PX, aperture)
+    noise = camera.noise_percent / 100
+    return noise * aperture**2 / (2 * math.sqrt(math.pi) * radius**2)
+
+
+def _takes(camera: Camera, advice: Advice) -> tuple[FocusTake, ...]:
+    """In focus, nearer and farther; at the f-number and two stops down."""
+    wished = BLUR_PITCHES * advice.pitch_px
+    distance = advice.distance_mm
+    nearest = max(NEAREST_PART * distance, 4.0001 * camera.focal_length_mm)
+    focus = {
+        "in focus": distance,
+        "nearer": _focus_mm(camera, distance, nearest, wished),
+        "farther": _focus_mm(camera, distance, FARTHEST_PART * distance, wished),
+    }
+    takes = []
+    for f_number in (camera.f_number, 2 * camera.f_number):
+        for name, focus_mm in focus.items():
+            blur = blur_mm(camera.focal_length_mm, f_number, focus_mm, distance)
+            blur /= camera.pixel_mm
+            together = advice.mark_px + blur > advice.pitch_px
+            takes.append(FocusTake(name, f_number, focus_mm, blur, together))
+    return tuple(takes)
+
+
+def _focus_mm(
+    camera: Camera, chart_mm: float, furthest_mm: float, wished_px: float
+) -> float:
+    """Focus distance, between the chart's and the furthest, of the wished blur."""
+
+    def blur_px(focus_mm: float) -> float:
+        blur = blur_mm(camera.focal_length_mm, camera.f_number, focus_mm, chart_mm)
+        return blur / camera.pixel_mm
+
+    if blur_px(furthest_mm) <= wished_px:
+        return furthest_mm
+    low, high = chart_mm, furthest_mm
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if blur_px(middle) < wished_px else (low, middle)
+    return low
+
+
+def _notes(camera: Camera, layout: Layout, advice: Advice) -> tuple[str, ...]:
+    notes = []
+    extent = _extent_mm(layout)
+    parts = [e / f for e, f in zip(extent, advice.field_mm, strict=True)]
+    if min(parts) < 0.95:
+        notes.append(
+            f"the pattern covers {min(parts[0], 1):.0%} of the frame's width and "
+            f"{min(parts[1], 1):.0%} of its height: use a larger sheet, or go to "
+            f"{_filling_distance_mm(camera, extent):.0f} mm"
+        )
+    if advice.distance_mm < CLOSE_FOCAL_LENGTHS * camera.focal_length_mm:
+        notes.append(
+            f"{advice.distance_mm:.0f} mm is nearer than many lenses focus: a larger "
+            "sheet fills the frame from farther away"
+        )
+    if advice.pitch_px < 12:
+        notes.append("marks are less than 12 px apart: use a larger pitch")
+    if advice.marks_on_frame < 150:
+        notes.append("fewer than 150 marks land on the frame: use a smaller pitch")
+    if advice.kind == "dot-grid":
+        if advice.mark_px < 1.5:
+            notes.append("dots are smaller than 1.5 px: make them larger")
+        if advice.mark_px > 1.8:
+            notes.append(
+                f"to measure blur too, photograph holes of {advice.small_hole_mm:.2g} "
+                f"mm ({SMALL_HOLE_PX:g} px); these are {advice.mark_px:.1f} px wide"
+            )
+    at = advice.whole_sheet_distance_mm
+    module = magnification_at(camera.focal_length_mm, max(at, advice.distance_mm))
+    module *= layout.module_mm / camera.pixel_mm
+    if module < READABLE_MODULE_PX:
+        notes.append(
+            f"the code's modules are {module:.1f} px where the whole sheet is seen, "
+            "too few to read: state the target in the shoot file"
+        )
+    elif at > 1.02 * advice.distance_mm:
+        notes.append(
+            "the code lies outside the frame at this distance: let one sharp take show "
+            f"a whole strip, for instance from {at:.0f} mm, or state the target"
+        )
+    return tuple(notes)
