@@ -29,13 +29,8 @@ from jaxtyping import Array, Float, Int
 
 from lensfit.kernel.lens_blur import LateralColour, LensBlur, Pencil, pencil
 from lensfit.kernel.pixels import AIRY_SIGMA, LEAST_SIGMA_PX, pixel_shares
-from lensfit.optics.aberration import (
-    LocalWavefront,
-    landing_and_jacobian_mm,
-    landing_mm,
-)
+from lensfit.optics.aberration import LocalWavefront, landing_and_jacobian_mm
 from lensfit.optics.distortion import Distortion
-from lensfit.optics.modes import wavefront_gradient
 from lensfit.optics.pupil import nearest_in_opening, places_in_stop, pupil_rays
 from lensfit.optics.transmission import transmitted
 
@@ -61,6 +56,14 @@ class _Rays(NamedTuple):
     cell: Array
     cell_mm2: Array
     wavelength: np.ndarray
+
+
+class _Dealt(NamedTuple):
+    """Rays of one wavelength: u, the nearest that was measured, whether that is it."""
+
+    u: Array
+    own: Array
+    is_known: Array
 
 
 def lens_psfs(
@@ -186,11 +189,13 @@ def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> _Rays:
         at = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)
         weight = cell * transmitted(*at, seen.channel, count, blur.transmission)
     wavelengths = seen.lateral_mm.shape[0]
-    dealt = (seen.grown * u).reshape(-1, wavelengths, 2)
+    dealt = _dealt(u, seen, blur)
 
-    def landed(u: Array, local: LocalWavefront, lateral: Array) -> tuple[Array, Array]:
-        at, slope = jax.vmap(_landing_and_jacobian_mm, (0, None, None, None))(
-            u, seen, blur, local
+    def landed(
+        rays: _Dealt, local: LocalWavefront, lateral: Array
+    ) -> tuple[Array, Array]:
+        at, slope = jax.vmap(_landing_and_jacobian_mm, (0, None, None))(
+            rays, blur, local
         )
         return at + lateral[None], _spread(slope)
 
@@ -200,32 +205,32 @@ def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> _Rays:
     )
 
 
+def _dealt(u: Array, seen: Pencil, blur: LensBlur) -> _Dealt:
+    """Rays in turn to one wavelength after the other, (rays, wavelengths, ...)."""
+    own, is_known = u, jnp.ones(len(u), bool)
+    if blur.known is not None:
+        widest = jnp.maximum(blur.stop_radius, 1.0)
+        own, is_known = nearest_in_opening(u, seen.h, widest, blur.known)
+    wavelengths = seen.lateral_mm.shape[0]
+    each = (seen.grown * u, seen.grown * own, is_known)
+    return _Dealt(*(a.reshape(-1, wavelengths, *a.shape[1:]) for a in each))
+
+
 def _landing_and_jacobian_mm(
-    u: Array, seen: Pencil, blur: LensBlur, local: LocalWavefront
+    ray: _Dealt, blur: LensBlur, local: LocalWavefront
 ) -> tuple[Array, Array]:
     """Of one ray; an oval lens draws both out along x and y."""
-    at, slope = _round_landing_and_jacobian_mm(u, seen, blur, local)
+    if blur.known is None:
+        at, slope = landing_and_jacobian_mm(ray.u, blur.defocus_mm, local)
+    else:
+        perfect = replace(local, series_mm=jnp.zeros_like(local.series_mm))
+        at, slope = landing_and_jacobian_mm(ray.u, blur.defocus_mm, perfect)
+        near = replace(local, depth=None)
+        moved, moves = landing_and_jacobian_mm(ray.own, jnp.zeros(()), near)
+        at, slope = at + moved, slope + jnp.where(ray.is_known, moves, 0.0)
     if blur.oval is None:
         return at, slope
     return at * blur.oval, slope * blur.oval[:, None]
-
-
-def _round_landing_and_jacobian_mm(
-    u: Array, seen: Pencil, blur: LensBlur, local: LocalWavefront
-) -> tuple[Array, Array]:
-    """A ray that nobody measured has the aberration of the nearest that was."""
-    known = blur.known
-    if known is None:
-        return landing_and_jacobian_mm(u, blur.defocus_mm, local)
-
-    def landing(u: Array) -> Array:
-        widest = jnp.maximum(blur.stop_radius, 1.0)
-        own = nearest_in_opening(u / seen.grown, seen.h, widest, known) * seen.grown
-        perfect = replace(local, series_mm=jnp.zeros_like(local.series_mm))
-        blurred = landing_mm(u, blur.defocus_mm, perfect)
-        return wavefront_gradient(own, local.series_mm) + blurred
-
-    return landing(u), jax.jacfwd(landing)(u)
 
 
 def _spread(slope: Array) -> Array:

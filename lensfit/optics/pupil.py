@@ -34,7 +34,7 @@ import math
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 SHARPNESS = 128.0
 """The p of the norm that stands for the smallest of several radii."""
@@ -200,20 +200,28 @@ def places_in_stop(
 
 
 def nearest_in_opening(
-    u: Float[Array, "2"],
+    u: Float[Array, "rays 2"],
     h: Float[Array, "2"],
     stop_radius: Float[Array, ""],
     pupil: Pupil,
     sharpness: float = SHARPNESS,
-) -> Float[Array, "2"]:
-    """A ray, or the one at the edge of the opening on the way to it from inside."""
+) -> tuple[Float[Array, "rays 2"], Bool[Array, " rays"]]:
+    """Rays, or those at the edge of the opening on the way to them from inside; and
+    which rays the opening lets through.
+
+    Parameters
+    ----------
+    u : As `pupil_rays` gives them.
+    """
     matrix = stretch_matrix(h, pupil)
     inner = _inner_point(h, stop_radius, pupil)
-    away = u @ jnp.linalg.inv(matrix) - inner
-    length = jnp.sqrt(away @ away + 1e-24)
-    outward = away / length
-    edge = _radius(outward[None], inner, h, stop_radius, pupil, sharpness)[0]
-    return (inner + outward * jnp.minimum(length, edge)) @ matrix
+    away = u @ jnp.linalg.inv(matrix) - inner[None]
+    length = jnp.sqrt(jnp.sum(away * away, -1) + 1e-24)
+    outward = away / length[:, None]
+    edge = _radius(outward, inner, h, stop_radius, pupil, sharpness)
+    inside = length <= edge
+    at_edge = (inner[None] + outward * edge[:, None]) @ matrix
+    return jnp.where(inside[:, None], u, at_edge), inside
 
 
 def polar_nodes(

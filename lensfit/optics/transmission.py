@@ -67,7 +67,7 @@ def transmitted(
     upright = place @ jnp.stack([jnp.stack([cos, -sin]), jnp.stack([sin, cos])])
     each = [_read(of[channel], upright) for of in transmission.filters]
     side = _FINER * jnp.sqrt(4 / jnp.pi * rays)
-    sides = np.array([of.shape[-1] for of in transmission.filters])
+    sides = np.array([float(of.shape[-1]) for of in transmission.filters])
     size = jnp.clip(jnp.sum(sides <= side) - 1, 0, len(each) - 1)
     return found * jnp.stack(each)[size]
 

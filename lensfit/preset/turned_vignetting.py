@@ -123,7 +123,7 @@ def _total(
     edge : Squared radius of the edge of the field, in that of the last of `share`.
     """
     total = np.zeros_like(share)
-    plain = (share, share**2, share**3)
+    plain = (_grown(share / edge, power) for power in (1, 2, 3))
     for part, shape, other, gain, stops in zip(
         parts, shapes, plain, *stated, strict=True
     ):
@@ -132,6 +132,11 @@ def _total(
             part = form * (stops * math.log(2) / np.interp(edge, share, form))
         total += gain * part
     return total
+
+
+def _grown(share: Loss, power: int) -> Loss:
+    """A power up to 1, and on as its tangent."""
+    return np.minimum(share, 1) ** power + power * np.maximum(share - 1, 0)
 
 
 def _natural(lens: Lens, radius_mm: Loss) -> Loss:
