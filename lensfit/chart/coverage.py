@@ -12,7 +12,7 @@ from matplotlib.path import Path as Curves
 
 from lensfit.chart.drawing import Drawing, Layer, Outline
 
-_FLATNESS = 8.0
+_FLATNESS = 32.0
 """Curves of letters are flattened at so many times the pixels' scale."""
 
 

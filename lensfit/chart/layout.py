@@ -33,6 +33,8 @@ LINE_CLEAR_PITCHES = 1.5
 _MODULE_PART = 1 / 500
 """Module of the code, as part of the sheet's width plus height."""
 _SMALLEST_MODULE_MM = 0.15
+_LARGEST_LENGTH_MM = 400.0
+"""The code has room for marks up to 419 mm wide."""
 _RULERS_MM = (100, 50, 20, 10)
 _NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 _MARKS_ACROSS = 28
@@ -126,13 +128,16 @@ def _pattern(sheet: Sheet, wanted: Wanted, module_mm: float) -> Pattern:
             "a checkerboard has neither polarity nor width of a mark",
             remedy="leave these options out",
         )
-    pitch = wanted.pitch_mm or _nice_pitch_mm(sheet)
+    pitch = _nice_pitch_mm(sheet) if wanted.pitch_mm is None else wanted.pitch_mm
     part = {"dot-grid": _DOT_PART, "line-grid": _LINE_PART, "checkerboard": 0.0}
-    mark = wanted.mark_mm or part[wanted.kind] * pitch
-    for length in (pitch, mark):
-        if not (math.isfinite(length) and 0 <= length < 1000):
-            raise ChartError(f"{length:g} mm is out of range for a mark or a pitch")
-    pitch, mark = max(in_steps(pitch), 1e-4), in_steps(mark)
+    mark = part[wanted.kind] * pitch if wanted.mark_mm is None else wanted.mark_mm
+    for length, least in ((pitch, 0.01), (mark, 0.0 if checker else 0.001)):
+        if not (math.isfinite(length) and least <= length < _LARGEST_LENGTH_MM):
+            raise ChartError(
+                f"{length:g} mm is out of range for a mark or a pitch",
+                remedy=f"give {least:g} to {_LARGEST_LENGTH_MM:g} mm",
+            )
+    pitch, mark = in_steps(pitch), in_steps(mark)
     band = sheet.margin_mm + STRIP_MODULES[1] * module_mm
     lines = wanted.kind == "line-grid"
     clear = (LINE_CLEAR_PITCHES if lines else CLEAR_PITCHES) * pitch

@@ -154,7 +154,9 @@ def advise(
     if sheet is None:
         sheet = _paper_for(camera, wanted, focus_distance_mm)
     layout = lay_out(sheet, wanted)
-    distance = focus_distance_mm or _filling_distance_mm(camera, _extent_mm(layout))
+    distance = focus_distance_mm
+    if distance is None:
+        distance = _filling_distance_mm(camera, _extent_mm(layout))
     magnification = magnification_at(camera.focal_length_mm, distance)
     px_per_mm = magnification / camera.pixel_mm
     pattern = layout.pattern

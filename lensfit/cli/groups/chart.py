@@ -93,7 +93,7 @@ class ChartGroup:
                 raise ChartError(
                     f"{option} has no meaning for a {self.kind}", remedy="leave it out"
                 )
-        mark = self.hole_diameter_mm or self.line_width_mm
+        mark = getattr(self, own[self.kind]) if self.kind in own else None
         return Wanted(self.kind, self.pitch_mm, mark, self.polarity)  # pyright: ignore[reportArgumentType]
 
     def sheet(self) -> "SheetWish":
