@@ -69,6 +69,43 @@ def test_wrong_words_are_wrong_usage(asked, arguments):
     assert run(*arguments).exit_code == 2
 
 
+def test_knobs_and_what_is_disabled_reach_the_workflow(asked):
+    arguments = (
+        "--coma-gain 2 --spherical-um -3.5 --blades 7 --filter-image heart.png "
+        "--squeeze 1.8 --maximum-blur-percent 1 --depth-levels 12 "
+        "--disable coma,lateral-colour --edge-matte fence.A"
+    )
+    assert run(*arguments.split()).exit_code == 0
+    options = asked["options"]
+    assert options.knobs == {
+        "coma_gain": 0.0,
+        "lateral_red_gain": 0.0,
+        "lateral_blue_gain": 0.0,
+        "spherical_um": -3.5,
+        "blades": 7,
+        "filter_image": "heart.png",
+        "squeeze": 1.8,
+        "maximum_blur_percent": 1.0,
+        "depth_levels": 12,
+    }
+    assert options.edge_matte == "fence.A"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ("--disable comma", 'did you mean "coma"?'),
+        ("--disable ,", "names no aberration"),
+        ("--blades 17", "less than or equal to 16"),
+        ("--edge-mask a --edge-matte b", "goes without --edge-matte"),
+    ],
+)
+def test_knobs_that_do_not_exist_are_wrong_usage(asked, arguments, said):
+    result = run(*arguments.split())
+    assert result.exit_code == 2
+    assert said in " ".join(result.stderr.replace("│", " ").split())
+
+
 def test_failures_set_the_exit_code_and_json_holds_them(asked):
     asked["bad"] = ["a.1.exr: is broken"]
     result = run("--json")

@@ -45,6 +45,14 @@ def test_what_is_no_unit(unit):
         unit_in_mm(unit)
 
 
+def test_an_inverted_depth_has_its_sky_at_zero():
+    """1 at the near plane and 0 at the far one: near and far change places."""
+    samples = np.array([1.0, 0.75, 0.001, 0.0, -0.1, 1.1], np.float32)
+    found = perpendicular_mm(samples, DepthMeaning(1000, "normalised", 50, 2), 1.0)
+    np.testing.assert_allclose(found[:3], [2000, 14000, 49952], rtol=1e-5)
+    assert np.isposinf(found[3:]).all()
+
+
 def test_inverse_and_normalised():
     inverse = perpendicular_mm(1000 / DISTANCE_MM, DepthMeaning(1000, "inverse"), 1.0)
     assert inverse == pytest.approx(DISTANCE_MM, rel=1e-6)

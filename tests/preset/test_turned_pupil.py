@@ -99,7 +99,6 @@ def test_more_of_a_cats_eye_is_what_a_point_farther_out_sees():
 def test_a_cats_eye_never_closes_the_corner():
     lens = measured(cat_eye_gain=3.0)
     assert 0.02 < area(lens, CORNER) / area(lens) < 0.5
-    np.testing.assert_allclose(psf(lens, point_mm=CORNER, tolerance=0.1).sum(), 1)
 
 
 @pytest.mark.parametrize("percent", [20.0, 60.0])

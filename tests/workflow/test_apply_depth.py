@@ -155,6 +155,7 @@ def wire_before_a_wall(tmp_path, depth_of, crest):
         "CryptoObject00.g": np.maximum(share, 1 - share),
         "CryptoObject00.b": np.where(first, ids[1], ids[0]),
         "CryptoObject00.a": np.minimum(share, 1 - share),
+        "mattes.wire": share,
     }
     header = {**CAMERA, **SENSOR, "cryptomatte/542cafa/name": "CryptoObject"}
     return write_plate(tmp_path / "wire.exr", header, extra), exact
@@ -184,6 +185,35 @@ def test_an_edge_mask_makes_up_for_depth_that_a_wire_shares(
         rms.append(float(np.sqrt(np.mean(gap[8:-8, 8:-8] ** 2))))
     assert rms[1] < part * rms[0]
     assert rms[1] < most
+
+
+@pytest.mark.parametrize("whose", SHARED)
+def test_an_edge_matte_does_what_the_name_of_its_object_does(tmp_path, whose):
+    plate, exact = wire_before_a_wall(tmp_path, SHARED[whose], 2)
+    rms = []
+    for name, options in (("plain", {}), ("matte", {"edge_matte": "mattes.wire"})):
+        made, _ = rendered(plate, tmp_path / name, depth=METRES, **options)
+        gap = np.stack([made.channels[c] for c in "RGB"], -1) - exact[..., :3]
+        rms.append(float(np.sqrt(np.mean(gap[8:-8, 8:-8] ** 2))))
+    assert rms[1] < 0.5 * rms[0]
+    assert rms[1] < 0.0025
+    assert "edges by channel mattes.wire" in made.attributes["lensfit/applied"]
+
+
+def test_an_edge_matte_of_nothing_changes_nothing_and_a_missing_one_is_named(tmp_path):
+    depth = near_and_far()
+    extra = {"Z": depth / 1000, "empty": np.zeros_like(depth)}
+    plate = write_plate(tmp_path / "p.exr", extra=extra)
+    plain, _ = rendered(plate, tmp_path / "a", depth=METRES)
+    empty, _ = rendered(plate, tmp_path / "b", depth=METRES, edge_matte="empty")
+    for name in "RGB":
+        assert plain.channels[name] == pytest.approx(empty.channels[name], abs=1e-6)
+    options = ApplyOptions(edge_matte="fence")
+    (failure,) = apply_preset(
+        make_preset(), plate, tmp_path / "c", options=options
+    ).failures
+    assert "no channel 'fence'" in failure
+    assert "empty" in failure
 
 
 def write_deep_plate(path, front_alpha):
