@@ -53,9 +53,9 @@ def bloomed(
         the other in quadrature; over the picture at any size. Nothing if None.
     """
     light = light_above(colour, threshold)
-    if not light.any():
+    if light.max() <= 0:
         return colour
-    if halo_radius_px is None or not halo_radius_px.any():
+    if halo_radius_px is None or halo_radius_px.max() <= 0:
         halo = haloed(light, HALO, half_light_px, least_px)
     else:
         halo = _growing(light, half_light_px, least_px, halo_radius_px)

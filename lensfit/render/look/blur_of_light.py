@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.render.look.halo import dealt, octaves_spread
-from lensfit.render.look.light import light_above
+from lensfit.render.look.light import brightness_above
 from lensfit.render.look.pyramid import Picture, halved, padded
 
 LEVEL = 2
@@ -56,8 +56,8 @@ def blur_of_light(layers: Sequence[SharpLayer], threshold: float) -> Plane:
     for layer in layers:
         if layer.radius_px is None:
             continue
-        light = light_above(layer.colour, threshold).max(-1, keepdims=True)
-        both = np.concatenate([light, light * np.abs(layer.radius_px)[..., None]], -1)
+        light = brightness_above(layer.colour, threshold)
+        both = np.stack([light, light * np.abs(layer.radius_px)], -1)
         parts.append(halved(padded(both, LEVEL), LEVEL))
     if not parts:
         height, width = layers[0].colour.shape[:2]

@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32
 
+from lensfit.render.look.light import brightest_channel
 from lensfit.render.look.opening import Opening, shrunk
 from lensfit.render.look.pyramid import Picture, doubled, halved, padded
 
@@ -66,9 +67,9 @@ def ghosts_of(
     least_px : Pixels that a ghost measures at least at the size where it is drawn.
     luminance : Of red, green and blue, for the tint.
     """
-    total = np.zeros((*shape, small.shape[2]), np.float32)
-    if not small.any():
-        return total
+    if small.max() <= 0:
+        return np.zeros((*shape, small.shape[2]), np.float32)
+    drawn: dict[int, Picture] = {}
     for n in range(1, ghosts.count + 1):
         part = n / ghosts.count
         diameter_px = part * ghosts.diameter_px
@@ -76,11 +77,13 @@ def ghosts_of(
         lights = halved(padded(small, own - level), own - level)
         place = -ghosts.reach * part
         centre = centre_px / 2**own
-        drawn = _drawn(lights, place, centre, diameter_px / 2**own, opening, 2**own)
-        total += doubled(drawn, own)[: shape[0], : shape[1]]
+        made = _drawn(lights, place, centre, diameter_px / 2**own, opening, 2**own)
+        drawn[own] = drawn[own] + made if own in drawn else made
+    total = _together(drawn)
     if total.shape[2] == 3:
         total *= tint_of(ghosts.tint, luminance)
-    return total / np.float32(ghosts.count)
+    total /= np.float32(ghosts.count)
+    return total[: shape[0], : shape[1]]
 
 
 def tint_of(
@@ -93,6 +96,18 @@ def tint_of(
     else:
         others, own = 1 - tint * green / (1 - green), 1 + tint
     return np.array([others, own, others], np.float32)
+
+
+def _together(drawn: dict[int, Picture]) -> Picture:
+    """Pictures of several sizes on one of the whole size, from the smallest up."""
+    level = max(drawn)
+    total = drawn[level]
+    while level > 0:
+        total, level = doubled(total), level - 1
+        if level in drawn:
+            height, width = drawn[level].shape[:2]
+            total = drawn[level] + total[:height, :width]
+    return total
 
 
 def _level_of(diameter_px: float, least_px: float, shape: tuple[int, int]) -> int:
@@ -115,7 +130,7 @@ def _drawn(
 ) -> Picture:
     """Every light at its place, in the shape of the opening."""
     total = np.zeros_like(lights)
-    rows, columns = np.nonzero(lights.any(-1))
+    rows, columns = np.nonzero(brightest_channel(lights) > 0)
     own = np.stack([columns + 0.5, rows + 0.5], -1)
     there = centre + place * (own - centre)
     values = lights[rows, columns]

@@ -23,7 +23,7 @@ from jaxtyping import Float32
 from scipy import fft
 
 from lensfit.optics.spectrum import CENTRES_NM, REFERENCE_NM
-from lensfit.render.look.light import light_above, moved
+from lensfit.render.look.light import brightest_channel, light_above, moved
 from lensfit.render.look.pyramid import (
     Picture,
     doubled,
@@ -82,7 +82,7 @@ def glinted(
     least_px : From `pyramid.least_sigma_px`.
     """
     light = light_above(colour, threshold)
-    if not light.any():
+    if light.max() <= 0:
         return colour
     level = level_of(star.sigma_px, _LEAST_SHARE * least_px, light.shape)
     height, width = light.shape[:2]
@@ -156,7 +156,7 @@ def _pixels_near(
 
 def _convolved(light: Picture, kernels: list[np.ndarray]) -> Picture:
     """Light spread by a kernel for each channel, or one for all; dark beyond it."""
-    lit = light.max(-1) > 0
+    lit = brightest_channel(light) > 0
     rows, columns = (np.flatnonzero(lit.max(axis)) for axis in (-1, 0))
     cores = cv2.getNumThreads()
     result = np.zeros_like(light)

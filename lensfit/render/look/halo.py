@@ -6,7 +6,10 @@ Gaussians of widths sigma 2^m and shares w_m stand for glare: equal shares fall 
 light is moved and not made. The size of a halo is its half-light radius, within which
 half of its light lies.
 
-Each Gaussian is put on at a size of the picture where it is a few pixels wide.
+Each Gaussian is put on at a size of the picture where it is a few pixels wide. What
+leaves the picture comes back, as from a mirror image beside it: so as much light comes
+in over a border as leaves, and the sum is kept. A constant stays constant, but for
+what halving does beside borders that do not divide: .04 % of it at tolerance .001.
 
 Reference: G. Spencer et al., SIGGRAPH 1995, on the glare of eye and lens.
 """
@@ -15,6 +18,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Float32
 
@@ -26,10 +30,13 @@ from lensfit.render.look.pyramid import (
     left_of,
     level_of,
     padded,
+    reach_of,
 )
 
 Plane = Float32[np.ndarray, "height width 1"]
 _STEPS = 60
+_EVEN = 1.5
+"""Between mirrors, a Gaussian this many times as wide as the picture is even."""
 
 
 @dataclass(frozen=True)
@@ -96,18 +103,64 @@ def octaves_spread(
     -------
     At the size of `small`.
     """
-    total = np.zeros_like(small)
-    chain, reached = small, level
-    for sigma_px, share in zip(sigmas_px, shares, strict=True):
-        own = max(level, level_of(sigma_px, least_px, _whole_shape(small, level)))
+    whole = small.shape[0] << level, small.shape[1] << level
+    sigmas_px = [min(sigma_px, _EVEN * max(whole)) for sigma_px in sigmas_px]
+    steps = [
+        max(level_of(sigma_px, least_px, whole) - level, 0) for sigma_px in sigmas_px
+    ]
+    rim = 2 << max(steps)
+    total, chain, taken = np.zeros_like(small), None, 0
+    for sigma_px, share, more in zip(sigmas_px, shares, steps, strict=True):
         if isinstance(share, np.ndarray):
-            part = halved(padded(small * share, own - level), own - level)
+            part = halved(_in_the_dark(small * share, rim), more)
         else:
-            chain = halved(padded(chain, own - reached), own - reached)
-            part, reached = chain * np.float32(share), own
-        spread = doubled(gaussian(part, left_of(sigma_px, own)), own - level)
-        total += spread[: small.shape[0], : small.shape[1]]
+            if chain is None:
+                chain = _in_the_dark(small, rim)
+            chain, taken = halved(chain, more - taken), more
+            part = chain * np.float32(share)
+        sigma = left_of(sigma_px, level + more)
+        reach = reach_of(sigma)
+        spread = gaussian(_bordered(part, (reach, reach, reach, reach)), sigma)
+        _fold(total, doubled(spread, more), rim + (reach << more))
     return total
+
+
+def _in_the_dark(picture: Picture, rim: int) -> Picture:
+    """The picture with a dark rim, which halves without rest as often as the rim."""
+    below, right = (-side % rim for side in picture.shape[:2])
+    return _bordered(picture, (rim, rim + below, rim, rim + right))
+
+
+def _bordered(picture: Picture, widths: tuple[int, int, int, int]) -> Picture:
+    made = cv2.copyMakeBorder(picture, *widths, cv2.BORDER_CONSTANT)
+    return made.reshape(*made.shape[:2], picture.shape[2])
+
+
+def _fold(total: Picture, spread: Picture, rim: int) -> None:
+    """Add light that was spread around a picture too; what left it comes back over the
+    same border, as from a mirror image."""
+    height, width = total.shape[:2]
+    band = np.zeros((height, *spread.shape[1:]), np.float32)
+    for rows, own in _mirrors(spread.shape[0], height, rim):
+        band[own] += spread[rows]
+    for columns, own in _mirrors(spread.shape[1], width, rim):
+        total[:, own] += band[:, columns]
+
+
+def _mirrors(length: int, side: int, rim: int) -> list[tuple[slice, slice]]:
+    """Parts of an axis, each as long as the picture's side or less, every other one
+    backwards; and the part of the picture that each falls on."""
+    found = []
+    for n in range(-rim // side, -(-(length - rim) // side)):
+        start = rim + n * side
+        first, last = max(start, 0), min(start + side, length)
+        if n % 2:
+            before = first - 1 if first else None
+            own = slice(start + side - last, start + side - first)
+            found.append((slice(last - 1, before, -1), own))
+        else:
+            found.append((slice(first, last), slice(first - start, last - start)))
+    return found
 
 
 def dealt(square: Plane, count: int) -> list[Plane]:
@@ -130,7 +183,3 @@ def dealt(square: Plane, count: int) -> list[Plane]:
         falling = np.clip((4 * here - square) / (3 * here), 0, 1)
         shares.append(np.where(square <= here, rising if n else 1.0, falling))
     return [share.astype(np.float32) for share in shares]
-
-
-def _whole_shape(small: Picture, level: int) -> tuple[int, int]:
-    return small.shape[0] << level, small.shape[1] << level

@@ -14,11 +14,13 @@ Bradford: K. M. Lam, thesis, 1985; the linear form of ICC.1. Primaries to XYZ: S
 RP 177.
 """
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Float32
 
 from lensfit.errors import LensfitError
 from lensfit.render.look.illuminant import white_xyz, xyz_of_xy
+from lensfit.render.look.light import is_finite
 
 NEUTRAL_KELVIN = 6500.0
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
@@ -79,6 +81,7 @@ def balanced(
     colour: Float32[np.ndarray, "height width 3"], matrix: Float[np.ndarray, "3 3"]
 ) -> Float32[np.ndarray, "height width 3"]:
     """A picture through a matrix; pixels that are NaN or infinite keep their bits."""
-    result = colour @ matrix.T.astype(np.float32)
-    known = np.isfinite(colour).all(-1, keepdims=True)
-    return result if known.all() else np.where(known, result, colour)
+    result = cv2.transform(colour, matrix.astype(np.float32))
+    if is_finite(colour):
+        return result
+    return np.where(np.isfinite(colour).all(-1, keepdims=True), result, colour)
