@@ -228,5 +228,5 @@ def _existing(path: Path, token: re.Match) -> list[tuple[int | None, Path]]:
 
 def _bad_range(text: str) -> ImageError:
     return ImageError(
-        f"{text!r} is no range of frames", remedy="write it as 1-10,20-30x2"
+        f"{text[:80]!r} is no range of frames", remedy="write it as 1-10,20-30x2"
     )
