@@ -8,10 +8,7 @@ Tiled files are read at full resolution and written as scan lines. Deep pixels a
 refused here; `lensfit.io.exr_deep` reads them.
 """
 
-import sys
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -21,6 +18,7 @@ import OpenEXR
 from lensfit.atomic import atomic_path
 from lensfit.coords import Window
 from lensfit.errors import ImageError, OutputError
+from lensfit.io.chatter import without_chatter
 from lensfit.io.exr_attributes import attributes_for_writing
 from lensfit.io.exr_header import check_exr
 
@@ -105,13 +103,13 @@ def read_exr(path: str | Path, *, header_only: bool = False) -> ExrImage:
     path = Path(path)
     headers = check_exr(path)
     try:
-        with _binding_silenced():
+        with without_chatter():
             file = OpenEXR.File(
                 str(path), separate_channels=True, header_only=header_only
             )
         parts = tuple(_part_from(part) for part in file.parts)
-    except (RuntimeError, ValueError, TypeError, MemoryError) as error:
-        raise ImageError(f"cannot be read ({error})", where=path) from error
+    except (RuntimeError, ValueError, TypeError, MemoryError, ArithmeticError) as error:
+        raise unreadable(error, path) from error
     # The binding leaves parts out whose pixels it could not decode.
     if len(parts) != len(headers):
         raise ImageError(
@@ -149,6 +147,18 @@ def write_exr(
             raise OutputError(
                 f"cannot be written ({error})", where=path, remedy="check the disk"
             ) from error
+
+
+def unreadable(error: Exception, path: Path) -> ImageError:
+    """What to say where the binding refuses a file, whose own words may mislead."""
+    said = " ".join(str(error).split())
+    if isinstance(error, ZeroDivisionError):
+        said = f"an attribute divides by zero: {said}"
+    elif "Unable to open" in said or "missing attribute" in said:
+        said = "an attribute of its header is missing or malformed"
+    return ImageError(
+        f"cannot be read ({said})", where=path, remedy="render or copy it again"
+    )
 
 
 def part_without_channels(part: OpenEXR.Part) -> ExrPart:
@@ -203,41 +213,3 @@ def _compression(name: str) -> OpenEXR.Compression:
         return getattr(OpenEXR, f"{name.upper()}_COMPRESSION")
     except AttributeError:
         raise ValueError(f"unknown OpenEXR compression {name!r}") from None
-
-
-_silent_threads: set[int] = set()
-_silence = threading.Lock()
-
-
-class _Filter:
-    """Standard output without what the silenced threads say."""
-
-    def __init__(self, stream):
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        if threading.get_ident() in _silent_threads:
-            return len(text)
-        return self._stream.write(text)
-
-    def __getattr__(self, name: str):
-        return getattr(self._stream, name)
-
-
-@contextmanager
-def _binding_silenced() -> Iterator[None]:
-    """Keep the binding's own warnings off standard output, in this thread only.
-
-    It prints them where ``--json`` results go; frames are read by several threads.
-    """
-    with _silence:
-        if not _silent_threads:
-            sys.stdout = _Filter(sys.stdout)
-        _silent_threads.add(threading.get_ident())
-    try:
-        yield
-    finally:
-        with _silence:
-            _silent_threads.discard(threading.get_ident())
-            if not _silent_threads and isinstance(sys.stdout, _Filter):
-                sys.stdout = sys.stdout._stream

@@ -16,7 +16,8 @@ from jaxtyping import Int
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError
-from lensfit.io.exr import ExrPart, part_without_channels
+from lensfit.io.chatter import without_chatter
+from lensfit.io.exr import ExrPart, part_without_channels, unreadable
 from lensfit.io.exr_header import check_exr
 
 
@@ -60,15 +61,16 @@ def read_deep(path: str | Path) -> DeepPart:
     path = Path(path)
     check_exr(path, deep=True)
     try:
-        file = OpenEXR.File(str(path), separate_channels=True)
+        with without_chatter():
+            file = OpenEXR.File(str(path), separate_channels=True)
         deep = (OpenEXR.deepscanline, OpenEXR.deeptile)
         parts = [p for p in file.parts if p.header.get("type") in deep and p.channels]
         if not parts:
             raise ImageError("holds no deep pixels that can be read", where=path)
         part = parts[0]
         channels = {name: channel.pixels for name, channel in part.channels.items()}
-    except (RuntimeError, ValueError, TypeError, MemoryError) as error:
-        raise ImageError(f"cannot be read ({error})", where=path) from error
+    except (RuntimeError, ValueError, TypeError, MemoryError, ArithmeticError) as error:
+        raise unreadable(error, path) from error
     counts = _counts(next(iter(channels.values())))
     samples = {name: _flat(pixels) for name, pixels in channels.items()}
     if any(len(flat) != counts.sum() for flat in samples.values()):

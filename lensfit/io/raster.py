@@ -6,6 +6,7 @@ Rows are turned upright as the EXIF orientation asks.
 """
 
 import io
+import logging
 import struct
 import zlib
 from collections.abc import Mapping
@@ -17,6 +18,10 @@ import tifffile
 from PIL import ExifTags, Image
 
 from lensfit.errors import ImageError
+from lensfit.io.chatter import without_chatter
+
+# It logs every odd tag; who reads its log may still listen.
+logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8\xff"
@@ -93,7 +98,7 @@ def tiff_header(data: bytes) -> dict[str, object]:
     try:
         with tifffile.TiffFile(io.BytesIO(data)) as file:
             return _tags(file.pages[0])  # pyright: ignore[reportArgumentType]
-    except (tifffile.TiffFileError, ValueError, LookupError, struct.error):
+    except Exception:  # tifffile raises whatever broke in it
         return {}
 
 
@@ -115,7 +120,8 @@ def _read_jpeg(data: bytes) -> Raster:
 def _read_png(data: bytes) -> Raster:
     _check_png(data)
     try:
-        codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        with without_chatter():
+            codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise _damaged("PNG", error) from error
     if codes is None:
@@ -200,7 +206,8 @@ def _tiff_codes(page, data: bytes) -> np.ndarray:
 
 def _tiff_by_opencv(data: bytes) -> np.ndarray:
     """Decode LZW, JPEG and the like, which tifffile leaves to another package."""
-    codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    with without_chatter():
+        codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if codes is None:
         raise _damaged("TIFF", "its pixels cannot be decoded")
     return codes if codes.ndim == 2 else codes[..., 2::-1]
