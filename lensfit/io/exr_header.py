@@ -23,8 +23,14 @@ _LINES_PER_CHUNK = {0: 1, 1: 1, 2: 1, 3: 16, 4: 32, 5: 16, 6: 32, 7: 32, 8: 32, 
 _MOST_LINES_PER_CHUNK = 256
 _SAMPLE_BYTES = {0: 4, 1: 2, 2: 4}
 _LARGEST_SIDE_PX = 1 << 17
-# A black picture compresses 18,000 times at best (HTJ2K, measured).
-_LARGEST_RATIO = 100_000
+# How many times smaller a picture can get. Stored, run lengths, zlib (and of 3 of 4
+# bytes), B44: by their formats; PIZ 408 at most; DWA 33,000, HTJ2K 87,000 and more on
+# black frames (measured at 8192 pixels; they grow with the frame).
+_LARGEST_RATIO = {0: 1, 1: 64, 2: 1100, 3: 1100, 4: 1000, 5: 1500, 6: 3, 7: 12}
+_LARGEST_RATIO |= {8: 150_000, 9: 150_000}
+_LARGEST_RATIO_OF_OTHERS = 400_000
+_MOST_CHANNELS = 4096
+_MOST_ATTRIBUTES = 100_000
 _ALWAYS_ALLOWED_BYTES = 1 << 24
 
 
@@ -39,6 +45,7 @@ class PartHeader:
     chunk_count : Entries of the chunk table; a lower bound for mip-mapped tiles.
     tiled : Chunks are tiles, not bundles of lines.
     deep : Several samples in a pixel.
+    compression : Its code.
     """
 
     data_window: Window
@@ -46,11 +53,20 @@ class PartHeader:
     chunk_count: int
     tiled: bool
     deep: bool
+    compression: int
 
     @property
     def bytes_uncompressed(self) -> int:
+        """Of the samples; of a deep part, of the table that counts them."""
         pixels = self.data_window.width * self.data_window.height
+        if self.deep:
+            return 4 * pixels
         return pixels * sum(_SAMPLE_BYTES.get(c[0], 4) for c in self.channels.values())
+
+    @property
+    def largest_ratio(self) -> int:
+        """How many times smaller than its samples a chunk can be."""
+        return _LARGEST_RATIO.get(self.compression, _LARGEST_RATIO_OF_OTHERS)
 
 
 def check_exr(path: str | Path, *, deep: bool = False) -> list[PartHeader]:
@@ -104,7 +120,7 @@ def _checked(file: BinaryIO, size: int, path: Path, deep: bool) -> list[PartHead
 
 def _read_headers(file: BinaryIO, size: int, flags: int) -> list[PartHeader]:
     parts = []
-    while attributes := _read_attributes(file, size):
+    while attributes := _read_attributes(file, size, len(parts)):
         parts.append(_part(attributes, flags))
         if not flags & _MULTIPART:
             break
@@ -116,9 +132,12 @@ def _read_headers(file: BinaryIO, size: int, flags: int) -> list[PartHeader]:
 _WANTED = {"dataWindow", "channels", "compression", "tiles", "type", "chunkCount"}
 
 
-def _read_attributes(file: BinaryIO, size: int) -> dict[str, bytes]:
-    found = {}
+def _read_attributes(file: BinaryIO, size: int, parts_before: int) -> dict[str, bytes]:
+    found, count = {}, 0
     while name := _read_name(file):
+        count += 1
+        if count * (parts_before + 1) > _MOST_ATTRIBUTES:
+            raise ValueError("more attributes than any file has")
         _read_name(file)  # the type is fixed for the attributes wanted here
         (length,) = struct.unpack("<i", file.read(4))
         if length < 0 or file.tell() + length > size:
@@ -145,25 +164,31 @@ def _part(attributes: dict[str, bytes], flags: int) -> PartHeader:
     deep = kind.startswith("deep") or (not kind and bool(flags & _DEEP))
     # In a file of one part the flag decides; `type` may be missing there.
     tiled = bool(flags & _TILED) or kind in ("tiledimage", "deeptile")
+    compression = attributes["compression"][0]
     if tiled:
         width, height = struct.unpack("<2I", attributes["tiles"][:8])
         chunks = -(-window.width // width) * -(-window.height // height)
     else:
-        lines = _LINES_PER_CHUNK.get(attributes["compression"][0])
+        lines = _LINES_PER_CHUNK.get(compression)
         chunks = -(-window.height // (lines or _MOST_LINES_PER_CHUNK))
     if "chunkCount" in attributes:
         (chunks,) = struct.unpack("<i", attributes["chunkCount"])
     channels = _channels(attributes["channels"])
-    return PartHeader(window, channels, chunks, tiled, deep)
+    return PartHeader(window, channels, chunks, tiled, deep, compression)
 
 
 def _channels(data: bytes) -> dict[str, tuple[int, int, int]]:
-    channels = {}
-    while data[0]:
-        name, data = data.split(b"\0", 1)
-        pixel_type, _, x_sampling, y_sampling = struct.unpack("<iIii", data[:16])
-        channels[name.decode()] = (pixel_type, x_sampling, y_sampling)
-        data = data[16:]
+    channels, at = {}, 0
+    while data[at]:
+        end = data.index(0, at)
+        pixel_type, _, x_sampling, y_sampling = struct.unpack_from(
+            "<iIii", data, end + 1
+        )
+        name = data[at:end].decode()
+        if name in channels or len(channels) >= _MOST_CHANNELS:
+            raise ValueError("a channel twice, or more than any file has")
+        channels[name] = (pixel_type, x_sampling, y_sampling)
+        at = end + 17
     return channels
 
 
@@ -174,7 +199,7 @@ def _refuse_unreadable(part: PartHeader, size: int, path: Path) -> None:
     claimed = part.bytes_uncompressed
     if (
         max(window.width, window.height) > _LARGEST_SIDE_PX
-        or claimed > _ALWAYS_ALLOWED_BYTES + _LARGEST_RATIO * size
+        or claimed > _ALWAYS_ALLOWED_BYTES + part.largest_ratio * size
         or not 0 < part.chunk_count <= size // 8
     ):
         raise _damaged(
@@ -200,25 +225,35 @@ def _check_chunks(
     table = np.frombuffer(file.read(8 * count), "<u8")
     if len(table) < count or table.min() < file.tell() or table.max() > size - 8:
         raise _damaged(path, "it is truncated or was never finished")
+    owners = np.repeat(np.arange(len(parts)), [part.chunk_count for part in parts])
     last = int(table.argmax())
-    owner = np.searchsorted(
-        np.cumsum([part.chunk_count for part in parts]), last, "right"
-    )
-    # A chunk says: part number if there are several parts; y, or tile x, y and level
-    # x, y; its length; its data.
-    length_at = int(table[last]) + 4 * multipart + (16 if parts[owner].tiled else 4)
-    file.seek(length_at)
-    if parts[owner].deep:
-        # The sizes of the table of sample counts and of the samples, each packed, and
-        # of the samples unpacked.
-        table_bytes, sample_bytes, _ = struct.unpack("<3q", file.read(24))
-        if min(table_bytes, sample_bytes) < 0:
-            raise _damaged(path, "a chunk claims less than nothing")
-        length, length_at = table_bytes + sample_bytes, length_at + 20
-    else:
-        (length,) = struct.unpack("<i", file.read(4))
-    if length < 0 or length_at + 4 + length > size:
-        raise _damaged(path, "it is truncated")
+    for index in range(count):
+        part = parts[owners[index]]
+        if not part.deep and index != last:
+            continue
+        # A chunk says: part number if there are several parts; y, or tile x, y and
+        # level x, y; its length; its data.
+        start = int(table[index]) + 4 * multipart + (16 if part.tiled else 4)
+        file.seek(start)
+        end = _end_of_deep(file, part, path) if part.deep else _end_of_flat(file)
+        if not start < end <= size:
+            raise _damaged(path, "it is truncated")
+
+
+def _end_of_flat(file: BinaryIO) -> int:
+    (length,) = struct.unpack("<i", file.read(4))
+    return file.tell() + length if length >= 0 else 0
+
+
+def _end_of_deep(file: BinaryIO, part: PartHeader, path: Path) -> int:
+    """Behind the table of sample counts and the samples. Their lengths are packed; the
+    samples' unpacked length, which is believed, must be one that they can have."""
+    table, samples, unpacked = struct.unpack("<3q", file.read(24))
+    if min(table, samples, unpacked) < 0:
+        raise _damaged(path, "a chunk claims less than nothing")
+    if unpacked > part.largest_ratio * samples:
+        raise _damaged(path, f"a chunk claims {unpacked} bytes of samples")
+    return file.tell() + table + samples
 
 
 def _damaged(path: Path, reason: str) -> ImageError:
