@@ -9,6 +9,7 @@ import difflib
 import json
 import math
 import re
+import tomllib
 import typing
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,6 +23,9 @@ Record = TypeVar("Record")
 
 LARGEST_BYTES = 32 * 2**20
 """A preset of a long zoom has one or two MiB."""
+LARGEST_TOML_BYTES = 2**20
+_MOST_DOTS = 2000
+"""In a line; the parser of TOML takes the square of the parts of a dotted key."""
 _DEEPEST = 64
 _LARGEST_INTEGER = 2**63 - 1
 _LONGEST_WORD = 60
@@ -84,26 +88,66 @@ def read_json_object(
     source, mend : What to do about the one, and about the other.
     largest_bytes : Of the file; no more is read.
     """
+    content = _content(path, largest_bytes, error, source)
     try:
-        with path.open("rb") as file:
-            content = file.read(largest_bytes + 1)
-        if len(content) > largest_bytes:
-            raise error(
-                f"is larger than {largest_bytes / 2**20:g} MiB, which no such file is",
-                where=path,
-                remedy=source,
-            )
         found = json.loads(content, object_pairs_hook=_without_duplicates)
         check_extent(found)
-    except OSError as reason:
-        raise error(
-            f"cannot be read ({reason.strerror})", where=path, remedy=source
-        ) from reason
     except (ValueError, RecursionError) as reason:
         raise error(f"is not valid JSON: {reason}", where=path, remedy=mend) from reason
     if not isinstance(found, dict):
         raise error("is JSON but no object", where=path, remedy=source)
     return found
+
+
+def read_toml_tables(
+    path: Path,
+    *,
+    error: type[LensfitError],
+    source: str,
+    mend: str,
+    largest_bytes: int = LARGEST_TOML_BYTES,
+) -> dict[str, Any]:
+    """The tables that a TOML file holds.
+
+    Parameters
+    ----------
+    path : The file.
+    error : Raised when the file cannot be read or is no TOML, naming `path`; also when
+        it is larger or deeper than any file of lensfit is.
+    source, mend : What to do about the one, and about the other.
+    largest_bytes : Of the file; no more is read.
+    """
+    content = _content(path, largest_bytes, error, source)
+    try:
+        text = content.decode("utf-8-sig")
+        if any(line.count(".") > _MOST_DOTS for line in text.split("\n")):
+            raise ValueError(f"a line has more than {_MOST_DOTS} dots")
+        found = tomllib.loads(text)
+        check_extent(found)
+    except UnicodeDecodeError as reason:
+        raise error("is not text in UTF-8", where=path, remedy=mend) from reason
+    except (ValueError, RecursionError) as reason:
+        said = " ".join(str(reason).split())[:200]
+        raise error(f"is not valid TOML: {said}", where=path, remedy=mend) from reason
+    return found
+
+
+def _content(
+    path: Path, largest_bytes: int, error: type[LensfitError], source: str
+) -> bytes:
+    try:
+        with path.open("rb") as file:
+            content = file.read(largest_bytes + 1)
+    except (OSError, ValueError) as reason:
+        said = getattr(reason, "strerror", None) or reason
+        raise error(f"cannot be read ({said})", where=path, remedy=source) from reason
+    if len(content) > largest_bytes:
+        raise error(
+            f"is larger than {largest_bytes / 2**20:g} MiB, which no such file is",
+            where=path,
+            remedy=source,
+        )
+    return content
 
 
 def check_extent(found: object) -> None:

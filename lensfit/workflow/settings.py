@@ -15,7 +15,6 @@ the rest. A file that is named with ``--settings`` stands alone. Tables:
 """
 
 import math
-import tomllib
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,7 +22,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
-from lensfit._strict import convert_strictly
+from lensfit._strict import convert_strictly, read_toml_tables
 from lensfit.errors import SettingsError
 from lensfit.io.camera.aliases import Alias
 from lensfit.io.camera.quantity import Reading
@@ -38,9 +37,6 @@ from lensfit.workflow.settings_records import (
 )
 
 NAME = "lensfit.toml"
-_MOST_BYTES = 1 << 20
-_MOST_DOTS = 2000
-"""In a line; the parser takes the square of the parts of a dotted key."""
 
 
 class _Level(NamedTuple):
@@ -146,33 +142,13 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 @lru_cache(maxsize=64)
 def _level(path: Path, stamp: tuple[int, int] | None) -> _Level:
-    data = _toml(path, stamp)
+    remedy = "the README describes settings files"
+    data = read_toml_tables(path, error=SettingsError, source=remedy, mend=remedy)
     file = convert_strictly(
         data, SettingsFile, error=SettingsError, where=path, place=_place
     )
     check_values(file, path)
     return _Level(path, file, aliases_of(file, path))
-
-
-def _toml(path: Path, stamp: tuple[int, int] | None) -> dict[str, Any]:
-    remedy = "the README describes settings files"
-    try:
-        if stamp is not None and stamp[1] > _MOST_BYTES:
-            raise SettingsError(
-                f"is larger than {_MOST_BYTES >> 20} MiB", where=path, remedy=remedy
-            )
-        text = path.read_bytes().decode("utf-8-sig")
-        if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
-            raise ValueError(f"a line has more than {_MOST_DOTS} dots")
-        return tomllib.loads(text)
-    except UnicodeDecodeError as error:
-        raise SettingsError("is not UTF-8 text", where=path, remedy=remedy) from error
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise SettingsError(f"cannot be read ({reason})", where=path) from error
-    except (ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise SettingsError(f"is not valid TOML: {reason}", where=path) from error
 
 
 def _place(key: str) -> str:
