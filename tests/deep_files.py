@@ -4,7 +4,7 @@ import numpy as np
 import OpenEXR
 
 
-def write_deep(path, counts, samples, attributes=None):
+def write_deep(path, counts, samples, attributes=None, compression=None):
     """Samples of all pixels, one after the other, as a deep file."""
     height, width = counts.shape
     ends = np.cumsum(counts.ravel())
@@ -18,7 +18,7 @@ def write_deep(path, counts, samples, attributes=None):
     header = {
         **(attributes or {}),
         "type": OpenEXR.deepscanline,
-        "compression": OpenEXR.ZIPS_COMPRESSION,
+        "compression": compression or OpenEXR.ZIPS_COMPRESSION,
         "dataWindow": corners,
         "displayWindow": corners,
     }
