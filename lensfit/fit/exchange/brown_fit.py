@@ -12,7 +12,7 @@ import numpy as np
 
 from lensfit.errors import ExchangeError
 from lensfit.fit.exchange.closed_form import fit_distorting, fit_undistorting
-from lensfit.fit.exchange.samples import Samples, residual_of
+from lensfit.fit.exchange.samples import Residual, Samples, residual_of
 from lensfit.preset.exchange.brown_conrady import D_U, BrownMap, brown_conrady
 from lensfit.preset.exchange.foreign import PointMap
 from lensfit.preset.exchange.inverse import folds
@@ -22,7 +22,9 @@ Made = TypeVar("Made", bound=PointMap)
 
 _WORTH = 0.8
 _INVISIBLE_PX = 0.02
-"""Worst residual that needs no more coefficients."""
+"""Worst residual that needs no more coefficients,"""
+_EXACT_PX = 1e-6
+"""unless they leave none."""
 _ROOM = 1.15
 """How far beyond what was fitted a model with a denominator must still be sound."""
 _POLYNOMIAL = np.array([0, 2, 4, 6, 7])
@@ -150,16 +152,20 @@ def _simplest(
         except ExchangeError as error:
             failure = error
             continue
-        if least is None or (
-            found.rms_px < _WORTH * least.rms_px and _has_room(model, samples)
-        ):
+        if least is None or (_is_worth(found, least) and _has_room(model, samples)):
             best, least = model, found
-        if least.worst_px < _INVISIBLE_PX and least.rms_px < _INVISIBLE_PX / 4:
+        if least.worst_px < _EXACT_PX:
             break
     if best is None:
         assert failure is not None
         raise failure
     return best
+
+
+def _is_worth(found: Residual, least: Residual) -> bool:
+    """Whether more coefficients show, or make the model exact."""
+    visible = least.worst_px > _INVISIBLE_PX and found.rms_px < _WORTH * least.rms_px
+    return visible or found.worst_px < _EXACT_PX
 
 
 def _has_room(model: PointMap, samples: Samples) -> bool:

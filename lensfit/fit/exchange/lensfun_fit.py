@@ -17,10 +17,11 @@ _POWERS: dict[DistortionModel, tuple[int, ...]] = {
     "ptlens": (1, 2, 3),
 }
 """Of the radius, in the order of the coefficients."""
+_DEAR = {"ptlens": 2.0}
 
 
 def fit_lensfun(samples: Samples, centre_mm: tuple[float, float]) -> LensfunMap:
-    """poly5 or ptlens, whichever is nearer.
+    """poly5, or ptlens where that is much nearer.
 
     Raises
     ------
@@ -48,7 +49,8 @@ def fit_lensfun(samples: Samples, centre_mm: tuple[float, float]) -> LensfunMap:
         raise ExchangeError(
             "lensfun's models cannot hold this lens", where=str(samples.frame)
         ) from failure
-    return min(found, key=lambda pair: pair[0])[1]
+    # poly5 is read alike by all versions of the library, ptlens is not
+    return min(found, key=lambda pair: pair[0] * _DEAR.get(pair[1].model, 1.0))[1]
 
 
 def fit_tca(

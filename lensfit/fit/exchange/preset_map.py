@@ -104,14 +104,19 @@ def fit_distortion(
     samples: Samples,
     principal_distance_mm: float,
     principal_point_mm: tuple[float, float],
+    box: Float[np.ndarray, "2 2"] | None = None,
 ) -> Distortion:
     """The distortion that puts the undistorted samples where the distorted ones are.
 
     Parameters
     ----------
     samples : Of an `OnAxis` map.
+    box : Low and high corner of the free field, as `box_of`; that of the samples if
+        None. States that are to be interpolated need the same.
     """
     start = _start(samples, principal_distance_mm, principal_point_mm)
+    if box is not None:
+        start = replace(start, box=jnp.asarray(box))
     best = _fitted(start, samples, _FEW, named=False, free=False)
     if best.off_px < NEAR_ENOUGH_PX:
         return _tidy(best.lens)
@@ -124,6 +129,13 @@ def fit_distortion(
         other = _fitted(best.lens, samples, _RADIAL, named=named or free, free=free)
         best = other if other.off_px < _WORTH * best.off_px else best
     return _tidy(best.lens)
+
+
+def box_of(
+    samples: Samples, principal_point_mm: tuple[float, float]
+) -> Float[np.ndarray, "2 2"]:
+    """Around the samples before the squeeze, from the sensor centre, half diagonals."""
+    return np.asarray(_start(samples, 1.0, principal_point_mm).box)
 
 
 class _Candidate(NamedTuple):

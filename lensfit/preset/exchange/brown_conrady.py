@@ -7,9 +7,9 @@ With x, y in millimetres from the centre of distortion, x right, y down:
     y' = R y + 2 p2 x y + p1 (r^2 + 2 y^2)
 
 Odd coefficients are the numerator's, even ones the denominator's; their units are
-mm^-2, mm^-4 and mm^-6. "D-U" leads from distorted to undistorted, "U-D" back; each is a
-closed form in its own direction only. Both pictures share the centre dP + dC: the
-projection offset and, from it, the distortion offset.
+mm^-2, mm^-4 and mm^-6, that of p1 and p2 is mm^-1. "D-U" leads from distorted to
+undistorted, "U-D" back; each is a closed form in its own direction only. Both pictures
+share the centre dP + dC: the projection offset and, from it, the distortion offset.
 
 Source: OpenLensIO 1.0.1, eq. 4 (eq. 8 leaves the "+ dC + dP" out).
 """

@@ -14,7 +14,9 @@ With u the undistorted and d the distorted radius:
 The centre term D of poly3 (1 - k1) and ptlens (1 - a - b - c) is a magnification: the
 library divides undistorted radii by D, so that the corrected picture has the real focal
 length, which the file states or else is the nominal one times D. Here too u is
-counted in the corrected picture, d/u is 1 at the centre.
+counted in the corrected picture, d/u is 1 at the centre. (Version 0.3 does not divide;
+poly5, which has no D, is the same everywhere. Versions measure a frame from first to
+last pixel centre, which is a thousandth of the shift less.)
 
 Source: lensfun's manual, lensfun.h and modifier.cpp, mod-coord.cpp, mod-subpix.cpp and
 mod-color.cpp (version 0.3.95).

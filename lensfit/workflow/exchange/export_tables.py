@@ -107,14 +107,21 @@ def export_lensfun(request: ExportRequest) -> Exported:
     result = exported(
         request, lens, tuple(fitted), has_colour=True, has_light=bool(vignettings)
     )
-    notes = _lensfun_notes(request, by_focal)
+    notes = _lensfun_notes(request, by_focal, distortions)
     return Exported(result.paths, result.fitted, (*result.notes, *notes))
 
 
 def _lensfun_notes(
-    request: ExportRequest, by_focal: dict[float, list[LensState]]
+    request: ExportRequest,
+    by_focal: dict[float, list[LensState]],
+    distortions: list[LensfunDistortion],
 ) -> list[str]:
-    notes = []
+    notes = ["lensfun's file states no principal distance: version 0.3 would refuse it"]
+    if any(d.model == "ptlens" for d in distortions):
+        notes.append(
+            "versions of lensfun read ptlens differently: 0.3 leaves the corrected "
+            "picture magnified by 1 - a - b - c"
+        )
     if any(len(states) > 1 for states in by_focal.values()):
         notes.append(
             "lensfun knows no focus distance: distortion and lateral colour are those "
@@ -245,10 +252,8 @@ def _lensfun_maps(
         f" at {lens.focal_length_mm:g} mm" if len(request.preset.entries) > 1 else ""
     )
     fitted = [Fitted(f"distortion {model.model}{where}", residual_of(model, judge))]
-    distance = float(lens.distortion.principal_distance_mm)
-    distortion = LensfunDistortion(
-        lens.focal_length_mm, model.model, model.terms, distance
-    )
+    # No real focal length: version 0.3 of the library refuses a file that states one.
+    distortion = LensfunDistortion(lens.focal_length_mm, model.model, model.terms)
     if not lens.has_lateral_colour:
         return distortion, [], fitted
     terms = {}

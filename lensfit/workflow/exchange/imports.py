@@ -15,7 +15,7 @@ import numpy as np
 
 from lensfit.errors import ExchangeError
 from lensfit.fit.exchange.preset_light import fit_channel_shift, fit_fall_off
-from lensfit.fit.exchange.preset_map import OnAxis, fit_distortion, on_axis
+from lensfit.fit.exchange.preset_map import OnAxis, box_of, fit_distortion, on_axis
 from lensfit.fit.exchange.samples import (
     JUDGE_COUNT,
     ExchangeFrame,
@@ -42,6 +42,8 @@ from lensfit.workflow.exchange.uv_map_lens import lens_of_uv_map
 FOREIGN_FORMATS = ("opencv", "lensfun", "opentrackio", "nuke", "stmap")
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _OVERSCAN_PERCENT = 10.0
+_INSIDE_PERCENT = -2.0
+"""A UV map may end with the last pixel centre that it can look up."""
 _NOTICED = 1e-5
 _UNKNOWN = (
     "the file knows no uncertainty and no blur: the preset holds none, and its depth "
@@ -154,16 +156,20 @@ def preset_of_foreign(
     entries, fits, notes = [], [], list(lens.notes)
     camera = Camera(lens.camera_model, *lens.sensor_size_mm, *lens.size_px)
     frame = ExchangeFrame(lens.size_px, lens.sensor_size_mm[0], _OVERSCAN_PERCENT)
-    progress("fit", 0, len(lens.states))
-    for state in lens.states:
-        try:
-            entry, fit, more = _entry(state, lens, frame, camera)
-        except ExchangeError as error:
-            raise ExchangeError(error.what, where=path, remedy=error.remedy) from error
+    try:
+        seen = [_Seen.of(state, frame) for state in lens.states]
+    except ExchangeError as error:
+        raise ExchangeError(error.what, where=path, remedy=error.remedy) from error
+    boxes = np.stack([box_of(s.fit, s.axis.principal_point_mm) for s in seen])
+    # States that differ in the box of their free field cannot be interpolated.
+    box = np.stack([boxes[:, 0].min(0), boxes[:, 1].max(0)])
+    progress("fit", 0, len(seen))
+    for one in seen:
+        entry, fit = _entry(one, lens, camera, box)
         entries.append(entry)
         fits.append(fit)
-        notes += more
-        progress("fit", len(entries), len(lens.states))
+        notes += _notes(one.axis, one.frame)
+        progress("fit", len(entries), len(seen))
     preset = Preset(
         lens=LensName(lens.name, lens.serial),
         camera=camera,
@@ -171,6 +177,30 @@ def preset_of_foreign(
         provenance=_provenance(lens, path),
     )
     return Imported(preset, tuple(fits), tuple(dict.fromkeys([*notes, _UNKNOWN])))
+
+
+class _Seen(NamedTuple):
+    """A state over the frame, and its overscan where the file knows that."""
+
+    state: ForeignState
+    axis: OnAxis
+    frame: ExchangeFrame
+    fit: Samples
+    judge: Samples
+
+    @classmethod
+    def of(cls, state: ForeignState, frame: ExchangeFrame) -> "_Seen":
+        axis = on_axis(state.map, state.principal_point_mm, frame.radius_mm)
+        failure = None
+        for overscan in (frame.overscan_percent, 0.0, _INSIDE_PERCENT):
+            own = ExchangeFrame(frame.size_px, frame.sensor_width_mm, overscan)
+            try:
+                pair = Samples.of(axis, own), Samples.of(axis, own, JUDGE_COUNT)
+                return cls(state, axis, own, *pair)
+            except ExchangeError as error:
+                failure = error
+        assert failure is not None
+        raise failure
 
 
 def _provenance(lens: ForeignLens, path: Path) -> Provenance:
@@ -186,12 +216,11 @@ def _provenance(lens: ForeignLens, path: Path) -> Provenance:
 
 
 def _entry(
-    state: ForeignState, lens: ForeignLens, frame: ExchangeFrame, camera: Camera
-) -> tuple[Entry, StateFit, list[str]]:
-    axis = on_axis(state.map, state.principal_point_mm, frame.radius_mm)
-    frame, fit, judge = _samples(axis, frame)
+    seen: _Seen, lens: ForeignLens, camera: Camera, box: np.ndarray
+) -> tuple[Entry, StateFit]:
+    state, axis, frame, fit, judge = seen
     distance = state.principal_distance_mm / axis.magnification
-    found = fit_distortion(fit, distance, axis.principal_point_mm)
+    found = fit_distortion(fit, distance, axis.principal_point_mm, box)
     pupil = state.entrance_pupil_offset_mm
     assumed = list(state.assumed)
     if pupil is None:
@@ -225,20 +254,7 @@ def _entry(
     entry = _with_rms(entry, residual)
     worst_light = max((worst for _, worst in lights), default=None)
     fitted = StateFit(str(entry), residual, colour_off, worst_light)
-    return entry, fitted, _notes(axis, frame)
-
-
-def _samples(
-    axis: OnAxis, frame: ExchangeFrame
-) -> tuple[ExchangeFrame, Samples, Samples]:
-    """Over frame and overscan; over the frame alone where the map ends with it."""
-    for overscan in (frame.overscan_percent, 0.0, -2.0):
-        own = ExchangeFrame(frame.size_px, frame.sensor_width_mm, overscan)
-        try:
-            return own, Samples.of(axis, own), Samples.of(axis, own, JUDGE_COUNT)
-        except ExchangeError as error:
-            failure = error
-    raise failure
+    return entry, fitted
 
 
 def _colour(
