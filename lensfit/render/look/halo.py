@@ -108,12 +108,13 @@ def octaves_spread(
     steps = [
         max(level_of(sigma_px, least_px, whole) - level, 0) for sigma_px in sigmas_px
     ]
-    rim = 2 << max(steps)
     total, chain, taken = np.zeros_like(small), None, 0
     for sigma_px, share, more in zip(sigmas_px, shares, steps, strict=True):
         if isinstance(share, np.ndarray):
+            rim = 2 << more
             part = halved(_in_the_dark(small * share, rim), more)
         else:
+            rim = 2 << max(steps)
             if chain is None:
                 chain = _in_the_dark(small, rim)
             chain, taken = halved(chain, more - taken), more
