@@ -126,10 +126,13 @@ def _foot_px(
     distance_px: Float[np.ndarray, " bins"], height: Float[np.ndarray, " bins"]
 ) -> float:
     """Distance at which the profile falls to its foot, on its steeper side."""
-    if not np.isfinite(height).any():
+    seen = np.isfinite(height)
+    if not seen.any():
         return 0.0
-    height = height - np.nanmin(height)
-    high = height > PROFILE_FOOT * np.nanmax(height)
+    # Lines that all lie alike on the pixels leave some distances without a sample.
+    height = np.interp(distance_px, distance_px[seen], height[seen])
+    height = height - height.min()
+    high = height > PROFILE_FOOT * height.max()
     middle = len(height) // 2
     right, left = high[middle:], high[middle::-1]
     steps = min(np.argmin(right) or len(right), np.argmin(left) or len(left))

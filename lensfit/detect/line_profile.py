@@ -20,6 +20,8 @@ from jaxtyping import Bool, Float, Int
 RECENTRINGS = 3
 WORTH_OF_COMMON_SCATTER = 20
 """Rows that the scatter of all samples counts for beside a sample's own rows."""
+FEWEST_PER_BIN = 0.2
+"""Samples that a bin of the mean profile needs, of an even share."""
 
 
 @dataclass(frozen=True)
@@ -155,10 +157,14 @@ def mean_profile(
     bins = np.round(2 * u).astype(int)
     edge = int(2 * reach_px)
     distance = np.arange(-edge, edge + 1)
-    height = [
-        np.median(values[bins == b]) if (bins == b).any() else np.nan for b in distance
-    ]
-    return distance / 2, np.array(height)
+    height = np.full(len(distance), np.nan)
+    enough = FEWEST_PER_BIN * len(values) / len(distance)
+    for k, b in enumerate(distance):
+        own = values[bins == b]
+        # Where all lines lie alike on the pixels, only strays fill every other bin.
+        if len(own) and len(own) >= enough:
+            height[k] = np.median(own)
+    return distance / 2, height
 
 
 def _read(
