@@ -1,0 +1,99 @@
+"""`lensfit export` and `lensfit preset import`, as they are typed."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from lensfit.cli.main import app
+from lensfit.preset.store import load_preset
+
+runner = CliRunner()
+PRESET = Path(__file__).parent / "tiny_preset.json"
+FILES = {
+    "nuke-radial": "lens.nk",
+    "nuke-anamorphic": "lens.nk",
+    "opentrackio": "lens.json",
+    "opencv": "lens.yaml",
+    "lensfun": "lens.xml",
+}
+
+
+def run(*arguments: str | Path):
+    return runner.invoke(app, [str(a) for a in arguments])
+
+
+@pytest.mark.parametrize("to", list(FILES))
+def test_what_is_exported_is_imported_and_valid(tmp_path: Path, to: str):
+    out, back = tmp_path / FILES[to], tmp_path / "back.json"
+    written = run("export", PRESET, "--to", to, "--out", out)
+    assert written.exit_code == 0, written.output
+    assert written.stdout.startswith(f"{out}\n")
+    assert "rms" in written.stdout
+    assert "worst" in written.stdout
+    camera = load_preset(PRESET).camera
+    found = run(
+        "preset", "import", out, "--out", back,
+        "--sensor-width-mm", camera.sensor_width_mm,
+        "--size", f"{camera.image_width_px}x{camera.image_height_px}",
+    )  # fmt: skip
+    assert found.exit_code == 0, found.output
+    assert "no uncertainty and no blur" in found.stderr
+    assert run("preset", "validate", back).exit_code == 0
+
+
+def test_results_for_machines(tmp_path: Path):
+    out = tmp_path / "lens.yaml"
+    written = run("export", PRESET, "--to", "opencv", "--out", out, "--json")
+    told = json.loads(written.stdout)
+    assert told["files"] == [str(out)]
+    assert told["residuals"][0]["rms_px"] <= told["residuals"][0]["worst_px"]
+    width = load_preset(PRESET).camera.sensor_width_mm
+    back = tmp_path / "back.json"
+    found = run(
+        "preset", "import", out, "--out", back, "--sensor-width-mm", width, "--json"
+    )
+    told = json.loads(found.stdout)
+    assert told["file"] == str(back)
+    assert told["entries"][0]["distortion"]["worst_px"] < 1
+
+
+def test_maps_are_those_of_stmap(tmp_path: Path):
+    options = ("--size", "64x48", "--overscan", "10", "--per-channel")
+    assert run("stmap", PRESET, "--out", tmp_path / "a", *options).exit_code == 0
+    written = run("export", PRESET, "--to", "stmap", "--out", tmp_path / "b", *options)
+    assert written.exit_code == 0, written.output
+    names = [path.name for path in sorted((tmp_path / "a").iterdir())]
+    assert names == [path.name for path in sorted((tmp_path / "b").iterdir())]
+    for name in names:
+        assert (tmp_path / "a" / name).read_bytes() == (
+            tmp_path / "b" / name
+        ).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("export", PRESET, "--to", "maya", "--out", "x"), 2, "--to"),
+        (
+            ("export", PRESET, "--to", "opencv", "--out", "x", "--size", "big"),
+            2,
+            "size",
+        ),
+        (("export", "none.json", "--to", "opencv", "--out", "x"), 1, "none"),
+        (("preset", "import", PRESET, "--out", "x.json"), 1, "no pinholeFocalLength"),
+        (("preset", "import", "none.yaml", "--out", "x.json"), 1, "does not exist"),
+        (("preset", "import", ".", "--out", "x.json"), 1, "no ordinary file"),
+    ],
+)
+def test_failures_are_one_line(
+    tmp_path: Path, monkeypatch, arguments, code: int, said: str
+):
+    monkeypatch.chdir(tmp_path)
+    result = run(*arguments)
+    assert result.exit_code == code
+    assert said in result.output
+    if code == 1:
+        assert result.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
