@@ -20,6 +20,7 @@ from lensfit.preset.exchange.text_file import read_text
 
 _NODE = re.compile(r"^[ \t]*([A-Za-z_][\w.]*)[ \t]*\{", re.MULTILINE)
 _MOST_NODES = 100_000
+_LONGEST_NAME = 80
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,8 @@ class NukeNode:
 
     @property
     def name(self) -> str:
-        return self.knobs.get("name", self.kind)
+        """The `name` knob, cut to what a sentence can hold."""
+        return self.knobs.get("name", self.kind)[:_LONGEST_NAME]
 
 
 def read_nuke_nodes(path: str | Path) -> tuple[NukeNode, ...]:
@@ -47,7 +49,7 @@ def read_nuke_nodes(path: str | Path) -> tuple[NukeNode, ...]:
         end = _closing(text, match.end() - 1)
         if end < 0:
             raise ExchangeError(
-                f"is cut off inside the node {match[1]}",
+                f"is cut off inside the node {match[1][:_LONGEST_NAME]}",
                 where=path,
                 remedy="copy the node again, to its closing brace",
             )
@@ -96,7 +98,7 @@ def _closing(text: str, opening: int) -> int:
 def _knobs(body: str) -> dict[str, str]:
     knobs: dict[str, str] = {}
     line = re.compile(r"[ \t]*([A-Za-z_]\w*)[ \t]+")
-    place = 0
+    place, closes = 0, True
     while place < len(body):
         end = body.find("\n", place)
         end = len(body) if end < 0 else end
@@ -105,9 +107,11 @@ def _knobs(body: str) -> dict[str, str]:
             place = end + 1
             continue
         start = match.end()
-        if body[start : start + 1] == "{":
+        if closes and body[start : start + 1] == "{":
             closing = _closing(body, start)
-            end = closing + 1 if closing >= 0 else end
+            # After one that never closes none is looked for: each would take a pass.
+            closes = closing >= 0
+            end = closing + 1 if closes else end
         elif body[start : start + 1] == '"':
             closing = re.compile(r'(?:\\.|[^"\\])*"', re.DOTALL).match(body, start + 1)
             end = closing.end() if closing else end

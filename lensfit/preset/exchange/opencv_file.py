@@ -150,7 +150,7 @@ def _yaml_matrix(name: str, matrix: np.ndarray) -> list[str]:
 
 
 _KEY = re.compile(r"^([A-Za-z_]\w*)[ \t]*:[ \t]*(.*)$")
-_DATA = re.compile(r"\bdata[ \t]*:\s*\[([^\]]*)\]")
+_DATA = re.compile(r"\bdata[ \t]*:\s*\[")
 
 
 def _of_yaml(text: str) -> dict[str, list[str]]:
@@ -170,7 +170,10 @@ def _of_yaml(text: str) -> dict[str, list[str]]:
 
 def _words(block: str) -> list[str]:
     data = _DATA.search(block)
-    inside = data[1] if data else re.sub(r"!!\S+|#.*", "", block)
+    if data is not None:
+        inside = block[data.end() :].partition("]")[0]
+    else:
+        inside = re.sub(r"!!\S+|#.*", "", block)
     words = re.split(r"[\s,\[\]]+", inside)
     return [w for w in (word.strip("\"'") for word in words) if w not in ("", "-")]
 

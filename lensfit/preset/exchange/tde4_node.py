@@ -35,6 +35,7 @@ _BUILT_IN = {
 """What the kit's nodes start with, and so leave out of a script."""
 _FIELD_OF_VIEW = {"xa": 0.0, "xb": 1.0, "ya": 0.0, "yb": 1.0}
 _MM_PER_CM = 10.0
+_SHOWN = 8
 _FARTHEST_MM = 1e7
 """The knob has no infinity; ten kilometres are one for a lens."""
 
@@ -60,7 +61,7 @@ def read_tde4_nodes(path: str | Path) -> tuple[Tde4Node, ...]:
     found = [n for n in read_nuke_nodes(path) if _FAMILY.fullmatch(n.kind)]
     known = [n for n in found if n.kind in KNOBS]
     if not known:
-        other = f"a {found[0].kind}, whose model is not read" if found else "none"
+        other = f"a {found[0].kind[:80]}, whose model is not read" if found else "none"
         raise ExchangeError(
             f"should hold a 3DEqualizer lens node and holds {other}",
             where=path,
@@ -75,7 +76,7 @@ def lens_of_tde4(
     """The lens of one node: the only one, or the one whose name was stated."""
     chosen = [n for n in nodes if stated.lens in (None, n.name)]
     if len(chosen) != 1:
-        names = ", ".join(n.name for n in nodes)
+        names = ", ".join(n.name for n in nodes[:_SHOWN])
         raise ExchangeError(
             f"holds the lens nodes {names}",
             where=where,

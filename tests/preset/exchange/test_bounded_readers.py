@@ -30,6 +30,12 @@ FILES = {
     "deep JSON": b"[" * 1_000_000,
     "many rows": b"%YAML:1.0\n---\ncamera_matrix: [" + b"1," * 1_500_000 + b"]\n",
     "braces": b"LD_3DE4_Radial_Standard_Degree_4 {\n a " + b"{" * 1_000_000,
+    "open braces": b"LD_3DE4_Radial_Standard_Degree_4 {\n"
+    + b' b c"\n'
+    + b" a {\n" * 700_000
+    + b'"\n}\nx {',
+    "open lists": b"camera_matrix:" + b" data:[\n" * 400_000,
+    "long name": b"LD_3DE4_" + b"A" * 3_000_000 + b" {\n}\n",
     "nodes": b"A {\n}\n" * 600_000,
     "too large": b"1" * (LARGEST_BYTES + 1),
     "nothing but zero": b"\0" * 1000,
