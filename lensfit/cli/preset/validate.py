@@ -34,9 +34,10 @@ def validate(
     if as_json:
         typer.echo(json.dumps(faults))
     for name, fault in faults.items():
-        if fault is not None:
-            say_error(fault)
-        elif not as_json:
+        if fault is None and not as_json:
             typer.echo(f"{name}: valid")
+    # Edits of a bad version are bad for the same reason, which is said once.
+    for fault in dict.fromkeys(filter(None, faults.values())):
+        say_error(fault)
     if any(faults.values()):
         raise typer.Exit(1)
