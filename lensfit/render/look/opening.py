@@ -54,8 +54,6 @@ class Opening:
             disc = disc_kernel(_DIAMETER_PX / 2, _SIZE_PX // 2)
             return cls(disc[None], size, diameter_of(disc))
         axis_mm = np.asarray(lens.distortion.principal_point_mm)[None]
-        probe = _shapes(lens, axis_mm, distance_mm, pitch_mm)[0]
-        pitch_mm *= diameter_of(probe) / _DIAMETER_PX
         points_mm = geometry.mm(window_grid(window, _NODES))
         points_mm = np.concatenate([axis_mm, points_mm])
         on_axis, *shapes = _shapes(lens, points_mm, distance_mm, pitch_mm)
@@ -118,8 +116,8 @@ def diameter_of(shape: Float32[np.ndarray, "size size"]) -> float:
 
 
 def _far_from_focus(lens: "Lens", geometry: PlateGeometry) -> tuple[float, float]:
-    """Pixels that make the disc of an object as large as wanted, and its distance from
-    the sensor; no pixels where no blur is known."""
+    """The pitch that makes the disc of an object about as large as wanted, and its
+    distance from the sensor; no pitch where no blur is known."""
     blur = getattr(lens, "blur", None)
     if blur is None:
         return 0.0, np.inf
