@@ -9,17 +9,22 @@ _TITLES = {
     "uhd": "error against time, synthetic frame of 3840 x 2160",
     "pixels": "time against pixels",
     "blur": "time against the area of the blur",
+    "warp": "warp, four channels",
 }
 _NAMES = {
     "tolerance": "tolerance",
     "expected": "expected rms",
-    "rms": "rms of the finest",
+    "rms": "rms error",
     "psnr_db": "PSNR, dB",
     "seconds": "s",
     "cpu_seconds": "processor s",
     "seconds_per_megapixel": "s per megapixel",
     "megapixels": "megapixels",
     "blur_area_px": "blur, px",
+    "size": "frame",
+    "method": "method",
+    "first_s": "first, s",
+    "spread_s": "spread, s",
 }
 
 
@@ -40,5 +45,9 @@ def _table(title: str, points: list[dict[str, Any]]) -> Table:
     for key in keys:
         table.add_column(_NAMES[key], justify="right")
     for point in points:
-        table.add_row(*(f"{point[key]:.3g}" for key in keys))
+        table.add_row(*(_shown(point[key]) for key in keys))
     return table
+
+
+def _shown(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.3g}"

@@ -23,6 +23,28 @@ def _group() -> None:
 
 
 @app.command()
+def detect(
+    data: Annotated[Path, typer.Option("--data", help="Folder with real/ and oracle/")],
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for JSON")] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the figures as JSON")
+    ] = False,
+    only: Annotated[
+        str | None, typer.Option("--only", help="Name of the one set to measure")
+    ] = None,
+) -> None:
+    """Find and number the marks of sets of photographs; counts and times.
+
+    Example: lensfit bench detect --data data --only dot_pattern_05
+    """
+    from lensfit.workflow.bench_detect import bench_detect
+
+    with progress_bars() as progress:
+        result = bench_detect(data, out, only=only, progress=progress)
+    _show(result, as_json)
+
+
+@app.command()
 def fit(
     data: Annotated[Path, typer.Option("--data", help="Folder with real/ and oracle/")],
     out: Annotated[
@@ -143,6 +165,92 @@ def render(
         console.print(table)
     for note in result["notes"]:
         console.print(note, markup=False)
+
+
+@app.command()
+def warp(
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for JSON")] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Leave frames of 8 megapixels out")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the figures as JSON")
+    ] = False,
+) -> None:
+    """Warp a frame by lensfit, OpenCV, scikit-image, SciPy and OpenImageIO.
+
+    Example: lensfit bench warp --quick
+    """
+    from lensfit.cli._render_tables import curve_tables
+    from lensfit.workflow.bench_warp import bench_warp
+
+    with progress_bars() as progress:
+        result = bench_warp(out, quick=quick, progress=progress)
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    _say_machine(result)
+    console = _console()
+    console.print(_bars_table(result["rows"]))
+    for table in curve_tables(result["curves"]):
+        console.print()
+        console.print(table)
+
+
+@app.command("all")
+def every(
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="Folder with real/, oracle/ and plates/"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for JSON, plots and shoots")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Small sets and frames, in minutes")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the figures as JSON")
+    ] = False,
+) -> None:
+    """Run every benchmark; one table with a row for each bar.
+
+    Example: lensfit bench all --quick --data data
+    """
+    from lensfit.cli._wavefront import judged, trials_of
+    from lensfit.workflow.bench_all import bench_all
+
+    trials = (
+        trials_of(0, ["tiny_dots"], "640x480", 0)
+        if quick
+        else trials_of(3, ["all"], "1024x768", 0)
+    )
+    with progress_bars() as progress:
+        result = bench_all(trials, judged, data, out, quick=quick, progress=progress)
+    _show(result, as_json)
+
+
+def _show(result: dict[str, Any], as_json: bool) -> None:
+    """Machine, rows, times and notes; the exit code is 1 when something failed."""
+    if as_json:
+        typer.echo(json.dumps(result))
+    else:
+        _say_machine(result)
+        _console().print(_bars_table(result["rows"]))
+        for name, seconds in result.get("seconds", {}).items():
+            typer.echo(f"{name}: {seconds:.0f} s")
+        for note in result.get("notes", []):
+            typer.echo(note)
+    for line in result["errors"]:
+        say_error(line)
+    if result["errors"]:
+        raise typer.Exit(1)
+
+
+def _say_machine(result: dict[str, Any]) -> None:
+    from lensfit.workflow.machine import described
+
+    typer.echo(described(result["machine"]))
 
 
 def _console():
