@@ -269,4 +269,4 @@ def _caption_below(layout: Layout, lines: tuple[str, ...]) -> list[Outline]:
     left, top = layout.ruler_at_mm
     room = layout.sheet.width_mm - 2 * left
     size = min(0.2 * layout.band_mm, room / width_per_em(text))
-    return [lettered(text, left, top + 0.88 * layout.band_mm, size)]
+    return [lettered(text, left, top + 0.98 * layout.band_mm, size)]

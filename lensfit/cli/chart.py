@@ -104,8 +104,8 @@ def _print_advice(advice: "Advice", noise_percent: float) -> None:
     ]
     if advice.scatter_px is not None:
         lines += [
-            f"expected  {advice.scatter_px:.2g} px scatter of a dot (noise R^2 / "
-            f"(2 sqrt(pi) r^2), noise {noise_percent:g} %),",
+            f"expected  {advice.scatter_px:.2g} px scatter of a dot "
+            f"({advice.scatter_formula}, noise n = {noise_percent:g} %),",
             f"          {advice.expected_rms_px:.1g} px rms of the lens (scatter x "
             f"sqrt({MODEL_NUMBERS} numbers / {advice.marks_on_frame} dots))",
         ]

@@ -5,10 +5,13 @@ sensor as on the barrel. Its object distance is ``s = (D + sqrt(D^2 - 4 f D)) / 
 its magnification ``m = f / (s - f)``. Focused at S1 from the lens, a point at S2 from
 it is a disc of diameter ``|S2 - S1| / S2 * f^2 / (N (S1 - f))``.
 
-The position of a dot of radius r pixels, measured as the centroid of an aperture of
-radius R, scatters by ``n R^2 / (2 sqrt(pi) r^2)`` pixels, n the noise of one pixel as
-part of the dot's contrast. A model of k numbers fitted to d dots then errs by
-``scatter * sqrt(k / d)`` pixels rms over the frame.
+With n the noise of a pixel as part of white, the position of a dot of radius r pixels
+scatters by ``n R^2 / (2 sqrt(pi) r^2)`` pixels if it is bright, the centroid of an
+aperture of radius R (6 px more than r, as far as its light is looked for, and no more
+than the detector's window), and by ``n sqrt(w / (pi r))`` if it is dark, as an edge of
+w = 4 px carries its place. R and w are measured: they agree with the detector's own
+covariance. A model of k numbers fitted to d dots then errs by ``scatter sqrt(k / d)``
+pixels rms over the frame.
 """
 
 import math
@@ -21,10 +24,11 @@ from lensfit.chart.layout import Layout, Wanted, lay_out
 from lensfit.chart.sheet import PAPERS, Sheet, paper_sheet
 from lensfit.errors import ChartError
 
+_FORMULA = {"bright": "n R^2 / (2 sqrt(pi) r^2)", "dark": "n sqrt(4 px / (pi r))"}
 MODEL_NUMBERS = 20
 """Of a lens and a pose, as a fit of one photograph chooses."""
 APERTURE_PITCHES = 0.49
-DARK_MARGIN_PX = 5.0
+BRIGHT_MARGIN_PX, DARK_EDGE_PX = 6.0, 4.0
 BLUR_PITCHES = 0.4
 """Blur of the out-of-focus takes, wide open: enough to show the pupil, and apart."""
 SMALL_HOLE_PX = 1.6
@@ -102,6 +106,7 @@ class Advice:
     marks_on_frame : Dots, crossings or corners, the chart's middle in the frame's.
     mark_px, pitch_px, module_px : Width of a mark, pitch, module of the code.
     scatter_px : Of a dot's position, in focus; None for other charts.
+    scatter_formula : What it was reckoned by.
     expected_rms_px : Of a fitted lens over the frame.
     small_hole_mm : Diameter of a hole by which blur could be measured.
     whole_sheet_distance_mm : From where the frame sees the whole sheet, with its code.
@@ -120,6 +125,7 @@ class Advice:
     pitch_px: float
     module_px: float
     scatter_px: float | None
+    scatter_formula: str
     expected_rms_px: float | None
     small_hole_mm: float
     whole_sheet_distance_mm: float
@@ -182,6 +188,7 @@ def advise(
         pitch_px=pattern.pitch_mm * px_per_mm,
         module_px=layout.module_mm * px_per_mm,
         scatter_px=scatter,
+        scatter_formula=_FORMULA[pattern.polarity],
         expected_rms_px=scatter and scatter * math.sqrt(MODEL_NUMBERS / max(marks, 1)),
         small_hole_mm=SMALL_HOLE_PX / px_per_mm,
         whole_sheet_distance_mm=_whole_sheet_distance_mm(camera, sheet),
@@ -285,10 +292,10 @@ def _scatter_px(
     camera: Camera, mark_px: float, pitch_px: float, *, bright: bool
 ) -> float:
     radius = mark_px / 2
-    aperture = APERTURE_PITCHES * pitch_px
-    if not bright:
-        aperture = min(radius + DARK_MARGIN_PX, aperture)
     noise = camera.noise_percent / 100
+    if not bright:
+        return noise * math.sqrt(DARK_EDGE_PX / (math.pi * radius))
+    aperture = min(APERTURE_PITCHES * pitch_px, radius + BRIGHT_MARGIN_PX)
     return noise * aperture**2 / (2 * math.sqrt(math.pi) * radius**2)
 
 

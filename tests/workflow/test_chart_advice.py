@@ -1,7 +1,10 @@
 """Advice on charts agrees with an exact ray trace of a published lens."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from data_synth.bands import camera_bands
 from data_synth.chart import Chart, Pose
@@ -9,9 +12,13 @@ from data_synth.dots import expose_dots
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from data_synth.wavefront_cases import frame_for
+from lensfit.chart.coverage import paint
+from lensfit.chart.drawing import BLACK, WHITE, Drawing, Layer
 from lensfit.chart.layout import Wanted
 from lensfit.chart.sheet import paper_sheet
+from lensfit.detect.dots import find_dots
 from lensfit.errors import ChartError
+from lensfit.photograph import Photograph
 from lensfit.workflow.chart_advice import Camera, advise, blur_mm, magnification_at
 
 DISTANCE_MM = 1500.0
@@ -114,3 +121,27 @@ def test_what_cannot_be_in_focus_is_refused():
     for distance in (0.0, 150.0, float("inf"), float("nan")):
         with pytest.raises(ChartError, match="focus"):
             advise(camera, Wanted(), paper_sheet("A3"), distance)
+
+
+@pytest.mark.parametrize("polarity", ["bright", "dark"])
+@pytest.mark.parametrize("dot_px", [5.0, 14.0])
+def test_scatter_is_what_the_detector_says_of_itself(polarity, dot_px):
+    pitch_px, columns, rows, noise = 50.0, 16, 12, 0.005
+    size_px = (round(pitch_px * columns), round(pitch_px * rows))
+    j, i = np.mgrid[:rows, :columns]
+    centre = np.stack([i.ravel() + 0.5, j.ravel() + 0.47], -1) * pitch_px
+    discs = np.column_stack([centre, np.full(len(centre), dot_px / 2)])
+    ink, ground = (WHITE, BLACK) if polarity == "bright" else (BLACK, WHITE)
+    drawing = Drawing(*size_px, ground, (Layer(ink, discs_mm=discs),), "")
+    image = gaussian_filter(paint(drawing, 1.0), 0.8)
+    image = 0.01 + image + noise * np.random.default_rng(0).normal(size=image.shape)
+    photograph = Photograph(image.astype(np.float32)[..., None], Path("x.exr"), "")
+    found = find_dots(photograph, polarity=polarity)
+    told = np.sqrt(np.median(found.covariance_px2[:, 0, 0]))
+    # a lens and a sensor under which the same chart has the same pixels
+    camera = Camera(50.0, 8.0, 10.0, size_px, 100 * noise)
+    per_mm = magnification_at(50.0, 2000.0) / camera.pixel_mm
+    wanted = Wanted("dot-grid", pitch_px / per_mm, dot_px / per_mm, polarity)
+    advice = advise(camera, wanted, paper_sheet("1000x800"), 2000.0)
+    assert advice.mark_px == pytest.approx(dot_px, rel=1e-3)
+    assert advice.scatter_px == pytest.approx(told, rel=0.3)
