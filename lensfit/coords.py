@@ -30,6 +30,11 @@ class Window(NamedTuple):
     def height(self) -> int:
         return self.y_max - self.y_min + 1
 
+    @property
+    def area(self) -> int:
+        """Its pixels."""
+        return self.width * self.height
+
     @classmethod
     def of_size(cls, width: int, height: int) -> "Window":
         """The window of an image without overscan."""

@@ -29,6 +29,9 @@ _LARGEST_SIDE_PX = 1 << 17
 _LARGEST_RATIO = {0: 1, 1: 64, 2: 1100, 3: 1100, 4: 1000, 5: 1500, 6: 3, 7: 12}
 _LARGEST_RATIO |= {8: 150_000, 9: 150_000}
 _LARGEST_RATIO_OF_OTHERS = 400_000
+# A small part of a large frame may be stored, within reason: the frame is allocated.
+_LARGEST_FRAME_PX = 1 << 26
+_SMALLEST_PART_OF_FRAME = 64
 _MOST_CHANNELS = 4096
 _MOST_ATTRIBUTES = 100_000
 _ALWAYS_ALLOWED_BYTES = 1 << 24
@@ -41,6 +44,7 @@ class PartHeader:
     Attributes
     ----------
     data_window : The pixels that are stored.
+    display_window : The frame.
     channels : Name to (pixel type code, x sampling, y sampling).
     chunk_count : Entries of the chunk table; a lower bound for mip-mapped tiles.
     tiled : Chunks are tiles, not bundles of lines.
@@ -49,6 +53,7 @@ class PartHeader:
     """
 
     data_window: Window
+    display_window: Window
     channels: dict[str, tuple[int, int, int]]
     chunk_count: int
     tiled: bool
@@ -58,7 +63,7 @@ class PartHeader:
     @property
     def bytes_uncompressed(self) -> int:
         """Of the samples; of a deep part, of the table that counts them."""
-        pixels = self.data_window.width * self.data_window.height
+        pixels = self.data_window.area
         if self.deep:
             return 4 * pixels
         return pixels * sum(_SAMPLE_BYTES.get(c[0], 4) for c in self.channels.values())
@@ -114,6 +119,7 @@ def _checked(file: BinaryIO, size: int, path: Path, deep: bool) -> list[PartHead
                 remedy="flatten it to one sample per pixel with a Z channel",
             )
         _refuse_unreadable(part, size, path)
+        _refuse_frame(part, path)
     _check_chunks(file, size, parts, bool(flags & _MULTIPART), path)
     return parts
 
@@ -129,7 +135,8 @@ def _read_headers(file: BinaryIO, size: int, flags: int) -> list[PartHeader]:
     return parts
 
 
-_WANTED = {"dataWindow", "channels", "compression", "tiles", "type", "chunkCount"}
+_WANTED = {"dataWindow", "displayWindow", "channels", "compression", "tiles"}
+_WANTED |= {"type", "chunkCount"}
 
 
 def _read_attributes(file: BinaryIO, size: int, parts_before: int) -> dict[str, bytes]:
@@ -159,7 +166,10 @@ def _read_name(file: BinaryIO) -> str:
 
 
 def _part(attributes: dict[str, bytes], flags: int) -> PartHeader:
-    window = Window(*struct.unpack("<4i", attributes["dataWindow"]))
+    window, display = (
+        Window(*struct.unpack("<4i", attributes[name]))
+        for name in ("dataWindow", "displayWindow")
+    )
     kind = attributes.get("type", b"").decode()
     deep = kind.startswith("deep") or (not kind and bool(flags & _DEEP))
     # In a file of one part the flag decides; `type` may be missing there.
@@ -174,7 +184,7 @@ def _part(attributes: dict[str, bytes], flags: int) -> PartHeader:
     if "chunkCount" in attributes:
         (chunks,) = struct.unpack("<i", attributes["chunkCount"])
     channels = _channels(attributes["channels"])
-    return PartHeader(window, channels, chunks, tiled, deep, compression)
+    return PartHeader(window, display, channels, chunks, tiled, deep, compression)
 
 
 def _channels(data: bytes) -> dict[str, tuple[int, int, int]]:
@@ -215,6 +225,20 @@ def _refuse_unreadable(part: PartHeader, size: int, path: Path) -> None:
                 where=path,
                 remedy="save it again as full-resolution RGB",
             )
+
+
+def _refuse_frame(part: PartHeader, path: Path) -> None:
+    """Refuse a display window that is empty, or far larger than what it holds."""
+    window, frame = part.data_window, part.display_window
+    if min(frame.width, frame.height) < 1:
+        raise _damaged(path, f"its display window {tuple(frame)} is empty")
+    largest = max(_LARGEST_FRAME_PX, _SMALLEST_PART_OF_FRAME * window.area)
+    if max(frame.width, frame.height) > _LARGEST_SIDE_PX or frame.area > largest:
+        raise _damaged(
+            path,
+            f"its display window claims {frame.width} x {frame.height} pixels, and "
+            f"{window.width} x {window.height} are there",
+        )
 
 
 def _check_chunks(
