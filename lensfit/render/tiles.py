@@ -269,7 +269,7 @@ class _LargestBits(NamedTuple):
         rows, columns = -(-height // TILE_HEIGHT), -(-width // TILE_WIDTH)
         lines = np.zeros((rows, columns * TILE_WIDTH * channels), np.uint32)
         whole = height // TILE_HEIGHT
-        full = bits[: whole * TILE_HEIGHT].reshape(whole, TILE_HEIGHT, -1)
+        full = bits[: whole * TILE_HEIGHT].reshape(whole, TILE_HEIGHT, bits.shape[1])
 
         def read(part: slice) -> None:
             np.max(full[part], 1, out=lines[:whole][part, : bits.shape[1]])

@@ -48,6 +48,15 @@ def test_identity_returns_the_bits(method):
     assert result.tobytes() == pixels.tobytes()
 
 
+@pytest.mark.parametrize("size", [(1, 1), (5, 3), (200, 7), (3, 90)])
+def test_pictures_smaller_than_a_tile_are_warped_as_any(size):
+    window = Window.of_size(*size)
+    rng = np.random.default_rng(2)
+    pixels = rng.normal(size=(size[1], size[0], 4)).astype(np.float32)
+    result = warp(pixels, window, displaced(window, 0, 0))
+    assert result.tobytes() == pixels.tobytes()
+
+
 def test_whole_pixel_moves_copy_pixels_and_fill_with_nothing():
     window = Window.of_size(30, 20)
     pixels = np.random.default_rng(2).random((20, 30, 4), np.float32)
