@@ -62,6 +62,7 @@ class LensBlur(eqx.Module):
     known : The opening through which the aberrations were measured, where `pupil` may
         let other rays through: these are aberrated as the nearest that was measured.
     oval : By how much the blur is drawn out along x and y; None for nothing.
+    is_ideal : Whether nobody measured it, and nothing but its stop was turned.
     """
 
     aberration: Aberration
@@ -74,6 +75,7 @@ class LensBlur(eqx.Module):
     transmission: Transmission | None = None
     known: Pupil | None = None
     oval: Float[Array, "2"] | None = None
+    is_ideal: bool = eqx.field(static=True, default=False)
 
     @property
     def nearest_mm(self) -> float:
@@ -135,6 +137,7 @@ def perfect_blur(
         defocus_mm=jnp.zeros(()),
         stop_radius=one,
         bands=bands(),
+        is_ideal=True,
     )
 
 

@@ -75,7 +75,8 @@ def _turned_blur(
 ) -> LensBlur:
     if aberration != AberrationKnobs():
         turned = turned_aberration(blur.aberration, edge_mm, blur.bands, aberration)
-        blur = replace(blur, aberration=turned)
+        ideal = blur.is_ideal and not turned.terms and not turned.colour_terms
+        blur = replace(blur, aberration=turned, is_ideal=ideal)
     if bokeh != BokehKnobs():
         blur = turned_opening(blur, edge_mm, bokeh)
     return blur

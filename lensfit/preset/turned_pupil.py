@@ -64,6 +64,7 @@ def turned_opening(blur: LensBlur, corner_mm: float, knobs: BokehKnobs) -> LensB
         transmission=_transmission(knobs),
         known=replace(blur.pupil, blades=jnp.zeros(())) if known else None,
         oval=oval,
+        is_ideal=blur.is_ideal and not pupil.rim_shift.size,
     )
 
 

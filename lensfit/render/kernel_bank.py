@@ -20,6 +20,7 @@ from jaxtyping import Float, Float32
 from lensfit.coords import Window
 from lensfit.render.circle import Circle, Levels
 from lensfit.render.disc import diffracts, disc_kernel
+from lensfit.render.stop_shape import StopShape
 from lensfit.render.uv import Channel, PlateGeometry
 
 if TYPE_CHECKING:
@@ -108,12 +109,24 @@ class KernelBank:
     _kept: dict = field(default_factory=dict)
 
     @cached_property
-    def is_disc(self) -> bool:
-        """Whether every kernel is a plain disc, the same all over the frame."""
-        if self.lens.blur is not None or self.lens.f_number is None:
+    def is_scaled(self) -> bool:
+        """Whether every kernel is one shape in another size, all over the frame."""
+        blur, f_number = self.lens.blur, self.lens.f_number
+        if f_number is None or not (blur is None or blur.is_ideal):
             return False
         pitch_mm = self.geometry.area_mm[0] / self.geometry.size_px[0]
-        return not diffracts(self.lens.f_number, pitch_mm)
+        return not diffracts(f_number, pitch_mm)
+
+    @cached_property
+    def shape(self) -> StopShape | None:
+        """That shape; None for a disc."""
+        blur = self.lens.blur
+        return None if blur is None else StopShape.of(blur)
+
+    @property
+    def is_grey(self) -> bool:
+        """Whether all colours are known to have the same kernels."""
+        return self.is_scaled and (self.shape is None or not self.shape.is_coloured)
 
     def kernels(
         self,
@@ -135,7 +148,7 @@ class KernelBank:
         """
         key = (round(level, 4), grid, channels, mixed)
         if key not in self._kept:
-            if mixed and not self.is_disc:
+            if mixed and not self.is_scaled:
                 made = self._mixed(self.levels.radius_px(level), grid, channels)
             else:
                 made = _without_gaps(self.at(grid.nodes_px(), level, channels))
@@ -180,10 +193,8 @@ class KernelBank:
         each = np.broadcast_to(np.asarray(level, float), len(points_px))
         radii = [self.levels.radius_px(n) for n in each]
         widest = max(abs(r) for r in radii)
-        if self.is_disc:
-            half = math.ceil((widest + 1) * finer)
-            discs = np.stack([disc_kernel(r, half, finer) for r in radii])
-            return np.repeat(discs[:, None], len(channels), 1)
+        if self.is_scaled:
+            return self._scaled(radii, channels, finer)
         half = _filling(max(math.ceil((1.2 * widest + 3) * finer), 3))
         depths = np.array([self.circle.depth_mm(r) for r in radii])
         # A few outermost points say how large kernels are, before all are made.
@@ -192,6 +203,20 @@ class KernelBank:
         if len(few) < len(points_px):
             found, half = self._whole(points_px, depths, channels, half, finer)
         return found
+
+    def _scaled(
+        self, radii_px: list[float], channels: Sequence[Channel], finer: int
+    ) -> np.ndarray:
+        """One shape at these radii."""
+        widest, shape = max(abs(r) for r in radii_px), self.shape
+        if shape is None:
+            half = math.ceil((widest + 1) * finer)
+            discs = np.stack([disc_kernel(r, half, finer) for r in radii_px])
+            return np.repeat(discs[:, None], len(channels), 1)
+        half = math.ceil((widest * shape.widest + 1) * finer)
+        numbers = [RGB.index(c) for c in channels]
+        each = [[shape.kernel(r, half, c, finer) for c in numbers] for r in radii_px]
+        return np.stack([np.stack(kernels) for kernels in each])
 
     def _whole(
         self,
@@ -287,7 +312,7 @@ def field_grid(bank: KernelBank, window: Window, levels: list[int]) -> FieldGrid
     """
     ends = sorted({min(levels), max(levels), min(levels, key=abs)})
     centre = FieldGrid(window, 0, 0)
-    if bank.is_disc or all(
+    if bank.is_scaled or all(
         _field_change(bank, window, n) <= bank.needs.error for n in ends
     ):
         return centre
@@ -310,7 +335,7 @@ def field_grid(bank: KernelBank, window: Window, levels: list[int]) -> FieldGrid
 
 def colours_differ(bank: KernelBank, window: Window, levels: list[int]) -> bool:
     """Whether red's or blue's kernel differs visibly from green's anywhere."""
-    if bank.is_disc:
+    if bank.is_grey:
         return False
     points = _cross(window)
     for n in {min(levels), max(levels), min(levels, key=abs)}:

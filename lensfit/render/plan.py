@@ -181,7 +181,7 @@ def _depth_of_field(
     )
     is_flat = len(setup.levels) == 1
     error = 0.0 if is_flat else _LEVEL_ERROR * defocus.levels.step_px
-    if not defocus.bank.is_disc:
+    if not defocus.bank.is_scaled:
         error = float(np.hypot(error, _KERNEL_ERROR * budget.kernel_error))
     planes = (9 if setup.chromatic else 5) + (15 if grid.varies else 0)
     seconds = _TRANSFORM_S * planes * _transformed_px(radius_px, output, setup, defocus)
@@ -208,7 +208,7 @@ def _transformed_px(
 
 
 def _kernels_s(setup: BlurSetup, defocus: Defocus) -> float:
-    if defocus.bank.is_disc:
+    if defocus.bank.is_scaled:
         return 0.0
     anchors = len(setup.levels)
     if setup.is_mixed:
