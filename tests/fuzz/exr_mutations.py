@@ -4,6 +4,7 @@ import random
 import struct
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import pairwise
 
 from exr_bytes import MULTIPART, Attribute, ExrBytes
@@ -117,6 +118,9 @@ def window(exr: ExrBytes, rng: random.Random) -> None:
         at = rng.randrange(4)
         moved = corners[at] + rng.choice((-3, -1, 1, 3, 40))
         corners[at] = rng.choice((*_INTS, moved, moved, moved))
+    if rng.random() < 0.2:
+        side = rng.choice((0, 5000, 20_000, 99_999, 131_071, 2**31 - 1))
+        corners = [0, 0, side, side]
     limited = [min(max(c, -(2**31)), 2**31 - 1) for c in corners]
     found.value = struct.pack("<4i", *limited)
 
@@ -262,7 +266,9 @@ def header_spoiled(data: bytes, rng: random.Random) -> bytes:
     """One to three fields of the file say what they may not."""
     exr = ExrBytes.taken_apart(data)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
-        rng.choice(_HEADER)(exr, rng)
+        # What one has left of a field may be too little for another.
+        with suppress(struct.error, LookupError, ValueError):
+            rng.choice(_HEADER)(exr, rng)
     return exr.put_together(follow=rng.random() < 0.9)
 
 

@@ -4,8 +4,12 @@ import io
 import json
 import random
 import struct
+import sys
 import zlib
 from pathlib import Path
+
+# Makers of files live with the tests of their rooms.
+sys.path.append(str(Path(__file__).parents[1]))
 
 import cv2
 import numpy as np
@@ -15,14 +19,14 @@ from deep_files import write_deep
 from mutations import BYTES, Mutation
 from PIL import Image
 
-from lensfit.coords import Window
+from lensfit.coords import Window, uv_from_px
 from lensfit.io.cryptomatte import object_id
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.io.stmap import write_channel_stmaps, write_stmap
 
 _DATA, _DISPLAY = Window(-3, -2, 30, 21), Window(0, 0, 26, 19)
 _CAMERA = {
-    "lens/focal": 35.0,
+    "lens/focal": 50.0,
     "lens/fstop": "2.8",
     "lens/focus": 2.0,
     "lens/aperture": 36.0,
@@ -113,12 +117,11 @@ def deep_plates(folder: Path) -> list[Path]:
 
 def maps(folder: Path) -> list[Path]:
     """UV maps, for all colours and for each."""
-    uv = (_DATA.pixel_centres() / (27, 20)).astype(np.float32)
+    uv = uv_from_px(_DATA.pixel_centres(), _DISPLAY).astype(np.float32)
+    three = dict.fromkeys("rgb", uv.copy())
+    write_channel_stmaps(folder / "three.exr", three, _DISPLAY, _DATA)
     uv[0, 0] = np.nan
     write_stmap(folder / "one.exr", uv, _DISPLAY, _DATA)
-    write_channel_stmaps(
-        folder / "three.exr", dict.fromkeys("rgb", uv), _DISPLAY, _DATA
-    )
     return [folder / "one.exr", folder / "three.exr"]
 
 

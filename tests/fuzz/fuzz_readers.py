@@ -16,11 +16,12 @@ from typing import NamedTuple
 sys.path += [str(Path(__file__).parents[1] / room) for room in ("", "preset")]
 
 import camera_files
+import fuzz_exchange as exchange
 import fuzz_pictures as pictures
 from exr_mutations import EXR
 from fuzz_texts import SETTINGS, SHOOT
 from library_makers import SLUG, SQUEEZE, change, keep
-from mutations import BYTES, JSON, TEXT, Mutation
+from mutations import BYTES, JSON, TEXT, XML, Mutation
 from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import CameraError
@@ -175,7 +176,7 @@ def _manifests(folder: Path) -> list[Path]:
     return [path]
 
 
-def _texts(name: str, *texts: str) -> Seeds:
+def texts(name: str, *texts: str) -> Seeds:
     def make(folder: Path) -> list[Path]:
         made = [folder / f"{at}_{name}" for at in range(len(texts))]
         for path, text in zip(made, texts, strict=True):
@@ -213,6 +214,34 @@ READERS: tuple[Reader, ...] = (
     Reader("preset", _presets, _preset, JSON, 600),
     Reader("library", _library_files, _library, JSON, 600),
     Reader("manifest", _manifests, _manifest, JSON, 200),
-    Reader("settings", _texts("lensfit.toml", SETTINGS), _settings, TEXT, 600),
-    Reader("shoot", _texts("shoot.toml", SHOOT), load_shoot, TEXT, 600),
+    Reader("settings", texts("lensfit.toml", SETTINGS), _settings, TEXT, 600),
+    Reader("shoot", texts("shoot.toml", SHOOT), load_shoot, TEXT, 600),
+    Reader(
+        "OpenCV",
+        texts("camera", *exchange.opencv_texts()),
+        exchange.read_and_look_up_opencv,
+        XML,
+        500,
+    ),
+    Reader(
+        "OpenTrackIO",
+        texts("sample.json", *exchange.opentrackio_texts()),
+        exchange.read_and_look_up_opentrackio,
+        JSON,
+        500,
+    ),
+    Reader(
+        "lensfun",
+        texts("lens.xml", exchange.LENSFUN),
+        exchange.read_and_look_up_lensfun,
+        XML,
+        500,
+    ),
+    Reader(
+        "nk lens",
+        texts("lens.nk", *exchange.tde4_texts()),
+        exchange.read_and_look_up_tde4,
+        TEXT,
+        500,
+    ),
 )

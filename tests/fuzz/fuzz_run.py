@@ -43,6 +43,7 @@ class Tally:
         """One file's answer."""
         counts = self.read if answer["outcome"] == "read" else self.refused
         counts[answer["name"]] = counts.get(answer["name"], 0) + 1
+        self.peak_kib = max(self.peak_kib, answer["peak_kib"])
         self.most_growth_kib = max(self.most_growth_kib, answer["growth_kib"])
         self.most_cpu_s = max(self.most_cpu_s, answer["cpu_s"])
         for what in answer["found"]:
@@ -55,13 +56,13 @@ class Tally:
         return sum(self.read.values()) + sum(self.refused.values())
 
 
-def run(plan: Plan, folder: Path) -> Tally:
+def run(plan: Plan, folder: Path, worker: Path | None = None) -> Tally:
     """Spoil and read files, in as many processes as it takes."""
     tally, left, attempt = Tally(), list(plan), 0
     while left:
         own = folder / f"process{attempt}"
         own.mkdir()
-        done, end = _run_once(left, own, tally)
+        done, end = _run_once(left, own, tally, worker or WORKER)
         attempt += 1
         while left and done >= left[0][2] - left[0][1]:
             done -= left[0][2] - left[0][1]
@@ -75,12 +76,12 @@ def run(plan: Plan, folder: Path) -> Tally:
     return tally
 
 
-def _run_once(plan: Plan, folder: Path, tally: Tally) -> tuple[int, str]:
+def _run_once(plan: Plan, folder: Path, tally: Tally, worker: Path) -> tuple[int, str]:
     """How many files were answered, and how the process ended."""
     threads = {f"{n}_NUM_THREADS": "1" for n in ("OPENBLAS", "OMP", "MKL")}
     with (folder / "stderr").open("w+b") as errors:
         process = subprocess.Popen(
-            [sys.executable, str(WORKER), json.dumps(plan), str(folder)],
+            [sys.executable, str(worker), json.dumps(plan), str(folder)],
             stdout=subprocess.PIPE,
             stderr=errors,
             cwd=folder,
@@ -98,10 +99,8 @@ def _run_once(plan: Plan, folder: Path, tally: Tally) -> tuple[int, str]:
                 break
             if line is None:
                 end = f"the process ended with {process.wait()}"
-            elif "peak_kib" in (answer := json.loads(line)):
-                tally.peak_kib = max(tally.peak_kib, answer["peak_kib"])
             else:
-                tally.add(answer)
+                tally.add(json.loads(line))
                 done += 1
         process.wait()
         errors.seek(0)

@@ -154,7 +154,8 @@ def answered(reader: Reader, path: Path, watch: Watch) -> dict[str, Any]:
         except Exception as error:
             outcome, says = "refused", " ".join(str(error).split())[:200]
             found += [fault] if (fault := complaint(error)) else []
-    cpu_s, growth_kib = time.process_time() - start, peak_kib() - before
+    cpu_s, peak = time.process_time() - start, peak_kib()
+    growth_kib = peak - before
     found += watch.seen
     if printed := watch.printed():
         found.append(f"prints {printed[:300]!r}")
@@ -162,7 +163,7 @@ def answered(reader: Reader, path: Path, watch: Watch) -> dict[str, Any]:
         found.append(f"takes {cpu_s:.1f} s")
     if growth_kib > MOST_GROWTH_KIB:
         found.append(f"takes {growth_kib >> 10} MiB")
-    measured = {"cpu_s": round(cpu_s, 3), "growth_kib": growth_kib}
+    measured = {"cpu_s": round(cpu_s, 3), "growth_kib": growth_kib, "peak_kib": peak}
     return {"outcome": outcome, "says": says, "found": found, **measured}
 
 
@@ -203,7 +204,6 @@ def main(plan: list[tuple[str, int, int]], folder: Path) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MOST_ADDRESSES, MOST_ADDRESSES))
     for number, (name, start, stop) in enumerate(plan):
         read_spoiled(readers[name], start, stop, folder / str(number), watch)
-    say({"peak_kib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss})
 
 
 if __name__ == "__main__":

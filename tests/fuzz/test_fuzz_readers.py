@@ -57,7 +57,7 @@ PLANTED = {
 """What a reader might do, and what is said of it; nothing if that is right."""
 
 
-def test_planted_faults_are_found(tmp_path: Path, monkeypatch):
+def test_planted_faults_are_found(tmp_path: Path):
     planted = tmp_path / "planted.py"
     planted.write_text(
         f"import json, os, sys\nsys.path.insert(0, {str(WORKER.parent)!r})\n"
@@ -70,8 +70,7 @@ def test_planted_faults_are_found(tmp_path: Path, monkeypatch):
         "fuzz_worker.READERS = (reader._replace(read=read),)\n"
         "fuzz_worker.main(json.loads(sys.argv[1]), Path(sys.argv[2]))\n"
     )
-    monkeypatch.setattr("fuzz_run.WORKER", planted)
-    tally = run([("chan", 0, len(PLANTED))], tmp_path)
+    tally = run([("chan", 0, len(PLANTED))], tmp_path, planted)
     for index, expected in enumerate(PLANTED.values()):
         said = [line for line in tally.findings if line.startswith(f"chan {index}")]
         assert bool(said) == (expected is not None), index
