@@ -56,15 +56,9 @@ def judge(lens: Any, folder: str | Path, *, every: int = 1) -> dict[str, Any]:
     """
     truth = read_truth(Path(folder))
     make = _maker(lens, truth)
-    chief, colour, flags = _chief_figures(make, truth)
-    figures: dict[str, Any] = {
-        "chief_ray_px": chief,
-        "lateral_colour_px": colour,
-        "illumination_worst": _illumination_worst(make, truth),
-        "psf": None,
-        "defocus_sign": "undecided",
-        "flags": flags,
-    }
+    geometry = geometry_figures(make, truth)
+    flags = geometry.pop("flags")
+    figures = geometry | {"psf": None, "defocus_sign": "undecided", "flags": flags}
     try:
         errors = [
             _spot_errors(make, truth, k, range(0, len(truth.spot_chief_mm[k]), every))
@@ -75,6 +69,24 @@ def judge(lens: Any, folder: str | Path, *, every: int = 1) -> dict[str, Any]:
     except LensfitError as error:
         flags.append(f"no point-spread function: {error}")
     return figures
+
+
+def geometry_figures(lens: Any, truth: WavefrontTruth) -> dict[str, Any]:
+    """Chief rays, lateral colour, fall-off and flags: what needs no spots.
+
+    Parameters
+    ----------
+    lens : As for `judge`.
+    truth : What the tracer says; groups are not looked at.
+    """
+    make = _maker(lens, truth)
+    chief, colour, flags = _chief_figures(make, truth)
+    return {
+        "chief_ray_px": chief,
+        "lateral_colour_px": colour,
+        "illumination_worst": _illumination_worst(make, truth),
+        "flags": flags,
+    }
 
 
 def thin_lens_figures(folder: str | Path) -> dict[str, Any]:
@@ -118,7 +130,7 @@ def _chief_figures(make: Maker, truth: WavefrontTruth):
     """rms per focus state, lateral colour over all states, and flags."""
     half_mm = np.array(truth.frame.size_mm) / 2
     pitch_mm = np.array(truth.frame.pitch_mm)
-    widest = min(group.f_number for group in truth.groups)
+    widest = min(f_number for f_number, _ in truth.settings)
     chief: dict[str, float] = {}
     away: dict[str, list[np.ndarray]] = {"r-g": [], "b-g": []}
     flags: list[str] = []

@@ -158,6 +158,24 @@ def wavefront_truth(
     )  # fmt: skip
 
 
+def geometry_truth(
+    make: LensMaker,
+    frame: Frame,
+    bands: tuple[Band, ...],
+    setting: tuple[float, float, float],
+    focal_length_mm: float,
+) -> WavefrontTruth:
+    """Chief rays and fall-off at one f-number, focus and object distance; no spots."""
+    f_number, focus_mm, object_mm = setting
+    tables = _chief_tables(make, f_number, (focus_mm,), frame, bands, object_mm)
+    light_mm, light = _light_table(make(f_number, focus_mm), frame, bands, object_mm)
+    return WavefrontTruth(
+        frame, focal_length_mm, object_mm, (), (),
+        np.zeros((0, 0, 2)), np.zeros((0, 0, 3)), (focus_mm,), *tables,
+        ((f_number, focus_mm),), light_mm[None], light[None],
+    )  # fmt: skip
+
+
 def _chief_tables(make: LensMaker, widest, focus_mm, frame, bands, chart_mm):
     """Object points over the frame and beyond, and their chief rays per focus."""
     parts = _table_parts(TABLE_REACH)

@@ -8,11 +8,17 @@ import pytest
 
 from data_synth.bands import camera_bands
 from data_synth.frame import Frame
-from data_synth.judge import judge, thin_lens_figures
+from data_synth.judge import geometry_figures, judge, thin_lens_figures
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from data_synth.psf_error import best_shift, psf_error
-from data_synth.psf_truth import settings_for, wavefront_truth, write_truth
+from data_synth.psf_truth import (
+    geometry_truth,
+    read_truth,
+    settings_for,
+    wavefront_truth,
+    write_truth,
+)
 from data_synth.stand_ins import FlippedLens, ThinLens, TracedLens, mirrored_distance_mm
 from lensfit.errors import PresetError
 
@@ -56,6 +62,21 @@ def test_the_tracer_itself_scores_nothing(of_the_tracer):
     assert len(figures["psf"]["by_setting"]) == 2 + 2 + 1
     assert figures["defocus_sign"] == "right"
     assert figures["flags"] == []
+
+
+def test_geometry_alone_is_judged_like_the_whole(folder, of_the_tracer):
+    setting = (2.8, CHART_MM, CHART_MM)
+    alone = geometry_truth(traced, FRAME, BANDS, setting, 28.0)
+    whole = read_truth(folder)
+    np.testing.assert_allclose(alone.chief_mm[0], whole.chief_mm[0], atol=1e-12)
+    np.testing.assert_allclose(alone.light[0], whole.light[0], atol=1e-12)
+    figures = geometry_figures(exact, alone)
+    assert max(figures["chief_ray_px"].values()) < 1e-9
+    assert max(figures["illumination_worst"].values()) < 1e-4
+    thin = geometry_figures(lambda *_: ThinLens(28.0, 2.8, CHART_MM), alone)
+    assert thin["chief_ray_px"]["1120"] > 0.2
+    kept = ("chief_ray_px", "lateral_colour_px", "illumination_worst", "flags")
+    assert {key: of_the_tracer[key] for key in kept} == geometry_figures(exact, whole)
 
 
 def test_a_thin_lens_scores_badly(folder):
