@@ -37,7 +37,15 @@ def write_report(report: dict, out_dir: Path) -> Path:
     return target
 
 
+def _is_inside(folder: Path, name: str) -> bool:
+    """Whether a report that came from elsewhere names a picture of its own folder."""
+    try:
+        return (folder / name).resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError):
+        return False
+
+
 def _addresses(names: list[str | None], out_dir: Path) -> dict[str, str | None]:
-    named = [name for name in names if name]
+    named = [name for name in names if name and _is_inside(out_dir, name)]
     found = data_addresses([out_dir / name for name in named])
     return dict(zip(named, found, strict=True))

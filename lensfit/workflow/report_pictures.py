@@ -16,6 +16,8 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from lensfit.io.chatter import without_chatter
+
 TOTAL_BYTES = 3_000_000
 _LARGEST_BYTES = 600_000
 _STEPS = ((1800, 78), (1800, 66), (1400, 70), (1100, 68), (860, 66), (620, 62))
@@ -50,9 +52,10 @@ def _data_address(path: Path, budget_bytes: int) -> str | None:
 def _read(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:
     try:
         data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError:
+        with without_chatter():
+            return cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    except (OSError, ValueError, cv2.error):
         return None
-    return cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
 
 
 def _shrink(
