@@ -34,8 +34,15 @@ def report(
     from lensfit.cli._summary import print_files, print_summary
     from lensfit.workflow.report import write_report
 
-    page = write_report(tables, path.parent)
-    print_summary(tables)
+    try:
+        page = write_report(tables, path.parent)
+        print_summary(tables)
+    except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as why:
+        raise LensfitError(
+            f"holds what no report of lensfit does ({why})",
+            where=path,
+            remedy="calibrate again",
+        ) from why
     print_files(page.parent, {"report": page.name})
     if open_page:
         typer.launch(str(page))
