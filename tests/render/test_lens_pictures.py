@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from ideal_lens import HEIGHT, WIDTH, depth_of, ideal_lens
 from radial_lens import RadialLens
 
 from lensfit.coords import Window
@@ -77,3 +78,13 @@ def test_kernels_stand_side_by_side():
     assert tile.sum((0, 1)) == pytest.approx(1, abs=1e-5)
     middle = mosaic.tile_px // 2
     assert np.unravel_index(tile[..., 1].argmax(), tile.shape[:2]) == (middle, middle)
+
+
+def test_tiles_have_room_for_a_wide_blur():
+    """Arrays of kernels sum to 1 however much of the light falls beside them."""
+    lens, frame = ideal_lens(), Window.of_size(WIDTH, HEIGHT)
+    distance_mm = float(depth_of(13.0)) + float(lens.entrance_pupil_offset_mm)
+    mosaic = kernel_mosaic(lens, PlateGeometry.of(lens, frame), distance_mm)
+    assert mosaic.tile_px == 33
+    columns = np.flatnonzero(mosaic.rgb[:33, :33, 1].sum(0) > 1e-4)
+    assert columns[-1] - columns[0] + 1 == pytest.approx(26, abs=2)
