@@ -29,6 +29,7 @@ from lensfit.workflow.blur_pictures import write_dot_pictures
 from lensfit.workflow.charts_seen import with_charts_read
 from lensfit.workflow.entries import camera_of, entry_of, provenance_of, with_quality
 from lensfit.workflow.lens_facts import entry_facts, take_facts, terms_of
+from lensfit.workflow.model_pictures import write_model_pictures
 from lensfit.workflow.observe import Observed, observe_shoot
 from lensfit.workflow.report import write_report
 from lensfit.workflow.shoot_records import Shoot
@@ -156,7 +157,10 @@ def _report(
     preset: Preset,
     folder: Path,
 ) -> dict[str, Any]:
+    modelled = write_model_pictures(observed, fitted, preset, folder)
     takes = [take_facts(o, fitted, folder) for o in observed]
+    for take in takes:
+        take["modelled"] = modelled.get(take["image"])
     used = [t for t in takes if not t["failed"]]
     camera = preset.camera
     stems = {o.image: o.overlay.stem for o in observed if o.overlay is not None}

@@ -28,6 +28,7 @@ from lensfit.workflow.charts_seen import pattern_of_target
 from lensfit.workflow.resolve import ResolvedTake, resolve_take
 from lensfit.workflow.shoot_records import Shoot
 from lensfit.workflow.shoot_records import Take as ShootTake
+from lensfit.workflow.small_photograph import SmallPhotograph, small_of
 
 _THREADS = 2
 
@@ -42,6 +43,7 @@ class Observed:
     take : For the fit; None if the photograph could not be used.
     failed : Why not.
     overlay : Picture of the marks.
+    small : The photograph itself, reduced; None if nothing is drawn.
     notes : What its photographer should know.
     sha256 : Hash of the photograph; empty if it could not be read.
     seconds : Reading, detection and drawing.
@@ -54,6 +56,7 @@ class Observed:
     take: Take | None = None
     failed: str | None = None
     overlay: Path | None = None
+    small: SmallPhotograph | None = None
     notes: tuple[str, ...] = ()
     sha256: str = ""
     orientation: object = None
@@ -127,6 +130,7 @@ def _searched(
     if overlay is not None:
         with _timed(seconds, "overlay"):
             draw_overlay(photograph, marks, overlay)
+            known["small"] = small_of(photograph)
     return {
         "take": _take_for_fit(take, resolved, marks, photograph),
         "overlay": overlay,

@@ -11,7 +11,8 @@ from pathlib import Path
 from lensfit.atomic import write_text_atomic
 from lensfit.workflow.report_html import page
 from lensfit.workflow.report_kernels import kernel_sheets
-from lensfit.workflow.report_pictures import data_addresses
+from lensfit.workflow.report_pictures import data_addresses, jpeg_address
+from lensfit.workflow.report_wipe import MODEL_PICTURES
 
 
 def write_report(report: dict, out_dir: Path) -> Path:
@@ -30,6 +31,10 @@ def write_report(report: dict, out_dir: Path) -> Path:
     blurred = [t for blur in report.get("blur") or [] for t in blur.get("takes") or []]
     addresses = _addresses([take.get("overlay") for take in takes], out_dir)
     addresses |= _addresses([take.get("picture") for take in blurred], out_dir)
+    for said in [take.get("modelled") or {} for take in takes]:
+        names = [said.get(key) for key in MODEL_PICTURES]
+        named = [name for name in names if name and _is_inside(out_dir, name)]
+        addresses |= {name: jpeg_address(out_dir / name) for name in named}
     kernels = kernel_sheets(report, out_dir / "preset.json")
     text = page(report, addresses, kernels)
     target = out_dir / "report.html"

@@ -18,6 +18,8 @@ from lensfit.workflow.report_svg import HEIGHT, WIDTH, path, words
 
 LEFT, RIGHT, TOP, BOTTOM = 62.0, 22.0, 18.0, 48.0
 _LINE_HEIGHT = 15.0
+_ROOM_FOR_LETTERS = 34
+"""Under a diagram, at the size of small figures."""
 
 
 def ticks(low: float, high: float, count: int = 5) -> Float[np.ndarray, " ticks"]:
@@ -111,7 +113,10 @@ class Axes:
         return Markup("".join(parts))
 
     def _x_ticks(self) -> Iterable[Markup]:
-        for value in ticks(*self.x_range, count=7):
+        values = ticks(*self.x_range, count=7)
+        if sum(len(tick_text(value)) for value in values) > _ROOM_FOR_LETTERS:
+            values = ticks(*self.x_range, count=4)
+        for value in values:
             px, py = self.place(np.full(2, value), np.array(self.y_range))
             yield path(px, py, "grid")
             yield words(px[0], HEIGHT - BOTTOM + 17, tick_text(value), "tick", "middle")

@@ -15,7 +15,7 @@ from numbers import Integral, Real
 from typing import Any
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_VOID = {"img", "meta", "br", "hr"}
+_VOID = {"img", "meta", "br", "hr", "input"}
 NOTHING = "–"
 
 

@@ -18,8 +18,8 @@ from jaxtyping import UInt8
 
 from lensfit.io.chatter import without_chatter
 
-TOTAL_BYTES = 3_000_000
-_LARGEST_BYTES = 600_000
+TOTAL_BYTES = 1_900_000
+_LARGEST_BYTES = 400_000
 _STEPS = ((1800, 78), (1800, 66), (1400, 70), (1100, 68), (860, 66), (620, 62))
 _FULL_CHROMA = (
     cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
@@ -34,6 +34,18 @@ def data_addresses(paths: Sequence[Path]) -> list[str | None]:
         return list(workers.map(lambda path: _data_address(path, budget), paths))
 
 
+def jpeg_address(path: Path) -> str | None:
+    """A ``data:`` address of a JPEG file as it is; None if it cannot be read."""
+    try:
+        return _of_jpeg(path.read_bytes())
+    except OSError:
+        return None
+
+
+def _of_jpeg(encoded: bytes) -> str:
+    return f"data:image/jpeg;base64,{base64.b64encode(encoded).decode('ascii')}"
+
+
 def _data_address(path: Path, budget_bytes: int) -> str | None:
     picture = _read(path)
     if picture is None:
@@ -46,7 +58,7 @@ def _data_address(path: Path, budget_bytes: int) -> str | None:
         encoded = buffer.tobytes()
         if len(encoded) <= budget_bytes:
             break
-    return f"data:image/jpeg;base64,{base64.b64encode(encoded).decode('ascii')}"
+    return _of_jpeg(encoded)
 
 
 def _read(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:

@@ -21,6 +21,7 @@ from lensfit.workflow.report_plots import entry_figures
 from lensfit.workflow.report_residuals import coverage, take_figures
 from lensfit.workflow.report_svg import Figure
 from lensfit.workflow.report_verdict import takes_by_focal
+from lensfit.workflow.report_wipe import wipe_figures
 
 _MOST_VALUES = 6
 """Of one term; of more the largest is shown, all are in the JSON."""
@@ -86,7 +87,9 @@ def takes_section(report: dict, pictures: Mapping[str, str | None]) -> Markup:
     if not takes:
         return Markup("")
     size_px = image_size_px(report)
-    blocks = [_take_block(take, size_px, pictures) for take in takes]
+    blocks = [
+        _take_block(index, take, size_px, pictures) for index, take in enumerate(takes)
+    ]
     title = tag("h2", "Take by take")
     return tag("section", title, _takes_table(takes), *blocks, id="takes")
 
@@ -235,7 +238,10 @@ def stop_text(take: dict) -> str:
 
 
 def _take_block(
-    take: dict, size_px: tuple[float, float], pictures: Mapping[str, str | None]
+    index: int,
+    take: dict,
+    size_px: tuple[float, float],
+    pictures: Mapping[str, str | None],
 ) -> Markup:
     figures = [figure_html(figure) for figure in take_figures(take, size_px)]
     overlay = _overlay(take, pictures)
@@ -251,7 +257,9 @@ def _take_block(
         tag("p", " · ".join(facts), class_="facts"),
     )
     grid = tag("div", overlay, *figures, class_="figures")
-    return tag("div", header, *notes, grid, class_="block take")
+    wipe = wipe_figures(take, _take_name(take), pictures)
+    parts = [header, *notes, wipe, grid]
+    return tag("div", *parts, class_="block take", id=f"take-{index + 1}")
 
 
 def _overlay(take: dict, pictures: Mapping[str, str | None]) -> Markup:

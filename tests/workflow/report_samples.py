@@ -95,12 +95,22 @@ def _take(index: int, rng: np.random.Generator, noise_px: float) -> dict:
         "overlay": f"overlays/take_{index + 1}.png",
         "notes": [],
         "failed": None,
+        "modelled": _modelled(index),
         "residuals": {
             "x_px": x.tolist(),
             "y_px": y.tolist(),
             "dx_px": errors[0].tolist(),
             "dy_px": errors[1].tolist(),
         },
+    }
+
+
+def _modelled(index: int) -> dict:
+    names = ("photograph", "model", "left")
+    return {name: f"model/take_{index + 1}_{name}.jpg" for name in names} | {
+        "left_share": 0.05,
+        "explained": 0.9987,
+        "blur_measured": True,
     }
 
 
@@ -196,7 +206,7 @@ def _fall_off(f_number: float, radius: np.ndarray) -> dict:
 
 
 def draw_overlays(report: dict, folder: Path, size_px: tuple[int, int]) -> None:
-    """The overlay pictures that the report names: rings on a field of dots."""
+    """The pictures of takes that the report names: rings on a field of dots."""
     width, height = size_px
     for index, take in enumerate(report["takes"]):
         if not take.get("overlay"):
@@ -206,6 +216,11 @@ def draw_overlays(report: dict, folder: Path, size_px: tuple[int, int]) -> None:
             for y in range(20, height, 40):
                 cv2.circle(picture, (x, y), 6, (220, 220, 220), -1, cv2.LINE_AA)
                 cv2.circle(picture, (x, y), 11, (80, 220, 120), 1, cv2.LINE_AA)
-        path = folder / take["overlay"]
-        path.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(path), picture)
+        said = take.get("modelled") or {}
+        small = picture[:600, :800]
+        drawn = {take["overlay"]: picture}
+        names = [said.get(key) for key in ("photograph", "model", "left")]
+        drawn |= {name: small for name in names if name}
+        for name, made in drawn.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(folder / name), made, [cv2.IMWRITE_JPEG_QUALITY, 40])

@@ -2,8 +2,6 @@
 
 import copy
 import re
-import shutil
-import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -13,7 +11,6 @@ from report_samples import barrel_report, draw_overlays, entry, failed_take
 from lensfit.errors import OutputError
 from lensfit.workflow.report import write_report
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FIGURES = {
     "comparison": 1,
     "distortion-grid": 1,
@@ -24,6 +21,8 @@ FIGURES = {
     "coverage": 1,
     "common-residual": 1,
     "overlay": 2,
+    "wipe": 2,
+    "left": 2,
     "residual-arrows": 2,
     "residual-histogram": 2,
 }
@@ -54,7 +53,7 @@ class _Outline(HTMLParser):
         self.references += [
             v for k, v in attrs if k in ("src", "href", "data", "action")
         ]
-        if tag not in ("img", "meta"):
+        if tag not in ("img", "meta", "input"):
             self.open.append(tag)
 
     def handle_endtag(self, tag):
@@ -74,6 +73,13 @@ def outline(html: str) -> _Outline:
 
 def test_page_holds_every_figure_once(tmp_path):
     assert figures_in(written(barrel_report(2), tmp_path)) == FIGURES
+
+
+def test_every_link_in_the_page_leads_somewhere(tmp_path):
+    html = written(barrel_report(2), tmp_path)
+    links = {one[1:] for one in outline(html).references if one.startswith("#")}
+    assert {"take-1", "take-2", "lens", "terms"} <= links
+    assert links <= set(re.findall(r' id="([^"]+)"', html))
 
 
 def test_nothing_in_the_page_points_outside_it(tmp_path):
@@ -164,6 +170,20 @@ def test_a_lost_overlay_is_said_to_be_lost(tmp_path):
     assert "overlay" not in figures_in(html)
 
 
+def test_pictures_of_the_model_that_are_lost_leave_no_wipe(tmp_path):
+    report = barrel_report(2)
+    draw_overlays(report, tmp_path, (400, 300))
+    (tmp_path / "model/take_2_left.jpg").unlink()
+    html = page_of(report, tmp_path)
+    assert figures_in(html)["wipe"] == figures_in(html)["left"] == 1
+
+
+def test_what_the_model_explains_is_never_rounded_to_all_of_it(tmp_path):
+    report = barrel_report(1)
+    report["takes"][0]["modelled"]["explained"] = 0.99982
+    assert "explains 99.98% of" in written(report, tmp_path)
+
+
 def test_zoom_has_figures_for_each_entry(tmp_path):
     report = barrel_report(2)
     report["entries"].append(entry(85.0, float("inf")))
@@ -199,28 +219,3 @@ def test_page_that_cannot_be_written_is_one_sentence(tmp_path):
     (tmp_path / "report.html").mkdir()
     with pytest.raises(OutputError, match=r"report\.html"):
         write_report(barrel_report(1), tmp_path)
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
-def test_browser_shows_all_figures_without_an_error(tmp_path):
-    """A browser lays out every figure, enlarges an overlay, and logs nothing."""
-    page = tmp_path / "report.html"
-    html = written(barrel_report(2), tmp_path)
-    probe = """<script>addEventListener("load", () => {
-      const seen = [...document.querySelectorAll("[data-figure]")]
-        .filter((f) => f.getBoundingClientRect().height > 60).length;
-      const loaded = [...document.querySelectorAll("button.zoom img")]
-        .every((i) => i.complete && i.naturalWidth > 0);
-      document.querySelector("button.zoom").click();
-      const enlarged = document.querySelector("dialog").open;
-      document.body.dataset.probe = [seen, loaded, enlarged].join(" ");
-    });</script>"""
-    page.write_text(html.replace("</body>", probe + "</body>"), encoding="utf-8")
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu"]
-    command += ["--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}"]
-    command += ["--virtual-time-budget=3000", "--dump-dom", page.as_uri()]
-    run = subprocess.run(
-        command, capture_output=True, text=True, timeout=90, check=True
-    )
-    assert "CONSOLE" not in run.stderr
-    assert f'data-probe="{sum(FIGURES.values())} true true"' in run.stdout

@@ -142,16 +142,36 @@ def centroids_mm(
     scale: Scale,
 ) -> Float[Array, "3 2"]:
     """Centroid of each channel's light from where the chief ray lands."""
-    seen = _opening_seen(parameters[layout.opening], dot, layout, scale)
-    nodes = polar_nodes(*seen, *_RINGS_AND_SPOKES, _SHARPNESS)
 
     def channel(chromatic, lateral_mm):
-        colour = Colour(chromatic, lateral_mm)
-        u = jnp.broadcast_to(nodes.u[None], (len(chromatic), *nodes.u.shape))
-        landing, _ = _landed(u, parameters, dot, colour, layout, scale)
-        return jnp.mean(jnp.einsum("k,wki->wi", nodes.weight, landing), 0)
+        landing, weight = polar_landings(
+            parameters,
+            dot,
+            Colour(chromatic, lateral_mm),
+            layout,
+            scale,
+            _RINGS_AND_SPOKES,
+        )
+        return jnp.mean(jnp.einsum("k,wki->wi", weight, landing), 0)
 
     return jax.vmap(channel)(chromatic, dot.lateral_mm)
+
+
+def polar_landings(
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    colour: Colour,
+    layout: Layout,
+    scale: Scale,
+    rings_and_spokes: tuple[int, int],
+) -> tuple[Float[Array, "wavelengths rays 2"], Float[Array, " rays"]]:
+    """Where rays on rings and spokes land, from the chief ray of their wavelength, and
+    the light of each; see `optics.pupil.polar_nodes`."""
+    seen = _opening_seen(parameters[layout.opening], dot, layout, scale)
+    nodes = polar_nodes(*seen, *rings_and_spokes, _SHARPNESS)
+    u = jnp.broadcast_to(nodes.u[None], (len(colour.chromatic), *nodes.u.shape))
+    landing, _ = _landed(u, parameters, dot, colour, layout, scale)
+    return landing, nodes.weight
 
 
 def nodes_of(

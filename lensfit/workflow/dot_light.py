@@ -1,0 +1,120 @@
+"""The light of photographed dots, drawn from the rays of the measured wavefront.
+
+Few rays are traced; between them landing points are interpolated (a polynomial along
+each spoke of the opening, straight lines from spoke to spoke) and dealt to the pixels
+they fall on. Rings are set off from spoke to spoke and wavelength to wavelength, so
+that none shows. Hole and diffraction soften all dots of a photograph alike.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32, Int
+
+from lensfit.fit.wavefront.portray import RINGS, Landings
+
+_FINE_RINGS, _BETWEEN = 12, 3
+"""Interpolated rings of equal area; spokes for each that was traced."""
+_GOLDEN = (5**0.5 - 1) / 2
+_LEAST_SIGMA_PX = 0.3
+_UNEVEN = 0.6
+"""Of the rays' spacing: a Gaussian that hides it."""
+_AT_ONCE = 64
+
+
+@dataclass(frozen=True, eq=False)
+class DotLight:
+    """Measured light of the dots of one photograph, green.
+
+    Attributes
+    ----------
+    landings : Of their rays.
+    chief_rays_px : Where each dot's chief ray lands.
+    brightness : Light of each dot, in any unit.
+    pixel_mm : Width and height of a pixel.
+    sigma_px : Of the Gaussian that stands for hole and diffraction.
+    """
+
+    landings: Landings
+    chief_rays_px: Float[np.ndarray, "dots 2"]
+    brightness: Float[np.ndarray, " dots"]
+    pixel_mm: Float[np.ndarray, "2"]
+    sigma_px: float
+
+
+def drawn_light(
+    dots: DotLight, size_px: tuple[int, int]
+) -> Float32[np.ndarray, "height width"]:
+    """Light of the dots in every pixel of a picture of this width and height."""
+    width, height = size_px
+    light = np.zeros(width * height)
+    for first in range(0, len(dots.chief_rays_px), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        x, y = _interpolated(dots.landings.from_chief_mm[some])
+        column = _pixel(x / dots.pixel_mm[0], dots.chief_rays_px[some, 0])
+        row = _pixel(y / dots.pixel_mm[1], dots.chief_rays_px[some, 1])
+        weight = dots.landings.weight[some] * dots.brightness[some, None]
+        each = _between(weight, axis=1) / (_BETWEEN * _FINE_RINGS * x.shape[1])
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        at = (row * width + column)[inside]
+        share = np.broadcast_to(each[:, None, :, None], x.shape)[inside]
+        light += np.bincount(at, share, minlength=light.size)
+    sigma = max(np.hypot(dots.sigma_px, _UNEVEN * _spacing_px(dots)), _LEAST_SIGMA_PX)
+    picture = light.reshape(height, width).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma))
+
+
+def _spacing_px(dots: DotLight) -> float:
+    """Of the interpolated rays, if the blur of most dots were an even disc."""
+    landed = dots.landings.from_chief_mm / dots.pixel_mm.astype(np.float32)
+    variance = float(np.median(np.var(landed, axis=(1, 2, 3)).mean(-1)))
+    rays = landed.shape[2] * _BETWEEN * _FINE_RINGS
+    return float(np.sqrt(4 * np.pi * variance / rays))
+
+
+def _interpolated(
+    from_chief_mm: Float[np.ndarray, "dots wavelengths spokes rings 2"],
+) -> tuple[np.ndarray, np.ndarray]:
+    """x and y of interpolated rays: (dots, wavelengths, spokes, rings)."""
+    spokes = _between(from_chief_mm, axis=2)
+    by_spoke = np.transpose(spokes, (1, 2, 4, 0, 3))
+    wavelengths, count, *_, rings = by_spoke.shape
+    columns = by_spoke.reshape(wavelengths, count, -1, rings)
+    fine = columns @ _to_fine_rings(wavelengths, count)
+    both = fine.reshape(wavelengths, count, 2, -1, _FINE_RINGS)
+    x, y = np.transpose(both, (2, 3, 0, 1, 4))
+    return x, y
+
+
+def _between(of_spokes: np.ndarray, axis: int) -> np.ndarray:
+    """Values of the traced spokes, and of those between each and the next."""
+    following = np.roll(of_spokes, -1, axis=axis)
+    parts = [
+        of_spokes + k / _BETWEEN * (following - of_spokes) for k in range(_BETWEEN)
+    ]
+    shape = list(of_spokes.shape)
+    shape[axis] *= _BETWEEN
+    return np.stack(parts, axis=axis + 1).reshape(shape)
+
+
+def _pixel(from_chief_px: np.ndarray, chief_px: np.ndarray) -> Int[np.ndarray, "..."]:
+    at = from_chief_px + chief_px[:, None, None, None].astype(np.float32)
+    return np.floor(at).astype(np.int32)
+
+
+@cache
+def _to_fine_rings(
+    wavelengths: int, spokes: int
+) -> Float32[np.ndarray, "wavelengths spokes rings fine"]:
+    """From values on the traced rings of each spoke to those on rings of equal area,
+    by Lagrange's polynomial in the reach."""
+    square, _ = np.polynomial.legendre.leggauss(RINGS)
+    powers = np.arange(RINGS)
+    shift = np.arange(wavelengths)[:, None] / wavelengths
+    offset = np.mod(np.arange(spokes) * _GOLDEN + shift, 1.0)
+    area = (np.arange(_FINE_RINGS) + offset[..., None]) / _FINE_RINGS
+    fine = np.sqrt(area)[..., None] ** powers
+    traced = np.sqrt((square + 1) / 2)[:, None] ** powers
+    return np.linalg.solve(traced.T, np.swapaxes(fine, 2, 3)).astype(np.float32)

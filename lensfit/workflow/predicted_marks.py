@@ -1,0 +1,99 @@
+"""Where the fitted lens puts the marks of every photograph, for drawing them.
+
+A dot's mark is its centroid and, where its blur was measured, the image of light that
+the model expects around the chief ray; a line's is a sample of its middle; a corner's
+is the corner. Pixels of the photograph, x right, y down.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.fit.illumination import area_stretch
+from lensfit.fit.lens_states import Fitted, LensState
+from lensfit.fit.take import Take
+from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.fit.wavefront.portray import Landings, portrayed
+from lensfit.workflow.dot_light import DotLight
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedMarks:
+    """Marks of one photograph where the model puts them.
+
+    Attributes
+    ----------
+    state : Of the lens.
+    points_px : Where each mark of the photograph would be seen.
+    chief_rays_px : Where its chief ray lands; the same where blur was not measured.
+    stretch_px : d pixels / d mm on the target, at every mark.
+    pitch_mm : Of the target.
+    light : Of the dots, where their blur was measured.
+    """
+
+    state: LensState
+    points_px: Float[np.ndarray, "marks 2"]
+    chief_rays_px: Float[np.ndarray, "marks 2"]
+    stretch_px: Float[np.ndarray, "marks 2 2"]
+    pitch_mm: tuple[float, float]
+    light: DotLight | None = None
+
+
+def predicted_marks(fitted: Fitted, takes: list[Take]) -> dict[str, PredictedMarks]:
+    """Every photograph that was fitted, by name.
+
+    Parameters
+    ----------
+    takes : As observed: their marks are where they were seen.
+    """
+    seen = {take.name: take.observations.points_px for take in takes}
+    found = {}
+    for state in fitted.states:
+        adjustment = state.geometry.adjustment
+        stretch_mm, left_mm = area_stretch(adjustment), adjustment.residual_mm()
+        for k, take in enumerate(state.geometry.takes):
+            count, size_mm = len(take.observations), pixel_mm(take)
+            left_px = left_mm[k, :count] / size_mm
+            # What blur does to a centroid is in what was seen, not in what is left.
+            found[take.name] = PredictedMarks(
+                state=state,
+                points_px=seen[take.name] + left_px,
+                chief_rays_px=take.observations.points_px + left_px,
+                stretch_px=stretch_mm[k, :count] / size_mm[:, None],
+                pitch_mm=take.pitch_mm,
+            )
+    for wavefront in fitted.wavefronts.values():
+        found |= _with_light(wavefront, found)
+    return found
+
+
+def pixel_mm(take: Take) -> Float[np.ndarray, "2"]:
+    """Width and height of a pixel of a photograph on the sensor."""
+    return np.asarray(take.sensor_size_mm) / np.asarray(take.observations.image_size_px)
+
+
+def _with_light(
+    wavefront: WavefrontFit, found: dict[str, PredictedMarks]
+) -> dict[str, PredictedMarks]:
+    """The photographs whose dots show the blur, with the light of these."""
+    gathered = wavefront.gathered
+    landings = portrayed(wavefront.stage, gathered)
+    with_light = {}
+    for k, shown in enumerate(gathered.shown):
+        predicted = found.get(shown.take.name)
+        if predicted is None:
+            continue
+        mine, marks = gathered.take == k, shown.cutouts.marks
+        size_mm = pixel_mm(shown.take)
+        variance_mm2 = float(np.median(gathered.dots.variance_mm2[mine]))
+        light = DotLight(
+            landings=Landings(*(part[mine] for part in landings)),
+            chief_rays_px=predicted.chief_rays_px[marks],
+            # The larger a hole is imaged, the more light it sends.
+            brightness=np.abs(np.linalg.det(predicted.stretch_px[marks])),
+            pixel_mm=size_mm,
+            sigma_px=float(np.sqrt(variance_mm2 / np.prod(size_mm))),
+        )
+        with_light[shown.take.name] = replace(predicted, light=light)
+    return with_light
