@@ -1,0 +1,106 @@
+"""The three recipes of README.md, run word for word."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+
+import msgspec
+import pytest
+from camera_files import arri
+
+from lensfit.io.exr import ExrImage, read_exr, write_exr
+from lensfit.preset.schema import LensName
+from lensfit.preset.store import load_preset, save_preset
+
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+DEMO = Path(str(files("data_synth") / "demo"))
+TINY = Path(__file__).parent / "cli" / "tiny_preset.json"
+
+
+def recipe(heading: str) -> list[str]:
+    """The commands below a heading."""
+    below = README.split(f"### {heading}\n", 1)[1]
+    block = re.search(r"```sh\n(.*?)```", below, re.DOTALL)
+    assert block is not None
+    return block[1].strip().splitlines()
+
+
+def run(line: str, folder: Path) -> str:
+    """What a command prints; it must succeed."""
+    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-c", line],
+        cwd=folder,
+        env={**os.environ, "PATH": programs, "LENSFIT_LIBRARY": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
+    assert "Traceback" not in done.stderr
+    return done.stdout
+
+
+@pytest.fixture
+def calibrated(tmp_path: Path) -> Path:
+    """A folder with a preset where the recipes have theirs."""
+    preset = load_preset(TINY)
+    named = msgspec.structs.replace(preset, lens=LensName("Takumar 50"))
+    (tmp_path / "takumar_50").mkdir()
+    save_preset(named, tmp_path / "takumar_50" / "preset.json")
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_on_set(tmp_path: Path):
+    grids = tmp_path / "grids"
+    grids.mkdir()
+    for name in ("dots.exr", "dots_tilted.png", "lines.jpg"):
+        shutil.copy(DEMO / name, grids)
+    chart, draft, calibrate, report = recipe("On set: measure a lens")
+    run(chart, tmp_path)
+    assert (tmp_path / "dots.pdf").read_bytes().startswith(b"%PDF")
+    run(draft, tmp_path)
+    assert "[[take]]" in (grids / "shoot.toml").read_text()
+    shutil.copy(DEMO / "shoot.toml", grids)  # completed
+    run(calibrate, tmp_path)
+    made = tmp_path / "takumar_50"
+    assert load_preset(made / "preset.json").entries
+    assert (made / "report.html").is_file()
+    assert len(list((made / "stmaps").glob("*.exr"))) == 2
+    assert "px rms" in run(report, tmp_path)
+
+
+def test_in_the_pipeline(calibrated: Path):
+    for line in recipe("In the pipeline: keep and hand on"):
+        run(line, calibrated)
+    level = calibrated / "show" / "sq010" / "sh0020" / "lenses" / "takumar-50"
+    assert "coma_gain" in (level / "v001.json").read_text()
+    assert (calibrated / "show" / "lenses" / "takumar-50" / "v001.json").is_file()
+    assert len(list((calibrated / "maps").glob("*.exr"))) == 2
+    assert "OpenTrackIO" in (calibrated / "takumar.json").read_text()
+
+
+@pytest.mark.slow
+def test_in_comp_and_on_the_farm(calibrated: Path):
+    part = read_exr(DEMO / "plate.0001.exr").parts[0]
+    camera = {"lens/focal": 50.0, "lens/fstop": 1.4, "lens/focus": 2.0}
+    plate = ExrImage((replace(part, attributes=camera),))
+    for number in (1001, 1002):
+        write_exr(calibrated / f"plate.{number}.exr", plate)
+    arri(calibrated, name="A001C001.csv")
+    for line in recipe("In comp and on the farm: put it on CG"):
+        run(line, calibrated)
+    for folder in ("lens", "farm"):
+        found = sorted(path.name for path in (calibrated / folder).glob("*.exr"))
+        assert found == ["plate.1001.exr", "plate.1002.exr"]
+    bloomed, plain = (
+        read_exr(calibrated / folder / "plate.1001.exr").parts[0].channels["G"]
+        for folder in ("lens", "farm")
+    )
+    assert (bloomed != plain).any()
