@@ -57,7 +57,7 @@ def thin_lens_preset(camera: ThinCamera) -> Preset:
     if camera.aperture_blades:
         raise PresetError(
             f"aperture_blades = {camera.aperture_blades}: the ideal lens is round",
-            remedy="state 0 blades",
+            remedy="state 0 blades, and turn them on with --blades",
         )
     f = camera.focal_length_mm
     height_mm = camera.sensor_width_mm * camera.height_px / camera.width_px
