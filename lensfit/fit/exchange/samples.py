@@ -23,7 +23,11 @@ if TYPE_CHECKING:
 FIT_COUNT = 33
 JUDGE_COUNT = 97
 """Positions across the frame; their spacing differs, so that one judges the other."""
+_MOST_ROWS = 3
+"""Times the columns: a strip is no frame, but it must come to an end."""
 _STEP = 1e-5
+_FLATTEST = 1e-9
+"""Area of the undistorted picture, of that of the photograph, that still is one."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ class ExchangeFrame:
         """`count` positions across, and as dense down, border included."""
         width, height = self.size_px
         margin = self.overscan_percent / 200
-        rows = max(3, round(count * height / width))
+        rows = min(max(3, round(count * height / width)), _MOST_ROWS * count)
         x = np.linspace(-margin * width, (1 + margin) * width, count)
         y = np.linspace(-margin * height, (1 + margin) * height, rows)
         return self.mm(np.stack(np.meshgrid(x, y), -1).reshape(-1, 2))
@@ -145,7 +149,9 @@ class Samples:
             for e in np.eye(2)
         ]
         slope = np.stack(columns, -1)
-        if not (np.isfinite(undistorted).all() and np.isfinite(slope).all()):
+        with np.errstate(all="ignore"):
+            upright = bool((np.linalg.det(slope) > _FLATTEST).all())
+        if not (np.isfinite(undistorted).all() and upright):
             raise ExchangeError(
                 "the lens has no undistorted picture of the whole frame: it sees 90 "
                 "degrees off axis, or folds",

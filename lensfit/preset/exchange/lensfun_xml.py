@@ -11,7 +11,7 @@ from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
 from lensfit.errors import ExchangeError
-from lensfit.preset.exchange.lensfun import DistortionModel
+from lensfit.preset.exchange.lensfun import DistortionModel, centre_magnification
 from lensfit.preset.exchange.text_file import finite, positive
 from lensfit.preset.exchange.xml_tree import Element, read_xml
 
@@ -24,6 +24,8 @@ _TERMS: dict[DistortionModel, tuple[str, ...]] = {
 _TCA = ("vr", "cr", "br", "vb", "cb", "bb")
 _MOST_CALIBRATIONS = 2000
 _LARGEST_COEFFICIENT = 1e6
+_LEAST_CENTRE = 0.01
+"""Magnification in the middle."""
 
 
 @dataclass(frozen=True)
@@ -224,11 +226,17 @@ def _distortion(element: Element, lens: str, path: Path) -> LensfunDistortion | 
     model: DistortionModel | None = next((k for k in _TERMS if k == name), None)
     if model is None:
         return None
+    terms = tuple(_value(element, t, lens, path, default="0") for t in _TERMS[model])
+    if not centre_magnification(model, terms) > _LEAST_CENTRE:
+        raise ExchangeError(
+            f"{lens}: {model} of {', '.join(map(str, terms))} leaves no picture",
+            where=path,
+        )
     real = element.attributes.get("real-focal")
     return LensfunDistortion(
         positive(element.attributes.get("focal", ""), f"{lens}: focal", path),
         model,
-        tuple(_value(element, t, lens, path, default="0") for t in _TERMS[model]),
+        terms,
         None if real is None else positive(real, f"{lens}: real-focal", path),
     )
 

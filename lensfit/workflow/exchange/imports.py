@@ -45,6 +45,9 @@ _OVERSCAN_PERCENT = 10.0
 _INSIDE_PERCENT = -2.0
 """A UV map may end with the last pixel centre that it can look up."""
 _NOTICED = 1e-5
+_SENSOR_MM = (0.05, 5000.0)
+_FOCAL_MM = (0.01, 1e5)
+_SLIMMEST = 50.0
 _UNKNOWN = (
     "the file knows no uncertainty and no blur: the preset holds none, and its depth "
     "of field is that of a perfect lens"
@@ -156,6 +159,7 @@ def preset_of_foreign(
     entries, fits, notes = [], [], list(lens.notes)
     camera = Camera(lens.camera_model, *lens.sensor_size_mm, *lens.size_px)
     frame = ExchangeFrame(lens.size_px, lens.sensor_size_mm[0], _OVERSCAN_PERCENT)
+    _check(lens, path)
     try:
         seen = [_Seen.of(state, frame) for state in lens.states]
     except ExchangeError as error:
@@ -177,6 +181,30 @@ def preset_of_foreign(
         provenance=_provenance(lens, path),
     )
     return Imported(preset, tuple(fits), tuple(dict.fromkeys([*notes, _UNKNOWN])))
+
+
+def _check(lens: ForeignLens, path: Path) -> None:
+    """Refuse a camera that nobody can have built."""
+    width, height = lens.sensor_size_mm
+    within = {
+        f"a sensor of {width:g} x {height:g} mm": (min(width, height), *_SENSOR_MM),
+        f"a sensor {width:g} mm wide": (max(width, height), *_SENSOR_MM),
+        f"a picture of {lens.size_px[0]} x {lens.size_px[1]} pixels": (
+            max(lens.size_px) / min(lens.size_px),
+            0.0,
+            _SLIMMEST,
+        ),
+    }
+    for state in lens.states:
+        for focal in (state.focal_length_mm, state.principal_distance_mm):
+            within[f"a focal length of {focal:g} mm"] = (focal, *_FOCAL_MM)
+    for what, (value, least, most) in within.items():
+        if not least <= value <= most:
+            raise ExchangeError(
+                f"states {what}, which is not one of a camera",
+                where=path,
+                remedy="check its units",
+            )
 
 
 class _Seen(NamedTuple):

@@ -175,6 +175,7 @@ def test_what_is_not_there_is_said(database: Path, stated, camera, said: str):
         ('k1="0.005"', 'k1="nan"', "is not finite"),
         ('k1="0.005"', 'k1="1e30"', "is out of range"),
         ('k1="0.005"', 'k1="abc"', "is no number"),
+        ('k1="0.005"', 'k1="1"', "leaves no picture"),
         ('focal="24"', 'focal="0"', "is not positive"),
         ("<cropfactor>1.0<", "<cropfactor>x<", "is no number"),
         ("</lensdatabase>", "", "is no XML"),

@@ -228,3 +228,26 @@ def test_what_is_no_lens_is_one_sentence(folder: Path):
     )
     with pytest.raises(ExchangeError, match=r"fold.yaml: .* 90 degrees"):
         import_preset(folder / "fold.yaml", STATED)
+
+
+@pytest.mark.parametrize(
+    ("changed", "to", "said"),
+    [
+        ("[400, 0", "[1e300, 0", "is not one of a camera"),
+        ("width: 640", "width: 1", "is not one of a camera"),
+        ("-0.1", "1e300", "turns over, on the axis"),
+        ("320", "1e12", "turns over, on the axis"),
+    ],
+)
+def test_a_camera_that_cannot_be_is_one_sentence(
+    folder: Path, changed: str, to: str, said: str
+):
+    text = (
+        "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: "
+        "[400, 0, 320, 0, 400, 240, 0, 0, 1]\n"
+        "distortion_coefficients: [-0.1, 0, 0, 0]\n"
+    )
+    assert changed in text
+    (folder / "odd.yaml").write_text(text.replace(changed, to))
+    with pytest.raises(ExchangeError, match=said):
+        import_preset(folder / "odd.yaml", Stated(sensor_width_mm=24.0))
