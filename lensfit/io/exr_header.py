@@ -30,7 +30,7 @@ _LARGEST_RATIO = {0: 1, 1: 64, 2: 1100, 3: 1100, 4: 1000, 5: 1500, 6: 3, 7: 12}
 _LARGEST_RATIO |= {8: 150_000, 9: 150_000}
 _LARGEST_RATIO_OF_OTHERS = 400_000
 # A small part of a large frame may be stored, within reason: the frame is allocated.
-_LARGEST_FRAME_PX = 1 << 26
+_LARGEST_FRAME_PX = 8192 * 4320
 _SMALLEST_PART_OF_FRAME = 64
 _MOST_CHANNELS = 4096
 _MOST_ATTRIBUTES = 100_000

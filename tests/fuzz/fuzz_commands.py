@@ -237,6 +237,7 @@ def run_command(command: Command, root: Path, count: int, watch: Watch) -> None:
     _seeds("preset")(whole)
     seeds = {path: path.read_bytes() for path in command.seeds(place)}
     os.chdir(place)
+    out.mkdir()
     first = [str(a) for a in command.arguments(next(iter(seeds)), whole, out)]
     answer = CliRunner().invoke(app, first)
     assert (answer.exit_code == 0) == command.sound, answer.stderr

@@ -59,6 +59,7 @@ class Reader(NamedTuple):
     read : What commands do with one.
     mutations : That suit it.
     files : How many are spoiled in the whole run.
+    most_mib : Memory that one of them may take: a frame of 8K, for a few of its pixels.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Reader(NamedTuple):
     read: Callable[[Path], object]
     mutations: tuple[Mutation, ...]
     files: int
+    most_mib: int = 128
 
 
 def _plate(path: Path) -> None:
@@ -198,7 +200,7 @@ READERS: tuple[Reader, ...] = (
     Reader("EXR header", pictures.plates, _header, EXR, 800),
     Reader("EXR deep plate", pictures.deep_plates, _deep, EXR, 1200),
     Reader("EXR map", pictures.maps, read_stmap, EXR, 300),
-    Reader("EXR photograph", pictures.plates, _photograph, EXR, 300),
+    Reader("EXR photograph", pictures.plates, _photograph, EXR, 300, 1024),
     Reader("PNG", pictures.pngs, _photograph, pictures.PNG, 500),
     Reader("JPEG", pictures.jpegs, _photograph, BYTES, 500),
     Reader("TIFF", pictures.tiffs, _photograph, BYTES, 700),

@@ -27,7 +27,6 @@ from fuzz_readers import READERS, Reader
 from lensfit.errors import LensfitError
 
 MOST_ADDRESSES = 4 << 30
-MOST_GROWTH_KIB = 256 << 10
 MOST_CPU_S = 8.0
 LONGEST_LINE = 1500
 _WRITING = (
@@ -161,7 +160,7 @@ def answered(reader: Reader, path: Path, watch: Watch) -> dict[str, Any]:
         found.append(f"prints {printed[:300]!r}")
     if cpu_s > MOST_CPU_S:
         found.append(f"takes {cpu_s:.1f} s")
-    if growth_kib > MOST_GROWTH_KIB:
+    if growth_kib > reader.most_mib << 10:
         found.append(f"takes {growth_kib >> 10} MiB")
     measured = {"cpu_s": round(cpu_s, 3), "growth_kib": growth_kib, "peak_kib": peak}
     return {"outcome": outcome, "says": says, "found": found, **measured}
