@@ -5,8 +5,9 @@ import tomllib
 from pathlib import Path
 
 import msgspec
+import typer
 
-from lensfit.cli.main import COMMANDS
+from lensfit.cli.main import COMMANDS, app
 from lensfit.workflow.shoot_records import Camera, LensName, Take, Target
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
@@ -39,3 +40,35 @@ def test_every_room_is_in_the_table():
     rooms = {p.parent.name for p in Path(__file__).parents[1].glob("lensfit/*/*.py")}
     described = set(re.findall(r"^\| \d \| `(\w+)/`", README, re.MULTILINE))
     assert described == rooms
+
+
+def rows_with_tests() -> list[tuple[str, str]]:
+    """Options and tests of the table that names both."""
+    section = README.split("## Every row, its option and its test", 1)[1]
+    lines = [
+        line for line in section.split("\n## ", 1)[0].splitlines() if line[:1] == "|"
+    ]
+    cells = [line.strip("|").split("|") for line in lines[2:]]
+    return [(row[2], row[3]) for row in cells]
+
+
+def test_every_row_has_a_test_that_is_there():
+    here = Path(__file__).parent
+    for _, tests in rows_with_tests():
+        named = re.findall(r"`(\S+\.py)`", tests)
+        assert named
+        for path in named:
+            assert "def test_" in (here / path).read_text(encoding="utf-8"), path
+
+
+def test_every_option_of_the_table_is_one_of_apply():
+    shown = {
+        o for options, _ in rows_with_tests() for o in re.findall(r"`(--\S+)`", options)
+    }
+    known = {
+        option
+        for parameter in typer.main.get_command(app).commands["apply"].params
+        for option in parameter.opts
+    }
+    assert len(shown) > 40
+    assert shown <= known
