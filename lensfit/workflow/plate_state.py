@@ -143,7 +143,7 @@ def _turned(
     found = turned(preset.knobs, knobs_in(attributes), error=ImageError, where="header")
     settings = camera.settings
     for name, value in settings.knobs.items():
-        file = settings.sources[f"knobs.{name}"]
+        file = settings.knob_paths[name]
         found = turned(found, {name: value}, error=SettingsError, where=file)
     return turned(found, stated, error=PresetError, where="options")
 

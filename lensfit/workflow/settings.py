@@ -11,7 +11,7 @@ the rest. A file that is named with ``--settings`` stands alone. Tables:
                length: focal length and stops go linearly from key to key, focus
                in dioptres; the first and last key hold beyond.
 ``[aliases]``  header entries of other renderers, by quantity
-``[knobs]``, ``[preset]``   handed on as they are
+``[knobs]``    knobs by name; whoever turns the preset checks them
 """
 
 import math
@@ -56,16 +56,14 @@ class Settings:
     ----------
     paths : The files.
     aliases : Header entries by quantity.
-    knobs, preset : The tables of these names, joined key by key.
-    sources : The file that each knob and each entry of `preset` came from, as
-        "knobs.NAME" and "preset.NAME".
+    knobs : Of all files, joined key by key; not checked.
+    knob_paths : The file that each knob came from.
     """
 
     paths: tuple[Path, ...] = ()
     aliases: Mapping[str, tuple[Alias, ...]] = field(default_factory=dict)
     knobs: Mapping[str, Any] = field(default_factory=dict)
-    preset: Mapping[str, Any] = field(default_factory=dict)
-    sources: Mapping[str, Path] = field(default_factory=dict)
+    knob_paths: Mapping[str, Path] = field(default_factory=dict)
     levels: tuple[_Level, ...] = ()
 
     def camera_at(self, frame: int | None) -> Iterator[tuple[str, Reading]]:
@@ -120,15 +118,13 @@ def load_settings(path: str | Path) -> Settings:
 def _joined(paths: Sequence[Path]) -> Settings:
     levels = tuple(_level(path, _stamp(path)) for path in paths)
     aliases: dict[str, tuple[Alias, ...]] = {}
-    tables: dict[str, dict[str, Any]] = {"knobs": {}, "preset": {}}
-    sources: dict[str, Path] = {}
+    knobs: dict[str, Any] = {}
+    knob_paths: dict[str, Path] = {}
     for level in reversed(levels):
         aliases |= level.aliases
-        for table, kept in tables.items():
-            own = getattr(level.file, table)
-            kept |= own
-            sources |= {f"{table}.{name}": level.path for name in own}
-    return Settings(tuple(paths), aliases, **tables, sources=sources, levels=levels)
+        knobs |= level.file.knobs
+        knob_paths |= dict.fromkeys(level.file.knobs, level.path)
+    return Settings(tuple(paths), aliases, knobs, knob_paths, levels)
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:
@@ -142,6 +138,7 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 @lru_cache(maxsize=64)
 def _level(path: Path, stamp: tuple[int, int] | None) -> _Level:
+    del stamp  # part of the key alone: an edited file has another
     remedy = "the README describes settings files"
     data = read_toml_tables(path, error=SettingsError, source=remedy, mend=remedy)
     file = convert_strictly(

@@ -64,7 +64,6 @@ class SettingsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     camera: CameraValues = CameraValues()
     frames: list[FrameValues] = []
     knobs: dict[str, Any] = {}
-    preset: dict[str, Any] = {}
 
 
 def _check(name: str, value: float | None, path: Path, place: str) -> None:

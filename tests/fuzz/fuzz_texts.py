@@ -59,6 +59,4 @@ focus_distance_mm = { key = "cam/focus", factor = 304.8 }
 lens_model = "cam/lens"
 [knobs]
 coma_gain = 0.5
-[preset]
-name = "takumar@v002"
 """

@@ -26,7 +26,7 @@ def test_the_nearest_file_counts_key_by_key(tmp_path):
     written(
         tmp_path,
         '[camera]\nf_number = 2.0\nsensor_width_mm = 36\n[aliases]\nf_number = "a/n"\n'
-        "[knobs]\ncoma_gain = 2.0\nfringe = 1\n[preset]\nlens = 'Takumar'\n",
+        "[knobs]\ncoma_gain = 2.0\nfringe = 1\n",
     )
     written(shot.parent, '[camera]\nf_number = 2.8\n[aliases]\nf_number = "b/n"\n')
     written(shot, "[camera]\nfocal_length_mm = 50\n[knobs]\ncoma_gain = 0.5\n")
@@ -34,9 +34,7 @@ def test_the_nearest_file_counts_key_by_key(tmp_path):
     names = ("focal_length_mm", "f_number", "sensor_width_mm", "focus_distance_mm")
     assert [value(found, n) for n in names] == [50, 2.8, 36, None]
     assert found.knobs == {"coma_gain": 0.5, "fringe": 1}
-    assert found.preset == {"lens": "Takumar"}
-    assert found.sources["knobs.coma_gain"] == shot / NAME
-    assert found.sources["preset.lens"] == tmp_path / NAME
+    assert found.knob_paths == {"coma_gain": shot / NAME, "fringe": tmp_path / NAME}
     assert found.aliases == {"f_number": (Alias("b/n"),)}
     assert found.paths[:3] == (shot / NAME, shot.parent / NAME, tmp_path / NAME)
     assert pickle.loads(pickle.dumps(found)) == found
