@@ -62,11 +62,13 @@ def drawing_of(
     points = predicted.points_px * scale
     stretch = predicted.stretch_px * scale[:, None]
     gap_px = _gap_px(stretch, predicted.pitch_mm)
-    inside = _among(points, gap_px, shape)
+    of_lines = bool((seen.family != POINT).any())
+    # Beyond its last sample a line goes on, and nothing would be drawn there.
+    inside = _among(points, 0.0 if of_lines else gap_px, shape)
     if predicted.light is not None:
         light = drawn_light(predicted.light, seen.image_size_px)
         return Drawing(_averaged(light, shape), inside, True)
-    if (seen.family != POINT).any():
+    if of_lines:
         normals = seen.normal * scale
         width = _line_width_px(photograph.light, points, normals, gap_px)
         marks = lines(points, seen, width, shape)

@@ -3,7 +3,8 @@
 Few rays are traced; between them landing points are interpolated (a polynomial along
 each spoke of the opening, straight lines from spoke to spoke) and dealt to the pixels
 they fall on. Rings are set off from spoke to spoke and wavelength to wavelength, so
-that none shows. Hole and diffraction soften all dots of a photograph alike.
+that none shows. Hole and diffraction soften all dots of a photograph alike, by one
+Gaussian: of the picture, or where that is too narrow every ray is set off by a step.
 """
 
 from dataclasses import dataclass
@@ -17,9 +18,10 @@ from lensfit.fit.wavefront.portray import RINGS, Landings
 
 _FINE_RINGS, _BETWEEN = 12, 3
 """Interpolated rings of equal area; spokes for each that was traced."""
-_GOLDEN = (5**0.5 - 1) / 2
-_LEAST_SIGMA_PX = 0.3
-_UNEVEN = 0.6
+_GOLDEN, _PLASTIC = (5**0.5 - 1) / 2, 1.32471795724474602596
+_LEAST_SIGMA_PX = 0.4
+"""A narrower Gaussian is none between pixels."""
+_UNEVEN = 0.8
 """Of the rays' spacing: a Gaussian that hides it."""
 _AT_ONCE = 64
 
@@ -50,19 +52,24 @@ def drawn_light(
     """Light of the dots in every pixel of a picture of this width and height."""
     width, height = size_px
     light = np.zeros(width * height)
+    uneven = _UNEVEN * _spacing_px(dots)
+    soft = uneven >= _LEAST_SIGMA_PX
     for first in range(0, len(dots.chief_rays_px), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         x, y = _interpolated(dots.landings.from_chief_mm[some])
-        column = _pixel(x / dots.pixel_mm[0], dots.chief_rays_px[some, 0])
-        row = _pixel(y / dots.pixel_mm[1], dots.chief_rays_px[some, 1])
+        step_x, step_y = _steps(x.shape[1:]) * np.float32(0 if soft else dots.sigma_px)
+        column = _pixel(x / dots.pixel_mm[0] + step_x, dots.chief_rays_px[some, 0])
+        row = _pixel(y / dots.pixel_mm[1] + step_y, dots.chief_rays_px[some, 1])
         weight = dots.landings.weight[some] * dots.brightness[some, None]
         each = _between(weight, axis=1) / (_BETWEEN * _FINE_RINGS * x.shape[1])
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
         at = (row * width + column)[inside]
         share = np.broadcast_to(each[:, None, :, None], x.shape)[inside]
         light += np.bincount(at, share, minlength=light.size)
-    sigma = max(np.hypot(dots.sigma_px, _UNEVEN * _spacing_px(dots)), _LEAST_SIGMA_PX)
     picture = light.reshape(height, width).astype(np.float32)
+    if not soft:
+        return picture
+    sigma = float(np.hypot(dots.sigma_px, uneven))
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma))
 
 
@@ -118,3 +125,17 @@ def _to_fine_rings(
     fine = np.sqrt(area)[..., None] ** powers
     traced = np.sqrt((square + 1) / 2)[:, None] ** powers
     return np.linalg.solve(traced.T, np.swapaxes(fine, 2, 3)).astype(np.float32)
+
+
+@cache
+def _steps(shape: tuple[int, ...]) -> Float32[np.ndarray, "2 *shape"]:
+    """Steps of a Gaussian of deviation 1, one for each ray, evenly drawn.
+
+    Box and Muller's pairs of M. Roberts' sequence R2 ("The unreasonable effectiveness
+    of quasirandom sequences", 2018).
+    """
+    index = np.arange(1, np.prod(shape) + 1)[:, None]
+    even = np.mod(0.5 + index * np.array([1 / _PLASTIC, 1 / _PLASTIC**2]), 1.0)
+    reach, turn = np.sqrt(-2 * np.log(1 - even[:, 0])), 2 * np.pi * even[:, 1]
+    steps = np.stack([reach * np.cos(turn), reach * np.sin(turn)])
+    return steps.reshape(2, *shape).astype(np.float32)

@@ -143,8 +143,14 @@ def terms_of(
                 "reason": verdict.reason,
             }
         )
+    state_of = {
+        "focal_length_mm": state.focal_length_mm,
+        "focus_distance_mm": plain_distance(state.focus_distance_mm),
+    }
+    terms = [term | state_of for term in terms]
     if wavefront is not None:
-        terms += blur_terms(wavefront)
+        shared = {"focal_length_mm": state.focal_length_mm}
+        terms += [term | shared for term in blur_terms(wavefront)]
     return terms
 
 

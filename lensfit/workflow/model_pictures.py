@@ -35,10 +35,10 @@ _FULL_CHROMA = (
     cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
 )
 _GRID = (33, 25)
-_WHITE_PERCENTILE = 99.8
-_LEFT_PERCENTILE = 99.7
+_WHITE_PERCENTILES, _OF_BRIGHTEST = (99.8, 99.99), 0.5
+_LEFT_PERCENTILE = 99.95
 _BRIGHTER, _PALE, _DARKER = (213, 94, 0), (245, 244, 240), (0, 100, 178)
-_LEAST_SHARE = 1e-3
+_LEAST_SHARE = 0.01
 _STRIDE = 2
 """Of the pixels that exposure and colours are chosen by."""
 _CODES = 4096
@@ -133,7 +133,9 @@ def pictures_of(
     """
     some = slice(None, None, _STRIDE), slice(None, None, _STRIDE)
     among = inside[some] if inside[some].any() else np.ones_like(inside[some])
-    white = float(np.percentile(photograph[some][among], _WHITE_PERCENTILE))
+    # Marks may be few and small; a dark chart must not be shown as grey for that.
+    usual, brightest = np.percentile(model[some][among], _WHITE_PERCENTILES)
+    white = float(max(usual, _OF_BRIGHTEST * brightest))
     white = white if white > 0 else 1.0
     left = np.where(inside, (photograph - model) / np.float32(white), np.float32(0))
     large = float(np.percentile(np.abs(left[some][among]), _LEFT_PERCENTILE))

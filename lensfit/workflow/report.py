@@ -12,6 +12,7 @@ from lensfit.atomic import write_text_atomic
 from lensfit.workflow.report_html import page
 from lensfit.workflow.report_kernels import kernel_sheets
 from lensfit.workflow.report_pictures import data_addresses, jpeg_address
+from lensfit.workflow.report_through import through_sheets
 from lensfit.workflow.report_wipe import MODEL_PICTURES
 
 
@@ -35,8 +36,9 @@ def write_report(report: dict, out_dir: Path) -> Path:
         names = [said.get(key) for key in MODEL_PICTURES]
         named = [name for name in names if name and _is_inside(out_dir, name)]
         addresses |= {name: jpeg_address(out_dir / name) for name in named}
-    kernels = kernel_sheets(report, out_dir / "preset.json")
-    text = page(report, addresses, kernels)
+    preset = out_dir / "preset.json"
+    kernels, through = kernel_sheets(report, preset), through_sheets(report, preset)
+    text = page(report, addresses, kernels, through)
     target = out_dir / "report.html"
     write_text_atomic(target, text)
     return target

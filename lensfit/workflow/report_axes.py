@@ -41,7 +41,7 @@ def round_up(value: float) -> float:
 
 def tick_text(value: float) -> str:
     """A tick's number, without noise digits."""
-    text = f"{value:.6g}"
+    text = f"{value + 0.0:.6g}"
     return number(value, digits=1) if "e" in text else text.replace("-", "−")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from lensfit.workflow.blur_pictures import ENLARGED
 from lensfit.workflow.plain_numbers import distance_of
-from lensfit.workflow.report_kernels import GAMMA, MOST_SHEETS, KernelSheet
+from lensfit.workflow.report_kernels import GAMMA, MOST_SHEETS, KernelSheet, KernelState
 from lensfit.workflow.report_markup import (
     NOTHING,
     Markup,
@@ -20,18 +20,20 @@ from lensfit.workflow.report_markup import (
     tag,
 )
 from lensfit.workflow.report_sections import distance_text, stop_text, table_row
+from lensfit.workflow.report_through import ThroughSheet
+from lensfit.workflow.report_through_figures import through_figures
 
 _ABOUT = (
     "Misfit is the error of a dot's image, relative (L2, median of the dots); if held "
     "out: what it would be had the fit not seen that photograph."
 )
 _KERNELS = (
-    "Green, at the middle of the frame, half way and near its edge, as the frame lies. "
-    f"Light is shown to the power {GAMMA:g}, each tile against its own peak."
+    "Kernels: green, at the middle of the frame, half way and near its edge, as the "
+    f"frame lies. Light to the power {GAMMA:g}, each tile against its own peak."
 )
 _DOTS = (
-    "Green. Top: the photograph, from the middle of the field (left) outward. Middle: "
-    f"the model. Bottom: what is left, {ENLARGED} times stronger about grey."
+    "Dots: green. Top: the photograph, from the middle of the field (left) outward. "
+    f"Middle: the model. Bottom: what is left, {ENLARGED} times stronger about grey."
 )
 
 
@@ -39,6 +41,7 @@ def blur_section(
     report: dict,
     pictures: Mapping[str, str | None],
     kernels: Sequence[KernelSheet],
+    through: Sequence[ThroughSheet] = (),
 ) -> Markup:
     """Table of takes, kernels and dots of every focal length; nothing without blur.
 
@@ -47,9 +50,11 @@ def blur_section(
     report : the report's dictionary.
     pictures : ``data:`` address of each picture, by the path the report names.
     kernels : of all states, from `report_kernels.kernel_sheets`.
+    through : of all focal lengths, from `report_through.through_sheets`.
     """
     blocks = [
-        _block(one, report, pictures, kernels) for one in report.get("blur") or []
+        _block(one, report, pictures, kernels, through)
+        for one in report.get("blur") or []
     ]
     if not blocks:
         return Markup("")
@@ -68,31 +73,52 @@ def _block(
     report: dict,
     pictures: Mapping[str, str | None],
     kernels: Sequence[KernelSheet],
+    through: Sequence[ThroughSheet],
 ) -> Markup:
     focal = blur.get("focal_length_mm")
     name = "Focal length not stated" if focal is None else stated(focal, "mm")
     known = {take.get("image"): take for take in report.get("takes") or []}
     takes = [known.get(one.get("image"), {}) | one for one in blur.get("takes") or []]
-    mine = [one for one in kernels if one.state.focal_length_mm == focal]
     header = tag("header", tag("h3", name), tag("p", _facts(blur), class_="facts"))
     parts = [header, _hardly_seen(blur), _table(blur, takes)]
-    drawn = [_kernel_figure(one) for one in mine]
-    parts += _figures("Point-spread functions over the frame", _KERNELS, drawn)
-    drawn = [_dots_figure(take, pictures) for take in takes]
-    parts += _figures(
-        "Dots, photographed and modelled", _DOTS, list(filter(None, drawn))
-    )
+    mine = [one for one in kernels if one.state.focal_length_mm == focal]
+    parts += _states(mine, takes, pictures)
+    for sheet in through:
+        if sheet.focal_length_mm == focal:
+            parts += through_figures(sheet)
     return tag("div", *parts, class_="block blur")
 
 
-def _figures(title: str, about: str, figures: list[Markup]) -> list[Markup]:
-    if not figures:
+def _states(
+    kernels: list[KernelSheet], takes: list[dict], pictures: Mapping[str, str | None]
+) -> list[Markup]:
+    """The kernels of each state beside the dots that were photographed in it."""
+    left, rows = list(takes), []
+    for sheet in kernels:
+        here = [take for take in left if _is_of(take, sheet.state)]
+        left = [take for take in left if take not in here]
+        dots = [_dots_figure(take, pictures) for take in here]
+        rows.append([_kernel_figure(sheet), *filter(None, dots)])
+    rest = list(filter(None, [_dots_figure(take, pictures) for take in left]))
+    rows += [rest] if rest else []
+    shown = [tag("div", *row, class_="figures state") for row in rows]
+    if not shown:
         return []
-    return [
-        tag("h4", title),
-        tag("p", about, class_="facts"),
-        tag("div", *figures, class_="figures"),
-    ]
+    title = "Point-spread functions over the frame, and the dots photographed"
+    about = [tag("p", _KERNELS, class_="facts")] if kernels else []
+    if any(pictures.get(take.get("picture") or "") for take in takes):
+        about.append(tag("p", _DOTS, class_="facts"))
+    return [tag("h4", title), *about, *shown]
+
+
+def _is_of(take: dict, state: KernelState) -> bool:
+    """Whether a take shows this state; one of unknown chart distance shows any."""
+    focus, target = (
+        distance_of(take.get(key))
+        for key in ("focus_distance_mm", "target_distance_mm")
+    )
+    same = take.get("f_number") == state.f_number and focus == state.focus_distance_mm
+    return same and target in (None, state.object_distance_mm)
 
 
 def _facts(blur: dict) -> str:

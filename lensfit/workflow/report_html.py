@@ -12,19 +12,17 @@ from typing import Any
 
 from lensfit.workflow.report_blur import blur_section
 from lensfit.workflow.report_coverage import numbers
+from lensfit.workflow.report_evidence import corner_deviation_px, used_takes
 from lensfit.workflow.report_kernels import KernelSheet
 from lensfit.workflow.report_markup import Markup, number, tag
 from lensfit.workflow.report_sections import (
     coverage_section,
     lens_section,
     takes_section,
-    terms_section,
 )
-from lensfit.workflow.report_verdict import (
-    corner_deviation_px,
-    findings,
-    used_takes,
-)
+from lensfit.workflow.report_terms import terms_section
+from lensfit.workflow.report_through import ThroughSheet
+from lensfit.workflow.report_verdict import findings
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
 _POLICY += "script-src 'unsafe-inline'"
@@ -35,6 +33,7 @@ def page(
     report: dict,
     pictures: Mapping[str, str | None],
     kernels: Sequence[KernelSheet] = (),
+    through: Sequence[ThroughSheet] = (),
 ) -> str:
     """The whole report as one HTML document.
 
@@ -42,12 +41,13 @@ def page(
     ----------
     report : what ``calibrate`` writes as ``report.json``; optional keys may be absent.
     pictures : ``data:`` address of each picture, by the path that the report names.
-    kernels : point-spread functions of the states, where the preset is at hand.
+    kernels, through : point-spread functions of the states, and through focus and
+        aperture, where the preset is at hand.
     """
     sections = [
         numbers_section(report),
         lens_section(report),
-        blur_section(report, pictures, kernels),
+        blur_section(report, pictures, kernels, through),
         coverage_section(report),
         takes_section(report, pictures),
         terms_section(report),

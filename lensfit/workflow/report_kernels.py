@@ -26,7 +26,8 @@ from lensfit.workflow.report_axes import round_up
 MOST_SHEETS = 24
 GAMMA = 0.4
 _COLUMNS, _ROWS = (-0.9, -0.45, 0.0, 0.45, 0.9), (-0.9, 0.0, 0.9)
-_SIZE_PX = 48
+_AT_ONCE = len(_COLUMNS) * len(_ROWS)
+SIZE_PX = 48
 _TOLERANCE, _GLANCE = 0.012, 0.2
 _FIRST_SHARE, _LOOKS = 0.1, 2
 """Width of the first look, as a share of the sensor's; how often to look."""
@@ -73,14 +74,26 @@ def kernel_sheets(report: dict, preset_path: Path) -> list[KernelSheet]:
     try:
         preset = load_preset(preset_path)
         states = kernel_states(report, preset)[:MOST_SHEETS]
-        lenses = [
+        lenses = lenses_at(preset, states)
+    except LensfitError:
+        return []
+    pairs = zip(lenses, states, strict=True)
+    return [_sheet(lens, state, width_mm / across) for lens, state in pairs]
+
+
+def lenses_at(preset: Preset, states: list[KernelState]) -> list[Lens]:
+    """The lens at every state, all of which one compiled program serves.
+
+    Raises
+    ------
+    LensfitError : The preset cannot say.
+    """
+    return _of_one_program(
+        [
             preset.at(one.focal_length_mm, one.f_number, one.focus_distance_mm)
             for one in states
         ]
-    except LensfitError:
-        return []
-    pairs = zip(_of_one_program(lenses), states, strict=True)
-    return [_sheet(lens, state, width_mm / across) for lens, state in pairs]
+    )
 
 
 def kernel_states(report: dict, preset: Preset) -> list[KernelState]:
@@ -109,31 +122,55 @@ def kernel_states(report: dict, preset: Preset) -> list[KernelState]:
 def _sheet(lens: Lens, state: KernelState, pixel_mm: float) -> KernelSheet:
     half_mm = np.asarray(lens.sensor_size_mm) / 2
     points = np.array([(x, y) for y in _ROWS for x in _COLUMNS]) * half_mm
-
-    def look(
-        width_mm: float, tolerance: float
-    ) -> Float[np.ndarray, "points size size"]:
-        found = lens.psfs(
-            points,
-            state.object_distance_mm,
-            ("g",),
-            pixel_pitch_mm=width_mm / _SIZE_PX,
-            size_px=_SIZE_PX,
-            tolerance=tolerance,
-        )
-        return np.asarray(found[:, 0])
-
+    far = np.full(len(points), state.object_distance_mm)
     width_mm = _FIRST_SHARE * lens.sensor_size_mm[0]
     for _ in range(_LOOKS):
-        wanted = _ROOM * reach_share(look(width_mm, _GLANCE)) * width_mm
-        width_mm = max(wanted, _LEAST_PIXELS * pixel_mm)
-    kernels = np.maximum(look(width_mm, _TOLERANCE), 0)
-    tiles = (kernels / kernels.max((1, 2), keepdims=True)) ** GAMMA
-    tiles = tiles.reshape(len(_ROWS), len(_COLUMNS), _SIZE_PX, _SIZE_PX)
+        seen = kernels_at(lens, points, far, width_mm, _GLANCE)
+        width_mm = max(_ROOM * reach_share(seen) * width_mm, _LEAST_PIXELS * pixel_mm)
+    tiles = tiles_of(kernels_at(lens, points, far, width_mm, _TOLERANCE))
+    tiles = tiles.reshape(len(_ROWS), len(_COLUMNS), SIZE_PX, SIZE_PX)
     width_px = width_mm / pixel_mm
     bar_px = round_up(width_px / 4)
-    picture = with_bar(sheet_of(tiles), bar_px / width_px * _SIZE_PX)
+    picture = with_bar(sheet_of(tiles), bar_px / width_px * SIZE_PX)
     return KernelSheet(state, png(picture), width_px, bar_px)
+
+
+def kernels_at(
+    lens: Lens,
+    points_mm: Float[np.ndarray, "points 2"],
+    distances_mm: Float[np.ndarray, " points"],
+    width_mm: float,
+    tolerance: float,
+) -> Float[np.ndarray, "points size size"]:
+    """Green kernels on arrays of some width, as many at a time as fill a sheet.
+
+    Raises
+    ------
+    LensfitError : The lens has no image of an object so near.
+    """
+    found = []
+    for first in range(0, len(points_mm), _AT_ONCE):
+        # The last batch is filled up: another number would be another program.
+        rows = np.minimum(np.arange(first, first + _AT_ONCE), len(points_mm) - 1)
+        kernels = lens.psfs(
+            points_mm[rows],
+            distances_mm[rows],
+            ("g",),
+            pixel_pitch_mm=width_mm / SIZE_PX,
+            size_px=SIZE_PX,
+            tolerance=tolerance,
+        )
+        found.append(np.asarray(kernels[:, 0]))
+    return np.concatenate(found)[: len(points_mm)]
+
+
+def tiles_of(
+    kernels: Float[np.ndarray, "points size size"],
+) -> Float[np.ndarray, "points size size"]:
+    """Brightness to show, each against its own peak."""
+    light = np.maximum(kernels, 0)
+    peak = light.max((1, 2), keepdims=True)
+    return (light / np.where(peak > 0, peak, 1.0)) ** GAMMA
 
 
 def reach_share(kernels: Float[np.ndarray, "points size size"]) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from lensfit.workflow.report_axes import Axes, Frame, round_up, sensor_frame
 from lensfit.workflow.report_coverage import numbers
-from lensfit.workflow.report_heatmap import uncertainty
+from lensfit.workflow.report_heatmap import fall_off_surface, uncertainty
 from lensfit.workflow.report_markup import Markup, number, stated
 from lensfit.workflow.report_svg import Figure, drawing, path
 
@@ -21,7 +21,8 @@ from lensfit.workflow.report_svg import Figure, drawing, path
 def entry_figures(entry: dict, camera: dict) -> list[Figure]:
     """The figures of one entry; those without data are left out."""
     makers: tuple[Callable[[dict, dict], Figure | None], ...] = (
-        distortion_grid, radial_profile, lateral_colour, fall_off, uncertainty,
+        distortion_grid, radial_profile, lateral_colour, fall_off, fall_off_surface,
+        uncertainty,
     )  # fmt: skip
     return [figure for make in makers if (figure := make(entry, camera)) is not None]
 

@@ -1,4 +1,4 @@
-"""The parts of the report that are about the lens, its terms and its takes.
+"""The parts of the report that are about the lens and its takes.
 
 Each function turns one part of the report's dictionary into HTML, and gives nothing
 when that part is absent: an old or partial report still makes a page.
@@ -9,22 +9,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from lensfit.workflow.report_coverage import image_size_px
+from lensfit.workflow.report_evidence import takes_by_focal
 from lensfit.workflow.report_markup import (
     NOTHING,
     Markup,
     number,
-    number_with_deviation,
     stated,
     tag,
 )
 from lensfit.workflow.report_plots import entry_figures
 from lensfit.workflow.report_residuals import coverage, take_figures
 from lensfit.workflow.report_svg import Figure
-from lensfit.workflow.report_verdict import takes_by_focal
 from lensfit.workflow.report_wipe import wipe_figures
-
-_MOST_VALUES = 6
-"""Of one term; of more the largest is shown, all are in the JSON."""
 
 
 def lens_section(report: dict) -> Markup:
@@ -53,28 +49,6 @@ def coverage_section(report: dict) -> Markup:
     return tag("section", tag("h2", "The evidence"), *blocks, id="evidence")
 
 
-def terms_section(report: dict) -> Markup:
-    """The table of what was modelled and what was left out."""
-    terms = report.get("terms") or []
-    if not terms:
-        return Markup("")
-    # States that share a wavefront each name its terms.
-    distinct = [t for k, t in enumerate(terms) if t not in terms[:k]]
-    ordered = sorted(distinct, key=lambda term: not term.get("kept"))
-    head = table_row("th", ["Term", "", "Value ± 1σ", "Why"])
-    body = tag("tbody", *(_term_row(term) for term in ordered))
-    about = "A term enters only when held-out error and evidence (BIC) say so, and its "
-    about += "effect is larger than the photographs' noise."
-    table = tag("table", tag("thead", head), body, class_="terms")
-    return tag(
-        "section",
-        tag("h2", "What was modelled, what was left out"),
-        tag("p", about, class_="facts"),
-        tag("div", table, class_="scroll"),
-        id="terms",
-    )
-
-
 def takes_section(report: dict, pictures: Mapping[str, str | None]) -> Markup:
     """A table of all takes, then each with its overlay and residuals.
 
@@ -100,7 +74,7 @@ def figure_html(figure: Figure) -> Markup:
         "figure",
         tag("h4", figure.title),
         figure.svg,
-        tag("figcaption", figure.caption),
+        tag("figcaption", figure.caption) if figure.caption else None,
         data_figure=figure.key,
     )
 
@@ -168,40 +142,6 @@ def table_row(
         for index, value in enumerate(values)
     ]
     return tag("tr", *cells, class_=class_ or None)
-
-
-def _term_row(term: dict) -> Markup:
-    kept = bool(term.get("kept"))
-    badge = tag(
-        "span",
-        "kept" if kept else "left",
-        class_=f"badge tone-{'good' if kept else 'note'}",
-    )
-    values = _term_values(term)
-    cells = [
-        tag("td", tag("code", term.get("name"))),
-        tag("td", badge),
-        tag("td", *values, class_="value"),
-        tag("td", term.get("reason")),
-    ]
-    return tag("tr", *cells, class_=None if kept else "left")
-
-
-def _term_values(term: dict) -> list[Markup]:
-    value, deviation = term.get("value"), term.get("standard_deviation")
-    unit = term.get("unit") or ""
-    if value is None:
-        return [Markup(NOTHING)]
-    values = value if isinstance(value, list | tuple) else [value]
-    deviations = [deviation] * len(values)
-    if isinstance(deviation, list | tuple) and len(deviation) == len(values):
-        deviations = list(deviation)
-    pairs = list(zip(values, deviations, strict=True))
-    if len(pairs) > _MOST_VALUES:
-        largest = max(pairs, key=lambda pair: abs(pair[0]))
-        about = f"{len(pairs)} values, the largest"
-        return [tag("div", about), tag("div", number_with_deviation(*largest, unit))]
-    return [tag("div", number_with_deviation(v, sd, unit)) for v, sd in pairs]
 
 
 def _takes_table(takes: list[dict]) -> Markup:

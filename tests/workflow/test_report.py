@@ -17,6 +17,7 @@ FIGURES = {
     "radial-profile": 1,
     "lateral-colour": 1,
     "fall-off": 1,
+    "fall-off-surface": 1,
     "uncertainty": 1,
     "coverage": 1,
     "common-residual": 1,

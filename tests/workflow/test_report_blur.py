@@ -152,6 +152,22 @@ def test_an_old_report_has_no_such_section(tmp_path):
     assert 'href="#blur"' not in html
 
 
+def test_terms_of_several_states_are_one_row_that_names_them(tmp_path):
+    report = barrel_report(1)
+    report["terms"] = [
+        report["terms"][0]
+        | {"value": [value, 0.0], "standard_deviation": [0.1, 0.0]}
+        | {"focal_length_mm": 50.0, "focus_distance_mm": focus}
+        for value, focus in ((1.5, 2000.0), (2.5, "inf"))
+    ]
+    html = write_report(report, tmp_path).read_text(encoding="utf-8")
+    table = html[html.index('id="terms"') :]
+    assert table.count("<code>radial_2</code>") == 1
+    for text in ("1.50 ± 0.10", "2.50 ± 0.10", "focused at 2\u202fm", "focused at ∞"):
+        assert table.count(text) in (1, 2)
+    assert "<div>0</div>" not in table
+
+
 def test_terms_that_states_share_stand_once(tmp_path):
     report = barrel_report(1)
     term = report["terms"][0] | {"name": "blur_third_order", "value": [1.0, -7.5] * 4}

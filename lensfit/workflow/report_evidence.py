@@ -1,0 +1,91 @@
+"""What the verdict looks at: findings, takes, errors and coverage of a report.
+
+A report may be old or partial: what is absent is NaN, or nothing.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal, final
+
+import numpy as np
+
+from lensfit.workflow.report_coverage import (
+    cell_counts,
+    image_size_px,
+    numbers,
+    residuals_of,
+)
+
+GOOD_PX, ROUGH_PX = 0.5, 1.5
+"""Where a locked-off match-move begins to show; where soft CG does."""
+
+Tone = Literal["good", "note", "caution", "bad"]
+
+
+@final
+@dataclass(frozen=True)
+class Finding:
+    """One sentence of the verdict and how much it should worry the reader."""
+
+    tone: Tone
+    sentence: str
+
+
+def used_takes(report: dict) -> list[dict]:
+    """The takes that went into the fit."""
+    return [take for take in report.get("takes") or [] if not take.get("failed")]
+
+
+def takes_by_focal(report: dict) -> dict[float | None, list[dict]]:
+    """Used takes gathered by focal length, shortest first, unstated (None) last."""
+    groups: dict[float | None, list[dict]] = {}
+    for take in used_takes(report):
+        groups.setdefault(take.get("focal_length_mm"), []).append(take)
+    return dict(sorted(groups.items(), key=lambda one: (one[0] is None, one[0] or 0.0)))
+
+
+def corner_deviation_px(entry: dict) -> float:
+    """Largest standard deviation (px) at the corners of an entry's grid, or NaN."""
+    grid = numbers((entry.get("uncertainty_grid") or {}).get("sd_px"))
+    if grid.ndim != 2 or not grid.size:
+        return math.nan
+    corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]
+    return float(np.max(corners)) if np.isfinite(corners).any() else math.nan
+
+
+def value_of(number_or_none: Any) -> float:
+    """A number, or NaN for None."""
+    return math.nan if number_or_none is None else float(number_or_none)
+
+
+def plural(count: int, noun: str) -> str:
+    """A count with its noun."""
+    return f"{count} {noun}" + ("" if count == 1 else "s")
+
+
+def joined(names: list[str]) -> str:
+    """Names as a list in a sentence."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def error_px(report: dict) -> tuple[float, str]:
+    """The error that judges the whole, and whose it is."""
+    held_out = value_of(report.get("held_out_rms_px"))
+    if not math.isnan(held_out):
+        return held_out, "points that the fit never saw"
+    return value_of(report.get("rms_px")), "the fitted points (none were held out)"
+
+
+def counts_by_focal(report: dict) -> Iterator[tuple[float | None, np.ndarray]]:
+    """Points in every cell of the frame, for each focal length that has any."""
+    size = image_size_px(report)
+    for focal, takes in takes_by_focal(report).items():
+        points = residuals_of(takes).points_px
+        if len(points) and all(size):
+            yield focal, cell_counts(points, size)
+
+
+def covered_share(counts: np.ndarray) -> float:
+    """Part of the cells that any point is in."""
+    return float(np.mean(counts > 0))

@@ -1,0 +1,129 @@
+"""Findings on the takes: too few, failed, worse than others, and what none shows."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from lensfit.workflow.report_coverage import numbers
+from lensfit.workflow.report_evidence import (
+    Finding,
+    Tone,
+    joined,
+    plural,
+    takes_by_focal,
+    used_takes,
+    value_of,
+)
+from lensfit.workflow.report_markup import number, stated
+
+
+def too_few_findings(report: dict) -> Iterator[Finding]:
+    """Focal lengths with one take or two."""
+    groups = takes_by_focal(report)
+    for count in (1, 2):
+        focals = [focal for focal, takes in groups.items() if len(takes) == count]
+        if not focals:
+            continue
+        lengths = [stated(focal, "mm") for focal in focals if focal is not None]
+        place = f" at {joined(lengths)}" if lengths else ""
+        yield Finding(
+            "note",
+            f"Only {plural(count, 'take')}{place}: too few views to check each other. "
+            "Three or more, one of them with the chart tilted about 20°, would.",
+        )
+
+
+def failed_findings(report: dict) -> Iterator[Finding]:
+    """Takes that were left out."""
+    failed = [take for take in report.get("takes") or [] if take.get("failed")]
+    total = len(report.get("takes") or [])
+    for take in failed[:3]:
+        reason = str(take["failed"]).rstrip(". ")
+        yield Finding("caution", f"“{take.get('name')}” was left out: {reason}.")
+    if len(failed) > 3:
+        yield Finding(
+            "caution", f"{len(failed)} of {total} takes were left out; see each below."
+        )
+
+
+def outstanding_findings(report: dict) -> Iterator[Finding]:
+    """Takes that fit worse than the others."""
+    takes = used_takes(report)
+    errors = numbers([value_of(take.get("rms_px")) for take in takes])
+    if np.isfinite(errors).sum() < 3:
+        return
+    usual = float(np.nanmedian(errors))
+    for take, error in zip(takes, errors, strict=True):
+        if error > 2.5 * usual and error - usual > 0.05:
+            yield Finding(
+                "caution",
+                f"“{take.get('name')}” fits {error / usual:.1f} times worse than the "
+                "others: look at its overlay for blur or wrong indices, or shoot it "
+                "again.",
+            )
+
+
+def rejected_findings(report: dict) -> Iterator[Finding]:
+    """Points that were found and not used."""
+    found, used = report.get("points_detected") or 0, report.get("points_used") or 0
+    if found and used < 0.95 * found:
+        yield Finding(
+            "caution",
+            f"{1 - used / found:.0%} of the points found were not used: see the "
+            "overlays for glare, blur or dirt.",
+        )
+
+
+def focal_length_findings(report: dict) -> Iterator[Finding]:
+    """Focal lengths that nobody stated or measured."""
+    takes = used_takes(report)
+    silent = sum(take.get("focal_length_mm") is None for take in takes)
+    if silent:
+        yield Finding(
+            "caution",
+            f"{plural(silent, 'take')} without a focal length: state it in the shoot "
+            "file, or the preset cannot be chosen by it.",
+        )
+    terms = report.get("terms") or []
+    distances = [
+        term for term in terms if "principal_distance" in str(term.get("name"))
+    ]
+    if distances and not any(term.get("kept") for term in distances):
+        yield Finding(
+            "note",
+            "The focal length is the stated one, not measured: these views cannot "
+            "tell it from the chart's distance. Tilt the chart in two more takes.",
+        )
+
+
+def missing_findings(report: dict) -> Iterator[Finding]:
+    """What was not measured."""
+    entries = report.get("entries") or []
+    wanted = {"lateral_colour": "lateral colour", "fall_off": "fall-off"}
+    absent = [
+        name
+        for key, name in wanted.items()
+        if entries and not any(entry.get(key) for entry in entries)
+    ]
+    if absent:
+        yield Finding(
+            "note",
+            f"Not measured, and therefore not applied: {joined(absent)}.",
+        )
+
+
+def peer_findings(report: dict) -> Iterator[Finding]:
+    """The peer on the same points."""
+    comparison = report.get("comparison") or {}
+    error = value_of(report.get("held_out_rms_px"))
+    peer = value_of(comparison.get("opencv_14_held_out_px"))
+    if math.isnan(peer) or math.isnan(error):
+        return
+    tone: Tone = "good" if error <= peer else "caution"
+    yield Finding(
+        tone,
+        f"OpenCV's 14-parameter calibration of the same points leaves "
+        f"{number(peer, 'px', 2)} on points it never saw; this lens "
+        f"{number(error, 'px', 2)}.",
+    )
