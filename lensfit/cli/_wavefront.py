@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from lensfit.cli.synth import size_px
+from lensfit.cli._sizes import photograph_size_px
 
 if TYPE_CHECKING:
     from lensfit.preset.schema import Preset
@@ -28,7 +28,7 @@ def trials_of(lenses: int, cases: list[str], size: str, seed: int) -> "list[Tria
         raise typer.BadParameter(
             f"--cases {unknown[0]}: use all, or {', '.join(CASES)}"
         )
-    pixels = size_px(size)
+    pixels = photograph_size_px(size)
     subjects = [random_subject(number, seed, pixels) for number in range(lenses)]
     subjects += [case_subject(name, pixels) for name in wanted]
     return [Trial(s.name, s.about, partial(s.write, seed=seed)) for s in subjects]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from lensfit.cli._sizes import photograph_size_px
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.chart import ChartGroup
 
@@ -74,12 +75,15 @@ def advise(
     Example: lensfit chart advise --focal-length-mm 50 --f-number 1.4
     --sensor-width-mm 24.89 --paper A2
     """
-    from lensfit.cli.synth import size_px
     from lensfit.workflow.chart_advice import Camera
     from lensfit.workflow.chart_advice import advise as advise_on
 
     camera = Camera(
-        focal_length_mm, f_number, sensor_width_mm, size_px(size), noise_percent
+        focal_length_mm,
+        f_number,
+        sensor_width_mm,
+        photograph_size_px(size),
+        noise_percent,
     )
     sheet = chart.sheet().sheet() if chart.says_sheet() else None
     advice = advise_on(camera, chart.wanted(), sheet, focus_distance_mm)

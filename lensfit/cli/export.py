@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.exchange import FrameGroup, StateGroup
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
-from lensfit.cli.stmap import size_px
 
 if TYPE_CHECKING:
     from lensfit.workflow.exchange.export import Exported

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import typer
 
+from lensfit.cli._sizes import size_px
 from lensfit.cli.apply import FilterName
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
@@ -55,7 +56,6 @@ def overscan(
     Example: lensfit overscan takumar/preset.json --size 4096x3072 --f-number 2
     """
     from lensfit.cli._door import say_note
-    from lensfit.cli.stmap import size_px
     from lensfit.workflow.overscan_plan import (
         OverscanQuestion,
         overscan_of_plate,

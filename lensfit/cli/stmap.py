@@ -5,6 +5,7 @@ from pathlib import Path
 
 import typer
 
+from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 
@@ -88,24 +89,6 @@ def stmap(
     if lens.has_lateral_colour and not per_channel:
         say_note("the maps are those of green; --per-channel writes red and blue too")
     _say(written, as_json)
-
-
-def size_px(text: str | None) -> tuple[int, int] | None:
-    """Width and height as they are written on the command line.
-
-    Raises
-    ------
-    typer.BadParameter : It is no size.
-    """
-    if text is None:
-        return None
-    try:
-        width, height = (int(part) for part in text.lower().split("x"))
-    except ValueError:
-        raise typer.BadParameter(
-            f"{text!r} is no size; write it as 4096x3072", param_hint="--size"
-        ) from None
-    return width, height
 
 
 def _say(written, as_json: bool) -> None:

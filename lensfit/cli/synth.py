@@ -1,13 +1,13 @@
 """`lensfit synth`: photographs of charts by an exact ray tracer, with their truth."""
 
 import json
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lensfit.cli._door import one_of
+from lensfit.cli._sizes import photograph_size_px
 
 if TYPE_CHECKING:
     from data_synth.frame import Frame
@@ -104,7 +104,7 @@ def _write_wavefront(
     widest = prescription.f_number if f_number is None else f_number
     subject = subject_of(
         dataclasses.replace(prescription, f_number=widest),
-        size_px(size),
+        photograph_size_px(size),
         WavefrontPlan(form=picture),  # pyright: ignore[reportArgumentType]
         Sensor(bayer=bayer),
     )
@@ -167,14 +167,4 @@ def _frame(size: str, prescription: "Prescription") -> "Frame":
     """The sensor that the lens is made for, as high as the picture's shape asks."""
     from data_synth.wavefront_cases import frame_for
 
-    return frame_for(prescription, size_px(size))
-
-
-def size_px(size: str) -> tuple[int, int]:
-    """Width and height from WIDTHxHEIGHT."""
-    match = re.fullmatch(r"(\d+)x(\d+)", size)
-    if not match or not all(16 <= int(n) <= 8192 for n in match.groups()):
-        raise typer.BadParameter(
-            f"--size {size}: give WIDTHxHEIGHT, 16 to 8192 px each"
-        )
-    return int(match[1]), int(match[2])
+    return frame_for(prescription, photograph_size_px(size))

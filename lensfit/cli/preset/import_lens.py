@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.exchange import StateGroup
-from lensfit.cli.stmap import size_px
 
 if TYPE_CHECKING:
     from lensfit.workflow.exchange.imports import Imported
