@@ -1,17 +1,8 @@
 """Which chart at which distance: what will land on the frame, before it is printed.
 
-A thin lens of focal length f that is focused by moving it, with distances D from the
-sensor as on the barrel. Its object distance is ``s = (D + sqrt(D^2 - 4 f D)) / 2`` and
-its magnification ``m = f / (s - f)``. Focused at S1 from the lens, a point at S2 from
-it is a disc of diameter ``|S2 - S1| / S2 * f^2 / (N (S1 - f))``.
-
-With n the noise of a pixel as part of white, the position of a dot of radius r pixels
-scatters by ``n R^2 / (2 sqrt(pi) r^2)`` pixels if it is bright, the centroid of an
-aperture of radius R (6 px more than r, as far as its light is looked for, and no more
-than the detector's window), and by ``n sqrt(w / (pi r))`` if it is dark, as an edge of
-w = 4 px carries its place. R and w are measured: they agree with the detector's own
-covariance. A model of k numbers fitted to d dots then errs by ``scatter sqrt(k / d)``
-pixels rms over the frame.
+A model of k numbers fitted to d dots errs by ``scatter sqrt(k / d)`` pixels rms over
+the frame. `lensfit.chart.camera` has the optics, `lensfit.chart.scatter` the scatter of
+a dot, `lensfit.chart.takes` the takes.
 """
 
 import math
@@ -20,79 +11,19 @@ from typing import Any
 
 import numpy as np
 
+from lensfit.chart.camera import Camera, distance_of_magnification_mm, magnification_at
 from lensfit.chart.layout import Layout, Wanted, lay_out
+from lensfit.chart.scatter import SCATTER_FORMULA, dot_scatter_px
 from lensfit.chart.sheet import PAPERS, Sheet, paper_sheet
+from lensfit.chart.takes import FocusTake, focus_takes
 from lensfit.errors import ChartError
 
-_FORMULA = {"bright": "n R^2 / (2 sqrt(pi) r^2)", "dark": "n sqrt(4 px / (pi r))"}
 MODEL_NUMBERS = 20
 """Of a lens and a pose, as a fit of one photograph chooses."""
-APERTURE_PITCHES = 0.49
-BRIGHT_MARGIN_PX, DARK_EDGE_PX = 6.0, 4.0
-BLUR_PITCHES = 0.4
-"""Blur of the out-of-focus takes, wide open: enough to show the pupil, and apart."""
 SMALL_HOLE_PX = 1.6
 """Diameter of holes by which blur is measured."""
 READABLE_MODULE_PX = 2.5
-NEAREST_PART, FARTHEST_PART = 0.715, 1.65
-"""How far the focus ring is turned at most, in distances of the chart."""
 CLOSE_FOCAL_LENGTHS = 10.0
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A lens and a sensor.
-
-    Attributes
-    ----------
-    noise_percent : Of a pixel, standard deviation, as part of white.
-    """
-
-    focal_length_mm: float
-    f_number: float
-    sensor_width_mm: float
-    size_px: tuple[int, int]
-    noise_percent: float = 0.5
-
-    @property
-    def pixel_mm(self) -> float:
-        """Pitch of the photosites."""
-        return self.sensor_width_mm / self.size_px[0]
-
-    @property
-    def sensor_mm(self) -> tuple[float, float]:
-        """Width and height."""
-        return self.sensor_width_mm, self.size_px[1] * self.pixel_mm
-
-    def check(self) -> None:
-        """Refuse what no camera is.
-
-        Raises
-        ------
-        ChartError : A number is not positive.
-        """
-        for name in ("focal_length_mm", "f_number", "sensor_width_mm", "noise_percent"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                option = "--" + name.replace("_", "-")
-                raise ChartError(f"{option} {value:g} is not positive")
-
-
-@dataclass(frozen=True)
-class FocusTake:
-    """One setting of focus ring and iris on the standing chart.
-
-    Attributes
-    ----------
-    blur_px : Diameter of a point's disc.
-    overlapping : Dots run into each other.
-    """
-
-    name: str
-    f_number: float
-    focus_distance_mm: float
-    blur_px: float
-    overlapping: bool
 
 
 @dataclass(frozen=True)
@@ -170,10 +101,12 @@ def advise(
     marks = _marks_in(layout, field)
     scatter = None
     if pattern.kind == "dot-grid":
-        scatter = _scatter_px(
-            camera, pattern.mark_mm * px_per_mm, pattern.pitch_mm * px_per_mm,
+        scatter = dot_scatter_px(
+            camera.noise_percent / 100,
+            pattern.mark_mm * px_per_mm,
+            pattern.pitch_mm * px_per_mm,
             bright=pattern.polarity == "bright",
-        )  # fmt: skip
+        )
     advice = Advice(
         sheet_mm=(sheet.width_mm, sheet.height_mm),
         kind=pattern.kind,
@@ -188,57 +121,16 @@ def advise(
         pitch_px=pattern.pitch_mm * px_per_mm,
         module_px=layout.module_mm * px_per_mm,
         scatter_px=scatter,
-        scatter_formula=_FORMULA[pattern.polarity],
+        scatter_formula=SCATTER_FORMULA[pattern.polarity],
         expected_rms_px=scatter and scatter * math.sqrt(MODEL_NUMBERS / max(marks, 1)),
         small_hole_mm=SMALL_HOLE_PX / px_per_mm,
         whole_sheet_distance_mm=_whole_sheet_distance_mm(camera, sheet),
         takes=(),
         notes=(),
     )
-    takes = _takes(camera, advice)
+    takes = focus_takes(camera, distance, advice.mark_px, advice.pitch_px)
     notes = _notes(camera, layout, advice)
     return Advice(**(vars(advice) | {"takes": takes, "notes": notes}))
-
-
-def object_distance_mm(focal_length_mm: float, distance_mm: float) -> float:
-    """From a thin lens to what it is focused on, at a distance from the sensor.
-
-    Raises
-    ------
-    ChartError : Nearer than four focal lengths nothing is in focus.
-    """
-    room = distance_mm**2 - 4 * focal_length_mm * distance_mm
-    if not (math.isfinite(distance_mm) and room >= 0 and distance_mm > 0):
-        raise ChartError(
-            f"a chart at {distance_mm:g} mm cannot be in focus at "
-            f"{focal_length_mm:g} mm focal length",
-            remedy="distances are from the sensor, in mm: at least four focal lengths",
-        )
-    return (distance_mm + math.sqrt(room)) / 2
-
-
-def magnification_at(focal_length_mm: float, distance_mm: float) -> float:
-    """Image over object size of what is in focus at a distance from the sensor."""
-    away = object_distance_mm(focal_length_mm, distance_mm)
-    return focal_length_mm / (away - focal_length_mm)
-
-
-def blur_mm(
-    focal_length_mm: float,
-    f_number: float,
-    focus_distance_mm: float,
-    chart_distance_mm: float,
-) -> float:
-    """Diameter on the sensor of a point of the chart; distances from the sensor."""
-    focused = object_distance_mm(focal_length_mm, focus_distance_mm)
-    away = chart_distance_mm - (focus_distance_mm - focused)
-    circle = focal_length_mm**2 / (f_number * (focused - focal_length_mm))
-    return abs(away - focused) / away * circle
-
-
-def _distance_mm(focal_length_mm: float, magnification: float) -> float:
-    """From the sensor to an object that is imaged at this magnification."""
-    return focal_length_mm * (2 + magnification + 1 / magnification)
 
 
 def _extent_mm(layout: Layout) -> tuple[float, float]:
@@ -252,13 +144,13 @@ def _filling_distance_mm(camera: Camera, extent_mm: tuple[float, float]) -> floa
     """Where the pattern covers the whole frame, and no more."""
     parts = [s / e for s, e in zip(camera.sensor_mm, extent_mm, strict=True)]
     # a lens images no larger than life size at four focal lengths
-    return _distance_mm(camera.focal_length_mm, min(max(parts), 1.0))
+    return distance_of_magnification_mm(camera.focal_length_mm, min(max(parts), 1.0))
 
 
 def _whole_sheet_distance_mm(camera: Camera, sheet: Sheet) -> float:
     sides = (sheet.width_mm, sheet.height_mm)
     parts = [s / e for s, e in zip(camera.sensor_mm, sides, strict=True)]
-    return _distance_mm(camera.focal_length_mm, min(*parts, 1.0))
+    return distance_of_magnification_mm(camera.focal_length_mm, min(*parts, 1.0))
 
 
 def _paper_for(camera: Camera, wanted: Wanted, distance_mm: float | None) -> Sheet:
@@ -286,55 +178,6 @@ def _marks_in(layout: Layout, field_mm: tuple[float, ...]) -> int:
         count *= int(np.count_nonzero(np.abs(place) <= side / 2))
     missing = layout.pattern.kind == "dot-grid" and layout.pattern.oriented
     return max(count - 4 * missing, 0)
-
-
-def _scatter_px(
-    camera: Camera, mark_px: float, pitch_px: float, *, bright: bool
-) -> float:
-    radius = mark_px / 2
-    noise = camera.noise_percent / 100
-    if not bright:
-        return noise * math.sqrt(DARK_EDGE_PX / (math.pi * radius))
-    aperture = min(APERTURE_PITCHES * pitch_px, radius + BRIGHT_MARGIN_PX)
-    return noise * aperture**2 / (2 * math.sqrt(math.pi) * radius**2)
-
-
-def _takes(camera: Camera, advice: Advice) -> tuple[FocusTake, ...]:
-    """In focus, nearer and farther; at the f-number and two stops down."""
-    wished = BLUR_PITCHES * advice.pitch_px
-    distance = advice.distance_mm
-    nearest = max(NEAREST_PART * distance, 4.0001 * camera.focal_length_mm)
-    focus = {
-        "in focus": distance,
-        "nearer": _focus_mm(camera, distance, nearest, wished),
-        "farther": _focus_mm(camera, distance, FARTHEST_PART * distance, wished),
-    }
-    takes = []
-    for f_number in (camera.f_number, 2 * camera.f_number):
-        for name, focus_mm in focus.items():
-            blur = blur_mm(camera.focal_length_mm, f_number, focus_mm, distance)
-            blur /= camera.pixel_mm
-            together = advice.mark_px + blur > advice.pitch_px
-            takes.append(FocusTake(name, f_number, focus_mm, blur, together))
-    return tuple(takes)
-
-
-def _focus_mm(
-    camera: Camera, chart_mm: float, furthest_mm: float, wished_px: float
-) -> float:
-    """Focus distance, between the chart's and the furthest, of the wished blur."""
-
-    def blur_px(focus_mm: float) -> float:
-        blur = blur_mm(camera.focal_length_mm, camera.f_number, focus_mm, chart_mm)
-        return blur / camera.pixel_mm
-
-    if blur_px(furthest_mm) <= wished_px:
-        return furthest_mm
-    low, high = chart_mm, furthest_mm
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if blur_px(middle) < wished_px else (low, middle)
-    return low
 
 
 def _notes(camera: Camera, layout: Layout, advice: Advice) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from data_synth.dots import expose_dots
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from data_synth.wavefront_cases import frame_for
+from lensfit.chart.camera import Camera, blur_mm, magnification_at
 from lensfit.chart.coverage import paint
 from lensfit.chart.drawing import BLACK, WHITE, Drawing, Layer
 from lensfit.chart.layout import Wanted
@@ -19,7 +20,7 @@ from lensfit.chart.sheet import paper_sheet
 from lensfit.detect.dots import find_dots
 from lensfit.errors import ChartError
 from lensfit.photograph import Photograph
-from lensfit.workflow.chart_advice import Camera, advise, blur_mm, magnification_at
+from lensfit.workflow.chart_advice import advise
 
 DISTANCE_MM = 1500.0
 
