@@ -19,13 +19,9 @@ from lensfit.preset.exchange.opencv_file import (
     opencv_text,
     read_opencv,
 )
-from lensfit.preset.exchange.opentrackio import (
-    ColourShift,
-    LensSample,
-    opentrackio_text,
-    read_opentrackio,
-)
+from lensfit.preset.exchange.opentrackio import opentrackio_text, read_opentrackio
 from lensfit.preset.exchange.opentrackio_lens import lens_of_opentrackio
+from lensfit.preset.exchange.opentrackio_sample import ColourShift, LensSample
 from lensfit.preset.exchange.tde4 import KNOBS, Tde4Map
 from lensfit.preset.exchange.tde4_node import (
     lens_of_tde4,

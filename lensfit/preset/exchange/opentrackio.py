@@ -4,85 +4,32 @@ A sample states one lens state: distortion in either direction (`brown_conrady`)
 projection offset dP and distortion offset dC in mm, pinhole focal length in mm, focus
 distance and entrance pupil offset in *metres*, and the fall-off
 v(r) = 1 - (a1 r^2 + a2 r^4 + a3 r^6) with r in mm from the sensor centre. Several
-states are a list of samples.
-
-`custom` is the slot for what the standard has no field for. lensfit writes, where the
-calibration history says "custom: lensfit layout 1",
-
-    [1, nominal focal length mm, focus dioptres (0 infinite, -1 unknown)]
-
-and, for a lens with lateral colour, for red and then for blue: reference radius mm,
-largest measured radius, shift x and y mm, two strains, two decenterings, the number
-of radial coefficients and these (`lensfit.optics.lateral` has the formula).
+states are a list of samples. `lensfit.preset.exchange.opentrackio_custom` has what the
+standard has no field for.
 
 Source: camdkit's lens types and schema (SMPTE RIS), OpenLensIO 1.0.1.
 """
 
 import json
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from lensfit.errors import ExchangeError
 from lensfit.preset.exchange.brown_conrady import D_U, U_D, BrownMap
+from lensfit.preset.exchange.opentrackio_custom import (
+    CUSTOM_MARK,
+    Custom,
+    custom_numbers,
+    custom_of_numbers,
+)
+from lensfit.preset.exchange.opentrackio_sample import LensSample
 from lensfit.preset.exchange.text_file import finite, positive, read_text
-from lensfit.units import dioptres_from_mm, m_from_mm
+from lensfit.units import MILLIMETRES_PER_METRE, m_from_mm
 
-CUSTOM_LAYOUT = 1.0
-CUSTOM_MARK = "custom: lensfit layout 1"
 _KIND = "OpenTrackIO file"
 _MOST_SAMPLES = 1000
-_MM_PER_M = 1000.0
-_UNKNOWN = -1.0
-_NAMES_OF_SHIFT = 9
-
-
-@dataclass(frozen=True)
-class ColourShift:
-    """Where a channel lands against green, as `lensfit.preset.blocks.ChannelShift`."""
-
-    reference_radius_mm: float
-    valid_radius: float
-    shift_mm: tuple[float, float]
-    strain: tuple[float, float]
-    decentering: tuple[float, float]
-    radial: tuple[float, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class LensSample:
-    """The lens and camera of one sample.
-
-    Attributes
-    ----------
-    distortions : One or both directions, about the same centre.
-    projection_offset_mm : dP.
-    falloff : a1, a2, a3; empty when there is none.
-    nominal_focal_length_mm : As on the barrel, or None.
-    is_prime : Whether the standard's field for that may be used: a zoom has none.
-    overscan : Factor (>= 1) that holds the undistorted frame; None when not stated.
-    colour : "r" and "b", or empty.
-    """
-
-    name: str
-    sensor_size_mm: tuple[float, float] | None
-    size_px: tuple[int, int] | None
-    distortions: tuple[BrownMap, ...]
-    projection_offset_mm: tuple[float, float]
-    pinhole_focal_length_mm: float
-    nominal_focal_length_mm: float | None = None
-    is_prime: bool = True
-    focus_distance_mm: float | None = None
-    f_number: float | None = None
-    entrance_pupil_offset_mm: float | None = None
-    falloff: tuple[float, ...] = ()
-    overscan: float | None = None
-    serial: str | None = None
-    camera_model: str | None = None
-    colour: Mapping[str, ColourShift] = field(default_factory=dict)
-    history: tuple[str, ...] = ()
 
 
 def read_opentrackio(path: str | Path) -> tuple[LensSample, ...]:
@@ -154,7 +101,7 @@ def _lens_table(sample: LensSample) -> dict[str, Any]:
     focus = sample.focus_distance_mm
     pupil = sample.entrance_pupil_offset_mm
     known = {
-        "custom": list(_custom(sample)),
+        "custom": list(custom_numbers(sample)),
         "distortion": [
             _distortion_table(d, sample.overscan) for d in sample.distortions
         ],
@@ -181,20 +128,6 @@ def _distortion_table(one: BrownMap, overscan: float | None) -> dict[str, Any]:
     return table
 
 
-def _custom(sample: LensSample) -> Iterator[float]:
-    focus = sample.focus_distance_mm
-    yield CUSTOM_LAYOUT
-    yield sample.nominal_focal_length_mm or sample.pinhole_focal_length_mm
-    yield _UNKNOWN if focus is None else dioptres_from_mm(focus)
-    for channel in "rb" if sample.colour else "":
-        shift = sample.colour[channel]
-        yield shift.reference_radius_mm
-        yield shift.valid_radius
-        yield from (*shift.shift_mm, *shift.strain, *shift.decentering)
-        yield float(len(shift.radial))
-        yield from shift.radial
-
-
 class _Reader:
     """One sample's tables, every value checked as it is taken."""
 
@@ -218,9 +151,8 @@ class _Reader:
                 "states no pinholeFocalLength and no nominalFocalLength",
                 where=self.path,
             )
-        metres = self._number(self.lens, "focusDistance", above=0.0)
-        focus = None if metres is None else metres * _MM_PER_M
-        pupil = self._number(self.lens, "entrancePupilOffset")
+        focus = _mm(self._number(self.lens, "focusDistance", above=0.0))
+        pupil = _mm(self._number(self.lens, "entrancePupilOffset"))
         return LensSample(
             name=self._text(fixed, "model") or self.path.stem,
             serial=self._text(fixed, "serialNumber"),
@@ -233,7 +165,7 @@ class _Reader:
             nominal_focal_length_mm=nominal,
             focus_distance_mm=own.focus_mm if own else focus,
             f_number=self._number(self.lens, "fStop", above=0.0),
-            entrance_pupil_offset_mm=None if pupil is None else pupil * _MM_PER_M,
+            entrance_pupil_offset_mm=pupil,
             falloff=self._falloff(),
             colour=own.colour if own else {},
             history=tuple(h for h in history if h != CUSTOM_MARK),
@@ -267,8 +199,9 @@ class _Reader:
         found = [self._number(table, name) for name in ("a1", "a2", "a3")]
         return tuple(a or 0.0 for a in found) if found[0] is not None else ()
 
-    def _own(self) -> "_Own | None":
-        return _own(self._numbers(self.lens, "custom", most=200), self.path)
+    def _own(self) -> Custom | None:
+        numbers = self._numbers(self.lens, "custom", most=200)
+        return custom_of_numbers(numbers, self.path)
 
     def _sensor(self, camera: Mapping[str, Any]) -> tuple[float, float] | None:
         name = "activeSensorPhysicalDimensions"
@@ -336,37 +269,5 @@ class _Reader:
         return value
 
 
-@dataclass(frozen=True)
-class _Own:
-    """What lensfit keeps in `custom`."""
-
-    nominal_mm: float
-    focus_mm: float | None
-    colour: dict[str, ColourShift]
-
-
-def _own(numbers: tuple[float, ...], path: Path) -> _Own | None:
-    if len(numbers) < 3 or numbers[0] != CUSTOM_LAYOUT:
-        return None
-    nominal, dioptres = positive(numbers[1], "custom[1]", path), numbers[2]
-    focus = None
-    if dioptres >= 0:
-        focus = _MM_PER_M / dioptres if dioptres else math.inf
-    colour, rest = {}, numbers[3:]
-    for channel in "rb" if rest else "":
-        head, count = rest[:_NAMES_OF_SHIFT], 0
-        if len(head) == _NAMES_OF_SHIFT:
-            count = int(head[-1]) if 0 <= head[-1] < 100 else len(rest)
-        end = _NAMES_OF_SHIFT + count
-        if len(head) < _NAMES_OF_SHIFT or len(rest) < end or min(head[:2]) <= 0:
-            raise ExchangeError("custom is no lateral colour of lensfit", where=path)
-        colour[channel] = ColourShift(
-            head[0],
-            head[1],
-            (head[2], head[3]),
-            (head[4], head[5]),
-            (head[6], head[7]),
-            rest[_NAMES_OF_SHIFT:end],
-        )
-        rest = rest[end:]
-    return _Own(nominal, focus, colour)
+def _mm(metres: float | None) -> float | None:
+    return None if metres is None else metres * MILLIMETRES_PER_METRE

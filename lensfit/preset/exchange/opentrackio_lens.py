@@ -16,7 +16,7 @@ from lensfit.preset.exchange.foreign import (
     Points,
     Stated,
 )
-from lensfit.preset.exchange.opentrackio import ColourShift, LensSample
+from lensfit.preset.exchange.opentrackio_sample import ColourShift, LensSample
 
 _DEFAULT_WIDTH_PX = 4096
 

@@ -33,11 +33,8 @@ from lensfit.preset.exchange.lensfun_xml import (
     LensfunVignetting,
     lensfun_text,
 )
-from lensfit.preset.exchange.opentrackio import (
-    ColourShift,
-    LensSample,
-    opentrackio_text,
-)
+from lensfit.preset.exchange.opentrackio import opentrackio_text
+from lensfit.preset.exchange.opentrackio_sample import ColourShift, LensSample
 from lensfit.render.uv import overscan_needed
 from lensfit.units import m_from_mm
 from lensfit.workflow.exchange.export import (

@@ -11,13 +11,9 @@ from lensfit.errors import ExchangeError
 from lensfit.preset.exchange.brown_conrady import D_U, U_D, BrownMap, brown_conrady
 from lensfit.preset.exchange.foreign import Stated
 from lensfit.preset.exchange.opencv import OpenCvMap
-from lensfit.preset.exchange.opentrackio import (
-    ColourShift,
-    LensSample,
-    opentrackio_text,
-    read_opentrackio,
-)
+from lensfit.preset.exchange.opentrackio import opentrackio_text, read_opentrackio
 from lensfit.preset.exchange.opentrackio_lens import lens_of_opentrackio
+from lensfit.preset.exchange.opentrackio_sample import ColourShift, LensSample
 
 RADIAL = (1.1e-3, 2e-4, -3e-6, 1e-6, 4e-9, -2e-9)
 TANGENTIAL = (1e-5, -2e-5)
