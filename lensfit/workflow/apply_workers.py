@@ -2,7 +2,8 @@
 
 Processes are started afresh (a forked JAX hangs). Where the system allows, each is
 bound to its share of the cores, which bounds the threads of JAX, OpenCV and OpenEXR.
-A process that dies, killed for memory say, costs its frames a failure, not the batch.
+A process that dies, killed for memory say, costs its frames a failure, not the batch;
+when the whole run is killed, none of them stays.
 """
 
 import multiprocessing
@@ -17,6 +18,7 @@ from lensfit.errors import ImageError
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_frame import FrameOutcome, apply_frame
 from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.end_with_parent import end_with_parent
 from lensfit.workflow.frame_renderer import FrameRenderer
 
 _renderer: FrameRenderer | None = None
@@ -74,6 +76,7 @@ def _finished(
 
 def _start_worker(preset: Preset, options: ApplyOptions, counter, workers: int) -> None:
     global _renderer
+    end_with_parent()
     with counter.get_lock():
         index = counter.value
         counter.value += 1

@@ -1,0 +1,27 @@
+"""A process that ends when the one that started it ends, however that happens.
+
+A pool whose owner is killed, by a farm's cancel say, would otherwise wait for work for
+ever: every worker holds both ends of the queue, so that no death closes it. What a
+worker was writing then stays a temporary file, which the next run takes away.
+"""
+
+import multiprocessing
+import os
+import threading
+from multiprocessing.connection import wait
+
+
+def end_with_parent() -> None:
+    """End this process as soon as its parent is no more; once per process.
+
+    The process is not asked: it may be deep inside compiled code. One that
+    `multiprocessing` did not start is left alone.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_watch, args=(parent.sentinel,), daemon=True).start()
+
+
+def _watch(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)
