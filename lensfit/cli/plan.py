@@ -5,6 +5,7 @@ from pathlib import Path
 
 import typer
 
+from lensfit.cli._console import console
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.depth import DepthGroup
@@ -74,9 +75,6 @@ def plan(
 
 
 def _print(found) -> None:
-    import sys
-
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")
@@ -100,5 +98,4 @@ def _print(found) -> None:
         f"{found.error:.1e}",
         f"{found.seconds:.2f}",
     )
-    width = None if sys.stdout.isatty() else 150
-    Console(highlight=False, width=width).print(table)
+    console().print(table)

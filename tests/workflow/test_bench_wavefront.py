@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from data_synth.judge import judge
 from data_synth.wavefront_cases import case_subject
-from lensfit.cli._wavefront import trials_of, wavefront_table
+from lensfit.cli.bench.trials import trials_of, wavefront_table
 from lensfit.cli.main import app
 from lensfit.errors import DetectionError
 from lensfit.workflow.bench_wavefront import Trial, bench_wavefront

@@ -1,4 +1,4 @@
-"""Curves of `lensfit bench render` as tables."""
+"""Curves of benchmarks of renderer and warp as tables."""
 
 from typing import Any
 

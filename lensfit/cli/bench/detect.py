@@ -1,0 +1,22 @@
+"""`lensfit bench detect`: marks found in photographs, against independent code."""
+
+from lensfit.cli._bars import progress_bars
+from lensfit.cli.bench.options import AsJson, JsonFolder, OnlySet, SetsFolder
+from lensfit.cli.bench.outcome import show
+
+
+def detect(
+    data: SetsFolder,
+    out: JsonFolder = None,
+    as_json: AsJson = False,
+    only: OnlySet = None,
+) -> None:
+    """Find and number the marks of sets of photographs; counts and times.
+
+    Example: lensfit bench detect --data data --only dot_pattern_05
+    """
+    from lensfit.workflow.bench_detect import bench_detect
+
+    with progress_bars() as progress:
+        result = bench_detect(data, out, only=only, progress=progress)
+    show(result, as_json)

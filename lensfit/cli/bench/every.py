@@ -1,0 +1,40 @@
+"""`lensfit bench all`: every benchmark, one table."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lensfit.cli._bars import progress_bars
+from lensfit.cli.bench.options import AsJson
+from lensfit.cli.bench.outcome import show
+
+
+def every(
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", help="Folder with real/, oracle/ and plates/"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for JSON, plots and shoots")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Small sets and frames, in minutes")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run every benchmark; one table with a row for each bar.
+
+    Example: lensfit bench all --quick --data data
+    """
+    from lensfit.cli.bench.trials import judged, trials_of
+    from lensfit.workflow.bench_all import bench_all
+
+    trials = (
+        trials_of(0, ["tiny_dots"], "640x480", 0)
+        if quick
+        else trials_of(3, ["all"], "1024x768", 0)
+    )
+    with progress_bars() as progress:
+        result = bench_all(trials, judged, data, out, quick=quick, progress=progress)
+    show(result, as_json)

@@ -1,0 +1,47 @@
+"""`lensfit bench render`: error against time of the renderer, beside peers."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from lensfit.cli._bars import progress_bars
+from lensfit.cli._console import console
+from lensfit.cli.bench.options import AsJson, JsonFolder, SmallFrames
+from lensfit.cli.bench.outcome import print_bars_and_curves
+
+
+def render(
+    data: Annotated[
+        Path, typer.Option("--data", help="Folder with camera.json, plate, reference")
+    ],
+    preset: Annotated[
+        Path | None, typer.Option("--preset", help="Fitted preset with measured blur")
+    ] = None,
+    out: JsonFolder = None,
+    quick: SmallFrames = False,
+    blender: Annotated[
+        str | None,
+        typer.Option("--blender", help="Python that has bpy, for Blender's Defocus"),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Render a path-traced scene and synthetic frames; error against time, bars, peers.
+
+    Falling short is no error.
+
+    Example: lensfit bench render --data data/plates --preset takumar_50/preset.json
+    """
+    from lensfit.workflow.bench_render import bench_render
+
+    with progress_bars() as progress:
+        result = bench_render(
+            data, out, preset=preset, quick=quick, blender=blender, progress=progress
+        )
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    print_bars_and_curves(result)
+    for note in result["notes"]:
+        console().print(note, markup=False)
