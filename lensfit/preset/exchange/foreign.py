@@ -13,6 +13,13 @@ from jaxtyping import Float
 
 Points = Float[np.ndarray, "points 2"]
 PointFunction = Callable[[Points], Points]
+_ASSUMED_WIDTH_PX = 4096
+
+
+def assumed_size_px(sensor_mm: tuple[float, float]) -> tuple[int, int]:
+    """Width and height of a picture of which neither file nor user says it."""
+    width, height = sensor_mm
+    return _ASSUMED_WIDTH_PX, max(1, round(_ASSUMED_WIDTH_PX * height / width))
 
 
 class PointMap(Protocol):

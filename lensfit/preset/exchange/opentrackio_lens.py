@@ -15,16 +15,20 @@ from lensfit.preset.exchange.foreign import (
     PointFunction,
     Points,
     Stated,
+    assumed_size_px,
 )
 from lensfit.preset.exchange.opentrackio_sample import ColourShift, LensSample
-
-_DEFAULT_WIDTH_PX = 4096
 
 
 def lens_of_opentrackio(
     samples: tuple[LensSample, ...], stated: Stated, where: str | Path
 ) -> ForeignLens:
-    """The lens of the samples, one state each; what is stated counts for all."""
+    """The lens of the samples, one state each; what is stated counts for all.
+
+    Raises
+    ------
+    ExchangeError : Nobody says the size of the sensor.
+    """
     first = samples[0]
     sensor = first.sensor_size_mm
     if stated.sensor_width_mm is not None:
@@ -39,10 +43,7 @@ def lens_of_opentrackio(
     size = stated.size_px or first.size_px
     notes = []
     if size is None:
-        size = (
-            _DEFAULT_WIDTH_PX,
-            max(1, round(_DEFAULT_WIDTH_PX * sensor[1] / sensor[0])),
-        )
+        size = assumed_size_px(sensor)
         notes.append(f"the file does not say its pixels; {size[0]} x {size[1]} assumed")
     if any(len(sample.distortions) > 1 for sample in samples):
         notes.append(f"of both directions of distortion, {D_U} is used")

@@ -12,7 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lensfit.errors import ExchangeError
-from lensfit.preset.exchange.foreign import ForeignLens, ForeignState, Stated
+from lensfit.preset.exchange.foreign import (
+    ForeignLens,
+    ForeignState,
+    Stated,
+    assumed_size_px,
+)
 from lensfit.preset.exchange.nuke_text import (
     NukeNode,
     node_text,
@@ -73,7 +78,12 @@ def read_tde4_nodes(path: str | Path) -> tuple[Tde4Node, ...]:
 def lens_of_tde4(
     nodes: tuple[Tde4Node, ...], stated: Stated, where: str | Path
 ) -> ForeignLens:
-    """The lens of one node: the only one, or the one whose name was stated."""
+    """The lens of one node: the only one, or the one whose name was stated.
+
+    Raises
+    ------
+    ExchangeError : There are several and none was stated, or not one of them.
+    """
     chosen = [n for n in nodes if stated.lens in (None, n.name)]
     if len(chosen) != 1:
         names = ", ".join(n.name for n in nodes[:_SHOWN])
@@ -83,9 +93,8 @@ def lens_of_tde4(
             remedy="say with --lens which of them is meant",
         )
     node = chosen[0]
-    width, height = node.map.filmback_mm
-    columns = stated.size_px[0] if stated.size_px else 4096
-    size = stated.size_px or (columns, max(1, round(columns * height / width)))
+    filmback = node.map.filmback_mm
+    size = stated.size_px or assumed_size_px(filmback)
     focal = stated.focal_length_mm or node.focal_length_mm
     state = ForeignState(
         map=node.map,
@@ -98,7 +107,7 @@ def lens_of_tde4(
     if node.map.pixel_aspect != 1:
         notes = ("the node's pixel aspect became part of the lens' squeeze",)
     return ForeignLens(
-        "3DEqualizer node", node.name, (width, height), size, (state,), notes=notes
+        "3DEqualizer node", node.name, filmback, size, (state,), notes=notes
     )
 
 
