@@ -131,10 +131,15 @@ def test_uv_maps_come_back_as_the_lens_they_were_made_of(folder: Path):
             assert apart_px(preset.at(), back.preset.at(), channel).max() < 5e-3
 
 
-def test_a_zoom_goes_as_a_table_and_comes_back_as_entries(folder: Path):
-    zoom = make_preset(
+def make_zoom() -> Preset:
+    return make_preset(
         make_entry(24.0, 1000.0), make_entry(24.0, 5000.0), make_entry(70.0, 5000.0)
     )
+
+
+@pytest.mark.slow
+def test_a_zoom_goes_as_a_table_and_comes_back_as_entries(folder: Path):
+    zoom = make_zoom()
     export_preset("opentrackio", request(zoom, folder / "zoom.json"))
     assert len(json.loads((folder / "zoom.json").read_text())) == 3
     back = import_preset(folder / "zoom.json", STATED).preset
@@ -151,6 +156,9 @@ def test_a_zoom_goes_as_a_table_and_comes_back_as_entries(folder: Path):
     back = import_preset(folder / "zoom.xml", STATED).preset
     assert [e.focal_length_mm for e in back.entries] == [24.0, 70.0]
 
+
+def test_a_format_of_one_state_wants_one_state_of_a_zoom(folder: Path):
+    zoom = make_zoom()
     one = request(
         zoom, folder / "one.json", focal_length_mm=70.0, focus_distance_mm=5e3
     )
