@@ -175,7 +175,13 @@ class Lens(eqx.Module):
         size_px: int,
         tolerance: float = TOLERANCE,
     ) -> Float[Array, "points channels size size"]:
-        """`psf` of many points and channels; one distance, or one for each point."""
+        """`psf` of many points and channels; one distance, or one for each point.
+
+        Raises
+        ------
+        LensfitError : An object is too near for a sharp image.
+        ValueError : `size_px` is below 1.
+        """
         points = _points(image_points_mm, 2)
         distances = np.broadcast_to(
             np.asarray(object_distance_mm, float), points.shape[:1]

@@ -57,6 +57,7 @@ class Scale(NamedTuple):
 
     @property
     def is_neutral(self) -> bool:
+        """Whether it leaves the measured wavefront alone."""
         return self == Scale(1.0, None)
 
 

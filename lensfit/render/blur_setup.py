@@ -65,6 +65,7 @@ class BlurBudget(NamedTuple):
 
     @classmethod
     def of(cls, tolerance: float) -> "BlurBudget":
+        """Shares of an accepted rms error of the picture, display-referred."""
         # Measured on a path-traced scene: levels `step_px` apart show as 5.6e-3 of it
         # (rms of the picture); a kernel wrong by e, on a 1/f picture, as about e / 50.
         return cls(

@@ -68,6 +68,7 @@ class FieldGrid:
 
     @property
     def varies(self) -> bool:
+        """Whether kernels differ from place to place of the frame."""
         return self.columns > 0
 
     @property

@@ -47,10 +47,12 @@ class ExchangeFrame:
 
     @property
     def pitch_mm(self) -> float:
+        """Width and height of a pixel."""
         return self.sensor_width_mm / self.size_px[0]
 
     @property
     def area_mm(self) -> tuple[float, float]:
+        """Width and height of the frame on the sensor."""
         return self.sensor_width_mm, self.size_px[1] * self.pitch_mm
 
     @property

@@ -81,7 +81,13 @@ class NukeCamera(CameraFile):
         self.notes = tuple(notes)
 
     def at(self, frame: FrameKey, first_frame: int | None) -> tuple[Readings, str]:
-        """What is known at a frame, by quantity, and where in the file it stands."""
+        """What is known at a frame, by quantity, and where in the file it stands.
+
+        Raises
+        ------
+        CameraError : The camera is animated and the frame has no number, or a value is
+            none of a camera.
+        """
         animated = any(len(curve.frames) > 1 for curve in self.curves.values())
         if animated and frame.number is None:
             raise CameraError(

@@ -79,6 +79,7 @@ class LensfunLens:
 
     @property
     def name(self) -> str:
+        """Maker and model; models often begin with the maker."""
         return self.model if self.maker in self.model else f"{self.maker} {self.model}"
 
 

@@ -91,7 +91,13 @@ def read_opencv(path: str | Path) -> OpenCvFile:
 
 
 def lens_of_opencv(found: OpenCvFile, stated: Stated, where: str | Path) -> ForeignLens:
-    """The lens of a calibration, once the size of its sensor is known."""
+    """The lens of a calibration, once the size of its sensor is known.
+
+    Raises
+    ------
+    ExchangeError : Nobody says the size of picture or sensor, or another size in pixels
+        is stated than the file has.
+    """
     size = stated.size_px or found.size_px
     if size is None:
         raise ExchangeError(

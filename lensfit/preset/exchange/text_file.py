@@ -71,7 +71,12 @@ def finite(value: object, what: str, where: str | Path) -> float:
 
 
 def positive(value: object, what: str, where: str | Path) -> float:
-    """A `finite` number above zero."""
+    """A `finite` number above zero.
+
+    Raises
+    ------
+    ExchangeError : It is none.
+    """
     number = finite(value, what, where)
     if not number > 0:
         raise ExchangeError(f"{what} = {number:g} is not positive", where=where)

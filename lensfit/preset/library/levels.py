@@ -60,7 +60,12 @@ class Level(NamedTuple):
 
 
 def check_inside(folder: Path, path: Path) -> None:
-    """Raise a `PresetError` if links take `path` out of `folder`."""
+    """Refuse a path that links take out of a folder.
+
+    Raises
+    ------
+    PresetError : `path` really lies outside `folder`.
+    """
     root, real = os.path.realpath(folder), os.path.realpath(path)
     if os.path.commonpath([root, real]) != root:
         raise PresetError(

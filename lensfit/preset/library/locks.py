@@ -36,11 +36,16 @@ def lock_of(steps: tuple[Step, ...]) -> Lock:
 
 
 def check_lock(key: str, steps: tuple[Step, ...], *, unlocked: bool) -> None:
-    """Raise a `PresetError` if a key may not be changed.
+    """Refuse to change what an edit may not.
 
     Parameters
     ----------
+    steps : The key, parted (`lensfit.preset.library.key_path`).
     unlocked : Whether somebody said that a measured value is to be changed.
+
+    Raises
+    ------
+    PresetError : The key is unknown, a record, or measured and not unlocked.
     """
     if steps[0] not in Preset.__struct_fields__:
         known = [*GROUP_OF, *Preset.__struct_fields__]

@@ -155,7 +155,12 @@ def kind_of(path: Path) -> str:
 def preset_of_foreign(
     lens: ForeignLens, path: Path, progress: Progress = silent
 ) -> Imported:
-    """lensfit's terms fitted to a lens, an entry for each of its states."""
+    """lensfit's terms fitted to a lens, an entry for each of its states.
+
+    Raises
+    ------
+    ExchangeError : The lens is none of a camera, or folds the frame over.
+    """
     entries, fits, notes = [], [], list(lens.notes)
     camera = Camera(lens.camera_model, *lens.sensor_size_mm, *lens.size_px)
     frame = ExchangeFrame(lens.size_px, lens.sensor_size_mm[0], _OVERSCAN_PERCENT)
