@@ -69,7 +69,8 @@ def write_model_pictures(
     -------
     By the take's name what the report says of it: the three paths, relative to
     `folder`; "left_share", the residual in full colour as a share of white;
-    "explained", the share of the picture's variance; "blur_measured".
+    "explained", the share of the picture's variance; "blur_measured";
+    "lighting_fitted", whether the chart's uneven light was fitted.
     """
     shown = [o for o in observed if o.take is not None and o.small is not None]
     marks = predicted_marks(fitted, [o.take for o in shown if o.take is not None])
@@ -103,7 +104,12 @@ def _written(
     )
     shape = small.light.shape
     seen = small.light.astype(np.float32)
-    found = modelled_light(seen, drawing, _fall_off(lens, shape, take.sensor_size_mm))
+    found = modelled_light(
+        seen,
+        drawing,
+        _fall_off(lens, shape, take.sensor_size_mm),
+        dark=not take.observations.bright,
+    )
     made = pictures_of(seen, found.light, drawing.inside)
     stem = observed.overlay.stem if observed.overlay else Path(observed.image).stem
     names = {}
@@ -116,6 +122,7 @@ def _written(
         "left_share": made.left_share,
         "explained": round(found.explained, 6),
         "blur_measured": drawing.blurred,
+        "lighting_fitted": not take.observations.bright,
     }
 
 

@@ -1,13 +1,15 @@
 """A photograph as the model has it: how bright a drawing of its marks is.
 
-    light = base + field * fall-off + contrast * fall-off * marks
+    light = base + (field + contrast * marks) * fall-off
 
 The lens says where marks lie, how they are blurred (if it was measured) and how light
 falls off; how bright the chart was is for the photograph to say: base, field and
 contrast are found by least squares over the pixels among the marks, twice, the second
 time without those that the first leaves off by more than half a mark (dirt, print,
-fingers). Where blur was not measured the drawing is softened by one Gaussian for all
-marks, the one that suits best.
+fingers). Where marks are dark the field between them shows how unevenly the chart was
+lit, which no lens can answer for: field and contrast are then quadratic over the frame.
+Where blur was not measured the drawing is softened by one Gaussian for all marks, the
+one that suits best.
 """
 
 from typing import NamedTuple
@@ -42,6 +44,8 @@ def modelled_light(
     photograph: Float[np.ndarray, "height width"],
     drawing: Drawing,
     fall_off: Float[np.ndarray, "height width"],
+    *,
+    dark: bool = False,
 ) -> ModelledLight:
     """The drawing as bright as the photograph.
 
@@ -50,40 +54,68 @@ def modelled_light(
     photograph : Light of the small pixels.
     drawing : Of its marks.
     fall_off : Relative illumination there; 1 on the axis.
+    dark : Whether marks lie on a bright field.
     """
     seen = photograph.astype(np.float32)
-    some = (slice(None, None, _STRIDE), slice(None, None, _STRIDE))
-    inside = drawing.inside[some]
+    every, some = _pixels_of(seen.shape), _pixels_of(seen.shape, _STRIDE)
+    at = (slice(None, None, _STRIDE), slice(None, None, _STRIDE))
+    inside = drawing.inside[at]
+    lit = _lighting(some, fall_off[at], dark)[:, inside]
     tries = []
     for softness in (0.0,) if drawing.blurred else _SOFTNESS_PX:
         marks = _softened(drawing.marks, softness)
-        design = _design(marks[some][inside], fall_off[some][inside])
-        tries.append((*_levels(design, seen[some][inside]), marks))
+        tries.append((*_levels(lit, marks[at][inside], seen[at][inside]), marks))
     _, levels, marks = min(tries, key=lambda one: one[0])
-    shape = seen.shape
-    light = _design(marks.ravel(), fall_off.ravel()) @ levels.astype(np.float32)
-    light = light.reshape(shape)
+    base, field, contrast = levels.astype(np.float32)
+    light = np.full_like(seen, 0.0)
+    for column, of_base, of_field, of_contrast in zip(
+        _lighting(every, fall_off, dark), base, field, contrast, strict=True
+    ):
+        light += column * (of_field + of_contrast * marks) + of_base
     return ModelledLight(light, _explained(seen, light, drawing.inside))
 
 
-def _design(marks: np.ndarray, fall_off: np.ndarray) -> Float32[np.ndarray, "pixels 3"]:
-    columns = np.ones_like(marks), fall_off, fall_off * marks
-    return np.stack(columns, -1).astype(np.float32)
+def _pixels_of(shape: tuple[int, ...], stride: int = 1) -> tuple[np.ndarray, ...]:
+    """x and y of pixels, -1 to 1 over the picture, to be broadcast."""
+    x, y = (
+        np.linspace(-1, 1, side, dtype=np.float32)[::stride] for side in shape[::-1]
+    )
+    return x[None], y[:, None]
 
 
-def _levels(design: np.ndarray, light: np.ndarray) -> tuple[float, np.ndarray]:
-    """What is left, as a mean of squares, and the three levels."""
-    keep = np.ones(len(light), bool)
-    levels, left, mark = np.zeros(3), light, 0.0
+def _lighting(
+    pixels: tuple[np.ndarray, ...], fall_off: np.ndarray, dark: bool
+) -> Float32[np.ndarray, "columns height width"]:
+    """What the field may be a sum of."""
+    x, y = pixels
+    one = fall_off.astype(np.float32)[None]
+    if not dark:
+        return one
+    return np.concatenate([one * term for term in (1, x, y, x * x, x * y, y * y)])
+
+
+def _levels(
+    lit: Float[np.ndarray, "columns pixels"], marks: np.ndarray, light: np.ndarray
+) -> tuple[float, Float[np.ndarray, "3 columns"]]:
+    """What is left, as a mean of squares; base, field and contrast of each column."""
+    count = len(lit)
+    design = np.concatenate([np.ones_like(lit[:1]), lit, lit * marks]).T
+    design = design.astype(np.float64)
+    keep, levels, limit = np.ones(len(light), bool), np.zeros(2 * count + 1), 0.0
+    left = light.astype(np.float64)
     for _ in range(2):
-        some = design[keep].astype(np.float64)
+        some = design[keep]
         levels = np.linalg.lstsq(some.T @ some, some.T @ light[keep], rcond=None)[0]
         left = light - design @ levels
-        mark = float(np.abs(levels[2]) * design[:, 2].max(initial=0.0))
-        keep = np.abs(left) <= _FAR_OFF * mark
+        contrast = np.abs(design[:, 1 + count :] @ levels[1 + count :])
+        limit = _FAR_OFF * float(contrast.max(initial=0.0))
+        keep = np.abs(left) <= limit
         if not keep.any():
             break
-    return float(np.mean(np.minimum(np.abs(left), _FAR_OFF * mark) ** 2)), levels
+    base = np.zeros(count)
+    base[0] = levels[0]
+    found = np.stack([base, levels[1 : 1 + count], levels[1 + count :]])
+    return float(np.mean(np.minimum(np.abs(left), limit) ** 2)), found
 
 
 def _softened(marks: np.ndarray, softness_px: float) -> np.ndarray:

@@ -28,7 +28,7 @@ GAMMA = 0.4
 _COLUMNS, _ROWS = (-0.9, -0.45, 0.0, 0.45, 0.9), (-0.9, 0.0, 0.9)
 _AT_ONCE = len(_COLUMNS) * len(_ROWS)
 SIZE_PX = 48
-_TOLERANCE, _GLANCE = 0.012, 0.2
+_TOLERANCE, _GLANCE = 0.02, 0.2
 _FIRST_SHARE, _LOOKS = 0.1, 2
 """Width of the first look, as a share of the sensor's; how often to look."""
 _INSIDE, _ROOM = 0.97, 1.3

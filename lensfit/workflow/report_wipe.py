@@ -73,6 +73,8 @@ def _wipe(name: str, photograph: str, model: str, caption: str) -> Markup:
 def _caption(said: dict) -> str:
     where = _WITH_BLUR if said.get("blur_measured") else _WITHOUT
     text = f"The marks that were found, {where}; green light."
+    if said.get("lighting_fitted"):
+        text += " How unevenly the chart was lit is not the lens' and was fitted."
     if said.get("explained") is not None:
         text += f" The model explains {_share(float(said['explained']))} of what the "
         text += "photograph shows among them (of its variance)."

@@ -119,6 +119,18 @@ def test_levels_of_bright_and_of_dark_marks_are_found(contrast):
     assert again.explained < 0.9
 
 
+def test_uneven_light_is_the_charts_own_where_its_field_is_bright():
+    """A lamp at the side: dark marks on paper show it, bright ones on black do not."""
+    points = np.stack(np.meshgrid(np.arange(8, 80, 9.5), np.arange(8, 60, 9.5)), -1)
+    points = points.reshape(-1, 2)
+    marks = discs(points, np.tile(2 * np.eye(2), (len(points), 1, 1)), SHAPE)
+    lamp = np.linspace(1, 0.5, SHAPE[1])[None] * np.linspace(0.8, 1, SHAPE[0])[:, None]
+    photograph = lamp * (0.9 - 0.8 * marks)
+    drawing, even = Drawing(marks, np.ones(SHAPE, bool), True), np.ones(SHAPE)
+    assert modelled_light(photograph, drawing, even, dark=True).explained > 0.9999
+    assert modelled_light(photograph, drawing, even).explained < 0.95
+
+
 def test_a_drawing_is_softened_only_where_blur_was_not_measured():
     marks = discs(np.array([[40.0, 30.0]]), 6 * np.eye(2)[None], SHAPE)
     soft = modelled_light(marks, Drawing(marks, marks >= 0, True), np.ones(SHAPE)).light
