@@ -13,6 +13,8 @@ import typer
 from lensfit.cli._sizes import photograph_size_px
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from lensfit.preset.schema import Preset
     from lensfit.workflow.bench_wavefront import Trial
 
@@ -41,7 +43,7 @@ def judged(preset: "Preset", folder: Path) -> dict[str, Any]:
     return judge(preset, folder) | {"thin_lens": thin_lens_figures(folder)}
 
 
-def wavefront_table(rows: list[dict[str, Any]]):
+def wavefront_table(rows: list[dict[str, Any]]) -> "Table":
     """One row for each lens."""
     from rich.table import Table
 
