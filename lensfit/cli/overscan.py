@@ -75,12 +75,13 @@ def overscan(
     )
     question = OverscanQuestion(
         frame or known.size_px,
-        sensor_width_mm or known.sensor_width_mm,
+        known.sensor_width_mm if sensor_width_mm is None else sensor_width_mm,
         focal or known.focal_length_mm,
         focus or known.focus_distance_mm,
-        f_number or known.f_number,
+        known.f_number if f_number is None else f_number,
         nearest_mm,
         filter_name.value,
+        known.knobs,
     )
     plan = plan_overscan(loaded, question)
     for note in dict.fromkeys([*(own.notes if own else ()), *plan.notes]):

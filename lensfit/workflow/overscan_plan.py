@@ -17,6 +17,7 @@ import numpy as np
 from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
 from lensfit.io.metadata import camera_state_from
+from lensfit.preset.knobs import Knobs
 from lensfit.preset.schema import Preset
 from lensfit.render.circle import Circle
 from lensfit.render.filters import Filter
@@ -54,6 +55,7 @@ class OverscanQuestion:
     f_number : For depth of field; None leaves it out.
     nearest_mm : Nearest object from the sensor; None counts what lies beyond focus.
     method : Filter of the warp.
+    knobs : As the lens is turned; None leaves it as the preset has it.
     """
 
     size_px: tuple[int, int]
@@ -63,6 +65,7 @@ class OverscanQuestion:
     f_number: float | None = None
     nearest_mm: float | None = None
     method: Filter = "cubic"
+    knobs: Knobs | None = None
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,7 @@ def overscan_of_plate(preset: Preset, path: Path) -> PlateOverscan:
         None if focal is None else (focal, focal),
         None if focus is None else (focus, focus),
         f_number,
+        knobs=state.knobs,
     )
     beyond = Margins(
         max(0, frame.x_min - data.x_min),
@@ -156,7 +160,7 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
     Raises
     ------
     PresetError : The preset does not reach a state.
-    ImageError : The frame has no size, or the sensor none.
+    ImageError : The frame has no size, or the sensor none, or the f-number is none.
     """
     _check(question)
     display = Window.of_size(*question.size_px)
@@ -168,7 +172,7 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
     states = _states(preset, question)
     for focal, focus in states:
         notes |= dict.fromkeys(preset.select(focal, None, focus).notes)
-        lens = preset.at(focal, question.f_number, focus)
+        lens = preset.at(focal, question.f_number, focus, knobs=question.knobs)
         factor = max(
             factor, overscan_needed(lens, display, sensor_width_mm=sensor_mm).factor
         )
@@ -205,6 +209,11 @@ def _check(question: OverscanQuestion) -> None:
         raise ImageError(
             f"a sensor {sensor_mm:g} mm wide is none", remedy="give --sensor-width-mm"
         )
+    stop = question.f_number
+    if stop is not None and not 0 < stop < math.inf:
+        raise ImageError(
+            f"f/{stop:g} is no f-number", remedy="give one above zero with --f-number"
+        )
 
 
 def _margins(
@@ -230,7 +239,7 @@ def _blur_px(lens: "Lens", display: Window, question: OverscanQuestion) -> float
     depths = [math.inf]
     if question.nearest_mm is not None:
         depths.append(question.nearest_mm - float(lens.entrance_pupil_offset_mm))
-        if depths[1] <= 0:
+        if not depths[1] > 0:
             raise PresetError(
                 f"an object {question.nearest_mm:g} mm from the sensor lies inside the "
                 "lens",

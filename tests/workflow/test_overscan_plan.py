@@ -4,16 +4,19 @@ import json
 
 import numpy as np
 import pytest
-from plate_makers import make_preset, write_plate
+from plate_makers import CAMERA, SENSOR, make_preset, write_plate
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
 from lensfit.io.exr import read_exr
+from lensfit.preset.aberration_knobs import AberrationKnobs
+from lensfit.preset.knobs import Knobs
 from lensfit.preset.store import save_preset
 from lensfit.render.overscan import Margins, margins_read
 from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
 from lensfit.workflow.stmaps import StmapFrame
 
@@ -98,6 +101,11 @@ def test_what_cannot_be_answered_is_one_line(tmp_path):
     with pytest.raises(ImageError, match="sensor -1 mm wide"):
         plan_overscan(preset, OverscanQuestion(SIZE, sensor_width_mm=-1.0))
     save_preset(preset, tmp_path / "preset.json")
+    for wrong in (0.0, -2.0, np.nan, np.inf):
+        with pytest.raises(ImageError, match="no f-number; give one above zero"):
+            plan_overscan(preset, OverscanQuestion(SIZE, f_number=wrong))
+    for option in ("--f-number", "--sensor-width-mm"):
+        assert run(tmp_path / "preset.json", option, 0).exit_code == 1
     for wrong in ("70:24", "a", "24:35:70", "-5", "nan"):
         words = [tmp_path / "preset.json", "--focal-length-mm", wrong]
         assert run(*words).exit_code == 2
@@ -163,3 +171,26 @@ def test_a_plate_is_judged_by_its_own_header(tmp_path):
     )
     assert "no pixel lies beyond" in run(preset, "--plate", bare).stderr
     assert run(preset, "--plate", tmp_path / "none.exr").exit_code == 1
+
+
+def test_a_turned_lens_reads_as_far_as_its_plate_is_told(tmp_path):
+    preset = make_preset(stops=())
+    save_preset(preset, tmp_path / "preset.json")
+    plain = plan_overscan(preset, OverscanQuestion(SIZE)).margins
+    strong = Knobs(aberration=AberrationKnobs(distortion_gain=2.0))
+    turned = plan_overscan(preset, OverscanQuestion(SIZE, knobs=strong)).margins
+    assert turned.left > plain.left
+    for margins in (plain, turned):
+        window = Window(
+            -margins.left, -margins.top, 95 + margins.right, 63 + margins.bottom
+        )
+        header = {**CAMERA, **SENSOR, "lensfit/distortion_gain": 2.0}
+        plate = write_plate(tmp_path / "plate.exr", header, window=window)
+        result = run(tmp_path / "preset.json", "--plate", plate, "--json")
+        said = json.loads(result.stdout)
+        applied = apply_preset(
+            preset, plate, tmp_path / "out", options=ApplyOptions(overwrite=True)
+        )
+        black = any("lensfit overscan" in note for note in applied.notes)
+        assert said["plate"]["suffices"] == (margins == turned) == (not black)
+        assert said["margins_px"] == turned._asdict()
