@@ -9,6 +9,7 @@ from radial_lens import IdentityLens
 
 from lensfit.coords import Window
 from lensfit.errors import LensfitError
+from lensfit.lens import Lens
 from lensfit.render.blur_setup import Defocus
 from lensfit.render.brute import exact_block
 from lensfit.render.frame import render
@@ -23,10 +24,12 @@ class SwellingLens(IdentityLens):
     """Gaussian kernels that are wider to the right, wider again in blue, and whose
     middle wanders to the right too."""
 
-    blur = SimpleNamespace(reference_distance_mm=2000.0)
+    blur = SimpleNamespace(reference_distance_mm=2000.0, is_ideal=False)
     entrance_pupil_offset_mm = 0.0
     distortion = SimpleNamespace(principal_distance_mm=36.0)
+    largest_blur_mm = None
     blue_grows = 1.15
+    blur_per_vergence = Lens.blur_per_vergence
 
     def psfs(self, points, distances, channels, *, pixel_pitch_mm, size_px, tolerance):
         across = np.asarray(points)[:, 0] / 36.0 + 0.5
