@@ -52,16 +52,27 @@ def submit(
     Takes every option of apply and hands it on as given. The job is an Open Job
     Description template with its paths in a file beside it, or an outline of OpenCue;
     nothing is rendered here. A task that is run again skips its finished frames. A lens
-    of the library is handed on as the file of the version that is in use now.
+    of the library is handed on as it is now; one with edits is written beside the job.
 
     Example: lensfit submit takumar/preset.json plate.####.exr --out rendered --chunk 20
     """
     from lensfit.cli._door import say_note
 
-    job = farm_job(
-        library.file(preset), plates, out, frames, chunk=chunk, options=handed
-    )
     path = absolute(write or out / f"apply.{_SUFFIX[to]}")
+    file, edited = library.file(preset)
+    job = farm_job(
+        file,
+        plates,
+        out,
+        frames,
+        chunk=chunk,
+        options=handed,
+        preset_beside=None if edited is None else path.with_suffix(".preset.json"),
+    )
+    if edited is not None:
+        from lensfit.preset.store import save_preset
+
+        save_preset(edited.taken_out("lensfit submit"), job.preset)
     files, run = _written(job, to, path)
     if job.missing:
         say_note(

@@ -91,12 +91,15 @@ def farm_job(
     *,
     chunk: int = 10,
     options: Iterable[HandedOption] = (),
+    preset_beside: Path | None = None,
 ) -> FarmJob:
     """The job, once it is sure that its inputs exist.
 
     Parameters
     ----------
     chunk : Frames of a task; a task keeps the lens' maps and kernels between them.
+    preset_beside : Where the caller is about to write the preset for this job alone; it
+        reads `preset` itself if None.
 
     Raises
     ------
@@ -110,7 +113,7 @@ def farm_job(
     pattern, own = split_pattern(plates)
     numbers, missing = _frames(pattern, own if frames is None else frames)
     job = FarmJob(
-        absolute(preset),
+        absolute(preset_beside or preset),
         absolute(pattern),
         absolute(out),
         tuple(_range(numbers[at : at + chunk]) for at in range(0, len(numbers), chunk)),

@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
+from lensfit.preset.knobs import not_neutral
 from lensfit.preset.store import load_preset
 
 PRESET = Path(__file__).parent / "tiny_preset.json"
@@ -140,6 +141,25 @@ def test_a_farm_job_keeps_the_version_it_was_given(show: Path):
     assert runner.invoke(app, words).exit_code == 0
     paths = json.loads(Path("o/apply.openjd.parameters.json").read_text())
     assert str(show / "lenses" / SLUG / "v001.json") in paths.values()
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_later_edits_change_no_frame_of_a_farm_job(show: Path, named: bool):
+    Path("plate.0001.exr").touch()
+    shot = show / "sq010" / "sh0020"
+    edit = ("--why", "x", "--set")
+    preset("edit", SLUG, "--library", shot, *edit, "coma_gain=0.5")
+    lens = SLUG if named else str(shot / "lenses" / SLUG / "v001.json")
+    words = ["submit", lens, "plate.####.exr", "--library", str(shot), "--out", "o"]
+    assert runner.invoke(app, words).exit_code == 0
+    preset("edit", SLUG, "--library", "show/sq010", *edit, "distortion_gain=3")
+    assert "distortion_gain = 3" in preset("show", lens, "--library", shot)
+    paths = json.loads(Path("o/apply.openjd.parameters.json").read_text())
+    handed = load_preset(paths["Preset"])
+    assert Path(paths["Preset"]).name == "apply.openjd.preset.json"
+    assert not_neutral(handed.knobs) == {"coma_gain": 0.5}
+    assert handed.saved is not None
+    assert "sh0020 v001 on project v001" in (handed.saved.origin or "")
 
 
 def test_without_a_library_the_users_own_is_used(tmp_path: Path, monkeypatch):

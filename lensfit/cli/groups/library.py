@@ -36,10 +36,17 @@ class LibraryGroup:
             say_note(note)
         return found
 
-    def file(self, preset: str) -> Path:
-        """The file that a path or a name means; a path is not looked into."""
+    def file(self, preset: str) -> "tuple[Path, Found | None]":
+        """The file that a path or a name means, and what it was put together from
+        where later edits around it would change that. A plain file is not looked into.
+        """
+        from lensfit.preset.library.levels import LENSES
+
         path = Path(preset)
-        return path if path.is_file() else self.find(preset).path
+        if path.is_file() and path.absolute().parent.parent.name != LENSES:
+            return path, None
+        found = self.find(preset)
+        return found.path, found if len(found.parts) > 1 else None
 
     def levels(self) -> "tuple[Level, ...]":
         """Nearest first."""
