@@ -142,6 +142,7 @@ def _pictures(plates: str | Path, frames: str | None) -> list[Path]:
         return [path for _, path in expand_frames(pattern)]
     numbers = parse_frames(frames)
     paths = list(dict.fromkeys(frame_path(pattern, number) for number in numbers))
-    if not any(path.is_file() for path in paths):
+    single = frame_path(pattern, 0) == frame_path(pattern, 1)
+    if single or not any(path.is_file() for path in paths):
         return [path for _, path in expand_frames(pattern, frames)]  # says what lacks
     return paths

@@ -30,10 +30,8 @@ def apply_frame(renderer: FrameRenderer, path: Path, target: Path) -> FrameOutco
     """Render a frame to its place, unless it is there."""
     failure, skipped = None, False
     try:
-        skipped = target.is_file() and not renderer.options.overwrite
-        if skipped:
-            renderer.note_if_made_otherwise(path, target)
-        else:
+        skipped = not renderer.options.overwrite and renderer.is_finished(path, target)
+        if not skipped:
             write_exr(target, renderer.render(path))
     except (LensfitError, ValueError, MemoryError, ArithmeticError) as error:
         failure = error_line(error, path)

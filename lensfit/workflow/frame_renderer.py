@@ -14,7 +14,8 @@ header              says what was done (`frame_signature`)
 from pathlib import Path
 from typing import final
 
-from lensfit.io.exr import ExrImage, read_exr
+from lensfit.errors import ImageError
+from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_options import ApplyOptions
@@ -47,11 +48,29 @@ class FrameRenderer:
             return render_deep(self.lens, path)
         return render_flat(self.lens, read_exr(path), path)
 
-    def note_if_made_otherwise(self, plate: Path, target: Path) -> None:
-        """Say so when a finished frame is not what would be rendered now."""
+    def is_finished(self, plate: Path, target: Path) -> bool:
+        """Whether a whole frame is there; says so when it is not what would be rendered
+        now, and when only a damaged one is there, as a full disk or a broken copy leave.
+
+        Raises
+        ------
+        ImageError : The system does not let it be read.
+        """
+        if not target.is_file():
+            return False
+        try:
+            parts = read_exr(target, header_only=True).parts
+        except ImageError as error:
+            if isinstance(error.__cause__, OSError):
+                raise
+            self.lens.notes.add(f"{target} was damaged and is rendered again")
+            return False
+        self._note_if_made_otherwise(plate, parts)
+        return True
+
+    def _note_if_made_otherwise(self, plate: Path, parts: tuple[ExrPart, ...]) -> None:
         state = self.lens.state_of(plate_header(plate), plate)
         wanted = self.lens.signature(state)
-        parts = read_exr(target, header_only=True).parts
         made = next((p.attributes[SAID] for p in parts if SAID in p.attributes), None)
         if made != wanted:
             self.lens.notes.add(
