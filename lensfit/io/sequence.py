@@ -205,6 +205,10 @@ def _single(path: Path, frames: str | Iterable[int] | None) -> Path:
             where=path,
             remedy="write the frame number as ####",
         )
+    if path.is_dir():
+        raise ImageError(
+            "is a folder", where=path, remedy="name the pictures in it: plate.####.exr"
+        )
     if not path.is_file():
         raise ImageError("does not exist", where=path)
     return path

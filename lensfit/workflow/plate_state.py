@@ -43,6 +43,8 @@ class PlateState(NamedTuple):
 
 _LEAST_WIDTH_MM = 0.01
 """Less is no sensor but another unit, or a slip."""
+_LEAST_PART = 0.12
+"""Of the width that was photographed: a smaller one may be in centimetres."""
 _WHERE_TO_FIND = {
     "focal_length_mm": ("focal length", "pinholeFocalLength or lens/focal"),
     "f_number": ("f-number", "aperture or lens/fstop"),
@@ -124,6 +126,11 @@ def _width_mm(preset: Preset, camera: PlateCamera) -> tuple[float, str | None]:
         note = (
             f"the plate spans {width:g} mm and the lens was photographed over "
             f"{measured:g} mm: the rest is extrapolated"
+        )
+    elif _LEAST_WIDTH_MM <= width < _LEAST_PART * measured:
+        note = (
+            f"the plate spans {width:g} mm of the {measured:g} mm that the lens was "
+            "photographed over: make sure that this is in mm (--sensor-width-mm)"
         )
     if not _LEAST_WIDTH_MM <= width < math.inf:
         raise ImageError(

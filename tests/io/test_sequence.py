@@ -81,6 +81,8 @@ def test_single_pictures(folder: Path):
         expand_frames(path, "1-2")
     with pytest.raises(ImageError, match="does not exist"):
         expand_frames(folder / "B.exr")
+    with pytest.raises(ImageError, match=r"is a folder; .* plate.####.exr"):
+        expand_frames(folder)
 
 
 def test_nothing_there_is_said(tmp_path: Path):

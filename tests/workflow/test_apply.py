@@ -287,6 +287,34 @@ def test_finished_frames_of_other_settings_are_kept_and_told(tmp_path):
     assert any("other settings" in note for note in other.notes)
 
 
+@pytest.mark.parametrize("kept_bytes", [0, 300, -40])
+def test_a_damaged_frame_is_no_finished_one(tmp_path, kept_bytes):
+    plate, out = write_plate(tmp_path / "p.exr"), tmp_path / "out"
+    (target,) = apply_preset(make_preset(), plate, out).written
+    whole = target.read_bytes()
+    target.write_bytes(whole[:kept_bytes])
+    again = apply_preset(make_preset(), plate, out)
+    assert again.written == [target]
+    assert f"{target} was damaged and is rendered again" in again.notes
+    assert target.read_bytes() == whole
+    assert apply_preset(make_preset(), plate, out).skipped == [target]
+
+
+def test_frames_of_a_single_plate_cannot_be_chosen(tmp_path):
+    plate = write_plate(tmp_path / "p.1001.exr")
+    with pytest.raises(ImageError, match="single picture"):
+        apply_preset(make_preset(), plate, tmp_path / "out", frames="1-9")
+
+
+@pytest.mark.parametrize(
+    ("width_mm", "told"), [(0.036, True), (3.6, True), (12.0, False), (36.0, False)]
+)
+def test_a_sensor_in_another_unit_is_told(tmp_path, width_mm, told):
+    plate = write_plate(tmp_path / "p.exr", {**CAMERA, "lens/aperture": width_mm})
+    notes = apply_preset(make_preset(), plate, tmp_path / "out").notes
+    assert any("make sure that this is in mm" in note for note in notes) == told
+
+
 @pytest.mark.parametrize(
     "changed",
     [
