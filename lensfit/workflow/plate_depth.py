@@ -126,8 +126,10 @@ def depth_meaning(
         kind = "perpendicular"
         assumed.append("along the optical axis (--depth-kind)")
     if kind not in KINDS:
+        source = "--depth-kind" if options.kind else "depth/kind of the header"
         raise ImageError(
-            f"{kind!r} is no kind of depth", remedy=f"give one of {', '.join(KINDS)}"
+            f"{kind!r} is no kind of depth ({source})",
+            remedy=f"give one of {', '.join(KINDS)} with --depth-kind",
         )
     planes = {"near": 0.0, "far": 1.0}
     for name in planes:
@@ -149,7 +151,11 @@ def depth_meaning(
 def _unit_mm(header: Mapping[str, object], options: DepthOptions) -> float | None:
     unit = options.unit or _entry(header, "depth/unit")
     if unit is not None:
-        return unit_in_mm(str(unit))
+        source = "--depth-unit" if options.unit else "depth/unit of the header"
+        try:
+            return unit_in_mm(str(unit))
+        except ImageError as error:
+            raise ImageError(f"{error.what} ({source})", remedy=error.remedy) from None
     metres = _entry(header, "metersPerUnit")
     if metres is None:
         return None

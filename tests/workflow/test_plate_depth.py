@@ -79,13 +79,19 @@ def test_a_plate_without_depth_is_an_error_only_when_depth_was_asked_for():
     ("options", "words"),
     [
         ({"kind": "normalised"}, "--depth-near"),
-        ({"kind": "sideways"}, "no kind of depth"),
-        ({"unit": "yard"}, "no unit"),
+        ({"kind": "sideways"}, r"no kind of depth \(--depth-kind\)"),
+        ({"unit": "yard"}, r"no unit of depth \(--depth-unit\)"),
     ],
 )
 def test_what_makes_no_sense_is_told(options, words):
     with pytest.raises(ImageError, match=words):
         read(plate(), **options)
+
+
+@pytest.mark.parametrize(("entry", "what"), [("unit", "unit"), ("kind", "kind")])
+def test_a_header_that_makes_no_sense_is_named(entry, what):
+    with pytest.raises(ImageError, match=rf"no {what} of depth \(depth/{entry} of the"):
+        read(plate(**{f"depth__{entry}": "yonder"}))
 
 
 def test_depth_that_is_all_missing_is_sky_and_told():
