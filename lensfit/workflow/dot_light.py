@@ -7,7 +7,7 @@ that none shows. Hole and diffraction soften all dots of a photograph alike, by 
 Gaussian: of the picture, or where that is too narrow every ray is set off by a step.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import cv2
@@ -23,7 +23,7 @@ _LEAST_SIGMA_PX = 0.4
 """A narrower Gaussian is none between pixels."""
 _UNEVEN = 0.8
 """Of the rays' spacing: a Gaussian that hides it."""
-_AT_ONCE = 64
+_AT_ONCE = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +47,17 @@ class DotLight:
 
 
 def drawn_light(
-    dots: DotLight, size_px: tuple[int, int]
+    dots: DotLight, size_px: tuple[int, int], coarser: int = 1
 ) -> Float32[np.ndarray, "height width"]:
-    """Light of the dots in every pixel of a picture of this width and height."""
-    width, height = size_px
+    """Light of the dots in every pixel of a picture of this width and height.
+
+    Parameters
+    ----------
+    coarser : Pixels of the photograph along each pixel of the picture, about: the
+        picture has so many times fewer.
+    """
+    width, height = (round(side / coarser) for side in size_px)
+    dots = _reduced(dots, (width / size_px[0], height / size_px[1]))
     light = np.zeros(width * height)
     uneven = _UNEVEN * _spacing_px(dots)
     soft = uneven >= _LEAST_SIGMA_PX
@@ -71,6 +78,16 @@ def drawn_light(
         return picture
     sigma = float(np.hypot(dots.sigma_px, uneven))
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma))
+
+
+def _reduced(dots: DotLight, scale: tuple[float, float]) -> DotLight:
+    """The same dots on pixels so many times as many."""
+    return replace(
+        dots,
+        chief_rays_px=dots.chief_rays_px * np.array(scale),
+        pixel_mm=dots.pixel_mm / np.array(scale),
+        sigma_px=dots.sigma_px * float(np.sqrt(scale[0] * scale[1])),
+    )
 
 
 def _spacing_px(dots: DotLight) -> float:

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, UInt8
 from lensfit.atomic import write_bytes_atomic
 from lensfit.batches import in_batches
 from lensfit.coords import mm_from_px
+from lensfit.errors import LensfitError, OutputError
 from lensfit.fit.lens_states import Fitted
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
@@ -36,7 +37,7 @@ _FULL_CHROMA = (
 )
 _GRID = (33, 25)
 _WHITE_PERCENTILES, _OF_BRIGHTEST = (99.8, 99.99), 0.5
-_LEFT_PERCENTILE = 99.95
+_LEFT_PERCENTILES = {False: 99.95, True: 99.0}
 _BRIGHTER, _PALE, _DARKER = (213, 94, 0), (245, 244, 240), (0, 100, 178)
 _LEAST_SHARE = 0.01
 _STRIDE = 2
@@ -70,13 +71,30 @@ def write_model_pictures(
     By the take's name what the report says of it: the three paths, relative to
     `folder`; "left_share", the residual in full colour as a share of white;
     "explained", the share of the picture's variance; "blur_measured";
-    "lighting_fitted", whether the chart's uneven light was fitted.
+    "lighting_fitted", whether the chart's uneven light was fitted. Or "failed": why
+    there are none.
     """
     shown = [o for o in observed if o.take is not None and o.small is not None]
     marks = predicted_marks(fitted, [o.take for o in shown if o.take is not None])
     shown = [o for o in shown if o.image in marks]
     budget = min(_MOST_BYTES, TOTAL_BYTES // max(len(shown), 1))
-    return {o.image: _written(o, marks[o.image], preset, folder, budget) for o in shown}
+    return {o.image: _tried(o, marks[o.image], preset, folder, budget) for o in shown}
+
+
+def _tried(
+    observed: Observed,
+    marks: PredictedMarks,
+    preset: Preset,
+    folder: Path,
+    budget_bytes: int,
+) -> dict[str, Any]:
+    """A picture that cannot be drawn must not cost a calibration."""
+    try:
+        return _written(observed, marks, preset, folder, budget_bytes)
+    except OutputError:
+        raise
+    except (LensfitError, ValueError, np.linalg.LinAlgError, cv2.error) as error:
+        return {"failed": str(error)}
 
 
 def _written(
@@ -104,13 +122,14 @@ def _written(
     )
     shape = small.light.shape
     seen = small.light.astype(np.float32)
+    dark = drawing.field_is_bright
     found = modelled_light(
         seen,
         drawing,
         _fall_off(lens, shape, take.sensor_size_mm),
-        dark=not take.observations.bright,
+        dark=dark,
     )
-    made = pictures_of(seen, found.light, drawing.inside)
+    made = pictures_of(seen, found.light, drawing.inside, dark=dark)
     stem = observed.overlay.stem if observed.overlay else Path(observed.image).stem
     names = {}
     for name, data in zip(
@@ -122,7 +141,7 @@ def _written(
         "left_share": made.left_share,
         "explained": round(found.explained, 6),
         "blur_measured": drawing.blurred,
-        "lighting_fitted": not take.observations.bright,
+        "lighting_fitted": dark,
     }
 
 
@@ -130,6 +149,8 @@ def pictures_of(
     photograph: Float[np.ndarray, "height width"],
     model: Float[np.ndarray, "height width"],
     inside: Bool[np.ndarray, "height width"],
+    *,
+    dark: bool = False,
 ) -> Pictures:
     """Exposed for display, and their difference in colour.
 
@@ -137,6 +158,7 @@ def pictures_of(
     ----------
     photograph, model : Light in the same units.
     inside : Where the model says something.
+    dark : Whether marks lie on a bright field, and not far apart on black.
     """
     some = slice(None, None, _STRIDE), slice(None, None, _STRIDE)
     among = inside[some] if inside[some].any() else np.ones_like(inside[some])
@@ -145,7 +167,7 @@ def pictures_of(
     white = float(max(usual, _OF_BRIGHTEST * brightest))
     white = white if white > 0 else 1.0
     left = np.where(inside, (photograph - model) / np.float32(white), np.float32(0))
-    large = float(np.percentile(np.abs(left[some][among]), _LEFT_PERCENTILE))
+    large = float(np.percentile(np.abs(left[some][among]), _LEFT_PERCENTILES[dark]))
     share = min(round_up(max(large, _LEAST_SHARE)), 1.0)
     codes = np.rint(np.clip(left / share, -1, 1) * 127 + 128).astype(np.uint8)
     return Pictures(

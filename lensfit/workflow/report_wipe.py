@@ -20,7 +20,7 @@ _WITHOUT = "where the lens puts them, with its fall-off; blur was not measured h
 def wipe_figures(
     take: dict, name: str, pictures: Mapping[str, str | None]
 ) -> Markup | None:
-    """Wipe and residual of one take; None when its pictures are not there.
+    """Wipe and residual of one take, or why there are none; None without pictures.
 
     Parameters
     ----------
@@ -29,6 +29,9 @@ def wipe_figures(
     pictures : ``data:`` address of each picture, by the path that the report names.
     """
     said = take.get("modelled") or {}
+    if said.get("failed"):
+        reason = f"The model's picture could not be drawn: {said['failed']}"
+        return tag("p", reason, class_="facts")
     photograph, model, left = (
         pictures.get(said.get(key) or "") for key in MODEL_PICTURES
     )

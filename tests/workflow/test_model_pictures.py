@@ -9,7 +9,8 @@ import pytest
 
 from lensfit.fit.wavefront.portray import RINGS, SPOKES, Landings
 from lensfit.photograph import Photograph
-from lensfit.workflow.chart_drawing import Drawing, discs, lines, squares
+from lensfit.workflow.chart_drawing import Drawing
+from lensfit.workflow.chart_shapes import discs, lines, squares
 from lensfit.workflow.dot_light import DotLight, drawn_light
 from lensfit.workflow.model_pictures import pictures_of
 from lensfit.workflow.modelled_light import modelled_light
@@ -93,6 +94,16 @@ def test_light_of_a_dot_is_kept_and_fills_its_disc():
     assert inner.mean() == pytest.approx(2.5 / (np.pi * 144), rel=0.02)
     assert inner.std() < 0.12 * inner.mean()
     assert drawn[away > 15].max() < 1e-3 * inner.mean()
+
+
+def test_a_large_photograph_is_drawn_on_fewer_pixels():
+    """Light of a pixel of the coarse picture is that of the fine ones it covers."""
+    fine = drawn_light(light_of(14.0, (40.2, 29.6), 0.3), (80, 60))
+    coarse = drawn_light(light_of(14.0, (40.2, 29.6), 0.3), (80, 60), 4)
+    assert coarse.shape == (15, 20)
+    summed = fine.reshape(15, 4, 20, 4).sum((1, 3))
+    assert np.abs(coarse - summed).max() < 0.15 * summed.max()
+    np.testing.assert_allclose(centroid(coarse) * 4, (40.2, 29.6), atol=0.3)
 
 
 def test_light_beside_the_frame_is_lost_and_hurts_nothing():

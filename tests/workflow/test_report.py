@@ -179,6 +179,14 @@ def test_pictures_of_the_model_that_are_lost_leave_no_wipe(tmp_path):
     assert figures_in(html)["wipe"] == figures_in(html)["left"] == 1
 
 
+def test_a_picture_that_could_not_be_drawn_says_why(tmp_path):
+    report = barrel_report(2)
+    report["takes"][0]["modelled"] = {"failed": "singular <matrix>"}
+    html = written(report, tmp_path)
+    assert "could not be drawn: singular &lt;matrix&gt;" in html
+    assert figures_in(html)["wipe"] == 1
+
+
 def test_what_the_model_explains_is_never_rounded_to_all_of_it(tmp_path):
     report = barrel_report(1)
     report["takes"][0]["modelled"]["explained"] = 0.99982
