@@ -4,6 +4,7 @@ from pathlib import Path
 
 import typer
 
+from lensfit.cli._console import console
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 
@@ -62,13 +63,14 @@ def _print_json(records: list[dict[str, object]]) -> None:
 
 
 def _print_table(inspection) -> None:
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     from lensfit.workflow.inspect import facts
 
     table = Table(title=str(inspection.path), title_justify="left", show_header=False)
+    for _ in range(3):
+        table.add_column(overflow="fold")  # the end of a path says which file it is
     for line in facts(inspection):
         table.add_row(*(Text(cell) for cell in line))
-    Console().print(table)
+    console().print(table)

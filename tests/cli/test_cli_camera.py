@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import camera_files as files
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from lensfit.cli.groups.library import LibraryGroup
@@ -114,6 +115,20 @@ def test_inspect_says_where_values_come_from(plate, tmp_path):
     assert "Lens Focal Length" in record["state"]["sources"]["focal_length_mm"]
     assert record["overruled"]["focal_length_mm"][0]["source"] == "lens/focal"
     assert record["state"]["sources"]["f_number"] == "--f-number"
+
+
+def test_a_narrow_terminal_cuts_no_source(plate, tmp_path, monkeypatch):
+    deep = tmp_path / "a_project_with_a_long_name" / "a_sequence_with_a_long_name"
+    deep.mkdir(parents=True)
+    (deep / "lensfit.toml").write_text("[camera]\nf_number = 2.8\n")
+    plate = plate.rename(deep / "p.1001.exr")
+    monkeypatch.setattr("lensfit.cli.inspect.console", lambda: Console(width=80))
+    said = run("inspect", plate).stdout
+    assert "…" not in said
+    cells = (line.split("│")[3].strip() for line in said.splitlines() if "│" in line)
+    assert f"{deep / 'lensfit.toml'} [camera]".replace(" ", "") in "".join(
+        cells
+    ).replace(" ", "")
 
 
 def test_a_broken_sidecar_is_one_line(plate, tmp_path):

@@ -120,6 +120,18 @@ def test_mistakes_are_one_line(show: Path, words: list[str], said: str):
     assert said in preset(*words, "--library", "show", code=1)
 
 
+def test_a_narrow_terminal_cuts_no_name(show: Path, monkeypatch):
+    from rich.console import Console
+
+    preset(
+        "edit", SLUG, "--library", "show/sq010", "--set", "coma_gain=1", "--why", "x"
+    )
+    monkeypatch.setattr("lensfit.cli._console.console", lambda: Console(width=60))
+    said = preset("list", "--library", "show/sq010")
+    assert said.count(SLUG) == 2
+    assert "…" not in said
+
+
 def test_the_library_may_be_named_by_the_environment(show: Path):
     result = runner.invoke(
         app, ["preset", "show", SLUG], env={"LENSFIT_LIBRARY": str(show)}

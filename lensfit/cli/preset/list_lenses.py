@@ -28,16 +28,20 @@ def list_lenses(
     if not rows:
         typer.echo(f"{levels[0].lenses}: no lens yet")
         return
-    from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
+
+    from lensfit.cli._console import console
 
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("lens", "level", "versions", "in use", "default", ""):
-        table.add_column(name)
+    # What has to be typed elsewhere is whole.
+    for name in ("lens", "level"):
+        table.add_column(name, no_wrap=True)
+    for name in ("versions", "in use", "default", ""):
+        table.add_column(name, overflow="fold")
     for row in rows:
         span = " to ".join(dict.fromkeys(row.versions[:1] + row.versions[-1:]))
         what = row.fault or (row.lens or "") + (", sparse" if row.sparse else "")
-        table.add_row(
-            row.slug, row.level, span, row.in_use or "-", row.marked or "-", what
-        )
-    Console(highlight=False, soft_wrap=True, markup=False).print(table)
+        cells = (row.slug, row.level, span, row.in_use or "-", row.marked or "-", what)
+        table.add_row(*map(Text, cells))
+    console().print(table)
