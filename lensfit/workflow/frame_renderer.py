@@ -50,7 +50,7 @@ class FrameRenderer:
 
     def is_finished(self, plate: Path, target: Path) -> bool:
         """Whether a whole frame is there; says so when it is not what would be rendered
-        now, and when only a damaged one is there, as a full disk or a broken copy leave.
+        now, and when only a damaged one is there, as a full disk or a cut copy leaves.
 
         Raises
         ------

@@ -1,5 +1,7 @@
 """The depth of a plate: options before header before a noted assumption."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -90,8 +92,9 @@ def test_what_makes_no_sense_is_told(options, words):
 
 @pytest.mark.parametrize(("entry", "what"), [("unit", "unit"), ("kind", "kind")])
 def test_a_header_that_makes_no_sense_is_named(entry, what):
+    header: dict[str, Any] = {f"depth__{entry}": "yonder"}
     with pytest.raises(ImageError, match=rf"no {what} of depth \(depth/{entry} of the"):
-        read(plate(**{f"depth__{entry}": "yonder"}))
+        read(plate(**header))
 
 
 def test_depth_that_is_all_missing_is_sky_and_told():
