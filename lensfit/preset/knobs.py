@@ -6,6 +6,7 @@ neutral), on the command line (``--coma-gain``), in the header of a plate
 knob is neutral as a preset comes from calibration, and neutral knobs change no bit.
 """
 
+import difflib
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -94,9 +95,31 @@ def not_neutral(knobs: Knobs) -> dict[str, Value]:
 
 def knobs_in(attributes: Mapping[str, object]) -> dict[str, object]:
     """Values of knobs that a header states, by name; nothing else is looked at."""
+    return {n: v for n, v in _named(attributes).items() if n in GROUP_OF}
+
+
+def slips_in(attributes: Mapping[str, object]) -> tuple[str, ...]:
+    """One sentence for each header entry that looks like a knob and is none.
+
+    Headers travel through many programs, and lensfit's own entries stand under the same
+    prefix, so that an unknown one is no error.
+    """
+    slips = []
+    for name in _named(attributes):
+        close = difflib.get_close_matches(name.lower(), GROUP_OF, n=1, cutoff=0.75)
+        if name not in GROUP_OF and close:
+            slips.append(
+                f'the header entry "{_PREFIX}{name}" is no knob and is left out; did '
+                f'you mean "{close[0]}"?'
+            )
+    return tuple(slips)
+
+
+def _named(attributes: Mapping[str, object]) -> dict[str, object]:
+    """Entries with the prefix of knobs, by what follows it."""
     found = {}
     for key, value in attributes.items():
         before, prefix, name = key.rpartition(_PREFIX)
-        if prefix and name in GROUP_OF and (not before or before.endswith("/")):
+        if prefix and (not before or before.endswith("/")):
             found[name] = value
     return found

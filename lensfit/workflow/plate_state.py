@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfit.errors import ImageError, PresetError, SettingsError
-from lensfit.preset.knobs import NEUTRAL, Knobs, knobs_in, turned
+from lensfit.preset.knobs import NEUTRAL, Knobs, knobs_in, slips_in, turned
 from lensfit.preset.schema import Preset
 from lensfit.render.look.white_balance import REC709, Chromaticities
 from lensfit.workflow.camera_sources import PlateCamera
@@ -83,7 +83,7 @@ def plate_state(
             raise _missing(name, camera)
     notes = [*camera.notes, *preset.select(*key).notes]
     width, note = _width_mm(preset, camera)
-    notes += [note] if note else []
+    notes += [*([note] if note else []), *slips_in(attributes)]
     turns = _turned(preset, attributes, camera, knobs or {})
     colours = _chromaticities(attributes)
     return PlateState(key, width, tuple(notes), turns, colours)

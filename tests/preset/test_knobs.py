@@ -11,6 +11,7 @@ from lensfit.preset.knobs import (
     Knobs,
     knobs_in,
     not_neutral,
+    slips_in,
     turned,
 )
 from lensfit.preset.store import load_preset, save_preset
@@ -66,6 +67,18 @@ def test_a_header_may_have_any_prefix_and_other_entries():
         "lensfit/applied": "said",
     }
     assert knobs_in(attributes) == {"coma_gain": "2", "blades": 5}
+    assert slips_in(attributes) == ()
+
+
+@pytest.mark.parametrize(
+    "name", ["bloom_gian", "bloom-gain", "Bloom_gain", "bloomgain"]
+)
+def test_a_slip_in_a_header_is_told_and_lensfits_own_entries_are_none(name):
+    own = ("applied", "map", "lens", "version", "undefinedUV")
+    assert slips_in({f"lensfit/{n}": 1 for n in own}) == ()
+    (slip,) = slips_in({f"exr/lensfit/{name}": 0.2, f"other{name}": 0.2})
+    assert f'"lensfit/{name}" is no knob' in slip
+    assert 'did you mean "bloom_gain"?' in slip
 
 
 def test_a_preset_keeps_its_knobs(tmp_path):
