@@ -5,11 +5,13 @@ standard error that says what is wrong, where and what to do. `--debug`, anywher
 the command line, gives the traceback instead.
 """
 
+import inspect
+import re
 import sys
 import traceback
 import warnings
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TextIO
 
 import typer
 from typer.core import TyperGroup
@@ -20,7 +22,11 @@ DEBUG = "--debug"
 
 
 class DoorGroup(TyperGroup):
-    """A command group whose commands fail in one line."""
+    """A command group whose commands fail in one line, and whose help fills lines."""
+
+    def __init__(self, *args: Any, **kwargs: Any):
+        super().__init__(*args, **kwargs)
+        _fill_lines(self)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Accept `--debug` after the command too, where one adds it to rerun."""
@@ -68,9 +74,28 @@ def one_of(choices: tuple[str, ...]) -> Callable[[str], str]:
     return check
 
 
+def _fill_lines(command: Any) -> None:
+    """Let the terminal break the help's lines, not the source; examples keep theirs."""
+    text = inspect.cleandoc(command.help or "")
+    command.help = re.sub(r"(?<!\n)\n(?!\n|Example: )", " ", text)
+    for one in getattr(command, "commands", {}).values():
+        _fill_lines(one)
+
+
 def _is_the_parsers(error: BaseException) -> bool:
     """Exits, usage errors and closed pipes have their own way out."""
+    if isinstance(error, BrokenPipeError):
+        return _is_closed(sys.stdout)
     return hasattr(error, "exit_code") or isinstance(error, (typer.Abort, EOFError))
+
+
+def _is_closed(stream: TextIO) -> bool:
+    """Whether nobody reads it any more, as after ``| head``."""
+    try:
+        stream.flush()
+    except (OSError, ValueError):
+        return True
+    return False
 
 
 def _line(error: BaseException) -> str:

@@ -29,6 +29,52 @@ def lensfit(*arguments: str | Path, **environment: str) -> subprocess.CompletedP
     )
 
 
+def test_a_reader_that_left_is_no_failure():
+    text = """
+from lensfit.cli.main import app
+@app.command()
+def talk():
+    for _ in range(100000):
+        print("a line")
+app()
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", text, "talk"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as run:
+        assert run.stdout is not None
+        assert run.stderr is not None
+        assert run.stdout.readline() == "a line\n"
+        run.stdout.close()
+        assert run.stderr.read() == ""
+    assert run.returncode == 1
+
+
+def test_the_terminal_breaks_the_lines_of_help(failing):
+    @failing.command()
+    def wide() -> None:
+        """First.
+
+        One paragraph whose
+        source is
+        broken.
+
+        Example: lensfit a
+        Example: lensfit b
+        """
+
+    text = runner.invoke(failing, ["wide", "--help"], env={"COLUMNS": "80"}).stdout
+    lines = [line.strip() for line in text.splitlines()]
+    for line in (
+        "One paragraph whose source is broken.",
+        "Example: lensfit a",
+        "Example: lensfit b",
+    ):
+        assert line in lines
+
+
 def assert_one_line(text: str, said: str) -> None:
     assert text.startswith("lensfit: error: ")
     assert text.count("\n") == 1
