@@ -92,6 +92,7 @@ def _is_the_parsers(error: BaseException) -> bool:
 def _is_closed(stream: TextIO) -> bool:
     """Whether nobody reads it any more, as after ``| head``."""
     try:
+        stream.write("\n")  # what was written before may be forgotten already
         stream.flush()
     except (OSError, ValueError):
         return True
