@@ -96,7 +96,7 @@ def _draw_frame(axes, lens: Lens, focus_mm: float) -> None:
         lens,
         tolerance=TOLERANCE,
         data_window=half,
-        display_window=Window.of_size(*(side // 2 for side in plate.SIZE_PX)),
+        display_window=_frame_within(lens),
     )
     axes.imshow(_shown(frame))
     axes.set_axis_off()
@@ -106,6 +106,20 @@ def _draw_frame(axes, lens: Lens, focus_mm: float) -> None:
         f"CG plate through it: {lens.focal_length_mm:g} mm, {stop}"
         f"focused at {focus_mm / 1000:g} m{said}"
     )
+
+
+def _frame_within(lens: Lens) -> Window:
+    """The middle of the halved plate, as wide as the lens can be served from it.
+
+    An anamorphic lens sees so far to the sides that the plate's overscan is too little.
+    """
+    half_mm = np.asarray(lens.sensor_size_mm) / 2
+    rim = np.column_stack([np.ones(9), np.linspace(-1.0, 1.0, 9)]) * half_mm
+    seen = np.asarray(lens.undistorted_from_distorted(rim))[:, 0].max() / half_mm[0]
+    served = 1 + plate.OVERSCAN_PERCENT / 100
+    width, height = (side // 2 for side in plate.SIZE_PX)
+    margin = round(width * max(1 - served / seen, 0.0) / 2)
+    return Window.of_size(width, height).grown(-margin, 0)
 
 
 def _shown(linear: Float[np.ndarray, "height width 3"]) -> np.ndarray:
