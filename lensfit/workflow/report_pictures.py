@@ -18,6 +18,7 @@ from jaxtyping import UInt8
 
 from lensfit.io.chatter import without_chatter
 
+_JPEG = b"\xff\xd8"
 TOTAL_BYTES = 1_900_000
 _LARGEST_BYTES = 400_000
 _STEPS = ((1800, 78), (1800, 66), (1400, 70), (1100, 68), (860, 66), (620, 62))
@@ -37,9 +38,10 @@ def data_addresses(paths: Sequence[Path]) -> list[str | None]:
 def jpeg_address(path: Path) -> str | None:
     """A ``data:`` address of a JPEG file as it is; None if it cannot be read."""
     try:
-        return _of_jpeg(path.read_bytes())
+        encoded = path.read_bytes()
     except OSError:
         return None
+    return _of_jpeg(encoded) if encoded.startswith(_JPEG) else None
 
 
 def _of_jpeg(encoded: bytes) -> str:

@@ -177,6 +177,8 @@ def test_pictures_of_the_model_that_are_lost_leave_no_wipe(tmp_path):
     (tmp_path / "model/take_2_left.jpg").unlink()
     html = page_of(report, tmp_path)
     assert figures_in(html)["wipe"] == figures_in(html)["left"] == 1
+    (tmp_path / "model/take_1_model.jpg").write_bytes(b"no picture")
+    assert "wipe" not in figures_in(page_of(report, tmp_path))
 
 
 def test_a_picture_that_could_not_be_drawn_says_why(tmp_path):
