@@ -103,6 +103,8 @@ def plate_depth(
     if missing > 0:
         instead = "the nearest pixel's is taken" if missing < 1 else "all is sky"
         notes += (f"{100 * missing:.3g} % of the depth is missing or NaN: {instead}",)
+    elif np.isposinf(depth).all():
+        notes += ("all of the depth is zero, negative, infinite or huge: all is sky",)
     return PlateDepth(without_nan(depth), notes)
 
 

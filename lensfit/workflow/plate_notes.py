@@ -27,6 +27,13 @@ class Notes:
 
     def __init__(self):
         self.said: list[str] = []
+        self._topics: set[str] = set()
+
+    def add_first(self, topic: str, note: str | None) -> None:
+        """Say this, unless something was said of the topic: of another frame, say."""
+        if note and topic not in self._topics:
+            self._topics.add(topic)
+            self.add(note)
 
     def add(self, *notes: str | None) -> None:
         """Say these too; None is nothing to say."""
@@ -56,11 +63,14 @@ def border_note(stages: Stages, window: Window, source: Window) -> str | None:
     )
 
 
-def number_note(pixels: Float32[np.ndarray, "height width channels"]) -> str | None:
-    """Whether the plate holds NaN or infinity."""
+def number_note(
+    pixels: Float32[np.ndarray, "height width channels"], name: str
+) -> str | None:
+    """Whether the plate of that name holds NaN or infinity."""
     if np.isfinite(pixels).all():
         return None
     return (
-        "plates hold NaN or infinite pixels, which spread to their neighbours, and "
-        "turn black where depth of field is put on: mend them in the plates"
+        f"{name} holds NaN or infinite pixels, which spread to their neighbours, and "
+        "turn black where depth of field is put on: mend them in the plate, and look "
+        "at the others"
     )

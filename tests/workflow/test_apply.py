@@ -259,9 +259,11 @@ def test_borders_without_source_are_told_and_overscan_cures_them(tmp_path):
 def test_numbers_that_are_none_are_told(tmp_path):
     red = scene(DATA)[..., 0].copy()
     red[30, 40] = np.nan
-    write_plate(tmp_path / "nan.exr", extra={"R": red})
-    applied = apply_preset(make_preset(), tmp_path / "nan.exr", tmp_path / "out")
-    assert any("NaN" in note for note in applied.notes)
+    for frame in (1, 2, 3):
+        write_plate(tmp_path / f"p.{frame}.exr", extra={"R": red} if frame > 1 else {})
+    applied = apply_preset(make_preset(), tmp_path / "p.#.exr", tmp_path / "out")
+    (note,) = (note for note in applied.notes if "NaN" in note)
+    assert note.startswith("p.2.exr holds NaN")
 
 
 def test_an_undistort_map_is_refused(tmp_path):

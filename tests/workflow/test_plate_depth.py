@@ -101,3 +101,13 @@ def test_depth_that_is_all_missing_is_sky_and_told():
     depth, notes = read(plate(value=np.nan))
     assert np.isposinf(depth).all()
     assert any("100 % of the depth" in n and "all is sky" in n for n in notes)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, 1e9])
+def test_a_plate_of_sky_alone_is_told(value):
+    depth, notes = read(plate(value=value))
+    assert np.isposinf(depth).all()
+    assert any("zero, negative, infinite" in n and "all is sky" in n for n in notes)
+    image = plate(value=value)
+    image.parts[0].channels["Z"][3, 4] = 2.0
+    assert not any("all is sky" in n for n in read(image).notes)
