@@ -1,7 +1,7 @@
 """Which reader a camera file is for, told by its name and its beginning."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from lensfit.errors import CameraError
@@ -56,6 +56,12 @@ def read_camera_file(
     raise CameraError(
         "is no camera file that lensfit knows",
         where=path,
-        remedy="give a table of ARRI, RED, Sony VENICE or Canon, a text of Blackmagic, "
-        "a .chan or a .nk with a camera",
+        remedy="give a table of ARRI, RED, Sony VENICE or Canon (a first line with "
+        f"{_or(column for column, _ in _BY_COLUMN)} tells whose), a text of "
+        "Blackmagic, a .chan or a .nk with a camera",
     )
+
+
+def _or(columns: Iterable[str]) -> str:
+    quoted = [f'"{column}"' for column in columns]
+    return f"{', '.join(quoted[:-1])} or {quoted[-1]}"
