@@ -49,7 +49,8 @@ class Lens(eqx.Module):
     entrance_pupil_offset_mm : Centre of projection in front of the sensor plane.
     sensor_size_mm : Width and height of the calibrated sensor area.
     focal_length_mm, f_number, focus_distance_mm : The state; None where unknown.
-    notes : How the preset was stretched to reach this state, one sentence each.
+    notes : How the preset was stretched to reach this state, and which knobs found
+        nothing to turn; one sentence each.
     blur : Aberrations and pupil, or None when they were not measured (then the lens
         counts as perfect).
     largest_blur_mm : No object counts as farther out of focus than a thin lens blurs to

@@ -6,6 +6,7 @@ the logarithmic strain, which is smooth where there is no squeeze
 """
 
 import math
+from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,12 +19,14 @@ from lensfit.preset import blocks
 from lensfit.preset.blur_of_block import blur_block as blur_block
 from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
+from lensfit.preset.idle_knobs import idle_knobs
 from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.schema import Camera
 from lensfit.preset.select import Selection
 from lensfit.preset.turned_lens import turned_lens
 
-_NO_BLUR = "blur was not measured; a perfect lens stands in for it"
+NO_BLUR = "blur was not measured; a perfect lens stands in for it"
+"""Note of a preset without a measured blur."""
 
 
 def lens_of_selection(
@@ -37,7 +40,7 @@ def lens_of_selection(
     """
     entry, blur = chosen.entry, None
     if entry.blur is None:
-        unmeasured = (_NO_BLUR,)
+        unmeasured = (NO_BLUR,)
     else:
         unmeasured = ()
         if chosen.f_number is not None:
@@ -54,6 +57,14 @@ def lens_of_selection(
         notes=chosen.notes + unmeasured,
         blur=blur,
     )
+    idle = idle_knobs(
+        lens,
+        knobs.aberration,
+        knobs.bokeh,
+        blur_is_known=blur is not None or entry.blur is None,
+    )
+    if idle:
+        lens = replace(lens, notes=(*lens.notes, *map(str, idle)))
     return turned_lens(lens, knobs.aberration, knobs.bokeh)
 
 

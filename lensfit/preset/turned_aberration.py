@@ -97,6 +97,20 @@ _FAMILIES: tuple[tuple[str, Callable[[Term], bool], Term], ...] = (
 )
 
 
+def family_of(aberration: Aberration, name: str) -> Terms:
+    """What the gain of this name multiplies; nothing where the lens has none of it."""
+    found = _terms_of(aberration)
+    own = {family: is_in for family, is_in, _ in _FAMILIES} | {
+        "field_curvature": lambda t: _is_focus(t) and t != FOCUS_ON_AXIS,
+        "astigmatism_sagittal": _is_astigmatism,
+        "astigmatism_tangential": _is_astigmatism,
+        "axial_colour": _is_focus,
+        "chromatic": lambda _: True,
+    }
+    column = slice(1, 3) if name in ("axial_colour", "chromatic") else slice(0, 3)
+    return {t: um for t, um in found.items() if own[name](t) and np.any(um[column])}
+
+
 def scaled(family: Terms, scale: Scale, seed: Terms, edge: float) -> Terms:
     """A family at its gain; of one that has no size yet a stated one, the lowest term.
 
@@ -149,8 +163,8 @@ def _turned_focus(terms: Terms, edge: float, knobs: AberrationKnobs) -> Terms:
     along, across = (
         scale_of(knobs, f"astigmatism_{name}") for name in ("tangential", "sagittal")
     )
-    focus = {t: um for t, um in terms.items() if (t.degree, t.order_u) == (2, 0)}
-    astigmatism = {t: um for t, um in terms.items() if (t.degree, t.order_u) == (2, 2)}
+    focus = {t: um for t, um in terms.items() if _is_focus(t)}
+    astigmatism = {t: um for t, um in terms.items() if _is_astigmatism(t)}
     if not curved.is_neutral:
         off_axis = {t: um for t, um in focus.items() if t != FOCUS_ON_AXIS}
         off_axis[FOCUS_ON_AXIS] = -_on_axis(off_axis)
@@ -175,6 +189,14 @@ def _turned_focus(terms: Terms, edge: float, knobs: AberrationKnobs) -> Terms:
         if _is_centred(term) and np.any(um):
             _add(focus, _as_focus(term, um))
     return focus | turned
+
+
+def _is_focus(term: Term) -> bool:
+    return (term.degree, term.order_u) == (2, 0)
+
+
+def _is_astigmatism(term: Term) -> bool:
+    return (term.degree, term.order_u) == (2, 2)
 
 
 def _is_centred(term: Term) -> bool:
@@ -206,7 +228,7 @@ def _turned_axial(terms: Terms, bands: Bands, scale: Scale) -> Terms:
     """Terms of focus, by what they change with colour."""
     if scale.is_neutral:
         return {}
-    focus = {t: um for t, um in terms.items() if (t.degree, t.order_u) == (2, 0)}
+    focus = {t: um for t, um in terms.items() if _is_focus(t)}
     factor = scale.gain
     if scale.um is not None:
         w = np.asarray(jnp.mean(chromatic_coordinate(bands.wavelengths_nm), 1))

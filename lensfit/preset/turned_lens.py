@@ -20,6 +20,7 @@ from lensfit.kernel.lens_blur import LensBlur
 from lensfit.lens import Lens
 from lensfit.preset.aberration_knobs import AberrationKnobs
 from lensfit.preset.bokeh_knobs import BokehKnobs
+from lensfit.preset.idle_knobs import LEAST_BLADES
 from lensfit.preset.turned_aberration import turned_aberration
 from lensfit.preset.turned_chief_rays import turned_distortion, turned_lateral
 from lensfit.preset.turned_pupil import turned_opening, turned_rims
@@ -34,7 +35,6 @@ _SPOTS = (
     "spherical",
     "other_aberrations",
 )
-_LEAST_BLADES = 3
 
 
 def turned_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> Lens:
@@ -88,7 +88,7 @@ def _needs_blur(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> b
         return False
     return (
         any(getattr(aberration, f"{name}_um") for name in _SPOTS)
-        or (bokeh.blades or 0) >= _LEAST_BLADES
+        or (bokeh.blades or 0) >= LEAST_BLADES
         or bokeh.ring_brightness != 0
         or bokeh.squeeze != 1
         or bool(bokeh.cat_eye_percent)

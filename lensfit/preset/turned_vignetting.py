@@ -84,6 +84,19 @@ def turned_illumination(
     return Illumination(jnp.asarray(np.array(control)), known.valid_radius_mm)
 
 
+def photographed_parts(lens: Lens) -> tuple[bool, bool, bool]:
+    """Whether the photographed fall-off has a natural, optical and mechanical part."""
+    known = lens.illumination
+    if known is None:
+        return False, False, False
+    valid_mm = float(known.valid_radius_mm)
+    natural = _natural(lens, np.sqrt(squared_radii()) * valid_mm)
+    optical = _optical(lens, None, valid_mm, natural)
+    each = [_parted(loss_of(c), natural, optical) for c in np.asarray(known.control)]
+    first, second, third = (max(p.max() for p in of) for of in zip(*each, strict=True))
+    return first > _NOTHING, second > _NOTHING, third > _NOTHING
+
+
 class _Stated(NamedTuple):
     gains: tuple[float, float, float]
     stops: tuple[float | None, float | None, float | None]

@@ -17,6 +17,7 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage
 from lensfit.lens import Lens
 from lensfit.preset.knobs import NEUTRAL
+from lensfit.preset.lens_of_entry import NO_BLUR
 from lensfit.preset.schema import Preset
 from lensfit.render.frame import window_with_margin
 from lensfit.render.look.stack import look_of
@@ -112,9 +113,11 @@ class PlateLens:
         return self._lens
 
     def noted_state(self, image: ExrImage, path: Path) -> PlateState:
-        """The camera state of a plate; what was assumed is noted."""
+        """The camera state of a plate; notes what was assumed, and idle knobs."""
         state = self.state_of(image, path)
         self.notes.add(*state.notes)
+        # That blur was not measured matters only where depth of field is put on.
+        self.notes.add(*(n for n in self.lens_at(state).notes if n != NO_BLUR))
         return state
 
     def signature(self, state: PlateState) -> str:

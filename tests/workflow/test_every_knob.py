@@ -12,6 +12,7 @@ from lensfit.io.exr import read_exr
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, not_neutral, turned
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.plan_plate import plan_plate
 from lensfit.workflow.plate_lens import PlateLens
 
 KNOBS = {
@@ -80,3 +81,17 @@ def test_all_knobs_stated_as_neutral_change_no_bit(plate, tmp_path):
         assert not done.failures
         frames.append(done.written[0].read_bytes())
     assert frames[0] == frames[1]
+
+
+def test_a_knob_that_turns_nothing_is_told_once_by_apply_and_by_plan(tmp_path):
+    for number in (1, 2):
+        write_plate(tmp_path / f"plate.{number:04d}.exr")
+    options = ApplyOptions(knobs={"coma_gain": 2.0, "lateral_red_gain": 2.0})
+    plates = tmp_path / "plate.####.exr"
+    done = apply_preset(make_preset(), plates, tmp_path / "out", options=options)
+    _, planned = plan_plate(make_preset(), tmp_path / "plate.0001.exr", options)
+    for notes in (done.notes, planned):
+        (told,) = [note for note in notes if "turns nothing" in note]
+        assert told.startswith("coma_gain turns nothing: the preset has no coma")
+        assert "--coma-um" in told
+    assert not done.failures

@@ -1,0 +1,177 @@
+"""Knobs that were turned and have nothing to turn, told in a sentence each.
+
+A gain multiplies what was measured. Of a lens that has none of it (an ideal lens, one
+that was never photographed for its blur, an imported one) nothing is left to multiply,
+and the picture stays as it is. The knob that states an amount, or adds what is lacking,
+is named with it. A gain of zero asks for nothing and gets it, and is not told.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from lensfit.lens import Lens
+from lensfit.optics.lateral import ChannelShift
+from lensfit.preset.aberration_knobs import AberrationKnobs
+from lensfit.preset.bokeh_knobs import BokehKnobs
+from lensfit.preset.turned_aberration import family_of
+from lensfit.preset.turned_vignetting import photographed_parts
+
+LEAST_BLADES = 3
+"""Fewer are round."""
+_GAIN = "_gain"
+_UNITS = {"distortion": "_percent", "vignetting": "_stops"}
+_CHROMATIC = ("lateral_red", "lateral_blue", "axial_colour")
+_BLURS = (
+    "axial_colour",
+    "field_curvature",
+    "astigmatism_sagittal",
+    "astigmatism_tangential",
+    "coma",
+    "spherical",
+    "other_aberrations",
+)
+_PARTS = ("natural_vignetting", "optical_vignetting", "mechanical_vignetting")
+_CALLED = {
+    "chromatic": "colour error",
+    "lateral_red": "lateral colour of red",
+    "lateral_blue": "lateral colour of blue",
+    "axial_colour": "axial colour",
+    "field_curvature": "field curvature",
+    "astigmatism_sagittal": "astigmatism",
+    "astigmatism_tangential": "astigmatism",
+    "coma": "coma",
+    "spherical": "spherical aberration",
+    "other_aberrations": "trefoil or other aberrations",
+    "distortion": "distortion",
+    "natural_vignetting": "natural vignetting",
+    "optical_vignetting": "optical vignetting",
+    "mechanical_vignetting": "mechanical vignetting",
+}
+
+
+class IdleKnob(NamedTuple):
+    """A knob that turns nothing.
+
+    Attributes
+    ----------
+    name : Of the knob.
+    lacking : What is not there, as a clause.
+    remedies : Knobs that would put some in.
+    """
+
+    name: str
+    lacking: str
+    remedies: tuple[str, ...]
+
+    def __str__(self) -> str:
+        *first, last = (f"--{name.replace('_', '-')}" for name in self.remedies)
+        options = f"{', '.join(first)} or {last}" if first else last
+        return f"{self.name} turns nothing: {self.lacking}; {options} puts some in"
+
+
+def idle_knobs(
+    lens: Lens,
+    aberration: AberrationKnobs,
+    bokeh: BokehKnobs,
+    *,
+    blur_is_known: bool = True,
+) -> tuple[IdleKnob, ...]:
+    """Knobs that this lens has nothing for.
+
+    Parameters
+    ----------
+    lens : As it was measured.
+    blur_is_known : False for a lens whose blur was measured, at an f-number that nobody
+        knows: of its aberrations and its opening nothing is told then.
+    """
+    if aberration == AberrationKnobs() and bokeh == BokehKnobs():
+        return ()
+    has = _has_chief_rays(lens, aberration) | _has_parts(lens, aberration, bokeh)
+    if blur_is_known:
+        has |= _has_aberrations(lens, aberration)
+        has["chromatic"] = _is_in(lens, "chromatic") or any(map(has.get, _CHROMATIC))
+    found = [
+        IdleKnob(f"{name}{_GAIN}", f"the preset has no {_CALLED[name]}", stating(name))
+        for name, is_there in has.items()
+        if not is_there and _is_turned(aberration, f"{name}{_GAIN}")
+    ]
+    return (*found, *_idle_of_opening(lens, bokeh)) if blur_is_known else tuple(found)
+
+
+def stating(name: str) -> tuple[str, ...]:
+    """Knobs that state how much there is of an aberration."""
+    if name == "chromatic":
+        return tuple(knob for one in _CHROMATIC for knob in stating(one))
+    unit = next((u for end, u in _UNITS.items() if name.endswith(end)), "_um")
+    return (name + unit,)
+
+
+def _is_turned(knobs: AberrationKnobs | BokehKnobs, name: str) -> bool:
+    return getattr(knobs, name) not in (0, 1)
+
+
+def _is_stated(knobs: AberrationKnobs, name: str) -> bool:
+    """Whether an amount is stated, even of none: a gain multiplies that."""
+    return any(getattr(knobs, knob) is not None for knob in stating(name))
+
+
+def _has_chief_rays(lens: Lens, knobs: AberrationKnobs) -> dict[str, bool]:
+    d, lateral = lens.distortion, lens.lateral_colour or (None, None)
+    bent = any(np.any(np.asarray(one)) for one in (d.radial, d.named, d.free))
+    return {
+        "distortion": bent or _is_stated(knobs, "distortion"),
+        "lateral_red": _moves(lateral[0]) or _is_stated(knobs, "lateral_red"),
+        "lateral_blue": _moves(lateral[1]) or _is_stated(knobs, "lateral_blue"),
+    }
+
+
+def _moves(shift: ChannelShift | None) -> bool:
+    return shift is not None and any(
+        np.any(np.asarray(one))
+        for one in (shift.radial, shift.shift_mm, shift.strain, shift.decentering)
+    )
+
+
+def _has_parts(
+    lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs
+) -> dict[str, bool]:
+    """Parts of the fall-off that are asked for; a stated rim hides light by itself."""
+    if not any(_is_turned(aberration, f"{part}{_GAIN}") for part in _PARTS):
+        return {}
+    return {
+        part: photographed
+        or _is_stated(aberration, part)
+        or (part == "optical_vignetting" and bool(bokeh.cat_eye_percent))
+        for part, photographed in zip(_PARTS, photographed_parts(lens), strict=True)
+    }
+
+
+def _has_aberrations(lens: Lens, knobs: AberrationKnobs) -> dict[str, bool]:
+    return {n: _is_stated(knobs, n) or _is_in(lens, n) for n in _BLURS}
+
+
+def _is_in(lens: Lens, name: str) -> bool:
+    return lens.blur is not None and bool(family_of(lens.blur.aberration, name))
+
+
+def _idle_of_opening(lens: Lens, knobs: BokehKnobs) -> Iterator[IdleKnob]:
+    pupil = None if lens.blur is None else lens.blur.pupil
+    blades = knobs.blades or 0
+    if knobs.blades is None and knobs.filter_image is None and pupil is not None:
+        blades = float(pupil.blades)
+    if blades < LEAST_BLADES:
+        clause = "the opening has no blades"
+        if knobs.blade_rotation_deg != 0 and knobs.filter_image is None:
+            yield IdleKnob("blade_rotation_deg", clause, ("blades", "filter_image"))
+        if knobs.roundness is not None:
+            yield IdleKnob("roundness", clause, ("blades",))
+    has_rims = pupil is not None and pupil.rim_shift.size > 0
+    if (
+        _is_turned(knobs, "cat_eye_gain")
+        and not has_rims
+        and knobs.cat_eye_percent is None
+    ):
+        clause = "the preset has no rims that clip lights"
+        yield IdleKnob("cat_eye_gain", clause, ("cat_eye_percent",))
