@@ -157,6 +157,45 @@ def test_every_command_has_help_with_an_example(command: str):
     assert re.search(rf"Example: lensfit {command}", result.stdout)
 
 
+def commands(group, *before: str):
+    """Every command and its words, nested ones too."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, *before, name)
+        else:
+            yield (*before, name), command
+
+
+COMMANDS = dict(commands(typer.main.get_command(main.app)))
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_a_terminal_of_80_columns_cuts_no_name_of_an_option(words: tuple[str, ...]):
+    result = runner.invoke(main.app, [*words, "--help"], env={"COLUMNS": "80"})
+    shown = set(re.findall(r"(?<![\w-])--?[\w-]+(?=[\s,])", result.stdout))
+    options = [p for p in COMMANDS[words].params if p.param_type_name == "option"]
+    wanted = {w for p in options for w in (*p.opts, *p.secondary_opts)}
+    assert max(map(len, result.stdout.splitlines())) <= 80
+    assert sorted(wanted - shown) == []
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--coma-gain", "abc", "'abc' is no number"),
+        ("--coma-gain", "nan", "nan is not from -100 to 100"),
+        ("--coma-gain", "-100.5", "-100.5 is not from -100 to 100"),
+        ("--blades", "2.5", "'2.5' is no whole number"),
+        ("--blades", "17", "17 is not from 0 to 16"),
+    ],
+)
+def test_a_knob_that_cannot_be_set_is_wrong_usage(option: str, value: str, said: str):
+    asked = ["apply", "a.json", "b.exr", "--out", "c", option, value]
+    result = runner.invoke(main.app, asked, env={"COLUMNS": "80"})
+    assert result.exit_code == 2
+    assert f"Invalid value for '{option}': {said}" in result.stderr
+
+
 def test_the_program_starts_and_knows_its_version():
     run = lensfit("--version")
     assert (run.returncode, run.stdout) == (0, f"lensfit {__version__}\n")

@@ -36,10 +36,36 @@ def _options_of(
 
 
 def _option(knob: msgspec.structs.FieldInfo, panel: str) -> Any:
+    """Its limits stand in the help's text: beside the types of numbers they would take
+    so much of a line that names were cut."""
     kind, meta = _kind(knob.type)
-    bounds: Any = {} if kind is str else {"min": meta.ge, "max": meta.le}
-    option = typer.Option(help=meta.description, rich_help_panel=panel, **bounds)
+    text, more = meta.description or "", {}
+    if meta.ge is not None and meta.le is not None:
+        text += f" ({meta.ge:g} to {meta.le:g})"
+        more = {"parser": _parser(kind, meta.ge, meta.le), "metavar": _WORDS[kind]}
+    option = typer.Option(help=text, rich_help_panel=panel, **more)
     return Annotated[kind | None, option]
+
+
+_WORDS = {int: "INT", float: "FLOAT"}
+
+
+def _parser(
+    kind: type[int] | type[float], least: float, most: float
+) -> Callable[[str], int | float]:
+    """A number within the limits of a knob; anything else is wrong usage."""
+
+    def parse(text: str) -> int | float:
+        try:
+            value = kind(text)
+        except ValueError:
+            what = "whole number" if kind is int else "number"
+            raise typer.BadParameter(f"{text!r} is no {what}") from None
+        if not least <= value <= most:
+            raise typer.BadParameter(f"{text} is not from {least:g} to {most:g}")
+        return value
+
+    return parse
 
 
 def _kind(annotation: Any) -> tuple[Any, msgspec.Meta]:
