@@ -23,7 +23,8 @@ def inspect(
 ) -> None:
     """Show size, encoding, windows, camera state and clipping of pictures.
 
-    Says of every camera value where it came from, and what other sources say of it.
+    Says of every camera value where it came from, and what other sources (or entries of
+    the same header) say of it.
     A drafted shoot file has the targets that charts made by `lensfit chart` state.
 
     Example: lensfit inspect dots_*.jpg --write-shoot shoot.toml
@@ -33,6 +34,7 @@ def inspect(
     from lensfit.cli._door import say_error, say_note
     from lensfit.workflow.camera_sources import CameraSources
     from lensfit.workflow.draft_shoot import write_draft_shoot
+    from lensfit.workflow.frame_note import not_said
     from lensfit.workflow.inspect import as_json, inspect_images
 
     sources = CameraSources(camera.sources(), camera.overrides())
@@ -45,14 +47,16 @@ def inspect(
     else:
         for inspection in inspections:
             _print_table(inspection)
-    for note in dict.fromkeys(n for found in inspections for n in found.notes):
+    for note in not_said((n for found in inspections for n in found.notes), ()):
         say_note(note)
-    for error in errors:
-        say_error(str(error))
+    failures = [f"{i.path}: {said}" for i in inspections for said in i.problems]
+    failures += map(str, errors)
+    for failure in failures:
+        say_error(failure)
     if write_shoot is not None and inspections:
         write_draft_shoot(write_shoot, inspections)
         say_note(f"{write_shoot}: drafted; fill in the lines marked TODO")
-    if errors:
+    if failures:
         raise typer.Exit(1)
 
 

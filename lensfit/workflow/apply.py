@@ -25,6 +25,7 @@ from lensfit.progress import Progress, silent
 from lensfit.workflow.apply_frame import FrameOutcome, apply_frame, error_line
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.apply_workers import worker_outcomes
+from lensfit.workflow.frame_note import not_said
 from lensfit.workflow.frame_renderer import FrameRenderer
 
 
@@ -131,7 +132,7 @@ def _gather(applied: Applied, outcome: FrameOutcome) -> None:
         applied.failures.append(outcome.failure)
     elif outcome.target is not None:
         (applied.skipped if outcome.skipped else applied.written).append(outcome.target)
-    applied.notes += [note for note in outcome.notes if note not in applied.notes]
+    applied.notes += not_said(outcome.notes, applied.notes)
 
 
 def _pictures(plates: str | Path, frames: str | None) -> list[Path]:

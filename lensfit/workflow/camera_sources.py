@@ -10,20 +10,26 @@ Sources, the one that counts most first:
 6. what the preset knows (`lensfit.workflow.plate_state`)
 
 Each quantity is decided by itself. A T-stop stands for the f-number only where no
-source knows an f-number, and a note says so.
+source knows an f-number, and a note says so; so does one where the entries of a header
+contradict each other and one of them counts.
 """
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, final
+from typing import final
 
 from lensfit.io.camera.quantity import unit_mm
 from lensfit.io.camera.read import read_camera_file
 from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
-from lensfit.io.metadata import CameraState, camera_state_from
+from lensfit.io.metadata import camera_words
 from lensfit.io.sequence import frame_of
+from lensfit.workflow.contradictions import contradictions
+from lensfit.workflow.frame_note import FrameNote
+from lensfit.workflow.header_source import HEADER, add_header
+from lensfit.workflow.known import Known
+from lensfit.workflow.plate_camera import PlateCamera
 from lensfit.workflow.settings import Settings, load_settings, settings_beside
 
 _MOST_FOLDERS = 256
@@ -60,63 +66,6 @@ class CameraOptions:
     unit: str | None = None
     settings: Path | None = None
     focus_at: tuple[float, ...] | None = None
-
-
-class Known(NamedTuple):
-    """A value and its source.
-
-    Attributes
-    ----------
-    value : In the unit of its quantity.
-    source : The option, file or header entry, for people.
-    from_pupil : A focus distance from the pinhole of the CG camera, which is the
-        entrance pupil, rather than from the sensor.
-    rank : Place among the sources; less counts more.
-    """
-
-    value: float | str
-    source: str
-    from_pupil: bool = False
-    rank: int = 0
-
-
-@dataclass(frozen=True)
-class PlateCamera:
-    """All that is known of a plate's camera.
-
-    Attributes
-    ----------
-    known : By quantity, what counts.
-    overruled : By quantity, what does not, in the order in which it would.
-    notes : One sentence for each thing that was assumed.
-    asked : The files beside the header, for saying where something was not found.
-    settings : The settings that hold for the plate.
-    """
-
-    known: Mapping[str, Known]
-    overruled: Mapping[str, tuple[Known, ...]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    asked: tuple[str, ...] = ()
-    settings: Settings = field(default_factory=Settings)
-
-    def number(self, name: str) -> float | None:
-        """The value of a quantity that is a number."""
-        found = self.known.get(name)
-        return None if found is None else float(found.value)
-
-    def focused(self, distance: Known) -> "PlateCamera":
-        """The same, focused at a distance that the user picked."""
-        known = {**self.known, "focus_distance_mm": distance}
-        return replace(self, known=known)
-
-    @property
-    def state(self) -> CameraState:
-        """As a header would say it; a focus distance from the pinhole is not in it."""
-        names = CameraState.__dataclass_fields__.keys() - {"sources"}
-        kept = {n: k for n, k in self.known.items() if n in names and not k.from_pupil}
-        values = {name: known.value for name, known in kept.items()}
-        sources = {name: known.source for name, known in kept.items()}
-        return CameraState(**values, sources=sources)  # pyright: ignore[reportArgumentType]
 
 
 @final
@@ -177,6 +126,22 @@ class CameraSources:
         SettingsError : A settings file is malformed.
         ImageError : A header entry that counts holds something impossible.
         """
+        return self.described(plate, header, size_px, preset_width_mm).checked()
+
+    def described(
+        self,
+        plate: str | Path,
+        header: Mapping[str, object],
+        size_px: tuple[int, int] | None,
+        preset_width_mm: float | None = None,
+    ) -> PlateCamera:
+        """The same, with impossible header entries among what is known.
+
+        Raises
+        ------
+        CameraError : A sidecar has no row for the plate.
+        SettingsError : A settings file is malformed.
+        """
         plate = Path(plate)
         frame = FrameKey(frame_of(plate), _timecode(header))
         settings = self.settings_of(plate)
@@ -186,16 +151,26 @@ class CameraSources:
         better = words.keys() | {_SAME_AS[name] for name in words.keys() & _SAME_AS}
         if self.options.focus_at is not None:
             better.add("focus_distance_mm")
-        state = camera_state_from(header, size_px, settings.aliases, better)
-        for name, value in state.known().items():
-            known = Known(value, state.sources[name], rank=_HEADER)
-            words.setdefault(name, []).append(known)
+        told = camera_words(header, size_px, settings.aliases)
+        if "f_number" in better | told.keys():
+            better.add("t_number")
+        bad = add_header(words, told, better)
         _join_focus(words)
         _join_field_of_view(words, size_px, preset_width_mm)
         notes = [*self._notes(), *_stop_notes(words), *_settings_notes(words, settings)]
+        notes += [
+            FrameNote(f"{plate.name}: {said}", f"contradiction {name}")
+            for name, said in contradictions(words, HEADER)
+            if name not in better
+        ]
+        # Where an impossible entry would count nothing does, and all others are told.
+        lost = {name for name, b in bad.items() if any(entry.counts for entry in b)}
+        first = {name: int(name not in lost) for name in words}
         return PlateCamera(
-            {name: found[0] for name, found in words.items()},
-            {name: tuple(found[1:]) for name, found in words.items() if found[1:]},
+            {name: found[0] for name, found in words.items() if first[name]},
+            {n: tuple(w[first[n] :]) for n, w in words.items() if w[first[n] :]},
+            bad,
+            plate,
             tuple(notes),
             tuple(str(f.path) for f in self._files) + tuple(map(str, settings.paths)),
             settings,
@@ -223,10 +198,9 @@ class CameraSources:
             yield from file.notes
 
 
-_HEADER = 1_000_000
-"""Rank of the header; there are fewer files."""
 _FROM_PUPIL = "focus_from_pupil_mm"
-_SAME_AS = {_FROM_PUPIL: "focus_distance_mm", "vertical_fov_deg": "focal_length_mm"}
+_VIEW = "vertical_fov_deg"
+_SAME_AS = {_FROM_PUPIL: "focus_distance_mm", _VIEW: "focal_length_mm"}
 """Quantities that tell another one."""
 
 

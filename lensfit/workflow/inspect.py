@@ -22,7 +22,10 @@ from lensfit.io.metadata import CameraState
 from lensfit.io.sequence import expand_frames
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress, silent
-from lensfit.workflow.camera_sources import CameraSources, Known, PlateCamera
+from lensfit.workflow.camera_sources import CameraSources
+from lensfit.workflow.known import Known
+from lensfit.workflow.plate_camera import BadEntry, PlateCamera
+from lensfit.workflow.plate_header import header_entries, plate_header
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,8 @@ class Inspection:
     notes : What was assumed of the camera.
     undecided : What only a preset can turn into a camera state: a field of view
         without a sensor height, a focus distance from the pinhole.
-    problem : What is wrong with the camera entries of the header; None if nothing is.
+    problems : What is wrong with entries of the header that would count.
+    passed_over : By quantity, header entries that are wrong and do not count.
     chart : What the code of a lensfit chart says; None where none was looked for, or
         read.
     """
@@ -63,7 +67,8 @@ class Inspection:
     chroma_subsampled: bool
     orientation: int
     state: CameraState
-    problem: str | None
+    problems: tuple[str, ...] = ()
+    passed_over: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     overruled: Mapping[str, tuple[Known, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     undecided: Mapping[str, Known] = field(default_factory=dict)
@@ -133,8 +138,11 @@ def facts(inspection: Inspection) -> list[tuple[str, str, str]]:
         lines += _overruled(name, inspection)
     if inspection.chart is not None:
         lines.append(("chart", ", ".join(described(inspection.chart)), "its code"))
-    if inspection.problem:
-        lines.append(("problem", inspection.problem, "header"))
+    told = {*inspection.state.known(), *inspection.undecided}
+    for name in inspection.overruled:
+        if name not in told:
+            lines += [(name, "unknown", "see problem"), *_overruled(name, inspection)]
+    lines += [("problem", problem, "header") for problem in inspection.problems]
     return lines
 
 
@@ -154,10 +162,10 @@ def as_json(inspection: Inspection) -> dict[str, object]:
 
 
 def _overruled(name: str, inspection: Inspection) -> list[tuple[str, str, str]]:
-    return [
-        ("", _shown(known.value), f"overruled: {known.source}")
-        for known in inspection.overruled.get(name, ())
-    ]
+    others = inspection.overruled.get(name, ())
+    lines = [("", _shown(k.value), f"overruled: {k.source}") for k in others]
+    wrong = inspection.passed_over.get(name, ())
+    return lines + [("", what, "passed over") for what in wrong]
 
 
 def _shown(value: float | str) -> str:
@@ -177,13 +185,8 @@ def _box(window: Window | None) -> str:
 def _inspect(path: Path, sources: CameraSources, charts: bool) -> Inspection:
     photograph = read_photograph(path)
     metadata = photograph.metadata
-    header = metadata["header"]
-    assert isinstance(header, Mapping)
-    try:
-        camera = sources.of_plate(path, header, photograph.size_px)
-        problem = None
-    except ImageError as error:
-        camera, problem = PlateCamera({}), error.what
+    header = _header(path, metadata)
+    camera = sources.described(path, header, photograph.size_px)
     decided = camera.state.known()
     undecided = {n: k for n, k in camera.known.items() if n not in decided}
     return Inspection(
@@ -199,12 +202,34 @@ def _inspect(path: Path, sources: CameraSources, charts: bool) -> Inspection:
         chroma_subsampled=photograph.chroma_subsampled,
         orientation=int(str(metadata["orientation"])),
         state=camera.state,
-        problem=problem,
+        problems=tuple(str(e.error) for _, e in _bad(camera) if e.counts),
+        passed_over=_passed_over(camera),
         chart=read_chart_code(photograph) if charts else None,
         overruled=camera.overruled,
         notes=camera.notes,
         undecided=undecided,
     )
+
+
+def _bad(camera: PlateCamera) -> list[tuple[str, BadEntry]]:
+    return [(name, entry) for name, found in camera.bad.items() for entry in found]
+
+
+def _passed_over(camera: PlateCamera) -> dict[str, tuple[str, ...]]:
+    found: dict[str, tuple[str, ...]] = {}
+    for name, entry in _bad(camera):
+        if not entry.counts:
+            found[name] = (*found.get(name, ()), entry.error.what)
+    return found
+
+
+def _header(path: Path, metadata: Mapping[str, object]) -> Mapping[str, object]:
+    """Of all parts of an EXR, as it is rendered by them."""
+    if metadata["format"] == "exr":
+        return header_entries(plate_header(path))
+    header = metadata["header"]
+    assert isinstance(header, Mapping)
+    return header
 
 
 def _window(metadata: Mapping[str, object], key: str) -> Window | None:

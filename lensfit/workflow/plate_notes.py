@@ -11,6 +11,7 @@ from jaxtyping import Float32
 
 from lensfit.coords import Window
 from lensfit.render.stages import Stages
+from lensfit.workflow.frame_note import FrameNote, not_said
 
 _SEEN_PART = 1e-4
 """Of the pixels; less is a rounding of the border."""
@@ -18,7 +19,7 @@ _SEEN_PART = 1e-4
 
 @final
 class Notes:
-    """Sentences for the user, each said once.
+    """Sentences for the user, each said once; of a topic the first one.
 
     Attributes
     ----------
@@ -27,19 +28,14 @@ class Notes:
 
     def __init__(self):
         self.said: list[str] = []
-        self._topics: set[str] = set()
 
     def add_first(self, topic: str, note: str | None) -> None:
         """Say this, unless something was said of the topic: of another frame, say."""
-        if note and topic not in self._topics:
-            self._topics.add(topic)
-            self.add(note)
+        self.add(FrameNote(note, topic) if note else None)
 
     def add(self, *notes: str | None) -> None:
         """Say these too; None is nothing to say."""
-        for note in notes:
-            if note and note not in self.said:
-                self.said.append(note)
+        self.said += not_said(filter(None, notes), self.said)
 
 
 def border_note(stages: Stages, window: Window, source: Window) -> str | None:

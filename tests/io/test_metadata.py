@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from lensfit.errors import ImageError
+from lensfit.io.camera.aliases import Alias
 from lensfit.io.exr import read_exr
-from lensfit.io.metadata import CameraState, camera_state_from
+from lensfit.io.metadata import CameraState, HeaderWord, camera_state_from, camera_words
 
 STANDARD = {
     "pinholeFocalLength": 40.3,
@@ -159,6 +160,38 @@ def test_exif_resolution_on_the_sensor_beats_the_equivalent():
     # The camera was held upright: its picture is turned, and so is its sensor.
     turned = camera_state_from(header | {"Orientation": 6}, (864, 1296))
     assert turned.sensor_width_mm == pytest.approx(14.9, 1e-5)
+
+
+def test_every_entry_of_a_quantity_is_told_the_best_first():
+    words = camera_words(STANDARD | CG | {"exr/lens/focal": "28"})
+    assert words["focal_length_mm"] == [
+        HeaderWord(40.3, "pinholeFocalLength"),
+        HeaderWord(40.0, "nominalFocalLength"),
+        HeaderWord(35.0, "lens/focal"),
+        HeaderWord(28.0, "exr/lens/focal"),
+    ]
+    assert words["sensor_width_mm"] == [
+        HeaderWord(36.7, "sensorOverallDimensions"),
+        HeaderWord(28.25, "lens/aperture"),
+    ]
+    own = {"sensor_width_mm": (Alias("lens/aperture"),)}
+    chosen = camera_words(STANDARD | CG, None, own)
+    assert [w.entry for w in chosen["sensor_width_mm"]] == [
+        "lens/aperture",
+        "sensorOverallDimensions",
+    ]
+    # The height of a sensor whose width does not count belongs to no other width.
+    assert "sensor_height_mm" not in chosen
+
+
+def test_an_impossible_entry_behind_a_good_one_does_not_count():
+    header = {"aperture": 2.0, "lens/fstop": "wide", "sensorOverallDimensions": "big"}
+    assert camera_state_from(header, known_better=["sensor_width_mm"]).f_number == 2
+    good, bad = camera_words(header)["f_number"]
+    assert good == HeaderWord(2.0, "aperture")
+    assert isinstance(bad.value, ImageError)
+    with pytest.raises(ImageError, match="sensorOverallDimensions"):
+        camera_state_from(header)
 
 
 def test_real_plate(data_dir: Path):

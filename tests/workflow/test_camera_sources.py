@@ -31,6 +31,10 @@ from lensfit.workflow.plate_lens import PlateLens
 PRIME = {"Lens Focal Length": "35.0"}
 """As the preset's."""
 SIZE = (DISPLAY.width, DISPLAY.height)
+PHOTOSITES: dict[str, object] = {
+    "sensorPhotositePitch": 8.0,
+    "sensorAcquisitionRectangle": ((0, 0), (2999, 1999)),
+}
 HEADER = {"lens/focal": 50.0, "lens/fstop": 5.6, "lens/aperture": 36.0}
 
 
@@ -145,6 +149,77 @@ def test_a_broken_header_entry_hurts_only_where_it_counts(tmp_path):
     stated = StateOverrides(focal_length_mm=35.0)
     found = camera(tmp_path / "p.exr", header, overrides=stated)
     assert found.number("focal_length_mm") == 35
+
+
+@pytest.mark.parametrize(
+    ("header", "option"),
+    [
+        ({"lens/focal": "wide"}, "--focal-length-mm"),
+        ({"aperture": -1.0}, "--f-number"),
+        ({"tStop": -1.0}, "--f-number"),
+        ({"focus": "near"}, "--focus-distance-mm"),
+        ({"sensorOverallDimensions": "big"}, "--sensor-width-mm"),
+    ],
+)
+def test_a_broken_entry_names_the_option_that_replaces_it(tmp_path, header, option):
+    with pytest.raises(ImageError, match=next(iter(header))) as caught:
+        camera(tmp_path / "p.exr", header)
+    assert caught.value.remedy == f"mend it, or give {option}"
+    word = {option.removeprefix("--").replace("-", "_"): 4.0}
+    camera(tmp_path / "p.exr", header, overrides=StateOverrides(**word))
+
+
+def test_what_no_frame_depends_on_stops_none(tmp_path):
+    header = {**HEADER, "lens/overscan": "much", "tStop": "?"}
+    found = camera(tmp_path / "p.exr", header)
+    assert found.number("f_number") == 5.6
+    assert set(found.bad) == {"overscan_percent", "t_number"}
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ({"effectiveFocalLength": 40.0, "lens/focal": 28.0}, "--focal-length-mm"),
+        ({"aperture": 2.0, "lens/fstop": "2.83"}, "--f-number"),
+        ({"focus": math.inf, "lens/focus": 2.0}, "--focus-distance-mm"),
+        ({"lens/aperture": 36.0, "nuke/camera/haperture": 24.0}, "--sensor-width-mm"),
+        ({"nominalFocalLength": 40.0, "pinholeFocalLength": 50.0}, "--focal-length-mm"),
+        ({"sensorOverallDimensions": [36.0, 24.0], "lens/aperture": 20}, "--sensor-w"),
+        # Rounded, the same, or told of different things.
+        ({"aperture": 2.8, "lens/fstop": 2.83}, None),
+        ({"lens/focal": 35.0, "cameraFocalLength": "35"}, None),
+        ({"nominalFocalLength": 40.0, "pinholeFocalLength": 43.0}, None),
+        (PHOTOSITES | {"sensorOverallDimensions": [36.0, 24.0]}, None),
+    ],
+)
+def test_a_header_that_contradicts_itself_is_told(tmp_path, header, said):
+    notes = camera(tmp_path / "p.1001.exr", header).notes
+    if said is None:
+        assert notes == ()
+        return
+    (note,) = notes
+    assert note.startswith("p.1001.exr: the header contradicts itself")
+    for part in (said, *header):
+        assert part in note
+    # Whoever states the value has decided it.
+    stated = StateOverrides(50.0, 2.0, 2000.0, 36.0)
+    assert camera(tmp_path / "p.exr", header, overrides=stated).notes == ()
+
+
+def test_a_contradiction_is_told_once_a_run_of_whatever_frame(tmp_path):
+    for frame in (1001, 1002):
+        focal = {"effectiveFocalLength": 35 + frame / 1e5, "lens/focal": 28.0}
+        write_plate(tmp_path / f"p.{frame}.exr", {**focal, "lens/aperture": 36.0})
+    for workers in (1, 2):
+        done = apply_preset(
+            make_preset(stops=()),
+            tmp_path / "p.####.exr",
+            tmp_path / f"out{workers}",
+            workers=workers,
+        )
+        assert len(done.written) == 2
+        (note,) = (note for note in done.notes if "contradicts" in note)
+        assert note.startswith("p.1001.exr")
 
 
 def test_a_projects_aliases_count_before_the_built_in_ones(tmp_path):

@@ -71,15 +71,66 @@ def test_bad_pictures_do_not_stop_the_others(folder: Path):
     assert len(errors) == 2
 
 
-def test_bad_camera_entry_is_told(folder: Path):
+def written(path: Path, *headers: dict[str, object]) -> Path:
     plane = np.zeros((30, 40), np.float32)
-    part = ExrPart({"Y": plane}, FRAME, FRAME, {"aperture": -1.0})
-    write_exr(folder / "bad.exr", ExrImage((part,)))
-    (inspection,), errors = inspect_images([folder / "bad.exr"])
+    parts = [
+        ExrPart({"Y" if not i else "mask": plane}, FRAME, FRAME, header, name=f"p{i}")
+        for i, header in enumerate(headers)
+    ]
+    write_exr(path, ExrImage(tuple(parts)))
+    return path
+
+
+def test_a_bad_entry_hides_nothing_else(folder: Path):
+    header = {"aperture": -1.0, "lens/focal": 35.0, "lens/fstop": 4.0, "lens/focus": 2}
+    bad = written(folder / "bad.exr", header)
+    (inspection,), errors = inspect_images([bad])
     assert errors == []
-    assert inspection.problem is not None
-    assert "aperture" in inspection.problem
-    assert ("problem", inspection.problem, "header") in facts(inspection)
+    (problem,) = inspection.problems
+    for part in ("'aperture'", "'-1.0'", "--f-number"):
+        assert part in problem
+    rows = facts(inspection)
+    assert ("problem", problem, "header") in rows
+    assert ("focal_length_mm", "35", "lens/focal") in rows
+    assert ("focus_distance_mm", "2000", "lens/focus") in rows
+    # Which of the two was meant nobody knows: apply refuses it as well.
+    where = rows.index(("f_number", "unknown", "see problem"))
+    assert rows[where + 1] == ("", "4", "overruled: lens/fstop")
+    json.dumps(as_json(inspection), allow_nan=False)
+    result = CliRunner().invoke(app, ["inspect", str(bad)])
+    assert result.exit_code == 1
+    assert "lens/focal" in result.stdout
+    assert result.stderr.splitlines() == [f"lensfit: error: {bad}: {problem}"]
+
+
+def test_a_bad_entry_that_is_overruled_is_shown_and_no_failure(folder: Path):
+    plate = written(folder / "p.exr", {"aperture": 2.0, "lens/fstop": "wide"})
+    (inspection,), _ = inspect_images([plate])
+    assert inspection.problems == ()
+    rows = facts(inspection)
+    where = rows.index(("f_number", "2", "aperture"))
+    assert rows[where + 1][2] == "passed over"
+    assert "'lens/fstop' is 'wide'" in rows[where + 1][1]
+    assert CliRunner().invoke(app, ["inspect", str(plate)]).exit_code == 0
+
+
+def test_entries_of_one_header_that_contradict_each_other_are_shown(folder: Path):
+    header = {"effectiveFocalLength": 40.0, "lens/focal": 28.0}
+    plate = written(folder / "p.exr", header)
+    result = CliRunner().invoke(app, ["inspect", str(plate), "--json"])
+    (record,) = json.loads(result.stdout)
+    assert record["state"]["focal_length_mm"] == 40
+    (other,) = record["overruled"]["focal_length_mm"]
+    assert other == {"value": 28.0, "source": "lens/focal"}
+    (line,) = result.stderr.splitlines()
+    for part in ("p.exr", "effectiveFocalLength (40 mm)", "lens/focal (28 mm)"):
+        assert part in line
+
+
+def test_entries_of_every_part_count_as_in_apply(folder: Path):
+    plate = written(folder / "p.exr", {"lens/focal": 35.0}, {"lens/fstop": 4.0})
+    (inspection,), _ = inspect_images([plate])
+    assert inspection.state.f_number == 4
 
 
 def test_draft_is_a_valid_shoot_with_what_is_known(folder: Path):

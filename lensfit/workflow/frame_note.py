@@ -1,0 +1,42 @@
+"""A remark that names the frame at which it was first made.
+
+The same is true of many frames of a sequence, with other numbers perhaps, and is worth
+one line: remarks of one topic are one remark, whatever frame and process they are from.
+"""
+
+from collections.abc import Iterable
+from typing import final
+
+
+@final
+class FrameNote(str):
+    """One sentence that begins with the name of a frame.
+
+    Attributes
+    ----------
+    topic : What it is about, the same for every frame.
+    """
+
+    topic: str
+
+    def __new__(cls, sentence: str, topic: str = "") -> "FrameNote":
+        """Pickled with its topic, as any attribute is."""
+        note = super().__new__(cls, sentence)
+        note.topic = topic
+        return note
+
+
+def topic_of(note: str) -> str:
+    """What a remark is about: that of most remarks is all that they say."""
+    return note.topic if isinstance(note, FrameNote) else note
+
+
+def not_said(notes: Iterable[str], said: Iterable[str]) -> list[str]:
+    """The remarks whose topics are new, one of each."""
+    topics = {topic_of(note) for note in said}
+    found = []
+    for note in notes:
+        if topic_of(note) not in topics:
+            topics.add(topic_of(note))
+            found.append(note)
+    return found
