@@ -159,13 +159,20 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
 
 
 def require_marks(takes: list[Take], fewest: int = 12) -> None:
-    """Refuse takes with too few marks to fix a pose.
+    """Refuse takes with too few marks to fix a pose, or marks that are nowhere.
 
     Raises
     ------
     FitError : Naming the take.
     """
     for take in takes:
+        nowhere = ~np.isfinite(take.observations.points_px).all(-1)
+        if nowhere.any():
+            raise FitError(
+                f"{nowhere.sum()} marks have a position that is no number",
+                where=take.name,
+                remedy="leave these marks out",
+            )
         if len(take.observations) < fewest:
             raise FitError(
                 f"only {len(take.observations)} marks, {fewest} are needed",

@@ -40,7 +40,7 @@ def image_of_direction(
         return side / jnp.where(ahead > 0, ahead, jnp.nan)
     squared = jnp.sum(side**2)
     if base == "stereographic":
-        return 2 * side / (ahead + jnp.sqrt(squared + ahead**2))
+        return 2 * side / _ahead_plus_length(squared, ahead)
     return side * _angle_over_sine_side(squared, ahead)
 
 
@@ -68,6 +68,15 @@ def undistorted_of_image(
     angle = jnp.sqrt(jnp.where(small, 1.0, angle_squared))
     ratio = jnp.where(small, 1 + angle_squared / 3, jnp.tan(angle) / angle)
     return image * jnp.where(inside, ratio, jnp.nan)
+
+
+def _ahead_plus_length(squared: Array, ahead: Array) -> Array:
+    """Z + |(X, Y, Z)|, which behind the lens is no difference of near equals."""
+    length = jnp.sqrt(squared + ahead**2)
+    behind = ahead < 0
+    return jnp.where(
+        behind, squared / jnp.where(behind, length - ahead, 1.0), ahead + length
+    )
 
 
 def _angle_over_sine_side(squared: Array, ahead: Array) -> Array:

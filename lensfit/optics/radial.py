@@ -25,6 +25,8 @@ _HEADROOM = 0.35
 _CEILING_AT = 15 * _HEADROOM / 8
 """How far beyond it, in its units, the ceiling is reached."""
 _NEWTON_STEPS = 60
+_ACCEPTED = 1e-9
+"""Relative error of the distorted radius beyond which there is no inverse."""
 
 
 def log_slope(
@@ -109,6 +111,7 @@ def undistorted_radius(
     """The r with r g(r^2) = r', by bracketed Newton steps to machine precision.
 
     The profile increases without bound, so every radius >= 0 has exactly one inverse.
+    NaN where steps end before it is found: slopes far beyond any lens (e^+-60).
     Not differentiable: `lensfit.optics.distortion` supplies the implicit derivative.
     """
     args = (coefficients, valid_squared_radius)
@@ -128,23 +131,22 @@ def undistorted_radius(
     low = jnp.zeros_like(high)
 
     def step(state):
-        r, low, high, _, k = state
+        r, low, high, *_, k = state
         excess = forward(r) - distorted_radius
         low, high = jnp.where(excess < 0, r, low), jnp.where(excess > 0, r, high)
         newton = r - excess * jnp.exp(-log_slope(r**2, *args))
         inside = (newton >= low) & (newton <= high)
         following = jnp.where(inside, newton, (low + high) / 2)
         change = jnp.abs(following - r) > 4e-16 * jnp.abs(r)
-        return following, low, high, change, k + 1
+        return following, low, high, jnp.abs(excess), change, k + 1
 
     def unfinished(state):
         *_, changing, k = state
         return changing & (k < _NEWTON_STEPS)
 
-    r, *_ = jax.lax.while_loop(
-        unfinished, step, (distorted_radius, low, high, jnp.asarray(True), 0)
-    )
-    return r
+    start = (distorted_radius, low, high, low, jnp.asarray(True), 0)
+    r, _, _, off, *_ = jax.lax.while_loop(unfinished, step, start)
+    return jnp.where(off <= _ACCEPTED * distorted_radius, r, jnp.nan)
 
 
 def _bounded(s: Array, valid: Array) -> Array:

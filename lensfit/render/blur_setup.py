@@ -223,6 +223,10 @@ class Defocus:
         LensfitError : A kernel is too wide to convolve.
         """
         levels = list(found)
+        # Kernels of a distance near zero would fill any memory.
+        widest = max(abs(self.levels.radius_px(n)) for n in levels)
+        if not widest <= _TILES[-1][0]:
+            raise _too_wide(widest)
         grid, chromatic = self.variation(window, levels)
         channels: tuple[Channel, ...] = RGB if chromatic else ("g",)
         at = {n: round(_FINE * found[n]) / _FINE for n in levels}
@@ -282,9 +286,14 @@ def _tile_px(longest: int) -> int:
     for reach, size in _TILES:
         if longest <= reach:
             return size
-    raise LensfitError(
-        f"blur reaches {longest} px, and {_TILES[-1][0]} px is the most",
-        remedy="check f-number, focus distance, and the unit of depth",
+    raise _too_wide(longest)
+
+
+def _too_wide(reach_px: float) -> LensfitError:
+    return LensfitError(
+        f"blur reaches {reach_px:.4g} px, and {_TILES[-1][0]} px is the most",
+        remedy="check f-number, focus distance, and the unit and the nearest pixels of "
+        "the depth; or limit the blur (--maximum-blur-percent)",
     )
 
 

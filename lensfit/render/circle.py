@@ -29,6 +29,8 @@ from lensfit.render.uv import PlateGeometry
 if TYPE_CHECKING:
     from lensfit.lens import Lens
 
+_LEAST_MM = np.float32(1e-30)
+"""The vergence of a nearer object is no number of 32 bits."""
 _GROWTH = 0.11
 """Width of a level over its radius, where the radius is large."""
 
@@ -62,7 +64,7 @@ class Circle:
     ) -> Float32[np.ndarray, "*shape"]:
         """Of distances from the entrance pupil."""
         scale, focus = np.float32(self.px_mm), np.float32(self.focus_vergence)
-        radius = scale * (1 / depth_mm - focus)
+        radius = scale * (1 / np.maximum(depth_mm, _LEAST_MM) - focus)
         if self.most_px == np.inf:
             return radius
         return np.clip(radius, np.float32(-self.most_px), np.float32(self.most_px))
