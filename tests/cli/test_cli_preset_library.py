@@ -62,7 +62,7 @@ def test_from_edit_to_file(show: Path):
     history = json.loads(preset("history", SLUG, "--library", shot, "--json"))
     assert [e["version"] for e in history] == ["v001", "v001"]
     rows = json.loads(preset("list", "--library", shot, "--json"))
-    assert [(r["level"], r["sparse"]) for r in rows] == [
+    assert [(r["level"], r["change_set"]) for r in rows] == [
         ("sq010/sh0020", True),
         ("project", False),
     ]
@@ -79,6 +79,32 @@ def test_from_edit_to_file(show: Path):
         }
     ]
     assert preset("validate", shot).count(": valid\n") == 4
+
+
+def test_the_list_calls_a_change_set_a_change_set(show: Path):
+    preset("edit", SLUG, "--library", "show/sq010", "--set", "coma_gain=1", "--why=x")
+    first, second = preset("list", "--library", "show/sq010").splitlines()[1:]
+    assert "sq010" in first
+    assert first.endswith(", change set")
+    assert "change set" not in second
+
+
+def test_the_same_version_of_two_levels(show: Path):
+    shot = ("--library", "show/sq010")
+    preset("edit", SLUG, *shot, "--set", "coma_gain=0.5", "--why", "x")
+    said = preset("diff", f"project:{SLUG}@v001", f"sq010:{SLUG}@v001", *shot)
+    assert said.splitlines() == [
+        f"project:{SLUG}@v001 -> sq010:{SLUG}@v001",
+        "knobs.aberration.coma_gain: 1 -> 0.5 (-50 %)",
+    ]
+    words = ["preset", "load", f"{SLUG}@v001", *shot, "--out", "out.json"]
+    loaded = runner.invoke(app, words)
+    assert loaded.stdout.startswith(f"out.json: sq010:{SLUG}@v001, ")
+    assert f"{SLUG}@v001 is that of sq010; others of that" in loaded.stderr
+    assert f"project:{SLUG}@v001" in loaded.stderr
+    told = preset("show", f"project:{SLUG}@v001", *shot)
+    assert "project v001: " in told
+    assert "coma_gain" not in told
 
 
 def test_measured_values_are_locked(show: Path):
@@ -106,6 +132,8 @@ def test_the_default_is_marked_and_marked_again(show: Path):
         (["show", "takuma"], "neither a file nor a lens of this library; did you mean"),
         (["show", f"{SLUG}@v009"], "has no v009; it holds v001"),
         (["show", f"{SLUG}@v999999999"], "is no version"),
+        (["show", f"projct:{SLUG}@v001"], "'projct' is no level here; levels are proj"),
+        (["show", f"project:{SLUG}@v002"], "has no v002; it holds v001"),
         (["load", "../x", "--out", "o.json"], "cannot be read"),
         (["edit", SLUG, "--why", "x"], "nothing to change"),
         (["edit", SLUG, "--why", " ", "--set", "coma_gain=0"], "says who and why"),

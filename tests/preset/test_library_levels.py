@@ -9,7 +9,7 @@ from library_makers import ENTRY, SLUG, SQUEEZE, change, keep, make_show
 from preset_makers import make_entry, make_preset
 
 from lensfit.errors import PresetError
-from lensfit.preset.knobs import NEUTRAL
+from lensfit.preset.knobs import NEUTRAL, turned
 from lensfit.preset.library.edit import Author, Wish, edit_preset
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.resolve import find_preset
@@ -205,3 +205,58 @@ def test_what_is_taken_out_is_whole_and_says_where_from(tmp_path: Path):
     assert loaded.saved is not None
     assert loaded.saved.origin == f"{SLUG}@v001 (sq010/sh0020 v001 on project v001)"
     assert loaded.saved.edits[0].startswith(f"{ENTRY}.distortion.squeeze = 2 (was 1.9)")
+
+
+def test_a_version_is_that_of_the_nearest_level_which_has_one(tmp_path: Path):
+    show, sequence, shot = make_show(tmp_path)
+    for gain in (0.7, 0.8, 0.9):
+        knobs = turned(NEUTRAL, {"coma_gain": gain})
+        keep(show, msgspec.structs.replace(make_preset(make_entry()), knobs=knobs))
+    change(sequence, "bloom_gain", 0.2)
+    change(sequence, "bloom_gain", 0.3)
+    change(shot, "bloom_gain", 0.4)
+
+    def meant(version: str) -> str:
+        return find_preset(f"{SLUG}{version}", shot).full_name.replace(SLUG, "lens")
+
+    assert meant("") == meant("@latest") == "sq010/sh0020:lens@v001"
+    assert meant("@v001") == "sq010/sh0020:lens@v001"
+    assert meant("@v002") == "sq010:lens@v002"
+    assert meant("@v003") == "project:lens@v003"
+    assert knobs_at(shot, f"{SLUG}@v002") == (0.9, 0.3)
+    assert knobs_at(shot, f"{SLUG}@v003") == (0.9, 0.0)
+
+
+def test_what_else_has_that_number_is_noted_unless_the_level_is_named(tmp_path: Path):
+    show, sequence, shot = make_show(tmp_path)
+    keep(show)
+    keep(show)
+    change(sequence, "coma_gain", 0.5)
+    change(shot, "coma_gain", 0.3)
+    (note,) = find_preset(f"{SLUG}@v001", shot).notes
+    assert note == (
+        f"{SLUG}@v001 is that of sq010/sh0020; others of that number are "
+        f"sq010:{SLUG}@v001, project:{SLUG}@v001"
+    )
+    (note,) = find_preset(f"{SLUG}@v002", shot).notes
+    assert note.startswith(f"{SLUG}@v002 is that of project, without what sq010/sh0020")
+    for label, gain in (("sq010/sh0020", 0.3), ("sq010", 0.5), ("project", 1.0)):
+        found = find_preset(f"{label}:{SLUG}@v001", shot)
+        assert found.full_name == f"{label}:{SLUG}@v001"
+        assert found.preset.knobs.aberration.coma_gain == gain
+        assert found.notes == ()
+    assert find_preset(f"project:{SLUG}", shot).full_name == f"project:{SLUG}@v002"
+    assert find_preset(f"{SLUG}@v001", show).notes == ()
+
+
+def test_a_level_that_is_named_must_hold_the_lens_and_be_one(tmp_path: Path):
+    show, _, shot = make_show(tmp_path)
+    keep(show)
+    with pytest.raises(PresetError, match=f"the nearest is project:{SLUG}"):
+        find_preset(f"sq010:{SLUG}@v001", shot)
+    with pytest.raises(
+        PresetError, match=r"'sq020' is no level here; levels are sq010"
+    ):
+        find_preset(f"sq020:{SLUG}@v001", shot)
+    with pytest.raises(PresetError, match="neither a file nor a lens"):
+        find_preset("project:nobody", shot)

@@ -10,7 +10,9 @@ if TYPE_CHECKING:
     from lensfit.preset.library.found import Found
     from lensfit.preset.library.levels import Level
 
-PRESET_HELP = "Preset: a file, or a lens of the library as NAME or NAME@v002"
+PRESET_HELP = (
+    "Preset: a file, or a lens of the library as NAME, NAME@v002 or LEVEL:NAME@v002"
+)
 
 
 @dataclass(frozen=True)

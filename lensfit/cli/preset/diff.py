@@ -22,20 +22,23 @@ def diff(
     """Print every key at which two presets differ.
 
     Numbers with their relative change, measured ones also in standard deviations where
-    a preset states them. The folder of a lens in another level is a preset too.
+    a preset states them. The same version of two levels: project:zeiss-50@v001 and
+    sq010:zeiss-50@v001.
 
     Example: lensfit preset diff zeiss-50@v001 zeiss-50@v002 --library show
     """
     from lensfit.preset.library.diff import differences
 
-    found = differences(library.find(a).preset, library.find(b).preset)
+    one, other = library.find(a), library.find(b)
+    found = differences(one.preset, other.preset)
     if as_json:
-        typer.echo(json.dumps([_plain(one) for one in found]))
+        typer.echo(json.dumps([_plain(each) for each in found]))
         return
+    typer.echo(f"{one.full_name} -> {other.full_name}")
     if not found:
         typer.echo("no difference")
-    for one in found:
-        typer.echo(_line(one))
+    for difference in found:
+        typer.echo(_line(difference))
 
 
 def _plain(one: "Difference") -> dict[str, object]:

@@ -41,7 +41,9 @@ def list_lenses(
         table.add_column(name, overflow="fold")
     for row in rows:
         span = " to ".join(dict.fromkeys(row.versions[:1] + row.versions[-1:]))
-        what = row.fault or (row.lens or "") + (", sparse" if row.sparse else "")
+        what = row.fault or (row.lens or "") + (
+            ", change set" if row.change_set else ""
+        )
         cells = (row.slug, row.level, span, row.in_use or "-", row.marked or "-", what)
         table.add_row(*map(Text, cells))
     console().print(table)

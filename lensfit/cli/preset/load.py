@@ -26,4 +26,4 @@ def load(
 
     found = library.find(preset)
     save_preset(found.taken_out(user_name(who)), out)
-    typer.echo(f"{out}: {found.name}, {found.preset.lens.name}")
+    typer.echo(f"{out}: {found.full_name}, {found.preset.lens.name}")

@@ -27,7 +27,7 @@ class Row(NamedTuple):
     in_use : The one that counts when none is named; None if that cannot be told.
     marked : The default mark, or None.
     lens : Name as it was measured; None if it cannot be read.
-    sparse : Whether the version in use holds only what differs here.
+    change_set : Whether the version in use holds only what differs here.
     fault : Why it cannot be used, or None.
     """
 
@@ -37,7 +37,7 @@ class Row(NamedTuple):
     in_use: str | None
     marked: str | None
     lens: str | None
-    sparse: bool
+    change_set: bool
     fault: str | None
 
 
@@ -66,7 +66,7 @@ def _row(levels: tuple[Level, ...], slug: str) -> Row:
         found = put_together([shelf, *shelves_of(levels[1:], slug)], number)
     except PresetError as fault:
         return row._replace(fault=str(fault))
-    return row._replace(lens=found.preset.lens.name, sparse=len(found.parts) > 1)
+    return row._replace(lens=found.preset.lens.name, change_set=len(found.parts) > 1)
 
 
 def validated(path: Path) -> dict[str, str | None]:

@@ -1,4 +1,4 @@
-"""A sparse preset: what is different at one level, key by key, on top of a whole one.
+"""A change set: what is different at one level, key by key, on top of a whole one.
 
 The file is JSON, schema "lensfit.change_set.1", one version among those of its lens.
 It holds every edit made at its level since the preset it stands on, in order; of each

@@ -62,6 +62,11 @@ class Found:
     overrides: tuple[Override, ...] = ()
     notes: tuple[str, ...] = ()
 
+    @property
+    def full_name(self) -> str:
+        """With its level, as it may be typed: ``project:takumar@v002``."""
+        return f"{self.parts[0].level}:{self.name}" if self.parts else self.name
+
     def taken_out(self, who: str) -> Preset:
         """The preset as it leaves the library: with its origin and edits on record."""
         origin = self.name

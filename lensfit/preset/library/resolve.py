@@ -1,11 +1,16 @@
 """A preset by path or by name: ``takumar``, ``takumar@v002``, ``presets/a.json``.
 
-A name is looked up at the levels of a library; the nearest that holds the lens says
-which versions there are. A file of a library, or the folder of a lens in one, is read
-with the levels around it, wherever one stands.
+A name is looked up at the levels of a library. Alone, or with "latest" or "default", it
+means the nearest level that holds the lens. Versions are counted at each level by
+itself: v001 of the shot is not v001 of the project. ``takumar@v001`` is that of the
+nearest level which has one; ``project:takumar@v001`` says which level is meant.
+
+A file of a library, or the folder of a lens in one, is read with the levels around it,
+wherever one stands.
 """
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +19,12 @@ from lensfit.errors import PresetError
 from lensfit.preset.library.found import Found
 from lensfit.preset.library.layers import put_together
 from lensfit.preset.library.levels import LENSES, Level, levels_of
-from lensfit.preset.library.names import asked_slug, version_number
+from lensfit.preset.library.names import (
+    asked_slug,
+    asked_version,
+    version_name,
+    version_number,
+)
 from lensfit.preset.library.shelf import Shelf, known_slugs, read_version, shelves_of
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
@@ -26,7 +36,7 @@ def find_preset(text: str | Path, library: str | Path | None = None) -> Found:
     Parameters
     ----------
     text : A file, the folder of a lens in a library, or NAME, NAME@v002, NAME@latest,
-        NAME@default.
+        NAME@default, each also as LEVEL:NAME (levels as `Level.label` has them).
     library : The deepest level for names; the environment's or the user's if None.
 
     Raises
@@ -38,17 +48,66 @@ def find_preset(text: str | Path, library: str | Path | None = None) -> Found:
         return _of_file(path)
     whole = Path(os.path.abspath(path))
     if _is(whole, os.path.isdir) and whole.parent.name == LENSES:
-        levels, name, asked = levels_of(whole.parents[1]), whole.name, ""
-    elif path.suffix == ".json" or path.is_absolute() or ".." in path.parts:
+        levels, slug = levels_of(whole.parents[1]), whole.name
+        shelves = _shelves(levels, lens_in(levels, slug))
+        return put_together(shelves, shelves[0].in_use())
+    if path.suffix == ".json" or path.is_absolute() or ".." in path.parts:
         return Found(load_preset(path), str(path), path)  # says what is wrong
-    else:
-        name, _, asked = str(text).partition("@")
-        levels = levels_of(None if library is None else Path(library))
-    slug = lens_in(levels, name)
+    return _of_name(str(text), levels_of(None if library is None else Path(library)))
+
+
+def _of_name(text: str, levels: tuple[Level, ...]) -> Found:
+    label, colon, rest = text.rpartition(":")
+    labels = [level.label for level in levels]
+    if not colon or label not in labels:
+        if colon and asked_slug(rest.partition("@")[0]) in known_slugs(levels):
+            raise PresetError(
+                f"{label[:80]!r} is no level here",
+                where=levels[0].folder,
+                remedy=f"levels are {', '.join(labels)}",
+            )
+        name, _, asked = text.partition("@")
+        return _of_nearest(_shelves(levels, lens_in(levels, name)), asked)
+    name, _, asked = rest.partition("@")
+    levels = levels[labels.index(label) :]
+    shelves = _shelves(levels, lens_in(levels, name))
+    if shelves[0].level != levels[0]:
+        raise PresetError(
+            "holds no version",
+            where=levels[0].lenses / shelves[0].slug,
+            remedy=f"the nearest is {shelves[0].level.label}:{shelves[0].slug}",
+        )
+    return put_together(shelves, shelves[0].number(asked or None))
+
+
+def _shelves(levels: tuple[Level, ...], slug: str) -> list[Shelf]:
+    """The levels that hold a lens; at least one."""
     shelves = shelves_of(levels, slug)
     if not shelves:
         raise PresetError("holds no version", where=levels[0].lenses / slug)
-    return put_together(shelves, shelves[0].number(asked or None))
+    return shelves
+
+
+def _of_nearest(shelves: list[Shelf], asked: str) -> Found:
+    """What a version means at a level that nobody named; where others would do, too,
+    that is noted."""
+    if asked in ("", "latest", "default"):
+        return put_together(shelves, shelves[0].number(asked or None))
+    number = asked_version(asked)
+    at, *others = [n for n, s in enumerate(shelves) if number in s.numbers] or [0]
+    found = put_together(shelves[at:], shelves[at].existing(number))
+    if not at and not others:
+        return found
+    named = f"{shelves[at].slug}@{version_name(number)}"
+    note = f"{named} is that of {shelves[at].level.label}"
+    if others:
+        named = [f"{shelves[n].level.label}:{named}" for n in others]
+        note += f"; others of that number are {', '.join(named)}"
+    else:
+        note += (
+            f", without what {shelves[0].level.label} says: that has no such version"
+        )
+    return replace(found, notes=(*found.notes, note))
 
 
 def _is(path: Path, kind: Any) -> bool:
