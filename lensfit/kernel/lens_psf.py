@@ -13,9 +13,13 @@ laid for pictures rather than for derivatives:
 
 How many rays: a probe of a few measures the width of the blur in pixels and how
 unevenly the light lies in it; the relative error (L2, against 10^6 rays) is then close
-to proportional to width over rays, up to 4.5 times as much for folded light. The loop
-over rays is as long as each point needs, so one program serves every lens of the same
-terms. Rays are computed in float64, pixels in float32.
+to proportional to width over rays, up to 4.5 times as much for folded light. Rays are
+computed in float64, pixels in float32.
+
+Rays are laid in turns of a fixed number, and each point gets as many turns as it needs.
+Points, rays and pixels have a program each. The first two are long to compile and know
+nothing of pixels, so that one of each serves every lens of the same terms and every
+size of array; that of the pixels is short and is compiled for a few sizes.
 """
 
 from dataclasses import replace
@@ -43,19 +47,21 @@ _RAYS_PER_PX = 1.3
 """Rays per pixel of width and per unit of relative error, for a plain disc."""
 _EVEN, _UNEVEN, _MOST_FOLDED = 0.15, 10.0, 4.5
 _LONGEST = 512
+TOGETHER = 12
+"""Points, and turns of rays, that a program takes at a time; fewer are filled up."""
 _LEAST_ROOM = 32
 _LEAST_DETERMINANT = 0.05
 
 
 class _Rays(NamedTuple):
     """Some rays: landing points (mm), weights, areas of each one's cell in the pupil
-    and of the cell's image (mm^2)."""
+    and of the cell's image (mm^2), variances of their Gaussians (mm^2)."""
 
     landing_mm: Array
     weight: Array
     cell: Array
     cell_mm2: Array
-    wavelength: np.ndarray
+    variance_mm2: Array
 
 
 class _Dealt(NamedTuple):
@@ -86,17 +92,56 @@ def lens_psfs(
     object_distance_mm, channel : Of each point; distances may be infinite.
     tolerance : Relative error to aim at.
     """
-    found = _in_room(
-        (image_points_mm, object_distance_mm, channel),
-        blur,
-        distortion,
-        lateral_colour,
-        pixel_pitch_mm,
-        tolerance,
-        jnp.asarray(float(size_px)),
-        room_px=_room(size_px),
-    )
-    return found[:, :size_px, :size_px]
+    optics = blur, distortion, lateral_colour
+    laid = _Raster(pixel_pitch_mm, tolerance, size_px)
+    each = np.empty((len(channel), size_px, size_px))
+    for first in range(0, len(channel), TOGETHER):
+        some = slice(first, first + TOGETHER)
+        points = (image_points_mm[some], object_distance_mm[some], channel[some])
+        each[some] = _patches(points, optics, laid)
+    return jnp.asarray(each)
+
+
+class _Raster(NamedTuple):
+    """Pixels that are asked for: their pitch, the error allowed, rows and columns."""
+
+    pitch_mm: Array
+    tolerance: Array
+    size_px: int
+
+
+def _patches(
+    points: tuple[Array, Array, Array],
+    optics: tuple[LensBlur, Distortion, LateralColour],
+    raster: _Raster,
+) -> Float[np.ndarray, "points size size"]:
+    """Of up to `TOGETHER` points."""
+    count, blur = len(points[0]), optics[0]
+    seen = _pencils(tuple(_filled(part) for part in points), *optics)
+    every = np.arange(TOGETHER)
+    probe = _ray_turns(seen, blur, every, 0 * every, 0 * every + 1)
+    turns = np.asarray(_turns_needed(probe, raster.pitch_mm, raster.tolerance))
+    whose = np.repeat(every[:count], turns[:count])
+    turn = np.concatenate([np.arange(n) for n in turns[:count]])
+    room = _room(raster.size_px)
+    patches = jnp.zeros((TOGETHER, room, room), jnp.float32)
+    middle = jnp.asarray(raster.size_px / 2)
+    for first in range(0, len(whose), TOGETHER):
+        some = slice(first, first + TOGETHER)
+        own, number = _filled(whose[some]), _filled(turn[some])
+        rays = _ray_turns(seen, blur, own, number, turns[own])
+        live = every < len(whose[some])
+        patches = _on_pixels(patches, rays, own, live, raster.pitch_mm, middle)
+    asked = np.asarray(patches)[:count, : raster.size_px, : raster.size_px]
+    light = asked.sum((1, 2), dtype=float)
+    return asked / np.maximum(light, 1e-300)[:, None, None]
+
+
+def _filled(some: Array | np.ndarray) -> np.ndarray:
+    """`TOGETHER` of them; the last is repeated."""
+    values = np.asarray(some)
+    spare = np.repeat(values[-1:], TOGETHER - len(values), 0)
+    return np.concatenate([values, spare])
 
 
 def _room(size_px: int) -> int:
@@ -105,74 +150,83 @@ def _room(size_px: int) -> int:
     return 3 * octave // 4 if size_px <= 3 * octave // 4 else octave
 
 
-@partial(jax.jit, static_argnames=("room_px",))
-def _in_room(
+@jax.jit
+def _pencils(
     points: tuple[Array, Array, Array],
     blur: LensBlur,
     distortion: Distortion,
     lateral_colour: LateralColour,
-    pixel_pitch_mm: Array,
-    tolerance: Array,
-    size_px: Array,
-    *,
-    room_px: int,
-) -> Array:
-    """Arrays of `room_px` whose first `size_px` rows and columns are asked for."""
-
-    def one(point: tuple[Array, Array, Array]) -> Array:
-        seen = pencil(*point, blur, distortion, lateral_colour)
-        turns = _turns_needed(seen, blur, pixel_pitch_mm, tolerance)
-        return _patch(seen, blur, pixel_pitch_mm, turns, size_px, room_px)
+) -> Pencil:
+    def one(point: tuple[Array, Array, Array]) -> Pencil:
+        return pencil(*point, blur, distortion, lateral_colour)
 
     return jax.lax.map(one, points)
 
 
+@jax.jit
+def _ray_turns(
+    seen: Pencil, blur: LensBlur, whose: Array, turn: Array, turns: Array
+) -> _Rays:
+    """One turn of rays for each of `whose`, out of so many."""
+
+    def one(item: tuple[Array, Array, Array]) -> _Rays:
+        own = jax.tree.map(lambda leaf: leaf[item[0]], seen)
+        return _rays(own, blur, item[1], item[2])
+
+    return jax.lax.map(one, (whose, turn, turns))
+
+
+@jax.jit
 def _turns_needed(
-    seen: Pencil, blur: LensBlur, pixel_pitch_mm: Array, tolerance: Array
-) -> Array:
-    """How often the loop runs: from the width and the evenness of the light."""
-    rays = _rays(seen, blur, jnp.asarray(0), jnp.asarray(1))
-    share = rays.weight / jnp.maximum(jnp.sum(rays.weight), 1e-300)
-    at = rays.landing_mm / pixel_pitch_mm[None]
-    away = at - (share @ at)[None]
-    width_px = 2 * jnp.sqrt(2 * jnp.sum(share @ (away * away)))
-    # The image of a cell over its area in the pupil.
-    spread = rays.cell_mm2 / rays.cell
-    mean = share @ spread
-    uneven = jnp.sqrt(share @ (spread - mean) ** 2) / jnp.maximum(mean, 1e-300)
-    folded = jnp.clip(1 + _UNEVEN * (uneven - _EVEN), 1.0, _MOST_FOLDED)
-    needed = _RAYS_PER_PX * width_px * folded / tolerance / _RAYS
-    return jnp.clip(jnp.ceil(needed), 2, _LONGEST).astype(int)
+    probe: _Rays, pixel_pitch_mm: Array, tolerance: Array
+) -> Int[Array, " points"]:
+    """How many turns each point needs, from the width and the evenness of its light;
+    none where there is none."""
+
+    def one(rays: _Rays) -> Array:
+        share = rays.weight / jnp.maximum(jnp.sum(rays.weight), 1e-300)
+        at = rays.landing_mm / pixel_pitch_mm[None]
+        away = at - (share @ at)[None]
+        width_px = 2 * jnp.sqrt(2 * jnp.sum(share @ (away * away)))
+        # The image of a cell over its area in the pupil.
+        spread = rays.cell_mm2 / rays.cell
+        mean = share @ spread
+        uneven = jnp.sqrt(share @ (spread - mean) ** 2) / jnp.maximum(mean, 1e-300)
+        folded = jnp.clip(1 + _UNEVEN * (uneven - _EVEN), 1.0, _MOST_FOLDED)
+        needed = _RAYS_PER_PX * width_px * folded / tolerance / _RAYS
+        known = jnp.isfinite(needed)
+        turns = jnp.clip(jnp.ceil(jnp.where(known, needed, 0.0)), 2, _LONGEST)
+        return jnp.where(known, turns, 0.0).astype(int)
+
+    return jax.vmap(one)(probe)
 
 
-def _patch(
-    seen: Pencil,
-    blur: LensBlur,
+@partial(jax.jit, donate_argnums=0)
+def _on_pixels(
+    patches: Float[Array, "points room room"],
+    rays: _Rays,
+    whose: Array,
+    live: Array,
     pixel_pitch_mm: Array,
-    turns: Array,
-    size_px: Array,
-    room_px: int,
-) -> Array:
-    middle = size_px / 2
+    middle_px: Array,
+) -> Float[Array, "points room room"]:
+    """Patches with some turns of rays added, of which the living count."""
+    room_px = patches.shape[-1]
 
-    def add(turn: Array, patch: Array) -> Array:
-        rays = _rays(seen, blur, turn, turns)
-        airy = (AIRY_SIGMA**2 * seen.diffraction_mm2)[rays.wavelength]
-        variance = airy + FOOTPRINT * rays.cell_mm2
-        at = rays.landing_mm / pixel_pitch_mm[None] + middle
-        wide = variance[:, None] / pixel_pitch_mm[None] ** 2 + LEAST_SIGMA_PX**2
+    def add(item: Array, patches: Array) -> Array:
+        own = jax.tree.map(lambda leaf: leaf[item], rays)
+        at = own.landing_mm / pixel_pitch_mm[None] + middle_px
+        wide = own.variance_mm2[:, None] / pixel_pitch_mm[None] ** 2
         at, sigma, weight = (
-            a.astype(jnp.float32) for a in (at, jnp.sqrt(wide), rays.weight)
+            a.astype(jnp.float32)
+            for a in (at, jnp.sqrt(wide + LEAST_SIGMA_PX**2), own.weight)
         )
         in_columns, _ = pixel_shares(at[:, 0], sigma[:, 0], room_px)
         in_rows, _ = pixel_shares(at[:, 1], sigma[:, 1], room_px)
-        return patch + (in_rows * weight[None]) @ in_columns.T
+        made = (in_rows * weight[None]) @ in_columns.T
+        return patches.at[whose[item]].add(jnp.where(live[item], made, 0))
 
-    empty = jnp.zeros((room_px, room_px), jnp.float32)
-    patch = jax.lax.fori_loop(0, turns, add, empty).astype(float)
-    asked = jnp.arange(room_px, dtype=size_px.dtype) < size_px
-    patch = jnp.where(asked[:, None] & asked[None], patch, 0.0)
-    return patch / jnp.maximum(jnp.sum(patch), 1e-300)
+    return jax.lax.fori_loop(0, TOGETHER, add, patches)
 
 
 def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> _Rays:
@@ -200,9 +254,9 @@ def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> _Rays:
         return at + lateral[None], _spread(slope)
 
     at, spread = jax.vmap(landed, (1, 0, 0), (1, 1))(dealt, seen.local, seen.lateral_mm)
-    return _Rays(
-        at.reshape(-1, 2), weight, cell, cell * spread.reshape(-1), inner % wavelengths
-    )
+    cell_mm2 = cell * spread.reshape(-1)
+    airy = (AIRY_SIGMA**2 * seen.diffraction_mm2)[inner % wavelengths]
+    return _Rays(at.reshape(-1, 2), weight, cell, cell_mm2, airy + FOOTPRINT * cell_mm2)
 
 
 def _dealt(u: Array, seen: Pencil, blur: LensBlur) -> _Dealt:

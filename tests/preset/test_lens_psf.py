@@ -11,7 +11,7 @@ from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import LensfitError
 from lensfit.kernel.lens_blur import LensBlur
-from lensfit.kernel.lens_psf import _in_room
+from lensfit.kernel.lens_psf import _on_pixels, _pencils, _ray_turns
 from lensfit.lens import Channel, Lens
 from lensfit.optics.lateral import channel_from_green
 from lensfit.optics.paraxial import FirstOrder, defocus_mm
@@ -253,9 +253,13 @@ def test_many_points_are_the_same_as_each_alone():
             np.testing.assert_allclose(many[i, j], alone, atol=1e-12)
 
 
-def programs() -> int:
-    """How many were compiled."""
-    return _in_room._cache_size()  # pyright: ignore[reportAttributeAccessIssue]
+def programs() -> tuple[int, int, int]:
+    """How many were compiled: of points, of rays, of pixels."""
+    points, rays, pixels = (
+        made._cache_size()  # pyright: ignore[reportAttributeAccessIssue]
+        for made in (_pencils, _ray_turns, _on_pixels)
+    )
+    return points, rays, pixels
 
 
 def test_one_program_serves_every_state():
@@ -268,6 +272,31 @@ def test_one_program_serves_every_state():
         lens = preset.at(50.0, f_number, focus_mm)
         psf(lens, FIELD, distance, 0.004, "b", tolerance=0.05)
     assert programs() == before
+
+
+def test_arrays_of_another_size_compile_no_rays():
+    lens = lens_of(make_blur(), 2.8)
+    options = {"pixel_pitch_mm": 0.004, "tolerance": 0.1}
+    lens.psf(FIELD, 2500.0, "g", size_px=24, **options)
+    before = programs()
+    for size_px in (40, 90, 170):
+        lens.psf(FIELD, 2500.0, "g", size_px=size_px, **options)
+    after = programs()
+    assert after[:2] == before[:2]
+    assert after[2] <= before[2] + 3
+
+
+def test_what_is_asked_for_together_changes_nothing():
+    """More points than a program takes at a time, of blurs that need few and many
+    rays, are those of each point alone."""
+    lens = lens_of(make_blur(), 2.8)
+    points = np.linspace((-8.0, -5.0), FIELD, 27)
+    distances = np.geomspace(1200.0, 9000.0, 27)
+    options = {"pixel_pitch_mm": 0.01, "size_px": 48, "tolerance": 0.05}
+    many = np.asarray(lens.psfs(points, distances, ("g",), **options))[:, 0]
+    for i in (0, 11, 12, 26):
+        one = np.asarray(lens.psf(points[i], float(distances[i]), "g", **options))
+        assert np.abs(many[i] - one).max() < 1e-7
 
 
 def test_blades_show_only_when_stopped_down():
