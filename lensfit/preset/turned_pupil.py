@@ -149,13 +149,28 @@ def _transmission(knobs: BokehKnobs) -> Transmission | None:
     return Transmission(
         ring_brightness=jnp.asarray(knobs.ring_brightness, float),
         rotation_rad=jnp.asarray(math.radians(knobs.blade_rotation_deg), float),
-        filters=() if knobs.filter_image is None else _filters(knobs.filter_image),
+        filters=()
+        if knobs.filter_image is None
+        else filter_at_all_sizes(knobs.filter_image),
     )
 
 
-def _filters(path: str) -> tuple[Float[jnp.ndarray, "3 side side"], ...]:
-    """The picture of a stop at every size, r g b, its middle in the middle."""
-    pixels = np.nan_to_num(read_photograph(path).pixels, nan=0.0, posinf=0.0)
+def filter_at_all_sizes(path: str) -> tuple[Float[jnp.ndarray, "3 side side"], ...]:
+    """The picture of a stop at every size, r g b, its middle in the middle.
+
+    Raises
+    ------
+    ImageError : It cannot be read, or lets no light through.
+    """
+    try:
+        picture = read_photograph(path)
+    except ImageError as error:
+        raise ImageError(
+            f"{error.what}, and is the filter image of the lens",
+            where=error.where,
+            remedy="give an EXR or PNG with --filter-image",
+        ) from error
+    pixels = np.nan_to_num(picture.pixels, nan=0.0, posinf=0.0)
     pixels = np.maximum(np.asarray(pixels, np.float32), 0)
     colours = np.broadcast_to(pixels, (*pixels.shape[:2], 3))
     side = max(colours.shape[:2])
@@ -166,8 +181,8 @@ def _filters(path: str) -> tuple[Float[jnp.ndarray, "3 side side"], ...]:
         raise ImageError(
             "lets no light through as a filter",
             where=path,
-            remedy="give a picture that is bright inside its inscribed circle, in "
-            "red, green and blue",
+            remedy="give --filter-image a picture that is bright inside its inscribed "
+            "circle, in red, green and blue",
         )
     each = []
     for size in SIZES_PX:

@@ -32,15 +32,36 @@ def render_flat(lens: PlateLens, image: ExrImage, path: Path) -> ExrImage:
     ImageError : No part holds colour.
     """
     state = lens.noted_state(image, path)
-    layers = [colour_layers(part, lens.options.layers) for part in image.parts]
-    if not any(layers):
-        raise _no_colour(image, lens.options.layers)
+    found = dict(
+        (id(part), layers)
+        for part, layers in layers_to_render(image, lens.options.layers)
+    )
     return ExrImage(
         tuple(
-            _rendered(lens, part, found, state, (image, path))
-            for part, found in zip(image.parts, layers, strict=True)
+            _rendered(lens, part, found.get(id(part), []), state, (image, path))
+            for part in image.parts
         )
     )
+
+
+def layers_to_render(
+    image: ExrImage, wanted: Sequence[str] | None
+) -> list[tuple[ExrPart, list[ColourLayer]]]:
+    """Parts with colour and the layers of each that are rendered; at least one.
+
+    Parameters
+    ----------
+    wanted : Only these layers; all if None.
+
+    Raises
+    ------
+    ImageError : There is none.
+    """
+    found = [(part, colour_layers(part, wanted)) for part in image.parts]
+    found = [(part, layers) for part, layers in found if layers]
+    if not found:
+        raise _no_colour(image, wanted)
+    return found
 
 
 def _rendered(

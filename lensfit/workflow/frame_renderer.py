@@ -14,25 +14,37 @@ header              says what was done (`frame_signature`)
 from pathlib import Path
 from typing import final
 
+from msgspec.structs import replace
+
 from lensfit.errors import ImageError
+from lensfit.io.depth import unit_in_mm
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
+from lensfit.preset.knobs import NEUTRAL, not_neutral
 from lensfit.preset.schema import Preset
+from lensfit.preset.turned_pupil import filter_at_all_sizes
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.deep_plate import render_deep
 from lensfit.workflow.flat_plate import render_flat
 from lensfit.workflow.frame_outputs import explaining_picture
 from lensfit.workflow.frame_signature import SAID
+from lensfit.workflow.plate_check import check_options
 from lensfit.workflow.plate_header import plate_header
 from lensfit.workflow.plate_lens import PlateLens
 
 
 @final
 class FrameRenderer:
-    """Renders frames; keeps what it knows about the lens while the camera stays."""
+    """Renders frames; keeps what it knows about the lens while the camera stays.
+
+    Raises
+    ------
+    LensfitError : An option cannot be followed, whatever the plate.
+    """
 
     def __init__(self, preset: Preset, options: ApplyOptions):
         self.options = options
+        _check_for_all_plates(options)
         self.lens = PlateLens(preset, options)
 
     @property
@@ -55,6 +67,8 @@ class FrameRenderer:
         Raises
         ------
         ImageError : The system does not let it be read.
+        LensfitError : It could not be rendered now: the plate has not what the options
+            name, or the lens cannot be turned like that.
         """
         if not target.is_file():
             return False
@@ -69,7 +83,12 @@ class FrameRenderer:
         return True
 
     def _note_if_made_otherwise(self, plate: Path, parts: tuple[ExrPart, ...]) -> None:
-        state = self.lens.state_of(plate_header(plate), plate)
+        header = plate_header(plate)
+        state = self.lens.state_of(header, plate)
+        if not is_deep(plate):
+            check_options(self.options, header, plate)
+        if not_neutral(replace(state.knobs, look=NEUTRAL.look)):
+            self.lens.lens_at(state)
         wanted = self.lens.signature(state)
         made = next((p.attributes[SAID] for p in parts if SAID in p.attributes), None)
         if made != wanted:
@@ -77,3 +96,16 @@ class FrameRenderer:
                 "some frames were finished before with other settings or by an older "
                 "preset, and were kept (--overwrite renders them again)"
             )
+
+
+def _check_for_all_plates(options: ApplyOptions) -> None:
+    """Refuse what no plate can change."""
+    filter_image = options.knobs.get("filter_image")
+    if isinstance(filter_image, str):
+        filter_at_all_sizes(filter_image)
+    if options.depth.unit is not None:
+        try:
+            unit_in_mm(options.depth.unit)
+        except ImageError as error:
+            what = f"{error.what} (--depth-unit)"
+            raise ImageError(what, remedy=error.remedy) from None

@@ -84,15 +84,10 @@ def plate_depth(
     ImageError : The channel that was named does not exist, an option or a header
         entry is no unit or kind, or depth was asked for and there is none.
     """
-    found = find_depth(image, options.channel, beside)
-    if found is None:
-        if options.asked:
-            raise ImageError(
-                "has no depth channel",
-                remedy="render Z, or name its channel with --depth-channel",
-            )
+    meant = meant_depth(image, beside, options)
+    if meant is None:
         return None
-    meaning, notes = depth_meaning(image, found, options)
+    found, meaning, notes = meant
     samples = over_window(found.part, found.name, beside.data_window)
     slant = 1.0
     if meaning.kind == "ray":
@@ -106,6 +101,27 @@ def plate_depth(
     elif np.isposinf(depth).all():
         notes += ("all of the depth is zero, negative, infinite or huge: all is sky",)
     return PlateDepth(without_nan(depth), notes)
+
+
+def meant_depth(
+    image: ExrImage, beside: ExrPart, options: DepthOptions
+) -> tuple[FoundDepth, DepthMeaning, tuple[str, ...]] | None:
+    """The channel, what its numbers say, and what was assumed; of a plate without depth
+    None, unless it was asked for.
+
+    Raises
+    ------
+    ImageError : As `plate_depth`; of `image` no sample is looked at.
+    """
+    found = find_depth(image, options.channel, beside)
+    if found is None:
+        if options.asked:
+            raise ImageError(
+                "has no depth channel",
+                remedy="render Z, or name its channel with --depth-channel",
+            )
+        return None
+    return found, *depth_meaning(image, found, options)
 
 
 def depth_meaning(

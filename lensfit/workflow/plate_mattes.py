@@ -60,6 +60,19 @@ def named_cut_out(
     ------
     ImageError : The plate has no Cryptomatte, or none that knows all the names.
     """
+    crypto, ranks = cryptomatte_with(image, path, window, names)
+    return cut_out(depth_mm, ranks, [id_of(crypto, name) for name in names])
+
+
+def cryptomatte_with(
+    image: ExrImage, path: Path, window: Window, names: Sequence[str]
+) -> tuple[Cryptomatte, Ranks]:
+    """The Cryptomatte over a data window that knows all of these objects.
+
+    Raises
+    ------
+    ImageError : As `named_cut_out`.
+    """
     found = [c for c in find_cryptomattes(image, path) if c.data_window == window]
     if not found:
         raise ImageError(
@@ -72,7 +85,7 @@ def named_cut_out(
         ranks = _clean(read_ranks(crypto))
         missing.append([n for n in names if not _knows(crypto, ranks, n)])
         if not missing[-1]:
-            return cut_out(depth_mm, ranks, [id_of(crypto, n) for n in names])
+            return crypto, ranks
     known = ", ".join(list(dict.fromkeys(n for c in found for n in c.manifest))[:20])
     raise ImageError(
         f"has no object {min(missing, key=len)[0]!r}",
@@ -100,6 +113,25 @@ def matte_cut_out(
     ------
     ImageError : No channel is called that.
     """
+    found = matte_channel(image, path, part, name)
+    samples = np.nan_to_num(over_window(*found, part.data_window))
+    coverage = np.clip(samples, 0, 1).astype(np.float32)
+    ids = np.broadcast_to(
+        np.array([_OBJECTS, _REST], np.uint32)[:, None, None], (2, *coverage.shape)
+    )
+    ranks = Ranks(ids, np.stack([coverage, 1 - coverage]))
+    return cut_out(depth_mm, ranks, [_OBJECTS])
+
+
+def matte_channel(
+    image: ExrImage, path: Path, part: ExrPart, name: str
+) -> tuple[ExrPart, str]:
+    """The channel that `matte_cut_out` means, and its part.
+
+    Raises
+    ------
+    ImageError : No channel is called that.
+    """
     parts = [part, *(other for other in image.parts if other is not part)]
     found = next(
         (
@@ -117,13 +149,7 @@ def matte_cut_out(
             where=path,
             remedy=f"its channels are {known}",
         )
-    samples = np.nan_to_num(over_window(*found, part.data_window))
-    coverage = np.clip(samples, 0, 1).astype(np.float32)
-    ids = np.broadcast_to(
-        np.array([_OBJECTS, _REST], np.uint32)[:, None, None], (2, *coverage.shape)
-    )
-    ranks = Ranks(ids, np.stack([coverage, 1 - coverage]))
-    return cut_out(depth_mm, ranks, [_OBJECTS])
+    return found
 
 
 def _knows(crypto: Cryptomatte, ranks: Ranks, name: str) -> bool:

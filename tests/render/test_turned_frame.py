@@ -85,6 +85,33 @@ def test_a_squeezed_light_is_twice_as_high_as_wide():
     assert high / wide == pytest.approx(2, rel=0.12)
 
 
+@pytest.mark.parametrize("squeeze", [0.25, 2.0, 4.0])
+def test_a_squeeze_keeps_the_area_of_the_blur_and_treats_alpha_as_colour(squeeze):
+    """Of a disc of radius R the second moments are R^2 / 4 each; of an ellipse of the
+    same area their product is the same, and their ratio the square of the squeeze."""
+    radius_px, half = 8.0, 6
+    rgba = np.zeros((HEIGHT, WIDTH, 4), np.float32)
+    middle = np.s_[
+        HEIGHT // 2 - half : HEIGHT // 2 + half, WIDTH // 2 - half : WIDTH // 2 + half
+    ]
+    rgba[middle] = 0.6, 0.6, 0.6, 1.0
+    lens = lens_of(squeeze=squeeze)
+    found = render(rgba, depth_plane(-radius_px), lens).astype(float)
+    alpha = found[..., 3]
+    np.testing.assert_allclose(found[..., :3], 0.6 * alpha[..., None], atol=1e-6)
+    assert alpha.sum() == pytest.approx(4 * half**2, rel=1e-5)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    high, wide = (
+        (alpha * (at - (alpha * at).sum() / alpha.sum()) ** 2).sum() / alpha.sum()
+        - half**2 / 3
+        for at in (y, x)
+    )
+    assert high * wide == pytest.approx((radius_px**2 / 4) ** 2, rel=0.02)
+    assert high / wide == pytest.approx(squeeze**2, rel=0.02)
+    assert alpha.min() >= 0
+    assert alpha.max() <= 1
+
+
 def test_blades_that_are_round_make_the_disc_of_the_closed_form():
     """The rays of a turned lens and the disc of an ideal one, by the tolerance."""
     plain, round_blades = (

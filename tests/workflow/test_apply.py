@@ -333,7 +333,8 @@ def test_every_setting_that_changes_pixels_is_told_of_a_finished_frame(
     tmp_path, changed
 ):
     plate, out = tmp_path / "p.exr", tmp_path / "out"
-    write_plate(plate, {**CAMERA, **SENSOR})
+    depth = np.full((DATA.height, DATA.width), 2.0, np.float32)
+    write_plate(plate, {**CAMERA, **SENSOR}, {"Z": depth})
     apply_preset(make_preset(), plate, out)
     again = apply_preset(make_preset(), plate, out, options=ApplyOptions(**changed))
     assert any("other settings" in note for note in again.notes)
