@@ -101,6 +101,9 @@ def blurred_tiles(
     margin = (room - tile) // 2
     inside = slice(margin, margin + tile)
     shown = jnp.fft.irfft2(colours, (room, room))[..., inside, inside]
+    # Beside a light of 1e5 times white, rounding would leave black below zero.
+    has_negative = (light < 0).any((1, 2))[..., None, None]
+    shown = jnp.where(has_negative, shown, jnp.maximum(shown, 0))
     both = jnp.fft.irfft2(masks, (room, room))[..., inside, inside]
     hidden, reach = both[:, 0], both[:, 1]
     seen = reach > _LEAST_KNOWN
