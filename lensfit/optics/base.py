@@ -81,7 +81,7 @@ def _ahead_plus_length(squared: Array, ahead: Array) -> Array:
 
 def _angle_over_sine_side(squared: Array, ahead: Array) -> Array:
     """theta / |side|, smooth through the axis (series where the angle is tiny)."""
-    small = squared < 1e-12 * ahead**2
+    small = (squared < 1e-12 * ahead**2) & (ahead > 0)
     side = jnp.sqrt(jnp.where(small, 1.0, squared))
     near_axis = 1 / jnp.where(ahead > 0, ahead, jnp.nan)
     return jnp.where(small, near_axis, jnp.arctan2(side, ahead) / side)
