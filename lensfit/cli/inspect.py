@@ -7,6 +7,7 @@ import typer
 from lensfit.cli._console import console
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
+from lensfit.cli.groups.library import LibraryGroup
 
 
 @takes_groups
@@ -15,6 +16,10 @@ def inspect(
         help="Pictures, or a frame pattern such as plate.####.exr."
     ),
     *,
+    preset: str = typer.Option(
+        None, help="Also say what this preset needs, and what is taken from it"
+    ),
+    library: LibraryGroup,
     camera: CameraGroup,
     write_shoot: Path = typer.Option(
         None, help="Draft a shoot file from what the headers know."
@@ -24,11 +29,12 @@ def inspect(
     """Show size, encoding, windows, camera state and clipping of pictures.
 
     Says of every camera value where it came from, and what other sources (or entries of
-    the same header) say of it.
+    the same header) say of it; so of every knob that is turned.
     A drafted shoot file has the targets that charts made by `lensfit chart` state.
 
     Example: lensfit inspect dots_*.jpg --write-shoot shoot.toml
     Example: lensfit inspect plate.1001.exr --metadata A001.csv --camera shot.nk
+    Example: lensfit inspect plate.1001.exr --preset takumar_50/preset.json
     """
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_error, say_note
@@ -40,16 +46,20 @@ def inspect(
     sources = CameraSources(camera.sources(), camera.overrides())
     with progress_bars() as progress:
         inspections, errors = inspect_images(
-            images, progress, sources, charts=write_shoot is not None
+            images,
+            progress,
+            sources,
+            charts=write_shoot is not None,
+            preset=None if preset is None else library.find(preset).preset,
         )
     if json:
         _print_json([as_json(inspection) for inspection in inspections])
     else:
         for inspection in inspections:
             _print_table(inspection)
-    for note in not_said((n for found in inspections for n in found.notes), ()):
+    for note in not_said((n for found in inspections for n in found.camera.notes), ()):
         say_note(note)
-    failures = [f"{i.path}: {said}" for i in inspections for said in i.problems]
+    failures = [f"{i.path}: {said}" for i in inspections for said in i.camera.problems]
     failures += map(str, errors)
     for failure in failures:
         say_error(failure)

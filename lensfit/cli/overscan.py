@@ -9,6 +9,8 @@ import typer
 from lensfit.cli._sizes import size_px
 from lensfit.cli.apply import FilterName
 from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.disable import DisableGroup
+from lensfit.cli.groups.knobs import AberrationGroup, BokehGroup, stated
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 
 
@@ -40,6 +42,9 @@ def overscan(
     filter_name: FilterName = typer.Option(
         FilterName.cubic, "--filter", help="Of the warp; keys-6 reads a pixel further"
     ),
+    aberrations: AberrationGroup,
+    disabled: DisableGroup,
+    bokeh: BokehGroup,
     per_channel: bool = typer.Option(
         False, "--per-channel", help="Also say what red, green and blue need alone"
     ),
@@ -51,11 +56,13 @@ def overscan(
     data window and wider film back, and as the factor of OpenLensIO. Over a range of
     focal lengths or focus distances it is the largest.
 
-    --plate takes all of this from a rendered plate and judges what it was given.
+    --plate takes all of this from a rendered plate and judges what it was given. Knobs
+    count as in apply: how distortion is turned, and how wide depth may blur.
 
     Example: lensfit overscan takumar/preset.json --size 4096x3072 --f-number 2
     """
-    from lensfit.cli._door import say_note
+    from lensfit.preset.knobs import turned
+    from lensfit.workflow.camera_sources import StateOverrides
     from lensfit.workflow.overscan_plan import (
         OverscanQuestion,
         overscan_of_plate,
@@ -66,13 +73,18 @@ def overscan(
     focal = _span(focal_length_mm, "--focal-length-mm")
     focus = _span(focus_distance_mm, "--focus-distance-mm")
     loaded = library.find(preset).preset
-    own = None if plate is None else overscan_of_plate(loaded, plate)
+    knobs = stated(aberrations, bokeh) | disabled.gains
     camera = loaded.camera
-    known = (
-        own.question
-        if own
-        else OverscanQuestion((camera.image_width_px, camera.image_height_px))
-    )
+    if plate is None:
+        own = None
+        size_of_all = camera.image_width_px, camera.image_height_px
+        known = OverscanQuestion(size_of_all, knobs=turned(loaded.knobs, knobs))
+    else:
+        overrides = StateOverrides(
+            focal and focal[0], f_number, focus and focus[0], sensor_width_mm
+        )
+        own = overscan_of_plate(loaded, plate, overrides, knobs)
+        known = own.question
     question = OverscanQuestion(
         frame or known.size_px,
         known.sensor_width_mm if sensor_width_mm is None else sensor_width_mm,
@@ -84,6 +96,12 @@ def overscan(
         known.knobs,
     )
     plan = plan_overscan(loaded, question)
+    _say(own, plan, per_channel, as_json)
+
+
+def _say(own, plan, per_channel: bool, as_json: bool) -> None:
+    from lensfit.cli._door import say_note
+
     for note in dict.fromkeys([*(own.notes if own else ()), *plan.notes]):
         say_note(note)
     if plan.margins.missing:

@@ -93,9 +93,9 @@ def not_neutral(knobs: Knobs) -> dict[str, Value]:
     }
 
 
-def knobs_in(attributes: Mapping[str, object]) -> dict[str, object]:
-    """Values of knobs that a header states, by name; nothing else is looked at."""
-    return {n: v for n, v in _named(attributes).items() if n in GROUP_OF}
+def knob_entries(attributes: Mapping[str, object]) -> list[tuple[str, str, object]]:
+    """Entries of a header that state a knob: entry, name and value, in its order."""
+    return [entry for entry in _named(attributes) if entry[1] in GROUP_OF]
 
 
 def slips_in(attributes: Mapping[str, object]) -> tuple[str, ...]:
@@ -105,7 +105,7 @@ def slips_in(attributes: Mapping[str, object]) -> tuple[str, ...]:
     prefix, so that an unknown one is no error.
     """
     slips = []
-    for name in _named(attributes):
+    for name in dict.fromkeys(name for _, name, _ in _named(attributes)):
         close = difflib.get_close_matches(name.lower(), GROUP_OF, n=1, cutoff=0.75)
         if name not in GROUP_OF and close:
             slips.append(
@@ -115,11 +115,11 @@ def slips_in(attributes: Mapping[str, object]) -> tuple[str, ...]:
     return tuple(slips)
 
 
-def _named(attributes: Mapping[str, object]) -> dict[str, object]:
-    """Entries with the prefix of knobs, by what follows it."""
-    found = {}
+def _named(attributes: Mapping[str, object]) -> list[tuple[str, str, object]]:
+    """Entries with the prefix of knobs: whole, what follows the prefix, and value."""
+    found = []
     for key, value in attributes.items():
         before, prefix, name = key.rpartition(_PREFIX)
         if prefix and (not before or before.endswith("/")):
-            found[name] = value
+            found.append((key, name, value))
     return found

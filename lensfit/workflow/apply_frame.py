@@ -5,6 +5,7 @@ from pathlib import Path
 
 from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr import write_exr
+from lensfit.workflow.frame_error import at_frame
 from lensfit.workflow.frame_renderer import FrameRenderer
 
 
@@ -46,9 +47,4 @@ def error_line(error: Exception, path: Path) -> str:
     if not isinstance(error, LensfitError):
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         return str(ImageError(reason, where=path))
-    if error.where is None:
-        return str(type(error)(error.what, where=path, remedy=error.remedy))
-    if Path(error.where) == path:
-        return str(error)
-    what = f"{error.where}: {error.what}"
-    return str(LensfitError(what, where=path, remedy=error.remedy))
+    return str(at_frame(error, path))

@@ -53,11 +53,6 @@ class ApplyOptions:
     output: Output = "result"
 
     @property
-    def has_edges(self) -> bool:
-        """Whether anything is to be cut out of the plate."""
-        return bool(self.edge_mask) or self.edge_matte is not None
-
-    @property
     def filter(self) -> Filter:
         """The interpolating filter."""
         return self.method or filter_for(self.tolerance)

@@ -25,7 +25,8 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
 
     Raises
     ------
-    ImageError : It has no colour or no depth.
+    ImageError : It has no colour or no depth, or the f-number or focus distance of its
+        depth of field is not known.
     """
     deep = read_deep(path)
     flat, options = deep.flat, lens.options
@@ -40,7 +41,8 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
         slant = ray_slant(offsets, lens.cg_focal_length_mm(state))
     stack = deep_layers(deep, meaning, slant, depth_channel=options.depth.channel)
     window = options.written(source, display)
-    if options.switches.defocus and lens.knows_blur(state):
+    if options.switches.defocus:
+        state.require_blur()
         depth = lens.within_reach(stack.depth_mm, state)
         pixels, spreads = LayerStack(stack.rgba, depth), True
     else:

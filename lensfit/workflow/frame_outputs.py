@@ -25,6 +25,7 @@ from lensfit.workflow.plate import colour_layers
 from lensfit.workflow.plate_header import plate_header
 from lensfit.workflow.plate_in_depth import plate_in_depth
 from lensfit.workflow.plate_lens import PlateLens
+from lensfit.workflow.plate_state import BLUR
 
 _FAR_MM = 1e7
 """Chart distance for a lens that is focused at infinity."""
@@ -35,7 +36,7 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
 
     Raises
     ------
-    ImageError : The plate has no depth where it is needed.
+    ImageError : The plate has no depth, f-number or focus distance where it is needed.
     LensfitError : The lens' blur cannot be known.
     """
     if plate_lens.options.output == "circle-of-confusion":
@@ -45,14 +46,9 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
     state = plate_lens.noted_state(image, path)
     lens = plate_lens.lens_at(state)
     geometry = plate_lens.geometry(state, part.display_window)
-    focus_mm = lens.focus_distance_mm
-    if focus_mm is None and lens.blur is not None:
-        focus_mm = float(lens.blur.reference_distance_mm)
-    if focus_mm is None:
-        raise ImageError(
-            "states no focus distance", remedy="give it with --focus-distance-mm"
-        )
-    focus_mm = min(focus_mm, _FAR_MM)
+    state.require(*BLUR, use="this picture")
+    assert lens.focus_distance_mm is not None
+    focus_mm = min(lens.focus_distance_mm, _FAR_MM)
     if plate_lens.options.output == "aberration-dots":
         window = plate_lens.options.written(part.data_window, part.display_window)
         rgb = aberration_dots(lens, geometry, window, focus_mm)

@@ -8,8 +8,9 @@ shoot file.
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from lensfit.chart.layout import described
 from lensfit.chart.pattern import Pattern
@@ -22,10 +23,17 @@ from lensfit.io.metadata import CameraState
 from lensfit.io.sequence import expand_frames
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress, silent
+from lensfit.workflow.camera_facts import (
+    CameraFacts,
+    camera_facts,
+    camera_record,
+    camera_rows,
+)
 from lensfit.workflow.camera_sources import CameraSources
-from lensfit.workflow.known import Known
-from lensfit.workflow.plate_camera import BadEntry, PlateCamera
 from lensfit.workflow.plate_header import header_entries, plate_header
+
+if TYPE_CHECKING:
+    from lensfit.preset.schema import Preset
 
 
 @dataclass(frozen=True)
@@ -44,13 +52,7 @@ class Inspection:
         file's ceiling is not known, as for EXR.
     chroma_subsampled : Colour is stored at lower resolution.
     orientation : EXIF orientation that was undone; 1 for none.
-    state : The camera state, with its sources.
-    overruled : By quantity, what other sources say of it, the next best first.
-    notes : What was assumed of the camera.
-    undecided : What only a preset can turn into a camera state: a field of view
-        without a sensor height, a focus distance from the pinhole.
-    problems : What is wrong with entries of the header that would count.
-    passed_over : By quantity, header entries that are wrong and do not count.
+    camera : Its camera state and knobs, with the source of each value.
     chart : What the code of a lensfit chart says; None where none was looked for, or
         read.
     """
@@ -66,13 +68,13 @@ class Inspection:
     clipped_fraction: float | None
     chroma_subsampled: bool
     orientation: int
-    state: CameraState
-    problems: tuple[str, ...] = ()
-    passed_over: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    overruled: Mapping[str, tuple[Known, ...]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    undecided: Mapping[str, Known] = field(default_factory=dict)
+    camera: CameraFacts
     chart: Pattern | None = None
+
+    @property
+    def state(self) -> CameraState:
+        """The camera state, with its sources."""
+        return self.camera.state
 
 
 def inspect_images(
@@ -81,6 +83,7 @@ def inspect_images(
     sources: CameraSources | None = None,
     *,
     charts: bool = False,
+    preset: "Preset | None" = None,
 ) -> tuple[list[Inspection], list[LensfitError]]:
     """Look at pictures; one that cannot be read does not stop the others.
 
@@ -90,6 +93,7 @@ def inspect_images(
     sources : Where the camera is described beside the headers; settings beside the
         pictures if None.
     charts : Look for the code of a lensfit chart too.
+    preset : The lens that the pictures would be rendered with, if that is known.
 
     Returns
     -------
@@ -106,7 +110,7 @@ def inspect_images(
     found: list[Inspection] = []
     for done, path in enumerate(paths, 1):
         try:
-            found.append(_inspect(path, sources, charts))
+            found.append(_inspect(path, sources, charts, preset))
         except LensfitError as error:
             errors.append(error)
         progress("inspect", done, len(paths))
@@ -129,66 +133,31 @@ def facts(inspection: Inspection) -> list[tuple[str, str, str]]:
         lines.append(("data window", _box(inspection.data_window), ""))
     clipped = inspection.clipped_fraction
     lines.append(("clipped", "unknown" if clipped is None else f"{clipped:.2%}", ""))
-    for name, value in inspection.state.known().items():
-        lines.append((name, _shown(value), inspection.state.sources[name]))
-        lines += _overruled(name, inspection)
-    for name, known in inspection.undecided.items():
-        from_pinhole = " from the pinhole" * known.from_pupil
-        lines.append((name, f"{known.value:g}{from_pinhole}", known.source))
-        lines += _overruled(name, inspection)
     if inspection.chart is not None:
         lines.append(("chart", ", ".join(described(inspection.chart)), "its code"))
-    told = {*inspection.state.known(), *inspection.undecided}
-    for name in inspection.overruled:
-        if name not in told:
-            lines += [(name, "unknown", "see problem"), *_overruled(name, inspection)]
-    lines += [("problem", problem, "header") for problem in inspection.problems]
-    return lines
+    return lines + camera_rows(inspection.camera)
 
 
 def as_json(inspection: Inspection) -> dict[str, object]:
     """The facts in types that JSON knows; an infinite distance is the text "inf"."""
-    record: dict[str, object] = asdict(inspection)
+    names = [one.name for one in fields(inspection) if one.name != "camera"]
+    record: dict[str, object] = {n: getattr(inspection, n) for n in names}
     record |= {"path": str(inspection.path)}
-    state = inspection.state.known() | {"sources": dict(inspection.state.sources)}
-    record["state"] = {k: "inf" if v == math.inf else v for k, v in state.items()}
-    record["overruled"] = {
-        name: [_as_record(known) for known in others]
-        for name, others in inspection.overruled.items()
-    }
-    undecided = inspection.undecided.items()
-    record["undecided"] = {name: _as_record(known) for name, known in undecided}
-    return record
-
-
-def _overruled(name: str, inspection: Inspection) -> list[tuple[str, str, str]]:
-    others = inspection.overruled.get(name, ())
-    lines = [("", _shown(k.value), f"overruled: {k.source}") for k in others]
-    wrong = inspection.passed_over.get(name, ())
-    return lines + [("", what, "passed over") for what in wrong]
-
-
-def _shown(value: float | str) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _as_record(known: Known) -> dict[str, object]:
-    value = "inf" if known.value == math.inf else known.value
-    record: dict[str, object] = {"value": value, "source": known.source}
-    return record | ({"from": "pinhole"} if known.from_pupil else {})
+    if inspection.chart is not None:
+        record["chart"] = asdict(inspection.chart)
+    return record | camera_record(inspection.camera)
 
 
 def _box(window: Window | None) -> str:
     return "" if window is None else "({}, {}) to ({}, {})".format(*window)
 
 
-def _inspect(path: Path, sources: CameraSources, charts: bool) -> Inspection:
+def _inspect(
+    path: Path, sources: CameraSources, charts: bool, preset: "Preset | None"
+) -> Inspection:
     photograph = read_photograph(path)
     metadata = photograph.metadata
     header = _header(path, metadata)
-    camera = sources.described(path, header, photograph.size_px)
-    decided = camera.state.known()
-    undecided = {n: k for n, k in camera.known.items() if n not in decided}
     return Inspection(
         path=path,
         format=str(metadata["format"]),
@@ -201,26 +170,9 @@ def _inspect(path: Path, sources: CameraSources, charts: bool) -> Inspection:
         clipped_fraction=_clipped_fraction(photograph),
         chroma_subsampled=photograph.chroma_subsampled,
         orientation=int(str(metadata["orientation"])),
-        state=camera.state,
-        problems=tuple(str(e.error) for _, e in _bad(camera) if e.counts),
-        passed_over=_passed_over(camera),
+        camera=camera_facts(path, header, photograph.size_px, sources, preset),
         chart=read_chart_code(photograph) if charts else None,
-        overruled=camera.overruled,
-        notes=camera.notes,
-        undecided=undecided,
     )
-
-
-def _bad(camera: PlateCamera) -> list[tuple[str, BadEntry]]:
-    return [(name, entry) for name, found in camera.bad.items() for entry in found]
-
-
-def _passed_over(camera: PlateCamera) -> dict[str, tuple[str, ...]]:
-    found: dict[str, tuple[str, ...]] = {}
-    for name, entry in _bad(camera):
-        if not entry.counts:
-            found[name] = (*found.get(name, ()), entry.error.what)
-    return found
 
 
 def _header(path: Path, metadata: Mapping[str, object]) -> Mapping[str, object]:

@@ -6,7 +6,7 @@ between.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
@@ -16,7 +16,6 @@ import numpy as np
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
-from lensfit.io.metadata import camera_state_from
 from lensfit.preset.knobs import Knobs
 from lensfit.preset.schema import Preset
 from lensfit.render.circle import Circle
@@ -27,11 +26,15 @@ from lensfit.render.overscan import (
     cg_camera,
     margins_read,
 )
+from lensfit.render.stages import Switches
 from lensfit.render.uv import Channel, PlateGeometry, overscan_needed
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.plate_header import header_entries, plate_header
+from lensfit.workflow.assumed import SPELT
+from lensfit.workflow.camera_sources import StateOverrides
+from lensfit.workflow.plate_header import plate_header
 from lensfit.workflow.plate_lens import PlateLens
+from lensfit.workflow.plate_state import BLUR
 from lensfit.workflow.stmaps import LARGEST_SIDE_PX
 
 if TYPE_CHECKING:
@@ -116,19 +119,43 @@ class PlateOverscan:
         return all(a >= b for a, b in zip(self.margins[:4], needed[:4], strict=True))
 
 
-def overscan_of_plate(preset: Preset, path: Path) -> PlateOverscan:
+def overscan_of_plate(
+    preset: Preset,
+    path: Path,
+    overrides: StateOverrides | None = None,
+    knobs: Mapping[str, object] | None = None,
+) -> PlateOverscan:
     """The question that a plate's own header asks, and the overscan it was given.
+
+    Parameters
+    ----------
+    overrides : Camera state that counts in place of the header's.
+    knobs : What the user turned, by name.
 
     Raises
     ------
-    ImageError : The plate cannot be read, or its header lacks what the preset needs.
+    ImageError : The plate cannot be read, or nobody states what the preset needs; or
+        the f-number was overridden and nobody states a focus distance.
     """
+    overrides = overrides or StateOverrides()
     image = plate_header(path)
     part = image.parts[0]
     frame, data = part.display_window, part.data_window
-    lens = PlateLens(preset, ApplyOptions())
+    # Fall-off and its f-number read no pixel.
+    options = ApplyOptions(
+        overrides=overrides, switches=Switches(falloff=False), knobs=knobs or {}
+    )
+    lens = PlateLens(preset, options)
     state = lens.noted_state(image, path)
     focal, f_number, focus = state.lens_key
+    if overrides.f_number is not None:
+        state.require("focus_distance_mm", use="depth of field")
+    elif lacking := [SPELT[name] for name in BLUR if name not in state.camera.known]:
+        lens.notes.add(
+            f"{path.name}: no {' and no '.join(lacking)} is known, so what depth of "
+            "field reads is not counted (--f-number, --focus-distance-mm)"
+        )
+        f_number = None
     size = frame.width, frame.height
     question = OverscanQuestion(
         size,
@@ -144,7 +171,7 @@ def overscan_of_plate(preset: Preset, path: Path) -> PlateOverscan:
         max(0, data.x_max - frame.x_max),
         max(0, data.y_max - frame.y_max),
     )
-    stated = camera_state_from(header_entries(image), size).overscan_percent
+    stated = state.camera.number("overscan_percent")
     notes = list(lens.notes.said)
     if stated and not any(beyond[:4]):
         notes.append(
@@ -159,7 +186,8 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
 
     Raises
     ------
-    PresetError : The preset does not reach a state.
+    PresetError : The preset does not reach a state, or nobody knows the focus distance
+        of the depth of field.
     ImageError : The frame has no size, or the sensor none, or the f-number is none.
     """
     _check(question)
@@ -168,7 +196,7 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
     none = Margins(0, 0, 0, 0)
     channels: dict[Channel, Margins] = {"r": none, "g": none, "b": none}
     factor, blur_px, blurred = 1.0, None, none
-    notes: dict[str, None] = {}
+    notes: dict[str, None] = dict.fromkeys(_focus_notes(preset, question))
     states = _states(preset, question)
     for focal, focus in states:
         notes |= dict.fromkeys(preset.select(focal, None, focus).notes)
@@ -195,6 +223,23 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
         states=len(states),
         notes=tuple(notes),
     )
+
+
+def _focus_notes(preset: Preset, question: OverscanQuestion) -> Iterator[str]:
+    """That depth of field is told for one focus distance, which nobody asked for."""
+    if question.f_number is None or question.focus_distance_mm is not None:
+        return
+    measured = {entry.focus_distance_mm for entry in preset.entries}
+    if None in measured:
+        raise PresetError(
+            "the preset knows no focus distance, which depth of field needs",
+            remedy="give --focus-distance-mm",
+        )
+    if len(measured) == 1:
+        yield (
+            f"no focus distance is given; the preset's only one, {measured.pop():g} "
+            "mm, is used for depth of field (--focus-distance-mm states another)"
+        )
 
 
 def _check(question: OverscanQuestion) -> None:

@@ -44,8 +44,9 @@ def plate_in_depth(
 
     Raises
     ------
-    ImageError : Depth of field was asked for and cannot be had, or the edge mask names
-        an object or a channel that the plate does not have.
+    ImageError : Depth of field was asked for and cannot be had, its f-number or focus
+        distance is not known, or the edge mask names an object or a channel that the
+        plate does not have.
     """
     if not lens.options.switches.defocus:
         return None
@@ -60,8 +61,7 @@ def plate_in_depth(
         lens.notes.add(NO_DEPTH)
         return None
     lens.notes.add(*found.notes)
-    if not lens.knows_blur(state):
-        return None
+    state.require_blur()
     depth = lens.within_reach(found.depth_mm, state)
     window, options = part.data_window, lens.options
     if options.edge_matte is not None:

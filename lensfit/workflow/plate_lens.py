@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from lensfit.coords import Window
-from lensfit.errors import ImageError
+from lensfit.errors import LensfitError
 from lensfit.io.exr import ExrImage
 from lensfit.lens import Lens
 from lensfit.preset.knobs import NEUTRAL
@@ -24,10 +24,13 @@ from lensfit.render.look.stack import look_of
 from lensfit.render.stages import Stages, prepare_stages
 from lensfit.render.uv import PlateGeometry
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera_sources import CameraSources, Known, PlateCamera
+from lensfit.workflow.camera_sources import CameraSources
 from lensfit.workflow.external_map import ExternalMap
 from lensfit.workflow.focus_pick import FOCUS_AT, picked_depth_mm
+from lensfit.workflow.frame_error import at_frame
 from lensfit.workflow.frame_signature import preset_digest, signature
+from lensfit.workflow.known import Known
+from lensfit.workflow.plate_camera import PlateCamera
 from lensfit.workflow.plate_header import header_entries
 from lensfit.workflow.plate_notes import Notes, border_note
 from lensfit.workflow.plate_state import PlateState, plate_state
@@ -61,7 +64,18 @@ class PlateLens:
         self._stages_noted: Stages | None = None
 
     def state_of(self, image: ExrImage, path: Path) -> PlateState:
-        """The camera state of a plate."""
+        """The camera state of a plate.
+
+        Raises
+        ------
+        LensfitError : A value is missing or impossible; the line names the plate.
+        """
+        try:
+            return self._state_of(image, path)
+        except LensfitError as error:
+            raise at_frame(error, path) from error
+
+    def _state_of(self, image: ExrImage, path: Path) -> PlateState:
         camera = self._camera(image, path)
         if self.options.camera.focus_at is None:
             return self._state(camera, image)
@@ -182,30 +196,6 @@ class PlateLens:
         if self._stages_noted is not stages:
             self.notes.add(border_note(stages, window, source))
             self._stages_noted = stages
-
-    def knows_blur(self, state: PlateState) -> bool:
-        """Whether the lens has kernels at this state; noted if not.
-
-        Raises
-        ------
-        ImageError : It has none, and the options ask for depth of field.
-        """
-        lens = self.lens_at(state)
-        if lens.blur is not None or None not in (
-            lens.f_number,
-            lens.focus_distance_mm,
-        ):
-            return True
-        if self.options.depth.asked or self.options.has_edges:
-            raise ImageError(
-                "states no f-number or focus distance, which depth of field needs",
-                remedy="give --f-number and --focus-distance-mm, or --no-defocus",
-            )
-        self.notes.add(
-            "depth of field is left out: f-number or focus distance is not known "
-            "(--f-number, --focus-distance-mm)"
-        )
-        return False
 
     def within_reach(self, depth_mm: np.ndarray, state: PlateState) -> np.ndarray:
         """Distances of which the lens has an image at all; nearer ones are noted."""

@@ -2,8 +2,8 @@
 
 `lensfit.workflow.camera_sources` has the sources, and which of them counts.
 
-A value that is missing is an error only where the answer depends on it: the focal
-length of a prime's preset is known without it, that of a zoom's is not.
+A value that is missing is an error where the answer depends on it. Where the preset
+leaves no choice, as of a prime's focal length, its value is used and a note says so.
 """
 
 import math
@@ -12,12 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lensfit.errors import ImageError, PresetError, SettingsError
-from lensfit.preset.knobs import NEUTRAL, Knobs, knobs_in, slips_in, turned
+from lensfit.errors import ImageError
+from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
 from lensfit.preset.schema import Preset
 from lensfit.render.look.white_balance import REC709, Chromaticities
-from lensfit.workflow.camera_sources import PlateCamera
+from lensfit.workflow.assumed import SPELT, Assumed, assumed
 from lensfit.workflow.focus_pick import from_sensor_mm
+from lensfit.workflow.frame_note import FrameNote
+from lensfit.workflow.knob_sources import knobs_of_plate
+from lensfit.workflow.plate_camera import PlateCamera
+
+BLUR = ("f_number", "focus_distance_mm")
+"""What blur depends on."""
 
 
 class PlateState(NamedTuple):
@@ -32,6 +38,8 @@ class PlateState(NamedTuple):
     knobs : As turned by the preset, the header and the user, the last one first.
     chromaticities : x and y of red, green, blue and white of the plate; None where its
         header does not say.
+    camera : What the sources of the plate know.
+    assumed : What none of them knows, and the preset has one of.
     """
 
     lens_key: tuple[float | None, float | None, float | None]
@@ -39,17 +47,49 @@ class PlateState(NamedTuple):
     notes: tuple[str, ...]
     knobs: Knobs = NEUTRAL
     chromaticities: Chromaticities | None = None
+    camera: PlateCamera = PlateCamera({})
+    assumed: tuple[Assumed, ...] = ()
+
+    def require_blur(self) -> None:
+        """Refuse a plate without the f-number and focus of its depth of field.
+
+        Raises
+        ------
+        ImageError : As `require` says.
+        """
+        remedy = "leave depth of field out with --no-defocus"
+        self.require(*BLUR, use="depth of field", remedy=remedy)
+
+    def require(self, *names: str, use: str, remedy: str | None = None) -> None:
+        """Refuse a plate of which some source should know more.
+
+        Parameters
+        ----------
+        names : Quantities among those of `lens_key`.
+        use : What they are for, such as "depth of field".
+        remedy : What else could be done.
+
+        Raises
+        ------
+        ImageError : One of them is not known; the line names it, the plate, where it
+            was looked for and the option that gives it.
+        """
+        values = dict(zip(_ENTRIES, self.lens_key, strict=True))
+        missing = [name for name in names if values[name] is None]
+        if missing:
+            raise _missing(missing, self.camera, f", which {use} needs", remedy)
 
 
 _LEAST_WIDTH_MM = 0.01
 """Less is no sensor but another unit, or a slip."""
 _LEAST_PART = 0.12
 """Of the width that was photographed: a smaller one may be in centimetres."""
-_WHERE_TO_FIND = {
-    "focal_length_mm": ("focal length", "pinholeFocalLength or lens/focal"),
-    "f_number": ("f-number", "aperture or lens/fstop"),
-    "focus_distance_mm": ("focus distance", "focus or lens/focus"),
+_ENTRIES = {
+    "focal_length_mm": "pinholeFocalLength or lens/focal",
+    "f_number": "aperture or lens/fstop",
+    "focus_distance_mm": "focus or lens/focus",
 }
+"""Quantities of a lens' state, and where the header might have them."""
 
 
 def plate_state(
@@ -78,15 +118,22 @@ def plate_state(
     PresetError : The preset does not reach the state.
     """
     key = _lens_key(preset, camera)
-    for name, value in zip(_WHERE_TO_FIND, key, strict=True):
-        if value is None and name in _needed(preset, falloff):
-            raise _missing(name, camera)
-    notes = [*camera.notes, *preset.select(*key).notes]
+    needed = _needed(preset, falloff)
+    lacking = [n for n, v in zip(_ENTRIES, key, strict=True) if v is None]
+    if missing := [name for name in lacking if name in needed]:
+        raise _missing(missing, camera)
+    chosen = preset.select(*key)
+    taken = tuple(assumed(preset, camera, chosen, falloff=falloff))
     width, note = _width_mm(preset, camera)
+    turned = knobs_of_plate(preset.knobs, attributes, camera.settings, knobs or {})
+    notes = [*camera.notes, *chosen.notes, *(one.note(camera) for one in taken)]
     notes += [*([note] if note else []), *slips_in(attributes)]
-    turns = _turned(preset, attributes, camera, knobs or {})
+    for name, said in turned.notes:
+        notes.append(FrameNote(f"{camera.plate.name}: {said}", f"contradiction {name}"))
     colours = _chromaticities(attributes)
-    return PlateState(key, width, tuple(notes), turns, colours)
+    return PlateState(
+        key, width, tuple(notes), turned.checked(), colours, camera, taken
+    )
 
 
 def _chromaticities(attributes: Mapping[str, object]) -> Chromaticities | None:
@@ -103,7 +150,7 @@ def _chromaticities(attributes: Mapping[str, object]) -> Chromaticities | None:
 def _lens_key(
     preset: Preset, camera: PlateCamera
 ) -> tuple[float | None, float | None, float | None]:
-    focal, stop, focus = map(camera.number, _WHERE_TO_FIND)
+    focal, stop, focus = map(camera.number, _ENTRIES)
     if focus is not None and camera.known["focus_distance_mm"].from_pupil:
         focus = from_sensor_mm(focus, lambda guess: preset.at(focal, stop, guess))
     return focal, stop, focus
@@ -117,11 +164,7 @@ def _width_mm(preset: Preset, camera: PlateCamera) -> tuple[float, str | None]:
         None,
     )
     if width is None:
-        width = measured
-        note = (
-            f"no sensor width in the header: the preset's {width:g} mm is used "
-            "(--sensor-width-mm states another)"
-        )
+        width = measured  # as `assumed` says
     elif width > measured * 1.001:
         note = (
             f"the plate spans {width:g} mm and the lens was photographed over "
@@ -140,21 +183,6 @@ def _width_mm(preset: Preset, camera: PlateCamera) -> tuple[float, str | None]:
     return width, note
 
 
-def _turned(
-    preset: Preset,
-    attributes: Mapping[str, object],
-    camera: PlateCamera,
-    stated: Mapping[str, object],
-) -> Knobs:
-    """Knobs by the preset, turned by the header, the settings, the options."""
-    found = turned(preset.knobs, knobs_in(attributes), error=ImageError, where="header")
-    settings = camera.settings
-    for name, value in settings.knobs.items():
-        file = settings.knob_paths[name]
-        found = turned(found, {name: value}, error=SettingsError, where=file)
-    return turned(found, stated, error=PresetError, where="options")
-
-
 def _needed(preset: Preset, falloff: bool) -> list[str]:
     """What the preset cannot decide by itself."""
     needed = []
@@ -168,10 +196,15 @@ def _needed(preset: Preset, falloff: bool) -> list[str]:
     return needed
 
 
-def _missing(name: str, camera: PlateCamera) -> ImageError:
-    words, entries = _WHERE_TO_FIND[name]
-    option = "--" + name.replace("_", "-")
+def _missing(
+    names: list[str], camera: PlateCamera, use: str = "", remedy: str | None = None
+) -> ImageError:
+    words = " and no ".join(SPELT[name] for name in names)
+    entries = ", ".join(_ENTRIES[name] for name in names)
     places = ", ".join([f"{entries} in the header", *camera.asked])
+    options = " and ".join("--" + name.replace("_", "-") for name in names)
     return ImageError(
-        f"states no {words} (looked for {places})", remedy=f"give it with {option}"
+        f"states no {words}{use} (looked for {places})",
+        where=camera.plate,
+        remedy=f"give it with {options}" + (f", or {remedy}" if remedy else ""),
     )

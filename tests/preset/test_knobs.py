@@ -9,7 +9,7 @@ from lensfit.preset.knobs import (
     GROUP_OF,
     NEUTRAL,
     Knobs,
-    knobs_in,
+    knob_entries,
     not_neutral,
     slips_in,
     turned,
@@ -66,7 +66,10 @@ def test_a_header_may_have_any_prefix_and_other_entries():
         "otherlensfit/blades": 3,
         "lensfit/applied": "said",
     }
-    assert knobs_in(attributes) == {"coma_gain": "2", "blades": 5}
+    assert knob_entries(attributes) == [
+        ("exr/lensfit/coma_gain", "coma_gain", "2"),
+        ("lensfit/blades", "blades", 5),
+    ]
     assert slips_in(attributes) == ()
 
 

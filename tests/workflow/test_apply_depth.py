@@ -64,18 +64,6 @@ def test_no_depth_and_no_defocus_are_the_same_picture(tmp_path):
     assert [n for n in notes if "no depth" in n]
 
 
-def test_depth_without_a_stop_is_left_out_or_an_error_when_asked_for(tmp_path):
-    header = {k: v for k, v in {**CAMERA, **SENSOR}.items() if k != "lens/fstop"}
-    plate = write_plate(tmp_path / "p.exr", header, {"Z": near_and_far()})
-    options = ApplyOptions(switches=Switches(falloff=False))
-    preset = make_preset(stops=())
-    applied = apply_preset(preset, plate, tmp_path / "a", options=options)
-    assert any("f-number" in note for note in applied.notes)
-    options = ApplyOptions(switches=Switches(falloff=False), depth=METRES)
-    (failure,) = apply_preset(preset, plate, tmp_path / "b", options=options).failures
-    assert "--f-number" in failure
-
-
 @pytest.mark.parametrize("margin", [0, 4, 40])
 def test_an_external_map_need_not_reach_as_far_as_the_plate(tmp_path, margin):
     plate = write_plate(tmp_path / "p.exr", extra={"Z": near_and_far() / 1000})

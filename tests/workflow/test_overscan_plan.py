@@ -194,3 +194,53 @@ def test_a_turned_lens_reads_as_far_as_its_plate_is_told(tmp_path):
         black = any("lensfit overscan" in note for note in applied.notes)
         assert said["plate"]["suffices"] == (margins == turned) == (not black)
         assert said["margins_px"] == turned._asdict()
+
+
+def test_knobs_on_the_command_line_count_over_preset_and_header(tmp_path):
+    preset = tmp_path / "preset.json"
+    save_preset(make_preset(stops=()), preset)
+    strong = Knobs(aberration=AberrationKnobs(distortion_gain=2.0))
+    question = OverscanQuestion(SIZE, knobs=strong)
+    turned = plan_overscan(make_preset(stops=()), question).margins._asdict()
+    size = ("--size", "96x64", "--json")
+    wide = json.loads(run(preset, *size, "--distortion-gain", 2).stdout)
+    assert wide["margins_px"] == turned
+    header = {**CAMERA, **SENSOR, "lensfit/distortion_gain": 0.5}
+    plate = write_plate(tmp_path / "p.exr", header)
+    by_option = run(preset, "--plate", plate, "--json", "--distortion-gain", 2)
+    assert json.loads(by_option.stdout)["margins_px"] == turned
+    off = json.loads(run(preset, *size, "--disable", "distortion").stdout)
+    assert off["margins_px"]["left"] < wide["margins_px"]["left"]
+    blurred = (*size, "--f-number", 1.4, "--nearest-mm", 400)
+    free = json.loads(run(preset, *blurred).stdout)["depth_of_field"]
+    capped = run(preset, *blurred, "--maximum-blur-percent", 1)
+    radius = json.loads(capped.stdout)["depth_of_field"]["blur_radius_px"]
+    assert radius == pytest.approx(0.96)
+    assert free["blur_radius_px"] > 1
+
+
+def test_a_plate_of_unknown_focus_is_told_no_depth_of_field(tmp_path):
+    preset = tmp_path / "preset.json"
+    save_preset(make_preset(), preset)
+    header = {**SENSOR, "lens/focal": 35.0, "lens/fstop": 2.8}
+    plate = write_plate(tmp_path / "p.1001.exr", header)
+    result = run(preset, "--plate", plate, "--json")
+    assert result.exit_code == 0
+    assert "depth_of_field" not in json.loads(result.stdout)
+    assert "p.1001.exr: no focus distance is known" in result.stderr
+    asked = run(preset, "--plate", plate, "--f-number", 2.8)
+    assert asked.exit_code == 1
+    (line,) = asked.stderr.splitlines()
+    for part in (str(plate), "no focus distance, which depth of field needs"):
+        assert part in line
+    words = ("--f-number", 2.8, "--focus-distance-mm", 1500, "--json")
+    stated = json.loads(run(preset, "--plate", plate, *words).stdout)
+    assert stated["depth_of_field"]["blur_radius_px"] > 0
+
+
+def test_the_one_measured_focus_distance_is_told(tmp_path):
+    save_preset(make_preset(), tmp_path / "preset.json")
+    notes = run(tmp_path / "preset.json", "--f-number", 2.8).stderr
+    assert "the preset's only one, 2000 mm" in notes
+    stated = ("--f-number", 2.8, "--focus-distance-mm", 2000)
+    assert run(tmp_path / "preset.json", *stated).stderr == ""
