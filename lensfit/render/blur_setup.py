@@ -39,6 +39,8 @@ _MOST_EXACT = 6
 _EVEN = 1e-6
 """Growth of levels that are all of one width."""
 _LEAST_STEP_PX, _STEPS_PER_OCTAVE = 0.01, 16
+_PROBED = 7
+"""Levels at which a probe looks."""
 _FINE = 8
 """Kernels are made for multiples of this part of a level, so that frames share them."""
 
@@ -90,7 +92,7 @@ class BlurSetup:
     transforms : Of the kernels of each level that is blurred.
     rooms : Side of the transformed tiles of each such level; sharp ones have none.
     tile : Side of the tiles that are filled.
-    reaches : Half the size of each level's kernel.
+    reaches : Half the size of each level's kernel; estimated by a probe.
     light_step_px : As in `BlurBudget`.
     is_mixed : Whether kernels were mixed from those of a few depths.
     """
@@ -223,10 +225,6 @@ class Defocus:
         LensfitError : A kernel is too wide to convolve.
         """
         levels = list(found)
-        # Kernels of a distance near zero would fill any memory.
-        widest = max(abs(self.levels.radius_px(n)) for n in levels)
-        if not widest <= _TILES[-1][0]:
-            raise _too_wide(widest)
         grid, chromatic = self.variation(window, levels)
         channels: tuple[Channel, ...] = RGB if chromatic else ("g",)
         at = {n: round(_FINE * found[n]) / _FINE for n in levels}
@@ -235,13 +233,8 @@ class Defocus:
             n: self.bank.kernels(at[n], grid, channels, mixed=mixed) for n in levels
         }
         reaches = {n: k.shape[-1] // 2 for n, k in kernels.items()}
-        blurred = {n for n in levels if _leaves(kernels[n]) > self.budget.unseen}
-        longest = max((reaches[n] for n in blurred), default=0)
-        tile = _tile_px(longest)
-        if grid.varies:  # the weights of a cell's nodes hold in that cell
-            widest = _LEAST_TILE * int(min(grid.cell_px) // _LEAST_TILE)
-            tile = max(min(tile, widest), _LEAST_TILE)
-        rooms = {n: room_px(tile, reaches[n]) for n in blurred}
+        blurred = [n for n in levels if _leaves(kernels[n]) > self.budget.unseen]
+        tile, rooms = _tiling(grid, {n: reaches[n] for n in blurred})
         transforms = {
             n: self._transforms((at[n], grid, channels, rooms[n], mixed), kernels[n])
             for n in blurred
@@ -258,8 +251,56 @@ class Defocus:
             mixed,
         )
 
+    def probe(self, window: Window, found: dict[int, float]) -> BlurSetup:
+        """What `setup` would come to, without transforms, from few of its kernels: at
+        the middle and in the corners of the window, for a few levels, and by
+        interpolation between them.
+
+        Parameters and errors are those of `setup`.
+        """
+        levels = list(found)
+        grid, chromatic = self.variation(window, levels)
+        channels: tuple[Channel, ...] = RGB if chromatic else ("g",)
+        reach, leaving = self._probed(window, levels, channels)
+        reaches = dict(zip(levels, reach.tolist(), strict=True))
+        seen = (leaving > self.budget.unseen).tolist()
+        blurred = {
+            n: reaches[n] for n, is_seen in zip(levels, seen, strict=True) if is_seen
+        }
+        tile, rooms = _tiling(grid, blurred)
+        mixed = len(levels) > _MOST_EXACT
+        step_px = self.budget.light_step_px
+        return BlurSetup(
+            levels, grid, chromatic, {}, rooms, tile, reaches, step_px, mixed
+        )
+
+    def _probed(
+        self, window: Window, levels: list[int], channels: tuple[Channel, ...]
+    ) -> tuple[Int[np.ndarray, " levels"], Float[np.ndarray, " levels"]]:
+        """Reach of each level's kernels, and the share of light that they move."""
+        evenly = np.linspace(min(levels), max(levels), _PROBED).round().astype(int)
+        at = sorted({*evenly.tolist(), min(levels, key=abs)})
+        middle, corners = FieldGrid(window, 0, 0), FieldGrid(window, 1, 1)
+        kernels = [
+            [self.bank.kernels(n, grid, channels) for grid in (middle, corners)]
+            for n in at
+        ]
+        widest = [max(k.shape[-1] // 2 for k in both) for both in kernels]
+        most = [max(_leaves(k) for k in both) for both in kernels]
+        reach = np.ceil(np.interp(levels, at, widest)).astype(int)
+        return reach, np.interp(levels, at, most)
+
     def variation(self, window: Window, levels: list[int]) -> tuple[FieldGrid, bool]:
-        """How the kernels vary over a window: their grid, and whether by colour."""
+        """How the kernels vary over a window: their grid, and whether by colour.
+
+        Raises
+        ------
+        LensfitError : A kernel is too wide to convolve.
+        """
+        # Kernels of a distance near zero would fill any memory.
+        widest = max(abs(self.levels.radius_px(n)) for n in levels)
+        if not widest <= _TILES[-1][0]:
+            raise _too_wide(widest)
         near = min(levels, key=abs)
         ends = [
             _LEVEL_GROUP * math.floor(min(levels) / _LEVEL_GROUP),
@@ -279,6 +320,15 @@ class Defocus:
         if key not in self._kept:
             self._kept[key] = kernel_transforms(kernels, room=key[3])
         return self._kept[key]
+
+
+def _tiling(grid: FieldGrid, reaches: dict[int, int]) -> tuple[int, dict[int, int]]:
+    """Side of the tiles, and their room for each level that is blurred."""
+    tile = _tile_px(max(reaches.values(), default=0))
+    if grid.varies:  # the weights of a cell's nodes hold in that cell
+        widest = _LEAST_TILE * int(min(grid.cell_px) // _LEAST_TILE)
+        tile = max(min(tile, widest), _LEAST_TILE)
+    return tile, {n: room_px(tile, reach) for n, reach in reaches.items()}
 
 
 def _tile_px(longest: int) -> int:

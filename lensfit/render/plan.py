@@ -2,7 +2,8 @@
 
 Errors are rms of the picture, display-referred, as measured on a path-traced scene and
 on 1/f pictures; seconds are of two cores of a current machine, once kernels are made.
-Both are expectations: `lensfit bench render` measures them.
+Both are expectations: `lensfit bench render` measures them. Kernels are looked at in
+a few places only, since all of them take as long as the first frame does.
 """
 
 from typing import NamedTuple
@@ -144,7 +145,7 @@ def _lateral_colour(stages: Stages, tolerance: float) -> StagePlan:
 
 def _setup(radius_px: np.ndarray, window: Window, defocus: Defocus) -> BlurSetup:
     index = defocus.levels.index(radius_px)
-    return defocus.setup(window, levels_in(index, radius_px, defocus))
+    return defocus.probe(window, levels_in(index, radius_px, defocus))
 
 
 def _outlines(radius_px: np.ndarray, setup: BlurSetup, is_deep: bool) -> StagePlan:

@@ -100,8 +100,38 @@ def test_colours_of_one_kernel_share_it():
     assert setup.grid.varies
 
 
+def test_a_probe_foresees_what_the_kernels_come_to():
+    """From a few kernels, the same levels, grid and colours; reach and tiles nearly."""
+    defocus = defocus_of(SwellingLens())
+    found = {n: float(n) for n in range(-12, 13)}
+    foreseen, made = defocus.probe(FRAME, found), defocus.setup(FRAME, found)
+    assert foreseen.levels == made.levels
+    assert (foreseen.grid, foreseen.chromatic) == (made.grid, made.chromatic)
+    assert foreseen.rooms.keys() == made.rooms.keys()
+    for level in made.levels:
+        assert abs(foreseen.reaches[level] - made.reaches[level]) <= 1
+    assert foreseen.tile == made.tile
+
+
+def test_a_plan_makes_few_kernels():
+    class CountingLens(SwellingLens):
+        asked = 0
+
+        def psfs(self, points, distances, channels, **options):
+            CountingLens.asked += len(points) * len(channels)
+            return super().psfs(points, distances, channels, **options)
+
+    lens = CountingLens()
+    found = {n: float(n) for n in range(-12, 13)}
+    defocus_of(lens).probe(FRAME, found)
+    planned = lens.asked
+    defocus_of(lens).setup(FRAME, found)
+    assert planned < 0.7 * (lens.asked - planned)
+
+
 def test_blur_too_wide_to_convolve_is_refused(monkeypatch):
     defocus = defocus_of(SwellingLens())
     monkeypatch.setattr("lensfit.render.blur_setup._TILES", ((1, 64), (2, 128)))
-    with pytest.raises(LensfitError, match=r"blur reaches \d+ px, and 2 px is"):
-        defocus.setup(FRAME, {12: 12.0})
+    for asked in (defocus.setup, defocus.probe):
+        with pytest.raises(LensfitError, match=r"blur reaches [\d.]+ px, and 2 px is"):
+            asked(FRAME, {12: 12.0})
