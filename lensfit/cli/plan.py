@@ -44,6 +44,7 @@ def plan(
 
     Example: lensfit plan takumar_50/preset.json plate.1001.exr --tolerance 3e-3
     """
+    from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
     from lensfit.workflow.apply_options import ApplyOptions
     from lensfit.workflow.plan_plate import plan_plate
@@ -58,7 +59,9 @@ def plan(
         knobs=stated(aberrations, bokeh, look) | disabled.gains,
         tolerance=tolerance,
     )
-    found, notes = plan_plate(library.find(preset).preset, plate, options)
+    with progress_bars() as progress:
+        lens = library.find(preset).preset
+        found, notes = plan_plate(lens, plate, options, progress)
     if as_json:
         stages = [stage._asdict() for stage in found.stages]
         totals = {

@@ -6,6 +6,7 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.preset.schema import Preset
+from lensfit.progress import Progress, silent
 from lensfit.render.frame import window_with_margin
 from lensfit.render.look.stack import light_spreads
 from lensfit.render.plan import Plan, plan_of
@@ -14,11 +15,18 @@ from lensfit.workflow.plate import colour_layers
 from lensfit.workflow.plate_in_depth import plate_in_depth
 from lensfit.workflow.plate_lens import PlateLens
 
+_STEPS = 3
+"""Reading, maps, blur."""
+
 
 def plan_plate(
-    preset: Preset, plate: Path, options: ApplyOptions
+    preset: Preset, plate: Path, options: ApplyOptions, progress: Progress = silent
 ) -> tuple[Plan, list[str]]:
     """The plan of one plate, and what was assumed.
+
+    Parameters
+    ----------
+    progress : Told of the plate, its maps and its blur, in this order.
 
     Raises
     ------
@@ -30,6 +38,7 @@ def plan_plate(
             where=plate,
             remedy='render it with "lensfit apply", which takes deep plates',
         )
+    progress("plan", 0, _STEPS)
     lens = PlateLens(preset, options)
     image = read_exr(plate)
     state = lens.noted_state(image, plate)
@@ -42,7 +51,9 @@ def plan_plate(
             reach = window_with_margin(window, part.data_window)
         else:
             reach = window
+        progress("plan", 1, _STEPS)
         stages = lens.stages_for(state, part.display_window, reach)
+        progress("plan", 2, _STEPS)
         plan = plan_of(
             stages, window, options.tolerance, depth_mm=found and found.seen_depth_mm
         )
