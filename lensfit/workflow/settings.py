@@ -7,9 +7,9 @@ the rest. A file that is named with ``--settings`` stands alone. Tables:
 ``[camera]``   values for all frames: focal_length_mm, f_number, t_number,
                focus_distance_mm, sensor_width_mm, sensor_height_mm
 ``[[frames]]`` the same for a ``range``; of several that have a frame the last counts.
-               With key frames (``at = [1001, 1050]``) values may be lists of the same
-               length: focal length and stops go linearly from key to key, focus
-               in dioptres; the first and last key hold beyond.
+               Between key frames (``at = [1001, 1050]``, in place of a range) values
+               may be lists of the same length: focal length and stops go linearly from
+               key to key, focus in dioptres.
 ``[aliases]``  header entries of other renderers, by quantity
 ``[knobs]``    knobs by name; whoever turns the preset checks them
 """
@@ -141,9 +141,12 @@ def _level(path: Path, stamp: tuple[int, int] | None) -> _Level:
     del stamp  # part of the key alone: an edited file has another
     remedy = "the README describes settings files"
     data = read_toml_tables(path, error=SettingsError, source=remedy, mend=remedy)
-    file = convert_strictly(
-        data, SettingsFile, error=SettingsError, where=path, place=_place
-    )
+    try:
+        file = convert_strictly(
+            data, SettingsFile, error=SettingsError, where=path, place=_place
+        )
+    except SettingsError as error:
+        raise SettingsError(error.what, where=path, remedy=remedy) from error
     check_values(file, path)
     return _Level(path, file, aliases_of(file, path))
 
@@ -160,7 +163,8 @@ def _place(key: str) -> str:
 def _has(values: FrameValues, frame: int) -> bool:
     if values.range is not None:
         return in_frames(values.range, frame)
-    return bool(values.at) and values.at[0] <= frame <= values.at[-1]  # pyright: ignore
+    keys = values.at or [math.inf]
+    return keys[0] <= frame <= keys[-1]
 
 
 def _value_at(values: FrameValues, name: str, frame: int) -> float | None:
@@ -169,8 +173,8 @@ def _value_at(values: FrameValues, name: str, frame: int) -> float | None:
         return value
     keys = values.at or []
     after = bisect_right(keys, frame)
-    if after in (0, len(keys)):
-        return value[max(after - 1, 0)]
+    if after == len(keys):
+        return value[-1]
     low, high = value[after - 1], value[after]
     share = (frame - keys[after - 1]) / (keys[after] - keys[after - 1])
     if name != "focus_distance_mm":

@@ -113,10 +113,21 @@ def aliases_of(file: SettingsFile, path: Path) -> dict[str, tuple[Alias, ...]]:
 def _check_frames(values: FrameValues, path: Path, place: str) -> None:
     keys = values.at
     if keys is not None and (not keys or keys != sorted(set(keys))):
-        raise SettingsError(f"{place}: at must list rising frames", where=path)
+        raise SettingsError(
+            f"{place}: at must list rising frames",
+            where=path,
+            remedy="write each frame once, as at = [1001, 1020, 1050]",
+        )
     if values.range is None and keys is None:
         raise SettingsError(
             f"{place} has no frames", where=path, remedy='add range = "1001-1050"'
+        )
+    if values.range is not None and keys is not None:
+        raise SettingsError(
+            f"{place} has both a range and at, and each says which frames it holds for",
+            where=path,
+            remedy="leave range out, and repeat the first and the last value at the "
+            "ends of the range to hold them there",
         )
     if values.range is not None:
         try:
@@ -144,27 +155,49 @@ def _alias(name: str, entry: str | AliasEntry, path: Path) -> Alias:
         raise SettingsError(
             f'[aliases]: "{name}" is no quantity; {did_you_mean(name, [*ALIASES])}',
             where=path,
+            remedy="write it as a quantity and its header entry: "
+            'focal_length_mm = "myrenderer/focal"',
         )
     if isinstance(entry, str):
         entry = AliasEntry(entry)
     place = f"[aliases] {name}"
     if not entry.key.strip():
-        raise SettingsError(f"{place}: an entry has no name", where=path)
+        raise SettingsError(
+            f"{place}: an entry has no name",
+            where=path,
+            remedy='name the header entry, as "myrenderer/focal"',
+        )
+    place = f'{place}, "{entry.key}"'
     if entry.unit is None and entry.factor is None:
         return Alias(entry.key)
     if name in TEXTS or (entry.unit is not None and entry.factor is not None):
+        what = "is text and has neither unit nor factor"
         raise SettingsError(
-            f"{place}: give a unit or a factor, and only of a number", where=path
+            f"{place}: " + (what if name in TEXTS else "has both a unit and a factor"),
+            where=path,
+            remedy="leave them out" if name in TEXTS else "leave one of them out",
         )
     if entry.factor is not None:
         if not 0 < entry.factor < math.inf:
-            raise SettingsError(f"{place}: factor must be above zero", where=path)
+            raise SettingsError(
+                f"{place}: factor is {entry.factor:g} and must be above zero",
+                where=path,
+                remedy=f"give what its number is multiplied by to be {_unit(name)}",
+            )
         return Alias(entry.key, entry.factor)
     factor = LENGTHS_MM.get(str(entry.unit)) if name.endswith("_mm") else None
     if factor is None:
+        lengths = name.endswith("_mm")
         raise SettingsError(
             f'{place}: "{entry.unit}" is no unit of it',
             where=path,
-            remedy=f"give one of {', '.join(LENGTHS_MM)} of a length, or a factor",
+            remedy=f"give one of {', '.join(LENGTHS_MM)}, or a factor"
+            if lengths
+            else "leave the unit out, or give a factor",
         )
     return Alias(entry.key, factor)
+
+
+def _unit(name: str) -> str:
+    """What the number of a quantity counts, as its name says."""
+    return "mm" if name.endswith("_mm") else f"the {name.replace('_', ' ')}"

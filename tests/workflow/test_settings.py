@@ -74,10 +74,9 @@ def test_frames_count_more_than_camera_and_the_last_most(tmp_path):
 def test_pulls_go_linearly_and_focus_in_dioptres(tmp_path):
     text = """
         [[frames]]
-        range = "1001-1100"
-        at = [1011, 1021, 1031]
-        focal_length_mm = [50, 60, 60]
-        focus_distance_mm = [1000, 4000, inf]
+        at = [1001, 1011, 1021, 1031, 1100]
+        focal_length_mm = [50, 50, 60, 60, 60]
+        focus_distance_mm = [1000, 1000, 4000, inf, inf]
         f_number = 2.8
     """
     found = load_settings(written(tmp_path, text))
@@ -135,6 +134,7 @@ def test_aliases_have_units_and_factors(tmp_path):
         ("[[frames]]\nat = [2, 1]\nf_number = [2, 3]", "rising"),
         ("[[frames]]\nat = []\nf_number = 2", "rising"),
         ("[[frames]]\nrange = '1'\nat = 5", r"\[\[frames\]\] 1, at"),
+        ("[[frames]]\nrange = '1-9'\nat = [2, 4]\nf_number = [2, 4]", "1 has both"),
         ("[aliases]\nfocal_length = 'a'", 'did you mean "focal_length_mm"'),
         ("[aliases]\nf_number = {key = 'a', unit = 'mm'}", "no unit"),
         ("[aliases]\nfocal_length_mm = {key = 'a', unit = 'ell'}", "no unit"),
@@ -152,6 +152,31 @@ def test_slips_are_named(tmp_path, text, said):
         load_settings(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "remedy"),
+    [
+        ("[[frames]]\nrange = '1-9'\nat = [2, 4]", "[[frames]] 1", "leave range out"),
+        ("[[frames]]\nat = [2, 1]\nf_number = [2, 3]", "at must", "[1001, 1020"),
+        ("[aliases]\nfocal_length = 'a/b'", '"focal_length"', '"myrenderer/focal"'),
+        ("[aliases]\nf_number = ''", "[aliases] f_number", "name the header entry"),
+        ("[aliases]\nf_number = {key = 'a/n', unit = 'mm'}", '"a/n"', "leave the unit"),
+        ("[aliases]\nfocal_length_mm = {key = 'a/f', unit = 'ell'}", '"a/f"', "mm, cm"),
+        ("[aliases]\nf_number = {key = 'a/n', factor = 0}", '"a/n"', "multiplied by"),
+        (
+            "[aliases]\nfocal_length_mm = {key = 'a/f', unit = 'cm', factor = 2}",
+            '"a/f"',
+            "leave one",
+        ),
+        ("[aliases]\nlens_model = {key = 'a/m', factor = 2}", '"a/m"', "leave them"),
+    ],
+)
+def test_slips_name_the_entry_and_what_to_do(tmp_path, text, name, remedy):
+    with pytest.raises(SettingsError) as caught:
+        load_settings(written(tmp_path, text))
+    assert name in caught.value.what
+    assert remedy in (caught.value.remedy or "")
 
 
 @pytest.mark.parametrize("data", [b"\xff\xfe[", b"\0", b"a" * (2 << 20)])
