@@ -1,5 +1,6 @@
 """Frames on several processes, and jobs that are killed: the same files in the end."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -12,6 +13,8 @@ from plate_makers import make_preset, write_plate
 
 from lensfit.preset.store import save_preset
 from lensfit.workflow.apply import apply_preset
+
+SCRIPT = "from lensfit.cli.main import main; main()"
 
 
 @pytest.fixture
@@ -64,8 +67,7 @@ def test_a_killed_job_run_again_ends_with_the_same_files(tmp_path):
     preset, out = tmp_path / "preset.json", tmp_path / "out"
     save_preset(make_preset(), preset)
     pattern = tmp_path / "plate.####.exr"
-    script = "from lensfit.cli.main import main; main()"
-    command = [sys.executable, "-c", script, "apply", preset, pattern]
+    command = [sys.executable, "-c", SCRIPT, "apply", preset, pattern]
     for wanted in (1, 4):
         job = subprocess.Popen(
             [*map(str, command), "--out", str(out)],
@@ -87,6 +89,62 @@ def test_a_killed_job_run_again_ends_with_the_same_files(tmp_path):
     assert len(applied.written) + len(applied.skipped) == 8
     apply_preset(make_preset(), pattern, tmp_path / "whole")
     assert contents(out) == contents(tmp_path / "whole")
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+@pytest.mark.parametrize(("killed", "most_lost"), [(1, 1), (2, 5)])
+def test_a_worker_that_dies_costs_the_frame_it_was_at(tmp_path, killed, most_lost):
+    plates = [write_plate(tmp_path / f"plate.{n:04d}.exr") for n in range(6)]
+
+    def kill(_, done, __):
+        if done == 1:
+            for child in multiprocessing.active_children()[:killed]:
+                os.kill(child.pid, signal.SIGKILL)
+                child.join()
+
+    done = apply_preset(
+        make_preset(),
+        tmp_path / "plate.####.exr",
+        tmp_path / "out",
+        workers=2,
+        progress=kill,
+    )
+    assert len(done.written) + len(done.failures) == len(plates)
+    assert len(done.failures) <= most_lost
+    assert all("a worker process died" in failure for failure in done.failures)
+    if killed == 2:
+        assert len(done.failures) >= len(plates) - 3
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+@pytest.mark.parametrize(
+    "how",
+    [
+        "SIGKILL",
+        pytest.param("SIGTERM", marks=pytest.mark.slow),
+        pytest.param("SIGINT", marks=pytest.mark.slow),
+    ],
+)
+def test_a_run_with_workers_that_is_killed_has_nothing_to_clean_up(tmp_path, how):
+    for number in range(40):
+        write_plate(tmp_path / f"plate.{number:04d}.exr")
+    preset, out = tmp_path / "preset.json", tmp_path / "out"
+    save_preset(make_preset(), preset)
+    words = ["apply", preset, tmp_path / "plate.####.exr", "--out", out]
+    with subprocess.Popen(
+        [sys.executable, "-c", SCRIPT, *map(str, words), "--workers", "2"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as job:
+        while job.poll() is None and not list(out.glob("[!.]*.exr")):
+            time.sleep(0.01)
+        job.send_signal(getattr(signal, how))
+        assert job.wait(60) != 0
+        assert job.stderr is not None
+        said = job.stderr.read()
+    assert said == ("lensfit: error: interrupted\n" if how == "SIGINT" else "")
 
 
 def test_options_travel_to_processes(sequence):
