@@ -110,7 +110,8 @@ def resample_tiles(
     levels : By how many the whole displacements of a tile may differ.
     ordinary : No sample of these tiles is negative or above `WHITE`.
     """
-    level = jnp.floor(beyond)
+    # A displacement of -1e-9 px, less -1, rounds to 1: the end of level 0, not level 1.
+    level = jnp.minimum(jnp.floor(beyond), levels)
     fraction = beyond - level
     x_level, y_level = level[:, None, 0], level[:, None, 1]
     x_weights = _at_level(tap_weights(method, fraction[:, None, 0]), x_level, levels)
