@@ -118,8 +118,9 @@ def camera_rows(facts: CameraFacts) -> Rows:
         from_pinhole = " from the pinhole" * known.from_pupil
         rows.append((name, f"{known.value:g}{from_pinhole}", known.source))
         rows += _beside(name, facts)
-    for name in facts.overruled.keys() - told.keys() - facts.undecided.keys():
-        rows += [(name, "unknown", "see problem"), *_beside(name, facts)]
+    for name in facts.overruled:
+        if name not in told and name not in facts.undecided:
+            rows += [(name, "unknown", "see problem"), *_beside(name, facts)]
     rows += [(one.name, _shown(one.value), one.whose) for one in facts.assumed]
     for name, word in facts.knobs.known.items():
         rows.append((f"knob {name}", _shown(word.value), word.source))
