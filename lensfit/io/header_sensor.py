@@ -98,7 +98,7 @@ def _from_photosites(
     try:
         (x_min, y_min), (x_max, y_max) = header[box]  # pyright: ignore
         size = (int(x_max) - int(x_min) + 1, int(y_max) - int(y_min) + 1)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise impossible(box, header[box], "a box of photosites") from None
     return pitch_mm * size[0], pitch_mm * size[1]
 
@@ -109,7 +109,7 @@ def _from_overall_dimensions(
     try:
         width, height = np.asarray(header[key], float)
         return float(width), float(height)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise impossible(key, header[key], "a width and a height") from None
 
 

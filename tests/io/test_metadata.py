@@ -107,6 +107,8 @@ def test_infinite_focus_and_no_overscan_are_allowed():
         ("pinholeFocalLength", [1.0, 2.0]),
         ("sensorOverallDimensions", "36 x 24"),
         ("sensorOverallDimensions", np.array([36.0, 0.0])),
+        ("sensorOverallDimensions", 10**400),
+        ("lens/focal", 10**400),
     ],
 )
 def test_impossible_values_are_named(key: str, value: object):
