@@ -6,6 +6,7 @@ Distances to the scene count from the sensor plane, as on the barrel.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import equinox as eqx
@@ -22,8 +23,10 @@ from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.lateral import (
     ChannelShift,
+    LateralColour,
     channel_from_green,
     green_from_channel,
+    no_lateral_colour,
 )
 
 Channel = Literal["r", "g", "b"]
@@ -58,7 +61,7 @@ class Lens(eqx.Module):
     """
 
     distortion: Distortion
-    lateral_colour: tuple[ChannelShift, ChannelShift] | None
+    lateral_colour: LateralColour
     illumination: Illumination | None
     entrance_pupil_offset_mm: Float[Array, ""]
     sensor_size_mm: tuple[float, float] = eqx.field(static=True)
@@ -175,8 +178,14 @@ class Lens(eqx.Module):
         pixel_pitch_mm: float | tuple[float, float],
         size_px: int,
         tolerance: float = TOLERANCE,
+        with_lateral_colour: bool = True,
     ) -> Float[Array, "points channels size size"]:
         """`psf` of many points and channels; one distance, or one for each point.
+
+        Parameters
+        ----------
+        with_lateral_colour : Whether red and blue lie from the middle as they land from
+            green; else each channel's own light is in the middle.
 
         Raises
         ------
@@ -198,13 +207,18 @@ class Lens(eqx.Module):
         if size_px < 1:
             raise ValueError(f"size_px = {size_px} is no size of an array")
         indices = [_channel_index(channel) for channel in channels]
+        lateral = self.lateral_colour
+        if lateral is not None and not with_lateral_colour:
+            measured = blur.measured_lateral or lateral
+            blur = replace(blur, measured_lateral=measured)
+            lateral = no_lateral_colour()
         found = lens_psfs(
             jnp.repeat(points, len(indices), 0),
             jnp.asarray(np.repeat(distances, len(indices))),
             jnp.asarray(np.tile(indices, len(points)).astype(int)),
             blur,
             self.distortion,
-            self.lateral_colour,
+            lateral,
             jnp.asarray(np.broadcast_to(np.asarray(pixel_pitch_mm, float), (2,))),
             jnp.asarray(tolerance, jnp.float64),
             size_px=size_px,

@@ -29,7 +29,11 @@ from lensfit.optics.distortion import (
     jacobian_at,
     undistorted_from_distorted,
 )
-from lensfit.optics.lateral import ChannelShift, channel_from_green
+from lensfit.optics.lateral import (
+    ChannelShift,
+    LateralColour,
+    channel_from_green,
+)
 from lensfit.optics.paraxial import (
     FirstOrder,
     focal_length_mm,
@@ -40,7 +44,6 @@ from lensfit.optics.pupil import Pupil, clear_pupil, opening_area
 from lensfit.optics.spectrum import Bands, bands, chromatic_coordinate, lateral_at
 from lensfit.optics.transmission import Transmission
 
-LateralColour = tuple[ChannelShift, ChannelShift] | None
 _MM_PER_NM = 1e-6
 _EXACT_AT = (0.7, 1.05)
 
@@ -62,6 +65,8 @@ class LensBlur(eqx.Module):
     known : The opening through which the aberrations were measured, where `pupil` may
         let other rays through: these are aberrated as the nearest that was measured.
     oval : By how much the blur is drawn out along x and y; None for nothing.
+    measured_lateral : Lateral colour by which the wavelengths of one channel part,
+        where the lens' own was turned; None for the lens' own.
     is_ideal : Whether nobody measured it, and nothing but its stop was turned.
     """
 
@@ -75,6 +80,7 @@ class LensBlur(eqx.Module):
     transmission: Transmission | None = None
     known: Pupil | None = None
     oval: Float[Array, "2"] | None = None
+    measured_lateral: LateralColour = None
     is_ideal: bool = eqx.field(static=True, default=False)
 
     @property
@@ -220,14 +226,27 @@ def _lateral_mm(
     distortion: Distortion,
     lateral_colour: LateralColour,
 ) -> Array:
-    """Displacement of the wavelengths of a channel, (wavelengths, 2)."""
+    """Displacement of the wavelengths of a channel, (wavelengths, 2).
+
+    They part as was measured, about the channel's own displacement, turned or not.
+    """
     wavelengths_nm = blur.bands.wavelengths_nm
     if lateral_colour is None:
         return jnp.zeros((wavelengths_nm.shape[1], 2))
+    own = _of_channels(point, lateral_colour, distortion)[channel]
+    measured = blur.measured_lateral or lateral_colour
+    red, _, blue = _of_channels(point, measured, distortion)
+    chromatic = chromatic_coordinate(wavelengths_nm)
+    parted = lateral_at(chromatic[channel], red, blue, jnp.mean(chromatic, 1))
+    return parted + (own - jnp.mean(parted, 0))[None]
+
+
+def _of_channels(
+    point: Array, lateral: tuple[ChannelShift, ChannelShift], distortion: Distortion
+) -> Array:
+    """Displacement of red, green and blue from where green lands, (3, 2)."""
     centre, radius = distortion.principal_point_mm, distortion.reference_radius_mm
     red, blue = (
-        channel_from_green(point, shift, centre, radius) - point
-        for shift in lateral_colour
+        channel_from_green(point, shift, centre, radius) - point for shift in lateral
     )
-    chromatic = chromatic_coordinate(wavelengths_nm)
-    return lateral_at(chromatic[channel], red, blue, jnp.mean(chromatic, 1))
+    return jnp.stack([red, jnp.zeros(2), blue])

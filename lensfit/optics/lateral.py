@@ -45,6 +45,16 @@ class ChannelShift(eqx.Module):
     decentering: Float[Array, "2"] = eqx.field(default_factory=lambda: jnp.zeros(2))
 
 
+LateralColour = tuple[ChannelShift, ChannelShift] | None
+"""Of red and blue; None where all channels land alike."""
+
+
+def no_lateral_colour() -> tuple[ChannelShift, ChannelShift]:
+    """Of red and blue that land with green."""
+    none = ChannelShift(jnp.zeros(1), jnp.zeros(2), jnp.ones(()))
+    return none, none
+
+
 def lopsided_basis(q: Float[Array, "2"]) -> Float[Array, "4 2"]:
     """Displacements per unit of the two strains and the two decentering terms."""
     x, y = q[0], q[1]

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 
 from lensfit.optics import radial
 from lensfit.optics.distortion import Distortion
-from lensfit.optics.lateral import ChannelShift
+from lensfit.optics.lateral import ChannelShift, LateralColour, no_lateral_colour
 from lensfit.preset.aberration_knobs import AberrationKnobs
 
 _MM_PER_UM = 1e-3
@@ -25,8 +25,6 @@ _NOTHING_MM = 1e-9
 _STEEPEST = 30.0
 """Largest logarithm of a slope that a stated percentage may need."""
 _RADII = 24
-
-LateralColour = tuple[ChannelShift, ChannelShift] | None
 
 
 def turned_distortion(
@@ -103,8 +101,7 @@ def turned_lateral(
     if lateral is None:
         if stated == (None, None):
             return None
-        none = ChannelShift(jnp.zeros(1), jnp.zeros(2), jnp.ones(()))
-        lateral = none, none
+        lateral = no_lateral_colour()
     reference_mm = float(distortion.reference_radius_mm)
     red, blue = (
         _turned_shift(shift, reference_mm, edge_mm / reference_mm, gain, um)

@@ -18,6 +18,7 @@ from dataclasses import replace
 
 from lensfit.kernel.lens_blur import LensBlur
 from lensfit.lens import Lens
+from lensfit.optics.lateral import LateralColour, no_lateral_colour
 from lensfit.preset.aberration_knobs import AberrationKnobs
 from lensfit.preset.bokeh_knobs import BokehKnobs
 from lensfit.preset.idle_knobs import LEAST_BLADES
@@ -64,10 +65,24 @@ def turned_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> L
         if bokeh.cat_eye_gain != 1 or bokeh.cat_eye_percent is not None:
             corner = edge_mm / float(blur.aberration.field_radius_mm)
             rims = turned_rims(blur, corner, bokeh)
-        turned = replace(turned, blur=_turned_blur(blur, edge_mm, aberration, bokeh))
+        blur_turned = _turned_blur(blur, edge_mm, aberration, bokeh)
+        parted = _measured_lateral(lens, turned, edge_mm, aberration)
+        turned = replace(turned, blur=replace(blur_turned, measured_lateral=parted))
     measured = replace(lens, blur=blur)
     illumination = turned_illumination(measured, edge_mm, rims, aberration)
     return replace(turned, illumination=illumination)
+
+
+def _measured_lateral(
+    lens: Lens, turned: Lens, edge_mm: float, aberration: AberrationKnobs
+) -> LateralColour:
+    """By which wavelengths of a channel part: red and blue that are moved take nothing
+    with them; None where that is the turned lens' own."""
+    if turned.lateral_colour is lens.lateral_colour:
+        return None
+    gain = AberrationKnobs(chromatic_gain=aberration.chromatic_gain)
+    measured = turned_lateral(lens.lateral_colour, lens.distortion, edge_mm, gain)
+    return measured or no_lateral_colour()
 
 
 def _turned_blur(

@@ -27,7 +27,7 @@ from lensfit.render.blur_setup import BlurSetup, Defocus
 from lensfit.render.buffers import aligned_empty, crop
 from lensfit.render.convolve import blurred_tiles, sharp_tiles
 from lensfit.render.edges import two_layers
-from lensfit.render.highlights import Highlights, take_highlights
+from lensfit.render.highlights import Highlights
 from lensfit.render.layer_stack import LayerStack, Mattes, flattened
 from lensfit.render.lights import SpreadLights
 
@@ -55,10 +55,51 @@ class Scene:
     is_opaque: bool = False
 
 
+@dataclass(eq=False)
+class FlatPlate:
+    """A flat plate with depth, as it lies on the sensor before it is blurred.
+
+    Attributes
+    ----------
+    rgba : Premultiplied, without its lights; beside it the border continues.
+    depth_mm : From the entrance pupil, of all that the plate shows.
+    radius_px : Of the blur, signed; under a light that of its surroundings.
+    lights : Taken off the plate; None where there are none.
+    guide : The colours as green's map lays them all, so that they lie on one another
+        and on the depth; None where all maps are one.
+    mattes : Coverage of the objects that share a pixel, where it is known.
+    is_sharp : Whether no blur would be seen.
+    """
+
+    rgba: Float32[np.ndarray, "height width 4"]
+    depth_mm: Float32[np.ndarray, "height width"]
+    radius_px: Float32[np.ndarray, "height width"]
+    lights: Highlights | None = None
+    guide: Float32[np.ndarray, "height width 4"] | None = None
+    mattes: Mattes | None = None
+    is_sharp: bool = False
+
+    @property
+    def picture(self) -> Float32[np.ndarray, "height width 4"]:
+        """With its lights."""
+        if self.lights is None:
+            return self.rgba
+        whole = self.rgba.copy()
+        whole[..., :3] += self.lights.light
+        return whole
+
+
+def stays_sharp(
+    radius_px: Float32[np.ndarray, "height width"], window: Window, defocus: Defocus
+) -> bool:
+    """Whether no blur of these radii would be seen."""
+    defocus = defocus.over(radius_px)
+    index = defocus.levels.index(radius_px)
+    return defocus.setup(window, levels_in(index, radius_px, defocus)).is_sharp
+
+
 def blurred_plate(
-    rgba: Float32[np.ndarray, "height width 4"],
-    depth_mm: Float32[np.ndarray, "height width"],
-    mattes: Mattes | None,
+    plate: FlatPlate,
     window: Window,
     output_window: Window,
     defocus: Defocus,
@@ -68,24 +109,17 @@ def blurred_plate(
 
     Parameters
     ----------
-    rgba : The distorted picture over `window`, premultiplied; what lies beside it
-        continues as its border.
-    depth_mm : From the entrance pupil.
-    mattes : Coverage of the objects that share a pixel, where it is known.
+    plate : Over `window`; loses what it holds, since two copies are too many.
     output_window : Pixels to return; inside `window`.
     in_front : Layers over `window` that were cut out of the plate, each with its own
         distances; the plate is what they hide.
     """
-    radius_px = defocus.circle.radius_px(depth_mm)
-    defocus = defocus.over(radius_px)
-    index = defocus.levels.index(radius_px)
-    levels = levels_in(index, radius_px, defocus)
-    if in_front is None and defocus.setup(window, levels).is_sharp:
-        return crop(rgba, window, output_window)
-    rgba = np.nan_to_num(rgba, nan=0.0, posinf=0.0, neginf=0.0)
+    if plate.is_sharp:
+        return crop(plate.rgba, window, output_window)
+    defocus = defocus.over(defocus.circle.radius_px(plate.depth_mm))
+    rgba = np.nan_to_num(plate.rgba, nan=0.0, posinf=0.0, neginf=0.0)
     is_opaque = bool((rgba[..., 3] >= 1 - _OPAQUE).all())
-    lights = take_highlights(rgba, radius_px)
-    found = two_layers(rgba, radius_px, mattes)
+    found = two_layers(rgba, plate.radius_px, plate.mattes, plate.guide)
     each_px = np.stack([found.front_px, found.back_px])
     index = defocus.levels.index(each_px)
     index[1][~found.has_back] = NEVER
@@ -97,8 +131,8 @@ def blurred_plate(
         layers = [*np.nan_to_num(in_front.rgba, posinf=0, neginf=0), *layers]
         index, each_px = np.concatenate([own, index]), np.concatenate([own_px, each_px])
     setup = defocus.setup(window, levels_in(index, each_px, defocus))
-    scene = Scene(layers, index, lights, is_opaque)
-    del rgba, found, each_px, radius_px, layers
+    scene = Scene(layers, index, plate.lights, is_opaque)
+    del rgba, found, each_px, layers
     return _blurred_scene(scene, setup, window, output_window, defocus)
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 
 from lensfit.render.layer_stack import Mattes
+from lensfit.render.nearest import nearest_pixels
 
 STEP_PX = 0.75
 _STEP_GROWTH = 0.05
@@ -57,7 +58,10 @@ class TwoLayers(NamedTuple):
 
 
 def two_layers(
-    rgba: Colour, radius_px: Plane, mattes: Mattes | None = None
+    rgba: Colour,
+    radius_px: Plane,
+    mattes: Mattes | None = None,
+    guide: Colour | None = None,
 ) -> TwoLayers:
     """Front and back of a plate whose depth is given as radius of blur.
 
@@ -66,6 +70,8 @@ def two_layers(
     rgba : Premultiplied; becomes the front.
     radius_px : Signed, positive in front of the focus distance.
     mattes : Who shares each pixel, over the same window.
+    guide : The same picture with all colours where the depth is, by which shares are
+        told; `rgba` itself if None.
     """
     beside = outline(radius_px)
     front_px = radius_px.copy()
@@ -82,9 +88,17 @@ def two_layers(
     if known is not None:
         by_depth[known.rows, known.columns] = False
     front_px[by_depth] = cv2.dilate(radius_px, _CROSS)[by_depth]
-    back, back_px, has_back = _continued(rgba, front_px, beside)
+    hidden = _hidden(front_px, beside)
+    back, back_px, has_back = (
+        hidden.colours(rgba),
+        front_px.copy(),
+        np.zeros_like(beside),
+    )
+    back_px.ravel()[hidden.at] = front_px.ravel()[hidden.source]
+    has_back.ravel()[hidden.at] = True
     y, x = np.nonzero(by_depth)
-    alpha[y, x] = _shares(rgba, radius_px, front_px, back, by_depth, y, x)
+    guide, behind = (rgba, back) if guide is None else (guide, hidden.colours(guide))
+    alpha[y, x] = _shares(guide, radius_px, front_px, behind[y, x], by_depth, y, x)
     if known is not None:
         y, x = known.rows, known.columns
         alpha[y, x] = known.share
@@ -112,23 +126,36 @@ def outline(radius_px: Plane) -> Bool[np.ndarray, "height width"]:
     return nearest - farthest > _threshold(largest)
 
 
-def _continued(
-    rgba: Colour, front_px: Plane, outline: np.ndarray
-) -> tuple[Colour, Plane, np.ndarray]:
+class _Hidden(NamedTuple):
+    """What lies behind outlines, as far as blur can reach.
+
+    Attributes
+    ----------
+    at : Flat index of the pixels that hide something.
+    source : The nearest pixel of the nearest surface behind each.
+    """
+
+    at: Int[np.ndarray, " n"]
+    source: Int[np.ndarray, " n"]
+
+    def colours(self, rgba: Colour) -> Colour:
+        """Continued from there; zero where nothing is hidden."""
+        back = np.zeros(rgba.shape, np.float32)
+        back.reshape(-1, 4)[self.at] = rgba.reshape(-1, 4)[self.source]
+        return back
+
+
+def _hidden(front_px: Plane, outline: np.ndarray) -> _Hidden:
     """Nearest surface behind each pixel that lies near an outline."""
     away = cv2.distanceTransform((~outline).astype(np.uint8), cv2.DIST_L2, 3)
     farthest = float(front_px.min())
     zone = away <= np.abs(front_px) + (abs(farthest) + 2)
     behind_px = front_px - _threshold(front_px)
     zone &= behind_px >= farthest
-    back, back_px = np.zeros(rgba.shape, np.float32), front_px.copy()
-    has_back = np.zeros(front_px.shape, bool)
-    if not zone.any():
-        return back, back_px, has_back
-    top = float(behind_px[zone].max())
-    cuts = _cuts(farthest, top)
+    found = [(np.zeros(0, np.int64),) * 2]
+    flat_px = front_px.ravel()
+    cuts = _cuts(farthest, float(behind_px[zone].max())) if zone.any() else np.zeros(0)
     cut_of = np.searchsorted(cuts, behind_px, side="right") - 1
-    flat, flat_px = rgba.reshape(-1, 4), front_px.ravel()
     for i, cut in enumerate(cuts):
         wanted = zone & (cut_of == i)
         if not wanted.any():
@@ -137,13 +164,10 @@ def _continued(
         if not free.any():
             continue
         source, away = nearest_pixels(free, wanted)
-        found_px = flat_px[source]
-        reach = np.abs(front_px[wanted]) + np.abs(found_px) + 2
+        reach = np.abs(front_px[wanted]) + np.abs(flat_px[source]) + 2
         near = away <= reach
-        at = np.unravel_index(np.flatnonzero(wanted)[near], wanted.shape)
-        back[at], back_px[at] = flat[source[near]], found_px[near]
-        has_back[at] = True
-    return back, back_px, has_back
+        found.append((np.flatnonzero(wanted)[near], source[near]))
+    return _Hidden(*(np.concatenate(part) for part in zip(*found, strict=True)))
 
 
 def _cuts(low: float, high: float) -> np.ndarray:
@@ -153,25 +177,11 @@ def _cuts(low: float, high: float) -> np.ndarray:
     return np.array(cuts, np.float32)
 
 
-def nearest_pixels(
-    free: Bool[np.ndarray, "height width"], wanted: Bool[np.ndarray, "height width"]
-) -> tuple[Int[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
-    """Flat index of the free pixel nearest to each wanted one, and its distance."""
-    distance, labels = cv2.distanceTransformWithLabels(
-        (~free).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    label = np.asarray(labels, np.int32)
-    at = np.flatnonzero(free)
-    of_label = np.zeros(len(at) + 1, np.int64)
-    of_label[label[free]] = at
-    return of_label[label[wanted]], distance[wanted]
-
-
 def _shares(
     rgba: Colour,
     radius_px: Plane,
     front_px: Plane,
-    back: Colour,
+    behind: Float32[np.ndarray, "n 4"],
     outline: np.ndarray,
     rows: np.ndarray,
     columns: np.ndarray,
@@ -193,7 +203,6 @@ def _shares(
             shape += np.float32(fall) * (its_px > own_px - step / 2)
             shapes += fall
     colour /= np.maximum(weight, 1e-9)[:, None]
-    behind = back[rows, columns]
     contrast = colour - behind
     along = ((own - behind) * contrast).sum(-1)
     leaning = np.float32(_SHAPE_WEIGHT) * shape / np.float32(shapes)

@@ -17,23 +17,22 @@ from jaxtyping import Float, Float32
 
 from lensfit.coords import Window
 from lensfit.preset.look_knobs import LookKnobs
-from lensfit.render.buffers import aligned_empty, crop
+from lensfit.render.buffers import crop
 from lensfit.render.defocus import blurred_layers, blurred_plate
 from lensfit.render.falloff import apply_gain
 from lensfit.render.filters import Filter, filter_for
+from lensfit.render.landing import landed, landed_flat, landed_layers
 from lensfit.render.layer_stack import LayerStack, Mattes, check_depth, flattened
 from lensfit.render.look.blur_of_light import SharpLayer
 from lensfit.render.look.sharp import sharp_layers
 from lensfit.render.look.stack import Arrival, light_spreads
 from lensfit.render.look.white_balance import Chromaticities
-from lensfit.render.nearest import nearest
 from lensfit.render.stages import (
     DEFAULT_TOLERANCE,
     Stages,
     Switches,
     prepare_stages,
 )
-from lensfit.render.warp import warp
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens
@@ -166,32 +165,24 @@ def render_stages(
     whole = look is not None and look.spreads
     window = stages.window if whole else output_window
     if isinstance(pixels, LayerStack) and stages.defocus is not None:
-        layers = _landed_layers(pixels, data_window, stages, method)
+        layers = landed_layers(pixels, data_window, stages, method)
         arrival = _arrival(stages, list(layers.rgba), list(layers.depth_mm))
         blurred = blurred_layers(layers, stages.window, window, stages.defocus)
         picture = _lit(blurred, stages, window)
     elif depth_mm is None or stages.defocus is None:
         flat = flattened(pixels) if isinstance(pixels, LayerStack) else pixels
-        landed = _landed(flat, data_window, stages, method)
-        arrival = _arrival(stages, [landed])
-        picture = crop(_lit(landed, stages), stages.window, window)
+        there = landed(flat, data_window, stages, method)
+        arrival = _arrival(stages, [there])
+        picture = crop(_lit(there, stages), stages.window, window)
     else:
         assert isinstance(pixels, np.ndarray)
         check_depth(depth_mm, pixels.shape[:2])
-        landed = _landed(_with_alpha(pixels), data_window, stages, method)
-        depth = nearest(depth_mm, data_window, stages.maps[1])
-        front = in_front and _landed_layers(in_front, data_window, stages, method)
+        front = in_front and landed_layers(in_front, data_window, stages, method)
+        flat = landed_flat(pixels, depth_mm, data_window, stages, method, mattes, front)
         colours, depths = ([], []) if front is None else (front.rgba, front.depth_mm)
-        arrival = _arrival(stages, [*colours, landed], [*depths, depth])
-        blurred = blurred_plate(
-            landed,
-            depth,
-            _landed_mattes(mattes, data_window, stages),
-            stages.window,
-            window,
-            stages.defocus,
-            front,
-        )
+        seen = [*colours, flat.picture] if stages.look else []
+        arrival = _arrival(stages, seen, [*depths, flat.depth_mm])
+        blurred = blurred_plate(flat, stages.window, window, stages.defocus, front)
         picture = _lit(blurred, stages, window)[..., _CHANNELS_OF[pixels.shape[-1]]]
     if look is None:
         return picture
@@ -213,54 +204,6 @@ def _arrival(
     if depth_mm is None or stages.defocus is None:
         return look.arrival([SharpLayer(rgba[0][..., :3], None)])
     return look.arrival(sharp_layers(rgba, depth_mm, stages.defocus.circle))
-
-
-def _landed(
-    pixels: Float32[np.ndarray, "height width channels"],
-    data_window: Window,
-    stages: Stages,
-    method: Filter,
-) -> Float32[np.ndarray, "height width channels"]:
-    """The plate through the chief-ray maps, over the window of the stages."""
-    red, green, blue = stages.maps
-    maps = {1: [green], 3: [red, green, blue], 4: [red, green, blue, green]}
-    count = pixels.shape[-1]
-    alpha_channel = 3 if count == 4 else None
-    return warp(
-        pixels, data_window, maps[count], method=method, alpha_channel=alpha_channel
-    )
-
-
-def _landed_layers(
-    stack: LayerStack, data_window: Window, stages: Stages, method: Filter
-) -> LayerStack:
-    """Every layer through the maps; a distance is that of the nearest pixel, since a
-    mean of two is nobody's."""
-    colours = [_landed(rgba, data_window, stages, method) for rgba in stack.rgba]
-    depth = [nearest(z, data_window, stages.maps[1]) for z in stack.depth_mm]
-    return LayerStack(np.stack(colours), np.stack(depth))
-
-
-def _landed_mattes(
-    mattes: Mattes | None, data_window: Window, stages: Stages
-) -> Mattes | None:
-    """Ids are never mixed, so coverage is not either."""
-    if mattes is None:
-        return None
-    green = stages.maps[1]
-    bits = [nearest(m.view(np.float32), data_window, green) for m in mattes.ids]
-    share = [nearest(m, data_window, green) for m in mattes.coverage]
-    return Mattes(np.stack(bits).view(np.uint32), np.stack(share))
-
-
-def _with_alpha(
-    pixels: Float32[np.ndarray, "height width channels"],
-) -> Float32[np.ndarray, "height width 4"]:
-    """Grey as three channels, and opaque where nothing else is said."""
-    rgba = aligned_empty((*pixels.shape[:2], 4))
-    rgba[..., 3] = 1
-    rgba[..., : max(pixels.shape[-1], 3)] = pixels
-    return rgba
 
 
 def _lit(

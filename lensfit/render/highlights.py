@@ -1,5 +1,9 @@
 """Small lights far brighter than white: each blurred by its own kernel, exactly.
 
+They are found on the plate as it was rendered, where colours lie on one another and on
+their depth, and each colour then lands by its own map: what red does on the sensor
+decides nothing about green.
+
 A light of hundreds times white, out of focus, is a disc whose rim the eye sees sharp:
 what the rest of the picture can do without (a radius true to a hundredth of a pixel, a
 kernel of that very place) matters there. So small bright spots are taken off the
@@ -18,6 +22,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
+from lensfit.render.nearest import nearest_pixels
+
 _WHITE = 1.0
 _ABOVE = 2.0
 _DIM = 0.05
@@ -27,6 +33,8 @@ _SIZE_PX = 9
 _SMOOTH_PX = 3.0
 _DEPTH_HOPS = 3
 _ROOM_PX = 12
+_LANDING_PX = 3
+"""How far the warp's filter carries a light beyond its own pixels."""
 _MOST_BOXES = 2000
 
 
@@ -36,27 +44,27 @@ class Highlights(NamedTuple):
     Attributes
     ----------
     light : What was taken, r g b; zero elsewhere.
-    radius_px : Radius of blur of each light, where there is one.
-    mask : Where anything was taken, 0 or 1.
+    radius_px : Radius of blur of each light, and of the nearest one beside it.
     """
 
     light: Float32[np.ndarray, "height width 3"]
     radius_px: Float32[np.ndarray, "height width"]
-    mask: np.ndarray
 
 
 class Spot(NamedTuple):
-    """One light: its pixels as a patch, and where that lies.
+    """One colour of a light: its pixels as a patch, and where that lies.
 
     Attributes
     ----------
-    light : r g b.
+    light : In one colour.
+    colour : 0, 1, 2 for red, green, blue.
     row, column : Of the patch's first pixel.
     radius_px : Of its blur.
     is_point : Whether it is one pixel by itself.
     """
 
-    light: Float32[np.ndarray, "height width 3"]
+    light: Float32[np.ndarray, "height width"]
+    colour: int
     row: int
     column: int
     radius_px: float
@@ -100,7 +108,17 @@ def take_highlights(
         own_px[box][here] = _one_depth_each(lit, radius_px[box], here)[here]
         rgba[box][here] = base
         radius_px[box][here] = np.minimum(ground_px[here], own_px[box][here])
-    return Highlights(light, own_px, mask)
+    return Highlights(light, _carried(own_px, mask))
+
+
+def _carried(own_px: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """The radius of lights as far beside them as the warp may carry them."""
+    wide = np.ones((2 * _LANDING_PX + 1,) * 2, np.uint8)
+    beside = (cv2.dilate(mask, wide) > 0) & (mask == 0)
+    if beside.any():
+        source, _ = nearest_pixels(mask > 0, beside)
+        own_px[beside] = own_px.ravel()[source]
+    return own_px
 
 
 def _boxes(
@@ -156,23 +174,26 @@ def _one_depth_each(
 
 
 def spots(found: Highlights, resolution_px: float) -> Iterator[Spot]:
-    """The lights one by one; those that touch but differ in depth are two.
+    """The lights of each colour one by one; those that touch but differ in depth are
+    two.
 
     Parameters
     ----------
+    found : As they have landed.
     resolution_px : Radii are rounded to multiples of this, so that kernels repeat.
     """
-    count, label, boxes, _ = cv2.connectedComponentsWithStats(found.mask)
-    for i in range(1, count):
-        x, y, width, height = (int(v) for v in boxes[i, :4])
-        box = np.s_[y : y + height, x : x + width]
-        mine = label[box] == i
-        steps = np.rint(found.radius_px[box] / resolution_px).astype(int)
-        for step in np.unique(steps[mine]):
-            part = mine & (steps == step)
-            light = found.light[box] * part[..., None]
-            lit = light.sum(-1)
-            if lit.max() <= 0:
-                continue
-            alone = lit.max() > 0.999 * lit.sum()
-            yield Spot(light, y, x, float(step) * resolution_px, bool(alone))
+    for colour in range(3):
+        light = found.light[..., colour]
+        lit = (light != 0).astype(np.uint8)
+        count, label, boxes, _ = cv2.connectedComponentsWithStats(lit)
+        for i in range(1, count):
+            x, y, width, height = (int(v) for v in boxes[i, :4])
+            box = np.s_[y : y + height, x : x + width]
+            mine = label[box] == i
+            steps = np.rint(found.radius_px[box] / resolution_px).astype(int)
+            for step in np.unique(steps[mine]):
+                part = light[box] * (mine & (steps == step))
+                if part.max() <= 0:
+                    continue
+                alone = bool(part.max() > 0.999 * part.sum())
+                yield Spot(part, colour, y, x, float(step) * resolution_px, alone)

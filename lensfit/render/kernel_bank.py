@@ -260,6 +260,7 @@ class KernelBank:
                 pixel_pitch_mm=pitch,
                 size_px=size,
                 tolerance=error,
+                with_lateral_colour=False,  # the chief-ray maps have it
             )
             return np.asarray(found, np.float32)
 

@@ -1,6 +1,7 @@
 """Highlights as the lens spreads them: over a frame, behind the levels yet to come."""
 
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import cv2
@@ -26,12 +27,13 @@ class SpreadLights:
     Attributes
     ----------
     plane : What has been spread so far, over the output.
-    waiting : By level: a patch of spread light, row and column of its first pixel.
+    waiting : By level: a patch of spread light, row and column of its first pixel,
+        and which colour.
     lit : Which cells of `plane` hold anything.
     """
 
     plane: Float32[np.ndarray, "height width 3"]
-    waiting: dict[int, list[tuple[np.ndarray, int, int]]]
+    waiting: dict[int, list[tuple[np.ndarray, int, int, int]]]
     lit: Bool[np.ndarray, "rows columns"]
 
     @classmethod
@@ -44,29 +46,30 @@ class SpreadLights:
         setup: BlurSetup,
     ) -> "SpreadLights":
         """Spread all lights of a plate, each by the kernel of its place and depth."""
-        waiting: dict[int, list[tuple[np.ndarray, int, int]]] = {}
+        waiting: dict[int, list[tuple[np.ndarray, int, int, int]]] = {}
         plane = np.zeros((output.height, output.width, 3), np.float32)
         each = [] if found is None else list(spots(found, setup.light_step_px))
         top, left = output.y_min - window.y_min, output.x_min - window.x_min
-        for spot, kernels in zip(each, _kernels(each, bank, setup), strict=True):
+        for spot, kernel in zip(each, _kernels(each, bank, setup), strict=True):
             own = round(bank.levels.between(spot.radius_px))
             level = min(setup.levels, key=lambda n, own=own: abs(n - own))
-            half = kernels.shape[-1] // 2
+            half = kernel.shape[-1] // 2
             place = spot.row - half - top, spot.column - half - left
-            waiting.setdefault(level, []).append((_spread(spot.light, kernels), *place))
+            spread = _spread(spot.light, kernel)
+            waiting.setdefault(level, []).append((spread, *place, spot.colour))
         cells = np.zeros((output.height // _CELL + 1, output.width // _CELL + 1), bool)
         return cls(plane, waiting, cells)
 
     def add(self, level: int) -> None:
         """Lights of a level that has just been laid over."""
-        for light, row, column in self.waiting.pop(level, []):
+        for light, row, column, colour in self.waiting.pop(level, []):
             height, width = self.plane.shape[:2]
             y0, x0 = max(row, 0), max(column, 0)
             y1 = min(row + light.shape[0], height)
             x1 = min(column + light.shape[1], width)
             if y0 < y1 and x0 < x1:
                 part = light[y0 - row : y1 - row, x0 - column : x1 - column]
-                self.plane[y0:y1, x0:x1] += part
+                self.plane[y0:y1, x0:x1, colour] += part
                 rows, columns = (
                     slice(y0 // _CELL, y1 // _CELL + 1),
                     slice(x0 // _CELL, x1 // _CELL + 1),
@@ -82,20 +85,22 @@ class SpreadLights:
 
 def _kernels(
     each: list[Spot], bank: KernelBank, setup: BlurSetup
-) -> list[Float32[np.ndarray, "channels size size"]]:
+) -> list[Float32[np.ndarray, "size size"]]:
     """Kernels of lights where they stand; those not made before are made together."""
-    channels: tuple[Channel, ...] = RGB if setup.chromatic else ("g",)
-    keys = [_Key.of(spot, setup, channels) for spot in each]
-    for finer in (1, _FINER):
-        new = {k: None for k in keys if k not in bank.of_lights and k.finer == finer}
-        if not new:
+    keys = [_Key.of(spot, setup) for spot in each]
+    new = {k: None for k in keys if k not in bank.of_lights}
+    for channel, finer in product(RGB, (1, _FINER)):
+        mine = [k for k in new if k.channel == channel and k.finer == finer]
+        if not mine:
             continue
-        points = np.array([(key.x, key.y) for key in new])
-        levels = np.array([bank.levels.between(key.radius_px) for key in new])
-        made = bank.at(points, levels, channels, finer=finer)
+        points = np.array([(key.x, key.y) for key in mine])
+        levels = np.array([bank.levels.between(key.radius_px) for key in mine])
+        made = bank.at(points, levels, (channel,), finer=finer)
         first = made.shape[-1] // 2 % finer
-        for key, kernel in zip(new, made[..., first::finer, first::finer], strict=True):
-            bank.of_lights[key] = trimmed(kernel[None], _LOST)[0]
+        for key, kernel in zip(
+            mine, made[..., first::finer, first::finer], strict=True
+        ):
+            bank.of_lights[key] = trimmed(kernel[None], _LOST)[0, 0]
     return [bank.of_lights[key] for key in keys]
 
 
@@ -106,30 +111,23 @@ class _Key(NamedTuple):
     y: float
     radius_px: float
     finer: int
-    channels: tuple[Channel, ...]
+    channel: Channel
 
     @classmethod
-    def of(cls, spot: Spot, setup: BlurSetup, channels: tuple[Channel, ...]) -> "_Key":
-        height, width = spot.light.shape[:2]
+    def of(cls, spot: Spot, setup: BlurSetup) -> "_Key":
+        height, width = spot.light.shape
         middle = np.array([spot.column + width / 2, spot.row + height / 2])
         x, y = setup.place_of_light(middle)
         finer = 1 if spot.is_point else _FINER
-        return cls(float(x), float(y), round(spot.radius_px, 4), finer, channels)
+        channel = RGB[spot.colour] if setup.chromatic else "g"
+        return cls(float(x), float(y), round(spot.radius_px, 4), finer, channel)
 
 
 def _spread(
-    light: Float32[np.ndarray, "height width 3"],
-    kernels: Float32[np.ndarray, "channels size size"],
-) -> Float[np.ndarray, "tall wide 3"]:
+    light: Float32[np.ndarray, "height width"],
+    kernel: Float32[np.ndarray, "size size"],
+) -> Float[np.ndarray, "tall wide"]:
     """A patch of light blurred, larger by the kernel's half on every side."""
-    half = kernels.shape[-1] // 2
-    patch = np.pad(light, ((half, half), (half, half), (0, 0)))
-    turned = np.ascontiguousarray(kernels[:, ::-1, ::-1])  # cv2 correlates
-    border = cv2.BORDER_CONSTANT
-    return np.stack(
-        [
-            cv2.filter2D(patch[..., c], -1, turned[c % len(turned)], borderType=border)
-            for c in range(3)
-        ],
-        -1,
-    )
+    half = kernel.shape[-1] // 2
+    turned = np.ascontiguousarray(kernel[::-1, ::-1])  # cv2 correlates
+    return cv2.filter2D(np.pad(light, half), -1, turned, borderType=cv2.BORDER_CONSTANT)

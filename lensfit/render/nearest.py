@@ -2,7 +2,7 @@
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32, Int
 
 from lensfit.coords import Window
 from lensfit.render.uv import SourceMap
@@ -32,3 +32,17 @@ def nearest(
         cv2.INTER_NEAREST,
         borderMode=cv2.BORDER_REPLICATE,
     )
+
+
+def nearest_pixels(
+    free: Bool[np.ndarray, "height width"], wanted: Bool[np.ndarray, "height width"]
+) -> tuple[Int[np.ndarray, " n"], Float32[np.ndarray, " n"]]:
+    """Flat index of the free pixel nearest to each wanted one, and its distance."""
+    distance, labels = cv2.distanceTransformWithLabels(
+        (~free).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    label = np.asarray(labels, np.int32)
+    at = np.flatnonzero(free)
+    of_label = np.zeros(len(at) + 1, np.int64)
+    of_label[label[free]] = at
+    return of_label[label[wanted]], distance[wanted]

@@ -120,7 +120,7 @@ def prepare_stages(
     # Where the light that a pixel shows in green really lands on the sensor.
     stays = not switches.distortion and external is None
     landing = geometry.distorted(lens, "g") if stays else None
-    shift = lateral_colour_px(lens, geometry, window, landing)
+    red_px, blue_px = lateral_colour_px(lens, geometry, window, landing)
     if external is not None:
         green = external.cropped(window)
     elif switches.distortion:
@@ -128,17 +128,15 @@ def prepare_stages(
         green = source_map(mapping, window, budget.map_error_px)
     else:
         green = SourceMap.identity(window)
-    maps = (green, green, green)
-    if switches.lateral_colour and shift > budget.unseen_lateral_colour_px:
-        red, blue = (
-            source_map(
-                _colour_shift(lens, geometry, channel, landing),
-                window,
-                budget.map_error_px,
-            ).after(green)
-            for channel in ("r", "b")
-        )
-        maps = (red, green, blue)
+
+    def beside_green(channel: Channel, shift_px: float) -> SourceMap:
+        seen = shift_px > budget.unseen_lateral_colour_px
+        if not (switches.lateral_colour and seen):
+            return green
+        mapping = _colour_shift(lens, geometry, channel, landing)
+        return source_map(mapping, window, budget.map_error_px).after(green)
+
+    maps = (beside_green("r", red_px), green, beside_green("b", blue_px))
     gains = (None, None, None)
     if switches.falloff:
         gains = _gains(lens, geometry, window, budget.gain_error, landing)
@@ -146,7 +144,8 @@ def prepare_stages(
     if switches.defocus:
         defocus = Defocus(lens, geometry, tolerance, depth_levels)
     looks = look_of(look, lens, geometry, tolerance, chromaticities)
-    return Stages(window, maps, gains, shift, defocus, looks)
+    shift_px = max(red_px, blue_px)
+    return Stages(window, maps, gains, shift_px, defocus, looks)
 
 
 def lateral_colour_px(
@@ -154,17 +153,21 @@ def lateral_colour_px(
     geometry: PlateGeometry,
     window: Window,
     landing: PointFunction | None = None,
-) -> float:
-    """Largest distance between what red or blue and green read over a window, px."""
+) -> tuple[float, float]:
+    """Largest distance between what red and green, and blue and green, read over a
+    window, px."""
     if not lens.has_lateral_colour:
-        return 0.0
+        return 0.0, 0.0
     points = window_grid(window, _GRID)
-    moved = [
+    red, blue = (
         in_batches(_colour_shift(lens, geometry, c, landing), points) - points
         for c in ("r", "b")
-    ]
-    distance = np.linalg.norm(np.concatenate(moved), axis=-1)
-    return float(np.nanmax(distance, initial=0.0))
+    )
+    red_px, blue_px = (
+        float(np.nanmax(np.linalg.norm(moved, axis=-1), initial=0.0))
+        for moved in (red, blue)
+    )
+    return red_px, blue_px
 
 
 def _colour_shift(

@@ -21,8 +21,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 
 from lensfit.io.cryptomatte import Ranks, coverage_of
-from lensfit.render.edges import nearest_pixels
 from lensfit.render.layer_stack import LayerStack, Mattes
+from lensfit.render.nearest import nearest_pixels
 from lensfit.workflow.own_pixels import LEAST_COVER, NOBODY, own_pixels
 from lensfit.workflow.rest_of_plate import RANKS, rest_of_plate
 

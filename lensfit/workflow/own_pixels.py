@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Int
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from lensfit.render.edges import nearest_pixels
+from lensfit.render.nearest import nearest_pixels
 
 LEAST_COVER = 1e-3
 NOBODY = -1

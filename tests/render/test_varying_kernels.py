@@ -31,7 +31,9 @@ class SwellingLens(IdentityLens):
     blue_grows = 1.15
     blur_per_vergence = Lens.blur_per_vergence
 
-    def psfs(self, points, distances, channels, *, pixel_pitch_mm, size_px, tolerance):
+    def psfs(
+        self, points, distances, channels, *, pixel_pitch_mm, size_px, tolerance, **_
+    ):
         across = np.asarray(points)[:, 0] / 36.0 + 0.5
         t = (np.arange(size_px) - size_px // 2) * pixel_pitch_mm / 0.2
         found = []
