@@ -1,11 +1,15 @@
 """House rules that a linter does not know: the tree, docstrings, sizes, no print."""
 
 import ast
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from lensfit import errors
 
 ROOT = Path(__file__).parents[1]
 TOP_LEVEL = {
@@ -30,6 +34,9 @@ HEAVY = (
     "OpenEXR",
     "equinox",
 )
+
+ERRORS = {name for name, one in vars(errors).items() if isinstance(one, type)}
+WORD = re.compile(r"\w+").findall
 
 library_files = pytest.mark.parametrize(
     "path",
@@ -80,6 +87,38 @@ def test_library_never_prints(path: Path):
         c for c in calls if isinstance(c.func, ast.Name) and c.func.id == "print"
     ]
     assert printed == []
+
+
+def public_functions(body: list[ast.stmt]) -> Iterator[ast.FunctionDef]:
+    """Of a module and of its public classes."""
+    for node in body:
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            yield from public_functions(node.body)
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+            yield node
+
+
+def raised_in(node: ast.AST) -> Iterator[str]:
+    """Names of what a function raises itself; what it calls is not looked into."""
+    for inner in ast.iter_child_nodes(node):
+        if isinstance(inner, (ast.FunctionDef, ast.Lambda)):
+            continue
+        if isinstance(inner, ast.Raise) and isinstance(inner.exc, ast.Call):
+            yield ast.unparse(inner.exc.func)
+        yield from raised_in(inner)
+
+
+@library_files
+def test_public_functions_say_which_errors_they_raise(path: Path):
+    if "cli" in path.parts:  # its docstrings are the help of commands
+        return
+    for function in public_functions(ast.parse(path.read_text()).body):
+        known = set(raised_in(function)) & ERRORS
+        _, _, said = (ast.get_docstring(function) or "").partition("Raises\n------\n")
+        untold = {
+            name for name in known if not {name, "LensfitError"} & set(WORD(said))
+        }
+        assert not untold, f"{function.name} raises {', '.join(untold)}"
 
 
 @library_files

@@ -58,7 +58,12 @@ def encode(
 
 
 def transfer_of(encoding: str) -> Transfer:
-    """The curve of that name; raises `ImageError` when there is none."""
+    """The curve of that name.
+
+    Raises
+    ------
+    ImageError : There is none.
+    """
     try:
         return _CURVES[encoding]
     except KeyError:

@@ -15,7 +15,12 @@ _LONGEST = {"decentering": 4, "thin_prism": 4, "anamorphic": 8}
 
 
 def check_preset(preset: Preset, where: str | Path) -> None:
-    """Raise a `PresetError` that names the first key which cannot be right."""
+    """Refuse a preset with a key that cannot be right.
+
+    Raises
+    ------
+    PresetError : There is one; the first is named.
+    """
     for index, entry in enumerate(preset.entries):
         for key, what in _faults(entry, _frame_radius_mm(entry, preset.camera)):
             raise PresetError(f"entries[{index}].{key}: {what}", where=where)
