@@ -16,7 +16,7 @@ from lensfit.preset.schema import Preset
 
 FOLDER = Path(__file__).parents[1] / "presets"
 NAMES = sorted(path.parent.name for path in FOLDER.glob("*/preset.json"))
-KINDS = ("prime", "wide", "zoom", "anamorphic")
+KINDS = ("prime", "wide", "tele", "vintage", "zoom", "anamorphic")
 LARGEST_PICTURE_BYTES = 150_000
 PLATE_PX = (96, 72)
 every_preset = pytest.mark.parametrize("name", NAMES)
