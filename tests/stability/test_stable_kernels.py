@@ -82,7 +82,8 @@ def test_focus_at_infinity(f_number: float, measured):
 
 def test_focus_at_the_front_element(measured):
     """Focus at the front element (to 1e-9 focal lengths from the front focal point):
-    objects in focus stay sharp, all sums are 1, the front focal point is refused."""
+    what is in focus is sharp, the rest a thin lens' disc, all sums are 1, and an object
+    at the front focal point is refused."""
     for beyond in (1e-1, 1e-3, 1e-6, 1e-9):
         focus = 50.0 * (1 + beyond)
         lens = thin(2.0, focus)
@@ -91,6 +92,9 @@ def test_focus_at_the_front_element(measured):
             patch = psf(lens, distance)
             assert patch.min() >= 0
             measured("sum", abs(patch.sum() - 1), 1e-12)
+        exact = 50 / 2 * 50 * (1 / focus - 1 / 80) / 2
+        found = disc_radius_px(psf(lens, 80.0, (0.0, 0.0), pitch_mm=exact / 20)) / 20
+        measured("radius of an object at 80 mm, relative", abs(found - 1), 0.03)
         with pytest.raises(LensfitError, match="no sharp image"):
             psf(lens, lens.perfect_blur().nearest_mm)
 
