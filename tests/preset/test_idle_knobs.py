@@ -8,7 +8,7 @@ from preset_makers import make_entry, make_preset
 from turned_lenses import CORNER_MM, TERMS, ideal, measured, measured_preset
 
 from lensfit.preset.idle_knobs import stating
-from lensfit.preset.knobs import GROUP_OF
+from lensfit.preset.knobs import GROUP_OF, NEUTRAL, turned
 
 GAINS = sorted(n for n in GROUP_OF if n.endswith("_gain") and GROUP_OF[n] != "look")
 SIZES = {"cat_eye_gain": ("cat_eye_percent",)}
@@ -83,11 +83,12 @@ def test_of_a_blur_at_an_f_number_that_nobody_knows_nothing_is_claimed():
     entry = measured_preset().entries[0]
     fall_off = (msgspec.structs.replace(entry.fall_off[0], f_number=None),)
     preset = make_preset(msgspec.structs.replace(entry, fall_off=fall_off))
-    assert idle(measured(preset, None, coma_gain=2.0, roundness=0.5)) == []
+    knobs = turned(NEUTRAL, {"coma_gain": 2.0, "roundness": 0.5})
+    assert idle(preset.at(50.0, knobs=knobs)) == []
 
 
 @pytest.mark.parametrize("knob", ["roundness", "blade_rotation_deg"])
-def test_a_round_opening_cannot_be_turned_or_rounded(knob, tmp_path):
+def test_a_round_opening_cannot_be_turned_or_rounded(knob):
     lens = ideal(**{knob: 0.5})
     (note,) = idle(lens)
     assert "--blades" in note

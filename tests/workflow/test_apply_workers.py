@@ -96,10 +96,10 @@ def test_a_killed_job_run_again_ends_with_the_same_files(tmp_path):
 def test_a_worker_that_dies_costs_the_frame_it_was_at(tmp_path, killed, most_lost):
     plates = [write_plate(tmp_path / f"plate.{n:04d}.exr") for n in range(6)]
 
-    def kill(_, done, __):
+    def kill(stage, done, total):
         if done == 1:
             for child in multiprocessing.active_children()[:killed]:
-                os.kill(child.pid, signal.SIGKILL)
+                child.kill()
                 child.join()
 
     done = apply_preset(
