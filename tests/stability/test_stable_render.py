@@ -85,8 +85,8 @@ def shown(picture: np.ndarray, blurred: bool) -> np.ndarray:
 @pytest.mark.parametrize("blurred", [False, True], ids=["warp", "defocus"])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_no_number_in_a_plate(value: float, blurred: bool, measured):
-    """NaN or infinity in one pixel: stays within the filter (6 px across) without depth, is
-    black light with it; the rest of the frame is as it was."""
+    """NaN or infinity in one pixel: stays within the filter (6 px across) without
+    depth, is black light with it; the rest of the frame is as it was."""
     picture = smooth()
     picture[50, 70] = value
     found, clean = shown(picture, blurred), shown(smooth(), blurred)
