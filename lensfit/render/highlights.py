@@ -33,6 +33,8 @@ _SIZE_PX = 9
 _SMOOTH_PX = 3.0
 _DEPTH_HOPS = 3
 _ROOM_PX = 12
+_SEEN_THROUGH = 0.5
+"""Surroundings that cover less than this share of what a light does are none."""
 _LANDING_PX = 3
 """How far the warp's filter carries a light beyond its own pixels."""
 _MOST_BOXES = 2000
@@ -79,9 +81,10 @@ def take_highlights(
 
     Parameters
     ----------
-    rgba : Loses its lights; what surrounds them closes over the gap.
+    rgba : Loses its lights, not its alpha; the colour of what surrounds them closes
+        over the gap.
     radius_px : Signed radius of blur of each pixel; under a light it becomes that of
-        the surroundings, or the light's own if that lies farther.
+        the surroundings, or the light's own if that lies farther or stands alone.
     """
     red, green, blue = (rgba[..., c] for c in range(3))
     brightest = np.maximum(np.maximum(red, green), blue)
@@ -102,12 +105,15 @@ def take_highlights(
     for box, own in _boxes(hole):
         here = at[box] & own
         ground, ground_px = _closed(rgba[box], radius_px[box], hole[box])
-        base = np.minimum(ground, rgba[box])[here]
-        light[box][here] = (rgba[box][here] - base)[:, :3]
+        own_rgba = rgba[box][here]
+        base = np.minimum(ground[here][:, :3], own_rgba[:, :3])
+        light[box][here] = own_rgba[:, :3] - base
         lit = light[box].sum(-1)
         own_px[box][here] = _one_depth_each(lit, radius_px[box], here)[here]
-        rgba[box][here] = base
-        radius_px[box][here] = np.minimum(ground_px[here], own_px[box][here])
+        rgba[box][here, :3] = base  # what covers goes on covering
+        behind = ground[here][:, 3] > _SEEN_THROUGH * own_rgba[:, 3]
+        farther = np.minimum(ground_px[here], own_px[box][here])
+        radius_px[box][here] = np.where(behind, farther, own_px[box][here])
     return Highlights(light, _carried(own_px, mask))
 
 

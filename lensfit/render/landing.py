@@ -15,7 +15,7 @@ from lensfit.render.defocus import FlatPlate, stays_sharp
 from lensfit.render.filters import Filter
 from lensfit.render.highlights import Highlights, take_highlights
 from lensfit.render.layer_stack import LayerStack, Mattes
-from lensfit.render.nearest import nearest
+from lensfit.render.nearest import linear, nearest
 from lensfit.render.stages import Stages
 from lensfit.render.warp import warp
 
@@ -53,7 +53,7 @@ def landed_flat(
     lights = take_highlights(rgba, plate_px)
     there_px = nearest(plate_px, data_window, green)
     if lights is not None:
-        lights = _landed_lights(lights, data_window, stages, method)
+        lights = _landed_lights(lights, data_window, stages)
     there, guide = landed(rgba, data_window, stages, method), None
     if len({id(m) for m in stages.maps}) > 1:
         guide = warp(rgba, data_window, green, method=method, alpha_channel=3)
@@ -61,11 +61,20 @@ def landed_flat(
 
 
 def _landed_lights(
-    lights: Highlights, data_window: Window, stages: Stages, method: Filter
+    lights: Highlights, data_window: Window, stages: Stages
 ) -> Highlights:
-    """Each colour by its own map, the radius of its blur by green's."""
-    light = warp(lights.light, data_window, stages.maps, method=method)
-    return Highlights(light, nearest(lights.radius_px, data_window, stages.maps[1]))
+    """Each colour by its own map, the radius of its blur by green's.
+
+    Linear weights: they keep light and its middle whatever the fraction of a pixel. A
+    cubic would put a ring about each light, or more light than there was, and what
+    is lost in sharpness the blur takes anyway.
+    """
+    light = [
+        linear(np.ascontiguousarray(lights.light[..., c]), data_window, source_map)
+        for c, source_map in enumerate(stages.maps)
+    ]
+    radius_px = nearest(lights.radius_px, data_window, stages.maps[1])
+    return Highlights(np.stack(light, -1), radius_px)
 
 
 def landed(

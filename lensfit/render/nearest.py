@@ -1,4 +1,5 @@
-"""Planes that must not be interpolated, read through a map: depth, ids, coverage."""
+"""Planes read through a map without a filter that swings: depth, ids, coverage by the
+nearest sample, lights on black by linear weights."""
 
 import cv2
 import numpy as np
@@ -22,16 +23,36 @@ def nearest(
     moved, window = source_map.displacement_px, source_map.window
     if window == source_window and not moved.any():
         return plane
-    x, y = np.nan_to_num(moved)
+    x, y = _read_at(source_window, source_map)
+    return cv2.remap(plane, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+
+
+def linear(
+    plane: Float32[np.ndarray, "height width"],
+    source_window: Window,
+    source_map: SourceMap,
+) -> Float32[np.ndarray, "out_height out_width"]:
+    """The mean of the four samples around each position of the map, to 1/64 px; black
+    beyond the border."""
+    moved, window = source_map.displacement_px, source_map.window
+    if window == source_window and not moved.any():
+        return plane
+    x, y = _read_at(source_window, source_map)
+    return cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+
+
+def _read_at(
+    source_window: Window, source_map: SourceMap
+) -> tuple[
+    Float32[np.ndarray, "out_height out_width"],
+    Float32[np.ndarray, "out_height out_width"],
+]:
+    """Columns and rows of the source, pixel centres whole."""
+    window = source_map.window
+    x, y = np.nan_to_num(source_map.displacement_px)
     x = x + np.arange(window.x_min, window.x_max + 1, dtype=np.float32)
     y = y + np.arange(window.y_min, window.y_max + 1, dtype=np.float32)[:, None]
-    return cv2.remap(
-        plane,
-        x - np.float32(source_window.x_min),
-        y - np.float32(source_window.y_min),
-        cv2.INTER_NEAREST,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
+    return x - np.float32(source_window.x_min), y - np.float32(source_window.y_min)
 
 
 def nearest_pixels(

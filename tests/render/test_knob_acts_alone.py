@@ -95,27 +95,6 @@ def test_lateral_colour_of_a_channel_moves_that_channel_only(
         assert frame[..., others].tobytes() == frames[0][..., others].tobytes()
 
 
-@pytest.mark.parametrize("power", [0.5, 300.0])
-def test_depth_of_field_moves_red_no_farther_than_the_map_does(power):
-    """A dim point, which is convolved, and a light of its own."""
-    picture = np.full((HEIGHT, WIDTH, 3), 1e-4, np.float32)
-    picture[HEIGHT // 4, WIDTH // 4] = power
-    depth = np.full((HEIGHT, WIDTH), 1.2 * FOCUS_MM, np.float32)
-    moved = []
-    for blurs in (False, True):
-        places = []
-        for gain in (0.0, 20.0):
-            lens = fitted(lateral_red_gain=gain)
-            switches = Switches(defocus=blurs)
-            frame = render(picture, depth, lens, switches=switches)[..., RED] - 1e-4
-            y, x = np.indices(frame.shape)[:, INNER[0], INNER[1]]
-            light = np.maximum(frame[INNER], 0)
-            places.append([(a * light).sum() / light.sum() for a in (x, y)])
-        moved.append(np.subtract(*places))
-    assert np.hypot(*moved[0]) > 0.3
-    np.testing.assert_allclose(moved[1], moved[0], atol=0.05)
-
-
 @pytest.mark.parametrize(
     "knob",
     [
