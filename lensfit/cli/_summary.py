@@ -6,8 +6,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from lensfit.workflow.report_markup import number
-from lensfit.workflow.report_verdict import verdict
+from lensfit.workflow.report.markup import number
+from lensfit.workflow.report.verdict import verdict
 
 Report = dict[str, Any]
 

@@ -32,7 +32,7 @@ def report(
         return
 
     from lensfit.cli._summary import print_files, print_summary
-    from lensfit.workflow.report import write_report
+    from lensfit.workflow.report.write import write_report
 
     try:
         page = write_report(tables, path.parent)

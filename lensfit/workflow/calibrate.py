@@ -31,7 +31,7 @@ from lensfit.workflow.entries import camera_of, entry_of, provenance_of, with_qu
 from lensfit.workflow.lens_facts import entry_facts, take_facts, terms_of
 from lensfit.workflow.model_pictures import write_model_pictures
 from lensfit.workflow.observe import Observed, observe_shoot
-from lensfit.workflow.report import write_report
+from lensfit.workflow.report.write import write_report
 from lensfit.workflow.shoot_records import Shoot
 from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 

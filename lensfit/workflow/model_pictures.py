@@ -23,7 +23,7 @@ from lensfit.workflow.chart_drawing import drawing_of
 from lensfit.workflow.modelled_light import modelled_light
 from lensfit.workflow.observe import Observed
 from lensfit.workflow.predicted_marks import PredictedMarks, predicted_marks
-from lensfit.workflow.report_axes import round_up
+from lensfit.workflow.report.axes import round_up
 
 FOLDER = "model"
 TOTAL_BYTES = 1_900_000

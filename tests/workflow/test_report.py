@@ -9,7 +9,7 @@ import pytest
 from report_samples import barrel_report, draw_overlays, entry, failed_take
 
 from lensfit.errors import OutputError
-from lensfit.workflow.report import write_report
+from lensfit.workflow.report.write import write_report
 
 FIGURES = {
     "comparison": 1,

@@ -18,12 +18,12 @@ from lensfit.preset.store import load_preset, save_preset
 from lensfit.workflow.blur_pictures import dot_tiles, write_dot_pictures
 from lensfit.workflow.grey_tiles import sheet_of, with_bar
 from lensfit.workflow.plain_numbers import distance_of, plain, plain_distance
-from lensfit.workflow.report import write_report
-from lensfit.workflow.report_kernels import (
+from lensfit.workflow.report.kernels import (
     kernel_sheets,
     kernel_states,
     reach_share,
 )
+from lensfit.workflow.report.write import write_report
 
 
 def entry_of(focus_distance_mm: float, radial: tuple[float, ...]) -> Entry:

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from lensfit.workflow.report_axes import round_up, ticks
-from lensfit.workflow.report_markup import (
+from lensfit.workflow.report.axes import round_up, ticks
+from lensfit.workflow.report.markup import (
     Markup,
     number,
     number_with_deviation,

@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from test_report_blur import entry_of, report_of, saved
 
-from lensfit.workflow.report import write_report
-from lensfit.workflow.report_kernels import SIZE_PX
-from lensfit.workflow.report_through import (
+from lensfit.workflow.report.kernels import SIZE_PX
+from lensfit.workflow.report.through import (
     DISTANCES,
     HEIGHTS,
     defocus_of,
     f_numbers_of,
     through_sheets,
 )
+from lensfit.workflow.report.write import write_report
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from report_samples import barrel_report, failed_take
 
-from lensfit.workflow.report_coverage import (
+from lensfit.workflow.report.coverage import (
     Residuals,
     cell_counts,
     empty_places,
     pattern_px,
 )
-from lensfit.workflow.report_verdict import findings, verdict
+from lensfit.workflow.report.verdict import findings, verdict
 
 SIZE_PX = (2000.0, 1500.0)
 

@@ -7,7 +7,7 @@ pictures in a row.
 
 from collections.abc import Mapping
 
-from lensfit.workflow.report_markup import Markup, number, tag
+from lensfit.workflow.report.markup import Markup, number, tag
 
 MODEL_PICTURES = ("photograph", "model", "left")
 """Names of a take's pictures in the report."""

@@ -7,14 +7,14 @@ which its value or its reason differs.
 from typing import Any
 
 from lensfit.workflow.plain_numbers import distance_of
-from lensfit.workflow.report_markup import (
+from lensfit.workflow.report.markup import (
     NOTHING,
     Markup,
     number_with_deviation,
     stated,
     tag,
 )
-from lensfit.workflow.report_sections import distance_text, table_row
+from lensfit.workflow.report.sections import distance_text, table_row
 
 _MOST_VALUES = 6
 """Of one term; of more the largest is shown, all are in the JSON."""

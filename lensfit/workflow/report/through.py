@@ -18,7 +18,7 @@ from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.workflow.grey_tiles import png, sheet_of
-from lensfit.workflow.report_kernels import (
+from lensfit.workflow.report.kernels import (
     SIZE_PX,
     KernelState,
     kernel_states,

@@ -10,7 +10,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from lensfit.workflow.report_coverage import (
+from lensfit.workflow.report.coverage import (
     cell_counts,
     image_size_px,
     numbers,

@@ -13,7 +13,7 @@ from typing import final
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.workflow.report_markup import Markup, tag
+from lensfit.workflow.report.markup import Markup, tag
 
 WIDTH = 560.0
 HEIGHT = 350.0

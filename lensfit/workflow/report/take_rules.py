@@ -5,8 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lensfit.workflow.report_coverage import numbers
-from lensfit.workflow.report_evidence import (
+from lensfit.workflow.report.coverage import numbers
+from lensfit.workflow.report.evidence import (
     Finding,
     Tone,
     joined,
@@ -15,7 +15,7 @@ from lensfit.workflow.report_evidence import (
     used_takes,
     value_of,
 )
-from lensfit.workflow.report_markup import number, stated
+from lensfit.workflow.report.markup import number, stated
 
 
 def too_few_findings(report: dict) -> Iterator[Finding]:

@@ -12,9 +12,8 @@ from typing import final
 
 import numpy as np
 from jaxtyping import Float, Shaped
-
-from lensfit.workflow.report_markup import Markup, number, tag
-from lensfit.workflow.report_svg import HEIGHT, WIDTH, path, words
+from lensfit.workflow.report.markup import Markup, number, tag
+from lensfit.workflow.report.svg import HEIGHT, WIDTH, path, words
 
 LEFT, RIGHT, TOP, BOTTOM = 62.0, 22.0, 18.0, 48.0
 _LINE_HEIGHT = 15.0

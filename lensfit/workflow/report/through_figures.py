@@ -2,11 +2,11 @@
 
 import base64
 
-from lensfit.workflow.report_kernels import GAMMA
-from lensfit.workflow.report_markup import Markup, number, tag
-from lensfit.workflow.report_sections import distance_text, figure_html, stop_text
-from lensfit.workflow.report_svg import WIDTH, Figure, drawing, words
-from lensfit.workflow.report_through import HEIGHTS, ThroughSheet
+from lensfit.workflow.report.kernels import GAMMA
+from lensfit.workflow.report.markup import Markup, number, tag
+from lensfit.workflow.report.sections import distance_text, figure_html, stop_text
+from lensfit.workflow.report.svg import WIDTH, Figure, drawing, words
+from lensfit.workflow.report.through import HEIGHTS, ThroughSheet
 
 _LEFT, _BOTTOM = 66.0, 30.0
 

@@ -11,8 +11,8 @@ which photograph would mend it. Residuals of fitted points alone are no evidence
 
 import math
 
-from lensfit.workflow.report_blur_rules import blur_findings
-from lensfit.workflow.report_evidence import (
+from lensfit.workflow.report.blur_rules import blur_findings
+from lensfit.workflow.report.evidence import (
     GOOD_PX,
     ROUGH_PX,
     Finding,
@@ -22,7 +22,7 @@ from lensfit.workflow.report_evidence import (
     error_px,
     used_takes,
 )
-from lensfit.workflow.report_map_rules import (
+from lensfit.workflow.report.map_rules import (
     corner_findings,
     coverage_findings,
     map_findings,
@@ -30,8 +30,8 @@ from lensfit.workflow.report_map_rules import (
     pattern_findings,
     sound_findings,
 )
-from lensfit.workflow.report_markup import number
-from lensfit.workflow.report_take_rules import (
+from lensfit.workflow.report.markup import number
+from lensfit.workflow.report.take_rules import (
     failed_findings,
     focal_length_findings,
     missing_findings,

@@ -10,19 +10,20 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
-from lensfit.workflow.report_blur import blur_section
-from lensfit.workflow.report_coverage import numbers
-from lensfit.workflow.report_evidence import corner_deviation_px, used_takes
-from lensfit.workflow.report_kernels import KernelSheet
-from lensfit.workflow.report_markup import Markup, number, tag
-from lensfit.workflow.report_sections import (
+from lensfit.workflow.report.kernels import KernelSheet
+from lensfit.workflow.report.markup import Markup, number, tag
+from lensfit.workflow.report.sections import (
     coverage_section,
     lens_section,
     takes_section,
 )
-from lensfit.workflow.report_terms import terms_section
-from lensfit.workflow.report_through import ThroughSheet
-from lensfit.workflow.report_verdict import findings
+from lensfit.workflow.report.terms import terms_section
+from lensfit.workflow.report.through import ThroughSheet
+from lensfit.workflow.report.verdict import findings
+
+from lensfit.workflow.report.blur import blur_section
+from lensfit.workflow.report.coverage import numbers
+from lensfit.workflow.report.evidence import corner_deviation_px, used_takes
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
 _POLICY += "script-src 'unsafe-inline'"

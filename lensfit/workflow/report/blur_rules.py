@@ -3,8 +3,8 @@
 import math
 from collections.abc import Iterator
 
-from lensfit.workflow.report_evidence import Finding, value_of
-from lensfit.workflow.report_markup import number, stated
+from lensfit.workflow.report.evidence import Finding, value_of
+from lensfit.workflow.report.markup import number, stated
 
 GOOD_BLUR, ROUGH_BLUR = 0.1, 0.25
 """Relative error of a dot's image: hardly visible; visible but better than a disc."""

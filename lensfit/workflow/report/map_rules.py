@@ -4,15 +4,16 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from lensfit.workflow.report.markup import number, stated
 
-from lensfit.workflow.report_coverage import (
+from lensfit.workflow.report.coverage import (
     empty_places,
     image_size_px,
     numbers,
     pattern_px,
     residuals_of,
 )
-from lensfit.workflow.report_evidence import (
+from lensfit.workflow.report.evidence import (
     ROUGH_PX,
     Finding,
     corner_deviation_px,
@@ -23,7 +24,6 @@ from lensfit.workflow.report_evidence import (
     takes_by_focal,
     value_of,
 )
-from lensfit.workflow.report_markup import number, stated
 
 ROUND_TRIP_PX = 1e-3
 WEAK_CORNER_PX = 0.3

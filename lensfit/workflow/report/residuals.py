@@ -11,9 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from lensfit.workflow.report.svg import Figure, drawing, words
 
-from lensfit.workflow.report_axes import Axes, Frame, round_up
-from lensfit.workflow.report_coverage import (
+from lensfit.workflow.report.axes import Axes, Frame, round_up
+from lensfit.workflow.report.coverage import (
     COLUMNS,
     ROWS,
     Residuals,
@@ -22,8 +23,7 @@ from lensfit.workflow.report_coverage import (
     pattern_px,
     residuals_of,
 )
-from lensfit.workflow.report_markup import Markup, number, tag
-from lensfit.workflow.report_svg import Figure, drawing, words
+from lensfit.workflow.report.markup import Markup, number, tag
 
 _ARROW_CELLS = 30
 _LONGEST_ARROW = 26.0
