@@ -1,6 +1,6 @@
 """Figures of a fitted state for the report: errors, terms, curves and grids.
 
-Everything is plain numbers, ready for JSON; `lensfit.workflow.report.write` draws them.
+Everything is plain numbers, ready for JSON; `lensfit.workflow.report` draws them.
 """
 
 from pathlib import Path

@@ -50,8 +50,8 @@ def blur_section(
     ----------
     report : the report's dictionary.
     pictures : ``data:`` address of each picture, by the path the report names.
-    kernels : of all states, from `report_kernels.kernel_sheets`.
-    through : of all focal lengths, from `report_through.through_sheets`.
+    kernels : of all states, from `kernels.kernel_sheets`.
+    through : of all focal lengths, from `through.through_sheets`.
     """
     blocks = [
         _block(one, report, pictures, kernels, through)

@@ -97,7 +97,7 @@ def _head(report: dict) -> Markup:
 
 
 def _resource(name: str) -> str:
-    return files("lensfit.workflow").joinpath(name).read_text(encoding="utf-8")
+    return files("lensfit.workflow.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def _dialog() -> Markup:

@@ -1,4 +1,4 @@
-"""Figures of `report_through`: distances across, f-numbers down, one place each."""
+"""Figures of `through`: distances across, f-numbers down, one place each."""
 
 import base64
 
