@@ -12,6 +12,7 @@ from typing import final
 
 import numpy as np
 from jaxtyping import Float, Shaped
+
 from lensfit.workflow.report.markup import Markup, number, tag
 from lensfit.workflow.report.svg import HEIGHT, WIDTH, path, words
 

@@ -8,6 +8,8 @@ import base64
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from lensfit.workflow.blur_pictures import ENLARGED
+from lensfit.workflow.plain_numbers import distance_of
 from lensfit.workflow.report.kernels import GAMMA, MOST_SHEETS, KernelSheet, KernelState
 from lensfit.workflow.report.markup import (
     NOTHING,
@@ -20,9 +22,6 @@ from lensfit.workflow.report.markup import (
 from lensfit.workflow.report.sections import distance_text, stop_text, table_row
 from lensfit.workflow.report.through import ThroughSheet
 from lensfit.workflow.report.through_figures import through_figures
-
-from lensfit.workflow.blur_pictures import ENLARGED
-from lensfit.workflow.plain_numbers import distance_of
 
 _ABOUT = (
     "Misfit is the error of a dot's image, relative (L2, median of the dots); if held "

@@ -14,12 +14,12 @@ from typing import final
 import cv2
 import numpy as np
 from jaxtyping import Float
-from lensfit.workflow.report.markup import Markup, number, stated, tag
-from lensfit.workflow.report.svg import WIDTH, Figure, drawing, path, words
 from skimage.measure import find_contours
 
 from lensfit.workflow.report.axes import Frame, sensor_frame, tick_text, ticks
 from lensfit.workflow.report.coverage import numbers
+from lensfit.workflow.report.markup import Markup, number, stated, tag
+from lensfit.workflow.report.svg import WIDTH, Figure, drawing, path, words
 
 _PICTURE_WIDTH = 200
 _FINE = (65, 49)

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from lensfit.workflow.report.markup import number, stated
 
 from lensfit.workflow.report.coverage import (
     empty_places,
@@ -24,6 +23,7 @@ from lensfit.workflow.report.evidence import (
     takes_by_focal,
     value_of,
 )
+from lensfit.workflow.report.markup import number, stated
 
 ROUND_TRIP_PX = 1e-3
 WEAK_CORNER_PX = 0.3

@@ -10,6 +10,9 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
+from lensfit.workflow.report.blur import blur_section
+from lensfit.workflow.report.coverage import numbers
+from lensfit.workflow.report.evidence import corner_deviation_px, used_takes
 from lensfit.workflow.report.kernels import KernelSheet
 from lensfit.workflow.report.markup import Markup, number, tag
 from lensfit.workflow.report.sections import (
@@ -20,10 +23,6 @@ from lensfit.workflow.report.sections import (
 from lensfit.workflow.report.terms import terms_section
 from lensfit.workflow.report.through import ThroughSheet
 from lensfit.workflow.report.verdict import findings
-
-from lensfit.workflow.report.blur import blur_section
-from lensfit.workflow.report.coverage import numbers
-from lensfit.workflow.report.evidence import corner_deviation_px, used_takes
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
 _POLICY += "script-src 'unsafe-inline'"

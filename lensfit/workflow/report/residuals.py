@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from lensfit.workflow.report.svg import Figure, drawing, words
 
 from lensfit.workflow.report.axes import Axes, Frame, round_up
 from lensfit.workflow.report.coverage import (
@@ -24,6 +23,7 @@ from lensfit.workflow.report.coverage import (
     residuals_of,
 )
 from lensfit.workflow.report.markup import Markup, number, tag
+from lensfit.workflow.report.svg import Figure, drawing, words
 
 _ARROW_CELLS = 30
 _LONGEST_ARROW = 26.0

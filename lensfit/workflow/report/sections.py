@@ -8,9 +8,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from lensfit.workflow.report.svg import Figure
-from lensfit.workflow.report.wipe import wipe_figures
-
 from lensfit.workflow.report.coverage import image_size_px
 from lensfit.workflow.report.evidence import takes_by_focal
 from lensfit.workflow.report.markup import (
@@ -22,6 +19,8 @@ from lensfit.workflow.report.markup import (
 )
 from lensfit.workflow.report.plots import entry_figures
 from lensfit.workflow.report.residuals import coverage, take_figures
+from lensfit.workflow.report.svg import Figure
+from lensfit.workflow.report.wipe import wipe_figures
 
 
 def lens_section(report: dict) -> Markup:

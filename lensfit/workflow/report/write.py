@@ -8,13 +8,12 @@ the page can fail to load, as nothing is outside the file.
 
 from pathlib import Path
 
+from lensfit.atomic import write_text_atomic
 from lensfit.workflow.report.kernels import kernel_sheets
 from lensfit.workflow.report.page import page
 from lensfit.workflow.report.pictures import data_addresses, jpeg_address
 from lensfit.workflow.report.through import through_sheets
 from lensfit.workflow.report.wipe import MODEL_PICTURES
-
-from lensfit.atomic import write_text_atomic
 
 
 def write_report(report: dict, out_dir: Path) -> Path:
