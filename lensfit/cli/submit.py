@@ -11,7 +11,7 @@ from lensfit.cli.apply import apply
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.handed_on import hands_on
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
-from lensfit.workflow.farm_job import FarmJob, HandedOption, absolute, farm_job
+from lensfit.workflow.farm.job import FarmJob, HandedOption, absolute, farm_job
 
 
 class Farm(StrEnum):
@@ -95,12 +95,12 @@ def submit(
 def _written(job: FarmJob, to: Farm, path: Path) -> tuple[list[Path], list[str]]:
     """The files of the job, and the command that runs or submits it."""
     if to is Farm.opencue:
-        from lensfit.workflow.opencue_outline import write_outline
+        from lensfit.workflow.farm.opencue_outline import write_outline
 
         write_outline(job, path)
         return [path], ["pycuerun", str(path)]
     from lensfit.atomic import write_text_atomic
-    from lensfit.workflow.openjd_template import openjd_template
+    from lensfit.workflow.farm.openjd_template import openjd_template
 
     template, paths = openjd_template(job)
     beside = path.with_name(f"{path.stem}.parameters.json")

@@ -13,7 +13,7 @@ from typing import Any
 
 import typer
 
-from lensfit.workflow.farm_job import HandedOption
+from lensfit.workflow.farm.job import HandedOption
 
 
 def hands_on(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import OutputError
-from lensfit.workflow.farm_job import FarmJob
+from lensfit.workflow.farm.job import FarmJob
 
 _SCRIPT = '''"""{name}, {tasks} tasks. Submit it with: pycuerun {file}"""
 

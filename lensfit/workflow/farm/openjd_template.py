@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from lensfit.errors import OutputError
-from lensfit.workflow.farm_job import FarmJob, HandedOption, option_words
+from lensfit.workflow.farm.job import FarmJob, HandedOption, option_words
 
 _MOST_TASKS = 1024
 _MOST_PARAMETERS = 50

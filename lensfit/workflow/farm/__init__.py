@@ -1,0 +1,1 @@
+"""A sequence of frames as the job of a render farm."""
