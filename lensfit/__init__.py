@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from lensfit.preset.store import load_preset, save_preset
     from lensfit.render.frame import render
     from lensfit.workflow.calibrate import calibrate
-    from lensfit.workflow.shoot import Shoot, load_shoot
+    from lensfit.workflow.shoot.file import Shoot, load_shoot
 
 __version__ = "0.1.0"
 
@@ -33,10 +33,10 @@ __all__ = [
 
 _HOME = {
     "Preset": "lensfit.preset.schema",
-    "Shoot": "lensfit.workflow.shoot",
+    "Shoot": "lensfit.workflow.shoot.file",
     "calibrate": "lensfit.workflow.calibrate",
     "load_preset": "lensfit.preset.store",
-    "load_shoot": "lensfit.workflow.shoot",
+    "load_shoot": "lensfit.workflow.shoot.file",
     "save_preset": "lensfit.preset.store",
 }
 _ROOMS = ("fit", "render")

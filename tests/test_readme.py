@@ -8,7 +8,7 @@ import msgspec
 import typer
 
 from lensfit.cli.main import COMMANDS, app
-from lensfit.workflow.shoot_records import Camera, LensName, Take, Target
+from lensfit.workflow.shoot.records import Camera, LensName, Take, Target
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 

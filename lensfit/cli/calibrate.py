@@ -40,7 +40,7 @@ def calibrate(
 
     Example: lensfit calibrate shoot.toml --out takumar_50
     """
-    from lensfit.workflow.shoot import load_shoot
+    from lensfit.workflow.shoot.file import load_shoot
 
     described = load_shoot(shoot, images)
     for note in described.notes:

@@ -23,7 +23,7 @@ from lensfit.workflow.bench_rows import Row, as_tables
 from lensfit.workflow.bench_sets import BenchSet
 from lensfit.workflow.machine import machine
 from lensfit.workflow.observe import observe_shoot
-from lensfit.workflow.shoot import Shoot
+from lensfit.workflow.shoot.file import Shoot
 
 RESULT = "bench_detect.json"
 _RUNS = 3

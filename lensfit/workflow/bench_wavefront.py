@@ -22,7 +22,7 @@ from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.shoot import load_shoot
+from lensfit.workflow.shoot.file import load_shoot
 
 RESULT = "bench_wavefront.json"
 _REPORTED = ("rms_px", "held_out_rms_px", "seconds", "notes")

@@ -26,13 +26,13 @@ from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.blur_facts import blur_facts
 from lensfit.workflow.blur_pictures import write_dot_pictures
-from lensfit.workflow.charts_seen import with_charts_read
 from lensfit.workflow.entries import camera_of, entry_of, provenance_of, with_quality
 from lensfit.workflow.lens_facts import entry_facts, take_facts, terms_of
 from lensfit.workflow.model_pictures import write_model_pictures
 from lensfit.workflow.observe import Observed, observe_shoot
 from lensfit.workflow.report.write import write_report
-from lensfit.workflow.shoot_records import Shoot
+from lensfit.workflow.shoot.charts_seen import with_charts_read
+from lensfit.workflow.shoot.records import Shoot
 from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 
 MAP_OVERSCAN_PERCENT = 10.0
@@ -49,7 +49,7 @@ def calibrate(
 
     Parameters
     ----------
-    shoot : From `lensfit.workflow.shoot.load_shoot`.
+    shoot : From `lensfit.workflow.shoot.file.load_shoot`.
     out_dir : Folder for preset.json, stmaps, overlays, report.json and report.html.
     progress : Told how far it is.
     effort : Speed against error of the blur: "fastest", "fast", "normal", "best".

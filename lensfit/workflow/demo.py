@@ -14,7 +14,7 @@ from lensfit.progress import Progress, silent
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.shoot import load_shoot
+from lensfit.workflow.shoot.file import load_shoot
 
 PLATE = "plate.0001.exr"
 

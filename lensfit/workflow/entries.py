@@ -20,7 +20,7 @@ from lensfit.preset.schema import Camera, Preset, Provenance, SourceImage
 from lensfit.workflow.blur_entries import blur_of
 from lensfit.workflow.lens_facts import errors_of, terms_of
 from lensfit.workflow.observe import Observed
-from lensfit.workflow.shoot_records import Shoot
+from lensfit.workflow.shoot.records import Shoot
 
 _LIBRARIES = ("jax", "optimistix", "equinox", "numpy", "opencv-contrib-python-headless")
 _LEAST_VISIBLE_PX = 0.01

@@ -2,7 +2,7 @@
 
 Size, channels, encoding and windows; the camera state with the source that each value
 came from, and those that it overruled; and how much of the picture is clipped, since a
-clipped dot has no centre. `lensfit.workflow.draft_shoot` turns the same facts into a
+clipped dot has no centre. `lensfit.workflow.shoot.draft` turns the same facts into a
 shoot file.
 """
 

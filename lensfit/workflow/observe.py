@@ -24,10 +24,10 @@ from lensfit.fit.take import Take
 from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
-from lensfit.workflow.charts_seen import pattern_of_target
-from lensfit.workflow.resolve import ResolvedTake, resolve_take
-from lensfit.workflow.shoot_records import Shoot
-from lensfit.workflow.shoot_records import Take as ShootTake
+from lensfit.workflow.shoot.charts_seen import pattern_of_target
+from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.records import Take as ShootTake
+from lensfit.workflow.shoot.resolve import ResolvedTake, resolve_take
 from lensfit.workflow.small_photograph import SmallPhotograph, small_of
 
 _THREADS = 2

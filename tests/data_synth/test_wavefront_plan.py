@@ -16,7 +16,7 @@ from data_synth.wavefront_plan import (
     wavefront_shots,
 )
 from lensfit.io.exr import read_exr
-from lensfit.workflow.shoot import load_shoot
+from lensfit.workflow.shoot.file import load_shoot
 
 SIZE = (1024, 768)
 

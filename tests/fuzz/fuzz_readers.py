@@ -44,7 +44,7 @@ from lensfit.workflow import settings as settings_module
 from lensfit.workflow.camera_sources import CameraOptions, CameraSources
 from lensfit.workflow.inspect import as_json, facts, inspect_images
 from lensfit.workflow.settings import load_settings
-from lensfit.workflow.shoot import load_shoot
+from lensfit.workflow.shoot.file import load_shoot
 
 Seeds = Callable[[Path], list[Path]]
 

@@ -12,7 +12,7 @@ from lensfit.workflow import bench_lens
 from lensfit.workflow.bench_fit import bench_fit
 from lensfit.workflow.bench_rows import Row, as_tables
 from lensfit.workflow.bench_sets import SETS, chosen_sets, shoot_of
-from lensfit.workflow.shoot import load_shoot
+from lensfit.workflow.shoot.file import load_shoot
 
 SHOOTS = Path(__file__).parents[2] / "data_synth" / "shoots"
 

@@ -12,7 +12,7 @@ from lensfit.errors import DetectionError
 from lensfit.io.stmap import read_stmap
 from lensfit.preset.store import load_preset
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.shoot import load_shoot
+from lensfit.workflow.shoot.file import load_shoot
 
 DEMO = Path(str(files("data_synth") / "demo"))
 

@@ -14,9 +14,9 @@ from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.errors import OutputError
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
-from lensfit.workflow.draft_shoot import write_draft_shoot
 from lensfit.workflow.inspect import as_json, facts, inspect_images
-from lensfit.workflow.shoot import load_shoot
+from lensfit.workflow.shoot.draft import write_draft_shoot
+from lensfit.workflow.shoot.file import load_shoot
 
 OVERSCAN = Window(-4, -3, 43, 32)
 FRAME = Window.of_size(40, 30)

@@ -16,7 +16,7 @@ from lensfit.detect.chart_code import read_chart_code
 from lensfit.errors import ChartError, LensfitError
 from lensfit.io.image import read_photograph
 from lensfit.progress import Progress, silent
-from lensfit.workflow.shoot_records import Shoot, Take, Target
+from lensfit.workflow.shoot.records import Shoot, Take, Target
 
 _THREADS = 2
 

@@ -1,9 +1,9 @@
 """What was photographed: the shoot file, read strictly.
 
 A shoot file (TOML) names one lens, one camera, the targets and the takes
-(`lensfit.workflow.shoot_records` lists the keys). Everything that can be wrong with it
+(`lensfit.workflow.shoot.records` lists the keys). Everything that can be wrong with it
 before a picture is opened is found here; what picture headers know need not be in it,
-and `lensfit.workflow.resolve` joins the two.
+and `lensfit.workflow.shoot.resolve` joins the two.
 """
 
 import math
@@ -17,7 +17,7 @@ from lensfit._strict import (
 )
 from lensfit.errors import ShootError
 from lensfit.io.transfer import ENCODINGS
-from lensfit.workflow.shoot_records import (
+from lensfit.workflow.shoot.records import (
     Camera,
     LensName,
     Shoot,

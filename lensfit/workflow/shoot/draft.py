@@ -15,8 +15,8 @@ from lensfit.atomic import write_text_atomic
 from lensfit.chart.pattern import Pattern
 from lensfit.errors import OutputError, ShootError
 from lensfit.io.transfer import ENCODINGS
-from lensfit.workflow.charts_seen import free_name, target_of_pattern
 from lensfit.workflow.inspect import Inspection
+from lensfit.workflow.shoot.charts_seen import free_name, target_of_pattern
 
 _UNREAD = "grid"
 _TARGET = """\

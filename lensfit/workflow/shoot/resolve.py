@@ -13,7 +13,7 @@ from typing import final
 from lensfit.errors import ShootError
 from lensfit.io.metadata import CameraState
 from lensfit.units import dioptres_from_mm
-from lensfit.workflow.shoot_records import Shoot, Take, Target
+from lensfit.workflow.shoot.records import Shoot, Take, Target
 
 DISAGREEMENT = 0.02
 FOCUS_DISAGREEMENT_DIOPTRES = 0.02

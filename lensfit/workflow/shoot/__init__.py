@@ -1,0 +1,1 @@
+"""What was photographed: the shoot file, its takes and its charts."""
