@@ -15,8 +15,8 @@ from lensfit.preset.blur_blocks import Blur, Pupil
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance
 from lensfit.preset.store import load_preset, save_preset
-from lensfit.workflow.blur_pictures import dot_tiles, write_dot_pictures
-from lensfit.workflow.grey_tiles import sheet_of, with_bar
+from lensfit.workflow.pictures.blur_pictures import dot_tiles, write_dot_pictures
+from lensfit.workflow.pictures.grey_tiles import sheet_of, with_bar
 from lensfit.workflow.plain_numbers import distance_of, plain, plain_distance
 from lensfit.workflow.report.kernels import (
     kernel_sheets,

@@ -8,7 +8,7 @@ import base64
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from lensfit.workflow.blur_pictures import ENLARGED
+from lensfit.workflow.pictures.blur_pictures import ENLARGED
 from lensfit.workflow.plain_numbers import distance_of
 from lensfit.workflow.report.kernels import GAMMA, MOST_SHEETS, KernelSheet, KernelState
 from lensfit.workflow.report.markup import (

@@ -19,7 +19,7 @@ from lensfit.errors import LensfitError
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
-from lensfit.workflow.grey_tiles import png, sheet_of, with_bar
+from lensfit.workflow.pictures.grey_tiles import png, sheet_of, with_bar
 from lensfit.workflow.plain_numbers import distance_of
 from lensfit.workflow.report.axes import round_up
 

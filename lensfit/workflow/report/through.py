@@ -17,7 +17,7 @@ from lensfit.errors import LensfitError
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
-from lensfit.workflow.grey_tiles import png, sheet_of
+from lensfit.workflow.pictures.grey_tiles import png, sheet_of
 from lensfit.workflow.report.kernels import (
     SIZE_PX,
     KernelState,

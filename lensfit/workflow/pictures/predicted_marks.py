@@ -15,7 +15,7 @@ from lensfit.fit.lens_states import Fitted, LensState
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.portray import Landings, portrayed
-from lensfit.workflow.dot_light import DotLight
+from lensfit.workflow.pictures.dot_light import DotLight
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,10 +19,10 @@ from lensfit.errors import LensfitError, OutputError
 from lensfit.fit.lens_states import Fitted
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
-from lensfit.workflow.chart_drawing import drawing_of
-from lensfit.workflow.modelled_light import modelled_light
 from lensfit.workflow.observe import Observed
-from lensfit.workflow.predicted_marks import PredictedMarks, predicted_marks
+from lensfit.workflow.pictures.chart_drawing import drawing_of
+from lensfit.workflow.pictures.modelled_light import modelled_light
+from lensfit.workflow.pictures.predicted_marks import PredictedMarks, predicted_marks
 from lensfit.workflow.report.axes import round_up
 
 FOLDER = "model"

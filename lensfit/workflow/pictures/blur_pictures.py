@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from lensfit.atomic import write_bytes_atomic
 from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.workflow.grey_tiles import png, sheet_of
+from lensfit.workflow.pictures.grey_tiles import png, sheet_of
 
 ENLARGED = 4
 _MOST_DOTS = 8

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from lensfit.workflow.chart_drawing import Drawing
+from lensfit.workflow.pictures.chart_drawing import Drawing
 
 _SOFTNESS_PX = (0.0, 0.5, 0.8, 1.2, 1.8, 2.7)
 _STRIDE = 4
