@@ -1,1 +1,1 @@
-"""Pictures of fitted takes: the photograph, the same as the model has it, what is left."""
+"""Pictures of takes: the photograph, the same as the model has it, what is left."""

@@ -23,7 +23,7 @@ from lensfit.workflow.observe import Observed
 from lensfit.workflow.pictures.chart_drawing import drawing_of
 from lensfit.workflow.pictures.modelled_light import modelled_light
 from lensfit.workflow.pictures.predicted_marks import PredictedMarks, predicted_marks
-from lensfit.workflow.report.axes import round_up
+from lensfit.workflow.round_number import round_up
 
 FOLDER = "model"
 TOTAL_BYTES = 1_900_000

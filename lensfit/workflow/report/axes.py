@@ -15,6 +15,7 @@ from jaxtyping import Float, Shaped
 
 from lensfit.workflow.report.markup import Markup, number, tag
 from lensfit.workflow.report.svg import HEIGHT, WIDTH, path, words
+from lensfit.workflow.round_number import round_up
 
 LEFT, RIGHT, TOP, BOTTOM = 62.0, 22.0, 18.0, 48.0
 _LINE_HEIGHT = 15.0
@@ -29,14 +30,6 @@ def ticks(low: float, high: float, count: int = 5) -> Float[np.ndarray, " ticks"
     first = math.ceil(low / step - 1e-9)
     last = math.floor(high / step + 1e-9)
     return np.arange(first, last + 1) * step
-
-
-def round_up(value: float) -> float:
-    """The next of 1, 2, 5 times a power of ten that is not below a positive value."""
-    if not value > 0:
-        return 1.0
-    power = 10.0 ** math.floor(math.log10(value))
-    return next(m * power for m in (1, 2, 5, 10) if m * power >= value * (1 - 1e-9))
 
 
 def tick_text(value: float) -> str:

@@ -21,7 +21,7 @@ from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.workflow.pictures.grey_tiles import png, sheet_of, with_bar
 from lensfit.workflow.plain_numbers import distance_of
-from lensfit.workflow.report.axes import round_up
+from lensfit.workflow.round_number import round_up
 
 MOST_SHEETS = 24
 GAMMA = 0.4

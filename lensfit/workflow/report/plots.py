@@ -11,11 +11,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from lensfit.workflow.report.axes import Axes, Frame, round_up, sensor_frame
+from lensfit.workflow.report.axes import Axes, Frame, sensor_frame
 from lensfit.workflow.report.coverage import numbers
 from lensfit.workflow.report.heatmap import fall_off_surface, uncertainty
 from lensfit.workflow.report.markup import Markup, number, stated
 from lensfit.workflow.report.svg import Figure, drawing, path
+from lensfit.workflow.round_number import round_up
 
 
 def entry_figures(entry: dict, camera: dict) -> list[Figure]:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.workflow.report.axes import Axes, Frame, round_up
+from lensfit.workflow.report.axes import Axes, Frame
 from lensfit.workflow.report.coverage import (
     COLUMNS,
     ROWS,
@@ -24,6 +24,7 @@ from lensfit.workflow.report.coverage import (
 )
 from lensfit.workflow.report.markup import Markup, number, tag
 from lensfit.workflow.report.svg import Figure, drawing, words
+from lensfit.workflow.round_number import round_up
 
 _ARROW_CELLS = 30
 _LONGEST_ARROW = 26.0
