@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from lensfit.workflow.report.axes import round_up, ticks
+from lensfit.workflow.report.axes import ticks
 from lensfit.workflow.report.markup import (
     Markup,
     number,
@@ -12,6 +12,7 @@ from lensfit.workflow.report.markup import (
     stated,
     tag,
 )
+from lensfit.workflow.round_number import round_up
 
 THIN = "\u202f"
 
