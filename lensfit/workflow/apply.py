@@ -25,8 +25,8 @@ from lensfit.progress import Progress, silent
 from lensfit.workflow.apply_frame import FrameOutcome, apply_frame, error_line
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.apply_workers import worker_outcomes
-from lensfit.workflow.frame_note import not_said
 from lensfit.workflow.frame_renderer import FrameRenderer
+from lensfit.workflow.notes import not_said
 
 
 @dataclass

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from lensfit.preset.schema import Preset
 from lensfit.preset.select import Selection
-from lensfit.workflow.frame_note import FrameNote
+from lensfit.workflow.notes import FrameNote
 from lensfit.workflow.plate_camera import PlateCamera
 
 SPELT = {

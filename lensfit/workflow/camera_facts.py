@@ -14,9 +14,9 @@ from lensfit.errors import LensfitError
 from lensfit.io.metadata import CameraState
 from lensfit.preset.knobs import NEUTRAL, slips_in
 from lensfit.workflow.camera_sources import CameraSources
-from lensfit.workflow.frame_note import FrameNote
 from lensfit.workflow.knob_sources import KnobWord, TurnedKnobs, knobs_of_plate
 from lensfit.workflow.known import Known
+from lensfit.workflow.notes import FrameNote
 from lensfit.workflow.plate_camera import PlateCamera
 
 if TYPE_CHECKING:

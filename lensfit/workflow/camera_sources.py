@@ -26,9 +26,9 @@ from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
 from lensfit.io.metadata import camera_words
 from lensfit.io.sequence import frame_of
 from lensfit.workflow.contradictions import contradictions
-from lensfit.workflow.frame_note import FrameNote
 from lensfit.workflow.header_source import HEADER, add_header
 from lensfit.workflow.known import Known
+from lensfit.workflow.notes import FrameNote
 from lensfit.workflow.plate_camera import PlateCamera
 from lensfit.workflow.settings import Settings, load_settings, settings_beside
 

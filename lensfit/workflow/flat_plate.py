@@ -83,7 +83,7 @@ def _rendered(
     lens.note_border(stages, window, source)
     for layer in layers:
         pixels = _stacked(part, layer.names)
-        lens.notes.add_first("numbers", number_note(pixels, plate[1].name))
+        lens.notes.add(number_note(pixels, plate[1].name))
         in_front = None
         if deep is not None and deep.cut_out is not None:
             pixels, in_front = deep.cut_out.cut(pixels)

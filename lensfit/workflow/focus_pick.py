@@ -1,12 +1,10 @@
 """Focus on what lies at a pixel of the plate, as a focus puller would.
 
-The depth of a plate is measured from the pinhole of the CG camera, which is the lens'
-entrance pupil; the distance that lenses are focused by, from the sensor. Between them
-lies the pupil's offset, which may itself change with focus.
+The depth of a plate is measured from the pinhole of the CG camera
+(`lensfit.workflow.camera.focus_from_pupil` makes a focus distance of it).
 """
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,11 +25,9 @@ from lensfit.io.exr_deep import DeepPart, is_deep, read_deep
 from lensfit.workflow.plate_depth import DepthOptions, depth_meaning
 
 if TYPE_CHECKING:
-    from lensfit.lens import Lens
     from lensfit.render.uv import PlateGeometry
 
 FOCUS_AT = "--focus-at"
-_ROUNDS = 4
 _REMEDY = "give --focus-at another pixel or region, or --focus-distance-mm"
 
 
@@ -114,27 +110,6 @@ def picked_depth_mm(
         shown = ",".join(f"{number:g}" for number in pick)
         raise ImageError(f"has {what} at --focus-at {shown}", remedy=_REMEDY)
     return float(np.median(valid)), notes
-
-
-def from_sensor_mm(
-    depth_mm: float, lens_focused_at: Callable[[float | None], "Lens"]
-) -> float:
-    """Focus distance from the sensor of what is `depth_mm` from the entrance pupil.
-
-    Parameters
-    ----------
-    lens_focused_at : The lens at a focus distance.
-    """
-    if math.isinf(depth_mm):
-        return depth_mm
-    focus_mm = depth_mm
-    for _ in range(_ROUNDS):
-        lens = lens_focused_at(focus_mm)
-        closer = depth_mm + float(lens.entrance_pupil_offset_mm)
-        if abs(closer - focus_mm) < 1e-6:
-            break
-        focus_mm = closer
-    return float(f"{focus_mm:.7g}")
 
 
 def _cut(found: FoundDepth, region: Window) -> ExrPart:

@@ -30,9 +30,10 @@ from lensfit.workflow.focus_pick import FOCUS_AT, picked_depth_mm
 from lensfit.workflow.frame_error import at_frame
 from lensfit.workflow.frame_signature import preset_digest, signature
 from lensfit.workflow.known import Known
+from lensfit.workflow.notes import Notes
 from lensfit.workflow.plate_camera import PlateCamera
 from lensfit.workflow.plate_header import header_entries
-from lensfit.workflow.plate_notes import Notes, border_note
+from lensfit.workflow.plate_notes import border_note
 from lensfit.workflow.plate_state import PlateState, plate_state
 
 _NEAREST_FOCAL_LENGTHS = 1.5

@@ -4,38 +4,15 @@ Borders that stay black because a plate has too little overscan, and pixels that
 numbers and spread to their neighbours.
 """
 
-from typing import final
-
 import numpy as np
 from jaxtyping import Float32
 
 from lensfit.coords import Window
 from lensfit.render.stages import Stages
-from lensfit.workflow.frame_note import FrameNote, not_said
+from lensfit.workflow.notes import FrameNote
 
 _SEEN_PART = 1e-4
 """Of the pixels; less is a rounding of the border."""
-
-
-@final
-class Notes:
-    """Sentences for the user, each said once; of a topic the first one.
-
-    Attributes
-    ----------
-    said : In the order they came.
-    """
-
-    def __init__(self):
-        self.said: list[str] = []
-
-    def add_first(self, topic: str, note: str | None) -> None:
-        """Say this, unless something was said of the topic: of another frame, say."""
-        self.add(FrameNote(note, topic) if note else None)
-
-    def add(self, *notes: str | None) -> None:
-        """Say these too; None is nothing to say."""
-        self.said += not_said(filter(None, notes), self.said)
 
 
 def border_note(stages: Stages, window: Window, source: Window) -> str | None:
@@ -61,12 +38,13 @@ def border_note(stages: Stages, window: Window, source: Window) -> str | None:
 
 def number_note(
     pixels: Float32[np.ndarray, "height width channels"], name: str
-) -> str | None:
+) -> FrameNote | None:
     """Whether the plate of that name holds NaN or infinity."""
     if np.isfinite(pixels).all():
         return None
-    return (
+    return FrameNote(
         f"{name} holds NaN or infinite pixels, which spread to their neighbours, and "
         "turn black where depth of field is put on: mend them in the plate, and look "
-        "at the others"
+        "at the others",
+        "numbers",
     )

@@ -17,9 +17,9 @@ from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
 from lensfit.preset.schema import Preset
 from lensfit.render.look.white_balance import REC709, Chromaticities
 from lensfit.workflow.assumed import SPELT, Assumed, assumed
-from lensfit.workflow.focus_pick import from_sensor_mm
-from lensfit.workflow.frame_note import FrameNote
+from lensfit.workflow.focus_from_pupil import from_sensor_mm
 from lensfit.workflow.knob_sources import knobs_of_plate
+from lensfit.workflow.notes import FrameNote
 from lensfit.workflow.plate_camera import PlateCamera
 
 BLUR = ("f_number", "focus_distance_mm")

@@ -21,7 +21,8 @@ from lensfit.workflow.camera_sources import (
     CameraSources,
     StateOverrides,
 )
-from lensfit.workflow.focus_pick import from_sensor_mm, picked_region
+from lensfit.workflow.focus_from_pupil import from_sensor_mm
+from lensfit.workflow.focus_pick import picked_region
 from lensfit.workflow.frame_signature import SAID
 from lensfit.workflow.inspect import as_json, facts, inspect_images
 from lensfit.workflow.plate_depth import DepthOptions

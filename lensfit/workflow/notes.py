@@ -1,4 +1,4 @@
-"""A remark that names the frame at which it was first made.
+"""Remarks on frames for the user, each said once.
 
 The same is true of many frames of a sequence, with other numbers perhaps, and is worth
 one line: remarks of one topic are one remark, whatever frame and process they are from.
@@ -40,3 +40,20 @@ def not_said(notes: Iterable[str], said: Iterable[str]) -> list[str]:
             topics.add(topic_of(note))
             found.append(note)
     return found
+
+
+@final
+class Notes:
+    """Sentences for the user, each said once; of a topic the first one.
+
+    Attributes
+    ----------
+    said : In the order they came.
+    """
+
+    def __init__(self):
+        self.said: list[str] = []
+
+    def add(self, *notes: str | None) -> None:
+        """Say these too; None is nothing to say."""
+        self.said += not_said(filter(None, notes), self.said)
