@@ -38,7 +38,7 @@ def inspect(
     """
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_error, say_note
-    from lensfit.workflow.camera_sources import CameraSources
+    from lensfit.workflow.camera.sources import CameraSources
     from lensfit.workflow.inspect import as_json, inspect_images
     from lensfit.workflow.notes import not_said
     from lensfit.workflow.shoot.draft import write_draft_shoot

@@ -62,7 +62,7 @@ def overscan(
     Example: lensfit overscan takumar/preset.json --size 4096x3072 --f-number 2
     """
     from lensfit.preset.knobs import turned
-    from lensfit.workflow.camera_sources import StateOverrides
+    from lensfit.workflow.camera.sources import StateOverrides
     from lensfit.workflow.overscan_plan import (
         OverscanQuestion,
         overscan_of_plate,

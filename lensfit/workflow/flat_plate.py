@@ -16,12 +16,12 @@ from lensfit.io.exr_layers import with_channels
 from lensfit.render.buffers import aligned_empty
 from lensfit.render.frame import render_stages
 from lensfit.render.look.stack import light_spreads
+from lensfit.workflow.camera.plate_state import PlateState
 from lensfit.workflow.frame_signature import signed
 from lensfit.workflow.plate import ColourLayer, colour_layers, resized_channels
 from lensfit.workflow.plate_in_depth import plate_in_depth
 from lensfit.workflow.plate_lens import PlateLens
 from lensfit.workflow.plate_notes import number_note
-from lensfit.workflow.plate_state import PlateState
 
 
 def render_flat(lens: PlateLens, image: ExrImage, path: Path) -> ExrImage:

@@ -15,7 +15,7 @@ from lensfit.io.exr import ExrPart
 from lensfit.preset.knobs import NEUTRAL, not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.plate_state import PlateState
+from lensfit.workflow.camera.plate_state import PlateState
 
 SAID = "lensfit/applied"
 """Header entry that tells what was done to a frame."""

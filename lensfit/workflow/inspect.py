@@ -23,13 +23,13 @@ from lensfit.io.metadata import CameraState
 from lensfit.io.sequence import expand_frames
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress, silent
-from lensfit.workflow.camera_facts import (
+from lensfit.workflow.camera.facts import (
     CameraFacts,
     camera_facts,
     camera_record,
     camera_rows,
 )
-from lensfit.workflow.camera_sources import CameraSources
+from lensfit.workflow.camera.sources import CameraSources
 from lensfit.workflow.plate_header import header_entries, plate_header
 
 if TYPE_CHECKING:

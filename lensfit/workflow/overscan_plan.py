@@ -30,11 +30,11 @@ from lensfit.render.stages import Switches
 from lensfit.render.uv import Channel, PlateGeometry, overscan_needed
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.assumed import SPELT
-from lensfit.workflow.camera_sources import StateOverrides
+from lensfit.workflow.camera.assumed import SPELT
+from lensfit.workflow.camera.plate_state import BLUR
+from lensfit.workflow.camera.sources import StateOverrides
 from lensfit.workflow.plate_header import plate_header
 from lensfit.workflow.plate_lens import PlateLens
-from lensfit.workflow.plate_state import BLUR
 from lensfit.workflow.stmaps import LARGEST_SIDE_PX
 
 if TYPE_CHECKING:

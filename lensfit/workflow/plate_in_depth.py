@@ -8,11 +8,11 @@ from jaxtyping import Float32
 
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.render.layer_stack import Mattes
+from lensfit.workflow.camera.plate_state import PlateState
 from lensfit.workflow.cut_out import CutOut
 from lensfit.workflow.plate_depth import plate_depth
 from lensfit.workflow.plate_lens import PlateLens
 from lensfit.workflow.plate_mattes import matte_cut_out, named_cut_out, plate_mattes
-from lensfit.workflow.plate_state import PlateState
 
 NO_DEPTH = "plates hold no depth, so depth of field is left out"
 

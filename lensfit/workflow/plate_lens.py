@@ -24,17 +24,17 @@ from lensfit.render.look.stack import look_of
 from lensfit.render.stages import Stages, prepare_stages
 from lensfit.render.uv import PlateGeometry
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera_sources import CameraSources
+from lensfit.workflow.camera.known import Known
+from lensfit.workflow.camera.plate_camera import PlateCamera
+from lensfit.workflow.camera.plate_state import PlateState, plate_state
+from lensfit.workflow.camera.sources import CameraSources
 from lensfit.workflow.external_map import ExternalMap
 from lensfit.workflow.focus_pick import FOCUS_AT, picked_depth_mm
 from lensfit.workflow.frame_error import at_frame
 from lensfit.workflow.frame_signature import preset_digest, signature
-from lensfit.workflow.known import Known
 from lensfit.workflow.notes import Notes
-from lensfit.workflow.plate_camera import PlateCamera
 from lensfit.workflow.plate_header import header_entries
 from lensfit.workflow.plate_notes import border_note
-from lensfit.workflow.plate_state import PlateState, plate_state
 
 _NEAREST_FOCAL_LENGTHS = 1.5
 

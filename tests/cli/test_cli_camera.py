@@ -14,7 +14,7 @@ from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.workflow import apply as workflow
-from lensfit.workflow.camera_sources import CameraOptions
+from lensfit.workflow.camera.sources import CameraOptions
 
 
 @pytest.fixture

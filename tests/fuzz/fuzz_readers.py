@@ -40,10 +40,10 @@ from lensfit.preset.library.catalogue import catalogue, validated
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.resolve import find_preset
 from lensfit.preset.store import load_preset, preset_text
-from lensfit.workflow import settings as settings_module
-from lensfit.workflow.camera_sources import CameraOptions, CameraSources
+from lensfit.workflow.camera import settings as settings_module
+from lensfit.workflow.camera.settings import load_settings
+from lensfit.workflow.camera.sources import CameraOptions, CameraSources
 from lensfit.workflow.inspect import as_json, facts, inspect_images
-from lensfit.workflow.settings import load_settings
 from lensfit.workflow.shoot.file import load_shoot
 
 Seeds = Callable[[Path], list[Path]]

@@ -12,7 +12,7 @@ from lensfit.render.frame import render
 from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera_sources import StateOverrides
+from lensfit.workflow.camera.sources import StateOverrides
 from lensfit.workflow.plate_depth import DepthOptions
 
 

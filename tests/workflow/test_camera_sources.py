@@ -16,12 +16,12 @@ from lensfit.errors import CameraError, ImageError, SettingsError
 from lensfit.io.exr import read_exr
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera_sources import (
+from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
+from lensfit.workflow.camera.sources import (
     CameraOptions,
     CameraSources,
     StateOverrides,
 )
-from lensfit.workflow.focus_from_pupil import from_sensor_mm
 from lensfit.workflow.focus_pick import picked_region
 from lensfit.workflow.frame_signature import SAID
 from lensfit.workflow.inspect import as_json, facts, inspect_images

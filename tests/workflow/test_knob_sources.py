@@ -12,10 +12,10 @@ from lensfit.errors import ImageError, SettingsError
 from lensfit.preset.knobs import NEUTRAL, turned
 from lensfit.preset.store import save_preset
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.knob_sources import KnobWord, knobs_of_plate
+from lensfit.workflow.camera.knob_sources import KnobWord, knobs_of_plate
+from lensfit.workflow.camera.settings import Settings, load_settings
 from lensfit.workflow.plate_header import plate_header
 from lensfit.workflow.plate_lens import PlateLens
-from lensfit.workflow.settings import Settings, load_settings
 
 ALL = {**CAMERA, **SENSOR}
 

@@ -14,7 +14,7 @@ from lensfit.preset.store import save_preset
 from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera_sources import CameraOptions, StateOverrides
+from lensfit.workflow.camera.sources import CameraOptions, StateOverrides
 from lensfit.workflow.plan_plate import plan_plate
 from lensfit.workflow.plate_header import plate_header
 from lensfit.workflow.plate_lens import PlateLens

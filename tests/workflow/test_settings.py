@@ -7,7 +7,7 @@ import pytest
 
 from lensfit.errors import SettingsError
 from lensfit.io.camera.aliases import Alias
-from lensfit.workflow.settings import NAME, load_settings, settings_beside
+from lensfit.workflow.camera.settings import NAME, load_settings, settings_beside
 
 
 def written(folder, text, name=NAME):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from lensfit.workflow.camera_sources import CameraOptions, StateOverrides
+    from lensfit.workflow.camera.sources import CameraOptions, StateOverrides
 
 _PANEL = "Camera"
 _UNITS = ("mm", "cm", "m", "in", "ft")
@@ -79,7 +79,7 @@ class CameraGroup:
 
     def overrides(self) -> "StateOverrides":
         """What is stated outright."""
-        from lensfit.workflow.camera_sources import StateOverrides
+        from lensfit.workflow.camera.sources import StateOverrides
 
         return StateOverrides(
             self.focal_length_mm,
@@ -99,7 +99,7 @@ class CameraGroup:
         ------
         typer.BadParameter : Focus is both stated and picked, or a word is no unit.
         """
-        from lensfit.workflow.camera_sources import CameraOptions
+        from lensfit.workflow.camera.sources import CameraOptions
 
         if self.camera_unit is not None and self.camera_unit not in _UNITS:
             raise typer.BadParameter(

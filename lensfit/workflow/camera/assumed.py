@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 from lensfit.preset.schema import Preset
 from lensfit.preset.select import Selection
+from lensfit.workflow.camera.plate_camera import PlateCamera
 from lensfit.workflow.notes import FrameNote
-from lensfit.workflow.plate_camera import PlateCamera
 
 SPELT = {
     "focal_length_mm": "focal length",

@@ -1,6 +1,6 @@
 """The camera state of a plate: what its sources say, and what the preset needs.
 
-`lensfit.workflow.camera_sources` has the sources, and which of them counts.
+`lensfit.workflow.camera.sources` has the sources, and which of them counts.
 
 A value that is missing is an error where the answer depends on it. Where the preset
 leaves no choice, as of a prime's focal length, its value is used and a note says so.
@@ -16,11 +16,11 @@ from lensfit.errors import ImageError
 from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
 from lensfit.preset.schema import Preset
 from lensfit.render.look.white_balance import REC709, Chromaticities
-from lensfit.workflow.assumed import SPELT, Assumed, assumed
-from lensfit.workflow.focus_from_pupil import from_sensor_mm
-from lensfit.workflow.knob_sources import knobs_of_plate
+from lensfit.workflow.camera.assumed import SPELT, Assumed, assumed
+from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
+from lensfit.workflow.camera.knob_sources import knobs_of_plate
+from lensfit.workflow.camera.plate_camera import PlateCamera
 from lensfit.workflow.notes import FrameNote
-from lensfit.workflow.plate_camera import PlateCamera
 
 BLUR = ("f_number", "focus_distance_mm")
 """What blur depends on."""

@@ -7,7 +7,7 @@ Sources, the one that counts most first:
 3. ``[camera]`` of the settings files, the nearest file first
 4. sidecars and cameras (``--metadata``, ``--camera``), in the order given
 5. the plate's header
-6. what the preset knows (`lensfit.workflow.plate_state`)
+6. what the preset knows (`lensfit.workflow.camera.plate_state`)
 
 Each quantity is decided by itself. A T-stop stands for the f-number only where no
 source knows an f-number, and a note says so; so does one where the entries of a header
@@ -25,12 +25,12 @@ from lensfit.io.camera.read import read_camera_file
 from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
 from lensfit.io.metadata import camera_words
 from lensfit.io.sequence import frame_of
-from lensfit.workflow.contradictions import contradictions
-from lensfit.workflow.header_source import HEADER, add_header
-from lensfit.workflow.known import Known
+from lensfit.workflow.camera.contradictions import contradictions
+from lensfit.workflow.camera.header_source import HEADER, add_header
+from lensfit.workflow.camera.known import Known
+from lensfit.workflow.camera.plate_camera import PlateCamera
+from lensfit.workflow.camera.settings import Settings, load_settings, settings_beside
 from lensfit.workflow.notes import FrameNote
-from lensfit.workflow.plate_camera import PlateCamera
-from lensfit.workflow.settings import Settings, load_settings, settings_beside
 
 _MOST_FOLDERS = 256
 

@@ -28,7 +28,7 @@ from lensfit.io.camera.aliases import Alias
 from lensfit.io.camera.quantity import Reading
 from lensfit.io.sequence import in_frames
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
-from lensfit.workflow.settings_records import (
+from lensfit.workflow.camera.settings_records import (
     QUANTITIES,
     FrameValues,
     SettingsFile,

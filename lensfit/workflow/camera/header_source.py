@@ -4,8 +4,8 @@ from collections.abc import Collection, Mapping, Sequence
 
 from lensfit.errors import ImageError
 from lensfit.io.metadata import HeaderWord
-from lensfit.workflow.known import Known
-from lensfit.workflow.plate_camera import BadEntry
+from lensfit.workflow.camera.known import Known
+from lensfit.workflow.camera.plate_camera import BadEntry
 
 HEADER = 1_000_000
 """Its rank; there are fewer files."""

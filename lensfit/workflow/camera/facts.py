@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 from lensfit.errors import LensfitError
 from lensfit.io.metadata import CameraState
 from lensfit.preset.knobs import NEUTRAL, slips_in
-from lensfit.workflow.camera_sources import CameraSources
-from lensfit.workflow.knob_sources import KnobWord, TurnedKnobs, knobs_of_plate
-from lensfit.workflow.known import Known
+from lensfit.workflow.camera.knob_sources import KnobWord, TurnedKnobs, knobs_of_plate
+from lensfit.workflow.camera.known import Known
+from lensfit.workflow.camera.plate_camera import PlateCamera
+from lensfit.workflow.camera.sources import CameraSources
 from lensfit.workflow.notes import FrameNote
-from lensfit.workflow.plate_camera import PlateCamera
 
 if TYPE_CHECKING:
     from lensfit.preset.schema import Preset
-    from lensfit.workflow.assumed import Assumed
+    from lensfit.workflow.camera.assumed import Assumed
 
 Rows = list[tuple[str, str, str]]
 
@@ -87,7 +87,7 @@ def camera_facts(
     ]
     taken: tuple[Assumed, ...] = ()
     if preset is not None and not problems:
-        from lensfit.workflow.plate_state import plate_state
+        from lensfit.workflow.camera.plate_state import plate_state
 
         try:
             state = plate_state(preset, camera, header)

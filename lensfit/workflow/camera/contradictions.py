@@ -11,7 +11,7 @@ by it is told of the others. Entries that mean different things may differ:
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from lensfit.workflow.known import Known
+from lensfit.workflow.camera.known import Known
 
 _ROUNDING = 0.02
 """Relative: f/2.8 is f/2.83, and cameras round distances."""

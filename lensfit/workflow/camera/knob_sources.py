@@ -25,7 +25,7 @@ from lensfit.preset.knobs import (
     not_neutral,
     turned,
 )
-from lensfit.workflow.settings import Settings
+from lensfit.workflow.camera.settings import Settings
 
 
 class KnobWord(NamedTuple):

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from lensfit.errors import ImageError
 from lensfit.io.metadata import CameraState
-from lensfit.workflow.known import Known
-from lensfit.workflow.settings import Settings
+from lensfit.workflow.camera.known import Known
+from lensfit.workflow.camera.settings import Settings
 
 _DECIDING = (
     "focal_length_mm",
