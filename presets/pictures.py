@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -74,6 +74,30 @@ def _draw_frame(axes, lens: Lens, focus_mm: float) -> None:
 
     The scene is scaled so that the middle sphere is in focus.
     """
+    rgb, depth_mm, half = halved_plate()
+    depth_mm = depth_mm * (focus_mm / SPHERE_Z_MM)
+    frame = lensfit.render(
+        rgb,
+        depth_mm if lens.blur is not None else None,
+        lens,
+        tolerance=TOLERANCE,
+        data_window=half,
+        display_window=frame_within(lens),
+    )
+    axes.imshow(shown(frame))
+    axes.set_axis_off()
+    stop = f"f/{lens.f_number:g}, " if lens.f_number else ""
+    said = "" if lens.blur is not None else "; blur not measured, none drawn"
+    axes.set_title(
+        f"CG plate through it: {lens.focal_length_mm:g} mm, {stop}"
+        f"focused at {focus_mm / 1000:g} m{said}"
+    )
+
+
+def halved_plate() -> tuple[
+    Float32[np.ndarray, "height width 3"], Float32[np.ndarray, "height width"], Window
+]:
+    """The demo's plate at half its size: colour, depth in mm, and its data window."""
     radiance, depth_m, window = plate.render_plate()
     # Rows and columns of two plate pixels become one: begin and end on even ones.
     left, top = (value % 2 for value in (window.x_min, window.y_min))
@@ -89,26 +113,10 @@ def _draw_frame(axes, lens: Lens, focus_mm: float) -> None:
         interpolation=cv2.INTER_AREA,
     )
     depth_mm = depth_m[top::2, left::2][: half.height, : half.width] * 1000
-    depth_mm = depth_mm * (focus_mm / SPHERE_Z_MM)
-    frame = lensfit.render(
-        rgb.astype(np.float32),
-        depth_mm if lens.blur is not None else None,
-        lens,
-        tolerance=TOLERANCE,
-        data_window=half,
-        display_window=_frame_within(lens),
-    )
-    axes.imshow(_shown(frame))
-    axes.set_axis_off()
-    stop = f"f/{lens.f_number:g}, " if lens.f_number else ""
-    said = "" if lens.blur is not None else "; blur not measured, none drawn"
-    axes.set_title(
-        f"CG plate through it: {lens.focal_length_mm:g} mm, {stop}"
-        f"focused at {focus_mm / 1000:g} m{said}"
-    )
+    return rgb.astype(np.float32), depth_mm.astype(np.float32), half
 
 
-def _frame_within(lens: Lens) -> Window:
+def frame_within(lens: Lens) -> Window:
     """The middle of the halved plate, as wide as the lens can be served from it.
 
     An anamorphic lens sees so far to the sides that the plate's overscan is too little.
@@ -122,7 +130,7 @@ def _frame_within(lens: Lens) -> Window:
     return Window.of_size(width, height).grown(-margin, 0)
 
 
-def _shown(linear: Float[np.ndarray, "height width 3"]) -> np.ndarray:
+def shown(linear: Float[np.ndarray, "height width 3"]) -> np.ndarray:
     """sRGB code values of scene-linear light."""
     light = np.clip(linear, 0.0, 1.0)
     return np.where(

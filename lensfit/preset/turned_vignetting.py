@@ -12,8 +12,9 @@ No part is larger than what the ones before it leave of the photographed loss, s
 none is ever negative and a lens that shows no loss has none. Rims that were turned
 (`lensfit.preset.turned_pupil`) hide more or less by their own shape.
 
-A stated loss takes the shape of its part; without one: the foreshortening, the second
-and the third power of the squared radius. The sum is written down as fall-off is, a
+A stated loss is the same in all colours: it takes the shape of green's part, or, where
+that is too faint to have one, the foreshortening, the second or the third power of the
+squared radius. The sum is written down as fall-off is, a
 Bernstein polynomial of a degree that holds the photographed one exactly, by least
 squares over control values that never fall.
 """
@@ -37,9 +38,12 @@ from lensfit.preset.fall_off_control import (
     squared_radii,
 )
 
+_GREEN = 1
 _TERMS = 12
 _NOTHING = 1e-6
 _LARGEST_LOSS = 40.0
+_FAINT = 0.01
+"""What is left of a loss after its other parts is noise below this."""
 
 Loss = Float[np.ndarray, " radii"]
 
@@ -73,11 +77,11 @@ def turned_illumination(
     natural = _natural(lens, np.sqrt(share) * valid_mm)
     before, after = (_optical(lens, p, valid_mm, natural) for p in (None, rims))
     edge = min(edge_mm / valid_mm, 1.0) ** 2
+    each = [_parted(loss_of(c), natural, before) for c in np.asarray(known.control)]
+    shapes = Parts(natural, np.maximum(after, 0), each[_GREEN].mechanical)
     control = []
-    for measured in np.asarray(known.control):
-        parts = _parted(loss_of(measured), natural, before)
+    for measured, parts in zip(np.asarray(known.control), each, strict=True):
         optical = np.maximum(parts.optical + after - before, 0)
-        shapes = Parts(natural, np.maximum(after, 0), parts.mechanical)
         total = _total(parts._replace(optical=optical), shapes, stated, share, edge)
         terms = max(len(measured), _TERMS)
         control.append(control_of(np.minimum(total, _LARGEST_LOSS), terms))
@@ -141,7 +145,7 @@ def _total(
         parts, shapes, plain, *stated, strict=True
     ):
         if stops is not None:
-            form = shape if np.interp(edge, share, shape) > _NOTHING else other
+            form = shape if np.interp(edge, share, shape) > _FAINT else other
             part = form * (stops * math.log(2) / np.interp(edge, share, form))
         total += gain * part
     return total

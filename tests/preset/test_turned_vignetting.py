@@ -1,12 +1,17 @@
 """Fall-off in parts: they add up to what was photographed, each by its own gain."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from turned_lenses import CORNER_MM, ideal, measured, measured_preset, plain
 
+import lensfit
 from lensfit.preset.blocks import FallOff
 from lensfit.preset.blur_blocks import Pupil
+from lensfit.preset.knobs import NEUTRAL, turned
 
+PRESETS = Path(__file__).parents[2] / "presets"
 PARTS = ("natural", "optical", "mechanical")
 RADII_MM = np.linspace(0.0, CORNER_MM, 12)
 POINTS = np.stack([0.8 * RADII_MM, 0.6 * RADII_MM], -1)
@@ -44,6 +49,27 @@ def test_a_gain_close_to_one_is_close_to_the_photograph():
     for part in PARTS:
         nearly = measured(**{f"{part}_vignetting_gain": 1 + 1e-9})
         np.testing.assert_allclose(loss(nearly), loss(measured()), atol=1e-6)
+
+
+@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("name", ["prime_50", "wide_28"])
+def test_a_stated_loss_has_no_colour(name, part):
+    """Also where the photographed rest is faint, and another in every colour."""
+    preset = lensfit.load_preset(PRESETS / name / "preset.json")
+    entry = preset.entries[0]
+    knobs = gains() | {f"{part}_vignetting_gain": 1.0, f"{part}_vignetting_stops": 2.0}
+    lens = preset.at(
+        focal_length_mm=entry.focal_length_mm,
+        focus_distance_mm=entry.focus_distance_mm,
+        knobs=turned(NEUTRAL, knobs),
+    )
+    corner = np.linspace(0, 1, 12)[:, None] * np.asarray(lens.sensor_size_mm) / 2
+    red, green, blue = (
+        -np.log2(np.asarray(lens.relative_illumination(corner, c))) for c in "rgb"
+    )
+    np.testing.assert_allclose(red, green, atol=0.02)
+    np.testing.assert_allclose(blue, green, atol=0.02)
+    assert 0.02 < green[6] < 1.0
 
 
 def test_illumination_never_rises_outwards_nor_above_one():
