@@ -9,7 +9,7 @@ from lensfit.coords import Window
 from lensfit.render.filters import Filter, filter_for
 from lensfit.render.stages import DEFAULT_TOLERANCE, Switches
 from lensfit.workflow.camera.sources import CameraOptions, StateOverrides
-from lensfit.workflow.plate_depth import DepthOptions
+from lensfit.workflow.plate.depth import DepthOptions
 
 Output = Literal["result", "circle-of-confusion", "aberration-dots", "filter"]
 

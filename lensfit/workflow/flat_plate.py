@@ -18,7 +18,7 @@ from lensfit.render.frame import render_stages
 from lensfit.render.look.stack import light_spreads
 from lensfit.workflow.camera.plate_state import PlateState
 from lensfit.workflow.frame_signature import signed
-from lensfit.workflow.plate import ColourLayer, colour_layers, resized_channels
+from lensfit.workflow.plate.channels import ColourLayer, colour_layers, resized_channels
 from lensfit.workflow.plate_in_depth import plate_in_depth
 from lensfit.workflow.plate_lens import PlateLens
 from lensfit.workflow.plate_notes import number_note

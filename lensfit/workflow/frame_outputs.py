@@ -22,8 +22,8 @@ from lensfit.render.lens_pictures import aberration_dots, kernel_mosaic
 from lensfit.render.nearest import nearest
 from lensfit.workflow.camera.plate_state import BLUR
 from lensfit.workflow.frame_signature import signed
-from lensfit.workflow.plate import colour_layers
-from lensfit.workflow.plate_header import plate_header
+from lensfit.workflow.plate.channels import colour_layers
+from lensfit.workflow.plate.header import plate_header
 from lensfit.workflow.plate_in_depth import plate_in_depth
 from lensfit.workflow.plate_lens import PlateLens
 

@@ -28,8 +28,8 @@ from lensfit.workflow.deep_plate import render_deep
 from lensfit.workflow.flat_plate import render_flat
 from lensfit.workflow.frame_outputs import explaining_picture
 from lensfit.workflow.frame_signature import SAID
+from lensfit.workflow.plate.header import plate_header
 from lensfit.workflow.plate_check import check_options
-from lensfit.workflow.plate_header import plate_header
 from lensfit.workflow.plate_lens import PlateLens
 
 

@@ -30,7 +30,7 @@ from lensfit.workflow.camera.facts import (
     camera_rows,
 )
 from lensfit.workflow.camera.sources import CameraSources
-from lensfit.workflow.plate_header import header_entries, plate_header
+from lensfit.workflow.plate.header import header_entries, plate_header
 
 if TYPE_CHECKING:
     from lensfit.preset.schema import Preset

@@ -11,7 +11,7 @@ from lensfit.render.frame import window_with_margin
 from lensfit.render.look.stack import light_spreads
 from lensfit.render.plan import Plan, plan_of
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.plate import colour_layers
+from lensfit.workflow.plate.channels import colour_layers
 from lensfit.workflow.plate_in_depth import plate_in_depth
 from lensfit.workflow.plate_lens import PlateLens
 

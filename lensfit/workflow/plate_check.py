@@ -16,8 +16,8 @@ from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_header import check_exr
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.flat_plate import layers_to_render
-from lensfit.workflow.plate_depth import meant_depth
-from lensfit.workflow.plate_mattes import cryptomatte_with, matte_channel
+from lensfit.workflow.plate.depth import meant_depth
+from lensfit.workflow.plate.mattes import cryptomatte_with, matte_channel
 
 _TYPES = (np.uint32, np.float16, np.float32)
 """Of samples, by the code of the file."""

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from lensfit.cli.groups.library import LibraryGroup
 from lensfit.cli.main import app
 from lensfit.workflow import apply as workflow
-from lensfit.workflow.plate_depth import DepthOptions
+from lensfit.workflow.plate.depth import DepthOptions
 
 
 @pytest.fixture

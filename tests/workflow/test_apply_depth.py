@@ -14,7 +14,7 @@ from lensfit.render.layer_stack import LayerStack, flattened
 from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.plate_depth import DepthOptions
+from lensfit.workflow.plate.depth import DepthOptions
 
 STATE = (35.0, 2.8, 2000.0)
 METRES = DepthOptions(unit="m", kind="perpendicular")

@@ -5,7 +5,7 @@ import pytest
 
 from lensfit.io.cryptomatte import Ranks
 from lensfit.render.layer_stack import LayerStack, flattened
-from lensfit.workflow.cut_out import cut_out
+from lensfit.workflow.plate.cut_out import cut_out
 
 NEAR, FAR = np.float32(1000), np.float32(9000)
 WALL, WIRE = 7, 8

@@ -9,7 +9,7 @@ from lensfit.io.depth import DepthMeaning
 from lensfit.io.exr import ExrPart
 from lensfit.io.exr_deep import DeepPart
 from lensfit.render.layer_stack import flattened
-from lensfit.workflow.deep_layers import deep_layers
+from lensfit.workflow.plate.deep_layers import deep_layers
 
 METRES = DepthMeaning(1000.0)
 

@@ -8,7 +8,7 @@ from lensfit.io.exr import read_exr
 from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.plate_depth import DepthOptions
+from lensfit.workflow.plate.depth import DepthOptions
 
 PLAIN = Switches(distortion=False, lateral_colour=False)
 

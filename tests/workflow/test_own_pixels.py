@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfit.workflow.own_pixels import NOBODY, own_pixels
+from lensfit.workflow.plate.own_pixels import NOBODY, own_pixels
 
 FAR, NEAR = np.float32(9000), np.float32(1000)
 

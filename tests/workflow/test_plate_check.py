@@ -12,7 +12,7 @@ from lensfit.io.cryptomatte import object_id
 from lensfit.preset.knobs import NEUTRAL, turned
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.plate_depth import DepthOptions
+from lensfit.workflow.plate.depth import DepthOptions
 
 PLAIN = ApplyOptions()
 

@@ -9,7 +9,7 @@ from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.render.uv import PlateGeometry
-from lensfit.workflow.plate_depth import DepthOptions, plate_depth
+from lensfit.workflow.plate.depth import DepthOptions, plate_depth
 
 DISPLAY = Window.of_size(36, 20)
 DATA = DISPLAY.grown(4, 2)

@@ -23,8 +23,8 @@ from jaxtyping import Bool, Float32, Int
 from lensfit.io.cryptomatte import Ranks, coverage_of
 from lensfit.render.layer_stack import LayerStack, Mattes
 from lensfit.render.nearest import nearest_pixels
-from lensfit.workflow.own_pixels import LEAST_COVER, NOBODY, own_pixels
-from lensfit.workflow.rest_of_plate import RANKS, rest_of_plate
+from lensfit.workflow.plate.own_pixels import LEAST_COVER, NOBODY, own_pixels
+from lensfit.workflow.plate.rest_of_plate import RANKS, rest_of_plate
 
 _BRIGHTER = 2.0
 """Than white and the object, or than white and the surroundings: a light."""

@@ -29,7 +29,7 @@ from lensfit.io.depth import (
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.render.uv import PlateGeometry
 from lensfit.units import MILLIMETRES_PER_METRE
-from lensfit.workflow.plate_header import header_entries
+from lensfit.workflow.plate.header import header_entries
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from lensfit.io.cryptomatte import (
 from lensfit.io.depth import over_window
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.render.layer_stack import Mattes
-from lensfit.workflow.cut_out import CutOut, cut_out
-from lensfit.workflow.rest_of_plate import RANKS
+from lensfit.workflow.plate.cut_out import CutOut, cut_out
+from lensfit.workflow.plate.rest_of_plate import RANKS
 
 _OBJECTS, _REST = 1, 2
 """Ids of what a matte channel covers, and of all else."""

@@ -22,7 +22,7 @@ from lensfit.io.depth import (
 )
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import DeepPart, is_deep, read_deep
-from lensfit.workflow.plate_depth import DepthOptions, depth_meaning
+from lensfit.workflow.plate.depth import DepthOptions, depth_meaning
 
 if TYPE_CHECKING:
     from lensfit.render.uv import PlateGeometry

@@ -1,0 +1,1 @@
+"""What a plate holds, without a lens: header, channels, depth, mattes, layers."""
