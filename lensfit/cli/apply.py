@@ -29,7 +29,7 @@ class FilterName(StrEnum):
 
 
 class OutputName(StrEnum):
-    """What is written, as in `lensfit.workflow.frame_outputs`."""
+    """What is written, as in `lensfit.workflow.frame.explaining_picture`."""
 
     result = "result"
     circle_of_confusion = "circle-of-confusion"

@@ -22,10 +22,10 @@ from lensfit.io.sequence import (
 )
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
-from lensfit.workflow.apply_frame import FrameOutcome, apply_frame, error_line
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.apply_workers import worker_outcomes
-from lensfit.workflow.frame_renderer import FrameRenderer
+from lensfit.workflow.frame.outcome import FrameOutcome, apply_frame, error_line
+from lensfit.workflow.frame.renderer import FrameRenderer
+from lensfit.workflow.frame.workers import worker_outcomes
 from lensfit.workflow.notes import not_said
 
 

@@ -17,8 +17,8 @@ from lensfit.render.layer_stack import Mattes
 from lensfit.render.plan import plan_of
 from lensfit.render.stages import Stages, prepare_stages
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.plate_in_depth import plate_in_depth
-from lensfit.workflow.plate_lens import PlateLens
+from lensfit.workflow.frame.plate_in_depth import plate_in_depth
+from lensfit.workflow.frame.plate_lens import PlateLens
 
 _CHECKER_PX = 24
 

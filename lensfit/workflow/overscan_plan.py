@@ -33,8 +33,8 @@ from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.assumed import SPELT
 from lensfit.workflow.camera.plate_state import BLUR
 from lensfit.workflow.camera.sources import StateOverrides
+from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plate.header import plate_header
-from lensfit.workflow.plate_lens import PlateLens
 from lensfit.workflow.stmaps import LARGEST_SIDE_PX
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from lensfit.render.frame import window_with_margin
 from lensfit.render.look.stack import light_spreads
 from lensfit.render.plan import Plan, plan_of
 from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.frame.plate_in_depth import plate_in_depth
+from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plate.channels import colour_layers
-from lensfit.workflow.plate_in_depth import plate_in_depth
-from lensfit.workflow.plate_lens import PlateLens
 
 _STEPS = 3
 """Reading, maps, blur."""

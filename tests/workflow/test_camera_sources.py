@@ -22,12 +22,12 @@ from lensfit.workflow.camera.sources import (
     CameraSources,
     StateOverrides,
 )
-from lensfit.workflow.frame_signature import SAID
+from lensfit.workflow.frame.plate_lens import PlateLens
+from lensfit.workflow.frame.signature import SAID
 from lensfit.workflow.inspect import as_json, facts, inspect_images
 from lensfit.workflow.plate.depth import DepthOptions
 from lensfit.workflow.plate.focus_pick import picked_region
 from lensfit.workflow.plate.header import plate_header
-from lensfit.workflow.plate_lens import PlateLens
 
 PRIME = {"Lens Focal Length": "35.0"}
 """As the preset's."""

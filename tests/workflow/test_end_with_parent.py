@@ -11,7 +11,7 @@ import pytest
 RUN = """
 import multiprocessing, os, sys, time
 from concurrent.futures import ProcessPoolExecutor
-from lensfit.workflow.end_with_parent import end_with_parent
+from lensfit.workflow.frame.end_with_parent import end_with_parent
 
 pool = ProcessPoolExecutor(
     1, multiprocessing.get_context("spawn"), end_with_parent if {watched} else None

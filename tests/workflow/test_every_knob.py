@@ -12,8 +12,8 @@ from lensfit.io.exr import read_exr
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, not_neutral, turned
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plan_plate import plan_plate
-from lensfit.workflow.plate_lens import PlateLens
 
 KNOBS = {
     field.name: field

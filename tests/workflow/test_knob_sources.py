@@ -14,8 +14,8 @@ from lensfit.preset.store import save_preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.knob_sources import KnobWord, knobs_of_plate
 from lensfit.workflow.camera.settings import Settings, load_settings
+from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plate.header import plate_header
-from lensfit.workflow.plate_lens import PlateLens
 
 ALL = {**CAMERA, **SENSOR}
 

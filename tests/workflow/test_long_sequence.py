@@ -20,9 +20,9 @@ from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import save_preset
 from lensfit.workflow.apply import apply_preset
-from lensfit.workflow.apply_frame import apply_frame
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.frame_renderer import FrameRenderer
+from lensfit.workflow.frame.outcome import apply_frame
+from lensfit.workflow.frame.renderer import FrameRenderer
 
 DISPLAY = Window.of_size(160, 90)
 DATA = DISPLAY.grown(24, 14)

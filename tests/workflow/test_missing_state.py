@@ -15,9 +15,9 @@ from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.sources import CameraOptions, StateOverrides
+from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plan_plate import plan_plate
 from lensfit.workflow.plate.header import plate_header
-from lensfit.workflow.plate_lens import PlateLens
 
 ALL = {**CAMERA, **SENSOR}
 ENTRIES = {

@@ -3,7 +3,7 @@
 A preset with one focal length, one focus distance or one fall-off leaves no choice: the
 frame can only be rendered by it. Depth of field leaves one: a lens that was measured at
 one focus distance and f-number is refocused and stopped down, so that whoever wants it
-states both (`lensfit.workflow.plate_lens`).
+states both (`lensfit.workflow.frame.plate_lens`).
 """
 
 from collections.abc import Iterator

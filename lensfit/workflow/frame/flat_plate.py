@@ -17,11 +17,11 @@ from lensfit.render.buffers import aligned_empty
 from lensfit.render.frame import render_stages
 from lensfit.render.look.stack import light_spreads
 from lensfit.workflow.camera.plate_state import PlateState
-from lensfit.workflow.frame_signature import signed
+from lensfit.workflow.frame.plate_in_depth import plate_in_depth
+from lensfit.workflow.frame.plate_lens import PlateLens
+from lensfit.workflow.frame.plate_notes import number_note
+from lensfit.workflow.frame.signature import signed
 from lensfit.workflow.plate.channels import ColourLayer, colour_layers, resized_channels
-from lensfit.workflow.plate_in_depth import plate_in_depth
-from lensfit.workflow.plate_lens import PlateLens
-from lensfit.workflow.plate_notes import number_note
 
 
 def render_flat(lens: PlateLens, image: ExrImage, path: Path) -> ExrImage:

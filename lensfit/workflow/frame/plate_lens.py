@@ -28,13 +28,13 @@ from lensfit.workflow.camera.known import Known
 from lensfit.workflow.camera.plate_camera import PlateCamera
 from lensfit.workflow.camera.plate_state import PlateState, plate_state
 from lensfit.workflow.camera.sources import CameraSources
-from lensfit.workflow.external_map import ExternalMap
-from lensfit.workflow.frame_error import at_frame
-from lensfit.workflow.frame_signature import preset_digest, signature
+from lensfit.workflow.frame.error import at_frame
+from lensfit.workflow.frame.external_map import ExternalMap
+from lensfit.workflow.frame.plate_notes import border_note
+from lensfit.workflow.frame.signature import preset_digest, signature
 from lensfit.workflow.notes import Notes
 from lensfit.workflow.plate.focus_pick import FOCUS_AT, picked_depth_mm
 from lensfit.workflow.plate.header import header_entries
-from lensfit.workflow.plate_notes import border_note
 
 _NEAREST_FOCAL_LENGTHS = 1.5
 

@@ -21,11 +21,11 @@ from lensfit.render.circle import Circle
 from lensfit.render.lens_pictures import aberration_dots, kernel_mosaic
 from lensfit.render.nearest import nearest
 from lensfit.workflow.camera.plate_state import BLUR
-from lensfit.workflow.frame_signature import signed
+from lensfit.workflow.frame.plate_in_depth import plate_in_depth
+from lensfit.workflow.frame.plate_lens import PlateLens
+from lensfit.workflow.frame.signature import signed
 from lensfit.workflow.plate.channels import colour_layers
 from lensfit.workflow.plate.header import plate_header
-from lensfit.workflow.plate_in_depth import plate_in_depth
-from lensfit.workflow.plate_lens import PlateLens
 
 _FAR_MM = 1e7
 """Chart distance for a lens that is focused at infinity."""

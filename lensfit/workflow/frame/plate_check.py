@@ -15,7 +15,7 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_header import check_exr
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.flat_plate import layers_to_render
+from lensfit.workflow.frame.flat_plate import layers_to_render
 from lensfit.workflow.plate.depth import meant_depth
 from lensfit.workflow.plate.mattes import cryptomatte_with, matte_channel
 

@@ -23,10 +23,10 @@ from typing import NamedTuple
 
 from lensfit.errors import ImageError
 from lensfit.preset.schema import Preset
-from lensfit.workflow.apply_frame import FrameOutcome, apply_frame
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.end_with_parent import end_with_parent
-from lensfit.workflow.frame_renderer import FrameRenderer
+from lensfit.workflow.frame.end_with_parent import end_with_parent
+from lensfit.workflow.frame.outcome import FrameOutcome, apply_frame
+from lensfit.workflow.frame.renderer import FrameRenderer
 
 
 class _Worker(NamedTuple):

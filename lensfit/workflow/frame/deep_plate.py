@@ -11,10 +11,10 @@ from lensfit.io.exr_deep import read_deep
 from lensfit.render.frame import render_stages
 from lensfit.render.layer_stack import LayerStack, flattened
 from lensfit.render.look.stack import light_spreads
-from lensfit.workflow.frame_signature import signed
+from lensfit.workflow.frame.plate_lens import PlateLens
+from lensfit.workflow.frame.signature import signed
 from lensfit.workflow.plate.deep_layers import deep_layers
 from lensfit.workflow.plate.depth import depth_meaning
-from lensfit.workflow.plate_lens import PlateLens
 
 DEEP_IS_FLAT = "deep plates are returned flat, as R, G, B, A"
 _DEEP_ATTRIBUTES = ("deepImageState", "maxSamplesPerPixel", "version", "chunkCount")

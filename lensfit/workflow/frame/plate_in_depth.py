@@ -9,10 +9,10 @@ from jaxtyping import Float32
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.render.layer_stack import Mattes
 from lensfit.workflow.camera.plate_state import PlateState
+from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plate.cut_out import CutOut
 from lensfit.workflow.plate.depth import plate_depth
 from lensfit.workflow.plate.mattes import matte_cut_out, named_cut_out, plate_mattes
-from lensfit.workflow.plate_lens import PlateLens
 
 NO_DEPTH = "plates hold no depth, so depth of field is left out"
 

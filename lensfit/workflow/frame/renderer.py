@@ -24,13 +24,13 @@ from lensfit.preset.knobs import NEUTRAL, not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.preset.turned_pupil import filter_at_all_sizes
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.deep_plate import render_deep
-from lensfit.workflow.flat_plate import render_flat
-from lensfit.workflow.frame_outputs import explaining_picture
-from lensfit.workflow.frame_signature import SAID
+from lensfit.workflow.frame.deep_plate import render_deep
+from lensfit.workflow.frame.explaining_picture import explaining_picture
+from lensfit.workflow.frame.flat_plate import render_flat
+from lensfit.workflow.frame.plate_check import check_options
+from lensfit.workflow.frame.plate_lens import PlateLens
+from lensfit.workflow.frame.signature import SAID
 from lensfit.workflow.plate.header import plate_header
-from lensfit.workflow.plate_check import check_options
-from lensfit.workflow.plate_lens import PlateLens
 
 
 @final

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr import write_exr
-from lensfit.workflow.frame_error import at_frame
-from lensfit.workflow.frame_renderer import FrameRenderer
+from lensfit.workflow.frame.error import at_frame
+from lensfit.workflow.frame.renderer import FrameRenderer
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Frames through a lens, from the plate to the finished file."""
