@@ -2,7 +2,7 @@
 
 Each frame stands alone: its camera state comes from its own header, results appear
 whole or not at all, finished ones are skipped, and a frame that fails is
-reported while the others go on. `frame_renderer` says what happens to a frame.
+reported while the others go on. `frame.renderer` says what happens to a frame.
 """
 
 import time

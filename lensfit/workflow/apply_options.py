@@ -31,10 +31,11 @@ class ApplyOptions:
     overwrite : Render frames again that are finished.
     depth : What the user says about the depth channel.
     edge_mask : Objects of the Cryptomatte that are cut out of the plate and blurred as
-        layers of their own (see `cut_out`).
+        layers of their own (see `plate.cut_out`).
     edge_matte : A channel with their coverage, in place of their names.
     knobs : What the user turned, by name (see `lensfit.preset.knobs`).
-    output : The result, or a picture that explains it (see `frame_outputs`).
+    output : The result, or a picture that explains it (see
+        `frame.explaining_picture`).
     """
 
     overrides: StateOverrides = field(default_factory=StateOverrides)

@@ -1,14 +1,14 @@
 """One plate through a lens, from file to finished frame: the order of operations.
 
 kind of plate       a flat one (`flat_plate`), a deep one, which is returned flat
-                    (`deep_plate`), or a picture that explains (`frame_outputs`)
-camera state        from all its sources (`camera_sources`, `plate_state`)
-depth, objects      of the plate, if it has any (`plate_depth`, `plate_mattes`)
+                    (`deep_plate`), or a picture that explains (`explaining_picture`)
+camera state        from all its sources (`camera.sources`, `camera.plate_state`)
+depth, objects      of the plate, if it has any (`plate.depth`, `plate.mattes`)
 maps, gains, blur   of the lens, kept while the camera stays (`plate_lens`)
 colour layers       rendered; every other channel keeps its bits
 window              a plate may have overscan (a data window larger than the display
                     window); the display window is written, unless it is kept
-header              says what was done (`frame_signature`)
+header              says what was done (`signature`)
 """
 
 from pathlib import Path
