@@ -21,8 +21,8 @@ from lensfit.progress import Progress, silent
 from lensfit.workflow import bench_sets
 from lensfit.workflow.bench_rows import Row, as_tables
 from lensfit.workflow.bench_sets import BenchSet
+from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.machine import machine
-from lensfit.workflow.observe import observe_shoot
 from lensfit.workflow.shoot.file import Shoot
 
 RESULT = "bench_detect.json"

@@ -24,9 +24,9 @@ from lensfit.workflow import bench_lens, bench_sets
 from lensfit.workflow.bench_opencv import opencv_of
 from lensfit.workflow.bench_rows import Row, as_tables
 from lensfit.workflow.bench_sets import BenchSet
-from lensfit.workflow.entries import camera_of
-from lensfit.workflow.lens_facts import entry_facts, errors_of
-from lensfit.workflow.observe import observe_shoot
+from lensfit.workflow.calibration.entries import camera_of
+from lensfit.workflow.calibration.lens_facts import entry_facts, errors_of
+from lensfit.workflow.calibration.observe import observe_shoot
 
 
 @dataclass(frozen=True, eq=False)

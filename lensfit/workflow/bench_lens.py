@@ -24,7 +24,7 @@ from lensfit.fit.views import line_numbers, observed_of
 from lensfit.lens import Channel, Lens
 from lensfit.preset.lens_of_entry import lens_of_entry
 from lensfit.preset.schema import Camera
-from lensfit.workflow.entries import entry_of
+from lensfit.workflow.calibration.entries import entry_of
 
 _EDGE = 0.8
 _QUADRANTS = ((1, 1), (-1, 1), (1, -1), (-1, -1))

@@ -24,10 +24,15 @@ from lensfit.lens import Lens
 from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent
-from lensfit.workflow.blur_facts import blur_facts
-from lensfit.workflow.entries import camera_of, entry_of, provenance_of, with_quality
-from lensfit.workflow.lens_facts import entry_facts, take_facts, terms_of
-from lensfit.workflow.observe import Observed, observe_shoot
+from lensfit.workflow.calibration.blur_facts import blur_facts
+from lensfit.workflow.calibration.entries import (
+    camera_of,
+    entry_of,
+    provenance_of,
+    with_quality,
+)
+from lensfit.workflow.calibration.lens_facts import entry_facts, take_facts, terms_of
+from lensfit.workflow.calibration.observe import Observed, observe_shoot
 from lensfit.workflow.pictures.blur_pictures import write_dot_pictures
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
 from lensfit.workflow.report.write import write_report

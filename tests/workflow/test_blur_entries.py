@@ -26,8 +26,8 @@ from lensfit.preset.blocks import Distortion, Projection
 from lensfit.preset.entry import Covariance, Entry, Quality
 from lensfit.preset.lens_of_entry import lens_of_entry
 from lensfit.preset.schema import Camera
-from lensfit.workflow.blur_entries import blur_of
-from lensfit.workflow.blur_facts import blur_facts, blur_terms
+from lensfit.workflow.calibration.blur_entries import blur_of
+from lensfit.workflow.calibration.blur_facts import blur_facts, blur_terms
 
 LAYOUT = Layout(rotational_terms(5), rotational_terms(3), groups=3, stops=1, rims=2)
 BLOCKS = LAYOUT.blocks

@@ -13,8 +13,8 @@ from lensfit.chart.sheet import paper_sheet
 from lensfit.detect.observations import Observations
 from lensfit.errors import ShootError
 from lensfit.io.drawing_picture import write_tones_exr
+from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.inspect import facts, inspect_images
-from lensfit.workflow.observe import observe_shoot
 from lensfit.workflow.shoot.charts_seen import pattern_of_target, with_charts_read
 from lensfit.workflow.shoot.draft import write_draft_shoot
 from lensfit.workflow.shoot.file import load_shoot

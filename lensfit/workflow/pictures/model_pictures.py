@@ -19,7 +19,7 @@ from lensfit.errors import LensfitError, OutputError
 from lensfit.fit.lens_states import Fitted
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
-from lensfit.workflow.observe import Observed
+from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.pictures.chart_drawing import drawing_of
 from lensfit.workflow.pictures.modelled_light import modelled_light
 from lensfit.workflow.pictures.predicted_marks import PredictedMarks, predicted_marks

@@ -17,9 +17,9 @@ from lensfit.preset.entry import Covariance, Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block
 from lensfit.preset.predicted_fall_off import with_predicted_fall_off
 from lensfit.preset.schema import Camera, Preset, Provenance, SourceImage
-from lensfit.workflow.blur_entries import blur_of
-from lensfit.workflow.lens_facts import errors_of, terms_of
-from lensfit.workflow.observe import Observed
+from lensfit.workflow.calibration.blur_entries import blur_of
+from lensfit.workflow.calibration.lens_facts import errors_of, terms_of
+from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.records import Shoot
 
 _LIBRARIES = ("jax", "optimistix", "equinox", "numpy", "opencv-contrib-python-headless")

@@ -21,8 +21,8 @@ from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
 from lensfit.preset.schema import Camera
 from lensfit.render.uv import overscan_needed
-from lensfit.workflow.blur_facts import blur_terms
-from lensfit.workflow.observe import Observed
+from lensfit.workflow.calibration.blur_facts import blur_terms
+from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.plain_numbers import plain_distance
 
 _MOST_RESIDUALS = 3000
