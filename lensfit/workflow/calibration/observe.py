@@ -24,7 +24,7 @@ from lensfit.fit.take import Take
 from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
-from lensfit.workflow.pictures.small_photograph import SmallPhotograph, small_of
+from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
 from lensfit.workflow.shoot.charts_seen import pattern_of_target
 from lensfit.workflow.shoot.records import Shoot
 from lensfit.workflow.shoot.records import Take as ShootTake

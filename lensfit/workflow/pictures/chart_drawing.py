@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from lensfit.detect.observations import POINT, Observations
+from lensfit.workflow.calibration.small_photograph import SmallPhotograph
 from lensfit.workflow.pictures.chart_shapes import discs, lines, squares
 from lensfit.workflow.pictures.dot_light import drawn_light
 from lensfit.workflow.pictures.predicted_marks import PredictedMarks
-from lensfit.workflow.pictures.small_photograph import SmallPhotograph
 
 _PER_PX = 4
 """Points that a line or a square is made of, along each side of a small pixel."""
