@@ -36,6 +36,18 @@ FLOORS = {
     "workflow": 7,
     "cli": 8,
 }
+WORKFLOW_FLOORS = {
+    "plate": 0,
+    "camera": 0,
+    "shoot": 0,
+    "farm": 0,
+    "frame": 1,
+    "calibration": 1,
+    "pictures": 2,
+    "report": 3,
+    "exchange": 3,
+}
+"""Rooms within the room of whole jobs; the jobs themselves are files beside them."""
 MODULE_PATHS = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -84,6 +96,34 @@ def test_imports_flow_one_way(path: Path):
     )
     is_package = path.name == "__init__.py"
     assert uphill_imports(path.read_text(), module, is_package=is_package) == []
+
+
+def uphill_rooms(source: str, module: str) -> list[str]:
+    """Rooms of the workflow that `module` of one imports from, if not below its own."""
+    own = module.split(".")[2]
+    wanted = [n.split(".") for n in imported_names(source, module, is_package=False)]
+    rooms = {n[2] for n in wanted if n[:2] == ["lensfit", "workflow"] and len(n) > 2}
+    return sorted(
+        room
+        for room in rooms & WORKFLOW_FLOORS.keys() - {own}
+        if WORKFLOW_FLOORS[room] >= WORKFLOW_FLOORS[own]
+    )
+
+
+@pytest.mark.parametrize(
+    "path", sorted((PACKAGE / "workflow").glob("*/*.py")), ids=module_name
+)
+def test_rooms_of_the_workflow_flow_one_way(path: Path):
+    assert path.parent.name in WORKFLOW_FLOORS, "give the new room a floor, here"
+    assert (
+        uphill_rooms(path.read_text(), f"{module_name(path.parent)}.{path.stem}") == []
+    )
+
+
+def test_a_planted_cycle_of_rooms_is_caught():
+    source = "def f():\n    from lensfit.workflow.pictures.grey_tiles import sheet"
+    assert uphill_rooms(source, "lensfit.workflow.calibration.observe") == ["pictures"]
+    assert uphill_rooms(source, "lensfit.workflow.report.kernels") == []
 
 
 @pytest.mark.parametrize(
