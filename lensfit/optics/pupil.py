@@ -431,5 +431,10 @@ def _nearest(inverse: Array, sharpness: float) -> Array:
     """The smallest of several radii, given as inverses (directions, boundaries)."""
     inverse = jnp.maximum(inverse, _FAR)
     largest = jnp.max(inverse, -1)
-    share = (inverse / largest[:, None]) ** sharpness
+    share = (inverse / largest[:, None]) ** _exponent(sharpness)
     return 1 / (largest * jnp.sum(share, -1) ** (1 / sharpness))
+
+
+def _exponent(sharpness: float) -> float | int:
+    """A whole one as such: seven squarings take a tenth of the time of a power."""
+    return int(sharpness) if sharpness == int(sharpness) else sharpness
