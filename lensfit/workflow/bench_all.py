@@ -5,24 +5,22 @@ where no data folder is given. The short run takes small sets of each kind; the 
 one takes them all.
 """
 
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from lensfit.atomic import write_text_atomic
 from lensfit.errors import LensfitError
 from lensfit.progress import Progress, silent
 from lensfit.workflow.bench_fit import bench_fit
 from lensfit.workflow.bench_render import bench_render
+from lensfit.workflow.bench_result import bench_result
 from lensfit.workflow.bench_rows import as_tables
 from lensfit.workflow.bench_warp import bench_warp
 from lensfit.workflow.bench_wavefront import Judge, Trial, bench_wavefront
 from lensfit.workflow.bench_wavefront_rows import wavefront_rows
 from lensfit.workflow.machine import machine
 
-RESULT = "bench_all.json"
 QUICK_SETS = ("dot_pattern_05", "gopro8", "line_pattern_01")
 Part = Callable[[], dict[str, Any]]
 
@@ -68,18 +66,8 @@ def bench_all(
         rows += [{"bench": name} | row for row in found["rows"]]
         errors += found.get("errors", [])
         notes += found.get("notes", [])
-    result = {
-        "schema": "lensfit.bench.1",
-        "bench": "all",
-        "machine": on,
-        "rows": rows,
-        "seconds": seconds,
-        "notes": notes,
-        "errors": errors,
-    }
-    if folder is not None:
-        write_text_atomic(folder / RESULT, json.dumps(result, indent=1))
-    return result
+    said = {"seconds": seconds, "notes": notes, "errors": errors}
+    return bench_result("all", on, folder, rows=rows, **said)
 
 
 def _parts(

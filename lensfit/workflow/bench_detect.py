@@ -4,29 +4,25 @@ The peer finds blobs and numbers none of them: there is no other detector of dot
 numbers a grid of unknown size, which is why its count is given with its time.
 """
 
-import json
-import statistics
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from lensfit.atomic import write_text_atomic
+from lensfit.detect.observations import Observations
 from lensfit.errors import LensfitError
 from lensfit.io.image import read_photograph
 from lensfit.progress import Progress, silent
 from lensfit.workflow import bench_sets
+from lensfit.workflow.bench_points import agreement
+from lensfit.workflow.bench_result import bench_result
 from lensfit.workflow.bench_rows import Row, as_tables
 from lensfit.workflow.bench_sets import BenchSet
+from lensfit.workflow.bench_times import timed
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.machine import machine
 from lensfit.workflow.shoot.file import Shoot
-
-RESULT = "bench_detect.json"
-_RUNS = 3
 
 
 def bench_detect(
@@ -41,6 +37,8 @@ def bench_detect(
     Returns
     -------
     "rows" (marks against what independent code found; seconds), "errors", "machine".
+    Where the data folder has the points that other code found (points/), marks are
+    compared with them one by one.
 
     Raises
     ------
@@ -51,46 +49,47 @@ def bench_detect(
     for done, one in enumerate(chosen):
         progress("sets", done, len(chosen))
         try:
-            rows += _rows(one, bench_sets.shoot_of(one, Path(data)))
+            rows += _rows(one, bench_sets.shoot_of(one, Path(data)), Path(data))
         except LensfitError as error:
             errors.append(f"{one.name}: {error}")
     progress("sets", len(chosen), len(chosen))
-    result = {
-        "schema": "lensfit.bench.1",
-        "bench": "detect",
-        "machine": on,
-        "rows": as_tables(rows),
-        "errors": errors,
-    }
-    if out_dir is not None:
-        write_text_atomic(Path(out_dir) / RESULT, json.dumps(result, indent=1))
-    return result
+    return bench_result("detect", on, out_dir, rows=as_tables(rows), errors=errors)
 
 
-def _rows(one: BenchSet, shoot: Shoot) -> list[Row]:
-    found, spent = _timed(lambda: observe_shoot(shoot, None, silent))
+def _rows(one: BenchSet, shoot: Shoot, data: Path) -> list[Row]:
+    found, times = timed(lambda: observe_shoot(shoot, None, silent))
     takes = [o.take for o in found if o.take is not None]
     marks = float(sum(len(take.observations) for take in takes))
-    blobs, blobs_s = _timed(lambda: _blobs(shoot), 1)
+    blobs, of_blobs = timed(lambda: _blobs(shoot), 1)
     least = None
     if one.marks is not None:
         least = float(np.ceil(bench_sets.LEAST_PART_OF_MARKS * one.marks))
     peers = {"OpenCV blobs, not numbered": float(blobs)}
-    seconds = {"OpenCV blobs, s": blobs_s}
+    seconds = times.as_peers() | {"OpenCV blobs, s": of_blobs.first_s}
+    what = "reading, finding, numbering, s"
     return [
         Row(one.name, "marks found and numbered", marks, least, one.marks, peers, True),
-        Row(one.name, "reading, finding, numbering, s", spent, peers=seconds),
+        *_against_points(one, [take.observations for take in takes], data),
+        Row(one.name, what, times.steady_s, one.detect_bar_s, peers=seconds),
     ]
 
 
-def _timed(work: Callable[[], Any], runs: int = _RUNS) -> tuple[Any, float]:
-    """The result, and the median of the wall seconds of several runs."""
-    seconds, result = [], None
-    for _ in range(runs):
-        began = time.perf_counter()
-        result = work()
-        seconds.append(time.perf_counter() - began)
-    return result, statistics.median(seconds)
+def _against_points(one: BenchSet, found: list[Observations], data: Path) -> list[Row]:
+    """One by one with those of other code, where its file is there."""
+    path = data / "points" / (one.points or "")
+    if one.points is None or not path.is_file() or len(found) != 1:
+        return []
+    agreed = agreement(found[0], path)
+    if agreed is None:
+        return []
+    least = bench_sets.LEAST_PART_OF_MARKS
+    peers = {"apart, px": agreed.apart_px, "marks it lacks": float(agreed.more)}
+    wrong = float(agreed.misnumbered)
+    return [
+        Row(one.name, "recall of the other code's marks", agreed.recall, least,
+            peers=peers, least=True),
+        Row(one.name, "marks numbered otherwise", wrong, 0.0),
+    ]  # fmt: skip
 
 
 def _blobs(shoot: Shoot) -> int:

@@ -5,7 +5,7 @@ not an error: a benchmark informs. Nothing but this module's result is written u
 a folder is given.
 """
 
-import json
+import statistics
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, LensfitError
 from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fit.lens_states import Fitted, LensState, fit
@@ -21,12 +20,19 @@ from lensfit.lens import Lens
 from lensfit.preset.schema import Camera
 from lensfit.progress import Progress, silent
 from lensfit.workflow import bench_lens, bench_sets
+from lensfit.workflow.bench_fit_floor import pass_floor
+from lensfit.workflow.bench_floor import Floor, Rates, measured_rates
 from lensfit.workflow.bench_opencv import opencv_of
+from lensfit.workflow.bench_result import bench_result
 from lensfit.workflow.bench_rows import Row, as_tables
+from lensfit.workflow.bench_sampler import sampled
 from lensfit.workflow.bench_sets import BenchSet
 from lensfit.workflow.calibration.entries import camera_of
 from lensfit.workflow.calibration.lens_facts import entry_facts, errors_of
 from lensfit.workflow.calibration.observe import observe_shoot
+from lensfit.workflow.machine import machine
+
+_RUNS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +42,10 @@ class Measured:
     Attributes
     ----------
     detect_s : Detection and indexing, all photographs, in seconds.
-    first_fit_s, fit_s : Geometric fit with and without compilation.
+    first_fit_s, fit_s, spread_s : Geometric fit, the first with tracing and
+        compilation; median and spread of a few more.
+    profiles : Seconds of detection and of one more fit, by stage.
+    floor : One pass over the marks beside its floating-point operations.
     failed : Why photographs could not be used.
     """
 
@@ -46,6 +55,9 @@ class Measured:
     detect_s: float
     first_fit_s: float
     fit_s: float
+    spread_s: float
+    profiles: dict[str, dict[str, float]]
+    floor: Floor
     failed: tuple[str, ...]
 
     @property
@@ -71,43 +83,42 @@ def bench_fit(
 
     Returns
     -------
-    "rows" with a figure and its bar each, "sets" with counts and times, and "errors",
-    one line for each photograph or set that could not be used.
+    "rows" with a figure and its bar each, "sets" with counts and times, "profiles"
+    (seconds by stage of detection and fit), "floors" (a pass over the marks beside its
+    floating-point operations), "machine", and "errors", one line for each photograph
+    or set that could not be used.
 
     Raises
     ------
     LensfitError : There is no set of that name, or the results cannot be written.
     """
+    on, rates = machine(), measured_rates()
     rows: list[Row] = []
-    sets, errors = [], []
+    sets, errors, profiles, floors = [], [], {}, []
     chosen = bench_sets.chosen_sets(only)
     for done, one in enumerate(chosen):
         progress("sets", done, len(chosen))
         # Every set has programs of its own, and a process may map only so many.
         jax.clear_caches()
         try:
-            measured = measure(one, Path(data), _folder(out_dir, one))
+            measured = measure(one, Path(data), _folder(out_dir, one), rates)
         except LensfitError as error:
             errors.append(f"{one.name}: {error}")
             continue
         errors += [f"{one.name}: {reason}" for reason in measured.failed]
         rows += rows_of(measured, Path(data))
         sets.append(counts_of(measured))
+        profiles |= {f"{one.name}, {k}": v for k, v in measured.profiles.items()}
+        floors.append(measured.floor.as_table() | {"set": one.name})
     progress("sets", len(chosen), len(chosen))
-    result = {
-        "schema": "lensfit.bench.1",
-        "bench": "fit",
-        "rows": as_tables(rows),
-        "sets": sets,
-        "errors": errors,
-    }
-    if out_dir is not None:
-        text = json.dumps(result, indent=1)
-        write_text_atomic(Path(out_dir) / "bench_fit.json", text)
-    return result
+    where = {"profiles": profiles, "floors": floors, "rates": rates._asdict()}
+    found = {"rows": as_tables(rows), "sets": sets, "errors": errors} | where
+    return bench_result("fit", on, out_dir, **found)
 
 
-def measure(bench_set: BenchSet, data: Path, folder: Path | None) -> Measured:
+def measure(
+    bench_set: BenchSet, data: Path, folder: Path | None, rates: Rates
+) -> Measured:
     """Detect and fit one set, the geometric fit twice.
 
     Raises
@@ -115,21 +126,28 @@ def measure(bench_set: BenchSet, data: Path, folder: Path | None) -> Measured:
     LensfitError : The photographs are missing, or none of them can be used.
     """
     shoot = bench_sets.shoot_of(bench_set, data)
-    observed = observe_shoot(shoot, folder, silent)
+    looked = sampled(lambda: observe_shoot(shoot, folder, silent))
+    observed = looked.result
     takes = [o.take for o in observed if o.take is not None]
     failed = tuple(o.failed for o in observed if o.failed)
     if not takes:
         raise DetectionError(failed[0] if failed else "no photograph could be used")
     fitted = fit(takes)
     state = _state_of(fitted)
-    again = fit_chief_ray(list(state.geometry.takes), shown=takes)
+    group = list(state.geometry.takes)
+    again = [fit_chief_ray(group, shown=takes) for _ in range(_RUNS - 1)]
+    last = sampled(lambda: fit_chief_ray(group, shown=takes))
+    seconds = [_geometric_seconds(one) for one in (*again, last.result)]
     return Measured(
         bench_set=bench_set,
         state=state,
         camera=camera_of(shoot, observed),
         detect_s=sum(o.seconds["detect"] for o in observed),
         first_fit_s=_geometric_seconds(state.geometry),
-        fit_s=_geometric_seconds(again),
+        fit_s=statistics.median(seconds),
+        spread_s=max(seconds) - min(seconds),
+        profiles={"detection": looked.seconds, "geometric fit": last.seconds},
+        floor=pass_floor(state.geometry.adjustment, rates),
         failed=failed + tuple(str(e) for e in fitted.failed.values()),
     )
 
@@ -175,6 +193,7 @@ def counts_of(measured: Measured) -> dict[str, Any]:
         "detect_s": measured.detect_s,
         "first_fit_s": measured.first_fit_s,
         "fit_s": measured.fit_s,
+        "spread_s": measured.spread_s,
         "principal_distance_mm": float(state.distortion.principal_distance_mm),
         "principal_point_mm": centre.tolist(),
         "terms": list(geometry.kept),
@@ -200,7 +219,12 @@ def _against_opencv(measured: Measured) -> list[Row]:
         "geometric fit, s",
         measured.fit_s,
         fourteen.seconds,
-        peers={"OpenCV 5": five.seconds, "OpenCV 14": fourteen.seconds},
+        peers={
+            "OpenCV 5": five.seconds,
+            "OpenCV 14": fourteen.seconds,
+            "first": measured.first_fit_s,
+            "spread": measured.spread_s,
+        },
     )
     return [held_out, points, seconds]
 

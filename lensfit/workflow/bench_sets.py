@@ -34,6 +34,7 @@ class BenchSet:
     colour_px : Radial red minus green and blue minus green at the edge.
     focus_distance_mm : The one lens state to fit; None for all.
     traced : Its truth is known from an exact ray trace.
+    points : File of the points that other code found, in the data folder's points/.
     """
 
     name: str
@@ -44,13 +45,16 @@ class BenchSet:
     colour_px: tuple[float, float] | None = None
     focus_distance_mm: float | None = None
     traced: bool = False
+    points: str | None = None
 
 
 SETS = (
-    BenchSet("dot_pattern_01", 0.062, 0.057, 6617),
-    BenchSet("dot_pattern_05", 0.029, 0.025, 4414),
-    BenchSet("dot_pattern_04", 0.43, 0.41, 19723, detect_bar_s=4.0),
-    BenchSet("gopro8", 0.34, 0.28, 1746, colour_px=(-0.10, -0.23)),
+    BenchSet("dot_pattern_01", 0.062, 0.057, 6617, points="dot01.npz"),
+    BenchSet("dot_pattern_05", 0.029, 0.025, 4414, points="dot05.npz"),
+    BenchSet("dot_pattern_04", 0.43, 0.41, 19723, detect_bar_s=4.0, points="dot04.npz"),
+    BenchSet(
+        "gopro8", 0.34, 0.28, 1746, colour_px=(-0.10, -0.23), points="gopro8dot.npz"
+    ),
     BenchSet("robvis", 0.17, 0.12, 10617),
     BenchSet("surg_metal", 0.44, 0.38, 1342, colour_px=(-0.38, -0.32)),
     BenchSet("udacity_wide", 0.50, 0.42, 1594),

@@ -5,7 +5,6 @@ reads it; their spectrum is that of a picture blurred by a lens. The map bends a
 lens does. Every method reads float32 and writes float32, the picture's border left out.
 """
 
-import json
 import statistics
 import time
 from collections.abc import Callable
@@ -16,17 +15,16 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.atomic import write_text_atomic
 from lensfit.coords import Window
 from lensfit.progress import Progress, silent
 from lensfit.render.buffers import aligned_empty
 from lensfit.render.filters import Filter
 from lensfit.render.uv import SourceMap
 from lensfit.render.warp import warp
+from lensfit.workflow.bench_result import bench_result
 from lensfit.workflow.bench_rows import Row, as_tables
 from lensfit.workflow.machine import machine
 
-RESULT = "bench_warp.json"
 SIZES = {"HD": (1920, 1080), "UHD": (3840, 2160)}
 _WAVES = 32
 _CUT_OFF = 0.2
@@ -108,16 +106,8 @@ def bench_warp(
         points += [{"size": name, "method": m} | p for m, p in measured.items()]
         rows += _rows(name, measured)
     progress("warp", len(sizes), len(sizes))
-    result = {
-        "schema": "lensfit.bench.1",
-        "bench": "warp",
-        "machine": on,
-        "rows": as_tables(rows),
-        "curves": {"warp": points},
-    }
-    if out_dir is not None:
-        write_text_atomic(Path(out_dir) / RESULT, json.dumps(result, indent=1))
-    return result
+    curves = {"warp": points}
+    return bench_result("warp", on, out_dir, rows=as_tables(rows), curves=curves)
 
 
 def _rows(size: str, measured: dict[str, dict[str, float]]) -> list[Row]:

@@ -5,7 +5,6 @@ this package. One lens that fails does not stop the others: its row says why. Wi
 folder everything stays in it, and the results are written again after every lens.
 """
 
-import json
 import tempfile
 import time
 from collections.abc import Callable
@@ -16,15 +15,15 @@ from typing import Any
 
 import jax
 
-from lensfit.atomic import write_text_atomic
 from lensfit.errors import LensfitError
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.progress import Progress, silent
+from lensfit.workflow.bench_result import Machine, bench_result
 from lensfit.workflow.calibrate import calibrate
+from lensfit.workflow.machine import machine
 from lensfit.workflow.shoot.file import load_shoot
 
-RESULT = "bench_wavefront.json"
 _REPORTED = ("rms_px", "held_out_rms_px", "seconds", "notes")
 
 
@@ -73,7 +72,7 @@ def bench_wavefront(
     ------
     LensfitError : The results cannot be written.
     """
-    rows: list[dict[str, Any]] = []
+    on, rows = machine(), []
     kept = nullcontext(out_dir) if out_dir else tempfile.TemporaryDirectory()
     with kept as folder:
         for done, trial in enumerate(trials):
@@ -81,21 +80,16 @@ def bench_wavefront(
             # Every lens has programs of its own, and a process may map only so many.
             jax.clear_caches()
             rows.append(_row(trial, judge, Path(folder) / trial.name, reuse))
-            result = _result(rows)
-            if out_dir is not None:
-                text = json.dumps(result, indent=1)
-                write_text_atomic(Path(out_dir) / RESULT, text)
+            _result(on, rows, out_dir)
     progress("lenses", len(trials), len(trials))
-    return _result(rows)
+    return _result(on, rows, out_dir)
 
 
-def _result(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    return {
-        "schema": "lensfit.bench.1",
-        "bench": "wavefront",
-        "rows": rows,
-        "errors": [f"{row['lens']}: {row['failed']}" for row in rows if row["failed"]],
-    }
+def _result(
+    on: Machine, rows: list[dict[str, Any]], out_dir: str | Path | None
+) -> dict[str, Any]:
+    errors = [f"{row['lens']}: {row['failed']}" for row in rows if row["failed"]]
+    return bench_result("wavefront", on, out_dir, rows=rows, errors=errors)
 
 
 def _row(trial: Trial, judge: Judge, folder: Path, reuse: bool) -> dict[str, Any]:

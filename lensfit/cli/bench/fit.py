@@ -9,7 +9,7 @@ import typer
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._console import console
 from lensfit.cli.bench.options import AsJson, OnlySet, SetsFolder
-from lensfit.cli.bench.outcome import fail_if_any
+from lensfit.cli.bench.outcome import fail_if_any, print_profiles, say_machine
 
 
 def fit(
@@ -36,8 +36,10 @@ def fit(
     else:
         from lensfit.cli.bench.tables import bars_table, counts_table
 
+        say_machine(result)
         screen = console()
         screen.print(bars_table(result["rows"]))
         screen.print()
         screen.print(counts_table(result["sets"]))
+        print_profiles(result)
     fail_if_any(result["errors"])

@@ -18,6 +18,7 @@ def show(result: dict[str, Any], as_json: bool) -> None:
     else:
         say_machine(result)
         console().print(bars_table(result["rows"]))
+        print_profiles(result)
         for name, seconds in result.get("seconds", {}).items():
             typer.echo(f"{name}: {seconds:.0f} s")
         for note in result.get("notes", []):
@@ -40,6 +41,17 @@ def print_bars_and_curves(result: dict[str, Any]) -> None:
     screen = console()
     screen.print(bars_table(result["rows"]))
     for table in curve_tables(result["curves"]):
+        screen.print()
+        screen.print(table)
+    print_profiles(result)
+
+
+def print_profiles(result: dict[str, Any]) -> None:
+    """Where the time goes and how far that is from the floor, where it was measured."""
+    from lensfit.cli.bench.profiles import profile_tables
+
+    screen = console()
+    for table in profile_tables(result):
         screen.print()
         screen.print(table)
 

@@ -9,7 +9,7 @@ import typer
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._console import console
 from lensfit.cli.bench.options import AsJson, JsonFolder, SmallFrames
-from lensfit.cli.bench.outcome import print_bars_and_curves
+from lensfit.cli.bench.outcome import print_bars_and_curves, say_machine
 
 
 def render(
@@ -42,6 +42,7 @@ def render(
     if as_json:
         typer.echo(json.dumps(result))
         return
+    say_machine(result)
     print_bars_and_curves(result)
     for note in result["notes"]:
         console().print(note, markup=False)

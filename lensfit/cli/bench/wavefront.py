@@ -9,7 +9,7 @@ import typer
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._console import console
 from lensfit.cli.bench.options import AsJson
-from lensfit.cli.bench.outcome import fail_if_any
+from lensfit.cli.bench.outcome import fail_if_any, say_machine
 
 
 def wavefront(
@@ -46,5 +46,6 @@ def wavefront(
     if as_json:
         typer.echo(json.dumps(result))
     else:
+        say_machine(result)
         console().print(wavefront_table(result["rows"]))
     fail_if_any(result["errors"])

@@ -1,0 +1,48 @@
+"""Wall and processor seconds of a piece of work: the first run, and steady state."""
+
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+RUNS = 3
+
+
+class Times(NamedTuple):
+    """Of several runs.
+
+    Attributes
+    ----------
+    first_s : With whatever is made once and kept, compiled programs above all.
+    steady_s : Median of the others; the first where there was no other.
+    spread_s : Longest of the others less the shortest.
+    cpu_s : Least processor seconds of the others, all threads together: other work on
+        the machine hardly changes them.
+    """
+
+    first_s: float
+    steady_s: float
+    spread_s: float
+    cpu_s: float
+
+    def as_peers(self) -> dict[str, float]:
+        """What a row of the steady state says besides."""
+        return {
+            "first, s": self.first_s,
+            "spread, s": self.spread_s,
+            "processor, s": self.cpu_s,
+        }
+
+
+def timed(work: Callable[[], Any], runs: int = RUNS) -> tuple[Any, Times]:
+    """The last result, and the times of one run and `runs - 1` more."""
+    wall, cpu, result = [], [], None
+    for _ in range(runs):
+        began, own = time.perf_counter(), time.process_time()
+        result = work()
+        wall.append(time.perf_counter() - began)
+        cpu.append(time.process_time() - own)
+    others = wall[1:] or wall
+    spread = max(others) - min(others)
+    steady = statistics.median(others)
+    return result, Times(wall[0], steady, spread, min(cpu[1:] or cpu))
