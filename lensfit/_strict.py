@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from lensfit.bounded import read_bounded, utf8_text
 from lensfit.errors import LensfitError
 
 Record = TypeVar("Record")
@@ -88,7 +89,7 @@ def read_json_object(
     source, mend : What to do about the one, and about the other.
     largest_bytes : Of the file; no more is read.
     """
-    content = _content(path, largest_bytes, error, source)
+    content = read_bounded(path, largest_bytes, error=error, remedy=source)
     try:
         found = json.loads(content, object_pairs_hook=_without_duplicates)
         check_extent(found)
@@ -117,37 +118,17 @@ def read_toml_tables(
     source, mend : What to do about the one, and about the other.
     largest_bytes : Of the file; no more is read.
     """
-    content = _content(path, largest_bytes, error, source)
+    content = read_bounded(path, largest_bytes, error=error, remedy=source)
+    text = utf8_text(content, path, error=error, remedy=mend)
     try:
-        text = content.decode("utf-8-sig")
         if any(line.count(".") > _MOST_DOTS for line in text.split("\n")):
             raise ValueError(f"a line has more than {_MOST_DOTS} dots")
         found = tomllib.loads(text)
         check_extent(found)
-    except UnicodeDecodeError as reason:
-        raise error("is not text in UTF-8", where=path, remedy=mend) from reason
     except (ValueError, RecursionError) as reason:
         said = " ".join(str(reason).split())[:200]
         raise error(f"is not valid TOML: {said}", where=path, remedy=mend) from reason
     return found
-
-
-def _content(
-    path: Path, largest_bytes: int, error: type[LensfitError], source: str
-) -> bytes:
-    try:
-        with path.open("rb") as file:
-            content = file.read(largest_bytes + 1)
-    except (OSError, ValueError) as reason:
-        said = getattr(reason, "strerror", None) or reason
-        raise error(f"cannot be read ({said})", where=path, remedy=source) from reason
-    if len(content) > largest_bytes:
-        raise error(
-            f"is larger than {largest_bytes / 2**20:g} MiB, which no such file is",
-            where=path,
-            remedy=source,
-        )
-    return content
 
 
 def check_extent(found: object) -> None:

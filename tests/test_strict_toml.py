@@ -29,7 +29,7 @@ def test_tables_and_a_byte_order_mark(tmp_path: Path):
         (b"a = 9223372036854775808", "more than 64 bits"),
         (b"#" * (2**20 + 1), "larger than 1 MiB"),
         ("a = 1".encode("utf-16"), "not text in UTF-8"),
-        (b"a = 1\0", "not valid TOML"),
+        (b"a = 1\0", "NUL bytes"),
         (b"a = 1\na = 2", "not valid TOML"),
     ],
 )
@@ -43,5 +43,5 @@ def test_what_is_refused(tmp_path: Path, content: bytes, says: str):
 
 def test_what_is_no_file(tmp_path: Path):
     for path in (tmp_path, tmp_path / "none", Path("a\0b")):
-        with pytest.raises(ShootError, match=r"cannot be read.*give one"):
+        with pytest.raises(ShootError, match=r"(cannot be read|no ordinary).*give one"):
             tables_of(path)

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32, UInt32
 
+from lensfit.bounded import read_bounded, utf8_text
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart
@@ -181,7 +182,8 @@ def _manifest(entries: Mapping[str, str], path: Path) -> dict[str, int]:
                 where=path,
                 remedy="put it beside the picture",
             )
-        text = _read_text(where)
+        data = read_bounded(where, _MOST_MANIFEST_BYTES, error=ImageError)
+        text = utf8_text(data, where, error=ImageError)
     if text is None:
         return {}
     try:
@@ -192,12 +194,3 @@ def _manifest(entries: Mapping[str, str], path: Path) -> dict[str, int]:
             where=where,
             remedy="render it again",
         ) from error
-
-
-def _read_text(path: Path) -> str:
-    try:
-        if path.stat().st_size > _MOST_MANIFEST_BYTES:
-            raise ImageError("is too large for a manifest", where=path)
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ImageError(f"cannot be read ({error})", where=path) from error

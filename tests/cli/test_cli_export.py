@@ -99,7 +99,7 @@ def test_maps_are_those_of_stmap(tmp_path: Path):
         ),
         (("export", "none.json", "--to", "opencv", "--out", "x"), 1, "none"),
         (("preset", "import", PRESET, "--out", "x.json"), 1, "no pinholeFocalLength"),
-        (("preset", "import", "none.yaml", "--out", "x.json"), 1, "does not exist"),
+        (("preset", "import", "none.yaml", "--out", "x.json"), 1, "No such file"),
         (("preset", "import", ".", "--out", "x.json"), 1, "no ordinary file"),
     ],
 )

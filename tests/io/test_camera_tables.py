@@ -214,7 +214,7 @@ def test_the_kind_is_told_by_the_content(tmp_path):
         ("other.csv", b"a,b\n1,2\n", 'no camera file.*"Lens Distance Unit", .* tells'),
         ("binary.csv", bytes(range(256)) * 9, "no camera file"),
         ("utf16.csv", "Lens Linear Iris\t1\n".encode("utf-16"), "no camera file"),
-        ("latin.csv", b"FrameNo,Focus Distance\n1,\xe9\n", "not UTF-8"),
+        ("latin.csv", b"FrameNo,Focus Distance\n1,\xe9\n", "not text in UTF-8"),
         ("nul.csv", b"FrameNo,Focus Distance\n1,\0\n", "NUL"),
         ("header.csv", b"FrameNo,Focus Distance\n", "without rows"),
         ("quote.csv", b'FrameNo,Focus Distance\n1,"' + b"a" * 99999, "no row"),

@@ -1,8 +1,7 @@
-"""Text files of unknown origin, read within bounds.
+"""Lines and tables of sidecars, read within bounds.
 
-A sidecar comes from another program, a card reader or a mail: its size, lines and
-columns are bounded before anything is built from them, so that a broken or hostile
-file costs one error line, not the machine.
+How many lines and columns there are, and how long, is bounded like the size of a file
+(`lensfit.bounded`).
 """
 
 import csv
@@ -11,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from lensfit.bounded import read_beginning, read_bounded, utf8_text
 from lensfit.errors import CameraError
 from lensfit.io.camera.quantity import is_missing
 
@@ -21,6 +21,7 @@ MOST_LINES = 20 * MOST_ROWS
 _SNIFFED = 1 << 16
 _LONGEST_CELL = 1 << 16
 _LONGEST_LINE = 1 << 16
+_CUT = "cut it to the frames of the shot"
 
 
 def read_text(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
@@ -31,22 +32,10 @@ def read_text(path: str | Path, most_bytes: int = MOST_BYTES) -> str:
     CameraError : It cannot be read, is empty, too large or no text.
     """
     path = Path(path)
-    data = _read(path, most_bytes + 1)
-    if len(data) > most_bytes:
-        raise CameraError(
-            f"is larger than {most_bytes >> 20} MiB, which no camera file is",
-            where=path,
-            remedy="cut it to the frames of the shot",
-        )
+    data = read_bounded(path, most_bytes, error=CameraError, too_large=_CUT)
     if not data.strip():
         raise CameraError("is empty", where=path)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise _no_text(path, f"byte {error.start} is not UTF-8") from None
-    if "\0" in text:
-        raise _no_text(path, "it holds NUL bytes")
-    return text
+    return utf8_text(data, path, error=CameraError, remedy="export it again, as UTF-8")
 
 
 def read_lines(path: str | Path) -> Iterator[tuple[int, str]]:
@@ -61,7 +50,7 @@ def read_lines(path: str | Path) -> Iterator[tuple[int, str]]:
             raise CameraError(
                 f"has more than {MOST_LINES} lines",
                 where=path,
-                remedy="cut it to the frames of the shot",
+                remedy=_CUT,
             )
         if len(line) > _LONGEST_LINE:
             raise CameraError(
@@ -71,8 +60,14 @@ def read_lines(path: str | Path) -> Iterator[tuple[int, str]]:
 
 
 def sniff(path: str | Path) -> str:
-    """The beginning of a file, whatever its encoding; for telling its kind."""
-    return _read(Path(path), _SNIFFED).decode("utf-8-sig", "replace")
+    """The beginning of a file, whatever its encoding; for telling its kind.
+
+    Raises
+    ------
+    CameraError : It cannot be read.
+    """
+    beginning = read_beginning(Path(path), _SNIFFED, error=CameraError)
+    return beginning.decode("utf-8-sig", "replace")
 
 
 class Sheet(NamedTuple):
@@ -119,7 +114,7 @@ def _within_bounds(lines: Iterable[str], delimiter: str, path: Path) -> Iterator
             raise CameraError(
                 f"has more than {MOST_ROWS} rows",
                 where=path,
-                remedy="cut it to the frames of the shot",
+                remedy=_CUT,
             )
         if line.count(delimiter) >= MOST_COLUMNS:
             raise CameraError(
@@ -140,20 +135,3 @@ def _rows(reader, path: Path) -> Iterator[tuple[int, list[str]]]:
         raise CameraError(
             f"line {reader.line_num} is no row of a table: {error}", where=path
         ) from error
-
-
-def _read(path: Path, most_bytes: int) -> bytes:
-    try:
-        if path.exists() and not path.is_file():
-            raise CameraError("is no file", where=path)
-        with path.open("rb") as file:
-            return file.read(most_bytes)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise CameraError(f"cannot be read ({reason})", where=path) from error
-
-
-def _no_text(path: Path, why: str) -> CameraError:
-    return CameraError(
-        f"is not text: {why}", where=path, remedy="export it again, as UTF-8"
-    )

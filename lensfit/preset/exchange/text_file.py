@@ -7,6 +7,7 @@ text is refused before anything is made of it; numbers must be finite.
 import math
 from pathlib import Path
 
+from lensfit.bounded import read_bounded, utf8_text
 from lensfit.errors import ExchangeError
 
 LARGEST_BYTES = 4 << 20
@@ -23,31 +24,15 @@ def read_text(path: str | Path, kind: str) -> str:
     ------
     ExchangeError : It cannot be read, is too large, or is no UTF-8 text.
     """
-    path = Path(path)
-    try:
-        if not path.is_file():
-            missing = "is no ordinary file" if path.exists() else "does not exist"
-            raise ExchangeError(missing, where=path, remedy=f"give an {kind}")
-        with path.open("rb") as file:
-            content = file.read(LARGEST_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ExchangeError(f"cannot be read ({reason})", where=path) from error
-    if len(content) > LARGEST_BYTES:
-        raise ExchangeError(
-            f"is larger than {LARGEST_BYTES >> 20} MiB, and no {kind} is",
-            where=path,
-            remedy="give the file of one lens",
-        )
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ExchangeError(
-            "is no UTF-8 text", where=path, remedy=f"give an {kind}"
-        ) from error
-    if "\0" in text:
-        raise ExchangeError("is no text", where=path, remedy=f"give an {kind}")
-    return text
+    path, remedy = Path(path), f"give the {kind}"
+    content = read_bounded(
+        path,
+        LARGEST_BYTES,
+        error=ExchangeError,
+        remedy=remedy,
+        too_large="give the file of one lens",
+    )
+    return utf8_text(content, path, error=ExchangeError, remedy=remedy)
 
 
 def finite(value: object, what: str, where: str | Path) -> float:
