@@ -96,7 +96,7 @@ def test_knobs_and_what_is_disabled_reach_the_workflow(asked):
     [
         ("--disable comma", 'did you mean "coma"?'),
         ("--disable ,", "names no aberration"),
-        ("--blades 17", "less than or equal to 16"),
+        ("--blades 17", "17 is not from 0 to 16"),
         ("--edge-mask a --edge-matte b", "goes without --edge-matte"),
     ],
 )
