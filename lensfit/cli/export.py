@@ -59,7 +59,7 @@ def export(
     from lensfit.fit.exchange.samples import ExchangeFrame
     from lensfit.workflow.exchange.export import (
         ExportRequest,
-        LensState,
+        WantedState,
         export_preset,
     )
 
@@ -70,7 +70,7 @@ def export(
             to.value,
             ExportRequest(
                 preset=loaded,
-                state=LensState(
+                state=WantedState(
                     state.focal_length_mm, state.f_number, state.focus_distance_mm
                 ),
                 frame=ExchangeFrame(
@@ -92,20 +92,20 @@ def _say(written: "Exported", as_json: bool) -> None:
     if as_json:
         import json
 
-        fitted = [
+        residuals = [
             {"what": one.what}
             | (one.residual._asdict() if one.residual else {})
             | ({} if one.worst_light is None else {"worst_light": one.worst_light})
-            for one in written.fitted
+            for one in written.nearness
         ]
         outcome = {
             "files": [str(path) for path in written.paths],
-            "residuals": fitted,
+            "residuals": residuals,
             "notes": list(written.notes),
         }
         typer.echo(json.dumps(outcome, indent=1))
         return
     for path in written.paths:
         typer.echo(path)
-    for one in written.fitted:
+    for one in written.nearness:
         typer.echo(one)

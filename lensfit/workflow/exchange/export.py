@@ -40,7 +40,7 @@ _VISIBLE_PX = 0.5
 _VISIBLE_LIGHT = 0.02
 
 
-class LensState(NamedTuple):
+class WantedState(NamedTuple):
     """Which state of the lens; None where the preset knows."""
 
     focal_length_mm: float | None = None
@@ -49,7 +49,7 @@ class LensState(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Fitted:
+class Nearness:
     """How near one part of what was written is.
 
     Attributes
@@ -74,7 +74,7 @@ class Exported:
     """Files written, how near they are, and what does not go with them."""
 
     paths: tuple[Path, ...]
-    fitted: tuple[Fitted, ...] = ()
+    nearness: tuple[Nearness, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -89,7 +89,7 @@ class ExportRequest:
     """
 
     preset: Preset
-    state: LensState
+    state: WantedState
     frame: ExchangeFrame
     out: Path
     per_channel: bool = False
@@ -151,7 +151,7 @@ def export_tde4(model: str, request: ExportRequest) -> Exported:
         label=f"{described(request, lens)}\nresidual {residual} over {frame}",
     )
     write_text_atomic(request.out, text)
-    return exported(request, lens, (Fitted("distortion", residual),))
+    return exported(request, lens, (Nearness("distortion", residual),))
 
 
 def export_opencv(request: ExportRequest) -> Exported:
@@ -172,7 +172,7 @@ def export_opencv(request: ExportRequest) -> Exported:
         f"sensor width {frame.sensor_width_mm!r} mm",
     )
     write_text_atomic(request.out, opencv_text(camera, comments))
-    return exported(request, lens, (Fitted("distortion", residual),))
+    return exported(request, lens, (Nearness("distortion", residual),))
 
 
 def samples_pair(lens: Lens, frame: ExchangeFrame) -> tuple[Samples, Samples]:
@@ -200,7 +200,7 @@ def described(request: ExportRequest, lens: Lens) -> str:
 def exported(
     request: ExportRequest,
     lens: Lens,
-    fitted: tuple[Fitted, ...],
+    nearness: tuple[Nearness, ...],
     *,
     has_colour: bool = False,
     has_light: bool = False,
@@ -216,11 +216,11 @@ def exported(
         notes.append("the format holds no fall-off")
     if any(e.blur is not None for e in request.preset.entries):
         notes.append("the format holds no blur")
-    for one in fitted:
+    for one in nearness:
         if one.residual is not None and one.residual.worst_px > _VISIBLE_PX:
             notes.append(
                 f"the other program's model cannot hold this lens: {one}; UV maps can"
             )
         if one.worst_light is not None and one.worst_light > _VISIBLE_LIGHT:
             notes.append(f"the other program's model cannot hold this lens: {one}")
-    return Exported(paths or (request.out,), fitted, tuple(dict.fromkeys(notes)))
+    return Exported(paths or (request.out,), nearness, tuple(dict.fromkeys(notes)))

@@ -40,8 +40,8 @@ from lensfit.units import m_from_mm
 from lensfit.workflow.exchange.export import (
     Exported,
     ExportRequest,
-    Fitted,
-    LensState,
+    Nearness,
+    WantedState,
     described,
     exported,
     principal_point,
@@ -54,38 +54,38 @@ _FAR_M = 1000.0
 
 def export_opentrackio(request: ExportRequest) -> Exported:
     """A sample for each entry, or for the one asked for."""
-    samples, fitted, lens = [], [], None
+    samples, nearness, lens = [], [], None
     for state in _states(request):
         one = replace(request, state=state)
         lens = one.lens()
         sample, parts = _sample(one, lens)
         samples.append(sample)
-        fitted += parts
+        nearness += parts
     assert lens is not None
     write_text_atomic(request.out, opentrackio_text(tuple(samples)))
-    return exported(request, lens, tuple(fitted), has_colour=True, has_light=True)
+    return exported(request, lens, tuple(nearness), has_colour=True, has_light=True)
 
 
 def export_lensfun(request: ExportRequest) -> Exported:
     """A database with this lens; distortion is that at the farthest focus."""
-    by_focal: dict[float, list[LensState]] = {}
+    by_focal: dict[float, list[WantedState]] = {}
     for state in _states(request):
         focal = request.preset.at(*state).focal_length_mm
         by_focal.setdefault(focal, []).append(state)
     frame = request.frame
     width, height = frame.area_mm
-    distortions, tcas, vignettings, fitted, lens = [], [], [], [], None
+    distortions, tcas, vignettings, nearness, lens = [], [], [], [], None
     for states in by_focal.values():
         one = replace(request, state=max(states, key=_focus))
         lens = one.lens()
         distortion, tca, parts = _lensfun_maps(one, lens)
         distortions.append(distortion)
         tcas += tca
-        fitted += parts
+        nearness += parts
         for state in states:
             found, parts = _lensfun_light(replace(request, state=state))
             vignettings += found
-            fitted += parts
+            nearness += parts
     assert lens is not None
     x, y = principal_point(lens)
     half_short = min(width, height) / 2
@@ -99,18 +99,18 @@ def export_lensfun(request: ExportRequest) -> Exported:
         vignettings=tuple(vignettings),
         centre=(x / half_short, y / half_short),
     )
-    comments = (described(request, lens), *(str(f) for f in fitted), f"over {frame}")
+    comments = (described(request, lens), *(str(f) for f in nearness), f"over {frame}")
     write_text_atomic(request.out, lensfun_text(made, comments))
     result = exported(
-        request, lens, tuple(fitted), has_colour=True, has_light=bool(vignettings)
+        request, lens, tuple(nearness), has_colour=True, has_light=bool(vignettings)
     )
     notes = _lensfun_notes(request, by_focal, distortions)
-    return Exported(result.paths, result.fitted, (*result.notes, *notes))
+    return Exported(result.paths, result.nearness, (*result.notes, *notes))
 
 
 def _lensfun_notes(
     request: ExportRequest,
-    by_focal: dict[float, list[LensState]],
+    by_focal: dict[float, list[WantedState]],
     distortions: list[LensfunDistortion],
 ) -> list[str]:
     notes = ["lensfun's file states no principal distance: version 0.3 would refuse it"]
@@ -132,7 +132,7 @@ def _lensfun_notes(
     return notes
 
 
-def _states(request: ExportRequest) -> list[LensState]:
+def _states(request: ExportRequest) -> list[WantedState]:
     """The one asked for, or those of all entries, by focal length and focus."""
     if request.one_state:
         return [request.state]
@@ -142,27 +142,27 @@ def _states(request: ExportRequest) -> list[LensState]:
     )
     f_number = request.state.f_number
     return [
-        LensState(e.focal_length_mm, f_number, e.focus_distance_mm) for e in entries
+        WantedState(e.focal_length_mm, f_number, e.focus_distance_mm) for e in entries
     ]
 
 
-def _focus(state: LensState) -> float:
+def _focus(state: WantedState) -> float:
     return state.focus_distance_mm or 0.0
 
 
-def _sample(request: ExportRequest, lens: Lens) -> tuple[LensSample, list[Fitted]]:
+def _sample(request: ExportRequest, lens: Lens) -> tuple[LensSample, list[Nearness]]:
     fit, judge = samples_pair(lens, request.frame)
     centre = principal_point(lens)
     both = tuple(fit_brown(model, fit, centre) for model in (D_U, U_D))
     where = f" at {_state_name(lens)}" if len(request.preset.entries) > 1 else ""
-    fitted = [
-        Fitted(f"distortion {one.model[-3:]}{where}", residual_of(one, judge))
+    nearness = [
+        Nearness(f"distortion {one.model[-3:]}{where}", residual_of(one, judge))
         for one in both
     ]
     falloff = ()
     if lens.illumination is not None:
         falloff, worst = _about_sensor_centre(lens, request.frame)
-        fitted.append(Fitted(f"fall-off{where}", worst_light=worst))
+        nearness.append(Nearness(f"fall-off{where}", worst_light=worst))
     camera = request.preset.camera
     needed = overscan_needed(
         lens,
@@ -188,7 +188,7 @@ def _sample(request: ExportRequest, lens: Lens) -> tuple[LensSample, list[Fitted
         overscan=max(1.0, needed.factor),
         colour=_colour(lens),
         history=(described(request, lens),),
-    ), fitted
+    ), nearness
 
 
 def _state_name(lens: Lens) -> str:
@@ -241,24 +241,24 @@ def _about_sensor_centre(
 
 def _lensfun_maps(
     request: ExportRequest, lens: Lens
-) -> tuple[LensfunDistortion, list[LensfunTca], list[Fitted]]:
+) -> tuple[LensfunDistortion, list[LensfunTca], list[Nearness]]:
     fit, judge = samples_pair(lens, request.frame)
     centre = principal_point(lens)
     model = fit_lensfun(fit, centre)
     where = (
         f" at {lens.focal_length_mm:g} mm" if len(request.preset.entries) > 1 else ""
     )
-    fitted = [Fitted(f"distortion {model.model}{where}", residual_of(model, judge))]
+    nearness = [Nearness(f"distortion {model.model}{where}", residual_of(model, judge))]
     # No real focal length: version 0.3 of the library refuses a file that states one.
     distortion = LensfunDistortion(lens.focal_length_mm, model.model, model.terms)
     if not lens.has_lateral_colour:
-        return distortion, [], fitted
+        return distortion, [], nearness
     terms = {}
     for channel in ("r", "b"):
         terms[channel], residual = _tca(lens, judge, channel, model.half_short_mm)
-        fitted.append(Fitted(f"lateral colour of {channel}{where}", residual))
+        nearness.append(Nearness(f"lateral colour of {channel}{where}", residual))
     tca = LensfunTca(lens.focal_length_mm, terms["r"], terms["b"])
-    return distortion, [tca], fitted
+    return distortion, [tca], nearness
 
 
 def _tca(lens: Lens, judge: Samples, channel, half_short_mm: float):
@@ -277,14 +277,14 @@ def _tca(lens: Lens, judge: Samples, channel, half_short_mm: float):
 
 def _lensfun_light(
     request: ExportRequest,
-) -> tuple[list[LensfunVignetting], list[Fitted]]:
+) -> tuple[list[LensfunVignetting], list[Nearness]]:
     """Of every f-number measured at this state, or of the one asked for."""
     entry = request.preset.select(*request.state).entry
     stops = [request.state.f_number]
     if stops == [None]:
         every = _entry_at(request, entry)
         stops = [f.f_number for f in every.fall_off if f.f_number is not None]
-    found, fitted = [], []
+    found, nearness = [], []
     frame = replace(request.frame, overscan_percent=0.0)
     for f_number in stops:
         state = request.state._replace(f_number=f_number)
@@ -303,8 +303,8 @@ def _lensfun_light(
             )
         )
         name = f"fall-off f/{lens.f_number:g} at {_state_name(lens)}"
-        fitted.append(Fitted(name, worst_light=worst))
-    return found, fitted
+        nearness.append(Nearness(name, worst_light=worst))
+    return found, nearness
 
 
 def _entry_at(request: ExportRequest, chosen: Entry) -> Entry:

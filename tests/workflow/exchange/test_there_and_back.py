@@ -17,7 +17,7 @@ from lensfit.preset.store import load_preset, save_preset
 from lensfit.workflow.exchange.export import (
     FORMATS,
     ExportRequest,
-    LensState,
+    WantedState,
     export_preset,
 )
 from lensfit.workflow.exchange.imports import import_preset, read_foreign
@@ -28,7 +28,7 @@ FITTED = ("nuke-radial", "nuke-anamorphic", "opentrackio", "opencv", "lensfun")
 
 
 def request(preset: Preset, out: Path, **state: float) -> ExportRequest:
-    return ExportRequest(preset, LensState(**state), FRAME, out)
+    return ExportRequest(preset, WantedState(**state), FRAME, out)
 
 
 def every_pixel_mm() -> np.ndarray:
@@ -68,7 +68,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_pixel_is_as_far_off_as_was_said(folder: Path, to: str, preset: Preset):
     path = folder / to
     written = export_preset(to, request(preset, path))
-    said = written.fitted[0].residual
+    said = written.nearness[0].residual
     assert said is not None
     imported = import_preset(path, STATED)
     save_preset(imported.preset, folder / "back.json")
@@ -117,7 +117,7 @@ def test_uv_maps_come_back_as_the_lens_they_were_made_of(folder: Path):
         "stmap",
         ExportRequest(
             preset,
-            LensState(),
+            WantedState(),
             ExchangeFrame(SIZE_PX, SENSOR_MM[0], 12.0),
             folder / "maps",
             per_channel=True,
