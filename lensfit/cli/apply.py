@@ -2,6 +2,7 @@
 
 from enum import StrEnum
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -39,15 +40,21 @@ class OutputName(StrEnum):
 
 @takes_groups
 def apply(
-    preset: str = typer.Argument(help=PRESET_HELP),
-    plates: str = typer.Argument(help="EXR plate, or plate.####.exr for a sequence"),
+    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    plates: Annotated[
+        str, typer.Argument(help="EXR plate, or plate.####.exr for a sequence")
+    ],
     *,
-    out: Path = typer.Option(..., "--out", help="Folder for the results"),
-    frames: str = typer.Option(None, help="Frames of the sequence: 1001-1100x2,1200"),
-    workers: int = typer.Option(1, min=1, help="Frames rendered at the same time"),
-    output: OutputName = typer.Option(
-        OutputName.result, help="The result, or a picture that explains it"
-    ),
+    out: Annotated[Path, typer.Option("--out", help="Folder for the results")],
+    frames: Annotated[
+        str | None, typer.Option(help="Frames of the sequence: 1001-1100x2,1200")
+    ] = None,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Frames rendered at the same time")
+    ] = 1,
+    output: Annotated[
+        OutputName, typer.Option(help="The result, or a picture that explains it")
+    ] = OutputName.result,
     library: LibraryGroup,
     camera: CameraGroup,
     focus: FocusGroup,
@@ -57,27 +64,38 @@ def apply(
     disabled: DisableGroup,
     bokeh: BokehGroup,
     look: LookGroup,
-    keep_overscan: bool = typer.Option(
-        False,
-        "--keep-overscan",
-        help="Write the plate's data window, not only the display window",
-    ),
-    stmap: Path = typer.Option(
-        None, help="Redistort map (EXR) in place of the lens' own distortion"
-    ),
-    layer: list[str] = typer.Option(
-        None, help="Render only this layer; repeat for more ('' is the main one)"
-    ),
-    tolerance: float = typer.Option(
-        1e-3, min=1e-7, max=1.0, help="Accepted error of the picture"
-    ),
-    filter_name: FilterName = typer.Option(
-        None, "--filter", help="Of the warp; chosen by the tolerance if left out"
-    ),
-    overwrite: bool = typer.Option(
-        False, "--overwrite", help="Render finished frames again"
-    ),
-    as_json: bool = typer.Option(False, "--json", help="Say the outcome as JSON"),
+    keep_overscan: Annotated[
+        bool,
+        typer.Option(
+            "--keep-overscan",
+            help="Write the plate's data window, not only the display window",
+        ),
+    ] = False,
+    stmap: Annotated[
+        Path | None,
+        typer.Option(help="Redistort map (EXR) in place of the lens' own distortion"),
+    ] = None,
+    layer: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Render only this layer; repeat for more ('' is the main one)"
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(min=1e-7, max=1.0, help="Accepted error of the picture")
+    ] = 1e-3,
+    filter_name: Annotated[
+        FilterName | None,
+        typer.Option(
+            "--filter", help="Of the warp; chosen by the tolerance if left out"
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Render finished frames again")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Say the outcome as JSON")
+    ] = False,
 ) -> None:
     """Put distortion, lateral colour, depth of field and fall-off on CG plates.
 

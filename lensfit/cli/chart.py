@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -22,11 +22,14 @@ def chart(
     context: typer.Context,
     *,
     chart: ChartGroup,
-    out: list[Path] = typer.Option(
-        None, help="File to write: .svg, .pdf, .png or .exr; may be repeated"
-    ),
-    dpi: float = typer.Option(None, help="Of PNG and EXR of paper; 300 by default"),
-    as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(help="File to write: .svg, .pdf, .png or .exr; may be repeated"),
+    ] = None,
+    dpi: Annotated[
+        float | None, typer.Option(help="Of PNG and EXR of paper; 300 by default")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
 ) -> None:
     """Make a chart of dots, lines or squares, to print or to show on a screen.
 
@@ -59,16 +62,23 @@ def chart(
 @takes_groups
 def advise(
     *,
-    focal_length_mm: float = typer.Option(..., help="Of the lens"),
-    f_number: float = typer.Option(..., help="Widest that will be photographed"),
-    sensor_width_mm: float = typer.Option(..., help="Width that the frame spans"),
-    size: str = typer.Option("4096x3072", help="Of the photographs, WIDTHxHEIGHT px"),
-    focus_distance_mm: float = typer.Option(
-        None, help="Of the chart, from the sensor; where it fills the frame by default"
-    ),
-    noise_percent: float = typer.Option(0.5, help="Of a pixel, of white, rms"),
+    focal_length_mm: Annotated[float, typer.Option(help="Of the lens")],
+    f_number: Annotated[float, typer.Option(help="Widest that will be photographed")],
+    sensor_width_mm: Annotated[float, typer.Option(help="Width that the frame spans")],
+    size: Annotated[
+        str, typer.Option(help="Of the photographs, WIDTHxHEIGHT px")
+    ] = "4096x3072",
+    focus_distance_mm: Annotated[
+        float | None,
+        typer.Option(
+            help="Of the chart, from the sensor; where it fills the frame by default"
+        ),
+    ] = None,
+    noise_percent: Annotated[
+        float, typer.Option(help="Of a pixel, of white, rms")
+    ] = 0.5,
     chart: ChartGroup,
-    as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
 ) -> None:
     """Say how a chart will look through a lens, and from where to photograph it.
 

@@ -1,6 +1,7 @@
 """``lensfit inspect``: what pictures say of themselves, and a draft shoot file."""
 
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -12,19 +13,23 @@ from lensfit.cli.groups.library import LibraryGroup
 
 @takes_groups
 def inspect(
-    images: list[Path] = typer.Argument(
-        help="Pictures, or a frame pattern such as plate.####.exr."
-    ),
+    images: Annotated[
+        list[Path],
+        typer.Argument(help="Pictures, or a frame pattern such as plate.####.exr."),
+    ],
     *,
-    preset: str = typer.Option(
-        None, help="Also say what this preset needs, and what is taken from it"
-    ),
+    preset: Annotated[
+        str | None,
+        typer.Option(help="Also say what this preset needs, and what is taken from it"),
+    ] = None,
     library: LibraryGroup,
     camera: CameraGroup,
-    write_shoot: Path = typer.Option(
-        None, help="Draft a shoot file from what the headers know."
-    ),
-    json: bool = typer.Option(False, "--json", help="Print machine-readable results."),
+    write_shoot: Annotated[
+        Path | None, typer.Option(help="Draft a shoot file from what the headers know.")
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print machine-readable results.")
+    ] = False,
 ) -> None:
     """Show size, encoding, windows, camera state and clipping of pictures.
 

@@ -5,6 +5,7 @@ its function, so that ``lensfit --help`` is instant.
 """
 
 import importlib
+from typing import Annotated
 
 import typer
 
@@ -48,16 +49,16 @@ def _say_version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    version: bool = typer.Option(
-        False,
-        "--version",
-        callback=_say_version,
-        is_eager=True,
-        help="Say the version",
-    ),
-    debug: bool = typer.Option(
-        False, "--debug", help="Show the whole traceback when something fails"
-    ),
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_say_version, is_eager=True, help="Say the version"
+        ),
+    ] = False,
+    debug: Annotated[
+        bool,
+        typer.Option("--debug", help="Show the whole traceback when something fails"),
+    ] = False,
 ) -> None:
     pass
 

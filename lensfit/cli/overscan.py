@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -16,39 +17,57 @@ from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 
 @takes_groups
 def overscan(
-    preset: str = typer.Argument(help=PRESET_HELP),
+    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
     *,
     library: LibraryGroup,
-    size: str = typer.Option(
-        None, help="Frame, as 4096x3072; that of the photographs by default"
-    ),
-    plate: Path = typer.Option(
-        None, help="Take frame and camera from this EXR, and say if it has enough"
-    ),
-    focal_length_mm: str = typer.Option(
-        None,
-        help="Of the lens, mm, or a range: 24:70; all that was measured if left out",
-    ),
-    focus_distance_mm: str = typer.Option(
-        None, help="From the sensor, mm, or a range: 800:inf; all that was measured"
-    ),
-    f_number: float = typer.Option(None, help="Also say what depth of field needs"),
-    nearest_mm: float = typer.Option(
-        None, help="Nearest object from the sensor, mm; beyond focus only if left out"
-    ),
-    sensor_width_mm: float = typer.Option(
-        None, help="Width that the frame spans on the sensor, mm"
-    ),
-    filter_name: FilterName = typer.Option(
-        FilterName.cubic, "--filter", help="Of the warp; keys-6 reads a pixel further"
-    ),
+    size: Annotated[
+        str | None,
+        typer.Option(help="Frame, as 4096x3072; that of the photographs by default"),
+    ] = None,
+    plate: Annotated[
+        Path | None,
+        typer.Option(
+            help="Take frame and camera from this EXR, and say if it has enough"
+        ),
+    ] = None,
+    focal_length_mm: Annotated[
+        str | None,
+        typer.Option(
+            help="Of the lens, mm, or a range: 24:70; all that was measured if left out"
+        ),
+    ] = None,
+    focus_distance_mm: Annotated[
+        str | None,
+        typer.Option(
+            help="From the sensor, mm, or a range: 800:inf; all that was measured"
+        ),
+    ] = None,
+    f_number: Annotated[
+        float | None, typer.Option(help="Also say what depth of field needs")
+    ] = None,
+    nearest_mm: Annotated[
+        float | None,
+        typer.Option(
+            help="Nearest object from the sensor, mm; beyond focus only if left out"
+        ),
+    ] = None,
+    sensor_width_mm: Annotated[
+        float | None, typer.Option(help="Width that the frame spans on the sensor, mm")
+    ] = None,
+    filter_name: Annotated[
+        FilterName,
+        typer.Option("--filter", help="Of the warp; keys-6 reads a pixel further"),
+    ] = FilterName.cubic,
     aberrations: AberrationGroup,
     disabled: DisableGroup,
     bokeh: BokehGroup,
-    per_channel: bool = typer.Option(
-        False, "--per-channel", help="Also say what red, green and blue need alone"
-    ),
-    as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
+    per_channel: Annotated[
+        bool,
+        typer.Option(
+            "--per-channel", help="Also say what red, green and blue need alone"
+        ),
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
 ) -> None:
     """Say how much more than the frame the CG must render, to the pixel.
 

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -23,12 +24,15 @@ from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 
 @takes_groups
 def plan(
-    preset: str = typer.Argument(help=PRESET_HELP),
-    plate: Path = typer.Argument(help="EXR plate"),
+    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    plate: Annotated[Path, typer.Argument(help="EXR plate")],
     *,
-    tolerance: float = typer.Option(
-        1e-3, min=1e-6, help="Accepted rms error of the picture, display-referred"
-    ),
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            min=1e-6, help="Accepted rms error of the picture, display-referred"
+        ),
+    ] = 1e-3,
     library: LibraryGroup,
     camera: CameraGroup,
     focus: FocusGroup,
@@ -38,7 +42,7 @@ def plan(
     disabled: DisableGroup,
     bokeh: BokehGroup,
     look: LookGroup,
-    as_json: bool = typer.Option(False, "--json", help="Print as JSON"),
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
 ) -> None:
     """Print which stages a plate needs, which are left out and why, error and time.
 

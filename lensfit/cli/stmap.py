@@ -2,6 +2,7 @@
 
 from enum import StrEnum
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -20,33 +21,44 @@ class Direction(StrEnum):
 
 @takes_groups
 def stmap(
-    preset: str = typer.Argument(help=PRESET_HELP),
+    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
     *,
     library: LibraryGroup,
-    out: Path = typer.Option(..., "--out", help="Folder for the maps"),
-    size: str = typer.Option(
-        None, help="Display window, as 4096x3072; that of the photographs by default"
-    ),
-    overscan: float = typer.Option(
-        0.0, help="Percent beyond the frame in total: 10 is 5 on each side"
-    ),
-    direction: Direction = typer.Option(Direction.both, help="Which maps"),
-    per_channel: bool = typer.Option(
-        False,
-        "--per-channel",
-        help="A map for each of red, green and blue (lateral colour)",
-    ),
-    focal_length_mm: float = typer.Option(None, help="Of the lens, mm"),
-    focus_distance_mm: float = typer.Option(
-        None, help="Of the lens, mm from the sensor; inf is allowed"
-    ),
-    sensor_width_mm: float = typer.Option(
-        None, help="Width that the frame spans on the sensor, mm"
-    ),
-    tolerance_px: float = typer.Option(
-        2.5e-4, min=1e-7, max=1.0, help="Largest error of the map, px"
-    ),
-    as_json: bool = typer.Option(False, "--json", help="Say the outcome as JSON"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for the maps")],
+    size: Annotated[
+        str | None,
+        typer.Option(
+            help="Display window, as 4096x3072; that of the photographs by default"
+        ),
+    ] = None,
+    overscan: Annotated[
+        float,
+        typer.Option(help="Percent beyond the frame in total: 10 is 5 on each side"),
+    ] = 0.0,
+    direction: Annotated[Direction, typer.Option(help="Which maps")] = Direction.both,
+    per_channel: Annotated[
+        bool,
+        typer.Option(
+            "--per-channel",
+            help="A map for each of red, green and blue (lateral colour)",
+        ),
+    ] = False,
+    focal_length_mm: Annotated[
+        float | None, typer.Option(help="Of the lens, mm")
+    ] = None,
+    focus_distance_mm: Annotated[
+        float | None,
+        typer.Option(help="Of the lens, mm from the sensor; inf is allowed"),
+    ] = None,
+    sensor_width_mm: Annotated[
+        float | None, typer.Option(help="Width that the frame spans on the sensor, mm")
+    ] = None,
+    tolerance_px: Annotated[
+        float, typer.Option(min=1e-7, max=1.0, help="Largest error of the map, px")
+    ] = 2.5e-4,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Say the outcome as JSON")
+    ] = False,
 ) -> None:
     """Write 32-bit UV maps of a lens, with overscan if wanted.
 

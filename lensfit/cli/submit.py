@@ -4,6 +4,7 @@ import json
 import shlex
 from enum import StrEnum
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -31,20 +32,28 @@ _SUFFIX = {Farm.openjd: "openjd.json", Farm.opencue: "outline"}
 )
 @takes_groups
 def submit(
-    preset: str = typer.Argument(help=PRESET_HELP),
-    plates: str = typer.Argument(help="EXR plate, or plate.####.exr for a sequence"),
+    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    plates: Annotated[
+        str, typer.Argument(help="EXR plate, or plate.####.exr for a sequence")
+    ],
     *,
     library: LibraryGroup,
-    out: Path = typer.Option(..., "--out", help="Folder for the results"),
-    frames: str = typer.Option(None, help="Frames of the sequence: 1001-1100x2,1200"),
-    chunk: int = typer.Option(10, min=1, help="Frames of one task"),
-    to: Farm = typer.Option(
-        Farm.openjd, help="Open Job Description, or OpenCue (needs its PyOutline)"
-    ),
-    write: Path = typer.Option(
-        None, help="File of the job; apply.openjd.json or apply.outline in OUT"
-    ),
-    as_json: bool = typer.Option(False, "--json", help="Say the outcome as JSON"),
+    out: Annotated[Path, typer.Option("--out", help="Folder for the results")],
+    frames: Annotated[
+        str | None, typer.Option(help="Frames of the sequence: 1001-1100x2,1200")
+    ] = None,
+    chunk: Annotated[int, typer.Option(min=1, help="Frames of one task")] = 10,
+    to: Annotated[
+        Farm,
+        typer.Option(help="Open Job Description, or OpenCue (needs its PyOutline)"),
+    ] = Farm.openjd,
+    write: Annotated[
+        Path | None,
+        typer.Option(help="File of the job; apply.openjd.json or apply.outline in OUT"),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Say the outcome as JSON")
+    ] = False,
     handed: tuple[HandedOption, ...],
 ) -> None:
     """Write a job for a render farm: `lensfit apply` on chunks of a sequence.
