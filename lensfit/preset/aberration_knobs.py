@@ -18,6 +18,17 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+BLUR_FAMILIES = (
+    "axial_colour",
+    "field_curvature",
+    "astigmatism_sagittal",
+    "astigmatism_tangential",
+    "coma",
+    "spherical",
+    "other_aberrations",
+)
+"""Aberrations that shape the blur; each has a gain and an amount in um."""
+
 
 def _gain(of: str, least: float = -100.0, most: float = 100.0) -> Meta:
     return Meta(ge=least, le=most, description=f"Gain of {of}: 0 none, 1 as measured")

@@ -9,6 +9,9 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+LEAST_BLADES = 3
+"""Fewer are round."""
+
 
 class BokehKnobs(
     Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True

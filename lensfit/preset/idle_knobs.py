@@ -13,25 +13,14 @@ import numpy as np
 
 from lensfit.lens import Lens
 from lensfit.optics.lateral import ChannelShift
-from lensfit.preset.aberration_knobs import AberrationKnobs
-from lensfit.preset.bokeh_knobs import BokehKnobs
+from lensfit.preset.aberration_knobs import BLUR_FAMILIES, AberrationKnobs
+from lensfit.preset.bokeh_knobs import LEAST_BLADES, BokehKnobs
 from lensfit.preset.turned_aberration import family_of
 from lensfit.preset.turned_vignetting import photographed_parts
 
-LEAST_BLADES = 3
-"""Fewer are round."""
 _GAIN = "_gain"
 _UNITS = {"distortion": "_percent", "vignetting": "_stops"}
 _CHROMATIC = ("lateral_red", "lateral_blue", "axial_colour")
-_BLURS = (
-    "axial_colour",
-    "field_curvature",
-    "astigmatism_sagittal",
-    "astigmatism_tangential",
-    "coma",
-    "spherical",
-    "other_aberrations",
-)
 _PARTS = ("natural_vignetting", "optical_vignetting", "mechanical_vignetting")
 _CALLED = {
     "chromatic": "colour error",
@@ -149,7 +138,7 @@ def _has_parts(
 
 
 def _has_aberrations(lens: Lens, knobs: AberrationKnobs) -> dict[str, bool]:
-    return {n: _is_stated(knobs, n) or _is_in(lens, n) for n in _BLURS}
+    return {n: _is_stated(knobs, n) or _is_in(lens, n) for n in BLUR_FAMILIES}
 
 
 def _is_in(lens: Lens, name: str) -> bool:

@@ -19,23 +19,12 @@ from dataclasses import replace
 from lensfit.kernel.lens_blur import LensBlur
 from lensfit.lens import Lens
 from lensfit.optics.lateral import LateralColour, no_lateral_colour
-from lensfit.preset.aberration_knobs import AberrationKnobs
-from lensfit.preset.bokeh_knobs import BokehKnobs
-from lensfit.preset.idle_knobs import LEAST_BLADES
+from lensfit.preset.aberration_knobs import BLUR_FAMILIES, AberrationKnobs
+from lensfit.preset.bokeh_knobs import LEAST_BLADES, BokehKnobs
 from lensfit.preset.turned_aberration import turned_aberration
 from lensfit.preset.turned_chief_rays import turned_distortion, turned_lateral
 from lensfit.preset.turned_pupil import turned_opening, turned_rims
 from lensfit.preset.turned_vignetting import turned_illumination
-
-_SPOTS = (
-    "axial_colour",
-    "field_curvature",
-    "astigmatism_sagittal",
-    "astigmatism_tangential",
-    "coma",
-    "spherical",
-    "other_aberrations",
-)
 
 
 def turned_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> Lens:
@@ -102,7 +91,7 @@ def _needs_blur(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> b
     if lens.f_number is None or lens.focus_distance_mm is None:
         return False
     return (
-        any(getattr(aberration, f"{name}_um") for name in _SPOTS)
+        any(getattr(aberration, f"{name}_um") for name in BLUR_FAMILIES)
         or (bokeh.blades or 0) >= LEAST_BLADES
         or bokeh.ring_brightness != 0
         or bokeh.squeeze != 1

@@ -30,9 +30,9 @@ from lensfit.render.stages import Switches
 from lensfit.render.uv import Channel, PlateGeometry, overscan_needed
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera.assumed import SPELT
 from lensfit.workflow.camera.plate_state import BLUR
 from lensfit.workflow.camera.sources import StateOverrides
+from lensfit.workflow.camera.spelling import SPELT
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plate.header import plate_header
 from lensfit.workflow.stmaps import LARGEST_SIDE_PX

@@ -43,7 +43,7 @@ def test_the_nearest_file_counts_key_by_key(tmp_path):
 def test_no_file_is_no_settings(tmp_path):
     found = settings_beside(tmp_path / "nowhere")
     assert list(found.camera_at(1)) == []
-    assert not found.has_frames
+    assert found.paths == ()
 
 
 def test_an_edited_file_is_read_again(tmp_path):

@@ -12,14 +12,8 @@ from typing import NamedTuple
 from lensfit.preset.schema import Preset
 from lensfit.preset.select import Selection
 from lensfit.workflow.camera.plate_camera import PlateCamera
+from lensfit.workflow.camera.spelling import SPELT, option_of
 from lensfit.workflow.notes import FrameNote
-
-SPELT = {
-    "focal_length_mm": "focal length",
-    "f_number": "f-number",
-    "focus_distance_mm": "focus distance",
-    "sensor_width_mm": "sensor width",
-}
 
 
 class Assumed(NamedTuple):
@@ -39,7 +33,7 @@ class Assumed(NamedTuple):
     def note(self, camera: PlateCamera) -> FrameNote:
         """A sentence for whoever should have stated it."""
         shown = f"{self.value:g} mm" if self.name.endswith("_mm") else f"{self.value:g}"
-        option = "--" + self.name.replace("_", "-")
+        option = option_of(self.name)
         places = ", ".join(("the header", *camera.asked))
         return FrameNote(
             f"{camera.plate.name}: no {SPELT[self.name]} in {places}; {self.whose}, "

@@ -12,6 +12,7 @@ by it is told of the others. Entries that mean different things may differ:
 from collections.abc import Iterator, Mapping, Sequence
 
 from lensfit.workflow.camera.known import Known
+from lensfit.workflow.camera.spelling import SPELT, option_of
 
 _ROUNDING = 0.02
 """Relative: f/2.8 is f/2.83, and cameras round distances."""
@@ -20,12 +21,6 @@ _BREATHING = 0.15
 _WHOLE_SENSOR = "sensorOverallDimensions"
 _WHOLE_MILLIMETRES = "FocalLengthIn35mmFilm"
 _COARSE = 0.06
-_TOLD = {
-    "focal_length_mm": "focal length",
-    "f_number": "f-number",
-    "focus_distance_mm": "focus distance",
-    "sensor_width_mm": "sensor width",
-}
 
 
 def contradictions(
@@ -38,19 +33,18 @@ def contradictions(
     words : By quantity, what was said of it, the one that counts first.
     rank : Of what the header says; what a better source tells is no matter.
     """
-    for name, spelt in _TOLD.items():
+    for name, spelt in SPELT.items():
         known = words.get(name)
         if not known or known[0].rank != rank:
             continue
         others = [k for k in known[1:] if k.rank == rank and _contradicts(known[0], k)]
         if others:
             said = ", ".join(_spelt(name, other) for other in others)
-            option = "--" + name.replace("_", "-")
             yield (
                 name,
                 f"the header contradicts itself on the {spelt}: "
                 f"{_spelt(name, known[0])} is used, not {said} "
-                f"({option} states another)",
+                f"({option_of(name)} states another)",
             )
 
 

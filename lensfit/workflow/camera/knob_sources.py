@@ -26,6 +26,7 @@ from lensfit.preset.knobs import (
     turned,
 )
 from lensfit.workflow.camera.settings import Settings
+from lensfit.workflow.camera.spelling import option_of
 
 
 class KnobWord(NamedTuple):
@@ -118,19 +119,15 @@ def knobs_of_plate(
     )
 
 
-def _option(name: str) -> str:
-    return "--" + name.replace("_", "-")
-
-
 def _stated(stated: Mapping[str, object]) -> Iterator[_Stated]:
     for name, value in stated.items():
-        yield _Stated(name, value, _option(name), PresetError, "options", None)
+        yield _Stated(name, value, option_of(name), PresetError, "options", None)
 
 
 def _of_settings(settings: Settings) -> Iterator[_Stated]:
     for name, value in settings.knobs.items():
         file = settings.knob_paths[name]
-        remedy = f"mend it under [knobs], or give {_option(name)}"
+        remedy = f"mend it under [knobs], or give {option_of(name)}"
         if name not in GROUP_OF:
             remedy = "mend it under [knobs]"
         source = f"{file} [knobs]"
@@ -140,7 +137,7 @@ def _of_settings(settings: Settings) -> Iterator[_Stated]:
 def _of_header(header: Mapping[str, object]) -> Iterator[_Stated]:
     for key, name, value in knob_entries(header):
         where = f"header entry {key!r}"
-        remedy = f"mend it, or give {_option(name)}"
+        remedy = f"mend it, or give {option_of(name)}"
         yield _Stated(name, value, key, ImageError, where, remedy)
 
 
@@ -157,6 +154,6 @@ def _contradictions(
             yield (
                 name,
                 f"the header contradicts itself on {name}: {told[0].source} "
-                f"({told[0].value}) is used, not {shown} ({_option(name)} states "
+                f"({told[0].value}) is used, not {shown} ({option_of(name)} states "
                 "another)",
             )

@@ -16,10 +16,11 @@ from lensfit.errors import ImageError
 from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
 from lensfit.preset.schema import Preset
 from lensfit.render.look.white_balance import REC709, Chromaticities
-from lensfit.workflow.camera.assumed import SPELT, Assumed, assumed
+from lensfit.workflow.camera.assumed import Assumed, assumed
 from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
 from lensfit.workflow.camera.knob_sources import knobs_of_plate
 from lensfit.workflow.camera.plate_camera import PlateCamera
+from lensfit.workflow.camera.spelling import SPELT, option_of
 from lensfit.workflow.notes import FrameNote
 
 BLUR = ("f_number", "focus_distance_mm")
@@ -202,7 +203,7 @@ def _missing(
     words = " and no ".join(SPELT[name] for name in names)
     entries = ", ".join(_ENTRIES[name] for name in names)
     places = ", ".join([f"{entries} in the header", *camera.asked])
-    options = " and ".join("--" + name.replace("_", "-") for name in names)
+    options = " and ".join(map(option_of, names))
     return ImageError(
         f"states no {words}{use} (looked for {places})",
         where=camera.plate,

@@ -87,11 +87,6 @@ class Settings:
                 if value is not None:
                     yield name, Reading(value, f"{level.path} [camera]")
 
-    @property
-    def has_frames(self) -> bool:
-        """Whether anything is said of single frames."""
-        return any(level.file.frames for level in self.levels)
-
 
 def settings_beside(folder: str | Path) -> Settings:
     """The settings that hold for plates of a folder.

@@ -30,6 +30,7 @@ from lensfit.workflow.camera.header_source import HEADER, add_header
 from lensfit.workflow.camera.known import Known
 from lensfit.workflow.camera.plate_camera import PlateCamera
 from lensfit.workflow.camera.settings import Settings, load_settings, settings_beside
+from lensfit.workflow.camera.spelling import option_of
 from lensfit.workflow.notes import FrameNote
 
 _MOST_FOLDERS = 256
@@ -182,7 +183,7 @@ class CameraSources:
         """Every word of the sources but the header, the one that counts most first."""
         for name, value in vars(self.overrides).items():
             if value is not None:
-                yield name, Known(value, "--" + name.replace("_", "-"))
+                yield name, Known(value, option_of(name))
         rank = 1
         for name, reading in settings.camera_at(frame.number):
             yield name, Known(*reading, rank=rank)
