@@ -15,25 +15,24 @@ no other comes back bit for bit.
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
 
-import cv2
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int16
 
 from lensfit.coords import Window
 from lensfit.render.blur_setup import BlurSetup, Defocus
+from lensfit.render.blur_tiles import CELL, BlurTiles
 from lensfit.render.buffers import aligned_empty, crop
 from lensfit.render.convolve import blurred_tiles, sharp_tiles
 from lensfit.render.edges import two_layers
+from lensfit.render.flat_plate import FlatPlate
 from lensfit.render.highlights import Highlights
-from lensfit.render.layer_stack import LayerStack, Mattes, flattened
+from lensfit.render.layer_stack import LayerStack, flattened
 from lensfit.render.lights import SpreadLights
 
 NEVER = np.iinfo(np.int16).max
 """Level of a pixel that a layer lacks."""
-_CELL = 16
 _BATCH = 8
 _OPAQUE = 1e-4
 
@@ -53,40 +52,6 @@ class Scene:
     index: Int16[np.ndarray, "layers height width"]
     highlights: Highlights | None = None
     is_opaque: bool = False
-
-
-@dataclass(eq=False)
-class FlatPlate:
-    """A flat plate with depth, as it lies on the sensor before it is blurred.
-
-    Attributes
-    ----------
-    rgba : Premultiplied, without its lights; beside it the border continues.
-    depth_mm : From the entrance pupil, of all that the plate shows.
-    radius_px : Of the blur, signed; under a light that of its surroundings.
-    lights : Taken off the plate; None where there are none.
-    guide : The colours as green's map lays them all, so that they lie on one another
-        and on the depth; None where all maps are one.
-    mattes : Coverage of the objects that share a pixel, where it is known.
-    is_sharp : Whether no blur would be seen.
-    """
-
-    rgba: Float32[np.ndarray, "height width 4"]
-    depth_mm: Float32[np.ndarray, "height width"]
-    radius_px: Float32[np.ndarray, "height width"]
-    lights: Highlights | None = None
-    guide: Float32[np.ndarray, "height width 4"] | None = None
-    mattes: Mattes | None = None
-    is_sharp: bool = False
-
-    @property
-    def picture(self) -> Float32[np.ndarray, "height width 4"]:
-        """With its lights."""
-        if self.lights is None:
-            return self.rgba
-        whole = self.rgba.copy()
-        whole[..., :3] += self.lights.light
-        return whole
 
 
 def stays_sharp(
@@ -160,7 +125,7 @@ def _blurred_scene(
     output_window: Window,
     defocus: Defocus,
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
-    tiles = _Tiles.over(window, output_window, setup)
+    tiles = BlurTiles.over(window, output_window, setup)
     size = output_window.height, output_window.width
     colour, through = np.zeros((*size, 3), np.float32), np.ones(size, np.float32)
     lights = SpreadLights.of(
@@ -217,70 +182,12 @@ def levels_in(
     }
 
 
-class _Tiles(NamedTuple):
-    """Square tiles over the output window, and where they lie in padded arrays."""
-
-    size: int
-    margin: int
-    rows: int
-    columns: int
-    height: int
-    width: int
-    top: int
-    left: int
-    padding: tuple[tuple[int, int], tuple[int, int]]
-
-    @classmethod
-    def over(cls, window: Window, output: Window, setup: BlurSetup) -> "_Tiles":
-        size = setup.tile
-        margin = (max(setup.rooms.values(), default=size) - size) // 2
-        rows, columns = -(-output.height // size), -(-output.width // size)
-        top, left = output.y_min - window.y_min, output.x_min - window.x_min
-        below = max(top + rows * size - window.height, 0)
-        right = max(left + columns * size - window.width, 0)
-        padding = ((margin, margin + below), (margin, margin + right))
-        return cls(
-            size, margin, rows, columns, output.height, output.width, top, left, padding
-        )
-
-    def corner(self, tile: int, room: int) -> tuple[int, int]:
-        """Row and column, in padded arrays, of a tile's surroundings."""
-        row, column = divmod(tile, self.columns)
-        spare = self.margin - (room - self.size) // 2
-        return (
-            self.top + row * self.size + spare,
-            self.left + column * self.size + spare,
-        )
-
-    def inside(self, tile: int) -> tuple[slice, slice]:
-        """The tile in the output."""
-        row, column = divmod(tile, self.columns)
-        y, x = row * self.size, column * self.size
-        return (
-            slice(y, min(y + self.size, self.height)),
-            slice(x, min(x + self.size, self.width)),
-        )
-
-    def reached(self, cells: np.ndarray, reach_px: int) -> list[int]:
-        """Tiles that light from these cells of the window can reach."""
-        wide = 2 * -(-reach_px // _CELL) + 1
-        lit = cv2.dilate(cells, np.ones((wide, wide), np.uint8))
-        found = []
-        for tile in range(self.rows * self.columns):
-            row, column = divmod(tile, self.columns)
-            y, x = self.top + row * self.size, self.left + column * self.size
-            y1, x1 = y + self.size, x + self.size
-            if lit[y // _CELL : -(-y1 // _CELL), x // _CELL : -(-x1 // _CELL)].any():
-                found.append(tile)
-        return found
-
-
 def _presence(scene: Scene, levels: list[int]) -> dict[int, np.ndarray]:
     """For each level, which cells of the window hold any of it."""
     low, count = levels[0], levels[-1] - levels[0] + 1
     height, width = scene.index.shape[1:]
-    rows, columns = -(-height // _CELL), -(-width // _CELL)
-    cell = (np.arange(height) // _CELL * columns)[:, None] + np.arange(width) // _CELL
+    rows, columns = -(-height // CELL), -(-width // CELL)
+    cell = (np.arange(height) // CELL * columns)[:, None] + np.arange(width) // CELL
     held = np.zeros(count * rows * columns, bool)
     for index in scene.index:
         own = index != NEVER
@@ -293,7 +200,7 @@ def _presence(scene: Scene, levels: list[int]) -> dict[int, np.ndarray]:
     return {n: planes[n - low] for n in levels}
 
 
-def _padded(scene: Scene, tiles: _Tiles) -> tuple[jnp.ndarray, jnp.ndarray]:
+def _padded(scene: Scene, tiles: BlurTiles) -> tuple[jnp.ndarray, jnp.ndarray]:
     """Layers with a margin that continues their border, on the device; the scene gives
     its own up, since two copies of a large frame are too many."""
     (top, bottom), (left, right) = tiles.padding
@@ -311,7 +218,7 @@ def _padded(scene: Scene, tiles: _Tiles) -> tuple[jnp.ndarray, jnp.ndarray]:
 
 def _blurred(
     arrays: tuple[jnp.ndarray, jnp.ndarray],
-    tiles: _Tiles,
+    tiles: BlurTiles,
     setup: BlurSetup,
     level: int,
     job: list[int],

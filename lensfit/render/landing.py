@@ -11,8 +11,9 @@ from jaxtyping import Float32
 
 from lensfit.coords import Window
 from lensfit.render.buffers import aligned_empty
-from lensfit.render.defocus import FlatPlate, stays_sharp
+from lensfit.render.defocus import stays_sharp
 from lensfit.render.filters import Filter
+from lensfit.render.flat_plate import FlatPlate
 from lensfit.render.highlights import Highlights, take_highlights
 from lensfit.render.layer_stack import LayerStack, Mattes
 from lensfit.render.nearest import linear, nearest
