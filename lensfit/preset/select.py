@@ -121,7 +121,7 @@ def _focal_length(
         if len(measured) > 1:
             raise PresetError(
                 f"the preset holds focal lengths {span}",
-                remedy="say which focal_length_mm is meant",
+                remedy="say which is meant with focal_length_mm (--focal-length-mm)",
             )
         return measured[0]
     nearest = min(max(asked, measured[0]), measured[-1])
@@ -154,10 +154,13 @@ def _at_focus(
     if len(entries) == 1:
         return _asked_focus(entries[0], focus_distance_mm, notes)
     if focus_distance_mm is None:
+        known = sorted(e.focus_distance_mm for e in entries if e.focus_distance_mm)
         raise PresetError(
-            f"the preset holds {len(entries)} focus distances at "
-            f"{entries[0].focal_length_mm:g} mm",
-            remedy="say which focus_distance_mm is meant",
+            f"the preset holds several focus distances at "
+            f"{entries[0].focal_length_mm:g} mm "
+            f"({', '.join(f'{mm:.6g}' for mm in known)} mm)",
+            remedy="say which is meant with focus_distance_mm (--focus-distance-mm); "
+            "others lie between",
         )
     by_focus = {_dioptres(entry): entry for entry in entries}
     measured = sorted(by_focus)
