@@ -9,6 +9,7 @@ marks apart, because evidence for a term is judged on marks a solve has not seen
 Parameters are scaled and carry priors, which keeps the matrix well within float64.
 """
 
+from math import gcd
 from typing import NamedTuple
 
 import jax
@@ -30,9 +31,9 @@ from lensfit.fit.rows import GUARDED, Mark, row
 from lensfit.optics import field
 from lensfit.optics.distortion import box_from_principal_point
 
-BATCH = 32
-"""Chunks in one turn of the loop: enough that turns are few, for every turn waits for
-its threads, and on a busy machine waiting is what costs."""
+BATCH = 4
+"""Chunks in one turn of the loop: their rows stay in a processor's cache, no thread
+waits for another, and what is looked at besides the chunks in use is little."""
 
 
 class Equations(NamedTuple):
@@ -87,12 +88,12 @@ def equations(
 ) -> Equations:
     """Gathered over the chunks in use; a chunk's every other mark makes a half.
 
-    The number of chunks is a multiple of `BATCH`, or smaller.
+    Quick where the number of chunks is a multiple of `BATCH`.
     """
     shared, local = split(parameters, layout)
     guarded, by_coefficient = _behind_guard(shared, layout, frame)
     k, n = layout.shared, layout.shared + layout.local
-    count, batch = local.shape[0], min(BATCH, marks.view.shape[0])
+    count, batch = local.shape[0], gcd(BATCH, marks.view.shape[0])
     of_marks = jax.vmap(row, (0, None, None, None, None))
 
     def of_chunk(own, mark: Mark):
