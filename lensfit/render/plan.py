@@ -184,28 +184,36 @@ def _depth_of_field(
     error = 0.0 if is_flat else _LEVEL_ERROR * defocus.levels.step_px
     if not defocus.bank.is_scaled:
         error = float(np.hypot(error, _KERNEL_ERROR * budget.kernel_error))
-    planes = (9 if setup.chromatic else 5) + (15 if grid.varies else 0)
-    seconds = _TRANSFORM_S * planes * _transformed_px(radius_px, output, setup, defocus)
+    planes = transformed_planes(radius_px, output, setup, defocus)
+    seconds = _TRANSFORM_S * sum(n * side**2 for side, n in planes.items())
     return StagePlan("depth of field", True, why, error, seconds)
 
 
-def _transformed_px(
-    radius_px: np.ndarray, output: Window, setup: BlurSetup, defocus: Defocus
-) -> float:
-    """Pixels of all tiles of all levels that hold something, surroundings included."""
+def transformed_planes(
+    radius_px: Float32[np.ndarray, "*layers height width"],
+    output: Window,
+    setup: BlurSetup,
+    defocus: Defocus,
+) -> dict[int, float]:
+    """Planes of tiles that are transformed forth and back, by the side of the tile, of
+    all levels that hold something; surroundings are in the side."""
     index = defocus.levels.index(radius_px)
     index = index.reshape(-1, *index.shape[-2:])
     height, width = index.shape[1:]
     size = setup.tile
-    total = 0.0
+    tiles: dict[int, float] = {side: 0.0 for side in setup.rooms.values()}
     for top in range(0, height, size):
         for left in range(0, width, size):
             reach = max(setup.reaches.values())
             rows = slice(max(top - reach, 0), top + size + reach)
             columns = slice(max(left - reach, 0), left + size + reach)
             held = np.unique(index[:, rows, columns])
-            total += sum(setup.rooms[n] ** 2 for n in held.tolist() if n in setup.rooms)
-    return total * output.width * output.height / (height * width)
+            for n in held.tolist():
+                if n in setup.rooms:
+                    tiles[setup.rooms[n]] += 1
+    planes = (9 if setup.chromatic else 5) + (15 if setup.grid.varies else 0)
+    share = planes * output.width * output.height / (height * width)
+    return {side: share * count for side, count in tiles.items()}
 
 
 def _kernels_s(setup: BlurSetup, defocus: Defocus) -> float:

@@ -12,6 +12,7 @@ from typing import Any
 
 from lensfit.errors import LensfitError
 from lensfit.progress import Progress, silent
+from lensfit.workflow.bench_detect import bench_detect
 from lensfit.workflow.bench_fit import bench_fit
 from lensfit.workflow.bench_render import bench_render
 from lensfit.workflow.bench_result import bench_result
@@ -45,7 +46,8 @@ def bench_all(
 
     Returns
     -------
-    "rows" of all, "seconds" of each, "notes", "errors", "machine".
+    "rows" of all, "seconds" of each, "profiles", "floors", "notes", "errors",
+    "machine".
 
     Raises
     ------
@@ -53,7 +55,7 @@ def bench_all(
     """
     on, folder = machine(), None if out_dir is None else Path(out_dir)
     parts, notes = _parts(trials, judge, data, folder, quick, progress)
-    rows, errors, seconds = [], [], {}
+    rows, errors, seconds, profiles, floors = [], [], {}, {}, []
     for name, part in parts.items():
         began = time.perf_counter()
         try:
@@ -63,11 +65,14 @@ def bench_all(
             continue
         finally:
             seconds[name] = round(time.perf_counter() - began, 1)
+        profiles |= found.get("profiles", {})
+        floors += found.get("floors", [])
         rows += [{"bench": name} | row for row in found["rows"]]
         errors += found.get("errors", [])
         notes += found.get("notes", [])
     said = {"seconds": seconds, "notes": notes, "errors": errors}
-    return bench_result("all", on, folder, rows=rows, **said)
+    where = {"profiles": profiles, "floors": floors}
+    return bench_result("all", on, folder, rows=rows, **where, **said)
 
 
 def _parts(
@@ -97,6 +102,9 @@ def _parts(
         notes.append("no data folder (--data): photographs and plates are left out")
     else:
         for name in QUICK_SETS if quick else (None,):
+            parts[f"detect {name or ''}".strip()] = lambda name=name: bench_detect(
+                data, folder, only=name, progress=progress
+            )
             parts[f"fit {name or ''}".strip()] = lambda name=name: bench_fit(
                 data, folder, only=name, progress=progress
             )

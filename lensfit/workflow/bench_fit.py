@@ -27,6 +27,7 @@ from lensfit.workflow.bench_result import bench_result
 from lensfit.workflow.bench_rows import Row, as_tables
 from lensfit.workflow.bench_sampler import sampled
 from lensfit.workflow.bench_sets import BenchSet
+from lensfit.workflow.bench_start import START_SET, start_rows
 from lensfit.workflow.calibration.entries import camera_of
 from lensfit.workflow.calibration.lens_facts import entry_facts, errors_of
 from lensfit.workflow.calibration.observe import observe_shoot
@@ -110,6 +111,8 @@ def bench_fit(
         sets.append(counts_of(measured))
         profiles |= {f"{one.name}, {k}": v for k, v in measured.profiles.items()}
         floors.append(measured.floor.as_table() | {"set": one.name})
+        if one.name == START_SET:
+            rows += start_rows("fit", data)
     progress("sets", len(chosen), len(chosen))
     where = {"profiles": profiles, "floors": floors, "rates": rates._asdict()}
     found = {"rows": as_tables(rows), "sets": sets, "errors": errors} | where

@@ -7,7 +7,6 @@ script of layered discs, `cv2.remap` for the warp, and Blender's compositor node
 since other work on the machine does not lengthen them.
 """
 
-import json
 import math
 import time
 from collections.abc import Callable
@@ -17,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from lensfit._strict import convert_strictly, read_json_object
-from lensfit.atomic import write_text_atomic
 from lensfit.errors import PresetError
 from lensfit.preset.store import load_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.bench_blender import blender_defocus, python_with_bpy
-from lensfit.workflow.bench_render_kernels import kernel_rows
+from lensfit.workflow.bench_floor import measured_rates
+from lensfit.workflow.bench_render_kernels import bundled_preset, kernel_rows
+from lensfit.workflow.bench_render_profile import render_profile
 from lensfit.workflow.bench_render_scenes import (
     Scene,
     layered_discs,
@@ -31,9 +31,11 @@ from lensfit.workflow.bench_render_scenes import (
     synthetic_scene,
 )
 from lensfit.workflow.bench_render_warp import warp_row
+from lensfit.workflow.bench_result import bench_result
 from lensfit.workflow.bench_rows import Row, as_tables
+from lensfit.workflow.bench_start import start_rows
+from lensfit.workflow.machine import machine
 
-RESULT = "bench_render.json"
 TOLERANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 _UHD_TOLERANCES = (1e-3, 2e-3, 5e-3, 1e-2, 3e-2)
 _FINEST = 0.5
@@ -61,29 +63,25 @@ def bench_render(
     ----------
     data : Folder with camera.json, plate.0001.exr and reference.0001.exr.
     out_dir : Folder for bench_render.json and a plot of error against time.
-    preset : A fitted preset whose blur was measured, for the kernels' errors.
+    preset : A fitted preset whose blur was measured, for the kernels' errors and a
+        pull of focus; that of a checkout of lensfit when None.
     quick : Leave the frames of eight million pixels out.
     blender : Interpreter that has `bpy`, for Blender's Defocus node; this one, if it
         has, when None.
 
     Returns
     -------
-    "rows", "curves" (error against time; time against pixels and blur) and "notes".
+    "rows", "curves" (error against time; time against pixels and blur), "profiles"
+    (seconds by stage), "floors", "machine" and "notes".
 
     Raises
     ------
     LensfitError : Something cannot be read or written.
     """
-    folder = Path(data)
-    tables = read_json_object(
-        folder / "camera.json",
-        error=PresetError,
-        source="give the folder of the plate with --data",
-        mend="mend the file",
-    )
-    camera = convert_strictly(
-        tables, ThinCamera, error=PresetError, where=folder / "camera.json"
-    )
+    on, rates, folder = machine(), measured_rates(), Path(data)
+    camera = camera_of_plate(folder)
+    chosen = bundled_preset() if preset is None else Path(preset)
+    fitted = None if chosen is None else load_preset(chosen)
     blender = blender or python_with_bpy()
     notes = [] if blender else ["Blender's Defocus node: bpy is not installed"]
     progress("render", 0, 5)
@@ -96,26 +94,41 @@ def bench_render(
     if not quick:
         uhd = synthetic_scene(camera, *_UHD)
         curves["uhd"], _ = _error_against_time(uhd, _UHD_TOLERANCES, runs=1)
-        rows += [_memory_row(), warp_row(*_UHD, _best)]
+        rows.append(warp_row(*_UHD, _best))
     progress("render", 4, 5)
-    if preset is not None:
-        rows += kernel_rows(load_preset(preset))
-    else:
+    if fitted is None:
         notes.append("no fitted preset (--preset): kernel errors are not measured")
-    result = {
-        "schema": "lensfit.bench.1",
-        "bench": "render",
-        "rows": as_tables(rows),
-        "curves": curves,
-        "notes": notes,
-    }
+    else:
+        rows += kernel_rows(fitted, quick=quick)
+    profile = render_profile(scene, rates, fitted)
+    rows += [*profile.rows, *start_rows("render", folder), _memory_row()]
+    found = {"rows": as_tables(rows), "curves": curves, "notes": notes}
+    where = {"profiles": profile.profiles, "floors": profile.floors}
+    where["rates"] = rates._asdict()
+    result = bench_result("render", on, out_dir, **found, **where)
     if out_dir is not None:
         from lensfit.workflow.bench_render_plot import write_plot
 
-        write_text_atomic(Path(out_dir) / RESULT, json.dumps(result, indent=1))
         write_plot(result, Path(out_dir))
     progress("render", 5, 5)
     return result
+
+
+def camera_of_plate(folder: Path) -> ThinCamera:
+    """The camera of the path-traced plate.
+
+    Raises
+    ------
+    PresetError : There is no camera.json, or it describes none.
+    """
+    path = folder / "camera.json"
+    tables = read_json_object(
+        path,
+        error=PresetError,
+        source="give the folder of the plate with --data",
+        mend="mend the file",
+    )
+    return convert_strictly(tables, ThinCamera, error=PresetError, where=path)
 
 
 def psnr_db(picture: np.ndarray, reference: np.ndarray) -> float:
@@ -245,4 +258,4 @@ def _memory_row() -> Row:
     import resource
 
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    return Row("uhd", "memory of the whole run, GiB", most, bar=4.0)
+    return Row("memory", "of the whole run so far, GiB", most, bar=4.0)

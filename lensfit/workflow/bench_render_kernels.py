@@ -1,10 +1,12 @@
 """Kernels that vary over the frame, against a kernel of its own for every pixel."""
 
 import time
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+import lensfit
 from lensfit.coords import Window
 from lensfit.preset.schema import Preset
 from lensfit.render.brute import exact_bank, exact_block
@@ -20,8 +22,19 @@ _RADII_PX = (0.0, -6.0, 6.0)
 _AMPLITUDE = 0.02
 
 
-def kernel_rows(preset: Preset) -> list[Row]:
-    """Errors over field and depth at the default tolerance; time over brute force."""
+def bundled_preset() -> Path | None:
+    """A fitted prime lens, where lensfit runs from a checkout that has its presets."""
+    path = Path(lensfit.__file__).parents[1] / "presets" / "prime_50" / "preset.json"
+    return path if path.is_file() else None
+
+
+def kernel_rows(preset: Preset, *, quick: bool = False) -> list[Row]:
+    """Errors over field and depth at the default tolerance; time over brute force.
+
+    Parameters
+    ----------
+    quick : At one radius of blur only.
+    """
     lens = preset.at(
         focal_length_mm=preset.entries[0].focal_length_mm,
         focus_distance_mm=preset.entries[0].focus_distance_mm,
@@ -29,7 +42,8 @@ def kernel_rows(preset: Preset) -> list[Row]:
     frame = Window.of_size(_WIDTH, _HEIGHT)
     stages = prepare_stages(lens, frame, frame, switches=Switches(False, False, False))
     picture = one_over_f()
-    found = [_at_radius(picture, radius, stages) for radius in _RADII_PX]
+    radii_px = _RADII_PX[1:2] if quick else _RADII_PX
+    found = [_at_radius(picture, radius, stages) for radius in radii_px]
     kernels = np.concatenate([one.kernels for one in found])
     squares = np.concatenate([one.squares for one in found])
     brute, first, after = (

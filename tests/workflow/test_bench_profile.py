@@ -8,12 +8,17 @@ import pytest
 
 from lensfit.cli._console import console
 from lensfit.cli.bench.profiles import profile_tables
+from lensfit.errors import LensfitError
+from lensfit.preset.thin_lens import ThinCamera
 from lensfit.render.disc import disc_kernel
 from lensfit.workflow.bench_fit_floor import pass_flops
-from lensfit.workflow.bench_floor import Floor, fft_flops, measured_rates
+from lensfit.workflow.bench_floor import Floor, Rates, fft_flops, measured_rates
 from lensfit.workflow.bench_points import agreement, misnumbered
+from lensfit.workflow.bench_render_floor import blur_floor, warp_bytes
+from lensfit.workflow.bench_render_scenes import synthetic_scene
 from lensfit.workflow.bench_result import bench_result
 from lensfit.workflow.bench_sampler import sampled
+from lensfit.workflow.bench_start import start_rows
 from lensfit.workflow.bench_times import timed
 from lensfit.workflow.machine import machine
 
@@ -118,3 +123,31 @@ def test_tables_show_stages_and_distance():
     assert "render/disc" not in text
     assert "2e+09 bytes" in text
     assert profile_tables({"rows": []}) == []
+
+
+def test_a_warp_moves_what_it_reads_and_writes():
+    # One pixel of four channels: 16 bytes in, 16 out, 8 of the map.
+    assert warp_bytes(1, 4) == 40.0
+
+
+def test_transforms_of_a_frame_are_those_of_its_tiles():
+    camera = ThinCamera(50.0, 2.0, 2.0, 24.0, 256, 144)
+    scene = synthetic_scene(camera, 256, 144)
+    rates = Rates(bytes=1e9, flops=1e9, fft_flops=1e9)
+    floor = blur_floor(scene, 3e-3, 1.0, rates)
+    # At least each plane of the frame once forth and once back, in any tiles.
+    assert floor.needs > 2 * 5 * 2.5 * 256 * 144
+    assert floor.distance == pytest.approx(1e9 / floor.needs)
+
+
+def test_a_process_of_its_own_that_fails_is_one_line(tmp_path):
+    with pytest.raises(LensfitError, match="in a process of its own, failed"):
+        start_rows("render", tmp_path)
+
+
+@pytest.mark.slow
+def test_import_compilation_first_run_and_steady_state_are_told_apart(data_dir):
+    rows = {row.what: row.value for row in start_rows("render", data_dir / "plates")}
+    assert rows["import, s"] > 0.1
+    assert rows["compilation, s"] > 0
+    assert rows["first run of a process, s"] > rows["steady state, s"]
