@@ -164,7 +164,7 @@ def test_a_format_of_one_state_wants_one_state_of_a_zoom(folder: Path):
     )
     export_preset("opentrackio", one)
     assert json.loads((folder / "one.json").read_text())["lens"]["focusDistance"] == 5.0
-    with pytest.raises(LensfitError, match="say which focal_length_mm"):
+    with pytest.raises(LensfitError, match="--focal-length-mm"):
         export_preset("opencv", request(zoom, folder / "zoom.yaml"))
 
 
