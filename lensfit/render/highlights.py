@@ -47,10 +47,13 @@ class Highlights(NamedTuple):
     ----------
     light : What was taken, r g b; zero elsewhere.
     radius_px : Radius of blur of each light, and of the nearest one beside it.
+    mask : Above 0 where lights lie, by green's map when they have landed: what says
+        where a light is, for all of its colours.
     """
 
     light: Float32[np.ndarray, "height width 3"]
     radius_px: Float32[np.ndarray, "height width"]
+    mask: Float32[np.ndarray, "height width"]
 
 
 class Spot(NamedTuple):
@@ -61,6 +64,8 @@ class Spot(NamedTuple):
     light : In one colour.
     colour : 0, 1, 2 for red, green, blue.
     row, column : Of the patch's first pixel.
+    x, y : Middle of the light that it belongs to, so that all colours of a light get
+        kernels of one place.
     radius_px : Of its blur.
     is_point : Whether it is one pixel by itself.
     """
@@ -69,6 +74,8 @@ class Spot(NamedTuple):
     colour: int
     row: int
     column: int
+    x: float
+    y: float
     radius_px: float
     is_point: bool
 
@@ -114,7 +121,7 @@ def take_highlights(
         behind = ground[here][:, 3] > _SEEN_THROUGH * own_rgba[:, 3]
         farther = np.minimum(ground_px[here], own_px[box][here])
         radius_px[box][here] = np.where(behind, farther, own_px[box][here])
-    return Highlights(light, _carried(own_px, mask))
+    return Highlights(light, _carried(own_px, mask), mask.astype(np.float32))
 
 
 def _carried(own_px: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -188,6 +195,7 @@ def spots(found: Highlights, resolution_px: float) -> Iterator[Spot]:
     found : As they have landed.
     resolution_px : Radii are rounded to multiples of this, so that kernels repeat.
     """
+    whose, middles = _middles(found.mask)
     for colour in range(3):
         light = found.light[..., colour]
         lit = (light != 0).astype(np.uint8)
@@ -202,4 +210,24 @@ def spots(found: Highlights, resolution_px: float) -> Iterator[Spot]:
                 if part.max() <= 0:
                     continue
                 alone = bool(part.max() > 0.999 * part.sum())
-                yield Spot(part, colour, y, x, float(step) * resolution_px, alone)
+                peak = np.unravel_index(part.argmax(), part.shape)
+                middle_x, middle_y = middles[whose[box][peak]]
+                blur_px = float(step) * resolution_px
+                yield Spot(part, colour, y, x, middle_x, middle_y, blur_px, alone)
+
+
+def _middles(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The number of the light nearest to every pixel, and x and y of the middle of
+    each light."""
+    dark = (mask <= 0).astype(np.uint8)
+    _, labels = cv2.distanceTransformWithLabels(
+        dark, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_CCOMP
+    )
+    whose = np.asarray(labels, np.int64)
+    rows, columns = np.nonzero(mask > 0)
+    own = whose[rows, columns]
+    count = np.maximum(np.bincount(own, minlength=int(whose.max()) + 1), 1)
+    x, y = (
+        np.bincount(own, a + 0.5, minlength=len(count)) / count for a in (columns, rows)
+    )
+    return whose, np.stack([x, y], -1)

@@ -74,8 +74,10 @@ def _landed_lights(
         linear(np.ascontiguousarray(lights.light[..., c]), data_window, source_map)
         for c, source_map in enumerate(stages.maps)
     ]
-    radius_px = nearest(lights.radius_px, data_window, stages.maps[1])
-    return Highlights(np.stack(light, -1), radius_px)
+    green = stages.maps[1]
+    radius_px = nearest(lights.radius_px, data_window, green)
+    mask = linear(lights.mask, data_window, green)
+    return Highlights(np.stack(light, -1), radius_px, mask)
 
 
 def landed(

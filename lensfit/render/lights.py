@@ -115,9 +115,7 @@ class _Key(NamedTuple):
 
     @classmethod
     def of(cls, spot: Spot, setup: BlurSetup) -> "_Key":
-        height, width = spot.light.shape
-        middle = np.array([spot.column + width / 2, spot.row + height / 2])
-        x, y = setup.place_of_light(middle)
+        x, y = setup.place_of_light(np.array([spot.x, spot.y]))
         finer = 1 if spot.is_point else _FINER
         channel = RGB[spot.colour] if setup.chromatic else "g"
         return cls(float(x), float(y), round(spot.radius_px, 4), finer, channel)

@@ -14,6 +14,7 @@ import lensfit
 from lensfit.coords import Window
 from lensfit.preset.knobs import NEUTRAL, turned
 from lensfit.render.frame import render
+from lensfit.render.highlights import Highlights, spots
 from lensfit.render.stages import Switches
 from lensfit.render.uv import PlateGeometry
 
@@ -78,3 +79,18 @@ def test_a_light_keeps_its_energy_and_its_coverage():
     found = render(rgba, depth, lens, switches=Switches(falloff=False))
     assert found[..., 1].sum() == pytest.approx(40, rel=0.03)
     assert found[..., 3].sum() == pytest.approx(1, rel=0.1)
+
+
+def test_all_colours_of_a_light_take_the_kernel_of_one_place():
+    """However far apart they landed: else a light turns yellow where a coarse tolerance
+    makes kernels of few places."""
+    light, mask = np.zeros((40, 60, 3), np.float32), np.zeros((40, 60), np.float32)
+    for row, column in ((10, 12), (25, 44)):
+        mask[row : row + 3, column : column + 3] = 1
+        for colour, shift in enumerate((2, 0, -3)):
+            light[row + 1, column + 1 + shift, colour] = 5
+    found = list(spots(Highlights(light, 4 * np.ones_like(mask), mask), 0.05))
+    assert [spot.colour for spot in found] == [0, 0, 1, 1, 2, 2]
+    for colour in range(3):
+        places = {(s.x, s.y) for s in found if s.colour == colour}
+        assert places == {(13.5, 11.5), (45.5, 26.5)}
