@@ -11,7 +11,8 @@
   gets no rings, and alpha does not exceed 1.
 - Minification: where the map steps by more than `UNFILTERED_STRETCH` source pixels per
   output pixel, the reading is averaged over a parallelogram that grows with the
-  stretch from zero size, so that detail fades instead of aliasing.
+  stretch from zero size, so that detail fades instead of aliasing. A step of more than
+  `JUMP_PX` is none: there two parts of a map meet, and each is read as it is.
 
 On a CPU most of the picture is read in tiles (`lensfit.render.tiles`), on a GPU pixel
 by pixel; the values are the same to rounding.
@@ -32,6 +33,9 @@ from lensfit.render.tiles import TileWarp
 from lensfit.render.uv import SourceMap
 
 UNFILTERED_STRETCH = 1.25
+JUMP_PX = 32.0
+_MOST_READINGS = 16
+"""Along each axis of the parallelogram; more take time and look the same."""
 _TILE = 128
 _STRETCH_STEP = 8
 
@@ -190,15 +194,16 @@ def _spread(displacement: np.ndarray, tile: tuple[slice, slice]) -> list[np.ndar
     )
     steps = _steps(displacement[(slice(None), *halo)])[(..., *inner)]
     stretch = np.linalg.norm(steps, axis=1)
+    stretch[:, (stretch > JUMP_PX).any(0)] = 1.0
     over = np.maximum(stretch / UNFILTERED_STRETCH, 1.0)
     wide = np.sqrt(1 - over**-2)
-    counts = np.maximum(np.ceil((wide * stretch).max((1, 2))), 1).astype(int)
+    counts = np.clip(np.ceil((wide * stretch).max((1, 2))), 1, _MOST_READINGS)
     own = displacement[(slice(None), *tile)]
     x_step, y_step = wide[:, None] * steps
     return [
         (own + a * x_step + b * y_step).astype(np.float32)
-        for a in _even(counts[0])
-        for b in _even(counts[1])
+        for a in _even(int(counts[0]))
+        for b in _even(int(counts[1]))
     ]
 
 
