@@ -204,6 +204,7 @@ def test_largest_blur_holds_depth_and_nothing_else():
     np.testing.assert_array_equal(still, psf(base, 2100.0))
 
 
+@pytest.mark.slow
 def test_rays_that_nobody_measured_are_aberrated_as_the_nearest_that_was():
     """Straight blades reach beyond the widest opening, where a term of the tenth order
     would throw rays far away; its size at the rim is the farthest that they go."""

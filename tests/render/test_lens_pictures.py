@@ -80,6 +80,7 @@ def test_kernels_stand_side_by_side():
     assert np.unravel_index(tile[..., 1].argmax(), tile.shape[:2]) == (middle, middle)
 
 
+@pytest.mark.slow
 def test_tiles_have_room_for_a_wide_blur():
     """Arrays of kernels sum to 1 however much of the light falls beside them."""
     lens, frame = ideal_lens(), Window.of_size(WIDTH, HEIGHT)

@@ -92,7 +92,9 @@ def test_a_killed_job_run_again_ends_with_the_same_files(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
-@pytest.mark.parametrize(("killed", "most_lost"), [(1, 1), (2, 5)])
+@pytest.mark.parametrize(
+    ("killed", "most_lost"), [(1, 1), pytest.param(2, 5, marks=pytest.mark.slow)]
+)
 def test_a_worker_that_dies_costs_the_frame_it_was_at(tmp_path, killed, most_lost):
     plates = [write_plate(tmp_path / f"plate.{n:04d}.exr") for n in range(6)]
 

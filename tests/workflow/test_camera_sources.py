@@ -298,6 +298,7 @@ def test_a_row_that_is_missing_fails_its_frame_alone(tmp_path):
     assert "none for 1003" in line
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="needs two cores")
 def test_workers_read_the_same_sidecar(tmp_path):
     arri = files.arri(tmp_path, PRIME, PRIME)

@@ -112,7 +112,7 @@ needs_statm = pytest.mark.skipif(
 
 
 @needs_statm
-@pytest.mark.parametrize("depth", [False, True])
+@pytest.mark.parametrize("depth", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_no_frame_compiles_what_the_first_frames_compiled(tmp_path, depth):
     compiled = run(tmp_path, 16, depth)[:, 0]
     assert compiled[0] > 0  # else the watch hears nothing
