@@ -22,7 +22,8 @@ from lensfit.workflow.bench_wavefront import Judge, Trial, bench_wavefront
 from lensfit.workflow.bench_wavefront_rows import wavefront_rows
 from lensfit.workflow.machine import machine
 
-QUICK_SETS = ("dot_pattern_05", "gopro8", "line_pattern_01")
+QUICK_DOTS = ("dot_pattern_05", "gopro8")
+QUICK_SETS = (*QUICK_DOTS, "line_pattern_01")
 Part = Callable[[], dict[str, Any]]
 
 
@@ -101,13 +102,11 @@ def _parts(
     if data is None:
         notes.append("no data folder (--data): photographs and plates are left out")
     else:
-        for name in QUICK_SETS if quick else (None,):
-            parts[f"detect {name or ''}".strip()] = lambda name=name: bench_detect(
-                data, folder, only=name, progress=progress
-            )
-            parts[f"fit {name or ''}".strip()] = lambda name=name: bench_fit(
-                data, folder, only=name, progress=progress
-            )
+        dots, sets = (QUICK_DOTS, QUICK_SETS) if quick else (None, None)
+        parts["detect"] = lambda: bench_detect(
+            data, folder, only=dots, progress=progress
+        )
+        parts["fit"] = lambda: bench_fit(data, folder, only=sets, progress=progress)
         if (plates / "camera.json").is_file():
             parts["render"] = render
         else:

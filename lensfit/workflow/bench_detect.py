@@ -4,6 +4,7 @@ The peer finds blobs and numbers none of them: there is no other detector of dot
 numbers a grid of unknown size, which is why its count is given with its time.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +30,10 @@ def bench_detect(
     data: str | Path,
     out_dir: str | Path | None = None,
     *,
-    only: str | None = None,
+    only: str | Sequence[str] | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Find and number the marks of every set, or of one.
+    """Find and number the marks of every set, or of one or several.
 
     Returns
     -------

@@ -6,6 +6,7 @@ a folder is given.
 """
 
 import statistics
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,7 +71,7 @@ def bench_fit(
     data: str | Path,
     out_dir: str | Path | None = None,
     *,
-    only: str | None = None,
+    only: str | Sequence[str] | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Measure every set, or one.
@@ -79,7 +80,7 @@ def bench_fit(
     ----------
     data : Folder with ``real`` and ``oracle``.
     out_dir : Folder for bench_fit.json and for overlays of what was detected.
-    only : Name of a set.
+    only : Name of a set, or several.
     progress : Told about each set.
 
     Returns

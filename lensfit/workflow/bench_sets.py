@@ -6,6 +6,7 @@ colour is the median radial shift beyond 0.8 of the largest radius, measured by 
 code. Shoot files lie in `data_synth/shoots`, photographs in the data folder.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -63,20 +64,22 @@ SETS = (
 )
 
 
-def chosen_sets(only: str | None) -> tuple[BenchSet, ...]:
-    """All sets, or the one of that name.
+def chosen_sets(only: str | Sequence[str] | None) -> tuple[BenchSet, ...]:
+    """All sets, or those of one or several names.
 
     Raises
     ------
-    LensfitError : There is no set of that name.
+    LensfitError : There is no set of a name.
     """
     if only is None:
         return SETS
-    found = tuple(one for one in SETS if one.name == only)
-    if not found:
-        names = ", ".join(one.name for one in SETS)
-        raise LensfitError(f'no set is called "{only}"', remedy=f"use one of {names}")
-    return found
+    known = {one.name: one for one in SETS}
+    wanted = [only] if isinstance(only, str) else only
+    for name in wanted:
+        if name not in known:
+            remedy = f"use one of {', '.join(known)}"
+            raise LensfitError(f'no set is called "{name}"', remedy=remedy)
+    return tuple(known[name] for name in wanted)
 
 
 def shoot_of(bench_set: BenchSet, data: Path) -> Shoot:
