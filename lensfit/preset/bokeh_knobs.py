@@ -20,8 +20,8 @@ class BokehKnobs(
 
     Attributes
     ----------
-    blades : At every f-number, their opening of the same area as a round one; 0, 1 and
-        2 are round. None as measured.
+    blades : At every f-number, their opening of the same area as a round one; 0 is
+        round, 1 and 2 enclose nothing and are refused. None as measured.
     blade_rotation_deg : Turns blades and filter image, clockwise as the picture shows
         them beyond the focus distance.
     roundness : Of the blades; None as measured.
@@ -46,7 +46,9 @@ class BokehKnobs(
     blades: (
         Annotated[
             int,
-            Meta(ge=0, le=16, description="Blades of the stop, 0 for a round one"),
+            Meta(
+                ge=0, le=16, description="Blades of the stop, 0 for round, or 3 or more"
+            ),
         ]
         | None
     ) = None
@@ -122,3 +124,16 @@ class BokehKnobs(
         ]
         | None
     ) = None
+
+    def __post_init__(self) -> None:
+        """Run by the reader of files, too, which names the file and the knob's group.
+
+        Raises
+        ------
+        ValueError : There are blades, and too few to enclose an opening.
+        """
+        if self.blades is not None and 0 < self.blades < LEAST_BLADES:
+            raise ValueError(
+                f"blades is {self.blades}; an opening has no blades (0) or at least "
+                f"{LEAST_BLADES}"
+            )

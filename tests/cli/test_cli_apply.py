@@ -97,6 +97,8 @@ def test_knobs_and_what_is_disabled_reach_the_workflow(asked):
         ("--disable comma", 'did you mean "coma"?'),
         ("--disable ,", "names no aberration"),
         ("--blades 17", "17 is not from 0 to 16"),
+        ("--blades 1", "blades is 1; an opening has no blades (0) or at least 3"),
+        ("--blades 2", "blades is 2; an opening has no blades (0) or at least 3"),
         ("--edge-mask a --edge-matte b", "goes without --edge-matte"),
     ],
 )

@@ -47,6 +47,8 @@ def test_the_last_word_counts_and_text_is_a_number():
         ({"coma_gan": 1}, 'no knob "coma_gan"; did you mean "coma_gain"?'),
         ({"blades": "many"}, "whole number"),
         ({"blades": 99}, "<= 16"),
+        ({"blades": "1"}, "blades is 1; an opening has no blades (0) or at least 3"),
+        ({"blades": 2}, "blades is 2; an opening has no blades (0) or at least 3"),
         ({"coma_gain": "nan"}, "no finite number"),
         ({"coma_gain": float("nan")}, "no finite number"),
         ({"coma_gain": "1e999"}, "no finite number"),
@@ -90,3 +92,16 @@ def test_a_preset_keeps_its_knobs(tmp_path):
     save_preset(preset, tmp_path / "preset.json")
     assert '"coma_gain": 0.25' in (tmp_path / "preset.json").read_text()
     assert load_preset(tmp_path / "preset.json") == preset
+
+
+def test_a_preset_with_two_blades_is_refused_by_name(tmp_path):
+    path = tmp_path / "preset.json"
+    save_preset(
+        msgspec.structs.replace(make_preset(), knobs=turned(NEUTRAL, {"blades": 3})),
+        path,
+    )
+    assert load_preset(path).knobs.bokeh.blades == 3
+    path.write_text(path.read_text().replace('"blades": 3', '"blades": 2'))
+    with pytest.raises(PresetError, match="blades is 2; an opening") as caught:
+        load_preset(path)
+    assert caught.value.where == path

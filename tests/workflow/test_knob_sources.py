@@ -8,7 +8,7 @@ from plate_makers import CAMERA, SENSOR, make_preset, write_plate
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
-from lensfit.errors import ImageError, SettingsError
+from lensfit.errors import ImageError, PresetError, SettingsError
 from lensfit.preset.knobs import NEUTRAL, turned
 from lensfit.preset.store import save_preset
 from lensfit.workflow.apply_options import ApplyOptions
@@ -53,6 +53,19 @@ def test_a_bad_word_hurts_only_where_it_counts(tmp_path):
     path = tmp_path / "s.toml"
     path.write_text("[knobs]\nblades = -1\n")
     with pytest.raises(SettingsError, match="or give --blades"):
+        knobs_of_plate(NEUTRAL, {}, load_settings(path), {}).checked()
+
+
+@pytest.mark.parametrize("blades", [1, 2])
+def test_too_few_blades_are_refused_wherever_they_are_stated(blades, tmp_path):
+    said = f"blades is {blades}; an opening has no blades .0. or at least 3"
+    with pytest.raises(ImageError, match=said):
+        knobs_of_plate(NEUTRAL, {"lensfit/blades": blades}, Settings(), {}).checked()
+    with pytest.raises(PresetError, match=said):
+        knobs_of_plate(NEUTRAL, {}, Settings(), {"blades": blades}).checked()
+    path = tmp_path / "s.toml"
+    path.write_text(f"[knobs]\nblades = {blades}\n")
+    with pytest.raises(SettingsError, match=said):
         knobs_of_plate(NEUTRAL, {}, load_settings(path), {}).checked()
 
 

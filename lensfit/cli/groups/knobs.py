@@ -27,7 +27,7 @@ def _options_of(
 
     def filled(group: type[Group]) -> type[Group]:
         knobs = msgspec.structs.fields(struct)
-        group.__annotations__ = {k.name: _option(k, panel) for k in knobs}
+        group.__annotations__ = {k.name: _option(struct, k, panel) for k in knobs}
         for knob in knobs:
             setattr(group, knob.name, None)
         return dataclass(frozen=True)(group)
@@ -35,14 +35,18 @@ def _options_of(
     return filled
 
 
-def _option(knob: msgspec.structs.FieldInfo, panel: str) -> Any:
+def _option(
+    struct: type[msgspec.Struct], knob: msgspec.structs.FieldInfo, panel: str
+) -> Any:
     """Its limits stand in the help's text: beside the types of numbers they would take
     so much of a line that names were cut."""
     kind, meta = _kind(knob.type)
     text, more = meta.description or "", {}
     if meta.ge is not None and meta.le is not None:
         text += f" ({meta.ge:g} to {meta.le:g})"
-        more = {"parser": _parser(kind, meta.ge, meta.le), "metavar": _WORDS[kind]}
+        number = _parser(kind, meta.ge, meta.le)
+        parser = _accepted(number, struct, knob.name)
+        more = {"parser": parser, "metavar": _WORDS[kind]}
     option = typer.Option(help=text, rich_help_panel=panel, **more)
     return Annotated[kind | None, option]
 
@@ -63,6 +67,22 @@ def _parser(
             raise typer.BadParameter(f"{text!r} is no {what}") from None
         if not least <= value <= most:
             raise typer.BadParameter(f"{text} is not from {least:g} to {most:g}")
+        return value
+
+    return parse
+
+
+def _accepted(
+    number: Callable[[str], int | float], struct: type[msgspec.Struct], name: str
+) -> Callable[[str], int | float]:
+    """A number that the knobs take; what they refuse is wrong usage, too."""
+
+    def parse(text: str) -> int | float:
+        value = number(text)
+        try:
+            struct(**{name: value})
+        except ValueError as reason:
+            raise typer.BadParameter(str(reason)) from None
         return value
 
     return parse
