@@ -83,6 +83,8 @@ def submit(
 
         save_preset(edited.taken_out("lensfit submit"), job.preset)
     files, run = _written(job, to, path)
+    if job.gaps is not None:
+        say_note(job.gaps)
     if job.missing:
         say_note(
             f"frames {job.missing} do not exist yet; their tasks fail without them"

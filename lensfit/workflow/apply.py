@@ -27,6 +27,7 @@ from lensfit.workflow.frame.outcome import FrameOutcome, apply_frame, error_line
 from lensfit.workflow.frame.renderer import FrameRenderer
 from lensfit.workflow.frame.workers import worker_outcomes
 from lensfit.workflow.notes import not_said
+from lensfit.workflow.sequence_notes import gaps_note, sizes_note
 
 
 @dataclass
@@ -82,17 +83,19 @@ def apply_preset(
         raise ValueError(f"{workers} workers render nothing")
     start = time.perf_counter()
     options = options or ApplyOptions()
-    pictures = _pictures(plates, frames)
+    pictures, gaps = _pictures(plates, frames)
     outcomes: list[FrameOutcome | None] = [None] * len(pictures)
     progress("frames", 0, len(pictures))
     with _outcomes(preset, options, pictures, Path(out_dir), workers) as finished:
         for done, (index, outcome) in enumerate(finished, 1):
             outcomes[index] = outcome
             progress("frames", done, len(pictures))
-    applied = Applied(seconds=time.perf_counter() - start)
-    for outcome in outcomes:
-        if outcome is not None:
-            _gather(applied, outcome)
+    applied = Applied(notes=gaps, seconds=time.perf_counter() - start)
+    finished = [(p, o) for p, o in zip(pictures, outcomes, strict=True) if o]
+    for _, outcome in finished:
+        _gather(applied, outcome)
+    sizes = sizes_note((path, outcome.size_px) for path, outcome in finished)
+    applied.notes += [] if sizes is None else [sizes]
     return applied
 
 
@@ -135,15 +138,18 @@ def _gather(applied: Applied, outcome: FrameOutcome) -> None:
     applied.notes += not_said(outcome.notes, applied.notes)
 
 
-def _pictures(plates: str | Path, frames: str | None) -> list[Path]:
-    """Files to render; those of a stated range that do not exist fail on their own."""
+def _pictures(plates: str | Path, frames: str | None) -> tuple[list[Path], list[str]]:
+    """Files to render, and a note where some are missing between those that exist;
+    those of a stated range that do not exist fail on their own."""
     pattern, own = split_pattern(plates)
     frames = own if frames is None else frames
     if frames is None:
-        return [path for _, path in expand_frames(pattern)]
+        found = expand_frames(pattern)
+        gaps = gaps_note(pattern, [n for n, _ in found if n is not None])
+        return [path for _, path in found], [] if gaps is None else [gaps]
     numbers = parse_frames(frames)
     paths = list(dict.fromkeys(frame_path(pattern, number) for number in numbers))
     single = frame_path(pattern, 0) == frame_path(pattern, 1)
     if single or not any(path.is_file() for path in paths):
-        return [path for _, path in expand_frames(pattern, frames)]  # says what lacks
-    return paths
+        paths = [path for _, path in expand_frames(pattern, frames)]  # says what lacks
+    return paths, []

@@ -22,6 +22,7 @@ from lensfit.io.sequence import (
     parse_frames,
     split_pattern,
 )
+from lensfit.workflow.sequence_notes import gaps_note
 
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")
 
@@ -51,6 +52,7 @@ class FarmJob:
     chunks : Ranges of frames, one for each task; empty for a single plate.
     options : Of ``lensfit apply``, in order.
     missing : Frames that are asked for and do not exist (yet).
+    gaps : A sentence where nothing was asked for, and some lack between those found.
     """
 
     preset: Path
@@ -59,6 +61,7 @@ class FarmJob:
     chunks: tuple[str, ...]
     options: tuple[HandedOption, ...] = ()
     missing: str = ""
+    gaps: str | None = None
 
     @property
     def name(self) -> str:
@@ -111,7 +114,8 @@ def farm_job(
     if not preset.is_file():
         raise PresetError("does not exist", where=preset, remedy="give a preset.json")
     pattern, own = split_pattern(plates)
-    numbers, missing = _frames(pattern, own if frames is None else frames)
+    asked = own if frames is None else frames
+    numbers, missing = _frames(pattern, asked)
     job = FarmJob(
         absolute(preset_beside or preset),
         absolute(pattern),
@@ -119,6 +123,7 @@ def farm_job(
         tuple(_range(numbers[at : at + chunk]) for at in range(0, len(numbers), chunk)),
         tuple(_absolute(option) for option in options),
         missing,
+        gaps_note(pattern, numbers) if asked is None else None,
     )
     output_path(job.plates, job.out)
     for word in job.arguments(None):

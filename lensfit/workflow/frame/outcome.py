@@ -19,12 +19,14 @@ class FrameOutcome:
     skipped : It was finished before.
     failure : Why there is none, as one line that names the frame.
     notes : What was noted so far.
+    size_px : Width and height of the plate's display window; None of one that failed.
     """
 
     target: Path | None = None
     skipped: bool = False
     failure: str | None = None
     notes: tuple[str, ...] = ()
+    size_px: tuple[int, int] | None = None
 
 
 def apply_frame(renderer: FrameRenderer, path: Path, target: Path) -> FrameOutcome:
@@ -39,7 +41,7 @@ def apply_frame(renderer: FrameRenderer, path: Path, target: Path) -> FrameOutco
     notes = tuple(renderer.notes)
     if failure is not None:
         return FrameOutcome(failure=failure, notes=notes)
-    return FrameOutcome(target, skipped, notes=notes)
+    return FrameOutcome(target, skipped, notes=notes, size_px=renderer.size_px)
 
 
 def error_line(error: Exception, path: Path) -> str:

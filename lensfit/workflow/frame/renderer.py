@@ -37,6 +37,10 @@ from lensfit.workflow.plate.header import plate_header
 class FrameRenderer:
     """Renders frames; keeps what it knows about the lens while the camera stays.
 
+    Attributes
+    ----------
+    size_px : Width and height of the last frame's display window.
+
     Raises
     ------
     LensfitError : An option cannot be followed, whatever the plate.
@@ -46,6 +50,7 @@ class FrameRenderer:
         self.options = options
         _check_for_all_plates(options)
         self.lens = PlateLens(preset, options)
+        self.size_px: tuple[int, int] | None = None
 
     @property
     def notes(self) -> list[str]:
@@ -54,6 +59,11 @@ class FrameRenderer:
 
     def render(self, path: Path) -> ExrImage:
         """One finished frame."""
+        image = self._rendered(path)
+        self.size_px = _size_of(image.parts)
+        return image
+
+    def _rendered(self, path: Path) -> ExrImage:
         if self.options.output != "result":
             return explaining_picture(self.lens, path)
         if is_deep(path):
@@ -79,6 +89,7 @@ class FrameRenderer:
                 raise
             self.lens.notes.add(f"{target} was damaged and is rendered again")
             return False
+        self.size_px = _size_of(parts)
         self._note_if_made_otherwise(plate, parts)
         return True
 
@@ -96,6 +107,11 @@ class FrameRenderer:
                 "some frames were finished before with other settings or by an older "
                 "preset, and were kept (--overwrite renders them again)"
             )
+
+
+def _size_of(parts: tuple[ExrPart, ...]) -> tuple[int, int]:
+    window = parts[0].display_window
+    return window.width, window.height
 
 
 def _check_for_all_plates(options: ApplyOptions) -> None:
