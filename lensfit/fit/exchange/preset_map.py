@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from threadpoolctl import threadpool_limits
 
 from lensfit.errors import ExchangeError
-from lensfit.fit.exchange.samples import Samples
+from lensfit.fit.exchange.samples import Residual, Samples, residual_from
 from lensfit.optics import distortion as chief_ray
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion, no_distortion
@@ -138,6 +138,19 @@ def box_of(
     return np.asarray(_start(samples, 1.0, principal_point_mm).box)
 
 
+def unfitted(
+    samples: Samples,
+    principal_distance_mm: float,
+    principal_point_mm: tuple[float, float],
+) -> Residual:
+    """How far the samples are off with nothing but the squeeze on the axis."""
+    start = _start(samples, principal_distance_mm, principal_point_mm)
+    land = jax.vmap(chief_ray.distorted_from_undistorted, (0, None))
+    landed = np.asarray(land(jnp.asarray(samples.undistorted_mm), start))
+    off = np.linalg.norm(landed - samples.distorted_mm, axis=-1)
+    return residual_from(off / samples.frame.pitch_mm)
+
+
 class _Candidate(NamedTuple):
     """A fitted lens and its worst difference."""
 
@@ -205,16 +218,26 @@ def _fitted(
         jnp.asarray(samples.frame.pitch_mm),
     )
 
-    def whole(values: np.ndarray) -> Array:
+    def whole(change: np.ndarray) -> Array:
         filled = before.copy()
-        filled[open_] = values
+        filled[open_] += change
         return jnp.asarray(filled)
 
+    def off_px(change: np.ndarray) -> np.ndarray:
+        return np.asarray(_off_px(whole(change), *args))
+
+    def slope_px(change: np.ndarray) -> np.ndarray:
+        return np.asarray(_slope_px(whole(change), *args))[:, open_]
+
+    # The first trust radius is the size of the start, and 1 where that is exactly
+    # nothing: a start of mere rounding would end the search before it began. Changes
+    # are fitted, therefore, whose unit makes up for the whole difference.
+    unchanged = np.zeros(int(open_.sum()))
     found = least_squares(
-        lambda values: np.asarray(_off_px(whole(values), *args)),
-        before[open_],
-        jac=lambda values: np.asarray(_slope_px(whole(values), *args))[:, open_],  # pyright: ignore[reportArgumentType]
-        x_scale="jac",
+        off_px,
+        unchanged,
+        jac=slope_px,  # pyright: ignore[reportArgumentType]
+        x_scale=_unit_changes(off_px(unchanged), slope_px(unchanged)),
         xtol=1e-11,
         ftol=1e-11,
         gtol=1e-11,
@@ -222,6 +245,13 @@ def _fitted(
     )
     worst = float(np.linalg.norm(found.fun.reshape(-1, 2), axis=-1).max())
     return _Candidate(_with_values(whole(found.x), lens), worst)
+
+
+def _unit_changes(off: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Of each value, the change that moves the samples by as much as they are off."""
+    sizes = np.linalg.norm(slope, axis=0)
+    known = (sizes > 0) & bool(off.any())
+    return np.where(known, np.linalg.norm(off) / np.where(sizes > 0, sizes, 1.0), 1.0)
 
 
 def _with_values(values: Float[Array, " values"], lens: Distortion) -> Distortion:

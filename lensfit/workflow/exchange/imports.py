@@ -15,7 +15,13 @@ import numpy as np
 
 from lensfit.errors import ExchangeError
 from lensfit.fit.exchange.preset_light import fit_channel_shift, fit_fall_off
-from lensfit.fit.exchange.preset_map import OnAxis, box_of, fit_distortion, on_axis
+from lensfit.fit.exchange.preset_map import (
+    OnAxis,
+    box_of,
+    fit_distortion,
+    on_axis,
+    unfitted,
+)
 from lensfit.fit.exchange.samples import (
     JUDGE_COUNT,
     ExchangeFrame,
@@ -37,6 +43,10 @@ from lensfit.preset.exchange.text_file import read_text
 from lensfit.preset.lens_of_entry import distortion_block, lens_of_entry
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance, SourceImage
 from lensfit.progress import Progress, silent
+from lensfit.workflow.exchange.import_judgement import (
+    refuse_failed_fit,
+    visible_notes,
+)
 from lensfit.workflow.exchange.uv_map_lens import lens_of_uv_map
 
 FOREIGN_FORMATS = ("opencv", "lensfun", "opentrackio", "nuke", "stmap")
@@ -159,7 +169,8 @@ def preset_of_foreign(
 
     Raises
     ------
-    ExchangeError : The lens is none of a camera, or folds the frame over.
+    ExchangeError : The lens is none of a camera, folds the frame over, or is far from
+        all that lensfit's terms can follow.
     """
     entries, fits, notes = [], [], list(lens.notes)
     camera = Camera(lens.camera_model, *lens.sensor_size_mm, *lens.size_px)
@@ -175,8 +186,10 @@ def preset_of_foreign(
     progress("fit", 0, len(seen))
     for one in seen:
         entry, fit = _entry(one, lens, camera, box)
+        refuse_failed_fit(fit.state, fit.distortion, one.without_distortion(), path)
         entries.append(entry)
         fits.append(fit)
+        notes += visible_notes(fit.state, fit.distortion, fit.colour)
         notes += _notes(one.axis, one.frame)
         progress("fit", len(entries), len(seen))
     preset = Preset(
@@ -235,6 +248,16 @@ class _Seen(NamedTuple):
         assert failure is not None
         raise failure
 
+    @property
+    def principal_distance_mm(self) -> float:
+        """Of lensfit's undistorted picture."""
+        return self.state.principal_distance_mm / self.axis.magnification
+
+    def without_distortion(self) -> Residual:
+        """How far a lens that has but the squeeze on the axis is off."""
+        point = self.axis.principal_point_mm
+        return unfitted(self.judge, self.principal_distance_mm, point)
+
 
 def _provenance(lens: ForeignLens, path: Path) -> Provenance:
     from lensfit import __version__
@@ -252,7 +275,7 @@ def _entry(
     seen: _Seen, lens: ForeignLens, camera: Camera, box: np.ndarray
 ) -> tuple[Entry, StateFit]:
     state, axis, frame, fit, judge = seen
-    distance = state.principal_distance_mm / axis.magnification
+    distance = seen.principal_distance_mm
     found = fit_distortion(fit, distance, axis.principal_point_mm, box)
     pupil = state.entrance_pupil_offset_mm
     assumed = list(state.assumed)
