@@ -80,6 +80,10 @@ class NukeCamera(CameraFile):
         self.unit_mm = unit_mm
         self.notes = tuple(notes)
 
+    def lacks(self, frame: FrameKey, first_frame: int | None) -> frozenset[str]:
+        """None: a curve has a value at every frame."""
+        return frozenset()
+
     def at(self, frame: FrameKey, first_frame: int | None) -> tuple[Readings, str]:
         """What is known at a frame, by quantity, and where in the file it stands.
 

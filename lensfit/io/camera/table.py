@@ -61,6 +61,15 @@ class CameraFile(ABC):
         CameraError : The frame is not in the file, or cannot be told from others.
         """
 
+    @abstractmethod
+    def lacks(self, frame: FrameKey, first_frame: int | None) -> frozenset[str]:
+        """Quantities that the file tells of other frames, and not of this one.
+
+        Raises
+        ------
+        CameraError : The frame is not in the file, or cannot be told from others.
+        """
+
 
 class Row(NamedTuple):
     """One row: its line in the file, its timecode or frame number, what it says."""
@@ -86,6 +95,7 @@ class CameraTable(CameraFile):
             raise CameraError(f"is a {kind} without rows", where=path)
         self.path, self.kind, self.notes = path, kind, tuple(notes)
         self.rows = tuple(rows)
+        self._told = _told(row.readings for row in rows)
         self._alike = all(row.readings == rows[0].readings for row in rows)
         self._by_number = {row.number: row for row in rows if row.number is not None}
         self._by_timecode: dict[str, list[Row]] = {}
@@ -97,6 +107,10 @@ class CameraTable(CameraFile):
         """What is known at a frame, by quantity, and where in the file it stands."""
         row = self._row(frame, first_frame)
         return row.readings, f"line {row.line}"
+
+    def lacks(self, frame: FrameKey, first_frame: int | None) -> frozenset[str]:
+        """Quantities that other rows tell, and this one marks as unknown."""
+        return self._told - _told([self._row(frame, first_frame).readings])
 
     def _row(self, frame: FrameKey, first_frame: int | None) -> Row:
         if self._by_number:
@@ -158,6 +172,12 @@ class CameraTable(CameraFile):
         if self._alike and (len(self.rows) == 1 or not self._by_number):
             return self.rows[0]
         raise CameraError(what, where=self.path, remedy=remedy)
+
+
+def _told(rows: Iterable[Readings]) -> frozenset[str]:
+    """Quantities that any row tells; a T-stop stands for the f-number."""
+    names = frozenset(name for readings in rows for name in readings)
+    return names | {"f_number"} if "t_number" in names else names
 
 
 class Gathered(dict[str, Reading]):

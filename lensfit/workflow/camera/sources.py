@@ -28,12 +28,15 @@ from lensfit.io.sequence import frame_of
 from lensfit.workflow.camera.contradictions import contradictions
 from lensfit.workflow.camera.header_source import HEADER, add_header
 from lensfit.workflow.camera.known import Known
+from lensfit.workflow.camera.lacking import lacking_notes
 from lensfit.workflow.camera.plate_camera import PlateCamera
 from lensfit.workflow.camera.settings import Settings, load_settings, settings_beside
 from lensfit.workflow.camera.spelling import option_of
 from lensfit.workflow.notes import FrameNote
 
 _MOST_FOLDERS = 256
+_FIRST_FILE = 2
+"""Rank of the first sidecar or camera; options and settings are before it."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +167,7 @@ class CameraSources:
             for name, said in contradictions(words, HEADER)
             if name not in better
         ]
+        notes += self._lacking(plate, frame, words)
         # Where an impossible entry would count nothing does, and all others are told.
         lost = {name for name, b in bad.items() if any(entry.counts for entry in b)}
         first = {name: int(name not in lost) for name in words}
@@ -184,15 +188,24 @@ class CameraSources:
         for name, value in vars(self.overrides).items():
             if value is not None:
                 yield name, Known(value, option_of(name))
-        rank = 1
         for name, reading in settings.camera_at(frame.number):
-            yield name, Known(*reading, rank=rank)
-        for file in self._files:
-            rank += 1
+            yield name, Known(*reading, rank=1)
+        for rank, file in enumerate(self._files, _FIRST_FILE):
             readings, place = file.at(frame, self.options.first_frame)
             for name, (value, entry) in readings.items():
                 source = f"{file.path} {place}, {entry}"
                 yield name, Known(value, source, name == _FROM_PUPIL, rank)
+
+    def _lacking(
+        self, plate: Path, frame: FrameKey, words: Mapping[str, list[Known]]
+    ) -> Iterator[FrameNote]:
+        """Where the files leave out a frame's quantity and a worse source tells it."""
+        picked = {"focus_distance_mm"} if self.options.focus_at is not None else set()
+        files = [
+            (rank, file, file.lacks(frame, self.options.first_frame) - picked)
+            for rank, file in enumerate(self._files, _FIRST_FILE)
+        ]
+        return lacking_notes(files, words, frame, plate)
 
     def _notes(self) -> Iterator[str]:
         for file in self._files:
