@@ -226,6 +226,10 @@ def _give_ordinary_permissions(path: Path) -> None:
 
 
 def _cannot_write(path: Path, error: OSError) -> OutputError:
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        for folder in path.parents:
+            if folder.exists() and not folder.is_dir():
+                return OutputError("is a file", where=folder, remedy="give a folder")
     return OutputError(
         f"cannot be written ({error.strerror or error})",
         where=path,

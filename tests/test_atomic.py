@@ -55,7 +55,7 @@ def test_what_is_in_the_way_is_said(tmp_path: Path):
     with pytest.raises(OutputError, match="a folder of that name is in the way"):
         write_text_atomic(tmp_path, "")
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot be written"):
+    with pytest.raises(OutputError, match="is a file; give a folder"):
         write_text_atomic(tmp_path / "file" / "a", "")
 
 
@@ -75,3 +75,11 @@ def test_only_what_dead_processes_left_is_removed(tmp_path: Path):
         assert other.exists()
         assert (tmp_path / ".a.exr").exists()
     remove_abandoned(tmp_path / "no" / "folder.exr")
+
+
+@pytest.mark.parametrize("below", ["a.exr", "b/a.exr"])
+def test_a_file_in_place_of_a_folder_is_named(tmp_path, below):
+    (tmp_path / "out").touch()
+    with pytest.raises(OutputError) as caught:
+        write_text_atomic(tmp_path / "out" / below, "text")
+    assert str(caught.value) == f"{tmp_path / 'out'}: is a file; give a folder"

@@ -106,9 +106,13 @@ def check_exr(path: str | Path, *, deep: bool = False) -> list[PartHeader]:
 def _checked(file: BinaryIO, size: int, path: Path, deep: bool) -> list[PartHeader]:
     start = file.read(8)
     if not start:
-        raise ImageError("is empty", where=path)
+        raise ImageError("is empty", where=path, remedy="render or copy it again")
     if start[:4] != MAGIC:
-        raise ImageError("is not an OpenEXR file", where=path)
+        raise ImageError(
+            "is not an OpenEXR file",
+            where=path,
+            remedy="render or convert it to OpenEXR, or copy it again if it was one",
+        )
     flags = struct.unpack("<I", start[4:])[0]
     parts = _read_headers(file, size, flags)
     for part in parts:

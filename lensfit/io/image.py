@@ -91,7 +91,7 @@ def _read_bytes(path: Path) -> bytes:
         reason = error.strerror or str(error)
         raise ImageError(f"cannot be read ({reason})", where=path) from error
     if not data:
-        raise ImageError("is empty", where=path)
+        raise ImageError("is empty", where=path, remedy="copy it again")
     return data
 
 

@@ -210,7 +210,11 @@ def _single(path: Path, frames: str | Iterable[int] | None) -> Path:
             "is a folder", where=path, remedy="name the pictures in it: plate.####.exr"
         )
     if not path.is_file():
-        raise ImageError("does not exist", where=path)
+        raise ImageError(
+            "does not exist",
+            where=path,
+            remedy="check its path; a sequence is written as plate.####.exr",
+        )
     return path
 
 
@@ -226,7 +230,11 @@ def _existing(path: Path, token: re.Match) -> list[tuple[int | None, Path]]:
         (n, p) for n, p in matches if frame_path(path, n).name == p.name and p.is_file()
     )
     if not pictures:
-        raise ImageError("no frame exists", where=path)
+        raise ImageError(
+            "no frame exists",
+            where=path,
+            remedy="check the folder, the name and the digits (0001 is ####)",
+        )
     return [*pictures]
 
 

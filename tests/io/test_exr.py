@@ -196,7 +196,7 @@ def noisy_file(path: Path) -> bytes:
     ("content", "says"),
     [
         (b"", "empty"),
-        (b"not a picture at all" * 20, "not an OpenEXR"),
+        (b"not a picture at all" * 20, "not an OpenEXR file; render or convert"),
         (b"\x76\x2f\x31\x01\x02\0\0\0", "damaged"),
         (b"\x76\x2f\x31\x01\x02\0\0\0" + b"x" * 900, "damaged"),
     ],

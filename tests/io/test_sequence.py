@@ -79,7 +79,7 @@ def test_single_pictures(folder: Path):
     assert expand_frames(path) == [(None, path)]
     with pytest.raises(ImageError, match="single picture"):
         expand_frames(path, "1-2")
-    with pytest.raises(ImageError, match="does not exist"):
+    with pytest.raises(ImageError, match="does not exist; check its path"):
         expand_frames(folder / "B.exr")
     with pytest.raises(ImageError, match=r"is a folder; .* plate.####.exr"):
         expand_frames(folder)
@@ -87,7 +87,7 @@ def test_single_pictures(folder: Path):
 
 def test_nothing_there_is_said(tmp_path: Path):
     for pattern in ("none.####.exr", "no/folder/a.####.exr"):
-        with pytest.raises(ImageError, match="no frame exists"):
+        with pytest.raises(ImageError, match="no frame exists; check the folder"):
             expand_frames(tmp_path / pattern)
     with pytest.raises(ImageError, match="more than one"):
         expand_frames("a.####.%04d.exr")

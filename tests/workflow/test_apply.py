@@ -190,6 +190,7 @@ def test_no_colour_and_no_frame_at_all(tmp_path):
     write_exr(tmp_path / "z.exr", ExrImage((part,)))
     applied = apply_preset(make_preset(), tmp_path / "z.exr", tmp_path / "out")
     assert "no R, G, B" in applied.failures[0]
+    assert "a layer needs all three, or Y; its channels are Z" in applied.failures[0]
     with pytest.raises(ImageError, match="no frame exists"):
         apply_preset(make_preset(), tmp_path / "none.####.exr", tmp_path / "out")
 

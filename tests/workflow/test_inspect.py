@@ -189,5 +189,5 @@ def test_command_json_and_errors(folder: Path):
     assert record["state"]["focus_distance_mm"] == "inf"
     assert record["state"]["sources"]["f_number"] == "lens/fstop"
     assert result.stderr.splitlines() == [
-        f"lensfit: error: {folder / 'empty.exr'}: is empty"
+        f"lensfit: error: {folder / 'empty.exr'}: is empty; copy it again"
     ]

@@ -165,6 +165,7 @@ def _absolute(option: HandedOption) -> HandedOption:
     """The option with paths from the root, which must exist."""
     for value in option.values:
         if isinstance(value, Path) and not value.exists():
-            raise ImageError(f"does not exist ({option.word})", where=value)
+            what = f"does not exist ({option.word})"
+            raise ImageError(what, where=value, remedy="check its path")
     values = (absolute(v) if isinstance(v, Path) else v for v in option.values)
     return option._replace(values=tuple(values))

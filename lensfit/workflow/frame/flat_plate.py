@@ -116,5 +116,6 @@ def _no_colour(image: ExrImage, layers: Sequence[str] | None) -> ImageError:
     names = ", ".join(name for part in image.parts for name in part.channels)
     wanted = "" if layers is None else f" in {', '.join(map(repr, layers))}"
     return ImageError(
-        f"holds no R, G, B to render{wanted}", remedy=f"its channels are {names}"
+        f"holds no R, G, B to render{wanted}",
+        remedy=f"a layer needs all three, or Y; its channels are {names}",
     )
