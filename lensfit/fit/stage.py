@@ -119,14 +119,45 @@ def _stated_focal_length(takes: list[Take]) -> tuple[float, list[str]]:
         found = focal_length_from_homographies(
             [board_of(t) for t in takes], [_unsqueezed_mm(t) for t in takes]
         )
-    ratio = found / stated if found is not None else 1.0
+    meant = _focal_length_meant(takes, found)
+    ratio = found / meant if found is not None else 1.0
     if found is not None and 0.2 < ratio < 5 and abs(ratio - 1) > 0.3:
         note = (
             f"the photographs have a principal distance near {found:.3g} mm, "
             f"not the stated {stated:g} mm"
         )
         return found, [note]
-    return stated, []
+    return meant, []
+
+
+def _focal_length_meant(takes: list[Take], found: float | None) -> float:
+    """The geometric mean of both axes' focal lengths, from what the barrel says.
+
+    Anamorphic lenses are engraved with the focal length of the axis that is not
+    squeezed; some sources state the mean. Tilted views (`found`) or measured distances
+    tell which; without either it is the engraving.
+    """
+    stated, squeeze = takes[0].focal_length_mm, takes[0].squeeze
+    readings = [stated / max(squeeze, 1 / squeeze) ** 0.5, stated]
+    measured = [t for t in takes if t.target_distance_mm is not None]
+    if squeeze == 1.0 or (found is None and not measured):
+        return readings[0]
+
+    def contradiction(focal_mm: float) -> float:
+        if found is not None:
+            return abs(np.log(found / focal_mm))
+        ratios = [
+            _distance_ratio(take, _pose(take, focal_mm), focal_mm) for take in measured
+        ]
+        return abs(np.log(max(float(np.median(ratios)), 1e-9)))
+
+    return min(readings, key=contradiction)
+
+
+def _distance_ratio(take: Take, pose: Pose, focal_mm: float) -> float:
+    """Measured distance of a board over that of its pose, from the entrance pupil."""
+    assert take.target_distance_mm is not None
+    return (take.target_distance_mm - focal_mm) / float(pose.translation_mm[2])
 
 
 def _pose(take: Take, focal_mm: float) -> Pose:
@@ -153,7 +184,7 @@ def _scaled_to_distance(
     for take, pose in zip(takes, poses, strict=True):
         if take.target_distance_mm is None:
             continue
-        ratio = (take.target_distance_mm - focal_mm) / pose.translation_mm[2]
+        ratio = _distance_ratio(take, pose, focal_mm)
         if not 0.8 < ratio < 1.25:
             raise FitError(
                 f"the marks put the target at {pose.translation_mm[2] + focal_mm:.4g} "

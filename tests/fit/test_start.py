@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from lensfit.errors import FitError
 from lensfit.fit.stage import start_of
 from lensfit.fit.start import focal_length_from_homographies, pose_from_homography
+from lensfit.fit.take import Take
 
 BOARD_MM = LATTICE * PITCH_MM
 CENTRED = Camera(centre_mm=(0.0, 0.0))
@@ -73,20 +74,46 @@ def test_frontal_views_are_silent_about_the_focal_length(rotations):
     assert focal_length_from_homographies([BOARD_MM] * 3, images) is None
 
 
-def test_a_squeezed_shoot_starts_from_its_own_focal_length():
-    """An anamorphic lens halves one axis; that is no shorter focal length."""
+SQUEEZE = 1.8
+
+
+def squeezed_shoot(camera: Camera, **changes) -> list[Take]:
+    """What a lens of the camera's focal length, its geometric mean, makes of it."""
     takes = []
-    for take in shoot(Camera(focal_length_mm=50.0, centre_mm=(0.0, 0.0))):
+    for take in shoot(camera):
         seen = take.observations
         middle = np.asarray(seen.image_size_px) / 2
-        squeezed = (seen.points_px - middle) * [1.8**-0.5, 1.8**0.5] + middle
+        squeezed = (seen.points_px - middle) * [SQUEEZE**-0.5, SQUEEZE**0.5] + middle
         seen = replace(seen, points_px=squeezed)
-        takes.append(
-            replace(take, observations=seen, squeeze=1.8, focal_length_mm=50.0)
-        )
+        takes.append(replace(take, observations=seen, squeeze=SQUEEZE, **changes))
+    return takes
+
+
+@pytest.mark.parametrize("engraved_mm", [50.0, 50.0 * SQUEEZE**0.5])
+def test_a_squeezed_shoot_starts_from_its_own_focal_length(engraved_mm):
+    """An anamorphic lens halves one axis; that is no shorter focal length."""
+    camera = Camera(focal_length_mm=50.0, centre_mm=(0.0, 0.0))
+    takes = squeezed_shoot(camera, focal_length_mm=engraved_mm)
     start = start_of(takes, takes)
     np.testing.assert_allclose(start.frame.stated_focal_length_mm, 50.0, rtol=0.02)
     assert not start.notes
+
+
+@pytest.mark.parametrize("engraved_mm", [50.0, 50.0 * SQUEEZE**0.5])
+def test_a_measured_distance_tells_what_an_engraved_focal_length_means(engraved_mm):
+    camera = Camera(focal_length_mm=50.0, centre_mm=(0.0, 0.0), rotations=FRONTAL)
+    distances = {"target_distance_mm": 50.0 + camera.distance_mm}
+    takes = squeezed_shoot(camera, focal_length_mm=engraved_mm, **distances)[:1]
+    start = start_of(takes, takes)
+    np.testing.assert_allclose(start.frame.stated_focal_length_mm, 50.0, rtol=0.02)
+    assert not start.notes
+
+
+def test_an_engraved_focal_length_is_that_of_the_axis_that_is_not_squeezed():
+    camera = Camera(focal_length_mm=50.0, centre_mm=(0.0, 0.0), rotations=FRONTAL)
+    takes = squeezed_shoot(camera, focal_length_mm=50.0 * SQUEEZE**0.5)
+    start = start_of(takes, takes)
+    np.testing.assert_allclose(start.frame.stated_focal_length_mm, 50.0, rtol=1e-9)
 
 
 def test_states_of_one_lens_share_a_layout_and_keep_their_own_largest_model():
