@@ -14,8 +14,6 @@ figure is a plain number, ready for JSON:
     flags               what no map or fall-off may do, one sentence each
 """
 
-import math
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,16 +23,16 @@ from jaxtyping import Float
 
 from data_synth.bands import CHANNELS
 from data_synth.judge_maps import affinely_aligned, flags_of
-from data_synth.psf_error import psf_error
-from data_synth.psf_truth import Group, WavefrontTruth, read_truth
-from data_synth.stand_ins import Lens, ThinLens, mirrored_distance_mm
+from data_synth.judge_spots import (
+    GREEN,
+    Maker,
+    defocus_sign,
+    maker_of,
+    spot_figures,
+)
+from data_synth.psf_truth import WavefrontTruth, read_truth
+from data_synth.stand_ins import ThinLens
 from lensfit.errors import LensfitError
-
-Maker = Callable[[float, float], Lens]
-CLEARLY = 0.85
-"""One error decides against another when it is below this part of it."""
-SIGN_FIELDS = 6
-GREEN = 1
 
 
 def judge(lens: Any, folder: str | Path, *, every: int = 1) -> dict[str, Any]:
@@ -55,17 +53,13 @@ def judge(lens: Any, folder: str | Path, *, every: int = 1) -> dict[str, Any]:
     None for it, and a flag.
     """
     truth = read_truth(Path(folder))
-    make = _maker(lens, truth)
+    make = maker_of(lens, truth)
     geometry = geometry_figures(make, truth)
     flags = geometry.pop("flags")
     figures = geometry | {"psf": None, "defocus_sign": "undecided", "flags": flags}
     try:
-        errors = [
-            _spot_errors(make, truth, k, range(0, len(truth.spot_chief_mm[k]), every))
-            for k in range(len(truth.groups))
-        ]
-        figures["psf"] = _psf_figures(truth.groups, errors)
-        figures["defocus_sign"] = _defocus_sign(make, truth)
+        figures["psf"] = spot_figures(make, truth, every)
+        figures["defocus_sign"] = defocus_sign(make, truth)
     except LensfitError as error:
         flags.append(f"no point-spread function: {error}")
     return figures
@@ -79,7 +73,7 @@ def geometry_figures(lens: Any, truth: WavefrontTruth) -> dict[str, Any]:
     lens : As for `judge`.
     truth : What the tracer says; groups are not looked at.
     """
-    make = _maker(lens, truth)
+    make = maker_of(lens, truth)
     chief, colour, flags = _chief_figures(make, truth)
     return {
         "chief_ray_px": chief,
@@ -98,32 +92,6 @@ def thin_lens_figures(folder: str | Path) -> dict[str, Any]:
     """
     focal_mm = read_truth(Path(folder)).focal_length_mm
     return judge(partial(ThinLens, focal_mm), folder, every=2)
-
-
-def _maker(lens: Any, truth: WavefrontTruth) -> Maker:
-    if not hasattr(lens, "at"):
-        return lens
-    made: dict[tuple[float, float], Lens] = {}
-
-    def make(f_number: float, focus_distance_mm: float) -> Lens:
-        key = f_number, focus_distance_mm
-        if key not in made:
-            made[key] = lens.at(
-                focal_length_mm=truth.focal_length_mm,
-                f_number=f_number,
-                focus_distance_mm=focus_distance_mm,
-            )
-        return made[key]
-
-    return make
-
-
-def named(group: Group) -> str:
-    """A setting as a key: f1.4_focus1430_object2000."""
-    return (
-        f"f{group.f_number:g}_focus{group.focus_distance_mm:g}"
-        f"_object{group.object_distance_mm:g}"
-    )
 
 
 def _chief_figures(make: Maker, truth: WavefrontTruth):
@@ -172,103 +140,3 @@ def _illumination_worst(make: Maker, truth: WavefrontTruth) -> dict[str, float]:
         error = made / made[middle] - true / true[middle]
         worst[f"f{f_number:g}_focus{focus_mm:g}"] = float(np.abs(error).max())
     return worst
-
-
-def _spot_errors(
-    make: Maker, truth: WavefrontTruth, number: int, fields: range
-) -> Float[np.ndarray, "fields 3"]:
-    """Per field point and channel; NaN where the truth has no light."""
-    group = truth.groups[number]
-    lens = make(group.f_number, group.focus_distance_mm)
-    errors = np.full((len(fields), len(CHANNELS)), np.nan)
-    for row, point in enumerate(fields):
-        for k, channel in enumerate(CHANNELS):
-            true = truth.psf[number][point, k]
-            if np.isfinite(true).all():
-                made = _drawn(lens, truth, number, point, channel)
-                errors[row, k] = psf_error(true, made, group.subpixels)
-    return errors
-
-
-def _drawn(
-    lens: Lens,
-    truth: WavefrontTruth,
-    number: int,
-    point: int,
-    channel: str,
-    object_distance_mm: float | None = None,
-) -> np.ndarray:
-    group = truth.groups[number]
-    made = lens.psf(
-        truth.spot_chief_mm[number][point],
-        object_distance_mm or group.object_distance_mm,
-        channel=channel,
-        pixel_pitch_mm=truth.frame.pitch_mm[0] / group.subpixels,
-        size_px=group.size,
-    )
-    return np.asarray(made, float)
-
-
-def _psf_figures(groups: tuple[Group, ...], errors: list[np.ndarray]) -> dict[str, Any]:
-    """Medians and 90th percentiles, pooled and by setting."""
-    by_setting = {named(g): _spread([e]) for g, e in zip(groups, errors, strict=True)}
-    pools: dict[str, list[np.ndarray]] = {"photographed": [], "stop": [], "depth": []}
-    chart_mm = next(g.object_distance_mm for g in groups if g.photographed)
-    for group, error in zip(groups, errors, strict=True):
-        if group.photographed:
-            pools["photographed"].append(error)
-        elif group.object_distance_mm == chart_mm:
-            pools["stop"].append(error)
-        else:
-            pools["depth"].append(error)
-    channels = np.concatenate(pools["photographed"])
-    return {
-        "all": _spread(pools["photographed"]),
-        "by_channel": {c: _spread([channels[:, k]]) for k, c in enumerate(CHANNELS)},
-        "unseen_stop": _spread(pools["stop"]),
-        "unseen_depth": _spread(pools["depth"]),
-        "by_setting": by_setting,
-    }
-
-
-def _spread(errors: list[np.ndarray]) -> dict[str, float | None]:
-    values = np.concatenate([e.ravel() for e in errors]) if errors else np.zeros(0)
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return {"median": None, "p90": None}
-    return {
-        "median": float(np.median(values)),
-        "p90": float(np.percentile(values, 90)),
-    }
-
-
-def _defocus_sign(make: Maker, truth: WavefrontTruth) -> str:
-    """Whether spots out of focus look like their own side of focus, or the other's.
-
-    Over photographed settings that are out of focus; the settings are told apart by
-    the shape of the light alone.
-    """
-    own, other = [], []
-    for number, group in enumerate(truth.groups):
-        away = abs(1 / group.focus_distance_mm - 1 / group.object_distance_mm)
-        if not group.photographed or away * group.object_distance_mm < 0.02:
-            continue
-        lens = make(group.f_number, group.focus_distance_mm)
-        mirrored_mm = mirrored_distance_mm(
-            group.focus_distance_mm, group.object_distance_mm
-        )
-        fields = len(truth.spot_chief_mm[number])
-        for point in range(0, fields, math.ceil(fields / SIGN_FIELDS)):
-            true = truth.psf[number][point, GREEN]
-            if not np.isfinite(true).all():
-                continue
-            made = _drawn(lens, truth, number, point, "g")
-            mirrored = _drawn(lens, truth, number, point, "g", mirrored_mm)
-            own.append(psf_error(true, made, group.subpixels))
-            other.append(psf_error(true, mirrored, group.subpixels))
-    if not own:
-        return "undecided"
-    mine, theirs = float(np.median(own)), float(np.median(other))
-    if mine < CLEARLY * theirs:
-        return "right"
-    return "wrong" if theirs < CLEARLY * mine else "undecided"

@@ -7,6 +7,7 @@ colour are then fitted again to those.
 """
 
 import time
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import cv2
@@ -73,7 +74,11 @@ class Fitted:
 
 
 def fit(
-    takes: list[Take], progress: Progress = silent, *, effort: Effort = Effort.NORMAL
+    takes: list[Take],
+    progress: Progress = silent,
+    *,
+    effort: Effort = Effort.NORMAL,
+    allowed: Collection[str] | None = None,
 ) -> Fitted:
     """Fit a lens to the marks of its photographs.
 
@@ -83,6 +88,7 @@ def fit(
         f-numbers of one lens.
     progress : Told how far it is.
     effort : Speed against error of the fit of the dots' shape.
+    allowed : Families of the wavefront that may be free (`fit_wavefront`).
 
     Raises
     ------
@@ -94,7 +100,7 @@ def fit(
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
     began = time.perf_counter()
-    wavefronts, notes = _fit_wavefronts(states, progress, effort)
+    wavefronts, notes = _fit_wavefronts(states, progress, effort, allowed)
     if not wavefronts:
         return Fitted(tuple(states), failed, notes=tuple(notes))
     seconds = {"fit_wavefront": time.perf_counter() - began}
@@ -135,7 +141,10 @@ def _fit_states(
 
 
 def _fit_wavefronts(
-    states: list[LensState], progress: Progress, effort: Effort
+    states: list[LensState],
+    progress: Progress,
+    effort: Effort,
+    allowed: Collection[str] | None,
 ) -> tuple[dict[float, WavefrontFit], list[str]]:
     """One for each focal length whose dots can be used."""
     found, notes = {}, []
@@ -152,7 +161,11 @@ def _fit_wavefronts(
             continue
         try:
             found[focal_mm] = fit_wavefront(
-                shown, _widest_fall_off(mine), progress, effort=effort
+                shown,
+                _widest_fall_off(mine),
+                progress,
+                effort=effort,
+                allowed=allowed,
             )
         except (ValueError, np.linalg.LinAlgError) as error:
             notes.append(

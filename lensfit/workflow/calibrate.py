@@ -90,7 +90,7 @@ def calibrate(
     fitted = fit(takes, progress, effort=Effort[effort.upper()])
     seconds = _seconds(observed, fitted) | {"fit": time.perf_counter() - began}
     began = time.perf_counter()
-    preset = _preset(shoot, observed, fitted)
+    preset = preset_of(shoot, observed, fitted)
     with ThreadPoolExecutor(1) as pool:
         writing = pool.submit(_write_maps, preset, folder, progress)
         report = _report(shoot, observed, fitted, preset, folder)
@@ -121,7 +121,8 @@ def lens_of_state(preset: Preset, state: LensState) -> Lens:
     )
 
 
-def _preset(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> Preset:
+def preset_of(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> Preset:
+    """What was fitted to the takes of a shoot, as it is kept."""
     return Preset(
         lens=LensName(shoot.lens.name, shoot.lens.serial),
         camera=camera_of(shoot, observed),

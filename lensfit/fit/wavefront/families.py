@@ -4,6 +4,7 @@ A family has a prior wide enough for any lens and a stage from which it is free.
 are always there (defocus, third order, rims); the others are tried.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,8 @@ _ORDER_STAGE = {3: COARSE, 5: MIDDLE, 7: FINE, 9: FINE}
 _THIRD_ORDER_UM = 100.0
 _ASYMMETRIC_UM = 10.0
 _COLOUR_UM = 15.0
+SEIDEL = frozenset({"defocus", "third_order", "rims", "blades"})
+"""The families of a lens of third order, grey, behind its rims and its iris."""
 _FEWEST_FOR_ORDER = {5: 12, 7: 24, 9: 40}
 """Dots; fewer cannot carry that many terms."""
 
@@ -44,9 +47,12 @@ class Family:
 
 
 def families_of(
-    gathered: Gathered, layout: Layout, defocus_mm: Float[np.ndarray, " groups"]
+    gathered: Gathered,
+    layout: Layout,
+    defocus_mm: Float[np.ndarray, " groups"],
+    allowed: Collection[str] | None = None,
 ) -> tuple[Family, ...]:
-    """All families that these photographs could show."""
+    """All families that these photographs could show; only those allowed, by name."""
     blocks = layout.blocks
     groups = np.arange(len(gathered.groups)) + blocks["defocus"].start
     spread = np.maximum(0.5 * np.abs(defocus_mm[: len(groups)]), 0.3)
@@ -60,7 +66,7 @@ def families_of(
         found.append(_family("decentred_elements", asymmetric, _ASYMMETRIC_UM, FINE))
     exit_pupil = _range(blocks["exit_pupil"])
     found.append(_family("exit_pupil", exit_pupil, 0.5, FINE))
-    return tuple(found)
+    return tuple(f for f in found if allowed is None or f.name in allowed)
 
 
 def deviation_of(

@@ -7,6 +7,7 @@ by the ratio of the principal distances.
 """
 
 import itertools
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -109,6 +110,7 @@ def fit_wavefront(
     *,
     effort: Effort = Effort.NORMAL,
     spectrum: Bands | None = None,
+    allowed: Collection[str] | None = None,
 ) -> WavefrontFit:
     """Fit the wavefront to the dots of all photographs of one focal length.
 
@@ -116,6 +118,7 @@ def fit_wavefront(
     ----------
     shown : Photographs whose f-number is known.
     fall_off : Measured at the widest f-number, or None.
+    allowed : Names of the families that may be free (`families.SEIDEL`); None for all.
     """
     every = gather(shown, spectrum or bands(3))
     layout = Layout(
@@ -125,12 +128,13 @@ def fit_wavefront(
         stops=max(_STOPS, len(every.f_numbers) - 1),
     )
     few = chosen(every, spread_over_takes(every, effort.coarse_dots))
-    coarse, sign_known, families = _coarse(few, layout, fall_off)
+    coarse, sign_known, families = _coarse(few, layout, fall_off, allowed)
     progress("wavefront", 1, 4)
     middle = _middle(coarse, families)
     progress("wavefront", 2, 4)
     more = chosen(every, spread_over_takes(every, effort.fine_dots))
-    families = families_of(more, layout, coarse.mean[layout.blocks["defocus"]])
+    defocus_mm = coarse.mean[layout.blocks["defocus"]]
+    families = families_of(more, layout, defocus_mm, allowed)
     fine = _fine(more, middle, families, effort.rounds)
     progress("wavefront", 3, 4)
     families, verdicts = choose(fine, families)
@@ -155,12 +159,15 @@ def fit_wavefront(
 
 
 def _coarse(
-    gathered: Gathered, layout: Layout, fall_off: FallOffFit | None
+    gathered: Gathered,
+    layout: Layout,
+    fall_off: FallOffFit | None,
+    allowed: Collection[str] | None,
 ) -> tuple[Stage, bool, tuple[Family, ...]]:
     """Third order on smoothed dots, with the sign of defocus that suits best."""
     start = first_parameters(gathered, layout, fall_off)
     value, known = first_defocus_mm(gathered)
-    families = families_of(gathered, layout, value)
+    families = families_of(gathered, layout, value, allowed)
     tries = []
     for signs in _signs(value, known):
         parameters = start.copy()

@@ -7,20 +7,32 @@ import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
 from lensfit.fit.wavefront.evidence import choose, held_out_dots, held_out_take
-from lensfit.fit.wavefront.families import FINE, deviation_of, families_of, indices_of
-from lensfit.fit.wavefront.stages import first_stage, freed, settled, solved
+from lensfit.fit.wavefront.families import (
+    FINE,
+    SEIDEL,
+    deviation_of,
+    families_of,
+    indices_of,
+)
+from lensfit.fit.wavefront.stages import (
+    chi_squared,
+    first_stage,
+    freed,
+    settled,
+    solved,
+)
 
 LENS = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.15, -0.12))
 SHOTS = [Shot(0, 0), Shot(1, 0), Shot(0, 1), Shot(1, 1)]
 DEFOCUS = LAYOUT.blocks["defocus"]
 
 
-def fitted(lens: Seidel):
+def fitted(lens: Seidel, allowed=None):
     """Everything free, from a start without what decentring adds."""
     places = np.concatenate([PLACES_MM, -PLACES_MM[1:] + [1.0, 2.0]])
     gathered = photographed(lens, SHOTS, places_mm=places, seed=3)
     start = replace(lens, constant_coma_um=0.0).parameters()
-    families = families_of(gathered, LAYOUT, start[DEFOCUS])
+    families = families_of(gathered, LAYOUT, start[DEFOCUS], allowed)
     stage = freed(
         first_stage(gathered, LAYOUT, start), deviation_of(families, LAYOUT, FINE)
     )
@@ -47,6 +59,16 @@ def test_a_centred_lens_is_left_centred(centred):
     assert names == ["defocus", "third_order", "rims", "blades"]
     assert not any(verdict.kept for verdict in verdicts)
     assert {v.name for v in verdicts} >= {"decentred_elements", "exit_pupil"}
+
+
+def test_a_lens_of_third_order_may_be_asked_for(centred):
+    stage, families = fitted(replace(LENS, constant_coma_um=5.0), SEIDEL)
+    assert {family.name for family in families} == SEIDEL
+    assert choose(stage, families) == (families, ())
+    fixed = np.setdiff1d(np.arange(LAYOUT.size), indices_of(families))
+    np.testing.assert_array_equal(stage.parameters[fixed], stage.mean[fixed])
+    whole, _ = centred
+    assert chi_squared(stage) > 2 * chi_squared(whole)
 
 
 def test_a_take_left_out_is_predicted_as_a_refit_would(centred):

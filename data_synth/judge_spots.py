@@ -1,0 +1,195 @@
+"""Spots of a lens against the exact ray trace: their shape, setting by setting.
+
+A lens that draws many at once (`psfs`) is asked for all of a setting together; any
+other is asked one by one. Either way every spot lies around its green chief ray, and is
+judged by `psf_error`, which leaves out where it lands.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from data_synth.bands import CHANNELS
+from data_synth.psf_error import psf_error
+from data_synth.psf_truth import Group, WavefrontTruth, read_truth
+from data_synth.stand_ins import Lens, mirrored_distance_mm
+
+Maker = Callable[[float, float], Lens]
+CLEARLY = 0.85
+"""One error decides against another when it is below this part of it."""
+SIGN_FIELDS = 6
+GREEN = 1
+
+
+def judge_spots(
+    lens: Any, folder: str | Path, *, every: int = 1, only: str | None = None
+) -> dict[str, Any] | None:
+    """The point-spread figures of `judge`, without the rest.
+
+    Parameters
+    ----------
+    lens : A preset, or a function (f_number, focus_distance_mm) -> lens.
+    folder : A shoot with `truth_wavefront.npz`.
+    every : Judge spots at every so manieth field point only.
+    only : A setting as `named` has it; its "median" and "p90" alone, or None where the
+        truth knows no such setting.
+
+    Raises
+    ------
+    OSError : The folder holds no truth.
+    LensfitError : The lens knows no point-spread function.
+    """
+    truth = read_truth(Path(folder))
+    make = maker_of(lens, truth)
+    if only is None:
+        return spot_figures(make, truth, every)
+    for k, group in enumerate(truth.groups):
+        if named(group) == only:
+            return _spread([_errors(make, truth, k, every)])
+    return None
+
+
+def maker_of(lens: Any, truth: WavefrontTruth) -> Maker:
+    """Makes each lens once; a function is used as it is."""
+    if not hasattr(lens, "at"):
+        return lens
+    made: dict[tuple[float, float], Lens] = {}
+
+    def make(f_number: float, focus_distance_mm: float) -> Lens:
+        key = f_number, focus_distance_mm
+        if key not in made:
+            made[key] = lens.at(
+                focal_length_mm=truth.focal_length_mm,
+                f_number=f_number,
+                focus_distance_mm=focus_distance_mm,
+            )
+        return made[key]
+
+    return make
+
+
+def named(group: Group) -> str:
+    """A setting as a key: f1.4_focus1430_object2000."""
+    return setting_name(
+        group.f_number, group.focus_distance_mm, group.object_distance_mm
+    )
+
+
+def setting_name(f_number: float, focus_mm: float, object_mm: float) -> str:
+    """The same of its numbers, both distances in mm."""
+    return f"f{f_number:g}_focus{focus_mm:g}_object{object_mm:g}"
+
+
+def spot_figures(make: Maker, truth: WavefrontTruth, every: int = 1) -> dict[str, Any]:
+    """Medians and 90th percentiles, pooled and by setting."""
+    groups = truth.groups
+    errors = [_errors(make, truth, k, every) for k in range(len(groups))]
+    by_setting = {named(g): _spread([e]) for g, e in zip(groups, errors, strict=True)}
+    pools: dict[str, list[np.ndarray]] = {"photographed": [], "stop": [], "depth": []}
+    chart_mm = next(g.object_distance_mm for g in groups if g.photographed)
+    for group, error in zip(groups, errors, strict=True):
+        if group.photographed:
+            pools["photographed"].append(error)
+        elif group.object_distance_mm == chart_mm:
+            pools["stop"].append(error)
+        else:
+            pools["depth"].append(error)
+    channels = np.concatenate(pools["photographed"])
+    return {
+        "all": _spread(pools["photographed"]),
+        "by_channel": {c: _spread([channels[:, k]]) for k, c in enumerate(CHANNELS)},
+        "unseen_stop": _spread(pools["stop"]),
+        "unseen_depth": _spread(pools["depth"]),
+        "by_setting": by_setting,
+    }
+
+
+def defocus_sign(make: Maker, truth: WavefrontTruth) -> str:
+    """Whether spots out of focus look like their own side of focus, or the other's.
+
+    Over photographed settings that are out of focus; the settings are told apart by
+    the shape of the light alone.
+    """
+    own, other = [], []
+    for number, group in enumerate(truth.groups):
+        away = abs(1 / group.focus_distance_mm - 1 / group.object_distance_mm)
+        if not group.photographed or away * group.object_distance_mm < 0.02:
+            continue
+        lens = make(group.f_number, group.focus_distance_mm)
+        mirrored_mm = mirrored_distance_mm(
+            group.focus_distance_mm, group.object_distance_mm
+        )
+        fields = len(truth.spot_chief_mm[number])
+        points = range(0, fields, math.ceil(fields / SIGN_FIELDS))
+        seen = [p for p in points if np.isfinite(truth.psf[number][p, GREEN]).all()]
+        for distance_mm, found in ((None, own), (mirrored_mm, other)):
+            made = _drawn(lens, truth, number, seen, ("g",), distance_mm)
+            for point, spots in zip(seen, made, strict=True):
+                true = truth.psf[number][point, GREEN]
+                found.append(psf_error(true, spots[0], group.subpixels))
+    if not own:
+        return "undecided"
+    mine, theirs = float(np.median(own)), float(np.median(other))
+    if mine < CLEARLY * theirs:
+        return "right"
+    return "wrong" if theirs < CLEARLY * mine else "undecided"
+
+
+def _errors(
+    make: Maker, truth: WavefrontTruth, number: int, every: int
+) -> Float[np.ndarray, "fields 3"]:
+    """Per field point and channel; NaN where the truth has no light."""
+    group = truth.groups[number]
+    lens = make(group.f_number, group.focus_distance_mm)
+    fields = range(0, len(truth.spot_chief_mm[number]), every)
+    lit = np.all(np.isfinite(truth.psf[number][::every]), axis=(2, 3))
+    errors = np.full(lit.shape, np.nan)
+    rows = np.flatnonzero(lit.any(axis=1))
+    made = _drawn(lens, truth, number, [fields[row] for row in rows], CHANNELS)
+    for row, spots in zip(rows, made, strict=True):
+        for k in np.flatnonzero(lit[row]):
+            true = truth.psf[number][fields[row], k]
+            errors[row, k] = psf_error(true, spots[k], group.subpixels)
+    return errors
+
+
+def _drawn(
+    lens: Lens,
+    truth: WavefrontTruth,
+    number: int,
+    points: Sequence[int],
+    channels: Sequence[str],
+    object_distance_mm: float | None = None,
+) -> Float[np.ndarray, "points channels size size"]:
+    group = truth.groups[number]
+    chiefs_mm = truth.spot_chief_mm[number][list(points)]
+    distance_mm = object_distance_mm or group.object_distance_mm
+    raster: dict[str, Any] = {
+        "pixel_pitch_mm": truth.frame.pitch_mm[0] / group.subpixels,
+        "size_px": group.size,
+    }
+    if len(chiefs_mm) == 0:
+        return np.zeros((0, len(channels), group.size, group.size))
+    draw_all = getattr(lens, "psfs", None)
+    if draw_all is not None:
+        return np.asarray(draw_all(chiefs_mm, distance_mm, channels, **raster), float)
+    made = [
+        [np.asarray(lens.psf(at, distance_mm, channel=c, **raster)) for c in channels]
+        for at in chiefs_mm
+    ]
+    return np.array(made, float)
+
+
+def _spread(errors: list[np.ndarray]) -> dict[str, float | None]:
+    values = np.concatenate([e.ravel() for e in errors]) if errors else np.zeros(0)
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return {"median": None, "p90": None}
+    return {
+        "median": float(np.median(values)),
+        "p90": float(np.percentile(values, 90)),
+    }
