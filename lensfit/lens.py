@@ -5,28 +5,28 @@ points are millimetres, x right, y down, z the distance from the sensor plane.
 Distances to the scene count from the sensor plane, as on the barrel.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from lensfit.errors import LensfitError
 from lensfit.kernel.lens_blur import LensBlur, perfect_blur
-from lensfit.kernel.lens_psf import lens_psfs
-from lensfit.optics import distortion as chief_ray
+from lensfit.kernel.lens_psf import Points, Raster, lens_psfs
+from lensfit.kernel.psf_deviation import KnownPsfs, MovedBlurs, known_psfs
 from lensfit.optics.distortion import Distortion
-from lensfit.optics.falloff import log_loss
-from lensfit.optics.lateral import (
-    ChannelShift,
-    LateralColour,
-    channel_from_green,
-    green_from_channel,
-    no_lateral_colour,
+from lensfit.optics.lateral import ChannelShift, LateralColour, no_lateral_colour
+from lensfit.optics.many_points import (
+    displaced,
+    displaced_back,
+    distort,
+    illuminate,
+    project,
+    undistort,
 )
 
 Channel = Literal["r", "g", "b"]
@@ -56,6 +56,8 @@ class Lens(eqx.Module):
         nothing to turn; one sentence each.
     blur : Aberrations and pupil, or None when they were not measured (then the lens
         counts as perfect).
+    moved_blurs : Makes the blur as moved by each independent error it may have
+        (`lensfit.kernel.psf_deviation`); None when nobody knows these.
     largest_blur_mm : No object counts as farther out of focus than a thin lens blurs to
         this radius; None for no limit.
     """
@@ -70,6 +72,7 @@ class Lens(eqx.Module):
     focus_distance_mm: float | None = eqx.field(static=True, default=None)
     notes: tuple[str, ...] = eqx.field(static=True, default=())
     blur: LensBlur | None = None
+    moved_blurs: Callable[[], MovedBlurs] | None = eqx.field(static=True, default=None)
     largest_blur_mm: float | None = eqx.field(static=True, default=None)
 
     @property
@@ -93,16 +96,16 @@ class Lens(eqx.Module):
         """
         points = _points(object_points_mm, 3)
         pupil = self.entrance_pupil_offset_mm
-        landed = _project(points, pupil, self.distortion)
-        return _displaced(landed, self.distortion, _shift_of(self, channel))
+        landed = project(points, pupil, self.distortion)
+        return displaced(landed, self.distortion, _shift_of(self, channel))
 
     def distorted_from_undistorted(
         self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
     ) -> Float[Array, "points 2"]:
         """Where points of the undistorted picture land on the photograph."""
         points = _points(points_mm, 2)
-        landed = _distort(points, self.distortion)
-        return _displaced(landed, self.distortion, _shift_of(self, channel))
+        landed = distort(points, self.distortion)
+        return displaced(landed, self.distortion, _shift_of(self, channel))
 
     def undistorted_from_distorted(
         self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
@@ -112,8 +115,8 @@ class Lens(eqx.Module):
         NaN where no undistorted point exists (90 degrees off axis and beyond).
         """
         points = _points(points_mm, 2)
-        green = _displaced_back(points, self.distortion, _shift_of(self, channel))
-        return _undistort(green, self.distortion)
+        green = displaced_back(points, self.distortion, _shift_of(self, channel))
+        return undistort(green, self.distortion)
 
     def relative_illumination(
         self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
@@ -123,7 +126,7 @@ class Lens(eqx.Module):
         index = _channel_index(channel)
         if self.illumination is None:
             return jnp.ones(points.shape[0])
-        return _illuminate(
+        return illuminate(
             points,
             self.distortion.principal_point_mm,
             self.illumination.valid_radius_mm,
@@ -192,6 +195,93 @@ class Lens(eqx.Module):
         LensfitError : An object is too near for a sharp image.
         ValueError : `size_px` is below 1.
         """
+        lateral, blur = self.lateral_colour, self.blur or self.perfect_blur()
+        if lateral is not None and not with_lateral_colour:
+            measured = blur.measured_lateral or lateral
+            blur = replace(blur, measured_lateral=measured)
+            lateral = no_lateral_colour()
+        found = lens_psfs(
+            *self._rows(image_points_mm, object_distance_mm, channels),
+            blur,
+            self.distortion,
+            lateral,
+            *_raster(pixel_pitch_mm, tolerance),
+            size_px=_checked_size(size_px),
+        )
+        return found.reshape(-1, len(channels), size_px, size_px)
+
+    def psf_standard_deviation(
+        self,
+        image_point_mm: Float[ArrayLike, "2"] | Sequence[float],
+        object_distance_mm: float,
+        channel: Channel = "g",
+        *,
+        pixel_pitch_mm: float | tuple[float, float],
+        size_px: int,
+        tolerance: float = TOLERANCE,
+    ) -> Float[np.ndarray, "size size"]:
+        """How well each pixel of `psf` is known: one standard deviation, in its unit.
+
+        What the photographs left open about the blur, carried on to first order. Where
+        the light lands (distortion, lateral colour) is not in it.
+
+        Parameters
+        ----------
+        image_point_mm, object_distance_mm, channel, pixel_pitch_mm, size_px, tolerance
+            : As for `psf`.
+
+        Raises
+        ------
+        LensfitError : The preset does not say how well its blur is known; or as `psf`.
+        ValueError : As `psf`.
+        """
+        return self.known_psfs(
+            jnp.asarray(image_point_mm, jnp.float64)[None],
+            object_distance_mm,
+            channel,
+            pixel_pitch_mm=pixel_pitch_mm,
+            size_px=size_px,
+            tolerance=tolerance,
+        ).deviation[0]
+
+    def known_psfs(
+        self,
+        image_points_mm: Float[ArrayLike, "points 2"],
+        object_distance_mm: Float[ArrayLike, "*points"],
+        channel: Channel = "g",
+        *,
+        pixel_pitch_mm: float | tuple[float, float],
+        size_px: int,
+        tolerance: float = TOLERANCE,
+    ) -> KnownPsfs:
+        """`psf` and `psf_standard_deviation` of many points.
+
+        Raises
+        ------
+        LensfitError, ValueError : As `psf_standard_deviation`.
+        """
+        if self.blur is None or self.moved_blurs is None:
+            raise LensfitError(
+                "the preset does not say how well its blur is known",
+                remedy="calibrate its photographs again with this version",
+            )
+        optics = self.blur, self.distortion, self.lateral_colour
+        raster = Raster(*_raster(pixel_pitch_mm, tolerance), _checked_size(size_px))
+        rows = self._rows(image_points_mm, object_distance_mm, (channel,))
+        return known_psfs(rows, optics, raster, self.moved_blurs())
+
+    def _rows(
+        self,
+        image_points_mm: ArrayLike,
+        object_distance_mm: ArrayLike,
+        channels: Sequence[Channel],
+    ) -> Points:
+        """Every point in every channel.
+
+        Raises
+        ------
+        LensfitError : An object is too near for a sharp image.
+        """
         points = _points(image_points_mm, 2)
         distances = np.broadcast_to(
             np.asarray(object_distance_mm, float), points.shape[:1]
@@ -204,26 +294,12 @@ class Lens(eqx.Module):
                 f"an object {nearest:g} mm from the sensor has no sharp image",
                 remedy=f"keep object distances above {blur.nearest_mm:.4g} mm",
             )
-        if size_px < 1:
-            raise ValueError(f"size_px = {size_px} is no size of an array")
         indices = [_channel_index(channel) for channel in channels]
-        lateral = self.lateral_colour
-        if lateral is not None and not with_lateral_colour:
-            measured = blur.measured_lateral or lateral
-            blur = replace(blur, measured_lateral=measured)
-            lateral = no_lateral_colour()
-        found = lens_psfs(
+        return (
             jnp.repeat(points, len(indices), 0),
             jnp.asarray(np.repeat(distances, len(indices))),
             jnp.asarray(np.tile(indices, len(points)).astype(int)),
-            blur,
-            self.distortion,
-            lateral,
-            jnp.asarray(np.broadcast_to(np.asarray(pixel_pitch_mm, float), (2,))),
-            jnp.asarray(tolerance, jnp.float64),
-            size_px=size_px,
         )
-        return found.reshape(len(points), len(indices), size_px, size_px)
 
     def perfect_blur(self) -> LensBlur:
         """The blur of a lens of this state without aberrations.
@@ -287,6 +363,19 @@ def _points(points: ArrayLike, columns: int) -> Array:
     return array
 
 
+def _checked_size(size_px: int) -> int:
+    if size_px < 1:
+        raise ValueError(f"size_px = {size_px} is no size of an array")
+    return size_px
+
+
+def _raster(
+    pixel_pitch_mm: float | tuple[float, float], tolerance: float
+) -> tuple[Array, Array]:
+    pitch = np.broadcast_to(np.asarray(pixel_pitch_mm, float), (2,))
+    return jnp.asarray(pitch), jnp.asarray(tolerance, jnp.float64)
+
+
 def _channel_index(channel: str) -> int:
     if channel not in ("r", "g", "b"):
         raise ValueError(f"channel {channel!r} is none of 'r', 'g', 'b'")
@@ -298,62 +387,3 @@ def _shift_of(lens: Lens, channel: str) -> ChannelShift | None:
     if lens.lateral_colour is None or index == 1:
         return None
     return lens.lateral_colour[index // 2]
-
-
-# The functions below take arrays only: the state of a `Lens` is static, and a program
-# compiled for one focus distance must serve the next.
-
-
-def _displaced(
-    green_mm: Array, distortion: Distortion, shift: ChannelShift | None
-) -> Array:
-    """Where a channel lands. A program of its own: that of the chief rays, which takes
-    longer to compile, then serves all channels."""
-    if shift is None:
-        return green_mm
-    centre, radius = distortion.principal_point_mm, distortion.reference_radius_mm
-    return _channel_from_green(green_mm, shift, centre, radius)
-
-
-def _displaced_back(
-    points_mm: Array, distortion: Distortion, shift: ChannelShift | None
-) -> Array:
-    if shift is None:
-        return points_mm
-    centre, radius = distortion.principal_point_mm, distortion.reference_radius_mm
-    return _green_from_channel(points_mm, shift, centre, radius)
-
-
-_each = (0, None, None, None)
-_channel_from_green = eqx.filter_jit(jax.vmap(channel_from_green, _each))
-_green_from_channel = eqx.filter_jit(jax.vmap(green_from_channel, _each))
-
-
-@eqx.filter_jit
-def _project(points: Array, pupil_mm: Array, distortion: Distortion) -> Array:
-    def one(point):
-        direction = point.at[2].add(-pupil_mm)
-        return chief_ray.distorted_from_direction(direction, distortion)
-
-    return jax.vmap(one)(points)
-
-
-@eqx.filter_jit
-def _distort(points: Array, distortion: Distortion) -> Array:
-    return jax.vmap(chief_ray.distorted_from_undistorted, (0, None))(points, distortion)
-
-
-@eqx.filter_jit
-def _undistort(points: Array, distortion: Distortion) -> Array:
-    return jax.vmap(chief_ray.undistorted_from_distorted, (0, None))(points, distortion)
-
-
-@eqx.filter_jit
-def _illuminate(
-    points: Array, centre_mm: Array, valid_radius_mm: Array, control: Array
-) -> Array:
-    def one(point):
-        squared = jnp.sum(((point - centre_mm) / valid_radius_mm) ** 2)
-        return jnp.exp(-log_loss(squared, control))
-
-    return jax.vmap(one)(points)

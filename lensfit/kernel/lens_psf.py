@@ -93,16 +93,16 @@ def lens_psfs(
     tolerance : Relative error to aim at.
     """
     optics = blur, distortion, lateral_colour
-    laid = _Raster(pixel_pitch_mm, tolerance, size_px)
+    laid = Raster(pixel_pitch_mm, tolerance, size_px)
     each = np.empty((len(channel), size_px, size_px))
     for first in range(0, len(channel), TOGETHER):
         some = slice(first, first + TOGETHER)
         points = (image_points_mm[some], object_distance_mm[some], channel[some])
-        each[some] = _patches(points, optics, laid)
+        each[some] = patches(points, optics, laid)
     return jnp.asarray(each)
 
 
-class _Raster(NamedTuple):
+class Raster(NamedTuple):
     """Pixels that are asked for: their pitch, the error allowed, rows and columns."""
 
     pitch_mm: Array
@@ -110,31 +110,60 @@ class _Raster(NamedTuple):
     size_px: int
 
 
-def _patches(
-    points: tuple[Array, Array, Array],
-    optics: tuple[LensBlur, Distortion, LateralColour],
-    raster: _Raster,
+Points = tuple[Array, Array, Array]
+"""Image points, object distances and channels."""
+Optics = tuple[LensBlur, Distortion, LateralColour]
+
+
+def turns_needed(
+    points: Points, optics: Optics, raster: Raster
+) -> Int[np.ndarray, " points"]:
+    """Turns of rays for each of up to `TOGETHER` points."""
+    return _turns_of(_pencils_of(points, optics), optics[0], raster)
+
+
+def patches(
+    points: Points,
+    optics: Optics,
+    raster: Raster,
+    turns: Int[np.ndarray, " points"] | None = None,
 ) -> Float[np.ndarray, "points size size"]:
-    """Of up to `TOGETHER` points."""
-    count, blur = len(points[0]), optics[0]
-    seen = _pencils(tuple(_filled(part) for part in points), *optics)
+    """Of up to `TOGETHER` points; each sums to 1.
+
+    Parameters
+    ----------
+    turns : Of rays for each point; as many as are needed when left out.
+    """
+    count, seen = len(points[0]), _pencils_of(points, optics)
+    turns = _turns_of(seen, optics[0], raster) if turns is None else turns
     every = np.arange(TOGETHER)
-    probe = _ray_turns(seen, blur, every, 0 * every, 0 * every + 1)
-    turns = np.asarray(_turns_needed(probe, raster.pitch_mm, raster.tolerance))
     whose = np.repeat(every[:count], turns[:count])
     turn = np.concatenate([np.arange(n) for n in turns[:count]])
     room = _room(raster.size_px)
-    patches = jnp.zeros((TOGETHER, room, room), jnp.float32)
+    light = jnp.zeros((TOGETHER, room, room), jnp.float32)
     middle = jnp.asarray(raster.size_px / 2)
     for first in range(0, len(whose), TOGETHER):
         some = slice(first, first + TOGETHER)
         own, number = _filled(whose[some]), _filled(turn[some])
-        rays = _ray_turns(seen, blur, own, number, turns[own])
+        rays = _ray_turns(seen, optics[0], own, number, turns[own])
         live = every < len(whose[some])
-        patches = _on_pixels(patches, rays, own, live, raster.pitch_mm, middle)
-    asked = np.asarray(patches)[:count, : raster.size_px, : raster.size_px]
-    light = asked.sum((1, 2), dtype=float)
-    return asked / np.maximum(light, 1e-300)[:, None, None]
+        light = _on_pixels(light, rays, own, live, raster.pitch_mm, middle)
+    asked = np.asarray(light)[:count, : raster.size_px, : raster.size_px]
+    total = asked.sum((1, 2), dtype=float)
+    return asked / np.maximum(total, 1e-300)[:, None, None]
+
+
+def _pencils_of(points: Points, optics: Optics) -> Pencil:
+    filled = tuple(_filled(part) for part in points)
+    return _pencils(filled, *optics)
+
+
+def _turns_of(
+    seen: Pencil, blur: LensBlur, raster: Raster
+) -> Int[np.ndarray, " points"]:
+    every = np.arange(TOGETHER)
+    probe = _ray_turns(seen, blur, every, 0 * every, 0 * every + 1)
+    return np.asarray(_turns_needed(probe, raster.pitch_mm, raster.tolerance))
 
 
 def _filled(some: Array | np.ndarray) -> np.ndarray:

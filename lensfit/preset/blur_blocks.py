@@ -96,6 +96,22 @@ class Stop(Struct, frozen=True, forbid_unknown_fields=True):
     radius_ratio: PositiveFloat = 1.0
 
 
+class BlurUncertainty(Struct, frozen=True, forbid_unknown_fields=True):
+    """How well the numbers of a blur block are known, and how they move together.
+
+    Their covariance is the sum of the outer products of the moves.
+
+    Attributes
+    ----------
+    numbers : Names of the numbers that move (`lensfit.preset.blur_numbers`).
+    moves : Moves of all of them, each by one standard deviation and independent of the
+        others; the one that changes the photographs most comes first.
+    """
+
+    numbers: tuple[str, ...]
+    moves: tuple[tuple[float, ...], ...]
+
+
 class Blur(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Aberrations, pupil and first-order optics of one lens state.
 
@@ -121,6 +137,7 @@ class Blur(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     round_f_number : At this f-number (within 2 %) and wider ones the opening is round;
         the blades show when it is stopped down further.
     assumed : Names of the values above that were stated or assumed, not measured.
+    uncertainty : Of all these numbers; None when nobody knows it.
     """
 
     aberrations: tuple[AberrationTerm, ...]
@@ -137,3 +154,4 @@ class Blur(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     band_widths_nm: Bands
     round_f_number: PositiveFloat
     assumed: tuple[str, ...] = ()
+    uncertainty: BlurUncertainty | None = None

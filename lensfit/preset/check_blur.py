@@ -31,6 +31,12 @@ def blur_faults(blur: Blur, frame_radius_mm: float) -> Iterator[tuple[str, str]]
         yield "stops", "an f-number stands twice"
     if blur.pupil.blades in (1, 2):
         yield "pupil.blades", "is no iris; 0 is round, 3 and more are blades"
+    if blur.uncertainty is not None:
+        count = len(blur.uncertainty.numbers)
+        for index, move in enumerate(blur.uncertainty.moves):
+            if len(move) != count:
+                what = f"has {len(move)} numbers for {count} names"
+                yield f"uncertainty.moves[{index}]", what
     yield from _pupil_faults(blur, frame_radius_mm / blur.field_radius_mm)
 
 

@@ -6,16 +6,22 @@ the logarithmic strain, which is smooth where there is no squeeze
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import jax.numpy as jnp
+import msgspec
 import numpy as np
 
+from lensfit.kernel.lens_blur import LensBlur
+from lensfit.kernel.psf_deviation import STEP
 from lensfit.lens import Illumination, Lens
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift
 from lensfit.preset import blocks
+from lensfit.preset.blur_numbers import with_moves
 from lensfit.preset.blur_of_block import blur_block as blur_block
 from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
@@ -56,6 +62,9 @@ def lens_of_selection(
         focus_distance_mm=entry.focus_distance_mm,
         notes=chosen.notes + unmeasured,
         blur=blur,
+        moved_blurs=None
+        if blur is None or entry.blur is None or entry.blur.uncertainty is None
+        else partial(_moved_blurs, chosen, camera, knobs),
     )
     idle = idle_knobs(
         lens,
@@ -66,6 +75,28 @@ def lens_of_selection(
     if idle:
         lens = replace(lens, notes=(*lens.notes, *map(str, idle)))
     return turned_lens(lens, knobs.aberration, knobs.bokeh)
+
+
+def _moved_blurs(
+    chosen: Selection, camera: Camera, knobs: Knobs
+) -> Iterator[tuple[LensBlur, LensBlur]]:
+    """The blur at that state for every move of the block's uncertainty, turned alike;
+    see `lensfit.kernel.psf_deviation`."""
+    block = chosen.entry.blur
+    if block is None or block.uncertainty is None:
+        return
+    known = block.uncertainty
+
+    def blur_of(move: tuple[float, ...], share: float) -> LensBlur:
+        steps = dict(zip(known.numbers, (share * v for v in move), strict=True))
+        moved = msgspec.structs.replace(with_moves(block, steps), uncertainty=None)
+        entry = msgspec.structs.replace(chosen.entry, blur=moved)
+        blur = lens_of_selection(chosen._replace(entry=entry), camera, knobs).blur
+        assert blur is not None
+        return blur
+
+    for move in known.moves:
+        yield blur_of(move, STEP), blur_of(move, -STEP)
 
 
 def lens_of_entry(

@@ -17,7 +17,7 @@ from lensfit.preset.entry import Covariance, Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block
 from lensfit.preset.predicted_fall_off import with_predicted_fall_off
 from lensfit.preset.schema import Camera, Preset, Provenance, SourceImage
-from lensfit.workflow.calibration.blur_entries import blur_of
+from lensfit.workflow.calibration.blur_uncertainty import known_blur_of
 from lensfit.workflow.calibration.lens_facts import errors_of, terms_of
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.records import Shoot
@@ -91,7 +91,7 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
             points_used=int(used),
             photographs=len(geometry.takes),
         ),
-        blur=blur_of(state, wavefront) if wavefront is not None else None,
+        blur=known_blur_of(state, wavefront) if wavefront is not None else None,
     )
     return with_predicted_fall_off(entry)
 

@@ -1,0 +1,73 @@
+"""How well point-spread functions are known: what the doubt about a blur does to them.
+
+A blur that is known to within some independent moves, each of one standard deviation,
+has point-spread functions whose covariance is J C J', to first order: the sum of the
+outer products of what every move does to the pixels. Each is a central difference over
+half the move, made with the very same rays, so that what rays leave open cancels.
+
+All arrays sum to 1, moved or not: what a pixel gains others lose.
+"""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.kernel.lens_blur import LensBlur
+from lensfit.kernel.lens_psf import (
+    TOGETHER,
+    Optics,
+    Points,
+    Raster,
+    patches,
+    turns_needed,
+)
+
+STEP = 0.5
+"""Share of a standard deviation by which a blur is moved. Smaller ones follow edges of
+light more closely, and the unevenness of the rays with them."""
+MovedBlurs = Iterable[tuple[LensBlur, LensBlur]]
+"""For each independent move the blur moved by `STEP` of it, forth and back."""
+
+
+class KnownPsfs(NamedTuple):
+    """Point-spread functions and the standard deviation of every pixel."""
+
+    psf: Float[np.ndarray, "points size size"]
+    deviation: Float[np.ndarray, "points size size"]
+
+    def relative_error(self) -> Float[np.ndarray, " points"]:
+        """Expected error of each whole, root mean square, relative (L2)."""
+        norm, error = (np.sqrt(np.sum(a**2, (1, 2))) for a in self)
+        return error / np.where(norm > 0, norm, 1.0)
+
+
+def known_psfs(
+    points: Points, optics: Optics, raster: Raster, moved: MovedBlurs
+) -> KnownPsfs:
+    """Point-spread functions of many points with their standard deviations.
+
+    Parameters
+    ----------
+    points : As for `lens_psf.lens_psfs`.
+    moved : Independent moves of the blur in `optics`.
+    """
+    some = [slice(k, k + TOGETHER) for k in range(0, len(points[0]), TOGETHER)]
+    at, far, channel = points
+    batches: list[Points] = [(at[k], far[k], channel[k]) for k in some]
+    turns = [turns_needed(batch, optics, raster) for batch in batches]
+
+    def drawn(blur: LensBlur) -> np.ndarray:
+        return np.concatenate(
+            [
+                patches(batch, (blur, *optics[1:]), raster, needed)
+                for batch, needed in zip(batches, turns, strict=True)
+            ]
+        )
+
+    psf = drawn(optics[0]).astype(float)
+    variance = np.zeros_like(psf)
+    for forth, back in moved:
+        variance += ((drawn(forth) - drawn(back)) / (2 * STEP)) ** 2
+    return KnownPsfs(psf, np.sqrt(variance))

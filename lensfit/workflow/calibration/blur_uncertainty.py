@@ -1,0 +1,82 @@
+"""How well the blur block of a preset is known, from the covariance of the fit.
+
+The fit's parameters and the block's numbers are not the same: a focus offset is a mean
+of defocus values less what the barrel says, the exit pupil stands in two places. So
+every independent move of the parameters is made, a little, and the block written again;
+what changed is the move of its numbers.
+
+Moves come in the order of what they change in the photographs, in the fit's own
+weights and priors, and are kept until the rest is a thousandth of the variance there.
+"""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.fit.lens_states import LensState
+from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.preset.blur_blocks import Blur, BlurUncertainty
+from lensfit.preset.blur_numbers import numbers_of
+from lensfit.workflow.calibration.blur_entries import blur_of
+
+KEPT = 0.999
+"""Share of the variance in the photographs that the moves carry."""
+_STEP = 0.05
+_DIGITS = 5
+
+
+def known_blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
+    """`blur_of`, with its uncertainty."""
+    blur = blur_of(state, wavefront)
+    moves = parameter_moves(wavefront)
+    changes = [_change(move, state, wavefront) for move in moves]
+    names = [n for n in numbers_of(blur) if any(c.get(n) for c in changes)]
+    known = BlurUncertainty(
+        tuple(names),
+        tuple(tuple(_short(change[n]) for n in names) for change in changes),
+    )
+    return msgspec.structs.replace(blur, uncertainty=known)
+
+
+def parameter_moves(wavefront: WavefrontFit) -> Float[np.ndarray, "moves parameters"]:
+    """Independent moves of all parameters by one standard deviation each.
+
+    Their outer products sum to the covariance, but for what hardly changes the
+    photographs.
+    """
+    stage, covariance = wavefront.stage, np.asarray(wavefront.covariance)
+    free = np.flatnonzero(np.diag(covariance) > 0)
+    if not len(free):
+        return np.zeros((0, len(covariance)))
+    square = np.ix_(free, free)
+    deviation = np.where(stage.deviation > 0, stage.deviation, 1.0)[free]
+    matrix = np.asarray(stage.equations.matrix.sum(0))[square]
+    seen = np.linalg.cholesky(matrix + np.diag(deviation**-2.0))
+    variance, axes = np.linalg.eigh(seen.T @ covariance[square] @ seen)
+    variance, axes = np.clip(variance[::-1], 0.0, None), axes[:, ::-1]
+    share = np.cumsum(variance) / variance.sum()
+    count = min(int(np.searchsorted(share, KEPT)) + 1, len(free))
+    moves = np.zeros((count, len(covariance)))
+    axes = np.linalg.solve(seen.T, axes[:, :count] * np.sqrt(variance[:count]))
+    moves[:, free] = axes.T
+    return moves
+
+
+def _change(
+    move: np.ndarray, state: LensState, wavefront: WavefrontFit
+) -> dict[str, float]:
+    """What a move of the parameters changes in the block, to first order."""
+
+    def numbers(share: float) -> dict[str, float]:
+        stage = wavefront.stage
+        moved = replace(stage, parameters=stage.parameters + share * move)
+        return numbers_of(blur_of(state, replace(wavefront, stage=moved)))
+
+    forth, back = numbers(_STEP), numbers(-_STEP)
+    return {name: (forth[name] - back[name]) / (2 * _STEP) for name in forth}
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
