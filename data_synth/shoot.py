@@ -30,6 +30,7 @@ from data_synth.files import (
 from data_synth.frame import Frame
 from data_synth.irradiance import plane_irradiance
 from data_synth.lens import SetLens, set_lens
+from data_synth.noise_draws import keep_the_light
 from data_synth.patterns import expose_pattern
 from data_synth.prescription import Prescription
 from data_synth.psf_truth import (
@@ -152,6 +153,7 @@ def write_shoot(
     seed: int = 0,
     change: Callable | None = None,
     with_wavefront: bool = False,
+    keep_light: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Photograph every shot and write pictures, shoot file and truth into a folder.
@@ -160,6 +162,8 @@ def write_shoot(
     ----------
     change : A tolerance error of the lens (see `set_lens`).
     with_wavefront : Also write `truth_wavefront.npz` (see `data_synth.psf_truth`).
+    keep_light : Also write what each picture would be without noise (see
+        `data_synth.noise_draws`).
     progress : Told the name of each shot before it is taken.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -170,7 +174,10 @@ def write_shoot(
             prescription, camera, shot, seed=seed + 100 * number, change=change
         )
         gain = shot.exposure or _exposure(taken.image, shot.brightest)
-        picture = digitise(taken.image * gain, camera.sensor, seed + 100 * number + 1)
+        light = taken.image * gain
+        if keep_light:
+            keep_the_light(folder, shot.name, light)
+        picture = digitise(light, camera.sensor, seed + 100 * number + 1)
         write_picture(folder / picture_name(shot.name, shot.form), picture, shot.form)
         write_json(
             folder / f"{shot.name}_truth.json", _truth(camera, shot, lens, taken, gain)

@@ -55,9 +55,15 @@ class Subject:
         folder: Path,
         *,
         seed: int = 0,
+        keep_light: bool = False,
         progress: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Photograph everything into a folder, with the wavefront's truth."""
+        """Photograph everything into a folder, with the wavefront's truth.
+
+        Parameters
+        ----------
+        keep_light : As for `write_shoot`.
+        """
         write_shoot(
             folder,
             self.prescription,
@@ -65,6 +71,7 @@ class Subject:
             self.shots(),
             seed=seed,
             with_wavefront=True,
+            keep_light=keep_light,
             progress=progress,
         )
 

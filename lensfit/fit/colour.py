@@ -66,6 +66,15 @@ class ChannelColour:
         variance = np.einsum("ri,ij,rj->r", powers, part, powers)
         return value * px_per_radius, np.sqrt(np.maximum(variance, 0)) * px_per_radius
 
+    def deviations(
+        self, q: Float[np.ndarray, "points 2"]
+    ) -> Float[np.ndarray, "points 2"]:
+        """Standard deviation along x and y at radius vectors, in reference radii."""
+        count = len(self.covariance)
+        design = _displacements(q)[..., :count]
+        variance = np.einsum("pia,ab,pib->pi", design, self.covariance, design)
+        return np.sqrt(np.maximum(variance, 0.0))
+
     def optics(self) -> ChannelShift:
         """The same for computing."""
         strain, decentering = (
@@ -196,11 +205,7 @@ def _system(q, moved, normal) -> tuple[np.ndarray, np.ndarray]:
     Shift, strain, decentering, then radial terms. Of a line sample the first row is
     along its normal, the second empty.
     """
-    r2 = np.sum(q**2, -1)
-    columns = [np.tile(e, (len(q), 1)) for e in np.eye(2)]
-    columns += list(np.moveaxis(np.asarray(_lopsided_bases(jnp.asarray(q))), 1, 0))
-    columns += [q * (r2**k)[:, None] for k in range(_MOST_RADIAL_TERMS)]
-    design = np.stack(columns, -1)
+    design = _displacements(q)
     lines = np.isfinite(normal[:, :1])
     n = np.nan_to_num(normal)
     flat = np.einsum("mi,mij->mj", n, design)[:, None]
@@ -208,6 +213,15 @@ def _system(q, moved, normal) -> tuple[np.ndarray, np.ndarray]:
     across = np.sum(n * moved, -1, keepdims=True)
     target = np.where(lines, np.concatenate([across, 0 * across], 1), moved)
     return design.reshape(2 * len(q), -1), target.ravel()
+
+
+def _displacements(q: np.ndarray) -> np.ndarray:
+    """Of every term at radius vectors, (points, 2, terms)."""
+    r2 = np.sum(q**2, -1)
+    columns = [np.tile(e, (len(q), 1)) for e in np.eye(2)]
+    columns += list(np.moveaxis(np.asarray(_lopsided_bases(jnp.asarray(q))), 1, 0))
+    columns += [q * (r2**k)[:, None] for k in range(_MOST_RADIAL_TERMS)]
+    return np.stack(columns, -1)
 
 
 _lopsided_bases = jax.jit(jax.vmap(lopsided_basis))

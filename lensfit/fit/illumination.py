@@ -41,14 +41,26 @@ class FallOffFit:
     f_number : None when nobody said.
     control : b_1 ... b_n of r, g and b.
     valid_radius_mm : Largest radius measured.
-    standard_deviation : Of the relative illumination, a single robust figure per mark
-        divided by the root of the marks per term.
+    covariance : Of each channel's control values.
     """
 
     f_number: float | None
     control: Float[np.ndarray, "3 terms"]
     valid_radius_mm: float
-    standard_deviation: float
+    covariance: Float[np.ndarray, "3 terms terms"]
+
+    def deviation(
+        self, radius_mm: Float[np.ndarray, " points"]
+    ) -> Float[np.ndarray, "3 points"]:
+        """Standard deviation of the relative illumination of r, g and b.
+
+        Beyond the measured radius that at its edge.
+        """
+        s = np.minimum(radius_mm / self.valid_radius_mm, 1.0) ** 2
+        terms = in_batches(_bernstein, s)
+        loss = terms @ self.control.T
+        variance = np.einsum("pi,cij,pj->cp", terms, self.covariance, terms)
+        return np.exp(-loss.T) * np.sqrt(np.maximum(variance, 0.0))
 
 
 def fit_illumination(
@@ -123,24 +135,37 @@ def _fit(number: float | None, rows: list) -> FallOffFit:
         gains.append(np.eye(len(rows))[np.full(len(squared), k)])
         values.append(brightness)
     design = np.hstack([np.vstack(steps), np.vstack(gains), -np.vstack(gains)])
-    control, spread = [], 0.0
+    control, covariance = [], []
     for channel in range(3):
-        solution, own = _robust(design, np.vstack(values)[:, channel])
-        spread = max(spread, own)
+        solution, known = _robust(design, np.vstack(values)[:, channel])
         control.append(np.cumsum(solution[:TERMS]))
-    error = spread / np.sqrt(max(len(design) / (TERMS + 1), 1.0))
-    return FallOffFit(number, np.array(control), float(np.sqrt(limit)), float(error))
+        sums = np.tri(TERMS)
+        covariance.append(sums @ known[:TERMS, :TERMS] @ sums.T)
+    limit_mm = float(np.sqrt(limit))
+    return FallOffFit(number, np.array(control), limit_mm, np.array(covariance))
 
 
-def _robust(design: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
-    """Non-negative least squares with Cauchy weights; solution and spread."""
+def _robust(design: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Non-negative least squares with Cauchy weights; solution and its covariance."""
     offset = values.mean()
     weight = np.ones(len(values))
-    solution, spread = np.zeros(design.shape[1]), 0.0
+    solution, residual = np.zeros(design.shape[1]), values
     for _ in range(_ROUNDS):
         root = np.sqrt(weight)
         solution, _ = nnls(design * root[:, None], (values - offset) * root)
-        residual = np.abs(values - offset - design @ solution)
-        spread = float(np.median(residual) / 0.6745) + 1e-6
+        residual = values - offset - design @ solution
+        spread = float(np.median(np.abs(residual)) / 0.6745) + 1e-6
         weight = 1 / (1 + (residual / (3 * spread)) ** 2)
-    return solution, spread
+    return solution, _covariance(design, weight, residual, solution > 0)
+
+
+def _covariance(design, weight, residual, free) -> np.ndarray:
+    """Sandwich over the marks; steps that ended at zero are held there."""
+    covariance = np.zeros((design.shape[1],) * 2)
+    a, count = design[:, free], len(design)
+    inverse = np.linalg.pinv((a.T * weight) @ a)
+    scatter = a * (weight * residual)[:, None]
+    factor = count / max(count - free.sum(), 1)
+    inside = inverse @ (scatter.T @ scatter) @ inverse * factor
+    covariance[np.ix_(free, free)] = inside
+    return covariance

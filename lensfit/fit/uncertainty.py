@@ -68,6 +68,16 @@ def position_deviation_mm(
     `undistorted_mm` should cover the frame: it is over these points that the moves a
     pose would undo are taken out.
     """
+    each = position_deviations_mm(adjustment, uncertainty, undistorted_mm)
+    return np.hypot(*each.T)
+
+
+def position_deviations_mm(
+    adjustment: Adjustment,
+    uncertainty: Uncertainty,
+    undistorted_mm: Float[np.ndarray, "points 2"],
+) -> Float[np.ndarray, "points 2"]:
+    """`position_deviation_mm` along x and along y."""
     layout = adjustment.layout
     shared = jnp.asarray(adjustment.parameters[: layout.shared])
 
@@ -75,14 +85,27 @@ def position_deviation_mm(
         return _sensitivity(shared, jnp.asarray(points), layout, adjustment.frame)
 
     by_all = in_batches(sensitivity, undistorted_mm, _BATCH)
-    moves = _homography_moves(undistorted_mm)
-    pose = np.einsum("pij,pjk->pik", by_all[..., :2], moves).reshape(-1, 8)
+    pose = pose_moves(by_all[..., :2], undistorted_mm)
     by_parameter = by_all[..., 2:].reshape(-1, layout.shared)
     undone, *_ = np.linalg.lstsq(pose, by_parameter, rcond=1e-10)
     left = by_parameter - pose @ undone
     part = uncertainty.covariance[: layout.shared, : layout.shared]
     variance = np.einsum("ra,ab,rb->r", left, part, left)
-    return np.sqrt(np.maximum(variance.reshape(-1, 2).sum(1), 0.0))
+    return np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 2)
+
+
+def pose_moves(
+    by_place: Float[np.ndarray, "points 2 2"],
+    undistorted_mm: Float[np.ndarray, "points 2"],
+) -> Float[np.ndarray, "coordinates 8"]:
+    """How the distorted points (x and y in turn) move as the camera's pose changes.
+
+    Parameters
+    ----------
+    by_place : d distorted / d undistorted.
+    """
+    moves = _homography_moves(undistorted_mm)
+    return np.einsum("pij,pjk->pik", by_place, moves).reshape(-1, 8)
 
 
 def _homography_moves(points: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import typer
 
+from lensfit.cli.bench.coverage import coverage
 from lensfit.cli.bench.detect import detect
 from lensfit.cli.bench.every import every
 from lensfit.cli.bench.fit import fit
@@ -10,6 +11,6 @@ from lensfit.cli.bench.warp import warp
 from lensfit.cli.bench.wavefront import wavefront
 
 app = typer.Typer(no_args_is_help=True, help="Measure lensfit against bars and peers.")
-for command in (detect, fit, wavefront, render, warp):
+for command in (detect, fit, wavefront, coverage, render, warp):
     app.command()(command)
 app.command("all")(every)

@@ -278,7 +278,8 @@ def _fall_off_curves(fall_off) -> dict[str, Any]:
     for name, control in zip("rgb", fall_off.control, strict=True):
         loss = np.asarray(_log_losses(s, control))
         curves[name] = _rounded(np.exp(-loss), 5)
-    curves["sd"] = [round(fall_off.standard_deviation, 6)] * _RADII
+    deviation = fall_off.deviation(np.sqrt(s) * fall_off.valid_radius_mm)
+    curves["sd"] = _rounded(deviation.max(0), 6)
     return curves
 
 

@@ -83,7 +83,7 @@ def _fall_off(h: np.ndarray, light: np.ndarray) -> FallOffFit:
     terms = 5
     basis = np.asarray(bernstein(h**2, terms)).T
     control = np.linalg.lstsq(basis, -np.log(light), rcond=None)[0]
-    return FallOffFit(2.0, np.tile(control, (3, 1)), 20.0, 0.01)
+    return FallOffFit(2.0, np.tile(control, (3, 1)), 20.0, np.zeros((3, 5, 5)))
 
 
 def test_dots_are_chosen_far_apart():
