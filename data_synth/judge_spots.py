@@ -26,7 +26,11 @@ GREEN = 1
 
 
 def judge_spots(
-    lens: Any, folder: str | Path, *, every: int = 1, only: str | None = None
+    lens: Any,
+    folder: str | Path,
+    *,
+    every: int = 1,
+    only: tuple[float, float, float] | None = None,
 ) -> dict[str, Any] | None:
     """The point-spread figures of `judge`, without the rest.
 
@@ -35,8 +39,8 @@ def judge_spots(
     lens : A preset, or a function (f_number, focus_distance_mm) -> lens.
     folder : A shoot with `truth_wavefront.npz`.
     every : Judge spots at every so manieth field point only.
-    only : A setting as `named` has it; its "median" and "p90" alone, or None where the
-        truth knows no such setting.
+    only : f-number, focus and object distance (mm): "median" and "p90" of that setting
+        alone, or None where the truth does not know it.
 
     Raises
     ------
@@ -48,7 +52,8 @@ def judge_spots(
     if only is None:
         return spot_figures(make, truth, every)
     for k, group in enumerate(truth.groups):
-        if named(group) == only:
+        setting = group.f_number, group.focus_distance_mm, group.object_distance_mm
+        if np.allclose(setting, only, rtol=1e-6):
             return _spread([_errors(make, truth, k, every)])
     return None
 
@@ -74,14 +79,10 @@ def maker_of(lens: Any, truth: WavefrontTruth) -> Maker:
 
 def named(group: Group) -> str:
     """A setting as a key: f1.4_focus1430_object2000."""
-    return setting_name(
-        group.f_number, group.focus_distance_mm, group.object_distance_mm
+    return (
+        f"f{group.f_number:g}_focus{group.focus_distance_mm:g}"
+        f"_object{group.object_distance_mm:g}"
     )
-
-
-def setting_name(f_number: float, focus_mm: float, object_mm: float) -> str:
-    """The same of its numbers, both distances in mm."""
-    return f"f{f_number:g}_focus{focus_mm:g}_object{object_mm:g}"
 
 
 def spot_figures(make: Maker, truth: WavefrontTruth, every: int = 1) -> dict[str, Any]:

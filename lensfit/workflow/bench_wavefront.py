@@ -7,8 +7,8 @@ folder everything stays in it, and the results are written again after every len
 
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,10 @@ from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.bench_result import Machine, bench_result
+from lensfit.workflow.bench_rows import as_tables
+from lensfit.workflow.bench_wavefront_beside import Beside, add_figures
+from lensfit.workflow.bench_wavefront_plot import write_plots
+from lensfit.workflow.bench_wavefront_rows import wavefront_rows
 from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.machine import machine
 from lensfit.workflow.shoot.file import load_shoot
@@ -53,6 +57,7 @@ def bench_wavefront(
     out_dir: str | Path | None = None,
     *,
     reuse: bool = False,
+    beside: Beside | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Photograph, calibrate and judge every lens.
@@ -62,11 +67,14 @@ def bench_wavefront(
     judge : As `data_synth.judge` does it.
     out_dir : Folder for shoots, presets and bench_wavefront.json; None keeps nothing.
     reuse : Take the photographs that already lie in the folder.
+    beside : What else is fitted to the same photographs; None for nothing. Error
+        against time is then drawn as a picture for each lens.
     progress : Told about each lens.
 
     Returns
     -------
-    "rows", one for each lens, and "errors", one line for each that failed.
+    "rows", one for each lens, "bars" (rows with bars and peers), and "errors", one line
+    for each that failed.
 
     Raises
     ------
@@ -79,7 +87,11 @@ def bench_wavefront(
             progress("lenses", done, len(trials))
             # Every lens has programs of its own, and a process may map only so many.
             jax.clear_caches()
-            rows.append(_row(trial, judge, Path(folder) / trial.name, reuse))
+            row = _row(trial, judge, Path(folder) / trial.name, reuse)
+            rows.append(row)
+            if beside is not None and beside.is_wanted and row["figures"] is not None:
+                _add_beside(row, beside, Path(folder) / trial.name, progress)
+                write_plots([row], None if out_dir is None else Path(out_dir))
             _result(on, rows, out_dir)
     progress("lenses", len(trials), len(trials))
     return _result(on, rows, out_dir)
@@ -89,7 +101,8 @@ def _result(
     on: Machine, rows: list[dict[str, Any]], out_dir: str | Path | None
 ) -> dict[str, Any]:
     errors = [f"{row['lens']}: {row['failed']}" for row in rows if row["failed"]]
-    return bench_result("wavefront", on, out_dir, rows=rows, errors=errors)
+    bars = as_tables([bar for row in rows for bar in wavefront_rows(row)])
+    return bench_result("wavefront", on, out_dir, rows=rows, bars=bars, errors=errors)
 
 
 def _row(trial: Trial, judge: Judge, folder: Path, reuse: bool) -> dict[str, Any]:
@@ -101,9 +114,10 @@ def _row(trial: Trial, judge: Judge, folder: Path, reuse: bool) -> dict[str, Any
         "converged": None,
         "figures": None,
         "report": None,
+        "beside": {},
         "seconds": {},
     }
-    try:
+    with _failures(row):
         if not (reuse and (folder / "shoot.toml").is_file()):
             _timed(row, "photograph", lambda: trial.write(folder))
         made = folder / "calibrated"
@@ -113,11 +127,27 @@ def _row(trial: Trial, judge: Judge, folder: Path, reuse: bool) -> dict[str, Any
         row["converged"] = not any("converge" in note for note in report["notes"])
         preset = load_preset(made / "preset.json")
         row["figures"] = _timed(row, "judge", lambda: judge(preset, folder))
+    return row
+
+
+def _add_beside(
+    row: dict[str, Any], beside: Beside, folder: Path, progress: Progress
+) -> None:
+    with _failures(row):
+        shoot = load_shoot(folder / "shoot.toml")
+        given = row["beside"], beside, shoot, folder, progress
+        _timed(row, "beside", lambda: add_figures(*given))
+
+
+@contextmanager
+def _failures(row: dict[str, Any]) -> Iterator[None]:
+    """What goes wrong with a lens becomes its `failed`: it must not hide the others."""
+    try:
+        yield
     except LensfitError as error:
         row["failed"] = str(error)
-    except Exception as error:  # a fault in one lens must not hide the others
+    except Exception as error:
         row["failed"] = f"{type(error).__name__}: {error}"
-    return row
 
 
 def _timed(row: dict[str, Any], name: str, work: Callable[[], Any]) -> Any:

@@ -18,7 +18,7 @@ def wavefront_rows(row: dict[str, Any]) -> list[Row]:
     name, figures = row["lens"], row["figures"]
     if figures is None:
         return [Row(name, "calibrated and judged", float("nan"), bar=0.0)]
-    psf, thin = figures["psf"] or {}, figures["thin_lens"]["psf"] or {}
+    psf = figures["psf"] or {}
     found = [
         _largest(name, "chief rays, px rms", figures["chief_ray_px"], MOST_CHIEF_PX,
                  _AIMS["chief"]),
@@ -33,22 +33,64 @@ def wavefront_rows(row: dict[str, Any]) -> list[Row]:
         factor = 1.0 if key == "all" else _UNSEEN
         for k, part in enumerate(("median", "p90")):
             if key in psf:
-                disc = {"thin lens": thin[key][part]} if key in thin else {}
                 found.append(
                     Row(
                         name,
                         f"{what}, {part}",
-                        psf[key][part],
+                        _number(psf[key][part]),
                         bar=factor * MOST_PSF[k],
                         aim=_AIMS["psf"][k],
-                        peers=disc,
+                        peers=_peers(row, key, part),
                     )
                 )
     wrong = float(figures["defocus_sign"] != "right")
     found.append(Row(name, "sign of defocus wrong or undecided", wrong, bar=0.0))
     flags = float(len(figures["flags"]))
     found.append(Row(name, "folds and negative light", flags, bar=0.0))
-    return found
+    beside = row.get("beside", {})
+    for image, one in beside.get("left_out", {}).items():
+        found += _left_out_rows(name, image, one)
+    return found + [
+        _effort_row(name, effort, one)
+        for effort, one in beside.get("efforts", {}).items()
+    ]
+
+
+def _peers(row: dict[str, Any], key: str, part: str) -> dict[str, float]:
+    """What the others make of the same photographs, where the truth can say."""
+    others = {
+        name: one["psf"] for name, one in row.get("beside", {}).get("peers", {}).items()
+    }
+    others["thin lens"] = row["figures"]["thin_lens"]["psf"] or {}
+    found = {name: psf.get(key, {}).get(part) for name, psf in others.items()}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def _left_out_rows(name: str, image: str, one: dict[str, Any]) -> list[Row]:
+    """At the setting of a take that no fit has seen."""
+    return [
+        Row(
+            name,
+            f"psf with {image} left out, {part}",
+            _number(one[part]),
+            bar=_UNSEEN * MOST_PSF[k],
+            aim=_AIMS["psf"][k],
+            peers={who: _number(psf[part]) for who, psf in one["peers"].items()},
+        )
+        for k, part in enumerate(("median", "p90"))
+    ]
+
+
+def _effort_row(name: str, effort: str, one: dict[str, Any]) -> Row:
+    """Error and seconds at a setting of the accuracy knob."""
+    psf = one["psf"]["all"]
+    more = {"p90": _number(psf["p90"]), "seconds": one["seconds"]}
+    more["processor seconds"] = one["cpu_seconds"]
+    return Row(name, f"psf at effort {effort}, median", psf["median"], peers=more)
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else value
 
 
 def _largest(

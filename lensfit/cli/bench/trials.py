@@ -19,21 +19,52 @@ if TYPE_CHECKING:
     from lensfit.workflow.bench_wavefront import Trial
 
 
-def trials_of(lenses: int, cases: list[str], size: str, seed: int) -> "list[Trial]":
-    """Random lenses, then hard cases by name ("all" for every one)."""
-    from data_synth.wavefront_cases import CASES, case_subject, random_subject
+ORACLE = "dg50"
+"""Traced elsewhere: DIR/oracle/dg50."""
+
+
+def trials_of(
+    lenses: int, cases: list[str], size: str, seed: int, data: Path | None = None
+) -> "list[Trial]":
+    """Random lenses, then hard cases ("all" for every one) and bundled lenses by name,
+    then the lens of the data folder."""
+    from data_synth.prescription import load_prescription, prescription_names
+    from data_synth.wavefront_cases import (
+        CASES,
+        case_subject,
+        random_subject,
+        subject_of,
+    )
     from lensfit.workflow.bench_wavefront import Trial
 
-    wanted = list(CASES) if "all" in cases else cases
-    unknown = [name for name in wanted if name not in CASES]
+    wanted = list(dict.fromkeys([*CASES, *cases])) if "all" in cases else cases
+    wanted = [name for name in wanted if name != "all"]
+    bundled = prescription_names()
+    unknown = [name for name in wanted if name not in (*CASES, *bundled)]
     if unknown:
-        raise typer.BadParameter(
-            f"--cases {unknown[0]}: use all, or {', '.join(CASES)}"
-        )
+        known = f"{', '.join(CASES)}, or a lens: {', '.join(bundled)}"
+        raise typer.BadParameter(f"--cases {unknown[0]}: use all, or {known}")
     pixels = photograph_size_px(size)
     subjects = [random_subject(number, seed, pixels) for number in range(lenses)]
-    subjects += [case_subject(name, pixels) for name in wanted]
-    return [Trial(s.name, s.about, partial(s.write, seed=seed)) for s in subjects]
+    subjects += [
+        case_subject(name, pixels)
+        if name in CASES
+        else subject_of(load_prescription(name), pixels)
+        for name in wanted
+    ]
+    trials = [Trial(s.name, s.about, partial(s.write, seed=seed)) for s in subjects]
+    return trials if data is None else [*trials, _oracle_trial(data)]
+
+
+def _oracle_trial(data: Path) -> "Trial":
+    from data_synth.oracle import write_oracle_shoot
+    from lensfit.workflow.bench_wavefront import Trial
+
+    folder = data / "oracle" / ORACLE
+    if not (folder / "shoot.toml").is_file():
+        raise typer.BadParameter(f"--data {data}: holds no oracle/{ORACLE}/shoot.toml")
+    about = "50 mm f/1.4, traced by other code"
+    return Trial(ORACLE, about, partial(write_oracle_shoot, folder))
 
 
 def judged(preset: "Preset", folder: Path) -> dict[str, Any]:

@@ -10,18 +10,28 @@ from lensfit.cli._bars import progress_bars
 from lensfit.cli._console import console
 from lensfit.cli.bench.options import AsJson
 from lensfit.cli.bench.outcome import fail_if_any, say_machine
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.beside import BesideGroup
 
 
+@takes_groups
 def wavefront(
+    beside: BesideGroup,
     lenses: Annotated[
         int, typer.Option("--lenses", min=0, help="How many random lenses")
     ] = 3,
     cases: Annotated[
         list[str] | None,
-        typer.Option("--cases", help="A hard case by name, or all; may be repeated"),
+        typer.Option(
+            "--cases", help="A hard case or bundled lens, or all; may be repeated"
+        ),
+    ] = None,
+    data: Annotated[
+        Path | None, typer.Option("--data", help="Folder with oracle/dg50, tried too")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for shoots, presets and JSON")
+        Path | None,
+        typer.Option("--out", help="Folder for shoots, presets, JSON and plots"),
     ] = None,
     size: Annotated[str, typer.Option("--size", help="WIDTHxHEIGHT, px")] = "1024x768",
     seed: Annotated[int, typer.Option("--seed", help="Of lenses and noise")] = 0,
@@ -34,18 +44,28 @@ def wavefront(
 
     Random lenses are published designs of 14 to 135 mm and f/1.2 to f/8 with the errors
     of a workshop. One row for each lens; the exit code is 1 when one of them failed.
+    Peers, takes left out and efforts are fitted to the same photographs and get rows
+    with bars.
 
     Example: lensfit bench wavefront --lenses 2 --cases fast --cases jpeg --out bench
+
+    Example: lensfit bench wavefront --lenses 0 --cases nikkor_28 --peers --effort fast
     """
+    from lensfit.cli.bench.tables import bars_table
     from lensfit.cli.bench.trials import judged, trials_of, wavefront_table
     from lensfit.workflow.bench_wavefront import bench_wavefront
 
-    trials = trials_of(lenses, cases or [], size, seed)
+    trials = trials_of(lenses, cases or [], size, seed, data)
+    wanted = beside.wanted()
     with progress_bars() as progress:
-        result = bench_wavefront(trials, judged, out, reuse=reuse, progress=progress)
+        result = bench_wavefront(
+            trials, judged, out, reuse=reuse, beside=wanted, progress=progress
+        )
     if as_json:
         typer.echo(json.dumps(result))
     else:
         say_machine(result)
         console().print(wavefront_table(result["rows"]))
+        if wanted.is_wanted:
+            console().print(bars_table(result["bars"]))
     fail_if_any(result["errors"])

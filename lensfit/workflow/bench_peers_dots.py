@@ -1,0 +1,97 @@
+"""Dots of a photograph as anyone has them: small pictures, places, and what was stated.
+
+Nothing here comes from a fit of a lens. Millimetres on the sensor, x right and y down
+from its centre; cells are those of `detect.cutouts`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lensfit.fit.take import Take
+from lensfit.fit.wavefront.gather import spread_out
+
+
+class PicturedDots(NamedTuple):
+    """The dots of one photograph whose setting was stated.
+
+    Attributes
+    ----------
+    f_number, focus_distance_mm, object_distance_mm : The setting.
+    focal_length_mm : As on the barrel.
+    half_diagonal_mm : Of the sensor.
+    place_mm : Where each dot is.
+    light, use : Of every cell, and whether it may be used.
+    centre_cells : Of each channel's light, x and y from the corner of the cutout.
+    cell_mm : Width and height of a cell.
+    hole_mm2 : Covariance of the image of a hole.
+    """
+
+    f_number: float
+    focus_distance_mm: float
+    object_distance_mm: float
+    focal_length_mm: float
+    half_diagonal_mm: float
+    place_mm: Float[np.ndarray, "dots 2"]
+    light: Float[np.ndarray, "dots 3 rows columns"]
+    use: Bool[np.ndarray, "dots 3 rows columns"]
+    centre_cells: Float[np.ndarray, "dots 3 2"]
+    cell_mm: Float[np.ndarray, "2"]
+    hole_mm2: Float[np.ndarray, "2 2"]
+
+
+def pictured(takes: list[Take]) -> list[PicturedDots]:
+    """Of the takes that state f-number, focus and where the chart was."""
+    return [
+        _dots_of(take)
+        for take in takes
+        if take.cutouts is not None
+        and take.f_number is not None
+        and take.focus_distance_mm is not None
+        and take.target_distance_mm is not None
+    ]
+
+
+def some_of(dots: PicturedDots, most: int) -> PicturedDots:
+    """Up to `most` of them, as far from each other as can be."""
+    rows = spread_out(dots.place_mm, np.arange(len(dots.place_mm)), most)
+    parts = ("place_mm", "light", "use", "centre_cells")
+    return dots._replace(**{name: getattr(dots, name)[rows] for name in parts})
+
+
+def _dots_of(take: Take) -> PicturedDots:
+    cut, marks = take.cutouts, take.observations
+    assert cut is not None
+    assert None not in (take.f_number, take.focus_distance_mm, take.target_distance_mm)
+    sensor_mm = np.asarray(take.sensor_size_mm, float)
+    pixel_mm = sensor_mm / np.asarray(marks.image_size_px)
+    at_px = marks.points_px[cut.marks]
+    channels_px = np.moveaxis(marks.channel_points_px[:, cut.marks], 0, 1)
+    channels_px = np.where(np.isfinite(channels_px), channels_px, at_px[:, None])
+    lattice_mm = marks.lattice[cut.marks] * np.asarray(take.pitch_mm)
+    place_mm = at_px * pixel_mm - sensor_mm / 2
+    hole_mm2 = _imaged(lattice_mm, place_mm, (take.mark_diameter_mm or 0.0) / 2)
+    return PicturedDots(
+        f_number=float(take.f_number or 0.0),
+        focus_distance_mm=float(take.focus_distance_mm or 0.0),
+        object_distance_mm=float(take.target_distance_mm or 0.0),
+        focal_length_mm=take.focal_length_mm,
+        half_diagonal_mm=float(np.hypot(*sensor_mm) / 2),
+        place_mm=place_mm,
+        light=np.asarray(cut.light, float),
+        use=cut.valid[:, None] & ~cut.clipped,
+        centre_cells=(channels_px - cut.corner_px[:, None]) / cut.cell_px,
+        cell_mm=pixel_mm * cut.cell_px,
+        hole_mm2=hole_mm2,
+    )
+
+
+def _imaged(
+    board_mm: np.ndarray, place_mm: np.ndarray, radius_mm: float
+) -> Float[np.ndarray, "2 2"]:
+    """Covariance of a disc of that radius as the chart is imaged: r^2/4 along each
+    axis, under the affine map that the dots' places show."""
+    design = np.column_stack([board_mm, np.ones(len(board_mm))])
+    across = np.linalg.lstsq(design, place_mm)[0][:2]
+    return radius_mm**2 / 4 * across.T @ across
