@@ -21,7 +21,11 @@ from lensfit.preset.store import load_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.bench_result import Machine, bench_result
 from lensfit.workflow.bench_rows import as_tables
-from lensfit.workflow.bench_wavefront_beside import Beside, add_figures
+from lensfit.workflow.bench_wavefront_beside import (
+    Beside,
+    add_figures,
+    images_left_out,
+)
 from lensfit.workflow.bench_wavefront_plot import write_plots
 from lensfit.workflow.bench_wavefront_rows import wavefront_rows
 from lensfit.workflow.calibrate import calibrate
@@ -87,12 +91,13 @@ def bench_wavefront(
             progress("lenses", done, len(trials))
             # Every lens has programs of its own, and a process may map only so many.
             jax.clear_caches()
-            row = _row(trial, judge, Path(folder) / trial.name, reuse)
+            row = _row(trial, judge, Path(folder) / trial.name, reuse, beside)
             rows.append(row)
+            _result(on, rows, out_dir)
             if beside is not None and beside.is_wanted and row["figures"] is not None:
                 _add_beside(row, beside, Path(folder) / trial.name, progress)
                 write_plots([row], None if out_dir is None else Path(out_dir))
-            _result(on, rows, out_dir)
+                _result(on, rows, out_dir)
     progress("lenses", len(trials), len(trials))
     return _result(on, rows, out_dir)
 
@@ -105,7 +110,9 @@ def _result(
     return bench_result("wavefront", on, out_dir, rows=rows, bars=bars, errors=errors)
 
 
-def _row(trial: Trial, judge: Judge, folder: Path, reuse: bool) -> dict[str, Any]:
+def _row(
+    trial: Trial, judge: Judge, folder: Path, reuse: bool, beside: Beside | None
+) -> dict[str, Any]:
     """Figures and seconds of one lens, as far as it came."""
     row: dict[str, Any] = {
         "lens": trial.name,
@@ -122,6 +129,9 @@ def _row(trial: Trial, judge: Judge, folder: Path, reuse: bool) -> dict[str, Any
             _timed(row, "photograph", lambda: trial.write(folder))
         made = folder / "calibrated"
         shoot = load_shoot(folder / "shoot.toml")
+        if beside is not None:
+            # A name that is wrong is told before minutes of fitting.
+            images_left_out(beside.leave_out, shoot)
         report = _timed(row, "calibrate", lambda: calibrate(shoot, made))
         row["report"] = {key: report[key] for key in _REPORTED}
         row["converged"] = not any("converge" in note for note in report["notes"])

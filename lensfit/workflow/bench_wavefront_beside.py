@@ -70,7 +70,7 @@ def add_figures(
     LensfitError : Something could not be fitted, or no take has that name.
     """
     shoot = with_charts_read(shoot, progress)
-    images = _left_out(beside.leave_out, shoot)
+    images = images_left_out(beside.leave_out, shoot)
     observed = observe_shoot(shoot, None, progress)
     takes = {o.image: o.take for o in observed if o.take is not None}
     if beside.peers:
@@ -118,8 +118,13 @@ def _setting(take: Take) -> Setting | None:
     return stated  # pyright: ignore[reportReturnType]
 
 
-def _left_out(names: tuple[str, ...], shoot: Shoot) -> list[str]:
-    """Images of the takes that are meant."""
+def images_left_out(names: tuple[str, ...], shoot: Shoot) -> list[str]:
+    """Images of the takes that are meant.
+
+    Raises
+    ------
+    ShootError : No take has that name.
+    """
     known = {take.image: take.image for take in shoot.takes}
     stems = {Path(take.image).stem: take.image for take in shoot.takes}
     if EACH in names:

@@ -7,11 +7,13 @@ import pytest
 from typer.testing import CliRunner
 
 from data_synth.judge import judge
+from data_synth.judge_spots import judge_spots
 from data_synth.wavefront_cases import case_subject
 from lensfit.cli.bench.trials import trials_of, wavefront_table
 from lensfit.cli.main import app
 from lensfit.errors import DetectionError
 from lensfit.workflow.bench_wavefront import Trial, bench_wavefront
+from lensfit.workflow.bench_wavefront_beside import Beside
 
 
 def refuses(folder):
@@ -38,12 +40,39 @@ def test_nothing_is_kept_without_a_folder(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+SHOOT = """
+[lens]
+name = "a lens"
+[[target]]
+name = "dots"
+kind = "dot-grid"
+pitch_mm = 10.0
+[[take]]
+image = "one.exr"
+target = "dots"
+"""
+
+
+def test_a_take_that_is_not_there_is_told_before_any_fit(tmp_path):
+    def write(folder):
+        folder.mkdir(parents=True)
+        (folder / "shoot.toml").write_text(SHOOT)
+
+    beside = Beside(judge_spots, leave_out=("two",))
+    trial = Trial("lens", "", write)
+    result = bench_wavefront([trial], judge, tmp_path, beside=beside)
+    assert "no take is called two" in result["errors"][0]
+    assert "leave out one, or each" in result["errors"][0]
+    assert set(result["rows"][0]["seconds"]) == {"photograph"}
+
+
 def test_trials_are_random_lenses_and_then_cases():
     trials = trials_of(2, ["fast", "jpeg"], "320x240", seed=4)
     assert [t.name for t in trials][2:] == ["fast", "jpeg"]
     assert len({t.name for t in trials}) == 4
-    everything = trials_of(0, ["all"], "320x240", seed=4)
-    assert len(everything) == 14
+    everything = trials_of(0, ["all", "nikkor_28"], "320x240", seed=4)
+    assert len(everything) == 15
+    assert everything[-1].name == "nikkor_28"
 
 
 @pytest.mark.parametrize(
