@@ -6,7 +6,6 @@ lens only moves against the sensor (unit focusing), so the same ray lands furthe
 by the ratio of the principal distances.
 """
 
-import itertools
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
@@ -16,10 +15,10 @@ from jaxtyping import Float
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.select import Verdict
 from lensfit.fit.wavefront.blades import EVIDENTLY, with_blades
+from lensfit.fit.wavefront.coarse import coarse_fit
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.evidence import choose, held_out_dots, held_out_take
 from lensfit.fit.wavefront.families import (
-    COARSE,
     FINE,
     MIDDLE,
     Family,
@@ -37,15 +36,12 @@ from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import (
     COARSE_SHARE,
     Stage,
-    best_of,
-    chi_squared,
     first_stage,
     freed,
     reweighed,
     settled,
     solved,
 )
-from lensfit.fit.wavefront.start import first_defocus_mm, first_parameters
 from lensfit.fit.wavefront.uncertainty import covariance_of, unseen
 from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights, relative_misfit
 from lensfit.optics.spectrum import Bands, bands
@@ -56,12 +52,8 @@ TERMS = rotational_terms(9) + decentring_terms()
 COLOUR_TERMS = rotational_terms(3)
 _GROUPS, _STOPS = 8, 4
 """Room for so many defocus values and f-numbers, so that one program serves most."""
-_MOST_SIGNS = 3
 _BETWEEN = 5
 """Passes between two findings of weights."""
-_DECISIVE, _HOPELESS = 1.1, 3.0
-"""How much better a sign of defocus must explain the photographs; how much worse it may
-begin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +120,7 @@ def fit_wavefront(
         stops=max(_STOPS, len(every.f_numbers) - 1),
     )
     few = chosen(every, spread_over_takes(every, effort.coarse_dots))
-    coarse, sign_known, families = _coarse(few, layout, fall_off, allowed)
+    coarse, sign_known, families = coarse_fit(few, layout, fall_off, allowed)
     progress("wavefront", 1, 4)
     middle = _middle(coarse, families)
     progress("wavefront", 2, 4)
@@ -156,44 +148,6 @@ def fit_wavefront(
         converged=bool(final.solution and final.solution.converged),
         notes=_notes(sign_known, final),
     )
-
-
-def _coarse(
-    gathered: Gathered,
-    layout: Layout,
-    fall_off: FallOffFit | None,
-    allowed: Collection[str] | None,
-) -> tuple[Stage, bool, tuple[Family, ...]]:
-    """Third order on smoothed dots, with the sign of defocus that suits best."""
-    start = first_parameters(gathered, layout, fall_off)
-    value, known = first_defocus_mm(gathered)
-    families = families_of(gathered, layout, value, allowed)
-    tries = []
-    for signs in _signs(value, known):
-        parameters = start.copy()
-        where = layout.blocks["defocus"]
-        parameters[where][: len(value)] = value * signs
-        stage = replace(first_stage(gathered, layout, parameters), smoothing=3.0)
-        stage = freed(stage, deviation_of(families, layout, COARSE))
-        tries.append(solved(settled(stage)))
-    # A try that ended early must not lose for that.
-    least = chi_squared(best_of(tries))
-    tries = [solved(t) for t in tries if chi_squared(t) < _HOPELESS * least]
-    costs = sorted(chi_squared(stage) for stage in tries)
-    decided = len(costs) < 2 or costs[1] > _DECISIVE * costs[0]
-    return best_of(tries), bool(known.all()) or decided, families
-
-
-def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
-    """Signs to try: of the largest defocus values that nobody stated, all; and all."""
-    unknown = np.flatnonzero(~known)
-    unknown = unknown[np.argsort(-np.abs(value[unknown]))][:_MOST_SIGNS]
-    tries = []
-    for flips in itertools.product((1.0, -1.0), repeat=len(unknown)):
-        signs = np.ones(len(value))
-        signs[unknown] = flips
-        tries.append(signs)
-    return tries
 
 
 def _middle(coarse: Stage, families: tuple[Family, ...]) -> Stage:

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
+from lensfit.fit.wavefront.coarse import coarse_fit
 from lensfit.fit.wavefront.evidence import choose
 from lensfit.fit.wavefront.families import FINE, deviation_of, families_of
-from lensfit.fit.wavefront.fit import _coarse, _fine, _middle, _refitted
+from lensfit.fit.wavefront.fit import _fine, _middle, _refitted
 from lensfit.fit.wavefront.stages import chi_squared, first_stage, freed, solved
 from lensfit.fit.wavefront.weigh import relative_misfit
 
 BLOCKS = LAYOUT.blocks
 NOISE = 0.02
+FOCUS_MM = (2000.0, 1700.0, 2500.0)
 RIMS = ((0.5, 1.1), (-0.6, 1.2))
 TRUE = Seidel(
     12.0, -9.0, 14.0, 8.0, defocus_mm=(0.3, -0.25, 0.12), rims=RIMS
@@ -30,7 +32,7 @@ def gathered():
 
 def fitted(gathered, layout=LAYOUT):
     """All stages from the default start, and whether the sign is known."""
-    coarse, known, families = _coarse(gathered, layout, None)
+    coarse, known, families = coarse_fit(gathered, layout, None)
     middle = _middle(coarse, families)
     families = families_of(gathered, layout, coarse.mean[BLOCKS["defocus"]])
     return _fine(gathered, middle, families, 2), known
@@ -167,5 +169,29 @@ def unstated(defocus_mm):
     """The coarse stage of takes at two f-numbers without any distance."""
     lens = replace(TRUE, coma_um=10.0, spherical_um=14.0, defocus_mm=defocus_mm)
     shots = [Shot(0, 0), Shot(1, 0), Shot(0, 1), Shot(1, 1)]
-    coarse, known, _ = _coarse(photographed(lens, shots), LAYOUT, None)
+    coarse, known, _ = coarse_fit(photographed(lens, shots), LAYOUT, None)
     return coarse, known
+
+
+@pytest.mark.slow
+def test_takes_that_are_all_out_of_focus_by_the_same_are_found():
+    """A curved field: what is called in focus is blurred on the axis, and so is the
+    rest by as much beyond what was stated. From the stated defocus alone the fit ends
+    in another valley, with coma and spherical aberration of the other sign."""
+    common, stated = -0.9, (0.0, 0.22, -0.25)
+    lens = Seidel(
+        -120.0,
+        20.0,
+        -60.0,
+        -50.0,
+        defocus_mm=tuple(common + one for one in stated),
+        rims=RIMS,
+    )
+    shots = [Shot(k, stop, mm) for stop in (0, 1) for k, mm in enumerate(FOCUS_MM)]
+    found = coarse_fit(photographed(lens, shots, noise=NOISE), LAYOUT, None).stage
+    np.testing.assert_allclose(
+        found.parameters[BLOCKS["defocus"]], lens.defocus_mm, atol=0.15
+    )
+    third = found.parameters[BLOCKS["coefficients"]][:5]
+    truth = lens.parameters()[BLOCKS["coefficients"]][:5]
+    np.testing.assert_allclose(third, truth, atol=12.0)

@@ -1,0 +1,155 @@
+"""The first solve: third order on smoothed dots, from every start that is left open.
+
+How far all takes lie from focus together is badly known before the fit: a curved field
+or spherical aberration moves the best focus, and their valleys are walled off from each
+other once blur is larger than a dot. So is the side of focus where nobody stated it.
+All starts run on a few dots, the promising ones on more; the photographs choose.
+"""
+
+import itertools
+from collections.abc import Collection
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.wavefront.families import COARSE, Family, deviation_of, families_of
+from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
+from lensfit.fit.wavefront.parameters import Layout
+from lensfit.fit.wavefront.stages import (
+    Stage,
+    chi_squared,
+    first_stage,
+    freed,
+    settled,
+    solved,
+)
+from lensfit.fit.wavefront.start import (
+    first_defocus_mm,
+    first_parameters,
+    seen_defocus_mm,
+    stated_defocus_mm,
+)
+
+_SMOOTHING = 3.0
+_MOST_SIGNS = 3
+_DECISIVE, _HOPELESS = 1.1, 3.0
+"""How much better a sign of defocus must explain the photographs; how much worse it may
+begin."""
+_FROM_SEEN = {1: (0.0, -0.5, 0.5, -1.0, 1.0)}
+_FROM_SAID = {1: (0.0, -0.5, 0.5, -1.0, 1.0, -2.0, 2.0), 2: (0.0, -1.0, 1.0)}
+"""Defocus common to all takes, in the largest that is seen, by the number of sign
+patterns that are tried: beyond what is seen, and beyond what was stated."""
+_FEW_DOTS = 4
+"""Of each take, while there are many starts of known sign; a few would tell a lens from
+its mirror image by where they happen to be."""
+_FINALISTS = 2
+
+
+class Coarse(NamedTuple):
+    """What the first solve found.
+
+    Attributes
+    ----------
+    stage : The best of all starts.
+    sign_known : Whether statements or photographs settle the side of focus.
+    families : What is free in this stage and the next.
+    """
+
+    stage: Stage
+    sign_known: bool
+    families: tuple[Family, ...]
+
+
+def coarse_fit(
+    gathered: Gathered,
+    layout: Layout,
+    fall_off: FallOffFit | None,
+    allowed: Collection[str] | None = None,
+) -> Coarse:
+    """Third order, from the start that suits the photographs best."""
+    value, known = first_defocus_mm(gathered)
+    families = families_of(gathered, layout, value, allowed)
+    deviation = deviation_of(families, layout, COARSE)
+    start = first_parameters(gathered, layout, fall_off)
+    starts = _starts(gathered, value, known)
+    some = gathered
+    if all(pattern == 0 for pattern, _ in starts):
+        some = chosen(gathered, spread_over_takes(gathered, _FEW_DOTS))
+    tries = []
+    for pattern, defocus_mm in starts:
+        parameters = start.copy()
+        parameters[layout.blocks["defocus"]][: len(value)] = defocus_mm
+        stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
+        tries.append((pattern, solved(settled(freed(stage, deviation)))))
+    ended = [
+        (pattern, solved(settled(_on(gathered, stage))))
+        for pattern, stage in _promising(tries)
+    ]
+    ended.sort(key=_cost)
+    best = ended[0]
+    others = [one for one in ended if one[0] != best[0]]
+    decided = not others or _cost(others[0]) > _DECISIVE * _cost(best)
+    return Coarse(best[1], bool(known.all()) or decided, families)
+
+
+def _starts(
+    gathered: Gathered,
+    value_mm: Float[np.ndarray, " groups"],
+    known: np.ndarray,
+) -> list[tuple[int, Float[np.ndarray, " groups"]]]:
+    """Defocus of every group to start from, and which pattern of signs it has.
+
+    As it is seen; and as it was stated, since aberrations widen what is seen, with all
+    takes moved by the same.
+    """
+    patterns = _signs(value_mm, known)
+    unit_mm = float(np.max(seen_defocus_mm(gathered)))
+    stated = [stated_defocus_mm(gathered, group) for group in gathered.groups]
+    said = np.array([np.nan if one is None else one for one in stated])
+    said_mm = np.where(np.isfinite(said), said, value_mm)
+    found = []
+    for k, signs in enumerate(patterns):
+        seen_offsets = _FROM_SEEN.get(len(patterns), (0.0,))
+        said_offsets = _FROM_SAID.get(len(patterns), ())
+        found += [(k, value_mm * signs + o * unit_mm) for o in seen_offsets]
+        found += [(k, said_mm * signs + o * unit_mm) for o in said_offsets]
+    return found
+
+
+def _on(gathered: Gathered, stage: Stage) -> Stage:
+    """The same stage on more dots."""
+    begun = first_stage(gathered, stage.layout, stage.parameters)
+    return replace(
+        begun, mean=stage.mean, deviation=stage.deviation, smoothing=stage.smoothing
+    )
+
+
+def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
+    """Signs to try: of the largest defocus values that nobody stated, all; and all."""
+    unknown = np.flatnonzero(~known)
+    unknown = unknown[np.argsort(-np.abs(value[unknown]))][:_MOST_SIGNS]
+    tries = []
+    for flips in itertools.product((1.0, -1.0), repeat=len(unknown)):
+        signs = np.ones(len(value))
+        signs[unknown] = flips
+        tries.append(signs)
+    return tries
+
+
+def _promising(tries: list[tuple[int, Stage]]) -> list[tuple[int, Stage]]:
+    """The best few of every pattern of signs, none of them hopeless."""
+    ranked = sorted(tries, key=_cost)
+    least = _cost(ranked[0])
+    found = []
+    for pattern in dict.fromkeys(pattern for pattern, _ in ranked):
+        mine = [one for one in ranked if one[0] == pattern][:_FINALISTS]
+        # A try that ended early must not lose for that.
+        found += [one for one in mine if _cost(one) < _HOPELESS * least]
+    return found
+
+
+def _cost(one: tuple[int, Stage]) -> float:
+    return float(np.nan_to_num(chi_squared(one[1]), nan=np.inf))
