@@ -23,7 +23,7 @@ from lensfit.optics.aberration import (
     local_wavefront,
     no_aberration,
 )
-from lensfit.optics.depth import object_shift
+from lensfit.optics.depth import ObjectShift, object_shift
 from lensfit.optics.distortion import (
     Distortion,
     jacobian_at,
@@ -41,6 +41,7 @@ from lensfit.optics.paraxial import (
     rim_sine,
 )
 from lensfit.optics.pupil import Pupil, clear_pupil, opening_area
+from lensfit.optics.sections import cylinder_mm, log_squeeze, sections_of
 from lensfit.optics.spectrum import Bands, bands, chromatic_coordinate, lateral_at
 from lensfit.optics.transmission import Transmission
 
@@ -67,6 +68,9 @@ class LensBlur(eqx.Module):
     oval : By how much the blur is drawn out along x and y; None for nothing.
     measured_lateral : Lateral colour by which the wavelengths of one channel part,
         where the lens' own was turned; None for the lens' own.
+    beyond_mm : How much farther than the y section the x section of an anamorphic lens
+        is out of focus, beyond what makes both sharp at the focus distance
+        (`optics.sections`); None for a lens that has but one section.
     is_ideal : Whether nobody measured it, and nothing but its stop was turned.
     """
 
@@ -81,6 +85,7 @@ class LensBlur(eqx.Module):
     known: Pupil | None = None
     oval: Float[Array, "2"] | None = None
     measured_lateral: LateralColour = None
+    beyond_mm: Float[Array, ""] | None = None
     is_ideal: bool = eqx.field(static=True, default=False)
 
     @property
@@ -194,8 +199,12 @@ def pencil(
     )
     field_mm = image_point_mm - distortion.principal_point_mm
     wavelengths_nm = blur.bands.wavelengths_nm[channel]
-    local = jax.vmap(local_wavefront, (None, 0, None, None))(
-        field_mm, chromatic_coordinate(wavelengths_nm), blur.aberration, depth
+    local = jax.vmap(local_wavefront, (None, 0, None, None, None))(
+        field_mm,
+        chromatic_coordinate(wavelengths_nm),
+        blur.aberration,
+        depth,
+        _cylinder_mm(blur, depth, object_distance_mm, distortion),
     )
     h = field_mm / blur.aberration.field_radius_mm
     grown = _bellows(blur, reference) / _bellows(blur, object_distance_mm)
@@ -204,6 +213,21 @@ def pencil(
     lateral = _lateral_mm(image_point_mm, channel, blur, distortion, lateral_colour)
     per_airy = wavelengths_nm * _MM_PER_NM / (2 * sine)
     return Pencil(h, channel, local, lateral, grown, per_airy**2)
+
+
+def _cylinder_mm(
+    blur: LensBlur, depth: ObjectShift, distance_mm: Array, distortion: Distortion
+) -> Array | None:
+    if blur.beyond_mm is None:
+        return None
+    # Rays of one pupil point have the smaller p the longer c is; `depth` holds half
+    # of that.
+    here, there = (
+        _image_distance(blur, z) for z in (distance_mm, blur.reference_distance_mm)
+    )
+    made_for_mm = there * jnp.sqrt(there / here)
+    sections = sections_of(depth, made_for_mm, log_squeeze(distortion))
+    return cylinder_mm(blur.defocus_mm, blur.beyond_mm, sections)
 
 
 def _image_distance(blur: LensBlur, distance_mm: Array) -> Array:

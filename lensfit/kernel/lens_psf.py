@@ -309,7 +309,7 @@ def _landing_and_jacobian_mm(
     else:
         perfect = replace(local, series_mm=jnp.zeros_like(local.series_mm))
         at, slope = landing_and_jacobian_mm(ray.u, blur.defocus_mm, perfect)
-        near = replace(local, depth=None)
+        near = replace(local, depth=None, cylinder_mm=None)
         moved, moves = landing_and_jacobian_mm(ray.own, jnp.zeros(()), near)
         at, slope = at + moved, slope + jnp.where(ray.is_known, moves, 0.0)
     if blur.oval is None:

@@ -10,6 +10,7 @@ Patches have row 0 on top; cell (column c, row r) covers [c, c + 1) x [r, r + 1)
 cell is a pixel, or a square of pixels.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -49,7 +50,8 @@ def profile_of(
     corner_mm: Float[Array, "2"],
     cell_mm: Float[Array, "2"],
     cells: int,
-    variance_mm2: Float[Array, ""],
+    variance_mm2: Float[Array, "*axes"],
+    apart_mm: Float[Array, "2"] | None = None,
 ) -> Profile:
     """How the rays share their light among rows and columns.
 
@@ -57,14 +59,33 @@ def profile_of(
     ----------
     corner_mm : Of cell (0, 0), in the coordinates of the spot.
     cells : Rows and columns (static).
-    variance_mm2 : Of the Gaussian that every ray is, besides its own width.
+    variance_mm2 : Of the Gaussian that every ray is, besides its own width; one, or one
+        along x and one along y.
+    apart_mm : Where every ray is two Gaussians along x and two along y: how far they
+        are to either side.
     """
     position = (spot.landing_mm - corner_mm[None]) / cell_mm[None]
-    variance = (variance_mm2 + FOOTPRINT * spot.cell_mm2)[:, None] / cell_mm[None] ** 2
+    own = FOOTPRINT * spot.cell_mm2
+    if jnp.ndim(variance_mm2):
+        variance = (variance_mm2[None] + own[:, None]) / cell_mm[None] ** 2
+    else:
+        variance = (variance_mm2 + own)[:, None] / cell_mm[None] ** 2
     sigma = jnp.sqrt(variance + LEAST_SIGMA_PX**2)
-    columns, columns_moved = pixel_shares(position[:, 0], sigma[:, 0], cells)
-    rows, rows_moved = pixel_shares(position[:, 1], sigma[:, 1], cells)
+    shares = partial(_shares, pixels=cells)
+    apart = (None, None) if apart_mm is None else tuple(apart_mm / cell_mm)
+    columns, columns_moved = shares(position[:, 0], sigma[:, 0], apart[0])
+    rows, rows_moved = shares(position[:, 1], sigma[:, 1], apart[1])
     return Profile(rows, columns, rows_moved / cell_mm[1], columns_moved / cell_mm[0])
+
+
+def _shares(
+    position: Array, sigma: Array, apart: Array | None, pixels: int
+) -> tuple[Array, Array]:
+    """`pixel_shares` of each Gaussian, or of the pair that stands for it."""
+    if apart is None:
+        return pixel_shares(position, sigma, pixels)
+    sides = (pixel_shares(position + way, sigma, pixels) for way in (-apart, apart))
+    return tuple((a + b) / 2 for a, b in zip(*sides, strict=True))
 
 
 def image_of(spot: Spot, profile: Profile) -> Float[Array, "cells cells"]:

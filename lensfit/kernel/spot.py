@@ -52,6 +52,7 @@ def landings_mm(
     defocus_mm: Float[Array, ""],
     chromatic: Float[Array, " wavelengths"],
     depth: ObjectShift | None = None,
+    cylinder_mm: Float[Array, "2 2"] | None = None,
 ) -> tuple[
     Float[Array, "wavelengths points 2"], Float[Array, "wavelengths points 2 2"]
 ]:
@@ -64,13 +65,14 @@ def landings_mm(
     defocus_mm : How far the sensor lies behind the sharp image.
     chromatic : Chromatic coordinates of the wavelengths (`optics.spectrum`).
     depth : Where the object is not at the distance that the aberrations hold for.
+    cylinder_mm : Of an anamorphic lens (`optics.sections`).
 
     Returns
     -------
     Landing points from each wavelength's own chief ray.
     """
-    local = jax.vmap(local_wavefront, (None, 0, None, None))(
-        field_point_mm, chromatic, aberration, depth
+    local = jax.vmap(local_wavefront, (None, 0, None, None, None))(
+        field_point_mm, chromatic, aberration, depth, cylinder_mm
     )
     of_points = jax.vmap(landing_and_jacobian_mm, (0, None, None))
     return jax.vmap(of_points, (0, None, 0))(u, defocus_mm, local)

@@ -13,7 +13,7 @@ micrometres, and of defocus in its exact form: a sensor dz behind the sharp imag
 p_c being the chief ray's own direction cosine. (The parabola dz p^2 / 2 is 6 % wrong at
 the rim of f/1.4.) Every coefficient may depend on wavelength, linearly and
 quadratically in the chromatic coordinate of `spectrum`; lateral colour is not here.
-Another object distance adds the term of `depth`.
+Another object distance adds the term of `depth`, cylinders that of `sections`.
 
 Sensor orientation throughout: x right, y down; a positive p moves right as it travels.
 Every function takes one field point and one pupil point; callers use `jax.vmap`.
@@ -69,12 +69,15 @@ class LocalWavefront(eqx.Module):
     chief_sine : p_c.
     reference_sine : Unit of the pupil point.
     depth : An object away from where the coefficients hold, or None.
+    cylinder_mm : Defocus of the x section beyond that of the sensor, a symmetric
+        matrix (`sections.cylinder_mm`), or None.
     """
 
     series_mm: Float[Array, "orders powers 2"]
     chief_sine: Float[Array, "2"]
     reference_sine: Float[Array, ""]
     depth: ObjectShift | None = None
+    cylinder_mm: Float[Array, "2 2"] | None = None
 
 
 def no_aberration(
@@ -103,6 +106,7 @@ def local_wavefront(
     chromatic: Float[Array, ""],
     aberration: Aberration,
     depth: ObjectShift | None = None,
+    cylinder_mm: Float[Array, "2 2"] | None = None,
 ) -> LocalWavefront:
     """Everything about one field point that does not depend on the ray.
 
@@ -110,6 +114,7 @@ def local_wavefront(
     ----------
     field_point_mm : Where the chief ray lands, from the principal point.
     chromatic : `spectrum.chromatic_coordinate`.
+    depth, cylinder_mm : As in `LocalWavefront`.
     """
     h = field_point_mm / aberration.field_radius_mm
     powers = jnp.stack([chromatic, chromatic**2])
@@ -123,6 +128,7 @@ def local_wavefront(
         chief_sine(field_point_mm, aberration),
         aberration.reference_sine,
         depth,
+        cylinder_mm,
     )
 
 
@@ -148,6 +154,8 @@ def landing_mm(
     p = u * local.reference_sine
     slope = defocus_slope(p, local.chief_sine)
     landed = wavefront_gradient(u, local.series_mm) + defocus_mm * slope
+    if local.cylinder_mm is not None:
+        landed = landed + local.cylinder_mm @ p
     if local.depth is None:
         return landed
     return landed + jax.grad(shifted_path_mm)(p, local.depth)
@@ -180,6 +188,8 @@ def path_mm(
     chief = local.chief_sine
     exact = -_cosine(p + chief) + _cosine(chief) - p @ _slope(chief)
     path = wavefront(u, local.series_mm) * local.reference_sine + defocus_mm * exact
+    if local.cylinder_mm is not None:
+        path = path + p @ local.cylinder_mm @ p / 2
     if local.depth is None:
         return path
     return path + shifted_path_mm(p, local.depth)

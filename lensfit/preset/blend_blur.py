@@ -44,10 +44,19 @@ def blended_blur(first: Blur, second: Blur, weight: float) -> Blur:
         ),
         pupil=_pupil(first.pupil, second.pupil, weight),
         stops=blended_stops(first.stops, second.stops, weight),
+        beyond_offset_mm=_beyond(first, second, weight),
         band_centres_nm=_each(first.band_centres_nm, second.band_centres_nm, weight),
         band_widths_nm=_each(first.band_widths_nm, second.band_widths_nm, weight),
         **linear,
     )
+
+
+def _beyond(first: Blur, second: Blur, weight: float) -> float | None:
+    found = [first.beyond_offset_mm, second.beyond_offset_mm]
+    if found == [None, None]:
+        return None
+    low, high = (offset or 0.0 for offset in found)
+    return blended(low, high, weight)
 
 
 def _terms(

@@ -138,6 +138,10 @@ class Blur(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         the blades show when it is stopped down further.
     assumed : Names of the values above that were stated or assumed, not measured.
     uncertainty : Of all these numbers; None when nobody knows it.
+    beyond_offset_mm : Of an anamorphic lens: how much farther its section along x is
+        out of focus than its section along y, beyond what makes both sharp at one
+        distance (`lensfit.optics.sections`); `focus_offset_mm` is then that of y. Null
+        where the two are one.
     """
 
     aberrations: tuple[AberrationTerm, ...]
@@ -155,3 +159,4 @@ class Blur(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     round_f_number: PositiveFloat
     assumed: tuple[str, ...] = ()
     uncertainty: BlurUncertainty | None = None
+    beyond_offset_mm: float | None = None

@@ -48,6 +48,7 @@ def blur_block(
     band_centres_nm: tuple[float, float, float] = CENTRES_NM,
     band_widths_nm: tuple[float, float, float] = WIDTHS_NM,
     assumed: tuple[str, ...] = (),
+    beyond_offset_mm: float | None = None,
 ) -> blocks.Blur:
     """The block that describes this optics in a file; see `blur_blocks.Blur`."""
     return blocks.Blur(
@@ -65,6 +66,7 @@ def blur_block(
         band_widths_nm=_three(band_widths_nm),
         round_f_number=float(round_f_number),
         assumed=tuple(assumed),
+        beyond_offset_mm=beyond_offset_mm,
     )
 
 
@@ -131,15 +133,30 @@ def lens_blur(
     nominal = rim_sine(first_order, _numbers(f_number), reference)
     ratio = radius_ratio(blur.stops, f_number) / blur.reference_sine
     bladed = f_number > ROUND_SLACK * blur.round_f_number
+    along_y = section_ratio(entry) if blur.beyond_offset_mm is not None else 1.0
+    defocus = defocus_mm(first_order, _numbers(focus_mm), reference)
     return LensBlur(
         aberration=aberration_of(blur),
         pupil=pupil_of(blur.pupil, bladed=bladed),
         first_order=first_order,
         reference_distance_mm=reference,
-        defocus_mm=defocus_mm(first_order, _numbers(focus_mm), reference) + beyond,
+        defocus_mm=along_y * defocus + beyond,
         stop_radius=nominal * ratio,
         bands=bands(3, blur.band_centres_nm, blur.band_widths_nm),
+        beyond_mm=None
+        if blur.beyond_offset_mm is None
+        else _numbers(blur.beyond_offset_mm),
     )
+
+
+def section_ratio(entry: Entry) -> float:
+    """Defocus of the section along y over that of the mean of both sections.
+
+    First-order optics is that of the geometric mean of both principal distances, of
+    which defocus goes as the square.
+    """
+    distortion = entry.distortion
+    return distortion.squeeze ** math.cos(2 * distortion.squeeze_axis_rad)
 
 
 def _terms_of(aberration: Aberration) -> tuple[blocks.AberrationTerm, ...]:

@@ -30,8 +30,10 @@ _ASKED_FIRST = (
     "pupil_stretch",
     "pupil_coma",
     "stop_ratios",
+    "cylinders_fifth_order",
     "fifth_order",
     "axial_colour",
+    "cylinders_third_order",
 )
 
 

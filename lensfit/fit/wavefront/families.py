@@ -12,11 +12,16 @@ from jaxtyping import Float, Int
 
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout
-from lensfit.optics.terms import Term, decentring_terms
+from lensfit.optics.terms import Term, decentring_terms, two_mirror_terms
 
 COARSE, MIDDLE, FINE = 1, 2, 3
 _ORDER_NAMES = {3: "third", 5: "fifth", 7: "seventh", 9: "ninth"}
 _ORDER_STAGE = {3: COARSE, 5: MIDDLE, 7: FINE, 9: FINE}
+_CYLINDER_NAMES = {3: "cylinders_third_order", 5: "cylinders_fifth_order"}
+_GAUGE = two_mirror_terms(1)
+"""Constant astigmatism: all `beyond` values of an anamorphic lens over again."""
+_BEYOND = 0.2
+"""How unsure it is, per unit of defocus, that both sections are sharp together."""
 _THIRD_ORDER_UM = 100.0
 _ASYMMETRIC_UM = 10.0
 _COLOUR_UM = 15.0
@@ -57,16 +62,26 @@ def families_of(
     groups = np.arange(len(gathered.groups)) + blocks["defocus"].start
     spread = np.maximum(0.5 * np.abs(defocus_mm[: len(groups)]), 0.3)
     found = [Family("defocus", _ints(groups), tuple(spread), COARSE, tried=False)]
+    if layout.anamorphic:
+        found += _of_cylinders(gathered, layout, spread)
     found += _orders(gathered, layout)
     if gathered.colour:
         found += _colours(layout)
     found += _opening(gathered, layout)
-    asymmetric = [i for i, t in enumerate(layout.terms) if t in decentring_terms()]
+    asymmetric = [
+        i
+        for i, t in enumerate(layout.terms)
+        if t in decentring_terms() and not (layout.anamorphic and t in _GAUGE)
+    ]
     if len(gathered.take) >= _FEWEST_FOR_ORDER[5]:
         found.append(_family("decentred_elements", asymmetric, _ASYMMETRIC_UM, FINE))
     exit_pupil = _range(blocks["exit_pupil"])
     found.append(_family("exit_pupil", exit_pupil, 0.5, FINE))
-    return tuple(f for f in found if allowed is None or f.name in allowed)
+    if allowed is None:
+        return tuple(found)
+    # The focus of the other section belongs to the first one's.
+    names = {*allowed, "beyond"} if "defocus" in allowed else {*allowed}
+    return tuple(f for f in found if f.name in names)
 
 
 def deviation_of(
@@ -95,6 +110,25 @@ def _orders(gathered: Gathered, layout: Layout) -> list[Family]:
             tried = order > 3
             stage = _ORDER_STAGE[order]
             found.append(_family(f"{name}_order", which, deviation, stage, tried=tried))
+    return found
+
+
+def _of_cylinders(
+    gathered: Gathered, layout: Layout, spread: Float[np.ndarray, " groups"]
+) -> list[Family]:
+    """What an anamorphic lens has besides."""
+    beyond = np.arange(len(spread)) + layout.blocks["beyond"].start
+    found = [Family("beyond", _ints(beyond), tuple(_BEYOND * spread), COARSE, False)]
+    for order, name in _CYLINDER_NAMES.items():
+        which = [
+            i
+            for i, t in enumerate(layout.terms)
+            if t.order == order and t in two_mirror_terms(order) and t not in _GAUGE
+        ]
+        if len(gathered.take) >= _FEWEST_FOR_ORDER.get(order, 0):
+            deviation = _THIRD_ORDER_UM / (1 + (order - 3) / 2) ** 1.5
+            stage = _ORDER_STAGE[order]
+            found.append(_family(name, which, deviation, stage))
     return found
 
 

@@ -45,11 +45,18 @@ from lensfit.fit.wavefront.stages import (
 from lensfit.fit.wavefront.uncertainty import covariance_of, unseen
 from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights, relative_misfit
 from lensfit.optics.spectrum import Bands, bands
-from lensfit.optics.terms import decentring_terms, rotational_terms
+from lensfit.optics.terms import (
+    decentring_terms,
+    rotational_terms,
+    two_mirror_terms,
+)
 from lensfit.progress import Progress, silent
 
 TERMS = rotational_terms(9) + decentring_terms()
 COLOUR_TERMS = rotational_terms(3)
+CYLINDER_TERMS = tuple(t for t in two_mirror_terms(5) if t not in TERMS)
+CYLINDER_COLOURS = two_mirror_terms(1)
+"""What a lens with cylinders has besides."""
 _GROUPS, _STOPS = 8, 4
 """Room for so many defocus values and f-numbers, so that one program serves most."""
 _BETWEEN = 5
@@ -113,11 +120,13 @@ def fit_wavefront(
     allowed : Names of the families that may be free (`families.SEIDEL`); None for all.
     """
     every = gather(shown, spectrum or bands(3))
+    cylinders = every.dots.sections is not None
     layout = Layout(
-        TERMS,
-        COLOUR_TERMS,
+        TERMS + CYLINDER_TERMS if cylinders else TERMS,
+        COLOUR_TERMS + CYLINDER_COLOURS if cylinders else COLOUR_TERMS,
         groups=max(_GROUPS, len(every.groups)),
         stops=max(_STOPS, len(every.f_numbers) - 1),
+        anamorphic=cylinders,
     )
     few = chosen(every, spread_over_takes(every, effort.coarse_dots))
     coarse, sign_known, families = coarse_fit(few, layout, fall_off, allowed)

@@ -27,17 +27,22 @@ from lensfit.fit.wavefront.shown import (
     Shown,
     fitted_depth_mm,
     hole_radius_mm,
+    is_anamorphic,
     pixel_mm,
     pupil_offset_mm,
 )
 from lensfit.kernel.pixels import diffraction_variance_mm2
 from lensfit.optics.depth import ObjectShift, object_shift
-from lensfit.optics.distortion import distorted_from_direction
+from lensfit.optics.distortion import Distortion, distorted_from_direction
 from lensfit.optics.lateral import ChannelShift, channel_from_green
 from lensfit.optics.paraxial import FirstOrder
+from lensfit.optics.sections import Sections, log_squeeze, sections_of
 from lensfit.optics.spectrum import Bands, chromatic_coordinate, lateral_at
 
 _BATCH = 512
+APART = 0.5**0.5
+"""Share of the variance of a hole, along either axis, that two Gaussians have for being
+apart: its fourth moment is then that of a disc."""
 
 
 class Reference(NamedTuple):
@@ -84,8 +89,8 @@ def dots_of(
     observed = adjustment.stack.observed_mm[shown.index][marks]
     distance = float(shown.distortion.principal_distance_mm)
     radius = hole_radius_mm(shown)
-    diffraction = diffraction_variance_mm2(jnp.asarray(shown.take.f_number))
-    return Dots(
+    diffraction = float(diffraction_variance_mm2(jnp.asarray(shown.take.f_number)))
+    known = Dots(
         field_mm=observed - np.asarray(shown.distortion.principal_point_mm),
         magnified=np.full(count, distance / reference.principal_distance_mm),
         group=np.full(count, group),
@@ -97,9 +102,25 @@ def dots_of(
         vergence=shift.vergence_per_mm,
         reference=shift.reference_per_mm,
         lateral_mm=_within_bands_mm(shown, observed, bands),
-        variance_mm2=np.sum((per_board * radius) ** 2, (1, 2)) / 8 + float(diffraction),
+        variance_mm2=np.sum((per_board * radius) ** 2, (1, 2)) / 8 + diffraction,
         cell_mm=np.tile(pixel_mm(shown) * shown.cutouts.cell_px, (count, 1)),
     )
+    if not is_anamorphic(shown):
+        return known
+    along = np.sum((per_board * radius) ** 2, 2) / 4
+    return known._replace(
+        sections=_sections(shift, shown.distortion),
+        variance_mm2=(1 - APART) * along + diffraction,
+        apart_mm=np.sqrt(APART * along),
+    )
+
+
+def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
+    """Of all dots of a photograph."""
+    found = jax.vmap(sections_of, (0, None, None))(
+        shift, distortion.principal_distance_mm, log_squeeze(distortion)
+    )
+    return jax.tree.map(np.asarray, found)
 
 
 def _depth_factor(shown: Shown) -> float:

@@ -158,7 +158,15 @@ def _of_dot(
         few = rays_of(parameters, *seen, points.design)
         spot, led_back = spot_seen(parameters, *seen, points.image)
         patch = equations_of(
-            spot, few, light, weight, corner, dot.cell_mm, variance, layout.opening
+            spot,
+            few,
+            light,
+            weight,
+            corner,
+            dot.cell_mm,
+            variance,
+            layout.opening,
+            dot.apart_mm,
         )
         return patch, led_back(patch.pull)
 

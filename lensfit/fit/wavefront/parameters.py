@@ -6,6 +6,9 @@ plain numbers. Blocks:
 - `coefficients`, `colour`: of the aberration function (`optics.aberration`);
 - `defocus`: how far the sensor lies behind the sharp image of the chart, one for each
   group of takes that share focus and chart distance;
+- `beyond`: how much farther than along y an anamorphic lens is out of focus along x,
+  beyond what makes it sharp along both at one distance (`optics.sections`), one for
+  each group too; empty for other lenses;
 - `exit_pupil`: logarithm of its distance over the principal distance, and the chief
   ray's bend;
 - `rim_shift`, `rim_radius`, `stop_shift`, `stretch`, `iris`: the opening
@@ -40,6 +43,7 @@ class Layout:
     groups : Number of defocus values.
     stops : Number of f-numbers besides the widest.
     rims : Number of rims that clip.
+    anamorphic : Whether x and y are focused each by itself.
     """
 
     terms: tuple[Term, ...]
@@ -47,6 +51,7 @@ class Layout:
     groups: int
     stops: int
     rims: int = 2
+    anamorphic: bool = False
 
     @cached_property
     def blocks(self) -> dict[str, slice]:
@@ -55,6 +60,7 @@ class Layout:
             "coefficients": len(self.terms),
             "colour": 2 * len(self.colour_terms),
             "defocus": self.groups,
+            "beyond": self.groups * self.anamorphic,
             "exit_pupil": 2,
             "rim_shift": 2 * self.rims,
             "rim_radius": 2 * self.rims,

@@ -7,6 +7,7 @@ patch, in closed form, and what the wavefront explains is judged by what they ca
 (variable projection, G. H. Golub and V. Pereyra, Inverse Problems 19 (2003) R1).
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -47,8 +48,9 @@ def equations_of(
     weight: Float[Array, "cells cells"],
     corner_mm: Float[Array, "2"],
     cell_mm: Float[Array, "2"],
-    variance_mm2: Float[Array, ""],
+    variance_mm2: Float[Array, "*axes"],
     opening: slice,
+    apart_mm: Float[Array, "2"] | None = None,
 ) -> Patch:
     """Normal equations of one patch.
 
@@ -57,12 +59,20 @@ def equations_of(
     spot : What the image is made of, and the gradient: one from other rays than the
         image's is 0 elsewhere than where the image suits best.
     few : What the matrix is made of: it only leads the way.
+    variance_mm2, apart_mm : As for `profile_of`.
     opening : As `Layout.opening`.
     """
-    cells = light.shape[0]
-    profile = profile_of(spot, corner_mm, cell_mm, cells, variance_mm2)
+    cells_of = partial(
+        profile_of,
+        corner_mm=corner_mm,
+        cell_mm=cell_mm,
+        cells=light.shape[0],
+        variance_mm2=variance_mm2,
+        apart_mm=apart_mm,
+    )
+    profile = cells_of(spot)
     nuisance_design = _nuisance_design(spot, profile)
-    design = _design(few, corner_mm, cell_mm, cells, variance_mm2, opening)
+    design = _design(few, cells_of(few.spot), opening)
     target, w = light.reshape(-1), weight.reshape(-1)
     inner = nuisance_design.T @ (w[:, None] * nuisance_design)
     nuisance = _solved(inner, nuisance_design.T @ (w * target))
@@ -88,11 +98,8 @@ def _nuisance_design(spot: Spot, profile: Profile) -> Array:
     return jnp.stack([image, jnp.ones_like(image), *_shifted(spot, profile)], -1)
 
 
-def _design(
-    rays: Rays, corner_mm, cell_mm, cells: int, variance_mm2, opening: slice
-) -> Array:
+def _design(rays: Rays, profile: Profile, opening: slice) -> Array:
     """d image / d parameter, (cells^2, parameters), for a brightness of 1."""
-    profile = profile_of(rays.spot, corner_mm, cell_mm, cells, variance_mm2)
     weight = rays.spot.weight[None]
     across = profile.rows[:, None] * (profile.columns_moved * weight)[None]
     down = profile.rows_moved[:, None] * (profile.columns * weight)[None]

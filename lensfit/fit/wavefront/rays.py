@@ -25,6 +25,7 @@ from lensfit.optics.aberration import chief_sine, defocus_slope
 from lensfit.optics.depth import ObjectShift
 from lensfit.optics.modes import mode_gradients
 from lensfit.optics.pupil import Pupil, PupilNodes, polar_nodes, pupil_nodes
+from lensfit.optics.sections import cylinder_mm
 from lensfit.optics.terms import Term, modes_of, term_amplitudes
 
 _MM_PER_UM = 1e-3
@@ -208,7 +209,13 @@ def _landed(
     aberration = aberration_of(parameters, layout, scale, dot.magnified)
     depth = ObjectShift(dot.slope, dot.pupil_per_sine_mm, dot.vergence, dot.reference)
     defocus = parameters[layout.blocks["defocus"]][dot.group]
-    return landings_mm(u, dot.field_mm, aberration, defocus, colour.chromatic, depth)
+    cylinder = None
+    if dot.sections is not None:
+        beyond = parameters[layout.blocks["beyond"]][dot.group]
+        cylinder = cylinder_mm(defocus, beyond, dot.sections)
+    return landings_mm(
+        u, dot.field_mm, aberration, defocus, colour.chromatic, depth, cylinder
+    )
 
 
 def _of_rays(function: Callable) -> Callable:
@@ -254,7 +261,7 @@ def _terms_pulled(
 def _moved_by_state(
     u: Array, parameters: Array, dot: Dots, layout: Layout, scale: Scale
 ) -> Array:
-    """d landing / d defocus and exit pupil: (wavelengths, points, 2, parameters)."""
+    """d landing / d defocus, beyond and exit pupil: (wavelengths, points, 2, ...)."""
     defocus = parameters[layout.blocks["defocus"]][dot.group]
     p = u * scale.reference_sine
     where = layout.blocks["exit_pupil"]
@@ -269,4 +276,10 @@ def _moved_by_state(
     by_chief = defocus * _of_rays(jax.jacfwd(defocus_slope, 1))(p, here)
     mine = jax.nn.one_hot(dot.group, layout.groups, dtype=u.dtype)
     by_group = _of_rays(defocus_slope)(p, here)[..., None] * mine[None, None, None]
-    return jnp.concatenate([by_group, by_chief @ turned], axis=-1)
+    parts = [by_group, by_chief @ turned]
+    if dot.sections is not None:
+        alone = p @ cylinder_mm(jnp.zeros(()), jnp.ones(()), dot.sections)
+        by_beyond = alone[..., None] * mine[None, None, None]
+        parts[0] = by_group + dot.sections.per_defocus * by_beyond
+        parts.insert(1, by_beyond)
+    return jnp.concatenate(parts, axis=-1)

@@ -28,6 +28,11 @@ class Shown(NamedTuple):
     """Of the take within the geometry."""
 
 
+def is_anamorphic(shown: Shown) -> bool:
+    """Whether the lens is stated to squeeze one axis."""
+    return shown.take.squeeze != 1.0
+
+
 def f_number_of(shown: Shown) -> float:
     """As on the barrel.
 
@@ -61,7 +66,11 @@ def usable_cells(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
 
 
 def hole_cells(shown: Shown) -> float:
-    """Radius of the hole's image, in cells of its cutout."""
+    """Radius of the hole's image, in cells of its cutout.
+
+    Of an anamorphic lens half the larger one: it is two Gaussians then (`known_dots`),
+    which stand for a disc of twice the size as well as one does.
+    """
     stack, rows = shown.geometry.adjustment.stack, shown.cutouts.marks
     half_mm = np.asarray(stack.view.half_board_mm[shown.index])
     board = stack.board[shown.index][rows] * half_mm
@@ -71,7 +80,9 @@ def hole_cells(shown: Shown) -> float:
     ]
     magnification = (areas[0] / areas[1]) ** 0.25
     cell_mm = float(np.mean(pixel_mm(shown))) * shown.cutouts.cell_px
-    return hole_radius_mm(shown) * magnification / cell_mm
+    squeeze = shown.take.squeeze
+    larger = max(squeeze, 1 / squeeze) ** 0.5 / 2 if is_anamorphic(shown) else 1.0
+    return hole_radius_mm(shown) * magnification / cell_mm * larger
 
 
 def hole_radius_mm(shown: Shown) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.wavefront.dots import hole_variance_mm2
 from lensfit.fit.wavefront.gather import Gathered, Group
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.optics.falloff import log_loss
@@ -33,7 +34,7 @@ def stated_defocus_mm(gathered: Gathered, group: Group) -> float | None:
         jnp.asarray(group.focus_distance_mm),
         jnp.asarray(gathered.reference_distance_mm),
     )
-    return float(found)
+    return float(found) * np.exp(_log_squeeze(gathered, group))
 
 
 def seen_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
@@ -43,15 +44,28 @@ def seen_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
     central = radius <= max(limit, float(np.quantile(radius, 0.15)))
     sine = float(gathered.scale.reference_sine) * gathered.dots.stop_radius
     # The diameter is that of the disc of the same second moment.
-    square = gathered.diameter_mm**2 / 4 - 4 * gathered.dots.variance_mm2
+    square = gathered.diameter_mm**2 / 4 - 4 * hole_variance_mm2(gathered.dots)
     tangent = sine / np.sqrt(1 - sine**2)
     size = np.sqrt(np.maximum(square, 0.0)) / tangent
+    if gathered.dots.sections is not None:
+        # A disc along y, narrower along x: of both only the mean was seen.
+        narrow = 1 + np.asarray(gathered.dots.sections.per_defocus)
+        size = size / np.sqrt((1 + narrow**2) / 2)
     found = []
     for group in range(len(gathered.groups)):
         mine = (gathered.dots.group == group) & np.isfinite(size)
         near = mine & central if (mine & central).any() else mine
         found.append(float(np.median(size[near])) if near.any() else 0.0)
     return np.array(found)
+
+
+def _log_squeeze(gathered: Gathered, group: Group) -> float:
+    """Of the photographs of a group; along y defocus counts s^2 times that along x."""
+    sections = gathered.dots.sections
+    if sections is None:
+        return 0.0
+    mine = np.asarray(gathered.dots.group) == gathered.groups.index(group)
+    return float(-0.5 * np.log1p(np.mean(np.asarray(sections.per_defocus)[mine])))
 
 
 def first_defocus_mm(gathered: Gathered) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from lensfit.fit.lens_states import LensState
 from lensfit.fit.wavefront.fit import WavefrontFit
@@ -13,6 +14,7 @@ from lensfit.optics.paraxial import (
     focal_length_mm,
     rim_sine,
 )
+from lensfit.optics.sections import log_squeeze
 from lensfit.preset.blur_blocks import Blur, Stop
 from lensfit.preset.blur_of_block import blur_block
 
@@ -33,6 +35,7 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
     numbers = gathered.f_numbers
     seen = wavefront.has("exit_pupil")
+    beyond = parameters[layout.blocks["beyond"]][: len(gathered.groups)]
     return blur_block(
         aberration,
         pupil,
@@ -45,6 +48,7 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
         ],
         round_f_number=numbers[0],
         assumed=() if seen else ("pupil_magnification", "exit_pupil_distance_mm"),
+        beyond_offset_mm=_of_state(beyond, state, wavefront) if len(beyond) else None,
     )
 
 
@@ -64,9 +68,13 @@ def _focus_offset_mm(state: LensState, wavefront: WavefrontFit) -> float:
     gathered = wavefront.stage.gathered
     where = wavefront.stage.layout.blocks["defocus"]
     found = wavefront.stage.parameters[where][: len(gathered.groups)]
+    along_y = 1.0
+    if wavefront.stage.layout.anamorphic:
+        along_y = float(np.exp(log_squeeze(state.distortion)))
     offsets = [
         value
-        - _said_mm(
+        - along_y
+        * _said_mm(
             group.focus_distance_mm,
             state,
             gathered.reference_distance_mm,
@@ -74,12 +82,20 @@ def _focus_offset_mm(state: LensState, wavefront: WavefrontFit) -> float:
         )
         for value, group in zip(found, gathered.groups, strict=True)
     ]
+    return _of_state(np.array(offsets), state, wavefront)
+
+
+def _of_state(
+    of_groups: Float[np.ndarray, " groups"], state: LensState, wavefront: WavefrontFit
+) -> float:
+    """Mean over the groups of this state of measured distance, or else over others."""
+    gathered = wavefront.stage.gathered
     measured = [not group.take for group in gathered.groups]
     mine = [_same_focus(group, state) for group in gathered.groups]
     for wanted in (np.array(mine) & measured, np.array(mine), np.array(measured)):
         if wanted.any():
-            return float(np.mean(np.array(offsets)[wanted]))
-    return float(np.mean(offsets))
+            return float(np.mean(of_groups[wanted]))
+    return float(np.mean(of_groups))
 
 
 def _same_focus(group: Group, state: LensState) -> bool:

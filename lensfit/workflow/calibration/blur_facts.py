@@ -14,7 +14,10 @@ from lensfit.workflow.plain_numbers import plain, plain_distance
 
 _UNITS = {
     "defocus": "mm",
+    "beyond": "mm",
     "third_order": "um",
+    "cylinders_third_order": "um",
+    "cylinders_fifth_order": "um",
     "fifth_order": "um",
     "seventh_order": "um",
     "ninth_order": "um",

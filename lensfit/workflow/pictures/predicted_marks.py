@@ -13,6 +13,7 @@ from jaxtyping import Float
 from lensfit.fit.illumination import area_stretch
 from lensfit.fit.lens_states import Fitted, LensState
 from lensfit.fit.take import Take
+from lensfit.fit.wavefront.dots import hole_variance_mm2
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.portray import Landings, portrayed
 from lensfit.workflow.pictures.dot_light import DotLight
@@ -86,7 +87,7 @@ def _with_light(
             continue
         mine, marks = gathered.take == k, shown.cutouts.marks
         size_mm = pixel_mm(shown.take)
-        variance_mm2 = float(np.median(gathered.dots.variance_mm2[mine]))
+        variance_mm2 = float(np.median(hole_variance_mm2(gathered.dots)[mine]))
         light = DotLight(
             landings=Landings(*(part[mine] for part in landings)),
             chief_rays_px=predicted.chief_rays_px[marks],

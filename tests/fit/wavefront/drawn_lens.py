@@ -10,6 +10,7 @@ Also the layout and the arrays of a fit of such a lens, small enough for tests.
 from dataclasses import dataclass
 from types import SimpleNamespace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -206,7 +207,7 @@ def _gathered(shots, rows, light, centroid, diameter, spread) -> Gathered:
     each = len(rows[0].group)
     return Gathered(
         shown=tuple(SimpleNamespace() for _ in shots),
-        dots=Dots(*(np.concatenate(parts) for parts in zip(*rows, strict=True))),
+        dots=jax.tree.map(lambda *parts: np.concatenate(parts), *rows),
         light=np.repeat(light[:, None], 3, 1),
         valid=valid,
         clipped=np.zeros_like(valid),
