@@ -8,7 +8,7 @@ plain numbers. Blocks:
   group of takes that share focus and chart distance;
 - `beyond`: how much farther than along y an anamorphic lens is out of focus along x,
   beyond what makes it sharp along both at one distance (`optics.sections`), one for
-  each group too; empty for other lenses;
+  each group too; other lenses have no such block;
 - `exit_pupil`: logarithm of its distance over the principal distance, and the chief
   ray's bend;
 - `rim_shift`, `rim_radius`, `stop_shift`, `stretch`, `iris`: the opening
@@ -60,7 +60,7 @@ class Layout:
             "coefficients": len(self.terms),
             "colour": 2 * len(self.colour_terms),
             "defocus": self.groups,
-            "beyond": self.groups * self.anamorphic,
+            **({"beyond": self.groups} if self.anamorphic else {}),
             "exit_pupil": 2,
             "rim_shift": 2 * self.rims,
             "rim_radius": 2 * self.rims,

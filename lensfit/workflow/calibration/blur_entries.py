@@ -35,7 +35,10 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
     numbers = gathered.f_numbers
     seen = wavefront.has("exit_pupil")
-    beyond = parameters[layout.blocks["beyond"]][: len(gathered.groups)]
+    beyond = None
+    if layout.anamorphic:
+        found = parameters[layout.blocks["beyond"]][: len(gathered.groups)]
+        beyond = _of_state(found, state, wavefront)
     return blur_block(
         aberration,
         pupil,
@@ -48,7 +51,7 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
         ],
         round_f_number=numbers[0],
         assumed=() if seen else ("pupil_magnification", "exit_pupil_distance_mm"),
-        beyond_offset_mm=_of_state(beyond, state, wavefront) if len(beyond) else None,
+        beyond_offset_mm=beyond,
     )
 
 
