@@ -21,7 +21,7 @@ from lensfit.errors import FitError
 from lensfit.fit.adjust import Adjustment, adjust
 from lensfit.fit.evidence import with_evidence
 from lensfit.fit.held_out import held_out_error_px, squared_px
-from lensfit.fit.parameters import Layout
+from lensfit.fit.parameters import PINHOLE, Layout
 from lensfit.fit.priors import LOOSE, fixed_prior, release, with_poses_free
 from lensfit.fit.select import Verdict
 from lensfit.fit.stage import Start, start_of
@@ -152,7 +152,7 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
     adjustment = adjust(adjustment, rounds=2, chunks=chunks)
     blocks = ["aperture_shift"]
     if start.focal_length_free:
-        blocks += ["focal_length", "principal_point"]
+        blocks += [name for name in PINHOLE if name in layout.blocks]
     for name in blocks:
         prior = release(prior, layout.blocks[name], LOOSE[name])
     return adjust(replace(adjustment, prior=prior), rounds=2, chunks=chunks)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust, equations_at
-from lensfit.fit.parameters import Layout, Prior
+from lensfit.fit.parameters import PINHOLE, Layout, Prior
 from lensfit.fit.priors import loose_prior
 from lensfit.fit.select import (
     Step,
@@ -128,7 +128,7 @@ def _chosen(
 def _always(layout: Layout, views: int, focal_length: bool) -> np.ndarray:
     """Parameters in every model: poses, and the pinhole where it can be known."""
     poses = layout.local_indices("pose", views).ravel()
-    pinhole = [layout.blocks["focal_length"], layout.blocks["principal_point"]]
+    pinhole = [layout.blocks[n] for n in PINHOLE if n in layout.blocks]
     known = [np.arange(w.start, w.stop) for w in pinhole if focal_length]
     return np.concatenate([*known, poses]).astype(int)
 

@@ -6,6 +6,11 @@ The entrance pupil is the centre of projection and the origin of camera axes (x 
 y down, z into the scene). A board point is (X, Y) in half boards from the middle of
 what was seen of it. Poses are small rotations and shifts on top of a start value, so
 that no orientation is singular.
+
+Behind cylinders the entrance pupil lies elsewhere for x than for y, so that a lens has
+two centres of projection. That of y is the origin; x sees a point (X, Y, Z) from a gap
+g farther ahead, as X / (Z - g) times (Z0 - g) / Z0: at the distance Z0 of the boards,
+for which the chief-ray map is then made, both centres say the same.
 """
 
 from typing import NamedTuple
@@ -39,6 +44,8 @@ class Frame(NamedTuple):
     stated_squeeze: Float[Array, "2"]
     valid_radius: Float[Array, ""]
     box: Float[Array, "2 2"]
+    board_distance_mm: Float[Array, ""] | None = None
+    """Z0, of an anamorphic lens."""
 
 
 class View(NamedTuple):
@@ -108,7 +115,7 @@ def predicted_mm(
     parts = parts_of(shared, local, layout)
     lens = lens_of(parts, layout, frame)
     point = board_point_mm(board, parts, view, layout)
-    landed = distorted_from_direction(direction_of(point, parts, view), lens)
+    landed = distorted_from_direction(direction_of(point, parts, view, frame), lens)
     return shifted_mm(landed, parts, view, lens, layout)
 
 
@@ -125,12 +132,17 @@ def board_point_mm(
 
 
 def direction_of(
-    point_mm: Float[Array, "3"], parts: Parts, view: View
+    point_mm: Float[Array, "3"], parts: Parts, view: View, frame: Frame
 ) -> Float[Array, "3"]:
     """A board point seen from the entrance pupil, mm."""
     pose = parts["pose"]
     turned = rotation_from_vector(pose[:3]) @ (view.rotation @ point_mm)
-    return turned + view.translation_mm + pose[3:] * view.translation_mm[2]
+    seen = turned + view.translation_mm + pose[3:] * view.translation_mm[2]
+    if frame.board_distance_mm is None:
+        return seen
+    gap_mm = parts["pupil_gap"][0] * frame.stated_focal_length_mm
+    at_board = 1 - gap_mm / frame.board_distance_mm
+    return seen.at[0].multiply(at_board / (1 - gap_mm / seen[2]))
 
 
 def shifted_mm(

@@ -23,6 +23,8 @@ from lensfit.optics.base import BaseProjection
 POSE_PARAMETERS = 6
 DRIFT_PARAMETERS = 2
 LOWEST_BEND_DEGREE = 2
+PINHOLE = ("focal_length", "pupil_gap", "principal_point")
+"""Blocks that only views from several sides determine."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,7 @@ class Layout:
     stretch_degree : Degree of the board's errors within its plane, shared by the
         photographs that show the whole board; 0 for none.
     apertures : Number of f-numbers besides the smallest aperture.
+    anamorphic : Whether x and y have an entrance pupil each.
     """
 
     base: BaseProjection = "rectilinear"
@@ -47,6 +50,7 @@ class Layout:
     bend_degree: int = 0
     stretch_degree: int = 0
     apertures: int = 0
+    anamorphic: bool = False
 
     @cached_property
     def blocks(self) -> dict[str, slice]:
@@ -54,6 +58,7 @@ class Layout:
         stretch = board_degrees(self.stretch_degree)
         sizes = {
             "focal_length": 1,
+            **({"pupil_gap": 1} if self.anamorphic else {}),
             "principal_point": 2,
             "radial": self.radial,
             "squeeze": 2,

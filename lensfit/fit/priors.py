@@ -10,6 +10,7 @@ from lensfit.fit.parameters import Layout, Prior
 
 LOOSE = {
     "focal_length": 0.3,
+    "pupil_gap": 2.0,
     "principal_point": 0.05,
     "radial": 1.0,
     "squeeze": 0.1,
@@ -23,8 +24,8 @@ LOOSE = {
     "row_drift": 0.005,
     "board_bend": 0.01,
 }
-"""Standard deviations in the units of `parameters`: reference radii, half boards, and
-for a pose radians and distances."""
+"""Standard deviations in the units of `parameters`: reference radii, half boards, for a
+pose radians and distances, and for the gap of pupils focal lengths."""
 
 
 def fixed_prior(layout: Layout, views: int) -> Prior:

@@ -37,8 +37,6 @@ from lensfit.optics.distortion import (
     radial_image,
 )
 
-BLOCKS = (*Layout().blocks, *Layout().local_blocks)
-"""Names of all blocks in the order of a row."""
 GUARDED = (*NAMED, "free_field")
 """Blocks behind the guard, which follow each other in the vector."""
 _ON_THE_BOARD = ("board_stretch", "board_bend")
@@ -90,7 +88,7 @@ def row(
 
     def image(curved: Parts, nudge: _Nudge):
         lens = lens_of(curved | held, layout, frame)
-        direction = direction_of(point_mm + nudge.board_mm, curved, view)
+        direction = direction_of(point_mm + nudge.board_mm, curved, view, frame)
         q = radial_image(image_of_direction(direction, layout.base), lens)
         return q, box_from_principal_point(lens)[0], lens
 
@@ -106,7 +104,9 @@ def row(
     pulls = [pull(unit) for unit in jnp.eye(2)]
     bases = _board_bases(mark.board, view, layout)
     rows = [
-        _in_order(slopes | _guarded(nudge, displacement) | _of_board(nudge, bases))
+        _in_order(
+            slopes | _guarded(nudge, displacement) | _of_board(nudge, bases), layout
+        )
         for slopes, nudge in pulls
     ]
     return jnp.stack(rows), value
@@ -146,5 +146,6 @@ def _of_board(nudge: _Nudge, bases: tuple[Array, Array]) -> Parts:
     }
 
 
-def _in_order(slopes: Parts) -> Array:
-    return jnp.concatenate([slopes[name] for name in BLOCKS])
+def _in_order(slopes: Parts, layout: Layout) -> Array:
+    names = (*layout.blocks, *layout.local_blocks)
+    return jnp.concatenate([slopes[name] for name in names])

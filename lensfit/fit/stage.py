@@ -96,6 +96,7 @@ def start_of(takes: list[Take], shown: list[Take]) -> Start:
         stated_squeeze=jnp.asarray([squeeze, 0.0]),
         valid_radius=jnp.asarray(furthest / radius * _MARGIN),
         box=jnp.asarray(box * np.exp([squeeze / 2, -squeeze / 2])),
+        board_distance_mm=_board_distance_mm(takes, poses) if squeeze else None,
     )
     bend, stretch = _board_degrees(takes, any(whole), poses)
     largest = replace(_lens_layout(takes), bend_degree=bend, stretch_degree=stretch)
@@ -206,6 +207,13 @@ def _scaled_to_distance(
     return focal_mm * ratio, [Pose(p.rotation, p.translation_mm * scale) for p in poses]
 
 
+def _board_distance_mm(takes: list[Take], poses: list[Pose]):
+    """From the entrance pupil, of the boards whose distance was measured, or of all."""
+    ahead = np.array([pose.translation_mm[2] for pose in poses])
+    measured = np.array([take.target_distance_mm is not None for take in takes])
+    return jnp.asarray(np.median(ahead[measured] if measured.any() else ahead))
+
+
 def _apertures(takes: list[Take]) -> list[float]:
     """The f-numbers that are told apart, smallest aperture first.
 
@@ -242,6 +250,7 @@ def _lens_layout(takes: list[Take]) -> Layout:
         radial=6 if marks >= 200 else 3,
         free_degree=next((d for n, d in degrees if marks >= n), 0),
         apertures=max(len(_apertures(takes)) - 1, 0),
+        anamorphic=takes[0].squeeze != 1.0,
     )
 
 

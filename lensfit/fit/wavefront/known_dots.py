@@ -202,7 +202,7 @@ def _seen(
 
     def ahead(mark):
         point = board_point_mm(mark, parts, view, layout)
-        return direction_of(point, parts, view).at[2].multiply(factor)
+        return direction_of(point, parts, view, frame).at[2].multiply(factor)
 
     def landed(slope):
         return distorted_from_direction(jnp.append(slope, 1.0), lens)
