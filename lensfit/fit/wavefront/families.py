@@ -17,7 +17,9 @@ from lensfit.optics.terms import Term, decentring_terms, two_mirror_terms
 COARSE, MIDDLE, FINE = 1, 2, 3
 _ORDER_NAMES = {3: "third", 5: "fifth", 7: "seventh", 9: "ninth"}
 _ORDER_STAGE = {3: COARSE, 5: MIDDLE, 7: FINE, 9: FINE}
-_CYLINDER_NAMES = {3: "cylinders_third_order", 5: "cylinders_fifth_order"}
+_LOWEST = 3
+_CYLINDER_KINDS = {2: "astigmatism", 3: "coma"}
+_CYLINDER_UM = 30.0
 _GAUGE = two_mirror_terms(1)
 """Constant astigmatism: all `beyond` values of an anamorphic lens over again."""
 _BEYOND = 0.2
@@ -119,17 +121,23 @@ def _of_cylinders(
     """What an anamorphic lens has besides."""
     beyond = np.arange(len(spread)) + layout.blocks["beyond"].start
     found = [Family("beyond", _ints(beyond), tuple(_BEYOND * spread), COARSE, False)]
-    for order, name in _CYLINDER_NAMES.items():
-        which = [
-            i
-            for i, t in enumerate(layout.terms)
-            if t.order == order and t in two_mirror_terms(order) and t not in _GAUGE
-        ]
+    kinds: dict[str, list[int]] = {}
+    for i, term in enumerate(layout.terms):
+        if term in two_mirror_terms(term.order) and term not in _GAUGE:
+            kinds.setdefault(_cylinder_name(term), []).append(i)
+    for name, which in kinds.items():
+        order = layout.terms[which[0]].order
         if len(gathered.take) >= _FEWEST_FOR_ORDER.get(order, 0):
-            deviation = _THIRD_ORDER_UM / (1 + (order - 3) / 2) ** 1.5
-            stage = _ORDER_STAGE[order]
-            found.append(_family(name, which, deviation, stage))
+            deviation = _CYLINDER_UM / (1 + (order - 3) / 2) ** 1.5
+            found.append(_family(name, which, deviation, _ORDER_STAGE[order]))
     return found
+
+
+def _cylinder_name(term: Term) -> str:
+    """Third order is one family; of the fifth there are too many to enter together."""
+    if term.order == _LOWEST:
+        return "cylinders_third_order"
+    return f"cylinders_fifth_{_CYLINDER_KINDS.get(term.degree, 'spherical')}"
 
 
 def _even(term: Term) -> bool:
