@@ -112,14 +112,15 @@ def fit_colour(
         rows = [r for r in rows if len(r[0])]
         if not rows or sum(len(r[0]) for r in rows) < _FEWEST_MARKS:
             return {}
-        q, moved, normal, variance, mm_per_px = (
-            np.concatenate(column) for column in zip(*rows, strict=True)
+        q, moved, normal, variance, mm_per_px, shared = (
+            np.concatenate(column) for column in zip(*_alike(rows), strict=True)
         )
         found[channel] = _fit(
             q / reference_radius_mm,
             moved / reference_radius_mm,
             normal,
             variance / reference_radius_mm**2,
+            shared / reference_radius_mm,
             float(mm_per_px.mean()) / reference_radius_mm,
             reference_radius_mm,
         )
@@ -143,7 +144,8 @@ def _usable(o: Observations) -> Bool[np.ndarray, " marks"]:
 
 
 def _rows(take: Take, index: int, centre_mm: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Radius vector, displacement, normal (NaN for points), variance, scale; mm."""
+    """Radius vector, displacement, normal (NaN for points), variance, scale, and how
+    displacements move together (marks, moves, 2); mm."""
     o = take.observations
     places = o.channel_points_px
     keep = np.isfinite(places[index]).all(-1) & np.isfinite(places[1]).all(-1)
@@ -155,10 +157,24 @@ def _rows(take: Take, index: int, centre_mm: np.ndarray) -> tuple[np.ndarray, ..
     variance = variance_of(covariance, normal) * mm_per_px**2
     green = mm_from_px(places[1][keep], o.image_size_px, take.sensor_size_mm)
     scale = np.full(len(moved), mm_per_px)
-    return green - centre_mm, moved, normal, variance, scale
+    shared = np.zeros((len(moved), 0, 2))
+    if take.shared_moves_mm is not None:
+        by_channel = take.shared_moves_mm[:, :, keep]
+        shared = (by_channel[:, index] - by_channel[:, 1]).swapaxes(0, 1)
+    return green - centre_mm, moved, normal, variance, scale, shared
 
 
-def _fit(q, moved, normal, variance, px, reference_radius_mm) -> ChannelColour:
+def _alike(rows: list[tuple[np.ndarray, ...]]) -> list[tuple[np.ndarray, ...]]:
+    """With as many shared moves in every take; those that a take lacks are zero."""
+    most = max(row[-1].shape[1] for row in rows)
+    found = []
+    for *others, shared in rows:
+        lacking = most - shared.shape[1]
+        found.append((*others, np.pad(shared, [(0, 0), (0, lacking), (0, 0)])))
+    return found
+
+
+def _fit(q, moved, normal, variance, shared, px, reference_radius_mm):
     """Smallest model that BIC prefers, in reference radii.
 
     Squared residuals are cut at four times the spread of the largest model, so that
@@ -170,7 +186,9 @@ def _fit(q, moved, normal, variance, px, reference_radius_mm) -> ChannelColour:
         for terms in range(_MOST_RADIAL_TERMS + 1)
     ]
     design, target = _system(q, moved, normal)
-    solved = [_solve(design, target, variance, px, *model) for model in models]
+    pulls = [_system(q, shared[:, k], normal)[1] for k in range(shared.shape[1])]
+    pulls = np.array(pulls).reshape(len(pulls), len(target)).T
+    solved = [_solve(design, target, variance, pulls, px, *model) for model in models]
     limit = 16 * np.median(solved[-1][2]) / np.log(4)
     count = _rows_in(normal)
     best = None
@@ -227,8 +245,11 @@ def _displacements(q: np.ndarray) -> np.ndarray:
 _lopsided_bases = jax.jit(jax.vmap(lopsided_basis))
 
 
-def _solve(design, target, variance, px, besides, terms):
-    """Robust linear least squares: coefficients, covariance, squared residuals."""
+def _solve(design, target, variance, pulls, px, besides, terms):
+    """Robust linear least squares: coefficients, covariance, squared residuals.
+
+    `pulls` are what the target moves by, together (equations, moves).
+    """
     used = np.zeros(_LOPSIDED + terms, bool)
     used[:besides] = True
     used[_LOPSIDED:] = True
@@ -248,7 +269,10 @@ def _solve(design, target, variance, px, besides, terms):
     chi2 = float(weight @ residual**2)
     covariance = np.zeros((len(used),) * 2)
     inverse = np.linalg.inv((a.T * weight) @ a + tiny)
-    covariance[np.ix_(used, used)] = inverse * max(chi2 / count, 1.0)
+    follows = inverse @ (a.T @ (weight[:, None] * pulls))
+    covariance[np.ix_(used, used)] = (
+        inverse * max(chi2 / count, 1.0) + follows @ follows.T
+    )
     beta = np.zeros(len(used))
     beta[used] = solution
     return beta, covariance, np.sum(residual.reshape(-1, 2) ** 2, -1)

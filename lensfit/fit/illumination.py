@@ -59,8 +59,20 @@ class FallOffFit:
         s = np.minimum(radius_mm / self.valid_radius_mm, 1.0) ** 2
         terms = in_batches(_bernstein, s)
         loss = terms @ self.control.T
+        return np.exp(-loss.T) * self._of_terms(terms)
+
+    def deviation_about_mean(
+        self, radius_mm: Float[np.ndarray, " points"]
+    ) -> Float[np.ndarray, "3 points"]:
+        """Standard deviation of the logarithm of the illumination, less its mean over
+        these points: what no exposure would undo."""
+        s = np.minimum(radius_mm / self.valid_radius_mm, 1.0) ** 2
+        terms = in_batches(_bernstein, s)
+        return self._of_terms(terms - terms.mean(0))
+
+    def _of_terms(self, terms: np.ndarray) -> np.ndarray:
         variance = np.einsum("pi,cij,pj->cp", terms, self.covariance, terms)
-        return np.exp(-loss.T) * np.sqrt(np.maximum(variance, 0.0))
+        return np.sqrt(np.maximum(variance, 0.0))
 
 
 def fit_illumination(
@@ -156,16 +168,14 @@ def _robust(design: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
         residual = values - offset - design @ solution
         spread = float(np.median(np.abs(residual)) / 0.6745) + 1e-6
         weight = 1 / (1 + (residual / (3 * spread)) ** 2)
-    return solution, _covariance(design, weight, residual, solution > 0)
+    # A gain may have either sign, for which it has two columns.
+    columns = (TERMS + design.shape[1]) // 2
+    return solution, _covariance(design[:, :columns], weight * residual, weight)
 
 
-def _covariance(design, weight, residual, free) -> np.ndarray:
-    """Sandwich over the marks; steps that ended at zero are held there."""
-    covariance = np.zeros((design.shape[1],) * 2)
-    a, count = design[:, free], len(design)
+def _covariance(a, pull, weight) -> np.ndarray:
+    """Sandwich over the marks; that steps may not be negative is no knowledge."""
     inverse = np.linalg.pinv((a.T * weight) @ a)
-    scatter = a * (weight * residual)[:, None]
-    factor = count / max(count - free.sum(), 1)
-    inside = inverse @ (scatter.T @ scatter) @ inverse * factor
-    covariance[np.ix_(free, free)] = inside
-    return covariance
+    scatter = a * pull[:, None]
+    factor = len(a) / max(len(a) - a.shape[1], 1)
+    return inverse @ (scatter.T @ scatter) @ inverse * factor

@@ -25,6 +25,7 @@ from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
 from lensfit.fit.wavefront.place import placed
 from lensfit.fit.wavefront.shown import LARGEST_HOLE_CELLS, Shown, hole_cells
+from lensfit.fit.wavefront.uncertainty import parameter_moves
 from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent
@@ -107,7 +108,11 @@ def fit(
     exact = {
         take.name: take
         for found in wavefronts.values()
-        for take in placed(found.stage, found.gathered)
+        for take in placed(
+            found.stage,
+            found.gathered,
+            parameter_moves(found.stage, found.covariance),
+        )
     }
     states, failed = _fit_states([exact.get(t.name, t) for t in takes], progress)
     return Fitted(tuple(states), failed, wavefronts, tuple(notes), seconds)
@@ -233,7 +238,7 @@ def _fit_state(
         focus_distance_mm=group[0].focus_distance_mm,
         geometry=geometry,
         distortion=distortion,
-        uncertainty=uncertainty_of(adjustment),
+        uncertainty=uncertainty_of(adjustment, geometry.takes),
         colour=fit_colour(geometry.takes, centre, radius),
         fall_off=fit_illumination(geometry.takes, adjustment, centre),
     )

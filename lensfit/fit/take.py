@@ -6,6 +6,9 @@ target's dimensions and the state of the lens. Distances count from the sensor p
 
 from dataclasses import dataclass
 
+import numpy as np
+from jaxtyping import Float
+
 from lensfit.detect.cutouts import Cutouts
 from lensfit.detect.observations import Observations
 from lensfit.units import dioptres_from_mm
@@ -30,6 +33,8 @@ class Take:
     squeeze : Nominal horizontal squeeze of an anamorphic lens.
     cutouts : Pictures of the dots, where their shape can be fitted.
     chief_rays : Whether marks are where chief rays land, not centroids.
+    shared_moves_mm : How marks that were placed so move together, red, green and blue,
+        by every independent error of what placed them, one standard deviation each.
     """
 
     name: str
@@ -45,6 +50,7 @@ class Take:
     squeeze: float = 1.0
     cutouts: Cutouts | None = None
     chief_rays: bool = False
+    shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
 
 
 def grouped(takes: list[Take]) -> list[list[Take]]:

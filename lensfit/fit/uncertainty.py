@@ -6,12 +6,17 @@ see. A prediction moves with the parameters; the part of the move that a differe
 of the camera would undo (a homography of the undistorted picture) is no error of the
 lens and is taken out before the variance is stated.
 
-It covers noise, not a wrong model: for that there is the held-out error.
+Marks that were moved from centroids to chief rays share the errors of the wavefront
+that moved them: each of its independent errors moves all marks, the solution follows,
+and what it does so is added.
+
+It covers noise and what is not known of the blur, not a wrong model of distortion: for
+that there is the held-out error.
 
 Reference: the argument follows mrcal's documentation of projection uncertainty.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import jax
@@ -20,14 +25,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.batches import in_batches
-from lensfit.fit.adjust import Adjustment
+from lensfit.fit.adjust import Adjustment, equations_at
 from lensfit.fit.evidence import halves_of
 from lensfit.fit.geometry import Frame, distortion_of
 from lensfit.fit.parameters import Layout
+from lensfit.fit.take import Take
 from lensfit.fit.views import residuals_of
 from lensfit.optics.distortion import distorted_from_undistorted
 
 _BATCH = 1024
+_GREEN = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +50,13 @@ class Uncertainty:
         return np.sqrt(np.maximum(np.diag(self.covariance)[where], 0.0))
 
 
-def uncertainty_of(adjustment: Adjustment) -> Uncertainty:
-    """Covariance at the solution of an adjustment."""
+def uncertainty_of(adjustment: Adjustment, takes: tuple[Take, ...]) -> Uncertainty:
+    """Covariance at the solution of an adjustment.
+
+    Parameters
+    ----------
+    takes : That were adjusted, in their order.
+    """
     one, other = halves_of(adjustment)
     free = adjustment.prior.free
     precision = adjustment.prior.standard_deviation[free] ** -2.0
@@ -54,8 +66,42 @@ def uncertainty_of(adjustment: Adjustment) -> Uncertainty:
     scale = (one.sum_of_squares + other.sum_of_squares) / count
     inside = np.linalg.inv(matrix)
     covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(free, free)] = inside * max(scale, 1.0)
+    shared = _moved_by(shared_moves_of(adjustment, takes), adjustment, inside)
+    covariance[np.ix_(free, free)] = inside * max(scale, 1.0) + shared.T @ shared
     return Uncertainty(covariance, adjustment.layout)
+
+
+def shared_moves_of(
+    adjustment: Adjustment, takes: tuple[Take, ...]
+) -> Float[np.ndarray, "moves views marks 2"]:
+    """How the marks move together by what placed them; none where they are as seen."""
+    known = [t.shared_moves_mm for t in takes if t.shared_moves_mm is not None]
+    most = max((len(moves) for moves in known), default=0)
+    moved = np.zeros((most, *adjustment.stack.observed_mm.shape))
+    for k, take in enumerate(takes):
+        if take.shared_moves_mm is not None:
+            count, _, marks, _ = take.shared_moves_mm.shape
+            moved[:count, k, :marks] = take.shared_moves_mm[:, _GREEN]
+    return moved
+
+
+def _moved_by(
+    moves: Float[np.ndarray, "moves views marks 2"],
+    adjustment: Adjustment,
+    inverse: Float[np.ndarray, "free free"],
+) -> Float[np.ndarray, "moves free"]:
+    """How the solution follows when marks move, to first order."""
+    free = adjustment.prior.free
+
+    def gradient(moved_mm: np.ndarray | float) -> np.ndarray:
+        stack = adjustment.stack
+        stack = replace(stack, observed_mm=stack.observed_mm + moved_mm)
+        found = equations_at(replace(adjustment, stack=stack)).gradient
+        return np.asarray(found).sum(0)[free]
+
+    still = gradient(0.0)
+    pulls = [gradient(moved) - still for moved in moves]
+    return -np.array(pulls).reshape(len(moves), len(inverse)) @ inverse
 
 
 def position_deviation_mm(

@@ -2,11 +2,11 @@
 
 Two shares for each quantity, over all draws and all places where it was predicted:
 
-- of the scatter: |value - mean over the draws| is within the deviation. It says whether
-  the deviation describes noise; what the model itself gets wrong is the same in every
-  draw and is not in it, so an honest deviation covers 68 % or more;
+- of the scatter: |value - mean over the draws| is within the deviation. What the model
+  itself gets wrong is the same in every draw and so not in it: a deviation that counts
+  what the model misses covers more of the scatter than 68 %;
 - of the truth: |value - truth| is within the deviation, whatever made the error. It is
-  what a user relies on, and it has the bar.
+  what a user relies on, and it alone has the bar.
 """
 
 import numpy as np
@@ -27,8 +27,9 @@ def coverage_rows(name: str, draws: list[Draw]) -> list[Row]:
         return [Row(name, "draws that could be calibrated", float("nan"), bar=0.0)]
     rows = []
     for quantity in draws[0]:
+        some = [draw[quantity] for draw in draws if quantity in draw]
         values, deviations, truths = (
-            np.stack([getattr(draw[quantity], part) for draw in draws])
+            np.stack([getattr(one, part) for one in some])
             for part in ("value", "deviation", "truth")
         )
         if quantity == _WHOLE:
@@ -36,18 +37,12 @@ def coverage_rows(name: str, draws: list[Draw]) -> list[Row]:
             continue
         mean = values.mean(0)
         # The mean is of the same draws, and so too close to each by this factor.
-        apart = np.sqrt(len(draws) / max(len(draws) - 1, 1)) * (values - mean)
-        stated = {"stated": _rms(deviations)}
-        rows.append(
-            _row(name, f"{quantity}, scatter covered, %", apart, deviations, stated)
-        )
+        apart = np.sqrt(len(some) / max(len(some) - 1, 1)) * (values - mean)
+        rows.append(_row(name, f"{quantity}, scatter covered, %", apart, deviations))
         known = np.isfinite(truths)
         if known.any():
-            off = (values - truths)[known]
-            rows.append(
-                _row(name, f"{quantity}, truth covered, %", off, deviations[known],
-                     stated)
-            )  # fmt: skip
+            what, off = f"{quantity}, truth covered, %", (values - truths)[known]
+            rows.append(_row(name, what, off, deviations[known], SLACK))
     return rows
 
 
@@ -63,13 +58,11 @@ def _row(
     what: str,
     errors: np.ndarray,
     deviations: np.ndarray,
-    stated: dict[str, float],
+    bar: float | None = None,
 ) -> Row:
     share = 100.0 * float(np.mean(covered(errors, deviations)))
-    return Row(
-        name, what, share, bar=SLACK, expected=HONEST,
-        peers=stated | {"found": _rms(errors)},
-    )  # fmt: skip
+    peers = {"stated": _rms(deviations), "found": _rms(errors)}
+    return Row(name, what, share, bar=bar, expected=HONEST, peers=peers)
 
 
 def _whole_rows(name: str, stated: np.ndarray, off: np.ndarray) -> list[Row]:

@@ -7,7 +7,7 @@ values, all in the unit of its name:
                       of the camera that brings them closest to the truth: a pose would
                       undo that part, and so it is no error of the lens
     red_px, blue_px   displacement against green
-    illumination      relative, 1 on the axis
+    light_percent     logarithm of the illumination less its mean over the frame
     defocus_um        of each group of takes; the tracer has no such number
     psf_percent       of the peak, green, pixels above a tenth of it, in focus and out
     psf_error_percent relative L2 error of whole point-spread functions; the value is
@@ -123,7 +123,7 @@ def predictions(
             add(colour, _colour(state, name, channel, chiefs, traced.pixel_mm))
     for light in traced.light:
         for one in _illumination(state_of[light.focus_distance_mm], light):
-            add("illumination", one)
+            add("light_percent", one)
     for spots in traced.spots:
         lens = lens_at(spots.f_number, spots.focus_distance_mm)
         pixels, whole = _psf(lens, spots)
@@ -210,14 +210,20 @@ def _illumination(state: LensState, traced: TracedLight) -> list[Prediction]:
     for fitted in state.fall_off:
         if fitted.f_number != traced.f_number:
             continue
-        known = fitted.deviation(radius_mm)
+        known = fitted.deviation_about_mean(radius_mm)
         squared = (radius_mm / fitted.valid_radius_mm) ** 2
         for channel in range(3):
             loss = in_batches(
                 partial(_loss, control=fitted.control[channel]), squared, _BATCH
             )
-            light = traced.light[:, channel]
-            found.append(Prediction(np.exp(-loss), known[channel], light))
+            true = np.log(traced.light[:, channel])
+            found.append(
+                Prediction(
+                    100 * (loss.mean() - loss),
+                    100 * known[channel],
+                    100 * (true - true.mean()),
+                )
+            )
     return found
 
 

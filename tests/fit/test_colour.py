@@ -1,5 +1,7 @@
 """Lateral colour from marks: edge shifts, decentred colour, few terms, bad marks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -125,3 +127,33 @@ def test_nothing_is_found_where_nothing_moves():
     for channel in colour.values():
         assert channel.radial == channel.strain == channel.decentering == ()
         assert channel.lopsided(1.0) == 0.0
+
+
+def test_stated_deviations_cover_the_truth():
+    coefficients, covered = (1.0, -2.0), []
+    expected = radial(coefficients)(RIM_PX)
+    q = RIM_PX * MM_PER_PX / RADIUS_MM
+    for seed in range(40):
+        take = take_with(radial(coefficients), seed=seed)
+        found = fit_colour((take,), np.zeros(2), RADIUS_MM)["r"]
+        off = modelled_px(found, np.zeros(2), RIM_PX) - expected
+        stated = found.deviations(q) * RADIUS_MM / MM_PER_PX
+        covered.append(np.abs(off) <= stated)
+    assert 0.58 < np.mean(covered) < 0.78
+
+
+def test_what_moves_all_red_marks_alike_is_no_noise():
+    """A common error of magnification stays, however many marks there are."""
+    take = take_with(radial((1.0,)))
+    green_mm = (take.observations.points_px - IMAGE_PX / 2) * MM_PER_PX
+    shared = np.zeros((1, 3, len(green_mm), 2))
+    shared[0, 0] = 4e-4 * green_mm
+    colours = [
+        fit_colour((one,), np.zeros(2), RADIUS_MM)
+        for one in (take, replace(take, shared_moves_mm=shared))
+    ]
+    q = np.array([[0.5, 0.0]])
+    red, moved = (c["r"].deviations(q)[0, 0] for c in colours)
+    assert np.sqrt(moved**2 - red**2) == pytest.approx(4e-4 * 0.5, rel=1e-3)
+    blue, still = (c["b"].deviations(q)[0, 0] for c in colours)
+    assert still == pytest.approx(blue, rel=1e-9)

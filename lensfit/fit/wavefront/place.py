@@ -15,35 +15,90 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.interpolate import RBFInterpolator
 
 from lensfit.batches import in_batches
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.dots import Dots
-from lensfit.fit.wavefront.gather import Gathered
+from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.rays import centroids_mm
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage, with_iris
 
 _BATCH = 512
+_TELLING, _FEW, _STEP = 12, 48, 0.5
+"""Dots of a take that tell how errors of the wavefront move its marks, how many go
+through a program at a time, and the share of an error that is made."""
 _UNSURE = 0.05
 """Share of a drag that the model may get wrong: a photograph in which blur drags little
 tells where chief rays land, and one in which it drags much follows."""
 
 
-def placed(stage: Stage, gathered: Gathered) -> list[Take]:
+def placed(
+    stage: Stage,
+    gathered: Gathered,
+    moves: Float[np.ndarray, "moves parameters"] | None = None,
+) -> list[Take]:
     """The takes with marks where the chief rays land, in the order of `gathered.shown`.
 
     Marks whose size is unknown stay where they are.
+
+    Parameters
+    ----------
+    moves : Independent errors of the wavefront (`uncertainty.parameter_moves`); the
+        takes then say how their marks move together: by each of these, and by the share
+        of the drag that the model may get wrong.
     """
     dragged = _dragged_mm(stage, gathered)
-    return [
+    takes = [
         _moved(shown, dragged[gathered.take == k])
         for k, shown in enumerate(gathered.shown)
     ]
+    if moves is None:
+        return takes
+    by_moves = _moved_by(moves, stage, gathered)
+    count = len(moves) + len(takes)
+    found = []
+    for k, take in enumerate(takes):
+        mine = gathered.take == k
+        shared = np.zeros((count, 3, len(take.observations), 2))
+        rows = gathered.shown[k].cutouts.marks
+        shared[: len(moves), :, rows] = by_moves[mine].transpose(1, 2, 0, 3)
+        shared[len(moves) + k, :, rows] = _UNSURE * dragged[mine]
+        found.append(replace(take, shared_moves_mm=shared))
+    return found
 
 
-def _dragged_mm(stage: Stage, gathered: Gathered) -> Float[np.ndarray, "dots 3 2"]:
+def _moved_by(
+    moves: np.ndarray, stage: Stage, gathered: Gathered
+) -> Float[np.ndarray, "dots moves 3 2"]:
+    """How marks go against their drag. It varies slowly over the frame: a few dots of
+    every take tell it for all, by a thin plate through them."""
+    if not len(moves):
+        return np.zeros((len(gathered.take), 0, 3, 2))
+    rows = spread_over_takes(gathered, _TELLING)
+    few = chosen(gathered, rows)
+
+    def drag(step: np.ndarray) -> np.ndarray:
+        moved = replace(stage, parameters=stage.parameters + step)
+        return _dragged_mm(moved, few, _FEW)
+
+    changes = [drag(_STEP * m) - drag(-_STEP * m) for m in moves]
+    against = -np.stack(changes, 1) / (2 * _STEP)
+    field_mm, told_mm = (np.asarray(g.dots.field_mm) for g in (gathered, few))
+    found = np.zeros((len(field_mm), *against.shape[1:]))
+    for k in range(len(gathered.shown)):
+        mine, told = gathered.take == k, few.take == k
+        values = against[told].reshape(told.sum(), -1)
+        plate = RBFInterpolator(told_mm[told], values, kernel="thin_plate_spline")
+        found[mine] = plate(field_mm[mine]).reshape(mine.sum(), *against.shape[1:])
+    return found
+
+
+def _dragged_mm(
+    stage: Stage, gathered: Gathered, batch: int = _BATCH
+) -> Float[np.ndarray, "dots 3 2"]:
     """Centroid of every dot and channel from where its chief ray lands."""
     return in_batches(
         lambda dots: _centroids(
@@ -54,7 +109,7 @@ def _dragged_mm(stage: Stage, gathered: Gathered) -> Float[np.ndarray, "dots 3 2
             gathered.scale,
         ),
         with_iris(gathered, stage.blades),
-        _BATCH,
+        batch,
     )
 
 

@@ -2,18 +2,25 @@
 
 The covariance is the sandwich estimate over dots: normal equations on the outside, the
 scatter of every dot's own gradient inside. So it holds whatever the noise of a cell was
-taken for, and counts what the model misses of a dot as one error, not as many.
+taken for, and counts what the model misses of a dot, in all its channels, as one error,
+not as many. It says by how much the fit would change with other dots: the errors of the
+model are in it, which no other noise would show. A solve that ended before its minimum
+had so far to go: that counts as one error more.
 
-Reference: P. J. Huber, Proc. Fifth Berkeley Symposium 1 (1967) 221; the small-sample
-factor n/(n - k) as in J. G. MacKinnon and H. White, J. Econometrics 29 (1985) 305.
+Reference: P. J. Huber, Proc. Fifth Berkeley Symposium 1 (1967) 221; over groups, with
+the factor for few of them, A. C. Cameron and D. L. Miller, J. Human Resources 50 (2015)
+317.
 """
 
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.fit.wavefront.evidence import CELLS_PER_DOT
 from lensfit.fit.wavefront.families import Family, indices_of
 from lensfit.fit.wavefront.stages import Stage
 
+KEPT = 0.999
+"""Share of the variance in the photographs that moves carry."""
 UNSEEN = 0.7
 """A parameter whose deviation is this share of its prior's is not seen."""
 
@@ -26,16 +33,55 @@ def covariance_of(
     precision = np.where(stage.deviation > 0, stage.deviation, 1.0)[free] ** -2.0
     matrix = stage.equations.matrix.sum(0)[np.ix_(free, free)]
     assert stage.solution is not None
-    each = np.asarray(stage.solution.per_dot.gradient)[: len(stage.gathered.take)]
-    each = each.reshape(-1, each.shape[-1])[:, free]
+    of_channels = np.asarray(stage.solution.per_dot.gradient)
+    each = of_channels[: len(stage.gathered.take)].sum(1)[:, free]
     each = each[np.any(each != 0, -1)]
-    scatter = each.T @ each * (len(each) / max(len(each) - len(free), 1))
+    scatter = each.T @ each * _small_sample(len(each), stage, len(free))
     # What the prior holds has the prior's own scatter.
     inverse = np.linalg.inv(matrix + np.diag(precision))
     covariance = np.zeros((stage.layout.size,) * 2)
     inside = inverse @ (scatter + np.diag(precision)) @ inverse
-    covariance[np.ix_(free, free)] = (inside + inside.T) / 2
+    left = inverse @ _slope(stage, free, precision)
+    covariance[np.ix_(free, free)] = (inside + inside.T) / 2 + np.outer(left, left)
     return covariance
+
+
+def _slope(stage: Stage, free: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """Half the gradient where the solve ended, priors included; 0 at the minimum."""
+    slope = np.asarray(stage.equations.gradient).sum(0)[free]
+    return slope + precision * (stage.parameters - stage.mean)[free]
+
+
+def _small_sample(dots: int, stage: Stage, free: int) -> float:
+    """G/(G - 1) (N - 1)/(N - k), of G dots with N observations in all."""
+    seen = CELLS_PER_DOT * int(np.sum(np.any(stage.weight > 0, (-2, -1))))
+    return dots / max(dots - 1, 1) * (seen - 1) / max(seen - free, 1)
+
+
+def parameter_moves(
+    stage: Stage, covariance: Float[np.ndarray, "parameters parameters"]
+) -> Float[np.ndarray, "moves parameters"]:
+    """Independent moves of all parameters by one standard deviation each.
+
+    Their outer products sum to the covariance. They come in the order of what they
+    change in the photographs, in the weights and priors of the fit, and end where the
+    rest is a thousandth of the variance there.
+    """
+    free = np.flatnonzero(np.diag(covariance) > 0)
+    if not len(free):
+        return np.zeros((0, len(covariance)))
+    square = np.ix_(free, free)
+    deviation = np.where(stage.deviation > 0, stage.deviation, 1.0)[free]
+    matrix = np.asarray(stage.equations.matrix.sum(0))[square]
+    seen = np.linalg.cholesky(matrix + np.diag(deviation**-2.0))
+    variance, axes = np.linalg.eigh(seen.T @ covariance[square] @ seen)
+    variance, axes = np.clip(variance[::-1], 0.0, None), axes[:, ::-1]
+    share = np.cumsum(variance) / variance.sum()
+    count = min(int(np.searchsorted(share, KEPT)) + 1, len(free))
+    moves = np.zeros((count, len(covariance)))
+    axes = np.linalg.solve(seen.T, axes[:, :count] * np.sqrt(variance[:count]))
+    moves[:, free] = axes.T
+    return moves
 
 
 def unseen(

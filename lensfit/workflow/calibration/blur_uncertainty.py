@@ -4,25 +4,20 @@ The fit's parameters and the block's numbers are not the same: a focus offset is
 of defocus values less what the barrel says, the exit pupil stands in two places. So
 every independent move of the parameters is made, a little, and the block written again;
 what changed is the move of its numbers.
-
-Moves come in the order of what they change in the photographs, in the fit's own
-weights and priors, and are kept until the rest is a thousandth of the variance there.
 """
 
 from dataclasses import replace
 
 import msgspec
 import numpy as np
-from jaxtyping import Float
 
 from lensfit.fit.lens_states import LensState
 from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.fit.wavefront.uncertainty import parameter_moves
 from lensfit.preset.blur_blocks import Blur, BlurUncertainty
 from lensfit.preset.blur_numbers import numbers_of
 from lensfit.workflow.calibration.blur_entries import blur_of
 
-KEPT = 0.999
-"""Share of the variance in the photographs that the moves carry."""
 _STEP = 0.05
 _DIGITS = 5
 
@@ -30,7 +25,7 @@ _DIGITS = 5
 def known_blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     """`blur_of`, with its uncertainty."""
     blur = blur_of(state, wavefront)
-    moves = parameter_moves(wavefront)
+    moves = parameter_moves(wavefront.stage, wavefront.covariance)
     changes = [_change(move, state, wavefront) for move in moves]
     names = [n for n in numbers_of(blur) if any(c.get(n) for c in changes)]
     known = BlurUncertainty(
@@ -38,30 +33,6 @@ def known_blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
         tuple(tuple(_short(change[n]) for n in names) for change in changes),
     )
     return msgspec.structs.replace(blur, uncertainty=known)
-
-
-def parameter_moves(wavefront: WavefrontFit) -> Float[np.ndarray, "moves parameters"]:
-    """Independent moves of all parameters by one standard deviation each.
-
-    Their outer products sum to the covariance, but for what hardly changes the
-    photographs.
-    """
-    stage, covariance = wavefront.stage, np.asarray(wavefront.covariance)
-    free = np.flatnonzero(np.diag(covariance) > 0)
-    if not len(free):
-        return np.zeros((0, len(covariance)))
-    square = np.ix_(free, free)
-    deviation = np.where(stage.deviation > 0, stage.deviation, 1.0)[free]
-    matrix = np.asarray(stage.equations.matrix.sum(0))[square]
-    seen = np.linalg.cholesky(matrix + np.diag(deviation**-2.0))
-    variance, axes = np.linalg.eigh(seen.T @ covariance[square] @ seen)
-    variance, axes = np.clip(variance[::-1], 0.0, None), axes[:, ::-1]
-    share = np.cumsum(variance) / variance.sum()
-    count = min(int(np.searchsorted(share, KEPT)) + 1, len(free))
-    moves = np.zeros((count, len(covariance)))
-    axes = np.linalg.solve(seen.T, axes[:, :count] * np.sqrt(variance[:count]))
-    moves[:, free] = axes.T
-    return moves
 
 
 def _change(

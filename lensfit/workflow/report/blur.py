@@ -31,6 +31,11 @@ _KERNELS = (
     "Kernels: green, at the middle of the frame, half way and near its edge, as the "
     f"frame lies. Light to the power {GAMMA:g}, each tile against its own peak."
 )
+_EXPECTED = (
+    "Expected error: of a whole kernel, relative (L2), one standard deviation, from "
+    "what the photographs leave open about the blur; at the middle of the frame and "
+    "near its edges and corners, as it lies."
+)
 _DOTS = (
     "Dots: green. Top: the photograph, from the middle of the field (left) outward. "
     f"Middle: the model. Bottom: what is left, {ENLARGED} times stronger about grey."
@@ -106,6 +111,8 @@ def _states(
         return []
     title = "Point-spread functions over the frame, and the dots photographed"
     about = [tag("p", _KERNELS, class_="facts")] if kernels else []
+    if any(sheet.expected_error is not None for sheet in kernels):
+        about.append(tag("p", _EXPECTED, class_="facts"))
     if any(pictures.get(take.get("picture") or "") for take in takes):
         about.append(tag("p", _DOTS, class_="facts"))
     return [tag("h4", title), *about, *shown]
@@ -201,7 +208,20 @@ def _kernel_figure(sheet: KernelSheet) -> Markup:
     address = f"data:image/png;base64,{base64.b64encode(sheet.png).decode('ascii')}"
     picture = tag("img", src=address, alt=f"Point-spread functions, {title}")
     caption = tag("figcaption", scale)
-    return tag("figure", tag("h5", title), picture, caption, data_figure="kernels")
+    parts = [tag("h5", title), picture, caption, _expected_errors(sheet)]
+    return tag("figure", *parts, data_figure="kernels")
+
+
+def _expected_errors(sheet: KernelSheet) -> Markup:
+    """A small table that lies as the frame does; nothing where nobody knows."""
+    if sheet.expected_error is None:
+        return Markup("")
+    rows = [
+        tag("tr", *[tag("td", _percent(v)) for v in row])
+        for row in sheet.expected_error
+    ]
+    about = tag("caption", "Expected error of a kernel, 1σ")
+    return tag("table", about, tag("tbody", *rows), class_="expected")
 
 
 def _dots_figure(take: dict, pictures: Mapping[str, str | None]) -> Markup:

@@ -26,6 +26,7 @@ from lensfit.workflow.round_number import round_up
 MOST_SHEETS = 24
 GAMMA = 0.4
 _COLUMNS, _ROWS = (-0.9, -0.45, 0.0, 0.45, 0.9), (-0.9, 0.0, 0.9)
+_ENDS = (-0.9, 0.0, 0.9)
 _AT_ONCE = len(_COLUMNS) * len(_ROWS)
 SIZE_PX = 48
 _TOLERANCE, _GLANCE = 0.02, 0.2
@@ -57,12 +58,16 @@ class KernelSheet:
     ----------
     png : The picture.
     width_px, bar_px : Of one tile and of the bar below, in pixels of the camera.
+    expected_error : Relative (L2, one standard deviation) of the kernels at the middle
+        of the frame and near its edges and corners, rows as they lie; None when the
+        preset does not say.
     """
 
     state: KernelState
     png: bytes
     width_px: float
     bar_px: float
+    expected_error: tuple[tuple[float, ...], ...] | None = None
 
 
 def kernel_sheets(report: dict, preset_path: Path) -> list[KernelSheet]:
@@ -132,7 +137,26 @@ def _sheet(lens: Lens, state: KernelState, pixel_mm: float) -> KernelSheet:
     width_px = width_mm / pixel_mm
     bar_px = round_up(width_px / 4)
     picture = with_bar(sheet_of(tiles), bar_px / width_px * SIZE_PX)
-    return KernelSheet(state, png(picture), width_px, bar_px)
+    error = _expected_error(lens, state.object_distance_mm, width_mm)
+    return KernelSheet(state, png(picture), width_px, bar_px, error)
+
+
+def _expected_error(
+    lens: Lens, distance_mm: float, width_mm: float
+) -> tuple[tuple[float, ...], ...] | None:
+    if lens.moved_blurs is None:
+        return None
+    half_mm = np.asarray(lens.sensor_size_mm) / 2
+    points = np.array([(x, y) for y in _ENDS for x in _ENDS]) * half_mm
+    known = lens.known_psfs(
+        points,
+        distance_mm,
+        pixel_pitch_mm=width_mm / SIZE_PX,
+        size_px=SIZE_PX,
+        tolerance=_GLANCE,
+    )
+    rows = known.relative_error().reshape(len(_ENDS), -1)
+    return tuple(tuple(row) for row in rows.tolist())
 
 
 def kernels_at(

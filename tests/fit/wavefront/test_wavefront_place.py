@@ -92,3 +92,22 @@ def test_a_mark_without_a_size_stays(shot):
         np.testing.assert_array_equal(
             take.observations.points_px[-1], shown.take.observations.points_px[-1]
         )
+
+
+def test_marks_move_together_by_what_the_wavefront_may_get_wrong(shot):
+    stage, gathered, dragged = shot
+    move = 1e-3 * LENS.parameters()
+    moved = replace(stage, parameters=stage.parameters + move)
+    still, after = placed(stage, gathered), placed(moved, gathered)
+    for k, take in enumerate(placed(stage, gathered, move[None])):
+        shared = take.shared_moves_mm
+        assert shared is not None
+        assert shared.shape[:2] == (1 + len(gathered.shown), 3)
+        points = after[k].observations.points_px - still[k].observations.points_px
+        largest = np.abs(dragged[k]).max()
+        np.testing.assert_allclose(shared[0, 1], points * PIXEL_MM, atol=5e-5 * largest)
+        np.testing.assert_allclose(
+            shared[1 + k, 1, :-1], 0.05 * dragged[k], atol=0.002 * largest
+        )
+        assert not shared[:, :, -1].any()
+    assert all(take.shared_moves_mm is None for take in still)

@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
-from lensfit.fit.wavefront.families import FINE, Family, deviation_of
+from lensfit.fit.wavefront.families import FINE, Family, deviation_of, indices_of
 from lensfit.fit.wavefront.stages import first_stage, freed, settled, solved
-from lensfit.fit.wavefront.uncertainty import covariance_of, unseen
+from lensfit.fit.wavefront.uncertainty import (
+    covariance_of,
+    parameter_moves,
+    unseen,
+)
 
 LENS = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.2,))
 DRAWS = 30
@@ -60,3 +64,10 @@ def test_what_nobody_photographed_is_called_unseen():
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
     fixed = LAYOUT.blocks["rim_shift"]
     assert not np.any(covariance[fixed])
+    moves = parameter_moves(stage, covariance)
+    which = indices_of(families)
+    square = np.ix_(which, which)
+    assert len(moves) <= len(which)
+    deviation = np.sqrt(np.diag(covariance)[which])
+    apart = (moves.T @ moves - covariance)[square] / np.outer(deviation, deviation)
+    assert np.abs(apart).max() < 0.1
