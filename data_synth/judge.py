@@ -124,7 +124,8 @@ def _rms(vectors: Float[np.ndarray, "points 2"]) -> float:
 
 
 def _illumination_worst(make: Maker, truth: WavefrontTruth) -> dict[str, float]:
-    """Largest departure in any channel, both 1 at the point nearest the middle."""
+    """Largest departure in any channel that is known, both 1 at the point nearest the
+    middle."""
     half_mm = np.array(truth.frame.size_mm) / 2 * (1 + 1e-6)
     worst = {}
     for (f_number, focus_mm), points, light in zip(
@@ -138,5 +139,6 @@ def _illumination_worst(make: Maker, truth: WavefrontTruth) -> dict[str, float]:
         rows = [lens.relative_illumination(places, channel=c) for c in CHANNELS]
         made = np.stack([np.asarray(row) for row in rows], axis=-1)
         error = made / made[middle] - true / true[middle]
-        worst[f"f{f_number:g}_focus{focus_mm:g}"] = float(np.abs(error).max())
+        known = np.isfinite(true)
+        worst[f"f{f_number:g}_focus{focus_mm:g}"] = float(np.abs(error[known]).max())
     return worst

@@ -11,8 +11,8 @@ up, origin in the middle of the frame's picture as it is seen:
                        height, width, offset into `data`, ...)
     truth_tables.npz   irradiance over a quadrant of the frame
 
-All of it becomes a `WavefrontTruth`. Fall-off is known for one colour and stands for
-all; no setting is known that was not photographed.
+All of it becomes a `WavefrontTruth`. Fall-off is known for green alone (red and blue
+are NaN); no setting is known that was not photographed.
 """
 
 import json
@@ -27,6 +27,7 @@ from scipy.interpolate import RBFInterpolator
 
 from data_synth.bands import CHANNELS
 from data_synth.frame import Frame
+from data_synth.judge_spots import GREEN
 from data_synth.psf_truth import TABLE_STEPS, Group, WavefrontTruth, write_truth
 from data_synth.spots import SIZES
 
@@ -169,6 +170,7 @@ def _light(oracle: Path, stops: list[float]):
     quadrant_mm = np.stack(np.meshgrid(x_mm, y_mm, indexing="ij"), -1).reshape(-1, 2)
     signs = np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]])
     places = np.concatenate([quadrant_mm * sign for sign in signs])
-    light = [np.tile(table.ravel(), len(signs)) for table in tables]
-    every = np.repeat(np.array(light)[..., None], len(CHANNELS), axis=-1)
-    return np.array([places] * len(stops)), every
+    light = np.full((len(stops), len(places), len(CHANNELS)), np.nan)
+    for k, table in enumerate(tables):
+        light[k, :, GREEN] = np.tile(table.ravel(), len(signs))
+    return np.array([places] * len(stops)), light

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from data_synth.judge import geometry_figures
 from data_synth.oracle import oracle_truth, write_oracle_shoot
 from data_synth.psf_truth import read_truth
 
@@ -116,8 +117,21 @@ def test_fall_off_is_mirrored_to_the_whole_frame(folder):
     places, light = truth.light_mm[1], truth.light[1]
     assert places.min(0).tolist() == [-2.0, -1.5]
     expected = 0.25 * (1 - 0.1 * abs(places[:, 0]) - 0.01 * abs(places[:, 1]))
-    for channel in range(3):
-        np.testing.assert_allclose(light[:, channel], expected)
+    np.testing.assert_allclose(light[:, 1], expected)
+    assert np.isnan(light[:, [0, 2]]).all()
+    worst = geometry_figures(lambda *_: Darker(), truth)["illumination_worst"]
+    assert worst["f2.8_focus1000"] < 1e-12
+
+
+class Darker:
+    """The lens of the folder, its red and blue all wrong."""
+
+    def project(self, object_points_mm, channel="g"):
+        return np.asarray(object_points_mm)[:, :2] * 0.02
+
+    def relative_illumination(self, points_mm, channel="g"):
+        x, y = np.abs(np.asarray(points_mm)).T
+        return (1 - 0.1 * x - 0.01 * y) if channel == "g" else 0.3 + 0.01 * x
 
 
 def test_photographs_are_copied_and_truth_is_written(folder, tmp_path):
