@@ -237,3 +237,12 @@ def _model_variance(
         floor = (2e-3 * stack.mm_per_px[k]) ** 2
         variance[k] = max(scale**2 - np.median(noise[k][here]), floor)
     return variance
+
+
+def fitted_depths_mm(adjustment: Adjustment) -> Float[np.ndarray, " views"]:
+    """From the entrance pupil to the middle of every board, along the axis."""
+    layout = adjustment.layout
+    local = adjustment.parameters[layout.shared :].reshape(-1, layout.local)
+    nearer = local[:, layout.local_blocks["pose"]][:, 5]
+    start_mm = np.asarray(adjustment.stack.view.translation_mm)[: len(local), 2]
+    return start_mm * (1 + nearer)

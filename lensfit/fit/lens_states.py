@@ -7,7 +7,7 @@ colour are then fitted again to those.
 """
 
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import cv2
@@ -17,6 +17,7 @@ import numpy as np
 from lensfit.errors import FitError
 from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fit.colour import ChannelColour, fit_colour
+from lensfit.fit.entrance_pupil import EntrancePupil, measured_pupil
 from lensfit.fit.geometry import distortion_of
 from lensfit.fit.illumination import FallOffFit, fit_illumination
 from lensfit.fit.take import Take, grouped
@@ -41,6 +42,7 @@ class LensState:
     geometry : The chief-ray fit and its marks.
     distortion : Its lens.
     uncertainty : Of its parameters.
+    pupil : Where its entrance pupil is.
     colour : Red and blue against green; empty for monochrome photographs.
     fall_off : One for each f-number.
     """
@@ -50,6 +52,7 @@ class LensState:
     geometry: ChiefRayFit
     distortion: Distortion
     uncertainty: Uncertainty
+    pupil: EntrancePupil
     colour: dict[str, ChannelColour]
     fall_off: list[FallOffFit]
 
@@ -100,6 +103,9 @@ def fit(
     states, failed = _fit_states(takes, progress)
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
+    pupils = _pupils_of(states)
+    if any(_stands_elsewhere(state, pupils) for state in states):
+        states, failed = _fit_states(takes, progress, pupils)
     began = time.perf_counter()
     wavefronts, notes = _fit_wavefronts(states, progress, effort, allowed)
     if not wavefronts:
@@ -114,7 +120,8 @@ def fit(
             parameter_moves(found.stage, found.covariance),
         )
     }
-    again, failed = _fit_states([exact.get(t.name, t) for t in takes], progress)
+    moved = [exact.get(t.name, t) for t in takes]
+    again, failed = _fit_states(moved, progress, pupils)
     states = [_suited(states, state) for state in again]
     return Fitted(tuple(states), failed, wavefronts, tuple(notes), seconds)
 
@@ -136,16 +143,35 @@ def _suited(before: list[LensState], after: LensState) -> LensState:
     return min([after, *same], key=lambda one: one.geometry.held_out_rms_px)
 
 
+def _pupils_of(states: list[LensState]) -> dict[float, float]:
+    """Measured places of the entrance pupil, by focal length; mm before the sensor."""
+    seen = [state for state in states if state.pupil.measured]
+    focal_mm = {state.focal_length_mm for state in seen}
+    return {
+        one: float(
+            np.median([s.pupil.offset_mm for s in seen if s.focal_length_mm == one])
+        )
+        for one in sorted(focal_mm)
+    }
+
+
+def _stands_elsewhere(state: LensState, pupils: Mapping[float, float]) -> bool:
+    """Whether a state assumed a pupil that others measured."""
+    return not state.pupil.measured and state.focal_length_mm in pupils
+
+
 def _fit_states(
-    takes: list[Take], progress: Progress
+    takes: list[Take], progress: Progress, pupils: Mapping[float, float] | None = None
 ) -> tuple[list[LensState], dict[str, FitError]]:
+    """Every state by itself; `pupils` as in `_pupils_of`."""
     states, failed = [], {}
     groups = grouped(takes)
     while groups:
         group = groups.pop(0)
         try:
             base = states[0].distortion.base if states else None
-            states.append(_fit_state(group, takes, progress, base))
+            pupil_mm = (pupils or {}).get(group[0].focal_length_mm)
+            states.append(_fit_state(group, takes, progress, base, pupil_mm))
         except FitError as error:
             # One photograph that contradicts itself must not cost the others.
             rest = [take for take in group if take.name != error.where]
@@ -203,7 +229,15 @@ def _shown_of(state: LensState) -> list[Shown]:
     if state.colour:
         colour = state.colour["r"].optics(), state.colour["b"].optics()
     return [
-        Shown(take, take.cutouts, state.geometry, state.distortion, colour, k)
+        Shown(
+            take,
+            take.cutouts,
+            state.geometry,
+            state.distortion,
+            colour,
+            k,
+            state.pupil.offset_mm,
+        )
         for k, take in enumerate(state.geometry.takes)
         if take.cutouts is not None and take.f_number is not None
     ]
@@ -240,9 +274,12 @@ def _fit_state(
     takes: list[Take],
     progress: Progress,
     base: BaseProjection | None,
+    pupil_mm: float | None,
 ) -> LensState:
     """`base` is that of the states before, so that states can be interpolated."""
-    geometry = fit_chief_ray(group, progress, shown=takes, base=base)
+    geometry = fit_chief_ray(
+        group, progress, shown=takes, base=base, pupil_offset_mm=pupil_mm
+    )
     adjustment = geometry.adjustment
     layout = adjustment.layout
     shared = adjustment.parameters[: layout.shared]
@@ -251,12 +288,18 @@ def _fit_state(
     distortion = without_idle_degrees(jax.device_get(lens))
     centre = np.asarray(distortion.principal_point_mm)
     radius = float(distortion.reference_radius_mm)
+    uncertainty = uncertainty_of(adjustment, geometry.takes)
+    assumed_mm = (
+        float(distortion.principal_distance_mm) if pupil_mm is None else pupil_mm
+    )
     return LensState(
         focal_length_mm=group[0].focal_length_mm,
         focus_distance_mm=group[0].focus_distance_mm,
         geometry=geometry,
         distortion=distortion,
-        uncertainty=uncertainty_of(adjustment, geometry.takes),
+        uncertainty=uncertainty,
+        pupil=measured_pupil(geometry, uncertainty)
+        or EntrancePupil(assumed_mm, measured=pupil_mm is not None),
         colour=fit_colour(geometry.takes, centre, radius),
         fall_off=fit_illumination(geometry.takes, adjustment, centre),
     )

@@ -74,14 +74,19 @@ class Start:
         )
 
 
-def start_of(takes: list[Take], shown: list[Take]) -> Start:
+def start_of(
+    takes: list[Take], shown: list[Take], pupil_offset_mm: float | None = None
+) -> Start:
     """Scales and start poses of the takes of one lens state.
 
-    `shown` are the takes of all states of this lens, whose marks span the frame.
+    `shown` are the takes of all states of this lens, whose marks span the frame;
+    `pupil_offset_mm` is the entrance pupil's place, if known.
     """
     focal_mm, notes = _stated_focal_length(takes)
     poses = [_pose(take, focal_mm) for take in takes]
-    focal_mm, poses = _scaled_to_distance(takes, focal_mm, poses, notes)
+    focal_mm, poses = _scaled_to_distance(
+        takes, focal_mm, poses, notes, pupil_offset_mm
+    )
     apertures = [_aperture(take, _apertures(takes)) for take in takes]
     whole = _whole_boards(takes)
     stack = stack_takes(takes, poses, apertures, whole)
@@ -155,10 +160,10 @@ def _focal_length_meant(takes: list[Take], found: float | None) -> float:
     return min(readings, key=contradiction)
 
 
-def _distance_ratio(take: Take, pose: Pose, focal_mm: float) -> float:
+def _distance_ratio(take: Take, pose: Pose, pupil_offset_mm: float) -> float:
     """Measured distance of a board over that of its pose, from the entrance pupil."""
     assert take.target_distance_mm is not None
-    return (take.target_distance_mm - focal_mm) / float(pose.translation_mm[2])
+    return (take.target_distance_mm - pupil_offset_mm) / float(pose.translation_mm[2])
 
 
 def _pose(take: Take, focal_mm: float) -> Pose:
@@ -173,22 +178,27 @@ def _unsqueezed_mm(take: Take) -> np.ndarray:
 
 
 def _scaled_to_distance(
-    takes: list[Take], focal_mm: float, poses: list[Pose], notes: list[str]
+    takes: list[Take],
+    focal_mm: float,
+    poses: list[Pose],
+    notes: list[str],
+    pupil_offset_mm: float | None,
 ) -> tuple[float, list[Pose]]:
     """The principal distance that puts the board where it was measured to be.
 
-    Distances count from the sensor; the entrance pupil is assumed one principal
-    distance in front of it, as in a thin lens. Contradictions of more than a fifth
-    mean a wrong pitch, distance, focal length or sensor width.
+    Distances count from the sensor; where nobody knows the entrance pupil it is assumed
+    one principal distance in front of it, as in a thin lens. Contradictions of more
+    than a fifth mean a wrong pitch, distance, focal length or sensor width.
     """
     ratios = []
     for take, pose in zip(takes, poses, strict=True):
         if take.target_distance_mm is None:
             continue
-        ratio = _distance_ratio(take, pose, focal_mm)
+        offset_mm = focal_mm if pupil_offset_mm is None else pupil_offset_mm
+        ratio = _distance_ratio(take, pose, offset_mm)
         if not 0.8 < ratio < 1.25:
             raise FitError(
-                f"the marks put the target at {pose.translation_mm[2] + focal_mm:.4g} "
+                f"the marks put the target at {pose.translation_mm[2] + offset_mm:.4g} "
                 f"mm, the shoot says {take.target_distance_mm:g} mm",
                 where=take.name,
                 remedy="check pitch_mm, target_distance_mm, focal_length_mm and the "

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lensfit.fit.entrance_pupil import EntrancePupil
 from lensfit.fit.select import Verdict
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.families import FINE, Family
@@ -112,7 +113,9 @@ def lens_psf(wavefront, group: int, f_number: float, principal_mm: float) -> np.
     """Of the preset's lens at the state of a group: (3, rows, columns)."""
     focus_mm = wavefront.gathered.groups[group].focus_distance_mm
     state = SimpleNamespace(
-        distortion=no_distortion(principal_mm, 18.0), focus_distance_mm=focus_mm
+        distortion=no_distortion(principal_mm, 18.0),
+        pupil=EntrancePupil(principal_mm, measured=False),
+        focus_distance_mm=focus_mm,
     )
     entry = Entry(
         focal_length_mm=50.0,
@@ -214,7 +217,9 @@ def test_every_state_has_its_own_defocus_and_magnification():
 
 def test_what_was_assumed_is_said():
     state = SimpleNamespace(
-        distortion=no_distortion(PRINCIPAL_MM, 18.0), focus_distance_mm=1400.0
+        distortion=no_distortion(PRINCIPAL_MM, 18.0),
+        pupil=EntrancePupil(PRINCIPAL_MM, measured=False),
+        focus_distance_mm=1400.0,
     )
     seen, assumed = (
         blur_of(state, fit_of((1400.0, 1650.0, 1480.0), known))

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from lensfit.fit.adjust import fitted_depths_mm
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.known_dots import Reference, dots_of
 from lensfit.fit.wavefront.parameters import Scale
@@ -16,7 +17,6 @@ from lensfit.fit.wavefront.shown import (
     centroids_mm,
     diameters_mm,
     f_number_of,
-    fitted_depth_mm,
     pupil_offset_mm,
     usable_cells,
 )
@@ -181,4 +181,6 @@ def _group(shown: Shown) -> Group:
 
 
 def _middle_distance_mm(shown: Shown) -> float:
-    return fitted_depth_mm(shown.geometry, shown.index) + pupil_offset_mm(shown)
+    return float(
+        fitted_depths_mm(shown.geometry.adjustment)[shown.index]
+    ) + pupil_offset_mm(shown)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 from lensfit.batches import in_batches
+from lensfit.fit.adjust import fitted_depths_mm
 from lensfit.fit.geometry import (
     Frame,
     View,
@@ -25,7 +26,6 @@ from lensfit.fit.parameters import Layout as GeometryLayout
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.shown import (
     Shown,
-    fitted_depth_mm,
     hole_radius_mm,
     is_anamorphic,
     pixel_mm,
@@ -132,8 +132,12 @@ def _depth_factor(shown: Shown) -> float:
     """
     offset = pupil_offset_mm(shown)
     ratios = [
-        (take.target_distance_mm - offset) / fitted_depth_mm(shown.geometry, k)
-        for k, take in enumerate(shown.geometry.takes)
+        (take.target_distance_mm - offset) / depth_mm
+        for take, depth_mm in zip(
+            shown.geometry.takes,
+            fitted_depths_mm(shown.geometry.adjustment),
+            strict=True,
+        )
         if take.target_distance_mm and take.f_number == shown.take.f_number
     ]
     return float(np.median(ratios)) if ratios else 1.0

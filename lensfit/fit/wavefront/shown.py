@@ -26,6 +26,8 @@ class Shown(NamedTuple):
     """Displacement of red and blue, as far as known."""
     index: int
     """Of the take within the geometry."""
+    entrance_pupil_mm: float | None = None
+    """In front of the sensor; None where it is not known (then as in a thin lens)."""
 
 
 def is_anamorphic(shown: Shown) -> bool:
@@ -46,17 +48,10 @@ def f_number_of(shown: Shown) -> float:
 
 
 def pupil_offset_mm(shown: Shown) -> float:
-    """Entrance pupil in front of the sensor, assumed as in the geometry."""
+    """Entrance pupil in front of the sensor, as in the geometry."""
+    if shown.entrance_pupil_mm is not None:
+        return shown.entrance_pupil_mm
     return float(shown.distortion.principal_distance_mm)
-
-
-def fitted_depth_mm(geometry: ChiefRayFit, index: int) -> float:
-    """From the entrance pupil to the middle of the board, as the geometry has it."""
-    adjustment = geometry.adjustment
-    layout = adjustment.layout
-    local = adjustment.parameters[layout.shared :].reshape(-1, layout.local)[index]
-    pose = local[layout.local_blocks["pose"]]
-    return float(adjustment.stack.view.translation_mm[index][2] * (1 + pose[5]))
 
 
 def usable_cells(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:

@@ -133,9 +133,9 @@ def _said_mm(
 def _first_order(
     state: LensState, pupil_magnification: float, focus_distance_mm: float
 ) -> FirstOrder:
-    """The entrance pupil is taken to be one principal distance from the sensor."""
     distance = jnp.asarray(state.distortion.principal_distance_mm)
     magnification = jnp.asarray(pupil_magnification)
     focus = jnp.asarray(focus_distance_mm)
-    f = focal_length_mm(distance, magnification, distance, focus)
-    return FirstOrder(f, magnification, distance)
+    offset = jnp.asarray(state.pupil.offset_mm)
+    f = focal_length_mm(distance, magnification, offset, focus)
+    return FirstOrder(f, magnification, offset)

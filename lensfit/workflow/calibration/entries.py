@@ -64,7 +64,7 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
     geometry = state.geometry
     distortion = state.distortion
     distance = float(distortion.principal_distance_mm)
-    assumed = ["entrance_pupil_offset_mm"]
+    assumed = [] if state.pupil.measured else ["entrance_pupil_offset_mm"]
     if not geometry.focal_length_free:
         assumed.insert(0, "principal_distance_mm")
     rms_px, held_out_px, used, detected = errors_of(geometry)
@@ -76,7 +76,7 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
             principal_point_mm=tuple(
                 np.asarray(distortion.principal_point_mm).tolist()
             ),
-            entrance_pupil_offset_mm=distance,
+            entrance_pupil_offset_mm=state.pupil.offset_mm,
             assumed=tuple(assumed),
         ),
         distortion=distortion_block(distortion),
