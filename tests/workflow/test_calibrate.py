@@ -37,30 +37,47 @@ focus_distance_mm = 1500.0
     return report, out
 
 
-def test_chief_rays_agree_with_the_exact_ray_trace(calibrated):
-    """Up to the pose of the chart, which an affine map absorbs."""
+@pytest.mark.parametrize(("column", "within_px"), [("centroid", 0.02), ("chief", 0.1)])
+def test_marks_agree_with_the_exact_ray_trace(calibrated, column, within_px):
+    """Up to the pose of the chart, which an affine map absorbs.
+
+    The fit is one of centroids, which coma carries away from the chief rays by .07 px
+    rms; holes as large as these do not show it.
+    """
     _, out = calibrated
     lens = load_preset(out / "preset.json").at()
     truth = json.loads((DEMO / "dots_truth.json").read_text())
-    chief, objects = _truth_of(truth)
+    landed, objects = _truth_of(truth, column)
     ours = np.asarray(lens.project(objects))
-    theirs = mm_from_px(chief, (1280, 960), (28.0, 21.0))
+    theirs = mm_from_px(landed, (1280, 960), (28.0, 21.0))
     design = np.c_[ours, np.ones(len(ours))]
     aligned = design @ np.linalg.lstsq(design, theirs, rcond=None)[0]
     error_px = np.linalg.norm(aligned - theirs, axis=1) / (28.0 / 1280)
-    # f/4 centroids differ from chief rays by coma: up to 0.2 px in the corners.
-    assert np.sqrt(np.mean(error_px**2)) < 0.06
+    assert np.sqrt(np.mean(error_px**2)) < within_px
 
 
-def _truth_of(truth):
-    """Chief rays in green within the frame, px, and their object points, mm."""
+def test_the_entrance_pupil_is_where_the_ray_trace_has_it(calibrated):
+    """Twice as far in front of the sensor as a thin lens would have it."""
+    _, out = calibrated
+    (entry,) = load_preset(out / "preset.json").entries
+    truth = json.loads((DEMO / "dots_truth.json").read_text())
+    found_mm = entry.projection.entrance_pupil_offset_mm
+    assert found_mm == pytest.approx(truth["entrance_pupil_from_sensor_mm"], abs=1.5)
+    assert entry.projection.assumed == ()
+
+
+def _truth_of(truth, column):
+    """Chief rays or centroids in green within the frame, px, and object points, mm."""
     dots = np.asarray(truth["dots"])
-    column = truth["columns"].index("chief_g_x_px")
-    chief = dots[:, column : column + 2]
-    dots = dots[np.all((chief > 0) & (chief < (1280, 960)), axis=1)]
+    chief = truth["columns"].index("chief_g_x_px")
+    inside = (dots[:, chief : chief + 2] > 0) & (
+        dots[:, chief : chief + 2] < (1280, 960)
+    )
+    dots = dots[np.all(inside, axis=1)]
     plane = dots[:, :2] * truth["chart"]["pitch_mm"]
     distance = np.full((len(dots), 1), truth["pose"]["distance_mm"])
-    return dots[:, column : column + 2], np.hstack([plane, distance])
+    first = truth["columns"].index(f"{column}_g_x_px")
+    return dots[:, first : first + 2], np.hstack([plane, distance])
 
 
 def test_held_out_error_is_near_the_noise_of_the_photographs(calibrated):
