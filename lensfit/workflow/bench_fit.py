@@ -22,6 +22,7 @@ from lensfit.preset.schema import Camera
 from lensfit.progress import Progress, silent
 from lensfit.workflow import bench_lens, bench_sets
 from lensfit.workflow.bench_fit_floor import pass_floor
+from lensfit.workflow.bench_fit_plot import write_plot
 from lensfit.workflow.bench_floor import Floor, Rates, measured_rates
 from lensfit.workflow.bench_opencv import opencv_of
 from lensfit.workflow.bench_result import bench_result
@@ -79,7 +80,7 @@ def bench_fit(
     Parameters
     ----------
     data : Folder with ``real`` and ``oracle``.
-    out_dir : Folder for bench_fit.json and for overlays of what was detected.
+    out_dir : Folder for bench_fit.json, error_against_time_fit.png, and overlays.
     only : Name of a set, or several.
     progress : Told about each set.
 
@@ -117,6 +118,8 @@ def bench_fit(
     progress("sets", len(chosen), len(chosen))
     where = {"profiles": profiles, "floors": floors, "rates": rates._asdict()}
     found = {"rows": as_tables(rows), "sets": sets, "errors": errors} | where
+    if out_dir is not None:
+        write_plot(found["rows"], Path(out_dir))
     return bench_result("fit", on, out_dir, **found)
 
 

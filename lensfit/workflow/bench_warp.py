@@ -21,10 +21,12 @@ from lensfit.render.buffers import aligned_empty
 from lensfit.render.filters import Filter
 from lensfit.render.uv import SourceMap
 from lensfit.render.warp import warp
+from lensfit.workflow.bench_plot import Curve, write_curves
 from lensfit.workflow.bench_result import bench_result
 from lensfit.workflow.bench_rows import Row, as_tables
 from lensfit.workflow.machine import machine
 
+PICTURE = "error_against_time_warp.png"
 SIZES = {"HD": (1920, 1080), "UHD": (3840, 2160)}
 _WAVES = 32
 _CUT_OFF = 0.2
@@ -82,7 +84,7 @@ def bench_warp(
 
     Parameters
     ----------
-    out_dir : Folder for bench_warp.json.
+    out_dir : Folder for bench_warp.json and error_against_time_warp.png.
     quick : The small size only.
 
     Returns
@@ -107,7 +109,25 @@ def bench_warp(
         rows += _rows(name, measured)
     progress("warp", len(sizes), len(sizes))
     curves = {"warp": points}
+    if out_dir is not None:
+        _write_plot(points, Path(out_dir) / PICTURE)
     return bench_result("warp", on, out_dir, rows=as_tables(rows), curves=curves)
+
+
+def _write_plot(points: list[dict[str, Any]], path: Path) -> None:
+    """A curve for every method, a point for each size of the picture."""
+    curves = []
+    for method in dict.fromkeys(point["method"] for point in points):
+        mine = [point for point in points if point["method"] == method]
+        curves.append(
+            Curve(
+                method,
+                [point["rms"] for point in mine],
+                [point["seconds"] for point in mine],
+                tuple(point["size"] for point in mine),
+            )
+        )
+    write_curves(curves, path, time="seconds", error="rms error, radiance about .5")
 
 
 def _rows(size: str, measured: dict[str, dict[str, float]]) -> list[Row]:
