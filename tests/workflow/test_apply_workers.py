@@ -14,7 +14,14 @@ from plate_makers import make_preset, write_plate
 from lensfit.preset.store import save_preset
 from lensfit.workflow.apply import apply_preset
 
-SCRIPT = "from lensfit.cli.main import main; main()"
+SCRIPT = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from lensfit.cli.main import main
+main()
+"""
+"""Heeds an interrupt even where the tests run in the background of a shell, which has
+its jobs ignore it."""
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from data_synth.judge import judge
 from data_synth.judge_spots import judge_spots
 from data_synth.wavefront_cases import case_subject
-from lensfit.cli.bench.trials import trials_of, wavefront_table
+from lensfit.cli.bench.trials import judged, trials_of, wavefront_table
 from lensfit.cli.main import app
 from lensfit.errors import DetectionError
 from lensfit.workflow.bench_wavefront import Trial, bench_wavefront
@@ -96,7 +96,7 @@ def test_wrong_use_is_told_and_exits_with_two(words, says, tmp_path):
 def test_a_traced_lens_is_calibrated_and_judged(tmp_path):
     subject = case_subject("left_out", (512, 384))
     trial = Trial("small", subject.about, subject.write)
-    result = bench_wavefront([trial], judge, tmp_path)
+    result = bench_wavefront([trial], judged, tmp_path)
     (row,) = result["rows"]
     assert row["failed"] is None
     assert max(row["figures"]["chief_ray_px"].values()) < 0.5
