@@ -38,7 +38,7 @@ def coverage(
     """
     from lensfit.cli.bench.exposures import effort_of, subject_of
     from lensfit.cli.bench.tables import bars_table
-    from lensfit.workflow.bench_coverage import bench_coverage
+    from lensfit.workflow.bench.coverage.benchmark import bench_coverage
 
     subject, effort = subject_of(lens, size), effort_of(effort)
     with progress_bars() as progress:

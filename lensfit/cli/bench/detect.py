@@ -15,7 +15,7 @@ def detect(
 
     Example: lensfit bench detect --data data --only dot_pattern_05
     """
-    from lensfit.workflow.bench_detect import bench_detect
+    from lensfit.workflow.bench.detect import bench_detect
 
     with progress_bars() as progress:
         result = bench_detect(data, out, only=only, progress=progress)

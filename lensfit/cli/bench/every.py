@@ -28,7 +28,7 @@ def every(
     Example: lensfit bench all --quick --data data
     """
     from lensfit.cli.bench.trials import judged, trials_of
-    from lensfit.workflow.bench_all import bench_all
+    from lensfit.workflow.bench.every import bench_all
 
     trials = (
         trials_of(0, ["tiny_dots"], "640x480", 0)

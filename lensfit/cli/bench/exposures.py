@@ -16,8 +16,8 @@ from lensfit.cli._sizes import photograph_size_px
 if TYPE_CHECKING:
     from data_synth.psf_truth import WavefrontTruth
     from data_synth.wavefront_cases import Subject as Photographed
-    from lensfit.workflow.bench_coverage import Subject
-    from lensfit.workflow.bench_predictions import Traced, TracedSpots
+    from lensfit.workflow.bench.coverage.benchmark import Subject
+    from lensfit.workflow.bench.coverage.predictions import Traced, TracedSpots
 
 _EVERY = 3
 """Chief rays and light at every so manieth place of the truth's table."""
@@ -50,7 +50,7 @@ def subject_of(lens: str, size: str) -> "Subject":
     from data_synth.prescription import load_prescription, prescription_names
     from data_synth.wavefront_cases import subject_of as photographed
     from data_synth.wavefront_plan import WavefrontPlan
-    from lensfit.workflow.bench_coverage import Subject
+    from lensfit.workflow.bench.coverage.benchmark import Subject
 
     if lens not in prescription_names():
         known = ", ".join(prescription_names())
@@ -76,7 +76,11 @@ def _expose(made: "Photographed", folder: Path, draw: int, into: Path) -> None:
 
 def traced_of(truth: "WavefrontTruth") -> "Traced":
     """A truth as lensfit's benchmark reads it: what lies in the frame, thinned out."""
-    from lensfit.workflow.bench_predictions import Traced, TracedChiefs, TracedLight
+    from lensfit.workflow.bench.coverage.predictions import (
+        Traced,
+        TracedChiefs,
+        TracedLight,
+    )
 
     half_mm = np.array(truth.frame.size_mm) / 2
 
@@ -106,7 +110,7 @@ def traced_of(truth: "WavefrontTruth") -> "Traced":
 
 def _spots(truth: "WavefrontTruth") -> "tuple[TracedSpots, ...]":
     """A few of every setting that was photographed."""
-    from lensfit.workflow.bench_predictions import TracedSpots
+    from lensfit.workflow.bench.coverage.predictions import TracedSpots
 
     found = []
     for k, group in enumerate(truth.groups):

@@ -27,7 +27,7 @@ def fit(
 
     Example: lensfit bench fit --data data --only dot_pattern_05
     """
-    from lensfit.workflow.bench_fit import bench_fit
+    from lensfit.workflow.bench.fit.benchmark import bench_fit
 
     with progress_bars() as progress:
         result = bench_fit(data, out, only=only, progress=progress)

@@ -28,7 +28,7 @@ def show(result: dict[str, Any], as_json: bool) -> None:
 
 def say_machine(result: dict[str, Any]) -> None:
     """Processor, memory and versions, in a line."""
-    from lensfit.workflow.machine import described
+    from lensfit.workflow.bench.machine import described
 
     typer.echo(described(result["machine"]))
 

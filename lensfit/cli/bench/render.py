@@ -33,7 +33,7 @@ def render(
 
     Example: lensfit bench render --data data/plates --preset takumar_50/preset.json
     """
-    from lensfit.workflow.bench_render import bench_render
+    from lensfit.workflow.bench.render.benchmark import bench_render
 
     with progress_bars() as progress:
         result = bench_render(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lensfit.preset.schema import Preset
-    from lensfit.workflow.bench_wavefront import Trial
+    from lensfit.workflow.bench.wavefront.benchmark import Trial
 
 
 ORACLE = "dg50"
@@ -35,7 +35,7 @@ def trials_of(
         random_subject,
         subject_of,
     )
-    from lensfit.workflow.bench_wavefront import Trial
+    from lensfit.workflow.bench.wavefront.benchmark import Trial
 
     wanted = list(dict.fromkeys([*CASES, *cases])) if "all" in cases else cases
     wanted = [name for name in wanted if name != "all"]
@@ -58,7 +58,7 @@ def trials_of(
 
 def _oracle_trial(data: Path) -> "Trial":
     from data_synth.oracle import write_oracle_shoot
-    from lensfit.workflow.bench_wavefront import Trial
+    from lensfit.workflow.bench.wavefront.benchmark import Trial
 
     folder = data / "oracle" / ORACLE
     if not (folder / "shoot.toml").is_file():

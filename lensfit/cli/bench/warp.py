@@ -18,7 +18,7 @@ def warp(
 
     Example: lensfit bench warp --quick
     """
-    from lensfit.workflow.bench_warp import bench_warp
+    from lensfit.workflow.bench.warp import bench_warp
 
     with progress_bars() as progress:
         result = bench_warp(out, quick=quick, progress=progress)

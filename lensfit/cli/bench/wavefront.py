@@ -53,7 +53,7 @@ def wavefront(
     """
     from lensfit.cli.bench.tables import bars_table
     from lensfit.cli.bench.trials import judged, trials_of, wavefront_table
-    from lensfit.workflow.bench_wavefront import bench_wavefront
+    from lensfit.workflow.bench.wavefront.benchmark import bench_wavefront
 
     trials = trials_of(lenses, cases or [], size, seed, data)
     wanted = beside.wanted()

@@ -8,7 +8,7 @@ import typer
 from lensfit.cli.calibrate import EFFORTS
 
 if TYPE_CHECKING:
-    from lensfit.workflow.bench_wavefront_beside import Beside
+    from lensfit.workflow.bench.wavefront.beside import Beside
 
 
 def _known(given: list[str] | None) -> list[str] | None:
@@ -48,7 +48,7 @@ class BesideGroup:
     def wanted(self) -> "Beside":
         """With the judge of the ray tracer."""
         from data_synth.judge_spots import judge_spots
-        from lensfit.workflow.bench_wavefront_beside import Beside
+        from lensfit.workflow.bench.wavefront.beside import Beside
 
         leave_out, efforts = tuple(self.leave_out or ()), tuple(self.effort or ())
         return Beside(judge_spots, self.peers, leave_out, efforts)

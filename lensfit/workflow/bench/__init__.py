@@ -1,0 +1,1 @@
+"""What lensfit is measured by: its benchmarks, and what every one of them shares."""

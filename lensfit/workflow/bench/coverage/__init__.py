@@ -1,0 +1,1 @@
+"""Whether stated deviations cover the truth: one shoot with noise drawn anew."""

@@ -1,0 +1,1 @@
+"""Detection and fit on photographs, beside OpenCV, the truth and the machine."""

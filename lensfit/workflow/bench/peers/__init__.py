@@ -1,0 +1,1 @@
+"""What a user has without lensfit, fitted to the same photographs of dots."""

@@ -1,0 +1,93 @@
+"""Where the time of a frame goes: once kernels are there, and where they are made.
+
+Kernels of an ideal lens are discs, which cost nothing; those of a fitted lens are
+made for every camera state, so a pull of focus pays for them with every frame.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lensfit.preset.schema import Preset
+from lensfit.preset.thin_lens import ThinCamera
+from lensfit.workflow.bench.floor import Rates
+from lensfit.workflow.bench.render.floor import blur_floor, warp_floor
+from lensfit.workflow.bench.render.scenes import Scene, synthetic_scene
+from lensfit.workflow.bench.rows import Row
+from lensfit.workflow.bench.sampler import sampled
+from lensfit.workflow.bench.times import timed
+from lensfit.workflow.bench.warp import SIZES, warp_task
+
+_TOLERANCE = 1e-3
+_PULLED_TOLERANCE = 3e-3
+_PULLED_SIZE = (480, 270)
+_STEPS_OF_FOCUS = (1.0, 1.005, 1.01)
+_FOCUS_OF_A_PULL = 40
+"""In focal lengths, where the preset states none."""
+_NEAREST, _FARTHEST = 0.6, 4.0
+"""Depth of the scene of a pull, in focus distances."""
+
+
+class RenderProfile(NamedTuple):
+    """Seconds by stage of each frame, distances from floors, rows without bars."""
+
+    profiles: dict[str, dict[str, float]]
+    floors: list[dict[str, Any]]
+    rows: list[Row]
+
+
+def render_profile(scene: Scene, rates: Rates, fitted: Preset | None) -> RenderProfile:
+    """Of the plate through an ideal lens, and of a pull of focus of a fitted one."""
+    _, times = timed(lambda: scene.render(_TOLERANCE))
+    frame = sampled(lambda: scene.render(_TOLERANCE))
+    floors = [
+        warp_floor(warp_task(*SIZES["HD"]), rates).as_table() | {"set": "HD"},
+        blur_floor(scene, _TOLERANCE, times.steady_s, rates).as_table()
+        | {"set": scene.name},
+    ]
+    profiles = {f"{scene.name}, a frame": frame.seconds}
+    if fitted is None:
+        return RenderProfile(profiles, floors, [])
+    seconds, rows = _pull_of_focus(fitted)
+    return RenderProfile(
+        profiles | {"a pull of focus, the last frame": seconds}, floors, rows
+    )
+
+
+def _pull_of_focus(fitted: Preset) -> tuple[dict[str, float], list[Row]]:
+    """Three frames, each with its own focus: the last one's stages, and their times."""
+    entry = fitted.entries[0]
+    focus_mm = entry.focus_distance_mm or math.inf
+    if not math.isfinite(focus_mm):
+        focus_mm = _FOCUS_OF_A_PULL * entry.focal_length_mm
+    camera = ThinCamera(
+        focal_length_mm=entry.focal_length_mm,
+        f_number=2.0,
+        focus_distance_m=focus_mm / 1000,
+        sensor_width_mm=fitted.camera.sensor_width_mm,
+        width_px=_PULLED_SIZE[0],
+        height_px=_PULLED_SIZE[1],
+    )
+    plain = synthetic_scene(camera, *_PULLED_SIZE)
+    near, far = (share * focus_mm for share in (_NEAREST, _FARTHEST))
+    depth_mm = np.clip(plain.depth_mm, near, far)
+
+    def frame(share: float) -> np.ndarray:
+        scene = Scene(
+            "pull",
+            plain.rgb,
+            depth_mm,
+            plain.data_window,
+            plain.display_window,
+            fitted,
+            share * focus_mm,
+        )
+        return scene.render(_PULLED_TOLERANCE)
+
+    shares = iter(_STEPS_OF_FOCUS)
+    _, times = timed(lambda: frame(next(shares)), len(_STEPS_OF_FOCUS) - 1)
+    last = sampled(lambda: frame(next(shares)))
+    what = "a frame of a pull of focus, s"
+    row = Row("fitted lens", what, times.steady_s, peers=times.as_peers())
+    return last.seconds, [row]

@@ -1,0 +1,77 @@
+"""What the first run on a machine, the first run of a process, and any other cost.
+
+Each job runs in two processes of its own, one after the other, that share a cache of
+compiled programs which is empty at first. So importing, compiling, the first run and
+the steady state are told apart:
+
+    import       modules, before anything is done
+    compilation  the first run of the first process less that of the second
+    first run    of the second process: tracing, and programs from the cache
+    steady       any other run
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from msgspec import Struct, convert
+
+from lensfit._jax import CACHE_VARIABLE
+from lensfit.errors import LensfitError
+from lensfit.workflow.bench.rows import Row
+
+START_SET = "dot_pattern_05"
+JOBS = {"fit": f"detect and fit {START_SET}", "render": "read and render the plate"}
+_MODULE = "lensfit.workflow.bench.start_job"
+_PATIENCE_S = 600
+
+
+class JobTimes(Struct, frozen=True):
+    """Of one process; what its script prints."""
+
+    import_s: float
+    first_s: float
+    steady_s: float
+
+
+def start_rows(job: str, data: str | Path) -> list[Row]:
+    """Times of one of `JOBS`.
+
+    Raises
+    ------
+    LensfitError : The job failed.
+    """
+    with tempfile.TemporaryDirectory() as cache:
+        empty, full = (_ran(job, Path(data), cache) for _ in range(2))
+    compiled = {"first run with an empty cache": empty.first_s}
+    steady = full.steady_s
+    return [
+        Row(JOBS[job], "import, s", full.import_s),
+        Row(JOBS[job], "compilation, s", empty.first_s - full.first_s, peers=compiled),
+        Row(JOBS[job], "first run of a process, s", full.first_s),
+        Row(JOBS[job], "steady state, s", steady),
+    ]
+
+
+def _ran(job: str, data: Path, cache: str) -> JobTimes:
+    told = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
+    try:
+        ran = subprocess.run(
+            [sys.executable, "-m", _MODULE, job, str(data)],
+            capture_output=True,
+            text=True,
+            timeout=_PATIENCE_S,
+            check=True,
+            env=told | {CACHE_VARIABLE: cache},
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        said = (getattr(error, "stderr", None) or str(error)).strip()
+        raise LensfitError(
+            f"{JOBS[job]}, in a process of its own, failed ({said.splitlines()[-1]})",
+            where=data,
+            remedy="give the folder that holds real/ and plates/ with --data",
+        ) from error
+    return convert(json.loads(ran.stdout.splitlines()[-1]), JobTimes)

@@ -1,0 +1,104 @@
+"""The wavefront benchmark keeps going, and says why a lens failed."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from data_synth.judge import judge
+from data_synth.judge_spots import judge_spots
+from data_synth.wavefront_cases import case_subject
+from lensfit.cli.bench.trials import judged, trials_of, wavefront_table
+from lensfit.cli.main import app
+from lensfit.errors import DetectionError
+from lensfit.workflow.bench.wavefront.benchmark import Trial, bench_wavefront
+from lensfit.workflow.bench.wavefront.beside import Beside
+
+
+def refuses(folder):
+    raise DetectionError("nothing to see", where=folder.name)
+
+
+def breaks(folder):
+    raise ZeroDivisionError("division by zero")
+
+
+def test_a_lens_that_fails_does_not_stop_the_others(tmp_path):
+    trials = [Trial("dark", "no light", refuses), Trial("bad", "a fault", breaks)]
+    result = bench_wavefront(trials, judge, tmp_path)
+    assert [row["lens"] for row in result["rows"]] == ["dark", "bad"]
+    assert "nothing to see" in result["errors"][0]
+    assert result["errors"][1] == "bad: ZeroDivisionError: division by zero"
+    assert json.loads((tmp_path / "bench_wavefront.json").read_text()) == result
+    assert wavefront_table(result["rows"]).row_count == 2
+
+
+def test_nothing_is_kept_without_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert bench_wavefront([Trial("bad", "", breaks)], judge)["errors"]
+    assert list(tmp_path.iterdir()) == []
+
+
+SHOOT = """
+[lens]
+name = "a lens"
+[[target]]
+name = "dots"
+kind = "dot-grid"
+pitch_mm = 10.0
+[[take]]
+image = "one.exr"
+target = "dots"
+"""
+
+
+def test_a_take_that_is_not_there_is_told_before_any_fit(tmp_path):
+    def write(folder):
+        folder.mkdir(parents=True)
+        (folder / "shoot.toml").write_text(SHOOT)
+
+    beside = Beside(judge_spots, leave_out=("two",))
+    trial = Trial("lens", "", write)
+    result = bench_wavefront([trial], judge, tmp_path, beside=beside)
+    assert "no take is called two" in result["errors"][0]
+    assert "leave out one, or each" in result["errors"][0]
+    assert set(result["rows"][0]["seconds"]) == {"photograph"}
+
+
+def test_trials_are_random_lenses_and_then_cases():
+    trials = trials_of(2, ["fast", "jpeg"], "320x240", seed=4)
+    assert [t.name for t in trials][2:] == ["fast", "jpeg"]
+    assert len({t.name for t in trials}) == 4
+    everything = trials_of(0, ["all", "nikkor_28"], "320x240", seed=4)
+    assert len(everything) == 15
+    assert everything[-1].name == "nikkor_28"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--cases", "nosuch"], "use all, or overlapping"),
+        (["--size", "12"], "WIDTHxHEIGHT"),
+        (["--lenses", "-1"], "greater than or equal to 0"),
+    ],
+)
+def test_wrong_use_is_told_and_exits_with_two(words, says, tmp_path):
+    done = CliRunner().invoke(
+        app, ["bench", "wavefront", *words, "--out", str(tmp_path / "never")]
+    )
+    assert done.exit_code == 2
+    assert says in " ".join(done.output.replace("│", " ").split())
+    assert not (tmp_path / "never").exists()
+
+
+@pytest.mark.slow
+def test_a_traced_lens_is_calibrated_and_judged(tmp_path):
+    subject = case_subject("left_out", (512, 384))
+    trial = Trial("small", subject.about, subject.write)
+    result = bench_wavefront([trial], judged, tmp_path)
+    (row,) = result["rows"]
+    assert row["failed"] is None
+    assert max(row["figures"]["chief_ray_px"].values()) < 0.5
+    assert row["figures"]["flags"] == [] or row["figures"]["psf"] is None
+    assert np.isfinite(row["seconds"]["calibrate"])
