@@ -14,18 +14,18 @@ Four stages, each starting from the one before:
 import time
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
-from lensfit.fit.adjust import Adjustment, adjust, fitted_depths_mm
+from lensfit.fit.adjust import Adjustment, adjust
 from lensfit.fit.evidence import with_evidence
 from lensfit.fit.held_out import held_out_error_px, squared_px
 from lensfit.fit.parameters import PINHOLE, Layout
 from lensfit.fit.priors import LOOSE, fixed_prior, release, with_poses_free
 from lensfit.fit.select import Verdict
 from lensfit.fit.stage import Start, start_of
+from lensfit.fit.stated_distance import at_stated_distance
 from lensfit.fit.take import Take
 from lensfit.optics.base import BASE_PROJECTIONS, BaseProjection
 from lensfit.progress import Progress, silent
@@ -89,7 +89,10 @@ def fit_chief_ray(
     require_marks(takes)
     start = start_of(takes, shown or takes, pupil_offset_mm)
     compact = _compact(start, base)
-    start, compact = _at_measured_distance(start, compact, pupil_offset_mm)
+    # Views that tilt fix the scale themselves; behind cylinders both pupils have a say.
+    if not (start.focal_length_free or start.layout.anamorphic):
+        compact = at_stated_distance(compact, takes, pupil_offset_mm)
+        start = replace(start, frame=compact.frame, stack=compact.stack)
     progress("fit", 1, 5)
     after_compact = clock()
     fitted, kept, verdicts = with_evidence(start, compact, progress)
@@ -160,43 +163,6 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
     for name in blocks:
         prior = release(prior, layout.blocks[name], LOOSE[name])
     return adjust(replace(adjustment, prior=prior), rounds=2, chunks=chunks)
-
-
-def _at_measured_distance(
-    start: Start, compact: Adjustment, pupil_offset_mm: float | None
-) -> tuple[Start, Adjustment]:
-    """Principal distance and depths scaled so that boards are where they were measured.
-
-    A start pose takes the middle of the frame for free of distortion; of a barrel it
-    sees a lens that is too long. For boards square to the axis the scale changes no
-    image, so the fit goes on from there. Views that tilt fix it themselves; behind
-    cylinders the sections' own pupils do.
-    """
-    measured = [take.target_distance_mm is not None for take in start.takes]
-    squeezed = start.takes[0].squeeze != 1.0
-    if start.focal_length_free or squeezed or not any(measured):
-        return start, compact
-    sharpest = np.asarray(compact.stack.view.aperture)[: len(measured)] == 0
-    wanted = np.array(measured) & (sharpest if (sharpest & measured).any() else True)
-    said_mm = np.array([take.target_distance_mm or np.nan for take in start.takes])
-    depth_mm = fitted_depths_mm(compact)
-    c = float(compact.frame.stated_focal_length_mm)
-    if pupil_offset_mm is None:
-        # The pupil is one principal distance ahead, and that is what is looked for.
-        ratio = float(np.median((said_mm / (depth_mm + c))[wanted]))
-    else:
-        ratio = float(np.median(((said_mm - pupil_offset_mm) / depth_mm)[wanted]))
-    frame = compact.frame._replace(
-        stated_focal_length_mm=compact.frame.stated_focal_length_mm * ratio
-    )
-    view = compact.stack.view
-    farther_mm = np.asarray(view.translation_mm) * [1.0, 1.0, ratio]
-    view = view._replace(translation_mm=jnp.asarray(farther_mm))
-    stack = replace(compact.stack, view=view)
-    return (
-        replace(start, frame=frame, stack=stack),
-        replace(compact, frame=frame, stack=stack),
-    )
 
 
 def require_marks(takes: list[Take], fewest: int = 12) -> None:

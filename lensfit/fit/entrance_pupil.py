@@ -10,6 +10,7 @@ principal distance in front of the sensor, as in a thin lens.
 Takes of one focal length share the pupil: it moves with focus by millimetres.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -36,17 +37,53 @@ class EntrancePupil(NamedTuple):
     measured: bool
 
 
-def measured_pupil(
+def entrance_pupil(
+    geometry: ChiefRayFit,
+    uncertainty: Uncertainty,
+    principal_distance_mm: float,
+    known_mm: float | None,
+) -> EntrancePupil:
+    """The entrance pupil of a state: as its own photographs measure it, else as others
+    of its focal length did, else as in a thin lens.
+
+    Parameters
+    ----------
+    geometry, uncertainty, principal_distance_mm : Of the state.
+    known_mm : What other states say (`shared_pupils`).
+    """
+    offset_mm = _measured_offset_mm(geometry, uncertainty)
+    if offset_mm is None:
+        offset_mm = known_mm
+    if offset_mm is None:
+        return EntrancePupil(principal_distance_mm, measured=False)
+    return EntrancePupil(offset_mm, measured=True)
+
+
+def shared_pupils(seen: Iterable[tuple[float, EntrancePupil]]) -> dict[float, float]:
+    """Measured places of the entrance pupil, by focal length; mm before the sensor.
+
+    Parameters
+    ----------
+    seen : Focal length and pupil of every state.
+    """
+    offsets: dict[float, list[float]] = {}
+    for focal_mm, pupil in seen:
+        if pupil.measured:
+            offsets.setdefault(focal_mm, []).append(pupil.offset_mm)
+    return {focal_mm: float(np.median(found)) for focal_mm, found in offsets.items()}
+
+
+def _measured_offset_mm(
     geometry: ChiefRayFit, uncertainty: Uncertainty
-) -> EntrancePupil | None:
-    """The entrance pupil that a fit found; None where it is not seen.
+) -> float | None:
+    """Where a fit found the entrance pupil; None where it is not seen.
 
     It is seen where the views tilt, distances were stated, and the error of the chart's
     depth is less than that of the assumption, which is of the order of the principal
     distance. Behind cylinders each section has a pupil of its own, and none is told.
     """
     takes = geometry.takes
-    if not geometry.focal_length_free or any(take.squeeze != 1.0 for take in takes):
+    if not geometry.focal_length_free or any(take.anamorphic for take in takes):
         return None
     depths_mm = fitted_depths_mm(geometry.adjustment)
     stated = [
@@ -62,4 +99,4 @@ def measured_pupil(
     known = unsure_mm < float(geometry.adjustment.frame.stated_focal_length_mm)
     if not known or abs(offset_mm) > _FARTHEST * said_mm:
         return None
-    return EntrancePupil(offset_mm, measured=True)
+    return offset_mm

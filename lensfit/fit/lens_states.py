@@ -1,9 +1,8 @@
-"""All states of a lens: one fit per focal length and focus distance.
+"""All states of a lens: one fit per focal length and focus distance (`lens_state`).
 
-Takes of one state share their geometry and colour; fall-off belongs to each f-number.
-All states of one focal length share the wavefront, which is fitted to the shape of
-their dots. It says where chief rays land, as opposed to centroids, and geometry and
-colour are then fitted again to those.
+States of one focal length share the entrance pupil that any of them measured, and the
+wavefront, which is fitted to the shape of their dots. It says where chief rays land, as
+opposed to centroids, and geometry and colour are then fitted again to those.
 """
 
 import time
@@ -11,50 +10,19 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import cv2
-import jax
 import numpy as np
 
 from lensfit.errors import FitError
-from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
-from lensfit.fit.colour import ChannelColour, fit_colour
-from lensfit.fit.entrance_pupil import EntrancePupil, measured_pupil
-from lensfit.fit.geometry import distortion_of
-from lensfit.fit.illumination import FallOffFit, fit_illumination
+from lensfit.fit.entrance_pupil import shared_pupils
+from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.lens_state import LensState, better_told, fit_state
 from lensfit.fit.take import Take, grouped
-from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
 from lensfit.fit.wavefront.place import placed
 from lensfit.fit.wavefront.shown import LARGEST_HOLE_CELLS, Shown, hole_cells
 from lensfit.fit.wavefront.uncertainty import parameter_moves
-from lensfit.optics.base import BaseProjection
-from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent
-
-
-@dataclass(frozen=True, eq=False)
-class LensState:
-    """Everything measured at one focal length and focus distance.
-
-    Attributes
-    ----------
-    focal_length_mm, focus_distance_mm : As on the barrel.
-    geometry : The chief-ray fit and its marks.
-    distortion : Its lens.
-    uncertainty : Of its parameters.
-    pupil : Where its entrance pupil is.
-    colour : Red and blue against green; empty for monochrome photographs.
-    fall_off : One for each f-number.
-    """
-
-    focal_length_mm: float
-    focus_distance_mm: float | None
-    geometry: ChiefRayFit
-    distortion: Distortion
-    uncertainty: Uncertainty
-    pupil: EntrancePupil
-    colour: dict[str, ChannelColour]
-    fall_off: list[FallOffFit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +68,11 @@ def fit(
         Or some takes of a focal length state their focus distance and others do not.
     """
     _require_like_focus(takes)
-    states, failed = _fit_states(takes, progress)
+    states, failed = _fit_states(takes, progress, {})
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
-    pupils = _pupils_of(states)
-    if any(_stands_elsewhere(state, pupils) for state in states):
+    pupils = shared_pupils((one.focal_length_mm, one.pupil) for one in states)
+    if any(not s.pupil.measured and s.focal_length_mm in pupils for s in states):
         states, failed = _fit_states(takes, progress, pupils)
     began = time.perf_counter()
     wavefronts, notes = _fit_wavefronts(states, progress, effort, allowed)
@@ -122,56 +90,24 @@ def fit(
     }
     moved = [exact.get(t.name, t) for t in takes]
     again, failed = _fit_states(moved, progress, pupils)
-    states = [_suited(states, state) for state in again]
+    states = [better_told(state, states) for state in again]
     return Fitted(tuple(states), failed, wavefronts, tuple(notes), seconds)
 
 
-def _suited(before: list[LensState], after: LensState) -> LensState:
-    """The state of marks moved to chief rays, or of their centroids.
-
-    Behind cylinders the wavefront leaves errors of a tenth of the blur, and moved marks
-    share them; the state that predicts its marks better stays.
-    """
-    if all(take.squeeze == 1.0 for take in after.geometry.takes):
-        return after
-    same = [
-        one
-        for one in before
-        if one.focal_length_mm == after.focal_length_mm
-        and one.focus_distance_mm == after.focus_distance_mm
-    ]
-    return min([after, *same], key=lambda one: one.geometry.held_out_rms_px)
-
-
-def _pupils_of(states: list[LensState]) -> dict[float, float]:
-    """Measured places of the entrance pupil, by focal length; mm before the sensor."""
-    seen = [state for state in states if state.pupil.measured]
-    focal_mm = {state.focal_length_mm for state in seen}
-    return {
-        one: float(
-            np.median([s.pupil.offset_mm for s in seen if s.focal_length_mm == one])
-        )
-        for one in sorted(focal_mm)
-    }
-
-
-def _stands_elsewhere(state: LensState, pupils: Mapping[float, float]) -> bool:
-    """Whether a state assumed a pupil that others measured."""
-    return not state.pupil.measured and state.focal_length_mm in pupils
-
-
 def _fit_states(
-    takes: list[Take], progress: Progress, pupils: Mapping[float, float] | None = None
+    takes: list[Take], progress: Progress, pupils: Mapping[float, float]
 ) -> tuple[list[LensState], dict[str, FitError]]:
-    """Every state by itself; `pupils` as in `_pupils_of`."""
+    """Every state by itself, with the entrance pupils that are known (by focal length)."""
     states, failed = [], {}
     groups = grouped(takes)
     while groups:
         group = groups.pop(0)
         try:
             base = states[0].distortion.base if states else None
-            pupil_mm = (pupils or {}).get(group[0].focal_length_mm)
-            states.append(_fit_state(group, takes, progress, base, pupil_mm))
+            pupil_mm = pupils.get(group[0].focal_length_mm)
+            states.append(
+                fit_state(group, progress, shown=takes, base=base, pupil_mm=pupil_mm)
+            )
         except FitError as error:
             # One photograph that contradicts itself must not cost the others.
             rest = [take for take in group if take.name != error.where]
@@ -264,42 +200,3 @@ def _require_like_focus(takes: list[Take]) -> None:
                 where=silent_ones[0].name,
                 remedy="add focus_distance_mm to every take of that focal length",
             )
-
-
-_distortion_of = jax.jit(distortion_of, static_argnames=("layout",))
-
-
-def _fit_state(
-    group: list[Take],
-    takes: list[Take],
-    progress: Progress,
-    base: BaseProjection | None,
-    pupil_mm: float | None,
-) -> LensState:
-    """`base` is that of the states before, so that states can be interpolated."""
-    geometry = fit_chief_ray(
-        group, progress, shown=takes, base=base, pupil_offset_mm=pupil_mm
-    )
-    adjustment = geometry.adjustment
-    layout = adjustment.layout
-    shared = adjustment.parameters[: layout.shared]
-    lens = _distortion_of(shared, layout, adjustment.frame)
-    # On the host, where taking an array apart compiles nothing.
-    distortion = without_idle_degrees(jax.device_get(lens))
-    centre = np.asarray(distortion.principal_point_mm)
-    radius = float(distortion.reference_radius_mm)
-    uncertainty = uncertainty_of(adjustment, geometry.takes)
-    assumed_mm = (
-        float(distortion.principal_distance_mm) if pupil_mm is None else pupil_mm
-    )
-    return LensState(
-        focal_length_mm=group[0].focal_length_mm,
-        focus_distance_mm=group[0].focus_distance_mm,
-        geometry=geometry,
-        distortion=distortion,
-        uncertainty=uncertainty,
-        pupil=measured_pupil(geometry, uncertainty)
-        or EntrancePupil(assumed_mm, measured=pupil_mm is not None),
-        colour=fit_colour(geometry.takes, centre, radius),
-        fall_off=fit_illumination(geometry.takes, adjustment, centre),
-    )

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
-from lensfit.errors import FitError
 from lensfit.fit.adjust import Adjustment
 from lensfit.fit.geometry import Frame
 from lensfit.fit.parameters import Layout, Prior
@@ -20,6 +20,7 @@ from lensfit.fit.start import (
     focal_length_from_homographies,
     pose_from_homography,
 )
+from lensfit.fit.stated_distance import distance_ratio, scaled_poses
 from lensfit.fit.take import Take, grouped
 from lensfit.fit.views import Stack, board_of, observed_of, stack_takes
 
@@ -84,9 +85,7 @@ def start_of(
     """
     focal_mm, notes = _stated_focal_length(takes)
     poses = [_pose(take, focal_mm) for take in takes]
-    focal_mm, poses = _scaled_to_distance(
-        takes, focal_mm, poses, notes, pupil_offset_mm
-    )
+    focal_mm, poses, of_distance = scaled_poses(takes, poses, focal_mm, pupil_offset_mm)
     apertures = [_aperture(take, _apertures(takes)) for take in takes]
     whole = _whole_boards(takes)
     stack = stack_takes(takes, poses, apertures, whole)
@@ -101,7 +100,9 @@ def start_of(
         stated_squeeze=jnp.asarray([squeeze, 0.0]),
         valid_radius=jnp.asarray(furthest / radius * _MARGIN),
         box=jnp.asarray(box * np.exp([squeeze / 2, -squeeze / 2])),
-        board_distance_mm=_board_distance_mm(takes, poses) if squeeze else None,
+        board_distance_mm=_board_distance_mm(takes, poses)
+        if takes[0].anamorphic
+        else None,
     )
     bend, stretch = _board_degrees(takes, any(whole), poses)
     largest = replace(_lens_layout(takes), bend_degree=bend, stretch_degree=stretch)
@@ -114,7 +115,7 @@ def start_of(
         radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
         focal_length_free=_views_tilt(poses),
         half_angle_rad=float(np.arctan(furthest / focal_mm)),
-        notes=tuple(notes),
+        notes=(*notes, *of_distance),
     )
 
 
@@ -145,25 +146,22 @@ def _focal_length_meant(takes: list[Take], found: float | None) -> float:
     """
     stated, squeeze = takes[0].focal_length_mm, takes[0].squeeze
     readings = [stated / max(squeeze, 1 / squeeze) ** 0.5, stated]
-    measured = [t for t in takes if t.target_distance_mm is not None]
-    if squeeze == 1.0 or (found is None and not measured):
+    measured = [(t, t.target_distance_mm) for t in takes if t.target_distance_mm]
+    if not takes[0].anamorphic or (found is None and not measured):
         return readings[0]
 
     def contradiction(focal_mm: float) -> float:
         if found is not None:
             return abs(np.log(found / focal_mm))
         ratios = [
-            _distance_ratio(take, _pose(take, focal_mm), focal_mm) for take in measured
+            distance_ratio(
+                said_mm, float(_pose(take, focal_mm).translation_mm[2]), focal_mm
+            )
+            for take, said_mm in measured
         ]
         return abs(np.log(max(float(np.median(ratios)), 1e-9)))
 
     return min(readings, key=contradiction)
-
-
-def _distance_ratio(take: Take, pose: Pose, pupil_offset_mm: float) -> float:
-    """Measured distance of a board over that of its pose, from the entrance pupil."""
-    assert take.target_distance_mm is not None
-    return (take.target_distance_mm - pupil_offset_mm) / float(pose.translation_mm[2])
 
 
 def _pose(take: Take, focal_mm: float) -> Pose:
@@ -177,47 +175,7 @@ def _unsqueezed_mm(take: Take) -> np.ndarray:
     return observed_of(take) * np.sqrt([take.squeeze, 1 / take.squeeze])
 
 
-def _scaled_to_distance(
-    takes: list[Take],
-    focal_mm: float,
-    poses: list[Pose],
-    notes: list[str],
-    pupil_offset_mm: float | None,
-) -> tuple[float, list[Pose]]:
-    """The principal distance that puts the board where it was measured to be.
-
-    Distances count from the sensor; where nobody knows the entrance pupil it is assumed
-    one principal distance in front of it, as in a thin lens. Contradictions of more
-    than a fifth mean a wrong pitch, distance, focal length or sensor width.
-    """
-    ratios = []
-    for take, pose in zip(takes, poses, strict=True):
-        if take.target_distance_mm is None:
-            continue
-        offset_mm = focal_mm if pupil_offset_mm is None else pupil_offset_mm
-        ratio = _distance_ratio(take, pose, offset_mm)
-        if not 0.8 < ratio < 1.25:
-            raise FitError(
-                f"the marks put the target at {pose.translation_mm[2] + offset_mm:.4g} "
-                f"mm, the shoot says {take.target_distance_mm:g} mm",
-                where=take.name,
-                remedy="check pitch_mm, target_distance_mm, focal_length_mm and the "
-                "sensor width",
-            )
-        ratios.append(ratio)
-    if not ratios:
-        return focal_mm, poses
-    ratio = float(np.median(ratios))
-    if abs(ratio - 1) > 0.05:
-        notes.append(
-            f"the measured target distance implies a principal distance "
-            f"{100 * (ratio - 1):+.1f} % from the stated focal length"
-        )
-    scale = np.array([1.0, 1.0, ratio])
-    return focal_mm * ratio, [Pose(p.rotation, p.translation_mm * scale) for p in poses]
-
-
-def _board_distance_mm(takes: list[Take], poses: list[Pose]):
+def _board_distance_mm(takes: list[Take], poses: list[Pose]) -> Array:
     """From the entrance pupil, of the boards whose distance was measured, or of all."""
     ahead = np.array([pose.translation_mm[2] for pose in poses])
     measured = np.array([take.target_distance_mm is not None for take in takes])
@@ -260,7 +218,7 @@ def _lens_layout(takes: list[Take]) -> Layout:
         radial=6 if marks >= 200 else 3,
         free_degree=next((d for n, d in degrees if marks >= n), 0),
         apertures=max(len(_apertures(takes)) - 1, 0),
-        anamorphic=takes[0].squeeze != 1.0,
+        anamorphic=takes[0].anamorphic,
     )
 
 

@@ -52,6 +52,11 @@ class Take:
     chief_rays: bool = False
     shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
 
+    @property
+    def anamorphic(self) -> bool:
+        """Whether the lens is stated to squeeze one axis."""
+        return self.squeeze != 1.0
+
 
 def grouped(takes: list[Take]) -> list[list[Take]]:
     """Takes of one focal length and focus distance together, in order.

@@ -18,7 +18,8 @@ import numpy as np
 
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, OutputError
-from lensfit.fit.lens_states import Fitted, LensState, fit
+from lensfit.fit.lens_state import LensState
+from lensfit.fit.lens_states import Fitted, fit
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.lens import Lens
 from lensfit.preset.schema import LensName, Preset

@@ -17,7 +17,6 @@ from lensfit.fit.wavefront.shown import (
     centroids_mm,
     diameters_mm,
     f_number_of,
-    pupil_offset_mm,
     usable_cells,
 )
 from lensfit.optics.paraxial import FirstOrder, rim_sine
@@ -156,7 +155,7 @@ def spread_out(
 def _reference(shown: list[Shown]) -> Reference:
     """The state nearest to being in focus, and the distance of its chart."""
     nearest = _nearest_to_focus(shown)
-    offset = pupil_offset_mm(nearest)
+    offset = nearest.pupil_offset_mm
     distance = nearest.take.target_distance_mm or _middle_distance_mm(nearest)
     c = float(nearest.distortion.principal_distance_mm)
     thin = 1 / (1 / c + 1 / (distance - offset))
@@ -181,6 +180,6 @@ def _group(shown: Shown) -> Group:
 
 
 def _middle_distance_mm(shown: Shown) -> float:
-    return float(
-        fitted_depths_mm(shown.geometry.adjustment)[shown.index]
-    ) + pupil_offset_mm(shown)
+    """From the sensor, of a chart whose distance nobody stated."""
+    depths_mm = fitted_depths_mm(shown.geometry.adjustment)
+    return float(depths_mm[shown.index]) + shown.pupil_offset_mm

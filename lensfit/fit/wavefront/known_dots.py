@@ -23,13 +23,12 @@ from lensfit.fit.geometry import (
     parts_of,
 )
 from lensfit.fit.parameters import Layout as GeometryLayout
+from lensfit.fit.stated_distance import distance_ratio
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.shown import (
     Shown,
     hole_radius_mm,
-    is_anamorphic,
     pixel_mm,
-    pupil_offset_mm,
 )
 from lensfit.kernel.pixels import diffraction_variance_mm2
 from lensfit.optics.depth import ObjectShift, object_shift
@@ -105,7 +104,7 @@ def dots_of(
         variance_mm2=np.sum((per_board * radius) ** 2, (1, 2)) / 8 + diffraction,
         cell_mm=np.tile(pixel_mm(shown) * shown.cutouts.cell_px, (count, 1)),
     )
-    if not is_anamorphic(shown):
+    if not shown.take.anamorphic:
         return known
     along = np.sum((per_board * radius) ** 2, 2) / 4
     return known._replace(
@@ -130,9 +129,8 @@ def _depth_factor(shown: Shown) -> float:
     a nearer board; the takes of that state and f-number whose distance was measured say
     by how much.
     """
-    offset = pupil_offset_mm(shown)
     ratios = [
-        (take.target_distance_mm - offset) / depth_mm
+        distance_ratio(take.target_distance_mm, depth_mm, shown.pupil_offset_mm)
         for take, depth_mm in zip(
             shown.geometry.takes,
             fitted_depths_mm(shown.geometry.adjustment),

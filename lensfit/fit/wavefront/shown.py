@@ -26,13 +26,8 @@ class Shown(NamedTuple):
     """Displacement of red and blue, as far as known."""
     index: int
     """Of the take within the geometry."""
-    entrance_pupil_mm: float | None = None
-    """In front of the sensor; None where it is not known (then as in a thin lens)."""
-
-
-def is_anamorphic(shown: Shown) -> bool:
-    """Whether the lens is stated to squeeze one axis."""
-    return shown.take.squeeze != 1.0
+    pupil_offset_mm: float
+    """Entrance pupil in front of the sensor, as in the geometry."""
 
 
 def f_number_of(shown: Shown) -> float:
@@ -45,13 +40,6 @@ def f_number_of(shown: Shown) -> float:
     if shown.take.f_number is None:
         raise ValueError(f"the f-number of {shown.take.name} is not known")
     return shown.take.f_number
-
-
-def pupil_offset_mm(shown: Shown) -> float:
-    """Entrance pupil in front of the sensor, as in the geometry."""
-    if shown.entrance_pupil_mm is not None:
-        return shown.entrance_pupil_mm
-    return float(shown.distortion.principal_distance_mm)
 
 
 def usable_cells(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
@@ -76,7 +64,7 @@ def hole_cells(shown: Shown) -> float:
     magnification = (areas[0] / areas[1]) ** 0.25
     cell_mm = float(np.mean(pixel_mm(shown))) * shown.cutouts.cell_px
     squeeze = shown.take.squeeze
-    larger = max(squeeze, 1 / squeeze) ** 0.5 / 2 if is_anamorphic(shown) else 1.0
+    larger = max(squeeze, 1 / squeeze) ** 0.5 / 2 if shown.take.anamorphic else 1.0
     return hole_radius_mm(shown) * magnification / cell_mm * larger
 
 

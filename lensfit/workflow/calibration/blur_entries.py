@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fit.lens_states import LensState
+from lensfit.fit.lens_state import LensState
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.gather import Group
 from lensfit.fit.wavefront.parameters import aberration_of, pupil_of

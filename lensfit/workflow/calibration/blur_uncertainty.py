@@ -11,7 +11,7 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from lensfit.fit.lens_states import LensState
+from lensfit.fit.lens_state import LensState
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.uncertainty import parameter_moves
 from lensfit.preset.blur_blocks import Blur, BlurUncertainty

@@ -10,7 +10,7 @@ import numpy as np
 
 from lensfit.fit.colour import ChannelColour
 from lensfit.fit.illumination import FallOffFit
-from lensfit.fit.lens_states import LensState
+from lensfit.fit.lens_state import LensState
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.preset import blocks
 from lensfit.preset.entry import Covariance, Entry, Quality, Term

@@ -13,7 +13,8 @@ from lensfit.batches import in_batches
 from lensfit.coords import Window
 from lensfit.fit.chief_ray import ChiefRayFit
 from lensfit.fit.held_out import rms, squared_px
-from lensfit.fit.lens_states import Fitted, LensState
+from lensfit.fit.lens_state import LensState
+from lensfit.fit.lens_states import Fitted
 from lensfit.fit.select import Verdict
 from lensfit.fit.uncertainty import position_deviation_mm
 from lensfit.fit.wavefront.fit import WavefrontFit

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.fit.illumination import area_stretch
-from lensfit.fit.lens_states import Fitted, LensState
+from lensfit.fit.lens_state import LensState
+from lensfit.fit.lens_states import Fitted
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.dots import hole_variance_mm2
 from lensfit.fit.wavefront.fit import WavefrontFit

@@ -1,0 +1,114 @@
+"""One state of a lens, a focal length and a focus distance, as its photographs show it.
+
+Takes of one state share their geometry and colour; fall-off belongs to each f-number.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
+from lensfit.fit.colour import ChannelColour, fit_colour
+from lensfit.fit.entrance_pupil import EntrancePupil, entrance_pupil
+from lensfit.fit.geometry import distortion_of
+from lensfit.fit.illumination import FallOffFit, fit_illumination
+from lensfit.fit.take import Take
+from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
+from lensfit.optics.base import BaseProjection
+from lensfit.optics.distortion import Distortion, without_idle_degrees
+from lensfit.progress import Progress, silent
+
+
+@dataclass(frozen=True, eq=False)
+class LensState:
+    """Everything measured at one focal length and focus distance.
+
+    Attributes
+    ----------
+    focal_length_mm, focus_distance_mm : As on the barrel.
+    geometry : The chief-ray fit and its marks.
+    distortion : Its lens.
+    uncertainty : Of its parameters.
+    pupil : Where its entrance pupil is.
+    colour : Red and blue against green; empty for monochrome photographs.
+    fall_off : One for each f-number.
+    """
+
+    focal_length_mm: float
+    focus_distance_mm: float | None
+    geometry: ChiefRayFit
+    distortion: Distortion
+    uncertainty: Uncertainty
+    pupil: EntrancePupil
+    colour: dict[str, ChannelColour]
+    fall_off: list[FallOffFit]
+
+
+def fit_state(
+    group: list[Take],
+    progress: Progress = silent,
+    *,
+    shown: list[Take],
+    base: BaseProjection | None = None,
+    pupil_mm: float | None = None,
+) -> LensState:
+    """Fit the takes of one state.
+
+    Parameters
+    ----------
+    group : Of one focal length and focus distance.
+    shown : Of all states of the lens.
+    base : Ideal projection of the states before, so that states can be interpolated;
+        None for the one that suits the marks best.
+    pupil_mm : Entrance pupil in front of the sensor, as other states measured it.
+
+    Raises
+    ------
+    FitError : The marks do not determine a lens, or contradict what was stated.
+    """
+    geometry = fit_chief_ray(
+        group, progress, shown=shown, base=base, pupil_offset_mm=pupil_mm
+    )
+    adjustment = geometry.adjustment
+    layout = adjustment.layout
+    shared = adjustment.parameters[: layout.shared]
+    lens = _distortion_of(shared, layout, adjustment.frame)
+    # On the host, where taking an array apart compiles nothing.
+    distortion = without_idle_degrees(jax.device_get(lens))
+    centre = np.asarray(distortion.principal_point_mm)
+    uncertainty = uncertainty_of(adjustment, geometry.takes)
+    distance_mm = float(distortion.principal_distance_mm)
+    return LensState(
+        focal_length_mm=group[0].focal_length_mm,
+        focus_distance_mm=group[0].focus_distance_mm,
+        geometry=geometry,
+        distortion=distortion,
+        uncertainty=uncertainty,
+        pupil=entrance_pupil(geometry, uncertainty, distance_mm, pupil_mm),
+        colour=fit_colour(
+            geometry.takes, centre, float(distortion.reference_radius_mm)
+        ),
+        fall_off=fit_illumination(geometry.takes, adjustment, centre),
+    )
+
+
+def better_told(after: LensState, before: Iterable[LensState]) -> LensState:
+    """The state of marks moved to chief rays (`after`), or that of their centroids.
+
+    Behind cylinders the wavefront leaves errors of a tenth of the blur, and moved marks
+    share them; the state that predicts its marks better stays.
+    """
+    if not any(take.anamorphic for take in after.geometry.takes):
+        return after
+    same = [
+        one
+        for one in before
+        if one.focal_length_mm == after.focal_length_mm
+        and one.focus_distance_mm == after.focus_distance_mm
+    ]
+    return min([after, *same], key=lambda one: one.geometry.held_out_rms_px)
+
+
+_distortion_of = jax.jit(distortion_of, static_argnames=("layout",))
