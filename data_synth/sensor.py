@@ -10,6 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import convolve
 
+MOSAIC = "rggb"
+"""Colours of the top left photosites of a sensor with a mosaic, row by row."""
+
 
 @dataclass(frozen=True)
 class Sensor:

@@ -39,7 +39,7 @@ from data_synth.psf_truth import (
     wavefront_truth,
     write_truth,
 )
-from data_synth.sensor import Sensor, digitise
+from data_synth.sensor import MOSAIC, Sensor, digitise
 from lensfit.atomic import write_text_atomic
 
 BRIGHTEST = 0.75
@@ -310,7 +310,8 @@ def shoot_toml(prescription: Prescription, camera: Camera, shots: list[Shot]) ->
     """The shoot file: what a photographer knows, in lensfit's format."""
     width, height = camera.frame.size_mm
     lines = ["[lens]", f'name = "{prescription.title}"', "", "[camera]"]
-    lines += [f"sensor_width_mm = {width}", f"sensor_height_mm = {height}", ""]
+    lines += [f"sensor_width_mm = {width}", f"sensor_height_mm = {height}"]
+    lines += [f'mosaic = "{MOSAIC}"'] * camera.sensor.bayer + [""]
     names = {}
     for shot in shots:
         if shot.chart not in names:

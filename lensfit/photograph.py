@@ -5,11 +5,13 @@ the sensor. Row 0 is on top; pixel (column 0, row 0) covers [0, 1) x [0, 1).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+
+from lensfit.mosaic import Mosaic, cropped_mosaic
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +30,8 @@ class Photograph:
         0 for floating point.
     chroma_subsampled : Red and blue were stored at lower resolution (4:2:0, 4:2:2).
     metadata : What the header or EXIF says, by lensfit's own key names.
+    mosaic : Which channel each pixel measured; the others were interpolated. None where
+        every pixel measured every channel, or nobody knows.
     """
 
     pixels: Float[np.ndarray, "height width channels"]
@@ -38,6 +42,7 @@ class Photograph:
     quantisation_step: float = 0.0
     chroma_subsampled: bool = False
     metadata: Mapping[str, object] = field(default_factory=dict)
+    mosaic: Mosaic | None = None
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -48,3 +53,9 @@ class Photograph:
     def luminance_channel(self) -> Float[np.ndarray, "height width"]:
         """The channel positions refer to: green, or the only one."""
         return self.pixels[..., 1 if self.pixels.shape[2] == 3 else 0]
+
+    def cropped(self, x0: int, y0: int, x1: int, y1: int) -> "Photograph":
+        """The part from column x0 and row y0 up to column x1 and row y1."""
+        mosaic = self.mosaic and cropped_mosaic(self.mosaic, x0, y0)
+        pixels = np.ascontiguousarray(self.pixels[y0:y1, x0:x1])
+        return replace(self, pixels=pixels, mosaic=mosaic)

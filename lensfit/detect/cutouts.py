@@ -5,9 +5,13 @@ where they are blurred, so that every photograph gives cutouts of the same shape
 
 Cells that hold a pixel outside the frame, or nearer to another dot, are masked; cells
 with a clipped pixel are marked, since the light there is at least what was recorded.
+Of a mosaic's picture a cell of one pixel is usable in the one channel that was measured
+there. Larger cells are an even number of pixels wide, so that each holds the photosites
+of every channel at the same places, and their mean is the cell's light about those.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from lensfit.detect.observations import Observations
+from lensfit.mosaic import PIXELS_PER_PHOTOSITE, photosites
 from lensfit.photograph import Photograph
 
 CELLS = 24
@@ -32,10 +37,12 @@ class Cutouts:
     Attributes
     ----------
     marks : Which of the observations.
-    light : Mean of each cell, scene-linear, r, g, b (one channel thrice if grey).
+    light : Mean of each cell, scene-linear, r, g, b (one channel thrice if grey); of a
+        mosaic's picture the mean of what was measured, where there is such.
     valid : Cells to use.
     clipped : Cells that hold a saturated pixel.
     corner_px : Pixel corner of cell (0, 0): column, row.
+    offset_px : Of each channel's middle of a cell from the cell's: column, row.
     cell_px : Pixels along a cell.
     read_noise : Standard deviation of a cell without light, per channel.
     channels : 3, or 1 for a grey photograph.
@@ -43,9 +50,10 @@ class Cutouts:
 
     marks: Int[np.ndarray, " dots"]
     light: Float[np.ndarray, "dots 3 rows columns"]
-    valid: Bool[np.ndarray, "dots rows columns"]
+    valid: Bool[np.ndarray, "dots 3 rows columns"]
     clipped: Bool[np.ndarray, "dots 3 rows columns"]
     corner_px: Int[np.ndarray, "dots 2"]
+    offset_px: Float[np.ndarray, "3 2"]
     cell_px: int
     read_noise: Float[np.ndarray, " 3"]
     channels: int
@@ -60,44 +68,96 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
     radius = float(np.quantile(marks.diameter_px[chosen], 0.9)) / 2
     half = _REACH * radius + _MARGIN_PX
     cell = min(max(int(np.ceil(2 * half / CELLS)), 1), _LARGEST_CELL_PX)
-    corner = np.round(marks.points_px[chosen] - cell * CELLS / 2).astype(int)
     pixels = photograph.pixels
     if pixels.shape[2] == 1:
         pixels = np.repeat(pixels, 3, axis=2)
-    light, inside, clipped = _cells(pixels, photograph.saturation, corner, cell)
+    own = _measured(photograph)
+    align = 1
+    if own is not None and cell > 1:
+        cell, align = cell + cell % 2, 2
+    corner = (marks.points_px[chosen] - cell * CELLS / 2) / align
+    corner = align * np.round(corner).astype(int)
+    cells = _cells(pixels, own, photograph.saturation, corner, cell)
+    nearest = _nearest_is_own(marks.points_px, chosen, corner, cell)
     return Cutouts(
         marks=chosen,
-        light=light,
-        valid=inside & _nearest_is_own(marks.points_px, chosen, corner, cell),
-        clipped=clipped,
+        light=cells.light,
+        valid=cells.measured & (cells.inside & nearest)[:, None],
+        clipped=cells.clipped,
         corner_px=corner,
+        offset_px=_offset_px(own, cell),
         cell_px=cell,
-        read_noise=_read_noise(pixels) / cell,
+        read_noise=_read_noise(pixels, own) / _pixels_of_noise(own, cell),
         channels=photograph.pixels.shape[2],
     )
 
 
+def _measured(photograph: Photograph) -> np.ndarray | None:
+    """Where each channel was measured; None if everywhere."""
+    if photograph.mosaic is None or photograph.pixels.shape[2] == 1:
+        return None
+    return photosites(photograph.mosaic, photograph.size_px)
+
+
+class _Cells(NamedTuple):
+    """Light, whether clipped and whether measured (dots, 3, cells, cells); whether
+    inside the frame (dots, cells, cells)."""
+
+    light: np.ndarray
+    clipped: np.ndarray
+    measured: np.ndarray
+    inside: np.ndarray
+
+
 def _cells(
-    pixels: np.ndarray, saturation: float, corner: np.ndarray, cell: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Light (dots, 3, cells, cells), whether inside the frame, whether clipped."""
+    pixels: np.ndarray,
+    own: np.ndarray | None,
+    saturation: float,
+    corner: np.ndarray,
+    cell: int,
+) -> _Cells:
     size = cell * CELLS
     height, width = pixels.shape[:2]
-    shape = (CELLS, cell, CELLS, cell)
+    shape = (3, CELLS, cell, CELLS, cell)
     light = np.zeros((len(corner), 3, CELLS, CELLS), np.float32)
     inside = np.zeros((len(corner), CELLS, CELLS), bool)
-    clipped = np.zeros(light.shape, bool)
+    clipped, measured = np.zeros(light.shape, bool), np.ones(light.shape, bool)
     for k, (x, y) in enumerate(corner):
+        to = slice(max(-y, 0), height - y), slice(max(-x, 0), width - x)
+        part = slice(max(y, 0), y + size), slice(max(x, 0), x + size)
         window = np.full((size, size, 3), np.nan, np.float32)
-        to_x, to_y = slice(max(-x, 0), width - x), slice(max(-y, 0), height - y)
-        window[to_y, to_x] = pixels[max(y, 0) : y + size, max(x, 0) : x + size]
-        cells = np.moveaxis(window, -1, 0).reshape(3, *shape)
+        window[to] = pixels[part]
+        cells = np.moveaxis(window, -1, 0).reshape(shape)
+        inside[k] = np.isfinite(cells).all((0, 2, 4))
         mean = cells.mean((2, 4))
-        inside[k] = np.isfinite(mean).all(0)
+        if own is not None:
+            window = np.zeros((size, size, 3), bool)
+            window[to] = own[part]
+            mine = np.moveaxis(window, -1, 0).reshape(shape)
+            count = mine.sum((2, 4))
+            measured[k] = count > 0
+            of_mine = np.where(mine, cells, 0).sum((2, 4)) / np.maximum(count, 1)
+            mean = np.where(measured[k], of_mine, mean)
+            cells = np.where(mine, cells, -np.inf)
         light[k] = np.nan_to_num(mean)
         if np.isfinite(saturation):
             clipped[k] = (cells >= saturation).any((2, 4))
-    return light, inside, clipped
+    return _Cells(light, clipped, measured, inside)
+
+
+def _offset_px(own: np.ndarray | None, cell: int) -> np.ndarray:
+    """Where each channel's photosites of a cell lie on average, from its middle."""
+    if own is None or cell == 1:
+        return np.zeros((3, 2))
+    rows_columns = [np.argwhere(own[:2, :2, k]).mean(0) for k in range(3)]
+    return np.stack(rows_columns)[:, ::-1] - 0.5
+
+
+def _pixels_of_noise(own: np.ndarray | None, cell: int) -> np.ndarray:
+    """Root of how many measured values a cell is the mean of, for each channel."""
+    if own is None or cell == 1:
+        return np.full(3, float(cell))
+    return cell / np.sqrt(PIXELS_PER_PHOTOSITE)
 
 
 def _nearest_is_own(points_px, chosen, corner, cell) -> np.ndarray:
@@ -110,18 +170,20 @@ def _nearest_is_own(points_px, chosen, corner, cell) -> np.ndarray:
     return nearest == chosen[:, None, None]
 
 
-def _read_noise(pixels: np.ndarray) -> np.ndarray:
+def _read_noise(pixels: np.ndarray, own: np.ndarray | None) -> np.ndarray:
     """Deviation of neighbouring pixels where it is darkest, per channel.
 
     The tails are left out, but not by a median: where black is recorded as 0 most
-    steps between neighbours are 0 too.
+    steps between neighbours are 0 too. Interpolated pixels have less noise than those
+    that were measured, and share it.
     """
-    sample = pixels[::2, ::2].astype(np.float32)
-    smooth = cv2.boxFilter(sample, -1, (5, 5))
     noise = []
     for k in range(3):
-        dark = smooth[..., k] <= np.quantile(smooth[..., k], 0.25)
-        step = (sample[:, 1:, k] - sample[:, :-1, k])[dark[:, 1:]]
+        row, column = (0, 0) if own is None else np.argwhere(own[:2, :2, k])[0]
+        sample = pixels[row::2, column::2, k].astype(np.float32)
+        smooth = cv2.boxFilter(sample, -1, (5, 5))
+        dark = smooth <= np.quantile(smooth, 0.25)
+        step = (sample[:, 1:] - sample[:, :-1])[dark[:, 1:]]
         usual = np.abs(step) <= np.quantile(np.abs(step), 0.995)
         noise.append(np.sqrt(np.mean(step[usual] ** 2) / 2))
     return np.asarray(noise, float)

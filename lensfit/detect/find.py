@@ -104,8 +104,7 @@ def _cut_out(
             where=photograph.path,
             remedy="give roi as [x0, y0, x1, y1] in pixels, x0 < x1 and y0 < y1",
         )
-    pixels = np.ascontiguousarray(photograph.pixels[y0:y1, x0:x1])
-    return replace(photograph, pixels=pixels), (x0, y0)
+    return photograph.cropped(x0, y0, x1, y1), (x0, y0)
 
 
 def _refuse_blank(photograph: Photograph, kind: str) -> None:

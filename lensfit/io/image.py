@@ -9,6 +9,7 @@ with black to it.
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -22,16 +23,21 @@ from lensfit.io.exr import read_exr
 from lensfit.io.exr_header import MAGIC as EXR_MAGIC
 from lensfit.io.exr_layers import find_colour, stack_channels
 from lensfit.io.metadata import CameraState, camera_state_from
-from lensfit.io.raster import Raster, read_raster, tiff_header
+from lensfit.io.raster import Raster, read_raster, tiff_header, upright
 from lensfit.io.raw import RAW_SUFFIXES, read_raw
 from lensfit.io.transfer import decode, encode, transfer_of
 from lensfit.io.windows import over_another
+from lensfit.mosaic import Mosaic, filled_in, letters_of, mosaic_of
 from lensfit.photograph import Photograph
 
 MID_GREY = 0.18
+_LYING = (5, 6, 7, 8)
+"""EXIF orientations of pictures that are stored with their sides swapped."""
 
 
-def read_photograph(path: str | Path, encoding: str | None = None) -> Photograph:
+def read_photograph(
+    path: str | Path, encoding: str | None = None, mosaic: Mosaic | None = None
+) -> Photograph:
     """Read a photograph and decode it to scene-linear light.
 
     Parameters
@@ -39,6 +45,11 @@ def read_photograph(path: str | Path, encoding: str | None = None) -> Photograph
     path : EXR, PNG, TIFF, JPEG or camera raw.
     encoding : One of `lensfit.io.transfer.ENCODINGS`; by default "linear" for EXR, raw
         and floating-point TIFF, "srgb" for the rest.
+    mosaic : Which channel each pixel of the file measured, from the top left as it is
+        stored; where the file has one channel, that is the mosaic itself and colours
+        are interpolated. Without meaning for a camera raw file, which knows its own, and
+        where red and blue are stored at lower resolution, since nothing is then as it
+        was measured.
 
     Returns
     -------
@@ -57,11 +68,7 @@ def read_photograph(path: str | Path, encoding: str | None = None) -> Photograph
         transfer_of(encoding)
     data = _read_bytes(path)
     try:
-        if data.startswith(EXR_MAGIC):
-            return _from_exr(path, data, encoding or "linear")
-        if path.suffix.lower() in RAW_SUFFIXES:
-            return _from_raw(path, data, encoding or "linear")
-        return _from_raster(path, data, read_raster(data), encoding)
+        return _from_mosaic(_read(path, data, encoding), mosaic)
     except ImageError as error:
         if error.where is not None:
             raise
@@ -93,6 +100,29 @@ def _read_bytes(path: Path) -> bytes:
     if not data:
         raise ImageError("is empty", where=path, remedy="copy it again")
     return data
+
+
+def _read(path: Path, data: bytes, encoding: str | None) -> Photograph:
+    if data.startswith(EXR_MAGIC):
+        return _from_exr(path, data, encoding or "linear")
+    if path.suffix.lower() in RAW_SUFFIXES:
+        return _from_raw(path, data, encoding or "linear")
+    return _from_raster(path, data, read_raster(data), encoding)
+
+
+def _from_mosaic(photograph: Photograph, mosaic: Mosaic | None) -> Photograph:
+    """With the mosaic as it lies on the picture, turned upright as that was."""
+    if mosaic is None or photograph.mosaic or photograph.chroma_subsampled:
+        return photograph
+    orientation = photograph.metadata["orientation"]
+    turned = orientation if isinstance(orientation, int) else 1
+    width, height = photograph.size_px
+    stored = (height, width) if turned in _LYING else (width, height)
+    mosaic = mosaic_of(upright(letters_of(mosaic, stored), turned))
+    pixels = photograph.pixels
+    if pixels.shape[2] == 1:
+        pixels = filled_in(np.repeat(pixels, 3, axis=2), mosaic)
+    return replace(photograph, pixels=pixels, mosaic=mosaic)
 
 
 def _from_exr(path: Path, data: bytes, encoding: str) -> Photograph:

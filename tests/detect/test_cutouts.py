@@ -1,5 +1,6 @@
 """Pictures of dots: light is kept, and cells that must not be used are marked."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from lensfit.detect.cutouts import CELLS, cut
 from lensfit.detect.observations import POINT, Observations
+from lensfit.mosaic import MOSAICS, filled_in, photosites
 from lensfit.photograph import Photograph
 
 SIZE = (400, 300)
@@ -97,7 +99,7 @@ def test_cells_outside_the_frame_are_masked(centre, outside):
     assert found.cell_px == 1
     expected = np.ones((CELLS, CELLS), bool)
     expected[outside] = False
-    np.testing.assert_array_equal(found.valid[0], expected)
+    np.testing.assert_array_equal(found.valid[0, 1], expected)
     np.testing.assert_array_equal(found.light[0, 1] > 0, expected)
 
 
@@ -112,7 +114,7 @@ def test_cells_nearer_to_a_neighbour_are_masked():
     x, y = np.meshgrid(x, y)
     expected = (x < 207.0) & (y > 145.5)
     away = (np.abs(x - 207.0) > 0.6) & (np.abs(y - 145.5) > 0.6)
-    np.testing.assert_array_equal(found.valid[0][away], expected[away])
+    np.testing.assert_array_equal(found.valid[0, 1][away], expected[away])
     assert 0 < expected.sum() < expected.size
 
 
@@ -125,6 +127,57 @@ def test_a_cell_with_one_clipped_pixel_is_marked():
     assert found.clipped.sum() == 1
     assert found.clipped[0, 1, 12, 12]
     assert found.valid.all()
+
+
+@pytest.mark.parametrize("mosaic", MOSAICS)
+def test_a_cell_counts_in_the_channel_that_was_measured_there(mosaic):
+    pixels = np.ones((*SIZE[::-1], 3))
+    photograph = replace(photograph_of(pixels), mosaic=mosaic)
+    found = cut(photograph, marks_at([(200.0, 150.0), (101.0, 97.0)], 8.0))
+    assert found is not None
+    assert found.cell_px == 1
+    own = photosites(mosaic, SIZE)
+    for dot, (x, y) in enumerate(found.corner_px):
+        part = own[y : y + CELLS, x : x + CELLS]
+        np.testing.assert_array_equal(np.moveaxis(found.valid[dot], 0, -1), part)
+    np.testing.assert_array_equal(found.offset_px, 0)
+
+
+@pytest.mark.parametrize("mosaic", MOSAICS)
+@pytest.mark.parametrize("diameter", [20.0, 40.0])
+def test_larger_cells_of_a_mosaic_hold_what_was_measured(mosaic, diameter):
+    centre = (203.3, 148.6)
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
+    ramp = 0.01 * (x - centre[0]) + 0.02 * (y - centre[1])
+    own = photosites(mosaic, SIZE)
+    pixels = np.where(own, ramp[..., None], 1e6)
+    found = cut(
+        replace(photograph_of(pixels), mosaic=mosaic), marks_at([centre], diameter)
+    )
+    assert found is not None
+    cell = found.cell_px
+    assert cell % 2 == 0
+    assert found.valid.all()
+    middle = (np.arange(CELLS) + 0.5) * cell
+    for k in range(3):
+        to = found.corner_px[0] + found.offset_px[k] - centre
+        expected = 0.01 * (middle + to[0]) + 0.02 * (middle[:, None] + to[1])
+        np.testing.assert_allclose(found.light[0, k], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("diameter", "pixels_of_cell"), [(8.0, (1, 1)), (20.0, (1, 2))]
+)
+def test_noise_of_a_mosaic_is_that_of_its_photosites(diameter, pixels_of_cell):
+    sigma = 0.02
+    rng = np.random.default_rng(3)
+    noisy = rng.normal(0.0, sigma, (*SIZE[::-1], 3))
+    photograph = replace(photograph_of(filled_in(noisy, "bggr")), mosaic="bggr")
+    found = cut(photograph, marks_at([(200.0, 150.0)], diameter))
+    assert found is not None
+    other, green = pixels_of_cell
+    expected = sigma / np.sqrt([other, green, other])
+    np.testing.assert_allclose(found.read_noise, expected, rtol=0.06)
 
 
 @pytest.mark.parametrize("sigma", [1e-3, 0.02])

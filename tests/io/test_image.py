@@ -15,6 +15,7 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.io.transfer import decode, encode
+from lensfit.mosaic import photosites
 
 RNG_SEED = 5
 
@@ -125,6 +126,37 @@ def test_grey_jpeg(tmp_path: Path):
     photograph = read_photograph(tmp_path / "a.jpg")
     assert photograph.pixels.shape == (64, 64, 1)
     assert photograph.chroma_subsampled is False
+
+
+@pytest.mark.parametrize("size", [(8, 6), (7, 6), (8, 5)])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_mosaic_turns_with_its_picture(tmp_path: Path, orientation: int, size):
+    own = photosites("gbrg", size)
+    codes = (own * np.array([50, 100, 200])).sum(2).astype(np.uint8)
+    exif = Image.Exif()
+    exif[0x112] = orientation
+    Image.fromarray(codes).save(tmp_path / "a.png", exif=exif)
+    Image.fromarray(np.repeat(codes[..., None], 3, 2)).save(
+        tmp_path / "b.png", exif=exif
+    )
+    seen = read_photograph(tmp_path / "b.png", "linear").pixels[..., 0]
+    for name in ("a.png", "b.png"):
+        photograph = read_photograph(tmp_path / name, "linear", "gbrg")
+        assert photograph.mosaic is not None
+        where = photosites(photograph.mosaic, photograph.size_px)
+        np.testing.assert_array_equal(
+            where.argmax(2), np.searchsorted([0.3, 0.6], seen)
+        )
+    colours = read_photograph(tmp_path / "a.png", "linear", "gbrg").pixels * 255
+    np.testing.assert_allclose(
+        colours, np.broadcast_to([50, 100, 200], colours.shape), rtol=1e-5
+    )
+
+
+def test_a_mosaic_is_lost_where_colour_is_stored_smaller(tmp_path: Path):
+    codes = np.random.default_rng(0).integers(0, 255, (64, 64, 3), np.uint8)
+    Image.fromarray(codes).save(tmp_path / "a.jpg", subsampling=2)
+    assert read_photograph(tmp_path / "a.jpg", "srgb", "rggb").mosaic is None
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))

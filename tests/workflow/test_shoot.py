@@ -15,6 +15,7 @@ serial = "1234567"
 [camera]
 sensor_width_mm = 24.89
 sensor_height_mm = 18.6675
+mosaic = "grbg"
 [[target]]
 name = "dots"
 kind = "dot-grid"
@@ -52,6 +53,7 @@ def test_every_key_is_read(write):
     shoot = load_shoot(write(GOOD))
     assert shoot.lens.serial == "1234567"
     assert shoot.camera.sensor_height_mm == 18.6675
+    assert shoot.camera.mosaic == "grbg"
     dots, lines = shoot.targets["dots"], shoot.targets["lines"]
     assert dots.pitch_xy_mm == (37.5, 37.5)
     assert lines.pitch_xy_mm == (56.25, 50.0)
@@ -118,6 +120,11 @@ def test_an_unused_target_is_noted_and_stops_nothing(write):
         ('"dot-grid"', '"charuco"', "hole_diameter_mm has no meaning for a charuco"),
         ('"line-grid"', '"charuco"', 'a charuco needs "squares"; add it'),
         ("[lens]", "[lens", "is not valid TOML"),
+        (
+            '"grbg"',
+            '"rggg"',
+            'camera.mosaic: "rggg" is unknown; did you mean "rggb"?',
+        ),
         ('"srgb"', '"sRGBB"', 'encoding "sRGBB" is unknown; did you mean "srgb"?'),
     ],
 )

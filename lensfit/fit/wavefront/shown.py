@@ -45,7 +45,7 @@ def f_number_of(shown: Shown) -> float:
 def usable_cells(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
     """Cells to use of each channel: a grey photograph has only green."""
     channels = np.array([cutouts.channels == 3, True, cutouts.channels == 3])
-    return cutouts.valid[:, None] & channels[None, :, None, None]
+    return cutouts.valid & channels[None, :, None, None]
 
 
 def hole_cells(shown: Shown) -> float:
@@ -90,10 +90,11 @@ def diameters_mm(shown: Shown) -> Float[np.ndarray, " dots"]:
 
 
 def centroids_mm(shown: Shown) -> Float[np.ndarray, "dots 3 2"]:
-    """Of every channel, from the corner of the cutout."""
+    """Of every channel, from the corner of its cells in the cutout."""
     observations, cutouts = shown.take.observations, shown.cutouts
     green = observations.points_px[cutouts.marks]
     channels = observations.channel_points_px[:, cutouts.marks]
     channels = np.where(np.isfinite(channels), channels, green[None])
-    from_corner = channels.transpose(1, 0, 2) - cutouts.corner_px[:, None]
+    corner = cutouts.corner_px[:, None] + cutouts.offset_px
+    from_corner = channels.transpose(1, 0, 2) - corner
     return from_corner * pixel_mm(shown)

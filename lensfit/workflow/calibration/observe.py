@@ -109,7 +109,9 @@ def _searched(
 ) -> dict[str, Any]:
     """Read, search and draw; `known` keeps what was learnt before an error."""
     with _timed(seconds, "read"):
-        photograph = read_photograph(shoot.image_path(take), take.encoding)
+        photograph = read_photograph(
+            shoot.image_path(take), take.encoding, shoot.camera.mosaic
+        )
         known["sha256"] = photograph.sha256
         known["orientation"] = photograph.metadata.get("orientation")
         header = camera_state_of(photograph)
@@ -134,7 +136,7 @@ def _searched(
     return {
         "take": _take_for_fit(take, resolved, marks, photograph),
         "overlay": overlay,
-        "notes": resolved.notes + marks.notes,
+        "notes": resolved.notes + _of_mosaic(shoot, photograph) + marks.notes,
     }
 
 
@@ -165,6 +167,16 @@ def _take_for_fit(
         target_distance_mm=take.target_distance_mm,
         squeeze=take.anamorphic_squeeze or 1.0,
         cutouts=cut(photograph, marks) if shape else None,
+    )
+
+
+def _of_mosaic(shoot: Shoot, photograph: Photograph) -> tuple[str, ...]:
+    """What of the stated mosaic does not hold for this photograph."""
+    if not shoot.camera.mosaic or photograph.mosaic:
+        return ()
+    return (
+        f'the "{shoot.camera.mosaic}" mosaic is not made use of, since red and blue are '
+        "stored at lower resolution; hand in the photograph before JPEG made it smaller",
     )
 
 

@@ -90,7 +90,9 @@ def pattern_of_target(target: Target) -> Pattern | None:
 
 def _chart_of(shoot: Shoot, take: Take) -> Pattern | None:
     try:
-        return read_chart_code(read_photograph(shoot.image_path(take), take.encoding))
+        return read_chart_code(
+            read_photograph(shoot.image_path(take), take.encoding, shoot.camera.mosaic)
+        )
     except (LensfitError, ValueError):
         return None
 

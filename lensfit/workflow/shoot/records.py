@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from lensfit.errors import ShootError
+from lensfit.mosaic import Mosaic
 
 PositiveFloat = Annotated[float, Meta(gt=0)]
 # msgspec 0.22 reads memory it should not when a union joins a number with bounds and a
@@ -27,11 +28,18 @@ class LensName(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Camera(Struct, frozen=True, forbid_unknown_fields=True):
-    """The sensor area that a photograph spans, mm; None where the header knows it."""
+    """The sensor area that a photograph spans, mm; None where the header knows it.
+
+    Attributes
+    ----------
+    mosaic : Colours of the top left 2 x 2 photosites of every photograph as it is
+        stored, row by row: each pixel measured one, and the others were interpolated.
+    """
 
     model: str | None = None
     sensor_width_mm: PositiveFloat | None = None
     sensor_height_mm: PositiveFloat | None = None
+    mosaic: Mosaic | None = None
 
 
 class Target(Struct, frozen=True, forbid_unknown_fields=True):

@@ -80,8 +80,9 @@ def _dots_of(take: Take) -> PicturedDots:
         half_diagonal_mm=float(np.hypot(*sensor_mm) / 2),
         place_mm=place_mm,
         light=np.asarray(cut.light, float),
-        use=cut.valid[:, None] & ~cut.clipped,
-        centre_cells=(channels_px - cut.corner_px[:, None]) / cut.cell_px,
+        use=cut.valid & ~cut.clipped,
+        centre_cells=(channels_px - cut.corner_px[:, None] - cut.offset_px)
+        / cut.cell_px,
         cell_mm=pixel_mm * cut.cell_px,
         hole_mm2=hole_mm2,
     )
