@@ -23,7 +23,7 @@ _TENT = np.outer([1.0, 2.0, 1.0], [1.0, 2.0, 1.0]) / 4
 def photosites(
     mosaic: Mosaic, size_px: tuple[int, int]
 ) -> Bool[np.ndarray, "height width 3"]:
-    """Where red, green and blue were measured, on a picture of that width and height."""
+    """Where red, green and blue were measured on a picture of that width, height."""
     width, height = size_px
     tile = _tile(mosaic)
     letters = np.tile(tile, (height // 2 + 1, width // 2 + 1))[:height, :width]
@@ -73,11 +73,13 @@ def filled_in(
     for k in range(3):
         mask = own[..., k].astype(np.float32)
         light = np.where(own[..., k], pixels[..., k], 0).astype(np.float32)
-        border = {"borderType": cv2.BORDER_REFLECT_101}
-        spread = cv2.filter2D(light, -1, _TENT, **border)
-        weight = cv2.filter2D(mask, -1, _TENT, **border)
-        found[..., k] = np.where(own[..., k], light, spread / weight)
+        between = _spread(light) / _spread(mask)
+        found[..., k] = np.where(own[..., k], light, between)
     return found
+
+
+def _spread(channel: np.ndarray) -> np.ndarray:
+    return cv2.filter2D(channel, -1, _TENT, borderType=cv2.BORDER_REFLECT_101)
 
 
 def _tile(mosaic: Mosaic) -> np.ndarray:

@@ -47,9 +47,8 @@ def read_photograph(
         and floating-point TIFF, "srgb" for the rest.
     mosaic : Which channel each pixel of the file measured, from the top left as it is
         stored; where the file has one channel, that is the mosaic itself and colours
-        are interpolated. Without meaning for a camera raw file, which knows its own, and
-        where red and blue are stored at lower resolution, since nothing is then as it
-        was measured.
+        are interpolated. Without meaning where red and blue are stored at lower
+        resolution, since nothing is then as it was measured.
 
     Returns
     -------

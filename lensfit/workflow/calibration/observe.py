@@ -175,8 +175,8 @@ def _of_mosaic(shoot: Shoot, photograph: Photograph) -> tuple[str, ...]:
     if not shoot.camera.mosaic or photograph.mosaic:
         return ()
     return (
-        f'the "{shoot.camera.mosaic}" mosaic is not made use of, since red and blue are '
-        "stored at lower resolution; hand in the photograph before JPEG made it smaller",
+        f'the mosaic "{shoot.camera.mosaic}" is not made use of, since red and blue '
+        "are stored at lower resolution; hand in the photograph as it was before JPEG",
     )
 
 
