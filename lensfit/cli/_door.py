@@ -74,6 +74,20 @@ def one_of(choices: tuple[str, ...]) -> Callable[[str], str]:
     return check
 
 
+def each_of(
+    choices: tuple[str, ...],
+) -> Callable[[list[str] | None], list[str] | None]:
+    """The same for an option that may be repeated."""
+    check = one_of(choices)
+
+    def check_each(values: list[str] | None) -> list[str] | None:
+        for value in values or []:
+            check(value)
+        return values
+
+    return check_each
+
+
 def _fill_lines(command: Any) -> None:
     """Let the terminal break the help's lines, not the source; examples keep theirs."""
     text = inspect.cleandoc(command.help or "")

@@ -8,8 +8,7 @@ import typer
 
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._door import one_of, say_error, say_note
-
-EFFORTS = ("fastest", "fast", "normal", "best")
+from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
 
 
 def calibrate(
@@ -24,7 +23,7 @@ def calibrate(
     effort: Annotated[
         str,
         typer.Option(
-            help="Speed against error of the blur: " + " | ".join(EFFORTS),
+            help="Speed against error of the blur: " + EFFORT_HELP,
             callback=one_of(EFFORTS),
         ),
     ] = "normal",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lensfit.cli._door import one_of
+from lensfit.cli._prescriptions import prescription_of
 from lensfit.cli._sizes import photograph_size_px
 
 if TYPE_CHECKING:
@@ -144,14 +145,11 @@ def _print_lenses(as_json: bool) -> None:
 def _prescription(
     lens: str | None, f_number: float | None, focus_mm: float | None
 ) -> "Prescription":
-    from data_synth.prescription import load_prescription, prescription_names
+    from data_synth.prescription import prescription_names
 
     if lens is None:
         raise typer.BadParameter(f"name a lens: {', '.join(prescription_names())}")
-    try:
-        prescription = load_prescription(lens)
-    except (ValueError, KeyError, TypeError) as error:
-        raise typer.BadParameter(f"LENS {lens}: {error}") from error
+    prescription = prescription_of("LENS", lens)
     widest = prescription.f_number
     if f_number is not None and f_number < widest:
         raise typer.BadParameter(f"--f-number {f_number:g}: {lens} opens to {widest:g}")

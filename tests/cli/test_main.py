@@ -13,7 +13,9 @@ from typer.testing import CliRunner
 from lensfit import __version__
 from lensfit.cli import main
 from lensfit.cli._door import DoorGroup
+from lensfit.cli._efforts import EFFORTS
 from lensfit.errors import ShootError
+from lensfit.fit.wavefront.effort import Effort
 
 runner = CliRunner()
 
@@ -250,3 +252,7 @@ def test_the_compilation_cache_may_be_moved_or_left_out(tmp_path: Path):
     assert moved.endswith(" float64\n")
     assert run(LENSFIT_CACHE_DIR="") == "None float64\n"
     assert run(JAX_COMPILATION_CACHE_DIR=str(tmp_path)).startswith(f"{tmp_path} ")
+
+
+def test_the_efforts_of_the_help_are_those_of_the_fit():
+    assert tuple(one.name.lower() for one in Effort) == EFFORTS

@@ -8,6 +8,8 @@ import typer
 
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._console import console
+from lensfit.cli._door import one_of
+from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
 from lensfit.cli.bench.options import AsJson
 from lensfit.cli.bench.outcome import fail_if_any, say_machine
 
@@ -20,11 +22,14 @@ def coverage(
         int, typer.Option("--draws", min=2, help="How many exposures to calibrate")
     ] = 100,
     lens: Annotated[
-        str, typer.Option("--lens", help="A bundled prescription, by name")
+        str, typer.Option("--lens", help="A bundled lens, or a prescription file")
     ] = "biotar_50",
     size: Annotated[str, typer.Option("--size", help="WIDTHxHEIGHT, px")] = "480x360",
     effort: Annotated[
-        str, typer.Option("--effort", help="Of the fit of blur, as in calibrate")
+        str,
+        typer.Option(
+            help="Of the fit of blur: " + EFFORT_HELP, callback=one_of(EFFORTS)
+        ),
     ] = "fastest",
     as_json: AsJson = False,
 ) -> None:
@@ -36,11 +41,11 @@ def coverage(
 
     Example: lensfit bench coverage --draws 100 --out coverage
     """
-    from lensfit.cli.bench.exposures import effort_of, subject_of
+    from lensfit.cli.bench.exposures import subject_of
     from lensfit.cli.bench.tables import bars_table
     from lensfit.workflow.bench.coverage.benchmark import bench_coverage
 
-    subject, effort = subject_of(lens, size), effort_of(effort)
+    subject = subject_of(lens, size)
     with progress_bars() as progress:
         result = bench_coverage(
             subject, out, draws=draws, effort=effort, progress=progress

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import typer
 
+from lensfit.cli._prescriptions import prescription_of
 from lensfit.cli._sizes import photograph_size_px
 
 if TYPE_CHECKING:
@@ -25,21 +25,6 @@ _SPOTS = 4
 _GREEN = 1
 
 
-def effort_of(name: str) -> str:
-    """The effort of that name.
-
-    Raises
-    ------
-    typer.BadParameter : There is none.
-    """
-    from lensfit.fit.wavefront.effort import Effort
-
-    names = [one.name.lower() for one in Effort]
-    if name not in names:
-        raise typer.BadParameter(f"--effort {name}: use {', '.join(names)}")
-    return name
-
-
 def subject_of(lens: str, size: str) -> "Subject":
     """A lens in focus, nearer, farther and tilted, all wide open.
 
@@ -47,17 +32,16 @@ def subject_of(lens: str, size: str) -> "Subject":
     ------
     typer.BadParameter : There is no such lens, or no such size.
     """
-    from data_synth.prescription import load_prescription, prescription_names
     from data_synth.wavefront_cases import subject_of as photographed
     from data_synth.wavefront_plan import WavefrontPlan
     from lensfit.workflow.bench.coverage.benchmark import Subject
 
-    if lens not in prescription_names():
-        known = ", ".join(prescription_names())
-        raise typer.BadParameter(f"--lens {lens}: use {known}")
+    prescription = prescription_of("--lens", lens)
     plan = WavefrontPlan(with_stopped_down=False, with_lines=False)
-    made = photographed(load_prescription(lens), photograph_size_px(size), plan)
-    return Subject(lens, partial(_photograph, made), partial(_expose, made))
+    size_px = photograph_size_px(size)
+    made = photographed(prescription, size_px, plan)
+    name = "{}_{}x{}".format(made.name, *size_px)
+    return Subject(name, partial(_photograph, made), partial(_expose, made))
 
 
 def _photograph(made: "Photographed", folder: Path) -> "Traced":

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from lensfit.cli._prescriptions import prescription_of
 from lensfit.cli._sizes import photograph_size_px
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ def trials_of(
 ) -> "list[Trial]":
     """Random lenses, then hard cases ("all" for every one) and bundled lenses by name,
     then the lens of the data folder."""
-    from data_synth.prescription import load_prescription, prescription_names
     from data_synth.wavefront_cases import (
         CASES,
         case_subject,
@@ -39,17 +39,13 @@ def trials_of(
 
     wanted = list(dict.fromkeys([*CASES, *cases])) if "all" in cases else cases
     wanted = [name for name in wanted if name != "all"]
-    bundled = prescription_names()
-    unknown = [name for name in wanted if name not in (*CASES, *bundled)]
-    if unknown:
-        known = f"{', '.join(CASES)}, or a lens: {', '.join(bundled)}"
-        raise typer.BadParameter(f"--cases {unknown[0]}: use all, or {known}")
     pixels = photograph_size_px(size)
+    option = f"--cases (all, {', '.join(CASES)}, or a lens)"
     subjects = [random_subject(number, seed, pixels) for number in range(lenses)]
     subjects += [
         case_subject(name, pixels)
         if name in CASES
-        else subject_of(load_prescription(name), pixels)
+        else subject_of(prescription_of(option, name), pixels)
         for name in wanted
     ]
     trials = [Trial(s.name, s.about, partial(s.write, seed=seed)) for s in subjects]

@@ -5,17 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lensfit.cli.calibrate import EFFORTS
+from lensfit.cli._door import each_of
+from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
 
 if TYPE_CHECKING:
     from lensfit.workflow.bench.wavefront.beside import Beside
-
-
-def _known(given: list[str] | None) -> list[str] | None:
-    unknown = [effort for effort in given or [] if effort not in EFFORTS]
-    if unknown:
-        raise typer.BadParameter(f"{unknown[0]!r} is none of {', '.join(EFFORTS)}")
-    return given
 
 
 @dataclass(frozen=True)
@@ -39,9 +33,9 @@ class BesideGroup:
     effort: Annotated[
         list[str] | None,
         typer.Option(
-            metavar=" | ".join(EFFORTS),
+            metavar=EFFORT_HELP,
             help="Seconds and error of the fit at an effort; may be repeated",
-            callback=_known,
+            callback=each_of(EFFORTS),
         ),
     ] = None
 

@@ -70,17 +70,20 @@ def test_draws_that_fail_are_told_and_those_that_lie_there_are_kept(tmp_path):
     assert json.loads((tmp_path / "bench_coverage.json").read_text()) == result
     one = {"value": [0.1], "deviation": [0.2], "truth": [None]}
     good = {"failed": None, "predicted": {"defocus_um": one}, "seconds": 1.0}
-    (tmp_path / "draws" / "fastest_0000.json").write_text(json.dumps(good))
+    (tmp_path / "lens" / "draws" / "fastest_0000.json").write_text(json.dumps(good))
     again = bench_coverage(subject, tmp_path, draws=2)
     assert again["draws"] == 1
     assert again["rows"][0]["value"] == 100.0
+    # Another subject in the same folder has no part in them.
+    other = Subject("other", lambda folder: NOTHING, refused)
+    assert bench_coverage(other, tmp_path, draws=2)["draws"] == 0
 
 
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--lens", "nosuch"], "--lens nosuch: use"),
-        (["--effort", "lazy"], "--effort lazy: use fastest"),
+        (["--lens", "nosuch"], "--lens nosuch: no prescription named nosuch; bundled"),
+        (["--effort", "lazy"], "'lazy' is not one of fastest, fast"),
         (["--size", "12"], "WIDTHxHEIGHT"),
         (["--draws", "1"], "equal to 2"),
     ],
@@ -90,7 +93,7 @@ def test_wrong_use_is_told_and_exits_with_two(words, says, tmp_path):
         app, ["bench", "coverage", "--out", str(tmp_path), *words]
     )
     assert done.exit_code == 2
-    assert says in done.output.replace("\n", " ")
+    assert says in " ".join(done.output.replace("│", " ").split())
 
 
 @pytest.mark.slow

@@ -78,8 +78,9 @@ def test_trials_are_random_lenses_and_then_cases():
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--cases", "nosuch"], "use all, or overlapping"),
+        (["--cases", "nosuch"], "--cases (all, overlapping,"),
         (["--size", "12"], "WIDTHxHEIGHT"),
+        (["--effort", "fast", "--effort", "lazy"], "'lazy' is not one of fastest"),
         (["--lenses", "-1"], "greater than or equal to 0"),
     ],
 )

@@ -45,7 +45,8 @@ class Subject:
 
     Attributes
     ----------
-    name : Of the lens.
+    name : Of the lens and of what else makes its photographs: what lies in a folder
+        of that name is taken to be of it.
     photograph : Makes sure that the shoot lies in a folder, with its light and truth,
         and says what is true.
     expose : Writes the pictures of draw number so-and-so, with shoot.toml: (shoot's
@@ -69,8 +70,8 @@ def bench_coverage(
 
     Parameters
     ----------
-    out_dir : Folder for the shoot, one file for each draw, and bench_coverage.json;
-        draws that lie in it are not made again.
+    out_dir : Folder for bench_coverage.json and, in one of the subject's name, the
+        shoot and a file for each draw; draws that lie there are not made again.
     effort : As for `calibrate`.
     progress : Told about each draw.
 
@@ -82,7 +83,7 @@ def bench_coverage(
     ------
     LensfitError : The folder cannot be written.
     """
-    on, folder = machine(), Path(out_dir)
+    on, folder = machine(), Path(out_dir) / subject.name
     progress("draws", 0, draws)
     traced = subject.photograph(folder / "shoot")
     kept = folder / "draws"
@@ -99,7 +100,7 @@ def bench_coverage(
     return bench_result(
         "coverage",
         on,
-        folder,
+        out_dir,
         lens=subject.name,
         effort=effort,
         draws=len(good),
