@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from data_synth.psf_truth import WavefrontTruth
     from data_synth.wavefront_cases import Subject as Photographed
     from lensfit.workflow.bench.coverage.benchmark import Subject
-    from lensfit.workflow.bench.coverage.predictions import Traced, TracedSpots
+    from lensfit.workflow.bench.coverage.traced import Traced, TracedSpots
 
 _EVERY = 3
 """Chief rays and light at every so manieth place of the truth's table."""
@@ -60,7 +60,7 @@ def _expose(made: "Photographed", folder: Path, draw: int, into: Path) -> None:
 
 def traced_of(truth: "WavefrontTruth") -> "Traced":
     """A truth as lensfit's benchmark reads it: what lies in the frame, thinned out."""
-    from lensfit.workflow.bench.coverage.predictions import (
+    from lensfit.workflow.bench.coverage.traced import (
         Traced,
         TracedChiefs,
         TracedLight,
@@ -94,7 +94,7 @@ def traced_of(truth: "WavefrontTruth") -> "Traced":
 
 def _spots(truth: "WavefrontTruth") -> "tuple[TracedSpots, ...]":
     """A few of every setting that was photographed."""
-    from lensfit.workflow.bench.coverage.predictions import TracedSpots
+    from lensfit.workflow.bench.coverage.traced import TracedSpots
 
     found = []
     for k, group in enumerate(truth.groups):

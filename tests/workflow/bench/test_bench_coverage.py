@@ -9,8 +9,9 @@ from typer.testing import CliRunner
 from lensfit.cli.main import app
 from lensfit.errors import DetectionError
 from lensfit.workflow.bench.coverage.benchmark import Subject, bench_coverage
-from lensfit.workflow.bench.coverage.predictions import Prediction, Traced
+from lensfit.workflow.bench.coverage.predictions import Prediction
 from lensfit.workflow.bench.coverage.rows import coverage_rows
+from lensfit.workflow.bench.coverage.traced import Traced
 from lensfit.workflow.bench.rows import Row
 
 PLACES, DRAWS = 40, 100
@@ -56,6 +57,12 @@ def test_a_quantity_without_truth_has_no_row_for_it():
     draw = {"defocus_um": Prediction(np.zeros(3), np.ones(3), unknown)}
     found = [row.what for row in coverage_rows("lens", [draw, draw])]
     assert found == ["defocus_um, scatter covered, %"]
+
+
+def test_what_the_first_draw_lacks_has_its_rows():
+    one = Prediction(np.zeros(3), np.ones(3), np.zeros(3))
+    found = coverage_rows("lens", [{"red_px": one}, {"red_px": one, "blue_px": one}])
+    assert {row.what.split(",")[0] for row in found} == {"red_px", "blue_px"}
 
 
 def refused(folder, draw, into):

@@ -25,8 +25,9 @@ from lensfit.fit.lens_states import Fitted, fit
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.lens import Lens
 from lensfit.progress import Progress, silent
-from lensfit.workflow.bench.coverage.predictions import Prediction, Traced, predictions
+from lensfit.workflow.bench.coverage.predictions import Prediction, predictions
 from lensfit.workflow.bench.coverage.rows import Draw, coverage_rows
+from lensfit.workflow.bench.coverage.traced import Traced
 from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.result import bench_result
 from lensfit.workflow.bench.rows import as_tables
@@ -149,14 +150,14 @@ def _plain(one: Prediction) -> dict[str, list[float | None]]:
     return {
         name: [
             float(f"{v:.{_DIGITS}g}") if np.isfinite(v) else None
-            for v in getattr(one, name).tolist()
+            for v in values.tolist()
         ]
-        for name in ("value", "deviation", "truth")
+        for name, values in one._asdict().items()
     }
 
 
 def _read(draw: dict[str, Any]) -> Draw:
     return {
-        name: Prediction(*(np.array(part, float) for part in parts.values()))
+        name: Prediction(**{k: np.array(part, float) for k, part in parts.items()})
         for name, parts in draw["predicted"].items()
     }

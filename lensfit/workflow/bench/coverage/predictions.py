@@ -15,8 +15,7 @@ values, all in the unit of its name:
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
+from typing import NamedTuple
 
 import cv2
 import jax
@@ -28,71 +27,21 @@ from lensfit.batches import in_batches
 from lensfit.fit.lens_states import Fitted, LensState
 from lensfit.fit.uncertainty import pose_moves, position_deviations_mm
 from lensfit.lens import Lens
-from lensfit.optics.distortion import (
-    Distortion,
-    distorted_from_undistorted,
-    jacobian_at,
-    undistorted_from_distorted,
+from lensfit.optics.distortion import Distortion, jacobian_at
+from lensfit.optics.many_points import displaced, distort, illuminate, undistort
+from lensfit.workflow.bench.coverage.traced import (
+    Traced,
+    TracedChiefs,
+    TracedLight,
+    TracedSpots,
 )
-from lensfit.optics.falloff import log_loss
-from lensfit.optics.lateral import channel_from_green
 
 _ALIGNED = 4
 _BATCH = 256
 _BRIGHT, _TOLERANCE = 0.1, 0.02
 
 
-@dataclass(frozen=True)
-class TracedChiefs:
-    """Where chief rays of a flat object land, at one focus.
-
-    Attributes
-    ----------
-    focus_distance_mm : As on the barrel.
-    object_mm : Across the object, in a plane square to the axis.
-    landed_mm : Of red, green and blue.
-    """
-
-    focus_distance_mm: float
-    object_mm: Float[np.ndarray, "points 2"]
-    landed_mm: Float[np.ndarray, "points 3 2"]
-
-
-@dataclass(frozen=True)
-class TracedLight:
-    """Relative illumination at points of a photograph, at one setting."""
-
-    f_number: float
-    focus_distance_mm: float
-    points_mm: Float[np.ndarray, "points 2"]
-    light: Float[np.ndarray, "points 3"]
-
-
-@dataclass(frozen=True)
-class TracedSpots:
-    """Green point-spread functions at one setting, each of sum 1."""
-
-    f_number: float
-    focus_distance_mm: float
-    object_distance_mm: float
-    pitch_mm: float
-    points_mm: Float[np.ndarray, "points 2"]
-    psf: Float[np.ndarray, "points size size"]
-
-
-@dataclass(frozen=True)
-class Traced:
-    """All that is compared; every array holds what lies in the frame."""
-
-    focal_length_mm: float
-    pixel_mm: float
-    chiefs: tuple[TracedChiefs, ...]
-    light: tuple[TracedLight, ...]
-    spots: tuple[TracedSpots, ...]
-
-
-@dataclass(frozen=True)
-class Prediction:
+class Prediction(NamedTuple):
     """Values with their stated deviations; `truth` is NaN where nobody knows it."""
 
     value: Float[np.ndarray, " values"]
@@ -118,9 +67,8 @@ def predictions(
     for chiefs in traced.chiefs:
         state = state_of[chiefs.focus_distance_mm]
         add("distortion_px", _distortion(state, chiefs, traced.pixel_mm))
-        for name, channel in (("r", 0), ("b", 2)):
-            colour = {"r": "red_px", "b": "blue_px"}[name]
-            add(colour, _colour(state, name, channel, chiefs, traced.pixel_mm))
+        for quantity, channel in (("red_px", "r"), ("blue_px", "b")):
+            add(quantity, _colour(state, channel, chiefs, traced.pixel_mm))
     for light in traced.light:
         for one in _illumination(state_of[light.focus_distance_mm], light):
             add("light_percent", one)
@@ -134,12 +82,7 @@ def predictions(
 
 
 def _joined(some: list[Prediction]) -> Prediction:
-    return Prediction(
-        *(
-            np.concatenate([getattr(one, name) for one in some])
-            for name in ("value", "deviation", "truth")
-        )
-    )
+    return Prediction(*map(np.concatenate, zip(*some, strict=True)))
 
 
 def _distortion(state: LensState, traced: TracedChiefs, pixel_mm: float) -> Prediction:
@@ -161,11 +104,11 @@ def _distortion(state: LensState, traced: TracedChiefs, pixel_mm: float) -> Pred
 
 
 def _distorted(points: np.ndarray, lens: Distortion) -> np.ndarray:
-    return in_batches(lambda p: _DISTORT(jnp.asarray(p), lens), points, _BATCH)
+    return in_batches(lambda p: distort(p, lens), points, _BATCH)
 
 
 def _undistorted(points: np.ndarray, lens: Distortion) -> np.ndarray:
-    return in_batches(lambda p: _UNDISTORT(jnp.asarray(p), lens), points, _BATCH)
+    return in_batches(lambda p: undistort(p, lens), points, _BATCH)
 
 
 def _slopes(points: np.ndarray, lens: Distortion) -> np.ndarray:
@@ -180,22 +123,17 @@ def _homography(board: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def _colour(
-    state: LensState, name: str, channel: int, traced: TracedChiefs, pixel_mm: float
+    state: LensState, channel: str, traced: TracedChiefs, pixel_mm: float
 ) -> Prediction:
     """Displacement against green, x and y in turn; none where none was found."""
-    green, own = traced.landed_mm[:, 1], traced.landed_mm[:, channel]
+    green, own = traced.landed_mm[:, 1], traced.landed_mm[:, "rgb".index(channel)]
     true = (own - green).reshape(-1) / pixel_mm
-    if name not in state.colour:
+    if channel not in state.colour:
         return Prediction(0 * true, 0 * true, true)
-    colour, d = state.colour[name], state.distortion
+    colour, d = state.colour[channel], state.distortion
+    shift = colour.optics()
+    moved = in_batches(lambda p: displaced(p, d, shift), green, _BATCH)
     radius_mm = float(d.reference_radius_mm)
-    moved = in_batches(
-        lambda p: _COLOURED(
-            jnp.asarray(p), colour.optics(), d.principal_point_mm, d.reference_radius_mm
-        ),
-        green,
-        _BATCH,
-    )
     q = (green - np.asarray(d.principal_point_mm)) / radius_mm
     known = colour.deviations(q).reshape(-1) * radius_mm
     value = (moved - green).reshape(-1)
@@ -204,22 +142,23 @@ def _colour(
 
 def _illumination(state: LensState, traced: TracedLight) -> list[Prediction]:
     """Of red, green and blue where this f-number was fitted."""
-    away = traced.points_mm - np.asarray(state.distortion.principal_point_mm)
-    radius_mm = np.hypot(*away.T)
+    centre_mm = state.distortion.principal_point_mm
+    radius_mm = np.hypot(*(traced.points_mm - np.asarray(centre_mm)).T)
     found = []
     for fitted in state.fall_off:
         if fitted.f_number != traced.f_number:
             continue
         known = fitted.deviation_about_mean(radius_mm)
-        squared = (radius_mm / fitted.valid_radius_mm) ** 2
-        for channel in range(3):
-            loss = in_batches(
-                partial(_loss, control=fitted.control[channel]), squared, _BATCH
+        edge_mm = jnp.asarray(fitted.valid_radius_mm)
+        for channel, control in enumerate(fitted.control):
+            given = centre_mm, edge_mm, jnp.asarray(control)
+            light = in_batches(
+                lambda p, given=given: illuminate(p, *given), traced.points_mm, _BATCH
             )
-            true = np.log(traced.light[:, channel])
+            value, true = np.log(light), np.log(traced.light[:, channel])
             found.append(
                 Prediction(
-                    100 * (loss.mean() - loss),
+                    100 * (value - value.mean()),
                     100 * known[channel],
                     100 * (true - true.mean()),
                 )
@@ -260,13 +199,4 @@ def _psf(lens: Lens, traced: TracedSpots) -> tuple[Prediction, Prediction]:
     return pixels, whole
 
 
-_each = (0, None)
-_DISTORT = jax.jit(jax.vmap(distorted_from_undistorted, _each))
-_UNDISTORT = jax.jit(jax.vmap(undistorted_from_distorted, _each))
-_SLOPE = jax.jit(jax.vmap(jacobian_at, _each))
-_COLOURED = jax.jit(jax.vmap(channel_from_green, (0, None, None, None)))
-_LOSSES = jax.jit(jax.vmap(log_loss, (0, None)))
-
-
-def _loss(squared: np.ndarray, *, control: np.ndarray) -> np.ndarray:
-    return np.asarray(_LOSSES(jnp.asarray(squared), jnp.asarray(control)))
+_SLOPE = jax.jit(jax.vmap(jacobian_at, (0, None)))

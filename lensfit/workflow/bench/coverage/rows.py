@@ -26,12 +26,10 @@ def coverage_rows(name: str, draws: list[Draw]) -> list[Row]:
     if not draws:
         return [Row(name, "draws that could be calibrated", float("nan"), bar=0.0)]
     rows = []
-    for quantity in draws[0]:
+    # Not every draw has every quantity, and the first that could be calibrated may not.
+    for quantity in dict.fromkeys(name for draw in draws for name in draw):
         some = [draw[quantity] for draw in draws if quantity in draw]
-        values, deviations, truths = (
-            np.stack([getattr(one, part) for one in some])
-            for part in ("value", "deviation", "truth")
-        )
+        values, deviations, truths = map(np.stack, zip(*some, strict=True))
         if quantity == _WHOLE:
             rows += _whole_rows(name, deviations, truths)
             continue
