@@ -53,6 +53,12 @@ class Take:
     shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
 
     @property
+    def pixel_mm(self) -> Float[np.ndarray, "2"]:
+        """Width and height of a pixel on the sensor."""
+        size_px = np.asarray(self.observations.image_size_px)
+        return np.asarray(self.sensor_size_mm) / size_px
+
+    @property
     def anamorphic(self) -> bool:
         """Whether the lens is stated to squeeze one axis."""
         return self.squeeze != 1.0

@@ -95,7 +95,7 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
         light=np.concatenate([c.light for c in cut]),
         valid=np.concatenate([usable_cells(c) for c in cut]),
         clipped=np.concatenate([c.clipped for c in cut]),
-        observed_mm=np.concatenate([centroids_mm(s) for s in shown]),
+        observed_mm=np.concatenate([centroids_mm(s.take, s.cutouts) for s in shown]),
         diameter_mm=np.concatenate([diameters_mm(s) for s in shown]),
         read_noise=np.repeat([c.read_noise for c in cut], counts, axis=0),
         take=np.repeat(np.arange(len(shown)), counts),

@@ -28,7 +28,6 @@ from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.shown import (
     Shown,
     hole_radius_mm,
-    pixel_mm,
 )
 from lensfit.kernel.pixels import diffraction_variance_mm2
 from lensfit.optics.depth import ObjectShift, object_shift
@@ -102,7 +101,7 @@ def dots_of(
         reference=shift.reference_per_mm,
         lateral_mm=_within_bands_mm(shown, observed, bands),
         variance_mm2=np.sum((per_board * radius) ** 2, (1, 2)) / 8 + diffraction,
-        cell_mm=np.tile(pixel_mm(shown) * shown.cutouts.cell_px, (count, 1)),
+        cell_mm=np.tile(shown.take.pixel_mm * shown.cutouts.cell_px, (count, 1)),
     )
     if not shown.take.anamorphic:
         return known

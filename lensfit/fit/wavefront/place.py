@@ -126,8 +126,7 @@ def _moved(shown: Shown, dragged_mm: Float[np.ndarray, "dots 3 2"]) -> Take:
     """The take with its marks at the chief rays."""
     take, rows = shown.take, shown.cutouts.marks
     observations = take.observations
-    pixel_mm = np.asarray(take.sensor_size_mm) / np.asarray(observations.image_size_px)
-    dragged = dragged_mm / pixel_mm
+    dragged = dragged_mm / take.pixel_mm
     points = observations.points_px.copy()
     points[rows] -= dragged[:, 1]
     channels = observations.channel_points_px.copy()

@@ -62,7 +62,7 @@ def hole_cells(shown: Shown) -> float:
         for points in (stack.observed_mm[shown.index][rows], board)
     ]
     magnification = (areas[0] / areas[1]) ** 0.25
-    cell_mm = float(np.mean(pixel_mm(shown))) * shown.cutouts.cell_px
+    cell_mm = float(np.mean(shown.take.pixel_mm)) * shown.cutouts.cell_px
     squeeze = shown.take.squeeze
     larger = max(squeeze, 1 / squeeze) ** 0.5 / 2 if shown.take.anamorphic else 1.0
     return hole_radius_mm(shown) * magnification / cell_mm * larger
@@ -73,12 +73,6 @@ def hole_radius_mm(shown: Shown) -> float:
     return float(shown.geometry.adjustment.radius_mm[shown.index])
 
 
-def pixel_mm(shown: Shown) -> Float[np.ndarray, "2"]:
-    """Width and height of a pixel on the sensor."""
-    size = shown.take.observations.image_size_px
-    return np.asarray(shown.take.sensor_size_mm) / np.asarray(size)
-
-
 def diameters_mm(shown: Shown) -> Float[np.ndarray, " dots"]:
     """Of the disc of each dot's second moment, the pixel's own taken off.
 
@@ -86,15 +80,15 @@ def diameters_mm(shown: Shown) -> Float[np.ndarray, " dots"]:
     """
     diameter = shown.take.observations.diameter_px[shown.cutouts.marks]
     square = np.maximum(diameter**2 - 16 / 12, 0.0)
-    return np.sqrt(square) * float(np.mean(pixel_mm(shown)))
+    return np.sqrt(square) * float(np.mean(shown.take.pixel_mm))
 
 
-def centroids_mm(shown: Shown) -> Float[np.ndarray, "dots 3 2"]:
+def centroids_mm(take: Take, cutouts: Cutouts) -> Float[np.ndarray, "dots 3 2"]:
     """Of every channel, from the corner of its cells in the cutout."""
-    observations, cutouts = shown.take.observations, shown.cutouts
+    observations = take.observations
     green = observations.points_px[cutouts.marks]
     channels = observations.channel_points_px[:, cutouts.marks]
     channels = np.where(np.isfinite(channels), channels, green[None])
     corner = cutouts.corner_px[:, None] + cutouts.offset_px
     from_corner = channels.transpose(1, 0, 2) - corner
-    return from_corner * pixel_mm(shown)
+    return from_corner * take.pixel_mm

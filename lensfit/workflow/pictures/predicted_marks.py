@@ -55,7 +55,7 @@ def predicted_marks(fitted: Fitted, takes: list[Take]) -> dict[str, PredictedMar
         adjustment = state.geometry.adjustment
         stretch_mm, left_mm = area_stretch(adjustment), adjustment.residual_mm()
         for k, take in enumerate(state.geometry.takes):
-            count, size_mm = len(take.observations), pixel_mm(take)
+            count, size_mm = len(take.observations), take.pixel_mm
             left_px = left_mm[k, :count] / size_mm
             # What blur does to a centroid is in what was seen, not in what is left.
             found[take.name] = PredictedMarks(
@@ -70,11 +70,6 @@ def predicted_marks(fitted: Fitted, takes: list[Take]) -> dict[str, PredictedMar
     return found
 
 
-def pixel_mm(take: Take) -> Float[np.ndarray, "2"]:
-    """Width and height of a pixel of a photograph on the sensor."""
-    return np.asarray(take.sensor_size_mm) / np.asarray(take.observations.image_size_px)
-
-
 def _with_light(
     wavefront: WavefrontFit, found: dict[str, PredictedMarks]
 ) -> dict[str, PredictedMarks]:
@@ -87,7 +82,7 @@ def _with_light(
         if predicted is None:
             continue
         mine, marks = gathered.take == k, shown.cutouts.marks
-        size_mm = pixel_mm(shown.take)
+        size_mm = shown.take.pixel_mm
         variance_mm2 = float(np.median(hole_variance_mm2(gathered.dots)[mine]))
         light = DotLight(
             landings=Landings(*(part[mine] for part in landings)),

@@ -17,6 +17,7 @@ from jaxtyping import Array, ArrayLike, Float
 from scipy.optimize import least_squares
 
 from lensfit.workflow.bench.peers.dots import PicturedDots, some_of
+from lensfit.workflow.bench.peers.thin_lens import blur_radius_mm
 
 FINE = 4
 """Samples along a cell, or a pixel that is asked for."""
@@ -75,26 +76,6 @@ class DiscLens(NamedTuple):
         )
         cells = np.asarray(light).reshape(size_px, FINE, size_px, FINE).sum((1, 3))
         return cells / max(float(cells.sum()), 1e-300)
-
-
-def blur_radius_mm(
-    focal_mm: float, f_number: float, focus_mm: float, object_mm: float
-) -> float:
-    """Of a thin lens' disc; negative for objects nearer than the focus.
-
-    Parameters
-    ----------
-    focus_mm, object_mm : From the sensor; either may be infinite.
-
-    The lens is v in front of the sensor, v + u the focus distance, 1/v + 1/u = 1/f.
-    """
-    part = 1.0 if np.isinf(focus_mm) else (1 + np.sqrt(1 - 4 * focal_mm / focus_mm)) / 2
-    image_mm = focal_mm / part
-    return (
-        focal_mm
-        / (2 * f_number)
-        * (image_mm * (1 / focal_mm - 1 / (object_mm - image_mm)) - 1)
-    )
 
 
 def masked_disc(

@@ -9,8 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from lensfit.coords import mm_from_px
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.gather import spread_out
+from lensfit.fit.wavefront.shown import centroids_mm
 
 
 class PicturedDots(NamedTuple):
@@ -64,26 +66,23 @@ def _dots_of(take: Take) -> PicturedDots:
     cut, marks = take.cutouts, take.observations
     assert cut is not None
     assert None not in (take.f_number, take.focus_distance_mm, take.target_distance_mm)
-    sensor_mm = np.asarray(take.sensor_size_mm, float)
-    pixel_mm = sensor_mm / np.asarray(marks.image_size_px)
-    at_px = marks.points_px[cut.marks]
-    channels_px = np.moveaxis(marks.channel_points_px[:, cut.marks], 0, 1)
-    channels_px = np.where(np.isfinite(channels_px), channels_px, at_px[:, None])
+    cell_mm = take.pixel_mm * cut.cell_px
     lattice_mm = marks.lattice[cut.marks] * np.asarray(take.pitch_mm)
-    place_mm = at_px * pixel_mm - sensor_mm / 2
+    place_mm = mm_from_px(
+        marks.points_px[cut.marks], marks.image_size_px, take.sensor_size_mm
+    )
     hole_mm2 = _imaged(lattice_mm, place_mm, (take.mark_diameter_mm or 0.0) / 2)
     return PicturedDots(
         f_number=float(take.f_number or 0.0),
         focus_distance_mm=float(take.focus_distance_mm or 0.0),
         object_distance_mm=float(take.target_distance_mm or 0.0),
         focal_length_mm=take.focal_length_mm,
-        half_diagonal_mm=float(np.hypot(*sensor_mm) / 2),
+        half_diagonal_mm=float(np.hypot(*take.sensor_size_mm) / 2),
         place_mm=place_mm,
         light=np.asarray(cut.light, float),
         use=cut.valid & ~cut.clipped,
-        centre_cells=(channels_px - cut.corner_px[:, None] - cut.offset_px)
-        / cut.cell_px,
-        cell_mm=pixel_mm * cut.cell_px,
+        centre_cells=centroids_mm(take, cut) / cell_mm,
+        cell_mm=cell_mm,
         hole_mm2=hole_mm2,
     )
 

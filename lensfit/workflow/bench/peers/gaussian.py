@@ -17,8 +17,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from lensfit.batches import in_batches
 from lensfit.fit.levenberg import Prior, Quadratic, minimise
-from lensfit.workflow.bench.peers.disc import blur_radius_mm
 from lensfit.workflow.bench.peers.dots import PicturedDots
+from lensfit.workflow.bench.peers.thin_lens import blur_radius_mm
 
 ORDER = 4
 _DOTS_PER_TERM = 2
