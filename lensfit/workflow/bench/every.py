@@ -5,7 +5,6 @@ where no data folder is given. The short run takes small sets of each kind; the 
 one takes them all.
 """
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,9 @@ from lensfit.workflow.bench.fit.benchmark import bench_fit
 from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.render.benchmark import bench_render
 from lensfit.workflow.bench.result import bench_result
-from lensfit.workflow.bench.rows import as_tables
+from lensfit.workflow.bench.times import stopwatch
 from lensfit.workflow.bench.warp import bench_warp
 from lensfit.workflow.bench.wavefront.benchmark import Judge, Trial, bench_wavefront
-from lensfit.workflow.bench.wavefront.rows import wavefront_rows
 
 QUICK_DOTS = ("dot_pattern_05", "gopro8")
 QUICK_SETS = (*QUICK_DOTS, "line_pattern_01")
@@ -58,14 +56,13 @@ def bench_all(
     parts, notes = _parts(trials, judge, data, folder, quick, progress)
     rows, errors, seconds, profiles, floors = [], [], {}, {}, []
     for name, part in parts.items():
-        began = time.perf_counter()
-        try:
-            found = part()
-        except LensfitError as error:
-            errors.append(f"{name}: {error}")
-            continue
-        finally:
-            seconds[name] = round(time.perf_counter() - began, 1)
+        found = {"rows": []}
+        with stopwatch() as spent:
+            try:
+                found = part()
+            except LensfitError as error:
+                errors.append(f"{name}: {error}")
+        seconds[name] = round(spent["seconds"], 1)
         profiles |= found.get("profiles", {})
         floors += found.get("floors", [])
         rows += [{"bench": name} | row for row in found["rows"]]
@@ -88,8 +85,7 @@ def _parts(
 
     def wavefront() -> dict[str, Any]:
         found = bench_wavefront(trials, judge, folder, progress=progress)
-        rows = [row for one in found["rows"] for row in wavefront_rows(one)]
-        return {"rows": as_tables(rows), "errors": found["errors"]}
+        return {"rows": found["bars"], "errors": found["errors"]}
 
     def render() -> dict[str, Any]:
         return bench_render(plates, folder, quick=quick, progress=progress)

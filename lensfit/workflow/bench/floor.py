@@ -9,13 +9,14 @@ reaches it.
 """
 
 import math
-import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from lensfit.workflow.bench.times import best
 
 _RUNS = 5
 _COPIED_BYTES = 1 << 27
@@ -91,9 +92,4 @@ def fft_flops(tiles: float, side_px: int) -> float:
 def best_seconds(work: Callable[[], Any], runs: int = _RUNS) -> float:
     """The least wall time of several runs, one before them left out."""
     work()
-    seconds = []
-    for _ in range(runs):
-        began = time.perf_counter()
-        work()
-        seconds.append(time.perf_counter() - began)
-    return min(seconds)
+    return best(work, runs)[1]

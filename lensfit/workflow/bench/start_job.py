@@ -33,8 +33,7 @@ def _fit(data: Path) -> Callable[[], Any]:
 
 def _render(data: Path) -> Callable[[], Any]:
     from lensfit.preset.thin_lens import thin_lens_preset
-    from lensfit.workflow.bench.render.benchmark import camera_of_plate
-    from lensfit.workflow.bench.render.scenes import plate_scene
+    from lensfit.workflow.bench.render.scenes import camera_of_plate, plate_scene
 
     camera = camera_of_plate(data)
 

@@ -1,8 +1,10 @@
 """Wall and processor seconds of a piece of work: the first run, and steady state."""
 
+import math
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 RUNS = 3
@@ -38,11 +40,33 @@ def timed(work: Callable[[], Any], runs: int = RUNS) -> tuple[Any, Times]:
     """The last result, and the times of one run and `runs - 1` more."""
     wall, cpu, result = [], [], None
     for _ in range(runs):
-        began, own = time.perf_counter(), time.process_time()
-        result = work()
-        wall.append(time.perf_counter() - began)
-        cpu.append(time.process_time() - own)
+        with stopwatch() as spent:
+            result = work()
+        wall.append(spent["seconds"])
+        cpu.append(spent["cpu_seconds"])
     others = wall[1:] or wall
     spread = max(others) - min(others)
     steady = statistics.median(others)
     return result, Times(wall[0], steady, spread, min(cpu[1:] or cpu))
+
+
+def best(work: Callable[[], Any], runs: int = RUNS) -> tuple[Any, float, float]:
+    """The last result, and the least wall and processor seconds of several runs."""
+    result, wall, cpu = None, math.inf, math.inf
+    for _ in range(runs):
+        with stopwatch() as spent:
+            result = work()
+        wall, cpu = min(wall, spent["seconds"]), min(cpu, spent["cpu_seconds"])
+    return result, wall, cpu
+
+
+@contextmanager
+def stopwatch() -> Iterator[dict[str, float]]:
+    """Its "seconds" and "cpu_seconds" (of all threads), known once it is over."""
+    spent: dict[str, float] = {}
+    began, own = time.perf_counter(), time.process_time()
+    try:
+        yield spent
+    finally:
+        spent["seconds"] = time.perf_counter() - began
+        spent["cpu_seconds"] = time.process_time() - own

@@ -5,8 +5,6 @@ reads it; their spectrum is that of a picture blurred by a lens. The map bends a
 lens does. Every method reads float32 and writes float32, the picture's border left out.
 """
 
-import statistics
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
@@ -25,6 +23,7 @@ from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.plot import Curve, write_curves
 from lensfit.workflow.bench.result import bench_result
 from lensfit.workflow.bench.rows import Row, as_tables
+from lensfit.workflow.bench.times import timed
 
 PICTURE = "error_against_time_warp.png"
 SIZES = {"HD": (1920, 1080), "UHD": (3840, 2160)}
@@ -143,20 +142,13 @@ def _rows(size: str, measured: dict[str, dict[str, float]]) -> list[Row]:
 
 def _measured(run: Callable[[], np.ndarray], task: WarpTask) -> dict[str, float]:
     """Median and spread of the wall seconds once warm, and the error."""
-    began = time.perf_counter()
-    found = run()
-    first = time.perf_counter() - began
+    found, times = timed(run, 1 + _RUNS)
     inside = (slice(_BORDER_PX, -_BORDER_PX),) * 2
     away = found[..., 0][inside] - task.exact[inside]
-    seconds = []
-    for _ in range(_RUNS):
-        began = time.perf_counter()
-        run()
-        seconds.append(time.perf_counter() - began)
     return {
-        "first_s": first,
-        "seconds": statistics.median(seconds),
-        "spread_s": max(seconds) - min(seconds),
+        "first_s": times.first_s,
+        "seconds": times.steady_s,
+        "spread_s": times.spread_s,
         "rms": float(np.sqrt(np.mean(away**2))),
     }
 

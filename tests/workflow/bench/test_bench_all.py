@@ -61,7 +61,7 @@ def test_methods_of_the_warp_agree_with_the_exact_picture():
 def test_without_data_photographs_are_left_out_and_said(monkeypatch):
     monkeypatch.setattr(module, "bench_warp", lambda *_, **__: {"rows": [{"set": "a"}]})
     monkeypatch.setattr(
-        module, "bench_wavefront", lambda *_, **__: {"rows": [], "errors": ["b: no"]}
+        module, "bench_wavefront", lambda *_, **__: {"bars": [], "errors": ["b: no"]}
     )
     found = bench_all([], lambda *_: {}, None)
     assert found["rows"] == [{"bench": "warp", "set": "a"}]
@@ -76,7 +76,7 @@ def test_a_part_that_fails_costs_no_other(monkeypatch):
 
     monkeypatch.setattr(module, "bench_warp", refuse)
     monkeypatch.setattr(
-        module, "bench_wavefront", lambda *_, **__: {"rows": [], "errors": []}
+        module, "bench_wavefront", lambda *_, **__: {"bars": [], "errors": []}
     )
     found = bench_all([], lambda *_: {}, None)
     assert found["errors"] == ["warp: no picture"]
@@ -99,7 +99,7 @@ def test_sets_without_photographs_are_errors_of_their_own(tmp_path):
 def test_a_folder_without_photographs_is_one_line(command, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "bench_warp", lambda *_, **__: {"rows": []})
     monkeypatch.setattr(
-        module, "bench_wavefront", lambda *_, **__: {"rows": [], "errors": []}
+        module, "bench_wavefront", lambda *_, **__: {"bars": [], "errors": []}
     )
     words = ["bench", command, "--data", str(tmp_path)]
     found = CliRunner().invoke(

@@ -1,6 +1,8 @@
 """Times, profiles and floors of benchmarks against what is known beforehand."""
 
 import json
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -151,3 +153,21 @@ def test_import_compilation_first_run_and_steady_state_are_told_apart(data_dir):
     assert rows["import, s"] > 0.1
     assert rows["compilation, s"] > 0
     assert rows["first run of a process, s"] > rows["steady state, s"]
+
+
+def test_the_import_that_is_timed_is_one_that_a_user_pays(tmp_path):
+    """Nothing is drawn when a plate is rendered."""
+    asked = (
+        "import sys; from pathlib import Path;"
+        "from lensfit.errors import PresetError;"
+        "from lensfit.workflow.bench.start_job import _render\n"
+        "try: _render(Path(sys.argv[1]))\n"
+        "except PresetError: print(sorted({'matplotlib', 'skimage'} & {*sys.modules}))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", asked, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "[]\n"

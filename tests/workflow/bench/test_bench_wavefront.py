@@ -80,7 +80,6 @@ def test_trials_are_random_lenses_and_then_cases():
     [
         (["--cases", "nosuch"], "--cases (all, overlapping,"),
         (["--size", "12"], "WIDTHxHEIGHT"),
-        (["--effort", "fast", "--effort", "lazy"], "'lazy' is not one of fastest"),
         (["--lenses", "-1"], "greater than or equal to 0"),
     ],
 )

@@ -11,7 +11,6 @@ on where it was.
 """
 
 import json
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,6 +30,7 @@ from lensfit.workflow.bench.coverage.traced import Traced
 from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.result import bench_result
 from lensfit.workflow.bench.rows import as_tables
+from lensfit.workflow.bench.times import stopwatch
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.shoot.file import load_shoot
@@ -115,18 +115,18 @@ def _draw(
     subject: Subject, folder: Path, number: int, effort: str, traced: Traced
 ) -> dict[str, Any]:
     """One exposure, calibrated; what it predicts, as plain numbers."""
-    began = time.process_time()
     made: dict[str, Any] = {"failed": None, "predicted": {}}
-    try:
-        exposed = folder / "exposed"
-        subject.expose(folder / "shoot", number, exposed)
-        if number % _SPOTS_EVERY:
-            traced = replace(traced, spots=())
-        found = _calibrated(exposed, effort, traced)
-        made["predicted"] = {name: _plain(one) for name, one in found.items()}
-    except (LensfitError, ValueError, KeyError) as error:
-        made["failed"] = f"{type(error).__name__}: {error}"
-    return made | {"seconds": round(time.process_time() - began, 2)}
+    exposed = folder / "exposed"
+    if number % _SPOTS_EVERY:
+        traced = replace(traced, spots=())
+    with stopwatch() as spent:
+        try:
+            subject.expose(folder / "shoot", number, exposed)
+            found = _calibrated(exposed, effort, traced)
+            made["predicted"] = {name: _plain(one) for name, one in found.items()}
+        except (LensfitError, ValueError, KeyError) as error:
+            made["failed"] = f"{type(error).__name__}: {error}"
+    return made | {"seconds": round(spent["cpu_seconds"], 2)}
 
 
 def _calibrated(folder: Path, effort: str, traced: Traced) -> dict[str, Prediction]:

@@ -7,9 +7,6 @@
 Each is a function (f_number, focus_distance_mm) -> something with `psf`.
 """
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,6 +18,7 @@ from lensfit.fit.wavefront.families import SEIDEL
 from lensfit.workflow.bench.peers.disc import DiscLens, matched_disc
 from lensfit.workflow.bench.peers.dots import pictured
 from lensfit.workflow.bench.peers.gaussian import GaussianLens, gaussian_fields
+from lensfit.workflow.bench.times import stopwatch
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.records import Shoot
@@ -85,13 +83,3 @@ def refitted(
     with stopwatch() as seconds:
         fitted = fit(takes, effort=effort, allowed=SEIDEL if seidel_only else None)
     return Peer(preset_of(shoot, seen, fitted), seconds)
-
-
-@contextmanager
-def stopwatch() -> Iterator[dict[str, float]]:
-    """Seconds, and processor seconds of all threads, once it is over."""
-    seconds: dict[str, float] = {}
-    began, worked = time.perf_counter(), time.process_time()
-    yield seconds
-    seconds["seconds"] = round(time.perf_counter() - began, 2)
-    seconds["cpu_seconds"] = round(time.process_time() - worked, 2)

@@ -8,15 +8,11 @@ since other work on the machine does not lengthen them.
 """
 
 import math
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lensfit._strict import convert_strictly, read_json_object
-from lensfit.errors import PresetError
 from lensfit.preset.store import load_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.progress import Progress, silent
@@ -24,9 +20,11 @@ from lensfit.workflow.bench.floor import measured_rates
 from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.render.blender import blender_defocus, python_with_bpy
 from lensfit.workflow.bench.render.kernels import bundled_preset, kernel_rows
+from lensfit.workflow.bench.render.plot import write_plot
 from lensfit.workflow.bench.render.profile import render_profile
 from lensfit.workflow.bench.render.scenes import (
     Scene,
+    camera_of_plate,
     layered_discs,
     plate_scene,
     synthetic_scene,
@@ -35,12 +33,12 @@ from lensfit.workflow.bench.render.warp import warp_row
 from lensfit.workflow.bench.result import bench_result
 from lensfit.workflow.bench.rows import Row, as_tables
 from lensfit.workflow.bench.start import start_rows
+from lensfit.workflow.bench.times import RUNS, best
 
 TOLERANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 _UHD_TOLERANCES = (1e-3, 2e-3, 5e-3, 1e-2, 3e-2)
 _FINEST = 0.5
 """Tolerance of what the others are compared with, over the tightest of them."""
-_RUNS = 3
 _FASTER_THAN_BLENDER = 20
 _BLENDER_LIMIT_PX = 64.0
 """Which does not cut the blur of near things short, as a careful artist sets it."""
@@ -94,7 +92,7 @@ def bench_render(
     if not quick:
         uhd = synthetic_scene(camera, *_UHD)
         curves["uhd"], _ = _error_against_time(uhd, _UHD_TOLERANCES, runs=1)
-        rows.append(warp_row(*_UHD, _best))
+        rows.append(warp_row(*_UHD))
     progress("render", 4, 5)
     if fitted is None:
         notes.append("no fitted preset (--preset): kernel errors are not measured")
@@ -107,28 +105,9 @@ def bench_render(
     where["rates"] = rates._asdict()
     result = bench_result("render", on, out_dir, **found, **where)
     if out_dir is not None:
-        from lensfit.workflow.bench.render.plot import write_plot
-
         write_plot(result, Path(out_dir))
     progress("render", 5, 5)
     return result
-
-
-def camera_of_plate(folder: Path) -> ThinCamera:
-    """The camera of the path-traced plate.
-
-    Raises
-    ------
-    PresetError : There is no camera.json, or it describes none.
-    """
-    path = folder / "camera.json"
-    tables = read_json_object(
-        path,
-        error=PresetError,
-        source="give the folder of the plate with --data",
-        mend="mend the file",
-    )
-    return convert_strictly(tables, ThinCamera, error=PresetError, where=path)
 
 
 def psnr_db(picture: np.ndarray, reference: np.ndarray) -> float:
@@ -137,19 +116,8 @@ def psnr_db(picture: np.ndarray, reference: np.ndarray) -> float:
     return float(-10 * np.log10(np.mean(away**2)))
 
 
-def _best(work: Callable[[], Any], runs: int = _RUNS) -> tuple[Any, float, float]:
-    """The result, and the least wall and processor seconds of several runs."""
-    result, wall, cpu = None, math.inf, math.inf
-    for _ in range(runs):
-        began, own = time.perf_counter(), time.process_time()
-        result = work()
-        wall = min(wall, time.perf_counter() - began)
-        cpu = min(cpu, time.process_time() - own)
-    return result, wall, cpu
-
-
 def _error_against_time(
-    scene: Scene, tolerances: tuple[float, ...], runs: int = _RUNS
+    scene: Scene, tolerances: tuple[float, ...], runs: int = RUNS
 ) -> tuple[list[dict[str, float]], list[Row]]:
     """One point for each tolerance, against the finest and against the truth."""
     finest = np.clip(scene.render(_FINEST * min(tolerances)), 0, 1)
@@ -157,7 +125,7 @@ def _error_against_time(
     for tolerance in tolerances:
         if runs > 1:
             scene.render(tolerance)  # kernels are made once
-        found, wall, cpu = _best(lambda t=tolerance: scene.render(t), runs)
+        found, wall, cpu = best(lambda t=tolerance: scene.render(t), runs)
         away = np.clip(found, 0, 1) - finest
         point = {
             "tolerance": tolerance,
@@ -180,8 +148,8 @@ def _plate_rows(scene: Scene, camera: ThinCamera, blender: str | None) -> list[R
     """Against the path-traced reference, with peers; Blender's time sets the bar."""
     assert scene.reference is not None
     scene.render(1e-3, mattes=True)
-    found, wall, cpu = _best(lambda: scene.render(1e-3, mattes=True))
-    discs, discs_s, _ = _best(lambda: layered_discs(scene), 1)
+    found, wall, cpu = best(lambda: scene.render(1e-3, mattes=True))
+    discs, discs_s, _ = best(lambda: layered_discs(scene), 1)
     pictures = {
         "no defocus": scene.undefocused(),
         "layered discs": discs,
@@ -235,7 +203,7 @@ def _pixels(camera: ThinCamera) -> list[dict[str, float]]:
     for width in (480, 960, 1920):
         scene = synthetic_scene(camera, width, width * 9 // 16)
         scene.render(3e-3)
-        _, wall, cpu = _best(lambda s=scene: s.render(3e-3), 2)
+        _, wall, cpu = best(lambda s=scene: s.render(3e-3), 2)
         size = scene.megapixels
         points.append({"megapixels": size, "seconds": wall, "cpu_seconds": cpu})
     return points
@@ -248,7 +216,7 @@ def _areas(camera: ThinCamera) -> list[dict[str, float]]:
     for radius in _AREAS_PX:
         depth = np.full_like(scene.depth_mm, scene.circle().depth_mm(radius))
         scene.render(3e-3, depth_mm=depth)
-        _, wall, cpu = _best(lambda d=depth: scene.render(3e-3, depth_mm=d), 2)
+        _, wall, cpu = best(lambda d=depth: scene.render(3e-3, depth_mm=d), 2)
         area = math.pi * radius**2
         points.append({"blur_area_px": area, "seconds": wall, "cpu_seconds": cpu})
     return points

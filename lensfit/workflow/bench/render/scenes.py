@@ -7,7 +7,9 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
+from lensfit._strict import convert_strictly, read_json_object
 from lensfit.coords import Window
+from lensfit.errors import PresetError
 from lensfit.io.exr import read_exr
 from lensfit.preset.schema import Preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
@@ -100,6 +102,23 @@ class Scene:
         data, shown = self.data_window, self.display_window
         top, left = shown.y_min - data.y_min, shown.x_min - data.x_min
         return slice(top, top + shown.height), slice(left, left + shown.width)
+
+
+def camera_of_plate(folder: Path) -> ThinCamera:
+    """The camera of the path-traced plate.
+
+    Raises
+    ------
+    PresetError : There is no camera.json, or it describes none.
+    """
+    path = folder / "camera.json"
+    tables = read_json_object(
+        path,
+        error=PresetError,
+        source="give the folder of the plate with --data",
+        mend="mend the file",
+    )
+    return convert_strictly(tables, ThinCamera, error=PresetError, where=path)
 
 
 def plate_scene(folder: Path, preset: Preset, camera: ThinCamera) -> Scene:

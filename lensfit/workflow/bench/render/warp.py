@@ -1,8 +1,5 @@
 """The warp against `cv2.remap`: a frame with alpha through a map that bends."""
 
-from collections.abc import Callable
-from typing import Any
-
 import cv2
 import numpy as np
 
@@ -11,17 +8,11 @@ from lensfit.render.buffers import aligned_empty
 from lensfit.render.uv import SourceMap
 from lensfit.render.warp import warp
 from lensfit.workflow.bench.rows import Row
+from lensfit.workflow.bench.times import best
 
 
-def warp_row(
-    width: int, height: int, best: Callable[..., tuple[Any, float, float]]
-) -> Row:
-    """Seconds of one warp over those of `cv2.remap`, cubic, on the same pixels.
-
-    Parameters
-    ----------
-    best : Runs something several times: result, wall and processor seconds.
-    """
+def warp_row(width: int, height: int) -> Row:
+    """Seconds of one warp over those of `cv2.remap`, cubic, on the same pixels."""
     window = Window.of_size(width, height)
     y, x = np.mgrid[:height, :width].astype(np.float32)
     u, v = (x - width / 2) / width, (y - height / 2) / width
