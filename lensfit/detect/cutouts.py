@@ -46,6 +46,7 @@ class Cutouts:
     cell_px : Pixels along a cell.
     read_noise : Standard deviation of a cell without light, per channel.
     channels : 3, or 1 for a grey photograph.
+    from_mosaic : Each pixel measured one channel.
     """
 
     marks: Int[np.ndarray, " dots"]
@@ -57,6 +58,7 @@ class Cutouts:
     cell_px: int
     read_noise: Float[np.ndarray, " 3"]
     channels: int
+    from_mosaic: bool = False
 
 
 def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
@@ -89,6 +91,7 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
         cell_px=cell,
         read_noise=_read_noise(pixels, own) / _pixels_of_noise(own, cell),
         channels=photograph.pixels.shape[2],
+        from_mosaic=own is not None,
     )
 
 

@@ -47,8 +47,9 @@ def read_photograph(
         and floating-point TIFF, "srgb" for the rest.
     mosaic : Which channel each pixel of the file measured, from the top left as it is
         stored; where the file has one channel, that is the mosaic itself and colours
-        are interpolated. Without meaning where red and blue are stored at lower
-        resolution, since nothing is then as it was measured.
+        are interpolated. Without meaning for a raw file, which knows its own, and
+        where red and blue are stored at lower resolution, so that nothing is as it was
+        measured.
 
     Returns
     -------
@@ -150,7 +151,7 @@ def _from_exr(path: Path, data: bytes, encoding: str) -> Photograph:
 def _from_raw(path: Path, data: bytes, encoding: str) -> Photograph:
     if encoding != "linear":
         raise ImageError("is a camera raw file, which is linear", where=path)
-    pixels = read_raw(path)
+    pixels, mosaic = read_raw(path)
     metadata = {"format": "raw", "bit_depth": 16, "orientation": 1}
     return Photograph(
         pixels=pixels,
@@ -158,6 +159,7 @@ def _from_raw(path: Path, data: bytes, encoding: str) -> Photograph:
         sha256=hashlib.sha256(data).hexdigest(),
         saturation=1.0,
         quantisation_step=1 / 65535,
+        mosaic=mosaic,
         metadata=metadata | _camera(tiff_header(data), pixels),
     )
 

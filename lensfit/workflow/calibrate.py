@@ -222,6 +222,13 @@ def _notes(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> list[str]:
             "some photographs were turned by their EXIF orientation and others were "
             "not: shoot all of them the same way up"
         )
+    seen = [o.mosaic_seen for o in observed if o.mosaic_seen]
+    if seen:
+        notes.append(
+            f"the noise of {len(seen)} of {len(observed)} photographs shows that "
+            "colours were interpolated from a mosaic, which the fit takes for the lens' blur: "
+            f'state mosaic = "{max(set(seen), key=seen.count)}" in [camera]'
+        )
     return list(dict.fromkeys(notes))
 
 

@@ -16,11 +16,13 @@ from lensfit.chart.layout import described
 from lensfit.chart.pattern import Pattern
 from lensfit.coords import Window
 from lensfit.detect.chart_code import read_chart_code
+from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr_header import check_exr
 from lensfit.io.image import read_photograph
 from lensfit.io.metadata import CameraState
 from lensfit.io.sequence import expand_frames
+from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress, silent
 from lensfit.workflow.camera.facts import (
@@ -53,6 +55,8 @@ class Inspection:
     chroma_subsampled : Colour is stored at lower resolution.
     orientation : EXIF orientation that was undone; 1 for none.
     camera : Its camera state and knobs, with the source of each value.
+    mosaic : Of the colour filters, where a raw file states it or the noise of an
+        interpolated picture shows it.
     chart : What the code of a lensfit chart says; None where none was looked for, or
         read.
     """
@@ -69,6 +73,7 @@ class Inspection:
     chroma_subsampled: bool
     orientation: int
     camera: CameraFacts
+    mosaic: Mosaic | None = None
     chart: Pattern | None = None
 
     @property
@@ -133,6 +138,9 @@ def facts(inspection: Inspection) -> list[tuple[str, str, str]]:
         lines.append(("data window", _box(inspection.data_window), ""))
     clipped = inspection.clipped_fraction
     lines.append(("clipped", "unknown" if clipped is None else f"{clipped:.2%}", ""))
+    if inspection.mosaic is not None:
+        source = "its file" if inspection.format == "raw" else "its noise"
+        lines.append(("mosaic", inspection.mosaic, source))
     if inspection.chart is not None:
         lines.append(("chart", ", ".join(described(inspection.chart)), "its code"))
     return lines + camera_rows(inspection.camera)
@@ -171,6 +179,7 @@ def _inspect(
         chroma_subsampled=photograph.chroma_subsampled,
         orientation=int(str(metadata["orientation"])),
         camera=camera_facts(path, header, photograph.size_px, sources, preset),
+        mosaic=photograph.mosaic or mosaic_seen(photograph),
         chart=read_chart_code(photograph) if charts else None,
     )
 

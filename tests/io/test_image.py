@@ -314,7 +314,7 @@ def test_raw_without_rawpy_names_the_extra(tmp_path: Path, monkeypatch):
         read_photograph(tmp_path / "a.dng")
 
 
-def write_dng(path: Path, mosaic: np.ndarray, white: int) -> None:
+def write_dng(path: Path, mosaic: np.ndarray, white: int, orientation: int = 1) -> None:
     """The least that LibRaw takes for a DNG: an RGGB mosaic, its white level, D65."""
     unit = [v for i in range(9) for v in ((1, 1) if i % 4 == 0 else (0, 1))]
     tags = [
@@ -327,7 +327,26 @@ def write_dng(path: Path, mosaic: np.ndarray, white: int) -> None:
         (50728, 5, 3, [1, 1, 1, 1, 1, 1], True),  # AsShotNeutral
         (50778, 3, 1, 21, True),  # CalibrationIlluminant1
     ]
+    tags += [(274, 3, 1, orientation, True)]
     tifffile.imwrite(path, mosaic, photometric=32803, extratags=tags)
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+@pytest.mark.parametrize("size", [(96, 64), (95, 64), (96, 63)])
+def test_a_raw_file_knows_where_it_measured_what(tmp_path: Path, orientation, size):
+    pytest.importorskip("rawpy")
+    own = photosites("rggb", size)
+    codes = (own * np.array([1000, 2000, 500])).sum(2).astype(np.uint16)
+    codes[:20] //= 2
+    codes[:, :30] //= 2
+    write_dng(tmp_path / "a.dng", codes, 4000, orientation)
+    photograph = read_photograph(tmp_path / "a.dng", mosaic="rggb")
+    assert photograph.mosaic is not None
+    turns = {1: 0, 3: 2, 6: -1, 8: 1}[orientation]
+    where = photosites(photograph.mosaic, photograph.size_px)
+    np.testing.assert_array_equal(where, np.rot90(own, turns))
+    measured = photograph.pixels[where] * 4000
+    np.testing.assert_allclose(measured, np.rot90(codes, turns).ravel(), atol=0.2)
 
 
 def test_raw_is_linear_camera_light(tmp_path: Path):

@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -14,8 +15,9 @@ from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.errors import OutputError
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
+from lensfit.mosaic import filled_in
 from lensfit.workflow.inspect import as_json, facts, inspect_images
-from lensfit.workflow.shoot.draft import write_draft_shoot
+from lensfit.workflow.shoot.draft import draft_shoot, write_draft_shoot
 from lensfit.workflow.shoot.file import load_shoot
 
 OVERSCAN = Window(-4, -3, 43, 32)
@@ -149,6 +151,25 @@ def test_draft_is_a_valid_shoot_with_what_is_known(folder: Path):
     text = path.read_text()
     assert "focal_length_mm = 35.0  # from lens/focal" in text
     assert text.count("TODO") >= 5
+
+
+def test_a_mosaic_shows_in_the_facts_and_in_the_draft(tmp_path: Path):
+    rng = np.random.default_rng(0)
+    for name, mosaic in (("a", "gbrg"), ("b", "gbrg"), ("c", None)):
+        pixels = 0.4 + rng.normal(0, 0.01, (128, 192, 3))
+        if mosaic is not None:
+            pixels = filled_in(pixels, mosaic)
+        codes = np.rint(pixels * 65535).astype(np.uint16)
+        assert cv2.imwrite(str(tmp_path / f"{name}.png"), codes[..., ::-1])
+    found, _ = inspect_images(tmp_path / f"{name}.png" for name in "abc")
+    assert [one.mosaic for one in found] == ["gbrg", "gbrg", None]
+    assert ("mosaic", "gbrg", "its noise") in facts(found[0])
+    text = draft_shoot(found[:2], tmp_path)
+    assert tomllib.loads(text)["camera"]["mosaic"] == "gbrg"
+    mixed = draft_shoot(found, tmp_path)
+    assert "mosaic" not in tomllib.loads(mixed)["camera"]
+    assert '# "gbrg" from the noise of' in mixed
+    assert '# mosaic = "rggb"' in draft_shoot(found[2:], tmp_path)
 
 
 def test_draft_says_where_photographs_differ(folder: Path):

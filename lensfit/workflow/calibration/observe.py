@@ -16,12 +16,14 @@ import cv2
 
 from lensfit.detect.cutouts import cut
 from lensfit.detect.find import observe
+from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.detect.observations import Observations
 from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
 from lensfit.errors import LensfitError
 from lensfit.fit.take import Take
 from lensfit.io.image import camera_state_of, read_photograph
+from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
@@ -47,6 +49,7 @@ class Observed:
     notes : What its photographer should know.
     sha256 : Hash of the photograph; empty if it could not be read.
     seconds : Reading, detection and drawing.
+    mosaic_seen : The mosaic that the noise shows and nobody stated.
     """
 
     image: str
@@ -60,6 +63,7 @@ class Observed:
     notes: tuple[str, ...] = ()
     sha256: str = ""
     orientation: object = None
+    mosaic_seen: Mosaic | None = None
 
 
 def observe_shoot(
@@ -119,6 +123,7 @@ def _searched(
         known["resolved"] = resolved
     target = resolved.target
     with _timed(seconds, "detect"):
+        known["mosaic_seen"] = mosaic_seen(photograph)
         marks = observe(
             photograph,
             target.kind,
@@ -174,10 +179,13 @@ def _of_mosaic(shoot: Shoot, photograph: Photograph) -> tuple[str, ...]:
     """What of the stated mosaic does not hold for this photograph."""
     if not shoot.camera.mosaic or photograph.mosaic:
         return ()
-    return (
-        f'the mosaic "{shoot.camera.mosaic}" is not made use of, since red and blue '
-        "are stored at lower resolution; hand in the photograph as it was before JPEG",
-    )
+    why = "it is a raw file of another pattern"
+    if photograph.chroma_subsampled:
+        why = (
+            "red and blue are stored at lower resolution; hand in the photograph as it "
+            "was before JPEG"
+        )
+    return (f'the mosaic "{shoot.camera.mosaic}" is not made use of, since {why}',)
 
 
 def _board_keys(target: Any) -> dict[str, Any]:

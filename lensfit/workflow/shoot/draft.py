@@ -118,7 +118,21 @@ def _camera(inspections: Sequence[Inspection]) -> str:
     lines += _shared(same_sensor, "sensor_height_mm", "sensor_height_mm") or [
         "# sensor_height_mm = 18.67  # left out, photosites are taken as square"
     ]
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines + _mosaic(inspections)) + "\n"
+
+
+def _mosaic(inspections: Sequence[Inspection]) -> list[str]:
+    """The line for a mosaic that the noise shows; raw files need none."""
+    if all(inspection.format == "raw" for inspection in inspections):
+        return []
+    seen = {one.mosaic: one.path.name for one in inspections if one.format != "raw"}
+    known = [mosaic for mosaic in seen if mosaic is not None]
+    if len(known) == 1 and None not in seen:
+        return [_entry("mosaic", known[0], f"the noise of {seen[known[0]]}")]
+    hint = (
+        '# mosaic = "rggb"          # if colours were interpolated from one; optional'
+    )
+    return [hint, *(f"# {_literal(m)} from the noise of {seen[m]}" for m in known)]
 
 
 def _shared(inspections: Sequence[Inspection], name: str, key: str) -> list[str]:
