@@ -20,8 +20,8 @@ _BLOCK = 8
 _QUIET = 0.5
 """Share of the blocks that count: those with the least structure."""
 _FEWEST_BLOCKS = 40
-_LESS_GREEN, _LESS_OTHERS = 0.75, 0.8
-"""Interpolated pixels depart from their neighbours by no more than so much of what
+_MOST = (0.8, 0.75, 0.8)
+"""Of red, green and blue: interpolated pixels depart from their neighbours by no more than so much of what
 measured ones do; without a mosaic it is 1 within a hundredth."""
 _CROSS = np.array([[0, 1, 0], [1, -4, 1], [0, 1, 0]], np.float32) / 4
 _AROUND = np.array([[1, 1, 1], [1, -8, 1], [1, 1, 1]], np.float32) / 8
@@ -43,16 +43,16 @@ def mosaic_seen(photograph: Photograph) -> Mosaic | None:
     ):
         return None
     kernels = (_AROUND, _CROSS, _AROUND)
-    departures = [
-        _departure(pixels[..., k], kernel) for k, kernel in enumerate(kernels)
-    ]
-    if any(found is None for found in departures):
-        return None
+    departures = []
+    for k, kernel in enumerate(kernels):
+        found = _departure(pixels[..., k], kernel)
+        if found is None:
+            return None
+        departures.append(found)
     for mosaic in MOSAICS:
         own = photosites(mosaic, (2, 2))
         shares = [_less(found, own[..., k]) for k, found in enumerate(departures)]
-        most = np.array([_LESS_OTHERS, _LESS_GREEN, _LESS_OTHERS])
-        if np.all(shares < most):
+        if np.all(np.less(shares, _MOST)):
             return mosaic
     return None
 

@@ -226,7 +226,8 @@ def _notes(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> list[str]:
     if seen:
         notes.append(
             f"the noise of {len(seen)} of {len(observed)} photographs shows that "
-            "colours were interpolated from a mosaic, which the fit takes for the lens' blur: "
+            "colours were interpolated from a mosaic, which the fit takes for blur of "
+            "the lens: "
             f'state mosaic = "{max(set(seen), key=seen.count)}" in [camera]'
         )
     return list(dict.fromkeys(notes))
