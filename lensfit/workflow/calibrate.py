@@ -80,6 +80,28 @@ def calibrate(
         ) from error
     shoot = with_charts_read(shoot, progress)
     observed = observe_shoot(shoot, folder, progress)
+    return calibrate_observed(shoot, observed, folder, progress=progress, effort=effort)
+
+
+def calibrate_observed(
+    shoot: Shoot,
+    observed: list[Observed],
+    folder: Path,
+    *,
+    progress: Progress = silent,
+    effort: str = "normal",
+) -> dict[str, Any]:
+    """The same with marks that were found before.
+
+    Parameters
+    ----------
+    shoot : Its charts read, as `with_charts_read` does it.
+    observed : By `observe_shoot`, into the same folder.
+
+    Raises
+    ------
+    LensfitError : No photograph could be used, or the folder cannot be written.
+    """
     takes = [o.take for o in observed if o.take is not None]
     if not takes:
         _remove_if_empty(folder / "overlays", folder)

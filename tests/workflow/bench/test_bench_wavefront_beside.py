@@ -10,11 +10,10 @@ from typer.testing import CliRunner
 
 from lensfit.cli.main import app
 from lensfit.errors import FitError, ShootError
-from lensfit.progress import silent
 from lensfit.workflow.bench.peers.fitted import Peer, simple_peers
 from lensfit.workflow.bench.wavefront import beside as module
-from lensfit.workflow.bench.wavefront.beside import Beside, add_figures
-from lensfit.workflow.bench.wavefront.plot import curves_of, write_plots
+from lensfit.workflow.bench.wavefront.beside import Beside, Seen, add_figures
+from lensfit.workflow.bench.wavefront.plot import curves_of, write_plot
 from lensfit.workflow.bench.wavefront.rows import wavefront_rows
 
 CHART_MM = 2000.0
@@ -39,40 +38,38 @@ TAKES = {
 
 
 @pytest.fixture
-def shoot(monkeypatch):
-    """A shoot whose fits only tell what they were given, and what was fitted to it."""
+def seen(monkeypatch):
+    """What is seen of a shoot whose fits only tell what they were given."""
     takes = [SimpleNamespace(image=name) for name in TAKES]
     observed = [SimpleNamespace(image=n, take=t) for n, t in TAKES.items()]
-    monkeypatch.setattr(module, "with_charts_read", lambda shoot, _: shoot)
-    monkeypatch.setattr(module, "observe_shoot", lambda *_: observed)
     spent = {"seconds": 4.0, "cpu_seconds": 3.0}
 
-    def refitted(_, seen, **asked):
-        assert seen is observed
+    def refitted(_, given, **asked):
+        assert given is observed
         return Peer(("lensfit", asked), spent)
 
-    def simple(seen):
-        names = tuple(take.name for take in seen)
+    def simple(given):
+        names = tuple(take.name for take in given)
         return {"gaussians": Peer(("gaussians", names), spent)}
 
     monkeypatch.setattr(module, "refitted", refitted)
     monkeypatch.setattr(module, "simple_peers", simple)
-    return SimpleNamespace(takes=takes, path="shoot.toml")
+    return Seen(SimpleNamespace(takes=takes, path="shoot.toml"), observed)
 
 
-def found_by(shoot, **wanted):
+def found_by(seen, **wanted):
     judged, found = [], {}
 
     def spots(lens, folder, only=None):
         judged.append((lens, only))
         return {"median": 0.1, "p90": 0.2} if only else {"all": {}}
 
-    add_figures(found, Beside(spots, **wanted), shoot, "folder", silent)
+    add_figures(found, Beside(spots, **wanted), seen, "folder")
     return found, judged
 
 
-def test_every_take_of_a_stated_setting_is_left_out_in_turn(shoot):
-    found, judged = found_by(shoot, leave_out=("each",))
+def test_every_take_of_a_stated_setting_is_left_out_in_turn(seen):
+    found, judged = found_by(seen, leave_out=("each",))
     assert list(found["left_out"]) == ["wide.exr", "small.exr"]
     assert judged == [
         (("lensfit", {"without": name}), (f_number, 1430.0, CHART_MM))
@@ -80,8 +77,8 @@ def test_every_take_of_a_stated_setting_is_left_out_in_turn(shoot):
     ]
 
 
-def test_peers_do_not_see_the_take_either(shoot):
-    found, judged = found_by(shoot, leave_out=("small",), peers=True)
+def test_peers_do_not_see_the_take_either(seen):
+    found, judged = found_by(seen, leave_out=("small",), peers=True)
     assert set(found["peers"]) == {"gaussians", "Seidel only"}
     assert found["peers"]["gaussians"]["cpu_seconds"] == 3.0
     assert (("lensfit", {"seidel_only": True}), None) in judged
@@ -92,9 +89,9 @@ def test_peers_do_not_see_the_take_either(shoot):
     assert list(found["left_out"]["small.exr"]["peers"]) == ["gaussians"]
 
 
-def test_a_take_that_does_not_exist_is_told_before_anything_is_fitted(shoot):
+def test_a_take_that_does_not_exist_is_told_before_anything_is_fitted(seen):
     with pytest.raises(ShootError, match="no take is called nosuch") as told:
-        found_by(shoot, leave_out=("nosuch",), peers=True)
+        found_by(seen, leave_out=("nosuch",), peers=True)
     assert "wide, small, tilted, lines, or each" in str(told.value)
 
 
@@ -168,9 +165,9 @@ def test_efforts_are_a_curve_and_peers_are_points(tmp_path):
     assert (lensfit.labels, lensfit.worse) == (("fast", "best"), (0.2, 0.1))
     assert (gaussians.errors, gaussians.seconds) == ([0.2], [3.0])
     assert (thin.errors, thin.seconds) == ([0.5], [])
-    (path,) = write_plots([row], tmp_path)
+    path = write_plot(row, tmp_path)
     assert np.mean(imread(path)[..., :3] < 200) > 0.005
-    assert write_plots([judged_row()], tmp_path) == write_plots([row], None) == []
+    assert write_plot(judged_row(), tmp_path) is None
 
 
 @pytest.mark.parametrize(

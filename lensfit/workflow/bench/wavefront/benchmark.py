@@ -6,7 +6,6 @@ folder everything stays in it, and the results are written again after every len
 """
 
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -22,15 +21,18 @@ from lensfit.progress import Progress, silent
 from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.result import Machine, bench_result
 from lensfit.workflow.bench.rows import as_tables
+from lensfit.workflow.bench.times import stopwatch
 from lensfit.workflow.bench.wavefront.beside import (
     Beside,
+    Seen,
     add_figures,
     images_left_out,
 )
-from lensfit.workflow.bench.wavefront.plot import write_plots
+from lensfit.workflow.bench.wavefront.plot import write_plot
 from lensfit.workflow.bench.wavefront.rows import wavefront_rows
-from lensfit.workflow.calibrate import calibrate
+from lensfit.workflow.calibrate import calibrate_observed
 from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.records import Shoot
 
 _REPORTED = ("rms_px", "held_out_rms_px", "seconds", "notes")
 
@@ -86,18 +88,20 @@ def bench_wavefront(
     """
     on, rows = machine(), []
     kept = nullcontext(out_dir) if out_dir else tempfile.TemporaryDirectory()
-    with kept as folder:
+    with kept as root:
         for done, trial in enumerate(trials):
             progress("lenses", done, len(trials))
             # Every lens has programs of its own, and a process may map only so many.
             jax.clear_caches()
-            row = _row(trial, judge, Path(folder) / trial.name, reuse, beside)
+            row, folder = _empty_row(trial), Path(root) / trial.name
             rows.append(row)
-            _result(on, rows, out_dir)
-            if beside is not None and beside.is_wanted and row["figures"] is not None:
-                _add_beside(row, beside, Path(folder) / trial.name, progress)
-                write_plots([row], None if out_dir is None else Path(out_dir))
+            with _failures(row):
+                shoot = _photographed(row, trial, folder, reuse, beside)
+                seen = _calibrated(row, shoot, judge, folder)
                 _result(on, rows, out_dir)
+                if beside is not None and beside.is_wanted:
+                    _add_beside(row, beside, seen, folder, out_dir)
+            _result(on, rows, out_dir)
     progress("lenses", len(trials), len(trials))
     return _result(on, rows, out_dir)
 
@@ -110,11 +114,9 @@ def _result(
     return bench_result("wavefront", on, out_dir, rows=rows, bars=bars, errors=errors)
 
 
-def _row(
-    trial: Trial, judge: Judge, folder: Path, reuse: bool, beside: Beside | None
-) -> dict[str, Any]:
+def _empty_row(trial: Trial) -> dict[str, Any]:
     """Figures and seconds of one lens, as far as it came."""
-    row: dict[str, Any] = {
+    return {
         "lens": trial.name,
         "about": trial.about,
         "failed": None,
@@ -124,29 +126,48 @@ def _row(
         "beside": {},
         "seconds": {},
     }
-    with _failures(row):
-        if not (reuse and (folder / "shoot.toml").is_file()):
-            _timed(row, "photograph", lambda: trial.write(folder))
-        made = folder / "calibrated"
-        shoot = load_shoot(folder / "shoot.toml")
-        if beside is not None:
-            # A name that is wrong is told before minutes of fitting.
-            images_left_out(beside.leave_out, shoot)
-        report = _timed(row, "calibrate", lambda: calibrate(shoot, made))
-        row["report"] = {key: report[key] for key in _REPORTED}
-        row["converged"] = not any("converge" in note for note in report["notes"])
-        preset = load_preset(made / "preset.json")
-        row["figures"] = _timed(row, "judge", lambda: judge(preset, folder))
-    return row
+
+
+def _photographed(
+    row: dict[str, Any], trial: Trial, folder: Path, reuse: bool, beside: Beside | None
+) -> Shoot:
+    if not (reuse and (folder / "shoot.toml").is_file()):
+        with _timed(row, "photograph"):
+            trial.write(folder)
+    shoot = load_shoot(folder / "shoot.toml")
+    if beside is not None:
+        # A name that is wrong is told before minutes of fitting.
+        images_left_out(beside.leave_out, shoot)
+    return shoot
+
+
+def _calibrated(row: dict[str, Any], shoot: Shoot, judge: Judge, folder: Path) -> Seen:
+    """Marks, preset and figures; what was seen serves again."""
+    made = folder / "calibrated"
+    with _timed(row, "calibrate"):
+        seen = Seen.of(shoot, made)
+        report = calibrate_observed(*seen, made)
+    row["report"] = {key: report[key] for key in _REPORTED}
+    row["converged"] = not any("converge" in note for note in report["notes"])
+    with _timed(row, "judge"):
+        row["figures"] = judge(load_preset(made / "preset.json"), folder)
+    return seen
 
 
 def _add_beside(
-    row: dict[str, Any], beside: Beside, folder: Path, progress: Progress
+    row: dict[str, Any],
+    beside: Beside,
+    seen: Seen,
+    folder: Path,
+    out_dir: str | Path | None,
 ) -> None:
-    with _failures(row):
-        shoot = load_shoot(folder / "shoot.toml")
-        given = row["beside"], beside, shoot, folder, progress
-        _timed(row, "beside", lambda: add_figures(*given))
+    """What comes before a failure is kept, and drawn."""
+    try:
+        with _timed(row, "beside"):
+            add_figures(row["beside"], beside, seen, folder)
+    finally:
+        if out_dir is not None:
+            write_plot(row, Path(out_dir))
 
 
 @contextmanager
@@ -160,9 +181,10 @@ def _failures(row: dict[str, Any]) -> Iterator[None]:
         row["failed"] = f"{type(error).__name__}: {error}"
 
 
-def _timed(row: dict[str, Any], name: str, work: Callable[[], Any]) -> Any:
-    began = time.perf_counter()
+@contextmanager
+def _timed(row: dict[str, Any], stage: str) -> Iterator[None]:
     try:
-        return work()
+        with stopwatch() as spent:
+            yield
     finally:
-        row["seconds"][name] = round(time.perf_counter() - began, 2)
+        row["seconds"][stage] = round(spent["seconds"], 2)

@@ -7,12 +7,12 @@ same truth at the same settings.
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lensfit.errors import ShootError
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
-from lensfit.progress import Progress
+from lensfit.progress import silent
 from lensfit.workflow.bench.peers.fitted import (
     SEIDEL_ONLY,
     Peer,
@@ -29,6 +29,19 @@ Setting = tuple[float, float, float]
 
 SpotsJudge = Callable[..., dict[str, Any] | None]
 """As `data_synth.judge_spots`: (lens, folder, only=setting)."""
+
+
+class Seen(NamedTuple):
+    """A shoot with its charts read, and what was found on its photographs."""
+
+    shoot: Shoot
+    observed: list[Observed]
+
+    @classmethod
+    def of(cls, shoot: Shoot, out_dir: Path) -> "Seen":
+        """Photographs are searched and drawn as `calibrate` does it."""
+        read = with_charts_read(shoot, silent)
+        return cls(read, observe_shoot(read, out_dir, silent))
 
 
 @dataclass(frozen=True)
@@ -56,11 +69,7 @@ class Beside:
 
 
 def add_figures(
-    found: dict[str, Any],
-    beside: Beside,
-    shoot: Shoot,
-    folder: Path,
-    progress: Progress,
+    found: dict[str, Any], beside: Beside, seen: Seen, folder: Path
 ) -> None:
     """What is wanted of one lens, under "peers", "efforts" and "left_out" of `found`,
     one after the other: what comes before a failure stays.
@@ -69,31 +78,32 @@ def add_figures(
     ------
     LensfitError : Something could not be fitted, or no take has that name.
     """
-    shoot = with_charts_read(shoot, progress)
-    images = images_left_out(beside.leave_out, shoot)
-    observed = observe_shoot(shoot, None, progress)
-    takes = {o.image: o.take for o in observed if o.take is not None}
+    images = images_left_out(beside.leave_out, seen.shoot)
+    takes = {o.image: o.take for o in seen.observed if o.take is not None}
+
+    def judged(peer: Peer) -> dict[str, Any]:
+        spent = {name: round(value, 2) for name, value in peer.seconds.items()}
+        return {"psf": beside.spots(peer.lens, folder)} | spent
+
     if beside.peers:
         peers = simple_peers(list(takes.values()))
-        peers[SEIDEL_ONLY] = refitted(shoot, observed, seidel_only=True)
-        found["peers"] = {
-            name: {"psf": beside.spots(peer.lens, folder)} | peer.seconds
-            for name, peer in peers.items()
-        }
+        peers[SEIDEL_ONLY] = refitted(*seen, seidel_only=True)
+        found["peers"] = {name: judged(peer) for name, peer in peers.items()}
     if beside.efforts:
         found["efforts"] = {}
         for effort in beside.efforts:
-            peer = refitted(shoot, observed, effort=Effort[effort.upper()])
-            psf = beside.spots(peer.lens, folder)
-            found["efforts"][effort] = {"psf": psf} | peer.seconds
+            peer = refitted(*seen, effort=Effort[effort.upper()])
+            found["efforts"][effort] = judged(peer)
+    if images:
+        found["left_out"] = {}
     for image in images:
-        if image in takes:
-            judged = _without(beside, shoot, observed, takes[image], folder)
-            found.setdefault("left_out", {}).update({image: judged} if judged else {})
+        one = _without(beside, seen, takes[image], folder) if image in takes else None
+        if one is not None:
+            found["left_out"][image] = one
 
 
 def _without(
-    beside: Beside, shoot: Shoot, observed: list[Observed], take: Take, folder: Path
+    beside: Beside, seen: Seen, take: Take, folder: Path
 ) -> dict[str, Any] | None:
     """Figures at the setting of a take that no fit has seen; None without truth."""
     setting = _setting(take)
@@ -103,10 +113,11 @@ def _without(
     def judged(peer: Peer) -> dict[str, Any] | None:
         return beside.spots(peer.lens, folder, only=setting)
 
-    found = judged(refitted(shoot, observed, without=take.name))
+    found = judged(refitted(*seen, without=take.name))
     if found is None:
         return None
-    others = [o.take for o in observed if o.take is not None and o.take is not take]
+    takes = [o.take for o in seen.observed if o.take is not None]
+    others = [one for one in takes if one is not take]
     peers = simple_peers(others) if beside.peers else {}
     return found | {"peers": {name: judged(peer) for name, peer in peers.items()}}
 

@@ -9,26 +9,23 @@ from typing import Any
 
 from lensfit.workflow.bench.plot import Curve, write_curves
 
-_AXES = {
-    "time": "processor seconds of the fit",
-    "error": "relative error of the psf (hollow: 90th percentile)",
-}
 
-
-def write_plots(rows: list[dict[str, Any]], folder: Path | None) -> list[Path]:
-    """Of the lenses with anything that was timed; nothing without a folder.
+def write_plot(row: dict[str, Any], folder: Path) -> Path | None:
+    """Of one lens; None where nothing beside it was timed.
 
     Raises
     ------
-    OutputError : A file cannot be written.
+    OutputError : The file cannot be written.
     """
-    written = []
-    for row in rows:
-        curves = curves_of(row)
-        if folder is not None and curves:
-            path = folder / f"error_against_time_{row['lens']}.png"
-            written.append(write_curves(curves, path, **_AXES))
-    return written
+    curves = curves_of(row)
+    if not curves:
+        return None
+    return write_curves(
+        curves,
+        folder / f"error_against_time_{row['lens']}.png",
+        time="processor seconds of the fit",
+        error="relative error of the psf (hollow: 90th percentile)",
+    )
 
 
 def curves_of(row: dict[str, Any]) -> list[Curve]:
