@@ -6,10 +6,12 @@ spot that drifts smoothly with colour.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-CHANNELS = ("r", "g", "b")
+Channel = Literal["r", "g", "b"]
+CHANNELS: tuple[Channel, ...] = ("r", "g", "b")
 CENTRES_NM = {"r": 610.0, "g": 540.0, "b": 460.0}
 SIGMA_NM = {"r": 22.0, "g": 25.0, "b": 20.0}
 

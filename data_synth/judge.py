@@ -14,6 +14,7 @@ figure is a plain number, ready for JSON:
     flags               what no map or fall-off may do, one sentence each
 """
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,17 +26,22 @@ from data_synth.bands import CHANNELS
 from data_synth.judge_maps import affinely_aligned, flags_of
 from data_synth.judge_spots import (
     GREEN,
-    Maker,
+    Preset,
     defocus_sign,
     maker_of,
     spot_figures,
 )
 from data_synth.psf_truth import WavefrontTruth, read_truth
-from data_synth.stand_ins import ThinLens
+from data_synth.stand_ins import Lens, ThinLens
 from lensfit.errors import LensfitError
 
+Maker = Callable[[float, float], Lens]
+"""Of f-number and focus distance, mm."""
 
-def judge(lens: Any, folder: str | Path, *, every: int = 1) -> dict[str, Any]:
+
+def judge(
+    lens: Preset[Lens] | Maker, folder: str | Path, *, every: int = 1
+) -> dict[str, Any]:
     """All figures of a lens.
 
     Parameters
@@ -65,7 +71,9 @@ def judge(lens: Any, folder: str | Path, *, every: int = 1) -> dict[str, Any]:
     return figures
 
 
-def geometry_figures(lens: Any, truth: WavefrontTruth) -> dict[str, Any]:
+def geometry_figures(
+    lens: Preset[Lens] | Maker, truth: WavefrontTruth
+) -> dict[str, Any]:
     """Chief rays, lateral colour, fall-off and flags: what needs no spots.
 
     Parameters

@@ -8,17 +8,49 @@ judged by `psf_error`, which leaves out where it lands.
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import ArrayLike, Float
 
-from data_synth.bands import CHANNELS
+from data_synth.bands import CHANNELS, Channel
 from data_synth.psf_error import psf_error
 from data_synth.psf_truth import Group, WavefrontTruth, read_truth
-from data_synth.stand_ins import Lens, mirrored_distance_mm
+from data_synth.stand_ins import SpotLens, mirrored_distance_mm
 
-Maker = Callable[[float, float], Lens]
+Made = TypeVar("Made", bound=SpotLens)
+Made_co = TypeVar("Made_co", bound=SpotLens, covariant=True)
+SpotMaker = Callable[[float, float], SpotLens]
+"""Of f-number and focus distance, mm."""
+
+
+class Preset(Protocol[Made_co]):
+    """The lenses of every state, as lensfit keeps them."""
+
+    def at(
+        self, *, focal_length_mm: float, f_number: float, focus_distance_mm: float
+    ) -> Made_co:
+        """The lens of a state."""
+        ...
+
+
+@runtime_checkable
+class DrawsMany(Protocol):
+    """A lens that draws all spots of a setting together."""
+
+    def psfs(
+        self,
+        image_points_mm: ArrayLike,
+        object_distance_mm: float,
+        channels: Sequence[Channel],
+        *,
+        pixel_pitch_mm: float,
+        size_px: int,
+    ) -> ArrayLike:
+        """As many as points, by channel, (points, channels, rows, columns)."""
+        ...
+
+
 CLEARLY = 0.85
 """One error decides against another when it is below this part of it."""
 SIGN_FIELDS = 6
@@ -26,7 +58,7 @@ GREEN = 1
 
 
 def judge_spots(
-    lens: Any,
+    lens: Preset[SpotLens] | SpotMaker,
     folder: str | Path,
     *,
     every: int = 1,
@@ -58,13 +90,15 @@ def judge_spots(
     return None
 
 
-def maker_of(lens: Any, truth: WavefrontTruth) -> Maker:
+def maker_of(
+    lens: Preset[Made] | Callable[[float, float], Made], truth: WavefrontTruth
+) -> Callable[[float, float], Made]:
     """Makes each lens once; a function is used as it is."""
-    if not hasattr(lens, "at"):
+    if callable(lens):
         return lens
-    made: dict[tuple[float, float], Lens] = {}
+    made: dict[tuple[float, float], Made] = {}
 
-    def make(f_number: float, focus_distance_mm: float) -> Lens:
+    def make(f_number: float, focus_distance_mm: float) -> Made:
         key = f_number, focus_distance_mm
         if key not in made:
             made[key] = lens.at(
@@ -85,7 +119,9 @@ def named(group: Group) -> str:
     )
 
 
-def spot_figures(make: Maker, truth: WavefrontTruth, every: int = 1) -> dict[str, Any]:
+def spot_figures(
+    make: SpotMaker, truth: WavefrontTruth, every: int = 1
+) -> dict[str, Any]:
     """Medians and 90th percentiles, pooled and by setting."""
     groups = truth.groups
     errors = [_errors(make, truth, k, every) for k in range(len(groups))]
@@ -109,7 +145,7 @@ def spot_figures(make: Maker, truth: WavefrontTruth, every: int = 1) -> dict[str
     }
 
 
-def defocus_sign(make: Maker, truth: WavefrontTruth) -> str:
+def defocus_sign(make: SpotMaker, truth: WavefrontTruth) -> str:
     """Whether spots out of focus look like their own side of focus, or the other's.
 
     Over photographed settings that are out of focus; the settings are told apart by
@@ -141,7 +177,7 @@ def defocus_sign(make: Maker, truth: WavefrontTruth) -> str:
 
 
 def _errors(
-    make: Maker, truth: WavefrontTruth, number: int, every: int
+    make: SpotMaker, truth: WavefrontTruth, number: int, every: int
 ) -> Float[np.ndarray, "fields 3"]:
     """Per field point and channel; NaN where the truth has no light."""
     group = truth.groups[number]
@@ -159,30 +195,36 @@ def _errors(
 
 
 def _drawn(
-    lens: Lens,
+    lens: SpotLens,
     truth: WavefrontTruth,
     number: int,
     points: Sequence[int],
-    channels: Sequence[str],
+    channels: Sequence[Channel],
     object_distance_mm: float | None = None,
 ) -> Float[np.ndarray, "points channels size size"]:
     group = truth.groups[number]
     chiefs_mm = truth.spot_chief_mm[number][list(points)]
     distance_mm = object_distance_mm or group.object_distance_mm
-    raster: dict[str, Any] = {
-        "pixel_pitch_mm": truth.frame.pitch_mm[0] / group.subpixels,
-        "size_px": group.size,
-    }
+    pitch_mm = truth.frame.pitch_mm[0] / group.subpixels
     if len(chiefs_mm) == 0:
         return np.zeros((0, len(channels), group.size, group.size))
-    draw_all = getattr(lens, "psfs", None)
-    if draw_all is not None:
-        return np.asarray(draw_all(chiefs_mm, distance_mm, channels, **raster), float)
-    made = [
-        [np.asarray(lens.psf(at, distance_mm, channel=c, **raster)) for c in channels]
-        for at in chiefs_mm
-    ]
-    return np.array(made, float)
+    if isinstance(lens, DrawsMany):
+        made = lens.psfs(
+            chiefs_mm,
+            distance_mm,
+            channels,
+            pixel_pitch_mm=pitch_mm,
+            size_px=group.size,
+        )
+        return np.asarray(made, float)
+
+    def drawn(at_mm: np.ndarray, channel: Channel) -> np.ndarray:
+        one = lens.psf(
+            at_mm, distance_mm, channel, pixel_pitch_mm=pitch_mm, size_px=group.size
+        )
+        return np.asarray(one, float)
+
+    return np.array([[drawn(at, c) for c in channels] for at in chiefs_mm])
 
 
 def _spread(errors: list[np.ndarray]) -> dict[str, float | None]:

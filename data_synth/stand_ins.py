@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from data_synth.bands import CHANNELS, Band
+from data_synth.bands import CHANNELS, Band, Channel
 from data_synth.irradiance import plane_irradiance
 from data_synth.lens import SetLens
 from data_synth.spots import (
@@ -22,29 +22,33 @@ from data_synth.spots import (
 )
 
 
-class Lens(Protocol):
-    """What is judged: the part of a lensfit lens that a photograph can prove."""
-
-    def project(self, object_points_mm: ArrayLike, channel: str = "g") -> ArrayLike:
-        """Sensor mm of object points."""
-        ...
-
-    def relative_illumination(
-        self, points_mm: ArrayLike, channel: str = "g"
-    ) -> ArrayLike:
-        """Brightness against the middle."""
-        ...
+class SpotLens(Protocol):
+    """What is judged of point-spread functions alone."""
 
     def psf(
         self,
         image_point_mm: ArrayLike,
         object_distance_mm: float,
-        channel: str = "g",
+        channel: Channel = "g",
         *,
         pixel_pitch_mm: float,
         size_px: int,
     ) -> ArrayLike:
         """Spot around the green chief ray, summing to 1."""
+        ...
+
+
+class Lens(SpotLens, Protocol):
+    """What is judged: the part of a lensfit lens that a photograph can prove."""
+
+    def project(self, object_points_mm: ArrayLike, channel: Channel = "g") -> ArrayLike:
+        """Sensor mm of object points."""
+        ...
+
+    def relative_illumination(
+        self, points_mm: ArrayLike, channel: Channel = "g"
+    ) -> ArrayLike:
+        """Brightness against the middle."""
         ...
 
 
@@ -56,12 +60,14 @@ class TracedLens:
     bands: tuple[Band, ...]
     light_distance_mm: float
 
-    def project(self, object_points_mm, channel: str = "g") -> Float[np.ndarray, "n 2"]:
+    def project(
+        self, object_points_mm, channel: Channel = "g"
+    ) -> Float[np.ndarray, "n 2"]:
         points = np.asarray(object_points_mm, float)
         return band_chiefs_mm(self.lens, points, self._band(channel))
 
     def relative_illumination(
-        self, points_mm, channel: str = "g"
+        self, points_mm, channel: Channel = "g"
     ) -> Float[np.ndarray, " n"]:
         places = np.concatenate([np.asarray(points_mm, float), np.zeros((1, 2))])
         objects = object_points_mm(self.lens, places, self.light_distance_mm)
@@ -74,7 +80,7 @@ class TracedLens:
         self,
         image_point_mm,
         object_distance_mm: float,
-        channel: str = "g",
+        channel: Channel = "g",
         *,
         pixel_pitch_mm: float,
         size_px: int,
@@ -86,7 +92,7 @@ class TracedLens:
         pitch_mm = np.full(2, pixel_pitch_mm)
         return drawn_spots(maps, band, self.lens, place, pitch_mm, size_px)[0]
 
-    def _band(self, channel: str) -> Band:
+    def _band(self, channel: Channel) -> Band:
         return self.bands[CHANNELS.index(channel)]
 
 
@@ -103,13 +109,15 @@ class ThinLens:
     focus_distance_mm: float
     oversampling: int = field(default=5)
 
-    def project(self, object_points_mm, channel: str = "g") -> Float[np.ndarray, "n 2"]:
+    def project(
+        self, object_points_mm, channel: Channel = "g"
+    ) -> Float[np.ndarray, "n 2"]:
         points = np.asarray(object_points_mm, float)
         image_mm = self._image_distance_mm()
         return points[:, :2] * image_mm / (points[:, 2:] - image_mm)
 
     def relative_illumination(
-        self, points_mm, channel: str = "g"
+        self, points_mm, channel: Channel = "g"
     ) -> Float[np.ndarray, " n"]:
         radius_mm = np.hypot(*np.asarray(points_mm, float).T)
         return 1 / (1 + (radius_mm / self.focal_length_mm) ** 2) ** 2
@@ -118,7 +126,7 @@ class ThinLens:
         self,
         image_point_mm,
         object_distance_mm: float,
-        channel: str = "g",
+        channel: Channel = "g",
         *,
         pixel_pitch_mm: float,
         size_px: int,
@@ -151,17 +159,17 @@ class FlippedLens:
     lens: Lens
     focus_distance_mm: float
 
-    def project(self, object_points_mm, channel: str = "g"):
+    def project(self, object_points_mm, channel: Channel = "g"):
         return self.lens.project(object_points_mm, channel)
 
-    def relative_illumination(self, points_mm, channel: str = "g"):
+    def relative_illumination(self, points_mm, channel: Channel = "g"):
         return self.lens.relative_illumination(points_mm, channel)
 
     def psf(
         self,
         image_point_mm,
         object_distance_mm: float,
-        channel: str = "g",
+        channel: Channel = "g",
         *,
         pixel_pitch_mm: float,
         size_px: int,

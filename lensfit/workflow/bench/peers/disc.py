@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 from scipy.optimize import least_squares
 
+from lensfit.lens import Channel
 from lensfit.workflow.bench.peers.dots import PicturedDots, some_of
 from lensfit.workflow.bench.peers.thin_lens import blur_radius_mm
 
@@ -51,7 +52,7 @@ class DiscLens(NamedTuple):
         self,
         image_point_mm: ArrayLike,
         object_distance_mm: float,
-        channel: str = "g",
+        channel: Channel = "g",
         *,
         pixel_pitch_mm: float,
         size_px: int,

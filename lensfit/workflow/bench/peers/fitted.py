@@ -4,20 +4,22 @@
     disc and mask  a thin lens' disc, clipped towards the corner (`peers.disc`)
     Seidel only    lensfit's fit with defocus, third order, rims and blades, grey
 
-Each is a function (f_number, focus_distance_mm) -> something with `psf`.
+The first two are functions that make lenses (`peers.spots`), the last is a preset.
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from lensfit.errors import FitError
 from lensfit.fit.lens_states import fit
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.families import SEIDEL
+from lensfit.preset.schema import Preset
 from lensfit.workflow.bench.peers.disc import DiscLens, matched_disc
 from lensfit.workflow.bench.peers.dots import pictured
 from lensfit.workflow.bench.peers.gaussian import GaussianLens, gaussian_fields
+from lensfit.workflow.bench.peers.spots import LensMaker
 from lensfit.workflow.bench.times import stopwatch
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import Observed
@@ -29,7 +31,7 @@ GAUSSIANS, DISC, SEIDEL_ONLY = "gaussians", "disc and mask", "Seidel only"
 class Peer(NamedTuple):
     """A preset or a function that makes lenses, and what its fit took."""
 
-    lens: Any
+    lens: Preset | LensMaker
     seconds: dict[str, float]
 
 

@@ -17,6 +17,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from lensfit.batches import in_batches
 from lensfit.fit.levenberg import Prior, Quadratic, minimise
+from lensfit.lens import Channel
 from lensfit.workflow.bench.peers.dots import PicturedDots
 from lensfit.workflow.bench.peers.thin_lens import blur_radius_mm
 
@@ -65,7 +66,7 @@ class GaussianLens(NamedTuple):
         self,
         image_point_mm: ArrayLike,
         object_distance_mm: float,
-        channel: str = "g",
+        channel: Channel = "g",
         *,
         pixel_pitch_mm: float,
         size_px: int,

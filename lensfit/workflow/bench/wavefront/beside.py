@@ -4,14 +4,14 @@ All of it is fitted to the marks of the same photographs, found once, and judged
 same truth at the same settings.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from lensfit.errors import ShootError
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
+from lensfit.preset.schema import Preset
 from lensfit.progress import silent
 from lensfit.workflow.bench.peers.fitted import (
     SEIDEL_ONLY,
@@ -19,6 +19,7 @@ from lensfit.workflow.bench.peers.fitted import (
     refitted,
     simple_peers,
 )
+from lensfit.workflow.bench.peers.spots import LensMaker
 from lensfit.workflow.calibration.observe import Observed, observe_shoot
 from lensfit.workflow.shoot.charts_seen import with_charts_read
 from lensfit.workflow.shoot.records import Shoot
@@ -27,8 +28,15 @@ EACH = "each"
 Setting = tuple[float, float, float]
 """f-number, focus and object distance (mm)."""
 
-SpotsJudge = Callable[..., dict[str, Any] | None]
-"""As `data_synth.judge_spots`: (lens, folder, only=setting)."""
+
+class SpotsJudge(Protocol):
+    """As `data_synth.judge_spots`."""
+
+    def __call__(
+        self, lens: Preset | LensMaker, folder: Path, *, only: Setting | None = None
+    ) -> dict[str, Any] | None:
+        """Figures, those of one setting where it is told; None without truth."""
+        ...
 
 
 class Seen(NamedTuple):
