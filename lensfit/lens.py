@@ -201,14 +201,11 @@ class Lens(eqx.Module):
             blur = replace(blur, measured_lateral=measured)
             lateral = no_lateral_colour()
         found = lens_psfs(
-            *self._rows(image_points_mm, object_distance_mm, channels),
-            blur,
-            self.distortion,
-            lateral,
-            *_raster(pixel_pitch_mm, tolerance),
-            size_px=_checked_size(size_px),
+            self._rows(image_points_mm, object_distance_mm, channels),
+            (blur, self.distortion, lateral),
+            _raster(pixel_pitch_mm, tolerance, size_px),
         )
-        return found.reshape(-1, len(channels), size_px, size_px)
+        return jnp.asarray(found.reshape(-1, len(channels), size_px, size_px))
 
     def psf_standard_deviation(
         self,
@@ -265,10 +262,12 @@ class Lens(eqx.Module):
                 "the preset does not say how well its blur is known",
                 remedy="calibrate its photographs again with this version",
             )
-        optics = self.blur, self.distortion, self.lateral_colour
-        raster = Raster(*_raster(pixel_pitch_mm, tolerance), _checked_size(size_px))
-        rows = self._rows(image_points_mm, object_distance_mm, (channel,))
-        return known_psfs(rows, optics, raster, self.moved_blurs())
+        return known_psfs(
+            self._rows(image_points_mm, object_distance_mm, (channel,)),
+            (self.blur, self.distortion, self.lateral_colour),
+            _raster(pixel_pitch_mm, tolerance, size_px),
+            self.moved_blurs(),
+        )
 
     def _rows(
         self,
@@ -346,14 +345,12 @@ class Lens(eqx.Module):
         per_vergence, focus = self.blur_per_vergence()
         if per_vergence == 0:
             return distances_mm
-        most, offset = (
-            self.largest_blur_mm / per_vergence,
-            self.entrance_pupil_offset_mm,
-        )
-        vergence = 1 / (distances_mm - float(offset))
+        most = self.largest_blur_mm / per_vergence
+        offset_mm = float(self.entrance_pupil_offset_mm)
+        vergence = 1 / (distances_mm - offset_mm)
         held = np.clip(vergence, max(focus - most, 0.0), focus + most)
         with np.errstate(divide="ignore"):
-            return np.where(held == vergence, distances_mm, 1 / held + float(offset))
+            return np.where(held == vergence, distances_mm, 1 / held + offset_mm)
 
 
 def _points(points: ArrayLike, columns: int) -> Array:
@@ -363,17 +360,13 @@ def _points(points: ArrayLike, columns: int) -> Array:
     return array
 
 
-def _checked_size(size_px: int) -> int:
+def _raster(
+    pixel_pitch_mm: float | tuple[float, float], tolerance: float, size_px: int
+) -> Raster:
     if size_px < 1:
         raise ValueError(f"size_px = {size_px} is no size of an array")
-    return size_px
-
-
-def _raster(
-    pixel_pitch_mm: float | tuple[float, float], tolerance: float
-) -> tuple[Array, Array]:
     pitch = np.broadcast_to(np.asarray(pixel_pitch_mm, float), (2,))
-    return jnp.asarray(pitch), jnp.asarray(tolerance, jnp.float64)
+    return Raster(jnp.asarray(pitch), jnp.asarray(tolerance, jnp.float64), size_px)
 
 
 def _channel_index(channel: str) -> int:

@@ -159,7 +159,7 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
     adjustment = adjust(adjustment, rounds=2, chunks=chunks)
     blocks = ["aperture_shift"]
     if start.focal_length_free:
-        blocks += [name for name in PINHOLE if name in layout.blocks]
+        blocks += PINHOLE
     for name in blocks:
         prior = release(prior, layout.blocks[name], LOOSE[name])
     return adjust(replace(adjustment, prior=prior), rounds=2, chunks=chunks)

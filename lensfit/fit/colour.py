@@ -12,6 +12,7 @@ a radial formula about the wrong point misses most where it matters, at the edge
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -93,11 +94,57 @@ class ChannelColour:
 
         A decentering term moves by three times its coefficient along its own axis.
         """
-        strain, decentering = (
-            np.linalg.norm(self.strain),
-            np.linalg.norm(self.decentering),
-        )
+        strain = np.linalg.norm(self.strain)
+        decentering = np.linalg.norm(self.decentering)
         return float(strain * radius + 3 * decentering * radius**2)
+
+
+class _Marks(NamedTuple):
+    """Marks seen in one channel and in green.
+
+    Attributes
+    ----------
+    place_mm : From the principal point.
+    moved_mm : From where green is.
+    normal : Of lines; NaN for points.
+    variance_mm2 : Of the displacement; of a line, along its normal.
+    pixel_mm : Width of a pixel.
+    shared_mm : How displacements move together.
+    """
+
+    place_mm: Float[np.ndarray, "marks 2"]
+    moved_mm: Float[np.ndarray, "marks 2"]
+    normal: Float[np.ndarray, "marks 2"]
+    variance_mm2: Float[np.ndarray, " marks"]
+    pixel_mm: Float[np.ndarray, " marks"]
+    shared_mm: Float[np.ndarray, "marks moves 2"]
+
+
+class _Equations(NamedTuple):
+    """What the coefficients of all terms should make, in reference radii.
+
+    Attributes
+    ----------
+    design : Displacement per unit of every term.
+    target : The measured one.
+    variance : Of every mark.
+    pulls : What the target moves by, together.
+    px : Width of a pixel.
+    """
+
+    design: Float[np.ndarray, "equations terms"]
+    target: Float[np.ndarray, " equations"]
+    variance: Float[np.ndarray, " marks"]
+    pulls: Float[np.ndarray, "equations moves"]
+    px: float
+
+
+class _Solution(NamedTuple):
+    """Coefficients, their covariance, and the squared residual of every mark."""
+
+    beta: Float[np.ndarray, " terms"]
+    covariance: Float[np.ndarray, "terms terms"]
+    squared: Float[np.ndarray, " marks"]
 
 
 def fit_colour(
@@ -108,22 +155,11 @@ def fit_colour(
     """Red and blue against green; empty when the photographs have no colour."""
     found = {}
     for channel, index in (("r", 0), ("b", 2)):
-        rows = [_rows(take, index, principal_point_mm) for take in _chosen(takes)]
-        rows = [r for r in rows if len(r[0])]
-        if not rows or sum(len(r[0]) for r in rows) < _FEWEST_MARKS:
+        every = [_marks_of(take, index, principal_point_mm) for take in _chosen(takes)]
+        seen = [marks for marks in every if len(marks.place_mm)]
+        if not seen or sum(len(marks.place_mm) for marks in seen) < _FEWEST_MARKS:
             return {}
-        q, moved, normal, variance, mm_per_px, shared = (
-            np.concatenate(column) for column in zip(*_alike(rows), strict=True)
-        )
-        found[channel] = _fit(
-            q / reference_radius_mm,
-            moved / reference_radius_mm,
-            normal,
-            variance / reference_radius_mm**2,
-            shared / reference_radius_mm,
-            float(mm_per_px.mean()) / reference_radius_mm,
-            reference_radius_mm,
-        )
+        found[channel] = _fit(_joined(seen), reference_radius_mm)
     return found
 
 
@@ -143,9 +179,8 @@ def _usable(o: Observations) -> Bool[np.ndarray, " marks"]:
     return seen & ~o.saturated & ~o.overlapping
 
 
-def _rows(take: Take, index: int, centre_mm: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Radius vector, displacement, normal (NaN for points), variance, scale, and how
-    displacements move together (marks, moves, 2); mm."""
+def _marks_of(take: Take, index: int, centre_mm: np.ndarray) -> _Marks:
+    """Of the channel `index` in one take."""
     o = take.observations
     places = o.channel_points_px
     keep = np.isfinite(places[index]).all(-1) & np.isfinite(places[1]).all(-1)
@@ -154,28 +189,38 @@ def _rows(take: Take, index: int, centre_mm: np.ndarray) -> tuple[np.ndarray, ..
     moved = (places[index] - places[1])[keep] * mm_per_px
     covariance = (o.channel_covariance_px2[index] + o.channel_covariance_px2[1])[keep]
     normal = np.where((o.family != POINT)[:, None], o.normal, np.nan)[keep]
-    variance = variance_of(covariance, normal) * mm_per_px**2
     green = mm_from_px(places[1][keep], o.image_size_px, take.sensor_size_mm)
-    scale = np.full(len(moved), mm_per_px)
     shared = np.zeros((len(moved), 0, 2))
     if take.shared_moves_mm is not None:
         by_channel = take.shared_moves_mm[:, :, keep]
         shared = (by_channel[:, index] - by_channel[:, 1]).swapaxes(0, 1)
-    return green - centre_mm, moved, normal, variance, scale, shared
+    return _Marks(
+        place_mm=green - centre_mm,
+        moved_mm=moved,
+        normal=normal,
+        variance_mm2=variance_of(covariance, normal) * mm_per_px**2,
+        pixel_mm=np.full(len(moved), mm_per_px),
+        shared_mm=shared,
+    )
 
 
-def _alike(rows: list[tuple[np.ndarray, ...]]) -> list[tuple[np.ndarray, ...]]:
-    """With as many shared moves in every take; those that a take lacks are zero."""
-    most = max(row[-1].shape[1] for row in rows)
-    found = []
-    for *others, shared in rows:
-        lacking = most - shared.shape[1]
-        found.append((*others, np.pad(shared, [(0, 0), (0, lacking), (0, 0)])))
-    return found
+def _joined(seen: list[_Marks]) -> _Marks:
+    """Of all takes; shared moves that a take lacks are zero there."""
+    most = max(marks.shared_mm.shape[1] for marks in seen)
+    alike = [
+        marks._replace(
+            shared_mm=np.pad(
+                marks.shared_mm,
+                [(0, 0), (0, most - marks.shared_mm.shape[1]), (0, 0)],
+            )
+        )
+        for marks in seen
+    ]
+    return _Marks(*(np.concatenate(parts) for parts in zip(*alike, strict=True)))
 
 
-def _fit(q, moved, normal, variance, shared, px, reference_radius_mm):
-    """Smallest model that BIC prefers, in reference radii.
+def _fit(marks: _Marks, reference_radius_mm: float) -> ChannelColour:
+    """Smallest model that BIC prefers.
 
     Squared residuals are cut at four times the spread of the largest model, so that
     a few bad marks decide nothing.
@@ -185,52 +230,67 @@ def _fit(q, moved, normal, variance, shared, px, reference_radius_mm):
         for besides in (_CENTRED, _SHIFTED, _LOPSIDED)
         for terms in range(_MOST_RADIAL_TERMS + 1)
     ]
-    design, target = _system(q, moved, normal)
-    pulls = [_system(q, shared[:, k], normal)[1] for k in range(shared.shape[1])]
-    pulls = np.array(pulls).reshape(len(pulls), len(target)).T
-    solved = [_solve(design, target, variance, pulls, px, *model) for model in models]
-    limit = 16 * np.median(solved[-1][2]) / np.log(4)
-    count = _rows_in(normal)
+    equations = _equations_of(marks, reference_radius_mm)
+    solved = [_solve(equations, *model) for model in models]
+    limit = 16 * np.median(solved[-1].squared) / np.log(4)
+    count = _rows_in(marks.normal)
     best = None
-    for (besides, terms), (beta, covariance, squared) in zip(
-        models, solved, strict=True
-    ):
-        level = np.mean(np.minimum(squared, limit)) + (1e-3 * px) ** 2
+    for (besides, terms), solution in zip(models, solved, strict=True):
+        squared = np.minimum(solution.squared, limit)
+        level = np.mean(squared) + (1e-3 * equations.px) ** 2
         bic = count * np.log(level) + (besides + terms) * np.log(count)
         if best is None or bic < best[0] - _LEAST_BIC_GAIN:
-            best = (bic, beta, covariance, besides)
+            best = (bic, solution, besides)
     assert best is not None
-    _, beta, covariance, besides = best
+    _, (beta, covariance, _), besides = best
     lopsided = tuple(beta[_SHIFTED:_LOPSIDED].tolist()) if besides == _LOPSIDED else ()
+    radius = np.hypot(*(marks.place_mm / reference_radius_mm).T)
     return ChannelColour(
         radial=tuple(beta[_LOPSIDED:].tolist()),
         shift_mm=tuple((beta[:_SHIFTED] * reference_radius_mm).tolist()),
         strain=lopsided[:2],
         decentering=lopsided[2:],
         covariance=covariance,
-        valid_radius=float(np.hypot(*q.T).max()),
+        valid_radius=float(radius.max()),
     )
 
 
-def _rows_in(normal) -> int:
+def _equations_of(marks: _Marks, reference_radius_mm: float) -> _Equations:
+    q = marks.place_mm / reference_radius_mm
+    normal, shared = marks.normal, marks.shared_mm / reference_radius_mm
+    target = _targets(marks.moved_mm / reference_radius_mm, normal)
+    pulls = [_targets(shared[:, k], normal) for k in range(shared.shape[1])]
+    return _Equations(
+        design=_design(q, normal),
+        target=target,
+        variance=marks.variance_mm2 / reference_radius_mm**2,
+        pulls=np.array(pulls).reshape(len(pulls), len(target)).T,
+        px=float(marks.pixel_mm.mean()) / reference_radius_mm,
+    )
+
+
+def _rows_in(normal: np.ndarray) -> int:
     """Equations: two for a point, one for a sample of a line."""
     return int(np.where(np.isfinite(normal[:, 0]), 1, 2).sum())
 
 
-def _system(q, moved, normal) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement per unit of every term, and the measured one.
+def _design(q: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Displacement per unit of every term: shift, strain, decentering, radial terms.
 
-    Shift, strain, decentering, then radial terms. Of a line sample the first row is
-    along its normal, the second empty.
+    Two rows a mark; of a line sample the first is along its normal, the second empty.
     """
     design = _displacements(q)
     lines = np.isfinite(normal[:, :1])
-    n = np.nan_to_num(normal)
-    flat = np.einsum("mi,mij->mj", n, design)[:, None]
+    flat = np.einsum("mi,mij->mj", np.nan_to_num(normal), design)[:, None]
     design = np.where(lines[..., None], np.concatenate([flat, 0 * flat], 1), design)
-    across = np.sum(n * moved, -1, keepdims=True)
-    target = np.where(lines, np.concatenate([across, 0 * across], 1), moved)
-    return design.reshape(2 * len(q), -1), target.ravel()
+    return design.reshape(2 * len(q), -1)
+
+
+def _targets(moved: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Measured displacements, in the rows of `_design`."""
+    lines = np.isfinite(normal[:, :1])
+    across = np.sum(np.nan_to_num(normal) * moved, -1, keepdims=True)
+    return np.where(lines, np.concatenate([across, 0 * across], 1), moved).ravel()
 
 
 def _displacements(q: np.ndarray) -> np.ndarray:
@@ -245,11 +305,14 @@ def _displacements(q: np.ndarray) -> np.ndarray:
 _lopsided_bases = jax.jit(jax.vmap(lopsided_basis))
 
 
-def _solve(design, target, variance, pulls, px, besides, terms):
-    """Robust linear least squares: coefficients, covariance, squared residuals.
+def _solve(equations: _Equations, besides: int, terms: int) -> _Solution:
+    """Robust linear least squares for some of the terms; the others are zero.
 
-    `pulls` are what the target moves by, together (equations, moves).
+    Parameters
+    ----------
+    besides, terms : How many lopsided and how many radial ones.
     """
+    design, target, variance, pulls, px = equations
     used = np.zeros(_LOPSIDED + terms, bool)
     used[:besides] = True
     used[_LOPSIDED:] = True
@@ -275,4 +338,4 @@ def _solve(design, target, variance, pulls, px, besides, terms):
     )
     beta = np.zeros(len(used))
     beta[used] = solution
-    return beta, covariance, np.sum(residual.reshape(-1, 2) ** 2, -1)
+    return _Solution(beta, covariance, np.sum(residual.reshape(-1, 2) ** 2, -1))

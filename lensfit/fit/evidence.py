@@ -128,7 +128,7 @@ def _chosen(
 def _always(layout: Layout, views: int, focal_length: bool) -> np.ndarray:
     """Parameters in every model: poses, and the pinhole where it can be known."""
     poses = layout.local_indices("pose", views).ravel()
-    pinhole = [layout.blocks[n] for n in PINHOLE if n in layout.blocks]
+    pinhole = [layout.blocks[name] for name in PINHOLE]
     known = [np.arange(w.start, w.stop) for w in pinhole if focal_length]
     return np.concatenate([*known, poses]).astype(int)
 

@@ -97,7 +97,7 @@ def fit(
 def _fit_states(
     takes: list[Take], progress: Progress, pupils: Mapping[float, float]
 ) -> tuple[list[LensState], dict[str, FitError]]:
-    """Every state by itself, with the entrance pupils that are known (by focal length)."""
+    """Every state by itself, with the entrance pupils that others measured."""
     states, failed = [], {}
     groups = grouped(takes)
     while groups:

@@ -58,7 +58,7 @@ class Layout:
         stretch = board_degrees(self.stretch_degree)
         sizes = {
             "focal_length": 1,
-            **({"pupil_gap": 1} if self.anamorphic else {}),
+            "pupil_gap": 1 if self.anamorphic else 0,
             "principal_point": 2,
             "radial": self.radial,
             "squeeze": 2,

@@ -22,6 +22,7 @@ nothing of pixels, so that one of each serves every lens of the same terms and e
 size of array; that of the pixels is short and is compiled for a few sizes.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -47,7 +48,7 @@ _RAYS_PER_PX = 1.3
 """Rays per pixel of width and per unit of relative error, for a plain disc."""
 _EVEN, _UNEVEN, _MOST_FOLDED = 0.15, 10.0, 4.5
 _LONGEST = 512
-TOGETHER = 12
+_TOGETHER = 12
 """Points, and turns of rays, that a program takes at a time; fewer are filled up."""
 _LEAST_ROOM = 32
 _LEAST_DETERMINANT = 0.05
@@ -72,78 +73,83 @@ class _Dealt(NamedTuple):
     is_known: Array
 
 
-def lens_psfs(
-    image_points_mm: Float[Array, "points 2"],
-    object_distance_mm: Float[Array, " points"],
-    channel: Int[Array, " points"],
-    blur: LensBlur,
-    distortion: Distortion,
-    lateral_colour: LateralColour,
-    pixel_pitch_mm: Float[Array, "2"],
-    tolerance: Float[Array, ""],
-    *,
-    size_px: int,
-) -> Float[Array, "points size size"]:
-    """Point-spread functions of many points, row 0 on top; each sums to 1.
-
-    Parameters
-    ----------
-    image_points_mm : Where green chief rays land: the middle of each array.
-    object_distance_mm, channel : Of each point; distances may be infinite.
-    tolerance : Relative error to aim at.
-    """
-    optics = blur, distortion, lateral_colour
-    laid = Raster(pixel_pitch_mm, tolerance, size_px)
-    each = np.empty((len(channel), size_px, size_px))
-    for first in range(0, len(channel), TOGETHER):
-        some = slice(first, first + TOGETHER)
-        points = (image_points_mm[some], object_distance_mm[some], channel[some])
-        each[some] = patches(points, optics, laid)
-    return jnp.asarray(each)
-
-
 class Raster(NamedTuple):
-    """Pixels that are asked for: their pitch, the error allowed, rows and columns."""
+    """Pixels that are asked for.
 
-    pitch_mm: Array
-    tolerance: Array
+    Attributes
+    ----------
+    pitch_mm : Along x and y.
+    tolerance : Relative error to aim at.
+    size_px : Rows and columns.
+    """
+
+    pitch_mm: Float[Array, "2"]
+    tolerance: Float[Array, ""]
     size_px: int
 
 
-Points = tuple[Array, Array, Array]
-"""Image points, object distances and channels."""
+Points = tuple[Float[Array, "points 2"], Float[Array, " points"], Int[Array, " points"]]
+"""Where green chief rays land (the middle of each array), object distances, which may
+be infinite, and channels."""
 Optics = tuple[LensBlur, Distortion, LateralColour]
 
 
-def turns_needed(
-    points: Points, optics: Optics, raster: Raster
-) -> Int[np.ndarray, " points"]:
-    """Turns of rays for each of up to `TOGETHER` points."""
-    return _turns_of(_pencils_of(points, optics), optics[0], raster)
-
-
-def patches(
+def lens_psfs(
     points: Points,
     optics: Optics,
     raster: Raster,
     turns: Int[np.ndarray, " points"] | None = None,
 ) -> Float[np.ndarray, "points size size"]:
-    """Of up to `TOGETHER` points; each sums to 1.
+    """Point-spread functions of many points, row 0 on top; each sums to 1.
 
     Parameters
     ----------
-    turns : Of rays for each point; as many as are needed when left out.
+    turns : Of rays for each point (`turns_needed`); as many as are needed when left
+        out.
     """
+    found = np.empty((len(points[0]), raster.size_px, raster.size_px))
+    for some, batch in _batches(points):
+        known = None if turns is None else turns[some]
+        found[some] = _patches(batch, optics, raster, known)
+    return found
+
+
+def turns_needed(
+    points: Points, optics: Optics, raster: Raster
+) -> Int[np.ndarray, " points"]:
+    """Turns of rays for each point."""
+    found = np.empty(len(points[0]), int)
+    for some, batch in _batches(points):
+        needed = _turns_of(_pencils_of(batch, optics), optics[0], raster)
+        found[some] = needed[: len(batch[0])]
+    return found
+
+
+def _batches(points: Points) -> Iterator[tuple[slice, Points]]:
+    """Up to `_TOGETHER` points at a time, and which they are."""
+    at, distance_mm, channel = points
+    for first in range(0, len(at), _TOGETHER):
+        some = slice(first, first + _TOGETHER)
+        yield some, (at[some], distance_mm[some], channel[some])
+
+
+def _patches(
+    points: Points,
+    optics: Optics,
+    raster: Raster,
+    turns: Int[np.ndarray, " points"] | None,
+) -> Float[np.ndarray, "points size size"]:
+    """`lens_psfs` of up to `_TOGETHER` points."""
     count, seen = len(points[0]), _pencils_of(points, optics)
-    turns = _turns_of(seen, optics[0], raster) if turns is None else turns
-    every = np.arange(TOGETHER)
+    turns = _turns_of(seen, optics[0], raster) if turns is None else _filled(turns)
+    every = np.arange(_TOGETHER)
     whose = np.repeat(every[:count], turns[:count])
     turn = np.concatenate([np.arange(n) for n in turns[:count]])
     room = _room(raster.size_px)
-    light = jnp.zeros((TOGETHER, room, room), jnp.float32)
+    light = jnp.zeros((_TOGETHER, room, room), jnp.float32)
     middle = jnp.asarray(raster.size_px / 2)
-    for first in range(0, len(whose), TOGETHER):
-        some = slice(first, first + TOGETHER)
+    for first in range(0, len(whose), _TOGETHER):
+        some = slice(first, first + _TOGETHER)
         own, number = _filled(whose[some]), _filled(turn[some])
         rays = _ray_turns(seen, optics[0], own, number, turns[own])
         live = every < len(whose[some])
@@ -161,15 +167,15 @@ def _pencils_of(points: Points, optics: Optics) -> Pencil:
 def _turns_of(
     seen: Pencil, blur: LensBlur, raster: Raster
 ) -> Int[np.ndarray, " points"]:
-    every = np.arange(TOGETHER)
+    every = np.arange(_TOGETHER)
     probe = _ray_turns(seen, blur, every, 0 * every, 0 * every + 1)
     return np.asarray(_turns_needed(probe, raster.pitch_mm, raster.tolerance))
 
 
 def _filled(some: Array | np.ndarray) -> np.ndarray:
-    """`TOGETHER` of them; the last is repeated."""
+    """`_TOGETHER` of them; the last is repeated."""
     values = np.asarray(some)
-    spare = np.repeat(values[-1:], TOGETHER - len(values), 0)
+    spare = np.repeat(values[-1:], _TOGETHER - len(values), 0)
     return np.concatenate([values, spare])
 
 

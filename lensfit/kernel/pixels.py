@@ -65,11 +65,10 @@ def profile_of(
         are to either side.
     """
     position = (spot.landing_mm - corner_mm[None]) / cell_mm[None]
+    # One variance serves both axes.
+    along_axes = jnp.broadcast_to(variance_mm2, (2,))
     own = FOOTPRINT * spot.cell_mm2
-    if jnp.ndim(variance_mm2):
-        variance = (variance_mm2[None] + own[:, None]) / cell_mm[None] ** 2
-    else:
-        variance = (variance_mm2 + own)[:, None] / cell_mm[None] ** 2
+    variance = (along_axes[None] + own[:, None]) / cell_mm[None] ** 2
     sigma = jnp.sqrt(variance + LEAST_SIGMA_PX**2)
     shares = partial(_shares, pixels=cells)
     apart = (None, None) if apart_mm is None else tuple(apart_mm / cell_mm)

@@ -15,14 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.kernel.lens_blur import LensBlur
-from lensfit.kernel.lens_psf import (
-    TOGETHER,
-    Optics,
-    Points,
-    Raster,
-    patches,
-    turns_needed,
-)
+from lensfit.kernel.lens_psf import Optics, Points, Raster, lens_psfs, turns_needed
 
 STEP = 0.5
 """Share of a standard deviation by which a blur is moved. Smaller ones follow edges of
@@ -50,23 +43,14 @@ def known_psfs(
 
     Parameters
     ----------
-    points : As for `lens_psf.lens_psfs`.
     moved : Independent moves of the blur in `optics`.
     """
-    some = [slice(k, k + TOGETHER) for k in range(0, len(points[0]), TOGETHER)]
-    at, far, channel = points
-    batches: list[Points] = [(at[k], far[k], channel[k]) for k in some]
-    turns = [turns_needed(batch, optics, raster) for batch in batches]
+    turns = turns_needed(points, optics, raster)
 
     def drawn(blur: LensBlur) -> np.ndarray:
-        return np.concatenate(
-            [
-                patches(batch, (blur, *optics[1:]), raster, needed)
-                for batch, needed in zip(batches, turns, strict=True)
-            ]
-        )
+        return lens_psfs(points, (blur, *optics[1:]), raster, turns)
 
-    psf = drawn(optics[0]).astype(float)
+    psf = drawn(optics[0])
     variance = np.zeros_like(psf)
     for forth, back in moved:
         variance += ((drawn(forth) - drawn(back)) / (2 * STEP)) ** 2

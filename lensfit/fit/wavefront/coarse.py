@@ -23,6 +23,7 @@ from lensfit.fit.wavefront.stages import (
     chi_squared,
     first_stage,
     freed,
+    on_dots,
     settled,
     solved,
 )
@@ -38,14 +39,45 @@ _MOST_SIGNS = 3
 _DECISIVE, _HOPELESS = 1.1, 3.0
 """How much better a sign of defocus must explain the photographs; how much worse it may
 begin."""
-_FROM_SEEN = {1: (0.0, -0.5, 0.5, -1.0, 1.0)}
-_FROM_SAID = {1: (0.0, -0.5, 0.5, -1.0, 1.0, -2.0, 2.0), 2: (0.0, -1.0, 1.0)}
-"""Defocus common to all takes, in the largest that is seen, by the number of sign
-patterns that are tried: beyond what is seen, and beyond what was stated."""
 _FEW_DOTS = 4
 """Of each take, while there are many starts of known sign; a few would tell a lens from
 its mirror image by where they happen to be."""
 _FINALISTS = 2
+
+
+class _Offsets(NamedTuple):
+    """Defocus common to all takes, in the largest that is seen: beyond what is seen of
+    each take, and beyond what was stated of it."""
+
+    from_seen: tuple[float, ...]
+    from_said: tuple[float, ...]
+
+
+_OFFSETS = (
+    _Offsets((0.0, -0.5, 0.5, -1.0, 1.0), (0.0, -0.5, 0.5, -1.0, 1.0, -2.0, 2.0)),
+    _Offsets((0.0,), (0.0, -1.0, 1.0)),
+    _Offsets((0.0,), ()),
+)
+"""By the number of signs that are open: none, one, more. Each doubles the starts."""
+
+
+class _Start(NamedTuple):
+    """Defocus of every group to start from, and which pattern of signs it has."""
+
+    pattern: int
+    defocus_mm: Float[np.ndarray, " groups"]
+
+
+class _Try(NamedTuple):
+    """Where a start led, and the pattern of signs that it had."""
+
+    pattern: int
+    stage: Stage
+
+    @property
+    def cost(self) -> float:
+        """How badly it explains the photographs."""
+        return float(np.nan_to_num(chi_squared(self.stage), nan=np.inf))
 
 
 class Coarse(NamedTuple):
@@ -76,55 +108,44 @@ def coarse_fit(
     start = first_parameters(gathered, layout, fall_off)
     starts = _starts(gathered, value, known)
     some = gathered
-    if all(pattern == 0 for pattern, _ in starts):
+    if all(one.pattern == 0 for one in starts):
         some = chosen(gathered, spread_over_takes(gathered, _FEW_DOTS))
     tries = []
     for pattern, defocus_mm in starts:
         parameters = start.copy()
         parameters[layout.blocks["defocus"]][: len(value)] = defocus_mm
         stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
-        tries.append((pattern, solved(settled(freed(stage, deviation)))))
+        tries.append(_Try(pattern, solved(settled(freed(stage, deviation)))))
     ended = [
-        (pattern, solved(settled(_on(gathered, stage))))
+        _Try(pattern, solved(settled(on_dots(stage, gathered))))
         for pattern, stage in _promising(tries)
     ]
-    ended.sort(key=_cost)
+    ended.sort(key=lambda one: one.cost)
     best = ended[0]
-    others = [one for one in ended if one[0] != best[0]]
-    decided = not others or _cost(others[0]) > _DECISIVE * _cost(best)
-    return Coarse(best[1], bool(known.all()) or decided, families)
+    others = [one for one in ended if one.pattern != best.pattern]
+    decided = not others or others[0].cost > _DECISIVE * best.cost
+    return Coarse(best.stage, bool(known.all()) or decided, families)
 
 
 def _starts(
     gathered: Gathered,
     value_mm: Float[np.ndarray, " groups"],
     known: np.ndarray,
-) -> list[tuple[int, Float[np.ndarray, " groups"]]]:
-    """Defocus of every group to start from, and which pattern of signs it has.
-
-    As it is seen; and as it was stated, since aberrations widen what is seen, with all
-    takes moved by the same.
-    """
+) -> list[_Start]:
+    """As defocus is seen; and as it was stated, since aberrations widen what is seen,
+    with all takes moved by the same."""
     patterns = _signs(value_mm, known)
     unit_mm = float(np.max(seen_defocus_mm(gathered)))
     stated = [stated_defocus_mm(gathered, group) for group in gathered.groups]
     said = np.array([np.nan if one is None else one for one in stated])
     said_mm = np.where(np.isfinite(said), said, value_mm)
+    open_signs = (len(patterns) - 1).bit_length()
+    from_seen, from_said = _OFFSETS[min(open_signs, len(_OFFSETS) - 1)]
     found = []
     for k, signs in enumerate(patterns):
-        seen_offsets = _FROM_SEEN.get(len(patterns), (0.0,))
-        said_offsets = _FROM_SAID.get(len(patterns), ())
-        found += [(k, value_mm * signs + o * unit_mm) for o in seen_offsets]
-        found += [(k, said_mm * signs + o * unit_mm) for o in said_offsets]
+        found += [_Start(k, value_mm * signs + o * unit_mm) for o in from_seen]
+        found += [_Start(k, said_mm * signs + o * unit_mm) for o in from_said]
     return found
-
-
-def _on(gathered: Gathered, stage: Stage) -> Stage:
-    """The same stage on more dots."""
-    begun = first_stage(gathered, stage.layout, stage.parameters)
-    return replace(
-        begun, mean=stage.mean, deviation=stage.deviation, smoothing=stage.smoothing
-    )
 
 
 def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
@@ -139,17 +160,13 @@ def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
     return tries
 
 
-def _promising(tries: list[tuple[int, Stage]]) -> list[tuple[int, Stage]]:
+def _promising(tries: list[_Try]) -> list[_Try]:
     """The best few of every pattern of signs, none of them hopeless."""
-    ranked = sorted(tries, key=_cost)
-    least = _cost(ranked[0])
+    ranked = sorted(tries, key=lambda one: one.cost)
+    least = ranked[0].cost
     found = []
-    for pattern in dict.fromkeys(pattern for pattern, _ in ranked):
-        mine = [one for one in ranked if one[0] == pattern][:_FINALISTS]
+    for pattern in dict.fromkeys(one.pattern for one in ranked):
+        mine = [one for one in ranked if one.pattern == pattern][:_FINALISTS]
         # A try that ended early must not lose for that.
-        found += [one for one in mine if _cost(one) < _HOPELESS * least]
+        found += [one for one in mine if one.cost < _HOPELESS * least]
     return found
-
-
-def _cost(one: tuple[int, Stage]) -> float:
-    return float(np.nan_to_num(chi_squared(one[1]), nan=np.inf))

@@ -34,16 +34,15 @@ from lensfit.fit.wavefront.gather import (
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import (
-    COARSE_SHARE,
     Stage,
-    first_stage,
     freed,
+    on_dots,
     reweighed,
     settled,
     solved,
 )
 from lensfit.fit.wavefront.uncertainty import covariance_of, unseen
-from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights, relative_misfit
+from lensfit.fit.wavefront.weigh import MODEL_SHARE, relative_misfit
 from lensfit.optics.spectrum import Bands, bands
 from lensfit.optics.terms import (
     decentring_terms,
@@ -170,13 +169,7 @@ def _fine(
     gathered: Gathered, middle: Stage, families: tuple[Family, ...], rounds: int
 ) -> Stage:
     """Everything on full pixels; the blades as soon as the rest is nearly right."""
-    stage = first_stage(gathered, middle.layout, middle.parameters)
-    stage = replace(
-        stage,
-        mean=middle.mean,
-        blades=middle.blades,
-        weight=first_weights(gathered, COARSE_SHARE),
-    )
+    stage = replace(on_dots(middle, gathered), smoothing=0.0)
     stage = settled(freed(stage, deviation_of(families, middle.layout, FINE)))
     stage = solved(with_blades(stage, EVIDENTLY))
     if not stage.blades:

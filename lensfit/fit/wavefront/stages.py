@@ -98,6 +98,17 @@ def first_stage(gathered: Gathered, layout: Layout, parameters: np.ndarray) -> S
     )
 
 
+def on_dots(stage: Stage, gathered: Gathered) -> Stage:
+    """The same on other dots, whose patches are where the centroids were found."""
+    return replace(
+        stage,
+        gathered=gathered,
+        corner_mm=-gathered.observed_mm,
+        weight=first_weights(gathered, COARSE_SHARE),
+        solution=None,
+    )
+
+
 def model_of(stage: Stage) -> Model:
     """Arrays of a pass."""
     gathered = stage.gathered

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lensfit.errors import ImageError, LensfitError
-from lensfit.io.exr import write_exr
+from lensfit.io.exr import ExrPart, write_exr
 from lensfit.workflow.frame.error import at_frame
 from lensfit.workflow.frame.renderer import FrameRenderer
 
@@ -31,17 +31,26 @@ class FrameOutcome:
 
 def apply_frame(renderer: FrameRenderer, path: Path, target: Path) -> FrameOutcome:
     """Render a frame to its place, unless it is there."""
-    failure, skipped = None, False
     try:
-        skipped = not renderer.options.overwrite and renderer.is_finished(path, target)
-        if not skipped:
-            write_exr(target, renderer.render(path))
+        found = () if renderer.options.overwrite else renderer.finished(path, target)
+        parts = found or _rendered(renderer, path, target)
     except (LensfitError, ValueError, MemoryError, ArithmeticError) as error:
         failure = error_line(error, path)
-    notes = tuple(renderer.notes)
-    if failure is not None:
-        return FrameOutcome(failure=failure, notes=notes)
-    return FrameOutcome(target, skipped, notes=notes, size_px=renderer.size_px)
+        return FrameOutcome(failure=failure, notes=tuple(renderer.notes))
+    window = parts[0].display_window
+    return FrameOutcome(
+        target,
+        skipped=bool(found),
+        notes=tuple(renderer.notes),
+        size_px=(window.width, window.height),
+    )
+
+
+def _rendered(renderer: FrameRenderer, path: Path, target: Path) -> tuple[ExrPart, ...]:
+    """The headers of the frame that was written."""
+    image = renderer.render(path)
+    write_exr(target, image)
+    return image.parts
 
 
 def error_line(error: Exception, path: Path) -> str:

@@ -37,10 +37,6 @@ from lensfit.workflow.plate.header import plate_header
 class FrameRenderer:
     """Renders frames; keeps what it knows about the lens while the camera stays.
 
-    Attributes
-    ----------
-    size_px : Width and height of the last frame's display window.
-
     Raises
     ------
     LensfitError : An option cannot be followed, whatever the plate.
@@ -50,7 +46,6 @@ class FrameRenderer:
         self.options = options
         _check_for_all_plates(options)
         self.lens = PlateLens(preset, options)
-        self.size_px: tuple[int, int] | None = None
 
     @property
     def notes(self) -> list[str]:
@@ -59,20 +54,16 @@ class FrameRenderer:
 
     def render(self, path: Path) -> ExrImage:
         """One finished frame."""
-        image = self._rendered(path)
-        self.size_px = _size_of(image.parts)
-        return image
-
-    def _rendered(self, path: Path) -> ExrImage:
         if self.options.output != "result":
             return explaining_picture(self.lens, path)
         if is_deep(path):
             return render_deep(self.lens, path)
         return render_flat(self.lens, read_exr(path), path)
 
-    def is_finished(self, plate: Path, target: Path) -> bool:
-        """Whether a whole frame is there; says so when it is not what would be rendered
-        now, and when only a damaged one is there, as a full disk or a cut copy leaves.
+    def finished(self, plate: Path, target: Path) -> tuple[ExrPart, ...]:
+        """The headers of the frame that is there already; none where it must be
+        rendered. Notes when it is not what would be rendered now, and when only a
+        damaged one is there, as a full disk or a cut copy leaves.
 
         Raises
         ------
@@ -81,17 +72,16 @@ class FrameRenderer:
             name, or the lens cannot be turned like that.
         """
         if not target.is_file():
-            return False
+            return ()
         try:
             parts = read_exr(target, header_only=True).parts
         except ImageError as error:
             if isinstance(error.__cause__, OSError):
                 raise
             self.lens.notes.add(f"{target} was damaged and is rendered again")
-            return False
-        self.size_px = _size_of(parts)
+            return ()
         self._note_if_made_otherwise(plate, parts)
-        return True
+        return parts
 
     def _note_if_made_otherwise(self, plate: Path, parts: tuple[ExrPart, ...]) -> None:
         header = plate_header(plate)
@@ -107,11 +97,6 @@ class FrameRenderer:
                 "some frames were finished before with other settings or by an older "
                 "preset, and were kept (--overwrite renders them again)"
             )
-
-
-def _size_of(parts: tuple[ExrPart, ...]) -> tuple[int, int]:
-    window = parts[0].display_window
-    return window.width, window.height
 
 
 def _check_for_all_plates(options: ApplyOptions) -> None:
