@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from lensfit.detect.observations import Observations
-from lensfit.mosaic import PIXELS_PER_PHOTOSITE, photosites
+from lensfit.mosaic import PIXELS_PER_PHOTOSITE, Mosaic, photosites
 from lensfit.photograph import Photograph
 
 CELLS = 24
@@ -46,7 +46,7 @@ class Cutouts:
     cell_px : Pixels along a cell.
     read_noise : Standard deviation of a cell without light, per channel.
     channels : 3, or 1 for a grey photograph.
-    from_mosaic : Each pixel measured one channel.
+    mosaic : Of the photograph, if each pixel measured one channel.
     """
 
     marks: Int[np.ndarray, " dots"]
@@ -58,7 +58,7 @@ class Cutouts:
     cell_px: int
     read_noise: Float[np.ndarray, " 3"]
     channels: int
-    from_mosaic: bool = False
+    mosaic: Mosaic | None = None
 
 
 def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
@@ -91,7 +91,7 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
         cell_px=cell,
         read_noise=_read_noise(pixels, own) / _pixels_of_noise(own, cell),
         channels=photograph.pixels.shape[2],
-        from_mosaic=own is not None,
+        mosaic=None if own is None else photograph.mosaic,
     )
 
 

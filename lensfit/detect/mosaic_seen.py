@@ -21,8 +21,8 @@ _QUIET = 0.5
 """Share of the blocks that count: those with the least structure."""
 _FEWEST_BLOCKS = 40
 _MOST = (0.8, 0.75, 0.8)
-"""Of red, green and blue: interpolated pixels depart from their neighbours by no more than so much of what
-measured ones do; without a mosaic it is 1 within a hundredth."""
+"""Of red, green and blue: interpolated pixels depart from their neighbours by no more
+than so much of what measured ones do; without a mosaic it is 1 within a hundredth."""
 _CROSS = np.array([[0, 1, 0], [1, -4, 1], [0, 1, 0]], np.float32) / 4
 _AROUND = np.array([[1, 1, 1], [1, -8, 1], [1, 1, 1]], np.float32) / 8
 

@@ -17,7 +17,7 @@ from data_synth.lens import set_lens
 from data_synth.make_demo import FOLDER, make_demo
 from data_synth.patterns import expose_pattern
 from data_synth.prescription import load_prescription
-from data_synth.sensor import Sensor, demosaiced, digitise, srgb_codes
+from data_synth.sensor import MOSAIC, Sensor, demosaiced, digitise, srgb_codes
 from data_synth.shoot import Camera, Shot, field_table, write_shoot
 from data_synth.surfaces import Surface
 from data_synth.trace import Stop
@@ -192,6 +192,14 @@ def test_a_mosaic_keeps_a_smooth_picture():
     np.testing.assert_allclose(filled[3:-3, 3:-3], ramp[3:-3, 3:-3], atol=1e-12)
 
 
+def test_what_a_mosaic_measured_is_kept_where_the_shoot_file_says():
+    samples = np.random.default_rng(2).uniform(size=(31, 44, 3))
+    own = photosites("rggb", (44, 31))
+    assert MOSAIC == "rggb"
+    np.testing.assert_array_equal(demosaiced(samples)[own], samples[own])
+    assert not np.any(demosaiced(samples)[~own] == samples[~own])
+
+
 def test_srgb_codes_span_the_byte():
     assert srgb_codes(np.array([[[0.0, 0.2140411, 1.0]]])).tolist() == [[[0, 127, 255]]]
 
@@ -210,6 +218,7 @@ def test_a_shoot_is_written_as_lensfit_reads_it_and_is_reproducible(tmp_path):
     table = tomllib.loads((tmp_path / "one/shoot.toml").read_text())
     assert [take["image"] for take in table["take"]] == ["a.exr", "b.jpg"]
     assert table["take"][1]["encoding"] == "srgb"
+    assert table["camera"]["mosaic"] == "rggb"
     assert "target_distance_mm" not in table["take"][1]
     truth = json.loads((tmp_path / "one/a_truth.json").read_text())
     assert len(truth["columns"]) == len(truth["dots"][0])

@@ -102,3 +102,20 @@ def test_a_traced_lens_is_calibrated_and_judged(tmp_path):
     assert max(row["figures"]["chief_ray_px"].values()) < 0.5
     assert row["figures"]["flags"] == [] or row["figures"]["psf"] is None
     assert np.isfinite(row["seconds"]["calibrate"])
+
+
+@pytest.mark.slow
+def test_a_stated_mosaic_is_not_taken_for_the_lens(tmp_path):
+    subject = case_subject("bayer", (640, 480))
+    result = bench_wavefront(
+        [Trial("bayer", subject.about, subject.write)], judged, tmp_path
+    )
+    (row,) = result["rows"]
+    assert row["failed"] is None
+    assert 'mosaic = "rggb"' in (tmp_path / "bayer" / "shoot.toml").read_text()
+    assert not any("mosaic" in note for note in row["report"]["notes"])
+    psf = row["figures"]["psf"]["all"]
+    assert psf["median"] < 0.04
+    assert psf["p90"] < 0.12
+    assert max(row["figures"]["chief_ray_px"].values()) < 0.03
+    assert max(row["figures"]["lateral_colour_px"].values()) < 0.07
