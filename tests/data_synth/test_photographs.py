@@ -21,6 +21,7 @@ from data_synth.sensor import MOSAIC, Sensor, demosaiced, digitise, srgb_codes
 from data_synth.shoot import Camera, Shot, field_table, write_shoot
 from data_synth.surfaces import Surface
 from data_synth.trace import Stop
+from lensfit.mosaic import photosites
 
 FRAME = Frame((320, 240), (28.0, 21.0))
 DISTANCE_MM = 1500.0
