@@ -16,7 +16,7 @@ from jaxtyping import Float
 from data_synth.paraxial import FirstOrder, Section, first_order
 from data_synth.prescription import Prescription
 from data_synth.surfaces import Surface
-from data_synth.trace import Stop, Traced, trace, vertex_positions_mm
+from data_synth.trace import Stop, Traced, trace
 
 REFERENCE_NM = 546.07
 FAR_MM = 1e9
@@ -212,8 +212,3 @@ def _ray_between(
     direction = target_mm - origin_mm
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     return target_mm, direction
-
-
-def front_vertex_z_mm(lens: SetLens) -> float:
-    """z of the first vertex, tracer frame."""
-    return float(vertex_positions_mm(lens.surfaces)[0])

@@ -75,12 +75,6 @@ def intersect(
     return _intersect_conic(surface, position, direction)
 
 
-def sag_mm(surface: Surface, x_mm: Component, y_mm: Component) -> Component:
-    """Height of the surface over its vertex plane, towards the sensor."""
-    shape = _toric_sag if surface.is_toric else _asphere_sag
-    return shape(surface, x_mm, y_mm)[0]
-
-
 def _intersect_conic(
     surface: Surface, position: Vector, direction: Vector
 ) -> tuple[Vector, Vector]:
