@@ -28,6 +28,7 @@ from lensfit.optics.many_points import (
     project,
     undistort,
 )
+from lensfit.optics.pupil_walk import PupilWalk
 
 Channel = Literal["r", "g", "b"]
 TOLERANCE = 0.01
@@ -58,6 +59,7 @@ class Lens(eqx.Module):
         counts as perfect).
     moved_blurs : Makes the blur as moved by each independent error it may have
         (`lensfit.kernel.psf_deviation`); None when nobody knows these.
+    pupil_walk : How the entrance pupil moves with field angle; None where nobody knows.
     largest_blur_mm : No object counts as farther out of focus than a thin lens blurs to
         this radius; None for no limit.
     """
@@ -74,6 +76,7 @@ class Lens(eqx.Module):
     blur: LensBlur | None = None
     moved_blurs: Callable[[], MovedBlurs] | None = eqx.field(static=True, default=None)
     largest_blur_mm: float | None = eqx.field(static=True, default=None)
+    pupil_walk: PupilWalk | None = None
 
     @property
     def has_lateral_colour(self) -> bool:
@@ -96,7 +99,7 @@ class Lens(eqx.Module):
         """
         points = _points(object_points_mm, 3)
         pupil = self.entrance_pupil_offset_mm
-        landed = project(points, pupil, self.distortion)
+        landed = project(points, pupil, self.distortion, self.pupil_walk)
         return displaced(landed, self.distortion, _shift_of(self, channel))
 
     def distorted_from_undistorted(

@@ -7,6 +7,9 @@ sensor was measured too, the difference is the pupil's place: far in front of th
 in a retrofocus lens, close to it in a telephoto lens. Otherwise it is assumed to be one
 principal distance in front of the sensor, as in a thin lens.
 
+Tilted charts also say how the pupil walks along the axis with field angle
+(`lensfit.optics.pupil_walk`); that, too, is one number that all states share.
+
 Takes of one focal length share the pupil: it moves with focus by millimetres.
 """
 

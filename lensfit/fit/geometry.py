@@ -10,7 +10,8 @@ that no orientation is singular.
 Behind cylinders the entrance pupil lies elsewhere for x than for y, so that a lens has
 two centres of projection. That of y is the origin; x sees a point (X, Y, Z) from a gap
 g farther ahead, as X / (Z - g) times (Z0 - g) / Z0: at the distance Z0 of the boards,
-for which the chief-ray map is then made, both centres say the same.
+for which the chief-ray map is then made, both centres say the same. The pupil of other
+lenses walks along the axis with field angle (`optics.pupil_walk`).
 """
 
 from typing import NamedTuple
@@ -27,6 +28,7 @@ from lensfit.fit.parameters import (
 )
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion, distorted_from_direction
+from lensfit.optics.pupil_walk import PupilWalk, seen_at_chart
 
 Parts = dict[str, Array]
 """Named blocks of the parameters: those of the lens, and of one photograph."""
@@ -45,7 +47,7 @@ class Frame(NamedTuple):
     valid_radius: Float[Array, ""]
     box: Float[Array, "2 2"]
     board_distance_mm: Float[Array, ""] | None = None
-    """Z0, of an anamorphic lens."""
+    """Z0; None for a pupil that stands still."""
 
 
 class View(NamedTuple):
@@ -140,6 +142,9 @@ def direction_of(
     seen = turned + view.translation_mm + pose[3:] * view.translation_mm[2]
     if frame.board_distance_mm is None:
         return seen
+    if parts["pupil_walk"].size:
+        walk_mm = parts["pupil_walk"][0] * frame.stated_focal_length_mm
+        return seen_at_chart(seen, PupilWalk(walk_mm, frame.board_distance_mm))
     gap_mm = parts["pupil_gap"][0] * frame.stated_focal_length_mm
     at_board = 1 - gap_mm / frame.board_distance_mm
     return seen.at[0].multiply(at_board / (1 - gap_mm / seen[2]))

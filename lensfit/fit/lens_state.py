@@ -14,6 +14,7 @@ from lensfit.fit.colour import ChannelColour, fit_colour
 from lensfit.fit.entrance_pupil import EntrancePupil, entrance_pupil
 from lensfit.fit.geometry import distortion_of
 from lensfit.fit.illumination import FallOffFit, fit_illumination
+from lensfit.fit.pupil_walk import MeasuredWalk, measured_walk
 from lensfit.fit.take import Take
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
 from lensfit.optics.base import BaseProjection
@@ -32,6 +33,7 @@ class LensState:
     distortion : Its lens.
     uncertainty : Of its parameters.
     pupil : Where its entrance pupil is.
+    walk : How that moves with field angle; None where no photograph says.
     colour : Red and blue against green; empty for monochrome photographs.
     fall_off : One for each f-number.
     """
@@ -42,6 +44,7 @@ class LensState:
     distortion: Distortion
     uncertainty: Uncertainty
     pupil: EntrancePupil
+    walk: MeasuredWalk | None
     colour: dict[str, ChannelColour]
     fall_off: list[FallOffFit]
 
@@ -87,6 +90,7 @@ def fit_state(
         distortion=distortion,
         uncertainty=uncertainty,
         pupil=entrance_pupil(geometry, uncertainty, distance_mm, pupil_mm),
+        walk=measured_walk(geometry, uncertainty),
         colour=fit_colour(
             geometry.takes, centre, float(distortion.reference_radius_mm)
         ),

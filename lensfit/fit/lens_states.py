@@ -7,7 +7,7 @@ opposed to centroids, and geometry and colour are then fitted again to those.
 
 import time
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from lensfit.errors import FitError
 from lensfit.fit.entrance_pupil import shared_pupils
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.lens_state import LensState, better_told, fit_state
+from lensfit.fit.pupil_walk import shared_walks
 from lensfit.fit.take import Take, grouped
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
@@ -77,7 +78,7 @@ def fit(
     began = time.perf_counter()
     wavefronts, notes = _fit_wavefronts(states, progress, effort, allowed)
     if not wavefronts:
-        return Fitted(tuple(states), failed, notes=tuple(notes))
+        return Fitted(_sharing_walks(states), failed, notes=tuple(notes))
     seconds = {"fit_wavefront": time.perf_counter() - began}
     exact = {
         take.name: take
@@ -91,7 +92,13 @@ def fit(
     moved = [exact.get(t.name, t) for t in takes]
     again, failed = _fit_states(moved, progress, pupils)
     states = [better_told(state, states) for state in again]
-    return Fitted(tuple(states), failed, wavefronts, tuple(notes), seconds)
+    return Fitted(_sharing_walks(states), failed, wavefronts, tuple(notes), seconds)
+
+
+def _sharing_walks(states: list[LensState]) -> tuple[LensState, ...]:
+    """Each with the walk of the pupil that all of its focal length show together."""
+    walks = shared_walks((one.focal_length_mm, one.walk) for one in states)
+    return tuple(replace(s, walk=walks.get(s.focal_length_mm)) for s in states)
 
 
 def _fit_states(

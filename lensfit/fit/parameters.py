@@ -41,7 +41,8 @@ class Layout:
     stretch_degree : Degree of the board's errors within its plane, shared by the
         photographs that show the whole board; 0 for none.
     apertures : Number of f-numbers besides the smallest aperture.
-    anamorphic : Whether x and y have an entrance pupil each.
+    anamorphic : Whether x and y have an entrance pupil each, a gap apart; the pupil of
+        others walks along the axis with field angle.
     """
 
     base: BaseProjection = "rectilinear"
@@ -59,6 +60,7 @@ class Layout:
         sizes = {
             "focal_length": 1,
             "pupil_gap": 1 if self.anamorphic else 0,
+            "pupil_walk": 0 if self.anamorphic else 1,
             "principal_point": 2,
             "radial": self.radial,
             "squeeze": 2,

@@ -11,6 +11,7 @@ from lensfit.fit.parameters import Layout, Prior
 LOOSE = {
     "focal_length": 0.3,
     "pupil_gap": 2.0,
+    "pupil_walk": 3.0,
     "principal_point": 0.05,
     "radial": 1.0,
     "squeeze": 0.1,
@@ -25,7 +26,7 @@ LOOSE = {
     "board_bend": 0.01,
 }
 """Standard deviations in the units of `parameters`: reference radii, half boards, for a
-pose radians and distances, and for the gap of pupils focal lengths."""
+pose radians and distances, and for gap and walk of pupils focal lengths."""
 
 
 def fixed_prior(layout: Layout, views: int) -> Prior:

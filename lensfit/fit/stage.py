@@ -26,6 +26,8 @@ from lensfit.fit.views import Stack, board_of, observed_of, stack_takes
 
 _TILT_RAD = 0.12
 """Views that differ by less do not fix a focal length."""
+_WALK_TILT_RAD = 0.03
+"""Views that differ by less say nothing of how the entrance pupil walks."""
 _BEND_TILT_RAD = 0.35
 """Views that differ by less cannot tell a bent board from a distorting lens."""
 _BEND_VIEWS = 5
@@ -45,6 +47,7 @@ class Start:
     layout : Room for the largest model of any state of the lens.
     radius_mm : Of the dots of every take; 0 where marks are not dots.
     focal_length_free : Whether views tilt enough to determine the focal length.
+    walk_free : Whether they tilt enough to say something of how the pupil walks.
     half_angle_rad : From the axis to the furthest mark.
     notes : One sentence for each thing that was assumed.
     """
@@ -56,6 +59,7 @@ class Start:
     layout: Layout
     radius_mm: np.ndarray
     focal_length_free: bool
+    walk_free: bool
     half_angle_rad: float
     notes: tuple[str, ...]
 
@@ -100,9 +104,7 @@ def start_of(
         stated_squeeze=jnp.asarray([squeeze, 0.0]),
         valid_radius=jnp.asarray(furthest / radius * _MARGIN),
         box=jnp.asarray(box * np.exp([squeeze / 2, -squeeze / 2])),
-        board_distance_mm=_board_distance_mm(takes, poses)
-        if takes[0].anamorphic
-        else None,
+        board_distance_mm=_board_distance_mm(takes, poses),
     )
     bend, stretch = _board_degrees(takes, any(whole), poses)
     largest = replace(_lens_layout(takes), bend_degree=bend, stretch_degree=stretch)
@@ -114,6 +116,7 @@ def start_of(
         layout=_with_room(largest, grouped(shown)),
         radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
         focal_length_free=_views_tilt(poses),
+        walk_free=not takes[0].anamorphic and _tilt_rad(poses) > _WALK_TILT_RAD,
         half_angle_rad=float(np.arctan(furthest / focal_mm)),
         notes=(*notes, *of_distance),
     )

@@ -17,6 +17,7 @@ from lensfit.optics.lateral import (
     channel_from_green,
     green_from_channel,
 )
+from lensfit.optics.pupil_walk import PupilWalk, seen_at_chart
 
 
 def displaced(
@@ -54,11 +55,12 @@ def project(
     points: Float[Array, "points 3"],
     pupil_mm: Float[Array, ""],
     distortion: Distortion,
+    walk: PupilWalk | None,
 ) -> Float[Array, "points 2"]:
     """Where green chief rays of object points land."""
 
     def one(point):
-        direction = point.at[2].add(-pupil_mm)
+        direction = seen_at_chart(point.at[2].add(-pupil_mm), walk)
         return chief_ray.distorted_from_direction(direction, distortion)
 
     return jax.vmap(one)(points)

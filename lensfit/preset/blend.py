@@ -28,7 +28,7 @@ from lensfit.preset.blur_blocks import Blur
 Block = TypeVar("Block", bound=msgspec.Struct)
 
 _MUST_AGREE = {"base", "reference_radius_mm"}
-_PHOTOGRAPHED = {"valid_radius"}
+_PHOTOGRAPHED = {"valid_radius", "chart_distance_mm"}
 """What defines the terms, but may differ: it moves from one to the other."""
 _LARGER = {"degree"}
 """Coefficients of the degrees that one of the two lacks are zero there."""

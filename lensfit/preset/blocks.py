@@ -14,6 +14,22 @@ PositiveFloat = Annotated[float, Meta(gt=0)]
 Pair = tuple[float, float]
 
 
+class PupilWalk(Struct, frozen=True, forbid_unknown_fields=True):
+    """How the entrance pupil moves with field angle (`lensfit.optics.pupil_walk`).
+
+    Attributes
+    ----------
+    walk_mm : Towards the scene, per squared sine of the field angle.
+    chart_distance_mm : From the sensor plane; for objects there the map of the chief
+        rays holds as it stands.
+    standard_deviation_mm : Of the walk.
+    """
+
+    walk_mm: float
+    chart_distance_mm: PositiveFloat
+    standard_deviation_mm: float
+
+
 class Projection(Struct, frozen=True, forbid_unknown_fields=True):
     """The pinhole camera behind the lens.
 
@@ -24,12 +40,14 @@ class Projection(Struct, frozen=True, forbid_unknown_fields=True):
     principal_point_mm : Where the optical axis meets the sensor.
     entrance_pupil_offset_mm : Position of the entrance pupil in front of the sensor
         plane, positive towards the scene.
+    pupil_walk : How it moves with field angle; None where nobody knows.
     assumed : Names of the values above that were stated or assumed, not measured.
     """
 
     principal_distance_mm: PositiveFloat
     principal_point_mm: Pair
     entrance_pupil_offset_mm: float
+    pupil_walk: PupilWalk | None = None
     assumed: tuple[str, ...] = ()
 
 

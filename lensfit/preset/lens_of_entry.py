@@ -20,6 +20,7 @@ from lensfit.lens import Illumination, Lens
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift
+from lensfit.optics.pupil_walk import PupilWalk
 from lensfit.preset import blocks
 from lensfit.preset.blur_numbers import with_moves
 from lensfit.preset.blur_of_block import blur_block as blur_block
@@ -56,6 +57,7 @@ def lens_of_selection(
         lateral_colour=_lateral_of(entry.lateral_colour),
         illumination=_illumination_of(entry.fall_off),
         entrance_pupil_offset_mm=_number(entry.projection.entrance_pupil_offset_mm),
+        pupil_walk=_pupil_walk_of(entry.projection),
         sensor_size_mm=(camera.sensor_width_mm, camera.sensor_height_mm),
         focal_length_mm=entry.focal_length_mm,
         f_number=chosen.f_number,
@@ -162,6 +164,15 @@ def _optics_of(p: blocks.Projection, d: blocks.Distortion) -> Distortion:
         base=d.base,
         degree=degree,
     )
+
+
+def _pupil_walk_of(projection: blocks.Projection) -> PupilWalk | None:
+    """As the optics count: from the entrance pupil."""
+    walk = projection.pupil_walk
+    if walk is None:
+        return None
+    ahead_mm = walk.chart_distance_mm - projection.entrance_pupil_offset_mm
+    return PupilWalk(_number(walk.walk_mm), _number(ahead_mm))
 
 
 def _lateral_of(

@@ -77,6 +77,7 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
                 np.asarray(distortion.principal_point_mm).tolist()
             ),
             entrance_pupil_offset_mm=state.pupil.offset_mm,
+            pupil_walk=_pupil_walk(state),
             assumed=tuple(assumed),
         ),
         distortion=distortion_block(distortion),
@@ -116,6 +117,17 @@ def with_quality(preset: Preset, facts: list[dict[str, Any]]) -> Preset:
 
     entries = tuple(one(e, f) for e, f in zip(preset.entries, facts, strict=True))
     return msgspec.structs.replace(preset, entries=entries)
+
+
+def _pupil_walk(state: LensState) -> blocks.PupilWalk | None:
+    ahead_mm = state.geometry.adjustment.frame.board_distance_mm
+    if state.walk is None or ahead_mm is None:
+        return None
+    return blocks.PupilWalk(
+        walk_mm=state.walk.walk_mm,
+        chart_distance_mm=state.pupil.offset_mm + float(ahead_mm),
+        standard_deviation_mm=state.walk.standard_deviation_mm,
+    )
 
 
 def visible_colour(state: LensState) -> bool:

@@ -128,6 +128,18 @@ def terms_of(
             else "stated: frontal views of a flat target do not determine it",
         }
     ]
+    if state.walk is not None:
+        terms.append(
+            {
+                "name": "pupil_walk",
+                "kept": True,
+                "value": state.walk.walk_mm,
+                "standard_deviation": state.walk.standard_deviation_mm,
+                "unit": "mm",
+                "reason": "tilted views show how the entrance pupil moves with field "
+                "angle",
+            }
+        )
     for verdict in _outermost(state.geometry.verdicts):
         value, sd = None, None
         where = adjustment.layout.blocks.get(verdict.family)

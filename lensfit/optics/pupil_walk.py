@@ -1,0 +1,53 @@
+"""How the entrance pupil moves along the axis with field angle.
+
+Chief rays of a real lens do not meet in one point: seen from off axis the image of the
+stop lies elsewhere (spherical aberration of the pupil), to first order by
+`walk_mm` sin^2 of the field angle. A chief-ray map that was measured on a flat chart
+holds for its distance; for objects nearer or farther along the same line of sight, the
+pupil that walked has another parallax. With z the distance of the object, z0 that of
+the chart, both from the pupil on the axis, the object counts as at
+
+    z - walk sin^2 (1 - z / z0)
+
+in front of the map: nothing changes at the chart's distance, nor on the axis.
+
+Reference: W. T. Welford, Aberrations of Optical Systems (1986), on aberrations of the
+pupils.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class PupilWalk(NamedTuple):
+    """What the walk does to chief rays.
+
+    Attributes
+    ----------
+    walk_mm : Towards the scene, per squared sine of the field angle.
+    chart_distance_mm : From the entrance pupil on the axis; there the map holds.
+    """
+
+    walk_mm: Float[Array, ""]
+    chart_distance_mm: Float[Array, ""]
+
+
+def seen_at_chart(
+    point_mm: Float[Array, "3"], walk: PupilWalk | None
+) -> Float[Array, "3"]:
+    """The point whose chief ray the map of the chart lands where this one's lands.
+
+    Parameters
+    ----------
+    point_mm : From the entrance pupil on the axis: x right, y down, z ahead.
+    walk : None for a pupil that stands still.
+    """
+    if walk is None:
+        return point_mm
+    across = jnp.sum(point_mm[:2] ** 2)
+    length = across + point_mm[2] ** 2
+    sine2 = across / jnp.where(length > 0, length, 1.0)
+    apart = 1 - point_mm[2] / walk.chart_distance_mm
+    return point_mm.at[2].add(-walk.walk_mm * sine2 * apart)
