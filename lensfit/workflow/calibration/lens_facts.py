@@ -113,33 +113,7 @@ def terms_of(
     wavefront : Of its focal length.
     """
     adjustment = state.geometry.adjustment
-    distance = float(state.distortion.principal_distance_mm)
-    deviation = float(state.uncertainty.deviation("focal_length")[0]) * distance
-    free = state.geometry.focal_length_free
-    terms = [
-        {
-            "name": "principal_distance",
-            "kept": free,
-            "value": distance,
-            "standard_deviation": deviation if free else None,
-            "unit": "mm",
-            "reason": "the views tilt enough to determine it"
-            if free
-            else "stated: frontal views of a flat target do not determine it",
-        }
-    ]
-    if state.walk is not None:
-        terms.append(
-            {
-                "name": "pupil_walk",
-                "kept": True,
-                "value": state.walk.walk_mm,
-                "standard_deviation": state.walk.standard_deviation_mm,
-                "unit": "mm",
-                "reason": "tilted views show how the entrance pupil moves with field "
-                "angle",
-            }
-        )
+    terms = _pinhole_terms(state)
     for verdict in _outermost(state.geometry.verdicts):
         value, sd = None, None
         where = adjustment.layout.blocks.get(verdict.family)
@@ -164,6 +138,38 @@ def terms_of(
     if wavefront is not None:
         shared = {"focal_length_mm": state.focal_length_mm}
         terms += [term | shared for term in blur_terms(wavefront)]
+    return terms
+
+
+def _pinhole_terms(state: LensState) -> list[dict[str, Any]]:
+    """What only views from several sides see."""
+    distance_mm = float(state.distortion.principal_distance_mm)
+    deviation_mm = float(state.uncertainty.deviation("focal_length")[0]) * distance_mm
+    free = state.geometry.focal_length_free
+    terms = [
+        {
+            "name": "principal_distance",
+            "kept": free,
+            "value": distance_mm,
+            "standard_deviation": deviation_mm if free else None,
+            "unit": "mm",
+            "reason": "the views tilt enough to determine it"
+            if free
+            else "stated: frontal views of a flat target do not determine it",
+        }
+    ]
+    if state.walk is not None:
+        terms.append(
+            {
+                "name": "pupil_walk",
+                "kept": True,
+                "value": state.walk.walk_mm,
+                "standard_deviation": state.walk.standard_deviation_mm,
+                "unit": "mm",
+                "reason": "tilted views show how the entrance pupil moves with field "
+                "angle",
+            }
+        )
     return terms
 
 
