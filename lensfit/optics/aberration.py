@@ -28,7 +28,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from lensfit.optics.depth import ObjectShift, shifted_path_mm
-from lensfit.optics.modes import power_series, wavefront, wavefront_gradient
+from lensfit.optics.modes import power_series, wavefront_gradient
 from lensfit.optics.terms import Term, mode_amplitudes, modes_of
 
 _MM_PER_UM = 1e-3
@@ -178,21 +178,6 @@ def landing_and_jacobian_mm(
     """`landing_mm` and its derivative with respect to u (mm per unit of u)."""
     landed = landing_mm(u, defocus_mm, local)
     return landed, jax.jacfwd(landing_mm)(u, defocus_mm, local)
-
-
-def path_mm(
-    u: Float[Array, "2"], defocus_mm: Float[Array, ""], local: LocalWavefront
-) -> Float[Array, ""]:
-    """E itself, 0 for the chief ray: the optical path difference of a ray, mm."""
-    p = u * local.reference_sine
-    chief = local.chief_sine
-    exact = -_cosine(p + chief) + _cosine(chief) - p @ _slope(chief)
-    path = wavefront(u, local.series_mm) * local.reference_sine + defocus_mm * exact
-    if local.cylinder_mm is not None:
-        path = path + p @ local.cylinder_mm @ p / 2
-    if local.depth is None:
-        return path
-    return path + shifted_path_mm(p, local.depth)
 
 
 def _cosine(p: Array) -> Array:

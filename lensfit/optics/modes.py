@@ -32,14 +32,6 @@ class Mode(NamedTuple):
     order: int
 
 
-@lru_cache(maxsize=32)
-def modes_up_to(degree: int) -> tuple[Mode, ...]:
-    """All modes of degree 2 ... `degree`, lowest degree first."""
-    return tuple(
-        Mode(n, m) for n in range(2, degree + 1) for m in range(n % 2, n + 1, 2)
-    )
-
-
 @lru_cache(maxsize=256)
 def radial_polynomial(degree: int, order: int) -> np.ndarray:
     """Zernike's R_n^m(r) / r^m as coefficients of powers of r^2."""

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pupil_modes import path_mm
 
 from lensfit.optics.aberration import (
     chief_sine,
@@ -13,7 +14,6 @@ from lensfit.optics.aberration import (
     landing_mm,
     local_wavefront,
     no_aberration,
-    path_mm,
 )
 from lensfit.optics.terms import rotational_terms
 

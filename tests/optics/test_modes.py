@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pupil_modes import modes_up_to
 
 from lensfit.optics.modes import (
     Mode,
-    modes_up_to,
     power_series,
     wavefront,
     wavefront_gradient,

@@ -4,13 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pupil_modes import path_mm
 
 from lensfit.optics.aberration import (
     landing_and_jacobian_mm,
     landing_mm,
     local_wavefront,
     no_aberration,
-    path_mm,
 )
 from lensfit.optics.depth import object_shift, shifted_path_mm
 from lensfit.optics.paraxial import FirstOrder, defocus_mm

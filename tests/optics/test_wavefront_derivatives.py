@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pupil_modes import modes_up_to
 
 from lensfit.optics.modes import (
     mode_gradients,
-    modes_up_to,
     power_series,
     wavefront_gradient,
 )

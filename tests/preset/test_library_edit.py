@@ -12,17 +12,23 @@ from library_makers import ENTRY, SLUG, SQUEEZE, change, keep, make_show
 from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import PresetError
-from lensfit.preset.library.change_set import read_change_set
+from lensfit.preset.library.change_set import ChangeSet
 from lensfit.preset.library.edit import Author, Wish, edit_preset, wish_of
 from lensfit.preset.library.history import history
 from lensfit.preset.library.key_path import complete_tables, key_of, steps_of
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.locks import lock_of
 from lensfit.preset.library.resolve import find_preset
-from lensfit.preset.library.shelf import shelves_of
+from lensfit.preset.library.shelf import read_version, shelves_of
 
 HERE = Path(__file__).parent
 AUTHOR = Author("bo", "by the look of it")
+
+
+def change_set_at(path: Path) -> ChangeSet:
+    found = read_version(path)
+    assert isinstance(found, ChangeSet)
+    return found
 
 
 @pytest.mark.parametrize(
@@ -57,7 +63,7 @@ def test_measured_values_refuse_an_edit_unless_unlocked(tmp_path: Path):
     ]
     found = change(tmp_path, SQUEEZE, 2.0, unlock=True)
     assert found.preset.entries[0].distortion.squeeze == 2.0
-    assert read_change_set(found.path).changes[0].unlocked
+    assert change_set_at(found.path).changes[0].unlocked
 
 
 def test_records_stay_true_even_unlocked(tmp_path: Path):
@@ -69,7 +75,7 @@ def test_records_stay_true_even_unlocked(tmp_path: Path):
 def test_an_edit_says_who_when_why_and_what_was_there(tmp_path: Path):
     keep(tmp_path)
     change(tmp_path, "coma_gain", 0.5)
-    edited = read_change_set(change(tmp_path, "coma_gain", 0.25).path)
+    edited = change_set_at(change(tmp_path, "coma_gain", 0.25).path)
     last = edited.changes[-1]
     assert (last.key, last.before, last.value) == (
         "knobs.aberration.coma_gain",
@@ -200,7 +206,7 @@ def test_edits_made_at_once_are_all_kept(tmp_path: Path):
     assert [editor.wait() for editor in editors] == [0] * 4
     found = find_preset(SLUG, tmp_path)
     assert found.name == f"{SLUG}@v025"
-    changes = read_change_set(found.path).changes
+    changes = change_set_at(found.path).changes
     made = sorted(change.value for change in changes)
     assert made == sorted(a + n / 10 for a in range(4) for n in range(6))
     # each saw the one before it

@@ -14,10 +14,10 @@ from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import LensfitError, PresetError
 from lensfit.preset.library.catalogue import catalogue, validated
-from lensfit.preset.library.change_set import read_change_set
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.names import slug_of
 from lensfit.preset.library.resolve import find_preset
+from lensfit.preset.library.shelf import read_version
 from lensfit.preset.store import load_preset, preset_tables, save_preset
 
 ODD: list[Any] = [
@@ -104,7 +104,7 @@ def test_spoiled_change_sets_are_refused_or_kept(tmp_path: Path):
     accepted = 0
     for _ in range(500):
         last.write_bytes(spoiled(tables, rng))
-        accepted += answered(read_change_set, last)
+        accepted += answered(read_version, last)
         answered(find_preset, SLUG, tmp_path)
     assert 0 < accepted < 250
 
@@ -129,7 +129,7 @@ FILES = {
 def test_what_is_no_preset_at_all(tmp_path: Path, name: str):
     path = tmp_path / "p.json"
     path.write_bytes(FILES[name])
-    for read in (load_preset, read_change_set, find_preset):
+    for read in (load_preset, read_version, find_preset):
         assert not answered(read, path)
 
 
@@ -148,7 +148,7 @@ def test_a_newer_schema_names_both_versions(tmp_path: Path):
 
 @pytest.mark.parametrize("path", ["/dev/zero", "/dev/null", "a" * 300, "a\0b", "."])
 def test_paths_that_are_no_files(path: str):
-    for read in (load_preset, read_change_set, find_preset):
+    for read in (load_preset, read_version, find_preset):
         assert not answered(read, Path(path))
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class ImportFormat(StrEnum):
-    """As in `lensfit.workflow.exchange.imports.FOREIGN_FORMATS`."""
+    """As in `lensfit.workflow.exchange.foreign_file.FOREIGN_FORMATS`."""
 
     opencv = "opencv"
     lensfun = "lensfun"

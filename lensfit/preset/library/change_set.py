@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from lensfit._strict import convert_strictly, non_finite_numbers, read_json_object
+from lensfit._strict import convert_strictly, non_finite_numbers
 from lensfit.errors import PresetError
 from lensfit.preset.json_text import to_json_text
 from lensfit.preset.library.key_path import steps_of
@@ -21,7 +21,6 @@ from lensfit.preset.library.names import is_slug, version_number
 from lensfit.preset.upgrade import check_version
 
 KIND = "change_set"
-LARGEST_BYTES = 4 * 2**20
 Text = Annotated[str, Meta(min_length=1, max_length=2000)]
 
 
@@ -94,30 +93,12 @@ def is_change_set(tables: dict[str, Any]) -> bool:
     return str(tables.get("schema")).startswith(f"lensfit.{KIND}.")
 
 
-def read_change_set(path: str | Path) -> ChangeSet:
-    """Read a change set.
-
-    Raises
-    ------
-    PresetError : It cannot be read, is no change set, or changes what is locked.
-    """
-    path = Path(path)
-    tables = read_json_object(
-        path,
-        error=PresetError,
-        source='give a change set that "lensfit preset edit" wrote',
-        mend="restore or mend the file",
-        largest_bytes=LARGEST_BYTES,
-    )
-    return change_set_of_tables(tables, path)
-
-
 def change_set_of_tables(tables: dict[str, Any], where: str | Path) -> ChangeSet:
     """A change set from what stands in its file; checked.
 
     Raises
     ------
-    PresetError : As `read_change_set`.
+    PresetError : It is no change set, or changes what is locked.
     """
     check_version(tables, where, kind=KIND)
     for key, value in non_finite_numbers(tables):
@@ -160,7 +141,7 @@ def change_set_text(changes: ChangeSet) -> str:
 
     Raises
     ------
-    PresetError : It holds what `read_change_set` would refuse.
+    PresetError : It holds what reading would refuse.
     """
     tables = msgspec.to_builtins(changes)
     change_set_of_tables(tables, changes.lens)

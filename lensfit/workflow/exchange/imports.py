@@ -1,8 +1,7 @@
 """Another program's lens as a preset.
 
-`read_foreign` finds out what a file is and reads it; `preset_of_foreign` fits lensfit's
-own terms to it and says how near they are, pixel by pixel, and what the file does not
-know.
+lensfit's own terms are fitted to what `foreign_file` read. It is said how near they
+are, pixel by pixel, and what the file does not know.
 """
 
 import hashlib
@@ -11,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from lensfit.errors import ExchangeError
@@ -30,27 +30,19 @@ from lensfit.fit.exchange.samples import (
     Samples,
     residual_from,
 )
+from lensfit.optics.distortion import Distortion
 from lensfit.preset import blocks
 from lensfit.preset.entry import Entry, Quality, Term
 from lensfit.preset.exchange.foreign import ForeignLens, ForeignState, Stated
-from lensfit.preset.exchange.lensfun_lens import lens_of_lensfun
-from lensfit.preset.exchange.lensfun_xml import read_lensfun
-from lensfit.preset.exchange.opencv_file import lens_of_opencv, read_opencv
-from lensfit.preset.exchange.opentrackio import read_opentrackio
-from lensfit.preset.exchange.opentrackio_lens import lens_of_opentrackio
-from lensfit.preset.exchange.tde4_node import lens_of_tde4, read_tde4_nodes
-from lensfit.preset.exchange.text_file import read_text
 from lensfit.preset.lens_of_entry import distortion_block, lens_of_entry
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance, SourceImage
 from lensfit.progress import Progress, silent
+from lensfit.workflow.exchange.foreign_file import read_foreign
 from lensfit.workflow.exchange.import_judgement import (
     refuse_failed_fit,
     visible_notes,
 )
-from lensfit.workflow.exchange.uv_map_lens import lens_of_uv_map
 
-FOREIGN_FORMATS = ("opencv", "lensfun", "opentrackio", "nuke", "stmap")
-_EXR_MAGIC = b"\x76\x2f\x31\x01"
 _OVERSCAN_PERCENT = 10.0
 _INSIDE_PERCENT = -2.0
 """A UV map may end with the last pixel centre that it can look up."""
@@ -94,7 +86,7 @@ def import_preset(
 
     Parameters
     ----------
-    kind : One of `FOREIGN_FORMATS`; found from the content if None.
+    kind : One of `foreign_file.FOREIGN_FORMATS`; found from the content if None.
     camera : Part of the name of a camera in a lensfun database.
 
     Raises
@@ -104,61 +96,6 @@ def import_preset(
     path = Path(path)
     return preset_of_foreign(
         read_foreign(path, stated, kind=kind, camera=camera), path, progress
-    )
-
-
-def read_foreign(
-    path: str | Path,
-    stated: Stated,
-    *,
-    kind: str | None = None,
-    camera: str | None = None,
-) -> ForeignLens:
-    """The lens of a file as the other program describes it.
-
-    Raises
-    ------
-    ExchangeError : It is of no known format, or malformed.
-    ImageError : It is a picture, and no UV map.
-    """
-    path = Path(path)
-    kind = kind or kind_of(path)
-    if kind == "stmap":
-        return lens_of_uv_map(path, stated)
-    if kind == "nuke":
-        return lens_of_tde4(read_tde4_nodes(path), stated, path)
-    if kind == "opentrackio":
-        return lens_of_opentrackio(read_opentrackio(path), stated, path)
-    if kind == "lensfun":
-        return lens_of_lensfun(read_lensfun(path), stated, path, camera)
-    return lens_of_opencv(read_opencv(path), stated, path)
-
-
-def kind_of(path: Path) -> str:
-    """Which of `FOREIGN_FORMATS` a file is, by its content.
-
-    Raises
-    ------
-    ExchangeError : It cannot be read, or is none of them.
-    """
-    if path.is_file():
-        with path.open("rb") as file:
-            if file.read(4) == _EXR_MAGIC:
-                return "stmap"
-    text = read_text(path, "exchange file")
-    start = text.lstrip()[:1]
-    if start in ("{", "["):
-        return "opentrackio"
-    if start == "<":
-        return "lensfun" if "<lensdatabase" in text else "opencv"
-    if "LD_3DE" in text:
-        return "nuke"
-    if "camera_matrix" in text or "opencv-matrix" in text or text.startswith("%YAML"):
-        return "opencv"
-    raise ExchangeError(
-        "is of no format that is known here",
-        where=path,
-        remedy=f"say with --from which it is: {', '.join(FOREIGN_FORMATS)}",
     )
 
 
@@ -300,21 +237,21 @@ def _entry(
         fall_off=tuple(light for light, _ in lights),
         terms=(_term(lens),),
         covariance=None,
-        quality=Quality(0.0, None, 0, 0, 0),
+        quality=_quality(0.0),
     )
     made = LensMap(lens_of_entry(entry, camera))
     off = np.linalg.norm(
         made.distorted(judge.undistorted_mm) - judge.distorted_mm, axis=-1
     )
     residual = residual_from(off / frame.pitch_mm)
-    entry = _with_rms(entry, residual)
+    entry = msgspec.structs.replace(entry, quality=_quality(residual.rms_px))
     worst_light = max((worst for _, worst in lights), default=None)
     fitted = StateFit(str(entry), residual, colour_off, worst_light)
     return entry, fitted
 
 
 def _colour(
-    state: ForeignState, found, judge: Samples
+    state: ForeignState, found: Distortion, judge: Samples
 ) -> tuple[blocks.LateralColour | None, Residual | None]:
     """Red and blue over the points where green lands, as far as they are known."""
     if not state.channels:
@@ -341,11 +278,9 @@ def _term(lens: ForeignLens) -> Term:
     )
 
 
-def _with_rms(entry: Entry, residual: Residual) -> Entry:
-    import msgspec
-
-    quality = msgspec.structs.replace(entry.quality, rms_px=residual.rms_px)
-    return msgspec.structs.replace(entry, quality=quality)
+def _quality(rms_px: float) -> Quality:
+    """Of a lens that no photograph was fitted to: nothing held out, no points."""
+    return Quality(rms_px, None, 0, 0, 0)
 
 
 def _notes(axis: OnAxis, frame: ExchangeFrame) -> list[str]:

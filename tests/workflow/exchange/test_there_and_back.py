@@ -20,7 +20,8 @@ from lensfit.workflow.exchange.export import (
     WantedState,
     export_preset,
 )
-from lensfit.workflow.exchange.imports import import_preset, read_foreign
+from lensfit.workflow.exchange.foreign_file import read_foreign
+from lensfit.workflow.exchange.imports import import_preset
 
 FRAME = ExchangeFrame(SIZE_PX, SENSOR_MM[0])
 STATED = Stated(sensor_width_mm=SENSOR_MM[0], size_px=SIZE_PX)

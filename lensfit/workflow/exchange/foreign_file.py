@@ -1,0 +1,72 @@
+"""A file of another program: which of the known formats it has, and the lens in it."""
+
+from pathlib import Path
+
+from lensfit.errors import ExchangeError
+from lensfit.preset.exchange.foreign import ForeignLens, Stated
+from lensfit.preset.exchange.lensfun_lens import lens_of_lensfun
+from lensfit.preset.exchange.lensfun_xml import read_lensfun
+from lensfit.preset.exchange.opencv_file import lens_of_opencv, read_opencv
+from lensfit.preset.exchange.opentrackio import read_opentrackio
+from lensfit.preset.exchange.opentrackio_lens import lens_of_opentrackio
+from lensfit.preset.exchange.tde4_node import lens_of_tde4, read_tde4_nodes
+from lensfit.preset.exchange.text_file import read_text
+from lensfit.workflow.exchange.uv_map_lens import lens_of_uv_map
+
+FOREIGN_FORMATS = ("opencv", "lensfun", "opentrackio", "nuke", "stmap")
+_EXR_MAGIC = b"\x76\x2f\x31\x01"
+
+
+def read_foreign(
+    path: str | Path,
+    stated: Stated,
+    *,
+    kind: str | None = None,
+    camera: str | None = None,
+) -> ForeignLens:
+    """The lens of a file as the other program describes it.
+
+    Raises
+    ------
+    ExchangeError : It is of no known format, or malformed.
+    ImageError : It is a picture, and no UV map.
+    """
+    path = Path(path)
+    kind = kind or kind_of(path)
+    if kind == "stmap":
+        return lens_of_uv_map(path, stated)
+    if kind == "nuke":
+        return lens_of_tde4(read_tde4_nodes(path), stated, path)
+    if kind == "opentrackio":
+        return lens_of_opentrackio(read_opentrackio(path), stated, path)
+    if kind == "lensfun":
+        return lens_of_lensfun(read_lensfun(path), stated, path, camera)
+    return lens_of_opencv(read_opencv(path), stated, path)
+
+
+def kind_of(path: Path) -> str:
+    """Which of `FOREIGN_FORMATS` a file is, by its content.
+
+    Raises
+    ------
+    ExchangeError : It cannot be read, or is none of them.
+    """
+    if path.is_file():
+        with path.open("rb") as file:
+            if file.read(4) == _EXR_MAGIC:
+                return "stmap"
+    text = read_text(path, "exchange file")
+    start = text.lstrip()[:1]
+    if start in ("{", "["):
+        return "opentrackio"
+    if start == "<":
+        return "lensfun" if "<lensdatabase" in text else "opencv"
+    if "LD_3DE" in text:
+        return "nuke"
+    if "camera_matrix" in text or "opencv-matrix" in text or text.startswith("%YAML"):
+        return "opencv"
+    raise ExchangeError(
+        "is of no format that is known here",
+        where=path,
+        remedy=f"say with --from which it is: {', '.join(FOREIGN_FORMATS)}",
+    )
