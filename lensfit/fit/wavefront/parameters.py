@@ -60,7 +60,7 @@ class Layout:
             "coefficients": len(self.terms),
             "colour": 2 * len(self.colour_terms),
             "defocus": self.groups,
-            "beyond": self.groups if self.anamorphic else 0,
+            **({"beyond": self.groups} if self.anamorphic else {}),
             "exit_pupil": 2,
             "rim_shift": 2 * self.rims,
             "rim_radius": 2 * self.rims,

@@ -230,7 +230,7 @@ def _entry(
             distance,
             axis.principal_point_mm,
             distance if pupil is None else pupil,
-            tuple(assumed),
+            assumed=tuple(assumed),
         ),
         distortion=distortion_block(found),
         lateral_colour=colour,
