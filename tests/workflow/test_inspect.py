@@ -155,10 +155,10 @@ def test_draft_is_a_valid_shoot_with_what_is_known(folder: Path):
 
 def test_a_mosaic_shows_in_the_facts_and_in_the_draft(tmp_path: Path):
     rng = np.random.default_rng(0)
-    for name, mosaic in (("a", "gbrg"), ("b", "gbrg"), ("c", None)):
+    for name in "abc":
         pixels = 0.4 + rng.normal(0, 0.01, (128, 192, 3))
-        if mosaic is not None:
-            pixels = filled_in(pixels, mosaic)
+        if name != "c":
+            pixels = filled_in(pixels, "gbrg")
         codes = np.rint(pixels * 65535).astype(np.uint16)
         assert cv2.imwrite(str(tmp_path / f"{name}.png"), codes[..., ::-1])
     found, _ = inspect_images(tmp_path / f"{name}.png" for name in "abc")
