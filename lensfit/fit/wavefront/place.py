@@ -19,6 +19,7 @@ from scipy.interpolate import RBFInterpolator
 
 from lensfit.batches import in_batches
 from lensfit.fit.take import Take
+from lensfit.fit.wavefront.aliasing import aliasing_of
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
 from lensfit.fit.wavefront.parameters import Layout, Scale
@@ -51,10 +52,14 @@ def placed(
         of the drag that the model may get wrong.
     """
     dragged = _dragged_mm(stage, gathered)
-    takes = [
-        _moved(shown, dragged[gathered.take == k])
-        for k, shown in enumerate(gathered.shown)
-    ]
+    aliasing = aliasing_of(stage, gathered)
+    apart, brightened = dragged.copy(), np.ones(dragged.shape[:2])
+    apart[aliasing.rows] += aliasing.moved_mm
+    brightened[aliasing.rows] = aliasing.brightened
+    takes = []
+    for k, shown in enumerate(gathered.shown):
+        mine = gathered.take == k
+        takes.append(_moved(shown, dragged[mine], apart[mine], brightened[mine]))
     if moves is None:
         return takes
     by_moves = _moved_by(moves, stage, gathered)
@@ -122,15 +127,29 @@ def _centroids(
     )
 
 
-def _moved(shown: Shown, dragged_mm: Float[np.ndarray, "dots 3 2"]) -> Take:
-    """The take with its marks at the chief rays."""
+def _moved(
+    shown: Shown,
+    dragged_mm: Float[np.ndarray, "dots 3 2"],
+    apart_mm: Float[np.ndarray, "dots 3 2"],
+    brightened: Float[np.ndarray, "dots 3"],
+) -> Take:
+    """The take with its marks at the chief rays, and the light that dots sent.
+
+    Parameters
+    ----------
+    dragged_mm : By blur.
+    apart_mm : Of marks from chief rays, by blur and by a mosaic.
+    brightened : By a mosaic.
+    """
     take, rows = shown.take, shown.cutouts.marks
     observations = take.observations
-    dragged = dragged_mm / take.pixel_mm
+    dragged, apart = dragged_mm / take.pixel_mm, apart_mm / take.pixel_mm
     points = observations.points_px.copy()
-    points[rows] -= dragged[:, 1]
+    points[rows] -= apart[:, 1]
     channels = observations.channel_points_px.copy()
-    channels[:, rows] -= dragged.transpose(1, 0, 2)
+    channels[:, rows] -= apart.transpose(1, 0, 2)
+    flux = observations.flux.copy()
+    flux[rows] /= brightened if flux.shape[1] == 3 else brightened[:, 1:2]
     unsure = _UNSURE**2 * np.einsum("kci,kcj->ckij", dragged, dragged)
     covariance = observations.covariance_px2.copy()
     covariance[rows] += unsure[1]
@@ -142,5 +161,6 @@ def _moved(shown: Shown, dragged_mm: Float[np.ndarray, "dots 3 2"]) -> Take:
         channel_points_px=channels,
         covariance_px2=covariance,
         channel_covariance_px2=of_channels,
+        flux=flux,
     )
     return replace(take, chief_rays=True, observations=corrected)

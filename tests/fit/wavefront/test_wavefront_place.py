@@ -61,7 +61,11 @@ def shot_lens() -> tuple[Stage, Gathered, np.ndarray]:
             SENSOR_MM, F_NUMBERS[shot.stop], 1900.0, 2000.0,
         )  # fmt: skip
         marks = np.arange(len(PLACES_MM))
-        shown.append(SimpleNamespace(take=take, cutouts=SimpleNamespace(marks=marks)))
+        shown.append(
+            SimpleNamespace(
+                take=take, cutouts=SimpleNamespace(marks=marks, mosaic=None)
+            )
+        )
     gathered = replace(gathered, shown=tuple(shown))
     return first_stage(gathered, LAYOUT, LENS.parameters()), gathered, np.array(dragged)
 
