@@ -12,20 +12,27 @@ Compiled programs are kept in the user's cache folder, so that only the first ru
 machine pays for compilation. The environment variable LENSFIT_CACHE_DIR names
 another folder; when it is empty nothing is kept. A cache already chosen through JAX's
 own settings is left alone.
+
+Every core of the processor counts as a device of its own, so that a fit can deal its
+dots among them; whatever does not ask for that runs on the first device, as ever.
 """
 
 import hashlib
 import os
 import platform
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 CACHE_VARIABLE = "LENSFIT_CACHE_DIR"
+_MOST_CORES = 8
+"""More have too few dots each; every device costs memory."""
 
 
 def configure_jax() -> None:
     """Turn on float64 and the persistent compilation cache; harmless if repeated."""
     _set("jax_enable_x64", True, overrule=True)
+    _count_cores()
     folder = cache_dir()
     if folder is not None and _writable(folder):
         _set("jax_compilation_cache_dir", str(folder))
@@ -44,6 +51,25 @@ def cache_dir() -> Path | None:
 
         chosen = platformdirs.user_cache_dir("lensfit", appauthor=False)
     return Path(chosen) / "jax" / _processor() if chosen else None
+
+
+def _count_cores() -> None:
+    """Ask for a device per core, unless JAX runs already or its user has asked."""
+    count = min(_cores(), _MOST_CORES)
+    jax = sys.modules.get("jax")
+    if jax is None or not hasattr(jax, "config"):
+        os.environ.setdefault("JAX_NUM_CPU_DEVICES", str(count))
+        return
+    with suppress(RuntimeError):  # it runs already, with the devices it has
+        if jax.config.jax_num_cpu_devices < 1:
+            jax.config.update("jax_num_cpu_devices", count)
+
+
+def _cores() -> int:
+    """Those that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _set(name: str, value: bool | float | str, *, overrule: bool = False) -> None:

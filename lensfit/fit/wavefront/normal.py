@@ -1,15 +1,19 @@
 """Normal equations of all dots: one pass over the patches, float32 within each.
 
+Every core of the processor passes over its share of them.
+
 Single precision is enough for light on cells, which a photograph knows to
 three digits; sums over patches are float64.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jax.sharding import PartitionSpec
+from jaxtyping import Array, Float, Int
 
+from lensfit.fit.wavefront.cores import AXIS, cores
 from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.patch import Patch, equations_of
@@ -74,8 +78,8 @@ class Model(NamedTuple):
     Attributes
     ----------
     chromatic : Chromatic coordinates of the wavelengths of each channel.
-    smoothing_mm2 : Variance by which model and photograph were both smoothed.
-    count : Dots in use; the rest is padding.
+    smoothing : Variance by which model and photograph were both smoothed, cells.
+    count : Dots in use, of each core's share; the rest of it is padding.
     """
 
     dots: Dots
@@ -83,7 +87,7 @@ class Model(NamedTuple):
     scale: Scale
     chromatic: Float[Array, "3 wavelengths"]
     smoothing: Float[Array, ""]
-    count: Array
+    count: Int[Array, " cores"]
 
 
 def pass_over(
@@ -93,6 +97,32 @@ def pass_over(
     points: Points,
 ) -> tuple[Equations, PerDot]:
     """Equations of the dots in use at these parameters."""
+
+    def share(parameters: Array, model: Model) -> tuple[Equations, PerDot]:
+        found, per_dot = _pass_of_core(parameters, model, layout, points)
+        return jax.tree.map(lambda part: jax.lax.psum(part, AXIS), found), per_dot
+
+    each: Any = PartitionSpec(AXIS)
+    same: Any = PartitionSpec()
+    of_model = Model(
+        dots=each, pixels=each, scale=same, chromatic=same, smoothing=same, count=each
+    )
+    return jax.shard_map(
+        share,
+        mesh=cores(),
+        in_specs=(same, of_model),
+        out_specs=(same, each),
+        check_vma=False,
+    )(parameters, model)
+
+
+def _pass_of_core(
+    parameters: Float[Array, " parameters"],
+    model: Model,
+    layout: Layout,
+    points: Points,
+) -> tuple[Equations, PerDot]:
+    """Of one core's share of the dots."""
     single = jax.tree.map(as_float32, model)
     numbers = parameters.astype(jnp.float32)
     size, dots = layout.size, model.pixels.fold.shape[0]
@@ -128,7 +158,7 @@ def pass_over(
             jnp.zeros((dots, 3, cells), jnp.float32),
         ),
     )
-    return jax.lax.fori_loop(0, model.count, one, start)
+    return jax.lax.fori_loop(0, model.count[0], one, start)
 
 
 def as_float32(array: Array) -> Array:

@@ -20,6 +20,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter
 
 from lensfit.fit.levenberg import Prior
+from lensfit.fit.wavefront.cores import Deal, cores, dealt
 from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.gather import WIDE_OPEN, Gathered
 from lensfit.fit.wavefront.normal import DEFAULT_POINTS, FOLDS, Equations, Model, Points
@@ -74,15 +75,14 @@ class Stage:
     def residual(self) -> Float[np.ndarray, "dots 3 rows columns"]:
         """Photograph minus model at the last pass."""
         assert self.solution is not None
-        count = len(self.gathered.take)
-        found = np.asarray(self.solution.per_dot.residual)[:count]
+        found = np.asarray(self.solution.per_dot.residual)
         return found.reshape(self.gathered.light.shape)
 
     @property
     def nuisance(self) -> Float[np.ndarray, "dots 3 4"]:
         """Brightness, background and shift at the last pass."""
         assert self.solution is not None
-        return np.asarray(self.solution.per_dot.nuisance)[: len(self.gathered.take)]
+        return np.asarray(self.solution.per_dot.nuisance)
 
 
 def first_stage(gathered: Gathered, layout: Layout, parameters: np.ndarray) -> Stage:
@@ -119,7 +119,7 @@ def model_of(stage: Stage) -> Model:
         scale=gathered.scale,
         chromatic=jnp.asarray(gathered.chromatic),
         smoothing=jnp.asarray(stage.smoothing**2),
-        count=jnp.asarray(len(gathered.take)),
+        count=jnp.asarray([len(gathered.take)]),
     )
 
 
@@ -129,18 +129,18 @@ def with_iris(gathered: Gathered, blades: int) -> Dots:
     return gathered.dots._replace(blades=blades * stopped.astype(float))
 
 
-def filled(model: Model, room: int) -> Model:
-    """The same with the last dot repeated up to `room`, in single precision."""
+def spread_out(model: Model, deal: Deal) -> Model:
+    """The same with every dot at its core's place, in single precision."""
 
     def one(array: jax.Array) -> jax.Array:
-        given = np.asarray(array)
-        space = [(0, room - len(given)), *[(0, 0)] * (given.ndim - 1)]
-        wide = np.pad(given, space, mode="edge")
+        wide = np.asarray(array)[deal.rows]
         floating = np.issubdtype(wide.dtype, np.floating)
         return jnp.asarray(wide.astype(np.float32) if floating else wide)
 
     return model._replace(
-        dots=jax.tree.map(one, model.dots), pixels=jax.tree.map(one, model.pixels)
+        dots=jax.tree.map(one, model.dots),
+        pixels=jax.tree.map(one, model.pixels),
+        count=jnp.asarray(deal.counts),
     )
 
 
@@ -175,9 +175,10 @@ def solved(stage: Stage, most_steps: int = _MOST_STEPS) -> Stage:
     )
     count = len(stage.gathered.take)
     room = max(_FEWEST_DOTS, 1 << (count - 1).bit_length())
+    deal = dealt(count, room, cores().size)
     found = solve(
         jnp.asarray(stage.parameters),
-        filled(model_of(stage), room),
+        spread_out(model_of(stage), deal),
         prior,
         stage.layout,
         stage.points,
@@ -186,11 +187,9 @@ def solved(stage: Stage, most_steps: int = _MOST_STEPS) -> Stage:
         _DAMPING,
     )
     found = jax.tree.map(np.asarray, found)
-    after = replace(
-        stage,
-        parameters=found.parameters,
-        solution=found,
-    )
+    in_order = jax.tree.map(lambda part: part[deal.places()], found.per_dot)
+    found = found._replace(per_dot=in_order)
+    after = replace(stage, parameters=found.parameters, solution=found)
     return replace(after, corner_mm=_moved(after))
 
 

@@ -34,7 +34,7 @@ def covariance_of(
     matrix = stage.equations.matrix.sum(0)[np.ix_(free, free)]
     assert stage.solution is not None
     of_channels = np.asarray(stage.solution.per_dot.gradient)
-    each = of_channels[: len(stage.gathered.take)].sum(1)[:, free]
+    each = of_channels.sum(1)[:, free]
     each = each[np.any(each != 0, -1)]
     scatter = each.T @ each * _small_sample(len(each), stage, len(free))
     # What the prior holds has the prior's own scatter.

@@ -1,0 +1,55 @@
+"""The processor's cores, among which a pass deals the dots.
+
+What a pass does for one dot is too little for several cores to share, and dots need
+nothing of each other: each core takes every so many-th, and what they find is summed.
+JAX counts cores as devices (`lensfit._jax` asks for them); on a graphics card there
+is one.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import Int
+
+AXIS = "cores"
+
+
+@cache
+def cores() -> Mesh:
+    """The largest power of two of them, which divides the room of any pass."""
+    devices = jax.local_devices()
+    count = 1 << (len(devices).bit_length() - 1)
+    return Mesh(np.array(devices[:count]), (AXIS,))
+
+
+class Deal(NamedTuple):
+    """Which dot lies where in the arrays of a pass.
+
+    Attributes
+    ----------
+    rows : Of every place the dot; places that are left over repeat a dot.
+    counts : Places in use of each core's share; they come first in it.
+    """
+
+    rows: Int[np.ndarray, " room"]
+    counts: Int[np.ndarray, " cores"]
+
+    def places(self) -> Int[np.ndarray, " dots"]:
+        """Of every dot the place where it is in use."""
+        share = len(self.rows) // len(self.counts)
+        used = np.arange(len(self.rows)) % share < np.repeat(self.counts, share)
+        places = np.empty(int(self.counts.sum()), int)
+        places[self.rows[used]] = np.flatnonzero(used)
+        return places
+
+
+@cache
+def dealt(dots: int, room: int, hands: int) -> Deal:
+    """Every dot to one of so many hands, as evenly as can be."""
+    shares = [np.arange(hand, dots, hands) for hand in range(hands)]
+    space = room // hands
+    rows = [np.resize(share if len(share) else [0], space) for share in shares]
+    return Deal(np.concatenate(rows), np.array([len(share) for share in shares]))
