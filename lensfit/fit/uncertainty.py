@@ -16,6 +16,7 @@ that there is the held-out error.
 Reference: the argument follows mrcal's documentation of projection uncertainty.
 """
 
+import math
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -35,6 +36,8 @@ from lensfit.optics.distortion import distorted_from_undistorted
 
 _BATCH = 1024
 _GREEN = 1
+_LEAST_MOVE = 1e-3
+"""Of the largest: smaller ones are lost beside the noise of any mark."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +103,20 @@ def _moved_by(
         return np.asarray(found).sum(0)[free]
 
     still = gradient(0.0)
-    pulls = [gradient(moved) - still for moved in moves]
-    return -np.array(pulls).reshape(len(moves), len(inverse)) @ inverse
+    pulls = [gradient(moved) - still for moved in _principal(moves)]
+    return -np.array(pulls).reshape(len(pulls), len(inverse)) @ inverse
+
+
+def _principal(
+    moves: Float[np.ndarray, "moves views marks 2"],
+) -> Float[np.ndarray, "fewer views marks 2"]:
+    """Fewer moves of the same covariance: most parameters drag all marks alike, and
+    every move costs a pass over them."""
+    flat = moves.reshape(len(moves), math.prod(moves.shape[1:]))
+    _, size, direction = np.linalg.svd(flat, full_matrices=False)
+    worth = size > _LEAST_MOVE * np.max(size, initial=0.0)
+    principal = size[worth, None] * direction[worth]
+    return principal.reshape(len(principal), *moves.shape[1:])
 
 
 def position_deviation_mm(

@@ -93,6 +93,9 @@ def _moved_blurs(
         steps = dict(zip(known.numbers, (share * v for v in move), strict=True))
         moved = msgspec.structs.replace(with_moves(block, steps), uncertainty=None)
         entry = msgspec.structs.replace(chosen.entry, blur=moved)
+        if knobs == NEUTRAL and chosen.f_number is not None:
+            # There are a hundred moves, and all else of the lens takes as long again.
+            return lens_blur(entry, chosen.f_number, chosen.measured_focus_mm)
         blur = lens_of_selection(chosen._replace(entry=entry), camera, knobs).blur
         assert blur is not None
         return blur

@@ -115,7 +115,7 @@ def coarse_fit(
         parameters = start.copy()
         parameters[layout.blocks["defocus"]][: len(value)] = defocus_mm
         stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
-        tries.append(_Try(pattern, solved(settled(freed(stage, deviation)))))
+        tries.append(_Try(pattern, solved(settled(freed(stage, deviation), 1))))
     ended = [
         _Try(pattern, solved(settled(on_dots(stage, gathered))))
         for pattern, stage in _promising(tries)
