@@ -49,7 +49,8 @@ def placed(
     ----------
     moves : Independent errors of the wavefront (`uncertainty.parameter_moves`); the
         takes then say how their marks move together: by each of these, and by the share
-        of the drag that the model may get wrong.
+        of the drag that the model may get wrong, alike in all takes of one f-number and
+        focus.
     """
     dragged = _dragged_mm(stage, gathered)
     aliasing = aliasing_of(stage, gathered)
@@ -63,14 +64,17 @@ def placed(
     if moves is None:
         return takes
     by_moves = _moved_by(moves, stage, gathered)
-    count = len(moves) + len(takes)
+    settings = [(take.f_number, take.focus_distance_mm) for take in takes]
+    distinct = list(dict.fromkeys(settings))
+    count = len(moves) + len(distinct)
     found = []
     for k, take in enumerate(takes):
         mine = gathered.take == k
         shared = np.zeros((count, 3, len(take.observations), 2))
         rows = gathered.shown[k].cutouts.marks
         shared[: len(moves), :, rows] = by_moves[mine].transpose(1, 2, 0, 3)
-        shared[len(moves) + k, :, rows] = _UNSURE * dragged[mine]
+        alike = len(moves) + distinct.index(settings[k])
+        shared[alike, :, rows] = _UNSURE * dragged[mine]
         found.append(replace(take, shared_moves_mm=shared))
     return found
 
