@@ -13,8 +13,9 @@ machine pays for compilation. The environment variable LENSFIT_CACHE_DIR names
 another folder; when it is empty nothing is kept. A cache already chosen through JAX's
 own settings is left alone.
 
-Every core of the processor counts as a device of its own, so that a fit can deal its
-dots among them; whatever does not ask for that runs on the first device, as ever.
+A fit deals its dots among the cores of the processor, and JAX counts these as devices
+only if it is told before it starts. The renderer is better off with one: its programs
+are large, and several run at a time.
 """
 
 import hashlib
@@ -32,7 +33,6 @@ _MOST_CORES = 8
 def configure_jax() -> None:
     """Turn on float64 and the persistent compilation cache; harmless if repeated."""
     _set("jax_enable_x64", True, overrule=True)
-    _count_cores()
     folder = cache_dir()
     if folder is not None and _writable(folder):
         _set("jax_compilation_cache_dir", str(folder))
@@ -53,7 +53,7 @@ def cache_dir() -> Path | None:
     return Path(chosen) / "jax" / _processor() if chosen else None
 
 
-def _count_cores() -> None:
+def count_cores() -> None:
     """Ask for a device per core, unless JAX runs already or its user has asked."""
     count = min(_cores(), _MOST_CORES)
     jax = sys.modules.get("jax")

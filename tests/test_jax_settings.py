@@ -1,0 +1,46 @@
+"""How JAX is told about cores: before it starts, by whoever fits, nobody else."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from lensfit._jax import _cores
+
+COUNT = "import jax; print(len(jax.devices()), jax.config.jax_enable_x64)"
+
+
+def devices(*imports: str, **environment: str) -> list[str]:
+    """What JAX says in a process that imports these."""
+    lines = [*(f"import {name}" for name in imports), COUNT]
+    known = {k: v for k, v in os.environ.items() if k != "JAX_NUM_CPU_DEVICES"}
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)],
+        env=known | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.split()
+
+
+@pytest.mark.skipif(_cores() < 2, reason="there is one core")
+def test_a_fit_has_a_device_for_every_core():
+    count, wide = devices("lensfit.workflow.calibrate")
+    assert 2 <= int(count) <= 8
+    assert wide == "True"
+
+
+def test_the_renderer_has_one():
+    assert devices("lensfit.workflow.apply") == ["1", "True"]
+
+
+def test_what_the_user_asked_for_stays():
+    found = devices("lensfit.workflow.calibrate", JAX_NUM_CPU_DEVICES="1")
+    assert found == ["1", "True"]
+
+
+def test_a_jax_that_runs_already_keeps_its_devices():
+    count = "jax.numpy as jnp; jnp.zeros(1)"
+    assert devices(count, "lensfit.workflow.calibrate")[0] == "1"
