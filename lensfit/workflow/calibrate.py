@@ -78,9 +78,12 @@ def calibrate(
             where=folder,
             remedy="choose another --out",
         ) from error
+    began = time.perf_counter()
     shoot = with_charts_read(shoot, progress)
     observed = observe_shoot(shoot, folder, progress)
-    return calibrate_observed(shoot, observed, folder, progress=progress, effort=effort)
+    return calibrate_observed(
+        shoot, observed, folder, progress=progress, effort=effort, began=began
+    )
 
 
 def calibrate_observed(
@@ -90,6 +93,7 @@ def calibrate_observed(
     *,
     progress: Progress = silent,
     effort: str = "normal",
+    began: float | None = None,
 ) -> dict[str, Any]:
     """The same with marks that were found before.
 
@@ -97,6 +101,8 @@ def calibrate_observed(
     ----------
     shoot : Its charts read, as `with_charts_read` does it.
     observed : By `observe_shoot`, into the same folder.
+    began : When the photographs began to be read (`time.perf_counter`); now, if left
+        out.
 
     Raises
     ------
@@ -109,17 +115,19 @@ def calibrate_observed(
             observed[0].failed or "no photograph could be used",
             remedy=_others(observed),
         )
-    began = time.perf_counter()
+    fitting = time.perf_counter()
+    began = fitting if began is None else began
     fitted = fit(takes, progress, effort=Effort[effort.upper()])
-    seconds = _seconds(observed, fitted) | {"fit": time.perf_counter() - began}
-    began = time.perf_counter()
+    seconds = _seconds(observed, fitted) | {"fit": time.perf_counter() - fitting}
+    writing_since = time.perf_counter()
     preset = preset_of(shoot, observed, fitted)
     with ThreadPoolExecutor(1) as pool:
         writing = pool.submit(_write_maps, preset, folder, progress)
         report = _report(shoot, observed, fitted, preset, folder)
         preset = with_quality(preset, report["entries"])
         maps = writing.result()
-    seconds["write"] = time.perf_counter() - began
+    seconds["write"] = time.perf_counter() - writing_since
+    seconds["whole"] = time.perf_counter() - began
     report["seconds"] = {k: round(v, 3) for k, v in seconds.items()}
     report["files"]["stmaps"] = maps
     # What takes long is done: preset and report, which must agree, follow each other.

@@ -256,3 +256,9 @@ def test_page_that_cannot_be_written_is_one_sentence(tmp_path):
     (tmp_path / "report.html").mkdir()
     with pytest.raises(OutputError, match=r"report\.html"):
         write_report(barrel_report(1), tmp_path)
+
+
+def test_the_time_it_took_is_the_whole_not_the_sum_of_parts_that_overlap(tmp_path):
+    report = barrel_report()
+    assert sum(report["seconds"].values()) != report["seconds"]["whole"]
+    assert f"{report['seconds']['whole']:.3g}\u202fs" in written(report, tmp_path)

@@ -183,8 +183,10 @@ def _key_numbers(report: dict) -> list[tuple[str, str]]:
     ]
     overscan = _largest([_float(entry.get("overscan_percent")) for entry in entries])
     cards.append((number(overscan, "%", 2), "overscan that the CG needs"))
-    total = sum(v for v in (report.get("seconds") or {}).values() if v is not None)
-    cards.append((number(float(total), "s"), "from photographs to preset"))
+    # Parts overlap: photographs are searched side by side, and `fit` holds its stages.
+    whole = (report.get("seconds") or {}).get("whole")
+    if whole is not None:
+        cards.append((number(float(whole), "s"), "from photographs to preset"))
     return cards
 
 
