@@ -31,10 +31,12 @@ def with_evidence(
 ) -> tuple[Adjustment, tuple[str, ...], list[Verdict]]:
     """Stages 2 and 3."""
     views, layout = len(start.takes), compact.layout
-    always = _always(start, layout)
+    always = _always(layout, len(start.takes), start.focal_length_free)
     terms = families(layout, start.largest)
     if start.focal_length_free:
         del terms["principal_point"]  # it is in every model then
+    if not start.walk_shows:
+        terms.pop("pupil_walk", None)
     free_field = {n: terms.pop(n) for n in ("free_field",) if n in terms}
     adjustment, kept, verdicts = compact, {}, []
     for turn in range(2):
@@ -125,16 +127,11 @@ def _chosen(
     return adjust(started), found.kept, found.verdicts
 
 
-def _always(start: Start, layout: Layout) -> np.ndarray:
-    """Parameters in every model: poses, and the pinhole where it can be known.
-
-    How the pupil walks is a number that every lens has, and that tilted views see.
-    """
-    poses = layout.local_indices("pose", len(start.takes)).ravel()
-    names = [*PINHOLE] if start.focal_length_free else []
-    if start.walk_free:
-        names.append("pupil_walk")
-    known = [np.arange(layout.size(0))[layout.blocks[name]] for name in names]
+def _always(layout: Layout, views: int, focal_length: bool) -> np.ndarray:
+    """Parameters in every model: poses, and the pinhole where it can be known."""
+    poses = layout.local_indices("pose", views).ravel()
+    pinhole = [layout.blocks[name] for name in PINHOLE]
+    known = [np.arange(w.start, w.stop) for w in pinhole if focal_length]
     return np.concatenate([*known, poses]).astype(int)
 
 

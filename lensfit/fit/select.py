@@ -95,6 +95,7 @@ def families(layout: Layout, largest: Layout | None = None) -> dict[str, list[St
     of = {name: np.arange(where.start, where.stop) for name, where in blocks.items()}
     found = {
         "principal_point": [Step("principal_point", of["principal_point"])],
+        "pupil_walk": [Step("pupil_walk", of["pupil_walk"])],
         "radial": [
             Step(f"radial_{k}", of["radial"][:k]) for k in range(1, largest.radial + 1)
         ],

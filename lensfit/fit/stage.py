@@ -47,7 +47,7 @@ class Start:
     layout : Room for the largest model of any state of the lens.
     radius_mm : Of the dots of every take; 0 where marks are not dots.
     focal_length_free : Whether views tilt enough to determine the focal length.
-    walk_free : Whether they tilt enough to say something of how the pupil walks.
+    walk_shows : Whether they tilt enough to say something of how the pupil walks.
     half_angle_rad : From the axis to the furthest mark.
     notes : One sentence for each thing that was assumed.
     """
@@ -59,7 +59,7 @@ class Start:
     layout: Layout
     radius_mm: np.ndarray
     focal_length_free: bool
-    walk_free: bool
+    walk_shows: bool
     half_angle_rad: float
     notes: tuple[str, ...]
 
@@ -116,7 +116,7 @@ def start_of(
         layout=_with_room(largest, grouped(shown)),
         radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
         focal_length_free=_views_tilt(poses),
-        walk_free=not takes[0].anamorphic and _tilt_rad(poses) > _WALK_TILT_RAD,
+        walk_shows=not takes[0].anamorphic and _tilt_rad(poses) > _WALK_TILT_RAD,
         half_angle_rad=float(np.arctan(furthest / focal_mm)),
         notes=(*notes, *of_distance),
     )

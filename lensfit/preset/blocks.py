@@ -40,15 +40,15 @@ class Projection(Struct, frozen=True, forbid_unknown_fields=True):
     principal_point_mm : Where the optical axis meets the sensor.
     entrance_pupil_offset_mm : Position of the entrance pupil in front of the sensor
         plane, positive towards the scene.
-    pupil_walk : How it moves with field angle; None where nobody knows.
     assumed : Names of the values above that were stated or assumed, not measured.
+    pupil_walk : How the pupil moves with field angle; None where nobody knows.
     """
 
     principal_distance_mm: PositiveFloat
     principal_point_mm: Pair
     entrance_pupil_offset_mm: float
-    pupil_walk: PupilWalk | None = None
     assumed: tuple[str, ...] = ()
+    pupil_walk: PupilWalk | None = None
 
 
 class FreeField(Struct, frozen=True, forbid_unknown_fields=True):

@@ -70,9 +70,11 @@ def test_frontal_views_say_nothing():
     assert entry_of(state).projection.pupil_walk is None
 
 
-def test_a_pupil_that_stands_still_is_found_still():
+def test_a_pupil_that_stands_still_needs_no_term():
     (state,) = fit(photographed(TILTED, 2000.0, 0.0)).states
-    assert abs(state.walk.walk_mm) < 3 * state.walk.standard_deviation_mm
+    assert state.walk is None
+    verdicts = {one.name: one.kept for one in state.geometry.verdicts}
+    assert verdicts["pupil_walk"] is False
 
 
 def test_states_are_weighed():

@@ -113,7 +113,7 @@ def terms_of(
     wavefront : Of its focal length.
     """
     adjustment = state.geometry.adjustment
-    terms = _pinhole_terms(state)
+    terms = [_principal_distance(state)]
     for verdict in _outermost(state.geometry.verdicts):
         value, sd = None, None
         where = adjustment.layout.blocks.get(verdict.family)
@@ -141,36 +141,21 @@ def terms_of(
     return terms
 
 
-def _pinhole_terms(state: LensState) -> list[dict[str, Any]]:
-    """What only views from several sides see."""
+def _principal_distance(state: LensState) -> dict[str, Any]:
+    """The term that only views from several sides see."""
     distance_mm = float(state.distortion.principal_distance_mm)
     deviation_mm = float(state.uncertainty.deviation("focal_length")[0]) * distance_mm
     free = state.geometry.focal_length_free
-    terms = [
-        {
-            "name": "principal_distance",
-            "kept": free,
-            "value": distance_mm,
-            "standard_deviation": deviation_mm if free else None,
-            "unit": "mm",
-            "reason": "the views tilt enough to determine it"
-            if free
-            else "stated: frontal views of a flat target do not determine it",
-        }
-    ]
-    if state.walk is not None:
-        terms.append(
-            {
-                "name": "pupil_walk",
-                "kept": True,
-                "value": state.walk.walk_mm,
-                "standard_deviation": state.walk.standard_deviation_mm,
-                "unit": "mm",
-                "reason": "tilted views show how the entrance pupil moves with field "
-                "angle",
-            }
-        )
-    return terms
+    return {
+        "name": "principal_distance",
+        "kept": free,
+        "value": distance_mm,
+        "standard_deviation": deviation_mm if free else None,
+        "unit": "mm",
+        "reason": "the views tilt enough to determine it"
+        if free
+        else "stated: frontal views of a flat target do not determine it",
+    }
 
 
 def _outermost(verdicts: tuple[Verdict, ...]) -> list[Verdict]:
