@@ -9,14 +9,17 @@ marks apart, because evidence for a term is judged on marks a solve has not seen
 Parameters are scaled and carry priors, which keeps the matrix well within float64.
 """
 
+from functools import partial
 from math import gcd
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.sharding import PartitionSpec
 from jaxtyping import Array, Float, Int
 
 from lensfit.fit.chunks import Marks
+from lensfit.fit.cores import AXIS, cores
 from lensfit.fit.geometry import (
     Frame,
     Parts,
@@ -88,8 +91,23 @@ def equations(
 ) -> Equations:
     """Gathered over the chunks in use; a chunk's every other mark makes a half.
 
-    Quick where the number of chunks is a multiple of `BATCH`.
+    Quick where the number of chunks is a multiple of `BATCH`. Every core takes every so
+    many-th batch.
     """
+    whole = PartitionSpec()
+    return jax.shard_map(
+        partial(_on_core, layout=layout),
+        mesh=cores(),
+        in_specs=whole,
+        out_specs=whole,
+        check_vma=False,
+    )(parameters, views, marks, frame)
+
+
+def _on_core(
+    parameters: Array, views: View, marks: Marks, frame: Frame, layout: Layout
+) -> Equations:
+    """The equations, from what this core and the others find."""
     shared, local = split(parameters, layout)
     guarded, by_coefficient = _behind_guard(shared, layout, frame)
     k, n = layout.shared, layout.shared + layout.local
@@ -123,7 +141,13 @@ def equations(
         jnp.zeros((2, count, n)),
         jnp.zeros(2),
     )
-    sums = jax.lax.fori_loop(0, -(-marks.chunks // batch), add, empty)
+    batches = -(-marks.chunks // batch)
+    first = jax.lax.axis_index(AXIS).astype(batches.dtype)
+    mine = -((first - batches) // cores().size)
+    sums = jax.lax.fori_loop(
+        0, mine, lambda i, sums: add(first + i * cores().size, sums), empty
+    )
+    sums = jax.tree.map(lambda part: jax.lax.psum(part, AXIS), sums)
     return _assembled(_through_guard(sums, by_coefficient, layout), layout)
 
 

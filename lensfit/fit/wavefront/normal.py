@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jax.sharding import PartitionSpec
 from jaxtyping import Array, Float, Int
 
-from lensfit.fit.wavefront.cores import AXIS, cores
+from lensfit.fit.cores import AXIS, cores
 from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.patch import Patch, equations_of

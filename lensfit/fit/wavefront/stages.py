@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter
 
+from lensfit.fit.cores import cores
 from lensfit.fit.levenberg import Prior
-from lensfit.fit.wavefront.cores import Deal, cores, dealt
+from lensfit.fit.wavefront.deal import Deal, dealt
 from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.gather import WIDE_OPEN, Gathered
 from lensfit.fit.wavefront.normal import DEFAULT_POINTS, FOLDS, Equations, Model, Points

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from lensfit.fit.wavefront.cores import cores, dealt
+from lensfit.fit.cores import cores
+from lensfit.fit.wavefront.deal import dealt
 
 
 @pytest.mark.parametrize("dots", [1, 2, 7, 255, 256])

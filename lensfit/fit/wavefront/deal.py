@@ -1,28 +1,10 @@
-"""The processor's cores, among which a pass deals the dots.
-
-What a pass does for one dot is too little for several cores to share, and dots need
-nothing of each other: each core takes every so many-th, and what they find is summed.
-JAX counts cores as devices (`lensfit._jax` asks for them); on a graphics card there
-is one.
-"""
+"""How dots are dealt among the cores: each takes every so many-th."""
 
 from functools import cache
 from typing import NamedTuple
 
-import jax
 import numpy as np
-from jax.sharding import Mesh
 from jaxtyping import Int
-
-AXIS = "cores"
-
-
-@cache
-def cores() -> Mesh:
-    """The largest power of two of them, which divides the room of any pass."""
-    devices = jax.local_devices()
-    count = 1 << (len(devices).bit_length() - 1)
-    return Mesh(np.array(devices[:count]), (AXIS,))
 
 
 class Deal(NamedTuple):
