@@ -28,6 +28,8 @@ from pathlib import Path
 CACHE_VARIABLE = "LENSFIT_CACHE_DIR"
 _MOST_CORES = 8
 """More have too few dots each; every device costs memory."""
+_UNSET = {"jax_compilation_cache_dir": (None, ""), "jax_num_cpu_devices": (-1,)}
+"""What settings are as long as nobody chose them, of those that a user may choose."""
 
 
 def configure_jax() -> None:
@@ -55,14 +57,8 @@ def cache_dir() -> Path | None:
 
 def count_cores() -> None:
     """Ask for a device per core, unless JAX runs already or its user has asked."""
-    count = min(_cores(), _MOST_CORES)
-    jax = sys.modules.get("jax")
-    if jax is None or not hasattr(jax, "config"):
-        os.environ.setdefault("JAX_NUM_CPU_DEVICES", str(count))
-        return
     with suppress(RuntimeError):  # it runs already, with the devices it has
-        if jax.config.jax_num_cpu_devices < 1:
-            jax.config.update("jax_num_cpu_devices", count)
+        _set("jax_num_cpu_devices", min(_cores(), _MOST_CORES))
 
 
 def _cores() -> int:
@@ -76,8 +72,8 @@ def _set(name: str, value: bool | float | str, *, overrule: bool = False) -> Non
     """Tell JAX one setting, unless its user has chosen otherwise."""
     jax = sys.modules.get("jax")
     if jax is not None and hasattr(jax, "config"):
-        chosen_before = name.endswith("_dir") and getattr(jax.config, name)
-        if overrule or not chosen_before:
+        may_set = name not in _UNSET or getattr(jax.config, name) in _UNSET[name]
+        if overrule or may_set:
             jax.config.update(name, value)
     elif overrule:
         os.environ[name.upper()] = str(value)

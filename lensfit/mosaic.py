@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Int
 
 Mosaic = Literal["rggb", "bggr", "grbg", "gbrg"]
 MOSAICS: tuple[Mosaic, ...] = get_args(Mosaic)
@@ -25,8 +25,17 @@ def photosites(
 ) -> Bool[np.ndarray, "height width 3"]:
     """Where red, green and blue were measured on a picture of that width, height."""
     width, height = size_px
-    tile = _tile(mosaic)
-    letters = np.tile(tile, (height // 2 + 1, width // 2 + 1))[:height, :width]
+    return photosites_at(mosaic, np.arange(width), np.arange(height)[:, None])
+
+
+def photosites_at(
+    mosaic: Mosaic, columns: Int[np.ndarray, "*places"], rows: Int[np.ndarray, "*other"]
+) -> Bool[np.ndarray, "*both 3"]:
+    """Where red, green and blue were measured, at pixels of these columns and rows.
+
+    Arrays that go together; pixels may lie beyond the picture.
+    """
+    letters = _tile(mosaic)[rows % 2, columns % 2]
     return letters[..., None] == np.array(list("rgb"))
 
 

@@ -37,21 +37,17 @@ def mosaic_seen(photograph: Photograph) -> Mosaic | None:
     pixels = photograph.pixels
     if photograph.mosaic or photograph.chroma_subsampled or pixels.shape[2] != 3:
         return None
-    if (
-        min(pixels.shape[:2]) < 8 * _BLOCK
-        or photograph.metadata.get("orientation", 1) != 1
-    ):
+    turned = photograph.metadata.get("orientation", 1) != 1
+    if turned or min(pixels.shape[:2]) < 8 * _BLOCK:
         return None
     kernels = (_AROUND, _CROSS, _AROUND)
-    departures = []
-    for k, kernel in enumerate(kernels):
-        found = _departure(pixels[..., k], kernel)
-        if found is None:
-            return None
-        departures.append(found)
+    found = [_departure(pixels[..., k], kernel) for k, kernel in enumerate(kernels)]
+    departures = [departure for departure in found if departure is not None]
+    if len(departures) < len(kernels):
+        return None
     for mosaic in MOSAICS:
         own = photosites(mosaic, (2, 2))
-        shares = [_less(found, own[..., k]) for k, found in enumerate(departures)]
+        shares = [_less(one, own[..., k]) for k, one in enumerate(departures)]
         if np.all(np.less(shares, _MOST)):
             return mosaic
     return None
@@ -63,13 +59,17 @@ def _less(departure: np.ndarray, own: np.ndarray) -> float:
     return float(departure[~own].max()) / least if least > 0 else np.inf
 
 
+def _middle_of(channel: np.ndarray) -> np.ndarray:
+    """Whole blocks from the middle, beginning at an even row and column."""
+    whole = np.minimum(channel.shape, _LARGEST_PX) // _BLOCK * _BLOCK
+    top, left = (channel.shape - whole) // 4 * 2
+    return channel[top : top + whole[0], left : left + whole[1]]
+
+
 def _departure(channel: np.ndarray, kernel: np.ndarray) -> np.ndarray | None:
     """Mean distance from the neighbours at the four places, in quiet blocks."""
-    height, width = (min(n, _LARGEST_PX) // _BLOCK * _BLOCK for n in channel.shape)
-    y, x = (
-        (n - m) // 4 * 2 for n, m in zip(channel.shape, (height, width), strict=True)
-    )
-    part = np.ascontiguousarray(channel[y : y + height, x : x + width], np.float32)
+    part = np.ascontiguousarray(_middle_of(channel), np.float32)
+    height, width = part.shape
     away = np.abs(cv2.filter2D(part, -1, kernel, borderType=cv2.BORDER_REFLECT_101))
     blocks = away.reshape(height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK)
     blocks = blocks.transpose(0, 2, 1, 3)[1:-1, 1:-1].reshape(-1, _BLOCK, _BLOCK)

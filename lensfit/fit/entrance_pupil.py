@@ -8,7 +8,7 @@ in a retrofocus lens, close to it in a telephoto lens. Otherwise it is assumed t
 principal distance in front of the sensor, as in a thin lens.
 
 Tilted charts also say how the pupil walks along the axis with field angle
-(`lensfit.optics.pupil_walk`); that, too, is one number that all states share.
+(`lensfit.fit.pupil_walk`); that, too, is one number that all states share.
 
 Takes of one focal length share the pupil: it moves with focus by millimetres.
 """
@@ -52,7 +52,7 @@ def entrance_pupil(
     Parameters
     ----------
     geometry, uncertainty, principal_distance_mm : Of the state.
-    known_mm : What other states say (`shared_pupils`).
+    known_mm : What other states say (`shared_pupil_mm`).
     """
     offset_mm = _measured_offset_mm(geometry, uncertainty)
     if offset_mm is None:
@@ -62,18 +62,11 @@ def entrance_pupil(
     return EntrancePupil(offset_mm, measured=True)
 
 
-def shared_pupils(seen: Iterable[tuple[float, EntrancePupil]]) -> dict[float, float]:
-    """Measured places of the entrance pupil, by focal length; mm before the sensor.
-
-    Parameters
-    ----------
-    seen : Focal length and pupil of every state.
-    """
-    offsets: dict[float, list[float]] = {}
-    for focal_mm, pupil in seen:
-        if pupil.measured:
-            offsets.setdefault(focal_mm, []).append(pupil.offset_mm)
-    return {focal_mm: float(np.median(found)) for focal_mm, found in offsets.items()}
+def shared_pupil_mm(pupils: Iterable[EntrancePupil]) -> float | None:
+    """Where states of one focal length measured the entrance pupil, mm in front of the
+    sensor: the median. None where none of them did."""
+    offsets_mm = [pupil.offset_mm for pupil in pupils if pupil.measured]
+    return float(np.median(offsets_mm)) if offsets_mm else None
 
 
 def _measured_offset_mm(

@@ -31,7 +31,7 @@ def with_evidence(
 ) -> tuple[Adjustment, tuple[str, ...], list[Verdict]]:
     """Stages 2 and 3."""
     views, layout = len(start.takes), compact.layout
-    always = _always(layout, len(start.takes), start.focal_length_free)
+    always = _always(layout, views, start.focal_length_free)
     terms = families(layout, start.largest)
     if start.focal_length_free:
         del terms["principal_point"]  # it is in every model then

@@ -39,15 +39,17 @@ NAMED = ("decentering", "thin_prism", "anamorphic")
 
 
 class Frame(NamedTuple):
-    """Constants that give the dimensionless parameters their scale; never fitted."""
+    """Constants that give the dimensionless parameters their scale; never fitted.
+
+    `board_distance_mm` is Z0, at which all of a pupil that is not one point agrees.
+    """
 
     stated_focal_length_mm: Float[Array, ""]
     reference_radius_mm: Float[Array, ""]
     stated_squeeze: Float[Array, "2"]
     valid_radius: Float[Array, ""]
     box: Float[Array, "2 2"]
-    board_distance_mm: Float[Array, ""] | None = None
-    """Z0; None for a pupil that stands still."""
+    board_distance_mm: Float[Array, ""]
 
 
 class View(NamedTuple):
@@ -140,8 +142,6 @@ def direction_of(
     pose = parts["pose"]
     turned = rotation_from_vector(pose[:3]) @ (view.rotation @ point_mm)
     seen = turned + view.translation_mm + pose[3:] * view.translation_mm[2]
-    if frame.board_distance_mm is None:
-        return seen
     if parts["pupil_walk"].size:
         walk_mm = parts["pupil_walk"][0] * frame.stated_focal_length_mm
         return seen_at_chart(seen, PupilWalk(walk_mm, frame.board_distance_mm))

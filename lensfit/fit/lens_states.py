@@ -6,17 +6,17 @@ opposed to centroids, and geometry and colour are then fitted again to those.
 """
 
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
 from lensfit.errors import FitError
-from lensfit.fit.entrance_pupil import shared_pupils
+from lensfit.fit.entrance_pupil import shared_pupil_mm
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.lens_state import LensState, better_told, fit_state
-from lensfit.fit.pupil_walk import shared_walks
+from lensfit.fit.pupil_walk import shared_walk
 from lensfit.fit.take import Take, grouped
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
@@ -72,8 +72,12 @@ def fit(
     states, failed = _fit_states(takes, progress, {})
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
-    pupils = shared_pupils((one.focal_length_mm, one.pupil) for one in states)
-    if any(not s.pupil.measured and s.focal_length_mm in pupils for s in states):
+    pupils = {
+        focal_mm: shared_pupil_mm(state.pupil for state in mine)
+        for focal_mm, mine in by_focal_length(states).items()
+    }
+    told = {focal_mm for focal_mm, pupil_mm in pupils.items() if pupil_mm is not None}
+    if any(not s.pupil.measured and s.focal_length_mm in told for s in states):
         states, failed = _fit_states(takes, progress, pupils)
     began = time.perf_counter()
     wavefronts, notes = _fit_wavefronts(states, progress, effort, allowed)
@@ -97,12 +101,23 @@ def fit(
 
 def _sharing_walks(states: list[LensState]) -> tuple[LensState, ...]:
     """Each with the walk of the pupil that all of its focal length show together."""
-    walks = shared_walks((one.focal_length_mm, one.walk) for one in states)
-    return tuple(replace(s, walk=walks.get(s.focal_length_mm)) for s in states)
+    walks = {
+        focal_mm: shared_walk(state.walk for state in mine)
+        for focal_mm, mine in by_focal_length(states).items()
+    }
+    return tuple(replace(s, walk=walks[s.focal_length_mm]) for s in states)
+
+
+def by_focal_length(states: Iterable[LensState]) -> dict[float, list[LensState]]:
+    """The states of every focal length, shortest first."""
+    found: dict[float, list[LensState]] = {}
+    for state in sorted(states, key=lambda one: one.focal_length_mm):
+        found.setdefault(state.focal_length_mm, []).append(state)
+    return found
 
 
 def _fit_states(
-    takes: list[Take], progress: Progress, pupils: Mapping[float, float]
+    takes: list[Take], progress: Progress, pupils: Mapping[float, float | None]
 ) -> tuple[list[LensState], dict[str, FitError]]:
     """Every state by itself, with the entrance pupils that others measured."""
     states, failed = [], {}
@@ -140,8 +155,7 @@ def _fit_wavefronts(
 ) -> tuple[dict[float, WavefrontFit], list[str]]:
     """One for each focal length whose dots can be used."""
     found, notes = {}, []
-    for focal_mm in sorted({state.focal_length_mm for state in states}):
-        mine = [state for state in states if state.focal_length_mm == focal_mm]
+    for focal_mm, mine in by_focal_length(states).items():
         pictured = [s for state in mine for s in _shown_of(state)]
         shown = [s for s in pictured if hole_cells(s) <= LARGEST_HOLE_CELLS]
         if pictured and not shown:

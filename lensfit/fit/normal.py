@@ -15,11 +15,16 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.sharding import PartitionSpec
 from jaxtyping import Array, Float, Int
 
 from lensfit.fit.chunks import Marks
-from lensfit.fit.cores import AXIS, cores
+from lensfit.fit.cores import (
+    SHARED,
+    cores,
+    on_every_core,
+    summed_over_cores,
+    this_core,
+)
 from lensfit.fit.geometry import (
     Frame,
     Parts,
@@ -94,14 +99,9 @@ def equations(
     Quick where the number of chunks is a multiple of `BATCH`. Every core takes every so
     many-th batch.
     """
-    whole = PartitionSpec()
-    return jax.shard_map(
-        partial(_on_core, layout=layout),
-        mesh=cores(),
-        in_specs=whole,
-        out_specs=whole,
-        check_vma=False,
-    )(parameters, views, marks, frame)
+    pass_of_core = partial(_on_core, layout=layout)
+    found = on_every_core(pass_of_core, takes=SHARED, gives=SHARED)
+    return found(parameters, views, marks, frame)
 
 
 def _on_core(
@@ -142,13 +142,13 @@ def _on_core(
         jnp.zeros(2),
     )
     batches = -(-marks.chunks // batch)
-    first = jax.lax.axis_index(AXIS).astype(batches.dtype)
+    first = this_core().astype(batches.dtype)
     mine = -((first - batches) // cores().size)
     sums = jax.lax.fori_loop(
         0, mine, lambda i, sums: add(first + i * cores().size, sums), empty
     )
-    sums = jax.tree.map(lambda part: jax.lax.psum(part, AXIS), sums)
-    return _assembled(_through_guard(sums, by_coefficient, layout), layout)
+    sums = _through_guard(summed_over_cores(sums), by_coefficient, layout)
+    return _assembled(sums, layout)
 
 
 def _behind_guard(

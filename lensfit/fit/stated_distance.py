@@ -116,9 +116,7 @@ def at_stated_distance(
         fitted,
         frame=frame._replace(
             stated_focal_length_mm=frame.stated_focal_length_mm * ratio,
-            board_distance_mm=None
-            if frame.board_distance_mm is None
-            else frame.board_distance_mm * ratio,
+            board_distance_mm=frame.board_distance_mm * ratio,
         ),
         stack=replace(stack, view=view),
     )

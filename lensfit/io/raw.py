@@ -17,11 +17,9 @@ from lensfit.errors import ImageError
 from lensfit.io.raster import upright
 from lensfit.mosaic import Mosaic, mosaic_of
 
-_MAKERS = "dng arw cr2 cr3 crw nef nrw raf rw2 orf pef srw iiq 3fr raw rwl"
-RAW_SUFFIXES = frozenset(f".{name}" for name in _MAKERS.split(" "))
+_NAMES = "dng arw cr2 cr3 crw nef nrw raf rw2 orf pef srw iiq 3fr raw rwl"
+RAW_SUFFIXES = frozenset(f".{name}" for name in _NAMES.split())
 """File names that mark a camera raw; most of them are TIFF inside."""
-
-
 _ORIENTATION_OF_FLIP = {0: 1, 3: 3, 5: 8, 6: 6}
 """EXIF orientation by LibRaw's number."""
 

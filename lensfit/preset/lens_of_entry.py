@@ -45,14 +45,27 @@ def lens_of_selection(
     ------
     ImageError : The filter image of the knobs cannot be read, or lets no light through.
     """
-    entry, blur = chosen.entry, None
-    if entry.blur is None:
-        unmeasured = (NO_BLUR,)
-    else:
-        unmeasured = ()
-        if chosen.f_number is not None:
-            blur = lens_blur(entry, chosen.f_number, chosen.measured_focus_mm)
-    lens = Lens(
+    lens, block = _unturned(chosen, camera), chosen.entry.blur
+    idle = idle_knobs(
+        lens,
+        knobs.aberration,
+        knobs.bokeh,
+        blur_is_known=lens.blur is not None or block is None,
+    )
+    if idle:
+        lens = replace(lens, notes=(*lens.notes, *map(str, idle)))
+    turned = turned_lens(lens, knobs.aberration, knobs.bokeh)
+    if lens.blur is None or block is None or block.uncertainty is None:
+        return turned
+    return replace(turned, moved_blurs=partial(_moved_blurs, chosen, lens, knobs))
+
+
+def _unturned(chosen: Selection, camera: Camera) -> Lens:
+    """The lens as it was measured."""
+    entry, f_number, blur = chosen.entry, chosen.f_number, None
+    if entry.blur is not None and f_number is not None:
+        blur = lens_blur(entry, f_number, chosen.measured_focus_mm)
+    return Lens(
         distortion=_optics_of(entry.projection, entry.distortion),
         lateral_colour=_lateral_of(entry.lateral_colour),
         illumination=_illumination_of(entry.fall_off),
@@ -60,45 +73,32 @@ def lens_of_selection(
         pupil_walk=_pupil_walk_of(entry.projection),
         sensor_size_mm=(camera.sensor_width_mm, camera.sensor_height_mm),
         focal_length_mm=entry.focal_length_mm,
-        f_number=chosen.f_number,
+        f_number=f_number,
         focus_distance_mm=entry.focus_distance_mm,
-        notes=chosen.notes + unmeasured,
+        notes=chosen.notes + (NO_BLUR,) * (entry.blur is None),
         blur=blur,
-        moved_blurs=None
-        if blur is None or entry.blur is None or entry.blur.uncertainty is None
-        else partial(_moved_blurs, chosen, camera, knobs),
     )
-    idle = idle_knobs(
-        lens,
-        knobs.aberration,
-        knobs.bokeh,
-        blur_is_known=blur is not None or entry.blur is None,
-    )
-    if idle:
-        lens = replace(lens, notes=(*lens.notes, *map(str, idle)))
-    return turned_lens(lens, knobs.aberration, knobs.bokeh)
 
 
 def _moved_blurs(
-    chosen: Selection, camera: Camera, knobs: Knobs
+    chosen: Selection, lens: Lens, knobs: Knobs
 ) -> Iterator[tuple[LensBlur, LensBlur]]:
     """The blur at that state for every move of the block's uncertainty, turned alike;
-    see `lensfit.kernel.psf_deviation`."""
-    block = chosen.entry.blur
-    if block is None or block.uncertainty is None:
-        return
+    see `lensfit.kernel.psf_deviation`. `lens` is not turned yet."""
+    block, f_number = chosen.entry.blur, chosen.f_number
+    assert block is not None
+    assert block.uncertainty is not None
+    assert f_number is not None
     known = block.uncertainty
 
     def blur_of(move: tuple[float, ...], share: float) -> LensBlur:
         steps = dict(zip(known.numbers, (share * v for v in move), strict=True))
         moved = msgspec.structs.replace(with_moves(block, steps), uncertainty=None)
         entry = msgspec.structs.replace(chosen.entry, blur=moved)
-        if knobs == NEUTRAL and chosen.f_number is not None:
-            # There are a hundred moves, and all else of the lens takes as long again.
-            return lens_blur(entry, chosen.f_number, chosen.measured_focus_mm)
-        blur = lens_of_selection(chosen._replace(entry=entry), camera, knobs).blur
-        assert blur is not None
-        return blur
+        blur = lens_blur(entry, f_number, chosen.measured_focus_mm)
+        turned = turned_lens(replace(lens, blur=blur), knobs.aberration, knobs.bokeh)
+        assert turned.blur is not None
+        return turned.blur
 
     for move in known.moves:
         yield blur_of(move, STEP), blur_of(move, -STEP)

@@ -18,6 +18,7 @@ FRAME = Frame(
     jnp.zeros(2),
     jnp.asarray(1.05),
     jnp.array([[-0.8, -0.6], [0.8, 0.6]]),
+    jnp.asarray(DISTANCE_MM),
 )
 MARKS = np.array([[0.0, 0.0], [0.9, 0.6], [-0.5, 0.8]])
 

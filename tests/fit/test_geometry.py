@@ -24,6 +24,7 @@ FRAME = Frame(
     jnp.zeros(2),
     jnp.asarray(1.05),
     jnp.array([[-0.8, -0.6], [0.8, 0.6]]),
+    jnp.asarray(900.0),
 )
 LAYOUT = Layout(radial=3, bend_degree=2, stretch_degree=2, apertures=1)
 MARKS = np.random.default_rng(0).uniform(-1, 1, (30, 2))

@@ -7,7 +7,7 @@ from pinhole_shoot import take_of as stated
 
 from lensfit.detect.observations import only
 from lensfit.fit.lens_states import fit
-from lensfit.fit.pupil_walk import MeasuredWalk, shared_walks
+from lensfit.fit.pupil_walk import MeasuredWalk, shared_walk
 from lensfit.fit.take import Take
 from lensfit.workflow.calibration.entries import entry_of
 
@@ -79,7 +79,8 @@ def test_a_pupil_that_stands_still_needs_no_term():
 
 def test_states_are_weighed():
     one, other = MeasuredWalk(-10.0, 1.0), MeasuredWalk(-20.0, 3.0)
-    shared = shared_walks([(50.0, one), (50.0, other), (35.0, None)])
-    assert list(shared) == [50.0]
-    assert shared[50.0].walk_mm == pytest.approx(-11.0)
-    assert shared[50.0].standard_deviation_mm == pytest.approx(0.9**0.5)
+    shared = shared_walk([one, None, other])
+    assert shared is not None
+    assert shared.walk_mm == pytest.approx(-11.0)
+    assert shared.standard_deviation_mm == pytest.approx(0.9**0.5)
+    assert shared_walk([None]) is None

@@ -42,6 +42,7 @@ def problem() -> solve.Problem:
         jnp.zeros(2),
         jnp.asarray(1.05),
         jnp.array([[-0.8, -0.6], [0.8, 0.6]]),
+        jnp.asarray(900.0),
     )
     free = np.ones(size)
     free[[3, 9, 40, size - 2]] = 0.0

@@ -12,14 +12,16 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
-from scipy.ndimage import shift
+from jaxtyping import Bool, Float
+from scipy.ndimage import spline_filter1d
 from scipy.spatial import KDTree
 
+from lensfit.detect.cutouts import Cutouts
 from lensfit.fit.wavefront.gather import Gathered, chosen
+from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage, first_stage, settled
 from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights
-from lensfit.mosaic import cropped_mosaic, photosites
+from lensfit.mosaic import photosites_at
 
 _ROUNDS = 4
 _NEIGHBOURS = 24
@@ -29,29 +31,51 @@ _DIMMEST = 0.1
 
 
 class Aliasing(NamedTuple):
-    """Of the dots that were photographed through a mosaic, pixel by pixel.
+    """Of all dots. None of those that were photographed without a mosaic, or are so
+    wide that each of their cells holds photosites of every colour.
 
     Attributes
     ----------
-    rows : Which of the gathered dots.
     moved_mm : How far the centroid of each channel went wrong.
     brightened : Measured brightness over the true one.
     """
 
-    rows: Int[np.ndarray, " some"]
-    moved_mm: Float[np.ndarray, "some 3 2"]
-    brightened: Float[np.ndarray, "some 3"]
+    moved_mm: Float[np.ndarray, "dots 3 2"]
+    brightened: Float[np.ndarray, "dots 3"]
 
 
 def aliasing_of(stage: Stage, gathered: Gathered) -> Aliasing:
     """From the fitted image of every dot, laid where it suits best."""
-    narrow = np.array(
-        [s.cutouts.mosaic and s.cutouts.cell_px == 1 for s in gathered.shown], bool
+    found = Aliasing(
+        np.zeros_like(gathered.observed_mm), np.ones(gathered.observed_mm.shape[:2])
     )
-    rows = np.flatnonzero(narrow[gathered.take])
-    if not len(rows):
-        return Aliasing(rows, np.zeros((0, 3, 2)), np.ones((0, 3)))
-    these = chosen(gathered, rows)
+    own = {k: _own_of(s.cutouts) for k, s in enumerate(gathered.shown) if _narrow(s)}
+    rows = np.flatnonzero(np.isin(gathered.take, list(own)))
+    if len(rows):
+        image, cell_mm = _images(stage, chosen(gathered, rows))
+        moved, brightened = aliased(image, np.concatenate(list(own.values())))
+        found.moved_mm[rows] = moved * cell_mm
+        found.brightened[rows] = brightened
+    return found
+
+
+def _narrow(shown: Shown) -> bool:
+    """Whether each cell holds one photosite of a mosaic."""
+    return shown.cutouts.mosaic is not None and shown.cutouts.cell_px == 1
+
+
+def _own_of(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
+    """Where each channel was measured."""
+    assert cutouts.mosaic is not None
+    pixels = cutouts.corner_px[..., None] + np.arange(cutouts.light.shape[-1])
+    columns, rows = pixels[:, 0, None, :], pixels[:, 1, :, None]
+    return np.moveaxis(photosites_at(cutouts.mosaic, columns, rows), -1, 1)
+
+
+def _images(
+    stage: Stage, these: Gathered
+) -> tuple[Float[np.ndarray, "dots 3 rows columns"], Float[np.ndarray, "dots 1 2"]]:
+    """Light of the fitted model over its background, and the size of its cells, mm."""
     begun = replace(
         first_stage(these, stage.layout, stage.parameters),
         blades=stage.blades,
@@ -61,9 +85,7 @@ def aliasing_of(stage: Stage, gathered: Gathered) -> Aliasing:
     image = these.light - found.residual - found.nuisance[..., 1, None, None]
     cell_mm = these.dots.cell_mm[:, None]
     unusual = _unusual_mm(-found.corner_mm, np.asarray(these.dots.field_mm), these.take)
-    image = _shifted(image, -unusual / cell_mm)
-    moved, brightened = aliased(image, _own_of(gathered)[rows])
-    return Aliasing(rows, moved * cell_mm, brightened)
+    return shifted(image, -unusual / cell_mm), cell_mm
 
 
 def _unusual_mm(place_mm: np.ndarray, field_mm: np.ndarray, take: np.ndarray):
@@ -83,12 +105,33 @@ def _unusual_mm(place_mm: np.ndarray, field_mm: np.ndarray, take: np.ndarray):
     return beside - usual
 
 
-def _shifted(image: np.ndarray, cells: np.ndarray) -> np.ndarray:
+def shifted(
+    image: Float[np.ndarray, "*patches rows columns"],
+    cells: Float[np.ndarray, "*patches 2"],
+) -> Float[np.ndarray, "*patches rows columns"]:
     """Every patch moved by so many columns and rows, by cubic splines."""
-    found = np.empty_like(image)
-    for dot, channel in np.ndindex(image.shape[:2]):
-        across, down = cells[dot, channel]
-        found[dot, channel] = shift(image[dot, channel], (down, across), mode="nearest")
+    across = _shifted_along_rows(image, cells[..., 0])
+    down = _shifted_along_rows(np.swapaxes(across, -1, -2), cells[..., 1])
+    return np.swapaxes(down, -1, -2)
+
+
+def _shifted_along_rows(image: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    count = image.shape[-1]
+    spline = spline_filter1d(image, axis=-1, mode="nearest")
+    from_column = np.arange(count) - cells[..., None]
+    before = np.floor(from_column).astype(int)
+    t = from_column - before
+    weights = [
+        (1 - t) ** 3,
+        (3 * t - 6) * t**2 + 4,
+        ((3 - 3 * t) * t + 3) * t + 1,
+        t**3,
+    ]
+    found = np.zeros_like(image)
+    for k, weight in enumerate(weights):
+        column = np.clip(before + k - 1, 0, count - 1)
+        columns = np.broadcast_to(column[..., None, :], image.shape)
+        found += weight[..., None, :] / 6 * np.take_along_axis(spline, columns, -1)
     return found
 
 
@@ -126,20 +169,3 @@ def _sums(image: np.ndarray) -> np.ndarray:
         ],
         -1,
     )
-
-
-def _own_of(gathered: Gathered) -> np.ndarray:
-    """Where each channel was measured, (dots, 3, rows, columns); everywhere if there is
-    no mosaic."""
-    size = gathered.light.shape[-1]
-    found = []
-    for shown in gathered.shown:
-        cut = shown.cutouts
-        own = np.ones((2, 2, 3, size, size), bool)
-        if cut.mosaic is not None:
-            for y, x in np.ndindex(2, 2):
-                of_phase = photosites(cropped_mosaic(cut.mosaic, x, y), (size, size))
-                own[y, x] = np.moveaxis(of_phase, -1, 0)
-        column, row = cut.corner_px.T % 2
-        found.append(own[row, column])
-    return np.concatenate(found)

@@ -115,6 +115,7 @@ def coarse_fit(
         parameters = start.copy()
         parameters[layout.blocks["defocus"]][: len(value)] = defocus_mm
         stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
+        # Most starts lead nowhere: one look where the dots lie is enough for them.
         tries.append(_Try(pattern, solved(settled(freed(stage, deviation), 1))))
     ended = [
         _Try(pattern, solved(settled(on_dots(stage, gathered))))

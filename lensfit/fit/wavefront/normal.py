@@ -6,14 +6,13 @@ Single precision is enough for light on cells, which a photograph knows to
 three digits; sums over patches are float64.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.sharding import PartitionSpec
 from jaxtyping import Array, Float, Int
 
-from lensfit.fit.cores import AXIS, cores
+from lensfit.fit.cores import DEALT, SHARED, on_every_core, summed_over_cores
 from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.patch import Patch, equations_of
@@ -100,20 +99,18 @@ def pass_over(
 
     def share(parameters: Array, model: Model) -> tuple[Equations, PerDot]:
         found, per_dot = _pass_of_core(parameters, model, layout, points)
-        return jax.tree.map(lambda part: jax.lax.psum(part, AXIS), found), per_dot
+        return summed_over_cores(found), per_dot
 
-    each: Any = PartitionSpec(AXIS)
-    same: Any = PartitionSpec()
     of_model = Model(
-        dots=each, pixels=each, scale=same, chromatic=same, smoothing=same, count=each
+        dots=DEALT,
+        pixels=DEALT,
+        scale=SHARED,
+        chromatic=SHARED,
+        smoothing=SHARED,
+        count=DEALT,
     )
-    return jax.shard_map(
-        share,
-        mesh=cores(),
-        in_specs=(same, of_model),
-        out_specs=(same, each),
-        check_vma=False,
-    )(parameters, model)
+    pass_of_all = on_every_core(share, takes=(SHARED, of_model), gives=(SHARED, DEALT))
+    return pass_of_all(parameters, model)
 
 
 def _pass_of_core(

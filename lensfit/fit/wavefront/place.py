@@ -54,13 +54,13 @@ def placed(
     """
     dragged = _dragged_mm(stage, gathered)
     aliasing = aliasing_of(stage, gathered)
-    apart, brightened = dragged.copy(), np.ones(dragged.shape[:2])
-    apart[aliasing.rows] += aliasing.moved_mm
-    brightened[aliasing.rows] = aliasing.brightened
+    apart = dragged + aliasing.moved_mm
     takes = []
     for k, shown in enumerate(gathered.shown):
         mine = gathered.take == k
-        takes.append(_moved(shown, dragged[mine], apart[mine], brightened[mine]))
+        takes.append(
+            _moved(shown, dragged[mine], apart[mine], aliasing.brightened[mine])
+        )
     if moves is None:
         return takes
     by_moves = _moved_by(moves, stage, gathered)

@@ -110,17 +110,24 @@ def on_dots(stage: Stage, gathered: Gathered) -> Stage:
     )
 
 
-def model_of(stage: Stage) -> Model:
-    """Arrays of a pass."""
+def model_of(stage: Stage, deal: Deal) -> Model:
+    """Arrays of a pass, every dot at its core's place, in single precision."""
     gathered = stage.gathered
     light = smoothed(gathered.light, stage.smoothing)
+    pixels = Pixels(light, stage.weight, stage.corner_mm, folds_of(gathered))
+
+    def at_places(array: np.ndarray) -> jax.Array:
+        rows = np.asarray(array)[deal.rows]
+        floating = np.issubdtype(rows.dtype, np.floating)
+        return jnp.asarray(rows.astype(np.float32) if floating else rows)
+
     return Model(
-        dots=jax.tree.map(jnp.asarray, with_iris(gathered, stage.blades)),
-        pixels=Pixels(light, stage.weight, stage.corner_mm, folds_of(gathered)),
+        dots=jax.tree.map(at_places, with_iris(gathered, stage.blades)),
+        pixels=jax.tree.map(at_places, pixels),
         scale=gathered.scale,
         chromatic=jnp.asarray(gathered.chromatic),
         smoothing=jnp.asarray(stage.smoothing**2),
-        count=jnp.asarray([len(gathered.take)]),
+        count=jnp.asarray(deal.counts),
     )
 
 
@@ -128,21 +135,6 @@ def with_iris(gathered: Gathered, blades: int) -> Dots:
     """The dots' constants, with blades where the iris is stopped down."""
     stopped = gathered.dots.stop_radius < 1 / WIDE_OPEN
     return gathered.dots._replace(blades=blades * stopped.astype(float))
-
-
-def spread_out(model: Model, deal: Deal) -> Model:
-    """The same with every dot at its core's place, in single precision."""
-
-    def one(array: jax.Array) -> jax.Array:
-        wide = np.asarray(array)[deal.rows]
-        floating = np.issubdtype(wide.dtype, np.floating)
-        return jnp.asarray(wide.astype(np.float32) if floating else wide)
-
-    return model._replace(
-        dots=jax.tree.map(one, model.dots),
-        pixels=jax.tree.map(one, model.pixels),
-        count=jnp.asarray(deal.counts),
-    )
 
 
 def folds_of(gathered: Gathered) -> np.ndarray:
@@ -179,7 +171,7 @@ def solved(stage: Stage, most_steps: int = _MOST_STEPS) -> Stage:
     deal = dealt(count, room, cores().size)
     found = solve(
         jnp.asarray(stage.parameters),
-        spread_out(model_of(stage), deal),
+        model_of(stage, deal),
         prior,
         stage.layout,
         stage.points,
@@ -188,7 +180,7 @@ def solved(stage: Stage, most_steps: int = _MOST_STEPS) -> Stage:
         _DAMPING,
     )
     found = jax.tree.map(np.asarray, found)
-    in_order = jax.tree.map(lambda part: part[deal.places()], found.per_dot)
+    in_order = jax.tree.map(lambda part: part[deal.places], found.per_dot)
     found = found._replace(per_dot=in_order)
     after = replace(stage, parameters=found.parameters, solution=found)
     return replace(after, corner_mm=_moved(after))

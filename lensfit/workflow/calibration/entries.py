@@ -120,9 +120,9 @@ def with_quality(preset: Preset, facts: list[dict[str, Any]]) -> Preset:
 
 
 def _pupil_walk(state: LensState) -> blocks.PupilWalk | None:
-    ahead_mm = state.geometry.adjustment.frame.board_distance_mm
-    if state.walk is None or ahead_mm is None:
+    if state.walk is None:
         return None
+    ahead_mm = state.geometry.adjustment.frame.board_distance_mm
     return blocks.PupilWalk(
         walk_mm=state.walk.walk_mm,
         chart_distance_mm=state.pupil.offset_mm + float(ahead_mm),

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import shift
 
-from lensfit.fit.wavefront.aliasing import aliased
+from lensfit.fit.wavefront.aliasing import aliased, shifted
 from lensfit.mosaic import MOSAICS, photosites
 
 CELLS = 24
@@ -55,3 +56,13 @@ def test_nothing_is_done_without_a_mosaic_or_light():
     moved, brightened = aliased(np.zeros((1, 3, CELLS, CELLS)), own_of("rggb"))
     np.testing.assert_array_equal(moved, 0)
     np.testing.assert_array_equal(brightened, 1)
+
+
+def test_patches_are_shifted_like_single_pictures():
+    cells = np.array([[0.3, -0.7], [1.2, 0.0], [-2.4, 1.6]])
+    spots = np.tile(gaussian(1.5, (0.2, -0.4)), (2, 1, 1, 1))
+    moved = shifted(spots, np.stack([cells, -cells]))
+    for dot, channel in np.ndindex(2, 3):
+        columns, rows = cells[channel] * (1, -1)[dot]
+        expected = shift(spots[dot, channel], (rows, columns), mode="nearest")
+        np.testing.assert_allclose(moved[dot, channel], expected, atol=1e-9)

@@ -14,9 +14,9 @@ def test_every_dot_is_dealt_once_and_found_again(dots: int, hands: int):
     assert deal.rows.shape == (256,)
     assert deal.counts.sum() == dots
     assert np.ptp(deal.counts) <= 1
-    np.testing.assert_array_equal(deal.rows[deal.places()], np.arange(dots))
+    np.testing.assert_array_equal(deal.rows[deal.places], np.arange(dots))
     share = 256 // hands
-    assert (deal.places() % share < deal.counts[deal.places() // share]).all()
+    assert (deal.places % share < deal.counts[deal.places // share]).all()
 
 
 def test_a_hand_without_dots_has_room_and_nothing_in_use():
