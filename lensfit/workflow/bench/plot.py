@@ -12,6 +12,9 @@ from matplotlib.figure import Figure
 
 from lensfit.atomic import write_bytes_atomic
 
+_ROOM_FOR_LABELS = 0.2
+"""On either side, of the width that the points take."""
+
 
 class Curve(NamedTuple):
     """Errors of one method.
@@ -45,6 +48,7 @@ def write_curves(curves: list[Curve], path: Path, *, time: str, error: str) -> P
     """
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axes = figure.add_subplot(xscale="log", yscale="log")
+    axes.margins(x=_ROOM_FOR_LABELS, y=0.08)
     timed = [curve for curve in curves if curve.seconds]
     for curve in timed:
         _draw(axes, curve)
@@ -72,4 +76,4 @@ def _draw(axes: Axes, curve: Curve) -> None:
         axes.plot(curve.seconds, curve.worse, color=line.get_color(), **dashed)
     places = zip(curve.seconds, curve.errors, strict=True)
     for label, place in zip(curve.labels, places, strict=False):
-        axes.annotate(f" {label}", place, fontsize=7)
+        axes.annotate(label, place, (3, 3), textcoords="offset points", fontsize=7)

@@ -54,5 +54,5 @@ def _curve(
         method,
         [errors[name][method] for name in order],
         [seconds[name][method] for name in order],
-        tuple(order) if method == "lensfit" else (),
+        tuple(order),
     )
