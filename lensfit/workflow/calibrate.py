@@ -117,7 +117,7 @@ def calibrate_observed(
         )
     fitting = time.perf_counter()
     began = fitting if began is None else began
-    fitted = fit(takes, progress, effort=Effort[effort.upper()])
+    fitted = fit(takes, progress, effort=Effort.named(effort))
     seconds = _seconds(observed, fitted) | {"fit": time.perf_counter() - fitting}
     writing_since = time.perf_counter()
     preset = preset_of(shoot, observed, fitted)

@@ -16,3 +16,13 @@ class Effort(Enum):
         self.coarse_dots = coarse_dots
         self.fine_dots = fine_dots
         self.rounds = rounds
+
+    @classmethod
+    def named(cls, name: str) -> "Effort":
+        """That of a setting: "fastest", "fast", "normal" or "best".
+
+        Raises
+        ------
+        KeyError : There is none of that name.
+        """
+        return cls[name.upper()]

@@ -136,7 +136,7 @@ def _calibrated(folder: Path, effort: str, traced: Traced) -> dict[str, Predicti
     if failed:
         raise DetectionError(failed[0])
     fitted: Fitted = fit(
-        [one.take for one in observed if one.take], effort=Effort[effort.upper()]
+        [one.take for one in observed if one.take], effort=Effort.named(effort)
     )
     preset = preset_of(shoot, observed, fitted)
 

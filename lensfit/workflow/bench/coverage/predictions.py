@@ -24,7 +24,8 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.batches import in_batches
-from lensfit.fit.lens_states import Fitted, LensState
+from lensfit.fit.lens_state import LensState
+from lensfit.fit.lens_states import Fitted
 from lensfit.fit.uncertainty import pose_moves, position_deviations_mm
 from lensfit.lens import Lens
 from lensfit.optics.distortion import Distortion, jacobian_at

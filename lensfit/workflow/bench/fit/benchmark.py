@@ -16,7 +16,8 @@ import numpy as np
 
 from lensfit.errors import DetectionError, LensfitError
 from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
-from lensfit.fit.lens_states import Fitted, LensState, fit
+from lensfit.fit.lens_state import LensState
+from lensfit.fit.lens_states import Fitted, fit
 from lensfit.lens import Lens
 from lensfit.preset.schema import Camera
 from lensfit.progress import Progress, silent

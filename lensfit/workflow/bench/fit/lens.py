@@ -19,7 +19,7 @@ from lensfit.fit.adjust import Adjustment
 from lensfit.fit.chief_ray import ChiefRayFit
 from lensfit.fit.geometry import distortion_of
 from lensfit.fit.held_out import HELD_OUT_SEEDS, fitted_to_half
-from lensfit.fit.lens_states import LensState
+from lensfit.fit.lens_state import LensState
 from lensfit.fit.views import line_numbers, observed_of
 from lensfit.lens import Channel, Lens
 from lensfit.preset.lens_of_entry import lens_of_entry

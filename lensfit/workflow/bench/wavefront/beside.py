@@ -100,7 +100,7 @@ def add_figures(
     if beside.efforts:
         found["efforts"] = {}
         for effort in beside.efforts:
-            peer = refitted(*seen, effort=Effort[effort.upper()])
+            peer = refitted(*seen, effort=Effort.named(effort))
             found["efforts"][effort] = judged(peer)
     if images:
         found["left_out"] = {}
