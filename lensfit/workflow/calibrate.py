@@ -9,7 +9,6 @@ other at the end.
 
 import contextlib
 import json
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -40,6 +39,7 @@ from lensfit.workflow.report.write import write_report
 from lensfit.workflow.shoot.charts_seen import with_charts_read
 from lensfit.workflow.shoot.records import Shoot
 from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
+from lensfit.workflow.stopwatch import stopwatch
 
 MAP_OVERSCAN_PERCENT = 10.0
 
@@ -78,11 +78,16 @@ def calibrate(
             where=folder,
             remedy="choose another --out",
         ) from error
-    began = time.perf_counter()
-    shoot = with_charts_read(shoot, progress)
-    observed = observe_shoot(shoot, folder, progress)
+    with stopwatch() as seeing:
+        shoot = with_charts_read(shoot, progress)
+        observed = observe_shoot(shoot, folder, progress)
     return calibrate_observed(
-        shoot, observed, folder, progress=progress, effort=effort, began=began
+        shoot,
+        observed,
+        folder,
+        progress=progress,
+        effort=effort,
+        seen_in_s=seeing["seconds"],
     )
 
 
@@ -93,7 +98,7 @@ def calibrate_observed(
     *,
     progress: Progress = silent,
     effort: str = "normal",
-    began: float | None = None,
+    seen_in_s: float = 0.0,
 ) -> dict[str, Any]:
     """The same with marks that were found before.
 
@@ -101,8 +106,7 @@ def calibrate_observed(
     ----------
     shoot : Its charts read, as `with_charts_read` does it.
     observed : By `observe_shoot`, into the same folder.
-    began : When the photographs began to be read (`time.perf_counter`); now, if left
-        out.
+    seen_in_s : What reading and searching the photographs took, for the whole.
 
     Raises
     ------
@@ -115,19 +119,18 @@ def calibrate_observed(
             observed[0].failed or "no photograph could be used",
             remedy=_others(observed),
         )
-    fitting = time.perf_counter()
-    began = fitting if began is None else began
-    fitted = fit(takes, progress, effort=Effort.named(effort))
-    seconds = _seconds(observed, fitted) | {"fit": time.perf_counter() - fitting}
-    writing_since = time.perf_counter()
-    preset = preset_of(shoot, observed, fitted)
-    with ThreadPoolExecutor(1) as pool:
-        writing = pool.submit(_write_maps, preset, folder, progress)
+    with stopwatch() as fitting:
+        fitted = fit(takes, progress, effort=Effort.named(effort))
+    with stopwatch() as writing, ThreadPoolExecutor(1) as pool:
+        preset = preset_of(shoot, observed, fitted)
+        maps_written = pool.submit(_write_maps, preset, folder, progress)
         report = _report(shoot, observed, fitted, preset, folder)
         preset = with_quality(preset, report["entries"])
-        maps = writing.result()
-    seconds["write"] = time.perf_counter() - writing_since
-    seconds["whole"] = time.perf_counter() - began
+        maps = maps_written.result()
+    # One after the other; what `_seconds` counts lies within them, and overlaps.
+    spent = {"fit": fitting["seconds"], "write": writing["seconds"]}
+    spent["whole"] = seen_in_s + sum(spent.values())
+    seconds = _seconds(observed, fitted) | spent
     report["seconds"] = {k: round(v, 3) for k, v in seconds.items()}
     report["files"]["stmaps"] = maps
     # What takes long is done: preset and report, which must agree, follow each other.
@@ -252,15 +255,20 @@ def _notes(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> list[str]:
             "some photographs were turned by their EXIF orientation and others were "
             "not: shoot all of them the same way up"
         )
-    seen = [o.mosaic_seen for o in observed if o.mosaic_seen]
-    if seen:
-        notes.append(
-            f"the noise of {len(seen)} of {len(observed)} photographs shows that "
-            "colours were interpolated from a mosaic, which the fit takes for blur of "
-            "the lens: "
-            f'state mosaic = "{max(set(seen), key=seen.count)}" in [camera]'
-        )
+    notes += _mosaic_notes(observed)
     return list(dict.fromkeys(notes))
+
+
+def _mosaic_notes(observed: list[Observed]) -> list[str]:
+    """That colours were interpolated, where noise shows it and nobody said so."""
+    seen = [o.mosaic_seen for o in observed if o.mosaic_seen]
+    if not seen:
+        return []
+    return [
+        f"the noise of {len(seen)} of {len(observed)} photographs shows that colours "
+        "were interpolated from a mosaic, which the fit takes for blur of the lens: "
+        f'state mosaic = "{max(set(seen), key=seen.count)}" in [camera]'
+    ]
 
 
 def _others(observed: list[Observed]) -> str | None:

@@ -16,9 +16,9 @@ from lensfit.workflow.bench.fit.benchmark import bench_fit
 from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.render.benchmark import bench_render
 from lensfit.workflow.bench.result import bench_result
-from lensfit.workflow.bench.times import stopwatch
 from lensfit.workflow.bench.warp import bench_warp
 from lensfit.workflow.bench.wavefront.benchmark import Judge, Trial, bench_wavefront
+from lensfit.workflow.stopwatch import stopwatch
 
 QUICK_DOTS = ("dot_pattern_05", "gopro8")
 QUICK_SETS = (*QUICK_DOTS, "line_pattern_01")

@@ -2,10 +2,10 @@
 
 import math
 import statistics
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, NamedTuple
+
+from lensfit.workflow.stopwatch import stopwatch
 
 RUNS = 3
 
@@ -58,15 +58,3 @@ def best(work: Callable[[], Any], runs: int = RUNS) -> tuple[Any, float, float]:
             result = work()
         wall, cpu = min(wall, spent["seconds"]), min(cpu, spent["cpu_seconds"])
     return result, wall, cpu
-
-
-@contextmanager
-def stopwatch() -> Iterator[dict[str, float]]:
-    """Its "seconds" and "cpu_seconds" (of all threads), known once it is over."""
-    spent: dict[str, float] = {}
-    began, own = time.perf_counter(), time.process_time()
-    try:
-        yield spent
-    finally:
-        spent["seconds"] = time.perf_counter() - began
-        spent["cpu_seconds"] = time.process_time() - own

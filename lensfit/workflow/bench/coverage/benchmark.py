@@ -30,10 +30,10 @@ from lensfit.workflow.bench.coverage.traced import Traced
 from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.result import bench_result
 from lensfit.workflow.bench.rows import as_tables
-from lensfit.workflow.bench.times import stopwatch
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.stopwatch import stopwatch
 
 _DIGITS = 7
 _SPOTS_EVERY = 5

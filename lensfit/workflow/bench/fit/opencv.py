@@ -5,7 +5,6 @@ of every view that `lensfit.fit.chief_ray` holds out, and the time of one calibr
 with everything. OpenCV puts pixel centres at whole numbers.
 """
 
-import time
 from dataclasses import dataclass
 
 import cv2
@@ -14,6 +13,7 @@ import numpy as np
 from lensfit.fit.adjust import Adjustment
 from lensfit.fit.chief_ray import ChiefRayFit
 from lensfit.fit.held_out import HELD_OUT_SEEDS
+from lensfit.workflow.stopwatch import stopwatch
 
 _MODELS = {
     5: 0,
@@ -35,14 +35,13 @@ def opencv_of(geometry: ChiefRayFit, parameters: int) -> Peer:
     single = len(geometry.takes) == 1
     flags = _MODELS[parameters] | cv2.CALIB_USE_INTRINSIC_GUESS
     flags |= cv2.CALIB_FIX_FOCAL_LENGTH if single else 0
-    began = time.perf_counter()
-    _calibrated(geometry, adjustment.used, flags)
-    seconds = time.perf_counter() - began
+    with stopwatch() as spent:
+        _calibrated(geometry, adjustment.used, flags)
     errors = []
     for seed in HELD_OUT_SEEDS:
         seen = np.random.default_rng(seed).random(adjustment.weight.shape) < 0.5
         errors.append(_error_px(geometry, adjustment, seen, flags))
-    return Peer(float(np.mean(errors)), seconds)
+    return Peer(float(np.mean(errors)), spent["seconds"])
 
 
 def _error_px(

@@ -20,10 +20,10 @@ from lensfit.workflow.bench.peers.disc import DiscLens, matched_disc
 from lensfit.workflow.bench.peers.dots import pictured
 from lensfit.workflow.bench.peers.gaussian import GaussianLens, gaussian_fields
 from lensfit.workflow.bench.peers.spots import LensMaker
-from lensfit.workflow.bench.times import stopwatch
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.stopwatch import stopwatch
 
 GAUSSIANS, DISC, SEIDEL_ONLY = "gaussians", "disc and mask", "Seidel only"
 

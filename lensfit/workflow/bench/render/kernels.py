@@ -1,6 +1,5 @@
 """Kernels that vary over the frame, against a kernel of its own for every pixel."""
 
-import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +13,8 @@ from lensfit.render.frame import render_stages
 from lensfit.render.kernel_bank import RGB
 from lensfit.render.stages import Stages, Switches, prepare_stages
 from lensfit.workflow.bench.rows import Row
+from lensfit.workflow.bench.times import timed
+from lensfit.workflow.stopwatch import stopwatch
 
 _WIDTH, _HEIGHT = 768, 576
 _BLOCK_PX = 4
@@ -79,20 +80,17 @@ def _at_radius(picture: np.ndarray, radius_px: float, stages: Stages) -> _AtRadi
     farthest = -defocus.circle.px_mm * defocus.circle.focus_vergence
     radius = max(radius_px, 0.9 * farthest)
     depth = np.full(picture.shape, defocus.circle.depth_mm(radius), np.float32)
-    began = time.perf_counter()
-    found = _render(picture, depth, stages)
-    made = time.perf_counter()
-    _render(picture, depth, stages)
-    again = time.perf_counter()
+    found, times = timed(lambda: _render(picture, depth, stages), 2)
     squares = []
-    for x, y in _BLOCKS:
-        block = Window(x, y, x + _BLOCK_PX - 1, y + _BLOCK_PX - 1)
-        exact = exact_block(picture, radius, block, defocus)
-        part = found[y : y + _BLOCK_PX, x : x + _BLOCK_PX, 1]
-        squares.append(float(np.mean((part - exact) ** 2)))
-    brute_s = (time.perf_counter() - again) / (len(_BLOCKS) * _BLOCK_PX**2)
+    with stopwatch() as brute:
+        for x, y in _BLOCKS:
+            block = Window(x, y, x + _BLOCK_PX - 1, y + _BLOCK_PX - 1)
+            exact = exact_block(picture, radius, block, defocus)
+            part = found[y : y + _BLOCK_PX, x : x + _BLOCK_PX, 1]
+            squares.append(float(np.mean((part - exact) ** 2)))
+    brute_s = brute["seconds"] / (len(_BLOCKS) * _BLOCK_PX**2)
     errors = _kernel_errors(radius, depth, stages)
-    return _AtRadius(errors, squares, brute_s, made - began, again - made)
+    return _AtRadius(errors, squares, brute_s, times.first_s, times.steady_s)
 
 
 def one_over_f() -> np.ndarray:

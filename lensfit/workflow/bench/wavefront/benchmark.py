@@ -21,7 +21,6 @@ from lensfit.progress import Progress, silent
 from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.result import Machine, bench_result
 from lensfit.workflow.bench.rows import as_tables
-from lensfit.workflow.bench.times import stopwatch
 from lensfit.workflow.bench.wavefront.beside import (
     Beside,
     Seen,
@@ -33,6 +32,7 @@ from lensfit.workflow.bench.wavefront.rows import wavefront_rows
 from lensfit.workflow.calibrate import calibrate_observed
 from lensfit.workflow.shoot.file import load_shoot
 from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.stopwatch import stopwatch
 
 _REPORTED = ("rms_px", "held_out_rms_px", "seconds", "notes")
 
