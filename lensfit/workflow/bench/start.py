@@ -12,7 +12,6 @@ the steady state are told apart:
 
 import json
 import os
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -20,7 +19,7 @@ from pathlib import Path
 from msgspec import Struct, convert
 
 from lensfit._jax import CACHE_VARIABLE
-from lensfit.errors import LensfitError
+from lensfit.workflow.bench.own_process import output_of
 from lensfit.workflow.bench.rows import Row
 
 START_SET = "dot_pattern_05"
@@ -58,20 +57,12 @@ def start_rows(job: str, data: str | Path) -> list[Row]:
 
 def _ran(job: str, data: Path, cache: str) -> JobTimes:
     told = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
-    try:
-        ran = subprocess.run(
-            [sys.executable, "-m", _MODULE, job, str(data)],
-            capture_output=True,
-            text=True,
-            timeout=_PATIENCE_S,
-            check=True,
-            env=told | {CACHE_VARIABLE: cache},
-        )
-    except (OSError, subprocess.SubprocessError) as error:
-        said = (getattr(error, "stderr", None) or str(error)).strip()
-        raise LensfitError(
-            f"{JOBS[job]}, in a process of its own, failed ({said.splitlines()[-1]})",
-            where=data,
-            remedy="give the folder that holds real/ and plates/ with --data",
-        ) from error
-    return convert(json.loads(ran.stdout.splitlines()[-1]), JobTimes)
+    lines = output_of(
+        [sys.executable, "-m", _MODULE, job, str(data)],
+        patience_s=_PATIENCE_S,
+        failed=f"{JOBS[job]}, in a process of its own, failed",
+        where=data,
+        remedy="give the folder that holds real/ and plates/ with --data",
+        environment=told | {CACHE_VARIABLE: cache},
+    )
+    return convert(json.loads(lines[-1]), JobTimes)

@@ -5,7 +5,6 @@ another than this one. Blender runs in a process of its own; its start is not co
 """
 
 import json
-import subprocess
 import sys
 import tempfile
 from importlib.util import find_spec
@@ -14,9 +13,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
-from lensfit.errors import LensfitError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.preset.thin_lens import ThinCamera
+from lensfit.workflow.bench.own_process import output_of
 from lensfit.workflow.bench.render.scenes import Scene
 
 _SCRIPT = Path(__file__).with_name("blender_defocus.py")
@@ -49,22 +48,14 @@ def blender_defocus(
         task = told | {"largest_blur_px": largest_blur_px}
         path = Path(folder) / "task.json"
         path.write_text(json.dumps(task))
-        try:
-            ran = subprocess.run(
-                [python, str(_SCRIPT), str(path)],
-                capture_output=True,
-                text=True,
-                timeout=_PATIENCE_S,
-                check=True,
-            )
-        except (OSError, subprocess.SubprocessError) as error:
-            said = (getattr(error, "stderr", None) or str(error)).strip()
-            raise LensfitError(
-                f"Blender did not run ({said.splitlines()[-1]})",
-                where=python,
-                remedy="give --blender a Python in which `import bpy` works",
-            ) from error
-        line = next(x for x in ran.stdout.splitlines() if x.startswith('{"seconds"'))
+        lines = output_of(
+            [python, str(_SCRIPT), str(path)],
+            patience_s=_PATIENCE_S,
+            failed="Blender did not run",
+            where=python,
+            remedy="give --blender a Python in which `import bpy` works",
+        )
+        line = next(x for x in lines if x.startswith('{"seconds"'))
         made = read_exr(next(Path(folder).glob(f"{_NAME}*.exr"))).parts[0].channels
         return np.stack([made[c] for c in "RGB"], -1), json.loads(line)["seconds"]
 
