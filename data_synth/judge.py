@@ -31,8 +31,9 @@ from data_synth.judge_spots import (
     maker_of,
     spot_figures,
 )
+from data_synth.judged_lens import Lens
 from data_synth.psf_truth import WavefrontTruth, read_truth
-from data_synth.stand_ins import Lens, ThinLens
+from data_synth.thin_lens import ThinLens
 from lensfit.errors import LensfitError
 
 Maker = Callable[[float, float], Lens]

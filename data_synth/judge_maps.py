@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from data_synth.bands import CHANNELS
+from data_synth.judged_lens import Lens
 from data_synth.psf_truth import TABLE_REACH, TABLE_STEPS, WavefrontTruth
-from data_synth.stand_ins import Lens
 
 FINER = 4
 LIGHT_STEPS = (17, 13)

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from data_synth.bands import CHANNELS, Channel
+from data_synth.judged_lens import SpotLens
 from data_synth.psf_error import psf_error
 from data_synth.psf_truth import Group, WavefrontTruth, read_truth
-from data_synth.stand_ins import SpotLens, mirrored_distance_mm
 
 Made = TypeVar("Made", bound=SpotLens)
 Made_co = TypeVar("Made_co", bound=SpotLens, covariant=True)
@@ -174,6 +174,12 @@ def defocus_sign(make: SpotMaker, truth: WavefrontTruth) -> str:
     if mine < CLEARLY * theirs:
         return "right"
     return "wrong" if theirs < CLEARLY * mine else "undecided"
+
+
+def mirrored_distance_mm(focus_mm: float, object_mm: float) -> float:
+    """The distance that is as much out of focus on the other side, in dioptres."""
+    dioptres = 2 / focus_mm - 1 / object_mm
+    return 1 / max(dioptres, 1e-7)
 
 
 def _errors(

@@ -27,7 +27,7 @@ from data_synth.prescription import Prescription, load_prescription
 from data_synth.psf_truth import FILE_NAME, geometry_truth
 from data_synth.sensor import Sensor
 from data_synth.shoot import Camera, Shot, write_shoot
-from data_synth.stand_ins import ThinLens
+from data_synth.thin_lens import ThinLens
 from data_synth.wavefront_cases import frame_for, subject_of
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset, save_preset

@@ -125,12 +125,6 @@ class Browser:
         shot = self.send("Page.captureScreenshot", format="png", **options)
         path.write_bytes(base64.b64decode(shot["data"]))
 
-    def pdf(self, path: Path) -> None:
-        """The page as it is printed."""
-        printed = self.send("Page.printToPDF", printBackground=True, paperWidth=8.27,
-                            paperHeight=11.69, preferCSSPageSize=True)  # fmt: skip
-        path.write_bytes(base64.b64decode(printed["data"]))
-
     def _until(self, wanted: Any) -> dict[str, Any]:
         """The first message that is wanted; others are noted on the way."""
         deadline = time.monotonic() + _PATIENCE_S

@@ -10,7 +10,7 @@ import pytest
 from data_synth.frame import Frame
 from data_synth.judge_spots import judge_spots
 from data_synth.psf_truth import Group, WavefrontTruth, write_truth
-from data_synth.stand_ins import ThinLens
+from data_synth.thin_lens import ThinLens
 
 FRAME = Frame((1200, 900), (24.0, 18.0))
 CHART_MM = 2000.0
