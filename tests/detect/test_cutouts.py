@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from found_marks import found_marks
 
 from lensfit.detect.cutouts import CELLS, cut
-from lensfit.detect.observations import POINT, Observations
+from lensfit.detect.observations import Observations
 from lensfit.mosaic import MOSAICS, filled_in, photosites
 from lensfit.photograph import Photograph
 
@@ -18,20 +19,11 @@ def marks_at(points_px, diameter_px) -> Observations:
     """Dots at these places."""
     points_px = np.asarray(points_px, float)
     count = len(points_px)
-    return Observations(
+    return found_marks(
+        points_px,
+        SIZE,
         lattice=np.stack([np.arange(count), np.zeros(count)], -1),
-        points_px=points_px,
-        covariance_px2=np.tile(np.eye(2) * 1e-4, (count, 1, 1)),
-        family=np.full(count, POINT),
-        normal=np.full((count, 2), np.nan),
-        saturated=np.zeros(count, bool),
-        overlapping=np.zeros(count, bool),
-        channel_points_px=np.full((3, count, 2), np.nan),
-        channel_covariance_px2=np.full((3, count, 2, 2), np.nan),
-        flux=np.full((count, 1), np.nan),
         diameter_px=np.broadcast_to(np.asarray(diameter_px, float), count).copy(),
-        image_size_px=SIZE,
-        candidates=count,
     )
 
 

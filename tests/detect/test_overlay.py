@@ -5,32 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawn_grids import View, checkerboard, draw, line_grid, photograph
+from found_marks import found_marks
 from PIL import Image
 
 from lensfit.detect.find import observe
-from lensfit.detect.observations import POINT, Observations
 from lensfit.detect.overlay import draw_overlay, stripe_colours
 
 
 def marks(points_px, size_px, lattice=None):
     """Observations of points without neighbours."""
     count = len(points_px)
-    return Observations(
-        lattice=np.array(
-            [[3.0 * k + 1, 1.0] for k in range(count)] if lattice is None else lattice
-        ),
-        points_px=np.array(points_px, float),
-        covariance_px2=np.tile(np.eye(2) * 1e-4, (count, 1, 1)),
-        family=np.full(count, POINT),
-        normal=np.full((count, 2), np.nan),
-        saturated=np.zeros(count, bool),
-        overlapping=np.zeros(count, bool),
-        channel_points_px=np.full((3, count, 2), np.nan),
-        channel_covariance_px2=np.full((3, count, 2, 2), np.nan),
+    if lattice is None:
+        lattice = [[3.0 * k + 1, 1.0] for k in range(count)]
+    return found_marks(
+        np.array(points_px, float),
+        size_px,
+        lattice=np.array(lattice),
         flux=np.ones((count, 1)),
         diameter_px=np.full(count, 8.0),
-        image_size_px=size_px,
-        candidates=count,
     )
 
 

@@ -7,9 +7,10 @@ decentering polynomials, then pixels. What is true is stated here and nowhere el
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from found_marks import found_marks
 from scipy.spatial.transform import Rotation
 
-from lensfit.detect.observations import POINT, Observations
+from lensfit.detect.observations import Observations
 from lensfit.fit.take import Take
 
 SENSOR_MM = (24.0, 18.0)
@@ -67,23 +68,13 @@ def observations(
     image_mm: np.ndarray, noise_px: float = 0.0, seed: int = 0, lattice=LATTICE
 ) -> Observations:
     """What detection would report of marks at these places."""
-    count = len(image_mm)
-    noise = np.random.default_rng(seed).normal(0, 1, (count, 2)) * noise_px
+    noise = np.random.default_rng(seed).normal(0, 1, image_mm.shape) * noise_px
     middle = np.asarray(IMAGE_PX) / 2
-    return Observations(
+    return found_marks(
+        image_mm / MM_PER_PX + middle + noise,
+        IMAGE_PX,
+        deviation_px=max(noise_px, 1e-3),
         lattice=np.asarray(lattice, float),
-        points_px=image_mm / MM_PER_PX + middle + noise,
-        covariance_px2=np.tile(np.eye(2) * max(noise_px, 1e-3) ** 2, (count, 1, 1)),
-        family=np.full(count, POINT),
-        normal=np.full((count, 2), np.nan),
-        saturated=np.zeros(count, bool),
-        overlapping=np.zeros(count, bool),
-        channel_points_px=np.full((3, count, 2), np.nan),
-        channel_covariance_px2=np.full((3, count, 2, 2), np.nan),
-        flux=np.full((count, 1), np.nan),
-        diameter_px=np.full(count, np.nan),
-        image_size_px=IMAGE_PX,
-        candidates=count,
     )
 
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from found_marks import found_marks
 
-from lensfit.detect.observations import POINT, Observations
 from lensfit.fit.colour import fit_colour
 from lensfit.fit.take import Take
 from lensfit.optics.lateral import ChannelShift, channel_from_green
@@ -25,21 +25,14 @@ def take_with(moved_px, *, noise_px=NOISE_PX, seed=0) -> Take:
     moved = moved_px(green - IMAGE_PX / 2)
     points = np.stack([green + moved + noise[0], green, green + moved + noise[1]])
     covariance = np.tile(np.eye(2) * noise_px**2 / 2, (count, 1, 1))
-    no = np.zeros(count, bool)
-    observations = Observations(
-        lattice=np.zeros((count, 2)),
-        points_px=green,
+    observations = found_marks(
+        green,
+        (1920, 1080),
         covariance_px2=covariance,
-        family=np.full(count, POINT),
-        normal=np.full((count, 2), np.nan),
-        saturated=no,
-        overlapping=no,
         channel_points_px=points,
         channel_covariance_px2=np.stack([covariance] * 3),
         flux=np.ones((count, 3)),
         diameter_px=np.full(count, 9.0),
-        image_size_px=(1920, 1080),
-        candidates=count,
     )
     size = tuple((IMAGE_PX * MM_PER_PX).tolist())
     return Take("a", "board", observations, (1.0, 1.0), None, 20.0, size)

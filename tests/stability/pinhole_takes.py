@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from found_marks import found_marks
 from scipy.spatial.transform import Rotation
 
-from lensfit.detect.observations import POINT, Observations
 from lensfit.fit.take import Take
 
 SENSOR_MM, IMAGE_PX, MM_PER_PX = (24.0, 18.0), (2400, 1800), 0.01
@@ -46,21 +46,11 @@ class Shoot:
 
 def take_of(at_px, lattice, name: str = "view", noise_px: float = 0.05) -> Take:
     """A photograph with marks at these places."""
-    count = len(lattice)
-    seen = Observations(
+    seen = found_marks(
+        np.asarray(at_px, float),
+        IMAGE_PX,
+        deviation_px=max(noise_px, 1e-3),
         lattice=np.asarray(lattice, float),
-        points_px=np.asarray(at_px, float),
-        covariance_px2=np.tile(np.eye(2) * max(noise_px, 1e-3) ** 2, (count, 1, 1)),
-        family=np.full(count, POINT),
-        normal=np.full((count, 2), np.nan),
-        saturated=np.zeros(count, bool),
-        overlapping=np.zeros(count, bool),
-        channel_points_px=np.full((3, count, 2), np.nan),
-        channel_covariance_px2=np.full((3, count, 2, 2), np.nan),
-        flux=np.full((count, 1), np.nan),
-        diameter_px=np.full(count, np.nan),
-        image_size_px=IMAGE_PX,
-        candidates=count,
     )
     return Take(
         name=name,

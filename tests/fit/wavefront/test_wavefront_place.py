@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from drawn_lens import F_NUMBERS, LAYOUT, PLACES_MM, Seidel, Shot, photographed
+from found_marks import found_marks
 
-from lensfit.detect.observations import POINT, Observations
+from lensfit.detect.observations import Observations
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.place import placed
@@ -25,20 +26,13 @@ def seen(points_mm: np.ndarray) -> Observations:
     points = np.concatenate([points_mm, [[1.0, 1.0]]]) / PIXEL_MM
     points = points + np.asarray(IMAGE_PX) / 2
     count = len(points)
-    return Observations(
-        lattice=np.zeros((count, 2)),
-        points_px=points,
-        covariance_px2=np.tile(np.eye(2) * 1e-4, (count, 1, 1)),
-        family=np.full(count, POINT),
-        normal=np.full((count, 2), np.nan),
-        saturated=np.zeros(count, bool),
-        overlapping=np.zeros(count, bool),
+    return found_marks(
+        points,
+        IMAGE_PX,
         channel_points_px=np.stack([points, points, points + 1.0]),
         channel_covariance_px2=np.full((3, count, 2, 2), 1e-4),
         flux=np.full((count, 1), 1.0),
         diameter_px=np.append(np.full(count - 1, 9.0), np.nan),
-        image_size_px=IMAGE_PX,
-        candidates=count,
     )
 
 
