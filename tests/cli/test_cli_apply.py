@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from typer.testing import CliRunner
+from wrong_usage import unboxed
 
 from lensfit.cli.groups.library import LibraryGroup
 from lensfit.cli.main import app
@@ -105,7 +106,7 @@ def test_knobs_and_what_is_disabled_reach_the_workflow(asked):
 def test_knobs_that_do_not_exist_are_wrong_usage(asked, arguments, said):
     result = run(*arguments.split())
     assert result.exit_code == 2
-    assert said in " ".join(result.stderr.replace("│", " ").split())
+    assert said in unboxed(result.stderr)
 
 
 def test_failures_set_the_exit_code_and_json_holds_them(asked):

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from skimage.io import imread
-from typer.testing import CliRunner
+from wrong_usage import told_of_wrong_usage
 
-from lensfit.cli.main import app
 from lensfit.errors import FitError, ShootError
 from lensfit.workflow.bench.peers.fitted import Peer, simple_peers
 from lensfit.workflow.bench.wavefront import beside as module
@@ -181,7 +180,5 @@ def test_efforts_are_a_curve_and_peers_are_points(tmp_path):
 def test_wrong_words_are_told(words, says, tmp_path):
     out = tmp_path / "never"
     given = ["bench", "wavefront", "--lenses", "0", *words, "--out", str(out)]
-    done = CliRunner().invoke(app, given)
-    assert done.exit_code == 2
-    assert says in " ".join(done.output.replace("│", " ").split())
+    assert says in told_of_wrong_usage(*given)
     assert not out.exists()
