@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from lensfit.coords import Window
-from lensfit.render.blur_setup import Defocus
-from lensfit.render.kernel_bank import Channel, KernelBank, KernelNeeds
+from lensfit.render.kernel_bank import KernelBank, KernelNeeds
+from lensfit.render.plate_defocus import Defocus
+from lensfit.render.uv import Channel
 
 _TOGETHER = 96
 _RAY_ERROR = 0.01

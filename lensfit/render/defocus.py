@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float32, Int16
 
 from lensfit.coords import Window
-from lensfit.render.blur_setup import BlurSetup, Defocus
+from lensfit.render.blur_setup import BlurSetup
 from lensfit.render.blur_tiles import CELL, BlurTiles
 from lensfit.render.buffers import aligned_empty, crop
 from lensfit.render.convolve import blurred_tiles, sharp_tiles
@@ -30,6 +30,7 @@ from lensfit.render.flat_plate import FlatPlate
 from lensfit.render.highlights import Highlights
 from lensfit.render.layer_stack import LayerStack, flattened
 from lensfit.render.lights import SpreadLights
+from lensfit.render.plate_defocus import Defocus
 
 NEVER = np.iinfo(np.int16).max
 """Level of a pixel that a layer lacks."""

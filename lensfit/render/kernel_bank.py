@@ -1,10 +1,7 @@
 """The lens' own kernels for a plate: over the frame, over depth, made once and kept.
 
-Kernels stand at the nodes of a grid over the frame and, between the nodes, are mixed
-bilinearly. How fine the grid must be is measured, not assumed: along the diagonal of
-the frame the mixture of two neighbours is compared with the kernel between them, and
-the grid is refined until they agree. A lens whose kernel is one and the same has one
-node; one whose colours do not differ visibly has one kernel for three channels.
+Kernels stand at the nodes of a grid over the frame (`lensfit.render.kernel_variation`
+says how fine) and, for many levels of depth, are mixed from those of a few.
 """
 
 import math
@@ -17,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Float32
 
-from lensfit.coords import Window
 from lensfit.render.circle import Circle, Levels
 from lensfit.render.disc import diffracts, disc_kernel
+from lensfit.render.field_grid import FieldGrid
 from lensfit.render.stop_shape import StopShape
 from lensfit.render.uv import Channel, PlateGeometry
 
@@ -28,12 +25,9 @@ if TYPE_CHECKING:
 
 RGB: tuple[Channel, ...] = ("r", "g", "b")
 _LARGEST_HALF_PX = 600
-_MOST_CELLS = 30
 _LEAST_RAY_ERROR = 0.004
 _ANCHOR_STEP, _ANCHOR_GROWTH = 12.0, 2.2
 """Step (px) and growth of the anchors per relative error of a kernel."""
-_MIDWAY = 1.6
-"""Error of a mixture midway between nodes over its mean over a cell."""
 _PROBES = 8
 _TOGETHER = 12
 """Kernels that are asked for together, so that one program serves any number."""
@@ -53,40 +47,6 @@ class KernelNeeds:
 
     error: float
     lost: float
-
-
-@dataclass(frozen=True)
-class FieldGrid:
-    """Nodes over a window: `columns` by `rows` cells, one more node than cells.
-
-    No cells: one kernel for the whole window, that of its centre.
-    """
-
-    window: Window
-    columns: int
-    rows: int
-
-    @property
-    def varies(self) -> bool:
-        """Whether kernels differ from place to place of the frame."""
-        return self.columns > 0
-
-    @property
-    def cell_px(self) -> tuple[float, float]:
-        """Width and height of a cell."""
-        return (
-            self.window.width / max(self.columns, 1),
-            self.window.height / max(self.rows, 1),
-        )
-
-    def nodes_px(self) -> Float[np.ndarray, "nodes 2"]:
-        """Positions, row by row."""
-        w = self.window
-        if not self.varies:
-            return np.array([[w.x_min + w.width / 2, w.y_min + w.height / 2]])
-        x = np.linspace(w.x_min, w.x_max + 1, self.columns + 1)
-        y = np.linspace(w.y_min, w.y_max + 1, self.rows + 1)
-        return np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
 
 
 @dataclass(eq=False)
@@ -291,75 +251,6 @@ def trimmed(
     keep = int(np.searchsorted(inside, (1 - lost) * inside[-1]))
     cut = kernels[..., half - keep : half + keep + 1, half - keep : half + keep + 1]
     return cut / cut.sum((-2, -1), keepdims=True)
-
-
-def mixing_error(bank: KernelBank, window: Window, level: float, cells: int) -> float:
-    """Relative error, rms along the diagonal, of the mixture of two neighbours."""
-    low, high = np.array(window[:2], float), np.array(window[2:], float) + 1
-    t = np.linspace(0.0, 1.0, 2 * cells + 1)[:, None]
-    found = bank.at(low + t * (high - low), level, ("g",))[:, 0]
-    exact, between = found[1::2], (found[:-1:2] + found[2::2]) / 2
-    away = np.linalg.norm(exact - between, axis=(1, 2))
-    error = away / np.linalg.norm(exact, axis=(1, 2))
-    seen = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(seen**2))) if seen.size else 0.0
-
-
-def field_grid(bank: KernelBank, window: Window, levels: list[int]) -> FieldGrid:
-    """The coarsest grid whose mixtures are good enough at all these levels.
-
-    Parameters
-    ----------
-    levels : At least the two extremes that occur.
-    """
-    ends = sorted({min(levels), max(levels), min(levels, key=abs)})
-    centre = FieldGrid(window, 0, 0)
-    if bank.is_scaled or all(
-        _field_change(bank, window, n) <= bank.needs.error for n in ends
-    ):
-        return centre
-    cells = 2
-    while cells < _MOST_CELLS:
-        if all(
-            mixing_error(bank, window, n, cells) <= _MIDWAY * bank.needs.error
-            for n in ends
-        ):
-            break
-        cells = math.ceil(1.5 * cells)
-    # Cells along the diagonal, spread over two sides.
-    diagonal = math.hypot(window.width, window.height)
-    return FieldGrid(
-        window,
-        max(1, math.ceil(cells * window.width / diagonal)),
-        max(1, math.ceil(cells * window.height / diagonal)),
-    )
-
-
-def colours_differ(bank: KernelBank, window: Window, levels: list[int]) -> bool:
-    """Whether red's or blue's kernel differs visibly from green's anywhere."""
-    if bank.is_grey:
-        return False
-    points = _cross(window)
-    for n in {min(levels), max(levels), min(levels, key=abs)}:
-        found = bank.at(points, n, RGB)
-        away = np.linalg.norm(found - found[:, 1:2], axis=(-2, -1))
-        change = away / np.linalg.norm(found[:, 1:2], axis=(-2, -1))
-        if np.nanmax(change, initial=0.0) > bank.needs.error:
-            return True
-    return False
-
-
-def _field_change(bank: KernelBank, window: Window, level: int) -> float:
-    """Largest relative difference between the centre's kernel and others."""
-    found = bank.at(_cross(window), level, ("g",))[:, 0]
-    away = np.linalg.norm(found - found[:1], axis=(1, 2))
-    return float(np.nanmax(away / np.linalg.norm(found[0]), initial=0.0))
-
-
-def _cross(window: Window) -> np.ndarray:
-    """Centre, two corners, the middles of two sides."""
-    t = np.array([[0.5, 0.5], [1, 1], [0, 0], [1, 0.5], [0.5, 0]])
-    return np.array(window[:2]) + t * [window.width, window.height]
 
 
 def _widened(kernels: np.ndarray, size: int) -> np.ndarray:

@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.coords import Window
-from lensfit.render.blur_setup import BlurSetup, Defocus
+from lensfit.render.blur_setup import BlurSetup
 from lensfit.render.defocus import levels_in
 from lensfit.render.edges import outline
 from lensfit.render.layer_stack import LayerStack
 from lensfit.render.look.price import prices
+from lensfit.render.plate_defocus import Defocus
 from lensfit.render.stages import Budget, Stages
 
 _PER_PX = 0.1

@@ -15,10 +15,10 @@ from jaxtyping import Float32
 from lensfit.batches import in_batches
 from lensfit.coords import Window
 from lensfit.preset.look_knobs import LookKnobs
-from lensfit.render.blur_setup import Defocus
 from lensfit.render.falloff import illumination_gain
 from lensfit.render.look.stack import Look, look_of
 from lensfit.render.look.white_balance import Chromaticities
+from lensfit.render.plate_defocus import Defocus
 from lensfit.render.smooth import PointFunction
 from lensfit.render.uv import (
     Channel,

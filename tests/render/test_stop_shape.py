@@ -5,7 +5,7 @@ import pytest
 from ideal_lens import disc
 from test_turned_frame import FRAME, lens_of
 
-from lensfit.render.blur_setup import Defocus
+from lensfit.render.plate_defocus import Defocus
 from lensfit.render.stop_shape import StopShape
 from lensfit.render.uv import PlateGeometry
 

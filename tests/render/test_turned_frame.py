@@ -8,10 +8,10 @@ from ideal_lens import FOCUS_MM, HEIGHT, WIDTH, depth_of, depth_plane, noise
 from lensfit.coords import Window
 from lensfit.preset.knobs import NEUTRAL, turned
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
-from lensfit.render.blur_setup import Defocus
 from lensfit.render.circle import Circle
 from lensfit.render.defocus import levels_in
 from lensfit.render.frame import render
+from lensfit.render.plate_defocus import Defocus
 from lensfit.render.uv import PlateGeometry
 
 MIDDLE = np.s_[HEIGHT // 2, WIDTH // 2]

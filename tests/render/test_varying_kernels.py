@@ -10,10 +10,10 @@ from radial_lens import IdentityLens
 from lensfit.coords import Window
 from lensfit.errors import LensfitError
 from lensfit.lens import Lens
-from lensfit.render.blur_setup import Defocus
 from lensfit.render.brute import exact_block
 from lensfit.render.frame import render
 from lensfit.render.kernel_bank import RGB
+from lensfit.render.plate_defocus import Defocus
 from lensfit.render.uv import PlateGeometry
 
 WIDTH, HEIGHT = 180, 120
@@ -133,7 +133,7 @@ def test_a_plan_makes_few_kernels():
 
 def test_blur_too_wide_to_convolve_is_refused(monkeypatch):
     defocus = defocus_of(SwellingLens())
-    monkeypatch.setattr("lensfit.render.blur_setup._TILES", ((1, 64), (2, 128)))
+    monkeypatch.setattr("lensfit.render.tile_sides._TILES", ((1, 64), (2, 128)))
     for asked in (defocus.setup, defocus.probe):
         with pytest.raises(LensfitError, match=r"blur reaches [\d.]+ px, and 2 px is"):
             asked(FRAME, {12: 12.0})
