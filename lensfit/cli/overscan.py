@@ -82,11 +82,8 @@ def overscan(
     """
     from lensfit.preset.knobs import turned
     from lensfit.workflow.camera.sources import StateOverrides
-    from lensfit.workflow.overscan_plan import (
-        OverscanQuestion,
-        overscan_of_plate,
-        plan_overscan,
-    )
+    from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
+    from lensfit.workflow.plate_overscan import overscan_of_plate
 
     frame = size_px(size)
     focal = _span(focal_length_mm, "--focal-length-mm")

@@ -31,8 +31,10 @@ from lensfit.workflow.calibration.entries import (
     provenance_of,
     with_quality,
 )
-from lensfit.workflow.calibration.lens_facts import entry_facts, take_facts, terms_of
+from lensfit.workflow.calibration.entry_facts import entry_facts
 from lensfit.workflow.calibration.observe import Observed, observe_shoot
+from lensfit.workflow.calibration.take_facts import take_facts
+from lensfit.workflow.calibration.term_facts import terms_of
 from lensfit.workflow.pictures.blur_pictures import write_dot_pictures
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
 from lensfit.workflow.report.write import write_report

@@ -18,8 +18,9 @@ from lensfit.preset.lens_of_entry import distortion_block
 from lensfit.preset.predicted_fall_off import with_predicted_fall_off
 from lensfit.preset.schema import Camera, Preset, Provenance, SourceImage
 from lensfit.workflow.calibration.blur_uncertainty import known_blur_of
-from lensfit.workflow.calibration.lens_facts import errors_of, terms_of
 from lensfit.workflow.calibration.observe import Observed
+from lensfit.workflow.calibration.take_facts import errors_of
+from lensfit.workflow.calibration.term_facts import terms_of
 from lensfit.workflow.shoot.records import Shoot
 
 _LIBRARIES = ("jax", "optimistix", "equinox", "numpy", "opencv-contrib-python-headless")
@@ -102,7 +103,7 @@ def with_quality(preset: Preset, facts: list[dict[str, Any]]) -> Preset:
 
     Parameters
     ----------
-    facts : As `lens_facts.entry_facts`, in the order of the entries.
+    facts : As `entry_facts`, in the order of the entries.
     """
 
     def one(entry: Entry, found: dict[str, Any]) -> Entry:

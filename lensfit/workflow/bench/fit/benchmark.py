@@ -45,8 +45,9 @@ from lensfit.workflow.bench.sets import (
 )
 from lensfit.workflow.bench.start import START_SET, start_rows
 from lensfit.workflow.calibration.entries import camera_of
-from lensfit.workflow.calibration.lens_facts import entry_facts, errors_of
+from lensfit.workflow.calibration.entry_facts import entry_facts
 from lensfit.workflow.calibration.observe import observe_shoot
+from lensfit.workflow.calibration.take_facts import errors_of
 
 _RUNS = 3
 

@@ -1,0 +1,79 @@
+"""Terms of a fitted state for the report: kept or left, value, deviation, reason.
+
+Everything is plain numbers, ready for JSON.
+"""
+
+from typing import Any
+
+from lensfit.fit.lens_state import LensState
+from lensfit.fit.select import Verdict
+from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.workflow.calibration.blur_facts import blur_terms
+from lensfit.workflow.plain_numbers import plain_distance
+
+
+def terms_of(
+    state: LensState, wavefront: WavefrontFit | None = None
+) -> list[dict[str, Any]]:
+    """Every term: kept or left, value, standard deviation, reason.
+
+    Parameters
+    ----------
+    wavefront : Of its focal length.
+    """
+    adjustment = state.geometry.adjustment
+    terms = [_principal_distance(state)]
+    for verdict in _outermost(state.geometry.verdicts):
+        value, sd = None, None
+        where = adjustment.layout.blocks.get(verdict.family)
+        if verdict.kept and where is not None:
+            value = adjustment.parameters[where].tolist()
+            sd = state.uncertainty.deviation(verdict.family).tolist()
+        terms.append(
+            {
+                "name": verdict.name,
+                "kept": verdict.kept,
+                "value": value,
+                "standard_deviation": sd,
+                "unit": "",
+                "reason": verdict.reason,
+            }
+        )
+    state_of = {
+        "focal_length_mm": state.focal_length_mm,
+        "focus_distance_mm": plain_distance(state.focus_distance_mm),
+    }
+    terms = [term | state_of for term in terms]
+    if wavefront is not None:
+        shared = {"focal_length_mm": state.focal_length_mm}
+        terms += [term | shared for term in blur_terms(wavefront)]
+    return terms
+
+
+def _principal_distance(state: LensState) -> dict[str, Any]:
+    """The term that only views from several sides see."""
+    distance_mm = float(state.distortion.principal_distance_mm)
+    deviation_mm = float(state.uncertainty.deviation("focal_length")[0]) * distance_mm
+    free = state.geometry.focal_length_free
+    return {
+        "name": "principal_distance",
+        "kept": free,
+        "value": distance_mm,
+        "standard_deviation": deviation_mm if free else None,
+        "unit": "mm",
+        "reason": "the views tilt enough to determine it"
+        if free
+        else "stated: frontal views of a flat target do not determine it",
+    }
+
+
+def _outermost(verdicts: tuple[Verdict, ...]) -> list[Verdict]:
+    """Of every family the largest step that was kept, and the first that was left."""
+    families: dict[str, list[Verdict]] = {}
+    for verdict in verdicts:
+        families.setdefault(verdict.family, []).append(verdict)
+    chosen = []
+    for steps in families.values():
+        kept = [v for v in steps if v.kept]
+        chosen += kept[-1:] + [v for v in steps if not v.kept][:1]
+    return chosen

@@ -1,0 +1,103 @@
+"""The overscan that a plate was given, and the question of what it needs.
+
+Both are read from its own header, as `apply` reads its camera.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from lensfit.preset.schema import Preset
+from lensfit.render.overscan import Margins
+from lensfit.render.stages import Switches
+from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.camera.plate_state import BLUR
+from lensfit.workflow.camera.sources import StateOverrides
+from lensfit.workflow.camera.spelling import SPELT
+from lensfit.workflow.frame.plate_lens import PlateLens
+from lensfit.workflow.overscan_plan import OverscanQuestion
+from lensfit.workflow.plate.header import plate_header
+
+
+@dataclass(frozen=True)
+class PlateOverscan:
+    """What a plate has beyond its frame.
+
+    Attributes
+    ----------
+    question : What it needs, at its own camera state.
+    margins : Pixels that its data window has beyond its display window.
+    stated_percent : `lens/overscan` of its header; None if it states none.
+    notes : What was assumed of its camera state.
+    """
+
+    question: OverscanQuestion
+    margins: Margins
+    stated_percent: float | None
+    notes: tuple[str, ...]
+
+    def suffices(self, needed: Margins) -> bool:
+        """Whether the plate holds every pixel that is read."""
+        return all(a >= b for a, b in zip(self.margins[:4], needed[:4], strict=True))
+
+
+def overscan_of_plate(
+    preset: Preset,
+    path: Path,
+    overrides: StateOverrides | None = None,
+    knobs: Mapping[str, object] | None = None,
+) -> PlateOverscan:
+    """The question that a plate's own header asks, and the overscan it was given.
+
+    Parameters
+    ----------
+    overrides : Camera state that counts in place of the header's.
+    knobs : What the user turned, by name.
+
+    Raises
+    ------
+    ImageError : The plate cannot be read, or nobody states what the preset needs; or
+        the f-number was overridden and nobody states a focus distance.
+    """
+    overrides = overrides or StateOverrides()
+    image = plate_header(path)
+    part = image.parts[0]
+    frame, data = part.display_window, part.data_window
+    # Fall-off and its f-number read no pixel.
+    options = ApplyOptions(
+        overrides=overrides, switches=Switches(falloff=False), knobs=knobs or {}
+    )
+    lens = PlateLens(preset, options)
+    state = lens.noted_state(image, path)
+    focal, f_number, focus = state.lens_key
+    if overrides.f_number is not None:
+        state.require("focus_distance_mm", use="depth of field")
+    elif lacking := [SPELT[name] for name in BLUR if name not in state.camera.known]:
+        lens.notes.add(
+            f"{path.name}: no {' and no '.join(lacking)} is known, so what depth of "
+            "field reads is not counted (--f-number, --focus-distance-mm)"
+        )
+        f_number = None
+    size = frame.width, frame.height
+    question = OverscanQuestion(
+        size,
+        state.sensor_width_mm,
+        None if focal is None else (focal, focal),
+        None if focus is None else (focus, focus),
+        f_number,
+        knobs=state.knobs,
+    )
+    beyond = Margins(
+        max(0, frame.x_min - data.x_min),
+        max(0, frame.y_min - data.y_min),
+        max(0, data.x_max - frame.x_max),
+        max(0, data.y_max - frame.y_max),
+    )
+    stated = state.camera.number("overscan_percent")
+    notes = list(lens.notes.said)
+    if stated and not any(beyond[:4]):
+        notes.append(
+            f"the header states {stated:g} % overscan, but no pixel lies beyond the "
+            "display window: the whole picture is taken as the frame"
+        )
+    return PlateOverscan(question, beyond, stated, tuple(notes))
