@@ -8,33 +8,13 @@ import hashlib
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
 
-import msgspec
 import numpy as np
 
 from lensfit.errors import ExchangeError
-from lensfit.fit.exchange.preset_light import fit_channel_shift, fit_fall_off
-from lensfit.fit.exchange.preset_map import (
-    OnAxis,
-    box_of,
-    fit_distortion,
-    on_axis,
-    unfitted,
-)
-from lensfit.fit.exchange.samples import (
-    JUDGE_COUNT,
-    ExchangeFrame,
-    LensMap,
-    Residual,
-    Samples,
-    residual_from,
-)
-from lensfit.optics.distortion import Distortion
-from lensfit.preset import blocks
-from lensfit.preset.entry import Entry, Quality, Term
-from lensfit.preset.exchange.foreign import ForeignLens, ForeignState, Stated
-from lensfit.preset.lens_of_entry import distortion_block, lens_of_entry
+from lensfit.fit.exchange.preset_map import OnAxis, box_of
+from lensfit.fit.exchange.samples import ExchangeFrame
+from lensfit.preset.exchange.foreign import ForeignLens, Stated
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance, SourceImage
 from lensfit.progress import Progress, silent
 from lensfit.workflow.exchange.foreign_file import read_foreign
@@ -42,10 +22,13 @@ from lensfit.workflow.exchange.import_judgement import (
     refuse_failed_fit,
     visible_notes,
 )
+from lensfit.workflow.exchange.imported_entry import (
+    SeenState,
+    StateFit,
+    entry_of_state,
+)
 
 _OVERSCAN_PERCENT = 10.0
-_INSIDE_PERCENT = -2.0
-"""A UV map may end with the last pixel centre that it can look up."""
 _NOTICED = 1e-5
 _SENSOR_MM = (0.05, 5000.0)
 _FOCAL_MM = (0.01, 1e5)
@@ -54,15 +37,6 @@ _UNKNOWN = (
     "the file knows no uncertainty and no blur: the preset holds none, and its depth "
     "of field is that of a perfect lens"
 )
-
-
-class StateFit(NamedTuple):
-    """How near one entry is to the file."""
-
-    state: str
-    distortion: Residual
-    colour: Residual | None
-    worst_light: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +88,7 @@ def preset_of_foreign(
     frame = ExchangeFrame(lens.size_px, lens.sensor_size_mm[0], _OVERSCAN_PERCENT)
     _check(lens, path)
     try:
-        seen = [_Seen.of(state, frame) for state in lens.states]
+        seen = [SeenState.of(state, frame) for state in lens.states]
     except ExchangeError as error:
         raise ExchangeError(error.what, where=path, remedy=error.remedy) from error
     boxes = np.stack([box_of(s.fit, s.axis.principal_point_mm) for s in seen])
@@ -122,7 +96,7 @@ def preset_of_foreign(
     box = np.stack([boxes[:, 0].min(0), boxes[:, 1].max(0)])
     progress("fit", 0, len(seen))
     for one in seen:
-        entry, fit = _entry(one, lens, camera, box)
+        entry, fit = entry_of_state(one, lens, camera, box)
         refuse_failed_fit(fit.state, fit.distortion, one.without_distortion(), path)
         entries.append(entry)
         fits.append(fit)
@@ -162,40 +136,6 @@ def _check(lens: ForeignLens, path: Path) -> None:
             )
 
 
-class _Seen(NamedTuple):
-    """A state over the frame, and its overscan where the file knows that."""
-
-    state: ForeignState
-    axis: OnAxis
-    frame: ExchangeFrame
-    fit: Samples
-    judge: Samples
-
-    @classmethod
-    def of(cls, state: ForeignState, frame: ExchangeFrame) -> "_Seen":
-        axis = on_axis(state.map, state.principal_point_mm, frame.radius_mm)
-        failure = None
-        for overscan in (frame.overscan_percent, 0.0, _INSIDE_PERCENT):
-            own = ExchangeFrame(frame.size_px, frame.sensor_width_mm, overscan)
-            try:
-                pair = Samples.of(axis, own), Samples.of(axis, own, JUDGE_COUNT)
-                return cls(state, axis, own, *pair)
-            except ExchangeError as error:
-                failure = error
-        assert failure is not None
-        raise failure
-
-    @property
-    def principal_distance_mm(self) -> float:
-        """Of lensfit's undistorted picture."""
-        return self.state.principal_distance_mm / self.axis.magnification
-
-    def without_distortion(self) -> Residual:
-        """How far a lens that has but the squeeze on the axis is off."""
-        point = self.axis.principal_point_mm
-        return unfitted(self.judge, self.principal_distance_mm, point)
-
-
 def _provenance(lens: ForeignLens, path: Path) -> Provenance:
     from lensfit import __version__
 
@@ -206,81 +146,6 @@ def _provenance(lens: ForeignLens, path: Path) -> Provenance:
         versions={},
         images=(SourceImage(path.name, digest, f"imported from {lens.source}"),),
     )
-
-
-def _entry(
-    seen: _Seen, lens: ForeignLens, camera: Camera, box: np.ndarray
-) -> tuple[Entry, StateFit]:
-    state, axis, frame, fit, judge = seen
-    distance = seen.principal_distance_mm
-    found = fit_distortion(fit, distance, axis.principal_point_mm, box)
-    pupil = state.entrance_pupil_offset_mm
-    assumed = list(state.assumed)
-    if pupil is None:
-        assumed.append("entrance_pupil_offset_mm")
-    colour, colour_off = _colour(state, found, judge)
-    lights = [
-        fit_fall_off(f.illumination, f.f_number, axis.principal_point_mm, frame)
-        for f in state.fall_off
-    ]
-    entry = Entry(
-        focal_length_mm=state.focal_length_mm,
-        focus_distance_mm=state.focus_distance_mm,
-        projection=blocks.Projection(
-            distance,
-            axis.principal_point_mm,
-            distance if pupil is None else pupil,
-            assumed=tuple(assumed),
-        ),
-        distortion=distortion_block(found),
-        lateral_colour=colour,
-        fall_off=tuple(light for light, _ in lights),
-        terms=(_term(lens),),
-        covariance=None,
-        quality=_quality(0.0),
-    )
-    made = LensMap(lens_of_entry(entry, camera))
-    off = np.linalg.norm(
-        made.distorted(judge.undistorted_mm) - judge.distorted_mm, axis=-1
-    )
-    residual = residual_from(off / frame.pitch_mm)
-    entry = msgspec.structs.replace(entry, quality=_quality(residual.rms_px))
-    worst_light = max((worst for _, worst in lights), default=None)
-    fitted = StateFit(str(entry), residual, colour_off, worst_light)
-    return entry, fitted
-
-
-def _colour(
-    state: ForeignState, found: Distortion, judge: Samples
-) -> tuple[blocks.LateralColour | None, Residual | None]:
-    """Red and blue over the points where green lands, as far as they are known."""
-    if not state.channels:
-        return None, None
-    shifts, worst = {}, Residual(0.0, 0.0)
-    for channel in ("r", "b"):
-        landed = state.channels[channel](judge.distorted_mm)
-        known = np.isfinite(landed).all(-1)
-        shifts[channel], residual = fit_channel_shift(
-            judge.distorted_mm[known], landed[known], found, judge.frame
-        )
-        worst = max(worst, residual, key=lambda r: r.worst_px)
-    return blocks.LateralColour(shifts["r"], shifts["b"]), worst
-
-
-def _term(lens: ForeignLens) -> Term:
-    return Term(
-        name="distortion",
-        kept=True,
-        value=None,
-        standard_deviation=None,
-        unit="",
-        reason=f"imported from {lens.source}, not measured here",
-    )
-
-
-def _quality(rms_px: float) -> Quality:
-    """Of a lens that no photograph was fitted to: nothing held out, no points."""
-    return Quality(rms_px, None, 0, 0, 0)
 
 
 def _notes(axis: OnAxis, frame: ExchangeFrame) -> list[str]:
