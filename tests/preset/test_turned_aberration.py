@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from turned_lenses import (
     CORNER_MM,
+    FOCAL_TERMS,
     TERMS,
     disc_points,
     focal_surfaces_um,
@@ -17,18 +18,9 @@ from turned_lenses import (
 )
 
 from lensfit.optics.spectrum import chromatic_coordinate
-from lensfit.preset.blur_blocks import AberrationTerm
 
 H = (0.6, 0.35)
 U = disc_points(5, 9)
-FOCAL_TERMS = (
-    AberrationTerm(2, 0, 0, 0, "re", 2.0, (3.0, -1.0)),
-    AberrationTerm(2, 0, 2, 0, "re", 9.0, (1.5,)),
-    AberrationTerm(2, 0, 4, 0, "re", -4.0),
-    AberrationTerm(2, 2, 2, 2, "re", 6.0, (0.5,)),
-    AberrationTerm(2, 2, 4, 2, "re", -3.0),
-    AberrationTerm(2, 2, 6, 2, "re", 1.0),
-)
 FOCAL = measured_preset(*FOCAL_TERMS)
 RADII = (0.2, 0.55, 0.9, 1.0)
 SPOTS = (

@@ -17,13 +17,16 @@ from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 
 CORNER_MM = float(np.hypot(24.89, 18.6675)) / 2
 FOCUS_MM = 2000.0
-TERMS = (
+FOCAL_TERMS = (
     AberrationTerm(2, 0, 0, 0, "re", 2.0, (3.0, -1.0)),
     AberrationTerm(2, 0, 2, 0, "re", 9.0, (1.5,)),
     AberrationTerm(2, 0, 4, 0, "re", -4.0),
     AberrationTerm(2, 2, 2, 2, "re", 6.0, (0.5,)),
     AberrationTerm(2, 2, 4, 2, "re", -3.0),
     AberrationTerm(2, 2, 6, 2, "re", 1.0),
+)
+TERMS = (
+    *FOCAL_TERMS,
     AberrationTerm(3, 1, 1, 1, "re", -4.0, (0.7,)),
     AberrationTerm(3, 1, 3, 1, "re", 1.5),
     AberrationTerm(5, 1, 1, 1, "re", 0.5),

@@ -74,9 +74,8 @@ class KernelSheet:
 
 def kernel_sheets(report: dict, preset_path: Path) -> list[KernelSheet]:
     """Sheets of the states in a report's blur; none when the preset cannot say."""
-    camera = report.get("camera") or {}
-    across, width_mm = camera.get("image_width_px"), camera.get("sensor_width_mm")
-    if not report.get("blur") or not across or not width_mm:
+    pixel_mm = pixel_of_blur_mm(report)
+    if pixel_mm is None:
         return []
     try:
         preset = load_preset(preset_path)
@@ -84,10 +83,16 @@ def kernel_sheets(report: dict, preset_path: Path) -> list[KernelSheet]:
         lenses = lenses_at(preset, states)
     except LensfitError:
         return []
-    pixel_mm = width_mm / across
     # Each is many small programs, one after the other, which leave other cores idle.
     with ThreadPoolExecutor(_THREADS) as pool:
         return list(pool.map(_sheet, lenses, states, [pixel_mm] * len(states)))
+
+
+def pixel_of_blur_mm(report: dict) -> float | None:
+    """Pitch of the pixels, where a report tells it and of blur; None elsewhere."""
+    camera = report.get("camera") or {}
+    across, width_mm = camera.get("image_width_px"), camera.get("sensor_width_mm")
+    return width_mm / across if report.get("blur") and across and width_mm else None
 
 
 def lenses_at(preset: Preset, states: list[KernelState]) -> list[Lens]:

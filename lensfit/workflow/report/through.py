@@ -24,6 +24,7 @@ from lensfit.workflow.report.kernels import (
     kernel_states,
     kernels_at,
     lenses_at,
+    pixel_of_blur_mm,
     reach_share,
     tiles_of,
 )
@@ -75,14 +76,13 @@ class _Plan(NamedTuple):
 
 def through_sheets(report: dict, preset_path: Path) -> list[ThroughSheet]:
     """One sheet for each focal length whose blur was measured; none without preset."""
-    camera = report.get("camera") or {}
-    across, width_mm = camera.get("image_width_px"), camera.get("sensor_width_mm")
-    if not report.get("blur") or not across or not width_mm:
+    pixel_mm = pixel_of_blur_mm(report)
+    if pixel_mm is None:
         return []
     try:
         preset = load_preset(preset_path)
         states = kernel_states(report, preset)
-        return _sheets(preset, states, width_mm / across)
+        return _sheets(preset, states, pixel_mm)
     except LensfitError:
         return []
 
