@@ -4,7 +4,6 @@ Photographs are read and searched on two threads; a photograph that cannot be us
 set aside with its reason while the others go on.
 """
 
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -31,6 +30,7 @@ from lensfit.workflow.shoot.charts_seen import pattern_of_target
 from lensfit.workflow.shoot.records import Shoot
 from lensfit.workflow.shoot.records import Take as ShootTake
 from lensfit.workflow.shoot.resolve import ResolvedTake, resolve_take
+from lensfit.workflow.stopwatch import stopwatch
 
 _THREADS = 2
 
@@ -147,9 +147,9 @@ def _searched(
 
 @contextmanager
 def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
-    began = time.perf_counter()
-    yield
-    seconds[stage] = time.perf_counter() - began
+    with stopwatch() as spent:
+        yield
+    seconds[stage] = spent["seconds"]
 
 
 def _take_for_fit(
