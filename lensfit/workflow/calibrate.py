@@ -108,7 +108,7 @@ def calibrate_observed(
     ----------
     shoot : Its charts read, as `with_charts_read` does it.
     observed : By `observe_shoot`, into the same folder.
-    seen_in_s : What reading and searching the photographs took, for the whole.
+    seen_in_s : Seconds that finding them took, which count in the whole.
 
     Raises
     ------
