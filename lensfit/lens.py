@@ -7,7 +7,6 @@ Distances to the scene count from the sensor plane, as on the barrel.
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,40 +17,19 @@ from lensfit.errors import LensfitError
 from lensfit.kernel.lens_blur import LensBlur, perfect_blur
 from lensfit.kernel.lens_psf import Points, Raster, lens_psfs
 from lensfit.kernel.psf_deviation import KnownPsfs, MovedBlurs, known_psfs
-from lensfit.optics.distortion import Distortion
-from lensfit.optics.lateral import ChannelShift, LateralColour, no_lateral_colour
-from lensfit.optics.many_points import (
-    displaced,
-    displaced_back,
-    distort,
-    illuminate,
-    project,
-    undistort,
-)
-from lensfit.optics.pupil_walk import PupilWalk
+from lensfit.optics.chief_rays import Channel as Channel
+from lensfit.optics.chief_rays import ChiefRays, channel_index, points_of
+from lensfit.optics.lateral import no_lateral_colour
 
-Channel = Literal["r", "g", "b"]
 TOLERANCE = 0.01
 """Relative error of a point-spread function, when nobody says."""
 
 
-class Illumination(eqx.Module):
-    """Fall-off of the three channels at one f-number; see `lensfit.optics.falloff`."""
-
-    control: Float[Array, "3 terms"]
-    valid_radius_mm: Float[Array, ""]
-
-
-class Lens(eqx.Module):
-    """A calibrated lens at one state.
+class Lens(ChiefRays):
+    """A calibrated lens at one state: chief rays and fall-off, and the blur.
 
     Attributes
     ----------
-    distortion : Chief-ray map of the green channel.
-    lateral_colour : Displacement of red and of blue, or None when there is none.
-    illumination : Fall-off, or None when it was not measured (then it is 1).
-    entrance_pupil_offset_mm : Centre of projection in front of the sensor plane.
-    sensor_size_mm : Width and height of the calibrated sensor area.
     focal_length_mm, f_number, focus_distance_mm : The state; None where unknown.
     notes : How the preset was stretched to reach this state, and which knobs found
         nothing to turn; one sentence each.
@@ -59,16 +37,10 @@ class Lens(eqx.Module):
         counts as perfect).
     moved_blurs : Makes the blur as moved by each independent error it may have
         (`lensfit.kernel.psf_deviation`); None when nobody knows these.
-    pupil_walk : How the entrance pupil moves with field angle; None where nobody knows.
     largest_blur_mm : No object counts as farther out of focus than a thin lens blurs to
         this radius; None for no limit.
     """
 
-    distortion: Distortion
-    lateral_colour: LateralColour
-    illumination: Illumination | None
-    entrance_pupil_offset_mm: Float[Array, ""]
-    sensor_size_mm: tuple[float, float] = eqx.field(static=True)
     focal_length_mm: float = eqx.field(static=True)
     f_number: float | None = eqx.field(static=True, default=None)
     focus_distance_mm: float | None = eqx.field(static=True, default=None)
@@ -76,65 +48,6 @@ class Lens(eqx.Module):
     blur: LensBlur | None = None
     moved_blurs: Callable[[], MovedBlurs] | None = eqx.field(static=True, default=None)
     largest_blur_mm: float | None = eqx.field(static=True, default=None)
-    pupil_walk: PupilWalk | None = None
-
-    @property
-    def has_lateral_colour(self) -> bool:
-        """Whether red or blue land elsewhere than green."""
-        return self.lateral_colour is not None
-
-    def project(
-        self, object_points_mm: Float[ArrayLike, "points 3"], channel: Channel = "g"
-    ) -> Float[Array, "points 2"]:
-        """Sensor mm where the chief rays of object points land.
-
-        Parameters
-        ----------
-        object_points_mm : x right, y down, z distance from the sensor plane.
-        channel : "r", "g" or "b".
-
-        Raises
-        ------
-        ValueError : Unknown channel, or points of the wrong shape.
-        """
-        points = _points(object_points_mm, 3)
-        pupil = self.entrance_pupil_offset_mm
-        landed = project(points, pupil, self.distortion, self.pupil_walk)
-        return displaced(landed, self.distortion, _shift_of(self, channel))
-
-    def distorted_from_undistorted(
-        self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
-    ) -> Float[Array, "points 2"]:
-        """Where points of the undistorted picture land on the photograph."""
-        points = _points(points_mm, 2)
-        landed = distort(points, self.distortion)
-        return displaced(landed, self.distortion, _shift_of(self, channel))
-
-    def undistorted_from_distorted(
-        self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
-    ) -> Float[Array, "points 2"]:
-        """Inverse of `distorted_from_undistorted`, to rounding.
-
-        NaN where no undistorted point exists (90 degrees off axis and beyond).
-        """
-        points = _points(points_mm, 2)
-        green = displaced_back(points, self.distortion, _shift_of(self, channel))
-        return undistort(green, self.distortion)
-
-    def relative_illumination(
-        self, points_mm: Float[ArrayLike, "points 2"], channel: Channel = "g"
-    ) -> Float[Array, " points"]:
-        """Brightness at points of the photograph, in (0, 1], 1 on the axis."""
-        points = _points(points_mm, 2)
-        index = _channel_index(channel)
-        if self.illumination is None:
-            return jnp.ones(points.shape[0])
-        return illuminate(
-            points,
-            self.distortion.principal_point_mm,
-            self.illumination.valid_radius_mm,
-            self.illumination.control[index],
-        )
 
     def psf(
         self,
@@ -223,7 +136,7 @@ class Lens(eqx.Module):
         """How well each pixel of `psf` is known: one standard deviation, in its unit.
 
         What the photographs left open about the blur, carried on to first order. Where
-        the light lands (distortion, lateral colour) is not in it.
+        the light lands is not in it; see `position_standard_deviation_mm`.
 
         Parameters
         ----------
@@ -284,7 +197,7 @@ class Lens(eqx.Module):
         ------
         LensfitError : An object is too near for a sharp image.
         """
-        points = _points(image_points_mm, 2)
+        points = points_of(image_points_mm, 2)
         distances = np.broadcast_to(
             np.asarray(object_distance_mm, float), points.shape[:1]
         )
@@ -296,7 +209,7 @@ class Lens(eqx.Module):
                 f"an object {nearest:g} mm from the sensor has no sharp image",
                 remedy=f"keep object distances above {blur.nearest_mm:.4g} mm",
             )
-        indices = [_channel_index(channel) for channel in channels]
+        indices = [channel_index(channel) for channel in channels]
         return (
             jnp.repeat(points, len(indices), 0),
             jnp.asarray(np.repeat(distances, len(indices))),
@@ -356,13 +269,6 @@ class Lens(eqx.Module):
             return np.where(held == vergence, distances_mm, 1 / held + offset_mm)
 
 
-def _points(points: ArrayLike, columns: int) -> Array:
-    array = jnp.asarray(points, jnp.float64)
-    if array.ndim != 2 or array.shape[1] != columns:
-        raise ValueError(f"points have shape {array.shape}, expected (n, {columns})")
-    return array
-
-
 def _raster(
     pixel_pitch_mm: float | tuple[float, float], tolerance: float, size_px: int
 ) -> Raster:
@@ -370,16 +276,3 @@ def _raster(
         raise ValueError(f"size_px = {size_px} is no size of an array")
     pitch = np.broadcast_to(np.asarray(pixel_pitch_mm, float), (2,))
     return Raster(jnp.asarray(pitch), jnp.asarray(tolerance, jnp.float64), size_px)
-
-
-def _channel_index(channel: str) -> int:
-    if channel not in ("r", "g", "b"):
-        raise ValueError(f"channel {channel!r} is none of 'r', 'g', 'b'")
-    return "rgb".index(channel)
-
-
-def _shift_of(lens: Lens, channel: str) -> ChannelShift | None:
-    index = _channel_index(channel)
-    if lens.lateral_colour is None or index == 1:
-        return None
-    return lens.lateral_colour[index // 2]

@@ -2,9 +2,8 @@
 
 The covariance is the inverse of the normal equations at the solution, scaled by the
 chi-squared that was reached, with the priors that hold what the photographs do not
-see. A prediction moves with the parameters; the part of the move that a different pose
-of the camera would undo (a homography of the undistorted picture) is no error of the
-lens and is taken out before the variance is stated.
+see. What it says of chief rays, apart from what another pose of the camera would undo,
+is told in `lensfit.optics.position_deviation`.
 
 Marks that were moved from centroids to chief rays share the errors of the wavefront
 that moved them: each of its independent errors moves all marks, the solution follows,
@@ -12,32 +11,35 @@ and what it does so is added.
 
 It covers noise and what is not known of the blur, not a wrong model of distortion: for
 that there is the held-out error.
-
-Reference: the argument follows mrcal's documentation of projection uncertainty.
 """
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float, Int
 
-from lensfit.batches import in_batches
 from lensfit.fit.adjust import Adjustment, equations_at
 from lensfit.fit.evidence import halves_of
-from lensfit.fit.geometry import Frame, distortion_of
+from lensfit.fit.geometry import NAMED, distortion_of
 from lensfit.fit.parameters import Layout
 from lensfit.fit.take import Take
 from lensfit.fit.views import residuals_of
-from lensfit.optics.distortion import distorted_from_undistorted
+from lensfit.optics import position_deviation as optics
 
-_BATCH = 1024
 _GREEN = 1
 _LEAST_MOVE = 1e-3
 """Of the largest: smaller ones are lost beside the noise of any mark."""
+_LANDING = (
+    "focal_length",
+    "principal_point",
+    "radial",
+    "squeeze",
+    *NAMED,
+    "free_field",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,53 +143,20 @@ def position_deviations_mm(
     """`position_deviation_mm` along x and along y."""
     layout = adjustment.layout
     shared = jnp.asarray(adjustment.parameters[: layout.shared])
-
-    def sensitivity(points: np.ndarray) -> Array:
-        return _sensitivity(shared, jnp.asarray(points), layout, adjustment.frame)
-
-    by_all = in_batches(sensitivity, undistorted_mm, _BATCH)
-    pose = pose_moves(by_all[..., :2], undistorted_mm)
-    by_parameter = by_all[..., 2:].reshape(-1, layout.shared)
-    undone, *_ = np.linalg.lstsq(pose, by_parameter, rcond=1e-10)
-    left = by_parameter - pose @ undone
-    part = uncertainty.covariance[: layout.shared, : layout.shared]
-    variance = np.einsum("ra,ab,rb->r", left, part, left)
-    return np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 2)
+    rows = landing_rows(layout)
+    return optics.position_deviations_mm(
+        undistorted_mm,
+        _distortion_of(shared, layout, adjustment.frame),
+        uncertainty.covariance[np.ix_(rows, rows)],
+        undistorted_mm,
+    )
 
 
-def pose_moves(
-    by_place: Float[np.ndarray, "points 2 2"],
-    undistorted_mm: Float[np.ndarray, "points 2"],
-) -> Float[np.ndarray, "coordinates 8"]:
-    """How the distorted points (x and y in turn) move as the camera's pose changes.
-
-    Parameters
-    ----------
-    by_place : d distorted / d undistorted.
-    """
-    moves = _homography_moves(undistorted_mm)
-    return np.einsum("pij,pjk->pik", by_place, moves).reshape(-1, 8)
+def landing_rows(layout: Layout) -> Int[np.ndarray, " numbers"]:
+    """Where the numbers that `optics.position_deviation.moved` moves lie among the
+    parameters, in its order and its units."""
+    blocks = [layout.blocks[name] for name in _LANDING]
+    return np.concatenate([np.arange(b.start, b.stop) for b in blocks])
 
 
-def _homography_moves(points: np.ndarray) -> np.ndarray:
-    """Displacements of a plane's points under the eight small homographies."""
-    scale = np.abs(points).max()
-    x, y = (points / scale).T
-    one, zero = np.ones_like(x), np.zeros_like(x)
-    in_x = [one, zero, x, y, zero, zero, x * x, x * y]
-    in_y = [zero, one, zero, zero, x, y, x * y, y * y]
-    return np.stack([np.stack(in_x, -1), np.stack(in_y, -1)], 1)
-
-
-@partial(jax.jit, static_argnames=("layout",))
-def _sensitivity(
-    shared: Array, points: Array, layout: Layout, frame: Frame
-) -> Float[Array, "points 2 place_and_parameters"]:
-    """Derivative of distorted positions by the place (2 columns), then parameters."""
-
-    def at(point, shared):
-        return distorted_from_undistorted(point, distortion_of(shared, layout, frame))
-
-    # In reverse: a position has two components, a lens two hundred parameters.
-    both = jax.vmap(jax.jacrev(at, (0, 1)), (0, None))(points, shared)
-    return jnp.concatenate(both, -1)
+_distortion_of = jax.jit(distortion_of, static_argnames=("layout",))

@@ -15,8 +15,22 @@ mechanical vignetting together, which is why it belongs to one f-number.
 
 from math import comb
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+
+class Illumination(eqx.Module):
+    """Fall-off of the three channels at one f-number.
+
+    Attributes
+    ----------
+    control : b_1 ... b_n of red, green and blue.
+    valid_radius_mm : Largest photographed radius, where s is 1.
+    """
+
+    control: Float[Array, "3 terms"]
+    valid_radius_mm: Float[Array, ""]
 
 
 def log_loss(

@@ -90,6 +90,18 @@ def green_from_channel(
     return principal_point_mm + q * reference_radius_mm
 
 
+def displacement_basis(
+    q: Float[Array, "2"], valid_radius: Float[Array, ""], radial_terms: int
+) -> Float[Array, "terms 2"]:
+    """Displacements per unit of the shift along x and y (in reference radii), the two
+    strains, the two decentering terms and c0, c1, ...; bounded like the displacement,
+    without its guard, which real lenses never feel."""
+    inside = q * (valid_radius / jnp.maximum(jnp.linalg.norm(q), valid_radius))
+    r2 = jnp.sum(inside**2)
+    radial = [(inside * r2**k)[None] for k in range(radial_terms)]
+    return jnp.concatenate([jnp.eye(2), lopsided_basis(inside), *radial])
+
+
 def _displacement(q: Array, shift: ChannelShift) -> Array:
     degree = jnp.arange(shift.radial.shape[0], dtype=q.dtype)
     squared = jnp.sum(q**2)

@@ -11,10 +11,11 @@ from jaxtyping import Array, Float
 
 from lensfit.optics import distortion as chief_ray
 from lensfit.optics.distortion import Distortion
-from lensfit.optics.falloff import log_loss
+from lensfit.optics.falloff import bernstein, log_loss
 from lensfit.optics.lateral import (
     ChannelShift,
     channel_from_green,
+    displacement_basis,
     green_from_channel,
 )
 from lensfit.optics.pupil_walk import PupilWalk, seen_at_chart
@@ -96,3 +97,47 @@ def illuminate(
         return jnp.exp(-log_loss(squared, control))
 
     return jax.vmap(one)(points)
+
+
+@eqx.filter_jit
+def lateral_deviations_mm(
+    green_mm: Float[Array, "points 2"],
+    distortion: Distortion,
+    shift: ChannelShift,
+    covariance: Float[Array, "terms terms"],
+) -> Float[Array, "points 2"]:
+    """Standard deviation along x and y of how far a channel lands from green.
+
+    Parameters
+    ----------
+    covariance : Of what `lateral.displacement_basis` counts, in reference radii.
+    """
+    centre, radius = distortion.principal_point_mm, distortion.reference_radius_mm
+
+    def one(point):
+        q = (point - centre) / radius
+        basis = displacement_basis(q, shift.valid_radius, shift.radial.shape[0])
+        variance = jnp.sum(basis * (covariance @ basis), 0)
+        return radius * jnp.sqrt(jnp.maximum(variance, 0.0))
+
+    return jax.vmap(one)(green_mm)
+
+
+@eqx.filter_jit
+def light_deviations(
+    points_mm: Float[Array, "points 2"],
+    centre_mm: Float[Array, "2"],
+    valid_radius_mm: Float[Array, ""],
+    control: Float[Array, " terms"],
+    covariance: Float[Array, "terms terms"],
+) -> Float[Array, " points"]:
+    """Standard deviation of the relative illumination; beyond the photographed radius
+    that at its edge."""
+
+    def one(point):
+        squared = jnp.sum(((point - centre_mm) / valid_radius_mm) ** 2)
+        terms = bernstein(jnp.minimum(squared, 1.0), control.shape[0])
+        variance = jnp.maximum(terms @ covariance @ terms, 0.0)
+        return jnp.exp(-terms @ control) * jnp.sqrt(variance)
+
+    return jax.vmap(one)(points_mm)

@@ -16,9 +16,10 @@ import numpy as np
 
 from lensfit.kernel.lens_blur import LensBlur
 from lensfit.kernel.psf_deviation import STEP
-from lensfit.lens import Illumination, Lens
+from lensfit.lens import Lens
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion
+from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import ChannelShift
 from lensfit.optics.pupil_walk import PupilWalk
 from lensfit.preset import blocks

@@ -27,8 +27,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.lens import Illumination, Lens
+from lensfit.lens import Lens
 from lensfit.optics.distortion import undistorted_from_distorted
+from lensfit.optics.falloff import Illumination
 from lensfit.optics.pupil import Pupil
 from lensfit.preset.aberration_knobs import AberrationKnobs
 from lensfit.preset.fall_off_control import (

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from lens_makers import REFERENCE_MM, SENSOR_MM, frame_points_mm, strong_lens
 
-from lensfit.lens import Illumination, Lens
+from lensfit.lens import Lens
 from lensfit.optics.distortion import no_distortion
+from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import ChannelShift
 
 FRAME = np.asarray(frame_points_mm())

@@ -14,8 +14,9 @@ from hypothesis import given
 from lensfit.coords import Window
 from lensfit.errors import LensfitError
 from lensfit.io.depth import DepthMeaning, perpendicular_mm, without_nan
-from lensfit.lens import Illumination, Lens
+from lensfit.lens import Lens
 from lensfit.optics.distortion import no_distortion
+from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import ChannelShift
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.render.filters import Filter

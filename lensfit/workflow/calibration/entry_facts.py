@@ -14,11 +14,11 @@ from lensfit.fit.lens_state import LensState
 from lensfit.fit.uncertainty import position_deviation_mm
 from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
+from lensfit.optics.position_deviation import FRAME_GRID
 from lensfit.preset.schema import Camera
 from lensfit.render.uv import overscan_needed
 from lensfit.workflow.plain_numbers import plain_distance, rounded
 
-_GRID = (25, 17)
 _RADII = 40
 
 
@@ -49,8 +49,8 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
 
 def _frame_points(size_mm, margin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     half = np.asarray(size_mm) / 2 * (1 + margin)
-    return np.linspace(-half[0], half[0], _GRID[0]), np.linspace(
-        -half[1], half[1], _GRID[1]
+    return np.linspace(-half[0], half[0], FRAME_GRID[0]), np.linspace(
+        -half[1], half[1], FRAME_GRID[1]
     )
 
 

@@ -26,10 +26,11 @@ from jaxtyping import Float
 from lensfit.batches import in_batches
 from lensfit.fit.lens_state import LensState
 from lensfit.fit.lens_states import Fitted
-from lensfit.fit.uncertainty import pose_moves, position_deviations_mm
+from lensfit.fit.uncertainty import position_deviations_mm
 from lensfit.lens import Lens
 from lensfit.optics.distortion import Distortion, jacobian_at
 from lensfit.optics.many_points import displaced, distort, illuminate, undistort
+from lensfit.optics.position_deviation import pose_moves
 from lensfit.workflow.bench.coverage.traced import (
     Traced,
     TracedChiefs,
@@ -89,15 +90,17 @@ def _joined(some: list[Prediction]) -> Prediction:
 def _distortion(state: LensState, traced: TracedChiefs, pixel_mm: float) -> Prediction:
     """What is left after the best homography, zero being the truth."""
     adjustment, lens = state.geometry.adjustment, state.distortion
+    radius_mm = float(lens.reference_radius_mm)
     landed = traced.landed_mm[:, 1]
     straight = _undistorted(landed, lens)
     # The picture of a flat object is a homography of it, but for distortion.
     straight = _homography(traced.object_mm, straight)
     for _ in range(_ALIGNED):
-        moves = pose_moves(_slopes(straight, lens), straight)
+        moves = pose_moves(_slopes(straight, lens), straight, radius_mm)
         away = (_distorted(straight, lens) - landed).reshape(-1)
         step = np.linalg.lstsq(moves, away, rcond=1e-10)[0]
-        moved = pose_moves(np.tile(np.eye(2), (len(straight), 1, 1)), straight)
+        still = np.tile(np.eye(2), (len(straight), 1, 1))
+        moved = pose_moves(still, straight, radius_mm)
         straight = straight - (moved @ step).reshape(-1, 2)
     left = (_distorted(straight, lens) - landed).reshape(-1) / pixel_mm
     known = position_deviations_mm(adjustment, state.uncertainty, straight)

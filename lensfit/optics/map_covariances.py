@@ -1,0 +1,21 @@
+"""How well the maps of a lens are known: covariances of the numbers that make them."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+
+class MapCovariances(eqx.Module):
+    """How well the numbers of a lens' maps are known; None where nobody knows.
+
+    Attributes
+    ----------
+    distortion : Of the numbers of `lensfit.optics.position_deviation.moved`.
+    red, blue : Of the terms of `lensfit.optics.lateral.displacement_basis`.
+    fall_off : Of the control values of each channel.
+    """
+
+    distortion: Float[np.ndarray, "numbers numbers"] | None = None
+    red: Float[np.ndarray, "terms terms"] | None = None
+    blue: Float[np.ndarray, "terms terms"] | None = None
+    fall_off: Float[np.ndarray, "3 terms terms"] | None = None
