@@ -16,6 +16,8 @@ PROMISED = {
     "distorted_from_undistorted": ["points_mm", "channel"],
     "undistorted_from_distorted": ["points_mm", "channel"],
     "relative_illumination": ["points_mm", "channel"],
+    "position_standard_deviation_mm": ["points_mm", "channel"],
+    "illumination_standard_deviation": ["points_mm", "channel"],
     "psf": [
         "image_point_mm",
         "object_distance_mm",

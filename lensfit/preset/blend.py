@@ -9,7 +9,8 @@ the smaller of both, the map would jump where a sequence leaves an entry. The sq
 interpolated as the logarithmic strain of `lensfit.optics.distortion`, which knows no
 jump where its axis turns around. Blur that one neighbour lacks is the other's
 (`lensfit.preset.blend_blur` has the rules for the rest). What describes the measurement
-(terms, covariance, quality) comes from the nearer neighbour.
+(terms, quality) comes from the nearer neighbour; how well numbers are known is left
+open, since nobody knows by how much a lens is off between two of its states.
 """
 
 import math
@@ -32,7 +33,8 @@ _PHOTOGRAPHED = {"valid_radius", "chart_distance_mm"}
 """What defines the terms, but may differ: it moves from one to the other."""
 _LARGER = {"degree"}
 """Coefficients of the degrees that one of the two lacks are zero there."""
-_FROM_THE_NEARER = {"assumed", "terms", "covariance", "quality"}
+_FROM_THE_NEARER = {"assumed", "terms", "quality"}
+_UNKNOWN_BETWEEN = {"covariance"}
 
 
 def blend(first: Block, second: Block, weight: float) -> Block:
@@ -60,6 +62,8 @@ def blend(first: Block, second: Block, weight: float) -> Block:
 
 
 def _value(name: str, first: Any, second: Any, weight: float) -> Any:
+    if name in _UNKNOWN_BETWEEN:
+        return None
     if name in _FROM_THE_NEARER:
         return first if weight < 0.5 else second
     if name in _MUST_AGREE:
@@ -82,7 +86,8 @@ def _value(name: str, first: Any, second: Any, weight: float) -> Any:
     if isinstance(first, msgspec.Struct):
         return blend(first, second, weight)
     if name == "fall_off" and len(first) != len(second):
-        return first or second  # fall-off that was not measured is not zero
+        # Fall-off that was not measured is not zero.
+        return tuple(_of_unknown_deviation(one) for one in first or second)
     if isinstance(first, tuple):
         empty = None if first and isinstance(first[0], msgspec.Struct) else 0.0
         pairs = zip_longest(first, second, fillvalue=empty)
@@ -112,12 +117,17 @@ def _scaled(value: Any, factor: float) -> Any:
         changes = {
             name: _scaled(getattr(value, name), factor)
             for name in value.__struct_fields__
-            if name not in _MUST_AGREE | _PHOTOGRAPHED | _LARGER
+            if name not in _MUST_AGREE | _PHOTOGRAPHED | _LARGER | _UNKNOWN_BETWEEN
         }
-        return msgspec.structs.replace(value, **changes)
+        return msgspec.structs.replace(_of_unknown_deviation(value), **changes)
     if isinstance(value, tuple):
         return tuple(_scaled(item, factor) for item in value)
     return value * factor
+
+
+def _of_unknown_deviation(block: Block) -> Block:
+    changes = {n: None for n in block.__struct_fields__ if n in _UNKNOWN_BETWEEN}
+    return msgspec.structs.replace(block, **changes)
 
 
 def _squeeze(first: Distortion, second: Distortion, weight: float) -> dict[str, float]:

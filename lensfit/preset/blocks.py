@@ -10,6 +10,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from lensfit.preset.covariance import Covariance
+
 PositiveFloat = Annotated[float, Meta(gt=0)]
 Pair = tuple[float, float]
 
@@ -115,11 +117,37 @@ class ChannelShift(Struct, frozen=True, forbid_unknown_fields=True):
     decentering: tuple[float, ...] = ()
 
 
-class LateralColour(Struct, frozen=True, forbid_unknown_fields=True):
-    """Displacement of red and blue against green."""
+class LateralCovariance(Struct, frozen=True, forbid_unknown_fields=True):
+    """How well the displacement of red and of blue is known; parameters are named as
+    the numbers of the channel: "shift_mm[0]", "radial[1]"."""
+
+    r: Covariance
+    b: Covariance
+
+
+class LateralColour(
+    Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
+):
+    """Displacement of red and blue against green.
+
+    Attributes
+    ----------
+    r, b : Of each channel.
+    covariance : Of their numbers, each in its own unit; None where nobody knows it.
+    """
 
     r: ChannelShift
     b: ChannelShift
+    covariance: LateralCovariance | None = None
+
+
+class FallOffCovariance(Struct, frozen=True, forbid_unknown_fields=True):
+    """How well the control values of each channel are known; parameters are named as
+    these: "r[0]", "r[1]"."""
+
+    r: Covariance
+    g: Covariance
+    b: Covariance
 
 
 class FallOff(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -132,6 +160,7 @@ class FallOff(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
     r, g, b : Control values b_1 ... b_n of -ln(illumination) as a Bernstein polynomial
         of the squared radius; they never fall.
     predicted : Whether it follows from the pupil's shape, measured at other f-numbers.
+    covariance : Of the control values; None where nobody knows it.
     """
 
     f_number: PositiveFloat | None
@@ -140,3 +169,4 @@ class FallOff(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
     g: tuple[float, ...]
     b: tuple[float, ...]
     predicted: bool = False
+    covariance: FallOffCovariance | None = None

@@ -6,9 +6,11 @@ from itertools import pairwise
 from pathlib import Path
 
 from lensfit.errors import PresetError
-from lensfit.preset.blocks import Distortion, FallOff
+from lensfit.preset.blocks import Distortion, FallOff, LateralColour
 from lensfit.preset.check_blur import blur_faults
-from lensfit.preset.entry import Covariance, Entry
+from lensfit.preset.check_covariance import covariance_faults
+from lensfit.preset.covariance import fall_off_names, lateral_names
+from lensfit.preset.entry import Entry
 from lensfit.preset.schema import Camera, Preset
 
 _LONGEST = {"decentering": 4, "thin_prism": 4, "anamorphic": 8}
@@ -47,6 +49,9 @@ def _frame_radius_mm(entry: Entry, camera: Camera) -> float:
 def _faults(entry: Entry, frame_radius_mm: float) -> Iterator[tuple[str, str]]:
     for key, what in _distortion_faults(entry.distortion):
         yield f"distortion.{key}", what
+    if entry.lateral_colour is not None:
+        for key, what in _lateral_faults(entry.lateral_colour):
+            yield f"lateral_colour.{key}", what
     stops = [fall_off.f_number for fall_off in entry.fall_off]
     if len(set(stops)) < len(stops):
         yield "fall_off", "an f-number stands twice"
@@ -57,7 +62,7 @@ def _faults(entry: Entry, frame_radius_mm: float) -> Iterator[tuple[str, str]]:
         for key, what in blur_faults(entry.blur, frame_radius_mm):
             yield f"blur.{key}", what
     if entry.covariance is not None:
-        for key, what in _covariance_faults(entry.covariance):
+        for key, what in covariance_faults(entry.covariance):
             yield f"covariance.{key}", what
 
 
@@ -80,6 +85,16 @@ def _distortion_faults(distortion: Distortion) -> Iterator[tuple[str, str]]:
             )
 
 
+def _lateral_faults(lateral: LateralColour) -> Iterator[tuple[str, str]]:
+    if lateral.covariance is None:
+        return
+    for channel in ("r", "b"):
+        covariance = getattr(lateral.covariance, channel)
+        names = lateral_names(len(getattr(lateral, channel).radial))
+        for key, what in covariance_faults(covariance, names):
+            yield f"covariance.{channel}.{key}", what
+
+
 def _fall_off_faults(fall_off: FallOff) -> Iterator[tuple[str, str]]:
     for key in ("r", "g", "b"):
         control = getattr(fall_off, key)
@@ -87,12 +102,10 @@ def _fall_off_faults(fall_off: FallOff) -> Iterator[tuple[str, str]]:
             yield key, "needs at least one number, and as many as the other channels"
         if any(b < a for a, b in pairwise((0.0, *control))):
             yield key, "falls somewhere; control values rise from 0"
-
-
-def _covariance_faults(covariance: Covariance) -> Iterator[tuple[str, str]]:
-    count = len(covariance.parameters)
-    if len(covariance.standard_deviation) != count:
-        yield "standard_deviation", f"needs {count} numbers, one for each parameter"
-    rows = [len(row) for row in covariance.correlation]
-    if rows != list(range(1, count + 1)):
-        yield "correlation", f"needs {count} rows of 1 to {count} numbers"
+    if fall_off.covariance is None:
+        return
+    for channel in ("r", "g", "b"):
+        covariance = getattr(fall_off.covariance, channel)
+        names = fall_off_names(channel, len(fall_off.g))
+        for key, what in covariance_faults(covariance, names):
+            yield f"covariance.{channel}.{key}", what

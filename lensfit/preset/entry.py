@@ -7,8 +7,6 @@ kept or left, the covariance of the fitted parameters and the quality of the fit
 import math
 from typing import Annotated
 
-import numpy as np
-from jaxtyping import Float
 from msgspec import Meta, Struct
 
 from lensfit.preset.blocks import (
@@ -19,6 +17,7 @@ from lensfit.preset.blocks import (
     Projection,
 )
 from lensfit.preset.blur_blocks import Blur
+from lensfit.preset.covariance import Covariance
 
 Count = Annotated[int, Meta(ge=0)]
 
@@ -41,46 +40,6 @@ class Term(Struct, frozen=True, forbid_unknown_fields=True):
     standard_deviation: float | None
     unit: str
     reason: str
-
-
-class Covariance(Struct, frozen=True, forbid_unknown_fields=True):
-    """How well the fitted parameters are known, and how they move together.
-
-    Attributes
-    ----------
-    parameters : Names, in the order of the rows.
-    standard_deviation : One for each parameter, in its own unit.
-    correlation : Lower triangle by rows; row i ends with its diagonal 1.
-    """
-
-    parameters: tuple[str, ...]
-    standard_deviation: tuple[float, ...]
-    correlation: tuple[tuple[float, ...], ...]
-
-    @classmethod
-    def of_matrix(
-        cls,
-        parameters: tuple[str, ...],
-        matrix: Float[np.ndarray, "parameters parameters"],
-    ) -> "Covariance":
-        """From a covariance matrix; what has no variance correlates with nothing."""
-        deviation = np.sqrt(np.clip(np.diag(matrix), 0.0, None))
-        scale = np.where(deviation > 0, deviation, 1.0)
-        correlation = matrix / np.outer(scale, scale)
-        np.fill_diagonal(correlation, 1.0)
-        return cls(
-            tuple(parameters),
-            tuple(deviation.tolist()),
-            tuple(tuple(row[: i + 1].tolist()) for i, row in enumerate(correlation)),
-        )
-
-    def matrix(self) -> Float[np.ndarray, "parameters parameters"]:
-        """The symmetric covariance matrix."""
-        correlation = np.zeros((len(self.parameters),) * 2)
-        for i, row in enumerate(self.correlation):
-            correlation[i, : i + 1] = correlation[: i + 1, i] = row
-        deviation = np.asarray(self.standard_deviation)
-        return correlation * np.outer(deviation, deviation)
 
 
 class Quality(Struct, frozen=True, forbid_unknown_fields=True):
@@ -114,6 +73,8 @@ class Entry(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True)
         infinite, null when nobody said.
     lateral_colour : None when none was measured or none is visible.
     fall_off : One for each f-number that was measured, widest first; may be empty.
+    covariance : Of the free numbers of the chief-ray fit, named and counted as in
+        `lensfit.preset.map_covariances`; None where nobody knows it.
     blur : None when it was not measured.
     """
 

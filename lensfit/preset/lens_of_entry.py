@@ -29,6 +29,7 @@ from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
 from lensfit.preset.idle_knobs import idle_knobs
 from lensfit.preset.knobs import NEUTRAL, Knobs
+from lensfit.preset.map_covariances import map_covariances
 from lensfit.preset.schema import Camera
 from lensfit.preset.select import Selection
 from lensfit.preset.turned_lens import turned_lens
@@ -64,10 +65,11 @@ def lens_of_selection(
 def _unturned(chosen: Selection, camera: Camera) -> Lens:
     """The lens as it was measured."""
     entry, f_number, blur = chosen.entry, chosen.f_number, None
+    distortion = _optics_of(entry.projection, entry.distortion)
     if entry.blur is not None and f_number is not None:
         blur = lens_blur(entry, f_number, chosen.measured_focus_mm)
     return Lens(
-        distortion=_optics_of(entry.projection, entry.distortion),
+        distortion=distortion,
         lateral_colour=_lateral_of(entry.lateral_colour),
         illumination=_illumination_of(entry.fall_off),
         entrance_pupil_offset_mm=_number(entry.projection.entrance_pupil_offset_mm),
@@ -78,6 +80,7 @@ def _unturned(chosen: Selection, camera: Camera) -> Lens:
         focus_distance_mm=entry.focus_distance_mm,
         notes=chosen.notes + (NO_BLUR,) * (entry.blur is None),
         blur=blur,
+        covariances=map_covariances(entry, distortion),
     )
 
 

@@ -92,11 +92,8 @@ def turned_lateral(
     edge_mm : Edge of the field, from the principal point.
     """
     stated = (knobs.lateral_red_um, knobs.lateral_blue_um)
-    gains = [
-        own * knobs.chromatic_gain
-        for own in (knobs.lateral_red_gain, knobs.lateral_blue_gain)
-    ]
-    if gains == [1, 1] and stated == (None, None):
+    gains = lateral_gains(knobs)
+    if gains == (1, 1) and stated == (None, None):
         return lateral
     if lateral is None:
         if stated == (None, None):
@@ -108,6 +105,12 @@ def turned_lateral(
         for shift, gain, um in zip(lateral, gains, stated, strict=True)
     )
     return red, blue
+
+
+def lateral_gains(knobs: AberrationKnobs) -> tuple[float, float]:
+    """By what the displacements of red and of blue are multiplied."""
+    every = knobs.chromatic_gain
+    return knobs.lateral_red_gain * every, knobs.lateral_blue_gain * every
 
 
 def _turned_shift(

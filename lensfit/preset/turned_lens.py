@@ -7,7 +7,8 @@ knobs return the lens itself, and parts that no knob touches stay the same objec
 - `lensfit.preset.turned_aberration`: focal surfaces, coma, spherical, colour of these;
 - `lensfit.preset.turned_chief_rays`: distortion and lateral colour;
 - `lensfit.preset.turned_vignetting`: the parts of the fall-off;
-- `lensfit.preset.turned_pupil`: blades, oval, cat's eye, ring, filter.
+- `lensfit.preset.turned_pupil`: blades, oval, cat's eye, ring, filter;
+- `lensfit.preset.turned_covariances`: how well the maps are known then.
 
 A lens whose blur was not measured is perfect; what needs an opening or a wavefront to
 be turned is turned on that of the perfect lens of its f-number.
@@ -23,6 +24,7 @@ from lensfit.preset.aberration_knobs import BLUR_FAMILIES, AberrationKnobs
 from lensfit.preset.bokeh_knobs import LEAST_BLADES, BokehKnobs
 from lensfit.preset.turned_aberration import turned_aberration
 from lensfit.preset.turned_chief_rays import turned_distortion, turned_lateral
+from lensfit.preset.turned_covariances import turned_covariances
 from lensfit.preset.turned_pupil import turned_opening, turned_rims
 from lensfit.preset.turned_vignetting import turned_illumination
 
@@ -59,7 +61,8 @@ def turned_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> L
         turned = replace(turned, blur=replace(blur_turned, measured_lateral=parted))
     measured = replace(lens, blur=blur)
     illumination = turned_illumination(measured, edge_mm, rims, aberration)
-    return replace(turned, illumination=illumination)
+    turned = replace(turned, illumination=illumination)
+    return replace(turned, covariances=turned_covariances(lens, turned, aberration))
 
 
 def _measured_lateral(

@@ -14,7 +14,8 @@ from lensfit.preset.blocks import (
     Projection,
 )
 from lensfit.preset.blur_blocks import AberrationTerm, Blur, Pupil, Rim, Stop
-from lensfit.preset.entry import Covariance, Entry, Quality, Term
+from lensfit.preset.covariance import Covariance
+from lensfit.preset.entry import Entry, Quality, Term
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance, SourceImage
 
 

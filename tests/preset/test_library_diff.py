@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from preset_makers import make_blur, make_entry, make_preset
 
-from lensfit.preset.entry import Covariance, Entry
+from lensfit.preset.covariance import Covariance
+from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import turned
 from lensfit.preset.library.deviations import deviations_of
 from lensfit.preset.library.diff import differences

@@ -46,6 +46,8 @@ def change_set_at(path: Path) -> ChangeSet:
         ("entries[0].fall_off[0].f_number", "record"),
         ("entries[0].quality.rms_px", "record"),
         ("entries[0].covariance", "record"),
+        ("entries[0].lateral_colour.covariance", "record"),
+        ("entries[0].fall_off[0].covariance.g", "record"),
         ("provenance.created", "record"),
         ("schema", "record"),
     ],

@@ -24,7 +24,8 @@ from lensfit.optics.paraxial import FirstOrder, rim_sine
 from lensfit.optics.spectrum import bands, chromatic_coordinate
 from lensfit.optics.terms import rotational_terms
 from lensfit.preset.blocks import Distortion, Projection
-from lensfit.preset.entry import Covariance, Entry, Quality
+from lensfit.preset.covariance import Covariance
+from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.lens_of_entry import lens_of_entry
 from lensfit.preset.schema import Camera
 from lensfit.workflow.calibration.blur_entries import blur_of

@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 
-from lensfit.preset.entry import Covariance, Entry
+from lensfit.preset.covariance import Covariance
+from lensfit.preset.entry import Entry
 from lensfit.preset.library.key_path import complete_tables, member_text
 from lensfit.preset.schema import Preset
 
@@ -26,11 +27,34 @@ def deviations_of(preset: Preset) -> Deviations:
     """Standard deviation of every number that has one, in the number's own unit."""
     found: Deviations = {}
     for index, entry in enumerate(preset.entries):
+        place = "entries" + member_text("entries", complete_tables(entry), index)
+        of_entry = _of_colour_and_light(entry)
         if entry.covariance is not None:
-            place = "entries" + member_text("entries", complete_tables(entry), index)
-            of_entry = _of_entry(entry, entry.covariance)
-            found |= {f"{place}.{key}": sd for key, sd in of_entry.items()}
+            of_entry |= _of_entry(entry, entry.covariance)
+        found |= {f"{place}.{key}": sd for key, sd in of_entry.items()}
     return found
+
+
+def _of_colour_and_light(entry: Entry) -> Deviations:
+    """Their parameters are named as keys of their block, and in its units."""
+    found: Deviations = {}
+    lateral = entry.lateral_colour
+    if lateral is not None and lateral.covariance is not None:
+        for channel in ("r", "b"):
+            place = f"lateral_colour.{channel}"
+            found |= _below(place, getattr(lateral.covariance, channel))
+    for index, light in enumerate(entry.fall_off):
+        if light.covariance is not None:
+            member = member_text("fall_off", complete_tables(light), index)
+            for channel in ("r", "g", "b"):
+                covariance = getattr(light.covariance, channel)
+                found |= _below(f"fall_off{member}", covariance)
+    return found
+
+
+def _below(place: str, covariance: Covariance) -> Deviations:
+    stated = zip(covariance.parameters, covariance.standard_deviation, strict=True)
+    return {f"{place}.{name}": sd for name, sd in stated}
 
 
 def _of_entry(entry: Entry, covariance: Covariance) -> Deviations:

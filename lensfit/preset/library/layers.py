@@ -19,6 +19,7 @@ from lensfit.preset.library.key_path import (
 )
 from lensfit.preset.library.names import version_name, version_number
 from lensfit.preset.library.shelf import Shelf
+from lensfit.preset.library.stale_covariance import without_stale_covariance
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import preset_of_tables
 
@@ -138,7 +139,9 @@ def _changed(
                     f"{key} was {value_text(first[key].before)} when {part.level} "
                     f"{part.version} changed it and is {value_text(beneath)} beneath it"
                 )
-            tables = with_value(tables, steps_of(key), change.value)
+            steps = steps_of(key)
+            tables = with_value(tables, steps, change.value)
+            tables = without_stale_covariance(tables, steps)
             overrides = {k: o for k, o in overrides.items() if not _is_below(k, key)}
             overrides[key] = Override(change, beneath, part)
     return preset_of_tables(tables, layers[0].part.path), overrides, notes

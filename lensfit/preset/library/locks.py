@@ -30,6 +30,8 @@ def lock_of(steps: tuple[Step, ...]) -> Lock:
         return "record"
     if names[0] == "entries" and (len(names) < 2 or names[1] in _RECORDS_OF_ENTRY):
         return "record"
+    if "covariance" in names:
+        return "record"
     if len(names) > 1 and names[-1] in IDENTITY.get(names[-2], ()):
         return "record"
     return "locked"

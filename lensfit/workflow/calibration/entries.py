@@ -13,7 +13,8 @@ from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.lens_state import LensState
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.preset import blocks
-from lensfit.preset.entry import Covariance, Entry, Quality, Term
+from lensfit.preset.covariance import Covariance, fall_off_names, lateral_names
+from lensfit.preset.entry import Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block
 from lensfit.preset.predicted_fall_off import with_predicted_fall_off
 from lensfit.preset.schema import Camera, Preset, Provenance, SourceImage
@@ -162,7 +163,24 @@ def _lateral(state: LensState) -> blocks.LateralColour | None:
             decentering=colour.decentering,
         )
 
-    return blocks.LateralColour(block(state.colour["r"]), block(state.colour["b"]))
+    red, blue = state.colour["r"], state.colour["b"]
+    radius_mm = float(state.distortion.reference_radius_mm)
+    return blocks.LateralColour(
+        block(red),
+        block(blue),
+        blocks.LateralCovariance(
+            _colour_covariance(red, radius_mm), _colour_covariance(blue, radius_mm)
+        ),
+    )
+
+
+def _colour_covariance(colour: ChannelColour, reference_radius_mm: float) -> Covariance:
+    """Of the terms that were kept, each in the unit of its block."""
+    names = np.array(lateral_names(len(colour.radial)))
+    unit = np.where(np.arange(len(names)) < 2, reference_radius_mm, 1.0)
+    matrix = colour.covariance * np.outer(unit, unit)
+    kept = np.flatnonzero(np.diag(matrix))
+    return Covariance.of_matrix(tuple(names[kept].tolist()), matrix[np.ix_(kept, kept)])
 
 
 def _of_known_stops(measured: list[FallOffFit]) -> list[FallOffFit]:
@@ -173,7 +191,18 @@ def _of_known_stops(measured: list[FallOffFit]) -> list[FallOffFit]:
 
 def _fall_off(fall_off: FallOffFit) -> blocks.FallOff:
     r, g, b = (tuple(row.tolist()) for row in fall_off.control)
-    return blocks.FallOff(fall_off.f_number, fall_off.valid_radius_mm, r, g, b)
+    known = [
+        Covariance.of_matrix(tuple(fall_off_names(channel, len(matrix))), matrix)
+        for channel, matrix in zip("rgb", fall_off.covariance, strict=True)
+    ]
+    return blocks.FallOff(
+        fall_off.f_number,
+        fall_off.valid_radius_mm,
+        r,
+        g,
+        b,
+        covariance=blocks.FallOffCovariance(*known),
+    )
 
 
 def _term(term: dict) -> Term:
@@ -192,13 +221,13 @@ def _term(term: dict) -> Term:
 def _covariance(state: LensState) -> Covariance:
     """Of the shared parameters that were free, in the units of `fit.parameters`."""
     adjustment = state.geometry.adjustment
-    layout = adjustment.layout
     names, rows = [], []
     free = adjustment.prior.free
-    for block, where in layout.blocks.items():
-        for k, index in enumerate(range(where.start, where.stop)):
-            if free[index]:
-                names.append(f"{block}[{k}]")
-                rows.append(index)
+    for block, where in adjustment.layout.blocks.items():
+        places = np.flatnonzero(free[where])
+        # The layout of the fit has room for more of the field than was kept.
+        numbers = np.arange(len(places)) if block == "free_field" else places
+        names += [f"{block}[{k}]" for k in numbers]
+        rows += (where.start + places).tolist()
     matrix = state.uncertainty.covariance[np.ix_(rows, rows)]
     return Covariance.of_matrix(tuple(names), matrix)
