@@ -82,6 +82,11 @@ def test_what_nobody_knows_is_asked_for():
         resolve({"focal_length_mm": 50.0}, {"model": "x"})
 
 
+def test_a_focal_length_that_cannot_be_on_the_headers_sensor_is_refused():
+    with pytest.raises(ShootError, match=r"a.exr: .*too short.* in millimetres"):
+        resolve({"focal_length_mm": 0.05}, {"model": "X"}, sensor_width_mm=36.0)
+
+
 def test_a_roi_beyond_the_photograph_is_refused():
     keys = {"focal_length_mm": 50.0, "roi": (0, 0, 2048, 1537)}
     with pytest.raises(ShootError, match="beyond the photograph of 2048 x 1536"):

@@ -116,6 +116,13 @@ def test_an_unused_target_is_noted_and_stops_nothing(write):
             "= 2.0",
             "focus_distance_mm = 2 is not beyond the focal length",
         ),
+        (
+            "focal_length_mm = 50",
+            "focal_length_mm = 0.05",
+            "focal_length_mm = 0.05 is too short for a sensor of sensor_width_mm = "
+            "24.89; both are in millimetres",
+        ),
+        ("24.89", "0.02489", "focal_length_mm = 50 is too long for a sensor"),
         ("= inf", "= -inf", "[[take]] 1, focus_distance_mm: -inf is no finite number"),
         ('"dot-grid"', '"charuco"', "hole_diameter_mm has no meaning for a charuco"),
         ('"line-grid"', '"charuco"', 'a charuco needs "squares"; add it'),

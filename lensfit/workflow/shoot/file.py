@@ -17,6 +17,7 @@ from lensfit._strict import (
 )
 from lensfit.errors import ShootError
 from lensfit.io.transfer import ENCODINGS
+from lensfit.workflow.shoot.focal_length import check_focal_length
 from lensfit.workflow.shoot.records import (
     Camera,
     LensName,
@@ -68,7 +69,7 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
         data, ShootFile, error=ShootError, where=path, place=_place
     )
     targets = _by_name(tables.target, path)
-    _check_takes(tables.take, targets, path)
+    _check_takes(tables.take, targets, tables.camera, path)
     return Shoot(
         path=path,
         lens=tables.lens,
@@ -127,7 +128,9 @@ def _check_target(target: Target, where: str) -> None:
             )
 
 
-def _check_takes(takes: list[Take], targets: dict[str, Target], path: Path) -> None:
+def _check_takes(
+    takes: list[Take], targets: dict[str, Target], camera: Camera, path: Path
+) -> None:
     seen: dict[Path, int] = {}
     for number, take in enumerate(takes, 1):
         where = f"{path}: [[take]] {number} ({take.image})"
@@ -152,6 +155,8 @@ def _check_takes(takes: list[Take], targets: dict[str, Target], path: Path) -> N
                 remedy=did_you_mean(take.encoding, list(ENCODINGS)),
             )
         _check_roi(take, where)
+        if take.focal_length_mm is not None and camera.sensor_width_mm is not None:
+            check_focal_length(take.focal_length_mm, camera.sensor_width_mm, where)
         _check_distances(take, where)
 
 

@@ -13,6 +13,7 @@ from typing import final
 from lensfit.errors import ShootError
 from lensfit.io.metadata import CameraState
 from lensfit.units import dioptres_from_mm
+from lensfit.workflow.shoot.focal_length import check_focal_length
 from lensfit.workflow.shoot.records import Shoot, Take, Target
 
 DISAGREEMENT = 0.02
@@ -57,8 +58,8 @@ def resolve_take(
 
     Raises
     ------
-    ShootError : Neither knows the focal length or the sensor's width, or the region
-        of interest lies outside the photograph.
+    ShootError : Neither knows the focal length or the sensor's width, the two cannot
+        go together, or the region of interest lies outside the photograph.
     """
     where = f"{shoot.path}: {take.image}"
     notes: list[str] = []
@@ -72,6 +73,7 @@ def resolve_take(
             remedy="add focal_length_mm to its [[take]]",
         )
     size_mm, size_notes = _sensor_size(shoot, header, image_size_px, where)
+    check_focal_length(focal_length_mm, size_mm[0], where)
     _check_roi(take, image_size_px, where)
     return ResolvedTake(
         take=take,

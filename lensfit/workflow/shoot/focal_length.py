@@ -1,0 +1,31 @@
+"""Whether a focal length can be one, beside the width of the sensor it is used on.
+
+The shortest fisheyes are a twentieth as long as their sensor is wide, the longest
+telescopes a few hundred times as long. What lies beyond is in metres, or a slip.
+"""
+
+from lensfit.errors import ShootError
+
+SHORTEST_WIDTHS, LONGEST_WIDTHS = 1 / 20, 500.0
+"""Focal lengths, in widths of the sensor."""
+
+
+def check_focal_length(
+    focal_length_mm: float, sensor_width_mm: float, where: str
+) -> None:
+    """Refuse a focal length that no lens on such a sensor has.
+
+    Raises
+    ------
+    ShootError : It is far too short or far too long.
+    """
+    widths = focal_length_mm / sensor_width_mm
+    if SHORTEST_WIDTHS <= widths <= LONGEST_WIDTHS:
+        return
+    much = "short" if widths < 1 else "long"
+    raise ShootError(
+        f"focal_length_mm = {focal_length_mm:g} is too {much} for a sensor of "
+        f"sensor_width_mm = {sensor_width_mm:g}",
+        where=where,
+        remedy="both are in millimetres",
+    )
