@@ -105,6 +105,32 @@ def test_few_takes_and_unmeasured_focal_length_ask_for_tilted_ones():
     assert said(report, "The focal length is the stated one")
 
 
+@pytest.mark.parametrize("held_out_px", [0.02, 0.3])
+def test_a_focal_length_that_is_only_stated_promises_no_measurement(
+    report, held_out_px
+):
+    report["held_out_rms_px"] = held_out_px
+    report["terms"][1]["kept"] = False
+    first = findings(report)[0].sentence
+    assert first.startswith("Ready for undistortion, and for CG where the stated")
+    assert "measurement" not in first
+    assert "match-moving" not in first
+
+
+def test_of_a_zoom_the_focal_length_that_was_not_measured_is_named(report):
+    distance = report["terms"][1]
+    report["takes"][0]["focal_length_mm"] = 85.0
+    distance["focal_length_mm"] = 50.0
+    report["terms"].append(distance | {"focal_length_mm": 85.0, "kept": False})
+    assert said(report, "The focal length at 85\u202fmm is the stated one")
+    assert findings(report)[0].sentence.startswith("Ready for undistortion")
+
+
+def test_noise_is_not_said_to_be_all_of_the_error(report):
+    assert said(report, "noise alone leaves the map uncertain by 0.054\u202fpx")
+    assert said(report, "What the model misses is not in it.")
+
+
 def test_take_without_focal_length_is_noticed(report):
     report["takes"][0]["focal_length_mm"] = None
     assert said(report, "1 take without a focal length")

@@ -45,6 +45,16 @@ def takes_by_focal(report: dict) -> dict[float | None, list[dict]]:
     return dict(sorted(groups.items(), key=lambda one: (one[0] is None, one[0] or 0.0)))
 
 
+def unmeasured_focals(report: dict) -> list[float | None]:
+    """Stated focal lengths (mm) that no view measured, None where the report is old."""
+    told: dict[float | None, bool] = {}
+    for term in report.get("terms") or []:
+        if "principal_distance" in str(term.get("name")):
+            focal = term.get("focal_length_mm")
+            told[focal] = told.get(focal, False) or bool(term.get("kept"))
+    return [focal for focal, measured in told.items() if not measured]
+
+
 def corner_deviation_px(entry: dict) -> float:
     """Largest standard deviation (px) at the corners of an entry's grid, or NaN."""
     grid = numbers((entry.get("uncertainty_grid") or {}).get("sd_px"))

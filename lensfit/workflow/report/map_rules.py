@@ -82,8 +82,9 @@ def sound_findings(report: dict) -> Iterator[Finding]:
     if known and max(known) <= WEAK_CORNER_PX and not list(coverage_findings(report)):
         yield Finding(
             "good",
-            "The points reach all of the frame; in its worst corner the map is known "
-            f"to {number(max(known), 'px', 2)} (1σ).",
+            "The points reach all of the frame; noise alone leaves the map uncertain "
+            f"by {number(max(known), 'px', 2)} (1σ) in its worst corner. What the "
+            "model misses is not in it.",
         )
 
 

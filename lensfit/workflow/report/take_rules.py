@@ -12,6 +12,7 @@ from lensfit.workflow.report.evidence import (
     joined,
     plural,
     takes_by_focal,
+    unmeasured_focals,
     used_takes,
     value_of,
 )
@@ -85,15 +86,16 @@ def focal_length_findings(report: dict) -> Iterator[Finding]:
             f"{plural(silent, 'take')} without a focal length: state it in the shoot "
             "file, or the preset cannot be chosen by it.",
         )
-    terms = report.get("terms") or []
-    distances = [
-        term for term in terms if "principal_distance" in str(term.get("name"))
-    ]
-    if distances and not any(term.get("kept") for term in distances):
+    stated_only = unmeasured_focals(report)
+    if stated_only:
+        lengths = [stated(f, "mm") for f in stated_only if f is not None]
+        several = len(takes_by_focal(report)) > 1 and lengths
+        place = f" at {joined(lengths)}" if several else ""
         yield Finding(
             "note",
-            "The focal length is the stated one, not measured: these views cannot "
-            "tell it from the chart's distance. Tilt the chart in two more takes.",
+            f"The focal length{place} is the stated one, not measured: these views "
+            "cannot tell it from the chart's distance. Tilt the chart in two more "
+            "takes.",
         )
 
 

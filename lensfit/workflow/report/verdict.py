@@ -4,9 +4,10 @@ Each rule looks at one kind of evidence and gives at most a few findings. The fi
 finding grades the whole: the worse of the error on points that the fit never saw (it
 holds detection noise too, so it never flatters) and of the predicted standard deviation
 of the map in its worst corner. Half a pixel is where a locked-off match-move begins
-to show; a tenth is where set measurement stops caring. The rest say what is weak and
-which photograph would mend it. Residuals of fitted points alone are no evidence
-(mrcal, "tour of uncertainty and cross-validation").
+to show; a tenth is where set measurement stops caring; and both take the focal length
+for measured, which it is only where views from several sides tell it from the chart's
+distance. The rest say what is weak and which photograph would mend it. Residuals of
+fitted points alone are no evidence (mrcal, "tour of uncertainty and cross-validation").
 """
 
 import math
@@ -20,6 +21,7 @@ from lensfit.workflow.report.evidence import (
     counts_by_focal,
     covered_share,
     error_px,
+    unmeasured_focals,
     used_takes,
 )
 from lensfit.workflow.report.map_rules import (
@@ -91,6 +93,12 @@ def _grade(report: dict) -> Finding:
     if corner > error and corner > GOOD_PX:
         said = (
             f"in its worst corner the map is known to {number(corner, 'px', 2)} only."
+        )
+    if worst <= GOOD_PX and unmeasured_focals(report):
+        return Finding(
+            "good",
+            "Ready for undistortion, and for CG where the stated focal length will do: "
+            f"{said}",
         )
     if worst <= PRECISE_PX:
         return Finding("good", f"Ready for measurement, match-moving and CG: {said}")

@@ -10,14 +10,17 @@ import math
 from pathlib import Path
 
 from lensfit._strict import (
+    LARGEST_TOML_BYTES,
     convert_strictly,
     did_you_mean,
     non_finite_numbers,
     read_toml_tables,
 )
+from lensfit.bounded import read_bounded, utf8_text
 from lensfit.errors import ShootError
 from lensfit.io.transfer import ENCODINGS
 from lensfit.workflow.shoot.focal_length import check_focal_length
+from lensfit.workflow.shoot.left_to_check import notes_of_draft
 from lensfit.workflow.shoot.records import (
     Camera,
     LensName,
@@ -29,6 +32,8 @@ from lensfit.workflow.shoot.records import (
 
 __all__ = ["Camera", "LensName", "Shoot", "Take", "Target", "load_shoot"]
 
+_SOURCE = '"lensfit inspect IMAGES --write-shoot" drafts a shoot file'
+_MEND = "give a shoot file in TOML, as the README describes"
 _ONLY_FOR = {
     "hole_diameter_mm": ("dot-grid", "circle-grid"),
     "line_width_mm": ("line-grid",),
@@ -59,8 +64,8 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
     data = read_toml_tables(
         path,
         error=ShootError,
-        source='"lensfit inspect IMAGES --write-shoot" drafts a shoot file',
-        mend="give a shoot file in TOML, as the README describes",
+        source=_SOURCE,
+        mend=_MEND,
     )
     for key, value in non_finite_numbers(data):
         if not (key.endswith(".focus_distance_mm") and value == math.inf):
@@ -76,9 +81,15 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
         camera=tables.camera,
         targets=targets,
         takes=tuple(tables.take),
-        notes=_unused(tables),
+        notes=_unused(tables) + notes_of_draft(_text(path)),
         images=None if images is None else Path(images),
     )
+
+
+def _text(path: Path) -> str:
+    """The file with its comments, which the reader of TOML drops."""
+    content = read_bounded(path, LARGEST_TOML_BYTES, error=ShootError, remedy=_SOURCE)
+    return utf8_text(content, path, error=ShootError, remedy=_MEND)
 
 
 def _place(key: str) -> str:
