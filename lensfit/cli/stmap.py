@@ -94,9 +94,10 @@ def stmap(
             progress=progress,
         )
     # Of the selection, not of the lens: a map has no blur that could be missing.
-    for note in loaded.select(
+    chosen = loaded.select(
         focal_length_mm=focal_length_mm, focus_distance_mm=focus_distance_mm
-    ).notes:
+    )
+    for note in (*chosen.notes, *written.notes):
         say_note(note)
     if lens.has_lateral_colour and not per_channel:
         say_note("the maps are those of green; --per-channel writes red and blue too")

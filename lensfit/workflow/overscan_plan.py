@@ -27,6 +27,7 @@ from lensfit.render.overscan import (
 )
 from lensfit.render.uv import Channel, PlateGeometry, overscan_needed
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
+from lensfit.workflow.camera.spanned_width import spanned_width_note
 from lensfit.workflow.stmaps import LARGEST_SIDE_PX
 
 if TYPE_CHECKING:
@@ -96,11 +97,14 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
     ------
     PresetError : The preset does not reach a state, or nobody knows the focus distance
         of the depth of field.
-    ImageError : The frame has no size, or the sensor none, or the f-number is none.
+    ImageError : The frame has no size, or the sensor none or one that the lens is not
+        known over, or the f-number is none.
     """
     _check(question)
     display = Window.of_size(*question.size_px)
-    sensor_mm = question.sensor_width_mm or preset.camera.sensor_width_mm
+    measured_mm, sensor_mm = preset.camera.sensor_width_mm, question.sensor_width_mm
+    sensor_mm = measured_mm if sensor_mm is None else sensor_mm
+    width_note = spanned_width_note(sensor_mm, measured_mm)
     none = Margins(0, 0, 0, 0)
     channels: dict[Channel, Margins] = {"r": none, "g": none, "b": none}
     factor, blur_px, blurred = 1.0, None, none
@@ -129,7 +133,7 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
         with_blur=None if blur_px is None else blurred,
         blur_camera=None if blur_px is None else cg_camera(blurred, display, sensor_mm),
         states=len(states),
-        notes=tuple(notes),
+        notes=(*notes, *([width_note] if width_note else [])),
     )
 
 
@@ -156,11 +160,6 @@ def _check(question: OverscanQuestion) -> None:
         raise ImageError(
             f"a frame of {width} x {height} is none",
             remedy=f"give a size of up to {LARGEST_SIDE_PX} on a side",
-        )
-    sensor_mm = question.sensor_width_mm
-    if sensor_mm is not None and not 0 < sensor_mm < math.inf:
-        raise ImageError(
-            f"a sensor {sensor_mm:g} mm wide is none", remedy="give --sensor-width-mm"
         )
     stop = question.f_number
     if stop is not None and not 0 < stop < math.inf:

@@ -30,6 +30,7 @@ from lensfit.render.uv import (
     stmap_undistort,
 )
 from lensfit.units import m_from_mm
+from lensfit.workflow.camera.spanned_width import spanned_width_note
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens
@@ -67,10 +68,11 @@ class StmapFrame:
 
 @dataclass(frozen=True)
 class WrittenStmaps:
-    """Files written, and the overscan that CG plates of this size need."""
+    """Files written, the overscan that CG plates of this size need, and remarks."""
 
     paths: tuple[Path, ...]
     overscan: Overscan
+    notes: tuple[str, ...] = ()
 
 
 def write_stmaps(
@@ -100,8 +102,11 @@ def write_stmaps(
     Raises
     ------
     OutputError : The size makes no map, or the folder cannot be written.
+    ImageError : The sensor has no width, or one that the lens is not known over.
     """
     _check(frame, Path(out_dir))
+    measured_mm, width_mm = lens.sensor_size_mm[0], frame.sensor_width_mm
+    note = None if width_mm is None else spanned_width_note(width_mm, measured_mm)
     wanted = [d for d in _MAKERS if direction in (d, "both")]
     channels = _CHANNELS if per_channel else ("g",)
     progress("UV maps", 0, len(wanted))
@@ -126,7 +131,7 @@ def write_stmaps(
     needed = overscan_needed(
         lens, frame.display_window, sensor_width_mm=frame.sensor_width_mm
     )
-    return WrittenStmaps(tuple(paths), needed)
+    return WrittenStmaps(tuple(paths), needed, (note,) if note else ())
 
 
 def file_stem(lens_name: str, lens: "Lens") -> str:

@@ -98,7 +98,7 @@ def test_what_cannot_be_answered_is_one_line(tmp_path):
         plan_overscan(preset, OverscanQuestion(SIZE, f_number=2.0, nearest_mm=40.0))
     with pytest.raises(ImageError, match="0 x 64"):
         plan_overscan(preset, OverscanQuestion((0, 64)))
-    with pytest.raises(ImageError, match="sensor -1 mm wide"):
+    with pytest.raises(ImageError, match="-1 mm wide"):
         plan_overscan(preset, OverscanQuestion(SIZE, sensor_width_mm=-1.0))
     save_preset(preset, tmp_path / "preset.json")
     for wrong in (0.0, -2.0, np.nan, np.inf):

@@ -6,7 +6,6 @@ A value that is missing is an error where the answer depends on it. Where the pr
 leaves no choice, as of a prime's focal length, its value is used and a note says so.
 """
 
-import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -20,6 +19,7 @@ from lensfit.workflow.camera.assumed import Assumed, assumed
 from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
 from lensfit.workflow.camera.knob_sources import knobs_of_plate
 from lensfit.workflow.camera.plate_camera import PlateCamera
+from lensfit.workflow.camera.spanned_width import spanned_width_note
 from lensfit.workflow.camera.spelling import SPELT, option_of
 from lensfit.workflow.notes import FrameNote
 
@@ -81,10 +81,6 @@ class PlateState(NamedTuple):
             raise _missing(missing, self.camera, f", which {use} needs", remedy)
 
 
-_LEAST_WIDTH_MM = 0.01
-"""Less is no sensor but another unit, or a slip."""
-_LEAST_PART = 0.12
-"""Of the width that was photographed: a smaller one may be in centimetres."""
 _ENTRIES = {
     "focal_length_mm": "pinholeFocalLength or lens/focal",
     "f_number": "aperture or lens/fstop",
@@ -113,9 +109,9 @@ def plate_state(
 
     Raises
     ------
-    ImageError : The sensor has no width, or a value is missing that the preset cannot
-        do without; the line names it, where it was looked for and the option that
-        gives it.
+    ImageError : The sensor has no width or one that the lens is not known over, or a
+        value is missing that the preset cannot do without; the line names it, where it
+        was looked for and the option that gives it.
     PresetError : The preset does not reach the state.
     """
     key = _lens_key(preset, camera)
@@ -159,29 +155,10 @@ def _lens_key(
 
 def _width_mm(preset: Preset, camera: PlateCamera) -> tuple[float, str | None]:
     """The width that the display window spans, and what is to be said of it."""
-    width, measured, note = (
-        camera.number("sensor_width_mm"),
-        preset.camera.sensor_width_mm,
-        None,
-    )
+    width, measured = camera.number("sensor_width_mm"), preset.camera.sensor_width_mm
     if width is None:
-        width = measured  # as `assumed` says
-    elif width > measured * 1.001:
-        note = (
-            f"the plate spans {width:g} mm and the lens was photographed over "
-            f"{measured:g} mm: the rest is extrapolated"
-        )
-    elif _LEAST_WIDTH_MM <= width < _LEAST_PART * measured:
-        note = (
-            f"the plate spans {width:g} mm of the {measured:g} mm that the lens was "
-            "photographed over: make sure that this is in mm (--sensor-width-mm)"
-        )
-    if not _LEAST_WIDTH_MM <= width < math.inf:
-        raise ImageError(
-            f"the sensor is stated to be {width:g} mm wide",
-            remedy="give its width with --sensor-width-mm",
-        )
-    return width, note
+        return measured, None  # as `assumed` says
+    return width, spanned_width_note(width, measured)
 
 
 def _needed(preset: Preset, falloff: bool) -> list[str]:

@@ -44,4 +44,4 @@ def _exported(request: ExportRequest, written: WrittenStmaps, paths) -> Exported
         request, request.lens(), (), has_colour=request.per_channel, paths=paths
     )
     needed = f"CG plates need {written.overscan.percent:.3f} % overscan in total"
-    return Exported(found.paths, found.nearness, (*found.notes, needed))
+    return Exported(found.paths, found.nearness, (*found.notes, *written.notes, needed))

@@ -1,0 +1,54 @@
+"""The width of sensor that a plate spans, against that which was photographed.
+
+A map continues beyond what was measured as its terms happen to. A little of that is a
+remark; much of it is a number in another unit, or of another camera, and no picture.
+"""
+
+import math
+
+from lensfit.errors import ImageError
+
+LARGEST_PART = 1.25
+"""Of the width that was photographed; farther out the map is none."""
+LEAST_PART = 0.12
+"""Of the same: a smaller one may be in centimetres."""
+_LEAST_MM = 0.01
+"""Less is no sensor but another unit, or a slip."""
+_SAME = 1.001
+_OPTION = "--sensor-width-mm"
+
+
+def spanned_width_note(width_mm: float, measured_mm: float) -> str | None:
+    """What is to be said of the width that a frame spans; None if nothing is.
+
+    Parameters
+    ----------
+    measured_mm : Width that the lens was photographed over.
+
+    Raises
+    ------
+    ImageError : It is no width, or the lens is not known that far out.
+    """
+    if not _LEAST_MM <= width_mm < math.inf:
+        raise ImageError(
+            f"the sensor is stated to be {width_mm:g} mm wide",
+            remedy=f"give its width with {_OPTION}",
+        )
+    if width_mm > LARGEST_PART * measured_mm:
+        raise ImageError(
+            f"the plate spans {width_mm:g} mm and the lens was photographed over "
+            f"{measured_mm:g} mm, which serves up to {LARGEST_PART * measured_mm:g} mm",
+            remedy=f"make sure that this is in mm ({_OPTION}); for a larger sensor "
+            "photograph the lens on it",
+        )
+    if width_mm > _SAME * measured_mm:
+        return (
+            f"the plate spans {width_mm:g} mm and the lens was photographed over "
+            f"{measured_mm:g} mm: the rest is extrapolated"
+        )
+    if width_mm < LEAST_PART * measured_mm:
+        return (
+            f"the plate spans {width_mm:g} mm of the {measured_mm:g} mm that the lens "
+            f"was photographed over: make sure that this is in mm ({_OPTION})"
+        )
+    return None
