@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from lensfit.atomic import write_text_atomic
-from lensfit.errors import DetectionError, OutputError
+from lensfit.errors import DetectionError
 from lensfit.fit.lens_state import LensState
 from lensfit.fit.lens_states import Fitted, fit
 from lensfit.fit.wavefront.effort import Effort
@@ -33,6 +33,7 @@ from lensfit.workflow.calibration.entries import (
 )
 from lensfit.workflow.calibration.entry_facts import entry_facts
 from lensfit.workflow.calibration.observe import Observed, observe_shoot
+from lensfit.workflow.calibration.results_folder import PRESET, results_folder
 from lensfit.workflow.calibration.take_facts import take_facts
 from lensfit.workflow.calibration.term_facts import terms_of
 from lensfit.workflow.pictures.blur_pictures import write_dot_pictures
@@ -69,17 +70,10 @@ def calibrate(
 
     Raises
     ------
-    LensfitError : No photograph could be used, or the folder cannot be written.
+    LensfitError : No photograph could be used, or the folder cannot be written or holds
+        the calibration of another lens.
     """
-    folder = Path(out_dir)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"the folder cannot be made ({error.strerror})",
-            where=folder,
-            remedy="choose another --out",
-        ) from error
+    folder = results_folder(out_dir, shoot)
     with stopwatch() as seeing:
         shoot = with_charts_read(shoot, progress)
         observed = observe_shoot(shoot, folder, progress)
@@ -136,7 +130,7 @@ def calibrate_observed(
     report["seconds"] = {k: round(v, 3) for k, v in seconds.items()}
     report["files"]["stmaps"] = maps
     # What takes long is done: preset and report, which must agree, follow each other.
-    save_preset(preset, folder / "preset.json")
+    save_preset(preset, folder / PRESET)
     write_text_atomic(folder / "report.json", json.dumps(report, indent=1))
     write_report(report, folder)
     return report
