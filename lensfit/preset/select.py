@@ -8,8 +8,9 @@ them either. Fall-off is interpolated in the logarithm of the f-number.
 
 Beyond the measured focus distances the nearest measured state is used and a note says
 so: a prime measured at one focus serves all of them, its blur refocused by first-order
-optics (`lensfit.preset.blur_of_block`). Beyond the measured focal lengths
-the same holds within 5 %, as metadata of a prime scatter; further away it is an error.
+optics (`lensfit.preset.blur_of_block`). Nearer than its front focal point it has no
+image, which is an error. Beyond the measured focal lengths the nearest is used within
+5 %, as metadata of a prime scatter; further away it is an error.
 """
 
 import math
@@ -175,15 +176,34 @@ def _at_focus(
 def _asked_focus(entry: Entry, asked_mm: float | None, notes: list[str]) -> Entry:
     """`entry`, with a note where it was measured at another focus."""
     measured_mm = entry.focus_distance_mm
-    if asked_mm is not None and measured_mm not in (None, asked_mm):
+    if asked_mm is None or asked_mm == measured_mm:
+        return entry
+    if asked_mm < (measured_mm or math.inf):
+        _check_image(entry, asked_mm)
+    if measured_mm is not None:
         note = (
-            f"focus distance {asked_mm:g} mm is outside what was measured; "
-            f"the lens as measured at {measured_mm:g} mm is used"
+            f"focus distance {asked_mm:g} mm is outside what was measured; distortion, "
+            f"lateral colour and fall-off are those of {measured_mm:g} mm, depth of "
+            "field follows the stated distance"
         )
         if entry.blur:
-            note += ", its blur refocused as if the whole lens moved (unit focusing)"
+            note += ", as if the whole lens moved (unit focusing)"
         notes.append(note)
     return entry
+
+
+def _check_image(entry: Entry, focus_distance_mm: float) -> None:
+    """Refuse to focus nearer than the front focal point (`optics.paraxial`)."""
+    magnification = entry.blur.pupil_magnification if entry.blur else 1.0
+    to_pupil_mm = max(0.0, entry.projection.entrance_pupil_offset_mm)
+    nearest_mm = to_pupil_mm + entry.focal_length_mm / magnification
+    if focus_distance_mm <= nearest_mm:
+        raise PresetError(
+            f"a lens of {entry.focal_length_mm:g} mm has no image of what is "
+            f"{focus_distance_mm:g} mm from the sensor, only beyond {nearest_mm:.0f} "
+            "mm",
+            remedy="focus distances are from the sensor, in mm (--focus-distance-mm)",
+        )
 
 
 def _dioptres(entry: Entry) -> float:

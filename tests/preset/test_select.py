@@ -82,6 +82,20 @@ def test_focus_beyond_what_was_measured_is_clamped_with_a_note():
     assert chosen.entry.projection.principal_distance_mm == 52.6
     assert chosen.entry.focus_distance_mm == 500.0
     assert "focus distance 500 mm is outside what was measured" in chosen.notes[0]
+    assert "fall-off are those of 1000 mm" in chosen.notes[0]
+
+
+def test_focus_where_the_lens_has_no_image_is_refused():
+    prime = make_preset(entry_at(50, 1000.0, 52.6))
+    zoom = make_preset(entry_at(50, 1000.0, 52.6), entry_at(50, 2000.0, 51.3))
+    for preset in (prime, zoom):
+        with pytest.raises(PresetError, match=r"50 mm has no image of what is 1.5 mm"):
+            preset.select(50.0, 2.8, 1.5)
+        preset.select(50.0, 2.8, 250.0)
+        preset.select(50.0, 2.8, np.inf)
+    offset_mm = prime.entries[0].projection.entrance_pupil_offset_mm
+    with pytest.raises(PresetError, match=f"only beyond {offset_mm + 50:.0f} mm"):
+        prime.select(50.0, 2.8, offset_mm + 49)
 
 
 def test_a_prime_tolerates_the_scatter_of_metadata_and_no_more():
