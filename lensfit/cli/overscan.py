@@ -216,7 +216,8 @@ def _said(margins, camera) -> list[str]:
     window = camera.data_window
     return [
         f"pixels beyond the frame: {_sides(margins)}",
-        f"lens/overscan {camera.percent:.4f} % (in total, both axes)",
+        f"lens/overscan {camera.percent:.4f} % (in total, one for both axes: "
+        "some sides hold more)",
         f"render {width} x {height}, data window "
         f"({window.x_min}, {window.y_min}) - ({window.x_max}, {window.y_max})",
         f"film back {camera.sensor_mm[0]:.6f} x {camera.sensor_mm[1]:.6f} mm, "

@@ -106,22 +106,26 @@ def stmap(
 
 def _say(written, as_json: bool) -> None:
     """The files, and the overscan that CG has to be rendered with."""
-    needed = written.overscan
+    needed = written.margins
     if as_json:
         import json
 
         outcome = {
             "files": [str(path) for path in written.paths],
-            "overscan_needed": {**needed._asdict(), "percent": needed.percent},
+            "overscan_needed": {
+                **needed._asdict(),
+                "factor": written.factor,
+                "percent": written.overscan_percent,
+            },
         }
         typer.echo(json.dumps(outcome, indent=1))
         return
     for path in written.paths:
         typer.echo(path)
     typer.echo(
-        f"CG plates need {needed.percent:.3f} % overscan in total "
-        f"(px: left {needed.left:.2f}, top {needed.top:.2f}, "
-        f"right {needed.right:.2f}, bottom {needed.bottom:.2f})"
+        f"CG plates need {written.overscan_percent:.4f} % overscan in total "
+        f"(px: left {needed.left}, top {needed.top}, "
+        f"right {needed.right}, bottom {needed.bottom})"
     )
     if needed.missing:
         typer.echo("Parts of the frame show nothing that an undistorted plate can hold")

@@ -141,6 +141,9 @@ def _margins(
 class CgCamera:
     """The camera of the CG: the same lens before a wider film back.
 
+    One percentage serves both axes and both of their sides, so that the window may hold
+    a pixel or more than is read on some of them.
+
     Attributes
     ----------
     percent : `lens/overscan`: pixels beyond the frame, in total, percent of its size,

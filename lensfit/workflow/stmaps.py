@@ -20,10 +20,14 @@ from lensfit.coords import Window
 from lensfit.errors import OutputError
 from lensfit.io.stmap import write_channel_stmaps, write_stmap
 from lensfit.progress import Progress, silent
-from lensfit.render.overscan import window_of_percent
+from lensfit.render.overscan import (
+    Margins,
+    cg_camera,
+    margins_read,
+    window_of_percent,
+)
 from lensfit.render.uv import (
     DEFAULT_TOLERANCE_PX,
-    Overscan,
     SourceMap,
     overscan_needed,
     stmap_redistort,
@@ -68,10 +72,20 @@ class StmapFrame:
 
 @dataclass(frozen=True)
 class WrittenStmaps:
-    """Files written, the overscan that CG plates of this size need, and remarks."""
+    """Files written, and what CG plates of this size need, as `lensfit overscan` says.
+
+    Attributes
+    ----------
+    margins : Pixels that the finished frame reads beyond its border.
+    overscan_percent : In total, the least that holds them.
+    factor : Of OpenLensIO, which knows no pixels.
+    notes : Remarks on the sensor that was stated.
+    """
 
     paths: tuple[Path, ...]
-    overscan: Overscan
+    margins: Margins
+    overscan_percent: float
+    factor: float
     notes: tuple[str, ...] = ()
 
 
@@ -128,10 +142,12 @@ def write_stmaps(
         for path in pool.map(write, wanted):
             paths.append(path)
             progress("UV maps", len(paths), len(wanted))
-    needed = overscan_needed(
-        lens, frame.display_window, sensor_width_mm=frame.sensor_width_mm
-    )
-    return WrittenStmaps(tuple(paths), needed, (note,) if note else ())
+    display = frame.display_window
+    margins = margins_read(lens, display, sensor_width_mm=width_mm)
+    percent = cg_camera(margins, display, width_mm or measured_mm).percent
+    factor = overscan_needed(lens, display, sensor_width_mm=width_mm).factor
+    notes = (note,) if note else ()
+    return WrittenStmaps(tuple(paths), margins, percent, factor, notes)
 
 
 def file_stem(lens_name: str, lens: "Lens") -> str:

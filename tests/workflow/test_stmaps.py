@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plate_makers import make_preset
 
 from lensfit.coords import Window, px_from_uv
 from lensfit.errors import OutputError
@@ -11,6 +12,7 @@ from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.lens_of_entry import lens_of_entry
 from lensfit.preset.schema import Camera
 from lensfit.render.uv import PlateGeometry
+from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
 from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 
 FRAME = StmapFrame((160, 120), overscan_percent=15.0)
@@ -83,9 +85,21 @@ def test_one_direction_only_and_the_overscan_that_is_needed(tmp_path):
     written = write_stmaps(make_lens(), FRAME, tmp_path, "fifty", direction="redistort")
     assert [path.name for path in written.paths] == ["fifty_redistort.exr"]
     uv = read_stmap(written.paths[0]).uv[9:-9, 12:-12]
-    # Pixel centres lie half a pixel inside the border, and red reaches farther.
-    assert -uv[..., 0].min() * 160 == pytest.approx(written.overscan.left, abs=1.0)
-    assert written.overscan.percent > 1
+    # Beyond the outermost position lie the taps of the filter; red reaches farther.
+    beyond = written.margins.left + uv[..., 0].min() * 160
+    assert 1.0 < beyond < 3.5
+    assert written.overscan_percent > 1
+
+
+def test_it_is_the_overscan_that_the_command_for_it_says(tmp_path):
+    preset = make_preset()
+    question = OverscanQuestion((160, 120), focus_distance_mm=(2000.0, 2000.0))
+    plan = plan_overscan(preset, question)
+    lens = preset.at(focus_distance_mm=2000.0)
+    written = write_stmaps(lens, StmapFrame((160, 120)), tmp_path, "one")
+    assert written.margins == plan.margins
+    assert written.overscan_percent == plan.camera.percent
+    assert written.factor == plan.factor
 
 
 def test_names_of_states_are_plain_file_names():

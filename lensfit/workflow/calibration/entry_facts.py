@@ -16,7 +16,7 @@ from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.position_deviation import FRAME_GRID
 from lensfit.preset.schema import Camera
-from lensfit.render.uv import overscan_needed
+from lensfit.render.overscan import cg_camera, margins_read
 from lensfit.workflow.plain_numbers import plain_distance, rounded
 
 _RADII = 40
@@ -29,7 +29,8 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
     size_mm = (camera.sensor_width_mm, camera.sensor_height_mm)
     centre = np.asarray(d.principal_point_mm)
     trip, monotone = _round_trip(lens, size_mm, size_mm[0] / size_px[0])
-    overscan = overscan_needed(lens, Window.of_size(*size_px))
+    display = Window.of_size(*size_px)
+    needed = cg_camera(margins_read(lens, display), display, size_mm[0])
     return {
         "focal_length_mm": state.focal_length_mm,
         "focus_distance_mm": plain_distance(state.focus_distance_mm),
@@ -43,7 +44,7 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
         "uncertainty_grid": _uncertainty_grid(state, lens, size_px, size_mm),
         "monotone": monotone,
         "round_trip_max_px": trip,
-        "overscan_percent": round(overscan.percent, 3),
+        "overscan_percent": needed.percent,
     }
 
 

@@ -43,5 +43,5 @@ def _exported(request: ExportRequest, written: WrittenStmaps, paths) -> Exported
     found = exported(
         request, request.lens(), (), has_colour=request.per_channel, paths=paths
     )
-    needed = f"CG plates need {written.overscan.percent:.3f} % overscan in total"
+    needed = f"CG plates need {written.overscan_percent:.4f} % overscan in total"
     return Exported(found.paths, found.nearness, (*found.notes, *written.notes, needed))

@@ -182,7 +182,7 @@ def _key_numbers(report: dict) -> list[tuple[str, str]]:
         (f"{len(used_takes(report))} of {len(takes)}", "takes used"),
     ]
     overscan = _largest([_float(entry.get("overscan_percent")) for entry in entries])
-    cards.append((number(overscan, "%", 2), "overscan that the CG needs"))
+    cards.append((number(overscan, "%", 4), "overscan that the CG needs"))
     # Parts overlap: photographs are searched side by side, and `fit` holds its stages.
     whole = (report.get("seconds") or {}).get("whole")
     if whole is not None:

@@ -120,7 +120,7 @@ def _entry_facts(entry: dict) -> str:
     if entry.get("round_trip_max_px") is not None:
         facts.append(f"round trip {number(entry['round_trip_max_px'], 'px', 2)}")
     if entry.get("overscan_percent") is not None:
-        facts.append(f"overscan {number(entry['overscan_percent'], '%', 2)}")
+        facts.append(f"overscan {number(entry['overscan_percent'], '%', 4)}")
     return " · ".join(facts)
 
 
