@@ -8,7 +8,9 @@ depth. Everything goes into one file, `truth_wavefront.npz`.
 import json
 import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -134,25 +136,29 @@ def wavefront_truth(
     every = [(s, True) for s in settings.photographed]
     every += [(s, False) for s in settings.unseen]
     widest = min(f_number for (f_number, _, _), _ in every)
-    groups, spots, chiefs, objects = [], [], [], []
-    for focus_mm, object_mm in dict.fromkeys((s[1], s[2]) for s, _ in every):
+
+    def traced(focus_mm: float, object_mm: float) -> list[tuple]:
         wide = make(widest, focus_mm)
         points = field_points_mm(wide, frame, FIELD_PARTS, object_mm)
         same = [(s, seen) for s, seen in every if s[1:] == (focus_mm, object_mm)]
         lenses = [make(s[0], focus_mm) for s, _ in same]
         chief_mm, drawn = spots_of(wide, lenses, points, frame, bands)
-        for (setting, seen), (psf, subpixels) in zip(same, drawn, strict=True):
-            groups.append(Group(*setting, seen, subpixels, psf.shape[-1]))
-            spots.append(psf)
-            chiefs.append(chief_mm)
-            objects.append(points)
+        return [
+            (Group(*setting, seen, subpixels, psf.shape[-1]), psf, chief_mm, points)
+            for (setting, seen), (psf, subpixels) in zip(same, drawn, strict=True)
+        ]
+
+    focused = dict.fromkeys((s[1], s[2]) for s, _ in every)
+    with ThreadPoolExecutor() as pool:
+        rows = list(chain.from_iterable(pool.map(traced, *zip(*focused, strict=True))))
+    groups, spots, chiefs, objects = zip(*rows, strict=True)
     chart_mm = settings.photographed[0][2]
     seen_focus = tuple(dict.fromkeys(s[1] for s in settings.photographed))
     tables = _chief_tables(make, widest, seen_focus, frame, bands, chart_mm)
     stops = tuple(dict.fromkeys(s[:2] for s in settings.photographed))
     light = [_light_table(make(*s), frame, bands, chart_mm) for s in stops]
     return WavefrontTruth(
-        frame, focal_length_mm, chart_mm, tuple(groups), tuple(spots),
+        frame, focal_length_mm, chart_mm, groups, spots,
         np.array(chiefs), np.array(objects), seen_focus, *tables, stops,
         np.array([points for points, _ in light]), np.array([v for _, v in light]),
     )  # fmt: skip

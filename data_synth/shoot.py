@@ -8,6 +8,7 @@ truth.
 
 import math
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -43,6 +44,8 @@ from data_synth.sensor import MOSAIC, Sensor, digitise
 from lensfit.atomic import write_text_atomic
 
 BRIGHTEST = 0.75
+AT_ONCE = 4
+"""Photographs; more take too much memory."""
 """Automatic exposure puts the brightest half per mille of a picture here."""
 FIELD_STEPS = (13, 11)
 
@@ -167,8 +170,8 @@ def write_shoot(
     progress : Told the name of each shot before it is taken.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    states = {}
-    for number, shot in enumerate(shots):
+
+    def photograph(number: int, shot: Shot) -> tuple[str, SetLens]:
         progress(shot.name)
         lens, taken = take(
             prescription, camera, shot, seed=seed + 100 * number, change=change
@@ -183,7 +186,10 @@ def write_shoot(
             folder / f"{shot.name}_truth.json", _truth(camera, shot, lens, taken, gain)
         )
         setting = f"f{shot.f_number:g}_{shot.focus_distance_mm:g}mm"
-        states.setdefault(f"{lens.focal_length_mm:.2f}mm_{setting}", lens)
+        return f"{lens.focal_length_mm:.2f}mm_{setting}", lens
+
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        states = dict(pool.map(photograph, range(len(shots)), shots))
     write_text_atomic(folder / "shoot.toml", shoot_toml(prescription, camera, shots))
     write_json(folder / "truth_lens.json", lens_truth(prescription, camera, states))
     if with_wavefront:

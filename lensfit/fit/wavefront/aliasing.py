@@ -9,21 +9,31 @@ an error of its own moves both sums alike.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy.ndimage import spline_filter1d
+from jaxtyping import Array, Bool, Float
 from scipy.spatial import KDTree
+from scipy.special import j1
 
+from lensfit.batches import in_batches
 from lensfit.detect.cutouts import Cutouts
+from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.gather import Gathered, chosen
+from lensfit.fit.wavefront.normal import as_float32
+from lensfit.fit.wavefront.parameters import Layout, Scale
+from lensfit.fit.wavefront.rays import Colour, spot_seen
 from lensfit.fit.wavefront.shown import Shown
-from lensfit.fit.wavefront.stages import Stage, first_stage, settled
+from lensfit.fit.wavefront.stages import Stage, first_stage, settled, with_iris
 from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights
+from lensfit.kernel.pixels import diffraction_variance_mm2, image_of, profile_of
 from lensfit.mosaic import photosites_at
 
 _ROUNDS = 4
+_BATCH = 512
 _NEIGHBOURS = 24
 _FARTHEST_CELLS = 1.0
 """No spot is moved by more; then the model is not of it."""
@@ -75,17 +85,77 @@ def _own_of(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
 def _images(
     stage: Stage, these: Gathered
 ) -> tuple[Float[np.ndarray, "dots 3 rows columns"], Float[np.ndarray, "dots 1 2"]]:
-    """Light of the fitted model over its background, and the size of its cells, mm."""
+    """The light of every dot as the fit has it, and the size of its cells, mm."""
     begun = replace(
         first_stage(these, stage.layout, stage.parameters),
         blades=stage.blades,
         weight=first_weights(these, MODEL_SHARE),
     )
-    found = settled(begun, _ROUNDS)
-    image = these.light - found.residual - found.nuisance[..., 1, None, None]
-    cell_mm = these.dots.cell_mm[:, None]
-    unusual = _unusual_mm(-found.corner_mm, np.asarray(these.dots.field_mm), these.take)
-    return shifted(image, -unusual / cell_mm), cell_mm
+    corner_mm = settled(begun, _ROUNDS).corner_mm
+    field_mm = np.asarray(these.dots.field_mm)
+    corner_mm = corner_mm + _unusual_mm(-corner_mm, field_mm, these.take)
+    image = in_batches(
+        lambda part: _drawn(
+            as_float32(jnp.asarray(stage.parameters)),
+            jax.tree.map(as_float32, part),
+            as_float32(jnp.asarray(these.chromatic)),
+            stage.layout,
+            jax.tree.map(as_float32, these.scale),
+            (stage.points.image, these.light.shape[-1]),
+        ),
+        (with_iris(these, stage.blades), corner_mm),
+        _BATCH,
+    )
+    return _of_sharp_holes(image.astype(float), these), these.dots.cell_mm[:, None]
+
+
+@partial(jax.jit, static_argnames=("layout", "points_and_cells"))
+def _drawn(
+    parameters: Array,
+    part: tuple[Dots, Array],
+    chromatic: Array,
+    layout: Layout,
+    scale: Scale,
+    points_and_cells: tuple[int, int],
+) -> Array:
+    """Dots of all channels on their cells, each of a brightness of 1."""
+    points, cells = points_and_cells
+
+    def of_dot(one: tuple[Dots, Array]) -> Array:
+        dot, corners_mm = one
+
+        def channel(chromatic: Array, lateral_mm: Array, corner_mm: Array) -> Array:
+            colour = Colour(chromatic, lateral_mm)
+            spot, _ = spot_seen(parameters, dot, colour, layout, scale, points)
+            profile = profile_of(
+                spot,
+                corner_mm=corner_mm,
+                cell_mm=dot.cell_mm,
+                cells=cells,
+                variance_mm2=dot.variance_mm2,
+                apart_mm=dot.apart_mm,
+            )
+            return image_of(spot, profile)
+
+        return jax.vmap(channel)(chromatic, dot.lateral_mm, corners_mm)
+
+    return jax.lax.map(of_dot, part)
+
+
+def _of_sharp_holes(image: np.ndarray, these: Gathered) -> np.ndarray:
+    """Images of holes with sharp rims.
+
+    The fit takes holes for Gaussians, which is good enough for pixels. At the finest
+    detail, which is what aliases, a Gaussian of a pixel and a half has three times as
+    much as a disc.
+    """
+    dots = these.dots
+    if dots.apart_mm is not None:
+        return image
+    f_number = jnp.asarray(these.f_numbers)[dots.stop]
+    variance_mm2 = dots.variance_mm2 - np.asarray(diffraction_variance_mm2(f_number))
+    radius = 2 * np.sqrt(np.maximum(variance_mm2, 0.0)) / dots.cell_mm[:, 0]
+    return with_rims(image, radius)
 
 
 def _unusual_mm(place_mm: np.ndarray, field_mm: np.ndarray, take: np.ndarray):
@@ -105,34 +175,20 @@ def _unusual_mm(place_mm: np.ndarray, field_mm: np.ndarray, take: np.ndarray):
     return beside - usual
 
 
-def shifted(
-    image: Float[np.ndarray, "*patches rows columns"],
-    cells: Float[np.ndarray, "*patches 2"],
-) -> Float[np.ndarray, "*patches rows columns"]:
-    """Every patch moved by so many columns and rows, by cubic splines."""
-    across = _shifted_along_rows(image, cells[..., 0])
-    down = _shifted_along_rows(np.swapaxes(across, -1, -2), cells[..., 1])
-    return np.swapaxes(down, -1, -2)
+def with_rims(
+    image: Float[np.ndarray, "dots 3 rows columns"], radius: Float[np.ndarray, " dots"]
+) -> Float[np.ndarray, "dots 3 rows columns"]:
+    """Images of Gaussian holes as those of discs of the same second moments.
 
-
-def _shifted_along_rows(image: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    count = image.shape[-1]
-    spline = spline_filter1d(image, axis=-1, mode="nearest")
-    from_column = np.arange(count) - cells[..., None]
-    before = np.floor(from_column).astype(int)
-    t = from_column - before
-    weights = [
-        (1 - t) ** 3,
-        (3 * t - 6) * t**2 + 4,
-        ((3 - 3 * t) * t + 3) * t + 1,
-        t**3,
-    ]
-    found = np.zeros_like(image)
-    for k, weight in enumerate(weights):
-        column = np.clip(before + k - 1, 0, count - 1)
-        columns = np.broadcast_to(column[..., None, :], image.shape)
-        found += weight[..., None, :] / 6 * np.take_along_axis(spline, columns, -1)
-    return found
+    Parameters
+    ----------
+    radius : Of the discs, in cells.
+    """
+    size = image.shape[-1]
+    wave = 2 * np.pi * np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size))
+    x = np.maximum(radius[:, None, None, None] * wave, 1e-9)
+    ratio = 2 * j1(x) / x * np.exp(x**2 / 8)
+    return np.fft.irfft2(np.fft.rfft2(image) * ratio, s=(size, size))
 
 
 def aliased(

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import shift
+from scipy.special import j1
 
-from lensfit.fit.wavefront.aliasing import aliased, shifted
+from lensfit.fit.wavefront.aliasing import aliased, with_rims
 from lensfit.mosaic import MOSAICS, photosites
 
 CELLS = 24
@@ -58,11 +58,19 @@ def test_nothing_is_done_without_a_mosaic_or_light():
     np.testing.assert_array_equal(brightened, 1)
 
 
-def test_patches_are_shifted_like_single_pictures():
-    cells = np.array([[0.3, -0.7], [1.2, 0.0], [-2.4, 1.6]])
-    spots = np.tile(gaussian(1.5, (0.2, -0.4)), (2, 1, 1, 1))
-    moved = shifted(spots, np.stack([cells, -cells]))
-    for dot, channel in np.ndindex(2, 3):
-        columns, rows = cells[channel] * (1, -1)[dot]
-        expected = shift(spots[dot, channel], (rows, columns), mode="nearest")
-        np.testing.assert_allclose(moved[dot, channel], expected, atol=1e-9)
+def test_a_hole_has_the_finest_detail_of_a_disc():
+    """The transform of a disc is 2 J1(x)/x, that of its Gaussian exp(-x^2/8)."""
+    radius = np.array([0.5, 0.8, 0.9])
+    sigma = np.hypot(0.6, radius / 2)
+    gaussians = np.concatenate([gaussian(float(s), (0.2, -0.3)) for s in sigma])
+    discs = with_rims(gaussians, radius)
+    np.testing.assert_allclose(discs.sum((2, 3)), 1, rtol=1e-6)
+    turns = (-1.0) ** np.arange(CELLS)
+    for wave, waves in (
+        (np.pi, np.outer(np.ones(CELLS), turns)),
+        (np.pi * 2**0.5, np.outer(turns, turns)),
+    ):
+        x = radius * wave
+        expected = 2 * j1(x) / x * np.exp(x**2 / 8)
+        before, after = (np.sum(i * waves, (2, 3))[:, 0] for i in (gaussians, discs))
+        np.testing.assert_allclose(after / before, expected, rtol=1e-6)
