@@ -11,6 +11,7 @@ import typer
 
 from lensfit import __version__
 from lensfit.cli._door import DoorGroup
+from lensfit.cli._interrupt import interruptible
 
 COMMANDS = (
     "demo",
@@ -77,4 +78,5 @@ _register()
 
 def main() -> None:
     """Run the command line."""
-    app()
+    with interruptible():
+        app()

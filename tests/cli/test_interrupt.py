@@ -1,0 +1,100 @@
+"""Ctrl-C inside a callback of the garbage collector, where Python drops it."""
+
+import gc
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from lensfit.cli._interrupt import interruptible
+
+pytestmark = pytest.mark.skipif(
+    not hasattr(signal, "setitimer"), reason="needs a timer"
+)
+
+
+def interrupt_now(*_) -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(1000):  # the signal is handled between two steps
+        pass
+
+
+class Finalised:
+    def __del__(self):
+        interrupt_now()
+
+
+def in_a_callback() -> None:
+    gc.callbacks.append(interrupt_now)
+    gc.collect()
+    gc.callbacks.remove(interrupt_now)
+    time.sleep(2)
+
+
+def in_a_finaliser() -> None:
+    Finalised()
+    time.sleep(2)
+
+
+@pytest.mark.parametrize("there", [in_a_callback, in_a_finaliser, interrupt_now])
+def test_it_is_raised_and_all_is_restored(there):
+    before = signal.getsignal(signal.SIGALRM)
+    start = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        there()
+    assert time.monotonic() - start < 1.5
+    assert interrupt_now not in gc.callbacks
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGALRM) is before
+
+
+def test_what_others_chose_stays():
+    def elsewhere() -> None:
+        with interruptible():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    seen: list[object] = []
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert seen == [signal.default_int_handler]
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with interruptible():
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_the_program_ends_in_one_line():
+    text = """
+import gc, os, signal, time
+from lensfit.cli import main
+sent = []
+def swallow(*_):
+    if sent:
+        return
+    sent.append(True)
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(1000):
+        pass
+@main.app.command()
+def collect():
+    gc.callbacks.append(swallow)
+    gc.collect()
+    time.sleep(20)
+main.main()
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", text, "collect"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert run.returncode == 1
+    assert run.stderr == "lensfit: error: interrupted\n"
