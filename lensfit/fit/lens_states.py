@@ -35,15 +35,24 @@ class Fitted:
     states : Those that could be fitted.
     failed : Why others could not, by take name.
     wavefronts : Of the dots' shape, by focal length.
-    notes : One sentence for each thing the photographer should know.
+    without_shape : Why others were not fitted though dots were photographed, by focal
+        length; what to do about it included.
     seconds : Of the fits of shape.
     """
 
     states: tuple[LensState, ...]
     failed: dict[str, FitError]
     wavefronts: dict[float, WavefrontFit] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    without_shape: dict[float, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One sentence for each thing the photographer should know."""
+        return tuple(
+            f"the blur at {focal_mm:g} mm was not measured: {reason}"
+            for focal_mm, reason in self.without_shape.items()
+        )
 
 
 def fit(
@@ -80,9 +89,9 @@ def fit(
     if any(not s.pupil.measured and s.focal_length_mm in told for s in states):
         states, failed = _fit_states(takes, progress, pupils)
     began = time.perf_counter()
-    wavefronts, notes = _fit_wavefronts(states, progress, effort, allowed)
+    wavefronts, without = _fit_wavefronts(states, progress, effort, allowed)
     if not wavefronts:
-        return Fitted(_sharing_walks(states), failed, notes=tuple(notes))
+        return Fitted(_sharing_walks(states), failed, without_shape=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
     exact = {
         take.name: take
@@ -96,7 +105,7 @@ def fit(
     moved = [exact.get(t.name, t) for t in takes]
     again, failed = _fit_states(moved, progress, pupils)
     states = [better_told(state, states) for state in again]
-    return Fitted(_sharing_walks(states), failed, wavefronts, tuple(notes), seconds)
+    return Fitted(_sharing_walks(states), failed, wavefronts, without, seconds)
 
 
 def _sharing_walks(states: list[LensState]) -> tuple[LensState, ...]:
@@ -152,16 +161,17 @@ def _fit_wavefronts(
     progress: Progress,
     effort: Effort,
     allowed: Collection[str] | None,
-) -> tuple[dict[float, WavefrontFit], list[str]]:
-    """One for each focal length whose dots can be used."""
-    found, notes = {}, []
+) -> tuple[dict[float, WavefrontFit], dict[float, str]]:
+    """One for each focal length whose dots can be used, and why others cannot be."""
+    found: dict[float, WavefrontFit] = {}
+    without: dict[float, str] = {}
     for focal_mm, mine in by_focal_length(states).items():
         pictured = [s for state in mine for s in _shown_of(state)]
         shown = [s for s in pictured if hole_cells(s) <= LARGEST_HOLE_CELLS]
         if pictured and not shown:
-            notes.append(
-                f"the blur at {focal_mm:g} mm was not measured: the dots themselves "
-                "are too large; photograph holes less than 1.8 pixels wide"
+            without[focal_mm] = (
+                "the dots themselves are too large; photograph holes less than 1.8 "
+                "pixels wide"
             )
         if not shown:
             continue
@@ -174,10 +184,8 @@ def _fit_wavefronts(
                 allowed=allowed,
             )
         except (ValueError, np.linalg.LinAlgError) as error:
-            notes.append(
-                f"the dots' shape at {focal_mm:g} mm could not be fitted ({error})"
-            )
-    return found, notes
+            without[focal_mm] = f"the dots' shape could not be fitted ({error})"
+    return found, without
 
 
 def _shown_of(state: LensState) -> list[Shown]:

@@ -226,6 +226,10 @@ def _report(
             | blur_facts(wavefront, write_dot_pictures(wavefront, stems, folder))
             for focal_mm, wavefront in fitted.wavefronts.items()
         ],
+        "blur_not_measured": [
+            {"focal_length_mm": focal_mm, "reason": reason}
+            for focal_mm, reason in fitted.without_shape.items()
+        ],
         "comparison": None,
         "files": {
             "preset": "preset.json",

@@ -3,6 +3,7 @@
 import json
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from lensfit.errors import DetectionError
 from lensfit.io.stmap import read_stmap
 from lensfit.preset.store import load_preset
 from lensfit.workflow.calibrate import calibrate
+from lensfit.workflow.calibration.entry_facts import is_of_lighting_too
+from lensfit.workflow.report.verdict import verdict
 from lensfit.workflow.shoot.file import load_shoot
 
 DEMO = Path(str(files("data_synth") / "demo"))
@@ -121,6 +124,26 @@ def test_the_preset_says_how_good_it_is_over_the_whole_frame(calibrated):
     for entry in load_preset(out / "preset.json").entries:
         assert 0 < entry.quality.largest_standard_deviation_px < 5
         assert entry.quality.round_trip_px < 1e-6
+
+
+def test_dots_too_large_for_blur_are_the_reason_that_it_is_not_measured(calibrated):
+    report, _ = calibrated
+    (without,) = report["blur_not_measured"]
+    assert without["focal_length_mm"] == 28.0
+    assert any("the dots themselves are too large" in one for one in verdict(report))
+    assert f"28 mm was not measured: {without['reason']}" in report["notes"][-1]
+
+
+def test_fall_off_is_of_the_lens_alone_where_marks_shine(calibrated):
+    report, _ = calibrated
+    curves = report["entries"][0]["fall_off"]
+    assert [curve["lighting_too"] for curve in curves] == [False]
+    dark, bright = (
+        SimpleNamespace(f_number=4.0, observations=SimpleNamespace(bright=shines))
+        for shines in (False, True)
+    )
+    assert is_of_lighting_too((bright, dark), 4.0)
+    assert not is_of_lighting_too((bright, dark), 8.0)
 
 
 def test_no_photograph_at_all_is_one_sentence(tmp_path):

@@ -252,6 +252,25 @@ def test_small_distortion_is_enlarged_and_said_to_be(tmp_path):
     assert "true to scale" in written(barrel_report(1), tmp_path)
 
 
+def test_fall_off_on_paper_is_said_to_be_of_the_lighting_too(tmp_path):
+    report = barrel_report(1)
+    words = "lens and lighting together"
+    assert words not in written(report, tmp_path)
+    for curve in report["entries"][0]["fall_off"]:
+        curve["lighting_too"] = True
+    page = written(report, tmp_path)
+    assert page.count(words) == 3, "in the verdict and under both figures"
+
+
+def test_no_light_lost_is_nought_without_a_sign(tmp_path):
+    report = barrel_report(1)
+    for curve in report["entries"][0]["fall_off"]:
+        curve["g"] = [1.00001] * len(curve["g"])
+    page = written(report, tmp_path)
+    assert "f/1.4 0.00 stops" in page
+    assert "-0.00" not in page
+
+
 def test_page_that_cannot_be_written_is_one_sentence(tmp_path):
     (tmp_path / "report.html").mkdir()
     with pytest.raises(OutputError, match=r"report\.html"):

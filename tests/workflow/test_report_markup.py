@@ -24,6 +24,7 @@ THIN = "\u202f"
         (-9.6123, "%", "−9.61%"),
         (6617, "", f"6{THIN}617"),
         (0.0, "mm", f"0{THIN}mm"),
+        (-0.0, "mm", f"0{THIN}mm"),
         (1.04e-9, "px", f"1.04{THIN}×{THIN}10⁻⁹{THIN}px"),
         (math.inf, "m", f"∞{THIN}m"),
         (math.nan, "px", "–"),

@@ -236,6 +236,20 @@ def test_blur_that_was_not_measured_says_which_photographs_would(report):
     assert said(report, "on both sides of focus")
 
 
+def test_blur_that_could_not_be_measured_says_why(report):
+    reason = "the dots themselves are too large; photograph smaller holes"
+    report["blur"] = []
+    report["blur_not_measured"] = [{"focal_length_mm": 28.0, "reason": reason}] * 2
+    assert f"Blur was not measured: {reason}." in verdict(report)
+
+
+def test_fall_off_on_white_paper_is_that_of_the_lighting_too(report):
+    words = "Fall-off is that of lens and lighting together"
+    assert not said(report, words)
+    report["entries"][0]["fall_off"][1]["lighting_too"] = True
+    assert said(report, words)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

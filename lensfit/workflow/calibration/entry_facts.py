@@ -3,6 +3,7 @@
 Everything is plain numbers, ready for JSON; `lensfit.workflow.report` draws them.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -11,6 +12,7 @@ import numpy as np
 from lensfit.batches import in_batches
 from lensfit.coords import Window
 from lensfit.fit.lens_state import LensState
+from lensfit.fit.take import Take
 from lensfit.fit.uncertainty import position_deviation_mm
 from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
@@ -40,12 +42,25 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
         "distortion_grid": _distortion_grid(lens, size_mm),
         "radial_profile": _radial_profile(state, lens, size_mm),
         "lateral_colour": _lateral_curves(state, size_px),
-        "fall_off": [_fall_off_curves(f) for f in state.fall_off],
+        "fall_off": [
+            _fall_off_curves(f)
+            | {"lighting_too": is_of_lighting_too(state.geometry.takes, f.f_number)}
+            for f in state.fall_off
+        ],
         "uncertainty_grid": _uncertainty_grid(state, lens, size_px, size_mm),
         "monotone": monotone,
         "round_trip_max_px": trip,
         "overscan_percent": needed.percent,
     }
+
+
+def is_of_lighting_too(takes: Iterable[Take], f_number: float | None) -> bool:
+    """Whether a chart lit from its front was among those that gave a fall-off.
+
+    The bright field around dark marks shows the light that fell on the chart as well.
+    """
+    shown = [take.observations for take in takes if take.f_number == f_number]
+    return any(not marks.bright for marks in shown)
 
 
 def _frame_points(size_mm, margin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

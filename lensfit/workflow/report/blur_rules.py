@@ -16,11 +16,7 @@ def blur_findings(report: dict) -> Iterator[Finding]:
         return
     known = [one for one in report.get("blur") or [] if _blur_error(one)[0] >= 0]
     if not known:
-        yield Finding(
-            "note",
-            "Blur was not measured: photograph the dots at two f-numbers and on both "
-            "sides of focus.",
-        )
+        yield Finding("note", f"Blur was not measured: {_why_not(report)}.")
         return
     worst = max(known, key=lambda one: _blur_error(one)[0])
     error, whose = _blur_error(worst)
@@ -50,6 +46,13 @@ def blur_findings(report: dict) -> Iterator[Finding]:
             f"The blur is not usable: {said}. Use small bright holes, more f-numbers "
             "and both sides of focus.",
         )
+
+
+def _why_not(report: dict) -> str:
+    """What the fit said of the dots; where there were none, what to photograph."""
+    said = [str(one.get("reason")) for one in report.get("blur_not_measured") or []]
+    ask = "photograph the dots at two f-numbers and on both sides of focus"
+    return "; ".join(dict.fromkeys(said)) or ask
 
 
 def _blur_error(blur: dict) -> tuple[float, str]:

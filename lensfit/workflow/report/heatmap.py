@@ -95,6 +95,8 @@ def fall_off_surface(entry: dict, camera: dict) -> Figure | None:
     stop = widest.get("f_number")
     name = f"f/{stated(round(stop, 1))}" if stop else "an f-number not stated"
     caption = f"Light lost in green at {name}, in stops."
+    if widest.get("lighting_too"):
+        caption += " Of lens and lighting together."
     if np.isnan(known).any():
         caption += " Left open: farther out than any mark."
     picture = drawn_map("Fall-off over the frame", lost, camera)

@@ -62,7 +62,7 @@ def number(value: Any, unit: str = "", digits: int = 3) -> str:
     if math.isinf(value):
         return ("∞" if value > 0 else "−∞") + suffix
     if whole or value == 0:
-        return _minus(f"{value:,.0f}".replace(",", "\u202f")) + suffix
+        return _minus(f"{value + 0.0:,.0f}".replace(",", "\u202f")) + suffix
     exponent = math.floor(math.log10(abs(value)))
     if not -5 <= exponent < 6:
         mantissa = _minus(f"{value / 10.0**exponent:.{digits - 1}f}")

@@ -114,12 +114,14 @@ def fall_off(entry: dict, camera: dict) -> Figure | None:
     for index, one in enumerate(stops):
         shapes += _fall_off_curves(axes, one, f"s{index % 5 + 1}")
         loss = -np.log2(max(float(_green(one)[-1]), 1e-6))
-        losses.append(f"{_stop_name(one)} {loss:.2f} stops")
+        losses.append(f"{_stop_name(one)} {round(loss, 2) + 0.0:.2f} stops")
         class_ = f"s{index % 5 + 1}"
         ends.append((one["radius_mm"][-1], _green(one)[-1], _stop_name(one), class_))
     shapes += axes.labels(ends)
     caption = f"Lost at the outermost radius: {', '.join(losses)}. Solid green, dotted "
     caption += "red and blue channel."
+    if any(one.get("lighting_too") for one in stops):
+        caption += " Of lens and lighting together: the chart was lit from its front."
     return Figure("fall-off", "Fall-off", drawing("Fall-off", *shapes), caption)
 
 

@@ -115,6 +115,18 @@ def missing_findings(report: dict) -> Iterator[Finding]:
         )
 
 
+def lighting_findings(report: dict) -> Iterator[Finding]:
+    """Fall-off of charts that the room lights."""
+    curves = [c for e in report.get("entries") or [] for c in e.get("fall_off") or []]
+    if any(curve.get("lighting_too") for curve in curves):
+        yield Finding(
+            "note",
+            "Fall-off is that of lens and lighting together: dark marks and squares "
+            "on white cannot tell them apart. Light the chart evenly, or photograph "
+            "bright holes before an even light.",
+        )
+
+
 def peer_findings(report: dict) -> Iterator[Finding]:
     """The peer on the same points."""
     comparison = report.get("comparison") or {}

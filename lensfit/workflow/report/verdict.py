@@ -36,6 +36,7 @@ from lensfit.workflow.report.markup import number
 from lensfit.workflow.report.take_rules import (
     failed_findings,
     focal_length_findings,
+    lighting_findings,
     missing_findings,
     outstanding_findings,
     peer_findings,
@@ -49,8 +50,8 @@ WHOLE_COVERAGE = 0.75
 _RULES = (
     map_findings, overfit_findings, too_few_findings, failed_findings,
     outstanding_findings, coverage_findings, corner_findings, pattern_findings,
-    rejected_findings, focal_length_findings, missing_findings, blur_findings,
-    sound_findings, peer_findings,
+    rejected_findings, focal_length_findings, missing_findings, lighting_findings,
+    blur_findings, sound_findings, peer_findings,
 )  # fmt: skip
 
 
