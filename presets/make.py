@@ -92,10 +92,9 @@ PRESETS = {
         "schneider_31",
         size_px=(800, 667),
         focus_mm=(2400.0, 6000.0),
-        without_blur="the model has no defocus that differs between the two sections "
-        "of an anamorphic lens",
-        # The stated focal length is that of the section without power of the cylinders;
-        # the fit takes it for the mean of both, and finds a stated distance wrong.
+        without_blur="two focus distances, photographed for geometry, lateral colour "
+        "and fall-off only",
+        # The tilted views alone then tell which section's focal length is stated.
         says_distance=False,
     ),
 }
