@@ -50,7 +50,7 @@ def run(line: str, folder: Path) -> str:
 def calibrated(tmp_path: Path) -> Path:
     """A folder with a preset where the recipes have theirs."""
     preset = load_preset(TINY)
-    named = msgspec.structs.replace(preset, lens=LensName("Takumar 50"))
+    named = msgspec.structs.replace(preset, lens=LensName("SMC Takumar 50/1.4"))
     (tmp_path / "takumar_50").mkdir()
     save_preset(named, tmp_path / "takumar_50" / "preset.json")
     return tmp_path
@@ -79,9 +79,11 @@ def test_on_set(tmp_path: Path):
 def test_in_the_pipeline(calibrated: Path):
     for line in recipe("In the pipeline: keep and hand on"):
         run(line, calibrated)
-    level = calibrated / "show" / "sq010" / "sh0020" / "lenses" / "takumar-50"
+    level = calibrated / "show" / "sq010" / "sh0020" / "lenses" / "smc-takumar-50-1-4"
     assert "coma_gain" in (level / "v001.json").read_text()
-    assert (calibrated / "show" / "lenses" / "takumar-50" / "v001.json").is_file()
+    assert (
+        calibrated / "show" / "lenses" / "smc-takumar-50-1-4" / "v001.json"
+    ).is_file()
     assert len(list((calibrated / "maps").glob("*.exr"))) == 2
     assert "OpenTrackIO" in (calibrated / "takumar.json").read_text()
 
