@@ -74,9 +74,10 @@ def test_values_that_the_draft_left_to_check_are_named(write):
     text = GOOD.replace("pitch_mm = 37.5", "pitch_mm = 37.5  # ruler; TODO: measure")
     text = text.replace('name = "SMC Takumar 50/1.4"', 'name = "a # TODO"')
     text = text.replace('target = "lines"', 'target = "lines"  # TODO: which?')
+    text = text.replace("[camera]", "[camera]\nmodel = 'X'  # TODO: as engraved")
     text += "# f_number = 2.8  # TODO: as on the barrel\n"
     (note,) = load_shoot(write(text)).notes
-    assert "TODO: [[target]] 1, pitch_mm; [[take]] 2, target." in note
+    assert "TODO: camera.model; [[target]] 1, pitch_mm; [[take]] 2, target." in note
 
 
 @pytest.mark.parametrize(

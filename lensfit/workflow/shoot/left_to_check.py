@@ -14,7 +14,8 @@ _LISTED: tuple[str, ...] = ("target", "take")
 
 
 def keys_left_to_check(text: str) -> tuple[str, ...]:
-    """The keys in use whose comment still says TODO, as "[[target]] 1, pitch_mm".
+    """The keys in use whose comment still says TODO, as "[[target]] 1, pitch_mm"
+    or "lens.name".
 
     Parameters
     ----------
@@ -26,14 +27,14 @@ def keys_left_to_check(text: str) -> tuple[str, ...]:
     for line in text.splitlines():
         header, key = _TABLE.match(line), _KEY.match(line)
         if header:
-            table = f"[{header[1]}]"
+            table = f"{header[1]}."
             if header[1] in counts:
                 counts[header[1]] += 1
-                table = f"[[{header[1]}]] {counts[header[1]]}"
+                table = f"[[{header[1]}]] {counts[header[1]]}, "
         elif key:
             _, _, comment = _QUOTED.sub("", key[2]).partition("#")
             if "TODO" in comment:
-                found.append(f"{table}, {key[1]}")
+                found.append(table + key[1])
     return tuple(found)
 
 
