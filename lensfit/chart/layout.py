@@ -131,10 +131,13 @@ def _pattern(sheet: Sheet, wanted: Wanted, module_mm: float) -> Pattern:
     pitch = _nice_pitch_mm(sheet) if wanted.pitch_mm is None else wanted.pitch_mm
     part = {"dot-grid": _DOT_PART, "line-grid": _LINE_PART, "checkerboard": 0.0}
     mark = part[wanted.kind] * pitch if wanted.mark_mm is None else wanted.mark_mm
-    for length, least in ((pitch, 0.01), (mark, 0.0 if checker else 0.001)):
+    widths = {"dot-grid": "--hole-diameter-mm", "line-grid": "--line-width-mm"}
+    lengths = [("--pitch-mm", pitch, 0.01)]
+    lengths += [(widths[wanted.kind], mark, 0.001)] if not checker else []
+    for option, length, least in lengths:
         if not (math.isfinite(length) and least <= length < _LARGEST_LENGTH_MM):
             raise ChartError(
-                f"{length:g} mm is out of range for a mark or a pitch",
+                f"{option} {length:g} is out of range",
                 remedy=f"give {least:g} to {_LARGEST_LENGTH_MM:g} mm",
             )
     pitch, mark = in_steps(pitch), in_steps(mark)

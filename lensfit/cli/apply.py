@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._tolerance import ToleranceOption
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.depth import DepthGroup
@@ -81,9 +82,7 @@ def apply(
             help="Render only this layer; repeat for more ('' is the main one)"
         ),
     ] = None,
-    tolerance: Annotated[
-        float, typer.Option(min=1e-7, max=1.0, help="Accepted error of the picture")
-    ] = 1e-3,
+    tolerance: ToleranceOption = 1e-3,
     filter_name: Annotated[
         FilterName | None,
         typer.Option(
@@ -137,12 +136,12 @@ def apply(
             workers=workers,
             progress=progress,
         )
-    _say(applied, as_json)
+    _say(applied, out, as_json)
     if applied.failures:
         raise typer.Exit(1)
 
 
-def _say(applied, as_json: bool) -> None:
+def _say(applied, out: Path, as_json: bool) -> None:
     """The outcome: results on standard output, remarks and failures on the other."""
     from lensfit.cli._door import say_error, say_note
 
@@ -165,7 +164,8 @@ def _say(applied, as_json: bool) -> None:
     count = len(applied.written)
     text = f"{count} {'frame' if count == 1 else 'frames'} written"
     if count:
-        text += f" in {applied.seconds:.1f} s ({count / applied.seconds:.2f} frames/s)"
+        rate = count / applied.seconds
+        text += f" to {out} in {applied.seconds:.1f} s ({rate:.2f} frames/s)"
     if applied.skipped:
         text += f", {len(applied.skipped)} finished before (--overwrite renders again)"
     if applied.failures:

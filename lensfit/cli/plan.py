@@ -1,12 +1,12 @@
 """`lensfit plan`: what a plate needs from a lens, and what it costs."""
 
 import json
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from lensfit.cli._console import console
+from lensfit.cli._tolerance import ToleranceOption
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.depth import DepthGroup
@@ -25,14 +25,11 @@ from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 @takes_groups
 def plan(
     preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
-    plate: Annotated[Path, typer.Argument(help="EXR plate")],
+    plate: Annotated[
+        str, typer.Argument(help="EXR plate, or plate.####.exr for its first frame")
+    ],
     *,
-    tolerance: Annotated[
-        float,
-        typer.Option(
-            min=1e-6, help="Accepted rms error of the picture, display-referred"
-        ),
-    ] = 1e-3,
+    tolerance: ToleranceOption = 1e-3,
     library: LibraryGroup,
     camera: CameraGroup,
     focus: FocusGroup,

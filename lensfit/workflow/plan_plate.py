@@ -5,12 +5,14 @@ from pathlib import Path
 from lensfit.errors import ImageError
 from lensfit.io.exr import read_exr
 from lensfit.io.exr_deep import is_deep
+from lensfit.io.sequence import expand_frames
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.render.frame import window_with_margin
 from lensfit.render.look.stack import light_spreads
 from lensfit.render.plan import Plan, plan_of
 from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.frame.left_out_knobs import left_out_knobs
 from lensfit.workflow.frame.plate_in_depth import plate_in_depth
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plate.channels import colour_layers
@@ -20,18 +22,24 @@ _STEPS = 3
 
 
 def plan_plate(
-    preset: Preset, plate: Path, options: ApplyOptions, progress: Progress = silent
+    preset: Preset,
+    plates: str | Path,
+    options: ApplyOptions,
+    progress: Progress = silent,
 ) -> tuple[Plan, list[str]]:
     """The plan of one plate, and what was assumed.
 
     Parameters
     ----------
+    plates : An EXR file, or a pattern such as ``plate.####.exr``, of which the first
+        frame is planned.
     progress : Told of the plate, its maps and its blur, in this order.
 
     Raises
     ------
-    ImageError : The plate cannot be read, holds no colour, or is deep.
+    ImageError : The plate cannot be read, holds no colour, or is deep; no frame exists.
     """
+    number, plate = expand_frames(plates)[0]
     if is_deep(plate):
         raise ImageError(
             "is a deep plate, which can only be planned flat",
@@ -40,6 +48,9 @@ def plan_plate(
         )
     progress("plan", 0, _STEPS)
     lens = PlateLens(preset, options)
+    lens.notes.add(*left_out_knobs(options.switches, options.knobs))
+    if number is not None:
+        lens.notes.add(f"the plan is that of the first frame, {plate.name}")
     image = read_exr(plate)
     state = lens.noted_state(image, plate)
     for part in image.parts:

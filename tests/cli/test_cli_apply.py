@@ -21,7 +21,12 @@ def asked(monkeypatch):
 
     def note(preset, plates, out, **options):
         calls.update(options, plates=plates)
-        return workflow.Applied(notes=["heed this"], failures=calls.get("bad", []))
+        return workflow.Applied(
+            written=calls.get("written", []),
+            failures=calls.get("bad", []),
+            notes=["heed this"],
+            seconds=2.0 * len(calls.get("written", [])),
+        )
 
     monkeypatch.setattr(workflow, "apply_preset", note)
     monkeypatch.setattr(
@@ -70,6 +75,23 @@ def test_wrong_words_are_wrong_usage(asked, arguments):
     assert run(*arguments).exit_code == 2
 
 
+def test_the_folder_of_what_was_written_is_named(asked, tmp_path):
+    asked["written"] = [tmp_path / "a.1.exr"]
+    result = run("--disable", "lateral-red,lateral_blue")
+    assert "1 frame written to o in 2.0 s" in result.stdout
+    assert asked["options"].knobs == {"lateral_red_gain": 0, "lateral_blue_gain": 0}
+
+
+@pytest.mark.parametrize("command", ["apply", "plan"])
+@pytest.mark.parametrize("tolerance", ["5e-8", "1.1"])
+def test_plans_and_results_have_the_same_tolerances(asked, command, tolerance):
+    out = ["--out", "o"] if command == "apply" else []
+    words = [command, "p.json", "a.exr", *out, "--tolerance", tolerance]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 2
+    assert "--tolerance" in unboxed(result.stderr)
+
+
 def test_knobs_and_what_is_disabled_reach_the_workflow(asked):
     arguments = (
         "--coma-gain 2 --spherical-um -3.5 --blades 7 --filter-image heart.png "
@@ -96,6 +118,7 @@ def test_knobs_and_what_is_disabled_reach_the_workflow(asked):
     ("arguments", "said"),
     [
         ("--disable comma", 'did you mean "coma"?'),
+        ("--disable lateral_rod", 'did you mean "lateral-red"?'),
         ("--disable ,", "names no aberration"),
         ("--blades 17", "17 is not from 0 to 16"),
         ("--blades 1", "blades is 1; an opening has no blades (0) or at least 3"),

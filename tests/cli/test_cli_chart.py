@@ -67,6 +67,12 @@ def test_what_cannot_be_made_is_one_line(options: tuple[str, ...], tmp_path: Pat
     assert not (tmp_path / "x.png").exists()
 
 
+@pytest.mark.parametrize("option", ["--pitch-mm", "--hole-diameter-mm"])
+def test_a_length_out_of_range_is_named(option: str, tmp_path: Path):
+    result = run(option, "0", "--out", str(tmp_path / "x.png"))
+    assert f"{option} 0 is out of range; give 0.0" in result.stderr
+
+
 def test_no_file_is_wrong_usage_and_no_format_an_error(tmp_path: Path):
     assert run().exit_code == 2
     assert run("--out", str(tmp_path / "x.gif")).exit_code == 1

@@ -68,3 +68,25 @@ def test_a_plate_that_is_none_is_refused(plate: list[str], tmp_path: Path):
     wrong.write_bytes(b"no picture")
     found = runner.invoke(app, ["plan", plate[0], str(wrong)])
     assert found.exit_code == 1
+
+
+def test_of_a_sequence_the_first_frame_is_planned(plate: list[str]):
+    pattern = plate[1].replace("0001", "####")
+    found = runner.invoke(app, ["plan", plate[0], pattern, "--json"])
+    notes = json.loads(found.stdout)["notes"]
+    assert "the plan is that of the first frame, plate.0001.exr" in notes
+    lacking = runner.invoke(app, ["plan", plate[0], pattern.replace("plate.", "no.")])
+    assert lacking.exit_code == 1
+    assert "no frame exists" in lacking.stderr
+
+
+@pytest.mark.parametrize("command", ["plan", "apply"])
+def test_a_knob_of_what_is_left_out_is_told(plate: list[str], command: str):
+    out = ["--out", str(Path(plate[1]).parent / "out")] if command == "apply" else []
+    left_out = ["--no-distortion", "--no-falloff", "--no-defocus"]
+    knobs = ["--distortion-percent", "2", "--disable", "vignetting"]
+    found = runner.invoke(app, [command, *plate, *out, *left_out, *knobs])
+    assert found.exit_code == 0, found.output
+    assert found.stderr.count("leaves its effect out") == 1
+    said = "--distortion-percent turns nothing: --no-distortion leaves"
+    assert said in found.stderr

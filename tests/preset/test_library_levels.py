@@ -190,7 +190,7 @@ def test_the_environment_names_the_library(tmp_path: Path, monkeypatch):
     monkeypatch.setenv("LENSFIT_LIBRARY", str(tmp_path))
     assert find_preset(SLUG).name == f"{SLUG}@v001"
     monkeypatch.setenv("LENSFIT_LIBRARY", str(tmp_path / "none"))
-    with pytest.raises(PresetError, match="is no folder"):
+    with pytest.raises(PresetError, match=r"is no folder.*make the folder"):
         find_preset(SLUG)
 
 

@@ -23,6 +23,8 @@ _SEVERAL = {
         "mechanical_vignetting",
     ),
 }
+_AS_OPTIONS = [name.replace("_", "-") for name in (*_SINGLE, *_SEVERAL)]
+"""As the options of their gains are spelt; the underscores of knobs do too."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +55,10 @@ class DisableGroup:
             raise typer.BadParameter("names no aberration", param_hint="--disable")
         for name in names:
             if name not in (*_SINGLE, *_SEVERAL):
-                hint = did_you_mean(name, [*_SINGLE, *_SEVERAL])
+                said = name.replace("_", "-")
+                hint = did_you_mean(said, _AS_OPTIONS)
                 raise typer.BadParameter(
-                    f'there is no aberration "{name}"; {hint}', param_hint="--disable"
+                    f'there is no aberration "{said}"; {hint}', param_hint="--disable"
                 )
         return {
             f"{single}{_GAIN}": 0.0

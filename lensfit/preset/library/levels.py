@@ -103,7 +103,8 @@ def levels_of(library: Path | None = None) -> tuple[Level, ...]:
         raise PresetError(
             "is no folder",
             where=nearest,
-            remedy=f"name a library with --library or {ENVIRONMENT}",
+            remedy=f"name a library with --library or {ENVIRONMENT}; to begin one, "
+            'make the folder and mark that of a project with "lensfit preset project"',
         )
     above = [nearest]
     for folder in (nearest, *nearest.parents):

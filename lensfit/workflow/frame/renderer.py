@@ -27,6 +27,7 @@ from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.deep_plate import render_deep
 from lensfit.workflow.frame.explaining_picture import explaining_picture
 from lensfit.workflow.frame.flat_plate import render_flat
+from lensfit.workflow.frame.left_out_knobs import left_out_knobs
 from lensfit.workflow.frame.plate_check import check_options
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.frame.signature import SAID
@@ -46,6 +47,7 @@ class FrameRenderer:
         self.options = options
         _check_for_all_plates(options)
         self.lens = PlateLens(preset, options)
+        self.lens.notes.add(*left_out_knobs(options.switches, options.knobs))
 
     @property
     def notes(self) -> list[str]:

@@ -1,0 +1,32 @@
+"""Knobs that turn an effect of the lens which is left out altogether."""
+
+from collections.abc import Iterator, Mapping
+
+from lensfit.render.stages import Switches
+
+_KNOBS = {
+    "distortion": ("--no-distortion", ("distortion",)),
+    "lateral_colour": ("--no-lateral-colour", ("lateral_red", "lateral_blue")),
+    "falloff": (
+        "--no-falloff",
+        ("natural_vignetting", "optical_vignetting", "mechanical_vignetting"),
+    ),
+}
+"""By switch, the option that leaves the effect out and what its knobs begin with."""
+
+
+def left_out_knobs(switches: Switches, knobs: Mapping[str, object]) -> Iterator[str]:
+    """One sentence for each knob that turns what is left out.
+
+    Parameters
+    ----------
+    knobs : What the user turned, by name; turned to nothing, it says the same as the
+        switch.
+    """
+    for switch, (option, aberrations) in _KNOBS.items():
+        if getattr(switches, switch):
+            continue
+        for name, value in knobs.items():
+            if name.startswith(aberrations) and value not in (None, 0):
+                knob = f"--{name.replace('_', '-')}"
+                yield f"{knob} turns nothing: {option} leaves its effect out"
