@@ -19,7 +19,7 @@ from scipy.interpolate import RBFInterpolator
 
 from lensfit.batches import in_batches
 from lensfit.fit.take import Take
-from lensfit.fit.wavefront.aliasing import aliasing_of
+from lensfit.fit.wavefront.aliasing import Aliasing, aliasing_of
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
 from lensfit.fit.wavefront.parameters import Layout, Scale
@@ -54,13 +54,11 @@ def placed(
     """
     dragged = _dragged_mm(stage, gathered)
     aliasing = aliasing_of(stage, gathered)
-    apart = dragged + aliasing.moved_mm
     takes = []
     for k, shown in enumerate(gathered.shown):
         mine = gathered.take == k
-        takes.append(
-            _moved(shown, dragged[mine], apart[mine], aliasing.brightened[mine])
-        )
+        of_take = Aliasing(*(part[mine] for part in aliasing))
+        takes.append(_moved(shown, dragged[mine], of_take))
     if moves is None:
         return takes
     by_moves = _moved_by(moves, stage, gathered)
@@ -134,26 +132,20 @@ def _centroids(
 def _moved(
     shown: Shown,
     dragged_mm: Float[np.ndarray, "dots 3 2"],
-    apart_mm: Float[np.ndarray, "dots 3 2"],
-    brightened: Float[np.ndarray, "dots 3"],
+    aliasing: Aliasing,
 ) -> Take:
-    """The take with its marks at the chief rays, and the light that dots sent.
-
-    Parameters
-    ----------
-    dragged_mm : By blur.
-    apart_mm : Of marks from chief rays, by blur and by a mosaic.
-    brightened : By a mosaic.
-    """
+    """The take with its marks at the chief rays, and the light that dots sent."""
     take, rows = shown.take, shown.cutouts.marks
     observations = take.observations
-    dragged, apart = dragged_mm / take.pixel_mm, apart_mm / take.pixel_mm
+    dragged = dragged_mm / take.pixel_mm
+    apart = dragged + aliasing.moved_mm / take.pixel_mm
     points = observations.points_px.copy()
     points[rows] -= apart[:, 1]
     channels = observations.channel_points_px.copy()
     channels[:, rows] -= apart.transpose(1, 0, 2)
     flux = observations.flux.copy()
-    flux[rows] /= brightened if flux.shape[1] == 3 else brightened[:, 1:2]
+    green = flux[rows, flux.shape[1] // 2, None] / aliasing.brightened[:, None]
+    flux[rows] = np.where(aliasing.green_alone[:, None], green, flux[rows])
     unsure = _UNSURE**2 * np.einsum("kci,kcj->ckij", dragged, dragged)
     covariance = observations.covariance_px2.copy()
     covariance[rows] += unsure[1]
