@@ -151,9 +151,9 @@ def _at_focus(
     notes: list[str],
 ) -> Entry:
     """One entry, from those of one focal length."""
-    entries = [_at_f_number(entry, f_number, notes) for entry in entries]
     if len(entries) == 1:
-        return _asked_focus(entries[0], focus_distance_mm, notes)
+        only = _at_f_number(entries[0], f_number, notes)
+        return _asked_focus(only, focus_distance_mm, notes)
     if focus_distance_mm is None:
         known = sorted(e.focus_distance_mm for e in entries if e.focus_distance_mm)
         raise PresetError(
@@ -168,9 +168,13 @@ def _at_focus(
     asked = dioptres_from_mm(focus_distance_mm)
     nearest = min(max(asked, measured[0]), measured[-1])
     low, high = _neighbours(nearest, measured)
+    # Only what is used has anything to note.
+    beside = [
+        _at_f_number(by_focus[d], f_number, notes) for d in dict.fromkeys((low, high))
+    ]
     if low == high:
-        return _asked_focus(by_focus[low], focus_distance_mm, notes)
-    return between_focus(by_focus[low], by_focus[high], focus_distance_mm)
+        return _asked_focus(beside[0], focus_distance_mm, notes)
+    return between_focus(beside[0], beside[1], focus_distance_mm)
 
 
 def _asked_focus(entry: Entry, asked_mm: float | None, notes: list[str]) -> Entry:

@@ -76,6 +76,18 @@ def test_a_zoom_is_linear_in_focal_length_and_monotone():
     np.testing.assert_allclose(got, 1.02 * focal_lengths, rtol=1e-12)
 
 
+def test_states_that_are_not_used_have_nothing_to_note():
+    near, far = (entry_at(50.0, focus, 50.0) for focus in (1000.0, 2000.0))
+    predicted = tuple(
+        msgspec.structs.replace(one, predicted=True) for one in near.fall_off
+    )
+    preset = make_preset(msgspec.structs.replace(near, fall_off=predicted), far)
+    assert preset.select(50.0, 2.8, 2000.0).notes == ()
+    (note,) = preset.select(50.0, 2.8, 1000.0).notes
+    assert "predicted" in note
+    assert preset.select(50.0, 2.8, 1500.0).notes == (note,)
+
+
 def test_focus_beyond_what_was_measured_is_clamped_with_a_note():
     preset = make_preset(entry_at(50, 1000.0, 52.6), entry_at(50, 2000.0, 51.3))
     chosen = preset.select(50.0, 2.8, 500.0)
