@@ -17,19 +17,25 @@ from lensfit.errors import LensfitError
 from lensfit.kernel.lens_blur import LensBlur, perfect_blur
 from lensfit.kernel.lens_psf import Points, Raster, lens_psfs
 from lensfit.kernel.psf_deviation import KnownPsfs, MovedBlurs, known_psfs
+from lensfit.optics.chief_rays import AbstractChiefRays, channel_index, points_of
 from lensfit.optics.chief_rays import Channel as Channel
-from lensfit.optics.chief_rays import ChiefRays, channel_index, points_of
-from lensfit.optics.lateral import no_lateral_colour
+from lensfit.optics.distortion import Distortion
+from lensfit.optics.falloff import Illumination
+from lensfit.optics.lateral import LateralColour, no_lateral_colour
+from lensfit.optics.map_covariances import MapCovariances
+from lensfit.optics.pupil_walk import PupilWalk
 
 TOLERANCE = 0.01
 """Relative error of a point-spread function, when nobody says."""
 
 
-class Lens(ChiefRays):
+class Lens(AbstractChiefRays):
     """A calibrated lens at one state: chief rays and fall-off, and the blur.
 
     Attributes
     ----------
+    distortion, lateral_colour, illumination, entrance_pupil_offset_mm, sensor_size_mm,
+    pupil_walk, covariances : As in `AbstractChiefRays`.
     focal_length_mm, f_number, focus_distance_mm : The state; None where unknown.
     notes : How the preset was stretched to reach this state, and which knobs found
         nothing to turn; one sentence each.
@@ -41,6 +47,11 @@ class Lens(ChiefRays):
         this radius; None for no limit.
     """
 
+    distortion: Distortion
+    lateral_colour: LateralColour
+    illumination: Illumination | None
+    entrance_pupil_offset_mm: Float[Array, ""]
+    sensor_size_mm: tuple[float, float] = eqx.field(static=True)
     focal_length_mm: float = eqx.field(static=True)
     f_number: float | None = eqx.field(static=True, default=None)
     focus_distance_mm: float | None = eqx.field(static=True, default=None)
@@ -48,6 +59,8 @@ class Lens(ChiefRays):
     blur: LensBlur | None = None
     moved_blurs: Callable[[], MovedBlurs] | None = eqx.field(static=True, default=None)
     largest_blur_mm: float | None = eqx.field(static=True, default=None)
+    pupil_walk: PupilWalk | None = None
+    covariances: MapCovariances = eqx.field(default_factory=MapCovariances)
 
     def psf(
         self,

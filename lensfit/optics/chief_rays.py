@@ -35,8 +35,9 @@ Channel = Literal["r", "g", "b"]
 _CHANNELS = ("r", "g", "b")
 
 
-class ChiefRays(eqx.Module):
-    """Chief rays and fall-off of a lens at one state.
+class AbstractChiefRays(eqx.Module):
+    """Chief rays and fall-off of a lens at one state; the lens itself (`lensfit.lens`)
+    holds what they are computed from.
 
     Attributes
     ----------
@@ -49,15 +50,13 @@ class ChiefRays(eqx.Module):
     covariances : How well these maps are known, where the state was photographed.
     """
 
-    distortion: Distortion
-    lateral_colour: LateralColour
-    illumination: Illumination | None
-    entrance_pupil_offset_mm: Float[Array, ""]
-    sensor_size_mm: tuple[float, float] = eqx.field(static=True)
-    pupil_walk: PupilWalk | None = eqx.field(default=None, kw_only=True)
-    covariances: MapCovariances = eqx.field(
-        default_factory=MapCovariances, kw_only=True
-    )
+    distortion: eqx.AbstractVar[Distortion]
+    lateral_colour: eqx.AbstractVar[LateralColour]
+    illumination: eqx.AbstractVar[Illumination | None]
+    entrance_pupil_offset_mm: eqx.AbstractVar[Float[Array, ""]]
+    sensor_size_mm: eqx.AbstractVar[tuple[float, float]]
+    pupil_walk: eqx.AbstractVar[PupilWalk | None]
+    covariances: eqx.AbstractVar[MapCovariances]
 
     @property
     def has_lateral_colour(self) -> bool:
