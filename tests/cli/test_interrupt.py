@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 
 import pytest
 
@@ -15,6 +16,14 @@ from lensfit.cli._interrupt import interruptible
 pytestmark = pytest.mark.skipif(
     not hasattr(signal, "setitimer"), reason="needs a timer"
 )
+
+
+@pytest.fixture(autouse=True)
+def _heard() -> Iterator[None]:
+    """A run in the background begins with Ctrl-C ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def interrupt_now(*_) -> None:
@@ -74,6 +83,7 @@ def test_the_program_ends_in_one_line():
     text = """
 import gc, os, signal, time
 from lensfit.cli import main
+signal.signal(signal.SIGINT, signal.default_int_handler)
 sent = []
 def swallow(*_):
     if sent:
