@@ -33,7 +33,7 @@ MOST_ADDRESSES = 12 << 30
 _RAW = re.compile(r"\b[A-Z]\w*(?:Error|Exception|Interrupt)\b|Traceback|--debug")
 _STATE = (
     *("--focal-length-mm", 50, "--f-number", 2.8, "--focus-distance-mm", 2000),
-    *("--sensor-width-mm", 36),
+    *("--sensor-width-mm", 24),
 )
 
 
