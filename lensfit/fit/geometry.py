@@ -16,6 +16,7 @@ lenses walks along the axis with field angle (`optics.pupil_walk`).
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -77,6 +78,10 @@ def distortion_of(shared: Array, layout: Layout, frame: Frame) -> Distortion:
     """The lens that the shared parameters describe."""
     parts = {name: shared[where] for name, where in layout.blocks.items()}
     return lens_of(parts, layout, frame)
+
+
+compiled_distortion_of = jax.jit(distortion_of, static_argnames=("layout",))
+"""The same as one program, for callers that are none."""
 
 
 def lens_of(parts: Parts, layout: Layout, frame: Frame) -> Distortion:

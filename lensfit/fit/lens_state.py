@@ -12,7 +12,7 @@ import numpy as np
 from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fit.colour import ChannelColour, fit_colour
 from lensfit.fit.entrance_pupil import EntrancePupil, entrance_pupil
-from lensfit.fit.geometry import distortion_of
+from lensfit.fit.geometry import compiled_distortion_of
 from lensfit.fit.illumination import FallOffFit, fit_illumination
 from lensfit.fit.pupil_walk import MeasuredWalk, measured_walk
 from lensfit.fit.take import Take
@@ -77,7 +77,7 @@ def fit_state(
     adjustment = geometry.adjustment
     layout = adjustment.layout
     shared = adjustment.parameters[: layout.shared]
-    lens = _distortion_of(shared, layout, adjustment.frame)
+    lens = compiled_distortion_of(shared, layout, adjustment.frame)
     # On the host, where taking an array apart compiles nothing.
     distortion = without_idle_degrees(jax.device_get(lens))
     centre = np.asarray(distortion.principal_point_mm)
@@ -113,6 +113,3 @@ def better_told(after: LensState, before: Iterable[LensState]) -> LensState:
         and one.focus_distance_mm == after.focus_distance_mm
     ]
     return min([after, *same], key=lambda one: one.geometry.held_out_rms_px)
-
-
-_distortion_of = jax.jit(distortion_of, static_argnames=("layout",))

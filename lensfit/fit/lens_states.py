@@ -81,12 +81,12 @@ def fit(
     states, failed = _fit_states(takes, progress, {})
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
-    pupils = {
+    found = {
         focal_mm: shared_pupil_mm(state.pupil for state in mine)
         for focal_mm, mine in by_focal_length(states).items()
     }
-    told = {focal_mm for focal_mm, pupil_mm in pupils.items() if pupil_mm is not None}
-    if any(not s.pupil.measured and s.focal_length_mm in told for s in states):
+    pupils = {focal_mm: mm for focal_mm, mm in found.items() if mm is not None}
+    if any(not s.pupil.measured and s.focal_length_mm in pupils for s in states):
         states, failed = _fit_states(takes, progress, pupils)
     began = time.perf_counter()
     wavefronts, without = _fit_wavefronts(states, progress, effort, allowed)
@@ -126,7 +126,7 @@ def by_focal_length(states: Iterable[LensState]) -> dict[float, list[LensState]]
 
 
 def _fit_states(
-    takes: list[Take], progress: Progress, pupils: Mapping[float, float | None]
+    takes: list[Take], progress: Progress, pupils: Mapping[float, float]
 ) -> tuple[list[LensState], dict[str, FitError]]:
     """Every state by itself, with the entrance pupils that others measured."""
     states, failed = [], {}

@@ -16,14 +16,13 @@ that there is the held-out error.
 import math
 from dataclasses import dataclass, replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fit.adjust import Adjustment, equations_at
 from lensfit.fit.evidence import halves_of
-from lensfit.fit.geometry import NAMED, distortion_of
+from lensfit.fit.geometry import NAMED, compiled_distortion_of
 from lensfit.fit.parameters import Layout
 from lensfit.fit.take import Take
 from lensfit.fit.views import residuals_of
@@ -146,7 +145,7 @@ def position_deviations_mm(
     rows = landing_rows(layout)
     return optics.position_deviations_mm(
         undistorted_mm,
-        _distortion_of(shared, layout, adjustment.frame),
+        compiled_distortion_of(shared, layout, adjustment.frame),
         uncertainty.covariance[np.ix_(rows, rows)],
         undistorted_mm,
     )
@@ -157,6 +156,3 @@ def landing_rows(layout: Layout) -> Int[np.ndarray, " numbers"]:
     parameters, in its order and its units."""
     blocks = [layout.blocks[name] for name in _LANDING]
     return np.concatenate([np.arange(b.start, b.stop) for b in blocks])
-
-
-_distortion_of = jax.jit(distortion_of, static_argnames=("layout",))

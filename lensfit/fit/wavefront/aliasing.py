@@ -9,31 +9,21 @@ an error of its own moves both sums alike.
 """
 
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
-from scipy.special import j1
 
-from lensfit.batches import in_batches
 from lensfit.detect.cutouts import Cutouts
-from lensfit.fit.wavefront.dots import Dots
+from lensfit.fit.wavefront.drawn import drawn
 from lensfit.fit.wavefront.gather import Gathered, chosen
-from lensfit.fit.wavefront.normal import as_float32
-from lensfit.fit.wavefront.parameters import Layout, Scale
-from lensfit.fit.wavefront.rays import Colour, spot_seen
 from lensfit.fit.wavefront.shown import Shown
-from lensfit.fit.wavefront.stages import Stage, first_stage, settled, with_iris
+from lensfit.fit.wavefront.stages import Stage, first_stage, settled
 from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights
-from lensfit.kernel.pixels import diffraction_variance_mm2, image_of, profile_of
 from lensfit.mosaic import photosites_at
 
 _ROUNDS = 4
-_BATCH = 512
 _NEIGHBOURS = 24
 _FARTHEST_CELLS = 1.0
 """No spot is moved by more; then the model is not of it."""
@@ -68,9 +58,10 @@ def aliasing_of(stage: Stage, gathered: Gathered) -> Aliasing:
         np.zeros_like(gathered.observed_mm), green_alone, np.ones(len(green_alone))
     )
     if len(rows):
-        image, cell_mm = _images(stage, chosen(gathered, rows))
+        these = chosen(gathered, rows)
+        image = drawn(stage, these, _places_mm(stage, these))
         moved, brightened = aliased(image, np.concatenate(list(own.values())))
-        found.moved_mm[rows] = moved * cell_mm
+        found.moved_mm[rows] = moved * these.dots.cell_mm[:, None]
         found.brightened[rows] = brightened[:, 1]
     return found
 
@@ -88,80 +79,16 @@ def _own_of(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
     return np.moveaxis(photosites_at(cutouts.mosaic, columns, rows), -1, 1)
 
 
-def _images(
-    stage: Stage, these: Gathered
-) -> tuple[Float[np.ndarray, "dots 3 rows columns"], Float[np.ndarray, "dots 1 2"]]:
-    """The light of every dot as the fit has it, and the size of its cells, mm."""
+def _places_mm(stage: Stage, these: Gathered) -> Float[np.ndarray, "dots 3 2"]:
+    """Where chief rays land, from the corner of the cells: as the pixels of a dot say,
+    together with those of other dots."""
     begun = replace(
         first_stage(these, stage.layout, stage.parameters),
         blades=stage.blades,
         weight=first_weights(these, MODEL_SHARE),
     )
-    corner_mm = settled(begun, _ROUNDS).corner_mm
-    field_mm = np.asarray(these.dots.field_mm)
-    corner_mm = corner_mm + _unusual_mm(-corner_mm, field_mm, these.take)
-    image = in_batches(
-        lambda part: _drawn(
-            as_float32(jnp.asarray(stage.parameters)),
-            jax.tree.map(as_float32, part),
-            as_float32(jnp.asarray(these.chromatic)),
-            stage.layout,
-            jax.tree.map(as_float32, these.scale),
-            (stage.points.image, these.light.shape[-1]),
-        ),
-        (with_iris(these, stage.blades), corner_mm),
-        _BATCH,
-    )
-    return _of_sharp_holes(image.astype(float), these), these.dots.cell_mm[:, None]
-
-
-@partial(jax.jit, static_argnames=("layout", "points_and_cells"))
-def _drawn(
-    parameters: Array,
-    part: tuple[Dots, Array],
-    chromatic: Array,
-    layout: Layout,
-    scale: Scale,
-    points_and_cells: tuple[int, int],
-) -> Array:
-    """Dots of all channels on their cells, each of a brightness of 1."""
-    points, cells = points_and_cells
-
-    def of_dot(one: tuple[Dots, Array]) -> Array:
-        dot, corners_mm = one
-
-        def channel(chromatic: Array, lateral_mm: Array, corner_mm: Array) -> Array:
-            colour = Colour(chromatic, lateral_mm)
-            spot, _ = spot_seen(parameters, dot, colour, layout, scale, points)
-            profile = profile_of(
-                spot,
-                corner_mm=corner_mm,
-                cell_mm=dot.cell_mm,
-                cells=cells,
-                variance_mm2=dot.variance_mm2,
-                apart_mm=dot.apart_mm,
-            )
-            return image_of(spot, profile)
-
-        return jax.vmap(channel)(chromatic, dot.lateral_mm, corners_mm)
-
-    return jax.lax.map(of_dot, part)
-
-
-def _of_sharp_holes(image: np.ndarray, these: Gathered) -> np.ndarray:
-    """Images of holes with sharp rims.
-
-    The fit takes holes for Gaussians, which is good enough for pixels. At the finest
-    detail, which is what aliases, a Gaussian of a pixel and a half has three times as
-    much as a disc.
-    """
-    dots = these.dots
-    if dots.apart_mm is not None:
-        return image
-    f_number = jnp.asarray(these.f_numbers)[dots.stop]
-    variance_mm2 = dots.variance_mm2 - np.asarray(diffraction_variance_mm2(f_number))
-    radius = 2 * np.sqrt(np.maximum(variance_mm2, 0.0)) / dots.cell_mm[:, 0]
-    return with_rims(image, radius)
+    place_mm = -settled(begun, _ROUNDS).corner_mm
+    return place_mm - _unusual_mm(place_mm, np.asarray(these.dots.field_mm), these.take)
 
 
 def _unusual_mm(place_mm: np.ndarray, field_mm: np.ndarray, take: np.ndarray):
@@ -179,22 +106,6 @@ def _unusual_mm(place_mm: np.ndarray, field_mm: np.ndarray, take: np.ndarray):
         near = near.reshape(len(mine), count)
         usual[mine] = np.median(beside[mine][near], 1)
     return beside - usual
-
-
-def with_rims(
-    image: Float[np.ndarray, "dots 3 rows columns"], radius: Float[np.ndarray, " dots"]
-) -> Float[np.ndarray, "dots 3 rows columns"]:
-    """Images of Gaussian holes as those of discs of the same second moments.
-
-    Parameters
-    ----------
-    radius : Of the discs, in cells.
-    """
-    size = image.shape[-1]
-    wave = 2 * np.pi * np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size))
-    x = np.maximum(radius[:, None, None, None] * wave, 1e-9)
-    ratio = 2 * j1(x) / x * np.exp(x**2 / 8)
-    return np.fft.irfft2(np.fft.rfft2(image) * ratio, s=(size, size))
 
 
 def aliased(

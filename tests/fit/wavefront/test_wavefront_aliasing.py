@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from lensfit.fit.wavefront.aliasing import aliased, with_rims
+from lensfit.fit.wavefront.aliasing import aliased
+from lensfit.fit.wavefront.drawn import with_rims
 from lensfit.mosaic import MOSAICS, photosites
 
 CELLS = 24
