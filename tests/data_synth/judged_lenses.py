@@ -75,20 +75,6 @@ class FlippedLens:
     def relative_illumination(self, points_mm, channel: Channel = "g"):
         return self.lens.relative_illumination(points_mm, channel)
 
-    def psf(
-        self,
-        image_point_mm,
-        object_distance_mm: float,
-        channel: Channel = "g",
-        *,
-        pixel_pitch_mm: float,
-        size_px: int,
-    ):
+    def psf(self, image_point_mm, object_distance_mm: float, *channel, **raster):
         mirrored = mirrored_distance_mm(self.focus_distance_mm, object_distance_mm)
-        return self.lens.psf(
-            image_point_mm,
-            mirrored,
-            channel,
-            pixel_pitch_mm=pixel_pitch_mm,
-            size_px=size_px,
-        )
+        return self.lens.psf(image_point_mm, mirrored, *channel, **raster)
