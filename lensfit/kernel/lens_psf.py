@@ -36,6 +36,7 @@ from lensfit.kernel.lens_blur import LateralColour, LensBlur, Pencil, pencil
 from lensfit.kernel.pixels import AIRY_SIGMA, LEAST_SIGMA_PX, pixel_shares
 from lensfit.optics.aberration import LocalWavefront, landing_and_jacobian_mm
 from lensfit.optics.distortion import Distortion
+from lensfit.optics.etendue import light_density
 from lensfit.optics.pupil import nearest_in_opening, places_in_stop, pupil_rays
 from lensfit.optics.transmission import transmitted
 
@@ -274,22 +275,27 @@ def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> _Rays:
     reach = jnp.sqrt(1 - left * left)
     u, density = pupil_rays(seen.h, blur.stop_radius, blur.pupil, azimuth, reach)
     cell = seen.grown**2 * density * 2 * left / count
-    weight = cell
-    if blur.transmission is not None:
-        at = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)
-        weight = cell * transmitted(*at, seen.channel, count, blur.transmission)
     wavelengths = seen.lateral_mm.shape[0]
     dealt = _dealt(u, seen, blur)
 
     def landed(
         rays: _Dealt, local: LocalWavefront, lateral: Array
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, Array, Array]:
         at, slope = jax.vmap(_landing_and_jacobian_mm, (0, None, None))(
             rays, blur, local
         )
-        return at + lateral[None], _spread(slope)
+        light = jax.vmap(light_density, (0, None, None))(
+            rays.own, blur.defocus_mm, local
+        )
+        return at + lateral[None], _spread(slope), light
 
-    at, spread = jax.vmap(landed, (1, 0, 0), (1, 1))(dealt, seen.local, seen.lateral_mm)
+    at, spread, light = jax.vmap(landed, (1, 0, 0), 1)(
+        dealt, seen.local, seen.lateral_mm
+    )
+    weight = cell * light.reshape(-1)
+    if blur.transmission is not None:
+        passed = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)
+        weight *= transmitted(*passed, seen.channel, count, blur.transmission)
     cell_mm2 = cell * spread.reshape(-1)
     airy = (AIRY_SIGMA**2 * seen.diffraction_mm2)[inner % wavelengths]
     return _Rays(at.reshape(-1, 2), weight, cell, cell_mm2, airy + FOOTPRINT * cell_mm2)

@@ -67,6 +67,7 @@ class LocalWavefront(eqx.Module):
     ----------
     series_mm : `modes.power_series` of E over the reference sine, mm.
     chief_sine : p_c.
+    series_per_mm, chief_per_mm : How both change with the field point, last axis.
     reference_sine : Unit of the pupil point.
     depth : An object away from where the coefficients hold, or None.
     cylinder_mm : Defocus of the x section beyond that of the sensor, a symmetric
@@ -75,6 +76,8 @@ class LocalWavefront(eqx.Module):
 
     series_mm: Float[Array, "orders powers 2"]
     chief_sine: Float[Array, "2"]
+    series_per_mm: Float[Array, "orders powers 2 2"]
+    chief_per_mm: Float[Array, "2 2"]
     reference_sine: Float[Array, ""]
     depth: ObjectShift | None = None
     cylinder_mm: Float[Array, "2 2"] | None = None
@@ -116,16 +119,25 @@ def local_wavefront(
     chromatic : `spectrum.chromatic_coordinate`.
     depth, cylinder_mm : As in `LocalWavefront`.
     """
-    h = field_point_mm / aberration.field_radius_mm
     powers = jnp.stack([chromatic, chromatic**2])
     coefficients = jnp.concatenate(
         [aberration.coefficients_um, powers @ aberration.colour_um]
     )
     terms = aberration.terms + aberration.colour_terms
-    amplitudes = mode_amplitudes(h, coefficients, terms) * _MM_PER_UM
+
+    def at(point_mm: Array) -> tuple[Array, Array]:
+        h = point_mm / aberration.field_radius_mm
+        amplitudes = mode_amplitudes(h, coefficients, terms) * _MM_PER_UM
+        series_mm = power_series(amplitudes, modes_of(terms))
+        return series_mm, chief_sine(point_mm, aberration)
+
+    series_mm, chief = at(field_point_mm)
+    series_per_mm, chief_per_mm = jax.jacfwd(at)(field_point_mm)
     return LocalWavefront(
-        power_series(amplitudes, modes_of(terms)),
-        chief_sine(field_point_mm, aberration),
+        series_mm,
+        chief,
+        series_per_mm,
+        chief_per_mm,
         aberration.reference_sine,
         depth,
         cylinder_mm,
@@ -169,7 +181,7 @@ def defocus_slope(p: Float[Array, "2"], chief: Float[Array, "2"]) -> Float[Array
     p : Direction cosines against the chief ray.
     chief : Those of the chief ray.
     """
-    return _slope(p + chief) - _slope(chief)
+    return tangent_of(p + chief) - tangent_of(chief)
 
 
 def landing_and_jacobian_mm(
@@ -184,6 +196,6 @@ def _cosine(p: Array) -> Array:
     return jnp.sqrt(jnp.maximum(1 - p @ p, _LEAST_COSINE_SQUARED))
 
 
-def _slope(p: Array) -> Array:
-    """Tangent of the ray's angle with the sensor's normal."""
+def tangent_of(p: Float[Array, "2"]) -> Float[Array, "2"]:
+    """Tangents of a ray's angle with the sensor's normal, from direction cosines."""
     return p / _cosine(p)

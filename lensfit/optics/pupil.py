@@ -109,6 +109,7 @@ def pupil_nodes(
     pupil: Pupil,
     nodes: int,
     sharpness: float = SHARPNESS,
+    turn_rad: Float[Array, ""] | float = 0.0,
 ) -> PupilNodes:
     """Rays that fill the opening evenly, in a spiral of nearly golden angles.
 
@@ -121,9 +122,11 @@ def pupil_nodes(
     h : Field point in field radii.
     stop_radius : Of the stop as set, in radii of the reference stop.
     nodes : How many rays (static).
+    turn_rad : Of the whole spiral.
     """
     azimuth = _spokes(max(nodes // 16, _FEWEST_SPOKES))
-    outward = jnp.asarray(np.stack([np.cos(azimuth), np.sin(azimuth)], -1), h.dtype)
+    turned = jnp.asarray(azimuth, h.dtype) + turn_rad
+    outward = jnp.stack([jnp.cos(turned), jnp.sin(turned)], -1)
     centre = _inner_point(h, stop_radius, pupil)
     radius = _radius(outward, centre, h, stop_radius, pupil, sharpness)
     turns = -(-nodes // len(azimuth))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from lensfit.kernel.spot import Spot, dealt, landings_mm, spot_of
+from lensfit.kernel.spot import Spot, dealt, landed_rays, spot_of
 from lensfit.optics.aberration import Aberration, no_aberration
 from lensfit.optics.pupil import Pupil, clear_pupil, pupil_nodes
 from lensfit.optics.spectrum import bands, chromatic_coordinate
@@ -41,8 +41,8 @@ def spot_at(
     count = -(-rays // len(chromatic)) * len(chromatic)
     nodes = pupil_nodes(field / aberration.field_radius_mm, stop, blur.pupil, count)
     u = dealt(nodes.u, len(chromatic))
-    landed = landings_mm(u, field, aberration, dz, chromatic)
-    return spot_of(*landed, nodes, lateral)
+    landed = landed_rays(u, field, aberration, dz, chromatic)
+    return spot_of(landed, nodes, lateral)
 
 
 def moments(spot: Spot) -> Moments:

@@ -22,6 +22,7 @@ _ASKED_FIRST = (
     "ninth_order",
     "seventh_order",
     "colour_of_third_order_curved",
+    "colour_of_fifth_order",
     "axial_colour_curved",
     "colour_of_third_order",
     "exit_pupil",

@@ -14,7 +14,7 @@ from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.optics.terms import Term, decentring_terms, two_mirror_terms
 
-COARSE, MIDDLE, FINE = 1, 2, 3
+COARSE, MIDDLE, FINE, LAST = 1, 2, 3, 4
 _ORDER_NAMES = {3: "third", 5: "fifth", 7: "seventh", 9: "ninth"}
 _ORDER_STAGE = {3: COARSE, 5: MIDDLE, 7: FINE, 9: FINE}
 _LOWEST = 3
@@ -27,6 +27,7 @@ _BEYOND = 0.2
 _THIRD_ORDER_UM = 100.0
 _ASYMMETRIC_UM = 10.0
 _COLOUR_UM = 15.0
+_PUPIL_COMA = 0.05
 SEIDEL = frozenset({"defocus", "third_order", "rims", "blades"})
 """The families of a lens of third order, grey, behind its rims and its iris."""
 _FEWEST_FOR_ORDER = {5: 12, 7: 24, 9: 40}
@@ -42,7 +43,7 @@ class Family:
     name : In reports.
     indices : In the parameter vector.
     deviation : Of the prior.
-    stage : From which it is free: COARSE, MIDDLE or FINE.
+    stage : From which it is free: COARSE, MIDDLE, FINE or LAST.
     tried : Whether it may be left out.
     """
 
@@ -148,23 +149,19 @@ def _even(term: Term) -> bool:
 def _colours(layout: Layout) -> list[Family]:
     start = layout.blocks["colour"].start
     count = len(layout.colour_terms)
-    axial = [i for i, t in enumerate(layout.colour_terms) if t.order == 1]
-    rest = [i for i in range(count) if i not in axial]
+
+    def of_order(order: int, power: int = 1) -> list[int]:
+        """Where coefficients of a power of the chromatic coordinate lie."""
+        first = start + (power - 1) * count
+        orders = enumerate(t.order for t in layout.colour_terms)
+        return [first + i for i, one in orders if one == order]
+
     return [
-        _family("axial_colour", [start + i for i in axial], _COLOUR_UM, COARSE),
-        _family("colour_of_third_order", [start + i for i in rest], _COLOUR_UM, MIDDLE),
-        _family(
-            "axial_colour_curved",
-            [start + count + i for i in axial],
-            _COLOUR_UM,
-            MIDDLE,
-        ),
-        _family(
-            "colour_of_third_order_curved",
-            [start + count + i for i in rest],
-            _COLOUR_UM,
-            FINE,
-        ),
+        _family("axial_colour", of_order(1), _COLOUR_UM, COARSE),
+        _family("colour_of_third_order", of_order(3), _COLOUR_UM, MIDDLE),
+        _family("colour_of_fifth_order", of_order(5), _COLOUR_UM / 2, FINE),
+        _family("axial_colour_curved", of_order(1, 2), _COLOUR_UM, MIDDLE),
+        _family("colour_of_third_order_curved", of_order(3, 2), _COLOUR_UM, FINE),
     ]
 
 
@@ -173,7 +170,9 @@ def _opening(gathered: Gathered, layout: Layout) -> list[Family]:
     rims = _range(blocks["rim_shift"]) + _range(blocks["rim_radius"])
     wide = (*[0.5] * (2 * layout.rims), *[0.3] * (2 * layout.rims))
     found = [Family("rims", tuple(rims), wide, COARSE, tried=False)]
-    found.append(_family("pupil_coma", _range(blocks["stop_shift"]), 0.1, MIDDLE))
+    # Far from the solution it would stand for a rim, and stay there.
+    coma = _range(blocks["stop_shift"])
+    found.append(_family("pupil_coma", coma, _PUPIL_COMA, LAST, tried=False))
     found.append(_family("pupil_stretch", _range(blocks["stretch"]), 0.2, FINE))
     squeeze, rotation, curvature = _range(blocks["iris"])
     found.append(_family("pupil_squeeze", [squeeze], 0.05, FINE))

@@ -30,10 +30,12 @@ class Points(NamedTuple):
     image : For the light on the cells, and the gradient: 768 are 1 to 4 % wrong, 1536
         half of that.
     design : For the matrix, which only leads the way.
+    evenly_lit : As for `kernel.spot.landed_rays`.
     """
 
     image: int = 768
     design: int = 96
+    evenly_lit: bool = True
 
 
 DEFAULT_POINTS = Points()
@@ -183,7 +185,9 @@ def _of_dot(
     def channel(chromatic, lateral, light, weight, corner):
         seen = (dot, Colour(chromatic, lateral), layout, model.scale)
         few = rays_of(parameters, *seen, points.design)
-        spot, led_back = spot_seen(parameters, *seen, points.image)
+        spot, led_back = spot_seen(
+            parameters, *seen, points.image, evenly_lit=points.evenly_lit
+        )
         patch = equations_of(
             spot,
             few,

@@ -8,6 +8,7 @@ is known, and geometry and lateral colour can be fitted to chief rays.
 in practice it carries the noise of the rays that the image is made of.)
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -28,9 +29,9 @@ from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage, with_iris
 
 _BATCH = 512
-_TELLING, _FEW, _STEP = 12, 48, 0.5
-"""Dots of a take that tell how errors of the wavefront move its marks, how many go
-through a program at a time, and the share of an error that is made."""
+_TELLING, _FEW = 12, 32
+"""Dots of a take that tell how errors of the wavefront move its marks, and how many go
+through a program at a time."""
 _UNSURE = 0.05
 """Share of a drag that the model may get wrong: a photograph in which blur drags little
 tells where chief rays land, and one in which it drags much follows."""
@@ -86,13 +87,8 @@ def _moved_by(
         return np.zeros((len(gathered.take), 0, 3, 2))
     rows = spread_over_takes(gathered, _TELLING)
     few = chosen(gathered, rows)
-
-    def drag(step: np.ndarray) -> np.ndarray:
-        moved = replace(stage, parameters=stage.parameters + step)
-        return _dragged_mm(moved, few, _FEW)
-
-    changes = [drag(_STEP * m) - drag(-_STEP * m) for m in moves]
-    against = -np.stack(changes, 1) / (2 * _STEP)
+    slopes = _of_dots(_centroid_slopes, stage, few, _FEW)
+    against = -np.einsum("dcip,mp->dmci", slopes, moves)
     field_mm, told_mm = (np.asarray(g.dots.field_mm) for g in (gathered, few))
     found = np.zeros((len(field_mm), *against.shape[1:]))
     for k in range(len(gathered.shown)):
@@ -103,12 +99,17 @@ def _moved_by(
     return found
 
 
-def _dragged_mm(
-    stage: Stage, gathered: Gathered, batch: int = _BATCH
-) -> Float[np.ndarray, "dots 3 2"]:
+def _dragged_mm(stage: Stage, gathered: Gathered) -> Float[np.ndarray, "dots 3 2"]:
     """Centroid of every dot and channel from where its chief ray lands."""
+    return _of_dots(_centroids, stage, gathered, _BATCH)
+
+
+def _of_dots(
+    program: Callable[..., Array], stage: Stage, gathered: Gathered, batch: int
+) -> Float[np.ndarray, "dots 3 2 *shape"]:
+    """What a program finds at the parameters of the fit."""
     return in_batches(
-        lambda dots: _centroids(
+        lambda dots: program(
             jnp.asarray(stage.parameters),
             jax.tree.map(jnp.asarray, dots),
             jnp.asarray(gathered.chromatic),
@@ -126,6 +127,16 @@ def _centroids(
 ) -> Array:
     return jax.lax.map(
         lambda dot: centroids_mm(parameters, dot, chromatic, layout, scale), dots
+    )
+
+
+@partial(jax.jit, static_argnames=("layout",))
+def _centroid_slopes(
+    parameters: Array, dots: Dots, chromatic: Array, layout: Layout, scale: Scale
+) -> Array:
+    slopes_of = jax.jacrev(centroids_mm)
+    return jax.lax.map(
+        lambda dot: slopes_of(parameters, dot, chromatic, layout, scale), dots
     )
 
 

@@ -66,7 +66,7 @@ def _landings(
             parameters, dot, colour, layout, scale, (RINGS, SPOKES)
         )
         shape = len(chromatic), SPOKES, RINGS
-        by_spoke = jnp.sum(weight.reshape(SPOKES, RINGS), 1)
+        by_spoke = jnp.sum(weight.reshape(*shape), (0, 2))
         return Landings(landing.reshape(*shape, 2), by_spoke)
 
     return jax.lax.map(one, dots)

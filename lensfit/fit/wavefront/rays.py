@@ -8,7 +8,8 @@ landing points are linear; the handful of numbers of the opening, which moves th
 that fill it, are left to JAX.
 
 The width of a ray's Gaussian (`kernel.spot`) is taken as it is in all derivatives: it
-only stands for rays in between, and vanishes as rays get many.
+only stands for rays in between, and vanishes as rays get many. So is the light that an
+area of the pupil carries (`optics.etendue`), which varies by a few percent.
 """
 
 from collections.abc import Callable
@@ -20,7 +21,7 @@ from jaxtyping import Array, Float
 
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
-from lensfit.kernel.spot import Spot, dealt, landings_mm, spot_of
+from lensfit.kernel.spot import Landed, Spot, dealt, landed_rays, spot_of
 from lensfit.optics.aberration import chief_sine, defocus_slope
 from lensfit.optics.depth import ObjectShift
 from lensfit.optics.modes import mode_gradients
@@ -29,7 +30,8 @@ from lensfit.optics.sections import cylinder_mm
 from lensfit.optics.terms import Term, modes_of, term_amplitudes
 
 _MM_PER_UM = 1e-3
-_RINGS_AND_SPOKES = 8, 48
+_RINGS_AND_SPOKES = 6, 48
+_SCATTER = 12.9898, 78.233
 _SHARPNESS = 64.0
 """Of the opening's corners: enough for pixels, and steadier than what a kernel uses."""
 
@@ -70,12 +72,15 @@ def spot_seen(
     layout: Layout,
     scale: Scale,
     count: int,
+    *,
+    evenly_lit: bool = False,
 ) -> tuple[Spot, Callable[[Spot], Float[Array, " parameters"]]]:
     """Where rays of one dot (a row of `Dots`) land in one channel.
 
     Parameters
     ----------
     count : Of rays, a multiple of the number of wavelengths.
+    evenly_lit : As for `kernel.spot.landed_rays`.
 
     Returns
     -------
@@ -90,12 +95,13 @@ def spot_seen(
     (u, weight), to_opening, nodes = jax.vjp(
         opened, parameters[layout.opening], has_aux=True
     )
-    landing, slope = _landed(u, parameters, dot, colour, layout, scale)
+    landed = _landed(u, parameters, dot, colour, layout, scale, evenly_lit)
+    light = landed.light / jnp.sum(weight * landed.light)
 
     def led_back(by_spot: Spot) -> Array:
-        by_landing = by_spot.landing_mm.reshape(landing.shape)
-        by_u = jnp.einsum("wkij,wki->wkj", slope, by_landing)
-        by_weight = by_spot.weight.reshape(weight.shape)
+        by_landing = by_spot.landing_mm.reshape(landed.at_mm.shape)
+        by_u = jnp.einsum("wkij,wki->wkj", landed.slope_mm, by_landing)
+        by_weight = by_spot.weight.reshape(weight.shape) * light
         by_state = _moved_by_state(u, parameters, dot, layout, scale)
         return jnp.concatenate(
             [
@@ -105,7 +111,7 @@ def spot_seen(
             ]
         )
 
-    return spot_of(landing, slope, nodes, colour.lateral_mm), led_back
+    return spot_of(landed, nodes, colour.lateral_mm), led_back
 
 
 def rays_of(
@@ -116,20 +122,20 @@ def rays_of(
     scale: Scale,
     count: int,
 ) -> Rays:
-    """The same rays with all their derivatives."""
+    """Rays that lead the way, evenly lit, with all their derivatives."""
     opening = parameters[layout.opening]
     nodes = nodes_of(opening, dot, layout, scale, count)
     widened = jax.jacfwd(nodes_of)(opening, dot, layout, scale, count)
     wavelengths = len(colour.chromatic)
     u, u_widened = dealt(nodes.u, wavelengths), dealt(widened.u, wavelengths)
-    landing, slope = _landed(u, parameters, dot, colour, layout, scale)
+    landed = _landed(u, parameters, dot, colour, layout, scale, evenly_lit=True)
     moved = [
         _moved_by_terms(u, dot, colour, layout, scale),
         _moved_by_state(u, parameters, dot, layout, scale),
-        jnp.einsum("wkij,wkjp->wkip", slope, u_widened),
+        jnp.einsum("wkij,wkjp->wkip", landed.slope_mm, u_widened),
     ]
     return Rays(
-        spot_of(landing, slope, nodes, colour.lateral_mm),
+        spot_of(landed, nodes, colour.lateral_mm),
         jnp.concatenate(moved, axis=-1).reshape(-1, 2, layout.size),
         dealt(widened.weight, wavelengths).reshape(count, -1),
     )
@@ -153,7 +159,7 @@ def centroids_mm(
             scale,
             _RINGS_AND_SPOKES,
         )
-        return jnp.mean(jnp.einsum("k,wki->wi", weight, landing), 0)
+        return jnp.einsum("wk,wki->i", weight, landing)
 
     return jax.vmap(channel)(chromatic, dot.lateral_mm)
 
@@ -165,14 +171,15 @@ def polar_landings(
     layout: Layout,
     scale: Scale,
     rings_and_spokes: tuple[int, int],
-) -> tuple[Float[Array, "wavelengths rays 2"], Float[Array, " rays"]]:
+) -> tuple[Float[Array, "wavelengths rays 2"], Float[Array, "wavelengths rays"]]:
     """Where rays on rings and spokes land, from the chief ray of their wavelength, and
-    the light of each; see `optics.pupil.polar_nodes`."""
+    the light of each, 1 in all; see `optics.pupil.polar_nodes`."""
     seen = _opening_seen(parameters[layout.opening], dot, layout, scale)
     nodes = polar_nodes(*seen, *rings_and_spokes, _SHARPNESS)
     u = jnp.broadcast_to(nodes.u[None], (len(colour.chromatic), *nodes.u.shape))
-    landing, _ = _landed(u, parameters, dot, colour, layout, scale)
-    return landing, nodes.weight
+    landed = _landed(u, parameters, dot, colour, layout, scale)
+    light = nodes.weight[None] * landed.light
+    return landed.at_mm, light / jnp.sum(light)
 
 
 def nodes_of(
@@ -182,9 +189,22 @@ def nodes_of(
     scale: Scale,
     count: int,
 ) -> PupilNodes:
-    """Rays that fill the opening as this dot sees it; `opening` as `Layout.opening`."""
+    """Rays that fill the opening as this dot sees it; `opening` as `Layout.opening`.
+
+    No two dots' rays leave the same gaps: what an image lacks for being made of few
+    rays then averages out over the dots, where one pattern would lead all astray.
+    """
     seen = _opening_seen(opening, dot, layout, scale)
-    return pupil_nodes(*seen, count, _SHARPNESS)
+    return pupil_nodes(*seen, count, _SHARPNESS, _turn_rad(dot))
+
+
+def _turn_rad(dot: Dots) -> Array:
+    """As good as random, and always the same for a dot."""
+    return (
+        2
+        * jnp.pi
+        * jnp.mod(dot.field_mm @ jnp.asarray(_SCATTER, dot.field_mm.dtype), 1.0)
+    )
 
 
 def _opening_seen(
@@ -203,9 +223,15 @@ def _field_point(dot: Dots, scale: Scale) -> Array:
 
 
 def _landed(
-    u: Array, parameters: Array, dot: Dots, colour: Colour, layout, scale
-) -> tuple[Array, Array]:
-    """`landings_mm` of the rays of a dot."""
+    u: Array,
+    parameters: Array,
+    dot: Dots,
+    colour: Colour,
+    layout: Layout,
+    scale: Scale,
+    evenly_lit: bool = False,
+) -> Landed:
+    """`landed_rays` of a dot."""
     aberration = aberration_of(parameters, layout, scale, dot.magnified)
     depth = ObjectShift(dot.slope, dot.pupil_per_sine_mm, dot.vergence, dot.reference)
     defocus = parameters[layout.blocks["defocus"]][dot.group]
@@ -213,8 +239,15 @@ def _landed(
     if dot.sections is not None:
         beyond = parameters[layout.blocks["beyond"]][dot.group]
         cylinder = cylinder_mm(defocus, beyond, dot.sections)
-    return landings_mm(
-        u, dot.field_mm, aberration, defocus, colour.chromatic, depth, cylinder
+    return landed_rays(
+        u,
+        dot.field_mm,
+        aberration,
+        defocus,
+        colour.chromatic,
+        depth,
+        cylinder,
+        evenly_lit=evenly_lit,
     )
 
 

@@ -159,7 +159,9 @@ def freed(stage: Stage, deviation: Float[np.ndarray, " parameters"]) -> Stage:
     return replace(stage, mean=mean, deviation=deviation)
 
 
-def solved(stage: Stage, most_steps: int = _MOST_STEPS) -> Stage:
+def solved(
+    stage: Stage, most_steps: int = _MOST_STEPS, tolerance: float = _TOLERANCE
+) -> Stage:
     """After a solve, patches moved to where the dots are."""
     free = stage.deviation > 0
     precision = np.where(free, np.where(free, stage.deviation, 1.0) ** -2.0, 0.0)
@@ -175,7 +177,7 @@ def solved(stage: Stage, most_steps: int = _MOST_STEPS) -> Stage:
         prior,
         stage.layout,
         stage.points,
-        _TOLERANCE,
+        tolerance,
         most_steps,
         _DAMPING,
     )

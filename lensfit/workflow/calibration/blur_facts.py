@@ -26,6 +26,7 @@ _UNITS = {
     "axial_colour": "um",
     "axial_colour_curved": "um",
     "colour_of_third_order": "um",
+    "colour_of_fifth_order": "um",
     "colour_of_third_order_curved": "um",
     "decentred_elements": "um",
 }

@@ -9,7 +9,13 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 
 from lensfit.fit.wavefront.parameters import Layout
-from lensfit.fit.wavefront.rays import Colour, centroids_mm, rays_of, spot_seen
+from lensfit.fit.wavefront.rays import (
+    Colour,
+    _turn_rad,
+    centroids_mm,
+    rays_of,
+    spot_seen,
+)
 from lensfit.kernel.spot import Spot
 from lensfit.optics.terms import rotational_terms
 
@@ -80,7 +86,7 @@ def _differences(parameters, dot):
 
 @partial(jax.jit, static_argnames=("layout", "points"))
 def _spot(parameters, dot, colour, layout, points):
-    return rays_of(parameters, dot, colour, layout, SCALE, points).spot
+    return spot_seen(parameters, dot, colour, layout, SCALE, points)[0]
 
 
 @jax.jit
@@ -139,7 +145,8 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
 
     @jax.jit
     def led_back(by_spot):
-        spot, back = spot_seen(parameters, dot, COLOUR, TINY, SCALE, POINTS)
+        seen = (parameters, dot, COLOUR, TINY, SCALE, POINTS)
+        spot, back = spot_seen(*seen, evenly_lit=True)
         return spot, back(by_spot)
 
     spot, found = led_back(Spot(landing, weight, cell))
@@ -169,17 +176,18 @@ def test_rays_land_where_the_closed_forms_say():
         dots = dots_at(np.array([place]), 1, 0, 0.01)
         dot = jax.tree.map(lambda a: jnp.asarray(a[0]), dots)
         spot = _spot(parameters, dot, one, LAYOUT, POINTS)
-        u = _evenly(POINTS)
+        u = _evenly(POINTS, _turn_rad(dot))
         wanted = lens.landing_mm(u, np.array(place), 1)
         # The p-norm of three boundaries that do not clip leaves a per mille.
         np.testing.assert_allclose(spot.landing_mm, wanted, atol=3e-4)
         assert np.abs(wanted).max() > 0.05
 
 
-def _evenly(count: int) -> np.ndarray:
+def _evenly(count: int, turn_rad: float) -> np.ndarray:
     """The unit disc's spiral of nearly golden angles."""
     k = np.arange(count)
-    angle, reach = k * 34 % 89 * (2 * np.pi / 89), np.sqrt((k + 0.5) / count)
+    angle = k * 34 % 89 * (2 * np.pi / 89) + turn_rad
+    reach = np.sqrt((k + 0.5) / count)
     return reach[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
 
 

@@ -85,7 +85,8 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
 
     @jax.jit
     def led_back(by_spot):
-        return spot_seen(numbers, dot, ONE, TINY, SCALE, POINTS)[1](by_spot)
+        seen = (numbers, dot, ONE, TINY, SCALE, POINTS)
+        return spot_seen(*seen, evenly_lit=True)[1](by_spot)
 
     wanted = np.einsum("ri,rip->p", pulls[0], rays.moved_mm)
     wanted[TINY.opening] += pulls[1] @ rays.brightened

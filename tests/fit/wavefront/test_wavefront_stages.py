@@ -8,7 +8,7 @@ from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
 from lensfit.fit.wavefront.coarse import coarse_fit
 from lensfit.fit.wavefront.evidence import choose
-from lensfit.fit.wavefront.families import FINE, deviation_of, families_of
+from lensfit.fit.wavefront.families import LAST, deviation_of, families_of
 from lensfit.fit.wavefront.fit import _fine, _middle, _refitted
 from lensfit.fit.wavefront.stages import chi_squared, first_stage, freed, solved
 from lensfit.fit.wavefront.weigh import relative_misfit
@@ -44,7 +44,13 @@ def fine(gathered):
     families = families_of(gathered, LAYOUT, stage.mean[BLOCKS["defocus"]])
     chosen, _ = choose(stage, families)
     assert known
-    assert {f.name for f in chosen} == {"defocus", "third_order", "rims", "blades"}
+    assert {f.name for f in chosen} == {
+        "defocus",
+        "third_order",
+        "rims",
+        "pupil_coma",
+        "blades",
+    }
     return _refitted(stage, chosen)
 
 
@@ -139,7 +145,7 @@ def test_fixed_parameters_stay_where_they_are(gathered, fine):
     families = families_of(gathered, LAYOUT, fine.mean[BLOCKS["defocus"]])
     some = tuple(f for f in families if f.name in ("defocus", "third_order"))
     start = first_stage(gathered, LAYOUT, TRUE.parameters() * 0.9)
-    after = solved(freed(start, deviation_of(some, LAYOUT, FINE)), 3)
+    after = solved(freed(start, deviation_of(some, LAYOUT, LAST)), 3)
     moved = np.flatnonzero(after.parameters != start.parameters)
     assert set(moved) == {i for family in some for i in family.indices}
 
