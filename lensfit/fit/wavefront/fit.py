@@ -195,8 +195,13 @@ def _refitted(fine: Stage, families: tuple[Family, ...]) -> Stage:
         return fine
     parameters = np.where(dropped, fine.mean, fine.parameters)
     stage = freed(replace(fine, parameters=parameters), deviation)
-    # Once more where the patches have been moved to.
-    return solved(solved(stage, _LAST_STEPS, _LAST_TOLERANCE), 1)
+    stage = solved(stage, _LAST_STEPS, _LAST_TOLERANCE)
+    assert stage.solution is not None
+    converged = stage.solution.converged
+    # Seen once more from where the patches have been moved to.
+    stage = settled(stage, 1)
+    assert stage.solution is not None
+    return replace(stage, solution=stage.solution._replace(converged=converged))
 
 
 def _misfits(
