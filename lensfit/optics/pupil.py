@@ -15,8 +15,8 @@ aperture on the axis, are
     u = S(h) s,
 
 with S a stretch along and across the field direction: the foreshortened, aberrated exit
-pupil. A pencil's light is nearly uniform in u (etendue; `optics.etendue` has the rest), so
-that the area of the opening over that on the axis is the relative illumination, natural
+pupil. A pencil's light is nearly uniform in u (`optics.etendue` has the rest), so that
+the area of the opening over that on the axis is the relative illumination, natural
 fall-off included.
 
 All boundaries are convex, so the opening is seen from a point inside it as one radius

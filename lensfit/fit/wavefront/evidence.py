@@ -45,6 +45,7 @@ def choose(
 ) -> tuple[tuple[Family, ...], tuple[Verdict, ...]]:
     """The families to keep, and what came of each that was tried."""
     always = indices_of(tuple(f for f in families if not f.tried))
+    always = always[stage.deviation[always] > 0]
     tried = tuple(f for f in families if f.tried)
     trial = _trial(stage, always, indices_of(tried))
     kept = sorted(tried, key=lambda f: _ASKED_FIRST.index(f.name))

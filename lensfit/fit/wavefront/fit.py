@@ -37,6 +37,7 @@ from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import (
     Stage,
+    chi_squared,
     freed,
     on_dots,
     reweighed,
@@ -62,6 +63,8 @@ _GROUPS, _STOPS = 8, 4
 """Room for so many defocus values and f-numbers, so that one program serves most."""
 _BETWEEN = 5
 """Passes between two findings of weights."""
+_COSTLY = 1.05
+"""How much worse the photographs may be explained without what was left out."""
 _LAST_STEPS, _LAST_TOLERANCE = 6, 5e-4
 _LAST_POINTS = Points(image=1536, design=768, evenly_lit=False)
 """Shifting all rays of the pupil together, rims included, hardly changes an image. Few
@@ -144,8 +147,8 @@ def fit_wavefront(
     families = families_of(more, layout, defocus_mm, allowed)
     fine = _fine(more, middle, families, effort.rounds)
     progress("wavefront", 3, 4)
-    families, verdicts = choose(fine, families)
-    final = _refitted(fine, families)
+    fine, families, verdicts = _chosen(fine, families)
+    final = _ended(fine, families)
     progress("wavefront", 4, 4)
     covariance = covariance_of(final, families)
     misfit, held_out = _misfits(final, families)
@@ -183,18 +186,31 @@ def _fine(
         stage = with_blades(stage)
     for _ in range(rounds):
         stage = reweighed(solved(stage, _BETWEEN), MODEL_SHARE)
-    stage = freed(stage, deviation_of(families, stage.layout, LAST))
-    return solved(replace(stage, points=_LAST_POINTS), _LAST_STEPS, _LAST_TOLERANCE)
+    return solved(stage)
 
 
-def _refitted(fine: Stage, families: tuple[Family, ...]) -> Stage:
-    """With only the families that stay; the others neutral."""
-    deviation = deviation_of(families, fine.layout, LAST)
+def _chosen(
+    fine: Stage, families: tuple[Family, ...]
+) -> tuple[Stage, tuple[Family, ...], tuple[Verdict, ...]]:
+    """With only the families that stay, if that holds what the choice expects."""
+    kept, verdicts = choose(fine, families)
+    deviation = deviation_of(kept, fine.layout, FINE)
     dropped = (fine.deviation > 0) & (deviation == 0)
     if not dropped.any():
-        return fine
+        return fine, kept, verdicts
     parameters = np.where(dropped, fine.mean, fine.parameters)
     stage = freed(replace(fine, parameters=parameters), deviation)
+    stage = solved(solved(stage))
+    # It is made in retrospect, from second derivatives, which may be wrong far off.
+    if chi_squared(stage) > _COSTLY * chi_squared(fine):
+        return fine, families, tuple(replace(v, kept=True) for v in verdicts)
+    return stage, kept, verdicts
+
+
+def _ended(stage: Stage, families: tuple[Family, ...]) -> Stage:
+    """After the last solves."""
+    stage = freed(stage, deviation_of(families, stage.layout, LAST))
+    stage = replace(stage, points=_LAST_POINTS)
     stage = solved(stage, _LAST_STEPS, _LAST_TOLERANCE)
     assert stage.solution is not None
     converged = stage.solution.converged

@@ -7,9 +7,8 @@ import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
 from lensfit.fit.wavefront.coarse import coarse_fit
-from lensfit.fit.wavefront.evidence import choose
 from lensfit.fit.wavefront.families import LAST, deviation_of, families_of
-from lensfit.fit.wavefront.fit import _fine, _middle, _refitted
+from lensfit.fit.wavefront.fit import _chosen, _ended, _fine, _middle
 from lensfit.fit.wavefront.stages import chi_squared, first_stage, freed, solved
 from lensfit.fit.wavefront.weigh import relative_misfit
 
@@ -42,7 +41,7 @@ def fitted(gathered, layout=LAYOUT):
 def fine(gathered):
     stage, known = fitted(gathered)
     families = families_of(gathered, LAYOUT, stage.mean[BLOCKS["defocus"]])
-    chosen, _ = choose(stage, families)
+    stage, chosen, _ = _chosen(stage, families)
     assert known
     assert {f.name for f in chosen} == {
         "defocus",
@@ -51,7 +50,7 @@ def fine(gathered):
         "pupil_coma",
         "blades",
     }
-    return _refitted(stage, chosen)
+    return _ended(stage, chosen)
 
 
 def test_the_lens_is_found_again(fine):
