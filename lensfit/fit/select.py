@@ -58,6 +58,8 @@ class Verdict:
     bic_gain : Gain in BIC when it was tried last.
     held_out_gain : Relative gain of the held-out sum of squares.
     visible : Whether the effect reaches `LEAST_EFFECT_PX`.
+    needed : Whether it was kept against the evidence, which the fit without it did not
+        bear out.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Verdict:
     bic_gain: float
     held_out_gain: float
     visible: bool = True
+    needed: bool = False
 
     @property
     def family(self) -> str:
@@ -76,6 +79,8 @@ class Verdict:
         """One sentence for the report."""
         change = f"held-out error {-50 * self.held_out_gain:+.2g} %"
         evidence = f"evidence {self.bic_gain:+.3g} (BIC), {change}"
+        if self.needed:
+            return f"kept: without it the fit was worse than foreseen; {evidence}"
         if self.kept:
             return f"kept: {evidence}"
         if self.bic_gain < LEAST_BIC_GAIN:

@@ -28,8 +28,10 @@ class Statistics(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """Bayesian information criterion, and sum of squares on unseen marks."""
+    """Of a model: sum of squares on all marks, Bayesian information criterion, and sum
+    of squares on unseen marks."""
 
+    sum_of_squares: float
     bic: float
     held_out: float
 
@@ -118,7 +120,7 @@ class Trial:
         held_out = sum(
             form.at(chosen, half.solution(chosen)) for half, form in self._unseen
         )
-        return Scores(float(bic), float(held_out))
+        return Scores(total, float(bic), float(held_out))
 
     def step(self, indices: Int[np.ndarray, " chosen"]) -> np.ndarray:
         """Change of all parameters to the solution of that model, on all marks."""

@@ -3,7 +3,7 @@
 How far all takes lie from focus together is badly known before the fit: a curved field
 or spherical aberration moves the best focus, and their valleys are walled off from each
 other once blur is larger than a dot. So is the side of focus where nobody stated it.
-All starts run on a few dots, the promising ones on more; the photographs choose.
+All starts run on a few dots, the promising ones on more (`valleys`).
 """
 
 import itertools
@@ -19,8 +19,6 @@ from lensfit.fit.wavefront.families import COARSE, Family, deviation_of, familie
 from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.stages import (
-    Stage,
-    chi_squared,
     first_stage,
     freed,
     on_dots,
@@ -28,21 +26,24 @@ from lensfit.fit.wavefront.stages import (
     solved,
 )
 from lensfit.fit.wavefront.start import (
+    IN_FOCUS_MM,
     first_defocus_mm,
     first_parameters,
     seen_defocus_mm,
     stated_defocus_mm,
 )
+from lensfit.fit.wavefront.valleys import Valley, other_side, still_open, valley
 
 _SMOOTHING = 3.0
 _MOST_SIGNS = 3
-_DECISIVE, _HOPELESS = 1.1, 3.0
-"""How much better a sign of defocus must explain the photographs; how much worse it may
-begin."""
+_HOPELESS_START, _HOPELESS = 3.0, 1.5
+"""How much worse than the best a start may begin, and end. One that ended early must
+not lose for that."""
 _FEW_DOTS = 4
 """Of each take, while there are many starts of known sign; a few would tell a lens from
 its mirror image by where they happen to be."""
-_FINALISTS = 2
+_FINALISTS, _VALLEYS = 3, 2
+"""Of every pattern of signs: solved with all dots, and left to the next stage."""
 
 
 class _Offsets(NamedTuple):
@@ -68,30 +69,18 @@ class _Start(NamedTuple):
     defocus_mm: Float[np.ndarray, " groups"]
 
 
-class _Try(NamedTuple):
-    """Where a start led, and the pattern of signs that it had."""
-
-    pattern: int
-    stage: Stage
-
-    @property
-    def cost(self) -> float:
-        """How badly it explains the photographs."""
-        return float(np.nan_to_num(chi_squared(self.stage), nan=np.inf))
-
-
 class Coarse(NamedTuple):
     """What the first solve found.
 
     Attributes
     ----------
-    stage : The best of all starts.
-    sign_known : Whether statements or photographs settle the side of focus.
+    valleys : Where starts led that the photographs leave open, the best first.
+    sign_stated : Whether statements settle the side of focus of every take.
     families : What is free in this stage and the next.
     """
 
-    stage: Stage
-    sign_known: bool
+    valleys: list[Valley]
+    sign_stated: bool
     families: tuple[Family, ...]
 
 
@@ -101,7 +90,7 @@ def coarse_fit(
     fall_off: FallOffFit | None,
     allowed: Collection[str] | None = None,
 ) -> Coarse:
-    """Third order, from the start that suits the photographs best."""
+    """Third order, from the starts that suit the photographs best."""
     value, known = first_defocus_mm(gathered)
     families = families_of(gathered, layout, value, allowed)
     deviation = deviation_of(families, layout, COARSE)
@@ -116,16 +105,15 @@ def coarse_fit(
         parameters[layout.blocks["defocus"]][: len(value)] = defocus_mm
         stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
         # Most starts lead nowhere: one look where the dots lie is enough for them.
-        tries.append(_Try(pattern, solved(settled(freed(stage, deviation), 1))))
+        tries.append(valley(pattern, solved(settled(freed(stage, deviation), 1))))
     ended = [
-        _Try(pattern, solved(settled(on_dots(stage, gathered))))
-        for pattern, stage in _promising(tries)
+        valley(one.pattern, solved(settled(on_dots(one.stage, gathered))))
+        for one in still_open(tries, _HOPELESS_START, _FINALISTS)
     ]
-    ended.sort(key=lambda one: one.cost)
-    best = ended[0]
-    others = [one for one in ended if one.pattern != best.pattern]
-    decided = not others or others[0].cost > _DECISIVE * best.cost
-    return Coarse(best.stage, bool(known.all()) or decided, families)
+    if not known[np.abs(value) > IN_FOCUS_MM].any():
+        ended.append(other_side(min(ended, key=lambda one: one.cost)))
+    valleys = still_open(ended, _HOPELESS, _VALLEYS)
+    return Coarse(valleys, bool(known.all()), families)
 
 
 def _starts(
@@ -159,15 +147,3 @@ def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
         signs[unknown] = flips
         tries.append(signs)
     return tries
-
-
-def _promising(tries: list[_Try]) -> list[_Try]:
-    """The best few of every pattern of signs, none of them hopeless."""
-    ranked = sorted(tries, key=lambda one: one.cost)
-    least = ranked[0].cost
-    found = []
-    for pattern in dict.fromkeys(one.pattern for one in ranked):
-        mine = [one for one in ranked if one.pattern == pattern][:_FINALISTS]
-        # A try that ended early must not lose for that.
-        found += [one for one in mine if one.cost < _HOPELESS * least]
-    return found

@@ -8,6 +8,8 @@ Cells of one dot share what the model misses of it, so they do not count as so m
 observations: `CELLS_PER_DOT` of each dot and channel do.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from lensfit.fit.select import Verdict
@@ -29,7 +31,6 @@ _ASKED_FIRST = (
     "pupil_squeeze",
     "decentred_elements",
     "pupil_stretch",
-    "pupil_coma",
     "stop_ratios",
     "cylinders_fifth_spherical",
     "cylinders_fifth_coma",
@@ -40,12 +41,25 @@ _ASKED_FIRST = (
 )
 
 
-def choose(
-    stage: Stage, families: tuple[Family, ...]
-) -> tuple[tuple[Family, ...], tuple[Verdict, ...]]:
-    """The families to keep, and what came of each that was tried."""
+class Choice(NamedTuple):
+    """Which families the photographs ask for.
+
+    Attributes
+    ----------
+    families : To keep.
+    verdicts : What came of each that was tried.
+    chi_squared : Foreseen of a fit with only these.
+    """
+
+    families: tuple[Family, ...]
+    verdicts: tuple[Verdict, ...]
+    chi_squared: float
+
+
+def choose(stage: Stage, families: tuple[Family, ...]) -> Choice:
+    """Leave out, one after the other, what the photographs do not ask for."""
     always = indices_of(tuple(f for f in families if not f.tried))
-    always = always[stage.deviation[always] > 0]
+    always = always[stage.deviation[always] > 0]  # some are freed later
     tried = tuple(f for f in families if f.tried)
     trial = _trial(stage, always, indices_of(tried))
     kept = sorted(tried, key=lambda f: _ASKED_FIRST.index(f.name))
@@ -62,7 +76,8 @@ def choose(
     order = [f.name for f in families]
     chosen = tuple(f for f in families if not f.tried or f in kept)
     told = sorted(verdicts.values(), key=lambda v: order.index(v.name))
-    return chosen, tuple(told)
+    foreseen = trial.scores(indices_of(tuple(kept))).sum_of_squares
+    return Choice(chosen, tuple(told), foreseen)
 
 
 def held_out_take(

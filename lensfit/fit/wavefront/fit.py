@@ -1,51 +1,42 @@
 """The wavefront of a lens at one focal length, from all its dot photographs at once.
 
-Stages are those of `stages`, terms enter as `evidence` says, and what was learnt comes
-with its uncertainty. Takes of other focus distances share everything but defocus: the
-lens only moves against the sensor (unit focusing), so the same ray lands further out
-by the ratio of the principal distances.
+The fit goes down as `descent` says, in every valley that is open yet (`valleys`); what
+was learnt comes with its uncertainty. Takes of other focus distances share everything
+but defocus: the lens only moves against the sensor (unit focusing), so the same ray
+lands further out by the ratio of the principal distances.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.select import Verdict
-from lensfit.fit.wavefront.blades import EVIDENTLY, with_blades
 from lensfit.fit.wavefront.coarse import coarse_fit
-from lensfit.fit.wavefront.effort import Effort
-from lensfit.fit.wavefront.evidence import choose, held_out_dots, held_out_take
-from lensfit.fit.wavefront.families import (
-    FINE,
-    LAST,
-    MIDDLE,
-    Family,
-    deviation_of,
-    families_of,
+from lensfit.fit.wavefront.descent import (
+    asked_for,
+    fair_cost,
+    fine_fit,
+    last_fit,
+    middle_fit,
 )
+from lensfit.fit.wavefront.effort import Effort
+from lensfit.fit.wavefront.evidence import held_out_dots, held_out_take
+from lensfit.fit.wavefront.families import Family, families_of
 from lensfit.fit.wavefront.gather import (
     Gathered,
     chosen,
     gather,
     spread_over_takes,
 )
-from lensfit.fit.wavefront.normal import Points
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.shown import Shown
-from lensfit.fit.wavefront.stages import (
-    Stage,
-    chi_squared,
-    freed,
-    on_dots,
-    reweighed,
-    settled,
-    solved,
-)
+from lensfit.fit.wavefront.stages import Stage
 from lensfit.fit.wavefront.uncertainty import covariance_of, unseen
-from lensfit.fit.wavefront.weigh import MODEL_SHARE, relative_misfit
+from lensfit.fit.wavefront.valleys import sign_is_told, still_open, valley
+from lensfit.fit.wavefront.weigh import relative_misfit
 from lensfit.optics.spectrum import Bands, bands
 from lensfit.optics.terms import (
     decentring_terms,
@@ -61,15 +52,8 @@ CYLINDER_COLOURS = two_mirror_terms(1)
 """What a lens with cylinders has besides."""
 _GROUPS, _STOPS = 8, 4
 """Room for so many defocus values and f-numbers, so that one program serves most."""
-_BETWEEN = 5
-"""Passes between two findings of weights."""
-_COSTLY = 1.05
-"""How much worse the photographs may be explained without what was left out."""
-_LAST_STEPS, _LAST_TOLERANCE = 6, 5e-4
-_LAST_POINTS = Points(image=1536, design=768, evenly_lit=False)
-"""Shifting all rays of the pupil together, rims included, hardly changes an image. Few
-rays make that valley look steep: a fit would end on its way along it, and believe that
-it knows the place."""
+_HOPELESS = 1.2
+"""How much worse than the best a valley may be and go on to full pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,26 +113,31 @@ def fit_wavefront(
     allowed : Names of the families that may be free (`families.SEIDEL`); None for all.
     """
     every = gather(shown, spectrum or bands(3))
-    cylinders = every.dots.sections is not None
-    layout = Layout(
-        TERMS + CYLINDER_TERMS if cylinders else TERMS,
-        COLOUR_TERMS + CYLINDER_COLOURS if cylinders else COLOUR_TERMS,
-        groups=max(_GROUPS, len(every.groups)),
-        stops=max(_STOPS, len(every.f_numbers) - 1),
-        anamorphic=cylinders,
-    )
+    layout = _layout_of(every)
     few = chosen(every, spread_over_takes(every, effort.coarse_dots))
-    coarse, sign_known, families = coarse_fit(few, layout, fall_off, allowed)
+    coarse = coarse_fit(few, layout, fall_off, allowed)
     progress("wavefront", 1, 4)
-    middle = _middle(coarse, families)
+    valleys = [
+        valley(one.pattern, middle_fit(one.stage, coarse.families))
+        for one in coarse.valleys
+    ]
+    valleys = still_open(valleys, _HOPELESS, 2 if coarse.sign_stated else 1)
     progress("wavefront", 2, 4)
     more = chosen(every, spread_over_takes(every, effort.fine_dots))
-    defocus_mm = coarse.mean[layout.blocks["defocus"]]
-    families = families_of(more, layout, defocus_mm, allowed)
-    fine = _fine(more, middle, families, effort.rounds)
+
+    def free(stage: Stage) -> tuple[Family, ...]:
+        """All families; priors of defocus depend on where the fit began."""
+        return families_of(more, layout, stage.mean[layout.blocks["defocus"]], allowed)
+
+    valleys = [
+        valley(pattern, fine_fit(more, middle, free(middle), effort), fair_cost)
+        for pattern, middle, _ in valleys
+    ]
+    sign_known = coarse.sign_stated or sign_is_told(valleys)
+    best = min(valleys, key=lambda one: one.cost).stage
     progress("wavefront", 3, 4)
-    fine, families, verdicts = _chosen(fine, families)
-    final = _ended(fine, families)
+    fine, families, verdicts = asked_for(best, free(best))
+    final = last_fit(fine, families)
     progress("wavefront", 4, 4)
     covariance = covariance_of(final, families)
     misfit, held_out = _misfits(final, families)
@@ -163,61 +152,20 @@ def fit_wavefront(
         misfit=misfit,
         held_out_misfit=float(np.median(misfit)) * held_out_dots(final, families),
         held_out_takes=held_out,
-        converged=bool(final.solution and final.solution.converged),
+        converged=final.converged,
         notes=_notes(sign_known, final),
     )
 
 
-def _middle(coarse: Stage, families: tuple[Family, ...]) -> Stage:
-    """Fifth order on less smoothed dots."""
-    stage = replace(coarse, smoothing=1.5)
-    stage = freed(stage, deviation_of(families, stage.layout, MIDDLE))
-    return solved(solved(stage))
-
-
-def _fine(
-    gathered: Gathered, middle: Stage, families: tuple[Family, ...], rounds: int
-) -> Stage:
-    """Everything on full pixels; the blades as soon as the rest is nearly right."""
-    stage = replace(on_dots(middle, gathered), smoothing=0.0)
-    stage = settled(freed(stage, deviation_of(families, middle.layout, FINE)))
-    stage = solved(with_blades(stage, EVIDENTLY))
-    if not stage.blades:
-        stage = with_blades(stage)
-    for _ in range(rounds):
-        stage = reweighed(solved(stage, _BETWEEN), MODEL_SHARE)
-    return solved(stage)
-
-
-def _chosen(
-    fine: Stage, families: tuple[Family, ...]
-) -> tuple[Stage, tuple[Family, ...], tuple[Verdict, ...]]:
-    """With only the families that stay, if that holds what the choice expects."""
-    kept, verdicts = choose(fine, families)
-    deviation = deviation_of(kept, fine.layout, FINE)
-    dropped = (fine.deviation > 0) & (deviation == 0)
-    if not dropped.any():
-        return fine, kept, verdicts
-    parameters = np.where(dropped, fine.mean, fine.parameters)
-    stage = freed(replace(fine, parameters=parameters), deviation)
-    stage = solved(solved(stage))
-    # It is made in retrospect, from second derivatives, which may be wrong far off.
-    if chi_squared(stage) > _COSTLY * chi_squared(fine):
-        return fine, families, tuple(replace(v, kept=True) for v in verdicts)
-    return stage, kept, verdicts
-
-
-def _ended(stage: Stage, families: tuple[Family, ...]) -> Stage:
-    """After the last solves."""
-    stage = freed(stage, deviation_of(families, stage.layout, LAST))
-    stage = replace(stage, points=_LAST_POINTS)
-    stage = solved(stage, _LAST_STEPS, _LAST_TOLERANCE)
-    assert stage.solution is not None
-    converged = stage.solution.converged
-    # Seen once more from where the patches have been moved to.
-    stage = settled(stage, 1)
-    assert stage.solution is not None
-    return replace(stage, solution=stage.solution._replace(converged=converged))
+def _layout_of(every: Gathered) -> Layout:
+    cylinders = every.dots.sections is not None
+    return Layout(
+        TERMS + CYLINDER_TERMS if cylinders else TERMS,
+        COLOUR_TERMS + CYLINDER_COLOURS if cylinders else COLOUR_TERMS,
+        groups=max(_GROUPS, len(every.groups)),
+        stops=max(_STOPS, len(every.f_numbers) - 1),
+        anamorphic=cylinders,
+    )
 
 
 def _misfits(
@@ -244,6 +192,6 @@ def _notes(sign_known: bool, stage: Stage) -> tuple[str, ...]:
             "the photographs do not tell on which side of focus the chart was: state "
             "focus_distance_mm and target_distance_mm, or add a take on the other side"
         )
-    if stage.solution is not None and not stage.solution.converged:
+    if not stage.converged:
         notes.append("the fit of the dots' shape did not converge")
     return tuple(notes)

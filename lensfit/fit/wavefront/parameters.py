@@ -149,3 +149,27 @@ def pupil_of(
         blade_curvature=iris[2],
         blades=blades,
     )
+
+
+def mirrored(
+    parameters: Float[np.ndarray, " parameters"], layout: Layout
+) -> Float[np.ndarray, " parameters"]:
+    """The lens that shows the same through the other side of focus.
+
+    Every ray lands where the one through the opposite point of the opening did. Only
+    that oblique cones are not the same on both sides of focus tells the two apart.
+    """
+    blocks = layout.blocks
+    found = parameters.copy()
+    for name in ("defocus", "beyond", "rim_shift", "stop_shift"):
+        if name in blocks:
+            found[blocks[name]] *= -1
+    found[blocks["coefficients"]] *= _kept_by_mirror(layout.terms)
+    found[blocks["colour"]] *= np.tile(_kept_by_mirror(layout.colour_terms), 2)
+    found[blocks["iris"].start + 1] += np.pi
+    return found
+
+
+def _kept_by_mirror(terms: tuple[Term, ...]) -> np.ndarray:
+    """1 for odd modes, such as coma, -1 for even ones."""
+    return np.array([1.0 if term.degree % 2 else -1.0 for term in terms])

@@ -1,13 +1,7 @@
-"""The stages of the wavefront fit, each starting from the one before.
-
-1. Smoothed by three cells, a few dots: defocus, rims, third order; every sign of
-   defocus that nobody stated is tried, and the one the photographs prefer is kept.
-2. Smoothed by a cell and a half: fifth order.
-3. Full pixels, more dots, everything: the blades of the iris are counted, noise and
-   robust weights found anew in between.
+"""The fit at one point, and how it goes on from there: freed, solved, weighed anew.
 
 Where a dot lies is not asked of the model: after every solve patches are moved to where
-the dots turned out to be.
+the dots turned out to be. Which stages there are says `descent`.
 """
 
 from collections.abc import Callable
@@ -51,6 +45,7 @@ class Stage:
     smoothing : Standard deviation, cells, by which photograph and model are smoothed.
     points : Rays through the opening.
     solution : Of the last solve.
+    converged : Whether it met its tolerance; `settled` does not count as one.
     blades : Of the iris when stopped down.
     """
 
@@ -64,6 +59,7 @@ class Stage:
     smoothing: float = 0.0
     points: Points = DEFAULT_POINTS
     solution: Solution | None = None
+    converged: bool = False
     blades: int = 0
 
     @property
@@ -107,6 +103,7 @@ def on_dots(stage: Stage, gathered: Gathered) -> Stage:
         corner_mm=-gathered.observed_mm,
         weight=first_weights(gathered, COARSE_SHARE),
         solution=None,
+        converged=False,
     )
 
 
@@ -184,15 +181,21 @@ def solved(
     found = jax.tree.map(np.asarray, found)
     in_order = jax.tree.map(lambda part: part[deal.places], found.per_dot)
     found = found._replace(per_dot=in_order)
-    after = replace(stage, parameters=found.parameters, solution=found)
+    after = replace(
+        stage,
+        parameters=found.parameters,
+        solution=found,
+        converged=bool(found.converged),
+    )
     return replace(after, corner_mm=_moved(after))
 
 
 def settled(stage: Stage, rounds: int = 2) -> Stage:
     """Patches moved to where the dots are, nothing else."""
+    converged = stage.converged
     for _ in range(rounds):
         stage = solved(stage, 1)
-    return stage
+    return replace(stage, converged=converged)
 
 
 def _moved(stage: Stage) -> np.ndarray:

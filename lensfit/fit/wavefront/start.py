@@ -19,7 +19,8 @@ from lensfit.optics.paraxial import defocus_mm
 from lensfit.optics.pupil import clear_pupil, relative_illumination
 
 _NEAR_AXIS = 0.35
-_IN_FOCUS_MM = 0.02
+IN_FOCUS_MM = 0.02
+"""Defocus that has no side worth telling."""
 _RADII = 9
 _RIM_RADII = (1.02, 1.1, 1.2, 1.35, 1.6, 2.0)
 _RIM_SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
@@ -74,7 +75,7 @@ def first_defocus_mm(gathered: Gathered) -> tuple[np.ndarray, np.ndarray]:
     value, known = np.zeros(len(seen)), np.zeros(len(seen), bool)
     for k, group in enumerate(gathered.groups):
         stated = stated_defocus_mm(gathered, group)
-        if stated is not None and abs(stated) > _IN_FOCUS_MM:
+        if stated is not None and abs(stated) > IN_FOCUS_MM:
             value[k], known[k] = np.sign(stated) * seen[k], True
         elif stated is not None:
             value[k], known[k] = stated, True

@@ -7,9 +7,11 @@ import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
 from lensfit.fit.wavefront.coarse import coarse_fit
+from lensfit.fit.wavefront.descent import asked_for, fine_fit, last_fit, middle_fit
+from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.families import LAST, deviation_of, families_of
-from lensfit.fit.wavefront.fit import _chosen, _ended, _fine, _middle
 from lensfit.fit.wavefront.stages import chi_squared, first_stage, freed, solved
+from lensfit.fit.wavefront.valleys import sign_is_told
 from lensfit.fit.wavefront.weigh import relative_misfit
 
 BLOCKS = LAYOUT.blocks
@@ -31,17 +33,18 @@ def gathered():
 
 def fitted(gathered, layout=LAYOUT):
     """All stages from the default start, and whether the sign is known."""
-    coarse, known, families = coarse_fit(gathered, layout, None)
-    middle = _middle(coarse, families)
-    families = families_of(gathered, layout, coarse.mean[BLOCKS["defocus"]])
-    return _fine(gathered, middle, families, 2), known
+    coarse = coarse_fit(gathered, layout, None)
+    best = coarse.valleys[0].stage
+    middle = middle_fit(best, coarse.families)
+    families = families_of(gathered, layout, best.mean[BLOCKS["defocus"]])
+    return fine_fit(gathered, middle, families, Effort.FAST), coarse.sign_stated
 
 
 @pytest.fixture(scope="module")
 def fine(gathered):
     stage, known = fitted(gathered)
     families = families_of(gathered, LAYOUT, stage.mean[BLOCKS["defocus"]])
-    stage, chosen, _ = _chosen(stage, families)
+    stage, chosen, _ = asked_for(stage, families)
     assert known
     assert {f.name for f in chosen} == {
         "defocus",
@@ -50,12 +53,12 @@ def fine(gathered):
         "pupil_coma",
         "blades",
     }
-    return _ended(stage, chosen)
+    return last_fit(stage, chosen)
 
 
 def test_the_lens_is_found_again(fine):
     truth = TRUE.parameters()
-    assert bool(fine.solution.converged)
+    assert fine.converged
     assert fine.blades == 0
     for name, within in {
         "coefficients": 0.4,
@@ -174,8 +177,8 @@ def unstated(defocus_mm):
     """The coarse stage of takes at two f-numbers without any distance."""
     lens = replace(TRUE, coma_um=10.0, spherical_um=14.0, defocus_mm=defocus_mm)
     shots = [Shot(0, 0), Shot(1, 0), Shot(0, 1), Shot(1, 1)]
-    coarse, known, _ = coarse_fit(photographed(lens, shots), LAYOUT, None)
-    return coarse, known
+    coarse = coarse_fit(photographed(lens, shots), LAYOUT, None)
+    return coarse.valleys[0].stage, sign_is_told(coarse.valleys)
 
 
 @pytest.mark.slow
@@ -193,7 +196,8 @@ def test_takes_that_are_all_out_of_focus_by_the_same_are_found():
         rims=RIMS,
     )
     shots = [Shot(k, stop, mm) for stop in (0, 1) for k, mm in enumerate(FOCUS_MM)]
-    found = coarse_fit(photographed(lens, shots, noise=NOISE), LAYOUT, None).stage
+    found = coarse_fit(photographed(lens, shots, noise=NOISE), LAYOUT, None)
+    found = found.valleys[0].stage
     np.testing.assert_allclose(
         found.parameters[BLOCKS["defocus"]], lens.defocus_mm, atol=0.15
     )

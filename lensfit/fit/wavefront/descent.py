@@ -1,0 +1,101 @@
+"""The way from the first solve to the last: what is free when, and on which dots.
+
+1. `coarse`: smoothed by three cells, a few dots: defocus, rims, third order, from many
+   starts.
+2. `middle_fit`: smoothed by a cell and a half: fifth order.
+3. `fine_fit`: full pixels, more dots, everything but what would go astray there
+   (`families.LAST`): the blades of the iris are counted, noise and robust weights found
+   anew in between.
+4. `asked_for`: without what the photographs do not ask for.
+5. `last_fit`: the rest freed; many rays.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from lensfit.fit.select import Verdict
+from lensfit.fit.wavefront.blades import EVIDENTLY, with_blades
+from lensfit.fit.wavefront.effort import Effort
+from lensfit.fit.wavefront.evidence import choose
+from lensfit.fit.wavefront.families import FINE, LAST, MIDDLE, Family, deviation_of
+from lensfit.fit.wavefront.gather import Gathered
+from lensfit.fit.wavefront.normal import Points
+from lensfit.fit.wavefront.stages import (
+    Stage,
+    chi_squared,
+    freed,
+    on_dots,
+    reweighed,
+    settled,
+    solved,
+)
+from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights
+
+_BETWEEN = 5
+"""Passes between two findings of weights."""
+_UNFORESEEN = 1.2
+"""How much worse than foreseen a fit may be without what was left out."""
+_LAST_STEPS, _LAST_TOLERANCE = 6, 5e-4
+_LAST_POINTS = Points(image=1536, design=768, evenly_lit=False)
+"""Shifting all rays of the pupil together, rims included, hardly changes an image. Few
+rays make that valley look steep: a fit would end on its way along it, and believe that
+it knows the place."""
+
+
+def middle_fit(coarse: Stage, families: tuple[Family, ...]) -> Stage:
+    """Fifth order on less smoothed dots."""
+    stage = replace(coarse, smoothing=1.5)
+    stage = freed(stage, deviation_of(families, stage.layout, MIDDLE))
+    return solved(solved(stage))
+
+
+def fine_fit(
+    gathered: Gathered, middle: Stage, families: tuple[Family, ...], effort: Effort
+) -> Stage:
+    """Everything on full pixels; the blades as soon as the rest is nearly right."""
+    stage = replace(on_dots(middle, gathered), smoothing=0.0)
+    stage = settled(freed(stage, deviation_of(families, middle.layout, FINE)))
+    stage = solved(with_blades(stage, EVIDENTLY))
+    if not stage.blades:
+        stage = with_blades(stage)
+    for _ in range(effort.rounds):
+        stage = reweighed(solved(stage, _BETWEEN), MODEL_SHARE)
+    return solved(stage)
+
+
+def fair_cost(stage: Stage) -> float:
+    """What it leaves of the photographs, in weights that no fit has had a part in."""
+    weight = first_weights(stage.gathered, MODEL_SHARE)
+    return chi_squared(settled(replace(stage, weight=weight), 1))
+
+
+def asked_for(
+    fine: Stage, families: tuple[Family, ...]
+) -> tuple[Stage, tuple[Family, ...], tuple[Verdict, ...]]:
+    """With only the families that stay, if that fit is as good as was foreseen."""
+    kept, verdicts, foreseen = choose(fine, families)
+    deviation = deviation_of(kept, fine.layout, FINE)
+    dropped = (fine.deviation > 0) & (deviation == 0)
+    if not dropped.any():
+        return fine, kept, verdicts
+    parameters = np.where(dropped, fine.mean, fine.parameters)
+    stage = freed(replace(fine, parameters=parameters), deviation)
+    stage = solved(solved(stage))
+    # It is made in retrospect, from second derivatives, which may be wrong far off.
+    if chi_squared(stage) > _UNFORESEEN * foreseen:
+        return fine, families, tuple(map(_needed, verdicts))
+    return stage, kept, verdicts
+
+
+def _needed(verdict: Verdict) -> Verdict:
+    """Kept after all."""
+    return replace(verdict, kept=True, needed=not verdict.kept)
+
+
+def last_fit(stage: Stage, families: tuple[Family, ...]) -> Stage:
+    """Everything that stays, with as many rays as it takes."""
+    stage = freed(stage, deviation_of(families, stage.layout, LAST))
+    stage = replace(stage, points=_LAST_POINTS)
+    # Seen once more from where the patches have been moved to.
+    return settled(solved(stage, _LAST_STEPS, _LAST_TOLERANCE), 1)
