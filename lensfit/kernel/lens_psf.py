@@ -34,6 +34,7 @@ from jaxtyping import Array, Float, Int
 
 from lensfit.kernel.lens_blur import LateralColour, LensBlur, Pencil, pencil
 from lensfit.kernel.pixels import AIRY_SIGMA, LEAST_SIGMA_PX, pixel_shares
+from lensfit.kernel.spot import Landed
 from lensfit.optics.aberration import LocalWavefront, landing_and_jacobian_mm
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.etendue import light_density
@@ -278,27 +279,19 @@ def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> _Rays:
     wavelengths = seen.lateral_mm.shape[0]
     dealt = _dealt(u, seen, blur)
 
-    def landed(
-        rays: _Dealt, local: LocalWavefront, lateral: Array
-    ) -> tuple[Array, Array, Array]:
-        at, slope = jax.vmap(_landing_and_jacobian_mm, (0, None, None))(
-            rays, blur, local
-        )
-        light = jax.vmap(light_density, (0, None, None))(
-            rays.own, blur.defocus_mm, local
-        )
-        return at + lateral[None], _spread(slope), light
+    def landed(rays: _Dealt, local: LocalWavefront, lateral: Array) -> Landed:
+        found = jax.vmap(_landed, (0, None, None))(rays, blur, local)
+        return found._replace(at_mm=found.at_mm + lateral[None])
 
-    at, spread, light = jax.vmap(landed, (1, 0, 0), 1)(
-        dealt, seen.local, seen.lateral_mm
-    )
-    weight = cell * light.reshape(-1)
+    found = jax.vmap(landed, (1, 0, 0), 1)(dealt, seen.local, seen.lateral_mm)
+    weight = cell * found.light.reshape(-1)
     if blur.transmission is not None:
         passed = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)
         weight *= transmitted(*passed, seen.channel, count, blur.transmission)
-    cell_mm2 = cell * spread.reshape(-1)
+    cell_mm2 = cell * _spread(found.slope_mm).reshape(-1)
     airy = (AIRY_SIGMA**2 * seen.diffraction_mm2)[inner % wavelengths]
-    return _Rays(at.reshape(-1, 2), weight, cell, cell_mm2, airy + FOOTPRINT * cell_mm2)
+    at = found.at_mm.reshape(-1, 2)
+    return _Rays(at, weight, cell, cell_mm2, airy + FOOTPRINT * cell_mm2)
 
 
 def _dealt(u: Array, seen: Pencil, blur: LensBlur) -> _Dealt:
@@ -312,10 +305,9 @@ def _dealt(u: Array, seen: Pencil, blur: LensBlur) -> _Dealt:
     return _Dealt(*(a.reshape(-1, wavelengths, *a.shape[1:]) for a in each))
 
 
-def _landing_and_jacobian_mm(
-    ray: _Dealt, blur: LensBlur, local: LocalWavefront
-) -> tuple[Array, Array]:
-    """Of one ray; an oval lens draws both out along x and y."""
+def _landed(ray: _Dealt, blur: LensBlur, local: LocalWavefront) -> Landed:
+    """One ray; an oval lens draws where it lands out along x and y."""
+    light = light_density(ray.own, blur.defocus_mm, local)
     if blur.known is None:
         at, slope = landing_and_jacobian_mm(ray.u, blur.defocus_mm, local)
     else:
@@ -325,12 +317,12 @@ def _landing_and_jacobian_mm(
         moved, moves = landing_and_jacobian_mm(ray.own, jnp.zeros(()), near)
         at, slope = at + moved, slope + jnp.where(ray.is_known, moves, 0.0)
     if blur.oval is None:
-        return at, slope
-    return at * blur.oval, slope * blur.oval[:, None]
+        return Landed(at, slope, light)
+    return Landed(at * blur.oval, slope * blur.oval[:, None], light)
 
 
 def _spread(slope: Array) -> Array:
     """Area that a cell's image has per area of the cell; a fold leaves it a little."""
-    area = slope[:, 0, 0] * slope[:, 1, 1] - slope[:, 0, 1] * slope[:, 1, 0]
-    size = jnp.sum(slope * slope, (1, 2)) / 2
+    area = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
+    size = jnp.sum(slope * slope, (-2, -1)) / 2
     return jnp.sqrt(area * area + (_LEAST_DETERMINANT * size) ** 2)

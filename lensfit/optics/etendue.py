@@ -33,14 +33,19 @@ def light_density(
     ----------
     u, defocus_mm : As for `aberration.landing_mm`.
     """
+
     # With x_c where the chief ray lands, x = x_c + landing(x_c, u), and a fixed
     # direction is a u that goes against the chief ray's. What defocus adds to that is
     # the same for every ray.
-    at_fixed_u = jax.vmap(wavefront_gradient, (None, -1), -1)(u, local.series_per_mm)
-    bend = jax.jacfwd(wavefront_gradient)(u, local.series_mm)
-    u_per_mm = local.chief_per_mm / local.reference_sine
+    def followed(u_per_mm: Array, series_per_mm: Array) -> Array:
+        at, towards = (u, local.series_mm), (-u_per_mm, series_per_mm)
+        return jax.jvp(wavefront_gradient, at, towards)[1]
+
+    of_ray = jax.vmap(followed, -1, -1)(
+        local.chief_per_mm / local.reference_sine, local.series_per_mm
+    )
     of_all = jnp.eye(2, dtype=u.dtype) - defocus_mm * (
         jax.jacfwd(tangent_of)(local.chief_sine) @ local.chief_per_mm
     )
-    a, b = of_all + at_fixed_u - bend @ u_per_mm
+    a, b = of_all + of_ray
     return a[0] * b[1] - a[1] * b[0]

@@ -28,6 +28,7 @@ _THIRD_ORDER_UM = 100.0
 _ASYMMETRIC_UM = 10.0
 _COLOUR_UM = 15.0
 _PUPIL_COMA = 0.05
+"""Shift of the stop per field radius; traced lenses have a few hundredths."""
 SEIDEL = frozenset({"defocus", "third_order", "rims", "blades"})
 """The families of a lens of third order, grey, behind its rims and its iris."""
 _FEWEST_FOR_ORDER = {5: 12, 7: 24, 9: 40}
@@ -170,7 +171,7 @@ def _opening(gathered: Gathered, layout: Layout) -> list[Family]:
     rims = _range(blocks["rim_shift"]) + _range(blocks["rim_radius"])
     wide = (*[0.5] * (2 * layout.rims), *[0.3] * (2 * layout.rims))
     found = [Family("rims", tuple(rims), wide, COARSE, tried=False)]
-    # Far from the solution it would stand for a rim, and stay there.
+    # Freed far from the solution, pupil coma would stand for a rim, and stay there.
     coma = _range(blocks["stop_shift"])
     found.append(_family("pupil_coma", coma, _PUPIL_COMA, LAST, tried=False))
     found.append(_family("pupil_stretch", _range(blocks["stretch"]), 0.2, FINE))

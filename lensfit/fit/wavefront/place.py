@@ -32,6 +32,7 @@ _BATCH = 512
 _TELLING, _FEW = 12, 32
 """Dots of a take that tell how errors of the wavefront move its marks, and how many go
 through a program at a time."""
+_CENTROID_SLOPES = jax.jacrev(centroids_mm)
 _UNSURE = 0.05
 """Share of a drag that the model may get wrong: a photograph in which blur drags little
 tells where chief rays land, and one in which it drags much follows."""
@@ -87,7 +88,7 @@ def _moved_by(
         return np.zeros((len(gathered.take), 0, 3, 2))
     rows = spread_over_takes(gathered, _TELLING)
     few = chosen(gathered, rows)
-    slopes = _of_dots(_centroid_slopes, stage, few, _FEW)
+    slopes = _of_dots(_CENTROID_SLOPES, stage, few, _FEW)
     against = -np.einsum("dcip,mp->dmci", slopes, moves)
     field_mm, told_mm = (np.asarray(g.dots.field_mm) for g in (gathered, few))
     found = np.zeros((len(field_mm), *against.shape[1:]))
@@ -101,15 +102,16 @@ def _moved_by(
 
 def _dragged_mm(stage: Stage, gathered: Gathered) -> Float[np.ndarray, "dots 3 2"]:
     """Centroid of every dot and channel from where its chief ray lands."""
-    return _of_dots(_centroids, stage, gathered, _BATCH)
+    return _of_dots(centroids_mm, stage, gathered, _BATCH)
 
 
 def _of_dots(
-    program: Callable[..., Array], stage: Stage, gathered: Gathered, batch: int
+    function: Callable[..., Array], stage: Stage, gathered: Gathered, batch: int
 ) -> Float[np.ndarray, "dots 3 2 *shape"]:
-    """What a program finds at the parameters of the fit."""
+    """What a function such as `centroids_mm` finds at the parameters of the fit."""
     return in_batches(
-        lambda dots: program(
+        lambda dots: _one_by_one(
+            function,
             jnp.asarray(stage.parameters),
             jax.tree.map(jnp.asarray, dots),
             jnp.asarray(gathered.chromatic),
@@ -121,22 +123,17 @@ def _of_dots(
     )
 
 
-@partial(jax.jit, static_argnames=("layout",))
-def _centroids(
-    parameters: Array, dots: Dots, chromatic: Array, layout: Layout, scale: Scale
+@partial(jax.jit, static_argnames=("function", "layout"))
+def _one_by_one(
+    function: Callable[..., Array],
+    parameters: Array,
+    dots: Dots,
+    chromatic: Array,
+    layout: Layout,
+    scale: Scale,
 ) -> Array:
     return jax.lax.map(
-        lambda dot: centroids_mm(parameters, dot, chromatic, layout, scale), dots
-    )
-
-
-@partial(jax.jit, static_argnames=("layout",))
-def _centroid_slopes(
-    parameters: Array, dots: Dots, chromatic: Array, layout: Layout, scale: Scale
-) -> Array:
-    slopes_of = jax.jacrev(centroids_mm)
-    return jax.lax.map(
-        lambda dot: slopes_of(parameters, dot, chromatic, layout, scale), dots
+        lambda dot: function(parameters, dot, chromatic, layout, scale), dots
     )
 
 

@@ -31,7 +31,9 @@ from lensfit.optics.terms import Term, modes_of, term_amplitudes
 
 _MM_PER_UM = 1e-3
 _RINGS_AND_SPOKES = 6, 48
-_SCATTER = 12.9898, 78.233
+"""Of the rays that tell a centroid."""
+_TURNS_PER_MM = 12.9898, 78.233
+"""Of a spiral, over the field: so many that neighbours have nothing in common."""
 _SHARPNESS = 64.0
 """Of the opening's corners: enough for pixels, and steadier than what a kernel uses."""
 
@@ -200,11 +202,8 @@ def nodes_of(
 
 def _turn_rad(dot: Dots) -> Array:
     """As good as random, and always the same for a dot."""
-    return (
-        2
-        * jnp.pi
-        * jnp.mod(dot.field_mm @ jnp.asarray(_SCATTER, dot.field_mm.dtype), 1.0)
-    )
+    turns = dot.field_mm @ jnp.asarray(_TURNS_PER_MM, dot.field_mm.dtype)
+    return 2 * jnp.pi * jnp.mod(turns, 1.0)
 
 
 def _opening_seen(
