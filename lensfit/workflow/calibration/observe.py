@@ -7,7 +7,7 @@ set aside with its reason while the others go on.
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
+from lensfit.workflow.calibration.implausible import why_implausible
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
 from lensfit.workflow.shoot.charts_seen import pattern_of_target
 from lensfit.workflow.shoot.records import Shoot
@@ -89,7 +90,18 @@ def observe_shoot(
             results.append(job.result())
             done += 1
             progress("detect", done, len(jobs))
-    return results
+    return _plausible(results)
+
+
+def _plausible(results: list[Observed]) -> list[Observed]:
+    """Photographs that contradict the others set aside with their reasons."""
+    reasons = why_implausible([one.take for one in results])
+    return [
+        one
+        if why is None
+        else replace(one, take=None, failed=f"{Path(one.image).name}: {why}")
+        for one, why in zip(results, reasons, strict=True)
+    ]
 
 
 def _observe(shoot: Shoot, take: ShootTake, overlay: Path | None) -> Observed:
