@@ -36,7 +36,7 @@ _BETWEEN = 5
 """Passes between two findings of weights."""
 _UNFORESEEN = 1.2
 """How much worse than foreseen a fit may be without what was left out."""
-_LAST_STEPS, _LAST_TOLERANCE = 6, 5e-4
+_LAST_STEPS, _LAST_TOLERANCE = 12, 5e-4
 _LAST_POINTS = Points(image=1536, design=768, evenly_lit=False)
 """Shifting all rays of the pupil together, rims included, hardly changes an image. Few
 rays make that valley look steep: a fit would end on its way along it, and believe that
