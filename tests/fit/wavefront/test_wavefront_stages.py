@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
+from lensfit.fit.wavefront import descent
 from lensfit.fit.wavefront.coarse import coarse_fit
 from lensfit.fit.wavefront.descent import asked_for, fine_fit, last_fit, middle_fit
 from lensfit.fit.wavefront.effort import Effort
+from lensfit.fit.wavefront.evidence import choose
 from lensfit.fit.wavefront.families import LAST, deviation_of, families_of
 from lensfit.fit.wavefront.stages import chi_squared, first_stage, freed, solved
 from lensfit.fit.wavefront.valleys import sign_is_told
@@ -41,11 +43,16 @@ def fitted(gathered, layout=LAYOUT):
 
 
 @pytest.fixture(scope="module")
-def fine(gathered):
+def begun(gathered):
+    """With all families free, and these."""
     stage, known = fitted(gathered)
-    families = families_of(gathered, LAYOUT, stage.mean[BLOCKS["defocus"]])
-    stage, chosen, _ = asked_for(stage, families)
     assert known
+    return stage, families_of(gathered, LAYOUT, stage.mean[BLOCKS["defocus"]])
+
+
+@pytest.fixture(scope="module")
+def fine(begun):
+    stage, chosen, _ = asked_for(*begun)
     assert {f.name for f in chosen} == {
         "defocus",
         "third_order",
@@ -150,6 +157,20 @@ def test_fixed_parameters_stay_where_they_are(gathered, fine):
     after = solved(freed(start, deviation_of(some, LAYOUT, LAST)), 3)
     moved = np.flatnonzero(after.parameters != start.parameters)
     assert set(moved) == {i for family in some for i in family.indices}
+
+
+def test_a_choice_that_fits_worse_than_foreseen_is_taken_back(begun, monkeypatch):
+    stage, families = begun
+    foreseen = choose(stage, families)
+    asked = {verdict.name for verdict in foreseen.verdicts if not verdict.kept}
+    assert asked
+    too_good = foreseen._replace(chi_squared=foreseen.chi_squared / 2)
+    monkeypatch.setattr(descent, "choose", lambda *_: too_good)
+    same, kept, verdicts = asked_for(stage, families)
+    assert same is stage
+    assert kept == families
+    assert {verdict.name for verdict in verdicts if verdict.needed} == asked
+    assert all(verdict.reason.startswith("kept: ") for verdict in verdicts)
 
 
 @pytest.mark.parametrize(
