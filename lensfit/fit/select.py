@@ -80,7 +80,8 @@ class Verdict:
         change = f"held-out error {-50 * self.held_out_gain:+.2g} %"
         evidence = f"evidence {self.bic_gain:+.3g} (BIC), {change}"
         if self.needed:
-            return f"kept: without it the fit was worse than foreseen; {evidence}"
+            why = "the fit without all that was to go was worse than foreseen"
+            return f"kept: {why}; {evidence}"
         if self.kept:
             return f"kept: {evidence}"
         if self.bic_gain < LEAST_BIC_GAIN:

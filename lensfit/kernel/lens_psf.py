@@ -279,11 +279,11 @@ def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> _Rays:
     wavelengths = seen.lateral_mm.shape[0]
     dealt = _dealt(u, seen, blur)
 
-    def landed(rays: _Dealt, local: LocalWavefront, lateral: Array) -> Landed:
+    def of_wavelength(rays: _Dealt, local: LocalWavefront, lateral: Array) -> Landed:
         found = jax.vmap(_landed, (0, None, None))(rays, blur, local)
         return found._replace(at_mm=found.at_mm + lateral[None])
 
-    found = jax.vmap(landed, (1, 0, 0), 1)(dealt, seen.local, seen.lateral_mm)
+    found = jax.vmap(of_wavelength, (1, 0, 0), 1)(dealt, seen.local, seen.lateral_mm)
     weight = cell * found.light.reshape(-1)
     if blur.transmission is not None:
         passed = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)

@@ -36,18 +36,18 @@ from lensfit.optics.pupil import PupilNodes
 
 
 class Landed(NamedTuple):
-    """Rays of every wavelength where they land, from its own chief ray.
+    """Rays where they land; `landed_rays` has them by wavelength.
 
     Attributes
     ----------
-    at_mm : Landing points.
+    at_mm : Landing points from the chief ray of the ray's own wavelength.
     slope_mm : d landing / d u.
     light : Carried per area of the opening, up to a factor.
     """
 
-    at_mm: Float[Array, "wavelengths points 2"]
-    slope_mm: Float[Array, "wavelengths points 2 2"]
-    light: Float[Array, "wavelengths points"]
+    at_mm: Float[Array, "*rays 2"]
+    slope_mm: Float[Array, "*rays 2 2"]
+    light: Float[Array, "*rays"]
 
 
 class Spot(eqx.Module):

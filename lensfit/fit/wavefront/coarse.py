@@ -32,18 +32,20 @@ from lensfit.fit.wavefront.start import (
     seen_defocus_mm,
     stated_defocus_mm,
 )
-from lensfit.fit.wavefront.valleys import Valley, other_side, still_open, valley
+from lensfit.fit.wavefront.valleys import Valley, other_side, still_open, valley_at
 
 _SMOOTHING = 3.0
 _MOST_SIGNS = 3
-_HOPELESS_START, _HOPELESS = 3.0, 1.5
-"""How much worse than the best a start may begin, and end. One that ended early must
-not lose for that."""
+_HOPELESS_START = 3.0
+"""How much worse than the best a start may begin: it must not lose for having ended
+early."""
+_HOPELESS = 1.5
+"""How much worse than the best it may end."""
 _FEW_DOTS = 4
 """Of each take, while there are many starts of known sign; a few would tell a lens from
 its mirror image by where they happen to be."""
-_FINALISTS, _VALLEYS = 3, 2
-"""Of every pattern of signs: solved with all dots, and left to the next stage."""
+_FINALISTS, _VALLEYS = 4, 2
+"""How many are solved with all dots, and how many are left to the next stage."""
 
 
 class _Offsets(NamedTuple):
@@ -62,25 +64,19 @@ _OFFSETS = (
 """By the number of signs that are open: none, one, more. Each doubles the starts."""
 
 
-class _Start(NamedTuple):
-    """Defocus of every group to start from, and which pattern of signs it has."""
-
-    pattern: int
-    defocus_mm: Float[np.ndarray, " groups"]
-
-
 class Coarse(NamedTuple):
     """What the first solve found.
 
     Attributes
     ----------
     valleys : Where starts led that the photographs leave open, the best first.
-    sign_stated : Whether statements settle the side of focus of every take.
+    side_stated : Whether statements settle the side of focus; that the chart was in
+        focus does not.
     families : What is free in this stage and the next.
     """
 
     valleys: list[Valley]
-    sign_stated: bool
+    side_stated: bool
     families: tuple[Family, ...]
 
 
@@ -96,31 +92,34 @@ def coarse_fit(
     deviation = deviation_of(families, layout, COARSE)
     start = first_parameters(gathered, layout, fall_off)
     starts = _starts(gathered, value, known)
+    side_stated = bool(np.any(known & (np.abs(value) > IN_FOCUS_MM)))
     some = gathered
-    if all(one.pattern == 0 for one in starts):
+    if known.all():
         some = chosen(gathered, spread_over_takes(gathered, _FEW_DOTS))
     tries = []
-    for pattern, defocus_mm in starts:
+    for defocus_mm in starts:
         parameters = start.copy()
         parameters[layout.blocks["defocus"]][: len(value)] = defocus_mm
         stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
         # Most starts lead nowhere: one look where the dots lie is enough for them.
-        tries.append(valley(pattern, solved(settled(freed(stage, deviation), 1))))
+        tries.append(valley_at(solved(settled(freed(stage, deviation), 1))))
     ended = [
-        valley(one.pattern, solved(settled(on_dots(one.stage, gathered))))
-        for one in still_open(tries, _HOPELESS_START, _FINALISTS)
+        valley_at(solved(settled(on_dots(one.stage, gathered))))
+        for one in still_open(
+            tries, _HOPELESS_START, _FINALISTS, both_sides=not side_stated
+        )
     ]
-    if not known[np.abs(value) > IN_FOCUS_MM].any():
+    if not side_stated:
         ended.append(other_side(min(ended, key=lambda one: one.cost)))
-    valleys = still_open(ended, _HOPELESS, _VALLEYS)
-    return Coarse(valleys, bool(known.all()), families)
+    valleys = still_open(ended, _HOPELESS, _VALLEYS, both_sides=not side_stated)
+    return Coarse(valleys, side_stated and bool(known.all()), families)
 
 
 def _starts(
     gathered: Gathered,
     value_mm: Float[np.ndarray, " groups"],
     known: np.ndarray,
-) -> list[_Start]:
+) -> list[Float[np.ndarray, " groups"]]:
     """As defocus is seen; and as it was stated, since aberrations widen what is seen,
     with all takes moved by the same."""
     patterns = _signs(value_mm, known)
@@ -131,14 +130,15 @@ def _starts(
     open_signs = (len(patterns) - 1).bit_length()
     from_seen, from_said = _OFFSETS[min(open_signs, len(_OFFSETS) - 1)]
     found = []
-    for k, signs in enumerate(patterns):
-        found += [_Start(k, value_mm * signs + o * unit_mm) for o in from_seen]
-        found += [_Start(k, said_mm * signs + o * unit_mm) for o in from_said]
+    for signs in patterns:
+        found += [value_mm * signs + o * unit_mm for o in from_seen]
+        found += [said_mm * signs + o * unit_mm for o in from_said]
     return found
 
 
 def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
-    """Signs to try: of the largest defocus values that nobody stated, all; and all."""
+    """Signs to try: every combination for the largest few defocus values that nobody
+    stated; others stay as they are."""
     unknown = np.flatnonzero(~known)
     unknown = unknown[np.argsort(-np.abs(value[unknown]))][:_MOST_SIGNS]
     tries = []

@@ -16,7 +16,6 @@ import numpy as np
 
 from lensfit.fit.select import Verdict
 from lensfit.fit.wavefront.blades import EVIDENTLY, with_blades
-from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.evidence import choose
 from lensfit.fit.wavefront.families import FINE, LAST, MIDDLE, Family, deviation_of
 from lensfit.fit.wavefront.gather import Gathered
@@ -51,15 +50,20 @@ def middle_fit(coarse: Stage, families: tuple[Family, ...]) -> Stage:
 
 
 def fine_fit(
-    gathered: Gathered, middle: Stage, families: tuple[Family, ...], effort: Effort
+    gathered: Gathered, middle: Stage, families: tuple[Family, ...], rounds: int
 ) -> Stage:
-    """Everything on full pixels; the blades as soon as the rest is nearly right."""
+    """Everything on full pixels; the blades as soon as the rest is nearly right.
+
+    Parameters
+    ----------
+    rounds : Of weights found anew.
+    """
     stage = replace(on_dots(middle, gathered), smoothing=0.0)
     stage = settled(freed(stage, deviation_of(families, middle.layout, FINE)))
     stage = solved(with_blades(stage, EVIDENTLY))
     if not stage.blades:
         stage = with_blades(stage)
-    for _ in range(effort.rounds):
+    for _ in range(rounds):
         stage = reweighed(solved(stage, _BETWEEN), MODEL_SHARE)
     return solved(stage)
 
@@ -82,8 +86,9 @@ def asked_for(
     parameters = np.where(dropped, fine.mean, fine.parameters)
     stage = freed(replace(fine, parameters=parameters), deviation)
     stage = solved(solved(stage))
-    # It is made in retrospect, from second derivatives, which may be wrong far off.
-    if chi_squared(stage) > _UNFORESEEN * foreseen:
+    # What was foreseen comes from second derivatives, which may be wrong far off; and
+    # a solve that failed is no better than its NaN.
+    if not chi_squared(stage) <= _UNFORESEEN * foreseen:
         return fine, families, tuple(map(_needed, verdicts))
     return stage, kept, verdicts
 

@@ -35,7 +35,7 @@ from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage
 from lensfit.fit.wavefront.uncertainty import covariance_of, unseen
-from lensfit.fit.wavefront.valleys import sign_is_told, still_open, valley
+from lensfit.fit.wavefront.valleys import side_is_told, still_open, valley_at
 from lensfit.fit.wavefront.weigh import relative_misfit
 from lensfit.optics.spectrum import Bands, bands
 from lensfit.optics.terms import (
@@ -52,8 +52,9 @@ CYLINDER_COLOURS = two_mirror_terms(1)
 """What a lens with cylinders has besides."""
 _GROUPS, _STOPS = 8, 4
 """Room for so many defocus values and f-numbers, so that one program serves most."""
-_HOPELESS = 1.2
-"""How much worse than the best a valley may be and go on to full pixels."""
+_HOPELESS, _VALLEYS = 1.2, 2
+"""How much worse than the best a valley may be and go on to full pixels, and how many:
+each takes as long as all that came before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,25 +119,25 @@ def fit_wavefront(
     coarse = coarse_fit(few, layout, fall_off, allowed)
     progress("wavefront", 1, 4)
     valleys = [
-        valley(one.pattern, middle_fit(one.stage, coarse.families))
-        for one in coarse.valleys
+        valley_at(middle_fit(one.stage, coarse.families)) for one in coarse.valleys
     ]
-    valleys = still_open(valleys, _HOPELESS, 2 if coarse.sign_stated else 1)
+    both = not coarse.side_stated
+    valleys = still_open(valleys, _HOPELESS, _VALLEYS, both_sides=both)
     progress("wavefront", 2, 4)
     more = chosen(every, spread_over_takes(every, effort.fine_dots))
 
-    def free(stage: Stage) -> tuple[Family, ...]:
-        """All families; priors of defocus depend on where the fit began."""
+    def families_at(stage: Stage) -> tuple[Family, ...]:
+        """All that may be free; priors of defocus depend on where the fit began."""
         return families_of(more, layout, stage.mean[layout.blocks["defocus"]], allowed)
 
     valleys = [
-        valley(pattern, fine_fit(more, middle, free(middle), effort), fair_cost)
-        for pattern, middle, _ in valleys
+        valley_at(fine_fit(more, middle, families_at(middle), effort.rounds), fair_cost)
+        for middle, *_ in valleys
     ]
-    sign_known = coarse.sign_stated or sign_is_told(valleys)
-    best = min(valleys, key=lambda one: one.cost).stage
+    best, *_ = still_open(valleys, 1.0, 1)
+    sign_known = coarse.side_stated or side_is_told(valleys)
     progress("wavefront", 3, 4)
-    fine, families, verdicts = asked_for(best, free(best))
+    fine, families, verdicts = asked_for(best.stage, families_at(best.stage))
     final = last_fit(fine, families)
     progress("wavefront", 4, 4)
     covariance = covariance_of(final, families)

@@ -156,8 +156,9 @@ def mirrored(
 ) -> Float[np.ndarray, " parameters"]:
     """The lens that shows the same through the other side of focus.
 
-    Every ray lands where the one through the opposite point of the opening did. Only
-    that oblique cones are not the same on both sides of focus tells the two apart.
+    Every ray lands where the one through the opposite point of the opening did. What
+    tells the two apart is small: oblique cones, the light over the pupil and depth are
+    not the same on both sides of focus.
     """
     blocks = layout.blocks
     found = parameters.copy()

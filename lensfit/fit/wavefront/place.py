@@ -32,10 +32,11 @@ _BATCH = 512
 _TELLING, _FEW = 12, 32
 """Dots of a take that tell how errors of the wavefront move its marks, and how many go
 through a program at a time."""
-_CENTROID_SLOPES = jax.jacrev(centroids_mm)
 _UNSURE = 0.05
 """Share of a drag that the model may get wrong: a photograph in which blur drags little
 tells where chief rays land, and one in which it drags much follows."""
+_CENTROID_SLOPES = jax.jacrev(centroids_mm)
+"""By the parameters; one object, since its program is found by it."""
 
 
 def placed(

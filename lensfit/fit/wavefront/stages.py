@@ -4,7 +4,6 @@ Where a dot lies is not asked of the model: after every solve patches are moved 
 the dots turned out to be. Which stages there are says `descent`.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import jax
@@ -219,6 +218,6 @@ def chi_squared(stage: Stage) -> float:
     return float(np.sum(stage.equations.chi_squared))
 
 
-def best_of(stages: list[Stage], cost: Callable[[Stage], float] = chi_squared) -> Stage:
+def best_of(stages: list[Stage]) -> Stage:
     """The one that explains the photographs best."""
-    return min(stages, key=lambda s: np.nan_to_num(cost(s), nan=np.inf))
+    return min(stages, key=lambda s: np.nan_to_num(chi_squared(s), nan=np.inf))

@@ -4,6 +4,12 @@ Smoothed photographs of small blurs suit many lenses: with defocus of all takes 
 together, or mirrored through focus, other aberrations make up for it. Which of them it
 was shows on full pixels, where the fit no longer gets from one valley to another. So
 every valley that is still open goes on to the next stage.
+
+What the photographs leave open, statements rank: of valleys that explain as much, those
+go on that agree best with the stated distances.
+
+Valleys are known by defocus alone: what else differs between two that agree in it, the
+fit finds its way through.
 """
 
 from collections.abc import Callable
@@ -11,12 +17,15 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
+from lensfit.errors import FitError
 from lensfit.fit.wavefront.parameters import mirrored
 from lensfit.fit.wavefront.stages import Stage, chi_squared, solved
+from lensfit.fit.wavefront.start import stated_defocus_mm
 
 _DECISIVE = 1.1
-"""How much better a sign of defocus must explain the photographs."""
+"""How much better one must explain the photographs to be preferred for it."""
 _SAME = 0.1
 """Apart by less than this share of the largest defocus, valleys are one."""
 
@@ -26,21 +35,20 @@ class Valley(NamedTuple):
 
     Attributes
     ----------
-    pattern : Of the signs of defocus it started with, by number.
     stage : The fit there.
     cost : How badly it explains the photographs.
+    off_mm : Its defocus against what was stated, rms; 0 where nothing was.
     """
 
-    pattern: int
     stage: Stage
     cost: float
+    off_mm: float
 
 
-def valley(
-    pattern: int, stage: Stage, cost: Callable[[Stage], float] = chi_squared
-) -> Valley:
+def valley_at(stage: Stage, cost: Callable[[Stage], float] = chi_squared) -> Valley:
     """The one where a solve ended; one that failed costs without bound."""
-    return Valley(pattern, stage, float(np.nan_to_num(cost(stage), nan=np.inf)))
+    found = float(np.nan_to_num(cost(stage), nan=np.inf, posinf=np.inf))
+    return Valley(stage, found, _off_mm(stage))
 
 
 def other_side(one: Valley) -> Valley:
@@ -51,36 +59,78 @@ def other_side(one: Valley) -> Valley:
         parameters=mirrored(stage.parameters, stage.layout),
         mean=mirrored(stage.mean, stage.layout),
     )
-    return valley(~one.pattern, solved(start))
+    return valley_at(solved(start))
 
 
-def still_open(found: list[Valley], hopeless: float, most: int) -> list[Valley]:
-    """Those that may yet be the lens, the best first, each place once.
+def still_open(
+    found: list[Valley], hopeless: float, most: int, *, both_sides: bool = False
+) -> list[Valley]:
+    """Those that may yet be the lens, each place once.
 
     Parameters
     ----------
     hopeless : How much worse than the best is beyond hope.
-    most : How many of each pattern of signs.
+    most : How many.
+    both_sides : Whether the best one on the other side of focus is to be among them.
+
+    Raises
+    ------
+    FitError : None of them explains anything.
     """
     ranked = sorted(found, key=lambda one: one.cost)
-    kept: list[Valley] = []
+    least = ranked[0].cost
+    if not np.isfinite(least):
+        raise FitError(
+            "no lens was found that explains the shape of the dots at all",
+            remedy="look at the overlays: are these dots, sharp or evenly blurred?",
+        )
+    apart: list[Valley] = []
     for one in ranked:
-        mine = [other for other in kept if other.pattern == one.pattern]
-        known = any(_is_same(one, other) for other in kept)
-        if not known and len(mine) < most and one.cost <= hopeless * ranked[0].cost:
-            kept.append(one)
+        new = not any(_is_same(one, other) for other in apart)
+        if new and one.cost <= hopeless * least:
+            apart.append(one)
+    rivals = [one for one in apart if _is_across(one, apart[0])]
+    apart.sort(key=lambda one: (one.cost > _DECISIVE * least, one.off_mm))
+    kept = apart[:most]
+    if both_sides and rivals and all(rivals[0] is not one for one in kept):
+        kept[-1] = rivals[0]
     return kept
 
 
-def sign_is_told(found: list[Valley]) -> bool:
-    """Whether the photographs prefer one pattern of signs."""
+def side_is_told(found: list[Valley]) -> bool:
+    """Whether the photographs prefer one side of focus."""
     best, *others = sorted(found, key=lambda one: one.cost)
-    rivals = [one.cost for one in others if one.pattern != best.pattern]
+    rivals = [one.cost for one in others if _is_across(one, best)]
     return not rivals or min(rivals) > _DECISIVE * best.cost
 
 
+def _off_mm(stage: Stage) -> float:
+    gathered = stage.gathered
+    defocus_mm = stage.parameters[stage.layout.blocks["defocus"]]
+    stated = [stated_defocus_mm(gathered, group) for group in gathered.groups]
+    off = [
+        d - one for d, one in zip(defocus_mm, stated, strict=False) if one is not None
+    ]
+    return float(np.sqrt(np.mean(np.square(off)))) if off else 0.0
+
+
 def _is_same(one: Valley, other: Valley) -> bool:
+    mine, theirs, least = _compared(one, other)
+    return bool(np.abs(mine - theirs).max() <= least)
+
+
+def _is_across(one: Valley, other: Valley) -> bool:
+    """Whether some take lies on the other side of focus."""
+    mine, theirs, least = _compared(one, other)
+    opposite = np.sign(mine) != np.sign(theirs)
+    return bool(np.any(opposite & (np.minimum(abs(mine), abs(theirs)) > least)))
+
+
+def _compared(
+    one: Valley, other: Valley
+) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"], float]:
+    """Defocus of both, and what of it makes no difference."""
     where = one.stage.layout.blocks["defocus"]
     mine, theirs = one.stage.parameters[where], other.stage.parameters[where]
     size = max(np.abs(mine).max(), np.abs(theirs).max())
-    return bool(np.abs(mine - theirs).max() <= _SAME * size)
+    return mine, theirs, float(_SAME * size)

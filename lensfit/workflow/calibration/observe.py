@@ -25,7 +25,7 @@ from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
-from lensfit.workflow.calibration.implausible import why_implausible
+from lensfit.workflow.calibration.overlaps_seen import why_overlaps
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
 from lensfit.workflow.shoot.charts_seen import pattern_of_target
 from lensfit.workflow.shoot.records import Shoot
@@ -90,16 +90,14 @@ def observe_shoot(
             results.append(job.result())
             done += 1
             progress("detect", done, len(jobs))
-    return _plausible(results)
+    return _without_overlaps(results)
 
 
-def _plausible(results: list[Observed]) -> list[Observed]:
-    """Photographs that contradict the others set aside with their reasons."""
-    reasons = why_implausible([one.take for one in results])
+def _without_overlaps(results: list[Observed]) -> list[Observed]:
+    """Photographs of overlapping blur set aside with their reason."""
+    reasons = why_overlaps([one.take for one in results])
     return [
-        one
-        if why is None
-        else replace(one, take=None, failed=f"{Path(one.image).name}: {why}")
+        one if why is None else replace(one, take=None, failed=f"{one.image}: {why}")
         for one, why in zip(results, reasons, strict=True)
     ]
 

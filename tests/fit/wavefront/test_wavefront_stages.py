@@ -9,11 +9,10 @@ from drawn_lens import LAYOUT, Seidel, Shot, photographed
 from lensfit.fit.wavefront import descent
 from lensfit.fit.wavefront.coarse import coarse_fit
 from lensfit.fit.wavefront.descent import asked_for, fine_fit, last_fit, middle_fit
-from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.evidence import choose
 from lensfit.fit.wavefront.families import LAST, deviation_of, families_of
 from lensfit.fit.wavefront.stages import chi_squared, first_stage, freed, solved
-from lensfit.fit.wavefront.valleys import sign_is_told
+from lensfit.fit.wavefront.valleys import side_is_told
 from lensfit.fit.wavefront.weigh import relative_misfit
 
 BLOCKS = LAYOUT.blocks
@@ -39,7 +38,7 @@ def fitted(gathered, layout=LAYOUT):
     best = coarse.valleys[0].stage
     middle = middle_fit(best, coarse.families)
     families = families_of(gathered, layout, best.mean[BLOCKS["defocus"]])
-    return fine_fit(gathered, middle, families, Effort.FAST), coarse.sign_stated
+    return fine_fit(gathered, middle, families, 2), coarse.side_stated
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +198,7 @@ def unstated(defocus_mm):
     lens = replace(TRUE, coma_um=10.0, spherical_um=14.0, defocus_mm=defocus_mm)
     shots = [Shot(0, 0), Shot(1, 0), Shot(0, 1), Shot(1, 1)]
     coarse = coarse_fit(photographed(lens, shots), LAYOUT, None)
-    return coarse.valleys[0].stage, sign_is_told(coarse.valleys)
+    return coarse.valleys[0].stage, side_is_told(coarse.valleys)
 
 
 @pytest.mark.slow

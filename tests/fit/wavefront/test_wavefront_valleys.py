@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, SCALE, dots_at
 
+from lensfit.errors import FitError
 from lensfit.fit.wavefront.parameters import mirrored
 from lensfit.fit.wavefront.rays import Colour, polar_landings
-from lensfit.fit.wavefront.valleys import Valley, sign_is_told, still_open
+from lensfit.fit.wavefront.valleys import Valley, side_is_told, still_open
 
 BLOCKS = LAYOUT.blocks
 ONE_COLOUR = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
@@ -18,7 +19,7 @@ DEFOCUS = BLOCKS["defocus"]
 
 
 def some_lens():
-    """Everything that a mirror could turn is in use."""
+    """Every mode, both rims and the stop are in use."""
     found = np.zeros(LAYOUT.size)
     generator = np.random.default_rng(3)
     found[BLOCKS["coefficients"]] = generator.normal(0, 5, len(LAYOUT.terms))
@@ -26,7 +27,6 @@ def some_lens():
     found[BLOCKS["rim_shift"]] = [0.5, 0.1, -0.6, 0.0]
     found[BLOCKS["rim_radius"]] = [1.05, 0.0, 1.1, 0.0]
     found[BLOCKS["stop_shift"]] = [0.05, -0.02]
-    found[BLOCKS["iris"]] = [0.02, 0.3, 0.2]
     return found
 
 
@@ -56,22 +56,43 @@ def test_the_mirror_image_of_the_mirror_image_is_the_lens():
     np.testing.assert_allclose(twice, lens, atol=1e-12)
 
 
-def at(pattern, cost, defocus_mm):
+def at(cost, *defocus_mm, off_mm=0.0):
     parameters = np.zeros(LAYOUT.size)
-    parameters[DEFOCUS] = defocus_mm
-    return Valley(pattern, SimpleNamespace(layout=LAYOUT, parameters=parameters), cost)
+    parameters[DEFOCUS][: len(defocus_mm)] = defocus_mm
+    stage = SimpleNamespace(layout=LAYOUT, parameters=parameters)
+    return Valley(stage, cost, off_mm)
 
 
 def test_each_place_stays_open_once_and_no_hopeless_one():
-    near, same, other = at(0, 1.0, 0.50), at(0, 1.01, 0.51), at(0, 1.3, -0.4)
-    third, hopeless = at(0, 1.4, 0.1), at(0, 1.6, 0.9)
-    mirror = at(1, 1.45, -0.5)
-    found = [hopeless, third, other, same, near, mirror]
-    assert still_open(found, 1.5, 2) == [near, other, mirror]
+    near, same, other = at(1.0, 0.5, 0.4), at(1.01, 0.51, 0.4), at(1.3, 0.2, 0.1)
+    hopeless = at(1.6, 0.9, 0.8)
+    assert still_open([hopeless, other, same, near], 1.5, 3) == [near, other]
+
+
+def test_statements_rank_what_the_photographs_leave_open():
+    best, as_good = at(1.0, 0.5, off_mm=0.4), at(1.05, 0.2, off_mm=0.1)
+    worse = at(1.3, 0.1, off_mm=0.0)
+    assert still_open([best, as_good, worse], 1.5, 2) == [as_good, best]
+    assert still_open([best, worse], 1.5, 1) == [best]
+
+
+def test_the_best_one_across_focus_is_kept_where_the_side_is_open():
+    best, second, across = at(1.0, 0.5), at(1.05, 0.3), at(1.2, -0.5)
+    found = [across, second, best]
+    assert still_open(found, 1.5, 2, both_sides=True) == [best, across]
+    assert still_open(found, 1.5, 2) == [best, second]
+    assert still_open(found, 1.15, 2, both_sides=True) == [best, second]
+
+
+def test_starts_that_all_failed_are_told():
+    with pytest.raises(FitError, match="shape of the dots"):
+        still_open([at(np.inf, 0.3)], 1.5, 2)
 
 
 @pytest.mark.parametrize(("cost", "told"), [(1.05, False), (1.2, True)])
-def test_a_sign_is_told_where_the_other_one_explains_clearly_less(cost, told):
-    best, like_it = at(0, 1.0, 0.5), at(0, 1.01, 0.2)
-    assert sign_is_told([at(1, cost, -0.5), best, like_it]) is told
-    assert sign_is_told([best, like_it])
+def test_a_side_is_told_where_the_other_one_explains_clearly_less(cost, told):
+    best, like_it = at(1.0, 0.5), at(1.01, 0.2)
+    assert side_is_told([at(cost, -0.5), best, like_it]) is told
+    assert side_is_told([best, like_it])
+    # Takes in focus have no side.
+    assert side_is_told([at(1.0, 0.5, 0.01), at(1.01, 0.5, -0.01)])

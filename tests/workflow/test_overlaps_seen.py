@@ -1,4 +1,4 @@
-"""A photograph whose marks lie at another scale than the others say is found out."""
+"""A photograph of overlapping blur, whose crossings look like a finer chart."""
 
 from types import SimpleNamespace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lensfit.detect.observations import POINT
-from lensfit.workflow.calibration.implausible import why_implausible
+from lensfit.workflow.calibration.overlaps_seen import why_overlaps
 
 PIXEL_MM = np.array([0.05, 0.05])
 LATTICE = np.stack(np.meshgrid(np.arange(6.0), np.arange(5.0)), -1).reshape(-1, 2)
@@ -32,6 +32,7 @@ def take(distance_mm, scale=1.0, turn_deg=0.0, **stated):
         "focal_length_mm": 50.0,
         "focus_distance_mm": 2000.0,
         "target_distance_mm": distance_mm,
+        "mark_diameter_mm": 3.0,
         "squeeze": 1.0,
     }
     return SimpleNamespace(**usual | stated)
@@ -42,34 +43,41 @@ GOOD = [
     take(1500.0, 1.04, focus_distance_mm=800.0),
     take(2500.0, 0.97, 25.0, focus_distance_mm=None),
 ]
-LENSES_BETWEEN_DISCS = take(2000.0, 0.5**0.5, 45.0, focus_distance_mm=800.0)
+CROSSINGS = take(2000.0, 0.5**0.5, 45.0, focus_distance_mm=800.0)
 
 
-def test_a_lattice_of_overlaps_is_found_out():
-    found = why_implausible([*GOOD, LENSES_BETWEEN_DISCS])
+def test_a_lattice_of_crossings_is_found_out():
+    found = why_overlaps([*GOOD, CROSSINGS])
     assert found[:3] == [None] * 3
-    assert "closer than the other photographs" in found[3]
-    assert "target_distance_mm" in found[3]
+    assert "bright crossings were taken for dots" in found[3]
 
 
-def test_marks_too_far_apart_are_told_so():
-    found = why_implausible([*GOOD, take(2000.0, 1.5)])
-    assert "47% farther apart" in found[3]
+@pytest.mark.parametrize(
+    "honest",
+    [
+        pytest.param(take(1000.0, 0.5), id="half the distance stated"),
+        pytest.param(take(2000.0, 1.0, 45.0), id="camera rolled"),
+        pytest.param(take(2000.0, 0.75), id="zoom with a far pupil"),
+        pytest.param(take(float("inf")), id="distance without end"),
+    ],
+)
+def test_other_photographs_are_not_taken_for_overlaps(honest):
+    assert why_overlaps([*GOOD, honest]) == [None] * 4
 
 
 @pytest.mark.parametrize(
     "without_a_say",
     [
         {"target_distance_mm": None},
+        {"mark_diameter_mm": None},
         {"target": "another grid"},
         {"focal_length_mm": 35.0},
     ],
 )
-def test_only_stated_distances_of_the_same_kind_have_a_say(without_a_say):
-    odd = SimpleNamespace(**vars(LENSES_BETWEEN_DISCS) | without_a_say)
-    assert why_implausible([*GOOD, odd]) == [None] * 4
+def test_only_dots_of_the_same_kind_at_stated_distances_have_a_say(without_a_say):
+    odd = SimpleNamespace(**vars(CROSSINGS) | without_a_say)
+    assert why_overlaps([*GOOD, odd]) == [None] * 4
 
 
-def test_two_photographs_outvote_nobody():
-    assert why_implausible([GOOD[0], LENSES_BETWEEN_DISCS]) == [None, None]
-    assert why_implausible([GOOD[0], None, LENSES_BETWEEN_DISCS]) == [None] * 3
+def test_one_other_photograph_is_not_enough():
+    assert why_overlaps([GOOD[0], None, CROSSINGS]) == [None] * 3
