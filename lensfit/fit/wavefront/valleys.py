@@ -26,7 +26,7 @@ from lensfit.fit.wavefront.start import stated_defocus_mm
 
 _DECISIVE = 1.1
 """How much better one must explain the photographs to be preferred for it."""
-_SAME = 0.1
+_SAME = 0.2
 """Apart by less than this share of the largest defocus, valleys are one."""
 
 
