@@ -44,8 +44,8 @@ _HOPELESS = 1.5
 _FEW_DOTS = 4
 """Of each take, while there are many starts of known sign; a few would tell a lens from
 its mirror image by where they happen to be."""
-_FINALISTS, _VALLEYS = 4, 2
-"""How many are solved with all dots, and how many are left to the next stage."""
+_FINALISTS = 4
+"""How many are solved with all dots; the next stage, as cheap, may have them all."""
 
 
 class _Offsets(NamedTuple):
@@ -111,7 +111,7 @@ def coarse_fit(
     ]
     if not side_stated:
         ended.append(other_side(min(ended, key=lambda one: one.cost)))
-    valleys = still_open(ended, _HOPELESS, _VALLEYS, both_sides=not side_stated)
+    valleys = still_open(ended, _HOPELESS, _FINALISTS, both_sides=not side_stated)
     return Coarse(valleys, side_stated and bool(known.all()), families)
 
 

@@ -52,7 +52,7 @@ CYLINDER_COLOURS = two_mirror_terms(1)
 """What a lens with cylinders has besides."""
 _GROUPS, _STOPS = 8, 4
 """Room for so many defocus values and f-numbers, so that one program serves most."""
-_HOPELESS, _VALLEYS = 1.2, 2
+_HOPELESS, _VALLEYS = 1.2, 4
 """How much worse than the best a valley may be and go on to full pixels, and how many:
 each takes as long as all that came before."""
 
