@@ -32,15 +32,19 @@ from lensfit.fit.wavefront.start import (
     seen_defocus_mm,
     stated_defocus_mm,
 )
-from lensfit.fit.wavefront.valleys import Valley, other_side, still_open, valley_at
+from lensfit.fit.wavefront.valleys import (
+    Valley,
+    deepest,
+    other_side,
+    still_open,
+    valley_at,
+)
 
 _SMOOTHING = 3.0
 _MOST_SIGNS = 3
-_HOPELESS_START = 3.0
-"""How much worse than the best a start may begin: it must not lose for having ended
-early."""
-_HOPELESS = 1.5
-"""How much worse than the best it may end."""
+_HOPELESS_START, _HOPELESS = 3.0, 1.5
+"""How much worse than the best a start may be after one short solve on few dots, where
+some are still on their way; and at the end."""
 _FEW_DOTS = 4
 """Of each take, while there are many starts of known sign; a few would tell a lens from
 its mirror image by where they happen to be."""
@@ -69,9 +73,9 @@ class Coarse(NamedTuple):
 
     Attributes
     ----------
-    valleys : Where starts led that the photographs leave open, the best first.
-    side_stated : Whether statements settle the side of focus; that the chart was in
-        focus does not.
+    valleys : Where starts led that the photographs leave open, as statements rank them.
+    side_stated : Whether statements settle the side of focus: those of every take; that
+        the chart was in focus does not.
     families : What is free in this stage and the next.
     """
 
@@ -91,28 +95,31 @@ def coarse_fit(
     families = families_of(gathered, layout, value, allowed)
     deviation = deviation_of(families, layout, COARSE)
     start = first_parameters(gathered, layout, fall_off)
-    starts = _starts(gathered, value, known)
-    side_stated = bool(np.any(known & (np.abs(value) > IN_FOCUS_MM)))
+    side_stated = bool(known.all() and np.any(np.abs(value) > IN_FOCUS_MM))
     some = gathered
     if known.all():
         some = chosen(gathered, spread_over_takes(gathered, _FEW_DOTS))
     tries = []
-    for defocus_mm in starts:
+    for defocus_mm in _starts(gathered, value, known):
         parameters = start.copy()
         parameters[layout.blocks["defocus"]][: len(value)] = defocus_mm
         stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
         # Most starts lead nowhere: one look where the dots lie is enough for them.
         tries.append(valley_at(solved(settled(freed(stage, deviation), 1))))
-    ended = [
-        valley_at(solved(settled(on_dots(one.stage, gathered))))
-        for one in still_open(
-            tries, _HOPELESS_START, _FINALISTS, both_sides=not side_stated
-        )
-    ]
-    if not side_stated:
-        ended.append(other_side(min(ended, key=lambda one: one.cost)))
-    valleys = still_open(ended, _HOPELESS, _FINALISTS, both_sides=not side_stated)
-    return Coarse(valleys, side_stated and bool(known.all()), families)
+    valleys = _finalists(tries, gathered, side_stated)
+    return Coarse(valleys, side_stated, families)
+
+
+def _finalists(
+    tries: list[Valley], gathered: Gathered, side_stated: bool
+) -> list[Valley]:
+    """The promising ones, on all dots."""
+    both_sides = not side_stated
+    begun = still_open(tries, _HOPELESS_START, _FINALISTS, both_sides=both_sides)
+    ended = [valley_at(solved(settled(on_dots(one.stage, gathered)))) for one in begun]
+    if both_sides:
+        ended.append(other_side(deepest(ended)))
+    return still_open(ended, _HOPELESS, _FINALISTS, both_sides=both_sides)
 
 
 def _starts(
@@ -124,9 +131,8 @@ def _starts(
     with all takes moved by the same."""
     patterns = _signs(value_mm, known)
     unit_mm = float(np.max(seen_defocus_mm(gathered)))
-    stated = [stated_defocus_mm(gathered, group) for group in gathered.groups]
-    said = np.array([np.nan if one is None else one for one in stated])
-    said_mm = np.where(np.isfinite(said), said, value_mm)
+    stated_mm = stated_defocus_mm(gathered)
+    said_mm = np.where(np.isfinite(stated_mm), stated_mm, value_mm)
     open_signs = (len(patterns) - 1).bit_length()
     from_seen, from_said = _OFFSETS[min(open_signs, len(_OFFSETS) - 1)]
     found = []

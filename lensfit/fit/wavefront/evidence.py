@@ -41,7 +41,7 @@ _ASKED_FIRST = (
 )
 
 
-class Choice(NamedTuple):
+class FamilyChoice(NamedTuple):
     """Which families the photographs ask for.
 
     Attributes
@@ -56,7 +56,7 @@ class Choice(NamedTuple):
     chi_squared: float
 
 
-def choose(stage: Stage, families: tuple[Family, ...]) -> Choice:
+def choose(stage: Stage, families: tuple[Family, ...]) -> FamilyChoice:
     """Leave out, one after the other, what the photographs do not ask for."""
     always = indices_of(tuple(f for f in families if not f.tried))
     always = always[stage.deviation[always] > 0]  # some are freed later
@@ -77,7 +77,7 @@ def choose(stage: Stage, families: tuple[Family, ...]) -> Choice:
     chosen = tuple(f for f in families if not f.tried or f in kept)
     told = sorted(verdicts.values(), key=lambda v: order.index(v.name))
     foreseen = trial.scores(indices_of(tuple(kept))).sum_of_squares
-    return Choice(chosen, tuple(told), foreseen)
+    return FamilyChoice(chosen, tuple(told), foreseen)
 
 
 def held_out_take(

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.select import Verdict
-from lensfit.fit.wavefront.coarse import coarse_fit
+from lensfit.fit.wavefront.coarse import Coarse, coarse_fit
 from lensfit.fit.wavefront.descent import (
     asked_for,
     fair_cost,
@@ -33,9 +33,15 @@ from lensfit.fit.wavefront.gather import (
 )
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.shown import Shown
-from lensfit.fit.wavefront.stages import Stage
+from lensfit.fit.wavefront.stages import Stage, on_dots
 from lensfit.fit.wavefront.uncertainty import covariance_of, unseen
-from lensfit.fit.wavefront.valleys import side_is_told, still_open, valley_at
+from lensfit.fit.wavefront.valleys import (
+    Valley,
+    deepest,
+    side_is_told,
+    still_open,
+    valley_at,
+)
 from lensfit.fit.wavefront.weigh import relative_misfit
 from lensfit.optics.spectrum import Bands, bands
 from lensfit.optics.terms import (
@@ -118,27 +124,17 @@ def fit_wavefront(
     few = chosen(every, spread_over_takes(every, effort.coarse_dots))
     coarse = coarse_fit(few, layout, fall_off, allowed)
     progress("wavefront", 1, 4)
-    valleys = [
-        valley_at(middle_fit(one.stage, coarse.families)) for one in coarse.valleys
-    ]
-    both = not coarse.side_stated
-    valleys = still_open(valleys, _HOPELESS, _VALLEYS, both_sides=both)
+    middle = _open_after_middle(coarse)
     progress("wavefront", 2, 4)
     more = chosen(every, spread_over_takes(every, effort.fine_dots))
-
-    def families_at(stage: Stage) -> tuple[Family, ...]:
-        """All that may be free; priors of defocus depend on where the fit began."""
-        return families_of(more, layout, stage.mean[layout.blocks["defocus"]], allowed)
-
-    valleys = [
-        valley_at(fine_fit(more, middle, families_at(middle), effort.rounds), fair_cost)
-        for middle, *_ in valleys
-    ]
-    best, *_ = still_open(valleys, 1.0, 1)
+    stages = [on_dots(one.stage, more) for one in middle]
+    fine = [fine_fit(s, _families_at(s, allowed), effort.rounds) for s in stages]
+    valleys = [valley_at(stage, fair_cost) for stage in fine]
     sign_known = coarse.side_stated or side_is_told(valleys)
     progress("wavefront", 3, 4)
-    fine, families, verdicts = asked_for(best.stage, families_at(best.stage))
-    final = last_fit(fine, families)
+    best = deepest(valleys).stage
+    chosen_fit, families, verdicts = asked_for(best, _families_at(best, allowed))
+    final = last_fit(chosen_fit, families)
     progress("wavefront", 4, 4)
     covariance = covariance_of(final, families)
     misfit, held_out = _misfits(final, families)
@@ -156,6 +152,21 @@ def fit_wavefront(
         converged=final.converged,
         notes=_notes(sign_known, final),
     )
+
+
+def _open_after_middle(coarse: Coarse) -> list[Valley]:
+    """The valleys that smoothed dots leave open."""
+    found = [
+        valley_at(middle_fit(one.stage, coarse.families)) for one in coarse.valleys
+    ]
+    both_sides = not coarse.side_stated
+    return still_open(found, _HOPELESS, _VALLEYS, both_sides=both_sides)
+
+
+def _families_at(stage: Stage, allowed: Collection[str] | None) -> tuple[Family, ...]:
+    """All that may be free; priors of defocus depend on where the fit began."""
+    begun_mm = stage.mean[stage.layout.blocks["defocus"]]
+    return families_of(stage.gathered, stage.layout, begun_mm, allowed)
 
 
 def _layout_of(every: Gathered) -> Layout:

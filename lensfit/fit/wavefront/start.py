@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.wavefront.dots import hole_variance_mm2
-from lensfit.fit.wavefront.gather import Gathered, Group
+from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.paraxial import defocus_mm
@@ -26,16 +26,15 @@ _RIM_RADII = (1.02, 1.1, 1.2, 1.35, 1.6, 2.0)
 _RIM_SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
 
 
-def stated_defocus_mm(gathered: Gathered, group: Group) -> float | None:
-    """What focus and chart distance say, in first-order optics; None if unsaid."""
-    if group.focus_distance_mm is None:
-        return None
+def stated_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+    """What focus and chart distance say, in first-order optics; NaN where unsaid."""
+    said_mm = [group.focus_distance_mm for group in gathered.groups]
     found = defocus_mm(
         gathered.first_order,
-        jnp.asarray(group.focus_distance_mm),
+        jnp.asarray([np.nan if one is None else one for one in said_mm]),
         jnp.asarray(gathered.reference_distance_mm),
     )
-    return float(found) * np.exp(_log_squeeze(gathered, group))
+    return np.asarray(found) * np.exp(_log_squeeze(gathered))
 
 
 def seen_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
@@ -60,28 +59,21 @@ def seen_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
     return np.array(found)
 
 
-def _log_squeeze(gathered: Gathered, group: Group) -> float:
-    """Of the photographs of a group; along y defocus counts s^2 times that along x."""
-    sections = gathered.dots.sections
+def _log_squeeze(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+    """Of every group's photographs; along y defocus counts s^2 times that along x."""
+    sections, groups = gathered.dots.sections, range(len(gathered.groups))
     if sections is None:
-        return 0.0
-    mine = np.asarray(gathered.dots.group) == gathered.groups.index(group)
-    return float(-0.5 * np.log1p(np.mean(np.asarray(sections.per_defocus)[mine])))
+        return np.zeros(len(groups))
+    group, per_defocus = map(np.asarray, (gathered.dots.group, sections.per_defocus))
+    return np.array([-0.5 * np.log1p(per_defocus[group == k].mean()) for k in groups])
 
 
 def first_defocus_mm(gathered: Gathered) -> tuple[np.ndarray, np.ndarray]:
     """Start value of every group, and whether its sign was stated."""
-    seen = seen_defocus_mm(gathered)
-    value, known = np.zeros(len(seen)), np.zeros(len(seen), bool)
-    for k, group in enumerate(gathered.groups):
-        stated = stated_defocus_mm(gathered, group)
-        if stated is not None and abs(stated) > IN_FOCUS_MM:
-            value[k], known[k] = np.sign(stated) * seen[k], True
-        elif stated is not None:
-            value[k], known[k] = stated, True
-        else:
-            value[k] = seen[k]
-    return value, known
+    seen, stated = seen_defocus_mm(gathered), stated_defocus_mm(gathered)
+    known = np.isfinite(stated)
+    value = np.where(known, np.sign(stated) * seen, seen)
+    return np.where(np.abs(stated) <= IN_FOCUS_MM, stated, value), known
 
 
 def first_rims(

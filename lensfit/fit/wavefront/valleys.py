@@ -62,6 +62,22 @@ def other_side(one: Valley) -> Valley:
     return valley_at(solved(start))
 
 
+def deepest(found: list[Valley]) -> Valley:
+    """The one that explains the photographs best.
+
+    Raises
+    ------
+    FitError : None of them explains anything.
+    """
+    best = min(found, key=lambda one: one.cost)
+    if not np.isfinite(best.cost):
+        raise FitError(
+            "no lens was found that explains the shape of the dots at all",
+            remedy="look at the overlays: are these dots, sharp or evenly blurred?",
+        )
+    return best
+
+
 def still_open(
     found: list[Valley], hopeless: float, most: int, *, both_sides: bool = False
 ) -> list[Valley]:
@@ -75,43 +91,45 @@ def still_open(
 
     Raises
     ------
-    FitError : None of them explains anything.
+    FitError : As `deepest` does.
     """
-    ranked = sorted(found, key=lambda one: one.cost)
-    least = ranked[0].cost
-    if not np.isfinite(least):
-        raise FitError(
-            "no lens was found that explains the shape of the dots at all",
-            remedy="look at the overlays: are these dots, sharp or evenly blurred?",
-        )
-    apart: list[Valley] = []
-    for one in ranked:
-        new = not any(_is_same(one, other) for other in apart)
-        if new and one.cost <= hopeless * least:
-            apart.append(one)
-    rivals = [one for one in apart if _is_across(one, apart[0])]
-    apart.sort(key=lambda one: (one.cost > _DECISIVE * least, one.off_mm))
-    kept = apart[:most]
-    if both_sides and rivals and all(rivals[0] is not one for one in kept):
-        kept[-1] = rivals[0]
+    best = deepest(found)
+    apart = _each_once([one for one in found if one.cost <= hopeless * best.cost])
+    decisive = _DECISIVE * best.cost
+    kept = sorted(apart, key=lambda one: (one.cost > decisive, one.off_mm))[:most]
+    rival = _rival(best, apart)
+    if both_sides and rival is not None and all(rival is not one for one in kept):
+        kept[-1] = rival
     return kept
 
 
 def side_is_told(found: list[Valley]) -> bool:
     """Whether the photographs prefer one side of focus."""
-    best, *others = sorted(found, key=lambda one: one.cost)
-    rivals = [one.cost for one in others if _is_across(one, best)]
-    return not rivals or min(rivals) > _DECISIVE * best.cost
+    best = deepest(found)
+    rival = _rival(best, found)
+    return rival is None or rival.cost > _DECISIVE * best.cost
 
 
 def _off_mm(stage: Stage) -> float:
-    gathered = stage.gathered
-    defocus_mm = stage.parameters[stage.layout.blocks["defocus"]]
-    stated = [stated_defocus_mm(gathered, group) for group in gathered.groups]
-    off = [
-        d - one for d, one in zip(defocus_mm, stated, strict=False) if one is not None
-    ]
-    return float(np.sqrt(np.mean(np.square(off)))) if off else 0.0
+    stated_mm = stated_defocus_mm(stage.gathered)
+    defocus_mm = stage.parameters[stage.layout.blocks["defocus"]][: len(stated_mm)]
+    off_mm = (defocus_mm - stated_mm)[np.isfinite(stated_mm)]
+    return float(np.sqrt(np.mean(off_mm**2))) if off_mm.size else 0.0
+
+
+def _each_once(found: list[Valley]) -> list[Valley]:
+    """The deepest of those that are one."""
+    apart: list[Valley] = []
+    for one in sorted(found, key=lambda one: one.cost):
+        if not any(_is_same(one, other) for other in apart):
+            apart.append(one)
+    return apart
+
+
+def _rival(best: Valley, found: list[Valley]) -> Valley | None:
+    """The deepest one on the other side of focus."""
+    across = [one for one in found if _is_across(one, best)]
+    return min(across, key=lambda one: one.cost, default=None)
 
 
 def _is_same(one: Valley, other: Valley) -> bool:

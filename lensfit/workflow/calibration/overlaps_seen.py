@@ -21,6 +21,11 @@ _TURNED_DEG = 30.0
 """Least turn against the others, of 45 at most; perspective turns by a few."""
 _FEWEST = 2
 """Other photographs to compare with."""
+_REASON = (
+    "blur overlaps, and its bright crossings were taken for dots: they lie closer than "
+    "those of the other photographs, and turned by 45 degrees; photograph it less out "
+    "of focus or stopped down further"
+)
 
 
 class _Grid(NamedTuple):
@@ -37,28 +42,21 @@ def why_overlaps(takes: Sequence[Take | None]) -> list[str | None]:
     themselves.
     """
     grids = [_grid(take) for take in takes]
+    crossed = [_is_crossed(g, _others(k, takes, grids)) for k, g in enumerate(grids)]
+    return [_REASON if one else None for one in crossed]
+
+
+def _others(
+    k: int, takes: Sequence[Take | None], grids: list[_Grid | None]
+) -> list[_Grid]:
+    """Grids of the other photographs of the same chart through the same lens."""
     kinds = [take and (take.target, take.focal_length_mm) for take in takes]
-    found: list[str | None] = []
-    for k, grid in enumerate(grids):
-        others = [
-            other
-            for j, other in enumerate(grids)
-            if other is not None and j != k and kinds[j] == kinds[k]
-        ]
-        crossed = grid is not None and _is_crossed(grid, others)
-        found.append(_REASON if crossed else None)
-    return found
+    like = [j for j, kind in enumerate(kinds) if kind == kinds[k] and j != k]
+    return [grid for grid in (grids[j] for j in like) if grid is not None]
 
 
-_REASON = (
-    "blur overlaps, and its bright crossings were taken for dots: they lie closer than "
-    "those of the other photographs, and turned by 45 degrees; photograph it less out "
-    "of focus or stopped down further"
-)
-
-
-def _is_crossed(grid: _Grid, others: list[_Grid]) -> bool:
-    if len(others) < _FEWEST:
+def _is_crossed(grid: _Grid | None, others: list[_Grid]) -> bool:
+    if grid is None or len(others) < _FEWEST:
         return False
     finer = grid.spacing / float(np.median([other.spacing for other in others]))
     # A square lattice is the same after a quarter of a turn.

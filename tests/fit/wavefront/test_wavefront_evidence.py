@@ -45,26 +45,27 @@ def centred():
 
 
 def test_decentring_that_is_there_is_kept():
-    chosen, verdicts = choose(*fitted(replace(LENS, constant_coma_um=5.0)))[:2]
-    assert "decentred_elements" in {family.name for family in chosen}
-    verdict = next(v for v in verdicts if v.name == "decentred_elements")
+    choice = choose(*fitted(replace(LENS, constant_coma_um=5.0)))
+    assert "decentred_elements" in {family.name for family in choice.families}
+    verdict = next(v for v in choice.verdicts if v.name == "decentred_elements")
     assert verdict.kept
     assert verdict.bic_gain > 100
     assert verdict.held_out_gain > 0.05
 
 
 def test_a_centred_lens_is_left_centred(centred):
-    chosen, verdicts, _ = choose(*centred)
-    names = [family.name for family in chosen]
+    choice = choose(*centred)
+    names = [family.name for family in choice.families]
     assert names == ["defocus", "third_order", "rims", "pupil_coma", "blades"]
-    assert not any(verdict.kept for verdict in verdicts)
-    assert {v.name for v in verdicts} >= {"decentred_elements", "exit_pupil"}
+    assert not any(verdict.kept for verdict in choice.verdicts)
+    assert {v.name for v in choice.verdicts} >= {"decentred_elements", "exit_pupil"}
 
 
 def test_a_lens_of_third_order_may_be_asked_for(centred):
     stage, families = fitted(replace(LENS, constant_coma_um=5.0), SEIDEL)
     assert {family.name for family in families} == SEIDEL
-    assert choose(stage, families)[:2] == (families, ())
+    choice = choose(stage, families)
+    assert (choice.families, choice.verdicts) == (families, ())
     fixed = np.setdiff1d(np.arange(LAYOUT.size), indices_of(families))
     np.testing.assert_array_equal(stage.parameters[fixed], stage.mean[fixed])
     whole, _ = centred

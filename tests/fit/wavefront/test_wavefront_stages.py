@@ -11,8 +11,14 @@ from lensfit.fit.wavefront.coarse import coarse_fit
 from lensfit.fit.wavefront.descent import asked_for, fine_fit, last_fit, middle_fit
 from lensfit.fit.wavefront.evidence import choose
 from lensfit.fit.wavefront.families import LAST, deviation_of, families_of
-from lensfit.fit.wavefront.stages import chi_squared, first_stage, freed, solved
-from lensfit.fit.wavefront.valleys import side_is_told
+from lensfit.fit.wavefront.stages import (
+    chi_squared,
+    first_stage,
+    freed,
+    on_dots,
+    solved,
+)
+from lensfit.fit.wavefront.valleys import deepest, side_is_told
 from lensfit.fit.wavefront.weigh import relative_misfit
 
 BLOCKS = LAYOUT.blocks
@@ -35,10 +41,10 @@ def gathered():
 def fitted(gathered, layout=LAYOUT):
     """All stages from the default start, and whether the sign is known."""
     coarse = coarse_fit(gathered, layout, None)
-    best = min(coarse.valleys, key=lambda one: one.cost).stage
+    best = deepest(coarse.valleys).stage
     middle = middle_fit(best, coarse.families)
     families = families_of(gathered, layout, best.mean[BLOCKS["defocus"]])
-    return fine_fit(gathered, middle, families, 2), coarse.side_stated
+    return fine_fit(on_dots(middle, gathered), families, 2), coarse.side_stated
 
 
 @pytest.fixture(scope="module")
@@ -198,8 +204,7 @@ def unstated(defocus_mm):
     lens = replace(TRUE, coma_um=10.0, spherical_um=14.0, defocus_mm=defocus_mm)
     shots = [Shot(0, 0), Shot(1, 0), Shot(0, 1), Shot(1, 1)]
     coarse = coarse_fit(photographed(lens, shots), LAYOUT, None)
-    best = min(coarse.valleys, key=lambda one: one.cost)
-    return best.stage, side_is_told(coarse.valleys)
+    return deepest(coarse.valleys).stage, side_is_told(coarse.valleys)
 
 
 @pytest.mark.slow
@@ -218,7 +223,7 @@ def test_takes_that_are_all_out_of_focus_by_the_same_are_found():
     )
     shots = [Shot(k, stop, mm) for stop in (0, 1) for k, mm in enumerate(FOCUS_MM)]
     found = coarse_fit(photographed(lens, shots, noise=NOISE), LAYOUT, None)
-    found = min(found.valleys, key=lambda one: one.cost).stage
+    found = deepest(found.valleys).stage
     np.testing.assert_allclose(
         found.parameters[BLOCKS["defocus"]], lens.defocus_mm, atol=0.15
     )
