@@ -72,11 +72,12 @@ def find_lines(photograph: Photograph, *, polarity: str | None = None) -> Observ
     scale = strongest_ridge(image, polarity)
     crossings, indices, candidates = _numbered_crossings(photograph, image, scale)
     pitch_px = _pitch(indices, crossings)
-    half_width_px = profile_half_width(image, indices, crossings, pitch_px, scale.sign)
-    piece_px = int(np.clip(round(pitch_px / PIECES_PER_PITCH), *PIECE_PX))
-    fade_px = max(1.0, FADE * half_width_px)
-    flank_px = float(np.clip(half_width_px, 2, pitch_px / 8))
-    window = Window(half_width_px, fade_px, flank_px, piece_px)
+
+    def window_of(seen: np.ndarray) -> Window:
+        half = profile_half_width(seen, indices, crossings, pitch_px, scale.sign)
+        return _window(half, pitch_px)
+
+    window = window_of(image)
     pieces, centres = _refined(image, crossings, indices, window, scale.sign)
     kept = _reliable(pieces, centres)
     if not kept.any():
@@ -85,9 +86,24 @@ def find_lines(photograph: Photograph, *, polarity: str | None = None) -> Observ
             where=photograph.path,
             remedy="use a grid of thinner lines or move the camera closer",
         )
+    # Red and blue may be far more blurred than green.
+    channels = np.moveaxis(photograph.pixels, -1, 0)
+    own = tuple(max(window, window_of(channel), key=_reach) for channel in channels)
     return _as_observations(
-        photograph, _Measured(pieces, centres, window, scale.sign), kept, candidates
+        photograph, _Measured(pieces, centres, own, scale.sign), kept, candidates
     )
+
+
+def _window(half_width_px: float, pitch_px: float) -> Window:
+    """What is read of lines so wide and so far apart."""
+    piece_px = int(np.clip(round(pitch_px / PIECES_PER_PITCH), *PIECE_PX))
+    fade_px = max(1.0, FADE * half_width_px)
+    flank_px = float(np.clip(half_width_px, 2, pitch_px / 8))
+    return Window(half_width_px, fade_px, flank_px, piece_px)
+
+
+def _reach(window: Window) -> float:
+    return window.reach_px
 
 
 def _numbered_crossings(
@@ -193,7 +209,8 @@ def _pitch(indices: np.ndarray, crossings: np.ndarray) -> float:
 class _Measured(NamedTuple):
     pieces: Pieces
     centres: Centres
-    window: Window
+    windows: tuple[Window, ...]
+    """Of every channel."""
     sign: int
 
 
@@ -245,7 +262,7 @@ def _as_observations(
     return Observations(
         lattice=lattice[kept],
         points_px=points[kept],
-        covariance_px2=_covariance(variance, normal, measured.window)[kept],
+        covariance_px2=_covariance(variance, normal, measured.windows[0])[kept],
         family=pieces.family[kept],
         normal=normal[kept],
         saturated=saturated[kept],
@@ -267,12 +284,12 @@ def _channels(
     slant: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions, covariances and fluxes per channel; across the line only."""
-    pieces, centres, window, sign = measured
+    pieces, centres, windows, sign = measured
     places = np.full((3, *points.shape), np.nan)
     covariances = np.full((3, len(points), 2, 2), np.nan)
     colours = photograph.pixels.shape[2]
     fluxes = []
-    for channel in range(colours):
+    for channel, window in enumerate(windows):
         image = photograph.pixels[..., channel]
         own = measure_pieces(image, pieces, window, sign, centres.dx_px)
         bright = own.flux_per_row * slant if sign > 0 else own.background

@@ -102,6 +102,14 @@ def test_colour_fringes_are_measured_across_the_line():
         assert np.std((moved * found.normal).sum(1) - expected) < 0.015
 
 
+def test_light_of_a_channel_is_whole_however_blurred():
+    """Blue may reach far beyond where green ends."""
+    blurs_px = (0.6, 0.6, 2.0)
+    channels = [draw(VIEW, line_grid(0.1), blur_px=blur) for blur in blurs_px]
+    flux = find_lines(photograph(*channels)).flux
+    assert np.nanmedian(np.abs(flux[:, 2] / flux[:, 1] - 1)) < 0.05
+
+
 def test_nearly_every_visible_length_is_sampled_even_without_some_crossings():
     image = draw(VIEW, line_grid(0.1), blur_px=0.6)
     whole = find_lines(photograph(image))
