@@ -6,7 +6,7 @@ opposed to centroids, and geometry and colour are then fitted again to those.
 """
 
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -78,16 +78,9 @@ def fit(
         Or some takes of a focal length state their focus distance and others do not.
     """
     _require_like_focus(takes)
-    states, failed = _fit_states(takes, progress, {})
+    states, failed = _fit_sharing_pupils(takes, progress)
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
-    found = {
-        focal_mm: shared_pupil_mm(state.pupil for state in mine)
-        for focal_mm, mine in by_focal_length(states).items()
-    }
-    pupils = {focal_mm: mm for focal_mm, mm in found.items() if mm is not None}
-    if any(not s.pupil.measured and s.focal_length_mm in pupils for s in states):
-        states, failed = _fit_states(takes, progress, pupils)
     began = time.perf_counter()
     wavefronts, without = _fit_wavefronts(states, progress, effort, allowed)
     if not wavefronts:
@@ -103,7 +96,7 @@ def fit(
         )
     }
     moved = [exact.get(t.name, t) for t in takes]
-    again, failed = _fit_states(moved, progress, pupils)
+    again, failed = _fit_sharing_pupils(moved, progress)
     states = [better_told(state, states) for state in again]
     return Fitted(_sharing_walks(states), failed, wavefronts, without, seconds)
 
@@ -125,19 +118,63 @@ def by_focal_length(states: Iterable[LensState]) -> dict[float, list[LensState]]
     return found
 
 
-def _fit_states(
-    takes: list[Take], progress: Progress, pupils: Mapping[float, float]
+def _fit_sharing_pupils(
+    takes: list[Take], progress: Progress
 ) -> tuple[list[LensState], dict[str, FitError]]:
-    """Every state by itself, with the entrance pupils that others measured."""
-    states, failed = [], {}
+    """Every state; those that do not see their entrance pupil with that of the others.
+
+    A pupil that is wrong by some share of the chart's distance scales a state by as
+    much. A tilt of few degrees hardly tells it, and another solve would find another
+    one: the states that told it stay as they were then.
+    """
+    states, failed = _fit_states(takes, progress, {}, shown=takes)
+    found = {
+        focal_mm: shared_pupil_mm(state.pupil for state in mine)
+        for focal_mm, mine in by_focal_length(states).items()
+    }
+    pupils = {focal_mm: mm for focal_mm, mm in found.items() if mm is not None}
+    told = [s for s in states if s.pupil.measured or s.focal_length_mm not in pupils]
+    names = {take.name for state in told for take in state.geometry.takes}
+    groups = grouped(takes)
+    others = [t for g in groups if not any(o.name in names for o in g) for t in g]
+    again, failed_again = _fit_states(others, progress, pupils, shown=takes, among=told)
+    retried = {take.name for take in others}
+    failed = {name: why for name, why in failed.items() if name not in retried}
+    return _in_order([*told, *again], takes), failed | failed_again
+
+
+def _in_order(states: list[LensState], takes: list[Take]) -> list[LensState]:
+    """As their photographs come."""
+    place = {take.name: k for k, take in enumerate(takes)}
+    return sorted(states, key=lambda s: min(place[t.name] for t in s.geometry.takes))
+
+
+def _fit_states(
+    takes: list[Take],
+    progress: Progress,
+    pupils: Mapping[float, float],
+    *,
+    shown: list[Take],
+    among: Sequence[LensState] = (),
+) -> tuple[list[LensState], dict[str, FitError]]:
+    """Every state by itself, with the entrance pupils that others measured.
+
+    Parameters
+    ----------
+    shown : Of all states of the lens.
+    among : Other states of the lens.
+    """
+    states: list[LensState] = []
+    failed: dict[str, FitError] = {}
     groups = grouped(takes)
     while groups:
         group = groups.pop(0)
         try:
-            base = states[0].distortion.base if states else None
+            others = [*among, *states]
+            base = others[0].distortion.base if others else None
             pupil_mm = pupils.get(group[0].focal_length_mm)
             states.append(
-                fit_state(group, progress, shown=takes, base=base, pupil_mm=pupil_mm)
+                fit_state(group, progress, shown=shown, base=base, pupil_mm=pupil_mm)
             )
         except FitError as error:
             # One photograph that contradicts itself must not cost the others.

@@ -42,6 +42,12 @@ def test_the_pupil_is_where_it_is(states):
         assert state.pupil.offset_mm == pytest.approx(PUPIL_MM, abs=2.0)
 
 
+def test_all_states_have_the_same_pupil(states):
+    """A tilt hardly tells it, so two fits of the same marks find two, and states would
+    be scaled against each other by their difference."""
+    assert len({state.pupil.offset_mm for state in states.values()}) == 1
+
+
 def test_a_state_without_tilt_gets_its_principal_distance_from_the_others_pupil(states):
     """With a thin lens' pupil it would be off by 49 mm of 900, five per cent."""
     closer = states[900.0]
