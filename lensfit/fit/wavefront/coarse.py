@@ -2,7 +2,8 @@
 
 How far all takes lie from focus together is badly known before the fit: a curved field
 or spherical aberration moves the best focus, and their valleys are walled off from each
-other once blur is larger than a dot. So is the side of focus where nobody stated it.
+other once blur is larger than a dot. So are those of a field that is curved to the
+other side, and the side of focus where nobody stated it.
 All starts run on a few dots, the promising ones on more (`valleys`).
 """
 
@@ -12,11 +13,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.wavefront.families import COARSE, Family, deviation_of, families_of
 from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
+from lensfit.fit.wavefront.moments import Focus, likely_focus, set_focus
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.stages import (
     first_stage,
@@ -54,16 +56,18 @@ _FINALISTS = 4
 
 class _Offsets(NamedTuple):
     """Defocus common to all takes, in the largest that is seen: beyond what is seen of
-    each take, and beyond what was stated of it."""
+    each take, and beyond what was stated of it. And how many curved fields (`moments`)
+    are tried."""
 
     from_seen: tuple[float, ...]
     from_said: tuple[float, ...]
+    curved: int
 
 
 _OFFSETS = (
-    _Offsets((0.0, -0.5, 0.5, -1.0, 1.0), (0.0, -0.5, 0.5, -1.0, 1.0, -2.0, 2.0)),
-    _Offsets((0.0,), (0.0, -1.0, 1.0)),
-    _Offsets((0.0,), ()),
+    _Offsets((0.0, -0.5, 0.5, -1.0, 1.0), (0.0, -0.5, 0.5, -1.0, 1.0, -2.0, 2.0), 4),
+    _Offsets((0.0,), (0.0, -1.0, 1.0), 2),
+    _Offsets((0.0,), (), 1),
 )
 """By the number of signs that are open: none, one, more. Each doubles the starts."""
 
@@ -100,9 +104,8 @@ def coarse_fit(
     if known.all():
         some = chosen(gathered, spread_over_takes(gathered, _FEW_DOTS))
     tries = []
-    for defocus_mm in _starts(gathered, value, known):
-        parameters = start.copy()
-        parameters[layout.blocks["defocus"]][: len(value)] = defocus_mm
+    for lens in _starts(gathered, layout, start, (value, known)):
+        parameters = np.where(deviation > 0, lens, start)
         stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
         # Most starts lead nowhere: one look where the dots lie is enough for them.
         tries.append(valley_at(solved(settled(freed(stage, deviation), 1))))
@@ -124,22 +127,33 @@ def _finalists(
 
 def _starts(
     gathered: Gathered,
-    value_mm: Float[np.ndarray, " groups"],
-    known: np.ndarray,
-) -> list[Float[np.ndarray, " groups"]]:
+    layout: Layout,
+    start: Float[np.ndarray, " parameters"],
+    first: tuple[Float[np.ndarray, " groups"], Bool[np.ndarray, " groups"]],
+) -> list[Float[np.ndarray, " parameters"]]:
     """As defocus is seen; and as it was stated, since aberrations widen what is seen,
-    with all takes moved by the same."""
+    with all takes moved by the same, or with curved fields.
+
+    Parameters
+    ----------
+    first : As `first_defocus_mm` returns them.
+    """
+    value_mm, known = first
     patterns = _signs(value_mm, known)
     unit_mm = float(np.max(seen_defocus_mm(gathered)))
     stated_mm = stated_defocus_mm(gathered)
     said_mm = np.where(np.isfinite(stated_mm), stated_mm, value_mm)
     open_signs = (len(patterns) - 1).bit_length()
-    from_seen, from_said = _OFFSETS[min(open_signs, len(_OFFSETS) - 1)]
-    found = []
+    offsets = _OFFSETS[min(open_signs, len(_OFFSETS) - 1)]
+    sine = float(gathered.scale.reference_sine)
+    flat: list[Focus] = []
+    curved: list[Focus] = []
     for signs in patterns:
-        found += [value_mm * signs + o * unit_mm for o in from_seen]
-        found += [said_mm * signs + o * unit_mm for o in from_said]
-    return found
+        flat += [Focus(value_mm * signs + o * unit_mm) for o in offsets.from_seen]
+        flat += [Focus(said_mm * signs + o * unit_mm) for o in offsets.from_said]
+        if not layout.anamorphic:
+            curved += likely_focus(gathered, said_mm * signs, offsets.curved)
+    return [set_focus(start, layout, focus, sine) for focus in (*flat, *curved)]
 
 
 def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
