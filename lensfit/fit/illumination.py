@@ -238,7 +238,8 @@ def _scatter(residual: np.ndarray) -> float:
 
 def _covariance(a, pull, weight) -> np.ndarray:
     """Sandwich over the marks; that steps may not be negative is no knowledge."""
-    inverse = np.linalg.pinv((a.T * weight) @ a)
-    scatter = a * pull[:, None]
+    root = np.sqrt(weight)
+    # Not from the normal equations: with many terms they are nearly singular.
+    moves = np.linalg.pinv(a * root[:, None]) * (pull / root)
     factor = len(a) / max(len(a) - a.shape[1], 1)
-    return inverse @ (scatter.T @ scatter) @ inverse * factor
+    return moves @ moves.T * factor

@@ -52,6 +52,10 @@ def test_a_rim_that_clips_takes_more_terms_than_natural_fall_off():
         off.append(
             [np.std(loss(squared, f.control[1]) - truth) for f in (found, fewest)]
         )
+        for covariance in found.covariance:
+            deviation = np.sqrt(np.diag(covariance))
+            correlation = covariance / np.outer(deviation, deviation)
+            assert np.linalg.eigvalsh(correlation)[0] > -1e-9
     assert terms[0] == min(TERMS) < terms[1]
     assert max(off[0]) < 0.001
     assert off[1][0] < off[1][1] / 2
