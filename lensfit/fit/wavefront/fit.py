@@ -61,6 +61,8 @@ _GROUPS, _STOPS = 8, 4
 _HOPELESS, _VALLEYS = 1.2, 4
 """How much worse than the best a valley may be and go on to full pixels, and how many:
 each takes as long as all that came before."""
+_POOR = 0.25
+"""Relative error of a dot's image from which on a disc would do as well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +140,7 @@ def fit_wavefront(
     progress("wavefront", 4, 4)
     covariance = covariance_of(final, families)
     misfit, held_out = _misfits(final, families)
+    held_out_misfit = float(np.median(misfit)) * held_out_dots(final, families)
     return WavefrontFit(
         gathered=every,
         stage=final,
@@ -147,10 +150,10 @@ def fit_wavefront(
         unseen=unseen(final, families, covariance),
         sign_known=sign_known,
         misfit=misfit,
-        held_out_misfit=float(np.median(misfit)) * held_out_dots(final, families),
+        held_out_misfit=held_out_misfit,
         held_out_takes=held_out,
         converged=final.converged,
-        notes=_notes(sign_known, final),
+        notes=_notes(sign_known, final.converged, held_out_misfit),
     )
 
 
@@ -197,13 +200,21 @@ def _misfits(
     return misfit, held_out
 
 
-def _notes(sign_known: bool, stage: Stage) -> tuple[str, ...]:
+def _notes(
+    sign_known: bool, converged: bool, held_out_misfit: float
+) -> tuple[str, ...]:
     notes = []
     if not sign_known:
         notes.append(
             "the photographs do not tell on which side of focus the chart was: state "
             "focus_distance_mm and target_distance_mm, or add a take on the other side"
         )
-    if not stage.converged:
+    if not converged:
         notes.append("the fit of the dots' shape did not converge")
+    if not held_out_misfit < _POOR:
+        notes.append(
+            f"the fit misses the dots' shape by {100 * held_out_misfit:.0f} %: its "
+            "blur is not to be used; look at the overlays, and stop down further or "
+            "photograph smaller holes"
+        )
     return tuple(notes)

@@ -14,6 +14,7 @@ from lensfit.fit.wavefront.families import (
     families_of,
     indices_of,
 )
+from lensfit.fit.wavefront.fit import _notes
 from lensfit.fit.wavefront.stages import (
     chi_squared,
     first_stage,
@@ -121,3 +122,18 @@ def test_dots_left_out_are_predicted_nearly_as_well(centred):
     factor = held_out_dots(stage, _determined(centred))
     assert 0.99 < factor < 1.2
     assert held_out_dots(stage, families) > factor
+
+
+@pytest.mark.parametrize(
+    ("known", "converged", "misfit", "said"),
+    [
+        (True, True, 0.03, []),
+        (True, True, 0.5, ["misses the dots' shape by 50 %"]),
+        (True, True, float("nan"), ["misses"]),
+        (False, False, 0.03, ["on which side of focus", "did not converge"]),
+    ],
+)
+def test_a_fit_says_what_it_did_not_reach(known, converged, misfit, said):
+    notes = _notes(known, converged, misfit)
+    assert len(notes) == len(said)
+    assert all(part in note for part, note in zip(said, notes, strict=True))
