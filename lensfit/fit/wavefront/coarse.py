@@ -37,6 +37,7 @@ from lensfit.fit.wavefront.start import (
 from lensfit.fit.wavefront.valleys import (
     Valley,
     deepest,
+    left_of,
     other_side,
     still_open,
     valley_at,
@@ -78,12 +79,14 @@ class Coarse(NamedTuple):
     Attributes
     ----------
     valleys : Where starts led that the photographs leave open, as statements rank them.
+    others : Where the other starts had led when they were left, the deepest first.
     side_stated : Whether statements settle the side of focus: those of every take; that
         the chart was in focus does not.
     families : What is free in this stage and the next.
     """
 
     valleys: list[Valley]
+    others: list[Valley]
     side_stated: bool
     families: tuple[Family, ...]
 
@@ -109,20 +112,26 @@ def coarse_fit(
         stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
         # Most starts lead nowhere: one look where the dots lie is enough for them.
         tries.append(valley_at(solved(settled(freed(stage, deviation), 1))))
-    valleys = _finalists(tries, gathered, side_stated)
-    return Coarse(valleys, side_stated, families)
+    valleys, others = _finalists(tries, gathered, side_stated)
+    return Coarse(valleys, others, side_stated, families)
+
+
+def with_all_dots(one: Valley, gathered: Gathered) -> Valley:
+    """The valley of some dots, solved with all."""
+    return valley_at(solved(settled(on_dots(one.stage, gathered))))
 
 
 def _finalists(
     tries: list[Valley], gathered: Gathered, side_stated: bool
-) -> list[Valley]:
-    """The promising ones, on all dots."""
+) -> tuple[list[Valley], list[Valley]]:
+    """The promising ones, on all dots; and the rest."""
     both_sides = not side_stated
     begun = still_open(tries, _HOPELESS_START, _FINALISTS, both_sides=both_sides)
-    ended = [valley_at(solved(settled(on_dots(one.stage, gathered)))) for one in begun]
+    ended = [with_all_dots(one, gathered) for one in begun]
     if both_sides:
         ended.append(other_side(deepest(ended)))
-    return still_open(ended, _HOPELESS, _FINALISTS, both_sides=both_sides)
+    kept = still_open(ended, _HOPELESS, _FINALISTS, both_sides=both_sides)
+    return kept, [*left_of(ended, kept), *left_of(tries, begun)]
 
 
 def _starts(

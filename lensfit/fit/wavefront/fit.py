@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.select import Verdict
-from lensfit.fit.wavefront.coarse import Coarse, coarse_fit
+from lensfit.fit.wavefront.coarse import Coarse, coarse_fit, with_all_dots
 from lensfit.fit.wavefront.descent import (
     asked_for,
     fair_cost,
@@ -61,6 +61,9 @@ _GROUPS, _STOPS = 8, 4
 _HOPELESS, _VALLEYS = 1.2, 4
 """How much worse than the best a valley may be and go on to full pixels, and how many:
 each takes as long as all that came before."""
+_EXPLAINED = 4.0
+"""Cost of a dot and channel, smoothed, up to which no other start is tried: a residual
+of a tenth of the peak on one cell, or of a twentieth on four."""
 _POOR = 0.25
 """Relative error of a dot's image from which on a disc would do as well."""
 
@@ -126,7 +129,7 @@ def fit_wavefront(
     few = chosen(every, spread_over_takes(every, effort.coarse_dots))
     coarse = coarse_fit(few, layout, fall_off, allowed)
     progress("wavefront", 1, 4)
-    middle = _open_after_middle(coarse)
+    middle = _open_after_middle(coarse, few)
     progress("wavefront", 2, 4)
     more = chosen(every, spread_over_takes(every, effort.fine_dots))
     stages = [on_dots(one.stage, more) for one in middle]
@@ -157,11 +160,21 @@ def fit_wavefront(
     )
 
 
-def _open_after_middle(coarse: Coarse) -> list[Valley]:
-    """The valleys that smoothed dots leave open."""
+def _open_after_middle(coarse: Coarse, few: Gathered) -> list[Valley]:
+    """The valleys that smoothed dots leave open.
+
+    Where higher orders shape the dots, third order does not tell which start is the
+    best: those that it put behind have their turn until one explains the dots.
+    """
     found = [
         valley_at(middle_fit(one.stage, coarse.families)) for one in coarse.valleys
     ]
+    enough = _EXPLAINED * len(few.take) * (3 if few.colour else 1)
+    for one in coarse.others:
+        if min(valley.cost for valley in found) <= enough:
+            break
+        stage = with_all_dots(one, few).stage
+        found.append(valley_at(middle_fit(stage, coarse.families)))
     both_sides = not coarse.side_stated
     return still_open(found, _HOPELESS, _VALLEYS, both_sides=both_sides)
 

@@ -96,11 +96,21 @@ def still_open(
     best = deepest(found)
     apart = _each_once([one for one in found if one.cost <= hopeless * best.cost])
     decisive = _DECISIVE * best.cost
-    kept = sorted(apart, key=lambda one: (one.cost > decisive, one.off_mm))[:most]
+    told = [one for one in apart if one.cost > decisive]
+    open_yet = [one for one in apart if one.cost <= decisive]
+    kept = [*sorted(open_yet, key=lambda one: one.off_mm), *told][:most]
     rival = _rival(best, apart)
     if both_sides and rival is not None and all(rival is not one for one in kept):
         kept[-1] = rival
     return kept
+
+
+def left_of(found: list[Valley], kept: list[Valley]) -> list[Valley]:
+    """Those that were not kept, the deepest first; none that failed."""
+    left = [one for one in found if all(one is not other for other in kept)]
+    return sorted(
+        (one for one in left if np.isfinite(one.cost)), key=lambda one: one.cost
+    )
 
 
 def side_is_told(found: list[Valley]) -> bool:

@@ -11,7 +11,7 @@ from drawn_lens import LAYOUT, SCALE, dots_at
 from lensfit.errors import FitError
 from lensfit.fit.wavefront.parameters import mirrored
 from lensfit.fit.wavefront.rays import Colour, polar_landings
-from lensfit.fit.wavefront.valleys import Valley, side_is_told, still_open
+from lensfit.fit.wavefront.valleys import Valley, left_of, side_is_told, still_open
 
 BLOCKS = LAYOUT.blocks
 ONE_COLOUR = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
@@ -74,6 +74,9 @@ def test_statements_rank_what_the_photographs_leave_open():
     worse = at(1.3, 0.1, off_mm=0.0)
     assert still_open([best, as_good, worse], 1.5, 2) == [as_good, best]
     assert still_open([best, worse], 1.5, 1) == [best]
+    # Of those that explain clearly less, the deeper ones go on, whatever was stated.
+    less = at(1.2, 0.35, off_mm=0.9)
+    assert still_open([worse, less, best], 1.5, 2) == [best, less]
 
 
 def test_the_best_one_across_focus_is_kept_where_the_side_is_open():
@@ -96,3 +99,9 @@ def test_a_side_is_told_where_the_other_one_explains_clearly_less(cost, told):
     assert side_is_told([best, like_it])
     # Takes in focus have no side.
     assert side_is_told([at(1.0, 0.5, 0.01), at(1.01, 0.5, -0.01)])
+
+
+def test_what_was_left_comes_by_depth_without_failures():
+    best, second, third, failed = at(1.0, 0.5), at(2.0, 0.2), at(1.5, 0.1), at(np.inf)
+    left = left_of([failed, second, best, third], [best])
+    assert [one.cost for one in left] == [1.5, 2.0]
