@@ -57,8 +57,15 @@ def parameters() -> np.ndarray:
     return found
 
 
-def fit_of(focus_mm: tuple[float | None, ...], exit_pupil: bool = True):
-    """What blur_of reads of a fit whose groups were focused at these distances."""
+def fit_of(
+    focus_mm: tuple[float | None, ...],
+    exit_pupil: bool = True,
+    principal_mm: tuple[float, ...] = (PRINCIPAL_MM,),
+):
+    """What blur_of reads of a fit whose groups were focused at these distances.
+
+    `principal_mm`: of the states of the first groups, as the fit had them.
+    """
     focal = 1 / (1 / PRINCIPAL_MM + 1 / (REFERENCE_MM - PRINCIPAL_MM))
     first = FirstOrder(*(jnp.asarray(n) for n in (focal, 1.0, PRINCIPAL_MM)))
     sine = rim_sine(first, jnp.asarray(F_NUMBERS[0]), jnp.asarray(REFERENCE_MM))
@@ -68,7 +75,13 @@ def fit_of(focus_mm: tuple[float | None, ...], exit_pupil: bool = True):
         for k, f in enumerate(focus_mm)
     )
     shown = tuple(
-        SimpleNamespace(take=SimpleNamespace(name=f"take {k}")) for k in range(3)
+        SimpleNamespace(
+            take=SimpleNamespace(
+                name=f"take {k}", focus_distance_mm=focus_mm[min(k, len(focus_mm) - 1)]
+            ),
+            distortion=no_distortion((*principal_mm, *3 * [PRINCIPAL_MM])[k], 18.0),
+        )
+        for k in range(3)
     )
     gathered = SimpleNamespace(
         scale=Scale(jnp.asarray(18.0), sine, jnp.asarray(PRINCIPAL_MM)),
@@ -208,12 +221,19 @@ def test_the_lens_shows_what_the_fit_showed(stop, stated, exit_pupil):
 
 def test_every_state_has_its_own_defocus_and_magnification():
     """Focused nearer, the whole lens moved out: its principal distance is longer."""
-    wavefront = fit_of((1400.0, 1650.0, 1480.0))
+    wavefront = fit_of((1400.0, 1650.0, 1480.0), principal_mm=(50.2, 49.8))
     for group, principal_mm in ((0, 50.2), (1, 49.8)):
         shown = lens_psf(wavefront, group, 2.0, principal_mm)
         assert far_from(shown, fitted_image(wavefront, group, 0, principal_mm)) < 0.05
         other = fitted_image(wavefront, 1 - group, 0, principal_mm)
         assert far_from(shown, other) > 0.3
+
+
+def test_a_principal_distance_measured_anew_changes_no_spot():
+    """By chief rays, after the fit: millimetres on the sensor stay what they were."""
+    wavefront = fit_of((1400.0, 1650.0, 1480.0))
+    wanted = fitted_image(wavefront, 0, 0, PRINCIPAL_MM)
+    assert far_from(lens_psf(wavefront, 0, 2.0, 1.06 * PRINCIPAL_MM), wanted) < 0.05
 
 
 def test_what_was_assumed_is_said():

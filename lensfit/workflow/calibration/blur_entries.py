@@ -6,7 +6,7 @@ from jaxtyping import Float
 
 from lensfit.fit.lens_state import LensState
 from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.fit.wavefront.gather import Group
+from lensfit.fit.wavefront.gather import Gathered, Group
 from lensfit.fit.wavefront.parameters import aberration_of, pupil_of
 from lensfit.optics.paraxial import (
     FirstOrder,
@@ -26,10 +26,10 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     """The blur block of one state; states of a focal length share their wavefront."""
     stage = wavefront.stage
     gathered, layout, parameters = stage.gathered, stage.layout, stage.parameters
-    scale = gathered.scale
-    distance = float(state.distortion.principal_distance_mm)
-    magnified = distance / float(scale.principal_distance_mm)
-    aberration = aberration_of(jnp.asarray(parameters), layout, scale, magnified)
+    magnified = _magnified(state, gathered)
+    aberration = aberration_of(
+        jnp.asarray(parameters), layout, gathered.scale, magnified
+    )
     opening = jnp.asarray(parameters[layout.opening])
     pupil = pupil_of(opening, layout, jnp.asarray(1.0 * stage.blades))
     ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
@@ -53,6 +53,23 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
         assumed=() if seen else ("pupil_magnification", "exit_pupil_distance_mm"),
         beyond_offset_mm=beyond,
     )
+
+
+def _magnified(state: LensState, gathered: Gathered) -> float:
+    """Principal distance of the state over that of the reference, both as the fit of
+    the blur had them.
+
+    Chief rays may say another one afterwards. That changes no millimetre of a spot on
+    the sensor, which is what was fitted.
+    """
+    own = [
+        shown.distortion
+        for shown in gathered.shown
+        if shown.take.focus_distance_mm == state.focus_distance_mm
+    ]
+    distortion = own[0] if own else state.distortion
+    distance_mm = float(distortion.principal_distance_mm)
+    return distance_mm / float(gathered.scale.principal_distance_mm)
 
 
 def _pupil_magnification(state: LensState, wavefront: WavefrontFit) -> float:
