@@ -22,13 +22,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
-from scipy.optimize import nnls
-from scipy.stats import binom
+from jaxtyping import Float, Int
 
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
 from lensfit.fit.adjust import Adjustment
+from lensfit.fit.non_negative import robust_non_negative
 from lensfit.fit.take import Take
+from lensfit.optics.falloff import bernstein
 
 TERMS = (5, 8, 12, 16)
 """Numbers of terms to choose from."""
@@ -36,7 +36,6 @@ _LEAST_BIC_GAIN = 10.0
 _LEAST_SCATTER = 1e-4
 """Of a photograph's logarithms; no detector is better."""
 _FEWEST_MARKS = 30
-_ROUNDS = 6
 _STEP = 1e-3
 """Of differences, half boards."""
 
@@ -79,7 +78,7 @@ class FallOffFit:
 
     def _terms_at(self, radius_mm: np.ndarray) -> np.ndarray:
         s = np.minimum(radius_mm / self.valid_radius_mm, 1.0) ** 2
-        return _bernstein(s, self.control.shape[1])
+        return bernstein(s, self.control.shape[1])
 
     def _of_terms(self, terms: np.ndarray) -> np.ndarray:
         variance = np.einsum("pi,cij,pj->cp", terms, self.covariance, terms)
@@ -130,10 +129,26 @@ class _Rows(NamedTuple):
     lines: bool
 
 
+class _Marks(NamedTuple):
+    """Of all takes at one f-number, in one row."""
+
+    squared: Float[np.ndarray, " marks"]
+    brightness: Float[np.ndarray, "marks 3"]
+    take: Int[np.ndarray, " marks"]
+
+
 def _best_told(rows: list[_Rows]) -> list[_Rows]:
     """Those of dots, where there are enough."""
     dots = [row for row in rows if not row.lines]
     return dots if _count(dots) >= _FEWEST_MARKS else rows
+
+
+def _together(rows: list[_Rows]) -> _Marks:
+    return _Marks(
+        np.concatenate([row.squared for row in rows]),
+        np.concatenate([row.brightness for row in rows]),
+        np.repeat(np.arange(len(rows)), [len(row.squared) for row in rows]),
+    )
 
 
 def _count(rows: list[_Rows]) -> int:
@@ -164,82 +179,39 @@ def _spread(matrix: np.ndarray, o) -> np.ndarray:
     return np.where(o.family == POINT, area, width)
 
 
-def _bernstein(s: np.ndarray, degree: int) -> Float[np.ndarray, "points terms"]:
-    """As `optics.falloff.bernstein`."""
-    return binom.pmf(np.arange(1, degree + 1), degree, s[:, None])
-
-
 def _fit(number: float | None, rows: list[_Rows]) -> FallOffFit:
     """With as many terms as the marks ask for."""
-    limit = max(float(row.squared.max()) for row in rows)
-    chosen, cost = _of_terms(number, rows, limit, TERMS[0])
+    marks = _together(rows)
+    chosen, cost = _with_terms(number, marks, TERMS[0])
     for terms in TERMS[1:]:
-        finer, less = _of_terms(number, rows, limit, terms)
+        finer, less = _with_terms(number, marks, terms)
         if cost - less > _LEAST_BIC_GAIN:
             chosen, cost = finer, less
     return chosen
 
 
-def _of_terms(
-    number: float | None, rows: list[_Rows], limit: float, terms: int
+def _with_terms(
+    number: float | None, marks: _Marks, terms: int
 ) -> tuple[FallOffFit, float]:
     """The best with so many terms, and its Bayesian information criterion."""
-    take = np.repeat(np.arange(len(rows)), [len(row.squared) for row in rows])
-    s = np.concatenate([row.squared for row in rows]) / limit
-    values = np.concatenate([row.brightness for row in rows])
+    limit = float(marks.squared.max())
     # Control values are sums of non-negative steps.
-    steps = -np.cumsum(_bernstein(s, terms)[:, ::-1], axis=1)[:, ::-1]
-    gains = np.eye(len(rows))[take]
-    design = np.hstack([steps, gains, -gains])
-    control, covariance, cost = [], [], 3 * terms * np.log(len(s))
-    for channel in range(3):
-        found = _robust(design, values[:, channel], take, terms)
-        control.append(np.cumsum(found.solution[:terms]))
-        sums = np.tri(terms)
-        covariance.append(sums @ found.covariance[:terms, :terms] @ sums.T)
-        cost += found.deviance
-    fit = FallOffFit(
-        number, np.array(control), float(np.sqrt(limit)), np.array(covariance)
-    )
-    return fit, cost
-
-
-class _Robust(NamedTuple):
-    solution: np.ndarray
-    covariance: np.ndarray
-    deviance: float
-    """Twice the negative logarithm of the likelihood, but for a constant."""
-
-
-def _robust(
-    design: np.ndarray, values: np.ndarray, take: np.ndarray, terms: int
-) -> _Robust:
-    """Non-negative least squares with Cauchy weights, each take by its own scatter."""
-    offset = values.mean()
-    weight = np.ones(len(values))
-    solution, residual = np.zeros(design.shape[1]), values
-    scatter = np.ones(take.max() + 1)
-    for _ in range(_ROUNDS):
-        root = np.sqrt(weight)
-        solution, _ = nnls(design * root[:, None], (values - offset) * root)
-        residual = values - offset - design @ solution
-        scatter = np.array([_scatter(residual[take == k]) for k in range(len(scatter))])
-        weight = 1 / (1 + (residual / (3 * scatter[take])) ** 2) / scatter[take] ** 2
+    of_control = bernstein(marks.squared / limit, terms)
+    steps = -np.cumsum(of_control[:, ::-1], axis=1)[:, ::-1]
+    gains = np.eye(marks.take.max() + 1)[marks.take]
     # A gain may have either sign, for which it has two columns.
-    columns = (terms + design.shape[1]) // 2
-    known = _covariance(design[:, :columns], weight * residual, weight)
-    cauchy = 9 * np.log1p((residual / (3 * scatter[take])) ** 2)
-    return _Robust(solution, known, float(np.sum(cauchy + 2 * np.log(scatter[take]))))
-
-
-def _scatter(residual: np.ndarray) -> float:
-    return float(np.median(np.abs(residual)) / 0.6745) + _LEAST_SCATTER
-
-
-def _covariance(a, pull, weight) -> np.ndarray:
-    """Sandwich over the marks; that steps may not be negative is no knowledge."""
-    root = np.sqrt(weight)
-    # Not from the normal equations: with many terms they are nearly singular.
-    moves = np.linalg.pinv(a * root[:, None]) * (pull / root)
-    factor = len(a) / max(len(a) - a.shape[1], 1)
-    return moves @ moves.T * factor
+    design = np.hstack([steps, gains, -gains])
+    first = terms + gains.shape[1]
+    found = [
+        robust_non_negative(design, values, marks.take, first, _LEAST_SCATTER)
+        for values in marks.brightness.T
+    ]
+    sums = np.tri(terms)
+    fit = FallOffFit(
+        number,
+        np.array([np.cumsum(one.solution[:terms]) for one in found]),
+        float(np.sqrt(limit)),
+        np.array([sums @ one.covariance[:terms, :terms] @ sums.T for one in found]),
+    )
+    deviance = sum(one.deviance for one in found)
+    return fit, deviance + 3 * terms * np.log(len(marks.squared))

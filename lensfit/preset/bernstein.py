@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.optics.falloff import bernstein
 from lensfit.preset.blocks import FallOff
 
 Control = tuple[float, ...]
@@ -62,7 +63,7 @@ def _followed(control: Control, fraction: float, degree: int) -> Control:
     """Of the function over [0, fraction], where it is a straight line from 1 on."""
     nodes, inverse = _through_values(degree)
     s = fraction * nodes
-    inside = _bernstein(np.minimum(s, 1.0), len(control)) @ np.array(control)
+    inside = bernstein(np.minimum(s, 1.0), len(control)) @ np.array(control)
     slope = len(control) * (control[-1] - (control[-2] if len(control) > 1 else 0.0))
     found = inverse @ (inside + slope * np.maximum(s - 1.0, 0.0))
     return tuple(np.maximum.accumulate(np.maximum(found, 0.0)).tolist())
@@ -74,13 +75,7 @@ def _through_values(
 ) -> tuple[Float[np.ndarray, " nodes"], Float[np.ndarray, "degree nodes"]]:
     """Places, and the matrix that makes control values of the values there."""
     nodes = (1 - np.cos(np.pi * np.arange(1, degree + 1) / degree)) / 2
-    return nodes, np.linalg.inv(_bernstein(nodes, degree))
-
-
-def _bernstein(s: np.ndarray, degree: int) -> Float[np.ndarray, "places degree"]:
-    orders = range(1, degree + 1)
-    rows = [comb(degree, k) * s**k * (1 - s) ** (degree - k) for k in orders]
-    return np.stack(rows, -1)
+    return nodes, np.linalg.inv(bernstein(nodes, degree))
 
 
 def _shortened(control: Control, fraction: float) -> Control:

@@ -67,5 +67,4 @@ def _mean_loss(
 
 
 def _basis(terms: int) -> Float[np.ndarray, "radii terms"]:
-    squared = jnp.asarray(squared_radii())
-    return np.asarray(jax.vmap(lambda s: bernstein(s, terms))(squared))
+    return bernstein(squared_radii(), terms)

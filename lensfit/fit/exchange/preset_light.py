@@ -71,7 +71,7 @@ def fit_fall_off(
     with np.errstate(all="ignore"):
         light = illumination(points.reshape(-1, 2)).reshape(len(radii), -1).mean(1)
     light = np.clip(np.nan_to_num(light / light[0], nan=_DARKEST), _DARKEST, 1.0)
-    terms = np.stack([np.asarray(bernstein(s, _FALL_OFF_TERMS)) for s in radii**2])
+    terms = bernstein(radii**2, _FALL_OFF_TERMS)
     steps = np.cumsum(terms[:, ::-1], 1)[:, ::-1]
     found, _ = nnls(steps * light[:, None], -np.log(light) * light)
     control = np.cumsum(found)

@@ -1,9 +1,17 @@
-"""Stated deviations of fall-off against the scatter of many noisy photographs."""
+"""Fall-off against a known one: its terms, what each photograph counts, and its stated
+deviations against the scatter of many noisy photographs."""
 
 import numpy as np
 from scipy.special import comb
 
-from lensfit.fit.illumination import TERMS, _best_told, _fit, _of_terms, _Rows
+from lensfit.fit.illumination import (
+    TERMS,
+    _best_told,
+    _fit,
+    _Rows,
+    _together,
+    _with_terms,
+)
 
 CONTROL = np.array([0.1, 0.25, 0.35, 0.5, 0.8])
 MARKS, NOISE = 200, 0.01
@@ -48,7 +56,7 @@ def test_a_rim_that_clips_takes_more_terms_than_natural_fall_off():
         rows = [_Rows(squared, 1.0 - truth[:, None] + noise, lines=False)]
         found = _fit(1.4, rows)
         terms.append(found.control.shape[1])
-        fewest, _ = _of_terms(1.4, rows, 1.0, min(TERMS))
+        fewest, _ = _with_terms(1.4, _together(rows), min(TERMS))
         off.append(
             [np.std(loss(squared, f.control[1]) - truth) for f in (found, fewest)]
         )

@@ -1,0 +1,89 @@
+"""Robust least squares with unknowns that may not be negative.
+
+Values come in sets, such as photographs, each with a scatter of its own that nobody
+told. Cauchy weights keep outliers from having a say; scatter and weights are found in
+turns. The covariance is the sandwich estimate, which takes residuals as they are.
+
+Reference: C. L. Lawson and R. J. Hanson, Solving Least Squares Problems (1974), ch. 23;
+H. White, Econometrica 48 (1980) 817.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import nnls
+
+_ROUNDS = 6
+_CAUCHY = 3.0
+"""Scatters at which a value weighs half."""
+_OF_NORMAL = 0.6745
+"""Median distance from the mean of a normal distribution, in standard deviations."""
+
+
+class NonNegative(NamedTuple):
+    """What was found.
+
+    Attributes
+    ----------
+    solution : Of every column.
+    covariance : Of the first columns, as if they might have either sign: that they may
+        not is no knowledge of the values.
+    deviance : Twice the negative logarithm of the likelihood, but for a constant.
+    """
+
+    solution: Float[np.ndarray, " columns"]
+    covariance: Float[np.ndarray, "first first"]
+    deviance: float
+
+
+def robust_non_negative(
+    design: Float[np.ndarray, "values columns"],
+    values: Float[np.ndarray, " values"],
+    member: Int[np.ndarray, " values"],
+    first: int,
+    least_scatter: float,
+) -> NonNegative:
+    """Least squares with non-negative unknowns and Cauchy weights.
+
+    Parameters
+    ----------
+    member : The set of every value, counted from 0 without gaps.
+    first : How many columns the covariance is of; the others repeat some of them with
+        the other sign.
+    least_scatter : Of any set.
+    """
+    offset = values.mean()
+    weight = np.ones(len(values))
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weight)
+        solution, _ = nnls(design * root[:, None], (values - offset) * root)
+        residual = values - offset - design @ solution
+        scatter = _scatter_of_each(residual, member, least_scatter)
+        ratio = (residual / (_CAUCHY * scatter)) ** 2
+        weight = 1 / (1 + ratio) / scatter**2
+    covariance = _covariance(design[:, :first], weight * residual, weight)
+    deviance = _CAUCHY**2 * np.log1p(ratio) + 2 * np.log(scatter)
+    return NonNegative(solution, covariance, float(np.sum(deviance)))
+
+
+def _scatter_of_each(
+    residual: np.ndarray, member: np.ndarray, least: float
+) -> Float[np.ndarray, " values"]:
+    """Of the set that a value is of."""
+    of_sets = [
+        np.median(np.abs(residual[member == k])) / _OF_NORMAL
+        for k in range(member.max() + 1)
+    ]
+    return np.array(of_sets)[member] + least
+
+
+def _covariance(
+    design: np.ndarray, pull: np.ndarray, weight: np.ndarray
+) -> Float[np.ndarray, "columns columns"]:
+    """Sandwich over the values."""
+    root = np.sqrt(weight)
+    # Not from the normal equations: with many terms they are nearly singular.
+    moves = np.linalg.pinv(design * root[:, None]) * (pull / root)
+    factor = len(design) / max(len(design) - design.shape[1], 1)
+    return moves @ moves.T * factor
