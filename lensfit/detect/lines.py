@@ -8,15 +8,11 @@ unevenly lit.
 
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import median_filter
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import Delaunay
 
-from lensfit.detect.lattice import index_lattice
+from lensfit.detect.line_crossings import Crossings, numbered_crossings
 from lensfit.detect.line_curves import Pieces, cut_pieces, move_crossings
 from lensfit.detect.line_measure import (
     measure_pieces,
@@ -26,17 +22,10 @@ from lensfit.detect.line_measure import (
 )
 from lensfit.detect.line_profile import Centres, Window
 from lensfit.detect.observations import Observations
-from lensfit.detect.ridges import RidgeScale, find_crossings, strongest_ridge
+from lensfit.detect.ridges import strongest_ridge
 from lensfit.errors import DetectionError
 from lensfit.photograph import Photograph
 
-FEWEST_CROSSINGS = 9
-LEAST_EXPLAINED = 0.4
-LEAST_JOINED = 0.6
-LEAST_ATTACHED = 0.1
-"""Crossings that hang together are of the grid from this part of all of them on."""
-BREAK = 0.25
-"""A line is broken where its ridge is weaker than this part of that at its ends."""
 PIECE_PX = (6, 16)
 """Shortest and longest piece that makes one sample: about the correlation length of
 compression noise and blur."""
@@ -70,15 +59,10 @@ def find_lines(photograph: Photograph, *, polarity: str | None = None) -> Observ
     """
     image = np.ascontiguousarray(photograph.luminance_channel, np.float32)
     scale = strongest_ridge(image, polarity)
-    crossings, indices, candidates = _numbered_crossings(photograph, image, scale)
-    pitch_px = _pitch(indices, crossings)
-
-    def window_of(seen: np.ndarray) -> Window:
-        half = profile_half_width(seen, indices, crossings, pitch_px, scale.sign)
-        return _window(half, pitch_px)
-
-    window = window_of(image)
-    pieces, centres = _refined(image, crossings, indices, window, scale.sign)
+    crossings = numbered_crossings(image, scale, photograph.path)
+    windows = _windows(photograph, crossings, scale.sign)
+    window = windows[photograph.luminance_index]
+    pieces, centres = _refined(image, crossings, window, scale.sign)
     kept = _reliable(pieces, centres)
     if not kept.any():
         raise DetectionError(
@@ -86,12 +70,26 @@ def find_lines(photograph: Photograph, *, polarity: str | None = None) -> Observ
             where=photograph.path,
             remedy="use a grid of thinner lines or move the camera closer",
         )
-    # Red and blue may be far more blurred than green.
-    channels = np.moveaxis(photograph.pixels, -1, 0)
-    own = tuple(max(window, window_of(channel), key=_reach) for channel in channels)
-    return _as_observations(
-        photograph, _Measured(pieces, centres, own, scale.sign), kept, candidates
-    )
+    measured = _Measured(pieces, centres, windows, scale.sign)
+    return _as_observations(photograph, measured, kept, crossings.candidates)
+
+
+def _windows(
+    photograph: Photograph, crossings: Crossings, sign: int
+) -> tuple[Window, ...]:
+    """What is read of the lines in every channel: no less than where they are found.
+
+    Red and blue may be far more blurred than green.
+    """
+    pitch_px = crossings.pitch_px
+    half_widths_px = [
+        profile_half_width(
+            channel, crossings.indices, crossings.points_px, pitch_px, sign
+        )
+        for channel in np.moveaxis(photograph.pixels, -1, 0)
+    ]
+    least_px = half_widths_px[photograph.luminance_index]
+    return tuple(_window(max(own, least_px), pitch_px) for own in half_widths_px)
 
 
 def _window(half_width_px: float, pitch_px: float) -> Window:
@@ -102,108 +100,18 @@ def _window(half_width_px: float, pitch_px: float) -> Window:
     return Window(half_width_px, fade_px, flank_px, piece_px)
 
 
-def _reach(window: Window) -> float:
-    return window.reach_px
-
-
-def _numbered_crossings(
-    photograph: Photograph, image: np.ndarray, scale: RidgeScale
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Positions and lattice indices of the crossings, and how many looked like one."""
-    crossings, ridge = find_crossings(image, scale)
-    indices, valid = index_lattice(crossings)
-    indices, on_grid = indices[valid], crossings[valid]
-    start, end = _neighbours(indices)
-    joined = _joined(on_grid[start], on_grid[end], ridge, scale)
-    share = float(joined.mean()) if len(joined) else 0.0
-    attached = _attached(len(on_grid), start[joined], end[joined])
-    indices, on_grid = indices[attached], on_grid[attached]
-    if (
-        len(on_grid) < FEWEST_CROSSINGS
-        or (np.ptp(indices, axis=0) < 2).any()
-        or _explained(on_grid, crossings) < LEAST_EXPLAINED
-        or share < LEAST_JOINED
-    ):
-        colour = "bright" if scale.sign > 0 else "dark"
-        raise DetectionError(
-            f"no line grid found: {len(crossings)} places look like crossings of "
-            f"{colour} lines, but too few lie in a grid and are joined by lines",
-            where=photograph.path,
-            remedy="check the target's kind and polarity, the focus and the exposure",
-        )
-    return on_grid, indices - indices.min(0), len(crossings)
-
-
 def _refined(
-    image: np.ndarray,
-    crossings: np.ndarray,
-    indices: np.ndarray,
-    window: Window,
-    sign: int,
+    image: np.ndarray, crossings: Crossings, window: Window, sign: int
 ) -> tuple[Pieces, Centres]:
     """Pieces along well-predicted lines, and their centres."""
+    indices, points_px = crossings.indices, crossings.points_px
     for last in reversed(range(REFINEMENTS)):
-        pieces = on_whole_rows(cut_pieces(indices, crossings, window), window.rows)
+        pieces = on_whole_rows(cut_pieces(indices, points_px, window), window.rows)
         centres = measure_pieces(image, pieces, window, sign)
         if last:
             shift_px = centres.dx_px[:, None] * read_axis(pieces)
-            crossings = move_crossings(indices, crossings, pieces, shift_px)
+            points_px = move_crossings(indices, points_px, pieces, shift_px)
     return pieces, centres
-
-
-def _explained(on_grid: np.ndarray, crossings: np.ndarray) -> float:
-    """Part of the candidates within the grid's outline that belong to it."""
-    inside = Delaunay(on_grid).find_simplex(crossings) >= 0
-    return len(on_grid) / max(int(inside.sum()), 1)
-
-
-def _joined(
-    start: np.ndarray, end: np.ndarray, ridge: np.ndarray, scale: RidgeScale
-) -> Bool[np.ndarray, " pairs"]:
-    """Which neighbouring crossings a ridge joins without a break."""
-    if not len(start):
-        return np.zeros(0, bool)
-    reach = 2 * round(scale.sigma_px) + 1
-    ridge = cv2.dilate(ridge, np.ones((reach, reach), np.uint8))
-    fraction = np.linspace(0, 1, 11)[:, None, None]
-    path = start + (end - start) * fraction
-    x, y = np.moveaxis(path, -1, 0).astype(int)
-    strength = ridge[y, x]
-    return strength[3:-3].min(0) > BREAK * strength[[0, -1]].mean(0)
-
-
-def _attached(
-    count: int, start: np.ndarray, end: np.ndarray
-) -> Bool[np.ndarray, " crossings"]:
-    """Crossings that hang together, by ridges, with a good part of all others.
-
-    Print beside a grid has places that look like crossings, some of them where the
-    next line would be.
-    """
-    if not count:
-        return np.zeros(0, bool)
-    links = coo_matrix((np.ones(len(start)), (start, end)), (count, count))
-    _, part = connected_components(links, directed=False)
-    return np.bincount(part)[part] >= LEAST_ATTACHED * count
-
-
-def _neighbours(indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of crossings one step apart along i or along j."""
-    at = {tuple(place): k for k, place in enumerate(indices.tolist())}
-    pairs = [
-        (k, at[ahead])
-        for (i, j), k in at.items()
-        for ahead in ((i + 1, j), (i, j + 1))
-        if ahead in at
-    ]
-    start, end = np.array(pairs, int).reshape(-1, 2).T
-    return start, end
-
-
-def _pitch(indices: np.ndarray, crossings: np.ndarray) -> float:
-    """Median distance in pixels between neighbouring crossings."""
-    start, end = _neighbours(indices)
-    return float(np.median(np.linalg.norm(crossings[end] - crossings[start], axis=1)))
 
 
 class _Measured(NamedTuple):
@@ -212,6 +120,11 @@ class _Measured(NamedTuple):
     windows: tuple[Window, ...]
     """Of every channel."""
     sign: int
+
+    @property
+    def rows(self) -> int:
+        """Of a piece, the same in every channel."""
+        return self.windows[0].rows
 
 
 def _reliable(pieces: Pieces, centres: Centres) -> Bool[np.ndarray, " pieces"]:
@@ -262,7 +175,7 @@ def _as_observations(
     return Observations(
         lattice=lattice[kept],
         points_px=points[kept],
-        covariance_px2=_covariance(variance, normal, measured.windows[0])[kept],
+        covariance_px2=_covariance(variance, normal, measured.rows)[kept],
         family=pieces.family[kept],
         normal=normal[kept],
         saturated=saturated[kept],
@@ -298,7 +211,7 @@ def _channels(
             across = (own.dx_px - centres.dx_px) * slant
             places[channel] = points + across[:, None] * normal
             covariances[channel] = _covariance(
-                own.variance_px2 * slant**2, normal, window
+                own.variance_px2 * slant**2, normal, measured.rows
             )
     return places, covariances, np.stack(fluxes, -1)
 
@@ -306,9 +219,9 @@ def _channels(
 def _covariance(
     across_px2: Float[np.ndarray, " samples"],
     normal: Float[np.ndarray, "samples 2"],
-    window: Window,
+    rows: int,
 ) -> Float[np.ndarray, "samples 2 2"]:
     """The given variance across the line, that of a piece's length along it."""
     outer = normal[:, :, None] * normal[:, None, :]
-    along_px2 = window.rows**2 / 12
+    along_px2 = rows**2 / 12
     return across_px2[:, None, None] * outer + along_px2 * (np.eye(2) - outer)
