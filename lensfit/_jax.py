@@ -38,7 +38,8 @@ def configure_jax() -> None:
     folder = cache_dir()
     if folder is not None and _writable(folder):
         _set("jax_compilation_cache_dir", str(folder))
-        _set("jax_persistent_cache_min_compile_time_secs", 0.2)
+        # All of them: a run has hundreds of small ones, seconds together.
+        _set("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def cache_dir() -> Path | None:

@@ -5,12 +5,14 @@ with the same number of rows is compiled once, whatever number of them is wanted
 """
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
 import numpy as np
 
 BATCH = 4096
+_THREADS = 2
 
 
 def in_batches(function: Callable[[Any], Any], rows: Any, size: int = BATCH) -> Any:
@@ -35,12 +37,18 @@ def in_batches(function: Callable[[Any], Any], rows: Any, size: int = BATCH) -> 
         array = np.asarray(array)
         return np.concatenate([array, np.repeat(array[-1:], padding, 0)])
 
-    def joined(*parts: Any) -> np.ndarray:
-        return np.concatenate([np.asarray(part) for part in parts])[:count]
+    def joined(*parts: np.ndarray) -> np.ndarray:
+        return np.concatenate(parts)[:count]
 
     whole = jax.tree.map(padded, rows)
     batches = (
         jax.tree.map(lambda array, k=k: array[k : k + size], whole)
         for k in range(0, count + padding, size)
     )
-    return jax.tree.map(joined, *[function(batch) for batch in batches])
+
+    def found(batch: Any) -> Any:
+        return jax.tree.map(np.asarray, function(batch))
+
+    # A program that works through its rows one by one keeps one core busy.
+    with ThreadPoolExecutor(_THREADS) as pool:
+        return jax.tree.map(joined, *pool.map(found, batches))

@@ -52,7 +52,12 @@ class Photograph:
     @property
     def luminance_channel(self) -> Float[np.ndarray, "height width"]:
         """The channel positions refer to: green, or the only one."""
-        return self.pixels[..., 1 if self.pixels.shape[2] == 3 else 0]
+        return self.pixels[..., self.luminance_index]
+
+    @property
+    def luminance_index(self) -> int:
+        """Which channel positions refer to."""
+        return 1 if self.pixels.shape[2] == 3 else 0
 
     def cropped(self, x0: int, y0: int, x1: int, y1: int) -> "Photograph":
         """The part from column x0 and row y0 up to column x1 and row y1."""

@@ -6,7 +6,7 @@ the logarithmic strain, which is smooth where there is no squeeze
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from lensfit.kernel.lens_blur import LensBlur
-from lensfit.kernel.psf_deviation import STEP
+from lensfit.kernel.psf_deviation import STEP, fewer_moves
 from lensfit.lens import Lens
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion
@@ -85,17 +85,18 @@ def _unturned(chosen: Selection, camera: Camera) -> Lens:
 
 
 def _moved_blurs(
-    chosen: Selection, lens: Lens, knobs: Knobs
+    chosen: Selection, lens: Lens, knobs: Knobs, draws: int | None
 ) -> Iterator[tuple[LensBlur, LensBlur]]:
-    """The blur at that state for every move of the block's uncertainty, turned alike;
-    see `lensfit.kernel.psf_deviation`. `lens` is not turned yet."""
+    """The blur at that state for every move of the block's uncertainty, or for so many
+    that stand for all, turned alike; see `lensfit.kernel.psf_deviation`. `lens` is not
+    turned yet."""
     block, f_number = chosen.entry.blur, chosen.f_number
     assert block is not None
     assert block.uncertainty is not None
     assert f_number is not None
     known = block.uncertainty
 
-    def blur_of(move: tuple[float, ...], share: float) -> LensBlur:
+    def blur_of(move: Sequence[float], share: float) -> LensBlur:
         steps = dict(zip(known.numbers, (share * v for v in move), strict=True))
         moved = msgspec.structs.replace(with_moves(block, steps), uncertainty=None)
         entry = msgspec.structs.replace(chosen.entry, blur=moved)
@@ -104,7 +105,8 @@ def _moved_blurs(
         assert turned.blur is not None
         return turned.blur
 
-    for move in known.moves:
+    moves = known.moves if draws is None else fewer_moves(known.moves, draws)
+    for move in moves:
         yield blur_of(move, STEP), blur_of(move, -STEP)
 
 

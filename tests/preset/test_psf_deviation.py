@@ -9,6 +9,7 @@ import pytest
 from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import LensfitError
+from lensfit.kernel.psf_deviation import fewer_moves
 from lensfit.lens import Lens
 from lensfit.preset.blur_blocks import BlurUncertainty, Pupil
 from lensfit.preset.blur_numbers import numbers_of, with_moves
@@ -78,6 +79,28 @@ def test_deviation_is_the_scatter_of_lenses_drawn_at_random():
     square = np.mean(np.sum((np.array(found) - known.psf) ** 2, (1, 2)))
     expected = known.relative_error()[0] * np.linalg.norm(known.psf)
     assert np.sqrt(square) == pytest.approx(expected, rel=0.15)
+
+
+def test_a_few_random_errors_stand_for_all_on_average():
+    rng = np.random.default_rng(1)
+    moves = rng.normal(size=(40, 5)) * [1.0, 2.0, 0.1, 1.0, 5.0]
+    exact = moves.T @ moves
+    many, few = (fewer_moves(moves, count) for count in (20_000, 12))
+    assert few.shape == (12, 5)
+    size = np.sqrt(np.outer(np.diag(exact), np.diag(exact)))
+    np.testing.assert_allclose(many.T @ many / size, exact / size, atol=0.05)
+    np.testing.assert_array_equal(few, fewer_moves(moves, 12))
+    np.testing.assert_allclose(abs(fewer_moves(moves[:1], 1)), abs(moves[:1]))
+
+
+def test_kernels_are_expected_to_be_as_wrong_by_a_few_random_errors():
+    lens = lens_of()
+    for_each, for_few = (
+        lens.known_psfs(np.array([POINT]), FAR_MM, "g", **PIXELS, draws=draws)
+        for draws in (None, 12)
+    )
+    np.testing.assert_array_equal(for_few.psf, for_each.psf)
+    assert for_few.relative_error() == pytest.approx(for_each.relative_error(), rel=0.3)
 
 
 def test_light_of_a_disc_thins_out_as_it_widens():

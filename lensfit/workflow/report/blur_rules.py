@@ -3,11 +3,9 @@
 import math
 from collections.abc import Iterator
 
+from lensfit.kernel.blur_quality import GOOD_BLUR, ROUGH_BLUR
 from lensfit.workflow.report.evidence import Finding, value_of
 from lensfit.workflow.report.markup import number, stated
-
-GOOD_BLUR, ROUGH_BLUR = 0.1, 0.25
-"""Relative error of a dot's image: hardly visible; visible but better than a disc."""
 
 
 def blur_findings(report: dict) -> Iterator[Finding]:
