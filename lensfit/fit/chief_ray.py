@@ -48,6 +48,7 @@ class ChiefRayFit:
     kept : Names of the blocks that are free.
     verdicts : What came of every term that was tried.
     focal_length_free : Whether the photographs determine the focal length.
+    walk_shows : Whether they tilt enough to say something of how the pupil walks.
     held_out_rms_px : Mean over seeds, per take, and for all.
     """
 
@@ -56,6 +57,7 @@ class ChiefRayFit:
     kept: tuple[str, ...]
     verdicts: tuple[Verdict, ...]
     focal_length_free: bool
+    walk_shows: bool
     held_out_rms_px: float
     held_out_rms_px_of_take: tuple[float, ...]
     notes: tuple[str, ...]
@@ -105,6 +107,7 @@ def fit_chief_ray(
         kept=kept,
         verdicts=tuple(verdicts),
         focal_length_free=start.focal_length_free,
+        walk_shows=start.walk_shows,
         held_out_rms_px=held_out,
         held_out_rms_px_of_take=per_take,
         notes=start.notes + _told(fitted),

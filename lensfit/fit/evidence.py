@@ -13,6 +13,7 @@ from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust, equations_at
 from lensfit.fit.parameters import PINHOLE, Layout, Prior
 from lensfit.fit.priors import loose_prior
 from lensfit.fit.select import (
+    LEAST_EFFECT_PX,
     Step,
     Verdict,
     bend_steps,
@@ -115,8 +116,7 @@ def _chosen(
         offset,
         always,
         terms,
-        int(adjustment.used.sum()),
-        _px_per_deviation(adjustment),
+        least_fall(adjustment),
     )
     chosen = _indices(always, found.kept, terms)
     started = replace(
@@ -142,11 +142,13 @@ def _indices(
     return np.unique(np.concatenate([always, *chosen]))
 
 
-def _px_per_deviation(adjustment: Adjustment) -> float:
-    """Pixels that a whitened residual of one stands for, on average."""
+def least_fall(adjustment: Adjustment) -> float:
+    """Of chi-squared by what the least effect explains for which a term is kept
+    (`LEAST_EFFECT_PX`, root mean square over the marks)."""
     variance = noise_mm2(adjustment.stack) + adjustment.model_variance_mm2[:, None]
-    mean = np.mean(variance[adjustment.used])
-    return float(np.sqrt(mean) / adjustment.stack.mm_per_px.mean())
+    mean_mm2 = np.mean(variance[adjustment.used])
+    px_per_deviation = float(np.sqrt(mean_mm2) / adjustment.stack.mm_per_px.mean())
+    return int(adjustment.used.sum()) * (LEAST_EFFECT_PX / px_per_deviation) ** 2
 
 
 def halves_of(adjustment: Adjustment) -> tuple[Statistics, Statistics]:

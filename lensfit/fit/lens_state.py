@@ -14,7 +14,7 @@ from lensfit.fit.colour import ChannelColour, fit_colour
 from lensfit.fit.entrance_pupil import EntrancePupil, entrance_pupil
 from lensfit.fit.geometry import compiled_distortion_of
 from lensfit.fit.illumination import FallOffFit, fit_illumination
-from lensfit.fit.pupil_walk import MeasuredWalk, measured_walk
+from lensfit.fit.pupil_walk import KnownWalk
 from lensfit.fit.take import Take
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
 from lensfit.optics.base import BaseProjection
@@ -33,9 +33,10 @@ class LensState:
     distortion : Its lens.
     uncertainty : Of its parameters.
     pupil : Where its entrance pupil is.
-    walk : How that moves with field angle; None where no photograph says.
     colour : Red and blue against green; empty for monochrome photographs.
     fall_off : One for each f-number.
+    walk : How the entrance pupil moves with field angle; None where nobody knows, and
+        until all states of the focal length have told theirs.
     """
 
     focal_length_mm: float
@@ -44,9 +45,9 @@ class LensState:
     distortion: Distortion
     uncertainty: Uncertainty
     pupil: EntrancePupil
-    walk: MeasuredWalk | None
     colour: dict[str, ChannelColour]
     fall_off: list[FallOffFit]
+    walk: KnownWalk | None = None
 
 
 def fit_state(
@@ -90,7 +91,6 @@ def fit_state(
         distortion=distortion,
         uncertainty=uncertainty,
         pupil=entrance_pupil(geometry, uncertainty, distance_mm, pupil_mm),
-        walk=measured_walk(geometry, uncertainty),
         colour=fit_colour(
             geometry.takes, centre, float(distortion.reference_radius_mm)
         ),
@@ -113,3 +113,11 @@ def better_told(after: LensState, before: Iterable[LensState]) -> LensState:
         and one.focus_distance_mm == after.focus_distance_mm
     ]
     return min([after, *same], key=lambda one: one.geometry.held_out_rms_px)
+
+
+def by_focal_length(states: Iterable[LensState]) -> dict[float, list[LensState]]:
+    """The states of every focal length, shortest first."""
+    found: dict[float, list[LensState]] = {}
+    for state in sorted(states, key=lambda one: one.focal_length_mm):
+        found.setdefault(state.focal_length_mm, []).append(state)
+    return found

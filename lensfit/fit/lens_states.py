@@ -6,18 +6,17 @@ opposed to centroids, and geometry and colour are then fitted again to those.
 """
 
 import time
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 
 from lensfit.errors import FitError
-from lensfit.fit.entrance_pupil import shared_pupil_mm
 from lensfit.fit.illumination import FallOffFit
-from lensfit.fit.lens_state import LensState, better_told, fit_state
-from lensfit.fit.pupil_walk import shared_walk
-from lensfit.fit.take import Take, grouped
+from lensfit.fit.lens_state import LensState, better_told, by_focal_length
+from lensfit.fit.pupil_walk import measured_walk, shared_walk, usual_walk
+from lensfit.fit.sharing_pupils import fit_sharing_pupils
+from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
 from lensfit.fit.wavefront.place import placed
@@ -78,7 +77,7 @@ def fit(
         Or some takes of a focal length state their focus distance and others do not.
     """
     _require_like_focus(takes)
-    states, failed = _fit_sharing_pupils(takes, progress)
+    states, failed = fit_sharing_pupils(takes, progress)
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
     began = time.perf_counter()
@@ -96,101 +95,22 @@ def fit(
         )
     }
     moved = [exact.get(t.name, t) for t in takes]
-    again, failed = _fit_sharing_pupils(moved, progress)
+    again, failed = fit_sharing_pupils(moved, progress)
     states = [better_told(state, states) for state in again]
     return Fitted(_sharing_walks(states), failed, wavefronts, without, seconds)
 
 
 def _sharing_walks(states: list[LensState]) -> tuple[LensState, ...]:
-    """Each with the walk of the pupil that all of its focal length show together."""
+    """Each with the walk of the pupil that all of its focal length show together, or
+    that of most lenses."""
     walks = {
-        focal_mm: shared_walk(state.walk for state in mine)
+        focal_mm: shared_walk(
+            (measured_walk(state.geometry, state.uncertainty) for state in mine),
+            usual_walk([take for state in mine for take in state.geometry.takes]),
+        )
         for focal_mm, mine in by_focal_length(states).items()
     }
     return tuple(replace(s, walk=walks[s.focal_length_mm]) for s in states)
-
-
-def by_focal_length(states: Iterable[LensState]) -> dict[float, list[LensState]]:
-    """The states of every focal length, shortest first."""
-    found: dict[float, list[LensState]] = {}
-    for state in sorted(states, key=lambda one: one.focal_length_mm):
-        found.setdefault(state.focal_length_mm, []).append(state)
-    return found
-
-
-def _fit_sharing_pupils(
-    takes: list[Take], progress: Progress
-) -> tuple[list[LensState], dict[str, FitError]]:
-    """Every state; those that do not see their entrance pupil with that of the others.
-
-    A pupil that is wrong by some share of the chart's distance scales a state by as
-    much. A tilt of few degrees hardly tells it, and another solve would find another
-    one: the states that told it stay as they were then.
-    """
-    states, failed = _fit_states(takes, progress, {}, shown=takes)
-    found = {
-        focal_mm: shared_pupil_mm(state.pupil for state in mine)
-        for focal_mm, mine in by_focal_length(states).items()
-    }
-    pupils = {focal_mm: mm for focal_mm, mm in found.items() if mm is not None}
-    told = [s for s in states if s.pupil.measured or s.focal_length_mm not in pupils]
-    names = {take.name for state in told for take in state.geometry.takes}
-    groups = grouped(takes)
-    others = [t for g in groups if not any(o.name in names for o in g) for t in g]
-    again, failed_again = _fit_states(others, progress, pupils, shown=takes, among=told)
-    retried = {take.name for take in others}
-    failed = {name: why for name, why in failed.items() if name not in retried}
-    return _in_order([*told, *again], takes), failed | failed_again
-
-
-def _in_order(states: list[LensState], takes: list[Take]) -> list[LensState]:
-    """As their photographs come."""
-    place = {take.name: k for k, take in enumerate(takes)}
-    return sorted(states, key=lambda s: min(place[t.name] for t in s.geometry.takes))
-
-
-def _fit_states(
-    takes: list[Take],
-    progress: Progress,
-    pupils: Mapping[float, float],
-    *,
-    shown: list[Take],
-    among: Sequence[LensState] = (),
-) -> tuple[list[LensState], dict[str, FitError]]:
-    """Every state by itself, with the entrance pupils that others measured.
-
-    Parameters
-    ----------
-    shown : Of all states of the lens.
-    among : Other states of the lens.
-    """
-    states: list[LensState] = []
-    failed: dict[str, FitError] = {}
-    groups = grouped(takes)
-    while groups:
-        group = groups.pop(0)
-        try:
-            others = [*among, *states]
-            base = others[0].distortion.base if others else None
-            pupil_mm = pupils.get(group[0].focal_length_mm)
-            states.append(
-                fit_state(group, progress, shown=shown, base=base, pupil_mm=pupil_mm)
-            )
-        except FitError as error:
-            # One photograph that contradicts itself must not cost the others.
-            rest = [take for take in group if take.name != error.where]
-            at_fault = [take for take in group if take.name == error.where] or group
-            failed |= {take.name: error for take in at_fault}
-            if at_fault is not group and rest:
-                groups.insert(0, rest)
-        except (ValueError, cv2.error) as error:
-            reason = FitError(
-                f"the fit broke down ({error})",
-                where=group[0].name,
-                remedy="look at the overlays for marks with wrong numbers",
-            )
-            failed |= {take.name: reason for take in group}
-    return states, failed
 
 
 def _fit_wavefronts(

@@ -18,6 +18,7 @@ must only on the same evidence.
 Reference: G. Schwarz, Annals of Statistics 6 (1978) 461-464.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -102,12 +103,9 @@ def families(layout: Layout, largest: Layout | None = None) -> dict[str, list[St
     found = {
         "principal_point": [Step("principal_point", of["principal_point"])],
         "pupil_walk": [Step("pupil_walk", of["pupil_walk"])],
-        "radial": [
-            Step(f"radial_{k}", of["radial"][:k]) for k in range(1, largest.radial + 1)
-        ],
+        "radial": _prefixes("radial", of["radial"], range(1, largest.radial + 1)),
         "squeeze": [Step("squeeze", of["squeeze"])],
-        "decentering": _prefixes("decentering", of["decentering"], (2, 4)),
-        "thin_prism": _prefixes("thin_prism", of["thin_prism"], (2, 4)),
+        "decentering": _decentering_steps(of["decentering"], of["thin_prism"]),
         "anamorphic": _prefixes("anamorphic", of["anamorphic"], (3, 8)),
         "free_field": _field_steps(of["free_field"], largest.free_degree),
         "board_stretch": _stretch_steps(of["board_stretch"], largest.stretch_degree),
@@ -138,8 +136,7 @@ def choose(
     offset: Float[np.ndarray, " parameters"],
     always: Int[np.ndarray, " always"],
     terms: dict[str, list[Step]],
-    marks: int = 0,
-    px_per_deviation: float = np.inf,
+    least_fall: float = 0.0,
 ) -> Choice:
     """Greedy search among models of rising size.
 
@@ -149,11 +146,9 @@ def choose(
     precision : Prior precision of every parameter.
     offset : Current parameters minus their prior mean.
     always : Parameters that are in every model; none of them in `terms`.
-    marks : Marks of both halves, over which an effect is averaged.
-    px_per_deviation : Pixels that a whitened residual of one stands for; the default
-        lets effects of any size pass.
+    least_fall : Of the held-out sum of squares by what an effect of `LEAST_EFFECT_PX`
+        explains; the default lets effects of any size pass.
     """
-    least = marks * (LEAST_EFFECT_PX / px_per_deviation) ** 2
     tried = np.concatenate([steps[-1].indices for steps in terms.values()])
     trial = Trial(first_half, second_half, precision, offset, always, tried)
     kept: dict[str, int] = {}
@@ -163,7 +158,9 @@ def choose(
     while True:
         best = None
         for family, steps in terms.items():
-            growths = _growths(trial, indices, now, steps, kept.get(family, 0), least)
+            growths = _growths(
+                trial, indices, now, steps, kept.get(family, 0), least_fall
+            )
             verdicts |= {growth.verdict.name: growth.verdict for growth in growths}
             own = _best_of(growths)
             if own and (best is None or own.evidence > best[1].evidence):
@@ -203,7 +200,7 @@ def _growths(
     now: Scores,
     steps: list[Step],
     first: int,
-    least: float,
+    least_fall: float,
 ) -> list[_Growth]:
     """Every step from `first` on that adds something to the model of `indices`."""
     found = []
@@ -214,7 +211,7 @@ def _growths(
         scores = trial.scores(grown)
         fall = now.held_out - scores.held_out
         gains = now.bic - scores.bic, 1 - scores.held_out / now.held_out
-        verdict = Verdict(step.name, False, *gains, visible=fall > least)
+        verdict = Verdict(step.name, False, *gains, visible=fall > least_fall)
         found.append(_Growth(level, grown, scores, verdict))
     return found
 
@@ -229,8 +226,22 @@ def _best_of(growths: list[_Growth]) -> _Growth | None:
     return best
 
 
-def _prefixes(name: str, indices: np.ndarray, lengths: tuple[int, ...]) -> list[Step]:
+def _prefixes(name: str, indices: np.ndarray, lengths: Iterable[int]) -> list[Step]:
     return [Step(f"{name}_{n}", indices[:n]) for n in lengths]
+
+
+def _decentering_steps(decentering: np.ndarray, thin_prism: np.ndarray) -> list[Step]:
+    """Thin prism on top of decentering, not instead of it.
+
+    They differ by a tilt of the board, so that a frontal view suits either. Elements
+    that are out of centre distort as the one does: their own distortion, shifted.
+    """
+    return [
+        Step("decentering_2", decentering[:2]),
+        Step("thin_prism_2", np.concatenate([decentering[:2], thin_prism[:2]])),
+        Step("decentering_4", np.concatenate([decentering, thin_prism[:2]])),
+        Step("thin_prism_4", np.concatenate([decentering, thin_prism])),
+    ]
 
 
 def _field_steps(indices: np.ndarray, degree: int) -> list[Step]:

@@ -103,6 +103,15 @@ def test_decentering_is_found_by_its_name():
     np.testing.assert_allclose(fit.held_out_rms_px, NOISE_PX * np.sqrt(2), rtol=0.1)
 
 
+def test_what_a_frontal_view_sees_of_decentering_is_not_taken_for_a_prism():
+    camera = Camera(
+        30.0, (0.0, 0.0), k=(-0.05, 0.0), p=(1.5e-3, -1e-3), rotations=FRONTAL[1:2]
+    )
+    fit = fit_chief_ray(shoot(camera, NOISE_PX, seed=5))
+    assert any(name.startswith("decentering") for name in fit.kept)
+    assert not any(name.startswith("thin_prism") for name in fit.kept)
+
+
 def test_three_percent_of_gross_errors_change_nothing():
     takes = shoot(BROWN, NOISE_PX, seed=1)
     rng = np.random.default_rng(8)

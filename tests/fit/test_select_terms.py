@@ -140,3 +140,21 @@ def test_room_for_another_states_model_adds_no_terms():
         name: [(s.name, len(s.indices)) for s in steps]
         for name, steps in expected.items()
     }
+
+
+def test_a_prism_enters_on_top_of_decentering_and_never_alone():
+    layout = Layout()
+    found = families(layout)
+    blocks = layout.blocks
+    prism = np.arange(blocks["thin_prism"].start, blocks["thin_prism"].stop)
+    first = np.arange(blocks["decentering"].start, blocks["decentering"].start + 2)
+    assert "thin_prism" not in found
+    with_prism = [
+        step
+        for steps in found.values()
+        for step in steps
+        if np.isin(prism, step.indices).any()
+    ]
+    assert {step.name for step in with_prism} >= {"thin_prism_2", "thin_prism_4"}
+    for step in with_prism:
+        assert np.isin(first, step.indices).all()

@@ -13,12 +13,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.wavefront.families import COARSE, Family, deviation_of, families_of
 from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
-from lensfit.fit.wavefront.moments import Focus, likely_focus, set_focus
+from lensfit.fit.wavefront.moments import (
+    Focus,
+    dot_widths_mm,
+    likely_focus,
+    set_focus,
+)
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.stages import (
     first_stage,
@@ -29,10 +34,9 @@ from lensfit.fit.wavefront.stages import (
 )
 from lensfit.fit.wavefront.start import (
     IN_FOCUS_MM,
-    first_defocus_mm,
+    FirstDefocus,
+    first_defocus,
     first_parameters,
-    seen_defocus_mm,
-    stated_defocus_mm,
 )
 from lensfit.fit.wavefront.valleys import (
     Valley,
@@ -55,20 +59,25 @@ _FINALISTS = 4
 """How many are solved with all dots; the next stage, as cheap, may have them all."""
 
 
-class _Offsets(NamedTuple):
-    """Defocus common to all takes, in the largest that is seen: beyond what is seen of
-    each take, and beyond what was stated of it. And how many curved fields (`moments`)
-    are tried."""
+class _Tries(NamedTuple):
+    """How many starts there are for each choice of signs.
+
+    Attributes
+    ----------
+    from_seen, from_stated : Defocus common to all takes, in the largest that is seen,
+        beyond what is seen of each take and beyond what was stated of it.
+    curved : Number of curved fields (`moments`).
+    """
 
     from_seen: tuple[float, ...]
-    from_said: tuple[float, ...]
+    from_stated: tuple[float, ...]
     curved: int
 
 
-_OFFSETS = (
-    _Offsets((0.0, -0.5, 0.5, -1.0, 1.0), (0.0, -0.5, 0.5, -1.0, 1.0, -2.0, 2.0), 4),
-    _Offsets((0.0,), (0.0, -1.0, 1.0), 2),
-    _Offsets((0.0,), (), 1),
+_TRIES = (
+    _Tries((0.0, -0.5, 0.5, -1.0, 1.0), (0.0, -0.5, 0.5, -1.0, 1.0, -2.0, 2.0), 4),
+    _Tries((0.0,), (0.0, -1.0, 1.0), 2),
+    _Tries((0.0,), (), 1),
 )
 """By the number of signs that are open: none, one, more. Each doubles the starts."""
 
@@ -98,17 +107,21 @@ def coarse_fit(
     allowed: Collection[str] | None = None,
 ) -> Coarse:
     """Third order, from the starts that suit the photographs best."""
-    value, known = first_defocus_mm(gathered)
-    families = families_of(gathered, layout, value, allowed)
+    first = first_defocus(gathered)
+    families = families_of(gathered, layout, first.value_mm, allowed)
     deviation = deviation_of(families, layout, COARSE)
-    start = first_parameters(gathered, layout, fall_off)
-    side_stated = bool(known.all() and np.any(np.abs(value) > IN_FOCUS_MM))
+    perfect = first_parameters(gathered, layout, fall_off, first.value_mm)
+    all_stated = bool(first.side_stated.all())
+    side_stated = all_stated and bool(np.any(np.abs(first.value_mm) > IN_FOCUS_MM))
     some = gathered
-    if known.all():
+    if all_stated:
         some = chosen(gathered, spread_over_takes(gathered, _FEW_DOTS))
     tries = []
-    for lens in _starts(gathered, layout, start, (value, known)):
-        parameters = np.where(deviation > 0, lens, start)
+    sine = float(gathered.scale.reference_sine)
+    for focus in _focus_to_try(gathered, first, curved=not layout.anamorphic):
+        lens = set_focus(perfect, layout, focus, sine)
+        # What is not free here stays as a perfect lens has it.
+        parameters = np.where(deviation > 0, lens, perfect)
         stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
         # Most starts lead nowhere: one look where the dots lie is enough for them.
         tries.append(valley_at(solved(settled(freed(stage, deviation), 1))))
@@ -134,45 +147,44 @@ def _finalists(
     return kept, [*left_of(ended, kept), *left_of(tries, begun)]
 
 
-def _starts(
-    gathered: Gathered,
-    layout: Layout,
-    start: Float[np.ndarray, " parameters"],
-    first: tuple[Float[np.ndarray, " groups"], Bool[np.ndarray, " groups"]],
-) -> list[Float[np.ndarray, " parameters"]]:
+def _focus_to_try(
+    gathered: Gathered, first: FirstDefocus, *, curved: bool
+) -> list[Focus]:
     """As defocus is seen; and as it was stated, since aberrations widen what is seen,
-    with all takes moved by the same, or with curved fields.
-
-    Parameters
-    ----------
-    first : As `first_defocus_mm` returns them.
-    """
-    value_mm, known = first
-    patterns = _signs(value_mm, known)
-    unit_mm = float(np.max(seen_defocus_mm(gathered)))
-    stated_mm = stated_defocus_mm(gathered)
-    said_mm = np.where(np.isfinite(stated_mm), stated_mm, value_mm)
+    with all takes moved by the same, or with curved fields: those at the end."""
+    patterns = _signs(first)
     open_signs = (len(patterns) - 1).bit_length()
-    offsets = _OFFSETS[min(open_signs, len(_OFFSETS) - 1)]
-    sine = float(gathered.scale.reference_sine)
-    flat: list[Focus] = []
-    curved: list[Focus] = []
-    for signs in patterns:
-        flat += [Focus(value_mm * signs + o * unit_mm) for o in offsets.from_seen]
-        flat += [Focus(said_mm * signs + o * unit_mm) for o in offsets.from_said]
-        if not layout.anamorphic:
-            curved += likely_focus(gathered, said_mm * signs, offsets.curved)
-    return [set_focus(start, layout, focus, sine) for focus in (*flat, *curved)]
+    tries = _TRIES[min(open_signs, len(_TRIES) - 1)]
+    unit_mm = float(np.max(first.seen_mm))
+    as_stated_mm = np.where(first.side_stated, first.stated_mm, first.value_mm)
+    begun = (first.value_mm, tries.from_seen), (as_stated_mm, tries.from_stated)
+    flat = [
+        Focus(defocus_mm * signs + offset * unit_mm)
+        for signs in patterns
+        for defocus_mm, offsets in begun
+        for offset in offsets
+    ]
+    if not curved:
+        return flat
+    widths_mm = dot_widths_mm(gathered)
+    bent = [
+        focus
+        for signs in patterns
+        for focus in likely_focus(
+            gathered, widths_mm, as_stated_mm * signs, tries.curved
+        )
+    ]
+    return flat + bent
 
 
-def _signs(value: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
+def _signs(first: FirstDefocus) -> list[Float[np.ndarray, " groups"]]:
     """Signs to try: every combination for the largest few defocus values that nobody
     stated; others stay as they are."""
-    unknown = np.flatnonzero(~known)
-    unknown = unknown[np.argsort(-np.abs(value[unknown]))][:_MOST_SIGNS]
+    unknown = np.flatnonzero(~first.side_stated)
+    unknown = unknown[np.argsort(-np.abs(first.value_mm[unknown]))][:_MOST_SIGNS]
     tries = []
     for flips in itertools.product((1.0, -1.0), repeat=len(unknown)):
-        signs = np.ones(len(value))
+        signs = np.ones(len(first.value_mm))
         signs[unknown] = flips
         tries.append(signs)
     return tries

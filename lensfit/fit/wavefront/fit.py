@@ -43,6 +43,7 @@ from lensfit.fit.wavefront.valleys import (
     valley_at,
 )
 from lensfit.fit.wavefront.weigh import relative_misfit
+from lensfit.kernel.blur_quality import ROUGH_BLUR
 from lensfit.optics.spectrum import Bands, bands
 from lensfit.optics.terms import (
     decentring_terms,
@@ -64,8 +65,6 @@ each takes as long as all that came before."""
 _EXPLAINED = 4.0
 """Cost of a dot and channel, smoothed, up to which no other start is tried: a residual
 of a tenth of the peak on one cell, or of a twentieth on four."""
-_POOR = 0.25
-"""Relative error of a dot's image from which on a disc would do as well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,10 +223,11 @@ def _notes(
         )
     if not converged:
         notes.append("the fit of the dots' shape did not converge")
-    if not held_out_misfit < _POOR:
+    if not held_out_misfit <= ROUGH_BLUR:
+        known = np.isfinite(held_out_misfit)
+        by = f" by {100 * held_out_misfit:.0f} %" if known else ""
         notes.append(
-            f"the fit misses the dots' shape by {100 * held_out_misfit:.0f} %: its "
-            "blur is not to be used; look at the overlays, and stop down further or "
-            "photograph smaller holes"
+            f"the fit misses the dots' shape{by}: its blur is not to be used; look at "
+            "the overlays, and stop down further or photograph smaller holes"
         )
     return tuple(notes)

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fit.wavefront.dots import hole_variance_mm2
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout
+from lensfit.fit.wavefront.start import blurring_defocus_mm
 from lensfit.optics.terms import Term
 
 _GREEN = 1
@@ -34,8 +34,8 @@ _CURVED = np.linspace(-6.0, 6.0, 121)
 _APART = 0.5
 """Closer than this two choices are one."""
 _CURVATURE, _ASTIGMATISM = Term(2, 0, 2, 0), Term(2, 2, 2, 2)
-_RMS = np.sqrt(2.0) * 1e-3
-"""Slope of a mode of degree 2 per um of its coefficient, mm."""
+_SLOPE_MM_PER_UM = np.sqrt(2.0) * 1e-3
+"""Of a mode of degree 2 at the rim, in terms of its coefficient."""
 
 
 class Focus(NamedTuple):
@@ -47,17 +47,31 @@ class Focus(NamedTuple):
     across_mm: float = 0.0
 
 
+def dot_widths_mm(gathered: Gathered) -> Float[np.ndarray, "dots 2"]:
+    """Size of the defocus that would make dots as wide as they are, along the radius of
+    the field and across."""
+    field_mm = np.asarray(gathered.dots.field_mm)
+    radius_mm = np.maximum(np.hypot(*field_mm.T), 1e-9)[:, None]
+    along = field_mm / radius_mm
+    ways = np.stack([along, along[:, ::-1] * [-1.0, 1.0]])
+    variance = np.einsum("wdi,dij,wdj->wd", ways, _moments_mm2(gathered), ways)
+    return blurring_defocus_mm(gathered, variance).T
+
+
 def likely_focus(
-    gathered: Gathered, said_mm: Float[np.ndarray, " groups"], most: int
+    gathered: Gathered,
+    widths_mm: Float[np.ndarray, "dots 2"],
+    said_mm: Float[np.ndarray, " groups"],
+    most: int,
 ) -> list[Focus]:
     """The choices that suit the widths of the dots best, the best first.
 
     Parameters
     ----------
+    widths_mm : As `dot_widths_mm` has them.
     said_mm : Defocus of every group but for what is common; NaN leaves its dots out.
     most : How many.
     """
-    widths_mm = _widths_mm(gathered)
     of_dot_mm = said_mm[gathered.dots.group]
     seen = np.isfinite(of_dot_mm) & np.isfinite(widths_mm).all(-1)
     if not seen.any():
@@ -86,13 +100,13 @@ def set_focus(
 ) -> Float[np.ndarray, " parameters"]:
     """The same lens focused so; curvature is a mode whose mean over the field is 0."""
     found = parameters.copy()
-    um = reference_sine / _RMS
-    curvature_um = um * (focus.along_mm + focus.across_mm) / 4
-    astigmatism_um = um * (focus.along_mm - focus.across_mm) / 2
+    um_per_mm = reference_sine / _SLOPE_MM_PER_UM
+    curvature_um = um_per_mm * (focus.along_mm + focus.across_mm) / 4
+    astigmatism_um = um_per_mm * (focus.along_mm - focus.across_mm) / 2
     coefficients = found[layout.blocks["coefficients"]]
     coefficients[layout.terms.index(_CURVATURE)] = curvature_um
     coefficients[layout.terms.index(_ASTIGMATISM)] = astigmatism_um
-    mean_mm = curvature_um / um
+    mean_mm = curvature_um / um_per_mm
     found[layout.blocks["defocus"]][: len(focus.axis_mm)] = focus.axis_mm + mean_mm
     return found
 
@@ -111,22 +125,6 @@ def _distinct(
         found.append(one)
         left[np.abs(places - one).max(-1) < apart_mm] = np.inf
     return found
-
-
-def _widths_mm(gathered: Gathered) -> Float[np.ndarray, "dots 2"]:
-    """Size of the defocus that would make dots as wide as they are, along the radius of
-    the field and across."""
-    dots = gathered.dots
-    sine = float(gathered.scale.reference_sine) * dots.stop_radius
-    square = _moments_mm2(gathered) - hole_variance_mm2(dots)[:, None, None] * np.eye(2)
-    field_mm = np.asarray(dots.field_mm)
-    radius_mm = np.maximum(np.hypot(*field_mm.T), 1e-9)[:, None]
-    along = field_mm / radius_mm
-    ways = np.stack([along, along[:, ::-1] * [-1.0, 1.0]], 1)
-    variance = np.einsum("dwi,dij,dwj->dw", ways, square, ways)
-    # A disc of radius R has the variance R^2 / 4.
-    tangent = sine / np.sqrt(1 - sine**2)
-    return 2 * np.sqrt(np.maximum(variance, 0.0)) / tangent[:, None]
 
 
 def _moments_mm2(gathered: Gathered) -> Float[np.ndarray, "dots 2 2"]:

@@ -5,10 +5,12 @@ from focus and chart distance where both were stated. Rims begin where they expl
 fall-off that the dots' brightness shows.
 """
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.wavefront.dots import hole_variance_mm2
@@ -42,11 +44,8 @@ def seen_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
     radius = np.hypot(*gathered.dots.field_mm.T)
     limit = _NEAR_AXIS * float(gathered.scale.field_radius_mm)
     central = radius <= max(limit, float(np.quantile(radius, 0.15)))
-    sine = float(gathered.scale.reference_sine) * gathered.dots.stop_radius
     # The diameter is that of the disc of the same second moment.
-    square = gathered.diameter_mm**2 / 4 - 4 * hole_variance_mm2(gathered.dots)
-    tangent = sine / np.sqrt(1 - sine**2)
-    size = np.sqrt(np.maximum(square, 0.0)) / tangent
+    size = blurring_defocus_mm(gathered, gathered.diameter_mm**2 / 16)
     if gathered.dots.sections is not None:
         # A disc along y, narrower along x: of both only the mean was seen.
         narrow = 1 + np.asarray(gathered.dots.sections.per_defocus)
@@ -68,12 +67,45 @@ def _log_squeeze(gathered: Gathered) -> Float[np.ndarray, " groups"]:
     return np.array([-0.5 * np.log1p(per_defocus[group == k].mean()) for k in groups])
 
 
-def first_defocus_mm(gathered: Gathered) -> tuple[np.ndarray, np.ndarray]:
-    """Start value of every group, and whether its sign was stated."""
-    seen, stated = seen_defocus_mm(gathered), stated_defocus_mm(gathered)
-    known = np.isfinite(stated)
-    value = np.where(known, np.sign(stated) * seen, seen)
-    return np.where(np.abs(stated) <= IN_FOCUS_MM, stated, value), known
+def blurring_defocus_mm(
+    gathered: Gathered, variance_mm2: Float[np.ndarray, "*ways dots"]
+) -> Float[np.ndarray, "*ways dots"]:
+    """Size of the defocus whose disc, with the hole, has this variance along a line."""
+    sine = float(gathered.scale.reference_sine) * gathered.dots.stop_radius
+    tangent = sine / np.sqrt(1 - sine**2)
+    of_disc = np.maximum(variance_mm2 - hole_variance_mm2(gathered.dots), 0.0)
+    # A disc of radius R has the variance R^2 / 4.
+    return 2 * np.sqrt(of_disc) / tangent
+
+
+class FirstDefocus(NamedTuple):
+    """What is known of every group's defocus before anything is fitted.
+
+    Attributes
+    ----------
+    seen_mm : Its size, as `seen_defocus_mm` has it.
+    stated_mm : As `stated_defocus_mm` has it; NaN where nothing was said.
+    """
+
+    seen_mm: Float[np.ndarray, " groups"]
+    stated_mm: Float[np.ndarray, " groups"]
+
+    @property
+    def side_stated(self) -> Bool[np.ndarray, " groups"]:
+        """Where the sign was stated, or that the chart was in focus."""
+        return np.isfinite(self.stated_mm)
+
+    @property
+    def value_mm(self) -> Float[np.ndarray, " groups"]:
+        """Where to begin: the size that was seen on the side that was stated."""
+        side = np.where(self.side_stated, np.sign(self.stated_mm), 1.0)
+        in_focus = np.abs(self.stated_mm) <= IN_FOCUS_MM
+        return np.where(in_focus, self.stated_mm, side * self.seen_mm)
+
+
+def first_defocus(gathered: Gathered) -> FirstDefocus:
+    """As it was seen and as it was stated."""
+    return FirstDefocus(seen_defocus_mm(gathered), stated_defocus_mm(gathered))
 
 
 def first_rims(
@@ -123,12 +155,12 @@ def first_parameters(
     gathered: Gathered,
     layout: Layout,
     fall_off: FallOffFit | None,
+    defocus_mm: Float[np.ndarray, " groups"],
 ) -> Float[np.ndarray, " parameters"]:
-    """The whole vector: a perfect lens, defocused and clipped as seen."""
+    """The whole vector: a perfect lens, so defocused and clipped as seen."""
     blocks = layout.blocks
     parameters = np.zeros(layout.size)
-    value, _ = first_defocus_mm(gathered)
-    parameters[blocks["defocus"]][: len(value)] = value
+    parameters[blocks["defocus"]][: len(defocus_mm)] = defocus_mm
     radius, shift = first_rims(fall_off, float(gathered.scale.field_radius_mm))
     parameters[blocks["rim_radius"]] = np.tile([radius, 0.0], layout.rims)
     sides = np.resize([shift, 0.0, -shift, 0.0], 2 * layout.rims)

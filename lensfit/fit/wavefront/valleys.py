@@ -14,6 +14,7 @@ fit finds its way through.
 
 from collections.abc import Callable
 from dataclasses import replace
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ _DECISIVE = 1.1
 """How much better one must explain the photographs to be preferred for it."""
 _SAME = 0.2
 """Apart by less than this share of the largest defocus, valleys are one."""
+_COST = attrgetter("cost")
 
 
 class Valley(NamedTuple):
@@ -69,7 +71,7 @@ def deepest(found: list[Valley]) -> Valley:
     ------
     FitError : None of them explains anything.
     """
-    best = min(found, key=lambda one: one.cost)
+    best = min(found, key=_COST)
     if not np.isfinite(best.cost):
         raise FitError(
             "no lens was found that explains the shape of the dots at all",
@@ -96,9 +98,9 @@ def still_open(
     best = deepest(found)
     apart = _each_once([one for one in found if one.cost <= hopeless * best.cost])
     decisive = _DECISIVE * best.cost
-    told = [one for one in apart if one.cost > decisive]
-    open_yet = [one for one in apart if one.cost <= decisive]
-    kept = [*sorted(open_yet, key=lambda one: one.off_mm), *told][:most]
+    alike = [one for one in apart if one.cost <= decisive]
+    worse = [one for one in apart if one.cost > decisive]
+    kept = [*sorted(alike, key=attrgetter("off_mm")), *worse][:most]
     rival = _rival(best, apart)
     if both_sides and rival is not None and all(rival is not one for one in kept):
         kept[-1] = rival
@@ -108,9 +110,7 @@ def still_open(
 def left_of(found: list[Valley], kept: list[Valley]) -> list[Valley]:
     """Those that were not kept, the deepest first; none that failed."""
     left = [one for one in found if all(one is not other for other in kept)]
-    return sorted(
-        (one for one in left if np.isfinite(one.cost)), key=lambda one: one.cost
-    )
+    return sorted((one for one in left if np.isfinite(one.cost)), key=_COST)
 
 
 def side_is_told(found: list[Valley]) -> bool:
@@ -130,7 +130,7 @@ def _off_mm(stage: Stage) -> float:
 def _each_once(found: list[Valley]) -> list[Valley]:
     """The deepest of those that are one."""
     apart: list[Valley] = []
-    for one in sorted(found, key=lambda one: one.cost):
+    for one in sorted(found, key=_COST):
         if not any(_is_same(one, other) for other in apart):
             apart.append(one)
     return apart
@@ -139,7 +139,7 @@ def _each_once(found: list[Valley]) -> list[Valley]:
 def _rival(best: Valley, found: list[Valley]) -> Valley | None:
     """The deepest one on the other side of focus."""
     across = [one for one in found if _is_across(one, best)]
-    return min(across, key=lambda one: one.cost, default=None)
+    return min(across, key=_COST, default=None)
 
 
 def _is_same(one: Valley, other: Valley) -> bool:

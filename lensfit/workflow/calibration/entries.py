@@ -69,6 +69,8 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
     assumed = [] if state.pupil.measured else ["entrance_pupil_offset_mm"]
     if not geometry.focal_length_free:
         assumed.insert(0, "principal_distance_mm")
+    if state.walk is not None and not state.walk.measured:
+        assumed.append("pupil_walk")
     rms_px, held_out_px, used, detected = errors_of(geometry)
     entry = Entry(
         focal_length_mm=state.focal_length_mm,

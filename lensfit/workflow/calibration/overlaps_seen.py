@@ -42,17 +42,15 @@ def why_overlaps(takes: Sequence[Take | None]) -> list[str | None]:
     themselves.
     """
     grids = [_grid(take) for take in takes]
-    crossed = [_is_crossed(g, _others(k, takes, grids)) for k, g in enumerate(grids)]
-    return [_REASON if one else None for one in crossed]
-
-
-def _others(
-    k: int, takes: Sequence[Take | None], grids: list[_Grid | None]
-) -> list[_Grid]:
-    """Grids of the other photographs of the same chart through the same lens."""
     kinds = [take and (take.target, take.focal_length_mm) for take in takes]
-    like = [j for j, kind in enumerate(kinds) if kind == kinds[k] and j != k]
-    return [grid for grid in (grids[j] for j in like) if grid is not None]
+
+    def others(k: int) -> list[_Grid]:
+        """Grids of the other photographs of the same chart through the same lens."""
+        like = [j for j, kind in enumerate(kinds) if kind == kinds[k] and j != k]
+        return [grid for grid in (grids[j] for j in like) if grid is not None]
+
+    crossed = [_is_crossed(grid, others(k)) for k, grid in enumerate(grids)]
+    return [_REASON if one else None for one in crossed]
 
 
 def _is_crossed(grid: _Grid | None, others: list[_Grid]) -> bool:

@@ -9,7 +9,7 @@ from drawn_lens import LAYOUT, PLACES_MM, REFERENCE_MM, Seidel, Shot, photograph
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.wavefront.gather import Group, chosen, spread_out, spread_over_takes
 from lensfit.fit.wavefront.start import (
-    first_defocus_mm,
+    first_defocus,
     first_parameters,
     first_rims,
     seen_defocus_mm,
@@ -30,32 +30,30 @@ def test_the_size_of_defocus_is_that_of_the_disc(discs):
 
 def test_its_sign_is_that_of_the_stated_distances(discs):
     """The chart beyond the focus distance: the sensor lies behind its image."""
-    value, known = first_defocus_mm(discs)
-    np.testing.assert_allclose(value, [0.4, -0.2], rtol=0.03)
-    assert known.all()
+    first = first_defocus(discs)
+    np.testing.assert_allclose(first.value_mm, [0.4, -0.2], rtol=0.03)
+    assert first.side_stated.all()
 
 
 def test_without_distances_the_sign_is_unknown(discs):
     silent = replace(discs, groups=(Group(None, None, "a"), discs.groups[1]))
-    value, known = first_defocus_mm(silent)
-    np.testing.assert_allclose(value, [0.4, -0.2], rtol=0.03)
-    np.testing.assert_array_equal(known, [False, True])
+    first = first_defocus(silent)
+    np.testing.assert_allclose(first.value_mm, [0.4, -0.2], rtol=0.03)
+    np.testing.assert_array_equal(first.side_stated, [False, True])
 
 
 def test_a_chart_stated_in_focus_is_taken_to_be(discs):
     """What is seen is then aberrations, not defocus."""
     focused = Group(REFERENCE_MM, REFERENCE_MM, "")
-    value, known = first_defocus_mm(replace(discs, groups=(focused, discs.groups[1])))
-    assert known.all()
-    assert abs(value[0]) < 1e-9
+    first = first_defocus(replace(discs, groups=(focused, discs.groups[1])))
+    assert first.side_stated.all()
+    assert abs(first.value_mm[0]) < 1e-9
 
 
 def test_the_first_lens_is_perfect_but_defocused_and_clipped(discs):
-    first = first_parameters(discs, LAYOUT, None)
+    first = first_parameters(discs, LAYOUT, None, np.array([0.4, -0.2]))
     assert not np.any(first[LAYOUT.blocks["coefficients"]])
-    np.testing.assert_allclose(
-        first[LAYOUT.blocks["defocus"]], [0.4, -0.2, 0.0], rtol=0.03
-    )
+    np.testing.assert_allclose(first[LAYOUT.blocks["defocus"]], [0.4, -0.2, 0.0])
     assert np.all(first[LAYOUT.blocks["rim_radius"]][::2] > 1)
 
 
@@ -81,7 +79,7 @@ def _open_share(radius: float, shift: float, h: float) -> float:
 def _fall_off(h: np.ndarray, light: np.ndarray) -> FallOffFit:
     """Least squares for the Bernstein form of the logarithm."""
     terms = 5
-    basis = np.asarray(bernstein(h**2, terms)).T
+    basis = bernstein(h**2, terms)
     control = np.linalg.lstsq(basis, -np.log(light), rcond=None)[0]
     return FallOffFit(2.0, np.tile(control, (3, 1)), 20.0, np.zeros((3, 5, 5)))
 

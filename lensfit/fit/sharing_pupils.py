@@ -1,0 +1,108 @@
+"""Every state of a lens by itself, but for the entrance pupil, which states share.
+
+A state whose photographs do not tell where the entrance pupil is takes over what others
+of its focal length told. What one photograph contradicts costs no other.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import cv2
+
+from lensfit.errors import FitError
+from lensfit.fit.entrance_pupil import shared_pupil_mm
+from lensfit.fit.lens_state import LensState, by_focal_length, fit_state
+from lensfit.fit.take import Take, grouped
+from lensfit.optics.base import BaseProjection
+from lensfit.progress import Progress
+
+
+def fit_sharing_pupils(
+    takes: list[Take], progress: Progress
+) -> tuple[list[LensState], dict[str, FitError]]:
+    """Every state; those that do not see their entrance pupil with that of the others.
+
+    A pupil that is wrong by some share of the chart's distance scales a state by as
+    much. A tilt of few degrees hardly tells it, and another solve would find another
+    one: the states that told it stay as they were then.
+
+    Returns
+    -------
+    The states, as their photographs come, and why takes failed, by name.
+    """
+    groups = grouped(takes)
+    states, failed = _fit_states(groups, progress, {}, shown=takes)
+    pupils_mm = _pupils_mm(states)
+    final = [
+        s for s in states if s.pupil.measured or s.focal_length_mm not in pupils_mm
+    ]
+    settled = {take.name for state in final for take in state.geometry.takes}
+    open_yet = [g for g in groups if not any(take.name in settled for take in g)]
+    again, failed_again = _fit_states(
+        open_yet, progress, pupils_mm, shown=takes, before=final
+    )
+    retried = {take.name for group in open_yet for take in group}
+    failed = {name: why for name, why in failed.items() if name not in retried}
+    return _in_order([*final, *again], takes), failed | failed_again
+
+
+def _pupils_mm(states: list[LensState]) -> dict[float, float]:
+    """What the states of each focal length told together; none for those without."""
+    found = {
+        focal_mm: shared_pupil_mm(state.pupil for state in mine)
+        for focal_mm, mine in by_focal_length(states).items()
+    }
+    return {focal_mm: mm for focal_mm, mm in found.items() if mm is not None}
+
+
+def _in_order(states: list[LensState], takes: list[Take]) -> list[LensState]:
+    """As their photographs come."""
+    place = {take.name: k for k, take in enumerate(takes)}
+    return sorted(states, key=lambda s: min(place[t.name] for t in s.geometry.takes))
+
+
+def _fit_states(
+    groups: list[list[Take]],
+    progress: Progress,
+    pupils_mm: Mapping[float, float],
+    *,
+    shown: list[Take],
+    before: Sequence[LensState] = (),
+) -> tuple[list[LensState], dict[str, FitError]]:
+    """One for each group, but for the takes that contradict the others of theirs.
+
+    Parameters
+    ----------
+    pupils_mm : Entrance pupil of a focal length, as other states told it.
+    shown : Takes of all states of the lens.
+    before : States whose ideal projection the new ones share; without them that of
+        the first.
+    """
+    states: list[LensState] = []
+    failed: dict[str, FitError] = {}
+    base: BaseProjection | None = before[0].distortion.base if before else None
+    left = list(groups)
+    while left:
+        group = left.pop(0)
+        pupil_mm = pupils_mm.get(group[0].focal_length_mm)
+        try:
+            state = fit_state(
+                group, progress, shown=shown, base=base, pupil_mm=pupil_mm
+            )
+        except FitError as error:
+            # One photograph that contradicts itself must not cost the others.
+            rest = [take for take in group if take.name != error.where]
+            at_fault = [take for take in group if take.name == error.where] or group
+            failed |= {take.name: error for take in at_fault}
+            if at_fault is not group and rest:
+                left.insert(0, rest)
+        except (ValueError, cv2.error) as error:
+            reason = FitError(
+                f"the fit broke down ({error})",
+                where=group[0].name,
+                remedy="look at the overlays for marks with wrong numbers",
+            )
+            failed |= {take.name: reason for take in group}
+        else:
+            states.append(state)
+            base = state.distortion.base if base is None else base
+    return states, failed

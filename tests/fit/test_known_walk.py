@@ -1,0 +1,166 @@
+"""How the entrance pupil walks with field angle: by tilted charts, or as is usual."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pinhole_shoot import FRONTAL, LATTICE, PITCH_MM, TILTED, Camera, observations
+from pinhole_shoot import take_of as stated
+
+from data_synth.aim import chief_aim_mm
+from data_synth.lens import set_lens
+from data_synth.prescription import load_prescription
+from lensfit.detect.observations import only
+from lensfit.fit.lens_states import fit
+from lensfit.fit.pupil_walk import KnownWalk, shared_walk, usual_walk
+from lensfit.fit.take import Take
+from lensfit.workflow.calibration.entries import entry_of
+
+WALK_MM, CHART_MM = -24.0, 900.0
+CAMERA = Camera(30.0, (0.0, 0.0), k=(-0.05, 0.0))
+
+
+def photographed(
+    rotations, focus_mm: float, walk_mm: float = WALK_MM, noise_px: float = 0.02
+) -> list[Take]:
+    """A pinhole that stands farther back for steeper rays."""
+    camera = Camera(
+        CAMERA.focal_length_mm, CAMERA.centre_mm, k=CAMERA.k, rotations=rotations
+    )
+    takes = []
+    for view in range(len(rotations)):
+        points = camera.camera_axes(view, LATTICE * PITCH_MM)
+        across = (points[:, :2] ** 2).sum(-1)
+        pupil_mm = 0.0
+        for _ in range(20):
+            ahead = points[:, 2] - pupil_mm
+            pupil_mm = walk_mm * across / (across + ahead**2)
+        points[:, 2] -= pupil_mm
+        image = camera.image_mm(points)
+        seen = observations(image, noise_px, view)
+        inside = (np.abs(image) < [12.0, 9.0]).all(-1)
+        name = f"view {view} focused at {focus_mm:g}"
+        takes.append(stated(only(seen, inside), name, focus_distance_mm=focus_mm))
+    return takes
+
+
+@pytest.fixture(scope="module")
+def states():
+    """One state with tilted views, one without."""
+    takes = photographed(TILTED, 2000.0) + photographed(FRONTAL[:1], 900.0)
+    return {one.focus_distance_mm: one for one in fit(takes).states}
+
+
+def test_tilted_views_show_the_walk(states):
+    walk = states[2000.0].walk
+    assert walk.standard_deviation_mm < 4.0
+    off = abs(walk.walk_mm - WALK_MM)
+    assert off < max(3 * walk.standard_deviation_mm, 0.15 * abs(WALK_MM))
+
+
+def test_states_without_tilt_share_it(states):
+    assert states[900.0].walk == states[2000.0].walk
+    free = states[900.0].geometry.adjustment
+    assert not free.prior.free[free.layout.blocks["pupil_walk"]].any()
+
+
+def test_the_preset_tells_it_with_the_distance_of_the_chart(states):
+    walk = entry_of(states[900.0]).projection.pupil_walk
+    assert walk is not None
+    assert walk.walk_mm == states[900.0].walk.walk_mm
+    assert walk.chart_distance_mm == pytest.approx(CHART_MM + 30.0, rel=0.01)
+
+
+def test_frontal_views_say_nothing():
+    (state,) = fit(photographed(FRONTAL[:1], 900.0)).states
+    assert state.walk is None
+    assert entry_of(state).projection.pupil_walk is None
+
+
+def test_of_what_no_photograph_shows_the_usual_is_told_as_assumed():
+    [take] = photographed(FRONTAL[:1], 900.0)
+    take = replace(take, f_number=2.0, target_distance_mm=CHART_MM + 30.0)
+    (state,) = fit([take]).states
+    projection = entry_of(state).projection
+    assert projection.pupil_walk is not None
+    assert projection.pupil_walk.walk_mm == usual_walk([take]).walk_mm < 0
+    assert "pupil_walk" in projection.assumed
+
+
+def test_what_photographs_show_outweighs_the_usual():
+    takes = [
+        replace(take, f_number=8.0, target_distance_mm=CHART_MM + 30.0)
+        for take in photographed(TILTED, 2000.0)
+    ]
+    (state,) = fit(takes).states
+    assert state.walk.measured
+    assert abs(state.walk.walk_mm - WALK_MM) < 0.2 * abs(WALK_MM)
+    assert "pupil_walk" not in entry_of(state).projection.assumed
+
+
+def test_the_usual_needs_an_f_number_a_distance_and_one_pupil():
+    [take] = photographed(FRONTAL[:1], 900.0)
+    known = replace(take, f_number=2.0, target_distance_mm=900.0)
+    assert usual_walk([take, known]) == usual_walk([known])
+    assert usual_walk([replace(known, f_number=None)]) is None
+    assert usual_walk([replace(known, target_distance_mm=None)]) is None
+    assert usual_walk([replace(known, squeeze=2.0)]) is None
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["biotar_50", "cooke_triplet_50", "flektogon_35", "nikkor_28", "petzval_50"],
+)
+def test_traced_pupils_walk_as_is_usual(name: str):
+    design = load_prescription(name)
+    lens = set_lens(design, f_number=design.f_number, focus_distance_mm=2000.0)
+    across_mm = 2000.0 * np.tan(np.radians([5.0, 10.0, 15.0]))
+    ahead_mm = 2000.0 + lens.pupil_z_mm
+    chart = np.stack([across_mm, 0 * across_mm, 0 * across_mm - 2000.0], -1)
+    aim_mm = chief_aim_mm(lens, chart, 546.0)[:, 0]
+    tangent = (across_mm - aim_mm) / ahead_mm
+    walk_mm = np.mean(-aim_mm / tangent * (1 + tangent**-2.0))
+    [take] = photographed(FRONTAL[:1], 900.0)
+    usual = usual_walk(
+        [
+            replace(
+                take,
+                f_number=design.f_number,
+                focal_length_mm=lens.focal_length_mm,
+                target_distance_mm=2000.0,
+            )
+        ]
+    )
+    assert abs(walk_mm - usual.walk_mm) < usual.standard_deviation_mm
+    if design.f_number <= 2:
+        # Where it matters, it is better than to take it that pupils stand still.
+        assert abs(walk_mm - usual.walk_mm) < abs(walk_mm) / 2
+
+
+def test_a_pupil_that_stands_still_needs_no_term():
+    (state,) = fit(photographed(TILTED, 2000.0, 0.0)).states
+    assert state.walk is None
+    verdicts = {one.name: one.kept for one in state.geometry.verdicts}
+    assert verdicts["pupil_walk"] is False
+
+
+def test_many_sharp_marks_tell_that_a_pupil_stands_still():
+    views = [TILTED[k % 3] for k in range(9)]
+    (state,) = fit(photographed(views, 2000.0, 0.0, noise_px=0.004)).states
+    assert state.walk.walk_mm == 0.0
+    assert state.walk.standard_deviation_mm < 0.2 * CAMERA.focal_length_mm
+
+
+def test_states_are_weighed():
+    one, other = KnownWalk(-10.0, 1.0), KnownWalk(-20.0, 3.0)
+    shared = shared_walk([one, None, other])
+    assert shared is not None
+    assert shared.walk_mm == pytest.approx(-11.0)
+    assert shared.standard_deviation_mm == pytest.approx(0.9**0.5)
+    assert shared_walk([None]) is None
+    usual = KnownWalk(0.0, 4.0, measured=False)
+    assert shared_walk([None], usual) == usual
+    together = shared_walk([one], usual)
+    assert together is not None
+    assert together.walk_mm == pytest.approx(-10.0 * 16 / 17)
+    assert together.measured
