@@ -28,7 +28,7 @@ from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
 from lensfit.fit.adjust import Adjustment
 from lensfit.fit.non_negative import robust_non_negative
 from lensfit.fit.take import Take
-from lensfit.optics.falloff import bernstein
+from lensfit.optics.bernstein import bernstein
 
 TERMS = (5, 8, 12, 16)
 """Numbers of terms to choose from."""

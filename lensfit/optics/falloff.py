@@ -13,15 +13,11 @@ This is what the photographs show. At a wide aperture it holds natural, optical 
 mechanical vignetting together, which is why it belongs to one f-number.
 """
 
-from math import comb
-from typing import TypeVar
-
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-_Array = TypeVar("_Array", Array, np.ndarray)
+from lensfit.optics.bernstein import bernstein
 
 
 class Illumination(eqx.Module):
@@ -47,19 +43,3 @@ def log_loss(
     before = control[-2] if control.shape[0] > 1 else jnp.zeros((), control.dtype)
     slope = control.shape[0] * (control[-1] - before)
     return value + slope * jnp.maximum(s - 1.0, 0.0)
-
-
-def bernstein(
-    s: Float[_Array, "*points"], degree: int
-) -> Float[_Array, "*points terms"]:
-    """B_1,n ... B_n,n at s; B_0,n is left out because b_0 is zero.
-
-    Of a NumPy array it is one, without JAX.
-    """
-    # Integer powers: the derivative of 0.0**0.0 is NaN, at the axis and at the edge.
-    terms = [
-        comb(degree, k) * s**k * (1 - s) ** (degree - k) for k in range(1, degree + 1)
-    ]
-    if isinstance(s, np.ndarray):
-        return np.stack(terms, -1)
-    return jnp.stack(terms, -1)

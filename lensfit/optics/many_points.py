@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from lensfit.optics import distortion as chief_ray
+from lensfit.optics.bernstein import bernstein
 from lensfit.optics.distortion import Distortion
-from lensfit.optics.falloff import bernstein, log_loss
+from lensfit.optics.falloff import log_loss
 from lensfit.optics.lateral import (
     ChannelShift,
     channel_from_green,

@@ -20,11 +20,11 @@ from typing import Any, TypeVar
 import msgspec
 
 from lensfit.errors import PresetError
-from lensfit.preset.bernstein import on_common_footing
 from lensfit.preset.blend_blur import blended_blur
 from lensfit.preset.blend_numbers import blended_distance_mm
 from lensfit.preset.blocks import Distortion, FallOff
 from lensfit.preset.blur_blocks import Blur
+from lensfit.preset.common_fall_off import on_common_footing
 
 Block = TypeVar("Block", bound=msgspec.Struct)
 

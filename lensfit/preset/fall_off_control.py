@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.optimize import nnls
 
-from lensfit.optics.falloff import bernstein
+from lensfit.optics.bernstein import bernstein
 from lensfit.optics.pupil import Pupil, relative_illumination
 
 RADII = 48

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BPoly
 
-from lensfit.optics.falloff import bernstein, log_loss
+from lensfit.optics.bernstein import bernstein
+from lensfit.optics.falloff import log_loss
 
 S = jnp.linspace(0.0, 3.0, 301)
 

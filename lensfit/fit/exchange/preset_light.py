@@ -7,8 +7,8 @@ from jaxtyping import Float
 from scipy.optimize import nnls
 
 from lensfit.fit.exchange.samples import ExchangeFrame, Residual, residual_from
+from lensfit.optics.bernstein import bernstein
 from lensfit.optics.distortion import Distortion
-from lensfit.optics.falloff import bernstein
 from lensfit.preset import blocks
 from lensfit.preset.exchange.foreign import Points
 

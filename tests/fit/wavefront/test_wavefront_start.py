@@ -14,7 +14,7 @@ from lensfit.fit.wavefront.start import (
     first_rims,
     seen_defocus_mm,
 )
-from lensfit.optics.falloff import bernstein
+from lensfit.optics.bernstein import bernstein
 
 
 @pytest.fixture(scope="module")

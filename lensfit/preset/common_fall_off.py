@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.optics.falloff import bernstein
+from lensfit.optics.bernstein import bernstein
 from lensfit.preset.blocks import FallOff
 
 Control = tuple[float, ...]
