@@ -102,11 +102,18 @@ def pixel_shares(
     position, sigma : In pixels, from the edge of the first one.
     pixels : How many (static).
     """
-    edges = jnp.asarray(np.arange(pixels + 1), position.dtype)
-    reach = (edges[:, None] - position[None]) / (sigma * 2.0**0.5)[None]
-    below = jax.scipy.special.erf(reach) / 2
-    height = jnp.exp(-(reach**2)) / (sigma * (2 * np.pi) ** 0.5)[None]
-    return below[1:] - below[:-1], height[:-1] - height[1:]
+    first = jnp.asarray(np.arange(pixels), position.dtype)
+    reach = partial(_reach, position=position, sigma=sigma)
+    near, far = reach(first), reach(first + 1)
+    # Every inner edge twice: slices of an array of edges would not be vectorised.
+    share = (jax.scipy.special.erf(far) - jax.scipy.special.erf(near)) / 2
+    height = 1 / (sigma * (2 * np.pi) ** 0.5)[None]
+    return share, (jnp.exp(-(near**2)) - jnp.exp(-(far**2))) * height
+
+
+def _reach(edges: Array, position: Array, sigma: Array) -> Array:
+    """From every ray to every edge, as the error function takes it."""
+    return (edges[:, None] - position[None]) / (sigma * 2.0**0.5)[None]
 
 
 def diffraction_variance_mm2(

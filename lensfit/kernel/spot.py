@@ -73,8 +73,6 @@ def landed_rays(
     chromatic: Float[Array, " wavelengths"],
     depth: ObjectShift | None = None,
     cylinder_mm: Float[Array, "2 2"] | None = None,
-    *,
-    evenly_lit: bool = False,
 ) -> Landed:
     """Where the rays through points of the opening land.
 
@@ -86,8 +84,6 @@ def landed_rays(
     chromatic : Chromatic coordinates of the wavelengths (`optics.spectrum`).
     depth : Where the object is not at the distance that the aberrations hold for.
     cylinder_mm : Of an anamorphic lens (`optics.sections`).
-    evenly_lit : Take it that every area of the opening carries the same light, which is
-        a few percent wrong, and takes half the time.
     """
     local = jax.vmap(local_wavefront, (None, 0, None, None, None))(
         field_point_mm, chromatic, aberration, depth, cylinder_mm
@@ -95,8 +91,6 @@ def landed_rays(
 
     def one(u: Array, of_wavelength: LocalWavefront) -> Landed:
         landed = landing_and_jacobian_mm(u, defocus_mm, of_wavelength)
-        if evenly_lit:
-            return Landed(*landed, jnp.ones((), u.dtype))
         return Landed(*landed, light_density(u, defocus_mm, of_wavelength))
 
     return jax.vmap(jax.vmap(one, (0, None)))(u, local)

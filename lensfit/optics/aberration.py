@@ -28,7 +28,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from lensfit.optics.depth import ObjectShift, shifted_path_mm
-from lensfit.optics.modes import power_series, wavefront_gradient
+from lensfit.optics.modes import power_series, powers_in, wavefront_slopes
 from lensfit.optics.terms import Term, mode_amplitudes, modes_of
 
 _MM_PER_UM = 1e-3
@@ -72,6 +72,7 @@ class LocalWavefront(eqx.Module):
     depth : An object away from where the coefficients hold, or None.
     cylinder_mm : Defocus of the x section beyond that of the sensor, a symmetric
         matrix (`sections.cylinder_mm`), or None.
+    powers : `modes.powers_in` the series.
     """
 
     series_mm: Float[Array, "orders powers 2"]
@@ -79,6 +80,7 @@ class LocalWavefront(eqx.Module):
     series_per_mm: Float[Array, "orders powers 2 2"]
     chief_per_mm: Float[Array, "2 2"]
     reference_sine: Float[Array, ""]
+    powers: tuple[int, ...] = eqx.field(static=True)
     depth: ObjectShift | None = None
     cylinder_mm: Float[Array, "2 2"] | None = None
 
@@ -139,6 +141,7 @@ def local_wavefront(
         series_per_mm,
         chief_per_mm,
         aberration.reference_sine,
+        powers_in(modes_of(terms)),
         depth,
         cylinder_mm,
     )
@@ -153,24 +156,49 @@ def chief_sine(
     return field_point_mm / length * (1 + aberration.chief_bend * square)
 
 
-def landing_mm(
+def landing_and_jacobian_mm(
     u: Float[Array, "2"], defocus_mm: Float[Array, ""], local: LocalWavefront
-) -> Float[Array, "2"]:
-    """Where a ray lands, relative to its chief ray.
+) -> tuple[Float[Array, "2"], Float[Array, "2 2"]]:
+    """Where a ray lands, relative to its chief ray; and its derivative with respect to
+    u (mm per unit of u).
 
     Parameters
     ----------
     u : Pupil point: direction cosines against the chief ray, in reference sines.
     defocus_mm : How far the sensor lies behind the sharp image.
     """
-    p = u * local.reference_sine
-    slope = defocus_slope(p, local.chief_sine)
-    landed = wavefront_gradient(u, local.series_mm) + defocus_mm * slope
+    aberrated, per_u = wavefront_slopes(u, local.series_mm, local.powers)
+
+    def beside(p_x: Array, p_y: Array) -> tuple[Array, Array]:
+        return _beside_aberrations(p_x, p_y, defocus_mm, local)
+
+    unit = local.reference_sine
+    p = u[0] * unit, u[1] * unit
+    one, none = jnp.ones_like(p[0]), jnp.zeros_like(p[0])
+    landed, along = jax.jvp(beside, p, (one, none))
+    _, across = jax.jvp(beside, p, (none, one))
+    slope = jnp.stack([jnp.stack([a, b]) for a, b in zip(along, across, strict=True)])
+    return aberrated + jnp.stack(landed), per_u + unit * slope
+
+
+def _beside_aberrations(
+    p_x: Array, p_y: Array, defocus_mm: Array, local: LocalWavefront
+) -> tuple[Array, Array]:
+    """What defocus, cylinders and another depth add, of direction cosines.
+
+    By components, as `modes.wavefront_slopes`.
+    """
+    chief = local.chief_sine
+    x, y = tangents(p_x + chief[0], p_y + chief[1])
+    of_chief = tangents(chief[0], chief[1])
+    x, y = defocus_mm * (x - of_chief[0]), defocus_mm * (y - of_chief[1])
     if local.cylinder_mm is not None:
-        landed = landed + local.cylinder_mm @ p
-    if local.depth is None:
-        return landed
-    return landed + jax.grad(shifted_path_mm)(p, local.depth)
+        (a, b), (c, d) = local.cylinder_mm
+        x, y = x + a * p_x + b * p_y, y + c * p_x + d * p_y
+    if local.depth is not None:
+        to_x, to_y = jax.grad(shifted_path_mm, (0, 1))(p_x, p_y, local.depth)
+        x, y = x + to_x, y + to_y
+    return x, y
 
 
 def defocus_slope(p: Float[Array, "2"], chief: Float[Array, "2"]) -> Float[Array, "2"]:
@@ -184,18 +212,15 @@ def defocus_slope(p: Float[Array, "2"], chief: Float[Array, "2"]) -> Float[Array
     return tangent_of(p + chief) - tangent_of(chief)
 
 
-def landing_and_jacobian_mm(
-    u: Float[Array, "2"], defocus_mm: Float[Array, ""], local: LocalWavefront
-) -> tuple[Float[Array, "2"], Float[Array, "2 2"]]:
-    """`landing_mm` and its derivative with respect to u (mm per unit of u)."""
-    landed = landing_mm(u, defocus_mm, local)
-    return landed, jax.jacfwd(landing_mm)(u, defocus_mm, local)
-
-
-def _cosine(p: Array) -> Array:
-    return jnp.sqrt(jnp.maximum(1 - p @ p, _LEAST_COSINE_SQUARED))
-
-
 def tangent_of(p: Float[Array, "2"]) -> Float[Array, "2"]:
     """Tangents of a ray's angle with the sensor's normal, from direction cosines."""
-    return p / _cosine(p)
+    return jnp.stack(tangents(p[0], p[1]))
+
+
+def tangents(
+    p_x: Float[Array, " *rays"], p_y: Float[Array, " *rays"]
+) -> tuple[Float[Array, " *rays"], Float[Array, " *rays"]]:
+    """`tangent_of` by components, of many rays at a time."""
+    square = 1 - p_x * p_x - p_y * p_y
+    cosine = jnp.sqrt(jnp.maximum(square, _LEAST_COSINE_SQUARED))
+    return p_x / cosine, p_y / cosine

@@ -69,17 +69,21 @@ def object_shift(
     )
 
 
-def shifted_path_mm(p: Float[Array, "2"], shift: ObjectShift) -> Float[Array, ""]:
+def shifted_path_mm(
+    p_x: Float[Array, ""], p_y: Float[Array, ""], shift: ObjectShift
+) -> Float[Array, ""]:
     """What the shift adds to E for a ray with direction cosines p, mm."""
-    rho = shift.pupil_per_sine_mm @ p
+    (a, b), (c, d) = shift.pupil_per_sine_mm
+    rho = a * p_x + b * p_y, c * p_x + d * p_y
     before = _path(rho, shift.slope, shift.reference_per_mm)
     return before - _path(rho, shift.slope, shift.vergence_per_mm)
 
 
-def _path(rho: Array, slope: Array, vergence: Array) -> Array:
+def _path(rho: tuple[Array, Array], slope: Array, vergence: Array) -> Array:
     """W, written so that an infinite distance is an ordinary value."""
-    secant = jnp.sqrt(1 + slope @ slope)
-    along, square = slope @ rho, rho @ rho
+    secant = jnp.sqrt(1 + slope[0] * slope[0] + slope[1] * slope[1])
+    along = slope[0] * rho[0] + slope[1] * rho[1]
+    square = rho[0] * rho[0] + rho[1] * rho[1]
     excess = vergence * square - 2 * along
     root = jnp.sqrt(1 + vergence * excess / secant**2)
     return excess / (secant * (1 + root)) + along / secant

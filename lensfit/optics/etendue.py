@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from lensfit.optics.aberration import LocalWavefront, tangent_of
-from lensfit.optics.modes import wavefront_gradient
+from lensfit.optics.modes import wavefront_slopes
 
 
 def light_density(
@@ -31,21 +31,24 @@ def light_density(
 
     Parameters
     ----------
-    u, defocus_mm : As for `aberration.landing_mm`.
+    u, defocus_mm : As for `aberration.landing_and_jacobian_mm`.
     """
 
     # With x_c where the chief ray lands, x = x_c + landing(x_c, u), and a fixed
     # direction is a u that goes against the chief ray's. What defocus adds to that is
-    # the same for every ray.
-    def followed(u_per_mm: Array, series_per_mm: Array) -> Array:
-        at, towards = (u, local.series_mm), (-u_per_mm, series_per_mm)
-        return jax.jvp(wavefront_gradient, at, towards)[1]
-
-    of_ray = jax.vmap(followed, -1, -1)(
-        local.chief_per_mm / local.reference_sine, local.series_per_mm
-    )
+    # the same for every ray. By components, as `modes.wavefront_slopes`.
+    _, per_u = wavefront_slopes(u, local.series_mm, local.powers)
+    per_mm = [
+        wavefront_slopes(u, local.series_per_mm[..., axis], local.powers)[0]
+        for axis in range(2)
+    ]
+    turned = local.chief_per_mm / local.reference_sine
     of_all = jnp.eye(2, dtype=u.dtype) - defocus_mm * (
         jax.jacfwd(tangent_of)(local.chief_sine) @ local.chief_per_mm
     )
-    a, b = of_all + of_ray
-    return a[0] * b[1] - a[1] * b[0]
+
+    def followed(i: int, j: int) -> Array:
+        against = per_u[i, 0] * turned[0, j] + per_u[i, 1] * turned[1, j]
+        return of_all[i, j] + per_mm[j][i] - against
+
+    return followed(0, 0) * followed(1, 1) - followed(0, 1) * followed(1, 0)

@@ -24,6 +24,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+_ZERO = 0.0, 0.0
+"""As a complex number."""
+
 
 class Mode(NamedTuple):
     """Degree n and azimuthal order m of a pair (Re, Im) of pupil modes."""
@@ -87,32 +90,81 @@ def power_series(
     return jnp.einsum("jmk,jc->mkc", table, amplitudes)
 
 
+def powers_in(modes: tuple[Mode, ...]) -> tuple[int, ...]:
+    """How many powers of P a series of these modes has with every z^m."""
+    found = [0] * (max((m.order for m in modes), default=0) + 1)
+    for n, m in modes:
+        found[m] = max(found[m], (n - m) // 2 + 1)
+    return tuple(found)
+
+
 def wavefront(
     u: Float[Array, "2"], series: Float[Array, "orders powers 2"]
 ) -> Float[Array, ""]:
     """E(u) of a `power_series`."""
-    radial, _ = _radial(u, series)
+    square = u[0] * u[0] + u[1] * u[1]
+    radial = jnp.zeros_like(series[:, 0])
+    for k in range(series.shape[1] - 1, -1, -1):
+        radial = radial * square + series[:, k]
     re, im = powers_of(u, series.shape[0])
     return jnp.sum(radial[:, 0] * re + radial[:, 1] * im)
 
 
-def wavefront_gradient(
-    u: Float[Array, "2"], series: Float[Array, "orders powers 2"]
-) -> Float[Array, "2"]:
-    """dE/du of a `power_series`.
+def wavefront_slopes(
+    u: Float[Array, "2"],
+    series: Float[Array, "orders powers 2"],
+    powers: tuple[int, ...] | None = None,
+) -> tuple[Float[Array, "2"], Float[Array, "2 2"]]:
+    """dE/du and d^2E/du^2 of a `power_series`.
 
-    In closed form, with a_m = A + i B and primes for d/dP, as a complex number:
-    sum over m of 2 z (A' Re z^m + B' Im z^m) + m (A + i B) conj(z)^(m - 1).
+    In closed form, with a_m = A + i B, primes for d/dP, and as complex numbers, each
+    summed over m,
+
+        s = A Re z^m + B Im z^m,
+        t = m a_m conj(z)^(m - 1),
+        q = m (m - 1) a_m conj(z)^(m - 2):
+
+    the gradient is 2 s' z + t, and a step dz changes it by
+
+        2 s' dz + (4 s'' z + 2 t') z.dz + 2 z t'.dz + q conj(dz).
+
+    Parameters
+    ----------
+    powers : Of P with z^m that occur, for every m (static); None for all.
     """
-    radial, slope = _radial(u, series)
+    # One number at a time: mapped over many rays every line is then one long array,
+    # where arrays of a few numbers for each ray are several times slower.
+    x, y = u[0], u[1]
+    square = x * x + y * y
+    zero = jnp.zeros_like(x)
+    s1, s2, t, t1, q = zero, zero, _ZERO, _ZERO, _ZERO
+    turned = [(jnp.ones_like(x), zero)]
     orders = series.shape[0]
-    re, im = powers_of(u, orders)
-    spread = 2 * jnp.sum(slope[:, 0] * re + slope[:, 1] * im)
-    m = jnp.arange(1, orders, dtype=u.dtype)
-    a, b = m * radial[1:, 0], m * radial[1:, 1]
-    re, im = re[:-1], im[:-1]
-    turning = jnp.stack([jnp.sum(a * re + b * im), jnp.sum(b * re - a * im)])
-    return spread * u + turning
+    for m, count in enumerate(powers or (series.shape[1],) * orders):
+        if m:
+            re, im = turned[-1]
+            turned.append((re * x - im * y, re * y + im * x))
+        if not count:
+            continue
+        a, a1, a2 = _horner(square, [series[m, k, 0] for k in range(count)])
+        re, im = turned[m]
+        if not m:
+            s1, s2 = s1 + a1, s2 + a2
+            continue
+        b, b1, b2 = _horner(square, [series[m, k, 1] for k in range(count)])
+        s1, s2 = s1 + a1 * re + b1 * im, s2 + a2 * re + b2 * im
+        t = _plus_conjugate(t, m, (a, b), turned[m - 1])
+        t1 = _plus_conjugate(t1, m, (a1, b1), turned[m - 1])
+        if m > 1:
+            q = _plus_conjugate(q, m * (m - 1), (a, b), turned[m - 2])
+    gradient = 2 * s1 * x + t[0], 2 * s1 * y + t[1]
+    xx = 2 * s1 + 4 * (s2 * x + t1[0]) * x + q[0]
+    yy = 2 * s1 + 4 * (s2 * y + t1[1]) * y - q[0]
+    xy = 4 * s2 * x * y + 2 * (t1[0] * y + t1[1] * x) + q[1]
+    return (
+        jnp.stack(gradient),
+        jnp.stack([jnp.stack([xx, xy]), jnp.stack([xy, yy])]),
+    )
 
 
 @lru_cache(maxsize=32)
@@ -124,27 +176,36 @@ def _by_mode(modes: tuple[Mode, ...]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mode_gradients(
-    u: Float[Array, "2"], modes: tuple[Mode, ...]
-) -> Float[Array, "modes 2 2"]:
-    """Gradient of every mode: of its Re and Im member, along x and y."""
+    u: Float[Array, "2 *rays"], modes: tuple[Mode, ...]
+) -> Float[Array, "modes 2 2 *rays"]:
+    """Gradient of every mode: of its Re and Im member, along x and y.
+
+    Of many rays at a time: with their axes last the processor goes along them.
+    """
     orders, powers = _by_mode(modes)
-    square = u[0] * u[0] + u[1] * u[1]
-    value = jnp.asarray(powers[:, -1], u.dtype)
+
+    def of_modes(numbers: np.ndarray) -> Array:
+        """Constants, to go with rays."""
+        return jnp.asarray(numbers, u.dtype).reshape(-1, *[1] * (u.ndim - 1))
+
+    x, y = u[0][None], u[1][None]
+    square = x * x + y * y
+    value = of_modes(powers[:, -1])
     slope = jnp.zeros_like(value)
     for k in range(powers.shape[1] - 2, -1, -1):
         slope = slope * square + value
-        value = value * square + jnp.asarray(powers[:, k], u.dtype)
+        value = value * square + of_modes(powers[:, k])
     re, im = powers_of(u, int(orders.max(initial=0)) + 1)
     lower = np.maximum(orders - 1, 0)
-    turn = value * jnp.asarray(orders, u.dtype)
+    turn = value * of_modes(orders)
     spread_re, spread_im = 2 * slope * re[orders], 2 * slope * im[orders]
     turn_re, turn_im = turn * re[lower], turn * im[lower]
-    of_re = jnp.stack([spread_re * u[0] + turn_re, spread_re * u[1] - turn_im], -1)
-    of_im = jnp.stack([spread_im * u[0] + turn_im, spread_im * u[1] + turn_re], -1)
+    of_re = jnp.stack([spread_re * x + turn_re, spread_re * y - turn_im], 1)
+    of_im = jnp.stack([spread_im * x + turn_im, spread_im * y + turn_re], 1)
     return jnp.stack([of_re, of_im], 1)
 
 
-def powers_of(u: Float[Array, "2"], count: int) -> tuple[Array, Array]:
+def powers_of(u: Float[Array, "2 *rays"], count: int) -> tuple[Array, Array]:
     """Re and Im of z^0 ... z^(count - 1)."""
     re, im = [jnp.ones_like(u[0])], [jnp.zeros_like(u[0])]
     for _ in range(count - 1):
@@ -154,12 +215,20 @@ def powers_of(u: Float[Array, "2"], count: int) -> tuple[Array, Array]:
     return jnp.stack(re), jnp.stack(im)
 
 
-def _radial(u: Array, series: Array) -> tuple[Array, Array]:
-    """sum_k a_mk P^k and its derivative with respect to P, for every m."""
-    square = u[0] * u[0] + u[1] * u[1]
-    value = series[:, -1]
-    slope = jnp.zeros_like(value)
-    for k in range(series.shape[1] - 2, -1, -1):
-        slope = slope * square + value
-        value = value * square + series[:, k]
-    return value, slope
+def _plus_conjugate(so_far, factor: int, a, z):
+    """A complex number, and the factor times a conj(z)."""
+    return (
+        so_far[0] + factor * (a[0] * z[0] + a[1] * z[1]),
+        so_far[1] + factor * (a[1] * z[0] - a[0] * z[1]),
+    )
+
+
+def _horner(x: Array, coefficients: list[Array]) -> tuple[Array, Array, Array]:
+    """A polynomial and its first two derivatives."""
+    zero = jnp.zeros_like(x)
+    value, slope, half_curvature = coefficients[-1] + zero, zero, zero
+    for coefficient in reversed(coefficients[:-1]):
+        half_curvature = half_curvature * x + slope
+        slope = slope * x + value
+        value = value * x + coefficient
+    return value, slope, 2 * half_curvature

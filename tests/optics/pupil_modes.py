@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from lensfit.optics.aberration import LocalWavefront
-from lensfit.optics.depth import shifted_path_mm
+from lensfit.optics.aberration import LocalWavefront, landing_and_jacobian_mm
+from lensfit.optics.depth import ObjectShift, shifted_path_mm
 from lensfit.optics.modes import Mode, wavefront
 
 
@@ -26,4 +26,16 @@ def path_mm(
     path = wavefront(u, local.series_mm) * local.reference_sine + defocus_mm * exact
     if local.cylinder_mm is not None:
         path = path + p @ local.cylinder_mm @ p / 2
-    return path if local.depth is None else path + shifted_path_mm(p, local.depth)
+    return path if local.depth is None else path + shift_path_mm(p, local.depth)
+
+
+def landing_mm(
+    u: Float[Array, "2"], defocus_mm: Float[Array, ""], local: LocalWavefront
+) -> Float[Array, "2"]:
+    """Where a ray lands, without the derivative."""
+    return landing_and_jacobian_mm(u, defocus_mm, local)[0]
+
+
+def shift_path_mm(p: Float[Array, "2"], shift: ObjectShift) -> Float[Array, ""]:
+    """What another depth adds to the path of a ray, by its direction cosines."""
+    return shifted_path_mm(p[0], p[1], shift)

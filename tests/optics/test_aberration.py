@@ -6,12 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from pupil_modes import path_mm
+from pupil_modes import landing_mm, path_mm
 
 from lensfit.optics.aberration import (
     chief_sine,
     landing_and_jacobian_mm,
-    landing_mm,
     local_wavefront,
     no_aberration,
 )

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pupil_modes import shift_path_mm
 
 from data_synth.aim import (
     chief_aim_mm,
@@ -15,7 +16,7 @@ from data_synth.aim import (
 from data_synth.lens import REFERENCE_NM, set_lens
 from data_synth.paraxial import first_order
 from data_synth.prescription import load_prescription
-from lensfit.optics.depth import object_shift, shifted_path_mm
+from lensfit.optics.depth import object_shift
 from lensfit.optics.paraxial import FirstOrder, image_shift_mm
 
 
@@ -85,7 +86,7 @@ def test_rays_of_another_depth_follow(name: str, factor: float):
         jnp.array([slope, 0.0]), jacobian, basics,
         jnp.asarray(reference), jnp.asarray(distance),
     )  # fmt: skip
-    added = jax.jit(jax.vmap(jax.grad(shifted_path_mm), (0, None)))
+    added = jax.jit(jax.vmap(jax.grad(shift_path_mm), (0, None)))
     change = x - model(p)
     ours = np.linalg.norm(change - added(jnp.asarray(p), shift))
     thin = image_shift_mm(basics, jnp.asarray(reference))
@@ -101,7 +102,7 @@ def test_infinity_is_an_ordinary_distance():
 
     def path(distance, p):
         shift = object_shift(slope, jacobian, basics, jnp.asarray(2000.0), distance)
-        return shifted_path_mm(p, shift)
+        return shift_path_mm(p, shift)
 
     p = jnp.array([0.2, -0.1])
     np.testing.assert_allclose(

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from pupil_modes import landing_mm
 from scipy.optimize import least_squares
 
 from data_synth.aim import chief_aim_mm, rays_through_pupil
@@ -14,7 +15,6 @@ from data_synth.prescription import load_prescription
 from lensfit.optics.aberration import (
     Aberration,
     chief_sine,
-    landing_mm,
     local_wavefront,
     no_aberration,
 )

@@ -9,8 +9,9 @@ from pupil_modes import modes_up_to
 from lensfit.optics.modes import (
     Mode,
     power_series,
+    powers_in,
     wavefront,
-    wavefront_gradient,
+    wavefront_slopes,
 )
 
 HIGHEST = 8
@@ -27,12 +28,16 @@ def disc_rule(rings: int = 12, azimuths: int = 40):
     return jnp.asarray(points.reshape(-1, 2)), jnp.asarray(share)
 
 
+def gradient(u, series):
+    return wavefront_slopes(u, series)[0]
+
+
 def gradients(modes: tuple[Mode, ...]):
     """(points, modes, parts, 2) gradients at the points of `disc_rule`."""
     points, share = disc_rule()
     unit = jnp.eye(2 * len(modes)).reshape(-1, len(modes), 2)
     series = jax.vmap(lambda amplitude: power_series(amplitude, modes))(unit)
-    at = jax.vmap(jax.vmap(wavefront_gradient, (None, 0)), (0, None))
+    at = jax.vmap(jax.vmap(gradient, (None, 0)), (0, None))
     return at(points, series).reshape(len(points), len(modes), 2, 2), share
 
 
@@ -51,15 +56,27 @@ def test_gradients_are_orthogonal_and_of_unit_size():
 
 def test_the_chief_ray_stays_where_it_is():
     series = power_series(jnp.ones((len(MODES), 2)), MODES)
-    np.testing.assert_allclose(wavefront_gradient(jnp.zeros(2), series), 0, atol=1e-14)
+    np.testing.assert_allclose(gradient(jnp.zeros(2), series), 0, atol=1e-14)
 
 
 @pytest.mark.parametrize("degree", [3, 5, 7])
 def test_coma_of_any_degree_has_no_linear_part(degree: int):
     mode = (Mode(degree, 1),)
     series = power_series(jnp.ones((1, 2)), mode)
-    slope = jax.jacfwd(wavefront_gradient)(jnp.zeros(2), series)
+    slope = jax.jacfwd(gradient)(jnp.zeros(2), series)
     np.testing.assert_allclose(slope, 0, atol=1e-14)
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.3, -0.2), (-0.6, 0.8), (1.1, 0.7)])
+def test_slopes_are_the_derivatives_of_the_wavefront(place):
+    """Of all powers, and of those that occur."""
+    rng = np.random.default_rng(5)
+    series = power_series(jnp.asarray(rng.normal(size=(len(MODES), 2))), MODES)
+    u = jnp.array(place)
+    wanted = jax.grad(wavefront)(u, series), jax.hessian(wavefront)(u, series)
+    for powers in (None, powers_in(MODES)):
+        for one, other in zip(wavefront_slopes(u, series, powers), wanted, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-11)
 
 
 def test_a_turned_pupil_turns_the_modes():

@@ -4,15 +4,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from pupil_modes import path_mm
+from pupil_modes import landing_mm, path_mm, shift_path_mm
 
 from lensfit.optics.aberration import (
     landing_and_jacobian_mm,
-    landing_mm,
     local_wavefront,
     no_aberration,
 )
-from lensfit.optics.depth import object_shift, shifted_path_mm
+from lensfit.optics.depth import object_shift
 from lensfit.optics.paraxial import FirstOrder, defocus_mm
 from lensfit.optics.sections import cylinder_mm, sections_of
 
@@ -80,7 +79,7 @@ def test_focusing_away_is_moving_the_object(slope, squeeze):
     p = 1e-3 * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, -0.7]])
     by_focus = focused(slope, squeeze, focus_mm, p)
     moved, _ = chart(slope, squeeze, CHART_MM, reference_mm=focus_mm)
-    by_depth = jax.vmap(jax.grad(shifted_path_mm), (0, None))(jnp.asarray(p), moved)
+    by_depth = jax.vmap(jax.grad(shift_path_mm), (0, None))(jnp.asarray(p), moved)
     np.testing.assert_allclose(by_focus, by_depth, atol=2e-3 * np.abs(by_depth).max())
 
 
@@ -89,7 +88,7 @@ def test_a_cylinder_is_seen_under_the_angle_of_its_section(slope):
     """Along x it does all over the field what a sphere of the same power does."""
     shift, _ = chart(slope, 1.0, 1900.0)
     sections = sections_of(shift, jnp.asarray(C_MM), jnp.zeros(()))
-    hessian = jax.hessian(shifted_path_mm)(jnp.zeros(2), shift)
+    hessian = jax.hessian(shift_path_mm)(jnp.zeros(2), shift)
     per_mm = (shift.reference_per_mm - shift.vergence_per_mm) * C_MM**2
     t = np.asarray(slope)
     found = cylinder_mm(jnp.zeros(()), per_mm, sections)

@@ -9,7 +9,7 @@ import numpy as np
 from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.lens import Lens
-from lensfit.optics.aberration import landing_mm, local_wavefront
+from lensfit.optics.aberration import landing_and_jacobian_mm, local_wavefront
 from lensfit.preset.blocks import ChannelShift, Distortion, LateralColour, Projection
 from lensfit.preset.blur_blocks import AberrationTerm, Pupil, Rim
 from lensfit.preset.knobs import NEUTRAL, turned
@@ -102,7 +102,8 @@ def landings_um(lens: Lens, h, u, chromatic: float = 0.0) -> np.ndarray:
 @jax.jit
 def _landed(h, u, chromatic, aberration):
     local = local_wavefront(h * aberration.field_radius_mm, chromatic, aberration)
-    return jax.vmap(landing_mm, (0, None, None))(u, jnp.zeros(()), local)
+    landed = jax.vmap(landing_and_jacobian_mm, (0, None, None))
+    return landed(u, jnp.zeros(()), local)[0]
 
 
 def focal_surfaces_um(lens: Lens, radius: float, chromatic: float = 0.0):

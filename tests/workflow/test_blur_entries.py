@@ -13,7 +13,8 @@ from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.families import FINE, Family
 from lensfit.fit.wavefront.gather import Group
 from lensfit.fit.wavefront.parameters import Layout, Scale
-from lensfit.fit.wavefront.rays import Colour, spot_seen
+from lensfit.fit.wavefront.rays import spot_seen
+from lensfit.fit.wavefront.shapes import Colour
 from lensfit.kernel.pixels import (
     diffraction_variance_mm2,
     image_of,

@@ -36,7 +36,7 @@ _UNFORESEEN = 1.2
 _MIDDLE_SMOOTHING = 1.5
 """Cells: half of the coarse solve's, for orders twice as fine."""
 _LAST_STEPS, _LAST_TOLERANCE = 12, 5e-4
-_LAST_POINTS = Points(image=1536, design=768, evenly_lit=False)
+_LAST_POINTS = Points(image=1536, design=768)
 """Shifting all rays of the pupil together, rims included, hardly changes an image. Few
 rays make that valley look steep: a fit would end on its way along it, and believe that
 it knows the place. As level as it is, it takes more passes and a finer tolerance: six

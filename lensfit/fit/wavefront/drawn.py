@@ -19,7 +19,8 @@ from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.normal import as_float32
 from lensfit.fit.wavefront.parameters import Layout, Scale
-from lensfit.fit.wavefront.rays import Colour, spot_seen
+from lensfit.fit.wavefront.rays import spot_seen
+from lensfit.fit.wavefront.shapes import Colour
 from lensfit.fit.wavefront.stages import Stage, with_iris
 from lensfit.kernel.pixels import diffraction_variance_mm2, image_of, profile_of
 

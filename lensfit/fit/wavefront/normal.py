@@ -16,7 +16,8 @@ from lensfit.fit.cores import DEALT, SHARED, on_every_core, summed_over_cores
 from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.patch import Patch, equations_of
-from lensfit.fit.wavefront.rays import Colour, rays_of, spot_seen
+from lensfit.fit.wavefront.rays import rays_of, spot_seen
+from lensfit.fit.wavefront.shapes import Colour, spread_of
 
 FOLDS = 32
 """Two for each of up to sixteen takes; more takes share them."""
@@ -30,12 +31,10 @@ class Points(NamedTuple):
     image : For the light on the cells, and the gradient: 768 are 1 to 4 % wrong, 1536
         half of that.
     design : For the matrix, which only leads the way.
-    evenly_lit : As for `kernel.spot.landed_rays`.
     """
 
     image: int = 768
     design: int = 96
-    evenly_lit: bool = True
 
 
 DEFAULT_POINTS = Points()
@@ -133,8 +132,10 @@ def _pass_of_core(
         pixels = jax.tree.map(lambda a: a[k], single.pixels)
         found, gradient = _of_dot(numbers, dot, pixels, single, layout, points)
         fold = pixels.fold
+        spread = spread_of(dot, layout, single.scale)
+        matrix = spread.T @ jnp.sum(found.matrix, 0) @ spread
         equations = Equations(
-            equations.matrix.at[fold].add(_total(found.matrix)),
+            equations.matrix.at[fold].add(matrix.astype(jnp.float64)),
             equations.gradient.at[fold].add(_total(gradient)),
             equations.chi_squared.at[fold].add(_total(found.chi_squared)),
         )
@@ -185,9 +186,7 @@ def _of_dot(
     def channel(chromatic, lateral, light, weight, corner):
         seen = (dot, Colour(chromatic, lateral), layout, model.scale)
         few = rays_of(parameters, *seen, points.design)
-        spot, led_back = spot_seen(
-            parameters, *seen, points.image, evenly_lit=points.evenly_lit
-        )
+        spot, led_back = spot_seen(parameters, *seen, points.image)
         patch = equations_of(
             spot,
             few,
@@ -196,7 +195,6 @@ def _of_dot(
             corner,
             dot.cell_mm,
             variance,
-            layout.opening,
             dot.apart_mm,
         )
         return patch, led_back(patch.pull)

@@ -3,9 +3,9 @@
 What a photograph shows of a lens is where rays land and how much light each carries.
 The image is made of many rays, of which the gradient needs only sums (`spot_seen`). The
 matrix that leads the way to the minimum needs the derivative of every ray by every
-parameter (`rays_of`), of few rays. Both are closed forms for the wavefront, in which
-landing points are linear; the handful of numbers of the opening, which moves the rays
-that fill it, are left to JAX.
+parameter (`rays_of`), of few rays. Both are closed forms for the wavefront, in
+which landing points are linear (`shapes`); the handful of numbers of the opening, which
+moves the rays that fill it, are left to JAX.
 
 The width of a ray's Gaussian (`kernel.spot`) is taken as it is in all derivatives: it
 only stands for rays in between, and vanishes as rays get many. So is the light that an
@@ -21,15 +21,19 @@ from jaxtyping import Array, Float
 
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
+from lensfit.fit.wavefront.shapes import (
+    Colour,
+    coloured,
+    field_point,
+    mode_shapes_mm,
+    spread_of,
+    state_shapes_mm,
+)
 from lensfit.kernel.spot import Landed, Spot, dealt, landed_rays, spot_of
-from lensfit.optics.aberration import chief_sine, defocus_slope
 from lensfit.optics.depth import ObjectShift
-from lensfit.optics.modes import mode_gradients
 from lensfit.optics.pupil import Pupil, PupilNodes, polar_nodes, pupil_nodes
 from lensfit.optics.sections import cylinder_mm
-from lensfit.optics.terms import Term, modes_of, term_amplitudes
 
-_MM_PER_UM = 1e-3
 _RINGS_AND_SPOKES = 6, 48
 """Of the rays that tell a centroid."""
 _TURNS_PER_MM = 12.9898, 78.233
@@ -39,32 +43,20 @@ _SHARPNESS = 64.0
 
 
 class Rays(NamedTuple):
-    """Where the rays of a dot land, and the derivatives with respect to all parameters.
+    """Where the rays of a dot land, and the derivatives by shapes (`shapes`).
+
+    `shapes.spread_of` leads from those to the parameters.
 
     Attributes
     ----------
     spot : Landing points from where the chief ray lands, weights and widths.
-    moved_mm : d landing / d parameter.
-    brightened : d weight / d parameter, of the parameters of the opening
-        (`Layout.opening`).
+    moved_mm : d landing / d shape, x and y.
+    brightened : d weight / d shape, of the last shapes, those of the opening.
     """
 
     spot: Spot
-    moved_mm: Float[Array, "rays 2 parameters"]
-    brightened: Float[Array, "rays opening"]
-
-
-class Colour(NamedTuple):
-    """The wavelengths of one channel, of equal weight.
-
-    Attributes
-    ----------
-    chromatic : Chromatic coordinates (`optics.spectrum`).
-    lateral_mm : Displacement of each wavelength's chief ray about their mean.
-    """
-
-    chromatic: Float[Array, " wavelengths"]
-    lateral_mm: Float[Array, "wavelengths 2"]
+    moved_mm: Float[Array, "shapes 2 rays"]
+    brightened: Float[Array, "opening rays"]
 
 
 def spot_seen(
@@ -74,15 +66,12 @@ def spot_seen(
     layout: Layout,
     scale: Scale,
     count: int,
-    *,
-    evenly_lit: bool = False,
 ) -> tuple[Spot, Callable[[Spot], Float[Array, " parameters"]]]:
     """Where rays of one dot (a row of `Dots`) land in one channel.
 
     Parameters
     ----------
     count : Of rays, a multiple of the number of wavelengths.
-    evenly_lit : As for `kernel.spot.landed_rays`.
 
     Returns
     -------
@@ -97,21 +86,23 @@ def spot_seen(
     (u, weight), to_opening, nodes = jax.vjp(
         opened, parameters[layout.opening], has_aux=True
     )
-    landed = _landed(u, parameters, dot, colour, layout, scale, evenly_lit)
+    landed = _landed(u, parameters, dot, colour, layout, scale)
     light = landed.light / jnp.sum(weight * landed.light)
 
     def led_back(by_spot: Spot) -> Array:
         by_landing = by_spot.landing_mm.reshape(landed.at_mm.shape)
         by_u = jnp.einsum("wkij,wki->wkj", landed.slope_mm, by_landing)
         by_weight = by_spot.weight.reshape(weight.shape) * light
-        by_state = _moved_by_state(u, parameters, dot, layout, scale)
-        return jnp.concatenate(
-            [
-                _terms_pulled(u, by_landing, dot, colour, layout, scale),
-                jnp.einsum("wkip,wki->p", by_state, by_landing),
-                *to_opening((by_u, by_weight)),
-            ]
-        )
+        seen = (parameters, dot, layout, scale)
+        pulled = jnp.moveaxis(by_landing, -1, 0)
+        by_mode = jnp.einsum("miwk,iwk->mw", mode_shapes_mm(u, layout), pulled)
+        by_colour = coloured(by_mode[..., None], colour.chromatic, layout)
+        by_shape = [
+            jnp.sum(by_colour, (1, 2)),
+            jnp.einsum("siwk,iwk->s", state_shapes_mm(u, *seen), pulled),
+            *to_opening((by_u, by_weight)),
+        ]
+        return jnp.concatenate(by_shape) @ spread_of(dot, layout, scale)
 
     return spot_of(landed, nodes, colour.lateral_mm), led_back
 
@@ -130,16 +121,19 @@ def rays_of(
     widened = jax.jacfwd(nodes_of)(opening, dot, layout, scale, count)
     wavelengths = len(colour.chromatic)
     u, u_widened = dealt(nodes.u, wavelengths), dealt(widened.u, wavelengths)
-    landed = _landed(u, parameters, dot, colour, layout, scale, evenly_lit=True)
-    moved = [
-        _moved_by_terms(u, dot, colour, layout, scale),
-        _moved_by_state(u, parameters, dot, layout, scale),
-        jnp.einsum("wkij,wkjp->wkip", landed.slope_mm, u_widened),
-    ]
+    landed = _landed(u, parameters, dot, colour, layout, scale)
+    evenly_lit = landed._replace(light=jnp.ones_like(landed.light))
+    moved = jnp.concatenate(
+        [
+            coloured(mode_shapes_mm(u, layout), colour.chromatic, layout),
+            state_shapes_mm(u, parameters, dot, layout, scale),
+            jnp.einsum("wkij,wkjo->oiwk", landed.slope_mm, u_widened),
+        ]
+    )
     return Rays(
-        spot_of(landed, nodes, colour.lateral_mm),
-        jnp.concatenate(moved, axis=-1).reshape(-1, 2, layout.size),
-        dealt(widened.weight, wavelengths).reshape(count, -1),
+        spot_of(evenly_lit, nodes, colour.lateral_mm),
+        moved.reshape(len(moved), 2, count),
+        dealt(widened.weight, wavelengths).reshape(count, -1).T,
     )
 
 
@@ -213,12 +207,7 @@ def _opening_seen(
     ratios = opening[opening.shape[0] - layout.stops :]
     all_stops = jnp.concatenate([jnp.zeros(1, opening.dtype), ratios])
     radius = dot.stop_radius * jnp.exp(all_stops[dot.stop])
-    return _field_point(dot, scale), radius, pupil_of(opening, layout, dot.blades)
-
-
-def _field_point(dot: Dots, scale: Scale) -> Array:
-    """In field radii of the dot's state."""
-    return dot.field_mm / (scale.field_radius_mm * dot.magnified)
+    return field_point(dot, scale), radius, pupil_of(opening, layout, dot.blades)
 
 
 def _landed(
@@ -228,7 +217,6 @@ def _landed(
     colour: Colour,
     layout: Layout,
     scale: Scale,
-    evenly_lit: bool = False,
 ) -> Landed:
     """`landed_rays` of a dot."""
     aberration = aberration_of(parameters, layout, scale, dot.magnified)
@@ -246,72 +234,4 @@ def _landed(
         colour.chromatic,
         depth,
         cylinder,
-        evenly_lit=evenly_lit,
     )
-
-
-def _of_rays(function: Callable) -> Callable:
-    """Of an array (wavelengths, points, 2) in place of one ray's; the rest is one."""
-    return jax.vmap(jax.vmap(function, (0, None)), (0, None))
-
-
-def _moved_by_terms(
-    u: Array, dot: Dots, colour: Colour, layout: Layout, scale: Scale
-) -> Array:
-    """d landing / d coefficients and colour: (wavelengths, points, 2, parameters)."""
-    h = _field_point(dot, scale)
-
-    def moved(terms: tuple[Term, ...]) -> Array:
-        row, pair = term_amplitudes(h, terms)
-        shapes = _of_rays(mode_gradients)(u, modes_of(terms))[:, :, row]
-        return jnp.einsum("wktci,tc->wkit", shapes, pair) * _MM_PER_UM
-
-    chromatic = colour.chromatic[:, None, None, None]
-    linear = moved(layout.colour_terms) * chromatic
-    return jnp.concatenate([moved(layout.terms), linear, linear * chromatic], axis=-1)
-
-
-def _terms_pulled(
-    u: Array, by_landing: Array, dot: Dots, colour: Colour, layout: Layout, scale: Scale
-) -> Array:
-    """Sum over the rays of `by_landing` times `_moved_by_terms`."""
-    h = _field_point(dot, scale)
-
-    def pulled(terms: tuple[Term, ...]) -> Array:
-        """Of each wavelength."""
-        row, pair = term_amplitudes(h, terms)
-        shapes = _of_rays(mode_gradients)(u, modes_of(terms))
-        by_mode = jnp.einsum("wkmci,wki->wmc", shapes, by_landing)
-        return jnp.einsum("wtc,tc->wt", by_mode[:, row], pair) * _MM_PER_UM
-
-    linear = pulled(layout.colour_terms) * colour.chromatic[:, None]
-    quadratic = linear * colour.chromatic[:, None]
-    every = [pulled(layout.terms), linear, quadratic]
-    return jnp.concatenate([jnp.sum(part, 0) for part in every])
-
-
-def _moved_by_state(
-    u: Array, parameters: Array, dot: Dots, layout: Layout, scale: Scale
-) -> Array:
-    """d landing / d defocus, beyond and exit pupil: (wavelengths, points, 2, ...)."""
-    defocus = parameters[layout.blocks["defocus"]][dot.group]
-    p = u * scale.reference_sine
-    where = layout.blocks["exit_pupil"]
-
-    def chief(exit_pupil):
-        changed = parameters.at[where].set(exit_pupil)
-        aberration = aberration_of(changed, layout, scale, dot.magnified)
-        return chief_sine(dot.field_mm, aberration)
-
-    here = chief(parameters[where])
-    turned = jax.jacfwd(chief)(parameters[where])
-    by_chief = defocus * _of_rays(jax.jacfwd(defocus_slope, 1))(p, here)
-    mine = jax.nn.one_hot(dot.group, layout.groups, dtype=u.dtype)
-    by_group = _of_rays(defocus_slope)(p, here)[..., None] * mine[None, None, None]
-    parts = [by_group, by_chief @ turned]
-    if dot.sections is not None:
-        alone = p @ cylinder_mm(jnp.zeros(()), jnp.ones(()), dot.sections)
-        by_beyond = alone[..., None] * mine[None, None, None]
-        parts[0] = by_group + dot.sections.per_defocus * by_beyond
-        parts.insert(1, by_beyond)
-    return jnp.concatenate(parts, axis=-1)

@@ -8,10 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
+from ray_moves import by_parameters
 
 from lensfit.detect.cutouts import CELLS
 from lensfit.fit.wavefront.patch import equations_of
-from lensfit.fit.wavefront.rays import Colour, rays_of
+from lensfit.fit.wavefront.rays import rays_of
+from lensfit.fit.wavefront.shapes import Colour, spread_of
 from lensfit.kernel.pixels import image_of, profile_of
 from lensfit.kernel.spot import Spot
 
@@ -25,12 +27,15 @@ TRUE = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.2,), rims=RIMS)
 NEAR = Seidel(9.0, -6.0, 10.0, 10.0, defocus_mm=(0.18,), rims=((0.55, 1.15), RIMS[1]))
 
 
+def _dot():
+    dots = dots_at(np.array([PLACE]), 0, 0, CELL)
+    return jax.tree.map(lambda a: jnp.asarray(a[0]), dots)
+
+
 @partial(jax.jit, static_argnames=("points",))
 def _rays(parameters, points=POINTS):
-    dots = dots_at(np.array([PLACE]), 0, 0, CELL)
-    dot = jax.tree.map(lambda a: jnp.asarray(a[0]), dots)
     colour = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
-    return rays_of(parameters, dot, colour, LAYOUT, SCALE, points)
+    return rays_of(parameters, _dot(), colour, LAYOUT, SCALE, points)
 
 
 class Found(NamedTuple):
@@ -46,13 +51,14 @@ class Found(NamedTuple):
 def _patch(rays, light, weight, corner, few=None):
     """The matrix is made of the same rays unless of a few."""
     few = rays if few is None else few
-    found = equations_of(
-        rays.spot, few, light, weight, corner, CELL_MM, VARIANCE, LAYOUT.opening
-    )
-    gradient = jnp.einsum("ri,rip->p", found.pull.landing_mm, rays.moved_mm)
-    opened = found.pull.weight @ rays.brightened
+    found = equations_of(rays.spot, few, light, weight, corner, CELL_MM, VARIANCE)
+    moves = by_parameters(rays, _dot(), LAYOUT, SCALE)
+    gradient = jnp.einsum("ri,rip->p", found.pull.landing_mm, moves.moved_mm)
+    opened = found.pull.weight @ moves.brightened
     gradient = gradient.at[LAYOUT.opening].add(opened)
-    return Found(found.matrix, gradient, found.chi_squared, found.nuisance)
+    spread = spread_of(_dot(), LAYOUT, SCALE)
+    matrix = spread.T @ found.matrix @ spread
+    return Found(matrix, gradient, found.chi_squared, found.nuisance)
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, Shot, dots_at, photographed
+from ray_moves import by_parameters
 
 from lensfit.fit.wavefront.dots import hole_variance_mm2
 from lensfit.fit.wavefront.families import FINE, deviation_of, families_of
 from lensfit.fit.wavefront.parameters import Layout
-from lensfit.fit.wavefront.rays import Colour, rays_of, spot_seen
+from lensfit.fit.wavefront.rays import rays_of, spot_seen
+from lensfit.fit.wavefront.shapes import Colour
 from lensfit.fit.wavefront.start import seen_defocus_mm
 from lensfit.kernel.spot import Spot
 from lensfit.optics.sections import Sections
@@ -48,7 +50,8 @@ def parameters() -> np.ndarray:
 
 @jax.jit
 def _rays(numbers, dot):
-    return rays_of(numbers, dot, ONE, TINY, SCALE, POINTS)
+    rays = rays_of(numbers, dot, ONE, TINY, SCALE, POINTS)
+    return by_parameters(rays, dot, TINY, SCALE)
 
 
 @jax.jit
@@ -86,11 +89,15 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
     @jax.jit
     def led_back(by_spot):
         seen = (numbers, dot, ONE, TINY, SCALE, POINTS)
-        return spot_seen(*seen, evenly_lit=True)[1](by_spot)
+        spot, back = spot_seen(*seen)
+        return spot, back(by_spot)
 
+    spot, found = led_back(Spot(*pulls))
+    # Rays that lead the way are evenly lit.
+    lit = spot.weight / rays.spot.weight
     wanted = np.einsum("ri,rip->p", pulls[0], rays.moved_mm)
-    wanted[TINY.opening] += pulls[1] @ rays.brightened
-    np.testing.assert_allclose(led_back(Spot(*pulls)), wanted, rtol=1e-9, atol=1e-9)
+    wanted[TINY.opening] += (pulls[1] * lit) @ rays.brightened
+    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
 
 
 def test_out_of_focus_light_is_an_oval():
