@@ -22,9 +22,9 @@ from lensfit.batches import in_batches
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.aliasing import Aliasing, aliasing_of
 from lensfit.fit.wavefront.dots import Dots
+from lensfit.fit.wavefront.drag import centroid_slopes_mm, centroids_mm
 from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
 from lensfit.fit.wavefront.parameters import Layout, Scale
-from lensfit.fit.wavefront.rays import centroids_mm
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage, with_iris
 
@@ -35,8 +35,6 @@ through a program at a time."""
 _UNSURE = 0.05
 """Share of a drag that the model may get wrong: a photograph in which blur drags little
 tells where chief rays land, and one in which it drags much follows."""
-_CENTROID_SLOPES = jax.jacrev(centroids_mm)
-"""By the parameters; one object, since its program is found by it."""
 
 
 def placed(
@@ -89,7 +87,7 @@ def _moved_by(
         return np.zeros((len(gathered.take), 0, 3, 2))
     rows = spread_over_takes(gathered, _TELLING)
     few = chosen(gathered, rows)
-    slopes = _of_dots(_CENTROID_SLOPES, stage, few, _FEW)
+    slopes = _of_dots(centroid_slopes_mm, stage, few, _FEW)
     against = -np.einsum("dcip,mp->dmci", slopes, moves)
     field_mm, told_mm = (np.asarray(g.dots.field_mm) for g in (gathered, few))
     found = np.zeros((len(field_mm), *against.shape[1:]))

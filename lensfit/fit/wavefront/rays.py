@@ -31,14 +31,12 @@ from lensfit.fit.wavefront.shapes import (
 )
 from lensfit.kernel.spot import Landed, Spot, dealt, landed_rays, spot_of
 from lensfit.optics.depth import ObjectShift
-from lensfit.optics.pupil import Pupil, PupilNodes, polar_nodes, pupil_nodes
+from lensfit.optics.pupil import Pupil, PupilNodes, pupil_nodes
 from lensfit.optics.sections import cylinder_mm
 
-_RINGS_AND_SPOKES = 6, 48
-"""Of the rays that tell a centroid."""
 _TURNS_PER_MM = 12.9898, 78.233
 """Of a spiral, over the field: so many that neighbours have nothing in common."""
-_SHARPNESS = 64.0
+SHARPNESS = 64.0
 """Of the opening's corners: enough for pixels, and steadier than what a kernel uses."""
 
 
@@ -86,25 +84,42 @@ def spot_seen(
     (u, weight), to_opening, nodes = jax.vjp(
         opened, parameters[layout.opening], has_aux=True
     )
-    landed = _landed(u, parameters, dot, colour, layout, scale)
+    landed = landed_of(u, parameters, dot, colour, layout, scale)
     light = landed.light / jnp.sum(weight * landed.light)
 
     def led_back(by_spot: Spot) -> Array:
         by_landing = by_spot.landing_mm.reshape(landed.at_mm.shape)
-        by_u = jnp.einsum("wkij,wki->wkj", landed.slope_mm, by_landing)
         by_weight = by_spot.weight.reshape(weight.shape) * light
-        seen = (parameters, dot, layout, scale)
-        pulled = jnp.moveaxis(by_landing, -1, 0)
-        by_mode = jnp.einsum("miwk,iwk->mw", mode_shapes_mm(u, layout), pulled)
-        by_colour = coloured(by_mode[..., None], colour.chromatic, layout)
-        by_shape = [
-            jnp.sum(by_colour, (1, 2)),
-            jnp.einsum("siwk,iwk->s", state_shapes_mm(u, *seen), pulled),
-            *to_opening((by_u, by_weight)),
-        ]
-        return jnp.concatenate(by_shape) @ spread_of(dot, layout, scale)
+        by_u = jnp.einsum("wkij,wki->wkj", landed.slope_mm, by_landing)
+        opening = to_opening((by_u, by_weight))[0]
+        return led_back_to_parameters(
+            by_landing, opening, u, parameters, dot, colour, layout, scale
+        )
 
     return spot_of(landed, nodes, colour.lateral_mm), led_back
+
+
+def led_back_to_parameters(
+    by_landing: Float[Array, "wavelengths points 2"],
+    by_opening: Float[Array, " opening"],
+    u: Float[Array, "wavelengths points 2"],
+    parameters: Array,
+    dot: Dots,
+    colour: Colour,
+    layout: Layout,
+    scale: Scale,
+) -> Float[Array, " parameters"]:
+    """A derivative by landing points, and by the opening, as one by all parameters."""
+    pulled = jnp.moveaxis(by_landing, -1, 0)
+    by_mode = jnp.einsum("miwk,iwk->mw", mode_shapes_mm(u, layout), pulled)
+    by_colour = coloured(by_mode[..., None], colour.chromatic, layout)
+    states = state_shapes_mm(u, parameters, dot, layout, scale)
+    by_shape = [
+        jnp.sum(by_colour, (1, 2)),
+        jnp.einsum("siwk,iwk->s", states, pulled),
+        by_opening,
+    ]
+    return jnp.concatenate(by_shape) @ spread_of(dot, layout, scale)
 
 
 def rays_of(
@@ -121,7 +136,7 @@ def rays_of(
     widened = jax.jacfwd(nodes_of)(opening, dot, layout, scale, count)
     wavelengths = len(colour.chromatic)
     u, u_widened = dealt(nodes.u, wavelengths), dealt(widened.u, wavelengths)
-    landed = _landed(u, parameters, dot, colour, layout, scale)
+    landed = landed_of(u, parameters, dot, colour, layout, scale)
     evenly_lit = landed._replace(light=jnp.ones_like(landed.light))
     moved = jnp.concatenate(
         [
@@ -137,47 +152,6 @@ def rays_of(
     )
 
 
-def centroids_mm(
-    parameters: Float[Array, " parameters"],
-    dot: Dots,
-    chromatic: Float[Array, "3 wavelengths"],
-    layout: Layout,
-    scale: Scale,
-) -> Float[Array, "3 2"]:
-    """Centroid of each channel's light from where the chief ray lands."""
-
-    def channel(chromatic, lateral_mm):
-        landing, weight = polar_landings(
-            parameters,
-            dot,
-            Colour(chromatic, lateral_mm),
-            layout,
-            scale,
-            _RINGS_AND_SPOKES,
-        )
-        return jnp.einsum("wk,wki->i", weight, landing)
-
-    return jax.vmap(channel)(chromatic, dot.lateral_mm)
-
-
-def polar_landings(
-    parameters: Float[Array, " parameters"],
-    dot: Dots,
-    colour: Colour,
-    layout: Layout,
-    scale: Scale,
-    rings_and_spokes: tuple[int, int],
-) -> tuple[Float[Array, "wavelengths rays 2"], Float[Array, "wavelengths rays"]]:
-    """Where rays on rings and spokes land, from the chief ray of their wavelength, and
-    the light of each, 1 in all; see `optics.pupil.polar_nodes`."""
-    seen = _opening_seen(parameters[layout.opening], dot, layout, scale)
-    nodes = polar_nodes(*seen, *rings_and_spokes, _SHARPNESS)
-    u = jnp.broadcast_to(nodes.u[None], (len(colour.chromatic), *nodes.u.shape))
-    landed = _landed(u, parameters, dot, colour, layout, scale)
-    light = nodes.weight[None] * landed.light
-    return landed.at_mm, light / jnp.sum(light)
-
-
 def nodes_of(
     opening: Float[Array, " opening"],
     dot: Dots,
@@ -190,8 +164,8 @@ def nodes_of(
     No two dots' rays leave the same gaps: what an image lacks for being made of few
     rays then averages out over the dots, where one pattern would lead all astray.
     """
-    seen = _opening_seen(opening, dot, layout, scale)
-    return pupil_nodes(*seen, count, _SHARPNESS, _turn_rad(dot))
+    seen = opening_seen(opening, dot, layout, scale)
+    return pupil_nodes(*seen, count, SHARPNESS, _turn_rad(dot))
 
 
 def _turn_rad(dot: Dots) -> Array:
@@ -200,7 +174,7 @@ def _turn_rad(dot: Dots) -> Array:
     return 2 * jnp.pi * jnp.mod(turns, 1.0)
 
 
-def _opening_seen(
+def opening_seen(
     opening: Array, dot: Dots, layout: Layout, scale: Scale
 ) -> tuple[Array, Array, Pupil]:
     """Field point in field radii, radius of the stop as set, rims and stop."""
@@ -210,7 +184,7 @@ def _opening_seen(
     return field_point(dot, scale), radius, pupil_of(opening, layout, dot.blades)
 
 
-def _landed(
+def landed_of(
     u: Array,
     parameters: Array,
     dot: Dots,

@@ -9,10 +9,10 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 from ray_moves import by_parameters
 
+from lensfit.fit.wavefront.drag import centroid_slopes_mm, centroids_mm
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.rays import (
     _turn_rad,
-    centroids_mm,
     rays_of,
     spot_seen,
 )
@@ -158,6 +158,21 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
     wanted[TINY.opening] += (weight * lit) @ rays.brightened
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(spot.landing_mm, rays.spot.landing_mm, atol=1e-12)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_centroid_goes_as_its_slopes_say(place):
+    """But for how the light over the opening changes, which is taken as it is."""
+    parameters, dot = jnp.asarray(parameters_of(0.2, (0.5, 1.1))), dot_of(PLACES[place])
+    seen = (dot, jnp.full((3, 2), jnp.array([-0.4, 0.3])), TINY, SCALE)
+    wanted = jax.jacfwd(lambda numbers: centroids_mm(numbers, *seen))(parameters)
+    found = centroid_slopes_mm(parameters, *seen)
+    for name, where in TINY.blocks.items():
+        size = float(np.abs(wanted[..., where]).max())
+        np.testing.assert_allclose(
+            found[..., where], wanted[..., where],
+            rtol=0, atol=0.02 * size + 1e-9, err_msg=name,
+        )  # fmt: skip
 
 
 def test_every_block_moves_or_brightens_rays_somewhere():

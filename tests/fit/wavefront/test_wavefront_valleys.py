@@ -9,8 +9,8 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, dots_at
 
 from lensfit.errors import FitError
+from lensfit.fit.wavefront.drag import polar_landings
 from lensfit.fit.wavefront.parameters import mirrored
-from lensfit.fit.wavefront.rays import polar_landings
 from lensfit.fit.wavefront.shapes import Colour
 from lensfit.fit.wavefront.valleys import Valley, left_of, side_is_told, still_open
 
