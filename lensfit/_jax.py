@@ -22,12 +22,14 @@ import hashlib
 import os
 import platform
 import sys
+import warnings
 from contextlib import suppress
 from pathlib import Path
 
 CACHE_VARIABLE = "LENSFIT_CACHE_DIR"
 _MOST_CORES = 8
 """More have too few dots each; every device costs memory."""
+_HALF_WRITTEN = "Error (reading|writing) persistent compilation cache entry"
 _UNSET = {"jax_compilation_cache_dir": (None, ""), "jax_num_cpu_devices": (-1,)}
 """What settings are as long as nobody chose them, of those that a user may choose."""
 
@@ -40,6 +42,9 @@ def configure_jax() -> None:
         _set("jax_compilation_cache_dir", str(folder))
         # All of them: a run has hundreds of small ones, seconds together.
         _set("jax_persistent_cache_min_compile_time_secs", 0.0)
+        # JAX writes them in place. What another process has written by half is
+        # compiled here, which is nobody's concern.
+        warnings.filterwarnings("ignore", _HALF_WRITTEN, UserWarning)
 
 
 def cache_dir() -> Path | None:

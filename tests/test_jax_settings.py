@@ -44,3 +44,26 @@ def test_what_the_user_asked_for_stays():
 def test_a_jax_that_runs_already_keeps_its_devices():
     count = "jax.numpy as jnp; jnp.zeros(1)"
     assert devices(count, "lensfit.workflow.calibrate")[0] == "1"
+
+
+def test_a_program_that_is_kept_by_half_is_compiled_without_a_word(tmp_path):
+    """As another process may just be writing it."""
+    script = "import lensfit, jax; print(jax.jit(lambda x: x * 3.0)(14.0))"
+
+    def run() -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-c", script],
+            env=os.environ | {"LENSFIT_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+
+    assert run().stdout.strip() == "42.0"
+    kept = [path for path in tmp_path.rglob("*-cache") if path.is_file()]
+    assert kept
+    for path in kept:
+        path.write_bytes(path.read_bytes()[:20])
+    again = run()
+    assert again.stdout.strip() == "42.0"
+    assert again.stderr == ""
