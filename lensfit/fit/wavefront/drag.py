@@ -11,8 +11,8 @@ from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.rays import (
     SHARPNESS,
+    Through,
     landed_of,
-    led_back_to_parameters,
     opening_seen,
 )
 from lensfit.fit.wavefront.shapes import Colour
@@ -56,18 +56,16 @@ def centroid_slopes_mm(
             return _polar(opening, dot, len(chromatic), layout, scale)
 
         (u, weight), to_opening = jax.vjp(opened, parameters[layout.opening])
-        landed = landed_of(u, parameters, dot, colour, layout, scale)
+        seen = (parameters, dot, colour, layout, scale)
+        landed = landed_of(u, *seen)
+        rays = Through(u, landed, to_opening)
         light = landed.light / jnp.sum(weight * landed.light)
         share = (weight * light)[..., None]
         off = landed.at_mm - jnp.sum(share * landed.at_mm, (0, 1), keepdims=True)
 
         def along(axis: Array) -> Array:
             by_landing = share * axis[None, None]
-            by_u = jnp.einsum("wkij,wki->wkj", landed.slope_mm, by_landing)
-            (by_opening,) = to_opening((by_u, light * (off @ axis)))
-            return led_back_to_parameters(
-                by_landing, by_opening, u, parameters, dot, colour, layout, scale
-            )
+            return rays.led_back(by_landing, light * (off @ axis), *seen)
 
         return jax.vmap(along)(jnp.eye(2, dtype=u.dtype))
 

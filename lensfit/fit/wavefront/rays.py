@@ -57,6 +57,45 @@ class Rays(NamedTuple):
     brightened: Float[Array, "opening rays"]
 
 
+class Through(NamedTuple):
+    """Rays through points of the opening, and what leads derivatives back.
+
+    Attributes
+    ----------
+    u : Where they go through.
+    landed : Where they land.
+    to_opening : From derivatives by u and by the weight of its rays to one by the
+        numbers of the opening.
+    """
+
+    u: Float[Array, "wavelengths points 2"]
+    landed: Landed
+    to_opening: Callable[[tuple[Array, Array]], tuple[Array]]
+
+    def led_back(
+        self,
+        by_landing: Float[Array, "wavelengths points 2"],
+        by_weight: Float[Array, "wavelengths points"],
+        parameters: Array,
+        dot: Dots,
+        colour: Colour,
+        layout: Layout,
+        scale: Scale,
+    ) -> Float[Array, " parameters"]:
+        """A derivative by landing points and weights as one by all parameters."""
+        pulled = jnp.moveaxis(by_landing, -1, 0)
+        by_mode = jnp.einsum("miwk,iwk->mw", mode_shapes_mm(self.u, layout), pulled)
+        by_colour = coloured(by_mode[..., None], colour.chromatic, layout)
+        states = state_shapes_mm(self.u, parameters, dot, layout, scale)
+        by_u = jnp.einsum("wkij,wki->wkj", self.landed.slope_mm, by_landing)
+        by_shape = [
+            jnp.sum(by_colour, (1, 2)),
+            jnp.einsum("siwk,iwk->s", states, pulled),
+            *self.to_opening((by_u, by_weight)),
+        ]
+        return jnp.concatenate(by_shape) @ spread_of(dot, layout, scale)
+
+
 def spot_seen(
     parameters: Float[Array, " parameters"],
     dot: Dots,
@@ -84,42 +123,17 @@ def spot_seen(
     (u, weight), to_opening, nodes = jax.vjp(
         opened, parameters[layout.opening], has_aux=True
     )
-    landed = landed_of(u, parameters, dot, colour, layout, scale)
+    seen = (parameters, dot, colour, layout, scale)
+    rays = Through(u, landed_of(u, *seen), to_opening)
+    landed = rays.landed
     light = landed.light / jnp.sum(weight * landed.light)
 
     def led_back(by_spot: Spot) -> Array:
         by_landing = by_spot.landing_mm.reshape(landed.at_mm.shape)
         by_weight = by_spot.weight.reshape(weight.shape) * light
-        by_u = jnp.einsum("wkij,wki->wkj", landed.slope_mm, by_landing)
-        opening = to_opening((by_u, by_weight))[0]
-        return led_back_to_parameters(
-            by_landing, opening, u, parameters, dot, colour, layout, scale
-        )
+        return rays.led_back(by_landing, by_weight, *seen)
 
     return spot_of(landed, nodes, colour.lateral_mm), led_back
-
-
-def led_back_to_parameters(
-    by_landing: Float[Array, "wavelengths points 2"],
-    by_opening: Float[Array, " opening"],
-    u: Float[Array, "wavelengths points 2"],
-    parameters: Array,
-    dot: Dots,
-    colour: Colour,
-    layout: Layout,
-    scale: Scale,
-) -> Float[Array, " parameters"]:
-    """A derivative by landing points, and by the opening, as one by all parameters."""
-    pulled = jnp.moveaxis(by_landing, -1, 0)
-    by_mode = jnp.einsum("miwk,iwk->mw", mode_shapes_mm(u, layout), pulled)
-    by_colour = coloured(by_mode[..., None], colour.chromatic, layout)
-    states = state_shapes_mm(u, parameters, dot, layout, scale)
-    by_shape = [
-        jnp.sum(by_colour, (1, 2)),
-        jnp.einsum("siwk,iwk->s", states, pulled),
-        by_opening,
-    ]
-    return jnp.concatenate(by_shape) @ spread_of(dot, layout, scale)
 
 
 def rays_of(
