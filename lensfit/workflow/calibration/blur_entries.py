@@ -1,19 +1,26 @@
 """The fitted wavefront as it is kept: the blur block of a preset entry."""
 
+from functools import partial
+from typing import NamedTuple
+
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from lensfit.fit.lens_state import LensState
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.gather import Gathered, Group
-from lensfit.fit.wavefront.parameters import aberration_of, pupil_of
+from lensfit.fit.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
+from lensfit.optics.aberration import Aberration
 from lensfit.optics.paraxial import (
     FirstOrder,
+    Scalar,
     defocus_mm,
     focal_length_mm,
     rim_sine,
 )
+from lensfit.optics.pupil import Pupil
 from lensfit.optics.sections import log_squeeze
 from lensfit.preset.blur_blocks import Blur, Stop
 from lensfit.preset.blur_of_block import blur_block
@@ -27,11 +34,10 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     stage = wavefront.stage
     gathered, layout, parameters = stage.gathered, stage.layout, stage.parameters
     magnified = _magnified(state, gathered)
-    aberration = aberration_of(
-        jnp.asarray(parameters), layout, gathered.scale, magnified
+    optics = _optics_of(
+        parameters, layout, gathered.scale, magnified, 1.0 * stage.blades
     )
-    opening = jnp.asarray(parameters[layout.opening])
-    pupil = pupil_of(opening, layout, jnp.asarray(1.0 * stage.blades))
+    aberration, pupil = jax.device_get(optics)
     ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
     numbers = gathered.f_numbers
     seen = wavefront.has("exit_pupil")
@@ -53,6 +59,49 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
         assumed=() if seen else ("pupil_magnification", "exit_pupil_distance_mm"),
         beyond_offset_mm=beyond,
     )
+
+
+# Uncertainties write the block some hundred times over (`blur_uncertainty`): programs,
+# since operations sent one by one would take most of that time.
+@partial(jax.jit, static_argnames="layout")
+def _optics_of(
+    parameters: Float[Array, " parameters"],
+    layout: Layout,
+    scale: Scale,
+    magnified: Float[Array, ""],
+    blades: Float[Array, ""],
+) -> tuple[Aberration, Pupil]:
+    aberration = aberration_of(parameters, layout, scale, magnified)
+    return aberration, pupil_of(parameters[layout.opening], layout, blades)
+
+
+class _Focused(NamedTuple):
+    """What the first-order optics of a state follows from."""
+
+    principal_distance_mm: Scalar
+    pupil_magnification: Scalar
+    entrance_pupil_offset_mm: Scalar
+    focus_distance_mm: Scalar
+
+    def first_order(self) -> FirstOrder:
+        return FirstOrder(
+            focal_length_mm(*self),
+            self.pupil_magnification,
+            self.entrance_pupil_offset_mm,
+        )
+
+
+@jax.jit
+def _defocus_mm(state: _Focused, reference_mm: Scalar) -> Scalar:
+    return defocus_mm(state.first_order(), state.focus_distance_mm, reference_mm)
+
+
+@jax.jit
+def _sine_ratio(
+    fitted: FirstOrder, state: _Focused, f_number: Scalar, reference_mm: Scalar
+) -> Scalar:
+    fitted_sine = rim_sine(fitted, f_number, reference_mm)
+    return fitted_sine / rim_sine(state.first_order(), f_number, reference_mm)
 
 
 def _magnified(state: LensState, gathered: Gathered) -> float:
@@ -125,12 +174,10 @@ def _same_focus(group: Group, state: LensState) -> bool:
 def _nominal_ratio(f_number: float, state: LensState, wavefront: WavefrontFit) -> float:
     """The stop that the fit took an f-number for, over what `Lens.psf` takes it for."""
     gathered = wavefront.gathered
-    focus = state.focus_distance_mm or gathered.reference_distance_mm
-    mine = _first_order(state, _pupil_magnification(state, wavefront), focus)
-    reference = gathered.reference_distance_mm
-    number, reference = jnp.asarray(f_number), jnp.asarray(reference)
-    fitted = rim_sine(gathered.first_order, number, reference)
-    return float(fitted / rim_sine(mine, number, reference))
+    reference_mm = gathered.reference_distance_mm
+    focus_mm = state.focus_distance_mm or reference_mm
+    mine = _focused(state, _pupil_magnification(state, wavefront), focus_mm)
+    return float(_sine_ratio(gathered.first_order, mine, f_number, reference_mm))
 
 
 def _said_mm(
@@ -142,17 +189,16 @@ def _said_mm(
     """Defocus of the reference distance by first-order optics, as `Lens.psf` has it."""
     if focus_distance_mm is None:
         return 0.0
-    first_order = _first_order(state, pupil_magnification, focus_distance_mm)
-    focus, reference = jnp.asarray(focus_distance_mm), jnp.asarray(reference_mm)
-    return float(defocus_mm(first_order, focus, reference))
+    said = _focused(state, pupil_magnification, focus_distance_mm)
+    return float(_defocus_mm(said, reference_mm))
 
 
-def _first_order(
+def _focused(
     state: LensState, pupil_magnification: float, focus_distance_mm: float
-) -> FirstOrder:
-    distance = jnp.asarray(state.distortion.principal_distance_mm)
-    magnification = jnp.asarray(pupil_magnification)
-    focus = jnp.asarray(focus_distance_mm)
-    offset = jnp.asarray(state.pupil.offset_mm)
-    f = focal_length_mm(distance, magnification, offset, focus)
-    return FirstOrder(f, magnification, offset)
+) -> _Focused:
+    distance_mm, offset_mm = (
+        state.distortion.principal_distance_mm,
+        state.pupil.offset_mm,
+    )
+    numbers = distance_mm, pupil_magnification, offset_mm, focus_distance_mm
+    return _Focused(*map(jnp.asarray, numbers))
