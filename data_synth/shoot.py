@@ -44,7 +44,7 @@ from data_synth.sensor import MOSAIC, Sensor, digitise
 from lensfit.atomic import write_text_atomic
 
 BRIGHTEST = 0.75
-AT_ONCE = 4
+AT_ONCE = 2
 """Photographs; more take too much memory."""
 """Automatic exposure puts the brightest half per mille of a picture here."""
 FIELD_STEPS = (13, 11)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from data_synth.surfaces import Surface, Vector, intersect
 
-RAYS_PER_BLOCK = 8192
+RAYS_PER_BLOCK = 32768
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,11 @@ from pathlib import Path
 import jax
 import pytest
 
+from lensfit.programs import make_room_for_programs
+
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
-
-
-_MOST_MAPS = 20_000
-"""Linux gives a process 65,530 memory maps, and every compiled program takes some."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -35,8 +33,5 @@ def data_dir() -> Path:
 
 @pytest.fixture(autouse=True, scope="module")
 def _room_for_programs() -> Iterator[None]:
-    """Forget compiled programs before they are too many for one process."""
     yield
-    maps = Path("/proc/self/maps")
-    if maps.exists() and maps.read_bytes().count(b"\n") > _MOST_MAPS:
-        jax.clear_caches()
+    make_room_for_programs()

@@ -22,6 +22,7 @@ FLOORS = {
     "_callable": 0,
     "bounded": 1,
     "_strict": 2,
+    "programs": 2,
     "mosaic": 1,
     "coords": 2,
     "photograph": 2,

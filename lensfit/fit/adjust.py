@@ -8,7 +8,6 @@ stay beyond reach are not used at all.
 
 from dataclasses import dataclass, replace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool, Float
@@ -20,6 +19,7 @@ from lensfit.fit.geometry import Frame
 from lensfit.fit.normal import Equations
 from lensfit.fit.parameters import Layout, Prior
 from lensfit.fit.views import Stack, noise_mm2, whitening_of
+from lensfit.programs import kept_program
 
 CAUCHY_SCALE = 3.0
 REJECT_BEYOND = 7.0
@@ -32,7 +32,7 @@ _MEDIAN_OF_CHI2 = {1: 0.6745, 2: 1.1774}
 """Median length of a whitened residual of one and of two dimensions."""
 
 
-_predictions_mm = jax.jit(normal.predictions_mm, static_argnames=("layout",))
+_predictions_mm = kept_program(static_argnames=("layout",))(normal.predictions_mm)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,6 @@ for every quadratic map, which is the leading term.
 Check: for a flat dot tilted by `a` the shift is f (r/Z)^2 sin(a) cos(a).
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +17,7 @@ from jaxtyping import Array, Float, Int
 from lensfit.fit import normal
 from lensfit.fit.geometry import Frame, View, predicted_mm
 from lensfit.fit.parameters import Layout
+from lensfit.programs import kept_program
 
 _CORNERS = 8
 _ANGLES = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
@@ -28,7 +27,7 @@ _SLOPE = (-1.0) ** _APART / 2 / np.tan(np.pi / _CORNERS * np.where(_APART, _APAR
 """Derivative along the angle of the trigonometric polynomial through eight points."""
 
 
-@partial(jax.jit, static_argnames=("layout",))
+@kept_program(static_argnames=("layout",))
 def centroid_shift_mm(
     parameters: Float[Array, " parameters"],
     views: View,

@@ -3,10 +3,8 @@
 The method is that of `levenberg`; a pass over the marks is that of `normal`.
 """
 
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -15,6 +13,7 @@ from lensfit.fit.geometry import Frame, View
 from lensfit.fit.levenberg import Prior, Quadratic, minimise
 from lensfit.fit.normal import Equations, equations
 from lensfit.fit.parameters import Layout
+from lensfit.programs import kept_program
 
 
 class Problem(NamedTuple):
@@ -51,7 +50,7 @@ class Solution(NamedTuple):
     equations: Equations
 
 
-@partial(jax.jit, static_argnames=("layout",))
+@kept_program(static_argnames=("layout",))
 def solve(
     start: Float[Array, " parameters"],
     problem: Problem,

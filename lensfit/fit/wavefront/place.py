@@ -10,7 +10,6 @@ in practice it carries the noise of the rays that the image is made of.)
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +26,7 @@ from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage, with_iris
+from lensfit.programs import kept_program
 
 _BATCH = 512
 _TELLING, _FEW = 12, 32
@@ -122,7 +122,7 @@ def _of_dots(
     )
 
 
-@partial(jax.jit, static_argnames=("function", "layout"))
+@kept_program(static_argnames=("function", "layout"))
 def _one_by_one(
     function: Callable[..., Array],
     parameters: Array,

@@ -5,7 +5,6 @@ of the opening, few enough to be quick; between them landing points are smooth, 
 whoever draws may interpolate (`RINGS` are Gauss's nodes in the square of the reach).
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -20,6 +19,7 @@ from lensfit.fit.wavefront.normal import as_float32
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.shapes import Colour
 from lensfit.fit.wavefront.stages import Stage, with_iris
+from lensfit.programs import kept_program
 
 RINGS, SPOKES = 6, 36
 _GREEN = 1
@@ -57,7 +57,7 @@ def portrayed(stage: Stage, gathered: Gathered) -> Landings:
     )
 
 
-@partial(jax.jit, static_argnames=("layout",))
+@kept_program(static_argnames=("layout",))
 def _landings(
     parameters: Array, dots: Dots, chromatic: Array, layout: Layout, scale: Scale
 ) -> Landings:

@@ -1,15 +1,14 @@
 """The solve of the wavefront fit: all patches and priors, by `fit.levenberg`."""
 
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from lensfit.fit.levenberg import Prior, Quadratic, minimise
 from lensfit.fit.wavefront.normal import Equations, Model, PerDot, Points, pass_over
 from lensfit.fit.wavefront.parameters import Layout
+from lensfit.programs import kept_program
 
 
 class Solution(NamedTuple):
@@ -30,7 +29,7 @@ class Solution(NamedTuple):
     per_dot: PerDot
 
 
-@partial(jax.jit, static_argnames=("layout", "points"))
+@kept_program(static_argnames=("layout", "points"))
 def solve(
     start: Float[Array, " parameters"],
     model: Model,

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from lensfit.errors import DetectionError, LensfitError
@@ -20,6 +19,7 @@ from lensfit.fit.lens_state import LensState
 from lensfit.fit.lens_states import Fitted, fit
 from lensfit.lens import Lens
 from lensfit.preset.schema import Camera
+from lensfit.programs import forget_programs
 from lensfit.progress import Progress, silent
 from lensfit.workflow.bench.fit.floor import pass_floor
 from lensfit.workflow.bench.fit.lens import (
@@ -116,7 +116,7 @@ def bench_fit(
     for done, one in enumerate(chosen):
         progress("sets", done, len(chosen))
         # Every set has programs of its own, and a process may map only so many.
-        jax.clear_caches()
+        forget_programs()
         try:
             measured = measure(one, Path(data), _folder(out_dir, one), rates)
         except LensfitError as error:

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jax
-
 from lensfit.errors import LensfitError
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
+from lensfit.programs import make_room_for_programs
 from lensfit.progress import Progress, silent
 from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.result import Machine, bench_result
@@ -91,8 +90,7 @@ def bench_wavefront(
     with kept as root:
         for done, trial in enumerate(trials):
             progress("lenses", done, len(trials))
-            # Every lens has programs of its own, and a process may map only so many.
-            jax.clear_caches()
+            make_room_for_programs()
             row, folder = _empty_row(trial), Path(root) / trial.name
             rows.append(row)
             with _failures(row):
