@@ -17,11 +17,11 @@ import functools
 import hashlib
 import inspect
 import math
+import os
 import pickle
 import shutil
-import time
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from threading import Lock
@@ -45,13 +45,13 @@ _SETTINGS = (
     "jax_numpy_rank_promotion",
     "jax_default_matmul_precision",
     "jax_debug_nans",
-    "jax_disable_jit",
 )
-_SECONDS_UNUSED = 30 * 86400.0
-"""After so long the programs of another version of lensfit are thrown away."""
+_MOST_WORLDS = 6
+"""Versions of lensfit and its libraries whose programs are kept, some 30 MB each."""
 _CHECKSUM_BYTES = 32
 _MOST_MAPS = 20_000
 """Linux gives a process 65,530 memory maps, and every compiled program takes some."""
+_NO_PROGRAMS = "jax_disable_jit"
 _LEAST_SECONDS = "jax_persistent_cache_min_compile_time_secs"
 _compiling = Lock()
 _kept: list["KeptProgram[Any]"] = []
@@ -104,7 +104,7 @@ class KeptProgram(Generic[_R]):
         static = {name: given[name] for name in self._static if name in given}
         arrays = {name: v for name, v in given.items() if name not in static}
         leaves, tree = jax.tree.flatten(arrays)
-        if not all(map(_is_plain, leaves)):
+        if getattr(jax.config, _NO_PROGRAMS) or not all(map(_is_plain, leaves)):
             return self._jitted(**given)
         key = (tuple(static.items()), tree, tuple(map(_kind, leaves)))
         with self._one_at_a_time:
@@ -211,7 +211,11 @@ def _folder() -> Path | None:
     world = f"{_source_digest()} {libraries} {settings} {devices}"
     folder = root.parent.parent / "programs" / root.name
     folder = folder / hashlib.sha256(world.encode()).hexdigest()[:16]
-    _throw_away_unused(folder.parent)
+    if folder.is_dir():
+        with suppress(OSError):
+            os.utime(folder)  # in use
+    else:
+        _keep_newest(folder.parent, _MOST_WORLDS - 1)
     return folder
 
 
@@ -225,14 +229,11 @@ def _source_digest() -> str:
     return digest.hexdigest()
 
 
-def _throw_away_unused(folder: Path) -> None:
-    for old in folder.glob("*"):
-        try:
-            unused_s = time.time() - old.stat().st_mtime
-            if unused_s > _SECONDS_UNUSED:
-                shutil.rmtree(old, ignore_errors=True)
-        except OSError:
-            continue  # another process was faster
+def _keep_newest(folder: Path, count: int) -> None:
+    with suppress(OSError):  # another process was faster
+        by_age = sorted(folder.glob("*"), key=lambda old: -old.stat().st_mtime)
+        for old in by_age[count:]:
+            shutil.rmtree(old, ignore_errors=True)
 
 
 def _read(path: Path, arguments: Any) -> jax.stages.Compiled | None:

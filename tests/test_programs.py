@@ -1,6 +1,7 @@
 """Programs that are kept run without being traced; what cannot be kept runs anyway."""
 
-from typing import NamedTuple
+import os
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -150,8 +151,24 @@ def test_forgotten_programs_are_read_again():
 
 def test_changed_source_has_a_folder_of_its_own(monkeypatch):
     monkeypatch.undo()
-    folder_of_world = programs._folder.__wrapped__
+    folder_of_world: Any = programs._folder.__wrapped__
     before = folder_of_world()
     monkeypatch.setattr(programs, "_source_digest", lambda: "changed")
-    assert before != folder_of_world()
-    assert before.parent == folder_of_world().parent
+    after = folder_of_world()
+    assert before != after
+    assert before.parent == after.parent
+
+
+def test_only_the_worlds_used_last_are_kept(tmp_path):
+    for age, name in enumerate(("new", "older", "oldest")):
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
+    programs._keep_newest(tmp_path, 2)
+    assert {path.name for path in tmp_path.iterdir()} == {"new", "older"}
+    programs._keep_newest(tmp_path / "none", 2)
+
+
+def test_nothing_is_compiled_where_jax_may_not():
+    with jax.disable_jit():
+        assert program()(PAIR, 1.5).second == 4.0
+    assert len(traced) == 1

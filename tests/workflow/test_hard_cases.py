@@ -1,0 +1,79 @@
+"""Hard photographs, each fitted and judged by the ray trace that made it.
+
+Small pictures and the least effort, to be run often: bars are half as much again as was
+measured so, no promise to users (README has the figures of larger ones). What may never
+go is the side of focus, and a map or fall-off that folds. A mosaic needs finer
+pictures; `bench/test_bench_wavefront.py` has it.
+"""
+
+from typing import NamedTuple
+
+import pytest
+
+from data_synth.judge import judge
+from data_synth.wavefront_cases import CASES, case_subject
+from lensfit.fit.lens_states import fit
+from lensfit.fit.wavefront.effort import Effort
+from lensfit.progress import silent
+from lensfit.workflow.calibrate import preset_of
+from lensfit.workflow.calibration.observe import observe_shoot
+from lensfit.workflow.shoot.charts_seen import with_charts_read
+from lensfit.workflow.shoot.file import load_shoot
+
+SIZE = (400, 300)
+
+
+class Bars(NamedTuple):
+    """Worst focus, px; worst channel, px; worst place; psf median, 90th percentile."""
+
+    chief: float
+    colour: float
+    light: float
+    median: float
+    p90: float
+    side: str = "right"
+
+
+BARS = {
+    "overlapping": Bars(0.075, 0.008, 0.054, 0.038, 0.066),
+    "saturated": Bars(0.042, 0.215, 0.147, 0.095, 0.183),
+    "tiny_dots": Bars(0.014, 0.017, 0.026, 0.039, 0.234),
+    "cropped_grid": Bars(0.023, 0.045, 0.130, 0.078, 0.327),
+    "tilted_chart": Bars(0.119, 0.017, 0.026, 0.065, 0.123),
+    "corner_clipped": Bars(0.011, 0.005, 0.104, 0.059, 0.129),
+    "decentred": Bars(0.122, 0.020, 0.039, 0.074, 0.254),
+    "fast": Bars(0.029, 0.008, 0.005, 0.048, 0.101),
+    "fisheye": Bars(0.011, 0.014, 0.035, 0.050, 0.140),
+    "jpeg": Bars(0.014, 0.020, 0.093, 0.042, 0.071),
+    "anamorphic": Bars(0.042, 0.018, 0.023, 0.138, 0.611),
+    "single_focus": Bars(0.003, 0.003, 0.062, 0.095, 0.291, "undecided"),
+    "left_out": Bars(0.102, 0.021, 0.030, 0.110, 0.152),
+}
+
+
+def judged(name, folder):
+    """Figures of a fit with the least effort; of spots, every fourth field point."""
+    case_subject(name, SIZE).write(folder)
+    shoot = with_charts_read(load_shoot(folder / "shoot.toml"))
+    observed = observe_shoot(shoot, folder / "seen", silent)
+    takes = [one.take for one in observed if one.take is not None]
+    fitted = fit(takes, effort=Effort.FASTEST)
+    return judge(preset_of(shoot, observed, fitted), folder, every=4)
+
+
+def test_every_hard_case_has_its_test():
+    assert set(BARS) | {"bayer"} == set(CASES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BARS)
+def test_a_hard_case_is_fitted_as_well_as_it_was(name, tmp_path):
+    found, bars = judged(name, tmp_path), BARS[name]
+    assert found["defocus_sign"] == bars.side
+    assert found["flags"] == []
+    assert max(found["chief_ray_px"].values()) <= bars.chief
+    assert max(found["lateral_colour_px"].values()) <= bars.colour
+    assert max(found["illumination_worst"].values()) <= bars.light
+    psf = found["psf"]["all"]
+    assert psf["median"] <= bars.median
+    assert psf["p90"] <= bars.p90
