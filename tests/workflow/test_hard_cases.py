@@ -3,7 +3,8 @@
 Small pictures and the least effort, to be run often: bars are half as much again as was
 measured so, no promise to users (README has the figures of larger ones). What may never
 go is the side of focus, and a map or fall-off that folds. A mosaic needs finer
-pictures; `bench/test_bench_wavefront.py` has it.
+pictures; `bench/test_bench_wavefront.py` has it. Each case takes one to three minutes:
+CI runs the quick ones, and `pytest -m hard` the others.
 """
 
 from typing import NamedTuple
@@ -51,6 +52,13 @@ BARS = {
 }
 
 
+QUICK = ("tiny_dots", "corner_clipped", "decentred", "single_focus", "left_out")
+SPEEDS = [
+    pytest.param(name, marks=pytest.mark.slow if name in QUICK else pytest.mark.hard)
+    for name in BARS
+]
+
+
 def judged(name, folder):
     """Figures of a fit with the least effort; of spots, every fourth field point."""
     case_subject(name, SIZE).write(folder)
@@ -65,8 +73,7 @@ def test_every_hard_case_has_its_test():
     assert set(BARS) | {"bayer"} == set(CASES)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", BARS)
+@pytest.mark.parametrize("name", SPEEDS)
 def test_a_hard_case_is_fitted_as_well_as_it_was(name, tmp_path):
     found, bars = judged(name, tmp_path), BARS[name]
     assert found["defocus_sign"] == bars.side
