@@ -91,7 +91,7 @@ def test_wrong_use_is_told_and_exits_with_two(words, says, tmp_path):
 
 @pytest.mark.slow
 def test_a_traced_lens_is_calibrated_and_judged(tmp_path):
-    subject = case_subject("left_out", (512, 384))
+    subject = case_subject("left_out", (400, 300))
     trial = Trial("small", subject.about, subject.write)
     result = bench_wavefront([trial], judged, tmp_path)
     (row,) = result["rows"]
