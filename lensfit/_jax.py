@@ -37,7 +37,7 @@ _UNSET = {"jax_compilation_cache_dir": (None, ""), "jax_num_cpu_devices": (-1,)}
 def configure_jax() -> None:
     """Turn on float64 and the persistent compilation cache; harmless if repeated."""
     _set("jax_enable_x64", True, overrule=True)
-    folder = cache_dir()
+    folder = cache_dir("jax")
     if folder is not None and _writable(folder):
         _set("jax_compilation_cache_dir", str(folder))
         # All of them: a run has hundreds of small ones, seconds together.
@@ -47,8 +47,9 @@ def configure_jax() -> None:
         warnings.filterwarnings("ignore", _HALF_WRITTEN, UserWarning)
 
 
-def cache_dir() -> Path | None:
-    """Folder for compiled programs, or None when the environment asks for none.
+def cache_dir(kind: str) -> Path | None:
+    """Folder for programs kept by JAX or by lensfit ("jax" or "programs"), or None when
+    the environment asks for none.
 
     Programs compiled for one processor may not run on another, and farm nodes share
     home folders, so each kind of processor gets a folder of its own.
@@ -58,7 +59,7 @@ def cache_dir() -> Path | None:
         import platformdirs
 
         chosen = platformdirs.user_cache_dir("lensfit", appauthor=False)
-    return Path(chosen) / "jax" / _processor() if chosen else None
+    return Path(chosen) / kind / _processor() if chosen else None
 
 
 def count_cores() -> None:

@@ -3,42 +3,33 @@
 JAX's own cache spares the next process the compilation, but not the way there: to know
 which program it looks for, JAX traces the Python code and lowers what it traced, which
 for the large programs of a fit takes seconds each. Here a program is kept under what
-decides it before any tracing: lensfit's source code, the versions of the libraries that
-trace and compile it, JAX's settings, the static arguments, and shape and type of every
-array. A change of any of these makes another name; nothing is ever looked up wrongly.
+decides it before any tracing: lensfit's source code and the libraries' versions
+(`program_files`), JAX's settings, the static arguments, and shape and type of every
+array. What else a function read while it was traced, an environment variable say, would
+not be seen, so it must read nothing else.
 
-What cannot be kept (calls from within other programs, arrays dealt over devices, no
-folder to keep it in) runs as under `jax.jit`. So does what was kept and fails: a
-file that another version of a library wrote, or that was damaged, costs its time and
-nothing else.
+What cannot be kept (calls from within other programs, arrays dealt over devices, static
+arguments without a lasting name) runs as under `jax.jit`. A file that does not run here
+costs its time and nothing else.
 """
 
 import functools
 import hashlib
 import inspect
 import math
-import os
-import pickle
-import shutil
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from importlib.metadata import version
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jax.experimental import serialize_executable
 
-from lensfit._jax import cache_dir
-from lensfit.atomic import write_bytes_atomic
-from lensfit.errors import LensfitError
+from lensfit.program_files import program_folder, read_program, write_program
 
 _R = TypeVar("_R")
-_LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 _SETTINGS = (
     "jax_enable_x64",
     "jax_numpy_dtype_promotion",
@@ -46,9 +37,7 @@ _SETTINGS = (
     "jax_default_matmul_precision",
     "jax_debug_nans",
 )
-_MOST_WORLDS = 6
-"""Versions of lensfit and its libraries whose programs are kept, some 30 MB each."""
-_CHECKSUM_BYTES = 32
+"""Those that change what is traced."""
 _MOST_MAPS = 20_000
 """Linux gives a process 65,530 memory maps, and every compiled program takes some."""
 _NO_PROGRAMS = "jax_disable_jit"
@@ -86,6 +75,15 @@ def forget_programs() -> None:
     jax.clear_caches()
 
 
+class _Call(NamedTuple):
+    """What decides which program runs; the same for the same program."""
+
+    settings: tuple[Any, ...]
+    static: tuple[tuple[str, Any], ...]
+    tree: Any
+    kinds: tuple[Any, ...]
+
+
 class KeptProgram(Generic[_R]):
     """A function that runs as compiled programs; see `kept_program`."""
 
@@ -106,19 +104,14 @@ class KeptProgram(Generic[_R]):
         leaves, tree = jax.tree.flatten(arrays)
         if getattr(jax.config, _NO_PROGRAMS) or not all(map(_is_plain, leaves)):
             return self._jitted(**given)
-        key = (tuple(static.items()), tree, tuple(map(_kind, leaves)))
+        settings = tuple(getattr(jax.config, name) for name in _SETTINGS)
+        kinds = tuple(map(jax.typeof, leaves))
+        call = _Call(settings, tuple(static.items()), tree, kinds)
         with self._one_at_a_time:
-            if key not in self._ready:
-                self._ready[key] = self._obtained(static, arrays, key)
-        program = self._ready.get(key)
-        if program is None:
-            return self._jitted(**given)
-        try:
-            return program(**arrays)
-        except jax.errors.JaxRuntimeError:
-            # Kept by another world, whatever its name says.
-            self._ready[key] = None
-            return self._jitted(**given)
+            if call not in self._ready:
+                self._ready[call] = self._obtained(call, arrays)
+            program = self._ready[call]
+        return self._jitted(**given) if program is None else program(**arrays)
 
     def forget(self) -> None:
         """Let go of the programs of this process."""
@@ -126,36 +119,43 @@ class KeptProgram(Generic[_R]):
             self._ready.clear()
 
     def _obtained(
-        self, static: dict[str, Any], arrays: dict[str, Any], key: Hashable
+        self, call: _Call, arrays: dict[str, Any]
     ) -> Callable[..., Any] | None:
         """The kept program, or one compiled now and kept; None where none can be."""
-        folder, told = _folder(), _told(key)
+        folder, told = program_folder(), _told(call)
         if folder is None or told is None:
             return None
         name = f"{self._function.__module__}.{self._function.__qualname__}"
         digest = hashlib.sha256(f"{name} {told}".encode()).hexdigest()[:32]
-        path = folder / f"{name.rpartition('.')[2]}-{digest}"
-        program = _read(path, jax.tree.structure(((), arrays)))
-        if program is None:
-            program = self._compiled(static, arrays, digest)
-            _write(path, program)
+        path = folder / f"{self._function.__name__}-{digest}"
+        read = read_program(path, jax.tree.structure(((), arrays)))
+        if read is not None:
+            return self._checked(read, call)
+        program = self._compiled(call, arrays, digest)
+        write_program(path, program)
         return program
 
+    def _checked(self, read: Callable[..., Any], call: _Call) -> Callable[..., Any]:
+        """A program from a file; where it does not run here, it is traced after all."""
+
+        def run(**arrays: Any) -> Any:
+            try:
+                return read(**arrays)
+            except jax.errors.JaxRuntimeError:
+                self._ready[call] = None
+                return self._jitted(**dict(call.static), **arrays)
+
+        return run
+
     def _compiled(
-        self, static: dict[str, Any], arrays: dict[str, Any], digest: str
+        self, call: _Call, arrays: dict[str, Any], digest: str
     ) -> jax.stages.Compiled:
         def named(**arrays: Any) -> Any:
-            return self._function(**static, **arrays)
+            return self._function(**dict(call.static), **arrays)
 
         named.__name__ = f"{self._function.__name__}_{digest}"
         with _not_in_jax_cache():
-            program = jax.jit(named).lower(**arrays).compile()
-        if pickle.loads(pickle.dumps(program.out_tree)) != program.out_tree:
-            raise TypeError(
-                f"{self._function.__name__}: what it returns is not the same after a "
-                "file; return arrays in tuples, not in modules of equinox"
-            )
-        return program
+            return jax.jit(named).lower(**arrays).compile()
 
 
 @contextmanager
@@ -180,16 +180,11 @@ def _is_plain(leaf: Any) -> bool:
     return isinstance(leaf, (np.ndarray, np.generic, bool, int, float))
 
 
-def _kind(leaf: Any) -> Hashable:
-    return jax.typeof(leaf)
-
-
-def _told(key: Any) -> str | None:
-    """The same text in every process for the same key; None where there is no such."""
-    static, tree, kinds = key
-    arrays = [(k.shape, str(k.dtype), k.weak_type) for k in kinds]
-    values = [(name, _name_of(value)) for name, value in static]
-    told = f"{values} {tree} {arrays}"
+def _told(call: _Call) -> str | None:
+    """The same text in every process for the same call; None where there is no such."""
+    arrays = [(k.shape, str(k.dtype), k.weak_type) for k in call.kinds]
+    static = [(name, _name_of(value)) for name, value in call.static]
+    told = f"{call.settings} {static} {call.tree} {arrays}"
     return None if " at 0x" in told else told
 
 
@@ -197,81 +192,3 @@ def _name_of(value: Any) -> str:
     if inspect.isfunction(value):
         return f"{value.__module__}.{value.__qualname__}"
     return repr(value)
-
-
-@functools.cache
-def _folder() -> Path | None:
-    """Where programs of this lensfit, these libraries and this machine lie."""
-    root = cache_dir()
-    if root is None:
-        return None
-    settings = [(name, getattr(jax.config, name)) for name in _SETTINGS]
-    devices = [(d.platform, d.device_kind) for d in jax.local_devices()]
-    libraries = [(name, version(name)) for name in _LIBRARIES]
-    world = f"{_source_digest()} {libraries} {settings} {devices}"
-    folder = root.parent.parent / "programs" / root.name
-    folder = folder / hashlib.sha256(world.encode()).hexdigest()[:16]
-    if folder.is_dir():
-        with suppress(OSError):
-            os.utime(folder)  # in use
-    else:
-        _keep_newest(folder.parent, _MOST_WORLDS - 1)
-    return folder
-
-
-@functools.cache
-def _source_digest() -> str:
-    package = Path(__file__).parent
-    digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py")):
-        digest.update(str(path.relative_to(package)).encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-def _keep_newest(folder: Path, count: int) -> None:
-    with suppress(OSError):  # another process was faster
-        by_age = sorted(folder.glob("*"), key=lambda old: -old.stat().st_mtime)
-        for old in by_age[count:]:
-            shutil.rmtree(old, ignore_errors=True)
-
-
-def _read(path: Path, arguments: Any) -> jax.stages.Compiled | None:
-    """The program of a file; `arguments` is the tree of what it is called with."""
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return None
-    checksum, kept = content[:_CHECKSUM_BYTES], content[_CHECKSUM_BYTES:]
-    if hashlib.sha256(kept).digest() != checksum:
-        return None
-    _find_lapack()
-    try:
-        payload, results, devices = pickle.loads(kept)
-        return serialize_executable.deserialize_and_load(
-            payload, arguments, results, execution_devices=jax.devices()[:devices]
-        )
-    except Exception:  # whatever goes wrong in a foreign file, it is compiled again
-        return None
-
-
-@functools.cache
-def _find_lapack() -> None:
-    """JAX looks for LAPACK when it first lowers a call of it; a program that nobody
-    lowered in this process would jump into nothing."""
-    jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), jnp.float64))
-
-
-def _write(path: Path, program: jax.stages.Compiled) -> None:
-    """Keep it if that is possible: a full disk, or a program that cannot be kept, stops
-    no fit."""
-    try:
-        # The tree of arguments is not kept: who calls has it, and some modules in it
-        # are not themselves any more after a file.
-        payload, _, results = serialize_executable.serialize(program)
-        shardings = jax.tree.leaves(program.output_shardings)
-        devices = max(len(sharding.device_set) for sharding in shardings)
-        kept = pickle.dumps((payload, results, devices))
-        write_bytes_atomic(path, hashlib.sha256(kept).digest() + kept)
-    except (LensfitError, ValueError, NotImplementedError, pickle.PicklingError):
-        return
