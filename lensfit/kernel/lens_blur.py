@@ -36,7 +36,7 @@ from lensfit.optics.lateral import (
 )
 from lensfit.optics.paraxial import (
     FirstOrder,
-    focal_length_mm,
+    first_order_of,
     magnification,
     rim_sine,
 )
@@ -132,8 +132,7 @@ def perfect_blur(
     one = jnp.ones(())
     focus = jnp.asarray(focus_distance_mm, float)
     c = distortion.principal_distance_mm
-    f = focal_length_mm(c, one, entrance_pupil_offset_mm, focus)
-    first_order = FirstOrder(f, one, entrance_pupil_offset_mm)
+    first_order = first_order_of(c, one, entrance_pupil_offset_mm, focus)
     sine = rim_sine(first_order, jnp.asarray(f_number, float), focus)
     return LensBlur(
         aberration=no_aberration(

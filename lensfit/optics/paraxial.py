@@ -39,16 +39,17 @@ class FirstOrder(eqx.Module):
     entrance_pupil_offset_mm: Scalar
 
 
-def focal_length_mm(
+def first_order_of(
     principal_distance_mm: Scalar,
     pupil_magnification: Scalar,
     entrance_pupil_offset_mm: Scalar,
     focus_distance_mm: Scalar,
-) -> Scalar:
-    """f of a lens whose chief rays have this principal distance when focused there."""
+) -> FirstOrder:
+    """The lens whose chief rays have this principal distance when focused there."""
     inverse = 1 / (focus_distance_mm - entrance_pupil_offset_mm)
     c = principal_distance_mm
-    return c / (1 + c * inverse / pupil_magnification)
+    f = c / (1 + c * inverse / pupil_magnification)
+    return FirstOrder(f, pupil_magnification, entrance_pupil_offset_mm)
 
 
 def image_shift_mm(first_order: FirstOrder, distance_mm: Scalar) -> Scalar:

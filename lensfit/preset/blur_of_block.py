@@ -19,9 +19,8 @@ import numpy as np
 from lensfit.kernel.lens_blur import LensBlur
 from lensfit.optics.aberration import Aberration
 from lensfit.optics.paraxial import (
-    FirstOrder,
     defocus_mm,
-    focal_length_mm,
+    first_order_of,
     rim_sine,
 )
 from lensfit.optics.pupil import Pupil
@@ -116,17 +115,14 @@ def lens_blur(
     if blur is None:
         raise ValueError("the entry has no blur")
     reference = _numbers(blur.reference_distance_mm)
-    magnification = _numbers(blur.pupil_magnification)
-    offset = _numbers(projection.entrance_pupil_offset_mm)
     held_mm = measured_focus_mm or blur.reference_distance_mm
     focus_mm = entry.focus_distance_mm or held_mm
-    f = focal_length_mm(
+    first_order = first_order_of(
         _numbers(projection.principal_distance_mm),
-        magnification,
-        offset,
+        _numbers(blur.pupil_magnification),
+        _numbers(projection.entrance_pupil_offset_mm),
         _numbers(held_mm),
     )
-    first_order = FirstOrder(f, magnification, offset)
     # A focus that nobody stated is what the offset measures; a stated one replaces it.
     stated = measured_focus_mm is None and entry.focus_distance_mm is not None
     beyond = 0.0 if stated else blur.focus_offset_mm

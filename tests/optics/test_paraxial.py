@@ -12,7 +12,7 @@ from lensfit.optics.paraxial import (
     FirstOrder,
     defocus_mm,
     exit_pupil_distance_mm,
-    focal_length_mm,
+    first_order_of,
     magnification,
     rim_sine,
 )
@@ -61,7 +61,9 @@ def test_exit_pupil_and_focal_length_follow_from_the_pupil_magnification(name: s
     size = -magnification(ours, at)
     principal = size * (distance - offset)
     np.testing.assert_allclose(
-        focal_length_mm(principal, jnp.asarray(pupil), jnp.asarray(offset), at),
+        first_order_of(
+            principal, jnp.asarray(pupil), jnp.asarray(offset), at
+        ).focal_length_mm,
         data.focal_length_mm,
         rtol=1e-12,
     )

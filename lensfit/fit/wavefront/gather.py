@@ -19,7 +19,7 @@ from lensfit.fit.wavefront.shown import (
     f_number_of,
     usable_cells,
 )
-from lensfit.optics.paraxial import FirstOrder, rim_sine
+from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
 
 WIDE_OPEN = 1.02
@@ -158,9 +158,8 @@ def _reference(shown: list[Shown]) -> Reference:
     offset = nearest.pupil_offset_mm
     distance = nearest.take.target_distance_mm or _middle_distance_mm(nearest)
     c = float(nearest.distortion.principal_distance_mm)
-    thin = 1 / (1 / c + 1 / (distance - offset))
-    first_order = FirstOrder(*(jnp.asarray(n) for n in (thin, 1.0, offset)))
-    return Reference(c, first_order, distance)
+    thin = first_order_of(*(jnp.asarray(n) for n in (c, 1.0, offset, distance)))
+    return Reference(c, thin, distance)
 
 
 def _nearest_to_focus(shown: list[Shown]) -> Shown:

@@ -1,10 +1,8 @@
 """The fitted wavefront as it is kept: the blur block of a preset entry."""
 
 from functools import partial
-from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -17,7 +15,7 @@ from lensfit.optics.paraxial import (
     FirstOrder,
     Scalar,
     defocus_mm,
-    focal_length_mm,
+    first_order_of,
     rim_sine,
 )
 from lensfit.optics.pupil import Pupil
@@ -75,33 +73,16 @@ def _optics_of(
     return aberration, pupil_of(parameters[layout.opening], layout, blades)
 
 
-class _Focused(NamedTuple):
-    """What the first-order optics of a state follows from."""
-
-    principal_distance_mm: Scalar
-    pupil_magnification: Scalar
-    entrance_pupil_offset_mm: Scalar
-    focus_distance_mm: Scalar
-
-    def first_order(self) -> FirstOrder:
-        return FirstOrder(
-            focal_length_mm(*self),
-            self.pupil_magnification,
-            self.entrance_pupil_offset_mm,
-        )
-
-
-@jax.jit
-def _defocus_mm(state: _Focused, reference_mm: Scalar) -> Scalar:
-    return defocus_mm(state.first_order(), state.focus_distance_mm, reference_mm)
-
-
 @jax.jit
 def _sine_ratio(
-    fitted: FirstOrder, state: _Focused, f_number: Scalar, reference_mm: Scalar
+    fitted: FirstOrder, own: FirstOrder, f_number: Scalar, reference_mm: Scalar
 ) -> Scalar:
     fitted_sine = rim_sine(fitted, f_number, reference_mm)
-    return fitted_sine / rim_sine(state.first_order(), f_number, reference_mm)
+    return fitted_sine / rim_sine(own, f_number, reference_mm)
+
+
+_first_order_of = jax.jit(first_order_of)
+_defocus_mm = jax.jit(defocus_mm)
 
 
 def _magnified(state: LensState, gathered: Gathered) -> float:
@@ -190,15 +171,15 @@ def _said_mm(
     if focus_distance_mm is None:
         return 0.0
     said = _focused(state, pupil_magnification, focus_distance_mm)
-    return float(_defocus_mm(said, reference_mm))
+    return float(_defocus_mm(said, focus_distance_mm, reference_mm))
 
 
 def _focused(
     state: LensState, pupil_magnification: float, focus_distance_mm: float
-) -> _Focused:
-    distance_mm, offset_mm = (
+) -> FirstOrder:
+    return _first_order_of(
         state.distortion.principal_distance_mm,
+        pupil_magnification,
         state.pupil.offset_mm,
+        focus_distance_mm,
     )
-    numbers = distance_mm, pupil_magnification, offset_mm, focus_distance_mm
-    return _Focused(*map(jnp.asarray, numbers))
