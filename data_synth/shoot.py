@@ -44,9 +44,9 @@ from data_synth.sensor import MOSAIC, Sensor, digitise
 from lensfit.atomic import write_text_atomic
 
 BRIGHTEST = 0.75
-AT_ONCE = 2
-"""Photographs; more take too much memory."""
 """Automatic exposure puts the brightest half per mille of a picture here."""
+AT_ONCE = 2
+"""Photographs; more of them wait for each other's Python between blocks of rays."""
 FIELD_STEPS = (13, 11)
 
 

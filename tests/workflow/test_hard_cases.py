@@ -13,12 +13,8 @@ import pytest
 
 from data_synth.judge import judge
 from data_synth.wavefront_cases import CASES, case_subject
-from lensfit.fit.lens_states import fit
-from lensfit.fit.wavefront.effort import Effort
-from lensfit.progress import silent
-from lensfit.workflow.calibrate import preset_of
-from lensfit.workflow.calibration.observe import observe_shoot
-from lensfit.workflow.shoot.charts_seen import with_charts_read
+from lensfit.preset.store import load_preset
+from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.shoot.file import load_shoot
 
 SIZE = (400, 300)
@@ -52,30 +48,25 @@ BARS = {
     "left_out": Bars(0.102, 0.021, 0.030, 0.110, 0.152),
 }
 
-
 QUICK = ("tiny_dots", "corner_clipped", "decentred", "single_focus")
-UNSTEADY = pytest.mark.xfail(
-    strict=False,
-    reason="spots of a pixel leave two valleys; a run ends at .09 / .41 or .33 / .64",
-)
 
 
 def cases():
     """Every case with its marks."""
     for name in BARS:
-        marks = [pytest.mark.slow if name in QUICK else pytest.mark.hard]
-        marks += [UNSTEADY] * (name == "anamorphic")
-        yield pytest.param(name, marks=marks)
+        how_long = pytest.mark.slow if name in QUICK else pytest.mark.hard
+        yield pytest.param(name, marks=how_long)
 
 
 def judged(name, folder):
-    """Figures of a fit with the least effort; of spots, every fourth field point."""
-    case_subject(name, SIZE).write(folder)
-    shoot = with_charts_read(load_shoot(folder / "shoot.toml"))
-    observed = observe_shoot(shoot, folder / "seen", silent)
-    takes = [one.take for one in observed if one.take is not None]
-    fitted = fit(takes, effort=Effort.FASTEST)
-    return judge(preset_of(shoot, observed, fitted), folder, every=4)
+    """Figures of a preset made with the least effort; of spots, every fourth point."""
+    photographs, results = folder / "photographs", folder / "results"
+    case_subject(name, SIZE).write(photographs)
+    report = calibrate(
+        load_shoot(photographs / "shoot.toml"), results, effort="fastest"
+    )
+    assert report["blur_not_measured"] == []
+    return judge(load_preset(results / "preset.json"), photographs, every=4)
 
 
 def test_every_hard_case_has_its_test():

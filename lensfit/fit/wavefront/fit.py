@@ -38,6 +38,7 @@ from lensfit.fit.wavefront.uncertainty import covariance_of, unseen
 from lensfit.fit.wavefront.valleys import (
     Valley,
     deepest,
+    runs_against_statements,
     side_is_told,
     still_open,
     valley_at,
@@ -134,12 +135,13 @@ def fit_wavefront(
     stages = [on_dots(one.stage, more) for one in middle]
     fine = [fine_fit(s, _families_at(s, allowed), effort.rounds) for s in stages]
     valleys = [valley_at(stage, fair_cost) for stage in fine]
-    sign_known = coarse.side_stated or side_is_told(valleys)
     progress("wavefront", 3, 4)
     best = deepest(valleys).stage
     chosen_fit, families, verdicts = asked_for(best, _families_at(best, allowed))
     final = last_fit(chosen_fit, families)
     progress("wavefront", 4, 4)
+    against = runs_against_statements(final)
+    sign_known = not against if coarse.side_stated else side_is_told(valleys)
     covariance = covariance_of(final, families)
     misfit, held_out = _misfits(final, families)
     held_out_misfit = float(np.median(misfit)) * held_out_dots(final, families)
@@ -155,7 +157,7 @@ def fit_wavefront(
         held_out_misfit=held_out_misfit,
         held_out_takes=held_out,
         converged=final.converged,
-        notes=_notes(sign_known, final.converged, held_out_misfit),
+        notes=_notes(sign_known, against, final.converged, held_out_misfit),
     )
 
 
@@ -213,10 +215,16 @@ def _misfits(
 
 
 def _notes(
-    sign_known: bool, converged: bool, held_out_misfit: float
+    sign_known: bool, against: bool, converged: bool, held_out_misfit: float
 ) -> tuple[str, ...]:
     notes = []
-    if not sign_known:
+    if against:
+        notes.append(
+            "the blur was found on other sides of focus than focus_distance_mm and "
+            "target_distance_mm say: if these are right, the blur is not to be relied "
+            "on; photograph smaller holes, or more pixels"
+        )
+    elif not sign_known:
         notes.append(
             "the photographs do not tell on which side of focus the chart was: state "
             "focus_distance_mm and target_distance_mm, or add a take on the other side"

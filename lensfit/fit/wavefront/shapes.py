@@ -99,7 +99,8 @@ def state_shapes_mm(
     own = by_defocus(*at)
     if dot.sections is None:
         return jnp.stack([own, *by_exit_pupil])
-    (a, b), (c, d) = cylinder_mm(jnp.zeros(()), jnp.ones(()), dot.sections)
+    none, one = jnp.zeros((), own.dtype), jnp.ones((), own.dtype)
+    (a, b), (c, d) = cylinder_mm(none, one, dot.sections)
     beyond = jnp.stack([a * p_x + b * p_y, c * p_x + d * p_y])
     own = own + dot.sections.per_defocus * beyond
     return jnp.stack([own, beyond, *by_exit_pupil])

@@ -23,12 +23,14 @@ from jaxtyping import Float
 from lensfit.errors import FitError
 from lensfit.fit.wavefront.parameters import mirrored
 from lensfit.fit.wavefront.stages import Stage, chi_squared, solved
-from lensfit.fit.wavefront.start import stated_defocus_mm
+from lensfit.fit.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
 
 _DECISIVE = 1.1
 """How much better one must explain the photographs to be preferred for it."""
 _SAME = 0.2
 """Apart by less than this share of the largest defocus, valleys are one."""
+_FAR_APART = 0.4
+"""Share of the farthest two takes: near and far are about half of it from focus."""
 _COST = attrgetter("cost")
 
 
@@ -118,6 +120,24 @@ def side_is_told(found: list[Valley]) -> bool:
     best = deepest(found)
     rival = _rival(best, found)
     return rival is None or rival.cost > _DECISIVE * best.cost
+
+
+def runs_against_statements(stage: Stage) -> bool:
+    """Whether takes lie in another order along the axis than was stated.
+
+    All may be moved together, as a curved field or a barrel's scale does it; but not a
+    far focus before a near one. Only pairs that are far apart for this shoot count.
+    """
+    stated_mm = stated_defocus_mm(stage.gathered)
+    defocus_mm = stage.parameters[stage.layout.blocks["defocus"]][: len(stated_mm)]
+    told = np.isfinite(stated_mm)
+    apart_mm, found_mm = (
+        values[told][:, None] - values[told] for values in (stated_mm, defocus_mm)
+    )
+    far_apart = np.abs(apart_mm) > max(
+        _FAR_APART * np.max(np.abs(apart_mm), initial=0.0), IN_FOCUS_MM
+    )
+    return bool(np.any(far_apart & (apart_mm * found_mm < 0)))
 
 
 def _off_mm(stage: Stage) -> float:

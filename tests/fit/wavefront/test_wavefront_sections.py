@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -98,6 +99,20 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
     wanted = np.einsum("ri,rip->p", pulls[0], rays.moved_mm)
     wanted[TINY.opening] += (pulls[1] * lit) @ rays.brightened
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
+
+
+def test_single_precision_stays_single():
+    """As the fit asks for most of its rays; nothing in between may promote them."""
+
+    def single(tree):
+        whole = jax.tree.map(jnp.asarray, tree)
+        floats = eqx.filter(whole, eqx.is_inexact_array)
+        cast = jax.tree.map(lambda a: a.astype(jnp.float32), floats)
+        return eqx.combine(cast, whole)
+
+    numbers, dot, colour, scale = single((parameters(), dot_of(PLACES[1]), ONE, SCALE))
+    rays = rays_of(numbers, dot, colour, TINY, scale, POINTS)
+    assert {leaf.dtype for leaf in jax.tree.leaves(rays)} == {jnp.dtype("float32")}
 
 
 def test_out_of_focus_light_is_an_oval():

@@ -9,10 +9,17 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, dots_at
 
 from lensfit.errors import FitError
+from lensfit.fit.wavefront import valleys
 from lensfit.fit.wavefront.drag import polar_landings
 from lensfit.fit.wavefront.parameters import mirrored
 from lensfit.fit.wavefront.shapes import Colour
-from lensfit.fit.wavefront.valleys import Valley, left_of, side_is_told, still_open
+from lensfit.fit.wavefront.valleys import (
+    Valley,
+    left_of,
+    runs_against_statements,
+    side_is_told,
+    still_open,
+)
 
 BLOCKS = LAYOUT.blocks
 ONE_COLOUR = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
@@ -57,10 +64,10 @@ def test_the_mirror_image_of_the_mirror_image_is_the_lens():
     np.testing.assert_allclose(twice, lens, atol=1e-12)
 
 
-def at(cost, *defocus_mm, off_mm=0.0):
+def at(cost, *defocus_mm, off_mm=0.0, gathered=None):
     parameters = np.zeros(LAYOUT.size)
     parameters[DEFOCUS][: len(defocus_mm)] = defocus_mm
-    stage = SimpleNamespace(layout=LAYOUT, parameters=parameters)
+    stage = SimpleNamespace(layout=LAYOUT, parameters=parameters, gathered=gathered)
     return Valley(stage, cost, off_mm)
 
 
@@ -106,3 +113,29 @@ def test_what_was_left_comes_by_depth_without_failures():
     best, second, third, failed = at(1.0, 0.5), at(2.0, 0.2), at(1.5, 0.1), at(np.inf)
     left = left_of([failed, second, best, third], [best])
     assert [one.cost for one in left] == [1.5, 2.0]
+
+
+STATED_MM = np.array([0.0, 0.33, -0.31])
+
+
+@pytest.mark.parametrize(
+    ("found_mm", "against"),
+    [
+        ((0.0, 0.33, -0.31), False),
+        ((0.5, 0.9, 0.3), False),  # all moved together
+        ((0.0, 0.1, -0.6), False),
+        ((0.0, -0.33, 0.31), True),
+        ((0.0, 0.33, 0.2), True),
+    ],
+)
+def test_takes_in_another_order_than_stated_run_against_it(
+    monkeypatch, found_mm, against
+):
+    monkeypatch.setattr(valleys, "stated_defocus_mm", lambda _: STATED_MM)
+    assert runs_against_statements(at(1.0, *found_mm).stage) == against
+
+
+def test_what_nobody_stated_runs_against_nothing(monkeypatch):
+    one_alone = np.array([0.33, np.nan, np.nan])
+    monkeypatch.setattr(valleys, "stated_defocus_mm", lambda _: one_alone)
+    assert not runs_against_statements(at(1.0, 0.1, 0.2, 0.3).stage)
