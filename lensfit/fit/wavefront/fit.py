@@ -58,6 +58,8 @@ COLOUR_TERMS = rotational_terms(5)
 CYLINDER_TERMS = tuple(t for t in two_mirror_terms(5) if t not in TERMS)
 CYLINDER_COLOURS = two_mirror_terms(1)
 """What a lens with cylinders has besides."""
+_BEHIND_CYLINDERS = 2
+"""Times as many dots in the fine stage: the field is not alike around the axis."""
 _GROUPS, _STOPS = 8, 4
 """Room for so many defocus values and f-numbers, so that one program serves most."""
 _HOPELESS, _VALLEYS = 1.2, 4
@@ -131,7 +133,8 @@ def fit_wavefront(
     progress("wavefront", 1, 4)
     middle = _open_after_middle(coarse, few)
     progress("wavefront", 2, 4)
-    more = chosen(every, spread_over_takes(every, effort.fine_dots))
+    fine_dots = effort.fine_dots * (_BEHIND_CYLINDERS if layout.anamorphic else 1)
+    more = chosen(every, spread_over_takes(every, fine_dots))
     stages = [on_dots(one.stage, more) for one in middle]
     fine = [fine_fit(s, _families_at(s, allowed), effort.rounds) for s in stages]
     valleys = [valley_at(stage, fair_cost) for stage in fine]
