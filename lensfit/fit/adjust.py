@@ -212,7 +212,13 @@ def with_centroid_shift(adjustment: Adjustment) -> Adjustment:
 
 def weigh(adjustment: Adjustment) -> Adjustment:
     """Model variance and robust weights at the current parameters."""
-    residual_mm = adjustment.residual_mm()
+    return weigh_residual(adjustment, adjustment.residual_mm())
+
+
+def weigh_residual(
+    adjustment: Adjustment, residual_mm: Float[np.ndarray, "views marks 2"]
+) -> Adjustment:
+    """Those for this residual."""
     variance = _model_variance(adjustment.stack, residual_mm)
     whitening = whitening_of(adjustment.stack, variance)
     whitened = np.einsum("vmij,vmj->vmi", whitening, residual_mm)

@@ -21,6 +21,8 @@ from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent
 
+_LEAST_PX = 1e-4
+
 
 @dataclass(frozen=True, eq=False)
 class LensState:
@@ -113,6 +115,14 @@ def better_told(after: LensState, before: Iterable[LensState]) -> LensState:
         and one.focus_distance_mm == after.focus_distance_mm
     ]
     return min([after, *same], key=lambda one: one.geometry.held_out_rms_px)
+
+
+def left_px(states: Iterable[LensState]) -> float:
+    """What states leave of marks held out: the geometric mean over their photographs,
+    so that each has its say, the blurred and the sharp.
+    """
+    each = [px for one in states for px in one.geometry.held_out_rms_px_of_take]
+    return float(np.exp(np.mean(np.log(np.maximum(each, _LEAST_PX)))))
 
 
 def by_focal_length(states: Iterable[LensState]) -> dict[float, list[LensState]]:

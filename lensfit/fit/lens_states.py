@@ -2,7 +2,8 @@
 
 States of one focal length share the entrance pupil that any of them measured, and the
 wavefront, which is fitted to the shape of their dots. It says where chief rays land, as
-opposed to centroids, and geometry and colour are then fitted again to those.
+opposed to centroids; once the marks themselves have had their say of that
+(`reconcile`), geometry and colour are fitted again to those.
 """
 
 import time
@@ -13,8 +14,9 @@ import numpy as np
 
 from lensfit.errors import FitError
 from lensfit.fit.illumination import FallOffFit
-from lensfit.fit.lens_state import LensState, better_told, by_focal_length
+from lensfit.fit.lens_state import LensState, better_told, by_focal_length, left_px
 from lensfit.fit.pupil_walk import measured_walk, shared_walk, usual_walk
+from lensfit.fit.reconcile import reconciled
 from lensfit.fit.sharing_pupils import fit_sharing_pupils
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
@@ -85,6 +87,17 @@ def fit(
     if not wavefronts:
         return Fitted(_sharing_walks(states), failed, without_shape=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
+    moved = _at_chief_rays(takes, wavefronts)
+    again, failed = fit_sharing_pupils(moved, progress)
+    again, failed = _reconciled(states, moved, again, failed, progress)
+    states = [better_told(state, states) for state in again]
+    return Fitted(_sharing_walks(states), failed, wavefronts, without, seconds)
+
+
+def _at_chief_rays(
+    takes: list[Take], wavefronts: dict[float, WavefrontFit]
+) -> list[Take]:
+    """Takes with their marks where the wavefront says that chief rays land."""
     exact = {
         take.name: take
         for found in wavefronts.values()
@@ -94,10 +107,53 @@ def fit(
             parameter_moves(found.stage, found.covariance),
         )
     }
-    moved = [exact.get(t.name, t) for t in takes]
-    again, failed = fit_sharing_pupils(moved, progress)
-    states = [better_told(state, states) for state in again]
-    return Fitted(_sharing_walks(states), failed, wavefronts, without, seconds)
+    return [exact.get(take.name, take) for take in takes]
+
+
+def _reconciled(
+    states: list[LensState],
+    moved: list[Take],
+    again: list[LensState],
+    failed: dict[str, FitError],
+    progress: Progress,
+) -> tuple[list[LensState], dict[str, FitError]]:
+    """The states once the marks have had their say, where that leaves less of them.
+
+    They are asked where moved marks fit a lens worse than centroids do.
+
+    Parameters
+    ----------
+    states : Of centroids.
+    again, failed : Of moved marks.
+    """
+    before, after = by_focal_length(states), by_focal_length(again)
+    doubtful = {
+        focal_mm
+        for focal_mm, mine in after.items()
+        if left_px(mine) > left_px(before[focal_mm])
+    }
+    if not doubtful:
+        return again, failed
+    said = {
+        take.name: take
+        for focal_mm in doubtful
+        for take in reconciled(
+            before[focal_mm], [t for t in moved if t.focal_length_mm == focal_mm]
+        )
+    }
+    third, failed_third = fit_sharing_pupils(
+        [said.get(take.name, take) for take in moved], progress
+    )
+    if failed_third.keys() - failed.keys():
+        return again, failed
+    closer = {
+        focal_mm
+        for focal_mm, mine in by_focal_length(third).items()
+        if focal_mm in doubtful and left_px(mine) < left_px(after[focal_mm])
+    }
+    kept = zip(again, third, strict=True)
+    chosen = [new if new.focal_length_mm in closer else old for old, new in kept]
+    return chosen, failed
 
 
 def _sharing_walks(states: list[LensState]) -> tuple[LensState, ...]:
