@@ -16,14 +16,18 @@ from lensfit.errors import FitError
 from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.lens_state import LensState, better_told, by_focal_length, left_px
 from lensfit.fit.pupil_walk import measured_walk, shared_walk, usual_walk
-from lensfit.fit.reconcile import reconciled
+from lensfit.fit.reconcile import amounts_of
 from lensfit.fit.sharing_pupils import fit_sharing_pupils
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
-from lensfit.fit.wavefront.place import placed
 from lensfit.fit.wavefront.shown import LARGEST_HOLE_CELLS, Shown, hole_cells
-from lensfit.fit.wavefront.uncertainty import parameter_moves
+from lensfit.fit.wavefront.told_by_marks import (
+    asking_marks,
+    at_chief_rays,
+    errors_of,
+    told_by_marks,
+)
 from lensfit.progress import Progress, silent
 
 
@@ -87,73 +91,49 @@ def fit(
     if not wavefronts:
         return Fitted(_sharing_walks(states), failed, without_shape=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
-    moved = _at_chief_rays(takes, wavefronts)
-    again, failed = fit_sharing_pupils(moved, progress)
-    again, failed = _reconciled(states, moved, again, failed, progress)
+    exact = {t.name: t for f in wavefronts.values() for t in at_chief_rays(f)}
+    again, failed = fit_sharing_pupils([exact.get(t.name, t) for t in takes], progress)
+    told = _told_by_marks(states, again, wavefronts)
+    if told:
+        exact |= {t.name: t for f in told.values() for t in at_chief_rays(f)}
+        moved = [exact.get(take.name, take) for take in takes]
+        third, failed_then = fit_sharing_pupils(moved, progress)
+        closer = _closer(third, again)
+        if failed_then.keys() == failed.keys() and told.keys() <= closer:
+            again, wavefronts = third, wavefronts | told
     states = [better_told(state, states) for state in again]
     return Fitted(_sharing_walks(states), failed, wavefronts, without, seconds)
 
 
-def _at_chief_rays(
-    takes: list[Take], wavefronts: dict[float, WavefrontFit]
-) -> list[Take]:
-    """Takes with their marks where the wavefront says that chief rays land."""
-    exact = {
-        take.name: take
-        for found in wavefronts.values()
-        for take in placed(
-            found.stage,
-            found.gathered,
-            parameter_moves(found.stage, found.covariance),
-        )
-    }
-    return [exact.get(take.name, take) for take in takes]
-
-
-def _reconciled(
+def _told_by_marks(
     states: list[LensState],
-    moved: list[Take],
     again: list[LensState],
-    failed: dict[str, FitError],
-    progress: Progress,
-) -> tuple[list[LensState], dict[str, FitError]]:
-    """The states once the marks have had their say, where that leaves less of them.
+    wavefronts: dict[float, WavefrontFit],
+) -> dict[float, WavefrontFit]:
+    """The wavefronts that marks have had their say of: they are asked where moved marks
+    fit one lens worse (`again`) than centroids do."""
+    told = {}
+    before = by_focal_length(states)
+    for focal_mm in wavefronts.keys() & _closer(states, again):
+        found = wavefronts[focal_mm]
+        errors = errors_of(found)
+        said = amounts_of(before[focal_mm], asking_marks(found, errors))
+        count = len(errors)  # what follows is of the photographs, not of the wavefront
+        value, covariance = said.value[:count], said.covariance[:count, :count]
+        better = told_by_marks(found, errors, value, covariance)
+        if better is not None:
+            told[focal_mm] = better
+    return told
 
-    They are asked where moved marks fit a lens worse than centroids do.
 
-    Parameters
-    ----------
-    states : Of centroids.
-    again, failed : Of moved marks.
-    """
-    before, after = by_focal_length(states), by_focal_length(again)
-    doubtful = {
+def _closer(some: list[LensState], others: list[LensState]) -> set[float]:
+    """Focal lengths of which some states leave less of their marks than others do."""
+    mine, theirs = by_focal_length(some), by_focal_length(others)
+    return {
         focal_mm
-        for focal_mm, mine in after.items()
-        if left_px(mine) > left_px(before[focal_mm])
+        for focal_mm in mine.keys() & theirs.keys()
+        if left_px(mine[focal_mm]) < left_px(theirs[focal_mm])
     }
-    if not doubtful:
-        return again, failed
-    said = {
-        take.name: take
-        for focal_mm in doubtful
-        for take in reconciled(
-            before[focal_mm], [t for t in moved if t.focal_length_mm == focal_mm]
-        )
-    }
-    third, failed_third = fit_sharing_pupils(
-        [said.get(take.name, take) for take in moved], progress
-    )
-    if failed_third.keys() - failed.keys():
-        return again, failed
-    closer = {
-        focal_mm
-        for focal_mm, mine in by_focal_length(third).items()
-        if focal_mm in doubtful and left_px(mine) < left_px(after[focal_mm])
-    }
-    kept = zip(again, third, strict=True)
-    chosen = [new if new.focal_length_mm in closer else old for old, new in kept]
-    return chosen, failed
 
 
 def _sharing_walks(states: list[LensState]) -> tuple[LensState, ...]:

@@ -6,10 +6,9 @@ marks of one flat chart lie on one smooth map, at every f-number and on both sid
 focus: an error of the wavefront that puts them elsewhere, here and there differently,
 shows in what the map leaves of them. So amounts of the wavefront's independent errors
 are found that, with the map's own parameters, leave least of all marks, each amount
-expected to be within its standard deviation; one more error is that all it says of
-drags is wrong by some share. Poses and distortion go along, so that nothing is taken
-from them that they can explain; what errors of the wavefront and the map explain alike
-stays as unsure as it was.
+expected to be within its standard deviation. Poses and distortion go along, so that
+nothing is taken from them that they can explain; what errors of the wavefront and the
+map explain alike stays as unsure as it was.
 
 Linear, about the fit to centroids: marks move by tenths of a pixel.
 
@@ -32,14 +31,25 @@ from lensfit.fit.views import observed_of, whitening_of
 _GREEN = 1
 _ROUNDS = 3
 """Of weights, each for what the one before left."""
-_ALL_WRONG = 1.0
-"""Share by which all drags together are expected to be wrong."""
 _STEP = 0.1
 """Of differences, standard deviations of the parameter."""
 
 
-def reconciled(states: Sequence[LensState], moved: Sequence[Take]) -> list[Take]:
-    """The moved takes, once more moved by what their marks say together.
+class Amounts(NamedTuple):
+    """Of the wavefront's errors, in the order of `shared_moves_mm`.
+
+    Attributes
+    ----------
+    value : In standard deviations.
+    covariance : What the marks leave open; 1 for each where they say nothing.
+    """
+
+    value: Float[np.ndarray, " moves"]
+    covariance: Float[np.ndarray, "moves moves"]
+
+
+def amounts_of(states: Sequence[LensState], moved: Sequence[Take]) -> Amounts:
+    """How large the errors were that moved the marks.
 
     Parameters
     ----------
@@ -47,32 +57,18 @@ def reconciled(states: Sequence[LensState], moved: Sequence[Take]) -> list[Take]
     moved : Takes of these states with marks at the chief rays, whose `shared_moves_mm`
         are one list of errors for all.
     """
-    seen = {take.name: take for state in states for take in state.geometry.takes}
-    moved = [_with_whole_drag(take, seen[take.name]) for take in moved]
     by_name = {take.name: take for take in moved}
-    each = [_state_of(state, by_name) for state in states]
+    every = [_state_of(state, by_name) for state in states]
+    each = [one for one in every if len(one.moves_mm)]
     count = max((len(one.moves_mm) for one in each), default=0)
-    if not count:
-        return list(moved)
-    amounts, covariance = np.zeros(count), np.eye(count)
+    found = Amounts(np.zeros(count), np.eye(count))
     for _ in range(_ROUNDS):
-        said = [_equations_of(one, amounts) for one in each]
-        matrix = np.eye(count) + sum(one.matrix for one in said)
+        said = [_equations_of(one, found.value) for one in each]
+        matrix = sum((one.matrix for one in said), np.eye(count))
+        towards = sum((one.towards for one in said), np.zeros(count))
         covariance = np.linalg.inv(matrix)
-        amounts = covariance @ sum(one.towards for one in said)
-    left = np.linalg.cholesky((covariance + covariance.T) / 2)
-    return [_moved_on(take, amounts, left) for take in moved]
-
-
-def _with_whole_drag(take: Take, seen: Take) -> Take:
-    """Its drag added to the errors that may have moved it."""
-    if take.shared_moves_mm is None:
-        return take
-    now, then = take.observations, seen.observations
-    drag_mm = (now.channel_points_px - then.channel_points_px) * take.pixel_mm
-    drag_mm[_GREEN] = (now.points_px - then.points_px) * take.pixel_mm
-    moves = np.concatenate([_ALL_WRONG * drag_mm[None], take.shared_moves_mm])
-    return replace(take, shared_moves_mm=np.nan_to_num(moves))
+        found = Amounts(covariance @ towards, covariance)
+    return found
 
 
 class _State(NamedTuple):
@@ -198,24 +194,3 @@ def _flat(
 ) -> Float[np.ndarray, "some values"]:
     whitened = np.einsum("vmij,svmj->svmi", rooted, vectors)
     return whitened.reshape(len(vectors), -1)
-
-
-def _moved_on(
-    take: Take,
-    amounts: Float[np.ndarray, " moves"],
-    left: Float[np.ndarray, "moves moves"],
-) -> Take:
-    """Moved by the amounts, and by what is left of the doubt."""
-    if take.shared_moves_mm is None:
-        return take
-    by_px = np.tensordot(amounts, take.shared_moves_mm, 1) / take.pixel_mm
-    observations = replace(
-        take.observations,
-        points_px=take.observations.points_px + by_px[_GREEN],
-        channel_points_px=take.observations.channel_points_px + by_px,
-    )
-    return replace(
-        take,
-        observations=observations,
-        shared_moves_mm=np.tensordot(left.T, take.shared_moves_mm, 1),
-    )

@@ -146,7 +146,7 @@ def fit_wavefront(
     against = runs_against_statements(final)
     sign_known = not against if coarse.side_stated else side_is_told(valleys)
     covariance = covariance_of(final, families)
-    misfit, held_out = _misfits(final, families)
+    misfit, held_out = misfits(final, families)
     held_out_misfit = float(np.median(misfit)) * held_out_dots(final, families)
     return WavefrontFit(
         gathered=every,
@@ -200,10 +200,11 @@ def _layout_of(every: Gathered) -> Layout:
     )
 
 
-def _misfits(
+def misfits(
     stage: Stage, families: tuple[Family, ...]
 ) -> tuple[np.ndarray, tuple[float | None, ...]]:
-    """Per take: of the fit, and if the fit had not seen it."""
+    """Per take: relative error of a dot's image, and what it would be if the fit had
+    not seen the take; None where the other takes do not determine the fit."""
     each = relative_misfit(stage.gathered, stage.residual, stage.nuisance[..., 1])
     takes = range(len(stage.gathered.shown))
     misfit = np.array([np.nanmedian(each[stage.gathered.take == k]) for k in takes])

@@ -32,6 +32,9 @@ _BATCH = 512
 _TELLING, _FEW = 12, 32
 """Dots of a take that tell how errors of the wavefront move its marks, and how many go
 through a program at a time."""
+_GREEN = 1
+_UNDONE_PX = 0.001
+"""To this drags are undone, at whatever cost to the shape of dots."""
 _UNSURE = 0.05
 """Share of a drag that the model may get wrong: a photograph in which blur drags little
 tells where chief rays land, and one in which it drags much follows."""
@@ -41,6 +44,8 @@ def placed(
     stage: Stage,
     gathered: Gathered,
     moves: Float[np.ndarray, "moves parameters"] | None = None,
+    *,
+    exactly: bool = False,
 ) -> list[Take]:
     """The takes with marks where the chief rays land, in the order of `gathered.shown`.
 
@@ -52,6 +57,8 @@ def placed(
         takes then say how their marks move together: by each of these, and by the share
         of the drag that the model may get wrong, alike in all takes of one f-number and
         focus.
+    exactly : Whether each mark is asked how moves move it, as it takes to tell moves
+        of many deviations; by default a few tell it for all, to a tenth.
     """
     dragged = _dragged_mm(stage, gathered)
     aliasing = aliasing_of(stage, gathered)
@@ -62,7 +69,8 @@ def placed(
         takes.append(_moved(shown, dragged[mine], of_take))
     if moves is None:
         return takes
-    by_moves = _moved_by(moves, stage, gathered)
+    how = _each_moved_by if exactly else _moved_by
+    by_moves = how(moves, stage, gathered)
     settings = [(take.f_number, take.focus_distance_mm) for take in takes]
     distinct = list(dict.fromkeys(settings))
     count = len(moves) + len(distinct)
@@ -76,6 +84,40 @@ def placed(
         shared[alike, :, rows] = _UNSURE * dragged[mine]
         found.append(replace(take, shared_moves_mm=shared))
     return found
+
+
+def _each_moved_by(
+    moves: np.ndarray, stage: Stage, gathered: Gathered
+) -> Float[np.ndarray, "dots moves 3 2"]:
+    """How every mark goes against its drag."""
+    still = _dragged_mm(stage, gathered)
+    found = [
+        still - _dragged_mm(replace(stage, parameters=stage.parameters + m), gathered)
+        for m in moves
+    ]
+    return np.stack(found, 1)
+
+
+def undoing(stage: Stage, gathered: Gathered) -> Float[np.ndarray, " parameters"]:
+    """The move of the parameters that takes all drags away and changes the photographs
+    least: where blur is a pixel wide, orders of coma that undo each other but for a
+    shift look like nothing. No move where drags are too large to undo at one go.
+    """
+    few = chosen(gathered, spread_over_takes(gathered, _TELLING))
+    free = np.flatnonzero(stage.deviation > 0)
+    slopes = _of_dots(centroid_slopes_mm, stage, few, _FEW)[:, _GREEN][..., free]
+    pixel_mm = np.array([shown.take.pixel_mm for shown in gathered.shown])
+    one_mm = _UNDONE_PX * pixel_mm[few.take]
+    slopes = (slopes / one_mm[..., None]).reshape(-1, len(free))
+    drags = _dragged_mm(stage, few)[:, _GREEN] / one_mm
+    seen = np.asarray(stage.equations.matrix.sum(0))[np.ix_(free, free)]
+    seen = seen + np.diag(stage.deviation[free] ** -2.0)
+    found = np.zeros(stage.layout.size)
+    towards = slopes.T @ drags.ravel()
+    found[free] = -np.linalg.solve(seen + slopes.T @ slopes, towards)
+    undone = replace(stage, parameters=stage.parameters + found)
+    left = _dragged_mm(undone, few)[:, _GREEN] / one_mm
+    return found if np.sum(left**2) < 0.25 * np.sum(drags**2) else 0 * found
 
 
 def _moved_by(
