@@ -160,7 +160,7 @@ def fit_wavefront(
         held_out_misfit=held_out_misfit,
         held_out_takes=held_out,
         converged=final.converged,
-        notes=_notes(sign_known, against, final.converged, held_out_misfit),
+        notes=_notes(sign_known, final.converged, held_out_misfit, against=against),
     )
 
 
@@ -219,7 +219,7 @@ def misfits(
 
 
 def _notes(
-    sign_known: bool, against: bool, converged: bool, held_out_misfit: float
+    sign_known: bool, converged: bool, held_out_misfit: float, *, against: bool
 ) -> tuple[str, ...]:
     notes = []
     if against:

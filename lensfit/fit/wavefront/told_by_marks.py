@@ -19,8 +19,8 @@ from lensfit.fit.wavefront.stages import settled
 from lensfit.fit.wavefront.uncertainty import parameter_moves
 
 _AS_GOOD = 1.5
-"""How much worse the shape of dots may be explained. Where blur is a pixel wide 1.3 is
-usual, and point-spread functions are nearer to the truth, not farther."""
+"""How much worse the shape of dots may be explained: 1.3 was seen where blur is a pixel
+wide, with point-spread functions nearer to the truth, not farther."""
 
 
 def at_chief_rays(found: WavefrontFit) -> list[Take]:

@@ -134,6 +134,11 @@ def test_dots_left_out_are_predicted_nearly_as_well(centred):
     ],
 )
 def test_a_fit_says_what_it_did_not_reach(known, converged, misfit, said):
-    notes = _notes(known, converged, misfit)
+    notes = _notes(known, converged, misfit, against=False)
     assert len(notes) == len(said)
     assert all(part in note for part, note in zip(said, notes, strict=True))
+
+
+def test_a_fit_against_what_was_stated_says_so_and_asks_for_no_statement():
+    (note,) = _notes(False, True, 0.03, against=True)
+    assert "on other sides of focus than focus_distance_mm" in note
