@@ -18,9 +18,9 @@ from lensfit.fit.wavefront.place import placed, undoing
 from lensfit.fit.wavefront.stages import settled
 from lensfit.fit.wavefront.uncertainty import parameter_moves
 
-_AS_GOOD = 1.5
-"""How much worse the shape of dots may be explained: 1.3 was seen where blur is a pixel
-wide, with point-spread functions nearer to the truth, not farther."""
+_AS_GOOD = 1.1
+"""How much worse the shape of dots may be explained; at 1.5 the blur of dots below a
+pixel was spoiled."""
 
 
 def at_chief_rays(found: WavefrontFit) -> list[Take]:
