@@ -51,7 +51,6 @@ def profile_of(
     cell_mm: Float[Array, "2"],
     cells: int,
     variance_mm2: Float[Array, "*axes"],
-    apart_mm: Float[Array, "2"] | None = None,
 ) -> Profile:
     """How the rays share their light among rows and columns.
 
@@ -61,8 +60,6 @@ def profile_of(
     cells : Rows and columns (static).
     variance_mm2 : Of the Gaussian that every ray is, besides its own width; one, or one
         along x and one along y.
-    apart_mm : Where every ray is two Gaussians along x and two along y: how far they
-        are to either side.
     """
     position = (spot.landing_mm - corner_mm[None]) / cell_mm[None]
     # One variance serves both axes.
@@ -70,21 +67,9 @@ def profile_of(
     own = FOOTPRINT * spot.cell_mm2
     variance = (along_axes[None] + own[:, None]) / cell_mm[None] ** 2
     sigma = jnp.sqrt(variance + LEAST_SIGMA_PX**2)
-    shares = partial(_shares, pixels=cells)
-    apart = (None, None) if apart_mm is None else tuple(apart_mm / cell_mm)
-    columns, columns_moved = shares(position[:, 0], sigma[:, 0], apart[0])
-    rows, rows_moved = shares(position[:, 1], sigma[:, 1], apart[1])
+    columns, columns_moved = pixel_shares(position[:, 0], sigma[:, 0], cells)
+    rows, rows_moved = pixel_shares(position[:, 1], sigma[:, 1], cells)
     return Profile(rows, columns, rows_moved / cell_mm[1], columns_moved / cell_mm[0])
-
-
-def _shares(
-    position: Array, sigma: Array, apart: Array | None, pixels: int
-) -> tuple[Array, Array]:
-    """`pixel_shares` of each Gaussian, or of the pair that stands for it."""
-    if apart is None:
-        return pixel_shares(position, sigma, pixels)
-    sides = (pixel_shares(position + way, sigma, pixels) for way in (-apart, apart))
-    return tuple((a + b) / 2 for a, b in zip(*sides, strict=True))
 
 
 def image_of(spot: Spot, profile: Profile) -> Float[Array, "cells cells"]:

@@ -7,6 +7,7 @@ have one shape and one compiled program serves them all.
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.optics.sections import Sections
@@ -29,12 +30,11 @@ class Dots(NamedTuple):
     slope, pupil_per_sine_mm, vergence, reference : The chart's distance at this dot
         (`optics.depth.ObjectShift`).
     lateral_mm : Displacement of the wavelengths of each channel about their mean.
-    variance_mm2 : Of the Gaussian that stands for the hole and the Airy pattern; along
-        x and y each where the lens is anamorphic.
+    hole_mm : From the unit disc to the ellipse that rays leave from (`hole`).
+    variance_mm2 : Along x and y, of the Gaussian that stands for what that leaves of
+        the hole, and for the Airy pattern.
     cell_mm : Width and height of a cell.
     sections : Of an anamorphic lens, for a chart at this dot; None for others.
-    apart_mm : Of an anamorphic lens: the hole is two Gaussians along x and two along y,
-        so far to either side.
     """
 
     field_mm: Float[Numbers, "dots 2"]
@@ -48,17 +48,15 @@ class Dots(NamedTuple):
     vergence: Float[Numbers, " dots"]
     reference: Float[Numbers, " dots"]
     lateral_mm: Float[Numbers, "dots 3 wavelengths 2"]
-    variance_mm2: Float[Numbers, " dots *axes"]
+    hole_mm: Float[Numbers, "dots 2 2"]
+    variance_mm2: Float[Numbers, "dots 2"]
     cell_mm: Float[Numbers, "dots 2"]
     sections: Sections | None = None
-    apart_mm: Float[Numbers, "dots 2"] | None = None
 
 
 def hole_variance_mm2(dots: Dots) -> Float[Numbers, " dots"]:
     """Second moment of every dot's hole and Airy pattern, mean of x and y."""
-    if dots.apart_mm is None:
-        return dots.variance_mm2
-    return (dots.variance_mm2 + dots.apart_mm**2).mean(-1)
+    return (dots.variance_mm2 + np.sum(dots.hole_mm**2, -1) / 4).mean(-1)
 
 
 class Pixels(NamedTuple):

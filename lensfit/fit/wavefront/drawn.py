@@ -1,9 +1,6 @@
 """Images of dots as the fit has them, on the cells of their cutouts.
 
-In all colours, of a brightness of 1 each, and with the sharp rims that holes have. The
-fit takes holes for Gaussians, which is good enough for pixels. At the finest detail,
-which is what aliases, a Gaussian of a pixel and a half has three times as much as a
-disc.
+In all colours, of a brightness of 1 each.
 """
 
 from functools import partial
@@ -12,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.special import j1
 
 from lensfit.batches import in_batches
 from lensfit.fit.wavefront.dots import Dots
@@ -22,7 +18,7 @@ from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.rays import spot_seen
 from lensfit.fit.wavefront.shapes import Colour
 from lensfit.fit.wavefront.stages import Stage, with_iris
-from lensfit.kernel.pixels import diffraction_variance_mm2, image_of, profile_of
+from lensfit.kernel.pixels import image_of, profile_of
 
 _BATCH = 512
 
@@ -38,8 +34,8 @@ def drawn(
     gathered : The dots, which need not be those of the fit.
     place_mm : Of each channel's chief ray, from the corner of the cells.
     """
-    image = in_batches(
-        lambda part: _of_gaussian_holes(
+    return in_batches(
+        lambda part: _of_dots(
             as_float32(jnp.asarray(stage.parameters)),
             jax.tree.map(as_float32, part),
             as_float32(jnp.asarray(gathered.chromatic)),
@@ -50,17 +46,10 @@ def drawn(
         (with_iris(gathered, stage.blades), -place_mm),
         _BATCH,
     ).astype(float)
-    dots = gathered.dots
-    if dots.apart_mm is not None:  # behind cylinders a hole is no single Gaussian
-        return image
-    f_number = jnp.asarray(gathered.f_numbers)[dots.stop]
-    variance_mm2 = dots.variance_mm2 - np.asarray(diffraction_variance_mm2(f_number))
-    radius = 2 * np.sqrt(np.maximum(variance_mm2, 0.0)) / dots.cell_mm[:, 0]
-    return with_rims(image, radius)
 
 
 @partial(jax.jit, static_argnames=("layout", "points_and_cells"))
-def _of_gaussian_holes(
+def _of_dots(
     parameters: Array,
     part: tuple[Dots, Array],
     chromatic: Array,
@@ -83,26 +72,9 @@ def _of_gaussian_holes(
                 cell_mm=dot.cell_mm,
                 cells=cells,
                 variance_mm2=dot.variance_mm2,
-                apart_mm=dot.apart_mm,
             )
             return image_of(spot, profile)
 
         return jax.vmap(channel)(chromatic, dot.lateral_mm, corners_mm)
 
     return jax.lax.map(of_dot, part)
-
-
-def with_rims(
-    image: Float[np.ndarray, "dots 3 rows columns"], radius: Float[np.ndarray, " dots"]
-) -> Float[np.ndarray, "dots 3 rows columns"]:
-    """Images of Gaussian holes as those of discs of the same second moments.
-
-    Parameters
-    ----------
-    radius : Of the discs, in cells.
-    """
-    size = image.shape[-1]
-    wave = 2 * np.pi * np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size))
-    x = np.maximum(radius[:, None, None, None] * wave, 1e-9)
-    ratio = 2 * j1(x) / x * np.exp(x**2 / 8)
-    return np.fft.irfft2(np.fft.rfft2(image) * ratio, s=(size, size))

@@ -25,8 +25,10 @@ from lensfit.fit.geometry import (
 from lensfit.fit.parameters import Layout as GeometryLayout
 from lensfit.fit.stated_distance import distance_ratio
 from lensfit.fit.wavefront.dots import Dots
+from lensfit.fit.wavefront.hole import hole_of
 from lensfit.fit.wavefront.shown import (
     Shown,
+    diameters_mm,
     hole_radius_mm,
 )
 from lensfit.kernel.pixels import diffraction_variance_mm2
@@ -38,9 +40,6 @@ from lensfit.optics.sections import Sections, log_squeeze, sections_of
 from lensfit.optics.spectrum import Bands, chromatic_coordinate, lateral_at
 
 _BATCH = 512
-APART = 0.5**0.5
-"""Share of the variance of a hole, along either axis, that two Gaussians have for being
-apart: its fourth moment is then that of a disc."""
 
 
 class Reference(NamedTuple):
@@ -86,7 +85,7 @@ def dots_of(
     )
     observed = adjustment.stack.observed_mm[shown.index][marks]
     distance = float(shown.distortion.principal_distance_mm)
-    radius = hole_radius_mm(shown)
+    hole = hole_of(np.asarray(per_board) * hole_radius_mm(shown), diameters_mm(shown))
     diffraction = float(diffraction_variance_mm2(jnp.asarray(shown.take.f_number)))
     known = Dots(
         field_mm=observed - np.asarray(shown.distortion.principal_point_mm),
@@ -100,17 +99,13 @@ def dots_of(
         vergence=shift.vergence_per_mm,
         reference=shift.reference_per_mm,
         lateral_mm=_within_bands_mm(shown, observed, bands),
-        variance_mm2=np.sum((per_board * radius) ** 2, (1, 2)) / 8 + diffraction,
+        hole_mm=hole.filled_mm,
+        variance_mm2=hole.variance_mm2 + diffraction,
         cell_mm=np.tile(shown.take.pixel_mm * shown.cutouts.cell_px, (count, 1)),
     )
     if not shown.take.anamorphic:
         return known
-    along = np.sum((per_board * radius) ** 2, 2) / 4
-    return known._replace(
-        sections=_sections(shift, shown.distortion),
-        variance_mm2=(1 - APART) * along + diffraction,
-        apart_mm=np.sqrt(APART * along),
-    )
+    return known._replace(sections=_sections(shift, shown.distortion))
 
 
 def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:

@@ -181,7 +181,7 @@ def _of_dot(
     points: Points,
 ) -> tuple[Patch, Array]:
     """All three channels of one dot, stacked, and their gradients."""
-    variance = dot.variance_mm2 + model.smoothing * dot.cell_mm[0] ** 2
+    variance = dot.variance_mm2 + model.smoothing * dot.cell_mm**2
 
     def channel(chromatic, lateral, light, weight, corner):
         seen = (dot, Colour(chromatic, lateral), layout, model.scale)
@@ -195,7 +195,6 @@ def _of_dot(
             corner,
             dot.cell_mm,
             variance,
-            dot.apart_mm,
         )
         return patch, led_back(patch.pull)
 

@@ -49,7 +49,6 @@ def equations_of(
     corner_mm: Float[Array, "2"],
     cell_mm: Float[Array, "2"],
     variance_mm2: Float[Array, "*axes"],
-    apart_mm: Float[Array, "2"] | None = None,
 ) -> Patch:
     """Normal equations of one patch.
 
@@ -58,7 +57,7 @@ def equations_of(
     spot : What the image is made of, and the gradient: one from other rays than the
         image's is 0 elsewhere than where the image suits best.
     few : What the matrix is made of: it only leads the way.
-    variance_mm2, apart_mm : As for `profile_of`.
+    variance_mm2 : As for `profile_of`.
     """
     cells_of = partial(
         profile_of,
@@ -66,7 +65,6 @@ def equations_of(
         cell_mm=cell_mm,
         cells=light.shape[0],
         variance_mm2=variance_mm2,
-        apart_mm=apart_mm,
     )
     profile = cells_of(spot)
     nuisance_design = _nuisance_design(spot, profile)

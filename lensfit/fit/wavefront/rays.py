@@ -15,11 +15,13 @@ area of the pupil carries (`optics.etendue`), which varies by a few percent.
 from collections.abc import Callable
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from lensfit.fit.wavefront.dots import Dots
+from lensfit.fit.wavefront.hole import left_from_mm
 from lensfit.fit.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
 from lensfit.fit.wavefront.shapes import (
     Colour,
@@ -133,7 +135,8 @@ def spot_seen(
         by_weight = by_spot.weight.reshape(weight.shape) * light
         return rays.led_back(by_landing, by_weight, *seen)
 
-    return spot_of(landed, nodes, colour.lateral_mm), led_back
+    spot = _from_hole(spot_of(landed, nodes, colour.lateral_mm), dot, wavelengths)
+    return spot, led_back
 
 
 def rays_of(
@@ -159,11 +162,19 @@ def rays_of(
             jnp.einsum("wkij,wkjo->oiwk", landed.slope_mm, u_widened),
         ]
     )
+    spot = spot_of(evenly_lit, nodes, colour.lateral_mm)
     return Rays(
-        spot_of(evenly_lit, nodes, colour.lateral_mm),
+        _from_hole(spot, dot, wavelengths),
         moved.reshape(len(moved), 2, count),
         dealt(widened.weight, wavelengths).reshape(count, -1).T,
     )
+
+
+def _from_hole(spot: Spot, dot: Dots, wavelengths: int) -> Spot:
+    """Every ray from a place of its own in the dot's hole."""
+    count = len(spot.landing_mm)
+    from_mm = dealt(left_from_mm(dot.hole_mm, count), wavelengths).reshape(count, 2)
+    return eqx.tree_at(lambda s: s.landing_mm, spot, spot.landing_mm + from_mm)
 
 
 def nodes_of(

@@ -4,6 +4,8 @@ Random rays through the opening, each boundary tried by itself, land where the c
 forms of Seidel's aberrations and a cone of exact tangents say, and are counted in
 cells. No line is shared with the fit: what is true is stated here and nowhere else.
 
+Holes are Gaussians here: `test_wavefront_hole` has discs.
+
 Also the layout and the arrays of a fit of such a lens, small enough for tests.
 """
 
@@ -154,7 +156,8 @@ def dots_at(places_mm: np.ndarray, group: int, stop: int, cell_mm: float) -> Dot
         vergence=np.full(count, 1 / (REFERENCE_MM - PRINCIPAL_MM)),
         reference=np.full(count, 1 / (REFERENCE_MM - PRINCIPAL_MM)),
         lateral_mm=np.zeros((count, 3, 1, 2)),
-        variance_mm2=np.full(count, HOLE_VARIANCE_MM2),
+        hole_mm=np.zeros((count, 2, 2)),
+        variance_mm2=np.full((count, 2), HOLE_VARIANCE_MM2),
         cell_mm=np.full((count, 2), cell_mm),
     )
 
