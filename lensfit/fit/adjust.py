@@ -212,16 +212,10 @@ def with_centroid_shift(adjustment: Adjustment) -> Adjustment:
 
 def weigh(adjustment: Adjustment) -> Adjustment:
     """Model variance and robust weights at the current parameters."""
-    return weigh_residual(adjustment, adjustment.residual_mm())
-
-
-def weigh_residual(
-    adjustment: Adjustment, residual_mm: Float[np.ndarray, "views marks 2"]
-) -> Adjustment:
-    """Those for this residual."""
-    variance = _model_variance(adjustment.stack, residual_mm)
+    residual = adjustment.residual_mm()
+    variance = model_variance_mm2(adjustment.stack, residual)
     whitening = whitening_of(adjustment.stack, variance)
-    whitened = np.einsum("vmij,vmj->vmi", whitening, residual_mm)
+    whitened = np.einsum("vmij,vmj->vmi", whitening, residual)
     distance = np.linalg.norm(whitened, axis=-1)
     weight = 1 / (1 + (distance / CAUCHY_SCALE) ** 2)
     weight = np.where(distance > REJECT_BEYOND, 0.0, weight)
@@ -229,7 +223,7 @@ def weigh_residual(
     return replace(adjustment, model_variance_mm2=variance, weight=weight)
 
 
-def _model_variance(
+def model_variance_mm2(
     stack: Stack, residual_mm: Float[np.ndarray, "views marks 2"]
 ) -> Float[np.ndarray, " views"]:
     """Per photograph: squared robust residual beyond what detection noise explains."""

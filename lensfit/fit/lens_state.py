@@ -22,6 +22,7 @@ from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent
 
 _LEAST_PX = 1e-4
+"""Marks that fit better than this, as none do that were photographed, count as this."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ opposed to centroids; once the marks themselves have had their say of that
 import time
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,9 +24,9 @@ from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
 from lensfit.fit.wavefront.shown import LARGEST_HOLE_CELLS, Shown, hole_cells
 from lensfit.fit.wavefront.told_by_marks import (
-    asking_marks,
     at_chief_rays,
     errors_of,
+    moved_by,
     told_by_marks,
 )
 from lensfit.progress import Progress, silent
@@ -91,36 +92,63 @@ def fit(
     if not wavefronts:
         return Fitted(_sharing_walks(states), failed, without_shape=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
-    exact = {t.name: t for f in wavefronts.values() for t in at_chief_rays(f)}
-    again, failed = fit_sharing_pupils([exact.get(t.name, t) for t in takes], progress)
-    told = _told_by_marks(states, again, wavefronts)
-    if told:
-        exact |= {t.name: t for f in told.values() for t in at_chief_rays(f)}
-        moved = [exact.get(take.name, take) for take in takes]
-        third, failed_then = fit_sharing_pupils(moved, progress)
-        closer = _closer(third, again)
-        if failed_then.keys() == failed.keys() and told.keys() <= closer:
-            again, wavefronts = third, wavefronts | told
-    states = [better_told(state, states) for state in again]
-    return Fitted(_sharing_walks(states), failed, wavefronts, without, seconds)
+    first = _fit_at_chief_rays(takes, wavefronts, progress)
+    told = _told_by_marks(states, first.states, wavefronts)
+    last = _told_better(takes, first, told, progress)
+    states = [better_told(state, states) for state in last.states]
+    walked = _sharing_walks(states)
+    return Fitted(walked, last.failed, last.wavefronts, without, seconds)
+
+
+class _AtChiefRays(NamedTuple):
+    """States of marks where wavefronts say that chief rays land."""
+
+    wavefronts: dict[float, WavefrontFit]
+    states: list[LensState]
+    failed: dict[str, FitError]
+
+
+def _fit_at_chief_rays(
+    takes: list[Take], wavefronts: dict[float, WavefrontFit], progress: Progress
+) -> _AtChiefRays:
+    moved = {t.name: t for f in wavefronts.values() for t in at_chief_rays(f)}
+    placed = [moved.get(take.name, take) for take in takes]
+    return _AtChiefRays(wavefronts, *fit_sharing_pupils(placed, progress))
+
+
+def _told_better(
+    takes: list[Take],
+    first: _AtChiefRays,
+    told: dict[float, WavefrontFit],
+    progress: Progress,
+) -> _AtChiefRays:
+    """With those of the wavefronts told by marks that leave less of marks held out."""
+    while told:
+        found = _fit_at_chief_rays(takes, first.wavefronts | told, progress)
+        if found.failed.keys() != first.failed.keys():
+            break
+        closer = _closer(found.states, first.states)
+        if told.keys() <= closer:
+            return found
+        told = {focal_mm: told[focal_mm] for focal_mm in told.keys() & closer}
+    return first
 
 
 def _told_by_marks(
     states: list[LensState],
-    again: list[LensState],
+    moved: list[LensState],
     wavefronts: dict[float, WavefrontFit],
 ) -> dict[float, WavefrontFit]:
     """The wavefronts that marks have had their say of: they are asked where moved marks
-    fit one lens worse (`again`) than centroids do."""
+    fit one lens worse (`moved`) than centroids do (`states`)."""
     told = {}
-    before = by_focal_length(states)
-    for focal_mm in wavefronts.keys() & _closer(states, again):
+    centroids = by_focal_length(states)
+    for focal_mm in wavefronts.keys() & _closer(states, moved):
         found = wavefronts[focal_mm]
         errors = errors_of(found)
-        said = amounts_of(before[focal_mm], asking_marks(found, errors))
-        count = len(errors)  # what follows is of the photographs, not of the wavefront
-        value, covariance = said.value[:count], said.covariance[:count, :count]
-        better = told_by_marks(found, errors, value, covariance)
+        said = amounts_of(centroids[focal_mm], moved_by(found, errors))
+        # What takes list besides is of their photographs, not of the wavefront.
+        better = told_by_marks(found, errors, said.of_first(len(errors)))
         if better is not None:
             told[focal_mm] = better
     return told

@@ -21,16 +21,18 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from lensfit.fit.adjust import Adjustment, weigh_residual
+from lensfit.fit.adjust import Adjustment, model_variance_mm2
 from lensfit.fit.lens_state import LensState
 from lensfit.fit.take import Take
+from lensfit.fit.uncertainty import shared_moves_of
 from lensfit.fit.views import observed_of, whitening_of
 
-_GREEN = 1
 _ROUNDS = 3
-"""Of weights, each for what the one before left."""
+"""Of amounts, each with the variance that the ones before left the model."""
+_VARIANCES = 2
+"""Rounds of variance for some amounts, the map following."""
 _STEP = 0.1
 """Of differences, standard deviations of the parameter."""
 
@@ -47,6 +49,10 @@ class Amounts(NamedTuple):
     value: Float[np.ndarray, " moves"]
     covariance: Float[np.ndarray, "moves moves"]
 
+    def of_first(self, count: int) -> "Amounts":
+        """Those of the first errors, whatever the others were."""
+        return Amounts(self.value[:count], self.covariance[:count, :count])
+
 
 def amounts_of(states: Sequence[LensState], moved: Sequence[Take]) -> Amounts:
     """How large the errors were that moved the marks.
@@ -58,28 +64,26 @@ def amounts_of(states: Sequence[LensState], moved: Sequence[Take]) -> Amounts:
         are one list of errors for all.
     """
     by_name = {take.name: take for take in moved}
-    every = [_state_of(state, by_name) for state in states]
-    each = [one for one in every if len(one.moves_mm)]
+    each = [one for one in (_map_of(s, by_name) for s in states) if len(one.moves_mm)]
     count = max((len(one.moves_mm) for one in each), default=0)
     found = Amounts(np.zeros(count), np.eye(count))
     for _ in range(_ROUNDS):
         said = [_equations_of(one, found.value) for one in each]
-        matrix = sum((one.matrix for one in said), np.eye(count))
+        covariance = np.linalg.inv(sum((one.matrix for one in said), np.eye(count)))
         towards = sum((one.towards for one in said), np.zeros(count))
-        covariance = np.linalg.inv(matrix)
         found = Amounts(covariance @ towards, covariance)
     return found
 
 
-class _State(NamedTuple):
-    """One state, linear about its fit.
+class _Map(NamedTuple):
+    """Of one state, linear about its fit, in standard deviations of free parameters.
 
     Attributes
     ----------
     residual_mm : Predicted less observed, the observed ones moved.
-    slopes_mm : d predicted / d free parameter, of one standard deviation.
+    slopes_mm : d predicted / d parameter.
     moves_mm : How observed marks go with each error of the wavefront.
-    pull, hold : Gradient and matrix of the priors of the free parameters.
+    pull, hold : Gradient and second derivatives of half the priors.
     """
 
     adjustment: Adjustment
@@ -87,7 +91,7 @@ class _State(NamedTuple):
     slopes_mm: Float[np.ndarray, "parameters views marks 2"]
     moves_mm: Float[np.ndarray, "moves views marks 2"]
     pull: Float[np.ndarray, " parameters"]
-    hold: Float[np.ndarray, "parameters parameters"]
+    hold: Float[np.ndarray, " parameters"]
 
 
 class _Said(NamedTuple):
@@ -97,40 +101,45 @@ class _Said(NamedTuple):
     towards: Float[np.ndarray, " moves"]
 
 
-def _state_of(state: LensState, by_name: dict[str, Take]) -> _State:
+def _map_of(state: LensState, by_name: dict[str, Take]) -> _Map:
     adjustment = state.geometry.adjustment
-    takes = [by_name.get(take.name, take) for take in state.geometry.takes]
-    shared = [take.shared_moves_mm for take in takes]
-    count = max((len(moves) for moves in shared if moves is not None), default=0)
-    seen = adjustment.stack.observed_mm
-    onward, moves = np.zeros_like(seen), np.zeros((count, *seen.shape))
-    for k, take in enumerate(takes):
-        if take.shared_moves_mm is None:
-            continue
-        marks = len(take.observations)
-        onward[k, :marks] = observed_of(take) - seen[k, :marks]
-        moves[:, k, :marks] = take.shared_moves_mm[:, _GREEN]
-    free = np.flatnonzero(adjustment.prior.free)
-    # A step that marks feel, and that is linear for them.
+    takes = tuple(by_name.get(take.name, take) for take in state.geometry.takes)
+    standing = _standing_in(adjustment)
+    # What stood for drags goes: the wavefront says them now.
+    parameters = np.where(standing, 0.0, adjustment.parameters)
+    adjustment = replace(adjustment, parameters=parameters)
+    free = np.flatnonzero(adjustment.prior.free & ~standing)
+    # Steps that marks feel, and that are linear for them.
     deviation = np.sqrt(np.diag(state.uncertainty.covariance)[free])
-    slopes = _slopes_mm(adjustment, free, deviation)
-    value = adjustment.parameters[free] / deviation
-    off = value - adjustment.prior.mean[free] / deviation
     precision = (deviation / adjustment.prior.standard_deviation[free]) ** 2
-    # It stood for what the wavefront says now.
-    block = adjustment.layout.blocks["aperture_shift"]
-    stood = (free >= block.start) & (free < block.stop)
-    residual = adjustment.residual_mm() - onward
-    residual = residual - np.tensordot(value[stood], slopes[stood], 1)
-    present = adjustment.stack.present[..., None]
-    return _State(
+    off = (parameters - adjustment.prior.mean)[free] / deviation
+    return _Map(
         adjustment,
-        np.where(present, residual, 0.0),
-        slopes[~stood],
-        moves,
-        (precision * off)[~stood],
-        np.diag(precision[~stood]),
+        adjustment.residual_mm() - _onward_mm(adjustment, takes),
+        _slopes_mm(adjustment, free, deviation),
+        shared_moves_of(adjustment, takes),
+        precision * off,
+        precision,
     )
+
+
+def _standing_in(adjustment: Adjustment) -> Bool[np.ndarray, " parameters"]:
+    """Parameters that stand for drags while nobody knows the wavefront."""
+    standing = np.zeros(len(adjustment.parameters), bool)
+    standing[adjustment.layout.blocks["aperture_shift"]] = True
+    return standing
+
+
+def _onward_mm(
+    adjustment: Adjustment, takes: Sequence[Take]
+) -> Float[np.ndarray, "views marks 2"]:
+    """From where the marks were observed to where moved takes have them."""
+    seen_mm = adjustment.stack.observed_mm
+    onward = np.zeros_like(seen_mm)
+    for k, take in enumerate(takes):
+        marks = len(take.observations)
+        onward[k, :marks] = observed_of(take) - seen_mm[k, :marks]
+    return onward
 
 
 def _slopes_mm(
@@ -139,58 +148,62 @@ def _slopes_mm(
     deviation: Float[np.ndarray, " free"],
 ) -> Float[np.ndarray, "free views marks 2"]:
     """Central differences: the program that predicts marks serves here too."""
-    board, present = adjustment.stack.board, adjustment.stack.present[..., None]
 
-    def predicted(index: int, step: float) -> np.ndarray:
+    def residual(index: int, step: float) -> np.ndarray:
         parameters = adjustment.parameters.copy()
         parameters[index] += step
-        return replace(adjustment, parameters=parameters).predicted_mm(board)
+        return replace(adjustment, parameters=parameters).residual_mm()
 
-    found = []
-    for index, size in zip(free, deviation, strict=True):
-        step = _STEP * float(size)
-        ahead, behind = predicted(index, step), predicted(index, -step)
-        found.append(np.where(present, (ahead - behind) / (2 * _STEP), 0.0))
-    return np.array(found).reshape(len(deviation), *board.shape)
+    found = np.zeros((len(free), *adjustment.stack.board.shape))
+    for row, index in enumerate(free):
+        step = _STEP * float(deviation[row])
+        found[row] = (residual(index, step) - residual(index, -step)) / (2 * _STEP)
+    return found
 
 
-def _equations_of(one: _State, amounts: Float[np.ndarray, " moves"]) -> _Said:
-    """At weights for what these amounts leave."""
-    residual = one.residual_mm - np.tensordot(amounts, one.moves_mm, 1)
-    weighed = one.adjustment
-    for _ in range(2):
-        rooted = _rooted(weighed)
-        slopes = _flat(rooted, one.slopes_mm)
-        matrix = slopes @ slopes.T + one.hold
-        step = np.linalg.solve(
-            matrix, slopes @ _flat(rooted, residual[None])[0] + one.pull
-        )
-        left = residual - np.tensordot(step, one.slopes_mm, 1)
-        found = weigh_residual(weighed, left)
-        least = np.minimum(found.model_variance_mm2, one.adjustment.model_variance_mm2)
-        weighed = replace(one.adjustment, model_variance_mm2=least)
-    rooted = _rooted(weighed)
-    slopes, moves = _flat(rooted, one.slopes_mm), _flat(rooted, one.moves_mm)
-    residual = _flat(rooted, one.residual_mm[None])[0]
-    mixed = slopes @ moves.T
-    eliminated = np.linalg.solve(slopes @ slopes.T + one.hold, mixed)
-    gradient = slopes @ residual + one.pull
+class _Whitened(NamedTuple):
+    """A map in standard deviations of its marks, all their coordinates in a row."""
+
+    slopes: Float[np.ndarray, "parameters values"]
+    moves: Float[np.ndarray, "moves values"]
+    residual: Float[np.ndarray, " values"]
+
+
+def _equations_of(one: _Map, amounts: Float[np.ndarray, " moves"]) -> _Said:
+    """With as much variance of the model as these amounts leave, the map following."""
+    left_mm = one.residual_mm - np.tensordot(amounts, one.moves_mm, 1)
+    variance = one.adjustment.model_variance_mm2
+    for _ in range(_VARIANCES):
+        white = _whitened(one, variance)
+        pull = white.slopes @ (white.residual - amounts @ white.moves) + one.pull
+        followed = _following(one, white, pull)
+        after_mm = left_mm - np.tensordot(followed, one.slopes_mm, 1)
+        found = model_variance_mm2(one.adjustment.stack, after_mm)
+        variance = np.minimum(found, one.adjustment.model_variance_mm2)
+    white = _whitened(one, variance)
+    mixed = white.slopes @ white.moves.T
+    gradient = white.slopes @ white.residual + one.pull
     return _Said(
-        moves @ moves.T - mixed.T @ eliminated,
-        moves @ residual - eliminated.T @ gradient,
+        white.moves @ white.moves.T - mixed.T @ _following(one, white, mixed),
+        white.moves @ white.residual - mixed.T @ _following(one, white, gradient),
     )
 
 
-def _rooted(adjustment: Adjustment) -> Float[np.ndarray, "views marks 2 2"]:
-    """Root of the weight of every mark."""
-    whitening = whitening_of(adjustment.stack, adjustment.model_variance_mm2)
-    used = np.where(adjustment.stack.present, adjustment.weight, 0.0)
-    return whitening * np.sqrt(used)[..., None, None]
+def _following(
+    one: _Map, white: _Whitened, towards: Float[np.ndarray, "parameters *some"]
+) -> Float[np.ndarray, "parameters *some"]:
+    """How far the map's own parameters follow."""
+    matrix = white.slopes @ white.slopes.T + np.diag(one.hold)
+    return np.linalg.solve(matrix, towards)
 
 
-def _flat(
-    rooted: Float[np.ndarray, "views marks 2 2"],
-    vectors: Float[np.ndarray, "some views marks 2"],
-) -> Float[np.ndarray, "some values"]:
-    whitened = np.einsum("vmij,svmj->svmi", rooted, vectors)
-    return whitened.reshape(len(vectors), -1)
+def _whitened(one: _Map, variance_mm2: Float[np.ndarray, " views"]) -> _Whitened:
+    """With so much variance of the model in every photograph."""
+    rooted = whitening_of(one.adjustment.stack, variance_mm2)
+    rooted = rooted * np.sqrt(one.adjustment.weight)[..., None, None]
+
+    def flat(vectors: Float[np.ndarray, "some views marks 2"]) -> np.ndarray:
+        return np.einsum("vmij,svmj->svmi", rooted, vectors).reshape(len(vectors), -1)
+
+    residual = flat(one.residual_mm[None])[0]
+    return _Whitened(flat(one.slopes_mm), flat(one.moves_mm), residual)

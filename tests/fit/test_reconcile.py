@@ -18,7 +18,7 @@ CAMERA = Camera(k=(-0.05, 0.0))
 
 
 def coma_px(points_mm, f_number):
-    """Outwards, in proportion to the pupil: no map of one plane does that."""
+    """Outwards, as the square of the pupil: no map of one plane does that."""
     height = np.linalg.norm(points_mm, axis=-1, keepdims=True) / REACH_MM
     outward = points_mm / REACH_MM * height
     return DRAG_PX * (4.0 / f_number) ** 2 * outward
@@ -32,7 +32,7 @@ def barrel_px(points_mm, f_number):
 
 
 def ripple_px(points_mm, f_number):
-    """As little like any map, and not there."""
+    """Here and there: like no map, and none of it is in the marks."""
     del f_number
     return 0.1 * np.sin(points_mm[:, ::-1])
 
@@ -102,8 +102,8 @@ def test_takes_that_nothing_moved_have_no_say(undragged):
     assert len(amounts_of(states, takes).value) == 0
 
 
-def test_moved_marks_fit_a_lens_worse_and_are_told_by_it(undragged):
-    """What marks are asked for, and whose account stays."""
+def test_marks_moved_wrongly_leave_more_of_those_held_out(undragged):
+    """Which is when they are asked."""
     takes, states = undragged
     wrong, _ = fit_sharing_pupils(moved(takes, 1.0, coma_px), silent)
     assert left_px(states) < left_px(wrong)

@@ -12,6 +12,7 @@ from lensfit.fit.select import Verdict
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.families import FINE, Family
 from lensfit.fit.wavefront.gather import Group
+from lensfit.fit.wavefront.misfit import Misfit
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.rays import spot_seen
 from lensfit.fit.wavefront.shapes import Colour
@@ -117,9 +118,7 @@ def fit_of(
         covariance=np.diag(np.full(LAYOUT.size, 0.25)),
         unseen=("third_order",),
         sign_known=True,
-        misfit=np.array([0.02, 0.03, 0.04]),
-        held_out_misfit=0.035,
-        held_out_takes=(0.03, 0.04, None),
+        misfit=Misfit(np.array([0.02, 0.03, 0.04]), 0.035, (0.03, 0.04, None)),
         converged=True,
     )
 
@@ -186,7 +185,8 @@ def fitted_image(wavefront, group: int, stop: int, principal_mm: float) -> np.nd
         vergence=vergence,
         reference=vergence,
         lateral_mm=jnp.zeros((3, 3, 2)),
-        variance_mm2=jnp.zeros(()),
+        hole_mm=jnp.zeros((2, 2)),
+        variance_mm2=jnp.zeros(2),
         cell_mm=jnp.full(2, PITCH_MM),
     )
     chromatic = chromatic_coordinate(bands(3).wavelengths_nm)

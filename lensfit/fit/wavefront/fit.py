@@ -23,7 +23,6 @@ from lensfit.fit.wavefront.descent import (
     middle_fit,
 )
 from lensfit.fit.wavefront.effort import Effort
-from lensfit.fit.wavefront.evidence import held_out_dots, held_out_take
 from lensfit.fit.wavefront.families import Family, families_of
 from lensfit.fit.wavefront.gather import (
     Gathered,
@@ -31,6 +30,7 @@ from lensfit.fit.wavefront.gather import (
     gather,
     spread_over_takes,
 )
+from lensfit.fit.wavefront.misfit import Misfit, misfit_of
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage, on_dots
@@ -43,7 +43,6 @@ from lensfit.fit.wavefront.valleys import (
     still_open,
     valley_at,
 )
-from lensfit.fit.wavefront.weigh import relative_misfit
 from lensfit.kernel.blur_quality import ROUGH_BLUR
 from lensfit.optics.spectrum import Bands, bands
 from lensfit.optics.terms import (
@@ -83,12 +82,7 @@ class WavefrontFit:
     covariance : Of all parameters.
     unseen : Families that the photographs do not see.
     sign_known : Whether stated distances or the photographs settle the sign of defocus.
-    misfit : Median relative error of a dot's image, per take.
-    held_out_misfit : The same for dots the fit did not see.
-    held_out_takes : The same for each take if the fit had not seen it; None where the
-        other takes do not determine the fit.
-    converged : Whether the last solve met its tolerance.
-    notes : One sentence for each thing the photographer should know.
+    misfit : How far the images of dots are from those photographed.
     """
 
     gathered: Gathered
@@ -98,11 +92,22 @@ class WavefrontFit:
     covariance: Float[np.ndarray, "parameters parameters"]
     unseen: tuple[str, ...]
     sign_known: bool
-    misfit: Float[np.ndarray, " takes"]
-    held_out_misfit: float
-    held_out_takes: tuple[float | None, ...]
-    converged: bool
-    notes: tuple[str, ...]
+    misfit: Misfit
+
+    @property
+    def converged(self) -> bool:
+        """Whether the last solve met its tolerance."""
+        return self.stage.converged
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One sentence for each thing the photographer should know."""
+        return _notes(
+            self.sign_known,
+            self.converged,
+            self.misfit.held_out_dots,
+            against=runs_against_statements(self.stage),
+        )
 
     def has(self, family: str) -> bool:
         """Whether a family of parameters was fitted and kept."""
@@ -144,10 +149,7 @@ def fit_wavefront(
     final = last_fit(chosen_fit, families)
     progress("wavefront", 4, 4)
     against = runs_against_statements(final)
-    sign_known = not against if coarse.side_stated else side_is_told(valleys)
     covariance = covariance_of(final, families)
-    misfit, held_out = misfits(final, families)
-    held_out_misfit = float(np.median(misfit)) * held_out_dots(final, families)
     return WavefrontFit(
         gathered=every,
         stage=final,
@@ -155,12 +157,8 @@ def fit_wavefront(
         verdicts=verdicts,
         covariance=covariance,
         unseen=unseen(final, families, covariance),
-        sign_known=sign_known,
-        misfit=misfit,
-        held_out_misfit=held_out_misfit,
-        held_out_takes=held_out,
-        converged=final.converged,
-        notes=_notes(sign_known, final.converged, held_out_misfit, against=against),
+        sign_known=not against if coarse.side_stated else side_is_told(valleys),
+        misfit=misfit_of(final, families),
     )
 
 
@@ -198,24 +196,6 @@ def _layout_of(every: Gathered) -> Layout:
         stops=max(_STOPS, len(every.f_numbers) - 1),
         anamorphic=cylinders,
     )
-
-
-def misfits(
-    stage: Stage, families: tuple[Family, ...]
-) -> tuple[np.ndarray, tuple[float | None, ...]]:
-    """Per take: relative error of a dot's image, and what it would be if the fit had
-    not seen the take; None where the other takes do not determine the fit."""
-    each = relative_misfit(stage.gathered, stage.residual, stage.nuisance[..., 1])
-    takes = range(len(stage.gathered.shown))
-    misfit = np.array([np.nanmedian(each[stage.gathered.take == k]) for k in takes])
-    if len(misfit) < 2:
-        return misfit, (None,) * len(misfit)
-    factors = [held_out_take(stage, families, k) for k in takes]
-    held_out = tuple(
-        None if f is None else float(f * m)
-        for f, m in zip(factors, misfit, strict=True)
-    )
-    return misfit, held_out
 
 
 def _notes(

@@ -30,7 +30,8 @@ _DECISIVE = 1.1
 _SAME = 0.2
 """Apart by less than this share of the largest defocus, valleys are one."""
 _FAR_APART = 0.4
-"""Share of the farthest two takes: near and far are about half of it from focus."""
+"""Of the distance of the farthest two takes: most shoots lie in focus, nearer and
+farther by about half of it, and neighbours are to count."""
 _COST = attrgetter("cost")
 
 
@@ -131,13 +132,12 @@ def runs_against_statements(stage: Stage) -> bool:
     stated_mm = stated_defocus_mm(stage.gathered)
     defocus_mm = stage.parameters[stage.layout.blocks["defocus"]][: len(stated_mm)]
     told = np.isfinite(stated_mm)
-    apart_mm, found_mm = (
-        values[told][:, None] - values[told] for values in (stated_mm, defocus_mm)
-    )
-    far_apart = np.abs(apart_mm) > max(
-        _FAR_APART * np.max(np.abs(apart_mm), initial=0.0), IN_FOCUS_MM
-    )
-    return bool(np.any(far_apart & (apart_mm * found_mm < 0)))
+    if not told.any():
+        return False
+    apart_mm = np.subtract.outer(stated_mm[told], stated_mm[told])
+    found_mm = np.subtract.outer(defocus_mm[told], defocus_mm[told])
+    least_mm = max(_FAR_APART * np.abs(apart_mm).max(), IN_FOCUS_MM)
+    return bool(np.any(found_mm[apart_mm > least_mm] < 0))
 
 
 def _off_mm(stage: Stage) -> float:

@@ -66,14 +66,15 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
     pictures : Of the dots, by the take's name; see `blur_pictures`.
     """
     gathered, stage = wavefront.gathered, wavefront.stage
+    misfit = wavefront.misfit
     takes = []
     for k, shown in enumerate(gathered.shown):
         takes.append(
             {
                 "image": shown.take.name,
                 "dots": int(np.sum(stage.gathered.take == k)),
-                "misfit": plain(wavefront.misfit[k]),
-                "held_out_misfit": plain(wavefront.held_out_takes[k]),
+                "misfit": plain(misfit.of_take[k]),
+                "held_out_misfit": plain(misfit.held_out_take[k]),
                 "picture": pictures.get(shown.take.name),
             }
         )
@@ -81,7 +82,7 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
     deviation = np.sqrt(np.diag(wavefront.covariance))[where]
     return {
         "takes": takes,
-        "held_out_misfit": plain(wavefront.held_out_misfit),
+        "held_out_misfit": plain(misfit.held_out_dots),
         "defocus": [
             {
                 "focus_distance_mm": plain_distance(group.focus_distance_mm),

@@ -1,0 +1,107 @@
+"""How far blur drags the light of every dot, and its mark with it (`drag`, for all).
+
+Where the model says that a centroid lies further out by so much, the chief ray lands
+further in: marks go against their drags.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.interpolate import RBFInterpolator
+
+from lensfit.batches import in_batches
+from lensfit.fit.wavefront.dots import Dots
+from lensfit.fit.wavefront.drag import centroid_slopes_mm, centroids_mm
+from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
+from lensfit.fit.wavefront.parameters import Layout, Scale
+from lensfit.fit.wavefront.stages import Stage, with_iris
+from lensfit.programs import kept_program
+
+_BATCH, _SLOPES_BATCH = 512, 32
+"""Dots that go through a program at a time."""
+_TELLING = 12
+"""Dots of a take that tell how errors of the wavefront move its marks."""
+
+
+def drags_mm(stage: Stage, gathered: Gathered) -> Float[np.ndarray, "dots 3 2"]:
+    """Centroid of every dot and channel from where its chief ray lands."""
+    return _of_dots(centroids_mm, stage, gathered, _BATCH)
+
+
+def drag_slopes_mm(
+    stage: Stage, gathered: Gathered
+) -> Float[np.ndarray, "dots 3 2 parameters"]:
+    """d `drags_mm` / d parameter; it costs ten times as much."""
+    return _of_dots(centroid_slopes_mm, stage, gathered, _SLOPES_BATCH)
+
+
+def telling_dots(gathered: Gathered) -> Gathered:
+    """The few that tell how parameters drag all."""
+    return chosen(gathered, spread_over_takes(gathered, _TELLING))
+
+
+def moves_of_marks_mm(
+    stage: Stage, gathered: Gathered, moves: Float[np.ndarray, "moves parameters"]
+) -> Float[np.ndarray, "dots moves 3 2"]:
+    """How marks go as the parameters move, of every dot: moves of any size."""
+    still = drags_mm(stage, gathered)
+    found = np.zeros((len(still), len(moves), *still.shape[1:]))
+    for k, move in enumerate(moves):
+        moved = replace(stage, parameters=stage.parameters + move)
+        found[:, k] = still - drags_mm(moved, gathered)
+    return found
+
+
+def slight_moves_of_marks_mm(
+    stage: Stage, gathered: Gathered, moves: Float[np.ndarray, "moves parameters"]
+) -> Float[np.ndarray, "dots moves 3 2"]:
+    """The same to first order and a tenth, by a few dots of every take: what they say
+    varies slowly over the frame, and a thin plate through them tells it for all."""
+    if not len(moves):
+        return np.zeros((len(gathered.take), 0, 3, 2))
+    few = telling_dots(gathered)
+    against = -np.einsum("dcip,mp->dmci", drag_slopes_mm(stage, few), moves)
+    field_mm, told_mm = (np.asarray(g.dots.field_mm) for g in (gathered, few))
+    found = np.zeros((len(field_mm), *against.shape[1:]))
+    for k in range(len(gathered.shown)):
+        mine, told = gathered.take == k, few.take == k
+        values = against[told].reshape(told.sum(), -1)
+        plate = RBFInterpolator(told_mm[told], values, kernel="thin_plate_spline")
+        found[mine] = plate(field_mm[mine]).reshape(mine.sum(), *against.shape[1:])
+    return found
+
+
+def _of_dots(
+    function: Callable[..., Array], stage: Stage, gathered: Gathered, batch: int
+) -> Float[np.ndarray, "dots 3 2 *shape"]:
+    """What a function such as `centroids_mm` finds at the parameters of the fit."""
+    return in_batches(
+        lambda dots: _one_by_one(
+            function,
+            jnp.asarray(stage.parameters),
+            jax.tree.map(jnp.asarray, dots),
+            jnp.asarray(gathered.chromatic),
+            stage.layout,
+            gathered.scale,
+        ),
+        with_iris(gathered, stage.blades),
+        batch,
+    )
+
+
+@kept_program(static_argnames=("function", "layout"))
+def _one_by_one(
+    function: Callable[..., Array],
+    parameters: Array,
+    dots: Dots,
+    chromatic: Array,
+    layout: Layout,
+    scale: Scale,
+) -> Array:
+    return jax.lax.map(
+        lambda dot: function(parameters, dot, chromatic, layout, scale), dots
+    )

@@ -1,0 +1,75 @@
+"""Drags that are known: undone, or held while the shape of dots answers."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from drawn_lens import LAYOUT, Seidel, Shot, photographed
+
+from lensfit.fit.wavefront.drags import drags_mm
+from lensfit.fit.wavefront.held_drags import reshaped, undoing
+from lensfit.fit.wavefront.stages import (
+    chi_squared,
+    first_stage,
+    freed,
+    settled,
+)
+
+PIXEL_MM = 0.01
+LENS = Seidel(4.0, -3.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
+COEFFICIENTS = LAYOUT.blocks["coefficients"]
+
+
+@pytest.fixture(scope="module")
+def true_fit():
+    """At the true parameters, coefficients free."""
+    gathered = photographed(LENS, [Shot(0, 0, 1900.0), Shot(0, 1, 1900.0)], rays=20_000)
+    take = SimpleNamespace(pixel_mm=np.full(2, PIXEL_MM))
+    shown = tuple(SimpleNamespace(take=take) for _ in range(2))
+    deviation = np.zeros(LAYOUT.size)
+    deviation[COEFFICIENTS] = 30.0
+    stage = first_stage(replace(gathered, shown=shown), LAYOUT, LENS.parameters())
+    mean = np.where(deviation > 0, 0.0, LENS.parameters())
+    stage = replace(freed(stage, deviation), mean=mean)
+    return settled(stage, 4)
+
+
+def moved(stage, by):
+    return settled(replace(stage, parameters=stage.parameters + by), 1)
+
+
+def rms_px(drags):
+    return np.sqrt(np.mean(np.sum(drags**2, -1))) / PIXEL_MM
+
+
+def test_drags_can_be_undone_by_a_move_of_the_parameters(true_fit):
+    before = drags_mm(true_fit, true_fit.gathered)
+    move = undoing(true_fit, true_fit.gathered)
+    after = drags_mm(
+        replace(true_fit, parameters=true_fit.parameters + move), true_fit.gathered
+    )
+    assert rms_px(before) > 0.4
+    assert rms_px(after) < 0.1 * rms_px(before)
+
+
+def test_shape_answers_where_drags_are_held(true_fit):
+    """Symmetric blur was spoiled: it comes back, but for what its drags forbid."""
+    off = np.zeros(LAYOUT.size)
+    off[COEFFICIENTS][[0, 1]] = 12.0, -10.0
+    spoiled = moved(true_fit, off)
+    found = reshaped(spoiled, true_fit.gathered)
+    least = chi_squared(true_fit)
+    assert chi_squared(spoiled) > 3 * least
+    assert chi_squared(found) - least < 0.2 * (chi_squared(spoiled) - least)
+    held, after = (drags_mm(s, true_fit.gathered) for s in (spoiled, found))
+    assert rms_px(after - held) < 0.01
+
+
+def test_drags_that_are_held_wrong_stay_wrong(true_fit):
+    """What was said of them comes from elsewhere, however ill it suits the dots."""
+    wrong = moved(true_fit, undoing(true_fit, true_fit.gathered))
+    found = reshaped(wrong, true_fit.gathered)
+    held, after = (drags_mm(s, true_fit.gathered) for s in (wrong, found))
+    assert rms_px(after - held) < 0.02
+    assert chi_squared(true_fit) < chi_squared(found) <= chi_squared(wrong)
