@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-_AS_WIDE, _STEEP = 4.0, 3
+_AS_WIDE, _STEEP = 5.0, 3
 """Radius of the blur over that of the hole at which places have half the variance, and
 how fast that goes: between what is best for an even disc (2.5) and for the bright core
 of a caustic (8), against images of very many rays, for holes of .45 to 1.6 pixels and
