@@ -32,7 +32,7 @@ from lensfit.fit.views import observed_of, whitening_of
 _ROUNDS = 3
 """Of amounts, each with the variance that the ones before left the model."""
 _VARIANCES = 2
-"""Rounds of variance for some amounts, the map following."""
+"""Of the model's variance at some amounts, the map solved anew for each."""
 _STEP = 0.1
 """Of differences, standard deviations of the parameter."""
 
@@ -64,7 +64,8 @@ def amounts_of(states: Sequence[LensState], moved: Sequence[Take]) -> Amounts:
         are one list of errors for all.
     """
     by_name = {take.name: take for take in moved}
-    each = [one for one in (_map_of(s, by_name) for s in states) if len(one.moves_mm)]
+    touched = [s for s in states if any(t.name in by_name for t in s.geometry.takes)]
+    each = [one for one in (_map_of(s, by_name) for s in touched) if len(one.moves_mm)]
     count = max((len(one.moves_mm) for one in each), default=0)
     found = Amounts(np.zeros(count), np.eye(count))
     for _ in range(_ROUNDS):
@@ -190,11 +191,11 @@ def _equations_of(one: _Map, amounts: Float[np.ndarray, " moves"]) -> _Said:
 
 
 def _following(
-    one: _Map, white: _Whitened, towards: Float[np.ndarray, "parameters *some"]
+    one: _Map, white: _Whitened, gradient: Float[np.ndarray, "parameters *some"]
 ) -> Float[np.ndarray, "parameters *some"]:
     """How far the map's own parameters follow."""
     matrix = white.slopes @ white.slopes.T + np.diag(one.hold)
-    return np.linalg.solve(matrix, towards)
+    return np.linalg.solve(matrix, gradient)
 
 
 def _whitened(one: _Map, variance_mm2: Float[np.ndarray, " views"]) -> _Whitened:

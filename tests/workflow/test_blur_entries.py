@@ -185,7 +185,7 @@ def fitted_image(wavefront, group: int, stop: int, principal_mm: float) -> np.nd
         vergence=vergence,
         reference=vergence,
         lateral_mm=jnp.zeros((3, 3, 2)),
-        hole_mm=jnp.zeros((2, 2)),
+        filled_mm=jnp.zeros((2, 2)),
         variance_mm2=jnp.zeros(2),
         cell_mm=jnp.full(2, PITCH_MM),
     )

@@ -30,7 +30,7 @@ class Dots(NamedTuple):
     slope, pupil_per_sine_mm, vergence, reference : The chart's distance at this dot
         (`optics.depth.ObjectShift`).
     lateral_mm : Displacement of the wavelengths of each channel about their mean.
-    hole_mm : From the unit disc to the ellipse that rays leave from (`hole`).
+    filled_mm : From the unit disc to the ellipse that rays leave from (`hole`).
     variance_mm2 : Along x and y, of the Gaussian that stands for what that leaves of
         the hole, and for the Airy pattern.
     cell_mm : Width and height of a cell.
@@ -48,7 +48,7 @@ class Dots(NamedTuple):
     vergence: Float[Numbers, " dots"]
     reference: Float[Numbers, " dots"]
     lateral_mm: Float[Numbers, "dots 3 wavelengths 2"]
-    hole_mm: Float[Numbers, "dots 2 2"]
+    filled_mm: Float[Numbers, "dots 2 2"]
     variance_mm2: Float[Numbers, "dots 2"]
     cell_mm: Float[Numbers, "dots 2"]
     sections: Sections | None = None
@@ -56,7 +56,7 @@ class Dots(NamedTuple):
 
 def hole_variance_mm2(dots: Dots) -> Float[Numbers, " dots"]:
     """Second moment of every dot's hole and Airy pattern, mean of x and y."""
-    return (dots.variance_mm2 + np.sum(dots.hole_mm**2, -1) / 4).mean(-1)
+    return (dots.variance_mm2 + np.sum(dots.filled_mm**2, -1) / 4).mean(-1)
 
 
 class Pixels(NamedTuple):

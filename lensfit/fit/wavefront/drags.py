@@ -59,8 +59,8 @@ def moves_of_marks_mm(
 def slight_moves_of_marks_mm(
     stage: Stage, gathered: Gathered, moves: Float[np.ndarray, "moves parameters"]
 ) -> Float[np.ndarray, "dots moves 3 2"]:
-    """The same to first order and a tenth, by a few dots of every take: what they say
-    varies slowly over the frame, and a thin plate through them tells it for all."""
+    """The same, linear in the moves and within a tenth, by a few dots of every take:
+    what they say varies slowly over the frame, and a thin plate tells it for all."""
     if not len(moves):
         return np.zeros((len(gathered.take), 0, 3, 2))
     few = telling_dots(gathered)

@@ -7,7 +7,6 @@ pixel, like observations in the normal equations of a pass.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -20,47 +19,62 @@ _HELD_PX = 0.001
 _UNDONE = 0.25
 """Share of the squares of drags that may be left of them."""
 _ROUNDS = 3
-_GREEN = slice(1, 2)
-
-
-class _Drags(NamedTuple):
-    """Of a few dots of every take, in standard deviations."""
-
-    value: Float[np.ndarray, " drags"]
-    slopes: Float[np.ndarray, "drags parameters"]
+_GREEN, _ALL = slice(1, 2), slice(None)
 
 
 def undoing(stage: Stage, gathered: Gathered) -> Float[np.ndarray, " parameters"]:
-    """The move of the parameters that takes all drags away and changes the photographs
-    least. No move where drags are too large to undo at one go.
+    """The move of the parameters that takes green's drags away, to first order, and
+    changes the photographs least. No move where drags are too large for that.
     """
-    drags = _drags_of(stage, gathered, _GREEN)
-    move = _least_move(stage, drags.slopes, drags.slopes.T @ drags.value)
+    slopes = _slopes(stage, gathered, _GREEN)
+    value = _value(stage, gathered, _GREEN)
+    move = _least_move(stage, slopes, slopes.T @ value)
     undone = replace(stage, parameters=stage.parameters + move)
-    left = _drags_of(undone, gathered, _GREEN).value
-    fully = np.sum(left**2) < _UNDONE * np.sum(drags.value**2)
+    left = _value(undone, gathered, _GREEN)
+    fully = np.sum(left**2) < _UNDONE * np.sum(value**2)
     return move if fully else np.zeros_like(move)
 
 
 def reshaped(stage: Stage, gathered: Gathered) -> Stage:
-    """The shape of dots fitted anew while that helps, drags of all channels held."""
+    """The shape of dots fitted anew while that helps, the drags of all channels held
+    where they are."""
+    held = _value(stage, gathered, _ALL)
+
+    def off(at: Stage) -> Float[np.ndarray, " drags"]:
+        return _value(at, gathered, _ALL) - held
+
+    cost = _cost(stage)
     for _ in range(_ROUNDS):
-        slopes = _drags_of(stage, gathered, slice(None)).slopes
-        move = _least_move(stage, slopes, _slope(stage))
-        after = settled(replace(stage, parameters=stage.parameters + move), 1)
-        if not _cost(after) < _cost(stage):
+        slopes = _slopes(stage, gathered, _ALL)
+        move = _least_move(stage, slopes, _slope(stage) + slopes.T @ off(stage))
+        after = settled(replace(stage, parameters=stage.parameters + move))
+        cost_after = _cost(after) + float(np.sum(off(after) ** 2))
+        if not cost_after < cost:
             break
-        stage = after
+        stage, cost = after, cost_after
     return stage
 
 
-def _drags_of(stage: Stage, gathered: Gathered, channels: slice) -> _Drags:
+def _value(
+    stage: Stage, gathered: Gathered, channels: slice
+) -> Float[np.ndarray, " drags"]:
+    """Drags of the dots that tell, in units of `_HELD_PX`."""
     few = telling_dots(gathered)
-    pixel_mm = np.array([shown.take.pixel_mm for shown in gathered.shown])[few.take]
-    one_mm = _HELD_PX * pixel_mm[:, None]
-    value = drags_mm(stage, few)[:, channels] / one_mm
-    slopes = drag_slopes_mm(stage, few)[:, channels] / one_mm[..., None]
-    return _Drags(value.ravel(), slopes.reshape(value.size, -1))
+    return (drags_mm(stage, few)[:, channels] / _unit_mm(few)).ravel()
+
+
+def _slopes(
+    stage: Stage, gathered: Gathered, channels: slice
+) -> Float[np.ndarray, "drags parameters"]:
+    """d `_value` / d parameter."""
+    few = telling_dots(gathered)
+    slopes = drag_slopes_mm(stage, few)[:, channels] / _unit_mm(few)[..., None]
+    return slopes.reshape(-1, slopes.shape[-1])
+
+
+def _unit_mm(few: Gathered) -> Float[np.ndarray, "dots 1 2"]:
+    pixel_mm = np.array([shown.take.pixel_mm for shown in few.shown])
+    return _HELD_PX * pixel_mm[few.take][:, None]
 
 
 def _least_move(
@@ -68,7 +82,12 @@ def _least_move(
     held: Float[np.ndarray, "drags parameters"],
     slope: Float[np.ndarray, " parameters"],
 ) -> Float[np.ndarray, " parameters"]:
-    """Downhill, as a Newton step of all observations, these drags among them."""
+    """A Gauss-Newton step of all observations, drags of these slopes among them.
+
+    Parameters
+    ----------
+    slope : Half the gradient.
+    """
     free = np.flatnonzero(stage.deviation > 0)
     matrix = np.asarray(stage.equations.matrix).sum(0) + held.T @ held
     matrix = matrix[np.ix_(free, free)] + np.diag(stage.deviation[free] ** -2.0)

@@ -7,7 +7,7 @@ So the places that rays leave the hole from are spread over it as evenly as thos
 they pass the opening, and independently of these: no ray is added. In a wide blur rays
 lie too far apart for that, and there the rim does not show: so the wider the blur, the
 smaller the ellipse that places fill, and each ray is a Gaussian that makes up for it.
-The second moments are always those of the hole.
+The second moments along x and y are always those of the hole.
 
 Reference: H. Niederreiter, Random Number Generation and Quasi-Monte Carlo Methods
 (1992), chapter 3, on sequences of multiples, as the places are.
@@ -57,9 +57,10 @@ def hole_of(
     diameter_mm : Of the disc of the dot's second moment, as photographed.
     """
     moments = np.sum(hole_mm**2, -1) / 4
-    square = 2 * moments.sum(-1)
-    blur = np.maximum(diameter_mm**2 / 4 - square, 0.0)
-    share = 1 / (1 + (blur / square / _AS_WIDE**2) ** (_STEEP / 2))
+    hole_radius_mm2 = 2 * moments.sum(-1)
+    blur_radius_mm2 = np.maximum(diameter_mm**2 / 4 - hole_radius_mm2, 0.0)
+    as_wide = np.sqrt(blur_radius_mm2 / hole_radius_mm2)
+    share = 1 / (1 + (as_wide / _AS_WIDE) ** _STEEP)
     filled = np.sqrt(share)[:, None, None] * hole_mm
     return Hole(filled, (1 - share)[:, None] * moments)
 

@@ -99,7 +99,7 @@ def dots_of(
         vergence=shift.vergence_per_mm,
         reference=shift.reference_per_mm,
         lateral_mm=_within_bands_mm(shown, observed, bands),
-        hole_mm=hole.filled_mm,
+        filled_mm=hole.filled_mm,
         variance_mm2=hole.variance_mm2 + diffraction,
         cell_mm=np.tile(shown.take.pixel_mm * shown.cutouts.cell_px, (count, 1)),
     )

@@ -41,14 +41,14 @@ def misfit_of(stage: Stage, families: tuple[Family, ...]) -> Misfit:
     each = relative_misfit(stage.gathered, stage.residual, stage.nuisance[..., 1])
     takes = range(len(stage.gathered.shown))
     of_take = np.array([np.nanmedian(each[stage.gathered.take == k]) for k in takes])
-    worse = [
+    ratios = [
         held_out_take(stage, families, k) if len(takes) > 1 else None for k in takes
     ]
     return Misfit(
         of_take,
         float(np.median(of_take)) * held_out_dots(stage, families),
         tuple(
-            None if more is None else more * float(now)
-            for more, now in zip(worse, of_take, strict=True)
+            None if ratio is None else ratio * float(now)
+            for ratio, now in zip(ratios, of_take, strict=True)
         ),
     )

@@ -7,8 +7,9 @@ parameter (`rays_of`), of few rays. Both are closed forms for the wavefront, in
 which landing points are linear (`shapes`); the handful of numbers of the opening, which
 moves the rays that fill it, are left to JAX.
 
-The width of a ray's Gaussian (`kernel.spot`) is taken as it is in all derivatives: it
-only stands for rays in between, and vanishes as rays get many. So is the light that an
+The place where a ray leaves the hole of the dot (`hole`) moves it as it is. The width of
+a ray's Gaussian (`kernel.spot`) is taken as it is in all derivatives: it only stands for
+rays in between, and vanishes as rays get many. So is the light that an
 area of the pupil carries (`optics.etendue`), which varies by a few percent.
 """
 
@@ -171,9 +172,9 @@ def rays_of(
 
 
 def _from_hole(spot: Spot, dot: Dots, wavelengths: int) -> Spot:
-    """Every ray from a place of its own in the dot's hole."""
+    """Every ray from a place of its own in the dot's hole, dealt as rays are."""
     count = len(spot.landing_mm)
-    from_mm = dealt(left_from_mm(dot.hole_mm, count), wavelengths).reshape(count, 2)
+    from_mm = dealt(left_from_mm(dot.filled_mm, count), wavelengths).reshape(count, 2)
     return eqx.tree_at(lambda s: s.landing_mm, spot, spot.landing_mm + from_mm)
 
 

@@ -156,7 +156,7 @@ def dots_at(places_mm: np.ndarray, group: int, stop: int, cell_mm: float) -> Dot
         vergence=np.full(count, 1 / (REFERENCE_MM - PRINCIPAL_MM)),
         reference=np.full(count, 1 / (REFERENCE_MM - PRINCIPAL_MM)),
         lateral_mm=np.zeros((count, 3, 1, 2)),
-        hole_mm=np.zeros((count, 2, 2)),
+        filled_mm=np.zeros((count, 2, 2)),
         variance_mm2=np.full((count, 2), HOLE_VARIANCE_MM2),
         cell_mm=np.full((count, 2), cell_mm),
     )

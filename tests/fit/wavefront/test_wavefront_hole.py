@@ -53,7 +53,7 @@ def _image(defocus_mm, hole_mm, place_mm):
     dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)
     diameter = 2 * np.hypot(cone_mm, np.sqrt(np.sum(hole_mm**2) / 2))
     hole = hole_of(hole_mm[None], np.array([diameter]))
-    dots = dots._replace(hole_mm=hole.filled_mm, variance_mm2=hole.variance_mm2)
+    dots = dots._replace(filled_mm=hole.filled_mm, variance_mm2=hole.variance_mm2)
     dot = type(dots)(*(a if a is None else jnp.asarray(a[0]) for a in dots))
     numbers = jnp.asarray(lens.parameters())
     spot, _ = spot_seen(numbers, dot, GREY, LAYOUT, SCALE, RAYS)

@@ -137,7 +137,7 @@ def squeezed(gathered, layout: Layout):
     count = len(dots.group)
     sections = Sections(np.tile([1.0, 0.0], (count, 1)), np.full(count, PER_DEFOCUS))
     oval = np.tile(np.diag([0.01, 0.02]), (count, 1, 1))
-    dots = dots._replace(sections=sections, hole_mm=oval)
+    dots = dots._replace(sections=sections, filled_mm=oval)
     return replace(gathered, dots=dots), layout
 
 
@@ -171,7 +171,7 @@ def test_the_size_of_a_defocus_is_that_along_y():
     hole = 4 * hole_variance_mm2(gathered.dots)
     diameter = 2 * np.sqrt(wanted + hole)
     oval = replace(gathered, diameter_mm=diameter)
-    nothing = jax.tree.map(np.zeros_like, (SHOT.dots.hole_mm, SHOT.dots.variance_mm2))
-    without = SHOT.dots._replace(hole_mm=nothing[0], variance_mm2=nothing[1])
+    nothing = jax.tree.map(np.zeros_like, (SHOT.dots.filled_mm, SHOT.dots.variance_mm2))
+    without = SHOT.dots._replace(filled_mm=nothing[0], variance_mm2=nothing[1])
     round_ = replace(SHOT, dots=without)
     np.testing.assert_allclose(seen_defocus_mm(oval), seen_defocus_mm(round_))
