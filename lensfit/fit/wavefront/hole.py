@@ -20,12 +20,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-_AS_WIDE, _STEEP = 5.0, 3
+_AS_WIDE, _STEEP = 3.5, 4
 """Radius of the blur over that of the hole at which places have half the variance, and
 how fast that goes: between what is best for an even disc (2.5) and for the bright core
 of a caustic (8), against images of very many rays, for holes of .45 to 1.6 pixels and
-images of 768 or 1536 rays. More, and rays of a wide blur leave gaps; less, and rims are
-soft.
+images of 768 or 1536 rays. More, and rays of a wide blur leave gaps, which showed in
+the lateral colour of fits; less, and rims are soft.
 """
 _MULTIPLES = 0.0842482705314127, 0.8975713809549175
 """Of radius and azimuth, with which images of 384 to 3072 rays were nearest to those of
