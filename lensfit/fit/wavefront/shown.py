@@ -12,7 +12,8 @@ from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift
 
 LARGEST_HOLE_CELLS = 0.9
-"""Up to this radius a Gaussian of the same variance stands for the hole to 1 %."""
+"""Of a hole's radius. Larger ones hide a narrow blur, and some hundreds of rays leave
+gaps in them (`hole`); no larger one has been tried."""
 
 
 class Shown(NamedTuple):
@@ -51,8 +52,7 @@ def usable_cells(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
 def hole_cells(shown: Shown) -> float:
     """Radius of the hole's image, in cells of its cutout.
 
-    Of an anamorphic lens half the larger one: it is two Gaussians then (`known_dots`),
-    which stand for a disc of twice the size as well as one does.
+    Of an anamorphic lens half the larger one: along that axis its blur is larger too.
     """
     stack, rows = shown.geometry.adjustment.stack, shown.cutouts.marks
     half_mm = np.asarray(stack.view.half_board_mm[shown.index])
