@@ -1,6 +1,8 @@
-"""Images of dots as the fit has them, on the cells of their cutouts.
+"""Images of dots behind a mosaic as the fit has them, on the cells of their cutouts.
 
-In all colours, of a brightness of 1 each.
+In all colours, of a brightness of 1 each, and with the sharp rims that holes have.
+Behind a mosaic the fit takes holes for Gaussians (`known_dots`). At the finest detail,
+which is what aliases, a Gaussian of 1.5 pixels has three times as much as a disc.
 """
 
 from functools import partial
@@ -9,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.special import j1
 
 from lensfit.batches import in_batches
 from lensfit.fit.wavefront.dots import Dots
@@ -18,7 +21,7 @@ from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.rays import spot_seen
 from lensfit.fit.wavefront.shapes import Colour
 from lensfit.fit.wavefront.stages import Stage, with_iris
-from lensfit.kernel.pixels import image_of, profile_of
+from lensfit.kernel.pixels import diffraction_variance_mm2, image_of, profile_of
 
 _BATCH = 512
 
@@ -34,8 +37,8 @@ def drawn(
     gathered : The dots, which need not be those of the fit.
     place_mm : Of each channel's chief ray, from the corner of the cells.
     """
-    return in_batches(
-        lambda part: _of_dots(
+    image = in_batches(
+        lambda part: _of_gaussian_holes(
             as_float32(jnp.asarray(stage.parameters)),
             jax.tree.map(as_float32, part),
             as_float32(jnp.asarray(gathered.chromatic)),
@@ -46,10 +49,18 @@ def drawn(
         (with_iris(gathered, stage.blades), -place_mm),
         _BATCH,
     ).astype(float)
+    dots = gathered.dots
+    if dots.sections is not None:  # behind cylinders a hole is no disc
+        return image
+    f_number = jnp.asarray(gathered.f_numbers)[dots.stop]
+    variance_mm2 = dots.variance_mm2.mean(-1)
+    variance_mm2 = variance_mm2 - np.asarray(diffraction_variance_mm2(f_number))
+    radius = 2 * np.sqrt(np.maximum(variance_mm2, 0.0)) / dots.cell_mm[:, 0]
+    return with_rims(image, radius)
 
 
 @partial(jax.jit, static_argnames=("layout", "points_and_cells"))
-def _of_dots(
+def _of_gaussian_holes(
     parameters: Array,
     part: tuple[Dots, Array],
     chromatic: Array,
@@ -78,3 +89,19 @@ def _of_dots(
         return jax.vmap(channel)(chromatic, dot.lateral_mm, corners_mm)
 
     return jax.lax.map(of_dot, part)
+
+
+def with_rims(
+    image: Float[np.ndarray, "dots 3 rows columns"], radius: Float[np.ndarray, " dots"]
+) -> Float[np.ndarray, "dots 3 rows columns"]:
+    """Images of Gaussian holes as those of discs of the same second moments.
+
+    Parameters
+    ----------
+    radius : Of the discs, in cells.
+    """
+    size = image.shape[-1]
+    wave = 2 * np.pi * np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size))
+    x = np.maximum(radius[:, None, None, None] * wave, 1e-9)
+    ratio = 2 * j1(x) / x * np.exp(x**2 / 8)
+    return np.fft.irfft2(np.fft.rfft2(image) * ratio, s=(size, size))

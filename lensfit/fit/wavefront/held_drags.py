@@ -46,7 +46,7 @@ def reshaped(stage: Stage, gathered: Gathered) -> Stage:
     cost = _cost(stage)
     for _ in range(_ROUNDS):
         slopes = _slopes(stage, gathered, _ALL)
-        move = _least_move(stage, slopes, _slope(stage) + slopes.T @ off(stage))
+        move = _least_move(stage, slopes, stage.slope + slopes.T @ off(stage))
         after = settled(replace(stage, parameters=stage.parameters + move))
         cost_after = _cost(after) + float(np.sum(off(after) ** 2))
         if not cost_after < cost:
@@ -90,23 +90,12 @@ def _least_move(
     """
     free = np.flatnonzero(stage.deviation > 0)
     matrix = np.asarray(stage.equations.matrix).sum(0) + held.T @ held
-    matrix = matrix[np.ix_(free, free)] + np.diag(stage.deviation[free] ** -2.0)
+    matrix = matrix[np.ix_(free, free)] + np.diag(stage.precision[free])
     move = np.zeros(stage.layout.size)
     move[free] = -np.linalg.solve(matrix, slope[free])
     return move
 
 
-def _slope(stage: Stage) -> Float[np.ndarray, " parameters"]:
-    """Half the gradient of what a solve minimises."""
-    off = stage.parameters - stage.mean
-    return np.asarray(stage.equations.gradient).sum(0) + _precision(stage) * off
-
-
 def _cost(stage: Stage) -> float:
     off = stage.parameters - stage.mean
-    return chi_squared(stage) + float(_precision(stage) @ off**2)
-
-
-def _precision(stage: Stage) -> Float[np.ndarray, " parameters"]:
-    """Of the priors; zero for fixed parameters."""
-    return np.where(stage.deviation > 0, stage.deviation, np.inf) ** -2.0
+    return chi_squared(stage) + float(stage.precision @ off**2)

@@ -85,7 +85,12 @@ def dots_of(
     )
     observed = adjustment.stack.observed_mm[shown.index][marks]
     distance = float(shown.distortion.principal_distance_mm)
-    hole = hole_of(np.asarray(per_board) * hole_radius_mm(shown), diameters_mm(shown))
+    hole_mm = np.asarray(per_board) * hole_radius_mm(shown)
+    # Behind a mosaic sharp rims fall between the photosites of a colour, and lead to
+    # valleys where no lens is: as in a wide blur, a Gaussian stands for the hole.
+    mosaic = shown.cutouts.mosaic is not None
+    diameter_mm = np.full(count, np.inf) if mosaic else diameters_mm(shown)
+    hole = hole_of(hole_mm, diameter_mm)
     diffraction = float(diffraction_variance_mm2(jnp.asarray(shown.take.f_number)))
     known = Dots(
         field_mm=observed - np.asarray(shown.distortion.principal_point_mm),

@@ -68,6 +68,17 @@ class Stage:
         return self.solution.equations
 
     @property
+    def precision(self) -> Float[np.ndarray, " parameters"]:
+        """Of the priors; zero for fixed parameters."""
+        return np.where(self.deviation > 0, self.deviation, np.inf) ** -2.0
+
+    @property
+    def slope(self) -> Float[np.ndarray, " parameters"]:
+        """Half the gradient of what a solve minimises, at the last pass."""
+        off = self.parameters - self.mean
+        return np.asarray(self.equations.gradient).sum(0) + self.precision * off
+
+    @property
     def residual(self) -> Float[np.ndarray, "dots 3 rows columns"]:
         """Photograph minus model at the last pass."""
         assert self.solution is not None
@@ -160,9 +171,10 @@ def solved(
 ) -> Stage:
     """After a solve, patches moved to where the dots are."""
     free = stage.deviation > 0
-    precision = np.where(free, np.where(free, stage.deviation, 1.0) ** -2.0, 0.0)
     prior = Prior(
-        jnp.asarray(stage.mean), jnp.asarray(precision), jnp.asarray(free.astype(float))
+        jnp.asarray(stage.mean),
+        jnp.asarray(stage.precision),
+        jnp.asarray(free.astype(float)),
     )
     count = len(stage.gathered.take)
     room = max(_FEWEST_DOTS, 1 << (count - 1).bit_length())

@@ -41,15 +41,10 @@ def covariance_of(
     inverse = np.linalg.inv(matrix + np.diag(precision))
     covariance = np.zeros((stage.layout.size,) * 2)
     inside = inverse @ (scatter + np.diag(precision)) @ inverse
-    left = inverse @ _slope(stage, free, precision)
+    # Where the solve ended it had this far to go.
+    left = inverse @ stage.slope[free]
     covariance[np.ix_(free, free)] = (inside + inside.T) / 2 + np.outer(left, left)
     return covariance
-
-
-def _slope(stage: Stage, free: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """Half the gradient where the solve ended, priors included; 0 at the minimum."""
-    slope = np.asarray(stage.equations.gradient).sum(0)[free]
-    return slope + precision * (stage.parameters - stage.mean)[free]
 
 
 def _small_sample(dots: int, stage: Stage, free: int) -> float:

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.special import j1
 
 from lensfit.fit.wavefront.aliasing import aliased
+from lensfit.fit.wavefront.drawn import with_rims
 from lensfit.mosaic import MOSAICS, photosites
 
 CELLS = 24
@@ -55,3 +57,21 @@ def test_nothing_is_done_without_a_mosaic_or_light():
     moved, brightened = aliased(np.zeros((1, 3, CELLS, CELLS)), own_of("rggb"))
     np.testing.assert_array_equal(moved, 0)
     np.testing.assert_array_equal(brightened, 1)
+
+
+def test_a_hole_has_the_finest_detail_of_a_disc():
+    """The transform of a disc is 2 J1(x)/x, that of its Gaussian exp(-x^2/8)."""
+    radius = np.array([0.5, 0.8, 0.9])
+    sigma = np.hypot(0.6, radius / 2)
+    gaussians = np.concatenate([gaussian(float(s), (0.2, -0.3)) for s in sigma])
+    discs = with_rims(gaussians, radius)
+    np.testing.assert_allclose(discs.sum((2, 3)), 1, rtol=1e-6)
+    turns = (-1.0) ** np.arange(CELLS)
+    for wave, waves in (
+        (np.pi, np.outer(np.ones(CELLS), turns)),
+        (np.pi * 2**0.5, np.outer(turns, turns)),
+    ):
+        x = radius * wave
+        expected = 2 * j1(x) / x * np.exp(x**2 / 8)
+        before, after = (np.sum(i * waves, (2, 3))[:, 0] for i in (gaussians, discs))
+        np.testing.assert_allclose(after / before, expected, rtol=1e-6)
