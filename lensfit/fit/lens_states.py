@@ -94,7 +94,7 @@ def fit(
     seconds = {"fit_wavefront": time.perf_counter() - began}
     first = _fit_at_chief_rays(takes, wavefronts, progress)
     told = _told_by_marks(states, first.states, wavefronts)
-    last = _told_better(takes, first, told, progress)
+    last = _kept_where_closer(takes, first, told, progress)
     states = [better_told(state, states) for state in last.states]
     walked = _sharing_walks(states)
     return Fitted(walked, last.failed, last.wavefronts, without, seconds)
@@ -116,13 +116,13 @@ def _fit_at_chief_rays(
     return _AtChiefRays(wavefronts, *fit_sharing_pupils(placed, progress))
 
 
-def _told_better(
+def _kept_where_closer(
     takes: list[Take],
     first: _AtChiefRays,
     told: dict[float, WavefrontFit],
     progress: Progress,
 ) -> _AtChiefRays:
-    """With those of the wavefronts told by marks that leave less of marks held out."""
+    """With those of the told wavefronts that leave less of marks held out."""
     while told:
         found = _fit_at_chief_rays(takes, first.wavefronts | told, progress)
         if found.failed.keys() != first.failed.keys():

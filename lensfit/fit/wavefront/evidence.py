@@ -98,7 +98,7 @@ def held_out_take(
     matrix, gradient, chi_squared = stage.equations
     left = [f % len(chi_squared) for f in (2 * take, 2 * take + 1)]
     rest = np.setdiff1d(np.arange(len(chi_squared)), left)
-    precision = stage.deviation[free] ** -2.0
+    precision = stage.precision[free]
     inner = matrix[rest].sum(0)[np.ix_(free, free)] + np.diag(precision)
     slope = gradient[rest].sum(0)[free]
     slope = slope + precision * (stage.parameters - stage.mean)[free]

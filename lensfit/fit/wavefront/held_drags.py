@@ -26,11 +26,11 @@ def undoing(stage: Stage, gathered: Gathered) -> Float[np.ndarray, " parameters"
     """The move of the parameters that takes green's drags away, to first order, and
     changes the photographs least. No move where drags are too large for that.
     """
-    slopes = _slopes(stage, gathered, _GREEN)
-    value = _value(stage, gathered, _GREEN)
+    few = telling_dots(gathered)
+    slopes, value = _slopes(stage, few, _GREEN), _value(stage, few, _GREEN)
     move = _least_move(stage, slopes, slopes.T @ value)
     undone = replace(stage, parameters=stage.parameters + move)
-    left = _value(undone, gathered, _GREEN)
+    left = _value(undone, few, _GREEN)
     fully = np.sum(left**2) < _UNDONE * np.sum(value**2)
     return move if fully else np.zeros_like(move)
 
@@ -38,36 +38,30 @@ def undoing(stage: Stage, gathered: Gathered) -> Float[np.ndarray, " parameters"
 def reshaped(stage: Stage, gathered: Gathered) -> Stage:
     """The shape of dots fitted anew while that helps, the drags of all channels held
     where they are."""
-    held = _value(stage, gathered, _ALL)
-
-    def off(at: Stage) -> Float[np.ndarray, " drags"]:
-        return _value(at, gathered, _ALL) - held
-
-    cost = _cost(stage)
+    few = telling_dots(gathered)
+    held = _value(stage, few, _ALL)
+    off, cost = np.zeros_like(held), _cost(stage)
     for _ in range(_ROUNDS):
-        slopes = _slopes(stage, gathered, _ALL)
-        move = _least_move(stage, slopes, stage.slope + slopes.T @ off(stage))
+        slopes = _slopes(stage, few, _ALL)
+        move = _least_move(stage, slopes, stage.slope + slopes.T @ off)
         after = settled(replace(stage, parameters=stage.parameters + move))
-        cost_after = _cost(after) + float(np.sum(off(after) ** 2))
+        off = _value(after, few, _ALL) - held
+        cost_after = _cost(after) + float(np.sum(off**2))
         if not cost_after < cost:
             break
         stage, cost = after, cost_after
     return stage
 
 
-def _value(
-    stage: Stage, gathered: Gathered, channels: slice
-) -> Float[np.ndarray, " drags"]:
-    """Drags of the dots that tell, in units of `_HELD_PX`."""
-    few = telling_dots(gathered)
+def _value(stage: Stage, few: Gathered, channels: slice) -> Float[np.ndarray, " drags"]:
+    """Drags in units of `_HELD_PX`."""
     return (drags_mm(stage, few)[:, channels] / _unit_mm(few)).ravel()
 
 
 def _slopes(
-    stage: Stage, gathered: Gathered, channels: slice
+    stage: Stage, few: Gathered, channels: slice
 ) -> Float[np.ndarray, "drags parameters"]:
     """d `_value` / d parameter."""
-    few = telling_dots(gathered)
     slopes = drag_slopes_mm(stage, few)[:, channels] / _unit_mm(few)[..., None]
     return slopes.reshape(-1, slopes.shape[-1])
 

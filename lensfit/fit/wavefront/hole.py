@@ -56,13 +56,29 @@ def hole_of(
     hole_mm : From the unit disc to the image of the hole.
     diameter_mm : Of the disc of the dot's second moment, as photographed.
     """
-    moments = np.sum(hole_mm**2, -1) / 4
-    hole_radius_mm2 = 2 * moments.sum(-1)
+    hole_radius_mm2 = np.sum(hole_mm**2, (-2, -1)) / 2
     blur_radius_mm2 = np.maximum(diameter_mm**2 / 4 - hole_radius_mm2, 0.0)
     as_wide = np.sqrt(blur_radius_mm2 / hole_radius_mm2)
-    share = 1 / (1 + (as_wide / _AS_WIDE) ** _STEEP)
-    filled = np.sqrt(share)[:, None, None] * hole_mm
-    return Hole(filled, (1 - share)[:, None] * moments)
+    return _of_share(1 / (1 + (as_wide / _AS_WIDE) ** _STEEP), hole_mm)
+
+
+def soft_hole(hole_mm: Float[np.ndarray, "dots 2 2"]) -> Hole:
+    """A Gaussian alone, for who cannot see rims.
+
+    Parameters
+    ----------
+    hole_mm : As for `hole_of`.
+    """
+    return _of_share(np.zeros(len(hole_mm)), hole_mm)
+
+
+def _of_share(
+    share: Float[np.ndarray, " dots"], hole_mm: Float[np.ndarray, "dots 2 2"]
+) -> Hole:
+    """With so much of the variance in the places."""
+    moments_mm2 = np.sum(hole_mm**2, -1) / 4
+    filled_mm = np.sqrt(share)[:, None, None] * hole_mm
+    return Hole(filled_mm, (1 - share)[:, None] * moments_mm2)
 
 
 def left_from_mm(filled_mm: Float[Array, "2 2"], count: int) -> Float[Array, "count 2"]:

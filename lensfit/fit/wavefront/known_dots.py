@@ -25,7 +25,7 @@ from lensfit.fit.geometry import (
 from lensfit.fit.parameters import Layout as GeometryLayout
 from lensfit.fit.stated_distance import distance_ratio
 from lensfit.fit.wavefront.dots import Dots
-from lensfit.fit.wavefront.hole import hole_of
+from lensfit.fit.wavefront.hole import hole_of, soft_hole
 from lensfit.fit.wavefront.shown import (
     Shown,
     diameters_mm,
@@ -87,10 +87,11 @@ def dots_of(
     distance = float(shown.distortion.principal_distance_mm)
     hole_mm = np.asarray(per_board) * hole_radius_mm(shown)
     # Behind a mosaic sharp rims fall between the photosites of a colour, and lead to
-    # valleys where no lens is: as in a wide blur, a Gaussian stands for the hole.
-    mosaic = shown.cutouts.mosaic is not None
-    diameter_mm = np.full(count, np.inf) if mosaic else diameters_mm(shown)
-    hole = hole_of(hole_mm, diameter_mm)
+    # valleys where no lens is.
+    behind_mosaic = shown.cutouts.mosaic is not None
+    hole = (
+        soft_hole(hole_mm) if behind_mosaic else hole_of(hole_mm, diameters_mm(shown))
+    )
     diffraction = float(diffraction_variance_mm2(jnp.asarray(shown.take.f_number)))
     known = Dots(
         field_mm=observed - np.asarray(shown.distortion.principal_point_mm),

@@ -52,7 +52,8 @@ def usable_cells(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
 def hole_cells(shown: Shown) -> float:
     """Radius of the hole's image, in cells of its cutout.
 
-    Of an anamorphic lens half the larger one: along that axis its blur is larger too.
+    Of an anamorphic lens half the larger one: holes as large along one axis alone have
+    been fitted well.
     """
     stack, rows = shown.geometry.adjustment.stack, shown.cutouts.marks
     half_mm = np.asarray(stack.view.half_board_mm[shown.index])

@@ -14,10 +14,7 @@ from jaxtyping import Float
 
 from lensfit.fit.reconcile import Amounts
 from lensfit.fit.take import Take
-from lensfit.fit.wavefront.drags import (
-    moves_of_marks_mm,
-    slight_moves_of_marks_mm,
-)
+from lensfit.fit.wavefront.drags import moves_of_marks_mm, slight_moves_of_marks_mm
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.held_drags import reshaped, undoing
 from lensfit.fit.wavefront.misfit import misfit_of

@@ -1,4 +1,4 @@
-"""Drags that are known: undone, or held while the shape of dots answers."""
+"""Drags that are held while the shape of dots answers, and what marks say of them."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -25,6 +25,7 @@ PIXEL_MM = 0.01
 LENS = Seidel(4.0, -3.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
 COEFFICIENTS = LAYOUT.blocks["coefficients"]
 SYMMETRIC_UM = np.zeros(LAYOUT.size)
+"""Of defocus and field curvature: they drag nothing behind an even opening."""
 SYMMETRIC_UM[COEFFICIENTS][[0, 1]] = 12.0, -10.0
 
 
@@ -50,20 +51,9 @@ def rms_px(drags):
     return np.sqrt(np.mean(np.sum(drags**2, -1))) / PIXEL_MM
 
 
-def test_drags_can_be_undone_by_a_move_of_the_parameters(true_fit):
-    before = drags_mm(true_fit, true_fit.gathered)
-    move = undoing(true_fit, true_fit.gathered)
-    after = drags_mm(
-        replace(true_fit, parameters=true_fit.parameters + move), true_fit.gathered
-    )
-    assert rms_px(before) > 0.4
-    assert rms_px(after) < 0.1 * rms_px(before)
-
-
 def test_shape_answers_where_drags_are_held(true_fit):
     """Symmetric blur was spoiled: it comes back, but for what its drags forbid."""
-    off = SYMMETRIC_UM
-    spoiled = moved(true_fit, off)
+    spoiled = moved(true_fit, SYMMETRIC_UM)
     found = reshaped(spoiled, true_fit.gathered)
     least = chi_squared(true_fit)
     assert chi_squared(spoiled) > 3 * least

@@ -12,8 +12,9 @@ from lensfit.detect.observations import Observations
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.drags import moves_of_marks_mm, slight_moves_of_marks_mm
 from lensfit.fit.wavefront.gather import Gathered
+from lensfit.fit.wavefront.held_drags import undoing
 from lensfit.fit.wavefront.place import placed
-from lensfit.fit.wavefront.stages import Stage, first_stage
+from lensfit.fit.wavefront.stages import Stage, first_stage, freed, solved
 
 LENS = Seidel(0.0, 0.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
 SENSOR_MM = (36.0, 40.0)
@@ -127,3 +128,18 @@ def test_every_mark_may_be_asked_how_it_moves(shot):
         np.testing.assert_allclose(
             take.shared_moves_mm[0, 1], points * PIXEL_MM, atol=1e-9
         )
+
+
+def test_drags_can_be_undone_by_a_move_of_the_parameters(shot):
+    stage, gathered, dragged = shot
+    deviation = np.zeros(LAYOUT.size)
+    deviation[LAYOUT.blocks["coefficients"]] = 30.0
+    stage = solved(freed(stage, deviation), 1)
+    stage = replace(stage, parameters=LENS.parameters())
+    undone = replace(stage, parameters=stage.parameters + undoing(stage, gathered))
+    for before, after, drag in zip(
+        placed(stage, gathered), placed(undone, gathered), dragged, strict=True
+    ):
+        there = after.observations.points_px - before.observations.points_px
+        left = there[:-1] * PIXEL_MM - drag
+        assert np.sum(left**2) < 0.01 * np.sum(drag**2)
