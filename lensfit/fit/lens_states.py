@@ -93,7 +93,7 @@ def fit(
         return Fitted(_sharing_walks(states), failed, without_shape=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
     first = _fit_at_chief_rays(takes, wavefronts, progress)
-    told = _told_by_marks(states, first.states, wavefronts)
+    told = _told_by_marks(states, first)
     last = _kept_where_closer(takes, first, told, progress)
     states = [better_told(state, states) for state in last.states]
     walked = _sharing_walks(states)
@@ -101,9 +101,10 @@ def fit(
 
 
 class _AtChiefRays(NamedTuple):
-    """States of marks where wavefronts say that chief rays land."""
+    """States of marks where wavefronts say that chief rays land (`takes`)."""
 
     wavefronts: dict[float, WavefrontFit]
+    takes: dict[float, list[Take]]
     states: list[LensState]
     failed: dict[str, FitError]
 
@@ -111,9 +112,10 @@ class _AtChiefRays(NamedTuple):
 def _fit_at_chief_rays(
     takes: list[Take], wavefronts: dict[float, WavefrontFit], progress: Progress
 ) -> _AtChiefRays:
-    moved = {t.name: t for f in wavefronts.values() for t in at_chief_rays(f)}
+    there = {focal_mm: at_chief_rays(found) for focal_mm, found in wavefronts.items()}
+    moved = {take.name: take for mine in there.values() for take in mine}
     placed = [moved.get(take.name, take) for take in takes]
-    return _AtChiefRays(wavefronts, *fit_sharing_pupils(placed, progress))
+    return _AtChiefRays(wavefronts, there, *fit_sharing_pupils(placed, progress))
 
 
 def _kept_where_closer(
@@ -135,18 +137,17 @@ def _kept_where_closer(
 
 
 def _told_by_marks(
-    states: list[LensState],
-    moved: list[LensState],
-    wavefronts: dict[float, WavefrontFit],
+    states: list[LensState], first: _AtChiefRays
 ) -> dict[float, WavefrontFit]:
     """The wavefronts that marks have had their say of: they are asked where moved marks
-    fit one lens worse (`moved`) than centroids do (`states`)."""
+    fit one lens worse than centroids do (`states`)."""
     told = {}
     centroids = by_focal_length(states)
-    for focal_mm in wavefronts.keys() & _closer(states, moved):
-        found = wavefronts[focal_mm]
+    for focal_mm in first.wavefronts.keys() & _closer(states, first.states):
+        found = first.wavefronts[focal_mm]
         errors = errors_of(found)
-        said = amounts_of(centroids[focal_mm], moved_by(found, errors))
+        moving = moved_by(first.takes[focal_mm], found, errors)
+        said = amounts_of(centroids[focal_mm], moving)
         # What takes list besides is of their photographs, not of the wavefront.
         better = told_by_marks(found, errors, said.of_first(len(errors)))
         if better is not None:

@@ -47,31 +47,39 @@ def telling_dots(gathered: Gathered) -> Gathered:
 def moves_of_marks_mm(
     stage: Stage, gathered: Gathered, moves: Float[np.ndarray, "moves parameters"]
 ) -> Float[np.ndarray, "dots moves 3 2"]:
-    """How marks go as the parameters move, of every dot: moves of any size."""
-    still = drags_mm(stage, gathered)
-    found = np.zeros((len(still), len(moves), *still.shape[1:]))
+    """How marks go as the parameters move: moves of any size, told as slight ones."""
+    few = telling_dots(gathered)
+    still = drags_mm(stage, few)
+    against = np.zeros((len(still), len(moves), *still.shape[1:]))
     for k, move in enumerate(moves):
         moved = replace(stage, parameters=stage.parameters + move)
-        found[:, k] = still - drags_mm(moved, gathered)
-    return found
+        against[:, k] = still - drags_mm(moved, few)
+    return _told_to_all(against, few, gathered)
 
 
 def slight_moves_of_marks_mm(
     stage: Stage, gathered: Gathered, moves: Float[np.ndarray, "moves parameters"]
 ) -> Float[np.ndarray, "dots moves 3 2"]:
-    """The same, linear in the moves and within a tenth, by a few dots of every take:
-    what they say varies slowly over the frame, and a thin plate tells it for all."""
+    """The same, linear in the moves and within a tenth."""
     if not len(moves):
         return np.zeros((len(gathered.take), 0, 3, 2))
     few = telling_dots(gathered)
     against = -np.einsum("dcip,mp->dmci", drag_slopes_mm(stage, few), moves)
+    return _told_to_all(against, few, gathered)
+
+
+def _told_to_all(
+    against_mm: Float[np.ndarray, "few moves 3 2"], few: Gathered, gathered: Gathered
+) -> Float[np.ndarray, "dots moves 3 2"]:
+    """From a few dots of every take: what they say varies slowly over the frame, and a
+    thin plate tells it for all."""
     field_mm, told_mm = (np.asarray(g.dots.field_mm) for g in (gathered, few))
-    found = np.zeros((len(field_mm), *against.shape[1:]))
+    found = np.zeros((len(field_mm), *against_mm.shape[1:]))
     for k in range(len(gathered.shown)):
         mine, told = gathered.take == k, few.take == k
-        values = against[told].reshape(told.sum(), -1)
+        values = against_mm[told].reshape(told.sum(), -1)
         plate = RBFInterpolator(told_mm[told], values, kernel="thin_plate_spline")
-        found[mine] = plate(field_mm[mine]).reshape(mine.sum(), *against.shape[1:])
+        found[mine] = plate(field_mm[mine]).reshape(mine.sum(), *found.shape[1:])
     return found
 
 

@@ -25,21 +25,10 @@ _UNSURE = 0.05
 tells where chief rays land, and one in which it drags much follows."""
 
 
-def placed(
-    stage: Stage,
-    gathered: Gathered,
-    moves_mm: Float[np.ndarray, "dots moves 3 2"] | None = None,
-) -> list[Take]:
+def placed(stage: Stage, gathered: Gathered) -> list[Take]:
     """The takes with marks where the chief rays land, in the order of `gathered.shown`.
 
     Marks whose size is unknown stay where they are.
-
-    Parameters
-    ----------
-    moves_mm : How independent errors of the wavefront move every dot's mark
-        (`drags.slight_moves_of_marks_mm`); the takes then say how their marks move
-        together: by each of these, and by the share of the drag that the model may get
-        wrong, alike in all takes of one f-number and focus.
     """
     dragged_mm = drags_mm(stage, gathered)
     aliasing = aliasing_of(stage, gathered)
@@ -48,18 +37,25 @@ def placed(
         mine = gathered.take == k
         of_take = Aliasing(*(part[mine] for part in aliasing))
         takes.append(_moved(shown, dragged_mm[mine], of_take))
-    if moves_mm is None:
-        return takes
-    return _moving_together(takes, gathered, moves_mm, dragged_mm)
+    return takes
 
 
-def _moving_together(
+def moving_together(
     takes: list[Take],
+    stage: Stage,
     gathered: Gathered,
     moves_mm: Float[np.ndarray, "dots moves 3 2"],
-    dragged_mm: Float[np.ndarray, "dots 3 2"],
 ) -> list[Take]:
-    """With `shared_moves_mm`: as given, then the share of a drag, by setting."""
+    """Placed takes that say how their marks move together (`shared_moves_mm`): as
+    given, and by the share of the drag that the model may get wrong, alike in all takes
+    of one f-number and focus.
+
+    Parameters
+    ----------
+    takes : As `placed` has them.
+    moves_mm : How independent errors of the wavefront move every dot's mark (`drags`).
+    """
+    dragged_mm = drags_mm(stage, gathered)
     settings = [(take.f_number, take.focus_distance_mm) for take in takes]
     distinct = list(dict.fromkeys(settings))
     moves = moves_mm.shape[1]

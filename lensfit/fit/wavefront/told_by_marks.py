@@ -18,7 +18,7 @@ from lensfit.fit.wavefront.drags import moves_of_marks_mm, slight_moves_of_marks
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.held_drags import reshaped, undoing
 from lensfit.fit.wavefront.misfit import misfit_of
-from lensfit.fit.wavefront.place import placed
+from lensfit.fit.wavefront.place import moving_together, placed
 from lensfit.fit.wavefront.stages import settled
 from lensfit.fit.wavefront.uncertainty import parameter_moves
 
@@ -30,15 +30,19 @@ def at_chief_rays(found: WavefrontFit) -> list[Take]:
     """The takes with marks where chief rays land, and how its errors move them."""
     stage, gathered = found.stage, found.gathered
     moves = parameter_moves(stage, found.covariance)
-    return placed(stage, gathered, slight_moves_of_marks_mm(stage, gathered, moves))
+    moves_mm = slight_moves_of_marks_mm(stage, gathered, moves)
+    return moving_together(placed(stage, gathered), stage, gathered, moves_mm)
 
 
 def moved_by(
-    found: WavefrontFit, errors: Float[np.ndarray, "errors parameters"]
+    takes: list[Take],
+    found: WavefrontFit,
+    errors: Float[np.ndarray, "errors parameters"],
 ) -> list[Take]:
-    """The same with how these errors, of whatever size, move every mark."""
+    """The same (`takes`) with how these errors, of whatever size, move every mark."""
     stage, gathered = found.stage, found.gathered
-    return placed(stage, gathered, moves_of_marks_mm(stage, gathered, errors))
+    moves_mm = moves_of_marks_mm(stage, gathered, errors)
+    return moving_together(takes, stage, gathered, moves_mm)
 
 
 def errors_of(found: WavefrontFit) -> Float[np.ndarray, "errors parameters"]:

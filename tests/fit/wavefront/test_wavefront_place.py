@@ -13,7 +13,7 @@ from lensfit.fit.take import Take
 from lensfit.fit.wavefront.drags import moves_of_marks_mm, slight_moves_of_marks_mm
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.held_drags import undoing
-from lensfit.fit.wavefront.place import placed
+from lensfit.fit.wavefront.place import moving_together, placed
 from lensfit.fit.wavefront.stages import Stage, first_stage, freed, solved
 
 LENS = Seidel(0.0, 0.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
@@ -100,7 +100,7 @@ def test_marks_move_together_by_what_the_wavefront_may_get_wrong(shot):
     moved = replace(stage, parameters=stage.parameters + move)
     still, after = placed(stage, gathered), placed(moved, gathered)
     moves_mm = slight_moves_of_marks_mm(stage, gathered, move[None])
-    for k, take in enumerate(placed(stage, gathered, moves_mm)):
+    for k, take in enumerate(moving_together(still, stage, gathered, moves_mm)):
         shared = take.shared_moves_mm
         assert shared is not None
         assert shared.shape[:2] == (1 + len(gathered.shown), 3)
@@ -119,10 +119,10 @@ def test_every_mark_may_be_asked_how_it_moves(shot):
     stage, gathered, _ = shot
     move = 1e-3 * LENS.parameters()
     moved = replace(stage, parameters=stage.parameters + move)
-    asked = placed(stage, gathered, moves_of_marks_mm(stage, gathered, move[None]))
-    for take, still, after in zip(
-        asked, placed(stage, gathered), placed(moved, gathered), strict=True
-    ):
+    before = placed(stage, gathered)
+    moves_mm = moves_of_marks_mm(stage, gathered, move[None])
+    asked = moving_together(before, stage, gathered, moves_mm)
+    for take, still, after in zip(asked, before, placed(moved, gathered), strict=True):
         assert take.shared_moves_mm is not None
         points = after.observations.points_px - still.observations.points_px
         np.testing.assert_allclose(
