@@ -140,11 +140,14 @@ def _told_by_marks(
     states: list[LensState], first: _AtChiefRays
 ) -> dict[float, WavefrontFit]:
     """The wavefronts that marks have had their say of: they are asked where moved marks
-    fit one lens worse than centroids do (`states`)."""
+    fit one lens worse than centroids do (`states`), and behind a mosaic, which hides
+    more of a dot's shape than of its place."""
     told = {}
     centroids = by_focal_length(states)
-    for focal_mm in first.wavefronts.keys() & _closer(states, first.states):
-        found = first.wavefronts[focal_mm]
+    worse = _closer(states, first.states)
+    for focal_mm, found in first.wavefronts.items():
+        if not (found.behind_mosaic or focal_mm in worse):
+            continue
         errors = errors_of(found)
         moving = moved_by(first.takes[focal_mm], found, errors)
         said = amounts_of(centroids[focal_mm], moving)

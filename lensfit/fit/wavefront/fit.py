@@ -100,6 +100,11 @@ class WavefrontFit:
         return self.stage.converged
 
     @property
+    def behind_mosaic(self) -> bool:
+        """Whether photosites of one colour alone saw the shape of some dots."""
+        return any(s.cutouts.mosaic is not None for s in self.gathered.shown)
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """One sentence for each thing the photographer should know."""
         return _notes(
