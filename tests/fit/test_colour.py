@@ -150,3 +150,22 @@ def test_what_moves_all_red_marks_alike_is_no_noise():
     assert np.sqrt(moved**2 - red**2) == pytest.approx(4e-4 * 0.5, rel=1e-3)
     blue, still = (c["b"].deviations(q)[0, 0] for c in colours)
     assert still == pytest.approx(blue, rel=1e-9)
+
+
+def clipped(take: Take, share: float) -> Take:
+    """With the first marks of every hundred marked as clipped, and moved by a pixel."""
+    o = take.observations
+    which = np.arange(len(o)) % 100 < 100 * share
+    places = o.channel_points_px + np.where(which, 1.0, 0.0)[None, :, None] * [[[1, 0]]]
+    places[1] = o.channel_points_px[1]
+    marked = replace(o, saturated=which, channel_points_px=places)
+    return replace(take, observations=marked)
+
+
+@pytest.mark.parametrize(("share", "moved_px"), [(0.6, 0.0), (0.99, 1.0)])
+def test_clipped_marks_are_used_where_there_are_too_few_others(share, moved_px):
+    truth = radial([0.8])
+    take = clipped(take_with(truth), share)
+    colour = fit_colour((take,), np.zeros(2), RADIUS_MM)["b"]
+    off = modelled_px(colour, np.zeros(2), RIM_PX) - truth(RIM_PX)
+    np.testing.assert_allclose(off.mean(0), [moved_px, 0], atol=0.1)
