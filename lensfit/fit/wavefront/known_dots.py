@@ -25,7 +25,7 @@ from lensfit.fit.geometry import (
 from lensfit.fit.parameters import Layout as GeometryLayout
 from lensfit.fit.stated_distance import distance_ratio
 from lensfit.fit.wavefront.dots import Dots
-from lensfit.fit.wavefront.hole import hole_of, soft_hole
+from lensfit.fit.wavefront.hole import Hole, hole_of, soft_hole
 from lensfit.fit.wavefront.shown import (
     Shown,
     diameters_mm,
@@ -85,13 +85,7 @@ def dots_of(
     )
     observed = adjustment.stack.observed_mm[shown.index][marks]
     distance = float(shown.distortion.principal_distance_mm)
-    hole_mm = np.asarray(per_board) * hole_radius_mm(shown)
-    # Behind a mosaic sharp rims fall between the photosites of a colour, and lead to
-    # valleys where no lens is.
-    behind_mosaic = shown.cutouts.mosaic is not None
-    hole = (
-        soft_hole(hole_mm) if behind_mosaic else hole_of(hole_mm, diameters_mm(shown))
-    )
+    hole = _holes(shown, np.asarray(per_board))
     diffraction = float(diffraction_variance_mm2(jnp.asarray(shown.take.f_number)))
     known = Dots(
         field_mm=observed - np.asarray(shown.distortion.principal_point_mm),
@@ -112,6 +106,16 @@ def dots_of(
     if not shown.take.anamorphic:
         return known
     return known._replace(sections=_sections(shift, shown.distortion))
+
+
+def _holes(shown: Shown, per_board: np.ndarray) -> Hole:
+    """Of all dots of a photograph; `per_board` image mm per mm of the chart."""
+    hole_mm = per_board * hole_radius_mm(shown)
+    # Behind a mosaic sharp rims fall between the photosites of a colour, and lead to
+    # valleys where no lens is.
+    if shown.cutouts.mosaic is not None:
+        return soft_hole(hole_mm)
+    return hole_of(hole_mm, diameters_mm(shown))
 
 
 def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
