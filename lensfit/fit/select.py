@@ -61,6 +61,7 @@ class Verdict:
     visible : Whether the effect reaches `LEAST_EFFECT_PX`.
     needed : Whether it was kept against the evidence, which the fit without it did not
         bear out.
+    refined : Whether it was kept against the evidence for what refines it.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Verdict:
     held_out_gain: float
     visible: bool = True
     needed: bool = False
+    refined: bool = False
 
     @property
     def family(self) -> str:
@@ -83,6 +85,8 @@ class Verdict:
         if self.needed:
             why = "the fit without all that was to go was worse than foreseen"
             return f"kept: {why}; {evidence}"
+        if self.refined:
+            return f"kept: terms that refine it are asked for; {evidence}"
         if self.kept:
             return f"kept: {evidence}"
         if self.bic_gain < LEAST_BIC_GAIN:

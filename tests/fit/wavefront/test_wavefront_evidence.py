@@ -62,6 +62,20 @@ def test_a_centred_lens_is_left_centred(centred):
     assert {v.name for v in choice.verdicts} >= {"decentred_elements", "exit_pupil"}
 
 
+def test_what_is_refined_stays():
+    """Nobody asks for the exit pupil here; as the lower term of the series that ends
+    with what decentred elements do, which is asked for, it stays all the same."""
+    stage, families = fitted(replace(LENS, constant_coma_um=5.0))
+    series = {"exit_pupil": "axial_colour", "decentred_elements": "axial_colour_curved"}
+    named = tuple(replace(f, name=series.get(f.name, f.name)) for f in families)
+    choice = choose(stage, named)
+    assert set(series.values()) <= {family.name for family in choice.families}
+    of_name = {verdict.name: verdict for verdict in choice.verdicts}
+    assert of_name["axial_colour"].kept
+    assert "refine" in of_name["axial_colour"].reason
+    assert "refine" not in of_name["axial_colour_curved"].reason
+
+
 def test_a_lens_of_third_order_may_be_asked_for(centred):
     stage, families = fitted(replace(LENS, constant_coma_um=5.0), SEIDEL)
     assert {family.name for family in families} == SEIDEL
