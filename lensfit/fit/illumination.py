@@ -8,14 +8,17 @@ proportional to the illumination times the light that fell on the chart.
 The logarithm is fitted by a non-increasing Bernstein polynomial
 (`lensfit.optics.falloff`) with one gain for each photograph and channel: least squares
 with non-negative steps, weighted robustly. Clipping by a rim sets in with a kink, which
-takes more terms than natural fall-off; their number is chosen by evidence. An unevenly
+takes more terms than natural fall-off; their number is chosen by evidence, in which
+steps that are zero do not count (M. Meyer and M. Woodroofe, Annals of Statistics 28
+(2000) 1083). An unevenly
 lit chart cannot be told from fall-off, unless photographs at another orientation
 disagree.
 
 Photographs scatter by what they went through: colours of sharp dots in a JPEG, whose
 colour planes are halved, by ten times as much as those of blurred ones. Each weighs as
 its own scatter says. Where dots were photographed lines have no say: what is read of a
-line ends at the same distance everywhere, and a corner's blur goes beyond.
+line ends at the same distance everywhere, and a corner's blur goes beyond. What is
+expected between the outermost mark and the corner says `beyond_marks`.
 """
 
 from dataclasses import dataclass
@@ -26,9 +29,10 @@ from jaxtyping import Float, Int
 
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
 from lensfit.fit.adjust import Adjustment
-from lensfit.fit.non_negative import robust_non_negative
+from lensfit.fit.beyond_marks import Beyond, beyond_marks, reach
+from lensfit.fit.non_negative import Expected, NonNegative, robust_non_negative
 from lensfit.fit.take import Take
-from lensfit.optics.bernstein import bernstein
+from lensfit.optics.bernstein import continued_bernstein
 
 TERMS = (5, 8, 12, 16)
 """Numbers of terms to choose from."""
@@ -48,7 +52,7 @@ class FallOffFit:
     ----------
     f_number : None when nobody said.
     control : b_1 ... b_n of r, g and b.
-    valid_radius_mm : Largest radius measured.
+    valid_radius_mm : Largest radius that the control values are for.
     covariance : Of each channel's control values.
     """
 
@@ -60,10 +64,7 @@ class FallOffFit:
     def deviation(
         self, radius_mm: Float[np.ndarray, " points"]
     ) -> Float[np.ndarray, "3 points"]:
-        """Standard deviation of the relative illumination of r, g and b.
-
-        Beyond the measured radius that at its edge.
-        """
+        """Standard deviation of the relative illumination of r, g and b."""
         terms = self._terms_at(radius_mm)
         loss = terms @ self.control.T
         return np.exp(-loss.T) * self._of_terms(terms)
@@ -77,8 +78,8 @@ class FallOffFit:
         return self._of_terms(terms - terms.mean(0))
 
     def _terms_at(self, radius_mm: np.ndarray) -> np.ndarray:
-        s = np.minimum(radius_mm / self.valid_radius_mm, 1.0) ** 2
-        return bernstein(s, self.control.shape[1])
+        s = (radius_mm / self.valid_radius_mm) ** 2
+        return continued_bernstein(s, self.control.shape[1])
 
     def _of_terms(self, terms: np.ndarray) -> np.ndarray:
         variance = np.einsum("pi,cij,pj->cp", terms, self.covariance, terms)
@@ -91,6 +92,7 @@ def fit_illumination(
     """One fall-off for each f-number among the takes, widest first."""
     stretch = area_stretch(adjustment)
     observed = adjustment.stack.observed_mm
+    corner_mm = np.array(takes[0].sensor_size_mm) / 2 + np.abs(principal_point_mm)
     numbers = sorted({t.f_number for t in takes}, key=lambda n: n or 0.0)
     found = []
     for number in numbers:
@@ -101,7 +103,7 @@ def fit_illumination(
         ]
         rows = _best_told([row for row in rows if len(row.squared)])
         if _count(rows) >= _FEWEST_MARKS:
-            found.append(_fit(number, rows))
+            found.append(_fit(number, rows, float(corner_mm @ corner_mm)))
     return found
 
 
@@ -179,39 +181,89 @@ def _spread(matrix: np.ndarray, o) -> np.ndarray:
     return np.where(o.family == POINT, area, width)
 
 
-def _fit(number: float | None, rows: list[_Rows]) -> FallOffFit:
-    """With as many terms as the marks ask for."""
+def _fit(number: float | None, rows: list[_Rows], corner: float) -> FallOffFit:
+    """With as many terms as the marks ask for, up to the squared radius `corner`."""
     marks = _together(rows)
-    chosen, cost = _with_terms(number, marks, TERMS[0])
+    edge = float(marks.squared.max())
+    alone = _asked_for(number, marks, edge, [_NOTHING] * 3)
+    end = reach(edge, corner)
+    if end == edge:
+        return alone
+    expected = [beyond_marks(control, end / edge) for control in alone.control]
+    return _asked_for(number, marks, end, expected)
+
+
+def _asked_for(
+    number: float | None, marks: _Marks, limit: float, expected: list[Beyond]
+) -> FallOffFit:
+    chosen, cost = _with_terms(number, marks, limit, expected, TERMS[0])
     for terms in TERMS[1:]:
-        finer, less = _with_terms(number, marks, terms)
+        finer, less = _with_terms(number, marks, limit, expected, terms)
         if cost - less > _LEAST_BIC_GAIN:
             chosen, cost = finer, less
     return chosen
 
 
 def _with_terms(
-    number: float | None, marks: _Marks, terms: int
+    number: float | None,
+    marks: _Marks,
+    limit: float,
+    expected: list[Beyond],
+    terms: int,
 ) -> tuple[FallOffFit, float]:
-    """The best with so many terms, and its Bayesian information criterion."""
-    limit = float(marks.squared.max())
-    # Control values are sums of non-negative steps.
-    of_control = bernstein(marks.squared / limit, terms)
-    steps = -np.cumsum(of_control[:, ::-1], axis=1)[:, ::-1]
+    """The best with so many terms, and its Bayesian information criterion.
+
+    Parameters
+    ----------
+    limit : Squared radius up to which it is stated.
+    expected : Beyond the marks, of r, g and b.
+    """
     gains = np.eye(marks.take.max() + 1)[marks.take]
     # A gain may have either sign, for which it has two columns.
-    design = np.hstack([steps, gains, -gains])
-    first = terms + gains.shape[1]
+    design = np.hstack([_steps(marks.squared / limit, terms), gains, -gains])
+    edge = marks.squared.max() / limit
     found = [
-        robust_non_negative(design, values, marks.take, first, _LEAST_SCATTER)
-        for values in marks.brightness.T
+        robust_non_negative(
+            design,
+            values,
+            marks.take,
+            terms + gains.shape[1],
+            _LEAST_SCATTER,
+            _expected(beyond, edge, terms, design.shape[1]),
+        )
+        for values, beyond in zip(marks.brightness.T, expected, strict=True)
     ]
+    fit = _summed(number, found, terms, float(np.sqrt(limit)))
+    deviance = sum(one.deviance for one in found)
+    # Steps of zero were held there: they are no freedom of the fit.
+    free = sum(int((one.solution[:terms] > 0).sum()) for one in found)
+    return fit, deviance + free * np.log(len(marks.squared))
+
+
+def _summed(
+    number: float | None, found: list[NonNegative], terms: int, radius_mm: float
+) -> FallOffFit:
+    """Control values are sums of steps."""
     sums = np.tri(terms)
-    fit = FallOffFit(
+    return FallOffFit(
         number,
         np.array([np.cumsum(one.solution[:terms]) for one in found]),
-        float(np.sqrt(limit)),
+        radius_mm,
         np.array([sums @ one.covariance[:terms, :terms] @ sums.T for one in found]),
     )
-    deviance = sum(one.deviance for one in found)
-    return fit, deviance + 3 * terms * np.log(len(marks.squared))
+
+
+def _steps(s: Float[np.ndarray, " places"], terms: int) -> np.ndarray:
+    """What the logarithm gains by each step of the control values."""
+    return -np.cumsum(continued_bernstein(s, terms)[:, ::-1], axis=1)[:, ::-1]
+
+
+def _expected(beyond: Beyond, edge: float, terms: int, columns: int) -> Expected:
+    """`beyond` as observations of an unknown gain's light; `edge` is s of the outermost
+    mark."""
+    steps = _steps(beyond.squared * edge, terms)
+    free_of_gain = np.zeros((len(steps), columns - terms))
+    return Expected(np.hstack([steps, free_of_gain]), -beyond.loss, beyond.deviation)
+
+
+_NOTHING = Beyond(np.zeros(0), np.zeros(0), np.zeros(0))

@@ -3,6 +3,8 @@
 Values come in sets, such as photographs, each with a scatter of its own that nobody
 told. Cauchy weights keep outliers from having a say; scatter and weights are found in
 turns. The covariance is the sandwich estimate, which takes residuals as they are.
+Some values may be expected rather than observed: they have the deviation they are told
+with, whatever is left of them.
 
 Reference: C. L. Lawson and R. J. Hanson, Solving Least Squares Problems (1974), ch. 23;
 H. White, Econometrica 48 (1980) 817.
@@ -19,6 +21,20 @@ _CAUCHY = 3.0
 """Scatters at which a value weighs half."""
 _OF_NORMAL = 0.6745
 """Median distance from the mean of a normal distribution, in standard deviations."""
+
+
+class Expected(NamedTuple):
+    """Values that nobody observed.
+
+    Attributes
+    ----------
+    design : As for observed ones.
+    deviation : Of each.
+    """
+
+    design: Float[np.ndarray, "expected columns"]
+    values: Float[np.ndarray, " expected"]
+    deviation: Float[np.ndarray, " expected"]
 
 
 class NonNegative(NamedTuple):
@@ -43,6 +59,7 @@ def robust_non_negative(
     member: Int[np.ndarray, " values"],
     first: int,
     least_scatter: float,
+    expected: Expected,
 ) -> NonNegative:
     """Least squares with non-negative unknowns and Cauchy weights.
 
@@ -53,18 +70,23 @@ def robust_non_negative(
         the other sign.
     least_scatter : Of any set.
     """
-    offset = values.mean()
-    weight = np.ones(len(values))
+    weight = np.full(len(values), least_scatter**-2.0)
+    certain = 1 / expected.deviation
+    rows = np.concatenate([design, expected.design])
+    wanted = np.concatenate([values, expected.values])
     for _ in range(_ROUNDS):
-        root = np.sqrt(weight)
-        solution, _ = nnls(design * root[:, None], (values - offset) * root)
-        residual = values - offset - design @ solution
+        root = np.concatenate([np.sqrt(weight), certain])
+        solution, _ = nnls(rows * root[:, None], wanted * root)
+        residual = values - design @ solution
         scatter = _scatter_of_each(residual, member, least_scatter)
         ratio = (residual / (_CAUCHY * scatter)) ** 2
         weight = 1 / (1 + ratio) / scatter**2
-    covariance = _covariance(design[:, :first], weight * residual, weight)
-    deviance = _CAUCHY**2 * np.log1p(ratio) + 2 * np.log(scatter)
-    return NonNegative(solution, covariance, float(np.sum(deviance)))
+    pull = np.concatenate([weight * residual, certain])
+    weight = np.concatenate([weight, certain**2])
+    covariance = _covariance(rows[:, :first], pull, weight)
+    off = (expected.values - expected.design @ solution) * certain
+    deviance = np.sum(_CAUCHY**2 * np.log1p(ratio) + 2 * np.log(scatter)) + off @ off
+    return NonNegative(solution, covariance, float(deviance))
 
 
 def _scatter_of_each(

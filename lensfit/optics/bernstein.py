@@ -6,6 +6,7 @@ Reference: G. Farin, Curves and Surfaces for CAGD (2002), ch. 5.
 from math import comb
 from typing import Any, TypeVar
 
+import numpy as np
 from jaxtyping import Float
 
 _Values = TypeVar("_Values", bound=Any)
@@ -21,3 +22,14 @@ def bernstein(
         comb(degree, k) * s**k * (1 - s) ** (degree - k) for k in range(1, degree + 1)
     ]
     return s.__array_namespace__().stack(terms, axis=-1)
+
+
+def continued_bernstein(
+    s: Float[_Values, "*points"], degree: int
+) -> Float[_Values, "*points terms"]:
+    """The same, and beyond 1 the straight lines that go on as they end."""
+    xp = s.__array_namespace__()
+    last = np.eye(degree)[-1] - (np.eye(degree)[-2] if degree > 1 else 0.0)
+    beyond = xp.maximum(s - 1.0, 0.0)
+    inside = bernstein(xp.minimum(s, 1.0), degree)
+    return inside + degree * beyond[..., None] * xp.asarray(last, dtype=s.dtype)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from lensfit.optics import distortion as chief_ray
-from lensfit.optics.bernstein import bernstein
+from lensfit.optics.bernstein import continued_bernstein
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.lateral import (
@@ -132,12 +132,11 @@ def light_deviations(
     control: Float[Array, " terms"],
     covariance: Float[Array, "terms terms"],
 ) -> Float[Array, " points"]:
-    """Standard deviation of the relative illumination; beyond the photographed radius
-    that at its edge."""
+    """Standard deviation of the relative illumination."""
 
     def one(point):
         squared = jnp.sum(((point - centre_mm) / valid_radius_mm) ** 2)
-        terms = bernstein(jnp.minimum(squared, 1.0), control.shape[0])
+        terms = continued_bernstein(squared, control.shape[0])
         variance = jnp.maximum(terms @ covariance @ terms, 0.0)
         return jnp.exp(-terms @ control) * jnp.sqrt(variance)
 

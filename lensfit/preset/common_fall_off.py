@@ -1,7 +1,7 @@
 """Fall-off polynomials on a common footing, so that they can be averaged.
 
 A fall-off is a Bernstein polynomial of the squared radius with b_0 = 0
-(`lensfit.optics.falloff`), over the radius that was photographed. Raising its degree
+(`lensfit.optics.falloff`), over the radius it is stated for. Raising its degree
 and cutting its interval short are exact, and neither makes rising control values fall
 (G. Farin, Curves and Surfaces for CAGD, 2002, on Bezier curves). The common radius
 moves from one to the other with the weight, so that nothing jumps where a sequence
@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.optics.bernstein import bernstein
+from lensfit.optics.bernstein import bernstein, continued_bernstein
 from lensfit.preset.blocks import FallOff
 
 Control = tuple[float, ...]
@@ -62,10 +62,8 @@ def _with(block: FallOff, radius_mm: float, degree: int) -> FallOff:
 def _followed(control: Control, fraction: float, degree: int) -> Control:
     """Of the function over [0, fraction], where it is a straight line from 1 on."""
     nodes, inverse = _through_values(degree)
-    s = fraction * nodes
-    inside = bernstein(np.minimum(s, 1.0), len(control)) @ np.array(control)
-    slope = len(control) * (control[-1] - (control[-2] if len(control) > 1 else 0.0))
-    found = inverse @ (inside + slope * np.maximum(s - 1.0, 0.0))
+    loss = continued_bernstein(fraction * nodes, len(control)) @ np.array(control)
+    found = inverse @ loss
     return tuple(np.maximum.accumulate(np.maximum(found, 0.0)).tolist())
 
 

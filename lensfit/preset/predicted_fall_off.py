@@ -2,20 +2,26 @@
 
 The area of the opening, in direction cosines, over that on the axis is the relative
 illumination (`lensfit.optics.pupil`): rims that clip at a wide stop let a smaller one
-through whole, and what is left then is the pupil's own foreshortening, natural
-fall-off. It is written down as measured fall-off is (`lensfit.optics.falloff`): a
-Bernstein polynomial of the squared radius whose control values never fall, by least
-squares with non-negative steps, for the mean over all azimuths.
+through whole. What is left then is natural fall-off, which hardly shows in the shape
+of dots: so fall-off that was measured at the nearest f-number is changed by what the
+pupil says from that one to the other. It is written down as measured fall-off is
+(`lensfit.optics.falloff`): a Bernstein polynomial of the squared radius whose control
+values never fall, by least squares with non-negative steps, for the mean over all
+azimuths.
 """
 
+import math
 from collections.abc import Iterable
 
 import msgspec
+import numpy as np
+from jaxtyping import Float
 
+from lensfit.optics.bernstein import continued_bernstein
 from lensfit.preset.blocks import FallOff
 from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
-from lensfit.preset.fall_off_control import control_of, pupil_loss
+from lensfit.preset.fall_off_control import control_of, pupil_loss, squared_radii
 
 TERMS = 7
 """Control values: enough for the kink where a rim begins to clip."""
@@ -30,7 +36,8 @@ def predicted_fall_off(
 
     Parameters
     ----------
-    entry : Only its blur, projection and focus are read.
+    entry : Only its blur, projection, focus and measured fall-off are read; without the
+        last, the pupil says it all.
     valid_radius_mm : From the principal point, where the control values end; that of
         the measured fall-off, or of the measured distortion, when left out.
 
@@ -72,12 +79,36 @@ def _measured_radius_mm(entry: Entry) -> float:
 
 
 def _fall_off(entry: Entry, f_number: float, valid_radius_mm: float) -> FallOff:
+    loss = _pupil_loss(entry, f_number, valid_radius_mm)
+    measured = {one.f_number: one for one in entry.fall_off if not one.predicted}
+    stops = [number for number in measured if number is not None]
+    of_channels = [loss] * 3
+    if stops:
+        stop = min(stops, key=lambda number: abs(math.log(number / f_number)))
+        nearest = measured[stop]
+        change = loss - _pupil_loss(entry, stop, valid_radius_mm)
+        of_channels = [
+            _loss_at(nearest, control, valid_radius_mm) + change
+            for control in (nearest.r, nearest.g, nearest.b)
+        ]
+    r, g, b = (tuple(control_of(one, TERMS).tolist()) for one in of_channels)
+    return FallOff(f_number, valid_radius_mm, r, g, b, predicted=True)
+
+
+def _pupil_loss(
+    entry: Entry, f_number: float, valid_radius_mm: float
+) -> Float[np.ndarray, " radii"]:
     blur = lens_blur(entry, f_number, entry.focus_distance_mm)
-    loss = pupil_loss(
+    return pupil_loss(
         blur.pupil,
         blur.stop_radius,
         float(blur.aberration.field_radius_mm),
         valid_radius_mm,
     )
-    control = tuple(control_of(loss, TERMS).tolist())
-    return FallOff(f_number, valid_radius_mm, control, control, control, predicted=True)
+
+
+def _loss_at(
+    measured: FallOff, control: tuple[float, ...], valid_radius_mm: float
+) -> Float[np.ndarray, " radii"]:
+    share = squared_radii() * (valid_radius_mm / measured.valid_radius_mm) ** 2
+    return continued_bernstein(share, len(control)) @ np.array(control)

@@ -2,9 +2,11 @@
 deviations against the scatter of many noisy photographs."""
 
 import numpy as np
+import pytest
 from scipy.special import comb
 
 from lensfit.fit.illumination import (
+    _NOTHING,
     TERMS,
     _best_told,
     _fit,
@@ -26,7 +28,7 @@ def test_deviations_cover_the_truth():
     for _ in range(60):
         noise = NOISE * rng.normal(size=(MARKS, 3))
         log_light = -loss(squared)[:, None] + 2.0 + noise
-        found = _fit(1.4, [_Rows(squared, log_light, lines=False)])
+        found = _fit(1.4, [_Rows(squared, log_light, lines=False)], 1.0)
         for channel in range(3):
             value = -loss(radius**2, found.control[channel])
             off = value - value.mean() + loss(radius**2) - loss(radius**2).mean()
@@ -40,7 +42,7 @@ def test_on_the_axis_nothing_is_unknown():
     rng = np.random.default_rng(1)
     squared = rng.uniform(0, 1, MARKS)
     log_light = -loss(squared)[:, None] + NOISE * rng.normal(size=(MARKS, 3))
-    found = _fit(1.4, [_Rows(squared, log_light, lines=False)])
+    found = _fit(1.4, [_Rows(squared, log_light, lines=False)], 1.0)
     deviation = found.deviation(np.array([0.0, 0.9]))
     assert not deviation[:, 0].any()
     assert np.all((deviation[:, 1] > 0) & (deviation[:, 1] < NOISE))
@@ -54,9 +56,9 @@ def test_a_rim_that_clips_takes_more_terms_than_natural_fall_off():
     terms, off = [], []
     for truth in (natural, natural + kink):
         rows = [_Rows(squared, 1.0 - truth[:, None] + noise, lines=False)]
-        found = _fit(1.4, rows)
+        found = _fit(1.4, rows, 1.0)
         terms.append(found.control.shape[1])
-        fewest, _ = _with_terms(1.4, _together(rows), min(TERMS))
+        fewest, _ = _with_terms(1.4, _together(rows), 1.0, [_NOTHING] * 3, min(TERMS))
         off.append(
             [np.std(loss(squared, f.control[1]) - truth) for f in (found, fewest)]
         )
@@ -79,9 +81,55 @@ def test_a_photograph_counts_as_its_own_scatter_says():
     bad = _Rows(squared, -0.7 * truth + 0.1 * rng.normal(size=(MARKS, 3)), lines=False)
     at = np.linspace(0.1, 1.0, 10)
     for rows in ([good, bad], [bad, good]):
-        found = _fit(1.4, rows)
+        found = _fit(1.4, rows, 1.0)
         for control in found.control:
             np.testing.assert_allclose(loss(at, control), loss(at), atol=0.004)
+
+
+@pytest.mark.parametrize("rim", [0.0, 1.0])
+def test_a_corner_beyond_the_marks_is_foreseen_within_its_deviation(rim: float):
+    """Marks end at three quarters of the squared radius; a rim clips from half on."""
+    rng = np.random.default_rng(4)
+    corner_mm = 20.0
+    corner = corner_mm**2
+
+    def truth(squared):
+        s = squared / corner
+        return 0.3 * s + 0.1 * s**2 + rim * np.maximum(s - 0.5, 0.0)
+
+    squared = rng.uniform(0, 0.75 * corner, MARKS)
+    at_corner, told = [], []
+    for _ in range(40):
+        noise = 0.001 * rng.normal(size=(MARKS, 3))
+        rows = [_Rows(squared, 1.0 - truth(squared)[:, None] + noise, lines=False)]
+        found = _fit(1.4, rows, corner)
+        assert found.valid_radius_mm == pytest.approx(corner_mm)
+        assert np.all(np.diff(found.control, axis=1) >= 0)
+        at_corner += found.control[:, -1].tolist()
+        at = np.array([0.0, corner_mm])
+        told += (found.deviation(at)[:, 1] * np.exp(found.control[:, -1])).tolist()
+    off = np.array(at_corner) - truth(corner)
+    assert np.abs(off).max() < 0.04
+    assert np.sqrt(np.mean(off**2)) < 1.5 * np.sqrt(np.mean(np.square(told)))
+
+
+def test_a_frame_that_marks_fill_is_not_left():
+    rng = np.random.default_rng(5)
+    squared = rng.uniform(0, 1, MARKS)
+    rows = [_Rows(squared, -loss(squared)[:, None] * np.ones(3), lines=False)]
+    for corner in (0.5, float(squared.max())):
+        found = _fit(1.4, rows, corner)
+        assert found.valid_radius_mm == pytest.approx(np.sqrt(squared.max()))
+
+
+def test_a_corner_far_from_all_marks_goes_on_with_the_last_slope():
+    rng = np.random.default_rng(6)
+    squared = rng.uniform(0, 1, MARKS)
+    rows = [_Rows(squared, -0.2 * squared[:, None] * np.ones(3), lines=False)]
+    found = _fit(1.4, rows, 9.0)
+    assert found.valid_radius_mm < 3.0
+    light = np.exp(-found._terms_at(np.array([3.0])) @ found.control.T)
+    np.testing.assert_allclose(light, np.exp(-0.2 * 9.0), rtol=0.02)
 
 
 def test_lines_have_no_say_beside_dots():

@@ -1,4 +1,7 @@
-"""Fall-off predicted from the pupil: its own light, and nature's when closed."""
+"""Fall-off predicted from the pupil: its own light, nature's when closed, and on top of
+what was measured at another stop."""
+
+from math import comb
 
 import jax
 import jax.numpy as jnp
@@ -29,7 +32,7 @@ def illumination_of(fall_off: FallOff) -> np.ndarray:
 
 @pytest.mark.parametrize("f_number", [1.4, 2.0, 2.8, 11.0])
 def test_it_is_the_light_through_the_pupil(f_number: float):
-    entry = make_entry(blur=make_blur())
+    entry = make_entry(blur=make_blur(), fall_off=())
     (predicted,) = predicted_fall_off(entry, [f_number], EDGE_MM)
     assert (predicted.f_number, predicted.predicted) == (f_number, True)
     blur = lens_blur(entry, f_number, 2000.0)
@@ -53,16 +56,44 @@ def test_stopped_down_it_falls_to_natural_fall_off():
         stretch_along=(3 * first, 3 * second),
         stretch_across=(first, second),
     )
-    entry = make_entry(blur=make_blur(pupil=pupil, field_radius_mm=EDGE_MM))
+    blur = make_blur(pupil=pupil, field_radius_mm=EDGE_MM)
+    entry = make_entry(blur=blur, fall_off=())
     natural = (1 + (RADII_MM / distance_mm) ** 2) ** -2.0
     wide, closed = predicted_fall_off(entry, [1.4, 11.0], EDGE_MM)
     np.testing.assert_allclose(illumination_of(closed), natural, rtol=2e-3)
     assert illumination_of(wide)[-1] < 0.7 * natural[-1]
 
 
+def test_natural_fall_off_that_no_dot_shows_is_kept():
+    """A pupil without foreshortening, and a lens that was measured to have it: closed,
+    the light is nature's, at the stop that was photographed and at others."""
+    distance_mm = 30.0
+    natural = (1 + (RADII_MM / distance_mm) ** 2) ** -2.0
+    share = np.linspace(0, 1, 40)
+    loss = 2 * np.log1p(share * (EDGE_MM / distance_mm) ** 2)
+    steps = np.polynomial.polynomial.polyvander(share, 6)[:, 1:]
+    power = np.linalg.lstsq(steps, loss)[0]
+    degree = len(power)
+    control = tuple(
+        sum(comb(i, j) / comb(degree, j) * power[j - 1] for j in range(1, i + 1))
+        for i in range(1, degree + 1)
+    )
+    measured = FallOff(8.0, EDGE_MM, control, control, control)
+    pupil = Pupil(rims=make_blur().pupil.rims)
+    blur = make_blur(pupil=pupil, field_radius_mm=EDGE_MM)
+    entry = make_entry(blur=blur, fall_off=(measured,))
+    closed, wide = predicted_fall_off(entry, [16.0, 1.4])
+    np.testing.assert_allclose(illumination_of(closed), natural, rtol=5e-3)
+    (alone,) = predicted_fall_off(
+        msgspec.structs.replace(entry, fall_off=()), [1.4], EDGE_MM
+    )
+    together = natural * illumination_of(alone)
+    np.testing.assert_allclose(illumination_of(wide), together, rtol=0.02)
+
+
 def test_stopping_down_never_darkens_the_corner():
-    entry = make_entry(blur=make_blur())
-    found = predicted_fall_off(entry, [1.4, 1.8, 2.2, 2.8, 4.0])
+    entry = make_entry(blur=make_blur(), fall_off=())
+    found = predicted_fall_off(entry, [1.4, 1.8, 2.2, 2.8, 4.0], EDGE_MM)
     corners = [illumination_of(one)[-1] for one in found]
     assert np.all(np.diff(corners) > -1e-3)
     assert corners[-1] > 1.5 * corners[0]
