@@ -6,6 +6,9 @@ is solved in closed form with robust weights. Wide apertures add the colour of c
 centroid, so the smallest aperture with enough marks is used; there, what
 `wavefront.place` takes off is small, and so is its error.
 
+Smooth errors that no residual shows are counted as `fit.uncertainty` does it: all terms
+of the largest model are taken to be off together, by `SYSTEMATIC_PX` over the marks.
+
 Colour need not be centred on the principal point: tilted elements move the one without
 the other. Where the evidence asks for it the terms of such a lens are fitted too, since
 a radial formula about the wrong point misses most where it matters, at the edge.
@@ -31,7 +34,12 @@ _MOST_RADIAL_TERMS = 4
 _CENTRED, _SHIFTED, _LOPSIDED = 0, 2, 6
 """Terms besides the radial ones: none, the shift, and strain and decentering too."""
 _ROUNDS = 6
+SYSTEMATIC_PX = 0.004
+"""Root mean square of how far marks are moved. Of thirty random traced lenses the median
+errors of red and blue along either axis were .003 and .005, those of the deviations
+stated without it .001."""
 _LEAST_BIC_GAIN = 6.0
+_TINY = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +48,11 @@ class ChannelColour:
 
     Attributes
     ----------
-    radial : c0, c1, ...; empty when nothing was found.
+    radial : c0, c1, ..., zero where they were left.
     shift_mm : Constant displacement.
     strain, decentering : As in `lensfit.optics.lateral`; empty when left.
     covariance : Of (shift x, shift y, strain, decentering, c0, c1, ...), in reference
-        radii, zero rows for what was left.
+        radii, also of what was left.
     valid_radius : Largest radius measured, in reference radii.
     """
 
@@ -141,11 +149,13 @@ class _Equations(NamedTuple):
 
 
 class _Solution(NamedTuple):
-    """Coefficients, their covariance, and the squared residual of every mark."""
+    """Coefficients, their covariance, and the squared residual and weight of every
+    mark."""
 
     beta: Float[np.ndarray, " terms"]
     covariance: Float[np.ndarray, "terms terms"]
     squared: Float[np.ndarray, " marks"]
+    weight: Float[np.ndarray, " marks"]
 
 
 def fit_colour(
@@ -276,7 +286,8 @@ def _fit(marks: _Marks, reference_radius_mm: float) -> ChannelColour:
         if best is None or bic < best[0] - _LEAST_BIC_GAIN:
             best = (bic, solution, besides)
     assert best is not None
-    _, (beta, covariance, _), besides = best
+    _, (beta, covariance, *_), besides = best
+    covariance = covariance + _systematic(equations, solved[-1].weight)
     lopsided = tuple(beta[_SHIFTED:_LOPSIDED].tolist()) if besides == _LOPSIDED else ()
     radius = np.hypot(*(marks.place_mm / reference_radius_mm).T)
     return ChannelColour(
@@ -301,6 +312,16 @@ def _equations_of(marks: _Marks, reference_radius_mm: float) -> _Equations:
         pulls=np.array(pulls).reshape(len(pulls), len(target)).T,
         px=float(marks.pixel_mm.mean()) / reference_radius_mm,
     )
+
+
+def _systematic(
+    equations: _Equations, weight: Float[np.ndarray, " marks"]
+) -> Float[np.ndarray, "terms terms"]:
+    """Covariance of all terms that together move the marks by `SYSTEMATIC_PX`."""
+    a = equations.design
+    explained = (SYSTEMATIC_PX * equations.px) ** 2 * float(weight.sum())
+    matrix = (a.T * np.repeat(weight, 2)) @ a
+    return np.linalg.inv(matrix + _TINY * np.eye(len(matrix))) * explained / len(matrix)
 
 
 def _rows_in(normal: np.ndarray) -> int:
@@ -347,11 +368,11 @@ def _solve(equations: _Equations, besides: int, terms: int) -> _Solution:
     besides, terms : How many lopsided and how many radial ones.
     """
     design, target, variance, pulls, px = equations
-    used = np.zeros(_LOPSIDED + terms, bool)
+    used = np.zeros(design.shape[1], bool)
     used[:besides] = True
-    used[_LOPSIDED:] = True
-    a = design[:, : len(used)][:, used]
-    tiny = 1e-12 * np.eye(a.shape[1])
+    used[_LOPSIDED : _LOPSIDED + terms] = True
+    a = design[:, used]
+    tiny = _TINY * np.eye(a.shape[1])
     count = int((design != 0).any(1).sum())
     weight = 1 / np.repeat(variance + (0.01 * px) ** 2, 2)
     solution = np.zeros(used.sum())
@@ -372,4 +393,5 @@ def _solve(equations: _Equations, besides: int, terms: int) -> _Solution:
     )
     beta = np.zeros(len(used))
     beta[used] = solution
-    return _Solution(beta, covariance, np.sum(residual.reshape(-1, 2) ** 2, -1))
+    squared = np.sum(residual.reshape(-1, 2) ** 2, -1)
+    return _Solution(beta, covariance, squared, weight[::2])

@@ -143,12 +143,17 @@ def _indices(
 
 
 def least_fall(adjustment: Adjustment) -> float:
-    """Of chi-squared by what the least effect explains for which a term is kept
-    (`LEAST_EFFECT_PX`, root mean square over the marks)."""
+    """Of chi-squared by what the least effect explains for which a term is kept."""
+    return explained_by(LEAST_EFFECT_PX, adjustment)
+
+
+def explained_by(effect_px: float, adjustment: Adjustment) -> float:
+    """How far chi-squared falls by an effect of this root mean square over the
+    marks."""
     variance = noise_mm2(adjustment.stack) + adjustment.model_variance_mm2[:, None]
     mean_mm2 = np.mean(variance[adjustment.used])
     px_per_deviation = float(np.sqrt(mean_mm2) / adjustment.stack.mm_per_px.mean())
-    return int(adjustment.used.sum()) * (LEAST_EFFECT_PX / px_per_deviation) ** 2
+    return int(adjustment.used.sum()) * (effect_px / px_per_deviation) ** 2
 
 
 def halves_of(adjustment: Adjustment) -> tuple[Statistics, Statistics]:

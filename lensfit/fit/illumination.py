@@ -39,6 +39,10 @@ TERMS = (5, 8, 12, 16)
 _LEAST_BIC_GAIN = 10.0
 _LEAST_SCATTER = 1e-4
 """Of a photograph's logarithms; no detector is better."""
+_SYSTEMATIC = 0.001
+"""Of the logarithm, what is not seen in residuals: light of a blurred dot that its
+aperture misses, fall-off that no polynomial follows. Of thirty random traced lenses the
+median error was .1 %."""
 _FEWEST_MARKS = 30
 _STEP = 1e-3
 """Of differences, half boards."""
@@ -230,6 +234,7 @@ def _with_terms(
             terms + gains.shape[1],
             _LEAST_SCATTER,
             _expected(beyond, edge, terms, design.shape[1]),
+            _SYSTEMATIC,
         )
         for values, beyond in zip(marks.brightness.T, expected, strict=True)
     ]

@@ -2,7 +2,8 @@
 
 Values come in sets, such as photographs, each with a scatter of its own that nobody
 told. Cauchy weights keep outliers from having a say; scatter and weights are found in
-turns. The covariance is the sandwich estimate, which takes residuals as they are.
+turns. The covariance is the sandwich estimate, which takes residuals as they are, and
+an error of all values together that no residual shows.
 Some values may be expected rather than observed: they have the deviation they are told
 with, whatever is left of them.
 
@@ -60,6 +61,7 @@ def robust_non_negative(
     first: int,
     least_scatter: float,
     expected: Expected,
+    systematic: float = 0.0,
 ) -> NonNegative:
     """Least squares with non-negative unknowns and Cauchy weights.
 
@@ -69,6 +71,8 @@ def robust_non_negative(
     first : How many columns the covariance is of; the others repeat some of them with
         the other sign.
     least_scatter : Of any set.
+    systematic : Root mean square of what the columns may take up of errors that all
+        values share.
     """
     weight = np.full(len(values), least_scatter**-2.0)
     certain = 1 / expected.deviation
@@ -82,8 +86,12 @@ def robust_non_negative(
         ratio = (residual / (_CAUCHY * scatter)) ** 2
         weight = 1 / (1 + ratio) / scatter**2
     pull = np.concatenate([weight * residual, certain])
-    weight = np.concatenate([weight, certain**2])
-    covariance = _covariance(rows[:, :first], pull, weight)
+    every = np.concatenate([weight, certain**2])
+    covariance = _covariance(rows[:, :first], pull, every)
+    if systematic:
+        explained = systematic**2 * weight.sum()
+        known = np.concatenate([weight * (first / explained), certain**2])
+        covariance += _inverse(rows[:, :first], known)
     off = (expected.values - expected.design @ solution) * certain
     deviance = np.sum(_CAUCHY**2 * np.log1p(ratio) + 2 * np.log(scatter)) + off @ off
     return NonNegative(solution, covariance, float(deviance))
@@ -104,8 +112,19 @@ def _covariance(
     design: np.ndarray, pull: np.ndarray, weight: np.ndarray
 ) -> Float[np.ndarray, "columns columns"]:
     """Sandwich over the values."""
-    root = np.sqrt(weight)
-    # Not from the normal equations: with many terms they are nearly singular.
-    moves = np.linalg.pinv(design * root[:, None]) * (pull / root)
+    moves = _solving(design, weight) * (pull / np.sqrt(weight))
     factor = len(design) / max(len(design) - design.shape[1], 1)
     return moves @ moves.T * factor
+
+
+def _inverse(
+    design: np.ndarray, weight: np.ndarray
+) -> Float[np.ndarray, "columns columns"]:
+    """Of the normal equations."""
+    moves = _solving(design, weight)
+    return moves @ moves.T
+
+
+def _solving(design: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Not from the normal equations: with many terms they are nearly singular."""
+    return np.linalg.pinv(design * np.sqrt(weight)[:, None])

@@ -9,11 +9,18 @@ Marks that were moved from centroids to chief rays share the errors of the wavef
 that moved them: each of its independent errors moves all marks, the solution follows,
 and what it does so is added.
 
-It covers noise and what is not known of the blur, not a wrong model of distortion: for
-that there is the held-out error.
+What no residual shows is added as well. Smooth errors of the marks, and distortion for
+which the model has no term, are taken up by those it has: of thirty traced lenses,
+decentred ones among them, maps were `SYSTEMATIC_PX` wrong, three times as much as noise
+alone would have it. So much, over the marks, all terms of the largest named model are
+taken to be off together, each as far as it moves marks that poses cannot bring back.
+
+Reference: for the last, A. Zellner's g-prior (1986), its size known from experience, as
+type B of the Guide to the Expression of Uncertainty in Measurement (JCGM 100, 2008).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
@@ -21,16 +28,22 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fit.adjust import Adjustment, equations_at
-from lensfit.fit.evidence import halves_of
+from lensfit.fit.evidence import explained_by, halves_of
 from lensfit.fit.geometry import NAMED, compiled_distortion_of
 from lensfit.fit.parameters import Layout
+from lensfit.fit.priors import loose_prior
 from lensfit.fit.take import Take
 from lensfit.fit.views import residuals_of
 from lensfit.optics import position_deviation as optics
 
+SYSTEMATIC_PX = 0.008
+"""Root mean square over the marks of how far they are moved, apart from what a pose
+undoes. Of thirty random traced lenses the median error along either axis was .005, that
+of the deviation stated without it .0016."""
 _GREEN = 1
 _LEAST_MOVE = 1e-3
 """Of the largest: smaller ones are lost beside the noise of any mark."""
+_NAMED_TERMS = ("principal_point", "radial", *NAMED)
 _LANDING = (
     "focal_length",
     "principal_point",
@@ -72,7 +85,29 @@ def uncertainty_of(adjustment: Adjustment, takes: tuple[Take, ...]) -> Uncertain
     covariance = np.zeros((len(free), len(free)))
     shared = _moved_by(shared_moves_of(adjustment, takes), adjustment, inside)
     covariance[np.ix_(free, free)] = inside * max(scale, 1.0) + shared.T @ shared
+    terms = _rows_of(adjustment.layout, _NAMED_TERMS)
+    covariance[np.ix_(terms, terms)] += _systematic(adjustment, terms)
     return Uncertainty(covariance, adjustment.layout)
+
+
+def _systematic(
+    adjustment: Adjustment, terms: Int[np.ndarray, " terms"]
+) -> Float[np.ndarray, "terms terms"]:
+    """Covariance of named terms that together move the marks by `SYSTEMATIC_PX`."""
+    layout, views = adjustment.layout, len(adjustment.stack.board)
+    poses = layout.local_indices("pose", views).ravel()
+    both = np.concatenate([terms, poses])
+    nothing = np.zeros(0, int)
+    loose = loose_prior(adjustment.parameters, layout, nothing, both)
+    one, other = halves_of(replace(adjustment, prior=loose))
+    precision = np.diag(np.where(loose.free, loose.standard_deviation, 1.0) ** -2.0)
+    matrix = one.matrix + other.matrix
+    of_terms, of_poses = np.ix_(terms, terms), np.ix_(poses, poses)
+    mixed = matrix[np.ix_(poses, terms)]
+    followed = np.linalg.solve(matrix[of_poses] + precision[of_poses], mixed)
+    seen = matrix[of_terms] - mixed.T @ followed
+    share = len(terms) / explained_by(SYSTEMATIC_PX, adjustment)
+    return np.linalg.inv(share * (seen + seen.T) / 2 + precision[of_terms])
 
 
 def shared_moves_of(
@@ -154,5 +189,9 @@ def position_deviations_mm(
 def landing_rows(layout: Layout) -> Int[np.ndarray, " numbers"]:
     """Where the numbers that `optics.position_deviation.moved` moves lie among the
     parameters, in its order and its units."""
-    blocks = [layout.blocks[name] for name in _LANDING]
+    return _rows_of(layout, _LANDING)
+
+
+def _rows_of(layout: Layout, names: Sequence[str]) -> Int[np.ndarray, " numbers"]:
+    blocks = [layout.blocks[name] for name in names]
     return np.concatenate([np.arange(b.start, b.stop) for b in blocks])

@@ -122,7 +122,8 @@ def lens_of_entry(
 
 
 def distortion_block(distortion: Distortion) -> blocks.Distortion:
-    """The block that describes `distortion` in a file; all-zero terms are left out."""
+    """The block that describes `distortion` in a file; all-zero terms are left out, but
+    for radial ones, which a covariance may name."""
     decentering, prism, anamorphic = np.split(
         np.asarray(distortion.named),
         [field.DECENTERING_TERMS, field.DECENTERING_TERMS + field.PRISM_TERMS],
@@ -134,7 +135,7 @@ def distortion_block(distortion: Distortion) -> blocks.Distortion:
         reference_radius_mm=float(distortion.reference_radius_mm),
         valid_radius=float(distortion.valid_radius),
         valid_box=tuple(np.asarray(distortion.box).ravel().tolist()),
-        radial_log_slope=_short(np.asarray(distortion.radial)),
+        radial_log_slope=tuple(np.asarray(distortion.radial).tolist()),
         decentering=_short(decentering),
         thin_prism=_short(prism),
         anamorphic=_short(anamorphic),

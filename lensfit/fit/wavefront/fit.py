@@ -79,7 +79,7 @@ class WavefrontFit:
     stage : The fit, on the dots it was made from.
     families : What is free.
     verdicts : What came of every family that was tried.
-    covariance : Of all parameters.
+    covariance : Of all parameters, also of those that were left out.
     unseen : Families that the photographs do not see.
     sign_known : Whether stated distances or the photographs settle the sign of defocus.
     misfit : How far the images of dots are from those photographed.
@@ -154,14 +154,13 @@ def fit_wavefront(
     final = last_fit(chosen_fit, families)
     progress("wavefront", 4, 4)
     against = runs_against_statements(final)
-    covariance = covariance_of(final, families)
     return WavefrontFit(
         gathered=every,
         stage=final,
         families=families,
         verdicts=verdicts,
-        covariance=covariance,
-        unseen=unseen(final, families, covariance),
+        covariance=covariance_of(final, _families_at(final, allowed)),
+        unseen=unseen(final, families, covariance_of(final, families)),
         sign_known=not against if coarse.side_stated else side_is_told(valleys),
         misfit=misfit_of(final, families),
     )

@@ -7,7 +7,12 @@ not as many. It says by how much the fit would change with other dots: the error
 model are in it, which no other noise would show. A solve that ended before its minimum
 had so far to go: that counts as one error more.
 
-Reference: P. J. Huber, Proc. Fifth Berkeley Symposium 1 (1967) 221; over groups, with
+A lean model is surer than it should be: what it leaves out is not known to be nothing.
+So families that were left out for want of evidence count as free, each within its
+prior, and what the fit would move by if they were is one error with the rest.
+
+Reference: on lean models, the documentation of mrcal on projection uncertainty; P. J.
+Huber, Proc. Fifth Berkeley Symposium 1 (1967) 221; over groups, with
 the factor for few of them, A. C. Cameron and D. L. Miller, J. Human Resources 50 (2015)
 317.
 """
@@ -16,9 +21,11 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.fit.wavefront.evidence import CELLS_PER_DOT
-from lensfit.fit.wavefront.families import Family, indices_of
+from lensfit.fit.wavefront.families import LAST, Family, deviation_of, indices_of
 from lensfit.fit.wavefront.stages import Stage
 
+SYSTEMATIC = 0.01
+"""Share of a dot's image, in L2."""
 KEPT = 0.999
 """Share of the variance in the photographs that moves carry."""
 UNSEEN = 0.7
@@ -28,9 +35,14 @@ UNSEEN = 0.7
 def covariance_of(
     stage: Stage, families: tuple[Family, ...]
 ) -> Float[np.ndarray, "parameters parameters"]:
-    """Of all parameters; zero rows for those that were fixed."""
+    """Of all parameters; zero rows for those that were fixed.
+
+    Parameters
+    ----------
+    families : All that might be free, whether the fit kept them or not.
+    """
     free = indices_of(families)
-    precision = np.where(stage.deviation > 0, stage.deviation, 1.0)[free] ** -2.0
+    precision = deviation_of(families, stage.layout, LAST)[free] ** -2.0
     matrix = stage.equations.matrix.sum(0)[np.ix_(free, free)]
     assert stage.solution is not None
     of_channels = np.asarray(stage.solution.per_dot.gradient)
@@ -43,8 +55,21 @@ def covariance_of(
     inside = inverse @ (scatter + np.diag(precision)) @ inverse
     # Where the solve ended it had this far to go.
     left = inverse @ stage.slope[free]
-    covariance[np.ix_(free, free)] = (inside + inside.T) / 2 + np.outer(left, left)
+    inside += np.outer(left, left) + _systematic(stage, matrix, precision)
+    covariance[np.ix_(free, free)] = (inside + inside.T) / 2
     return covariance
+
+
+def _systematic(
+    stage: Stage,
+    matrix: Float[np.ndarray, "free free"],
+    precision: Float[np.ndarray, " free"],
+) -> Float[np.ndarray, "free free"]:
+    """Covariance of parameters that together change dots' images by `SYSTEMATIC`."""
+    background = stage.nuisance[..., 1, None, None]
+    modelled = stage.gathered.light - stage.residual - background
+    explained = SYSTEMATIC**2 * float(np.sum(stage.weight * modelled**2))
+    return np.linalg.inv(matrix * (len(matrix) / explained) + np.diag(precision))
 
 
 def _small_sample(dots: int, stage: Stage, free: int) -> float:
@@ -66,7 +91,9 @@ def parameter_moves(
     if not len(free):
         return np.zeros((0, len(covariance)))
     square = np.ix_(free, free)
-    deviation = np.where(stage.deviation > 0, stage.deviation, 1.0)[free]
+    # What the fit left out has no prior there: its own deviation stands for it.
+    own = np.sqrt(np.diag(covariance)[free])
+    deviation = np.where(stage.deviation[free] > 0, stage.deviation[free], own)
     matrix = np.asarray(stage.equations.matrix.sum(0))[square]
     seen = np.linalg.cholesky(matrix + np.diag(deviation**-2.0))
     variance, axes = np.linalg.eigh(seen.T @ covariance[square] @ seen)

@@ -221,15 +221,14 @@ def _term(term: dict) -> Term:
 
 
 def _covariance(state: LensState) -> Covariance:
-    """Of the shared parameters that were free, in the units of `fit.parameters`."""
-    adjustment = state.geometry.adjustment
+    """Of the shared parameters, in the units of `fit.parameters`; of all that are not
+    known to be what they are."""
+    known = state.uncertainty.covariance
     names, rows = [], []
-    free = adjustment.prior.free
-    for block, where in adjustment.layout.blocks.items():
-        places = np.flatnonzero(free[where])
+    for block, where in state.geometry.adjustment.layout.blocks.items():
+        places = np.flatnonzero(np.diag(known)[where])
         # The layout of the fit has room for more of the field than was kept.
         numbers = np.arange(len(places)) if block == "free_field" else places
         names += [f"{block}[{k}]" for k in numbers]
         rows += (where.start + places).tolist()
-    matrix = state.uncertainty.covariance[np.ix_(rows, rows)]
-    return Covariance.of_matrix(tuple(names), matrix)
+    return Covariance.of_matrix(tuple(names), known[np.ix_(rows, rows)])
