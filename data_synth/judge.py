@@ -11,6 +11,8 @@ figure is a plain number, ready for JSON:
                         over field points and channels, for all photographed settings,
                         for each of them, and for those that were never photographed
     defocus_sign        "right", "wrong", or "undecided" for a lens that cannot tell
+    covered             percent of errors within one stated deviation (68 if they are
+                        true), of what the lens says (`judge_deviations`)
     flags               what no map or fall-off may do, one sentence each
 """
 
@@ -23,6 +25,7 @@ import numpy as np
 from jaxtyping import Float
 
 from data_synth.bands import CHANNELS
+from data_synth.judge_deviations import covered_figures
 from data_synth.judge_maps import affinely_aligned, flags_of
 from data_synth.judge_spots import (
     GREEN,
@@ -69,7 +72,7 @@ def judge(
         figures["defocus_sign"] = defocus_sign(make, truth)
     except LensfitError as error:
         flags.append(f"no point-spread function: {error}")
-    return figures
+    return figures | {"covered": covered_figures(make, truth)}
 
 
 def geometry_figures(

@@ -21,6 +21,7 @@ from lensfit.errors import FitError
 from lensfit.fit.adjust import Adjustment, adjust
 from lensfit.fit.evidence import with_evidence
 from lensfit.fit.held_out import held_out_error_px, squared_px
+from lensfit.fit.out_of_centre import OutOfCentre
 from lensfit.fit.parameters import PINHOLE, Layout
 from lensfit.fit.priors import LOOSE, fixed_prior, release, with_poses_free
 from lensfit.fit.select import Verdict
@@ -74,13 +75,15 @@ def fit_chief_ray(
     shown: list[Take] | None = None,
     base: BaseProjection | None = None,
     pupil_offset_mm: float | None = None,
+    told: OutOfCentre | None = None,
 ) -> ChiefRayFit:
     """Fit one lens state (one focal length and focus) to its takes.
 
     `shown` are the takes of all states of the lens: the box of the free field covers
     them, so that states can be interpolated. `base` is the ideal projection to start
     from; by default the one that suits the marks best. `pupil_offset_mm` is how far the
-    entrance pupil lies in front of the sensor; by default as in a thin lens.
+    entrance pupil lies in front of the sensor; by default as in a thin lens. `told` is
+    what tilted views at another focus say of elements out of centre.
 
     Raises
     ------
@@ -97,7 +100,7 @@ def fit_chief_ray(
         start = replace(start, frame=compact.frame, stack=compact.stack)
     progress("fit", 1, 5)
     after_compact = clock()
-    fitted, kept, verdicts = with_evidence(start, compact, progress)
+    fitted, kept, verdicts = with_evidence(start, compact, progress, told)
     after_selection = clock()
     held_out, per_take = held_out_error_px(fitted)
     progress("fit", 5, 5)

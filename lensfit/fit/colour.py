@@ -35,9 +35,9 @@ _CENTRED, _SHIFTED, _LOPSIDED = 0, 2, 6
 """Terms besides the radial ones: none, the shift, and strain and decentering too."""
 _ROUNDS = 6
 SYSTEMATIC_PX = 0.004
-"""Root mean square of how far marks are moved. Of thirty random traced lenses the median
-errors of red and blue along either axis were .003 and .005, those of the deviations
-stated without it .001."""
+"""Root mean square of how far marks are moved. Of thirty random traced lenses the
+median errors of red and blue along either axis were .003 and .005, those of the
+deviations stated without it .001."""
 _LEAST_BIC_GAIN = 6.0
 _TINY = 1e-12
 

@@ -2,7 +2,9 @@
 
 The named terms are chosen first, twice, then what bends boards, then the free field, on
 top of named terms that are held where they are, since it spans them. A few damped
-steps with everything free follow, along the curved valley that this leaves.
+steps with everything free follow, along the curved valley that this leaves. What
+elements out of centre do is no matter of evidence where the lens' axis is free
+(`out_of_centre`).
 """
 
 from dataclasses import replace
@@ -10,6 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust, equations_at
+from lensfit.fit.out_of_centre import (
+    WHY,
+    WORKSHOP,
+    OutOfCentre,
+    suits,
+    with_elements_out_of_centre,
+)
 from lensfit.fit.parameters import PINHOLE, Layout, Prior
 from lensfit.fit.priors import loose_prior
 from lensfit.fit.select import (
@@ -28,9 +37,17 @@ from lensfit.progress import Progress
 
 
 def with_evidence(
-    start: Start, compact: Adjustment, progress: Progress
+    start: Start,
+    compact: Adjustment,
+    progress: Progress,
+    told: OutOfCentre | None = None,
 ) -> tuple[Adjustment, tuple[str, ...], list[Verdict]]:
-    """Stages 2 and 3."""
+    """Stages 2 and 3.
+
+    Parameters
+    ----------
+    told : What tilted views at another focus say of elements out of centre.
+    """
     views, layout = len(start.takes), compact.layout
     always = _always(layout, views, start.focal_length_free)
     terms = families(layout, start.largest)
@@ -62,6 +79,14 @@ def with_evidence(
     if free_field:
         adjustment, more, others = _with_free_field(adjustment, always, free_field)
         verdicts, names = verdicts + others, names + more
+    axis_is_free = start.focal_length_free or told is not None
+    if axis_is_free and suits(layout):
+        told = None if start.focal_length_free else told
+        adjustment = with_elements_out_of_centre(adjustment, told)
+        verdicts = [
+            v.kept_all_the_same(WHY) if v.family in WORKSHOP else v for v in verdicts
+        ]
+        names = list(dict.fromkeys([*names, *WORKSHOP]))
     progress("fit", 4, 5)
     return adjustment, tuple(names), verdicts
 

@@ -14,6 +14,7 @@ from lensfit.fit.colour import ChannelColour, fit_colour
 from lensfit.fit.entrance_pupil import EntrancePupil, entrance_pupil
 from lensfit.fit.geometry import compiled_distortion_of
 from lensfit.fit.illumination import FallOffFit, fit_illumination
+from lensfit.fit.out_of_centre import OutOfCentre
 from lensfit.fit.pupil_walk import KnownWalk
 from lensfit.fit.take import Take
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
@@ -60,6 +61,7 @@ def fit_state(
     shown: list[Take],
     base: BaseProjection | None = None,
     pupil_mm: float | None = None,
+    told: OutOfCentre | None = None,
 ) -> LensState:
     """Fit the takes of one state.
 
@@ -70,13 +72,14 @@ def fit_state(
     base : Ideal projection of the states before, so that states can be interpolated;
         None for the one that suits the marks best.
     pupil_mm : Entrance pupil in front of the sensor, as other states measured it.
+    told : What other states told of elements out of centre.
 
     Raises
     ------
     FitError : The marks do not determine a lens, or contradict what was stated.
     """
     geometry = fit_chief_ray(
-        group, progress, shown=shown, base=base, pupil_offset_mm=pupil_mm
+        group, progress, shown=shown, base=base, pupil_offset_mm=pupil_mm, told=told
     )
     adjustment = geometry.adjustment
     layout = adjustment.layout

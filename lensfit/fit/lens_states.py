@@ -18,7 +18,7 @@ from lensfit.fit.illumination import FallOffFit
 from lensfit.fit.lens_state import LensState, better_told, by_focal_length, left_px
 from lensfit.fit.pupil_walk import measured_walk, shared_walk, usual_walk
 from lensfit.fit.reconcile import amounts_of
-from lensfit.fit.sharing_pupils import fit_sharing_pupils
+from lensfit.fit.shared_glass import fit_sharing_glass
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
@@ -84,7 +84,7 @@ def fit(
         Or some takes of a focal length state their focus distance and others do not.
     """
     _require_like_focus(takes)
-    states, failed = fit_sharing_pupils(takes, progress)
+    states, failed = fit_sharing_glass(takes, progress)
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
     began = time.perf_counter()
@@ -115,7 +115,7 @@ def _fit_at_chief_rays(
     there = {focal_mm: at_chief_rays(found) for focal_mm, found in wavefronts.items()}
     moved = {take.name: take for mine in there.values() for take in mine}
     placed = [moved.get(take.name, take) for take in takes]
-    return _AtChiefRays(wavefronts, there, *fit_sharing_pupils(placed, progress))
+    return _AtChiefRays(wavefronts, there, *fit_sharing_glass(placed, progress))
 
 
 def _kept_where_closer(

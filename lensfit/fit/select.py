@@ -59,9 +59,7 @@ class Verdict:
     bic_gain : Gain in BIC when it was tried last.
     held_out_gain : Relative gain of the held-out sum of squares.
     visible : Whether the effect reaches `LEAST_EFFECT_PX`.
-    needed : Whether it was kept against the evidence, which the fit without it did not
-        bear out.
-    refined : Whether it was kept against the evidence for what refines it.
+    despite : Why it was kept against the evidence; empty where it was not.
     """
 
     name: str
@@ -69,24 +67,26 @@ class Verdict:
     bic_gain: float
     held_out_gain: float
     visible: bool = True
-    needed: bool = False
-    refined: bool = False
+    despite: str = ""
 
     @property
     def family(self) -> str:
         """The block of parameters that the term belongs to."""
         return self.name.rstrip("0123456789").rstrip("_")
 
+    def kept_all_the_same(self, why: str) -> "Verdict":
+        """The verdict where something else than evidence decides."""
+        return replace(
+            self, kept=True, despite=self.despite or ("" if self.kept else why)
+        )
+
     @property
     def reason(self) -> str:
         """One sentence for the report."""
         change = f"held-out error {-50 * self.held_out_gain:+.2g} %"
         evidence = f"evidence {self.bic_gain:+.3g} (BIC), {change}"
-        if self.needed:
-            why = "the fit without all that was to go was worse than foreseen"
-            return f"kept: {why}; {evidence}"
-        if self.refined:
-            return f"kept: terms that refine it are asked for; {evidence}"
+        if self.despite:
+            return f"kept: {self.despite}; {evidence}"
         if self.kept:
             return f"kept: {evidence}"
         if self.bic_gain < LEAST_BIC_GAIN:

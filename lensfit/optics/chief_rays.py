@@ -126,8 +126,9 @@ class AbstractChiefRays(eqx.Module):
         left out: of every move of the map the homography of the undistorted picture
         that undoes most of it over the frame. The `uncertainty_grid` of the report is
         the root of both squares, at the undistorted points of a grid on the photograph.
-        Noise of the photographs and doubt about the blur are in it, a wrong model is
-        not. For red and blue that of lateral colour is added as if independent.
+        Noise of the photographs, doubt about the blur and what the terms of the model
+        usually miss are in it. For red and blue that of lateral colour is added as if
+        independent.
 
         Parameters
         ----------
@@ -196,12 +197,9 @@ class AbstractChiefRays(eqx.Module):
         """How well `relative_illumination` is known: one standard deviation; zero on
         the axis, where it is 1 by definition.
 
-        Only the noise of the marks is in it, so that it is too small.
-
         Parameters
         ----------
-        points_mm : Of the photograph. Beyond the photographed radius the deviation is
-            that at its edge.
+        points_mm : Of the photograph.
         channel : "r", "g" or "b".
 
         Raises

@@ -8,7 +8,7 @@ from pinhole_shoot import IMAGE_PX, MM_PER_PX, Camera, observations, take_of
 
 from lensfit.fit.lens_state import left_px
 from lensfit.fit.reconcile import amounts_of
-from lensfit.fit.sharing_pupils import fit_sharing_pupils
+from lensfit.fit.shared_glass import fit_sharing_glass
 from lensfit.progress import silent
 
 NOISE_PX, DRAG_PX = 0.02, 0.6
@@ -69,7 +69,7 @@ def moved(takes, by, *errors):
 @pytest.fixture(scope="module")
 def undragged():
     takes = photographed()
-    return takes, fit_sharing_pupils(takes, silent)[0]
+    return takes, fit_sharing_glass(takes, silent)[0]
 
 
 def test_a_drag_that_is_not_there_is_found(undragged):
@@ -83,7 +83,7 @@ def test_a_drag_that_is_not_there_is_found(undragged):
 
 def test_a_true_drag_stays():
     takes = photographed(1.0)
-    states, _ = fit_sharing_pupils(takes, silent)
+    states, _ = fit_sharing_glass(takes, silent)
     said = amounts_of(states, moved(takes, 1.0, coma_px, ripple_px))
     assert np.abs(said.value).max() < 0.1
 
@@ -105,5 +105,5 @@ def test_takes_that_nothing_moved_have_no_say(undragged):
 def test_marks_moved_wrongly_leave_more_of_those_held_out(undragged):
     """Which is when they are asked."""
     takes, states = undragged
-    wrong, _ = fit_sharing_pupils(moved(takes, 1.0, coma_px), silent)
+    wrong, _ = fit_sharing_glass(moved(takes, 1.0, coma_px), silent)
     assert left_px(states) < left_px(wrong)

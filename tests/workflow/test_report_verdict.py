@@ -127,8 +127,8 @@ def test_of_a_zoom_the_focal_length_that_was_not_measured_is_named(report):
 
 
 def test_noise_is_not_said_to_be_all_of_the_error(report):
-    assert said(report, "noise alone leaves the map uncertain by 0.054\u202fpx")
-    assert said(report, "What the model misses is not in it.")
+    assert said(report, "the map is known to 0.054\u202fpx")
+    assert said(report, "a chart other than stated is not")
 
 
 def test_take_without_focal_length_is_noticed(report):

@@ -33,6 +33,7 @@ _BETWEEN = 5
 """Passes between two findings of weights."""
 _UNFORESEEN = 1.2
 """How much worse than foreseen a fit may be without what was left out."""
+_NEEDED = "the fit without all that was to go was worse than foreseen"
 _MIDDLE_SMOOTHING = 1.5
 """Cells: half of the coarse solve's, for orders twice as fine."""
 _LAST_STEPS, _LAST_TOLERANCE = 12, 5e-4
@@ -94,13 +95,8 @@ def asked_for(
     # What was foreseen comes from second derivatives, which may be wrong far off; and
     # a solve that failed is no better than its NaN.
     if not chi_squared(stage) <= _UNFORESEEN * foreseen:
-        return fine, families, tuple(map(_needed, verdicts))
+        return fine, families, tuple(v.kept_all_the_same(_NEEDED) for v in verdicts)
     return stage, kept, verdicts
-
-
-def _needed(verdict: Verdict) -> Verdict:
-    """Kept after all."""
-    return replace(verdict, kept=True, needed=not verdict.kept)
 
 
 def last_fit(stage: Stage, families: tuple[Family, ...]) -> Stage:

@@ -84,10 +84,11 @@ def choose(stage: Stage, families: tuple[Family, ...]) -> FamilyChoice:
         held_out = (less.held_out - full.held_out) / max(full.held_out, 1e-300)
         asked = gain > _LEAST_BIC_GAIN and held_out > 0
         refined = any(_REFINES.get(other.name) == family.name for other in without)
-        verdicts[family.name] = Verdict(
-            family.name, asked or refined, gain, held_out, refined=refined and not asked
-        )
-        if not (asked or refined):
+        verdict = Verdict(family.name, asked, gain, held_out)
+        if refined:
+            verdict = verdict.kept_all_the_same("terms that refine it are asked for")
+        verdicts[family.name] = verdict
+        if not verdict.kept:
             kept = without
     order = [f.name for f in families]
     chosen = tuple(f for f in families if not f.tried or f in kept)

@@ -24,7 +24,7 @@ from lensfit.fit.wavefront.evidence import CELLS_PER_DOT
 from lensfit.fit.wavefront.families import LAST, Family, deviation_of, indices_of
 from lensfit.fit.wavefront.stages import Stage
 
-SYSTEMATIC = 0.01
+SYSTEMATIC = 0.008
 """Share of a dot's image, in L2."""
 KEPT = 0.999
 """Share of the variance in the photographs that moves carry."""
@@ -43,7 +43,7 @@ def covariance_of(
     """
     free = indices_of(families)
     precision = deviation_of(families, stage.layout, LAST)[free] ** -2.0
-    matrix = stage.equations.matrix.sum(0)[np.ix_(free, free)]
+    matrix = np.asarray(stage.equations.matrix.sum(0))[np.ix_(free, free)]
     assert stage.solution is not None
     of_channels = np.asarray(stage.solution.per_dot.gradient)
     each = of_channels.sum(1)[:, free]

@@ -82,9 +82,9 @@ def sound_findings(report: dict) -> Iterator[Finding]:
     if known and max(known) <= WEAK_CORNER_PX and not list(coverage_findings(report)):
         yield Finding(
             "good",
-            "The points reach all of the frame; noise alone leaves the map uncertain "
-            f"by {number(max(known), 'px', 2)} (1σ) in its worst corner. What the "
-            "model misses is not in it.",
+            "The points reach all of the frame; the map is known to "
+            f"{number(max(known), 'px', 2)} (1σ) in its worst corner. Noise and what "
+            "such models usually miss are in it; a chart other than stated is not.",
         )
 
 

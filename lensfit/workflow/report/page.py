@@ -173,7 +173,7 @@ def _key_numbers(report: dict) -> list[tuple[str, str]]:
             "rms on points held out of the fit",
         ),
         (number(report.get("rms_px"), "px"), "rms on the fitted points"),
-        (number(corner, "px", 2), "1σ of the map in its worst corner, noise alone"),
+        (number(corner, "px", 2), "1σ of the map in its worst corner"),
         (_strongest(entries), "distortion where it is strongest"),
         (
             number(report.get("points_used")),

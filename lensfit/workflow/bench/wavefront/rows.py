@@ -9,6 +9,8 @@ MOST_COLOUR_PX = 0.03
 MOST_LIGHT = 0.02
 MOST_PSF = (0.10, 0.20)
 _AIMS = {"chief": 0.02, "colour": 0.01, "light": 0.01, "psf": (0.03, 0.08)}
+HONEST, SLACK = 68.0, 8.0
+"""Percent of errors that one stated deviation covers, and how far off is passed."""
 _UNSEEN = 1.5
 """How much larger errors may be at settings that were not photographed."""
 
@@ -53,6 +55,26 @@ def wavefront_rows(row: dict[str, Any]) -> list[Row]:
     return found + [
         _effort_row(name, effort, one)
         for effort, one in beside.get("efforts", {}).items()
+    ]
+
+
+def covered_rows(rows: list[dict[str, Any]]) -> list[Row]:
+    """Of all judged lenses together, each with the same say: how many errors are within
+    one stated deviation."""
+    judged = [row["figures"] for row in rows if row["figures"] is not None]
+    shares: dict[str, list[float]] = {}
+    for figures in judged:
+        for name, share in figures.get("covered", {}).items():
+            shares.setdefault(name, []).append(share)
+    return [
+        Row(
+            f"{len(some)} lenses",
+            f"stated deviations of {name.replace('_', ' ')} cover, %",
+            sum(some) / len(some),
+            bar=SLACK,
+            expected=HONEST,
+        )
+        for name, some in shares.items()
     ]
 
 

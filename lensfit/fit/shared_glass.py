@@ -1,25 +1,29 @@
-"""Every state of a lens by itself, but for the entrance pupil, which states share.
+"""Every state of a lens by itself, but for what its glass does at every focus.
 
-A state whose photographs do not tell where the entrance pupil is takes over what others
-of its focal length told. What one photograph contradicts costs no other.
+A state whose photographs do not tell where the entrance pupil is, or what elements out
+of centre do, takes over what others of its focal length told. What one photograph
+contradicts costs no other.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import cv2
+import numpy as np
 
 from lensfit.errors import FitError
 from lensfit.fit.entrance_pupil import shared_pupil_mm
 from lensfit.fit.lens_state import LensState, by_focal_length, fit_state
+from lensfit.fit.out_of_centre import OutOfCentre, suits, told_by
 from lensfit.fit.take import Take, grouped
 from lensfit.optics.base import BaseProjection
 from lensfit.progress import Progress
 
 
-def fit_sharing_pupils(
+def fit_sharing_glass(
     takes: list[Take], progress: Progress
 ) -> tuple[list[LensState], dict[str, FitError]]:
-    """Every state; those that do not see their entrance pupil with that of the others.
+    """Every state; those that do not see all of their glass with what others see.
 
     A pupil that is wrong by some share of the chart's distance scales a state by as
     much. A tilt of few degrees hardly tells it, and another solve would find another
@@ -31,27 +35,54 @@ def fit_sharing_pupils(
     """
     groups = grouped(takes)
     states, failed = _fit_states(groups, progress, {}, shown=takes)
-    pupils_mm = _pupils_mm(states)
-    final = [
-        s for s in states if s.pupil.measured or s.focal_length_mm not in pupils_mm
-    ]
+    glass = {
+        focal_mm: _told(mine) for focal_mm, mine in by_focal_length(states).items()
+    }
+    final = [s for s in states if not _lacks(s, glass[s.focal_length_mm])]
     settled = {take.name for state in final for take in state.geometry.takes}
     open_yet = [g for g in groups if not any(take.name in settled for take in g)]
     again, failed_again = _fit_states(
-        open_yet, progress, pupils_mm, shown=takes, before=final
+        open_yet, progress, glass, shown=takes, before=final
     )
     retried = {take.name for group in open_yet for take in group}
     failed = {name: why for name, why in failed.items() if name not in retried}
     return _in_order([*final, *again], takes), failed | failed_again
 
 
-def _pupils_mm(states: list[LensState]) -> dict[float, float]:
-    """What the states of each focal length told together; none for those without."""
-    found = {
-        focal_mm: shared_pupil_mm(state.pupil for state in mine)
-        for focal_mm, mine in by_focal_length(states).items()
-    }
-    return {focal_mm: mm for focal_mm, mm in found.items() if mm is not None}
+class _Glass(NamedTuple):
+    """What states of one focal length told; None where none of them did.
+
+    Attributes
+    ----------
+    pupil_mm : Entrance pupil in front of the sensor.
+    out_of_centre : What elements out of centre do.
+    """
+
+    pupil_mm: float | None = None
+    out_of_centre: OutOfCentre | None = None
+
+
+def _told(states: list[LensState]) -> _Glass:
+    pupil_mm = shared_pupil_mm(state.pupil for state in states)
+    tilted = sorted(filter(_sees_the_axis, states), key=_unsure_axis)
+    told = [told_by(state.geometry.adjustment) for state in tilted[:1]]
+    return _Glass(pupil_mm, *told)
+
+
+def _lacks(state: LensState, glass: _Glass) -> bool:
+    """Whether others told what this one does not see."""
+    pupil = glass.pupil_mm is not None and not state.pupil.measured
+    centre = glass.out_of_centre is not None and not _sees_the_axis(state)
+    return pupil or centre
+
+
+def _sees_the_axis(state: LensState) -> bool:
+    geometry = state.geometry
+    return geometry.focal_length_free and suits(geometry.adjustment.layout)
+
+
+def _unsure_axis(state: LensState) -> float:
+    return float(np.hypot(*state.uncertainty.deviation("principal_point")))
 
 
 def _in_order(states: list[LensState], takes: list[Take]) -> list[LensState]:
@@ -63,7 +94,7 @@ def _in_order(states: list[LensState], takes: list[Take]) -> list[LensState]:
 def _fit_states(
     groups: list[list[Take]],
     progress: Progress,
-    pupils_mm: Mapping[float, float],
+    glass: Mapping[float, _Glass],
     *,
     shown: list[Take],
     before: Sequence[LensState] = (),
@@ -72,7 +103,7 @@ def _fit_states(
 
     Parameters
     ----------
-    pupils_mm : Entrance pupil of a focal length, as other states told it.
+    glass : Of a focal length, as other states told it.
     shown : Takes of all states of the lens.
     before : States whose ideal projection the new ones share; without them that of
         the first.
@@ -83,10 +114,15 @@ def _fit_states(
     left = list(groups)
     while left:
         group = left.pop(0)
-        pupil_mm = pupils_mm.get(group[0].focal_length_mm)
+        known = glass.get(group[0].focal_length_mm, _Glass())
         try:
             state = fit_state(
-                group, progress, shown=shown, base=base, pupil_mm=pupil_mm
+                group,
+                progress,
+                shown=shown,
+                base=base,
+                pupil_mm=known.pupil_mm,
+                told=known.out_of_centre,
             )
         except FitError as error:
             # One photograph that contradicts itself must not cost the others.
