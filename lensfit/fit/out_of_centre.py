@@ -6,8 +6,8 @@ terms, takes the one for the other: the axis of a random 22 mm lens went .24 mm 
 for which chief rays were .2 px from where they land. What tells them apart is what a
 workshop leaves: terms of elements out of centre are small, and so is a principal point
 off the sensor's centre. So where views tilt enough to tell the axis, all these terms
-are free together, each with that for a prior; strong evidence, as of a webcam's lens,
-is not held by it. The glass is the same at every focus: states that saw frontal views
+are free together, each with that for a prior, or with what the lens has more of it, as
+a webcam's. The glass is the same at every focus: states that saw frontal views
 alone, which tell lopsided distortion from a tilt even less, take over what tilted views
 of another state told, but for little.
 """
@@ -51,21 +51,40 @@ def with_elements_out_of_centre(
 ) -> Adjustment:
     """The fit with all these terms free, about zero or about what was told.
 
+    A lens that has more of one of them than a workshop leaves says so itself: once
+    more, with priors as wide as that.
+
     Parameters
     ----------
     told : By tilted views of another focus; None where these views tilt themselves.
     """
+    if told is not None:
+        return _about(adjustment, told, _widths(told, _AT_OTHER_FOCUS))
+    nothing = {name: np.zeros_like(v) for name, v in told_by(adjustment).items()}
+    first = _about(adjustment, nothing, WORKSHOP)
+    return _about(first, nothing, _widths(told_by(first)))
+
+
+def _widths(told: OutOfCentre, share: float = 1.0) -> Mapping[str, float]:
+    """Of the priors: a workshop's, or what a lens has more than that."""
+    return {
+        name: share * max(deviation, float(np.sqrt(np.mean(told[name] ** 2))))
+        for name, deviation in WORKSHOP.items()
+    }
+
+
+def _about(
+    adjustment: Adjustment, mean: OutOfCentre, widths: Mapping[str, float]
+) -> Adjustment:
+    """The fit with these priors."""
     blocks, prior = adjustment.layout.blocks, adjustment.prior
-    mean, parameters = prior.mean.copy(), adjustment.parameters.copy()
-    for name, deviation in WORKSHOP.items():
-        share = 1.0 if told is None else _AT_OTHER_FOCUS
-        prior = release(prior, blocks[name], share * deviation)
-        mean[blocks[name]] = 0.0 if told is None else told[name]
-        if told is not None:
-            parameters[blocks[name]] = told[name]
-    prior = replace(prior, mean=mean)
+    parameters, means = adjustment.parameters.copy(), prior.mean.copy()
+    for name, width in widths.items():
+        prior = release(prior, blocks[name], width)
+        means[blocks[name]] = parameters[blocks[name]] = mean[name]
+    prior = replace(prior, mean=means)
     started = replace(adjustment, prior=prior, parameters=parameters)
-    return adjust(started, rounds=2, damping=VALLEY_DAMPING)
+    return adjust(started, rounds=1, damping=VALLEY_DAMPING)
 
 
 def suits(layout: Layout) -> bool:

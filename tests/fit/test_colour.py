@@ -72,12 +72,12 @@ RIM_PX = np.array([[-900.0, -500], [-900, 500], [900, -500], [900, 500], [0, 520
 def test_a_centred_lens_needs_radial_terms_only():
     truth = radial([0.8, -1.5])
     colour = fit_colour((take_with(truth),), np.zeros(2), RADIUS_MM)["b"]
-    assert len(colour.radial) == 2
+    assert np.count_nonzero(colour.radial) == 2
     assert colour.shift_mm == (0.0, 0.0)
     assert colour.strain == colour.decentering == ()
-    deviation = np.sqrt(np.diag(colour.covariance))[-2:]
+    deviation = np.sqrt(np.diag(colour.covariance))[-4:-2]
     scale = MM_PER_PX / RADIUS_MM
-    error = np.array(colour.radial) - np.array([0.8, -1.5]) * scale
+    error = np.array(colour.radial[:2]) - np.array([0.8, -1.5]) * scale
     assert (np.abs(error) < 4 * deviation).all()
 
 
@@ -118,7 +118,8 @@ def test_nothing_is_found_where_nothing_moves():
     take = take_with(lambda points: 0 * points)
     colour = fit_colour((take,), np.zeros(2), RADIUS_MM)
     for channel in colour.values():
-        assert channel.radial == channel.strain == channel.decentering == ()
+        assert not any(channel.radial)
+        assert channel.strain == channel.decentering == ()
         assert channel.lopsided(1.0) == 0.0
 
 
