@@ -21,7 +21,7 @@ from lensfit.errors import FitError
 from lensfit.fit.adjust import Adjustment, adjust
 from lensfit.fit.evidence import with_evidence
 from lensfit.fit.held_out import held_out_error_px, squared_px
-from lensfit.fit.out_of_centre import OutOfCentre
+from lensfit.fit.out_of_centre import WORKSHOP, OutOfCentre
 from lensfit.fit.parameters import PINHOLE, Layout
 from lensfit.fit.priors import LOOSE, fixed_prior, release, with_poses_free
 from lensfit.fit.select import Verdict
@@ -63,6 +63,11 @@ class ChiefRayFit:
     held_out_rms_px_of_take: tuple[float, ...]
     notes: tuple[str, ...]
     seconds: dict[str, float]
+
+    @property
+    def tells_out_of_centre(self) -> bool:
+        """Whether these views say what elements out of centre do."""
+        return self.focal_length_free and WORKSHOP.keys() <= set(self.kept)
 
 
 # Matrices of a few hundred rows gain nothing from several BLAS threads, which spin

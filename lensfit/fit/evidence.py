@@ -2,8 +2,8 @@
 
 The named terms are chosen first, twice, then what bends boards, then the free field, on
 top of named terms that are held where they are, since it spans them. A few damped
-steps with everything free follow, along the curved valley that this leaves. What
-elements out of centre do is no matter of evidence where the lens' axis is free
+steps with everything free follow, along the curved valley that this leaves. Terms
+of elements out of centre enter together where the lens' axis is free
 (`out_of_centre`).
 """
 
@@ -16,6 +16,7 @@ from lensfit.fit.out_of_centre import (
     WHY,
     WORKSHOP,
     OutOfCentre,
+    borne_out,
     suits,
     with_elements_out_of_centre,
 )
@@ -79,9 +80,11 @@ def with_evidence(
     if free_field:
         adjustment, more, others = _with_free_field(adjustment, always, free_field)
         verdicts, names = verdicts + others, names + more
-    axis_is_free = start.focal_length_free or told is not None
-    if axis_is_free and suits(layout):
-        told = None if start.focal_length_free else told
+    told = None if start.focal_length_free else told
+    asked = (
+        start.focal_length_free and suits(layout) and _lopsided(adjustment, verdicts)
+    )
+    if asked or told is not None:
         adjustment = with_elements_out_of_centre(adjustment, told)
         verdicts = [
             v.kept_all_the_same(WHY) if v.family in WORKSHOP else v for v in verdicts
@@ -89,6 +92,21 @@ def with_evidence(
         names = list(dict.fromkeys([*names, *WORKSHOP]))
     progress("fit", 4, 5)
     return adjustment, tuple(names), verdicts
+
+
+def _lopsided(adjustment: Adjustment, verdicts: list[Verdict]) -> bool:
+    """Whether evidence asks for a term of elements out of centre, or bears out all."""
+    if any(v.kept for v in verdicts if v.family in WORKSHOP):
+        return True
+    free = np.flatnonzero(adjustment.prior.free)
+    rows = [np.arange(w.start, w.stop) for w in adjustment.layout.blocks.values()]
+    every = np.union1d(free, np.concatenate(rows))
+    nothing = np.zeros(0, int)
+    loose = loose_prior(adjustment.parameters, adjustment.layout, nothing, every)
+    one, other = halves_of(replace(adjustment, prior=loose))
+    return borne_out(
+        adjustment, one.matrix + other.matrix, one.gradient + other.gradient
+    )
 
 
 def _with_free_field(

@@ -91,7 +91,8 @@ def robust_non_negative(
     if systematic:
         explained = systematic**2 * weight.sum()
         known = np.concatenate([weight * (first / explained), certain**2])
-        covariance += _inverse(rows[:, :first], known)
+        moves = _solving(rows[:, :first], known)[:, : len(weight)]
+        covariance += moves @ moves.T
     off = (expected.values - expected.design @ solution) * certain
     deviance = np.sum(_CAUCHY**2 * np.log1p(ratio) + 2 * np.log(scatter)) + off @ off
     return NonNegative(solution, covariance, float(deviance))
@@ -115,14 +116,6 @@ def _covariance(
     moves = _solving(design, weight) * (pull / np.sqrt(weight))
     factor = len(design) / max(len(design) - design.shape[1], 1)
     return moves @ moves.T * factor
-
-
-def _inverse(
-    design: np.ndarray, weight: np.ndarray
-) -> Float[np.ndarray, "columns columns"]:
-    """Of the normal equations."""
-    moves = _solving(design, weight)
-    return moves @ moves.T
 
 
 def _solving(design: np.ndarray, weight: np.ndarray) -> np.ndarray:

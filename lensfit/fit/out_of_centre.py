@@ -6,17 +6,20 @@ terms, takes the one for the other: the axis of a random 22 mm lens went .24 mm 
 for which chief rays were .2 px from where they land. What tells them apart is what a
 workshop leaves: terms of elements out of centre are small, and so is a principal point
 off the sensor's centre. So where views tilt enough to tell the axis, all these terms
-are free together, each with that for a prior, or with what the lens has more of it, as
-a webcam's. The glass is the same at every focus: states that saw frontal views
-alone, which tell lopsided distortion from a tilt even less, take over what tilted views
-of another state told, but for little.
+enter together, each with that for a prior, or with what the lens has more of one, as a
+webcam's has. No lens is quite without: they stay out only where evidence is decisive
+against all of them. The glass is the same at every focus: states
+that saw frontal views alone, which tell lopsided distortion from a tilt even less, take
+over what tilted views of another state told, but for little.
+
+Reference: on evidence with priors, D. J. C. MacKay, Neural Computation 4 (1992) 415.
 """
 
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust
 from lensfit.fit.parameters import Layout
@@ -34,6 +37,8 @@ were nearest to the trace, of nine random lenses with a workshop's errors: withi
 px in the median and .078 at most, where evidence alone left .017 and .199."""
 _AT_OTHER_FOCUS = 0.2
 """How much of that changes with focus."""
+_DECISIVE = -20.0
+"""Evidence, on the scale of chi-squared, at which odds are e^10 against."""
 WHY = "small as a workshop leaves it, lest it be taken for the lens' axis"
 
 OutOfCentre = Mapping[str, Float[np.ndarray, " terms"]]
@@ -44,6 +49,43 @@ def told_by(adjustment: Adjustment) -> OutOfCentre:
     """What a fit of tilted views says."""
     blocks = adjustment.layout.blocks
     return {name: adjustment.parameters[blocks[name]].copy() for name in WORKSHOP}
+
+
+def borne_out(
+    adjustment: Adjustment,
+    matrix: Float[np.ndarray, "parameters parameters"],
+    gradient: Float[np.ndarray, " parameters"],
+) -> bool:
+    """Whether the marks are not decisive against all of these terms together.
+
+    Parameters
+    ----------
+    matrix, gradient : Of chi-squared, halved, at the present parameters and with all
+        of these terms free.
+    """
+    layout, prior = adjustment.layout, adjustment.prior
+    free = np.flatnonzero(prior.free)
+    terms = np.concatenate(
+        [np.arange(w.start, w.stop) for w in (layout.blocks[name] for name in WORKSHOP)]
+    )
+    deviation = np.where(prior.free, prior.standard_deviation, 1.0)
+    for name, width in WORKSHOP.items():
+        deviation[layout.blocks[name]] = width
+    precision = deviation**-2.0
+    towards = gradient + precision * (adjustment.parameters - prior.mean)
+
+    def evidence(model: Int[np.ndarray, " some"]) -> float:
+        """Twice its logarithm, but for what all models share."""
+        root = np.sqrt(precision[model])
+        # In units of the priors, whose determinant is 1 then.
+        inside = matrix[np.ix_(model, model)] / np.outer(root, root)
+        inside += np.eye(len(model))
+        pull = towards[model] / root
+        return float(
+            pull @ np.linalg.solve(inside, pull) - np.linalg.slogdet(inside)[1]
+        )
+
+    return evidence(np.union1d(free, terms)) - evidence(free) > _DECISIVE
 
 
 def with_elements_out_of_centre(

@@ -14,7 +14,7 @@ import numpy as np
 from lensfit.errors import FitError
 from lensfit.fit.entrance_pupil import shared_pupil_mm
 from lensfit.fit.lens_state import LensState, by_focal_length, fit_state
-from lensfit.fit.out_of_centre import OutOfCentre, suits, told_by
+from lensfit.fit.out_of_centre import OutOfCentre, told_by
 from lensfit.fit.take import Take, grouped
 from lensfit.optics.base import BaseProjection
 from lensfit.progress import Progress
@@ -64,21 +64,17 @@ class _Glass(NamedTuple):
 
 def _told(states: list[LensState]) -> _Glass:
     pupil_mm = shared_pupil_mm(state.pupil for state in states)
-    tilted = sorted(filter(_sees_the_axis, states), key=_unsure_axis)
-    told = [told_by(state.geometry.adjustment) for state in tilted[:1]]
+    telling = [s for s in states if s.geometry.tells_out_of_centre]
+    surest = sorted(telling, key=_unsure_axis)[:1]
+    told = [told_by(state.geometry.adjustment) for state in surest]
     return _Glass(pupil_mm, *told)
 
 
 def _lacks(state: LensState, glass: _Glass) -> bool:
     """Whether others told what this one does not see."""
     pupil = glass.pupil_mm is not None and not state.pupil.measured
-    centre = glass.out_of_centre is not None and not _sees_the_axis(state)
+    centre = glass.out_of_centre is not None and not state.geometry.focal_length_free
     return pupil or centre
-
-
-def _sees_the_axis(state: LensState) -> bool:
-    geometry = state.geometry
-    return geometry.focal_length_free and suits(geometry.adjustment.layout)
 
 
 def _unsure_axis(state: LensState) -> float:

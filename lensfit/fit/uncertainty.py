@@ -106,8 +106,10 @@ def _systematic(
     mixed = matrix[np.ix_(poses, terms)]
     followed = np.linalg.solve(matrix[of_poses] + precision[of_poses], mixed)
     seen = matrix[of_terms] - mixed.T @ followed
-    share = len(terms) / explained_by(SYSTEMATIC_PX, adjustment)
-    return np.linalg.inv(share * (seen + seen.T) / 2 + precision[of_terms])
+    seen = (seen + seen.T) / 2 * len(terms) / explained_by(SYSTEMATIC_PX, adjustment)
+    inverse = np.linalg.inv(seen + precision[of_terms])
+    # What priors hold is no error that marks make.
+    return inverse @ seen @ inverse
 
 
 def shared_moves_of(

@@ -142,6 +142,15 @@ def test_the_report_says_why_they_are_free(fitted):
     assert any("workshop" in v.reason for v in verdicts)
 
 
+def test_a_lens_that_is_centred_has_none_of_it():
+    """Noise asks for nothing, and what is free is uncertain."""
+    for seed in (1, 2, 3):
+        centred = Camera(k=(-0.12, 0.06))
+        geometry = fit(shoot(centred, 0.05, seed)).states[0].geometry
+        assert not geometry.tells_out_of_centre
+        assert not any(v.kept for v in geometry.verdicts if v.family in WORKSHOP)
+
+
 def test_a_lens_that_has_more_of_it_is_not_held():
     """A webcam's decentering, ten times what a workshop leaves, and its centre a
     twentieth of the frame away."""

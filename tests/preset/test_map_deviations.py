@@ -153,16 +153,33 @@ def test_illumination_scatters_as_stated_and_is_one_on_the_axis():
     assert not lens.illumination_standard_deviation(axis, "r").any()
 
 
-def test_beyond_what_was_photographed_deviations_stay():
+def test_beyond_what_was_photographed_colour_is_known_as_at_its_edge():
     lens = lens_of(known_entry())
-    out = np.array([0.8, 0.6])
+    stated = lens.lateral_colour_standard_deviation_mm(beyond(lens), "r")
+    np.testing.assert_allclose(stated[1:], stated[:1].repeat(2, 0), rtol=1e-9)
+
+
+def test_light_that_goes_on_with_its_last_slope_is_known_ever_less():
+    entry = known_entry()
+    lens, light = lens_of(entry), entry.fall_off[0]
+    points = beyond(lens)
+    stated = lens.illumination_standard_deviation(points, "b")
+    share = stated / np.asarray(lens.relative_illumination(points, "b"))
+    assert np.all(np.diff(share) > 0)
+    assert light.covariance is not None
+    of_light = []
+    for step in draws_of(light.covariance.b):
+        moved = msgspec.structs.replace(light, b=added(light.b, "b", step))
+        drawn = lens_of(msgspec.structs.replace(entry, fall_off=(moved,)))
+        of_light.append(np.log(np.asarray(drawn.relative_illumination(points, "b"))))
+    rtol = 4 / np.sqrt(2 * DRAWS)
+    np.testing.assert_allclose(np.std(of_light, 0), share, rtol=rtol)
+
+
+def beyond(lens) -> np.ndarray:
+    """Points beyond the largest radius of every map, one at its edge."""
     centre = np.asarray(lens.distortion.principal_point_mm)
-    points = centre + np.array([15.95, 20.0, 40.0])[:, None] * out
-    for stated in (
-        lens.illumination_standard_deviation(points, "b"),
-        lens.lateral_colour_standard_deviation_mm(points, "r"),
-    ):
-        np.testing.assert_allclose(stated[1:], stated[:1].repeat(2, 0), rtol=1e-9)
+    return centre + np.array([15.95, 20.0, 40.0])[:, None] * np.array([0.8, 0.6])
 
 
 def test_red_and_blue_add_their_own_deviation():

@@ -69,7 +69,10 @@ def _systematic(
     background = stage.nuisance[..., 1, None, None]
     modelled = stage.gathered.light - stage.residual - background
     explained = SYSTEMATIC**2 * float(np.sum(stage.weight * modelled**2))
-    return np.linalg.inv(matrix * (len(matrix) / explained) + np.diag(precision))
+    seen = matrix * (len(matrix) / explained)
+    inverse = np.linalg.inv(seen + np.diag(precision))
+    # What the prior holds is counted where its scatter is.
+    return inverse @ seen @ inverse
 
 
 def _small_sample(dots: int, stage: Stage, free: int) -> float:

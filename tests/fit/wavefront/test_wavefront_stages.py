@@ -174,7 +174,7 @@ def test_a_choice_that_fits_worse_than_foreseen_is_taken_back(begun, monkeypatch
     same, kept, verdicts = asked_for(stage, families)
     assert same is stage
     assert kept == families
-    assert {verdict.name for verdict in verdicts if verdict.needed} == asked
+    assert {verdict.name for verdict in verdicts if verdict.despite} == asked
     assert all(verdict.reason.startswith("kept: ") for verdict in verdicts)
 
 
