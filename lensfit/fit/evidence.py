@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from lensfit.fit import out_of_centre
 from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust, equations_at
 from lensfit.fit.out_of_centre import (
     WHY,
@@ -105,7 +106,10 @@ def _lopsided(adjustment: Adjustment, verdicts: list[Verdict]) -> bool:
     loose = loose_prior(adjustment.parameters, adjustment.layout, nothing, every)
     one, other = halves_of(replace(adjustment, prior=loose))
     return borne_out(
-        adjustment, one.matrix + other.matrix, one.gradient + other.gradient
+        adjustment,
+        one.matrix + other.matrix,
+        one.gradient + other.gradient,
+        explained_by(out_of_centre.LEAST_EFFECT_PX, adjustment),
     )
 
 
