@@ -46,12 +46,13 @@ _ASKED_FIRST = (
 _REFINES = {
     "ninth_order": "seventh_order",
     "seventh_order": "fifth_order",
-    "colour_of_third_order_curved": "colour_of_third_order",
-    "colour_of_fifth_order": "colour_of_third_order",
     "axial_colour_curved": "axial_colour",
     "colour_of_third_order": "axial_colour",
+    "colour_of_third_order_curved": "axial_colour",
+    "colour_of_fifth_order": "axial_colour",
 }
-"""The next terms of a series, and those that they come after."""
+"""The next terms of a series, and what they come after: every colour is in focus
+somewhere before its aberrations differ."""
 
 
 class FamilyChoice(NamedTuple):

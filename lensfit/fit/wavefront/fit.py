@@ -34,7 +34,11 @@ from lensfit.fit.wavefront.misfit import Misfit, misfit_of
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage, on_dots
-from lensfit.fit.wavefront.uncertainty import covariance_of, unseen
+from lensfit.fit.wavefront.uncertainty import (
+    covariance_of,
+    stated_covariance_of,
+    unseen,
+)
 from lensfit.fit.wavefront.valleys import (
     Valley,
     deepest,
@@ -79,7 +83,9 @@ class WavefrontFit:
     stage : The fit, on the dots it was made from.
     families : What is free.
     verdicts : What came of every family that was tried.
-    covariance : Of all parameters, also of those that were left out.
+    covariance : Of all parameters that are free, as the scatter of dots has it.
+    beyond : What is added to it in all that is stated: of what was left out, and of
+        errors that no dot shows.
     unseen : Families that the photographs do not see.
     sign_known : Whether stated distances or the photographs settle the sign of defocus.
     misfit : How far the images of dots are from those photographed.
@@ -90,6 +96,7 @@ class WavefrontFit:
     families: tuple[Family, ...]
     verdicts: tuple[Verdict, ...]
     covariance: Float[np.ndarray, "parameters parameters"]
+    beyond: Float[np.ndarray, "parameters parameters"]
     unseen: tuple[str, ...]
     sign_known: bool
     misfit: Misfit
@@ -98,6 +105,11 @@ class WavefrontFit:
     def converged(self) -> bool:
         """Whether the last solve met its tolerance."""
         return self.stage.converged
+
+    @property
+    def stated_covariance(self) -> Float[np.ndarray, "parameters parameters"]:
+        """Of all parameters."""
+        return self.covariance + self.beyond
 
     @property
     def behind_mosaic(self) -> bool:
@@ -154,13 +166,16 @@ def fit_wavefront(
     final = last_fit(chosen_fit, families)
     progress("wavefront", 4, 4)
     against = runs_against_statements(final)
+    covariance = covariance_of(final, families)
+    every_family = _families_at(final, allowed)
     return WavefrontFit(
         gathered=every,
         stage=final,
         families=families,
         verdicts=verdicts,
-        covariance=covariance_of(final, _families_at(final, allowed)),
-        unseen=unseen(final, families, covariance_of(final, families)),
+        covariance=covariance,
+        beyond=stated_covariance_of(final, every_family) - covariance,
+        unseen=unseen(final, families, covariance),
         sign_known=not against if coarse.side_stated else side_is_told(valleys),
         misfit=misfit_of(final, families),
     )

@@ -29,7 +29,7 @@ _AS_GOOD = 1.1
 def at_chief_rays(found: WavefrontFit) -> list[Take]:
     """The takes with marks where chief rays land, and how its errors move them."""
     stage, gathered = found.stage, found.gathered
-    moves = parameter_moves(stage, found.covariance)
+    moves = parameter_moves(stage, found.stated_covariance)
     moves_mm = slight_moves_of_marks_mm(stage, gathered, moves)
     return moving_together(placed(stage, gathered), stage, gathered, moves_mm)
 

@@ -79,7 +79,7 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
             }
         )
     where = stage.layout.blocks["defocus"]
-    deviation = np.sqrt(np.diag(wavefront.covariance))[where]
+    deviation = np.sqrt(np.diag(wavefront.stated_covariance))[where]
     return {
         "takes": takes,
         "held_out_misfit": plain(misfit.held_out_dots),
@@ -104,5 +104,5 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
 
 def _numbers(family: Family, wavefront: WavefrontFit) -> tuple[list, list]:
     rows = list(family.indices)
-    deviation = np.sqrt(np.diag(wavefront.covariance))[rows]
+    deviation = np.sqrt(np.diag(wavefront.stated_covariance))[rows]
     return wavefront.stage.parameters[rows].tolist(), deviation.tolist()

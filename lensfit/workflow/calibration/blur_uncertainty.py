@@ -25,7 +25,7 @@ _DIGITS = 5
 def known_blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     """`blur_of`, with its uncertainty."""
     blur = blur_of(state, wavefront)
-    moves = parameter_moves(wavefront.stage, wavefront.covariance)
+    moves = parameter_moves(wavefront.stage, wavefront.stated_covariance)
     changes = [_change(move, state, wavefront) for move in moves]
     names = [n for n in numbers_of(blur) if any(c.get(n) for c in changes)]
     known = BlurUncertainty(

@@ -86,6 +86,7 @@ def wavefront(true_fit):
         families=families,
         verdicts=(),
         covariance=covariance,
+        beyond=np.zeros_like(covariance),
         unseen=(),
         sign_known=True,
         misfit=misfit_of(true_fit, families),

@@ -176,7 +176,7 @@ def _defocus(fitted: Fitted) -> Prediction:
         where = wavefront.stage.layout.blocks["defocus"]
         count = len(wavefront.gathered.groups)
         values += list(1000 * wavefront.stage.parameters[where][:count])
-        deviation = np.sqrt(np.diag(wavefront.covariance))[where][:count]
+        deviation = np.sqrt(np.diag(wavefront.stated_covariance))[where][:count]
         deviations += list(1000 * deviation)
     nobody = np.full(len(values), np.nan)
     return Prediction(np.array(values), np.array(deviations), nobody)
