@@ -115,7 +115,7 @@ def fit_of(
             Verdict("exit_pupil", exit_pupil, 30.0, 0.1),
             Verdict("fifth_order", False, -8.0, 0.0),
         ),
-        covariance=np.diag(np.full(LAYOUT.size, 0.25)),
+        stated_covariance=np.diag(np.full(LAYOUT.size, 0.25)),
         unseen=("third_order",),
         sign_known=True,
         misfit=Misfit(np.array([0.02, 0.03, 0.04]), 0.035, (0.03, 0.04, None)),
