@@ -5,6 +5,9 @@ from typing import Any
 
 from msgspec import Struct, to_builtins
 
+HONEST, SLACK = 68.0, 8.0
+"""Percent of errors that one stated deviation covers, and how far off is passed."""
+
 
 class Row(Struct, frozen=True):
     """One figure and its bar.

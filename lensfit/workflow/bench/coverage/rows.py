@@ -13,11 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lensfit.workflow.bench.coverage.predictions import Prediction
-from lensfit.workflow.bench.rows import Row
+from lensfit.workflow.bench.rows import HONEST, SLACK, Row
 
 Draw = dict[str, Prediction]
-HONEST, SLACK = 68.0, 8.0
-"""Percent that one standard deviation covers, and how far off is passed."""
 _WHOLE = "psf_error_percent"
 
 

@@ -2,15 +2,13 @@
 
 from typing import Any
 
-from lensfit.workflow.bench.rows import Row
+from lensfit.workflow.bench.rows import HONEST, SLACK, Row
 
 MOST_CHIEF_PX = 0.05
 MOST_COLOUR_PX = 0.03
 MOST_LIGHT = 0.02
 MOST_PSF = (0.10, 0.20)
 _AIMS = {"chief": 0.02, "colour": 0.01, "light": 0.01, "psf": (0.03, 0.08)}
-HONEST, SLACK = 68.0, 8.0
-"""Percent of errors that one stated deviation covers, and how far off is passed."""
 _UNSEEN = 1.5
 """How much larger errors may be at settings that were not photographed."""
 
