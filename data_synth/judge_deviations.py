@@ -4,8 +4,9 @@ An honest standard deviation covers 68 % of the errors, whatever made them: nois
 model that is not the lens. Shares are of all places over the frame and of all settings
 that were photographed:
 
-    chief_rays       green, along x and along y, after the homography that brings them
-                     closest to the truth: a pose of the camera would undo that part
+    chief_rays       green, along x and along y, after the homography of the undistorted
+                     picture that brings them closest to the truth: a pose of the
+                     camera would undo that part
     lateral_colour   displacement of red and of blue against green, along x and along y
     fall_off         of green, places on the axis left out, where it is 1 by definition
     psf              pixels of green spots brighter than a tenth of the peak, at the
@@ -29,6 +30,7 @@ _SPOTS = 3
 """Field points of every setting."""
 _DRAWS = 24
 """Random errors of the blur that stand for all."""
+_FEWEST_FOR_A_POSE = 8
 _TOLERANCE, _BRIGHT = 0.02, 0.1
 
 Errors = tuple[np.ndarray, np.ndarray]
@@ -55,6 +57,10 @@ class KnownLens(Lens, Protocol):
 
     def undistorted_from_distorted(self, points_mm: ArrayLike) -> ArrayLike:
         """Of points of the photograph."""
+        ...
+
+    def distorted_from_undistorted(self, points_mm: ArrayLike) -> ArrayLike:
+        """Where they lie on it."""
         ...
 
     def known_psfs(
@@ -117,12 +123,19 @@ def _chief_rays(
     make: Callable[[float, float], Lens], truth: WavefrontTruth
 ) -> Iterator[Errors]:
     for lens, points, landed in _in_focus_states(make, truth):
-        made = np.asarray(lens.project(points, channel="g"))
-        matrix, _ = cv2.findHomography(made, landed[:, GREEN])
-        aligned = cv2.perspectiveTransform(made[None], matrix)[0]
-        straight = np.asarray(lens.undistorted_from_distorted(landed[:, GREEN]))
+        true = landed[:, GREEN]
+        straight = np.asarray(lens.undistorted_from_distorted(true))
+        made = lens.undistorted_from_distorted(lens.project(points, channel="g"))
+        made = np.asarray(made)
+        seen = np.isfinite(made).all(-1) & np.isfinite(straight).all(-1)
+        if seen.sum() < _FEWEST_FOR_A_POSE:
+            continue
+        made, straight, true = made[seen], straight[seen], true[seen]
+        matrix, _ = cv2.findHomography(made, straight)
+        posed = cv2.perspectiveTransform(made[None], matrix)[0]
+        off = np.asarray(lens.distorted_from_undistorted(posed)) - true
         stated = np.asarray(lens.position_standard_deviation_mm(straight))
-        yield (aligned - landed[:, GREEN]).ravel(), stated.ravel()
+        yield off.ravel(), stated.ravel()
 
 
 def _lateral_colour(

@@ -11,20 +11,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from lensfit.fit import out_of_centre
-from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust, equations_at
+from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust
+from lensfit.fit.half_equations import halves_of, least_fall
 from lensfit.fit.out_of_centre import (
     WHY,
     WORKSHOP,
     OutOfCentre,
-    borne_out,
-    suits,
+    asks_for_all,
     with_elements_out_of_centre,
 )
 from lensfit.fit.parameters import PINHOLE, Layout, Prior
 from lensfit.fit.priors import loose_prior
 from lensfit.fit.select import (
-    LEAST_EFFECT_PX,
     Step,
     Verdict,
     bend_steps,
@@ -33,8 +31,6 @@ from lensfit.fit.select import (
     families,
 )
 from lensfit.fit.stage import Start
-from lensfit.fit.trial import Statistics
-from lensfit.fit.views import noise_mm2, residuals_of
 from lensfit.progress import Progress
 
 
@@ -64,27 +60,14 @@ def with_evidence(
         progress("fit", 2 + turn, 5)
     names = [terms[f][n - 1].name for f, n in kept.items()]
     if layout.bend_degree:
-        # On top of the lens, never instead of it: seen frontally, a bent board
-        # and a distorting lens are one and the same.
-        lens = np.setdiff1d(_indices(always, kept, terms), _spanned(layout))
-        bends = {
-            "board_bend": bend_steps(layout, views),
-            "row_drift": drift_steps(layout, views),
-        }
-        adjustment, more, others = _chosen(adjustment, lens, bends)
-        verdicts = verdicts + others
-        names += [bends[f][n - 1].name for f, n in more.items()]
-        everything = np.union1d(
-            _indices(always, kept, terms), _indices(lens, more, bends)
-        )
-        adjustment = _all_free(adjustment, everything)
+        lens = _indices(always, kept, terms)
+        adjustment, more, others = _with_bends(adjustment, lens, views)
+        verdicts, names = verdicts + others, names + more
     if free_field:
         adjustment, more, others = _with_free_field(adjustment, always, free_field)
         verdicts, names = verdicts + others, names + more
     told = None if start.focal_length_free else told
-    asked = (
-        start.focal_length_free and suits(layout) and _lopsided(adjustment, verdicts)
-    )
+    asked = start.focal_length_free and asks_for_all(adjustment, verdicts)
     if asked or told is not None:
         adjustment = with_elements_out_of_centre(adjustment, told)
         verdicts = [
@@ -95,22 +78,21 @@ def with_evidence(
     return adjustment, tuple(names), verdicts
 
 
-def _lopsided(adjustment: Adjustment, verdicts: list[Verdict]) -> bool:
-    """Whether evidence asks for a term of elements out of centre, or bears out all."""
-    if any(v.kept for v in verdicts if v.family in WORKSHOP):
-        return True
-    free = np.flatnonzero(adjustment.prior.free)
-    rows = [np.arange(w.start, w.stop) for w in adjustment.layout.blocks.values()]
-    every = np.union1d(free, np.concatenate(rows))
-    nothing = np.zeros(0, int)
-    loose = loose_prior(adjustment.parameters, adjustment.layout, nothing, every)
-    one, other = halves_of(replace(adjustment, prior=loose))
-    return borne_out(
-        adjustment,
-        one.matrix + other.matrix,
-        one.gradient + other.gradient,
-        explained_by(out_of_centre.LEAST_EFFECT_PX, adjustment),
-    )
+def _with_bends(
+    adjustment: Adjustment, lens: np.ndarray, views: int
+) -> tuple[Adjustment, list[str], list[Verdict]]:
+    """What bends boards, on top of the lens, never instead of it: seen frontally, a
+    bent board and a distorting lens are one and the same."""
+    layout = adjustment.layout
+    held = np.setdiff1d(lens, _spanned(layout))
+    bends = {
+        "board_bend": bend_steps(layout, views),
+        "row_drift": drift_steps(layout, views),
+    }
+    adjustment, kept, verdicts = _chosen(adjustment, held, bends)
+    everything = np.union1d(lens, _indices(held, kept, bends))
+    names = [bends[f][n - 1].name for f, n in kept.items()]
+    return _all_free(adjustment, everything), names, verdicts
 
 
 def _with_free_field(
@@ -187,37 +169,3 @@ def _indices(
 ) -> np.ndarray:
     chosen = [terms[family][level - 1].indices for family, level in kept.items()]
     return np.unique(np.concatenate([always, *chosen]))
-
-
-def least_fall(adjustment: Adjustment) -> float:
-    """Of chi-squared by what the least effect explains for which a term is kept."""
-    return explained_by(LEAST_EFFECT_PX, adjustment)
-
-
-def explained_by(effect_px: float, adjustment: Adjustment) -> float:
-    """How far chi-squared falls by an effect of this root mean square over the
-    marks."""
-    variance = noise_mm2(adjustment.stack) + adjustment.model_variance_mm2[:, None]
-    mean_mm2 = np.mean(variance[adjustment.used])
-    px_per_deviation = float(np.sqrt(mean_mm2) / adjustment.stack.mm_per_px.mean())
-    return int(adjustment.used.sum()) * (effect_px / px_per_deviation) ** 2
-
-
-def halves_of(adjustment: Adjustment) -> tuple[Statistics, Statistics]:
-    """Normal equations of the full model on two random halves of the marks."""
-    here = equations_at(adjustment)
-    matrix, gradient = np.asarray(here.matrix), np.asarray(here.gradient)
-    squares = np.asarray(here.chi_squared)
-    deal = adjustment.stack.chunking
-    residuals = residuals_of(adjustment.stack) * adjustment.used
-    counts = deal.cut(residuals) * deal.real
-    one, other = (
-        Statistics(
-            matrix[half],
-            gradient[half],
-            float(squares[half]),
-            int(counts[:, half::2].sum()),
-        )
-        for half in (0, 1)
-    )
-    return one, other

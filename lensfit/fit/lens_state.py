@@ -10,10 +10,12 @@ import jax
 import numpy as np
 
 from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
-from lensfit.fit.colour import ChannelColour, fit_colour
+from lensfit.fit.colour.channel_colour import ChannelColour
+from lensfit.fit.colour.lateral_colour import fit_colour
 from lensfit.fit.entrance_pupil import EntrancePupil, entrance_pupil
+from lensfit.fit.fall_off.fall_off_fit import FallOffFit
+from lensfit.fit.fall_off.illumination import fit_illumination
 from lensfit.fit.geometry import compiled_distortion_of
-from lensfit.fit.illumination import FallOffFit, fit_illumination
 from lensfit.fit.out_of_centre import OutOfCentre
 from lensfit.fit.pupil_walk import KnownWalk
 from lensfit.fit.take import Take

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfit.errors import FitError
-from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.lens_state import LensState, better_told, by_focal_length, left_px
 from lensfit.fit.pupil_walk import measured_walk, shared_walk, usual_walk
 from lensfit.fit.reconcile import amounts_of

@@ -8,9 +8,9 @@ workshop leaves: terms of elements out of centre are small, and so is a principa
 off the sensor's centre. So where views tilt enough to tell the axis, all these terms
 enter together, each with that for a prior, or with what the lens has more of one, as a
 webcam's has. No lens is quite without: they stay out only where evidence is decisive
-against all of them. The glass is the same at every focus: states
-that saw frontal views alone, which tell lopsided distortion from a tilt even less, take
-over what tilted views of another state told, but for little.
+against all of them, or where all they do could not be seen. The glass is the same at
+every focus: states that saw frontal views alone, which tell lopsided distortion from a
+tilt even less, take over what tilted views of another state told, but for little.
 
 Reference: on evidence with priors, D. J. C. MacKay, Neural Computation 4 (1992) 415.
 """
@@ -22,8 +22,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust
-from lensfit.fit.parameters import Layout
-from lensfit.fit.priors import release
+from lensfit.fit.half_equations import explained_by, halves_of
+from lensfit.fit.priors import loose_prior, release
+from lensfit.fit.select import Verdict
 
 WORKSHOP = {
     "principal_point": 0.01,
@@ -39,7 +40,7 @@ _AT_OTHER_FOCUS = 0.2
 """How much of that changes with focus."""
 _DECISIVE = -20.0
 """Evidence, on the scale of chi-squared, at which odds are e^10 against."""
-LEAST_EFFECT_PX = 0.004
+LEAST_SEEN_PX = 0.004
 """Root mean square over the marks. Of centred lenses noise and detection made .001 to
 .007, with evidence decisive against the largest; and what is free leaves the principal
 distance, and with it the entrance pupil, unsure."""
@@ -55,6 +56,29 @@ def told_by(adjustment: Adjustment) -> OutOfCentre:
     return {name: adjustment.parameters[blocks[name]].copy() for name in WORKSHOP}
 
 
+def asks_for_all(adjustment: Adjustment, verdicts: list[Verdict]) -> bool:
+    """Whether evidence asks for one of these terms, or bears out all together.
+
+    Not of a lens with cylinders, which is so made.
+    """
+    if adjustment.layout.anamorphic:
+        return False
+    if any(v.kept for v in verdicts if v.family in WORKSHOP):
+        return True
+    free = np.flatnonzero(adjustment.prior.free)
+    rows = [np.arange(w.start, w.stop) for w in adjustment.layout.blocks.values()]
+    every = np.union1d(free, np.concatenate(rows))
+    nothing = np.zeros(0, int)
+    loose = loose_prior(adjustment.parameters, adjustment.layout, nothing, every)
+    one, other = halves_of(replace(adjustment, prior=loose))
+    return borne_out(
+        adjustment,
+        one.matrix + other.matrix,
+        one.gradient + other.gradient,
+        explained_by(LEAST_SEEN_PX, adjustment),
+    )
+
+
 def borne_out(
     adjustment: Adjustment,
     matrix: Float[np.ndarray, "parameters parameters"],
@@ -68,7 +92,7 @@ def borne_out(
     ----------
     matrix, gradient : Of chi-squared, halved, at the present parameters and with all
         of these terms free.
-    least_fall : Of chi-squared by an effect of `LEAST_EFFECT_PX`.
+    least_fall : Of chi-squared by an effect of `LEAST_SEEN_PX`.
     """
     prior, blocks = adjustment.prior, adjustment.layout.blocks
     deviation = np.where(prior.free, prior.standard_deviation, 1.0)
@@ -131,8 +155,3 @@ def _about(
     prior = replace(prior, mean=means)
     started = replace(adjustment, prior=prior, parameters=parameters)
     return adjust(started, rounds=1, damping=VALLEY_DAMPING)
-
-
-def suits(layout: Layout) -> bool:
-    """Whether lopsidedness is an error of this kind of lens; cylinders are so made."""
-    return not layout.anamorphic

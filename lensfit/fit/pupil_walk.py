@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfit.fit.chief_ray import ChiefRayFit
-from lensfit.fit.evidence import least_fall
+from lensfit.fit.half_equations import least_fall
 from lensfit.fit.priors import LOOSE, release
 from lensfit.fit.take import Take
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of

@@ -27,7 +27,8 @@ def fit_sharing_glass(
 
     A pupil that is wrong by some share of the chart's distance scales a state by as
     much. A tilt of few degrees hardly tells it, and another solve would find another
-    one: the states that told it stay as they were then.
+    one: the states that told it stay as they were then. A state that cannot be fitted
+    with what others saw stays as it was, too.
 
     Returns
     -------
@@ -38,15 +39,24 @@ def fit_sharing_glass(
     glass = {
         focal_mm: _told(mine) for focal_mm, mine in by_focal_length(states).items()
     }
-    final = [s for s in states if not _lacks(s, glass[s.focal_length_mm])]
-    settled = {take.name for state in final for take in state.geometry.takes}
+    lacking = [s for s in states if _lacks(s, glass[s.focal_length_mm])]
+    final = [s for s in states if s not in lacking]
+    settled = _names_in(final)
     open_yet = [g for g in groups if not any(take.name in settled for take in g)]
     again, failed_again = _fit_states(
         open_yet, progress, glass, shown=takes, before=final
     )
-    retried = {take.name for group in open_yet for take in group}
-    failed = {name: why for name, why in failed.items() if name not in retried}
-    return _in_order([*final, *again], takes), failed | failed_again
+    refitted = _names_in(again)
+    alone = [s for s in lacking if refitted.isdisjoint(_names_in([s]))]
+    every = [*final, *again, *alone]
+    used = _names_in(every)
+    failed = {n: why for n, why in (failed | failed_again).items() if n not in used}
+    return _in_order(every, takes), failed
+
+
+def _names_in(states: list[LensState]) -> set[str]:
+    """Of the takes that states were fitted to."""
+    return {take.name for state in states for take in state.geometry.takes}
 
 
 class _Glass(NamedTuple):

@@ -13,10 +13,8 @@ What no residual shows is added as well. Smooth errors of the marks, and distort
 which the model has no term, are taken up by those it has: of thirty traced lenses,
 decentred ones among them, maps were `SYSTEMATIC_PX` wrong, three times as much as noise
 alone would have it. So much, over the marks, all terms of the largest named model are
-taken to be off together, each as far as it moves marks that poses cannot bring back.
-
-Reference: for the last, A. Zellner's g-prior (1986), its size known from experience, as
-type B of the Guide to the Expression of Uncertainty in Measurement (JCGM 100, 2008).
+taken to be off together, each as far as it moves marks that poses cannot bring back
+(`fit.systematic`).
 """
 
 import math
@@ -28,10 +26,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fit.adjust import Adjustment, equations_at
-from lensfit.fit.evidence import explained_by, halves_of
 from lensfit.fit.geometry import NAMED, compiled_distortion_of
+from lensfit.fit.half_equations import explained_by, halves_of
 from lensfit.fit.parameters import Layout
 from lensfit.fit.priors import loose_prior
+from lensfit.fit.systematic import systematic_covariance
 from lensfit.fit.take import Take
 from lensfit.fit.views import residuals_of
 from lensfit.optics import position_deviation as optics
@@ -56,7 +55,11 @@ _LANDING = (
 
 @dataclass(frozen=True, eq=False)
 class Uncertainty:
-    """Covariance of all parameters; zero rows for the fixed ones."""
+    """Covariance of all parameters.
+
+    Rows of fixed parameters are zero, but for named terms of the lens that were left
+    out: what they would take up of errors that no residual shows is stated.
+    """
 
     covariance: Float[np.ndarray, "parameters parameters"]
     layout: Layout
@@ -106,10 +109,11 @@ def _systematic(
     mixed = matrix[np.ix_(poses, terms)]
     followed = np.linalg.solve(matrix[of_poses] + precision[of_poses], mixed)
     seen = matrix[of_terms] - mixed.T @ followed
-    seen = (seen + seen.T) / 2 * len(terms) / explained_by(SYSTEMATIC_PX, adjustment)
-    inverse = np.linalg.inv(seen + precision[of_terms])
-    # What priors hold is no error that marks make.
-    return inverse @ seen @ inverse
+    return systematic_covariance(
+        (seen + seen.T) / 2,
+        np.diag(precision)[terms],
+        explained_by(SYSTEMATIC_PX, adjustment),
+    )
 
 
 def shared_moves_of(

@@ -20,6 +20,8 @@ from lensfit.errors import LensfitError
 FRAME = Frame((240, 180), (24.0, 18.0))
 BANDS = camera_bands(3)
 CHART_MM = 1120.0
+BARREL, TURN = 4e-4, np.array([2e-4, -1e-4])
+"""Of the division model (per squared mm), and of a homography (per mm)."""
 NOISE, OF_PEAK = 1e-3, 0.05
 """Millimetres and light; light of a pixel against the peak, to which the tracer draws a
 spot of few pixels within .005."""
@@ -40,7 +42,8 @@ def truth(tmp_path_factory):
 
 @dataclass(frozen=True, eq=False)
 class Unsure(TracedLens):
-    """The tracer with errors of a size, which it states `honesty` times as large."""
+    """The tracer with errors of a size, which it states `honesty` times as large, on a
+    map with a tenth of barrel and through a camera that is turned a little."""
 
     honesty: float = 1.0
 
@@ -49,6 +52,9 @@ class Unsure(TracedLens):
 
     def project(self, object_points_mm, channel="g"):
         place = super().project(object_points_mm, channel)
+        turned = self.undistorted_from_distorted(place)
+        turned = turned / (1 + turned @ TURN)[:, None]
+        place = self.distorted_from_undistorted(turned)
         return place + self._noise(place.shape, "rgb".index(channel))
 
     def relative_illumination(self, points_mm, channel="g"):
@@ -57,7 +63,13 @@ class Unsure(TracedLens):
         return light + away * self._noise(light.shape, 5)
 
     def undistorted_from_distorted(self, points_mm):
-        return np.asarray(points_mm)
+        points = np.asarray(points_mm)
+        return points / (1 - BARREL * np.sum(points**2, -1, keepdims=True))
+
+    def distorted_from_undistorted(self, points_mm):
+        points = np.asarray(points_mm)
+        squared = np.sum(points**2, -1, keepdims=True)
+        return points * 2 / (1 + np.sqrt(1 + 4 * BARREL * squared))
 
     def position_standard_deviation_mm(self, points_mm):
         return np.full((len(points_mm), 2), self.honesty * NOISE)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.wavefront.families import COARSE, Family, deviation_of, families_of
 from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
 from lensfit.fit.wavefront.moments import (

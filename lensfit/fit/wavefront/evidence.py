@@ -1,4 +1,4 @@
-"""Which families the photographs ask for, and how well a fit predicts what it left out.
+"""Which families the photographs ask for.
 
 All from the normal equations of the largest model, in retrospect (`fit.trial`): a
 family stays if the Bayesian information criterion improves by it and dots that the fit
@@ -15,6 +15,7 @@ Reference: J. A. Nelder, J. R. Statist. Soc. A 140 (1977) 48, on marginality.
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Int
 
 from lensfit.fit.select import Verdict
 from lensfit.fit.trial import Statistics, Trial
@@ -75,7 +76,7 @@ def choose(stage: Stage, families: tuple[Family, ...]) -> FamilyChoice:
     always = indices_of(tuple(f for f in families if not f.tried))
     always = always[stage.deviation[always] > 0]  # some are freed later
     tried = tuple(f for f in families if f.tried)
-    trial = _trial(stage, always, indices_of(tried))
+    trial = trial_of(stage, always, indices_of(tried))
     kept = sorted(tried, key=lambda f: _ASKED_FIRST.index(f.name))
     verdicts = {}
     for family in list(kept):
@@ -98,51 +99,10 @@ def choose(stage: Stage, families: tuple[Family, ...]) -> FamilyChoice:
     return FamilyChoice(chosen, tuple(told), foreseen)
 
 
-def held_out_take(
-    stage: Stage, families: tuple[Family, ...], take: int
-) -> float | None:
-    """Misfit of a take that the fit did not see over its misfit now; in retrospect.
-
-    Its own defocus, where no other take shares it, is taken as known. None where the
-    prediction is worthless: the other takes do not determine the fit.
-    """
-    free = indices_of(families)
-    mine = stage.gathered.take == take
-    groups = np.unique(stage.gathered.dots.group[mine])
-    others = np.unique(stage.gathered.dots.group[~mine])
-    start = stage.layout.blocks["defocus"].start
-    own = [start + g for g in groups if g not in others]
-    free = free[~np.isin(free, own)]
-    matrix, gradient, chi_squared = stage.equations
-    left = [f % len(chi_squared) for f in (2 * take, 2 * take + 1)]
-    rest = np.setdiff1d(np.arange(len(chi_squared)), left)
-    precision = stage.precision[free]
-    inner = matrix[rest].sum(0)[np.ix_(free, free)] + np.diag(precision)
-    slope = gradient[rest].sum(0)[free]
-    slope = slope + precision * (stage.parameters - stage.mean)[free]
-    of_take = matrix[left].sum(0)[np.ix_(free, free)]
-    pull = gradient[left].sum(0)[free]
-
-    def misfit(step: np.ndarray) -> float:
-        """Of the take, to second order."""
-        return float(chi_squared[left].sum() + 2 * pull @ step + step @ of_take @ step)
-
-    # A solve ends when nothing is to be gained, a little before its minimum: both are
-    # taken at their own, so that a take never does better for being left out.
-    now = misfit(-np.linalg.solve(inner + of_take, slope + pull))
-    then = misfit(-np.linalg.solve(inner, slope))
-    return float(np.sqrt(then / max(now, 1e-300))) if then > 0 else None
-
-
-def held_out_dots(stage: Stage, families: tuple[Family, ...]) -> float:
-    """Misfit of the half of the dots that a fit did not see over the misfit of all."""
-    free = indices_of(families)
-    trial = _trial(stage, free, np.array([], int))
-    total = float(np.sum(stage.equations.chi_squared))
-    return float(np.sqrt(trial.scores(np.array([], int)).held_out / max(total, 1e-300)))
-
-
-def _trial(stage: Stage, always, tried) -> Trial:
+def trial_of(
+    stage: Stage, always: Int[np.ndarray, " always"], tried: Int[np.ndarray, " tried"]
+) -> Trial:
+    """Both halves of the dots, with what is in every model and what may be."""
     deviation = np.where(stage.deviation > 0, stage.deviation, 1.0)
     return Trial(
         *_halves(stage.equations, stage),

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.select import Verdict
 from lensfit.fit.wavefront.coarse import Coarse, coarse_fit, with_all_dots
 from lensfit.fit.wavefront.descent import (
@@ -36,8 +36,8 @@ from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage, on_dots
 from lensfit.fit.wavefront.uncertainty import (
     covariance_of,
-    stated_covariance_of,
     unseen,
+    unshown_covariance_of,
 )
 from lensfit.fit.wavefront.valleys import (
     Valley,
@@ -84,8 +84,8 @@ class WavefrontFit:
     families : What is free.
     verdicts : What came of every family that was tried.
     covariance : Of all parameters that are free, as the scatter of dots has it.
-    beyond : What is added to it in all that is stated: of what was left out, and of
-        errors that no dot shows.
+    unshown_covariance : What is added to it in all that is stated: of what was left
+        out, and of errors that no dot shows.
     unseen : Families that the photographs do not see.
     sign_known : Whether stated distances or the photographs settle the sign of defocus.
     misfit : How far the images of dots are from those photographed.
@@ -96,7 +96,7 @@ class WavefrontFit:
     families: tuple[Family, ...]
     verdicts: tuple[Verdict, ...]
     covariance: Float[np.ndarray, "parameters parameters"]
-    beyond: Float[np.ndarray, "parameters parameters"]
+    unshown_covariance: Float[np.ndarray, "parameters parameters"]
     unseen: tuple[str, ...]
     sign_known: bool
     misfit: Misfit
@@ -109,7 +109,7 @@ class WavefrontFit:
     @property
     def stated_covariance(self) -> Float[np.ndarray, "parameters parameters"]:
         """Of all parameters."""
-        return self.covariance + self.beyond
+        return self.covariance + self.unshown_covariance
 
     @property
     def behind_mosaic(self) -> bool:
@@ -167,14 +167,15 @@ def fit_wavefront(
     progress("wavefront", 4, 4)
     against = runs_against_statements(final)
     covariance = covariance_of(final, families)
-    every_family = _families_at(final, allowed)
     return WavefrontFit(
         gathered=every,
         stage=final,
         families=families,
         verdicts=verdicts,
         covariance=covariance,
-        beyond=stated_covariance_of(final, every_family) - covariance,
+        unshown_covariance=unshown_covariance_of(
+            final, _families_at(final, allowed), covariance
+        ),
         unseen=unseen(final, families, covariance),
         sign_known=not against if coarse.side_stated else side_is_told(valleys),
         misfit=misfit_of(final, families),

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fit.wavefront.evidence import held_out_dots, held_out_take
 from lensfit.fit.wavefront.families import Family
+from lensfit.fit.wavefront.held_out import held_out_dots, held_out_take
 from lensfit.fit.wavefront.stages import Stage
 from lensfit.fit.wavefront.weigh import relative_misfit
 

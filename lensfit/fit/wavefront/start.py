@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.wavefront.dots import hole_variance_mm2
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout

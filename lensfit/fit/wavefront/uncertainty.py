@@ -10,7 +10,7 @@ had so far to go: that counts as one error more.
 A lean model is surer than it should be: what it leaves out is not known to be nothing.
 So in what is stated, families that were left out for want of evidence count as free,
 each within its prior, and what the fit would move by if they were is one error with the
-rest. And what no dot shows is added, as in `fit.uncertainty`: all parameters are taken
+rest. And what no dot shows is added, as in `fit.systematic`: all parameters are taken
 to be off together by as much as changes the images of dots by `SYSTEMATIC`.
 
 Reference: on lean models, the documentation of mrcal on projection uncertainty; P. J.
@@ -22,6 +22,7 @@ the factor for few of them, A. C. Cameron and D. L. Miller, J. Human Resources 5
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.fit.systematic import systematic_covariance
 from lensfit.fit.wavefront.evidence import CELLS_PER_DOT
 from lensfit.fit.wavefront.families import LAST, Family, deviation_of, indices_of
 from lensfit.fit.wavefront.stages import Stage
@@ -57,24 +58,42 @@ def covariance_of(
     return covariance
 
 
-def stated_covariance_of(
-    stage: Stage, families: tuple[Family, ...]
+def unshown_covariance_of(
+    stage: Stage,
+    families: tuple[Family, ...],
+    covariance: Float[np.ndarray, "parameters parameters"],
 ) -> Float[np.ndarray, "parameters parameters"]:
-    """What is stated to others: `covariance_of`, and errors that no dot shows.
+    """What is stated to others beyond `covariance`: of what a lean model leaves out,
+    and of errors that no dot shows.
+
+    More freedom may make a sandwich smaller in some direction; what was stated stays
+    there, so that this is a covariance too.
 
     Parameters
     ----------
     families : All that might be free, whether the fit kept them or not.
+    covariance : `covariance_of` what is free.
     """
     free = indices_of(families)
     square = np.ix_(free, free)
-    covariance = covariance_of(stage, families)
-    covariance[square] += _systematic(
+    larger = covariance_of(stage, families)
+    larger[square] += _systematic(
         stage,
         np.asarray(stage.equations.matrix.sum(0))[square],
         deviation_of(families, stage.layout, LAST)[free] ** -2.0,
     )
-    return covariance
+    return _without_negative(larger - covariance, np.sqrt(np.diag(larger)))
+
+
+def _without_negative(
+    difference: Float[np.ndarray, "parameters parameters"],
+    unit: Float[np.ndarray, " parameters"],
+) -> Float[np.ndarray, "parameters parameters"]:
+    """Its nearest covariance, in these units of the parameters."""
+    unit = np.where(unit > 0, unit, 1.0)
+    size, axes = np.linalg.eigh(difference / np.outer(unit, unit))
+    axes = axes * unit[:, None]
+    return (axes * np.maximum(size, 0.0)) @ axes.T
 
 
 def _systematic(
@@ -86,10 +105,7 @@ def _systematic(
     background = stage.nuisance[..., 1, None, None]
     modelled = stage.gathered.light - stage.residual - background
     explained = SYSTEMATIC**2 * float(np.sum(stage.weight * modelled**2))
-    seen = matrix * (len(matrix) / explained)
-    inverse = np.linalg.inv(seen + np.diag(precision))
-    # What the prior holds is counted where its scatter is.
-    return inverse @ seen @ inverse
+    return systematic_covariance(matrix, precision, explained)
 
 
 def _small_sample(dots: int, stage: Stage, free: int) -> float:

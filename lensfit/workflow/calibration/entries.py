@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from lensfit.fit.colour import ChannelColour
-from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.colour.channel_colour import ChannelColour
+from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.lens_state import LensState
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.preset import blocks

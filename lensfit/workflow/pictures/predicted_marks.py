@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fit.illumination import area_stretch
+from lensfit.fit.fall_off.brightness import area_stretch
 from lensfit.fit.lens_state import LensState
 from lensfit.fit.lens_states import Fitted
 from lensfit.fit.take import Take

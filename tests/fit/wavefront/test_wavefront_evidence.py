@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
-from lensfit.fit.wavefront.evidence import choose, held_out_dots, held_out_take
+from lensfit.fit.wavefront.evidence import choose
 from lensfit.fit.wavefront.families import (
     LAST,
     SEIDEL,
@@ -15,6 +15,7 @@ from lensfit.fit.wavefront.families import (
     indices_of,
 )
 from lensfit.fit.wavefront.fit import _notes
+from lensfit.fit.wavefront.held_out import held_out_dots, held_out_take
 from lensfit.fit.wavefront.stages import (
     chi_squared,
     first_stage,

@@ -86,7 +86,7 @@ def wavefront(true_fit):
         families=families,
         verdicts=(),
         covariance=covariance,
-        beyond=np.zeros_like(covariance),
+        unshown_covariance=np.zeros_like(covariance),
         unseen=(),
         sign_known=True,
         misfit=misfit_of(true_fit, families),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, REFERENCE_MM, Seidel, Shot, photographed
 
-from lensfit.fit.illumination import FallOffFit
+from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.wavefront.gather import Group, chosen, spread_out, spread_over_takes
 from lensfit.fit.wavefront.start import (
     first_defocus,

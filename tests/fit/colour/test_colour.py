@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from found_marks import found_marks
 
-from lensfit.fit.colour import fit_colour
+from lensfit.fit.colour.lateral_colour import fit_colour
 from lensfit.fit.take import Take
 from lensfit.optics.lateral import ChannelShift, channel_from_green
 

@@ -1,0 +1,1 @@
+"""Lateral colour, from marks that were measured in every channel."""
