@@ -12,6 +12,7 @@ from lensfit.fit.wavefront.uncertainty import (
     covariance_of,
     parameter_moves,
     unseen,
+    unshown_covariance_of,
 )
 
 LENS = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.2,))
@@ -71,3 +72,20 @@ def test_what_nobody_photographed_is_called_unseen():
     deviation = np.sqrt(np.diag(covariance)[which])
     apart = (moves.T @ moves - covariance)[square] / np.outer(deviation, deviation)
     assert np.abs(apart).max() < 0.1
+
+
+@pytest.mark.parametrize("lean", [1.0, 4.0, 1e4])
+def test_what_is_stated_is_never_surer_than_the_lean_fit(lean):
+    """Nor is what is added of any direction negative, however unsure that fit was."""
+    gathered = photographed(LENS, [Shot(0, 0)], rays=20_000)
+    stage = solved(started(gathered, FREE), 6)
+    own = lean * covariance_of(stage, FREE[:1])
+    added = unshown_covariance_of(stage, FREE, own)
+    free = indices_of(FREE)
+    unit = np.sqrt(np.diag(added + own)[free])
+    assert np.all(unit > 0)
+    inside = added[np.ix_(free, free)] / np.outer(unit, unit)
+    np.testing.assert_allclose(inside, inside.T, atol=1e-12)
+    assert np.linalg.eigvalsh(inside).min() > -1e-9
+    # Astigmatism and the rest, which the lean fit held, are not known to be nothing.
+    assert np.all(np.diag(added)[free[1:]] > 0)
