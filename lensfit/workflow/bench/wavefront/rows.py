@@ -11,6 +11,11 @@ MOST_PSF = (0.10, 0.20)
 _AIMS = {"chief": 0.02, "colour": 0.01, "light": 0.01, "psf": (0.03, 0.08)}
 _STATED = ("chief_rays", "lateral_colour", "fall_off", "psf")
 """Of what deviations are judged; those that no lens states fail."""
+_PSF_OF = {
+    "all": "psf",
+    "unseen_stop": "psf at a stop never shot",
+    "unseen_depth": "psf at a depth never shot",
+}
 _UNSEEN = 1.5
 """How much larger errors may be at settings that were not photographed."""
 
@@ -20,8 +25,26 @@ def wavefront_rows(row: dict[str, Any]) -> list[Row]:
     name, figures = row["lens"], row["figures"]
     if figures is None:
         return [Row(name, "calibrated and judged", float("nan"), bar=0.0)]
-    psf = figures["psf"] or {}
-    found = [
+    beside = row.get("beside", {})
+    return [
+        *_map_rows(name, figures),
+        *_psf_rows(row),
+        *_verdict_rows(name, figures),
+        *(
+            left_out
+            for image, one in beside.get("left_out", {}).items()
+            for left_out in _left_out_rows(name, image, one)
+        ),
+        *(
+            _effort_row(name, effort, one)
+            for effort, one in beside.get("efforts", {}).items()
+        ),
+    ]
+
+
+def _map_rows(name: str, figures: dict[str, Any]) -> list[Row]:
+    """Where light lands, and how much of it."""
+    return [
         _largest(name, "chief rays, px rms", figures["chief_ray_px"], MOST_CHIEF_PX,
                  _AIMS["chief"]),
         _largest(name, "lateral colour, px rms", figures["lateral_colour_px"],
@@ -29,32 +52,33 @@ def wavefront_rows(row: dict[str, Any]) -> list[Row]:
         _largest(name, "relative illumination, worst", figures["illumination_worst"],
                  MOST_LIGHT, _AIMS["light"]),
     ]  # fmt: skip
-    settings = {"all": "psf", "unseen_stop": "psf at a stop never shot",
-                "unseen_depth": "psf at a depth never shot"}  # fmt: skip
-    for key, what in settings.items():
-        factor = 1.0 if key == "all" else _UNSEEN
-        for k, part in enumerate(("median", "p90")):
-            if key in psf:
-                found.append(
-                    Row(
-                        name,
-                        f"{what}, {part}",
-                        _number(psf[key][part]),
-                        bar=factor * MOST_PSF[k],
-                        aim=_AIMS["psf"][k],
-                        peers=_peers(row, key, part),
-                    )
-                )
+
+
+def _psf_rows(row: dict[str, Any]) -> list[Row]:
+    """Spots, at settings that were photographed and at others."""
+    psf = row["figures"]["psf"] or {}
+    return [
+        Row(
+            row["lens"],
+            f"{what}, {part}",
+            _number(psf[key][part]),
+            bar=(1.0 if key == "all" else _UNSEEN) * MOST_PSF[k],
+            aim=_AIMS["psf"][k],
+            peers=_peers(row, key, part),
+        )
+        for key, what in _PSF_OF.items()
+        if key in psf
+        for k, part in enumerate(("median", "p90"))
+    ]
+
+
+def _verdict_rows(name: str, figures: dict[str, Any]) -> list[Row]:
+    """What must not happen at all."""
     wrong = float(figures["defocus_sign"] != "right")
-    found.append(Row(name, "sign of defocus wrong or undecided", wrong, bar=0.0))
     flags = float(len(figures["flags"]))
-    found.append(Row(name, "folds and negative light", flags, bar=0.0))
-    beside = row.get("beside", {})
-    for image, one in beside.get("left_out", {}).items():
-        found += _left_out_rows(name, image, one)
-    return found + [
-        _effort_row(name, effort, one)
-        for effort, one in beside.get("efforts", {}).items()
+    return [
+        Row(name, "sign of defocus wrong or undecided", wrong, bar=0.0),
+        Row(name, "folds and negative light", flags, bar=0.0),
     ]
 
 
