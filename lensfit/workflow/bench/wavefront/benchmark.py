@@ -27,7 +27,8 @@ from lensfit.workflow.bench.wavefront.beside import (
     images_left_out,
 )
 from lensfit.workflow.bench.wavefront.plot import write_plot
-from lensfit.workflow.bench.wavefront.rows import covered_rows, wavefront_rows
+from lensfit.workflow.bench.wavefront.rows import wavefront_rows
+from lensfit.workflow.bench.wavefront.together import together_rows
 from lensfit.workflow.calibrate import calibrate_observed
 from lensfit.workflow.shoot.file import load_shoot
 from lensfit.workflow.shoot.records import Shoot
@@ -109,7 +110,7 @@ def _result(
 ) -> dict[str, Any]:
     errors = [f"{row['lens']}: {row['failed']}" for row in rows if row["failed"]]
     bars = as_tables(
-        [bar for row in rows for bar in wavefront_rows(row)] + covered_rows(rows)
+        [bar for row in rows for bar in wavefront_rows(row)] + together_rows(rows)
     )
     return bench_result("wavefront", on, out_dir, rows=rows, bars=bars, errors=errors)
 

@@ -2,15 +2,13 @@
 
 from typing import Any
 
-from lensfit.workflow.bench.rows import HONEST, SLACK, Row
+from lensfit.workflow.bench.rows import Row
 
 MOST_CHIEF_PX = 0.05
 MOST_COLOUR_PX = 0.03
 MOST_LIGHT = 0.02
 MOST_PSF = (0.10, 0.20)
 _AIMS = {"chief": 0.02, "colour": 0.01, "light": 0.01, "psf": (0.03, 0.08)}
-_STATED = ("chief_rays", "lateral_colour", "fall_off", "psf")
-"""Of what deviations are judged; those that no lens states fail."""
 _PSF_OF = {
     "all": "psf",
     "unseen_stop": "psf at a stop never shot",
@@ -80,25 +78,6 @@ def _verdict_rows(name: str, figures: dict[str, Any]) -> list[Row]:
         Row(name, "sign of defocus wrong or undecided", wrong, bar=0.0),
         Row(name, "folds and negative light", flags, bar=0.0),
     ]
-
-
-def covered_rows(rows: list[dict[str, Any]]) -> list[Row]:
-    """Of all judged lenses together, each with the same say: how many errors are within
-    one stated deviation. A lens that states none of something has no say in it."""
-    judged = [row["figures"] for row in rows if row["figures"] is not None]
-    found = []
-    for name in _STATED:
-        some = [f["covered"][name] for f in judged if name in f["covered"]]
-        found.append(
-            Row(
-                f"{len(some)} lenses",
-                f"stated deviations of {name.replace('_', ' ')} cover, %",
-                sum(some) / len(some) if some else float("nan"),
-                bar=SLACK,
-                expected=HONEST,
-            )
-        )
-    return found if judged else []
 
 
 def _peers(row: dict[str, Any], key: str, part: str) -> dict[str, float]:
