@@ -42,7 +42,9 @@ from data_synth.psf_truth import (
 )
 from data_synth.sensor import MOSAIC, Sensor, digitise
 from lensfit.atomic import write_text_atomic
+from lensfit.together import together
 
+SHOOT_FILE = "shoot.toml"
 BRIGHTEST = 0.75
 """Automatic exposure puts the brightest half per mille of a picture here."""
 AT_ONCE = 2
@@ -161,6 +163,8 @@ def write_shoot(
 ) -> None:
     """Photograph every shot and write pictures, shoot file and truth into a folder.
 
+    They appear at the end, together; a shoot that is interrupted leaves nothing.
+
     Parameters
     ----------
     change : A tolerance error of the lens (see `set_lens`).
@@ -169,32 +173,33 @@ def write_shoot(
         `data_synth.noise_draws`).
     progress : Told the name of each shot before it is taken.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    with together(folder, last=(SHOOT_FILE,)) as made:
 
-    def photograph(number: int, shot: Shot) -> tuple[str, SetLens]:
-        progress(shot.name)
-        lens, taken = take(
-            prescription, camera, shot, seed=seed + 100 * number, change=change
-        )
-        gain = shot.exposure or _exposure(taken.image, shot.brightest)
-        light = taken.image * gain
-        if keep_light:
-            keep_the_light(folder, shot.name, light)
-        picture = digitise(light, camera.sensor, seed + 100 * number + 1)
-        write_picture(folder / picture_name(shot.name, shot.form), picture, shot.form)
-        write_json(
-            folder / f"{shot.name}_truth.json", _truth(camera, shot, lens, taken, gain)
-        )
-        setting = f"f{shot.f_number:g}_{shot.focus_distance_mm:g}mm"
-        return f"{lens.focal_length_mm:.2f}mm_{setting}", lens
+        def photograph(number: int, shot: Shot) -> tuple[str, SetLens]:
+            progress(shot.name)
+            lens, taken = take(
+                prescription, camera, shot, seed=seed + 100 * number, change=change
+            )
+            gain = shot.exposure or _exposure(taken.image, shot.brightest)
+            light = taken.image * gain
+            if keep_light:
+                keep_the_light(made, shot.name, light)
+            picture = digitise(light, camera.sensor, seed + 100 * number + 1)
+            write_picture(made / picture_name(shot.name, shot.form), picture, shot.form)
+            write_json(
+                made / f"{shot.name}_truth.json",
+                _truth(camera, shot, lens, taken, gain),
+            )
+            setting = f"f{shot.f_number:g}_{shot.focus_distance_mm:g}mm"
+            return f"{lens.focal_length_mm:.2f}mm_{setting}", lens
 
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        states = dict(pool.map(photograph, range(len(shots)), shots))
-    write_text_atomic(folder / "shoot.toml", shoot_toml(prescription, camera, shots))
-    write_json(folder / "truth_lens.json", lens_truth(prescription, camera, states))
-    if with_wavefront:
-        progress("truth_wavefront")
-        write_truth(folder, _wavefront(prescription, camera, shots, change))
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            states = dict(pool.map(photograph, range(len(shots)), shots))
+        write_text_atomic(made / SHOOT_FILE, shoot_toml(prescription, camera, shots))
+        write_json(made / "truth_lens.json", lens_truth(prescription, camera, states))
+        if with_wavefront:
+            progress("truth_wavefront")
+            write_truth(made, _wavefront(prescription, camera, shots, change))
 
 
 def _wavefront(

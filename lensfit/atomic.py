@@ -12,6 +12,7 @@ instead: of many writers, on many machines, the file system lets exactly one suc
 import errno
 import hashlib
 import os
+import shutil
 import socket
 import tempfile
 from collections.abc import Iterator
@@ -45,7 +46,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         try:
             os.replace(temporary, path)
         except OSError as error:
-            raise _cannot_write(path, error) from error
+            raise cannot_write(path, error) from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -66,7 +67,7 @@ def write_bytes_atomic(path: str | Path, content: bytes) -> None:
         try:
             temporary.write_bytes(content)
         except OSError as error:
-            raise _cannot_write(Path(path), error) from error
+            raise cannot_write(Path(path), error) from error
 
 
 @contextmanager
@@ -91,7 +92,7 @@ def written_aside(path: str | Path, content: bytes) -> Iterator[Path]:
                 os.fsync(file.fileno())
             _give_ordinary_permissions(temporary)
         except OSError as error:
-            raise _cannot_write(path, error) from error
+            raise cannot_write(path, error) from error
         yield temporary
     finally:
         temporary.unlink(missing_ok=True)
@@ -123,7 +124,7 @@ def claim(temporary: Path, path: Path) -> bool:
     except FileExistsError:
         return False
     except OSError as error:
-        raise _cannot_write(path, error) from error
+        raise cannot_write(path, error) from error
     sync_folder(path.parent)
     return True
 
@@ -161,16 +162,23 @@ def sync_folder(folder: Path) -> None:
 
 
 def remove_abandoned(path: str | Path) -> None:
-    """Remove temporary files of `path` whose process, on this machine, is no more."""
+    """Remove temporary files (or folders) of `path` whose process is no more.
+
+    Those of other machines stay: nobody here knows whether they are at work.
+    """
     path = Path(path)
-    start, own = f".{path.stem}.{_machine()}-", f".{path.stem}.{_owner()}."
+    start, own = f".{path.stem}.{_machine()}-", f".{path.stem}.{owner()}."
     if not path.parent.is_dir():
         return
     for found in path.parent.iterdir():
         if not found.name.startswith(start) or found.name.startswith(own):
             continue
         process = found.name[len(start) :].split(".")[0]
-        if process.isdigit() and not _is_alive(int(process)):
+        if not process.isdigit() or _is_alive(int(process)):
+            continue
+        if found.is_dir():
+            shutil.rmtree(found, ignore_errors=True)
+        else:
             found.unlink(missing_ok=True)
 
 
@@ -178,7 +186,8 @@ def _machine() -> str:
     return hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
 
 
-def _owner() -> str:
+def owner() -> str:
+    """Whose a temporary name is: this process on this machine."""
     return f"{_machine()}-{os.getpid()}"
 
 
@@ -203,11 +212,11 @@ def _reserve(path: Path) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(
-            dir=path.parent, prefix=f".{path.stem}.{_owner()}.", suffix=path.suffix
+            dir=path.parent, prefix=f".{path.stem}.{owner()}.", suffix=path.suffix
         )
         os.close(handle)
     except OSError as error:
-        raise _cannot_write(path, error) from error
+        raise cannot_write(path, error) from error
     return Path(name)
 
 
@@ -225,9 +234,10 @@ def _give_ordinary_permissions(path: Path) -> None:
         path.chmod(0o666 & ~umask)
 
 
-def _cannot_write(path: Path, error: OSError) -> OutputError:
+def cannot_write(path: Path, error: OSError) -> OutputError:
+    """The error to raise where the system refuses to write `path`."""
     if isinstance(error, FileExistsError | NotADirectoryError):
-        for folder in path.parents:
+        for folder in (path, *path.parents):
             if folder.exists() and not folder.is_dir():
                 return OutputError("is a file", where=folder, remedy="give a folder")
     return OutputError(

@@ -16,6 +16,7 @@ FLOORS = {
     "errors": 0,
     "units": 0,
     "atomic": 1,
+    "together": 2,
     "batches": 0,
     "progress": 0,
     "_jax": 0,

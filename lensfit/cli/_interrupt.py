@@ -2,17 +2,27 @@
 
 Python drops what is raised inside a callback of its garbage collector (JAX has one) or
 inside a finaliser: it prints "Exception ignored" and the job goes on. There the
-interrupt waits a moment and tries again.
+interrupt waits a moment and tries again. Threads of libraries may then be in the middle
+of a program, and crash while Python is taken down around them: an interrupted run ends
+without that.
 """
 
 import gc
+import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 _AGAIN_S = 0.02
+
+
+class _Heard:
+    """How often this process was interrupted."""
+
+    interrupts = 0
 
 
 @contextmanager
@@ -29,8 +39,13 @@ def interruptible() -> Iterator[None]:
         return
     alarm = signal.signal(signal.SIGALRM, _interrupt)
     signal.signal(signal.SIGINT, _interrupt)
+    heard = _Heard.interrupts
     try:
         yield
+    except SystemExit as end:
+        if _Heard.interrupts > heard:
+            _end_at_once(end)
+        raise
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -41,7 +56,15 @@ def _interrupt(_number: int, frame: FrameType | None) -> None:
     if _is_unheard(frame):
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
     else:
+        _Heard.interrupts += 1
         raise KeyboardInterrupt
+
+
+def _end_at_once(end: SystemExit) -> None:
+    """With what was printed, and the exit code; files were taken care of before."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(end.code if isinstance(end.code, int) else 1)
 
 
 def _is_unheard(frame: FrameType | None) -> bool:

@@ -33,7 +33,9 @@ def calibrate(
 ) -> None:
     """Measure a lens from photographs of grids.
 
-    Writes preset.json, stmaps/*.exr, report.html and report.json into the folder.
+    Writes preset.json, stmaps/*.exr, report.html and report.json into the folder, at
+    the end and in place of what an earlier run wrote; a run that fails or is
+    interrupted leaves that as it was.
     A photograph that cannot be used is named in one line while the others go on; the
     exit code is then 1.
 

@@ -3,11 +3,10 @@
     photographs -> marks -> lens states -> preset, UV maps, report
 
 One photograph that cannot be used does not stop the others; it is in the report with
-its reason. Every file is written whole or not at all, preset and report one after the
-other at the end.
+its reason. Everything appears together when the last of it is whole, in place of what
+an earlier run wrote (`results_together`).
 """
 
-import contextlib
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -33,12 +32,13 @@ from lensfit.workflow.calibration.entries import (
 )
 from lensfit.workflow.calibration.entry_facts import entry_facts
 from lensfit.workflow.calibration.observe import Observed, observe_shoot
-from lensfit.workflow.calibration.results_folder import PRESET, results_folder
+from lensfit.workflow.calibration.results_folder import PRESET
 from lensfit.workflow.calibration.take_facts import take_facts
 from lensfit.workflow.calibration.term_facts import terms_of
 from lensfit.workflow.pictures.blur_pictures import write_dot_pictures
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
 from lensfit.workflow.report.write import write_report
+from lensfit.workflow.results_together import REPORT, results_together
 from lensfit.workflow.shoot.charts_seen import with_charts_read
 from lensfit.workflow.shoot.records import Shoot
 from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
@@ -56,10 +56,15 @@ def calibrate(
 ) -> dict[str, Any]:
     """Measure the lens of a shoot and write everything about it.
 
+    The files appear at the end, and those of an earlier run that this one did not write
+    again are removed. A run that ends in an error leaves the earlier results as they
+    are and its own overlays in ``overlays_failed``; one that is interrupted, nothing.
+
     Parameters
     ----------
     shoot : From `lensfit.workflow.shoot.file.load_shoot`.
-    out_dir : Folder for preset.json, stmaps, overlays, report.json and report.html.
+    out_dir : Folder for preset.json, stmaps, overlays, model, blur, report.json and
+        report.html.
     progress : Told how far it is.
     effort : Speed against error of the blur: "fastest", "fast", "normal", "best".
 
@@ -73,18 +78,18 @@ def calibrate(
     LensfitError : No photograph could be used, or the folder cannot be written or holds
         the calibration of another lens.
     """
-    folder = results_folder(out_dir, shoot)
-    with stopwatch() as seeing:
-        shoot = with_charts_read(shoot, progress)
-        observed = observe_shoot(shoot, folder, progress)
-    return calibrate_observed(
-        shoot,
-        observed,
-        folder,
-        progress=progress,
-        effort=effort,
-        seen_in_s=seeing["seconds"],
-    )
+    with results_together(out_dir, shoot) as folder:
+        with stopwatch() as seeing:
+            shoot = with_charts_read(shoot, progress)
+            observed = observe_shoot(shoot, folder, progress)
+        return calibrate_observed(
+            shoot,
+            observed,
+            folder,
+            progress=progress,
+            effort=effort,
+            seen_in_s=seeing["seconds"],
+        )
 
 
 def calibrate_observed(
@@ -96,7 +101,7 @@ def calibrate_observed(
     effort: str = "normal",
     seen_in_s: float = 0.0,
 ) -> dict[str, Any]:
-    """The same with marks that were found before.
+    """The same with marks that were found before, written to the folder as it goes.
 
     Parameters
     ----------
@@ -110,7 +115,6 @@ def calibrate_observed(
     """
     takes = [o.take for o in observed if o.take is not None]
     if not takes:
-        _remove_if_empty(folder / "overlays", folder)
         raise DetectionError(
             observed[0].failed or "no photograph could be used",
             remedy=_others(observed),
@@ -129,18 +133,10 @@ def calibrate_observed(
     seconds = _seconds(observed, fitted) | spent
     report["seconds"] = {k: round(v, 3) for k, v in seconds.items()}
     report["files"]["stmaps"] = maps
-    # What takes long is done: preset and report, which must agree, follow each other.
     save_preset(preset, folder / PRESET)
-    write_text_atomic(folder / "report.json", json.dumps(report, indent=1))
+    write_text_atomic(folder / REPORT, json.dumps(report, indent=1))
     write_report(report, folder)
     return report
-
-
-def _remove_if_empty(*folders: Path) -> None:
-    """Take back folders that nothing was written to."""
-    for folder in folders:
-        with contextlib.suppress(OSError):
-            folder.rmdir()
 
 
 def lens_of_state(preset: Preset, state: LensState) -> Lens:

@@ -80,8 +80,10 @@ def test_what_others_chose_stays():
 
 
 def test_the_program_ends_in_one_line():
+    """Though it would crash while Python is taken down, as threads of JAX do."""
     text = """
-import gc, os, signal, time
+import atexit, gc, os, signal, time
+atexit.register(os.abort)
 from lensfit.cli import main
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sent = []

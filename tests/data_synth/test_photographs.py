@@ -228,6 +228,29 @@ def test_a_shoot_is_written_as_lensfit_reads_it_and_is_reproducible(tmp_path):
         assert first.read_bytes() == second.read_bytes()
 
 
+def test_an_interrupted_shoot_leaves_nothing(tmp_path):
+    camera = Camera(Frame((96, 72), (28.0, 21.0)), Sensor())
+    chart = Chart("dot-grid", 400.0, 60.0)
+    shots = [
+        Shot(name, chart, Pose(DISTANCE_MM), 4.0, DISTANCE_MM, rays_per_wavelength=64)
+        for name in "ab"
+    ]
+
+    def interrupted(name: str) -> None:
+        if name == "b":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_shoot(
+            tmp_path / "shoot",
+            load_prescription("nikkor_28"),
+            camera,
+            shots,
+            progress=interrupted,
+        )
+    assert not (tmp_path / "shoot").exists()
+
+
 @pytest.mark.slow
 def test_the_bundled_demo_is_what_its_command_makes(tmp_path):
     make_demo(tmp_path)

@@ -1,17 +1,20 @@
 """The main job, end to end, on the bundled shoot whose truth is known."""
 
 import json
+import shutil
 from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
 from lensfit.coords import mm_from_px
-from lensfit.errors import DetectionError
+from lensfit.errors import DetectionError, FitError
 from lensfit.io.stmap import read_stmap
 from lensfit.preset.store import load_preset
+from lensfit.workflow import calibrate as job
 from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.calibration.entry_facts import is_of_lighting_too
 from lensfit.workflow.report.verdict import verdict
@@ -153,3 +156,56 @@ def test_no_photograph_at_all_is_one_sentence(tmp_path):
     with pytest.raises(DetectionError, match=r"dots\.exr"):
         calibrate(load_shoot(tmp_path / "shoot.toml"), tmp_path / "out")
     assert not (tmp_path / "out" / "preset.json").exists()
+    assert not (tmp_path / "out").exists()
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    found = [path for path in folder.rglob("*") if path.is_file()]
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
+
+
+@pytest.fixture
+def again(calibrated, tmp_path):
+    """The same results, to be replaced."""
+    _, out = calibrated
+    return Path(shutil.copytree(out, tmp_path / "again"))
+
+
+def test_a_second_run_leaves_nothing_of_the_first_but_a_users_own_file(again):
+    """Focused elsewhere, and of a photograph with another name."""
+    (again / "stmaps" / "mine.exr").write_bytes(b"mine")
+    renamed = shutil.copy(DEMO / "dots.exr", again.with_name("renamed.exr"))
+    shoot = load_shoot(DEMO / "shoot.toml")
+    takes = [
+        msgspec.structs.replace(take, focus_distance_mm=1600.0) for take in shoot.takes
+    ]
+    takes[0] = msgspec.structs.replace(takes[0], image=str(renamed))
+    calibrate(msgspec.structs.replace(shoot, takes=tuple(takes)), again)
+    found = [name for name in contents(again) if "/" in name]
+    stems, lens = ("dots_tilted", "lines", "renamed"), "retrofocus-wide-angle-28-mm-f"
+    assert sorted(found) == [
+        *(f"model/{s}_{n}.jpg" for s in stems for n in ("left", "model", "photograph")),
+        *(f"overlays/{stem}.png" for stem in stems),
+        "stmaps/mine.exr",
+        *(f"stmaps/{lens}-2-8_28mm_1600mm_{n}.exr" for n in ("redistort", "undistort")),
+    ]
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt(), FitError("no lens fits")])
+def test_a_run_that_stops_leaves_the_results_of_the_one_before(
+    again, monkeypatch, stop
+):
+    def stopped(*_, **__):
+        raise stop
+
+    (again / "overlays" / "dots.png").write_bytes(b"of the first run")
+    before = contents(again)
+    shoot = load_shoot(DEMO / "shoot.toml")
+    monkeypatch.setattr(job, "fit", stopped)
+    with pytest.raises(type(stop)) as caught:
+        calibrate(msgspec.structs.replace(shoot, takes=shoot.takes[:1]), again)
+    after = contents(again)
+    if isinstance(stop, FitError):
+        assert after.pop("overlays_failed/dots.png")
+        assert f"are drawn in {again / 'overlays_failed'}" in str(caught.value)
+    assert after == before

@@ -98,6 +98,15 @@ def test_two_charts_are_told_apart_and_an_unreadable_take_says_so(folder: Path):
     assert "target" in str(failed[2])
 
 
+def test_a_photograph_that_is_not_there_says_what_to_do(folder: Path):
+    shoot = shoot_of(folder, "dot-grid.exr", "dot_grid.exr")
+    _, missing = observe_shoot(shoot, None, quiet)
+    assert missing.failed == (
+        f"{folder / 'dot_grid.exr'}: cannot be read (No such file or directory); "
+        "correct its name in shoot.toml, or say with --images which folder holds it"
+    )
+
+
 def test_a_stated_target_counts_and_needs_no_code(folder: Path):
     stated = '[[target]]\nname = "mine"\nkind = "dot-grid"\npitch_mm = 15.9\n'
     text = HEAD + stated + TAKE.format("soft.exr") + 'target = "mine"\n'

@@ -19,13 +19,14 @@ from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.detect.observations import Observations
 from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
-from lensfit.errors import LensfitError
+from lensfit.errors import ImageError, LensfitError
 from lensfit.fit.take import Take
 from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
 from lensfit.workflow.calibration.overlaps_seen import why_overlaps
+from lensfit.workflow.calibration.results_folder import OVERLAYS
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
 from lensfit.workflow.shoot.charts_seen import pattern_of_target
 from lensfit.workflow.shoot.records import Shoot
@@ -74,7 +75,7 @@ def observe_shoot(
 
     Nothing is drawn if `out_dir` is None.
     """
-    folder = None if out_dir is None else out_dir / "overlays"
+    folder = None if out_dir is None else out_dir / OVERLAYS
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     names = _distinct_names([take.image for take in shoot.takes])
@@ -123,9 +124,7 @@ def _searched(
 ) -> dict[str, Any]:
     """Read, search and draw; `known` keeps what was learnt before an error."""
     with _timed(seconds, "read"):
-        photograph = read_photograph(
-            shoot.image_path(take), take.encoding, shoot.camera.mosaic
-        )
+        photograph = _photograph_of(shoot, take)
         known["sha256"] = photograph.sha256
         known["orientation"] = photograph.metadata.get("orientation")
         header = camera_state_of(photograph)
@@ -147,12 +146,33 @@ def _searched(
     if overlay is not None:
         with _timed(seconds, "overlay"):
             draw_overlay(photograph, marks, overlay)
+            known["overlay"] = overlay
             known["small"] = small_of(photograph)
     return {
         "take": _take_for_fit(take, resolved, marks, photograph),
-        "overlay": overlay,
         "notes": resolved.notes + _of_mosaic(shoot, photograph) + marks.notes,
     }
+
+
+def _photograph_of(shoot: Shoot, take: ShootTake) -> Photograph:
+    """The photograph of a take.
+
+    Raises
+    ------
+    ImageError : As `read_photograph`; of one that is not there it names the shoot file.
+    """
+    path = shoot.image_path(take)
+    try:
+        return read_photograph(path, take.encoding, shoot.camera.mosaic)
+    except ImageError as error:
+        if path.exists():
+            raise
+        raise ImageError(
+            error.what,
+            where=path,
+            remedy=f"correct its name in {shoot.path.name}, or say with --images which "
+            "folder holds it",
+        ) from error
 
 
 @contextmanager

@@ -13,7 +13,10 @@ from lensfit.preset.store import load_preset
 from lensfit.workflow.shoot.records import Shoot
 
 PRESET = "preset.json"
-_FOLDERS = ("overlays", "stmaps", "model", "blur")
+OVERLAYS = "overlays"
+FOLDERS = (OVERLAYS, "stmaps", "model", "blur")
+FAILED = "overlays_failed"
+"""Of a run that ended in an error; beside a report they must not pass for its own."""
 _ANOTHER = "choose another --out, or remove the folder first"
 
 
@@ -30,7 +33,7 @@ def results_folder(out_dir: str | Path, shoot: Shoot) -> Path:
     """
     folder = Path(out_dir)
     _require_same_lens(folder / PRESET, shoot)
-    for written in (folder, *map(folder.joinpath, _FOLDERS)):
+    for written in (folder, *map(folder.joinpath, (*FOLDERS, FAILED))):
         if written == folder or written.exists():
             _try_writing(written)
     return folder

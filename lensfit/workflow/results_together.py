@@ -1,0 +1,109 @@
+"""The results of a calibration, in place of those of the one before.
+
+Everything is made in a hidden folder and appears at the end (`lensfit.together`): a map
+beside a preset, or an overlay in a report, is always of the same run. Files that the
+earlier report names and the new run did not write are removed; nothing else is, as a
+folder of results may hold its owner's files too.
+
+A run that fails leaves the earlier results alone. The marks that it found show why it
+failed, so their pictures are kept in a folder whose name says so, and the error names
+it; the next run replaces them.
+"""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from lensfit.errors import LensfitError
+from lensfit.together import move_all, taken_back_if_empty, together
+from lensfit.workflow.calibration.results_folder import (
+    FAILED,
+    FOLDERS,
+    OVERLAYS,
+    PRESET,
+    results_folder,
+)
+from lensfit.workflow.report.wipe import MODEL_PICTURES
+from lensfit.workflow.shoot.records import Shoot
+
+REPORT = "report.json"
+_LAST = (PRESET, "report.html", REPORT)
+
+
+@contextmanager
+def results_together(out_dir: str | Path, shoot: Shoot) -> Iterator[Path]:
+    """A folder to write the results of a shoot to; they move on if the block ends well.
+
+    If it ends in a `LensfitError`, overlays move to ``out_dir/overlays_failed``; if in
+    anything else, as Ctrl-C, nothing does.
+
+    Parameters
+    ----------
+    out_dir : May hold an earlier calibration of the same lens, which is replaced.
+
+    Raises
+    ------
+    LensfitError : The folder cannot be made or written, or holds another lens or
+        camera; or that of the block.
+    """
+    with taken_back_if_empty(Path(out_dir)):
+        folder = results_folder(out_dir, shoot)
+        replaces = [*files_of_report(folder / REPORT), *_failed_overlays(folder)]
+        with together(folder, last=_LAST, replaces=replaces) as made:
+            try:
+                yield made
+            except LensfitError as error:
+                if not _keep_overlays(made, folder):
+                    raise
+                seen = f"the marks that were found are drawn in {folder / FAILED}"
+                remedy = f"{error.remedy}; {seen}" if error.remedy else seen
+                raise type(error)(
+                    error.what, where=error.where, remedy=remedy
+                ) from error
+
+
+def files_of_report(path: Path) -> list[Path]:
+    """UV maps and pictures that a report names, relative to its folder.
+
+    Only such as a calibration writes, in folders that it makes; none if there is no
+    report, or it cannot be read.
+    """
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+        if not report["schema"].startswith("lensfit.report."):
+            return []
+        named = [Path(name) for name in _names(report) if isinstance(name, str)]
+    except (OSError, ValueError, TypeError, LookupError, AttributeError):
+        return []
+    return [name for name in named if _is_own(name)]
+
+
+def _names(report: dict[str, Any]) -> list[Any]:
+    takes = report.get("takes") or []
+    names = [take.get("overlay") for take in takes]
+    for modelled in [take.get("modelled") or {} for take in takes]:
+        names += [modelled.get(key) for key in MODEL_PICTURES]
+    for blur in report.get("blur") or []:
+        names += [take.get("picture") for take in blur.get("takes") or []]
+    return names + list((report.get("files") or {}).get("stmaps") or [])
+
+
+def _is_own(name: Path) -> bool:
+    """A report from elsewhere may name anything."""
+    parts = name.parts
+    return len(parts) == 2 and parts[0] in FOLDERS and parts[1] != ".."
+
+
+def _failed_overlays(folder: Path) -> list[Path]:
+    """Of the run before, if that failed."""
+    return [Path(FAILED, path.name) for path in (folder / FAILED).glob("*.png")]
+
+
+def _keep_overlays(made: Path, folder: Path) -> bool:
+    """Move the overlays of a run that fails to where they belong: whether any were."""
+    earlier = [Path(path.name) for path in _failed_overlays(folder)]
+    drawn = any((made / OVERLAYS).glob("*.png"))
+    move_all(made / OVERLAYS, folder / FAILED, replaces=earlier)
+    return drawn

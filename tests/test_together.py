@@ -1,0 +1,147 @@
+"""Outputs of one run appear together, whatever stops the run."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lensfit import together as module
+from lensfit.errors import OutputError
+from lensfit.together import together
+
+
+def write(folder: Path, **texts: str) -> None:
+    """Files, by their stem; "maps__a" lies in a subfolder."""
+    for name, text in texts.items():
+        path = folder / f"{name.replace('__', '/')}.txt"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+
+
+def contents(folder: Path) -> dict[str, str]:
+    found = [path for path in folder.rglob("*") if path.is_file()]
+    return {p.relative_to(folder).as_posix(): p.read_text() for p in found}
+
+
+def test_nothing_is_there_before_the_end(tmp_path):
+    write(tmp_path, report="old", other="of the user")
+    with together(tmp_path) as made:
+        write(made, report="new", maps__a="new")
+        assert contents(tmp_path)["report.txt"] == "old"
+        assert not (tmp_path / "maps").exists()
+    assert contents(tmp_path) == {
+        "report.txt": "new",
+        "maps/a.txt": "new",
+        "other.txt": "of the user",
+    }
+    assert sorted(os.listdir(tmp_path)) == ["maps", "other.txt", "report.txt"]
+
+
+@pytest.mark.parametrize("stop", [ValueError, KeyboardInterrupt, SystemExit])
+def test_a_run_that_stops_changes_nothing(tmp_path, stop):
+    old, fresh = tmp_path / "old", tmp_path / "fresh"
+    old.mkdir()
+    write(old, report="old", maps__a="old")
+
+    def stopped(folder: Path) -> None:
+        with together(folder, replaces=[Path("maps/a.txt")]) as made:
+            write(made, report="new", maps__b="new")
+            raise stop
+
+    for folder in (old, fresh):
+        with pytest.raises(stop):
+            stopped(folder)
+    assert contents(old) == {"report.txt": "old", "maps/a.txt": "old"}
+    assert os.listdir(tmp_path) == ["old"]
+
+
+def test_an_interrupt_waits_for_the_moves(tmp_path, monkeypatch):
+    move = module._move
+
+    def interrupted_move(made: Path, path: Path) -> None:
+        if path.name == "a.txt":
+            os.kill(os.getpid(), signal.SIGINT)
+        move(made, path)
+
+    def run() -> None:
+        with together(tmp_path, replaces=[Path("old.txt")]) as made:
+            write(made, a="new", b="new", maps__c="new")
+
+    write(tmp_path, old="old")
+    monkeypatch.setattr(module, "_move", interrupted_move)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run()
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert sorted(contents(tmp_path)) == ["a.txt", "b.txt", "maps/c.txt"]
+    assert sorted(os.listdir(tmp_path)) == ["a.txt", "b.txt", "maps"]
+
+
+def test_the_last_names_are_given_last(tmp_path, monkeypatch):
+    moved, move = [], module._move
+
+    def noted_move(made: Path, path: Path) -> None:
+        moved.append(path.name)
+        move(made, path)
+
+    monkeypatch.setattr(module, "_move", noted_move)
+    with together(tmp_path, last=("b.txt", "never.txt", "a.txt")) as made:
+        write(made, a="", b="", c="", maps__d="")
+    assert moved == ["c.txt", "d.txt", "b.txt", "a.txt"]
+
+
+def test_what_is_not_written_again_is_removed_and_nothing_else(tmp_path):
+    write(tmp_path, maps__a="old", maps__b="old", maps__mine="mine", blur__a="old")
+    earlier = [Path(name) for name in ("maps/A.txt", "maps/b.txt", "blur/a.txt")]
+    with together(tmp_path, replaces=[*earlier, Path("gone/a.txt")]) as made:
+        write(made, maps__a="new")
+    assert contents(tmp_path) == {"maps/a.txt": "new", "maps/mine.txt": "mine"}
+    assert os.listdir(tmp_path) == ["maps"]
+
+
+def test_a_subfolder_may_be_a_link_to_another_disk(tmp_path, monkeypatch):
+    replace = os.replace
+
+    def within_a_folder(source, target) -> None:
+        if Path(source).parent != Path(target).parent:
+            raise OSError(errno.EXDEV, os.strerror(errno.EXDEV))
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", within_a_folder)
+    with together(tmp_path) as made:
+        write(made, maps__a="new")
+    assert contents(tmp_path) == {"maps/a.txt": "new"}
+
+
+def test_what_is_in_the_way_is_said(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(OutputError, match="is a file; give a folder"):
+        together(tmp_path / "file").__enter__()
+    (tmp_path / "a.txt").mkdir()
+
+    def run() -> None:
+        with together(tmp_path) as made:
+            write(made, a="new")
+
+    with pytest.raises(OutputError, match=r"a\.txt: cannot be written"):
+        run()
+
+
+def test_the_hidden_folder_of_a_killed_run_is_removed(tmp_path):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    with together(tmp_path) as mine:
+        dead = mine.with_name(mine.name.replace(f"-{os.getpid()}.", f"-{ended.pid}."))
+        dead.mkdir()
+        write(dead, maps__a="half")
+        with together(tmp_path) as another:
+            assert not dead.exists()
+            assert mine.exists()
+            write(another, a="new")
+    assert contents(tmp_path) == {"a.txt": "new"}
