@@ -92,17 +92,21 @@ class Lens(AbstractChiefRays):
         Raises
         ------
         LensfitError : The blur was not measured, and f-number or focus distance is
-            unknown; or the object is nearer than the lens has an image of it.
-        ValueError : Unknown channel, or a size or point of the wrong shape.
+            unknown; or the object is nearer than the lens has an image of it; or no
+            light comes to the point; or there are no such pixels.
+        ValueError : Unknown channel, or a pitch or point of the wrong shape.
         """
-        return self.psfs(
-            jnp.asarray(image_point_mm, jnp.float64)[None],
+        point = jnp.asarray(image_point_mm, jnp.float64)
+        kernel = self.psfs(
+            point[None],
             object_distance_mm,
             (channel,),
             pixel_pitch_mm=pixel_pitch_mm,
             size_px=size_px,
             tolerance=tolerance,
         )[0, 0]
+        self._check_lit(point, kernel)
+        return kernel
 
     def psfs(
         self,
@@ -117,6 +121,8 @@ class Lens(AbstractChiefRays):
     ) -> Float[Array, "points channels size size"]:
         """`psf` of many points and channels; one distance, or one for each point.
 
+        A point that no light comes to is all zeros, and no error.
+
         Parameters
         ----------
         with_lateral_colour : Whether red and blue lie from the middle as they land from
@@ -124,8 +130,8 @@ class Lens(AbstractChiefRays):
 
         Raises
         ------
-        LensfitError : An object is too near for a sharp image.
-        ValueError : `size_px` is below 1.
+        LensfitError : An object is too near for a sharp image; or there are no such
+            pixels.
         """
         lateral, blur = self.lateral_colour, self.blur or self.perfect_blur()
         if lateral is not None and not with_lateral_colour:
@@ -164,14 +170,17 @@ class Lens(AbstractChiefRays):
         LensfitError : The preset does not say how well its blur is known; or as `psf`.
         ValueError : As `psf`.
         """
-        return self.known_psfs(
-            jnp.asarray(image_point_mm, jnp.float64)[None],
+        point = jnp.asarray(image_point_mm, jnp.float64)
+        known = self.known_psfs(
+            point[None],
             object_distance_mm,
             channel,
             pixel_pitch_mm=pixel_pitch_mm,
             size_px=size_px,
             tolerance=tolerance,
-        ).deviation[0]
+        )
+        self._check_lit(point, known.psf[0])
+        return known.deviation[0]
 
     def known_psfs(
         self,
@@ -184,7 +193,7 @@ class Lens(AbstractChiefRays):
         tolerance: float = TOLERANCE,
         draws: int | None = None,
     ) -> KnownPsfs:
-        """`psf` and `psf_standard_deviation` of many points.
+        """`psf` and `psf_standard_deviation` of many points; zeros as in `psfs`.
 
         Parameters
         ----------
@@ -237,6 +246,19 @@ class Lens(AbstractChiefRays):
             jnp.repeat(points, len(indices), 0),
             jnp.asarray(np.repeat(distances, len(indices))),
             jnp.asarray(np.tile(indices, len(points)).astype(int)),
+        )
+
+    def _check_lit(self, point_mm: Array, kernel: Array | np.ndarray) -> None:
+        """Refuse a kernel without light, which would not sum to 1."""
+        if 0 < float(kernel.sum()) < np.inf:
+            return
+        x_mm, y_mm = np.asarray(point_mm).tolist()
+        width_mm, height_mm = self.sensor_size_mm
+        raise LensfitError(
+            f"the lens sends no light to ({x_mm:g}, {y_mm:g}) mm, or all of it beside "
+            "the array",
+            remedy="give a point inside the image, in mm from the middle of the sensor "
+            f"({width_mm:g} x {height_mm:g} mm), or a larger array",
         )
 
     def perfect_blur(self) -> LensBlur:
@@ -295,7 +317,27 @@ class Lens(AbstractChiefRays):
 def _raster(
     pixel_pitch_mm: float | tuple[float, float], tolerance: float, size_px: int
 ) -> Raster:
-    if size_px < 1:
-        raise ValueError(f"size_px = {size_px} is no size of an array")
+    """The pixels that are asked for.
+
+    Raises
+    ------
+    LensfitError : There are none of that size, pitch or accuracy.
+    """
     pitch = np.broadcast_to(np.asarray(pixel_pitch_mm, float), (2,))
+    if not size_px >= 1:
+        raise LensfitError(
+            f"size_px = {size_px} is no size of an array",
+            remedy="give how many rows and columns it has, one at least",
+        )
+    if not (np.isfinite(pitch) & (pitch > 0)).all():
+        said = ", ".join(f"{mm:g}" for mm in np.ravel(pixel_pitch_mm))
+        raise LensfitError(
+            f"pixel_pitch_mm = {said} is no distance between pixels",
+            remedy="give a positive length in mm, such as 0.006",
+        )
+    if not tolerance > 0:
+        raise LensfitError(
+            f"tolerance = {tolerance:g} is no relative error to aim at",
+            remedy="give a positive number, such as 0.01",
+        )
     return Raster(jnp.asarray(pitch), jnp.asarray(tolerance, jnp.float64), size_px)

@@ -88,8 +88,10 @@ def _print_table(inspection) -> None:
     from lensfit.workflow.inspect import facts
 
     table = Table(title=str(inspection.path), title_justify="left", show_header=False)
-    for _ in range(3):
+    lines = facts(inspection)
+    columns = 3 if any(source for *_, source in lines) else 2
+    for _ in range(columns):
         table.add_column(overflow="fold")  # the end of a path says which file it is
-    for line in facts(inspection):
-        table.add_row(*(Text(cell) for cell in line))
+    for line in lines:
+        table.add_row(*(Text(cell) for cell in line[:columns]))
     console().print(table)

@@ -18,6 +18,7 @@ must only on the same evidence.
 Reference: G. Schwarz, Annals of Statistics 6 (1978) 461-464.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -57,7 +58,8 @@ class Verdict:
     name : Of the term.
     kept : Whether it is in the model.
     bic_gain : Gain in BIC when it was tried last.
-    held_out_gain : Relative gain of the held-out sum of squares.
+    held_out_gain : Share of the held-out sum of squares that the term takes away, at
+        most 1; below 0 where it adds to it.
     visible : Whether the effect reaches `LEAST_EFFECT_PX`.
     despite : Why it was kept against the evidence; empty where it was not.
     """
@@ -74,6 +76,11 @@ class Verdict:
         """The block of parameters that the term belongs to."""
         return self.name.rstrip("0123456789").rstrip("_")
 
+    @property
+    def held_out_change_percent(self) -> float:
+        """What the term does to the root mean square of the held-out error."""
+        return 100 * (math.sqrt(max(1 - self.held_out_gain, 0.0)) - 1)
+
     def kept_all_the_same(self, why: str) -> "Verdict":
         """The verdict where something else than evidence decides."""
         return replace(
@@ -83,8 +90,8 @@ class Verdict:
     @property
     def reason(self) -> str:
         """One sentence for the report."""
-        change = f"held-out error {-50 * self.held_out_gain:+.2g} %"
-        evidence = f"evidence {self.bic_gain:+.3g} (BIC), {change}"
+        change = _signed(self.held_out_change_percent)
+        evidence = f"evidence {self.bic_gain:+.3g} (BIC), held-out error {change} %"
         if self.despite:
             return f"kept: {self.despite}; {evidence}"
         if self.kept:
@@ -94,6 +101,12 @@ class Verdict:
         if self.held_out_gain > LEAST_HELD_OUT_GAIN and not self.visible:
             return f"left out: its effect is below {LEAST_EFFECT_PX:g} px; {evidence}"
         return f"left out: it does not predict unseen marks better; {evidence}"
+
+
+def _signed(percent: float) -> str:
+    """Two digits, to a thousandth at most; 0 what is less."""
+    whole = 10 <= abs(percent) < 1000
+    return f"{percent:+.0f}" if whole else f"{round(percent, 3) + 0.0:+.2g}"
 
 
 def families(layout: Layout, largest: Layout | None = None) -> dict[str, list[Step]]:

@@ -96,7 +96,11 @@ def _read_bytes(path: Path) -> bytes:
         data = path.read_bytes()
     except OSError as error:
         reason = error.strerror or str(error)
-        raise ImageError(f"cannot be read ({reason})", where=path) from error
+        raise ImageError(
+            f"cannot be read ({reason})",
+            where=path,
+            remedy="give the path of a picture that is there and may be read",
+        ) from error
     if not data:
         raise ImageError("is empty", where=path, remedy="copy it again")
     return data

@@ -32,6 +32,7 @@ from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.map_covariances import map_covariances
 from lensfit.preset.schema import Camera
 from lensfit.preset.select import Selection
+from lensfit.preset.stops import beyond_photographed
 from lensfit.preset.turned_lens import turned_lens
 
 NO_BLUR = "blur was not measured; a perfect lens stands in for it"
@@ -65,9 +66,11 @@ def lens_of_selection(
 def _unturned(chosen: Selection, camera: Camera) -> Lens:
     """The lens as it was measured."""
     entry, f_number, blur = chosen.entry, chosen.f_number, None
+    notes = chosen.notes + (NO_BLUR,) * (entry.blur is None)
     distortion = _optics_of(entry.projection, entry.distortion)
     if entry.blur is not None and f_number is not None:
         blur = lens_blur(entry, f_number, chosen.measured_focus_mm)
+        notes += beyond_photographed(entry.blur.stops, f_number)
     return Lens(
         distortion=distortion,
         lateral_colour=_lateral_of(entry.lateral_colour),
@@ -78,7 +81,7 @@ def _unturned(chosen: Selection, camera: Camera) -> Lens:
         focal_length_mm=entry.focal_length_mm,
         f_number=f_number,
         focus_distance_mm=entry.focus_distance_mm,
-        notes=chosen.notes + (NO_BLUR,) * (entry.blur is None),
+        notes=notes,
         blur=blur,
         covariances=map_covariances(entry, distortion),
     )

@@ -22,11 +22,11 @@ from lensfit.preset.blocks import FallOff
 from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
 from lensfit.preset.fall_off_control import control_of, pupil_loss, squared_radii
+from lensfit.preset.stops import SAME_STOP
 
 TERMS = 7
 """Control values: enough for the kink where a rim begins to clip."""
 FULL_STOPS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0)
-_SAME_STOP = 1.05
 
 
 def predicted_fall_off(
@@ -64,8 +64,8 @@ def with_predicted_fall_off(entry: Entry) -> Entry:
     wanted = [
         number
         for number in FULL_STOPS
-        if number > widest / _SAME_STOP
-        and all(not 1 / _SAME_STOP < number / one < _SAME_STOP for one in known)
+        if number > widest / SAME_STOP
+        and all(not 1 / SAME_STOP < number / one < SAME_STOP for one in known)
     ]
     every = (*entry.fall_off, *predicted_fall_off(entry, wanted))
     ordered = sorted(every, key=lambda one: one.f_number or 0.0)

@@ -1,12 +1,17 @@
 """What each f-number on the barrel really opens, as a function of the f-number.
 
 Between the stops that were photographed the logarithm of the ratio is linear in the
-logarithm of the f-number; beyond them it stays what it is at the nearest.
+logarithm of the f-number; beyond them it stays what it is at the nearest. How far the
+lens stands beyond them is said of its blur (`beyond_photographed`).
 """
 
 import math
 
 from lensfit.preset.blur_blocks import Stop
+
+SAME_STOP = 1.05
+"""Ratio of f-numbers up to which they are one: 5.6 to 8 is no exact stop either."""
+_ONE_STOP = math.sqrt(2)
 
 
 def radius_ratio(stops: tuple[Stop, ...], f_number: float) -> float:
@@ -21,6 +26,26 @@ def radius_ratio(stops: tuple[Stop, ...], f_number: float) -> float:
         return first
     weight = math.log(f_number / low) / math.log(high / low)
     return math.exp((1 - weight) * math.log(first) + weight * math.log(second))
+
+
+def beyond_photographed(stops: tuple[Stop, ...], f_number: float) -> tuple[str, ...]:
+    """What to note of blur at an f-number outside those that it was photographed at.
+
+    Nothing between them or at them, up to a stop farther down, or where none is known.
+    The sentence is the same for every f-number, so that a pulled stop says it once.
+    """
+    known = sorted(stop.f_number for stop in stops)
+    if known and f_number * SAME_STOP < known[0]:
+        return (
+            f"the blur is not known wider open than f/{known[0]:.3g}, the widest "
+            "f-number it was photographed at",
+        )
+    if known and f_number > _ONE_STOP * SAME_STOP * known[-1]:
+        return (
+            f"the blur more than a stop beyond f/{known[-1]:.3g}, the smallest opening "
+            "it was photographed at, is the model's prediction",
+        )
+    return ()
 
 
 def blended_stops(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lensfit.fit.parameters import DRIFT_PARAMETERS, POSE_PARAMETERS, Layout
-from lensfit.fit.select import Step, bend_steps, choose, families
+from lensfit.fit.select import Step, Verdict, bend_steps, choose, families
 from lensfit.fit.trial import Statistics
 
 ROWS, POSES = 600, 6
@@ -105,6 +105,29 @@ def test_reasons_are_sentences_that_say_which_way():
     reasons = {v.name: v.reason for v in verdicts}
     assert reasons["radial_1"].startswith("kept: evidence +")
     assert reasons["other"].startswith("left out: the photographs do not ask for it")
+
+
+@pytest.mark.parametrize(
+    ("gain", "says"),
+    [
+        (1.0, "-100 %"),
+        (0.99, "-90 %"),
+        (0.75, "-50 %"),
+        (0.19, "-10 %"),
+        (0.0396, "-2 %"),
+        (0.0, "+0 %"),
+        (1e-6, "+0 %"),
+        (-0.0201, "+1 %"),
+        (-0.44, "+20 %"),
+        (-3.0, "+100 %"),
+        (-15.0, "+300 %"),
+    ],
+)
+def test_a_reason_says_what_became_of_the_held_out_rms_error(gain, says):
+    """Of the sum of squares a share is gone; of its root less. No more than all of it,
+    while it may grow by any factor."""
+    reason = Verdict("radial_1", True, 20.0, gain).reason
+    assert reason == f"kept: evidence +20 (BIC), held-out error {says}"
 
 
 @pytest.mark.parametrize("layout", [Layout(), Layout(free_degree=5, apertures=2)])

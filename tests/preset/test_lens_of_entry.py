@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from preset_makers import make_entry, make_preset
+from preset_makers import make_blur, make_entry, make_preset
 
 import lensfit
 from lensfit.preset.lens_of_entry import distortion_block
@@ -22,6 +22,38 @@ def test_the_lens_knows_its_state_and_how_it_was_reached():
         "focal length 50.5 mm taken as the measured 50 mm",
         "blur was not measured; a perfect lens stands in for it",
     )
+
+
+WIDER = (
+    "the blur is not known wider open than f/1.4, the widest f-number it was "
+    "photographed at"
+)
+FARTHER = (
+    "the blur more than a stop beyond f/2.8, the smallest opening it was photographed "
+    "at, is the model's prediction"
+)
+
+
+@pytest.mark.parametrize(
+    ("f_number", "says"),
+    [(0.7, WIDER), (1.0, WIDER), (1.3, WIDER), (4.5, FARTHER), (11.0, FARTHER)],
+)
+def test_blur_beyond_the_photographed_f_numbers_is_noted(f_number, says):
+    """Of f/1.4 and f/2.8, in one sentence, whatever the fall-off says."""
+    lens = make_preset(make_entry(blur=make_blur())).at(f_number=f_number)
+    assert [note for note in lens.notes if "the blur" in note] == [says]
+
+
+@pytest.mark.parametrize("f_number", [None, 1.4, 1.37, 2.0, 2.8, 4.0])
+def test_blur_at_and_near_the_photographed_f_numbers_is_not(f_number):
+    lens = make_preset(make_entry(blur=make_blur())).at(f_number=f_number)
+    assert not any("the blur" in note for note in lens.notes)
+
+
+def test_a_blur_of_no_known_f_number_says_nothing_of_them():
+    preset = make_preset(make_entry(blur=make_blur(stops=())))
+    for f_number in (0.7, 11.0):
+        assert not any("the blur" in n for n in preset.at(f_number=f_number).notes)
 
 
 def test_distortion_survives_file_and_lens():

@@ -349,6 +349,50 @@ def test_an_object_inside_the_focal_length_is_refused():
         psf(lens_of(IDEAL), AXIS, 90.0)
 
 
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"pixel_pitch_mm": 0}, "pixel_pitch_mm = 0 is no distance.*; give"),
+        ({"pixel_pitch_mm": -0.006}, "pixel_pitch_mm = -0.006 is no distance.*; give"),
+        ({"pixel_pitch_mm": (0.006, np.nan)}, "pixel_pitch_mm = 0.006, nan .*; give"),
+        ({"pixel_pitch_mm": np.inf}, "pixel_pitch_mm = inf .*; give"),
+        ({"size_px": 0}, "size_px = 0 is no size.*; give"),
+        ({"tolerance": 0.0}, "tolerance = 0 is no relative error.*; give"),
+    ],
+)
+def test_pixels_that_cannot_be_are_refused(wrong, says: str):
+    lens = lens_of(IDEAL)
+    with pytest.raises(LensfitError, match=says):
+        psf(lens, FIELD, FOCUS_MM, **wrong)
+    options = {"pixel_pitch_mm": 0.006, "size_px": SIZE} | wrong
+    with pytest.raises(LensfitError, match=says):
+        lens.psfs(np.array([FIELD]), FOCUS_MM, **options)
+
+
+@pytest.mark.parametrize("point", [(70.0, 4.0), (np.nan, 4.0)])
+def test_a_point_that_no_light_comes_to_is_refused(point):
+    with pytest.raises(LensfitError, match=r"no light to .*, 4\) mm.*; give a point"):
+        psf(lens_of(make_blur()), point, FOCUS_MM)
+
+
+def test_light_beside_the_array_is_no_kernel():
+    """Red a fifth of a millimetre from green, and a pixel of a micrometre."""
+    away = ChannelShift((), (0.2, 0.0), 1.02)
+    lens = lens_of(IDEAL, lateral_colour=LateralColour(away, away))
+    with pytest.raises(LensfitError, match=r"beside the array.*larger array"):
+        psf(lens, FIELD, FOCUS_MM, 0.001, "r", size_px=1)
+
+
+def test_many_points_may_lie_where_no_light_comes():
+    """As in the renderer's overscan: zeros there, and the others as they are."""
+    lens = lens_of(make_blur())
+    points, options = np.array([(70.0, 4.0), FIELD]), {"size_px": SIZE}
+    found = lens.psfs(points, FOCUS_MM, ("g",), pixel_pitch_mm=0.006, **options)
+    dark, lit = np.asarray(found)[:, 0]
+    assert not dark.any()
+    np.testing.assert_allclose(lit, psf(lens, FIELD, FOCUS_MM), atol=1e-12)
+
+
 def test_a_prime_is_refocused_as_a_whole():
     """Sharpest where it is asked to be focused, and says how."""
     preset = make_preset(entry_of(IDEAL))

@@ -48,6 +48,11 @@ def test_a_preset_that_does_not_say_is_told_so():
         deviation(lens_of(None))
 
 
+def test_where_no_light_comes_nothing_is_known_exactly():
+    with pytest.raises(LensfitError, match=r"no light to \(70, 4\) mm"):
+        lens_of().psf_standard_deviation((70.0, 4.0), FAR_MM, "g", **PIXELS)
+
+
 def test_deviation_goes_as_the_root_of_the_covariance():
     half = tuple(tuple(0.5 * v for v in move) for move in MOVES)
     whole = 0.5 * deviation(lens_of())

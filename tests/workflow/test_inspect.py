@@ -201,6 +201,15 @@ def test_command_prints_tables_and_drafts(folder: Path):
     assert load_shoot(draft).takes[0].image == "still.png"
 
 
+@pytest.mark.parametrize(
+    ("image", "columns"), [("still.png", 2), ("plate.0001.exr", 3)]
+)
+def test_a_table_has_no_column_without_a_word(folder: Path, image: str, columns: int):
+    result = CliRunner().invoke(app, ["inspect", str(folder / image)])
+    (line,) = (one for one in result.stdout.splitlines() if " size " in one)
+    assert line.count("│") == columns + 1
+
+
 def test_command_json_and_errors(folder: Path):
     (folder / "empty.exr").touch()
     images = [str(folder / "empty.exr"), str(folder / "plate.0001.exr")]

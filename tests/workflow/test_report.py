@@ -9,6 +9,7 @@ import pytest
 from report_samples import barrel_report, draw_overlays, entry, failed_take
 
 from lensfit.errors import OutputError
+from lensfit.workflow.report.heatmap import fall_off_surface
 from lensfit.workflow.report.write import write_report
 
 FIGURES = {
@@ -269,6 +270,17 @@ def test_no_light_lost_is_nought_without_a_sign(tmp_path):
     page = written(report, tmp_path)
     assert "f/1.4 0.00 stops" in page
     assert "-0.00" not in page
+
+
+def test_light_lost_at_the_centre_is_nought_and_no_power_of_ten():
+    """The principal point is hardly beside the middle; hardly anything is lost."""
+    report = barrel_report(1)
+    state = report["entries"][0] | {"principal_point_mm": [0.001, 0.0]}
+    figure = fall_off_surface(state, report["camera"])
+    assert figure is not None
+    shown = re.findall(r">([^<>]+)</text>", figure.svg)
+    assert shown.count("0") == 2, "in the middle of the frame and under its key"
+    assert not any("10⁻" in text for text in shown)
 
 
 def test_page_that_cannot_be_written_is_one_sentence(tmp_path):

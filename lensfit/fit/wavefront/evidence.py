@@ -83,7 +83,7 @@ def choose(stage: Stage, families: tuple[Family, ...]) -> FamilyChoice:
         without = [f for f in kept if f is not family]
         full, less = (trial.scores(indices_of(tuple(m))) for m in (kept, without))
         gain = less.bic - full.bic
-        held_out = (less.held_out - full.held_out) / max(full.held_out, 1e-300)
+        held_out = 1 - full.held_out / max(less.held_out, 1e-300)
         asked = gain > _LEAST_BIC_GAIN and held_out > 0
         refined = any(_REFINES.get(other.name) == family.name for other in without)
         verdict = Verdict(family.name, asked, gain, held_out)

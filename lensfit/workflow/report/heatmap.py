@@ -26,6 +26,7 @@ _FINE = (65, 49)
 _RIM = 0.08
 _STEEP = 4.0
 """Largest value over the usual one from which even steps would all be in corners."""
+_LEAST_STOPS = 1e-4
 _CIVIDIS = np.array(
     [
         (0, 34, 78), (35, 62, 108), (87, 92, 109), (124, 123, 120), (165, 156, 116),
@@ -91,7 +92,7 @@ def fall_off_surface(entry: dict, camera: dict) -> Figure | None:
     radius = np.hypot(x[None] - centre[0], y[:, None] - centre[1])
     measured, light = numbers(widest["radius_mm"]), numbers(widest["g"])
     known = np.interp(radius, measured, light, right=np.nan)
-    lost = FieldMap(x, y, 0.0 - np.log2(np.maximum(known, 1e-6)), "stops")
+    lost = FieldMap(x, y, _visible(-np.log2(np.maximum(known, 1e-6))), "stops")
     stop = widest.get("f_number")
     name = f"f/{stated(round(stop, 1))}" if stop else "an f-number not stated"
     caption = f"Light lost in green at {name}, in stops."
@@ -101,6 +102,11 @@ def fall_off_surface(entry: dict, camera: dict) -> Figure | None:
         caption += " Left open: farther out than any mark."
     picture = drawn_map("Fall-off over the frame", lost, camera)
     return Figure("fall-off-surface", "Fall-off over the frame", picture, caption)
+
+
+def _visible(stops: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Nothing where hardly anything is lost: light is kept to five decimals."""
+    return np.where(np.abs(stops) < _LEAST_STOPS, 0.0, stops)
 
 
 def drawn_map(label: str, known: FieldMap, camera: dict) -> Markup:
