@@ -11,18 +11,16 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-import numpy as np
-
 from lensfit.errors import FitError
-from lensfit.fit.fall_off.fall_off_fit import FallOffFit
+from lensfit.fit.breathing import breathing_notes
 from lensfit.fit.lens_state import LensState, better_told, by_focal_length, left_px
+from lensfit.fit.lens_wavefronts import fit_wavefronts
 from lensfit.fit.pupil_walk import measured_walk, shared_walk, usual_walk
 from lensfit.fit.reconcile import amounts_of
 from lensfit.fit.shared_glass import fit_sharing_glass
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
-from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
-from lensfit.fit.wavefront.shown import LARGEST_HOLE_CELLS, Shown, hole_cells
+from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.told_by_marks import (
     at_chief_rays,
     errors_of,
@@ -55,10 +53,11 @@ class Fitted:
     @property
     def notes(self) -> tuple[str, ...]:
         """One sentence for each thing the photographer should know."""
-        return tuple(
+        unmeasured = tuple(
             f"the blur at {focal_mm:g} mm was not measured: {reason}"
             for focal_mm, reason in self.without_shape.items()
         )
+        return (*unmeasured, *breathing_notes(self.states))
 
 
 def fit(
@@ -88,7 +87,7 @@ def fit(
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
     began = time.perf_counter()
-    wavefronts, without = _fit_wavefronts(states, progress, effort, allowed)
+    wavefronts, without = fit_wavefronts(states, progress, effort, allowed)
     if not wavefronts:
         return Fitted(_sharing_walks(states), failed, without_shape=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
@@ -179,68 +178,6 @@ def _sharing_walks(states: list[LensState]) -> tuple[LensState, ...]:
         for focal_mm, mine in by_focal_length(states).items()
     }
     return tuple(replace(s, walk=walks[s.focal_length_mm]) for s in states)
-
-
-def _fit_wavefronts(
-    states: list[LensState],
-    progress: Progress,
-    effort: Effort,
-    allowed: Collection[str] | None,
-) -> tuple[dict[float, WavefrontFit], dict[float, str]]:
-    """One for each focal length whose dots can be used, and why others cannot be."""
-    found: dict[float, WavefrontFit] = {}
-    without: dict[float, str] = {}
-    for focal_mm, mine in by_focal_length(states).items():
-        pictured = [s for state in mine for s in _shown_of(state)]
-        shown = [s for s in pictured if hole_cells(s) <= LARGEST_HOLE_CELLS]
-        if pictured and not shown:
-            without[focal_mm] = (
-                "the dots themselves are too large; photograph holes less than 1.8 "
-                "pixels wide"
-            )
-        if not shown:
-            continue
-        try:
-            found[focal_mm] = fit_wavefront(
-                shown,
-                _widest_fall_off(mine),
-                progress,
-                effort=effort,
-                allowed=allowed,
-            )
-        except (ValueError, np.linalg.LinAlgError) as error:
-            without[focal_mm] = f"the dots' shape could not be fitted ({error})"
-    return found, without
-
-
-def _shown_of(state: LensState) -> list[Shown]:
-    """The photographs of a state whose dots show the lens' blur."""
-    colour = None
-    if state.colour:
-        colour = state.colour["r"].optics(), state.colour["b"].optics()
-    return [
-        Shown(
-            take,
-            take.cutouts,
-            state.geometry,
-            state.distortion,
-            colour,
-            k,
-            state.pupil.offset_mm,
-        )
-        for k, take in enumerate(state.geometry.takes)
-        if take.cutouts is not None and take.f_number is not None
-    ]
-
-
-def _widest_fall_off(states: list[LensState]) -> FallOffFit | None:
-    known = [
-        (fall_off.f_number, k, fall_off)
-        for k, state in enumerate(states)
-        for fall_off in state.fall_off
-        if fall_off.f_number is not None
-    ]
-    return min(known)[-1] if known else None
 
 
 def _require_like_focus(takes: list[Take]) -> None:

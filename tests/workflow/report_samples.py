@@ -140,6 +140,8 @@ def _blur(takes: int) -> dict:
         ],
         "blades": 8,
         "sign_known": True,
+        "mirrored": False,
+        "guessed": [],
         "converged": True,
         "not_seen": ["exit_pupil"],
     }

@@ -118,6 +118,8 @@ def fit_of(
         stated_covariance=np.diag(np.full(LAYOUT.size, 0.25)),
         unseen=("third_order",),
         sign_known=True,
+        mirrored=False,
+        guessed=("at f/2 alone",),
         misfit=Misfit(np.array([0.02, 0.03, 0.04]), 0.035, (0.03, 0.04, None)),
         converged=True,
     )

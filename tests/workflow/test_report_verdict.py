@@ -144,7 +144,8 @@ def test_outstanding_take_is_pointed_at(report):
 def test_overfit_rejection_round_trip_and_peers(report):
     broken = copy.deepcopy(report)
     broken["rms_px"] = 0.5 * broken["held_out_rms_px"]
-    broken["points_used"] = 0.8 * broken["points_detected"]
+    for take in broken["takes"]:
+        take["points_used"] = 0.8 * take["points_detected"]
     broken["entries"][0]["round_trip_max_px"] = 0.02
     broken["comparison"]["opencv_14_held_out_px"] = 0.01
     for words in ("2.0 times worse than fitted", "20% of the points", "loses up to"):
@@ -258,12 +259,59 @@ def test_fall_off_on_white_paper_is_that_of_the_lighting_too(report):
         ({"held_out_misfit": 0.4}, "The blur is not usable"),
         ({"sign_known": False}, "on which side of focus is not known"),
         ({"converged": False}, "its fit did not converge"),
+        ({"mirrored": True}, "near and far takes swapped?"),
+        ({"guessed": ["in focus alone: add more"]}, "in focus alone: add more."),
+        (
+            {"guessed": ["in focus alone"], "held_out_misfit": 0.2},
+            "The blur is usable only where it was photographed",
+        ),
         ({"held_out_misfit": None}, "in the worst take match to 5.1%"),
     ],
 )
 def test_blur_is_judged_in_one_sentence(report, changes, words):
     report["blur"][0] |= changes
     assert [words in one for one in verdict(report) if "blur is" in one] == [True]
+    usable = not changes or changes == {"held_out_misfit": None}
+    tones = {f.tone for f in findings(report) if "blur is" in f.sentence}
+    assert tones == {"good" if usable else "caution"}
+
+
+def test_a_take_whose_dots_are_not_those_of_the_lens_is_named(report):
+    assert not said(report, "are not those of this lens")
+    report["blur"][0]["takes"][1]["misfit"] = 0.6
+    report["takes"][1]["f_number"] = 5.6
+    assert said(report, "The dots of “take 2” (f/5.6) are not those of this lens")
+    assert said(report, "misfit of 60 %")
+
+
+@pytest.mark.parametrize("key", ["focus_distance_mm", "target_distance_mm"])
+def test_distances_that_no_take_states_are_asked_for(report, key):
+    assert not said(report, f"No take states {key}")
+    for take in report["takes"]:
+        take[key] = None
+    assert said(report, f"No take states {key}: state it")
+
+
+def test_takes_left_out_for_one_reason_are_told_in_one_sentence(report):
+    for name in "abcd":
+        report["takes"].append(failed_take(name, "the shoot says otherwise."))
+    (one,) = [s for s in verdict(report) if "left out" in s]
+    assert one == "“a”, “b”, “c” and “d” were left out: the shoot says otherwise."
+
+
+def test_a_fit_to_a_minority_of_the_photographs_is_not_relied_on(report):
+    for name in "abcdefgh":
+        report["takes"].append(failed_take(name, "the shoot says otherwise."))
+    first = findings(report)[0]
+    used, shot = len(report["takes"]) - 8, len(report["takes"])
+    assert first.sentence.startswith(f"Only {used} of {shot} photographs agree")
+    assert first.tone == "caution"
+
+
+def test_points_of_takes_that_were_left_out_are_not_called_glare(report):
+    report["points_detected"] *= 2
+    report["takes"].append(failed_take("a", "contradicts") | {"points_detected": 900})
+    assert not said(report, "points found were not used")
 
 
 def test_the_worst_focal_length_speaks_for_the_blur(report):

@@ -27,6 +27,7 @@ from lensfit.fit.wavefront.stages import (
     settled,
     solved,
 )
+from lensfit.fit.wavefront.valleys import DECISIVE, other_side, valley_at
 from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights
 
 _BETWEEN = 5
@@ -73,6 +74,12 @@ def fair_cost(stage: Stage) -> float:
     """What it leaves of the photographs, in weights that no fit has had a part in."""
     weight = first_weights(stage.gathered, MODEL_SHARE)
     return chi_squared(settled(replace(stage, weight=weight), 1))
+
+
+def suits_other_side(fine: Stage) -> bool:
+    """Whether a lens on the other side of focus explains the dots decisively better."""
+    other = other_side(valley_at(fine))
+    return fair_cost(other.stage) * DECISIVE < fair_cost(fine)
 
 
 def asked_for(

@@ -21,6 +21,7 @@ from lensfit.fit.wavefront.descent import (
     fine_fit,
     last_fit,
     middle_fit,
+    suits_other_side,
 )
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.families import Family, families_of
@@ -30,6 +31,7 @@ from lensfit.fit.wavefront.gather import (
     gather,
     spread_over_takes,
 )
+from lensfit.fit.wavefront.guessed import guessed_of
 from lensfit.fit.wavefront.misfit import Misfit, misfit_of
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.shown import Shown
@@ -68,6 +70,9 @@ _GROUPS, _STOPS = 8, 4
 _HOPELESS, _VALLEYS = 1.2, 4
 """How much worse than the best a valley may be and go on to full pixels, and how many:
 each takes as long as all that came before."""
+_SUSPECT = 0.08
+"""Share of a dot's image, held out, from which on the other side of focus is tried:
+where it was stated rightly a third of this is usual."""
 _EXPLAINED = 4.0
 """Cost of a dot and channel, smoothed, up to which no other start is tried: a residual
 of a tenth of the peak on one cell, or of a twentieth on four."""
@@ -88,6 +93,8 @@ class WavefrontFit:
         out, and of errors that no dot shows.
     unseen : Families that the photographs do not see.
     sign_known : Whether stated distances or the photographs settle the sign of defocus.
+    mirrored : Whether the dots look as if they lay on the other side of focus than was
+        stated; looked at only where they are ill explained.
     misfit : How far the images of dots are from those photographed.
     """
 
@@ -99,6 +106,7 @@ class WavefrontFit:
     unshown_covariance: Float[np.ndarray, "parameters parameters"]
     unseen: tuple[str, ...]
     sign_known: bool
+    mirrored: bool
     misfit: Misfit
 
     @property
@@ -119,12 +127,19 @@ class WavefrontFit:
     @property
     def notes(self) -> tuple[str, ...]:
         """One sentence for each thing the photographer should know."""
-        return _notes(
+        said = _notes(
             self.sign_known,
             self.converged,
             self.misfit.held_out_dots,
             against=runs_against_statements(self.stage),
+            mirrored=self.mirrored,
         )
+        return (*said, *self.guessed)
+
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Which settings nobody photographed, in a sentence each."""
+        return guessed_of(self.gathered)
 
     def has(self, family: str) -> bool:
         """Whether a family of parameters was fitted and kept."""
@@ -165,7 +180,10 @@ def fit_wavefront(
     chosen_fit, families, verdicts = asked_for(best, _families_at(best, allowed))
     final = last_fit(chosen_fit, families)
     progress("wavefront", 4, 4)
-    against = runs_against_statements(final)
+    misfit = misfit_of(final, families)
+    suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT
+    mirrored = suspect and suits_other_side(best)
+    against = mirrored or runs_against_statements(final)
     covariance = covariance_of(final, families)
     return WavefrontFit(
         gathered=every,
@@ -178,7 +196,8 @@ def fit_wavefront(
         ),
         unseen=unseen(final, families, covariance),
         sign_known=not against if coarse.side_stated else side_is_told(valleys),
-        misfit=misfit_of(final, families),
+        mirrored=mirrored,
+        misfit=misfit,
     )
 
 
@@ -219,10 +238,21 @@ def _layout_of(every: Gathered) -> Layout:
 
 
 def _notes(
-    sign_known: bool, converged: bool, held_out_misfit: float, *, against: bool
+    sign_known: bool,
+    converged: bool,
+    held_out_misfit: float,
+    *,
+    against: bool,
+    mirrored: bool,
 ) -> tuple[str, ...]:
     notes = []
-    if against:
+    if mirrored:
+        notes.append(
+            "the dots look as if they lay on the other side of focus than "
+            "focus_distance_mm and target_distance_mm say: were those of near and far "
+            "takes swapped?"
+        )
+    elif against:
         notes.append(
             "the blur was found on other sides of focus than focus_distance_mm and "
             "target_distance_mm say: if these are right, the blur is not to be relied "

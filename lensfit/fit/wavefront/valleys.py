@@ -25,7 +25,7 @@ from lensfit.fit.wavefront.parameters import mirrored
 from lensfit.fit.wavefront.stages import Stage, chi_squared, solved
 from lensfit.fit.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
 
-_DECISIVE = 1.1
+DECISIVE = 1.1
 """How much better one must explain the photographs to be preferred for it."""
 _SAME = 0.2
 """Apart by less than this share of the largest defocus, valleys are one."""
@@ -100,7 +100,7 @@ def still_open(
     """
     best = deepest(found)
     apart = _each_once([one for one in found if one.cost <= hopeless * best.cost])
-    decisive = _DECISIVE * best.cost
+    decisive = DECISIVE * best.cost
     alike = [one for one in apart if one.cost <= decisive]
     worse = [one for one in apart if one.cost > decisive]
     kept = [*sorted(alike, key=attrgetter("off_mm")), *worse][:most]
@@ -120,7 +120,7 @@ def side_is_told(found: list[Valley]) -> bool:
     """Whether the photographs prefer one side of focus."""
     best = deepest(found)
     rival = _rival(best, found)
-    return rival is None or rival.cost > _DECISIVE * best.cost
+    return rival is None or rival.cost > DECISIVE * best.cost
 
 
 def runs_against_statements(stage: Stage) -> bool:

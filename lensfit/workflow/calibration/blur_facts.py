@@ -97,6 +97,8 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
         ],
         "blades": stage.blades,
         "sign_known": wavefront.sign_known,
+        "mirrored": wavefront.mirrored,
+        "guessed": list(wavefront.guessed),
         "converged": wavefront.converged,
         "not_seen": list(wavefront.unseen),
     }

@@ -3,13 +3,20 @@
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from lensfit.kernel.blur_quality import GOOD_BLUR, ROUGH_BLUR
-from lensfit.workflow.report.evidence import Finding, value_of
+from lensfit.workflow.report.coverage import numbers
+from lensfit.workflow.report.evidence import Finding, joined, used_takes, value_of
 from lensfit.workflow.report.markup import number, stated
+
+_FAR_WORSE = 3.0
+"""Times the misfit of the median take, from which on one is named."""
 
 
 def blur_findings(report: dict) -> Iterator[Finding]:
-    """One sentence: the worst focal length speaks for all."""
+    """What it is good for; the worst focal length speaks for all. Then what would mend
+    it."""
     if not report.get("entries"):
         return
     known = [one for one in report.get("blur") or [] if _blur_error(one)[0] >= 0]
@@ -22,28 +29,93 @@ def blur_findings(report: dict) -> Iterator[Finding]:
         f" at {stated(worst.get('focal_length_mm'), 'mm')}" if len(known) > 1 else ""
     )
     said = f"the images of dots {whose} match to {number(100 * error, '%', 2)}{place}"
+    yield _use(known, error, said)
+    yield from _unsaid(report, known)
+    yield from _outstanding(report, known)
+
+
+def _use(known: list[dict], error: float, said: str) -> Finding:
+    """What the blur is good for."""
+    guessed = [one for blur in known for one in blur.get("guessed") or []]
     if any(one.get("converged") is False for one in known):
-        yield Finding(
+        return Finding(
             "caution",
             f"The blur is not to be relied on, its fit did not converge: {said}.",
         )
-    elif any(one.get("sign_known") is False for one in known):
-        yield Finding(
+    if any(one.get("mirrored") for one in known):
+        return Finding(
+            "caution",
+            "The blur is not to be relied on: the dots look as if they lay on the "
+            "other side of focus than was stated. Were focus_distance_mm of near and "
+            "far takes swapped?",
+        )
+    if any(one.get("sign_known") is False for one in known):
+        return Finding(
             "caution",
             f"The blur is usable only where it was photographed: {said}, but on which "
             "side of focus is not known. State focus_distance_mm and "
             "target_distance_mm, or add a take on the other side.",
         )
-    elif error <= GOOD_BLUR:
-        yield Finding("good", f"The blur is usable: {said} (median).")
-    elif error <= ROUGH_BLUR:
-        yield Finding("caution", f"The blur is usable for soft backgrounds: {said}.")
-    else:
-        yield Finding(
+    if error > ROUGH_BLUR:
+        return Finding(
             "caution",
             f"The blur is not usable: {said}. Use small bright holes, more f-numbers "
             "and both sides of focus.",
         )
+    if guessed:
+        why = "; ".join(dict.fromkeys(guessed))
+        return Finding(
+            "caution",
+            f"The blur is usable only where it was photographed: {said}; {why}.",
+        )
+    if error <= GOOD_BLUR:
+        return Finding("good", f"The blur is usable: {said} (median).")
+    return Finding("caution", f"The blur is usable for soft backgrounds: {said}.")
+
+
+def _unsaid(report: dict, known: list[dict]) -> Iterator[Finding]:
+    """Distances that nobody stated, without which takes of one focus are not known
+    from those of another."""
+    shown = {take.get("image") for blur in known for take in blur.get("takes") or []}
+    takes = [take for take in used_takes(report) if take.get("image") in shown]
+    for key in ("focus_distance_mm", "target_distance_mm"):
+        silent = [take for take in takes if take.get(key) is None]
+        # A tilted chart has no one distance.
+        if takes and len(silent) == len(takes):
+            yield Finding(
+                "caution",
+                f"No take states {key}: state it, or the blur at one focus is taken "
+                "for that at another.",
+            )
+
+
+def _outstanding(report: dict, known: list[dict]) -> Iterator[Finding]:
+    """Takes whose dots are far worse explained than those of the others."""
+    named = {take.get("image"): take for take in report.get("takes") or []}
+    for blur in known:
+        takes = blur.get("takes") or []
+        misfit = numbers([value_of(take.get("misfit")) for take in takes])
+        if np.isfinite(misfit).sum() < 3:
+            continue
+        usual = float(np.nanmedian(misfit))
+        bad = (misfit > _FAR_WORSE * usual) & (misfit > GOOD_BLUR)
+        names = [
+            _stopped(named.get(take.get("image"), take))
+            for take, worse in zip(takes, bad, strict=True)
+            if worse
+        ]
+        if names:
+            yield Finding(
+                "caution",
+                f"The dots of {joined(names)} are not those of this lens (misfit of "
+                f"{100 * float(np.nanmax(misfit)):.0f} %, of the others "
+                f"{100 * usual:.0f} %): check the stated f_number and focus.",
+            )
+
+
+def _stopped(take: dict) -> str:
+    name = take.get("name") or take.get("image") or "a take"
+    return f"“{name}” (f/{value_of(take.get('f_number')):g})"
 
 
 def _why_not(report: dict) -> str:

@@ -18,6 +18,8 @@ from lensfit.workflow.report.evidence import (
 )
 from lensfit.workflow.report.markup import number, stated
 
+_MOST_REASONS = 3
+
 
 def too_few_findings(report: dict) -> Iterator[Finding]:
     """Focal lengths with one take or two."""
@@ -39,13 +41,15 @@ def failed_findings(report: dict) -> Iterator[Finding]:
     """Takes that were left out."""
     failed = [take for take in report.get("takes") or [] if take.get("failed")]
     total = len(report.get("takes") or [])
-    for take in failed[:3]:
+    by_reason: dict[str, list[str]] = {}
+    for take in failed:
         reason = str(take["failed"]).rstrip(". ")
-        yield Finding("caution", f"“{take.get('name')}” was left out: {reason}.")
-    if len(failed) > 3:
-        yield Finding(
-            "caution", f"{len(failed)} of {total} takes were left out; see each below."
-        )
+        by_reason.setdefault(reason, []).append(f"“{take.get('name')}”")
+    for reason, names in list(by_reason.items())[:_MOST_REASONS]:
+        were = "was" if len(names) == 1 else "were"
+        yield Finding("caution", f"{joined(names)} {were} left out: {reason}.")
+    if len(by_reason) > _MOST_REASONS:
+        yield Finding("caution", f"{len(failed)} of {total} takes were left out.")
 
 
 def outstanding_findings(report: dict) -> Iterator[Finding]:
@@ -66,8 +70,12 @@ def outstanding_findings(report: dict) -> Iterator[Finding]:
 
 
 def rejected_findings(report: dict) -> Iterator[Finding]:
-    """Points that were found and not used."""
-    found, used = report.get("points_detected") or 0, report.get("points_used") or 0
+    """Points of takes that were used, found and yet not used themselves."""
+    takes = used_takes(report)
+    found, used = (
+        sum(take.get(key) or 0 for take in takes)
+        for key in ("points_detected", "points_used")
+    )
     if found and used < 0.95 * found:
         yield Finding(
             "caution",

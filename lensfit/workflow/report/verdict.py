@@ -82,14 +82,9 @@ def _grade(report: dict) -> Finding:
     said = (
         f"{whose} land within {number(error, 'px', 2)} rms of where the lens puts them."
     )
-    covered = least_coverage(report)
-    if covered < WHOLE_COVERAGE and error <= ROUGH_PX:
-        return Finding(
-            "caution",
-            f"Usable where the points are, {covered:.0%} of the frame, and a guess "
-            f"elsewhere: {whose} land within {number(error, 'px', 2)} rms of where the "
-            "lens puts them.",
-        )
+    partial = _of_part(report, said)
+    if partial is not None and error <= ROUGH_PX:
+        return partial
     worst = max(error, corner)
     if corner > error and corner > GOOD_PX:
         said = (
@@ -110,6 +105,25 @@ def _grade(report: dict) -> Finding:
             "caution", f"Good enough for soft or moving CG, not for measurement: {said}"
         )
     return Finding("bad", f"Not usable yet: {said}")
+
+
+def _of_part(report: dict, said: str) -> Finding | None:
+    """Where most photographs, or much of the frame, had no say."""
+    used, shot = len(used_takes(report)), len(report.get("takes") or [])
+    if 2 * used < shot:
+        return Finding(
+            "caution",
+            f"Only {used} of {shot} photographs agree with what the shoot file states; "
+            f"do not rely on them before the others are mended: {said}",
+        )
+    covered = least_coverage(report)
+    if covered < WHOLE_COVERAGE:
+        return Finding(
+            "caution",
+            f"Usable where the points are, {covered:.0%} of the frame, and a guess "
+            f"elsewhere: {said}",
+        )
+    return None
 
 
 def least_coverage(report: dict) -> float:

@@ -1,11 +1,14 @@
 """What the photographs ask for, and what the fit would do without one of them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
+from lensfit.fit.trial import Scores
+from lensfit.fit.wavefront import evidence
 from lensfit.fit.wavefront.evidence import choose
 from lensfit.fit.wavefront.families import (
     LAST,
@@ -53,6 +56,23 @@ def test_decentring_that_is_there_is_kept():
     assert verdict.kept
     assert verdict.bic_gain > 100
     assert verdict.held_out_gain > 0.05
+
+
+def test_a_gain_is_a_share_of_what_was_left_without_the_term(centred, monkeypatch):
+    """Every number takes three quarters of the held-out sum of squares away."""
+
+    def scores(indices) -> Scores:
+        return Scores(1.0, -100.0 * len(indices), 4.0 ** -len(indices))
+
+    fake = SimpleNamespace(scores=scores)
+    monkeypatch.setattr(evidence, "trial_of", lambda *_: fake)
+    stage, families = centred
+    numbers = {f.name: len(indices_of((f,))) for f in families}
+    verdicts = choose(stage, families).verdicts
+    assert verdicts
+    for verdict in verdicts:
+        expected = 1 - 4.0 ** -numbers[verdict.name]
+        assert verdict.held_out_gain == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_centred_lens_is_left_centred(centred):
@@ -149,11 +169,16 @@ def test_dots_left_out_are_predicted_nearly_as_well(centred):
     ],
 )
 def test_a_fit_says_what_it_did_not_reach(known, converged, misfit, said):
-    notes = _notes(known, converged, misfit, against=False)
+    notes = _notes(known, converged, misfit, against=False, mirrored=False)
     assert len(notes) == len(said)
     assert all(part in note for part, note in zip(said, notes, strict=True))
 
 
 def test_a_fit_against_what_was_stated_says_so_and_asks_for_no_statement():
-    (note,) = _notes(False, True, 0.03, against=True)
+    (note,) = _notes(False, True, 0.03, against=True, mirrored=False)
     assert "on other sides of focus than focus_distance_mm" in note
+
+
+def test_a_fit_on_the_other_side_of_focus_asks_whether_distances_were_swapped():
+    (note,) = _notes(False, True, 0.15, against=True, mirrored=True)
+    assert "near and far takes swapped" in note

@@ -89,6 +89,7 @@ def wavefront(true_fit):
         unshown_covariance=np.zeros_like(covariance),
         unseen=(),
         sign_known=True,
+        mirrored=False,
         misfit=misfit_of(true_fit, families),
     )
 
