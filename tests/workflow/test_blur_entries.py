@@ -59,6 +59,12 @@ def parameters() -> np.ndarray:
     return found
 
 
+def image_shift(distance_mm: float) -> float:
+    """Of a thin lens that stays where its principal distance has it, by Newton."""
+    focal = 1 / (1 / PRINCIPAL_MM + 1 / (REFERENCE_MM - PRINCIPAL_MM))
+    return focal**2 / (distance_mm - PRINCIPAL_MM - focal)
+
+
 def fit_of(
     focus_mm: tuple[float | None, ...],
     exit_pupil: bool = True,
@@ -86,6 +92,7 @@ def fit_of(
         for k in range(3)
     )
     gathered = SimpleNamespace(
+        dots=SimpleNamespace(sections=None),
         scale=Scale(jnp.asarray(18.0), sine, jnp.asarray(PRINCIPAL_MM)),
         groups=groups,
         f_numbers=F_NUMBERS,
@@ -282,4 +289,14 @@ def test_the_report_states_every_take_and_every_defocus():
     assert [take["dots"] for take in facts["takes"]] == [4, 4, 4]
     assert [g["focus_distance_mm"] for g in facts["defocus"]] == [1400, 1650, 1480]
     assert [g["defocus_mm"] for g in facts["defocus"]] == [0.15, -0.2, 0.1]
+    # Besides what all have in common, known better than that is.
+    told = [g["from_stated"] for g in facts["defocus"]]
+    besides = np.array([one["defocus_mm"] for one in told])
+    np.testing.assert_allclose(np.diff(besides), [-0.35, 0.3])
+    stated = [image_shift(f) - image_shift(REFERENCE_MM) for f in (1400, 1650, 1480)]
+    assert np.mean(besides) == pytest.approx(np.mean(stated), rel=1e-6)
+    deviation = [one["standard_deviation_mm"] for one in told]
+    np.testing.assert_allclose(deviation, np.sqrt(0.25 * 2 / 3))
+    unsaid = blur_facts(fit_of((None,)), {})["defocus"]
+    assert [g["from_stated"] for g in unsaid] == [None]
     assert facts["blades"] == 7

@@ -10,7 +10,8 @@ import numpy as np
 
 from lensfit.fit.wavefront.families import Family
 from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.workflow.plain_numbers import plain, plain_distance
+from lensfit.workflow.calibration.defocus_facts import defocus_facts
+from lensfit.workflow.plain_numbers import plain
 
 _UNITS = {
     "defocus": "mm",
@@ -78,23 +79,10 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
                 "picture": pictures.get(shown.take.name),
             }
         )
-    where = stage.layout.blocks["defocus"]
-    deviation = np.sqrt(np.diag(wavefront.stated_covariance))[where]
     return {
         "takes": takes,
         "held_out_misfit": plain(misfit.held_out_dots),
-        "defocus": [
-            {
-                "focus_distance_mm": plain_distance(group.focus_distance_mm),
-                "target_distance_mm": group.target_distance_mm,
-                "image": group.take or None,
-                "defocus_mm": float(value),
-                "standard_deviation_mm": float(spread),
-            }
-            for group, value, spread in zip(
-                gathered.groups, stage.parameters[where], deviation, strict=False
-            )
-        ],
+        "defocus": defocus_facts(wavefront),
         "blades": stage.blades,
         "sign_known": wavefront.sign_known,
         "mirrored": wavefront.mirrored,

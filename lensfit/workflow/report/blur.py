@@ -186,13 +186,15 @@ def _percent(share: float | None) -> str:
 
 
 def _defocus(blur: dict, take: dict) -> str:
-    """Of the group that the take belongs to: its own, or that of focus and chart."""
+    """Of the group that the take belongs to: its own, or that of focus and chart; less
+    what all takes have in common, where distances were stated."""
     state = [take.get(key) for key in ("focus_distance_mm", "target_distance_mm")]
     for group in blur.get("defocus") or []:
         shared = [group.get("focus_distance_mm"), group.get("target_distance_mm")]
         own = group.get("image") is not None and group["image"] == take.get("image")
         if own or (group.get("image") is None and shared == state):
-            pair = group.get("defocus_mm"), group.get("standard_deviation_mm")
+            known = group.get("from_stated") or group
+            pair = known.get("defocus_mm"), known.get("standard_deviation_mm")
             return number_with_deviation(*pair, "mm")
     return NOTHING
 
