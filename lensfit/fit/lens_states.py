@@ -14,7 +14,7 @@ from typing import NamedTuple
 from lensfit.errors import FitError
 from lensfit.fit.breathing import breathing_notes
 from lensfit.fit.lens_state import LensState, better_told, by_focal_length, left_px
-from lensfit.fit.lens_wavefronts import fit_wavefronts
+from lensfit.fit.lens_wavefronts import fit_wavefronts, shows_blur
 from lensfit.fit.pupil_walk import measured_walk, shared_walk, usual_walk
 from lensfit.fit.reconcile import amounts_of
 from lensfit.fit.shared_glass import fit_sharing_glass
@@ -57,7 +57,28 @@ class Fitted:
             f"the blur at {focal_mm:g} mm was not measured: {reason}"
             for focal_mm, reason in self.without_shape.items()
         )
-        return (*unmeasured, *breathing_notes(self.states))
+        too_wide = (
+            f"the dots of {', '.join(names)} are over 1.8 pixels wide and had no say "
+            f"in the blur at {focal_mm:g} mm: photograph smaller holes"
+            for focal_mm, names in self._without_say.items()
+            if names
+        )
+        return (*unmeasured, *too_wide, *breathing_notes(self.states))
+
+    @property
+    def _without_say(self) -> dict[float, list[str]]:
+        """Takes whose dots were pictured and are not in the wavefront of theirs."""
+        states = by_focal_length(self.states)
+        return {
+            focal_mm: [
+                take.name
+                for state in states.get(focal_mm, ())
+                for take in state.geometry.takes
+                if shows_blur(take)
+                and take.name not in {one.take.name for one in found.gathered.shown}
+            ]
+            for focal_mm, found in self.wavefronts.items()
+        }
 
 
 def fit(

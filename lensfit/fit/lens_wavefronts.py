@@ -71,6 +71,11 @@ def _has_dots(take: Take) -> bool:
     return bool(np.any(take.observations.family == POINT))
 
 
+def shows_blur(take: Take) -> bool:
+    """Whether its dots were pictured, and through which opening is known."""
+    return take.cutouts is not None and take.f_number is not None
+
+
 def _shown_of(state: LensState) -> list[Shown]:
     """The photographs of a state whose dots show the lens' blur."""
     colour = None

@@ -16,7 +16,8 @@ GOOD = {
 
 
 def lens(converged=True, **figures):
-    return {"lens": "a", "converged": converged, "figures": GOOD | figures}
+    said = {"converged": converged, "said_short": not converged}
+    return {"lens": "a", "figures": GOOD | figures} | said
 
 
 def told(*rows):

@@ -122,6 +122,7 @@ def _empty_row(trial: Trial) -> dict[str, Any]:
         "about": trial.about,
         "failed": None,
         "converged": None,
+        "said_short": None,
         "figures": None,
         "report": None,
         "beside": {},
@@ -150,9 +151,16 @@ def _calibrated(row: dict[str, Any], shoot: Shoot, judge: Judge, folder: Path) -
         report = calibrate_observed(*seen, made)
     row["report"] = {key: report[key] for key in _REPORTED}
     row["converged"] = not any("converge" in note for note in report["notes"])
+    row["said_short"] = any(map(_says_short, report["blur"]))
     with _timed(row, "judge"):
         row["figures"] = judge(load_preset(made / "preset.json"), folder)
     return seen
+
+
+def _says_short(blur: dict[str, Any]) -> bool:
+    """Whether a report says itself that its blur is not to be relied on everywhere."""
+    reached = blur["converged"] and blur["sign_known"] and not blur["mirrored"]
+    return not reached or bool(blur["guessed"])
 
 
 def _add_beside(

@@ -42,7 +42,7 @@ def _counted(judged: list[_Judged]) -> list[Row]:
     return [
         count(
             "whose psf falls short and that did not say so",
-            lambda row: _psf_short(row) and bool(row["converged"]),
+            lambda row: _psf_short(row) and not row["said_short"],
             _SILENT_SHARE * len(judged),
         ),
         count(
