@@ -11,6 +11,7 @@ ALLOWED = {
     "lensfit.coords",
     "lensfit.io.exr",
     "lensfit.errors",
+    "lensfit.together",
 }
 """Writing files, and where a window's pixels are: no optics."""
 
