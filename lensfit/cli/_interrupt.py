@@ -1,10 +1,10 @@
 """Ctrl-C that always ends the run.
 
-Python drops what is raised inside a callback of its garbage collector (JAX has one) or
-inside a finaliser: it prints "Exception ignored" and the job goes on. There the
-interrupt waits a moment and tries again. Threads of libraries may then be in the middle
-of a program, and crash while Python is taken down around them: an interrupted run ends
-without that.
+Python drops what is raised inside a callback of its garbage collector (JAX has one), of
+a weak reference or inside a finaliser: it prints "Exception ignored" and the job goes
+on. There the interrupt waits a moment and tries again. Threads of libraries may then be
+in the middle of a program, and crash while Python is taken down around them: an
+interrupted run ends without that.
 """
 
 import gc
@@ -12,17 +12,17 @@ import os
 import signal
 import sys
 import threading
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 _AGAIN_S = 0.02
-
-
-class _Heard:
-    """How often this process was interrupted."""
-
-    interrupts = 0
+_WEAK = {
+    kind.__init__.__code__.co_filename
+    for kind in (weakref.WeakKeyDictionary, weakref.WeakSet)
+}
+"""Where the callbacks of weak references stand."""
 
 
 @contextmanager
@@ -39,11 +39,10 @@ def interruptible() -> Iterator[None]:
         return
     alarm = signal.signal(signal.SIGALRM, _interrupt)
     signal.signal(signal.SIGINT, _interrupt)
-    heard = _Heard.interrupts
     try:
         yield
     except SystemExit as end:
-        if _Heard.interrupts > heard:
+        if _follows_interrupt(end):
             _end_at_once(end)
         raise
     finally:
@@ -56,8 +55,15 @@ def _interrupt(_number: int, frame: FrameType | None) -> None:
     if _is_unheard(frame):
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
     else:
-        _Heard.interrupts += 1
         raise KeyboardInterrupt
+
+
+def _follows_interrupt(error: BaseException | None) -> bool:
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _end_at_once(end: SystemExit) -> None:
@@ -71,7 +77,9 @@ def _is_unheard(frame: FrameType | None) -> bool:
     """Whether Python drops what is raised here."""
     callbacks = {getattr(callback, "__code__", None) for callback in gc.callbacks}
     while frame is not None:
-        if frame.f_code in callbacks or frame.f_code.co_name == "__del__":
+        code = frame.f_code
+        weak = code.co_filename in _WEAK
+        if weak or code in callbacks or code.co_name == "__del__":
             return True
         frame = frame.f_back
     return False

@@ -1,9 +1,9 @@
 """Breathing: how much larger a lens draws when it is focused nearer.
 
 A lens that moves as a whole moves away from the sensor to focus near, and draws larger.
-One that focuses by a group inside may draw smaller. No other thing than that tells a
-shoot whose near and far focus distances were swapped: a mirrored lens explains the blur
-of both about as well.
+One that focuses by a group inside may draw smaller. Where blur is slight nothing else
+tells a shoot whose near and far focus distances were swapped: a mirrored lens explains
+the blur of both about as well (`wavefront.descent.suits_other_side`).
 """
 
 from collections.abc import Iterable, Iterator
@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from lensfit.fit.lens_state import LensState, by_focal_length
 
 _REVERSED = 0.003
-"""Share of the principal distance: well above what distances are measured to."""
+"""Of the principal distance: well above what distances are measured to."""
 
 
 def breathing_notes(states: Iterable[LensState]) -> Iterator[str]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from lensfit.errors import FitError
 from lensfit.fit.breathing import breathing_notes
 from lensfit.fit.lens_state import LensState, better_told, by_focal_length, left_px
-from lensfit.fit.lens_wavefronts import fit_wavefronts, shows_blur
+from lensfit.fit.lens_wavefronts import fit_wavefronts
 from lensfit.fit.pupil_walk import measured_walk, shared_walk, usual_walk
 from lensfit.fit.reconcile import amounts_of
 from lensfit.fit.shared_glass import fit_sharing_glass
@@ -41,6 +41,7 @@ class Fitted:
     wavefronts : Of the dots' shape, by focal length.
     without_shape : Why others were not fitted though dots were photographed, by focal
         length; what to do about it included.
+    too_wide : Takes whose dots had no say in a wavefront, by focal length.
     seconds : Of the fits of shape.
     """
 
@@ -48,6 +49,7 @@ class Fitted:
     failed: dict[str, FitError]
     wavefronts: dict[float, WavefrontFit] = field(default_factory=dict)
     without_shape: dict[float, str] = field(default_factory=dict)
+    too_wide: dict[float, list[str]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -60,25 +62,10 @@ class Fitted:
         too_wide = (
             f"the dots of {', '.join(names)} are over 1.8 pixels wide and had no say "
             f"in the blur at {focal_mm:g} mm: photograph smaller holes"
-            for focal_mm, names in self._without_say.items()
+            for focal_mm, names in self.too_wide.items()
             if names
         )
         return (*unmeasured, *too_wide, *breathing_notes(self.states))
-
-    @property
-    def _without_say(self) -> dict[float, list[str]]:
-        """Takes whose dots were pictured and are not in the wavefront of theirs."""
-        states = by_focal_length(self.states)
-        return {
-            focal_mm: [
-                take.name
-                for state in states.get(focal_mm, ())
-                for take in state.geometry.takes
-                if shows_blur(take)
-                and take.name not in {one.take.name for one in found.gathered.shown}
-            ]
-            for focal_mm, found in self.wavefronts.items()
-        }
 
 
 def fit(
@@ -108,7 +95,7 @@ def fit(
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
     began = time.perf_counter()
-    wavefronts, without = fit_wavefronts(states, progress, effort, allowed)
+    wavefronts, without, too_wide = fit_wavefronts(states, progress, effort, allowed)
     if not wavefronts:
         return Fitted(_sharing_walks(states), failed, without_shape=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
@@ -117,7 +104,7 @@ def fit(
     last = _kept_where_closer(takes, first, told, progress)
     states = [better_told(state, states) for state in last.states]
     walked = _sharing_walks(states)
-    return Fitted(walked, last.failed, last.wavefronts, without, seconds)
+    return Fitted(walked, last.failed, last.wavefronts, without, too_wide, seconds)
 
 
 class _AtChiefRays(NamedTuple):

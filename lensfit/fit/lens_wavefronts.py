@@ -5,17 +5,36 @@ hide what a lens makes of a point.
 """
 
 from collections.abc import Collection
+from typing import NamedTuple
 
 import numpy as np
 
 from lensfit.detect.observations import POINT
 from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.lens_state import LensState, by_focal_length
-from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
 from lensfit.fit.wavefront.shown import LARGEST_HOLE_CELLS, Shown, hole_cells
 from lensfit.progress import Progress
+
+_TOO_LARGE = (
+    "the dots themselves are too large; photograph holes less than 1.8 pixels wide"
+)
+
+
+class LensWavefronts(NamedTuple):
+    """Of every focal length (mm) whose dots were photographed.
+
+    Attributes
+    ----------
+    fitted : Where dots can be used.
+    without : Why they cannot be, elsewhere; what to do about it included.
+    too_wide : Takes whose dots had no say, where others had.
+    """
+
+    fitted: dict[float, WavefrontFit]
+    without: dict[float, str]
+    too_wide: dict[float, list[str]]
 
 
 def fit_wavefronts(
@@ -23,24 +42,22 @@ def fit_wavefronts(
     progress: Progress,
     effort: Effort,
     allowed: Collection[str] | None,
-) -> tuple[dict[float, WavefrontFit], dict[float, str]]:
-    """One for each focal length whose dots can be used, and why others cannot be."""
-    found: dict[float, WavefrontFit] = {}
-    without: dict[float, str] = {}
+) -> LensWavefronts:
+    """One for each focal length whose dots can be used."""
+    found = LensWavefronts({}, {}, {})
     for focal_mm, mine in by_focal_length(states).items():
         pictured = [s for state in mine for s in _shown_of(state)]
         shown = [s for s in pictured if hole_cells(s) <= LARGEST_HOLE_CELLS]
-        if pictured and not shown:
-            without[focal_mm] = (
-                "the dots themselves are too large; photograph holes less than 1.8 "
-                "pixels wide"
-            )
         if not shown:
-            unsaid = "" if pictured else _unsaid(mine)
-            without |= {focal_mm: unsaid} if unsaid else {}
+            why = _TOO_LARGE if pictured else _unsaid(mine)
+            if why:
+                found.without[focal_mm] = why
             continue
+        kept = {s.take.name for s in shown}
+        names = [s.take.name for s in pictured]
+        found.too_wide[focal_mm] = [name for name in names if name not in kept]
         try:
-            found[focal_mm] = fit_wavefront(
+            found.fitted[focal_mm] = fit_wavefront(
                 shown,
                 _widest_fall_off(mine),
                 progress,
@@ -48,32 +65,24 @@ def fit_wavefronts(
                 allowed=allowed,
             )
         except (ValueError, np.linalg.LinAlgError) as error:
-            without[focal_mm] = f"the dots' shape could not be fitted ({error})"
-    return found, without
+            found.without[focal_mm] = f"the dots' shape could not be fitted ({error})"
+    return found
 
 
 def _unsaid(states: list[LensState]) -> str:
     """Why no dot's shape could be fitted, where bright dots were photographed, which
     holes might have made; nothing else ever shows it."""
     takes = [take for state in states for take in state.geometry.takes]
-    dots = [t for t in takes if t.observations.bright and _has_dots(t)]
-    if not dots:
-        return ""
+    seen = [t for t in takes if t.observations.bright]
+    dots = [t for t in seen if (t.observations.family == POINT).any()]
     unsaid = {
         "hole_diameter_mm": all(take.mark_diameter_mm is None for take in dots),
         "f_number": all(take.f_number is None for take in dots),
     }
     keys = " and ".join(key for key, missing in unsaid.items() if missing)
-    return f"state {keys} of the dots, if they are holes lit from behind" * bool(keys)
-
-
-def _has_dots(take: Take) -> bool:
-    return bool(np.any(take.observations.family == POINT))
-
-
-def shows_blur(take: Take) -> bool:
-    """Whether its dots were pictured, and through which opening is known."""
-    return take.cutouts is not None and take.f_number is not None
+    if not (dots and keys):
+        return ""
+    return f"state {keys} of the dots, if they are holes lit from behind"
 
 
 def _shown_of(state: LensState) -> list[Shown]:

@@ -114,14 +114,24 @@ def lateral_deviations_mm(
     covariance : Of what `lateral.displacement_basis` counts, in reference radii.
     """
     centre, radius = distortion.principal_point_mm, distortion.reference_radius_mm
+    q = (green_mm - centre[None]) / radius
+    return radius * lateral_deviations(q, shift, covariance)
 
-    def one(point):
-        q = (point - centre) / radius
+
+@eqx.filter_jit
+def lateral_deviations(
+    q: Float[Array, "points 2"],
+    shift: ChannelShift,
+    covariance: Float[Array, "terms terms"],
+) -> Float[Array, "points 2"]:
+    """`lateral_deviations_mm` at radius vectors; all in reference radii."""
+
+    def one(q):
         basis = displacement_basis(q, shift.valid_radius, shift.radial.shape[0])
         variance = jnp.sum(basis * (covariance @ basis), 0)
-        return radius * jnp.sqrt(jnp.maximum(variance, 0.0))
+        return jnp.sqrt(jnp.maximum(variance, 0.0))
 
-    return jax.vmap(one)(green_mm)
+    return jax.vmap(one)(q)
 
 
 @eqx.filter_jit

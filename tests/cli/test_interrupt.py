@@ -1,4 +1,4 @@
-"""Ctrl-C inside a callback of the garbage collector, where Python drops it."""
+"""Ctrl-C inside callbacks and finalisers, where Python drops it."""
 
 import gc
 import os
@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 
 import pytest
@@ -49,7 +50,24 @@ def in_a_finaliser() -> None:
     time.sleep(2)
 
 
-@pytest.mark.parametrize("there", [in_a_callback, in_a_finaliser, interrupt_now])
+class Interrupting(dict):
+    def __delitem__(self, key):
+        interrupt_now()
+
+
+def in_a_weak_reference() -> None:
+    known: weakref.WeakKeyDictionary[object, int] = weakref.WeakKeyDictionary()
+    known.data = Interrupting()
+    key = threading.Event()
+    known[key] = 1
+    del key
+    time.sleep(2)
+
+
+EVERYWHERE = in_a_callback, in_a_finaliser, in_a_weak_reference, interrupt_now
+
+
+@pytest.mark.parametrize("there", EVERYWHERE)
 def test_it_is_raised_and_all_is_restored(there):
     before = signal.getsignal(signal.SIGALRM)
     start = time.monotonic()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
+from lensfit.fit import lens_wavefronts
 from lensfit.fit.lens_states import Fitted
 from lensfit.fit.lens_wavefronts import fit_wavefronts
 from lensfit.fit.wavefront.effort import Effort
@@ -31,6 +32,7 @@ def state(*takes):
         colour={},
         geometry=SimpleNamespace(takes=takes),
         distortion=None,
+        fall_off=(),
         pupil=SimpleNamespace(offset_mm=0.0),
     )
 
@@ -46,19 +48,30 @@ def state(*takes):
     ],
 )
 def test_what_nobody_stated_of_the_dots_is_asked_for(one, said):
-    found, without = fit_wavefronts([state(one)], silent, Effort.FASTEST, None)
-    assert not found
+    found = fit_wavefronts([state(one)], silent, Effort.FASTEST, None)
+    assert not found.fitted
     if said is None:
-        assert not without
+        assert not found.without
     else:
-        assert without[50.0].startswith(said)
+        assert found.without[50.0].startswith(said)
 
 
-def test_takes_whose_dots_had_no_say_are_named():
-    takes = [take(name, cutouts=object()) for name in ("near", "in focus", "far")]
-    gathered = SimpleNamespace(shown=[SimpleNamespace(take=takes[1])])
-    wavefront = SimpleNamespace(gathered=gathered)
-    (note,) = Fitted((state(*takes),), {}, {50.0: wavefront}).notes
+def test_takes_whose_dots_are_too_wide_are_named(monkeypatch):
+    """The others are fitted."""
+    names = ("near", "in focus", "far")
+    takes = [take(name, cutouts=object()) for name in names]
+    monkeypatch.setattr(
+        lens_wavefronts,
+        "hole_cells",
+        lambda one: 0.8 + 0.4 * ("focus" not in one.take.name),
+    )
+    seen = []
+    monkeypatch.setattr(
+        lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: seen.extend(shown)
+    )
+    found = fit_wavefronts([state(*takes)], silent, Effort.FASTEST, None)
+    assert [one.take.name for one in seen] == ["in focus"]
+    assert found.too_wide == {50.0: ["near", "far"]}
+    (note,) = Fitted((state(*takes),), {}, too_wide=found.too_wide).notes
     assert note.startswith("the dots of near, far are over 1.8 pixels wide")
-    gathered.shown += [SimpleNamespace(take=takes[0]), SimpleNamespace(take=takes[2])]
-    assert not Fitted((state(*takes),), {}, {50.0: wavefront}).notes
+    assert not Fitted((state(*takes),), {}, too_wide={50.0: []}).notes

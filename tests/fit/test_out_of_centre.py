@@ -135,7 +135,7 @@ def test_frontal_views_take_over_what_tilted_ones_told(fitted):
             )
             # What is told is known to a fifth of itself, or of what is usual.
             width = 0.2 * max(deviation, float(np.sqrt(np.mean(there**2))))
-            assert np.abs(here - there).max() < 3 * width
+            assert np.abs(here - there).max() < min(deviation, 3 * width)
 
 
 def test_the_report_says_why_they_are_free(fitted):

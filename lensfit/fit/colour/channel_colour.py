@@ -5,14 +5,13 @@ Its terms, in this order: a shift, two of strain, two of decentering, radial one
 """
 
 from dataclasses import dataclass
-from functools import partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.optics.lateral import ChannelShift, displacement_basis
+from lensfit.optics.lateral import ChannelShift
+from lensfit.optics.many_points import lateral_deviations
 
 CENTRED, SHIFTED, LOPSIDED = 0, 2, 6
 """Terms besides the radial ones: none, the shift, and strain and decentering too."""
@@ -56,10 +55,10 @@ class ChannelColour:
         self, q: Float[np.ndarray, "points 2"]
     ) -> Float[np.ndarray, "points 2"]:
         """Standard deviation along x and y at radius vectors, in reference radii."""
-        terms = len(self.covariance) - LOPSIDED
-        design = displacements(q, self.valid_radius, terms)
-        variance = np.einsum("pia,ab,pib->pi", design, self.covariance, design)
-        return np.sqrt(np.maximum(variance, 0.0))
+        known = lateral_deviations(
+            jnp.asarray(q), self.optics(), jnp.asarray(self.covariance)
+        )
+        return np.asarray(known)
 
     def optics(self) -> ChannelShift:
         """The same for computing."""
@@ -82,16 +81,3 @@ class ChannelColour:
         strain = np.linalg.norm(self.strain)
         decentering = np.linalg.norm(self.decentering)
         return float(strain * radius + 3 * decentering * radius**2)
-
-
-def displacements(
-    q: Float[np.ndarray, "points 2"], valid_radius: float, radial_terms: int
-) -> Float[np.ndarray, "points 2 terms"]:
-    """Per unit of every term at radius vectors, in reference radii."""
-    basis = _bases(jnp.asarray(q), jnp.asarray(valid_radius), radial_terms)
-    return np.moveaxis(np.asarray(basis), 1, 2)
-
-
-@partial(jax.jit, static_argnums=2)
-def _bases(q, valid_radius, radial_terms: int):
-    return jax.vmap(lambda one: displacement_basis(one, valid_radius, radial_terms))(q)

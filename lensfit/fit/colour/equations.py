@@ -6,12 +6,15 @@ terms of the largest model.
 
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from lensfit.fit.colour.channel_colour import LOPSIDED, displacements
+from lensfit.fit.colour.channel_colour import LOPSIDED
 from lensfit.fit.colour.coloured_marks import ColouredMarks
 from lensfit.fit.systematic import systematic_covariance
+from lensfit.optics.lateral import displacement_basis
 
 MOST_RADIAL_TERMS = 4
 SYSTEMATIC_PX = 0.004
@@ -86,12 +89,19 @@ def _design(q: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
     Two rows a mark; of a line sample the first is along its normal, the second empty.
     """
-    farthest = float(np.hypot(*q.T).max())
-    design = displacements(q, farthest, MOST_RADIAL_TERMS)
+    design = np.moveaxis(np.asarray(_displacements(jnp.asarray(q))), 1, 2)
     lines = np.isfinite(normal[:, :1])
     flat = np.einsum("mi,mij->mj", np.nan_to_num(normal), design)[:, None]
     design = np.where(lines[..., None], np.concatenate([flat, 0 * flat], 1), design)
     return design.reshape(2 * len(q), -1)
+
+
+@jax.jit
+def _displacements(q: Float[Array, "points 2"]) -> Float[Array, "points terms 2"]:
+    """Per unit of every term, wherever marks were seen."""
+    valid_radius = jnp.max(jnp.linalg.norm(q, axis=-1))
+    of_all = jax.vmap(displacement_basis, (0, None, None))
+    return of_all(q, valid_radius, MOST_RADIAL_TERMS)
 
 
 def _targets(moved: np.ndarray, normal: np.ndarray) -> np.ndarray:

@@ -40,9 +40,10 @@ def area_stretch(adjustment: Adjustment) -> Float[np.ndarray, "views marks 2 2"]
 
 
 class Brightness(NamedTuple):
-    """Squared radius and log brightness of the marks of one take."""
+    """Squared radius and log brightness of the marks of one take; `lines` if none is a
+    dot."""
 
-    squared: Float[np.ndarray, " marks"]
+    squared_mm2: Float[np.ndarray, " marks"]
     brightness: Float[np.ndarray, "marks 3"]
     lines: bool
 
@@ -50,7 +51,7 @@ class Brightness(NamedTuple):
 class Joined(NamedTuple):
     """Of all takes at one f-number, in one row."""
 
-    squared: Float[np.ndarray, " marks"]
+    squared_mm2: Float[np.ndarray, " marks"]
     brightness: Float[np.ndarray, "marks 3"]
     take: Int[np.ndarray, " marks"]
 
@@ -101,12 +102,12 @@ def best_told(rows: list[Brightness]) -> list[Brightness]:
 def joined(rows: list[Brightness]) -> Joined:
     """Takes are counted in the order of `rows`."""
     return Joined(
-        np.concatenate([row.squared for row in rows]),
+        np.concatenate([row.squared_mm2 for row in rows]),
         np.concatenate([row.brightness for row in rows]),
-        np.repeat(np.arange(len(rows)), [len(row.squared) for row in rows]),
+        np.repeat(np.arange(len(rows)), [len(row.squared_mm2) for row in rows]),
     )
 
 
 def count_of(rows: list[Brightness]) -> int:
     """How many marks there are in all."""
-    return sum(len(row.squared) for row in rows)
+    return sum(len(row.squared_mm2) for row in rows)

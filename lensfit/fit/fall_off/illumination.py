@@ -71,35 +71,40 @@ def fit_illumination(
             for k, t in enumerate(takes)
             if t.f_number == number
         ]
-        rows = best_told([row for row in rows if len(row.squared)])
+        rows = best_told([row for row in rows if len(row.squared_mm2)])
         if count_of(rows) >= FEWEST_MARKS:
             found.append(fit_brightness(number, rows, float(corner_mm @ corner_mm)))
     return found
 
 
 def fit_brightness(
-    number: float | None, seen: list[Brightness], corner: float
+    number: float | None, seen: list[Brightness], corner_mm2: float
 ) -> FallOffFit:
-    """With as many terms as the marks ask for, up to the squared radius `corner`."""
+    """With as many terms as the marks ask for.
+
+    Parameters
+    ----------
+    corner_mm2 : Squared radius that the frame reaches.
+    """
     marks = joined(seen)
-    edge = float(marks.squared.max())
-    alone = _asked_for(number, marks, edge, [NOTHING_BEYOND] * 3)
-    end = reach(edge, corner)
-    if end == edge:
+    edge_mm2 = float(marks.squared_mm2.max())
+    alone = _asked_for(number, marks, edge_mm2, [NOTHING_BEYOND] * 3)
+    end_mm2 = reach(edge_mm2, corner_mm2)
+    if end_mm2 == edge_mm2:
         return alone
     expected = [
-        beyond_marks(control, covariance, end / edge)
+        beyond_marks(control, covariance, end_mm2 / edge_mm2)
         for control, covariance in zip(alone.control, alone.covariance, strict=True)
     ]
-    return _asked_for(number, marks, end, expected)
+    return _asked_for(number, marks, end_mm2, expected)
 
 
 def _asked_for(
-    number: float | None, marks: Joined, limit: float, expected: list[Beyond]
+    number: float | None, marks: Joined, limit_mm2: float, expected: list[Beyond]
 ) -> FallOffFit:
-    chosen, cost = with_terms(number, marks, limit, expected, TERMS[0])
+    chosen, cost = with_terms(number, marks, limit_mm2, expected, TERMS[0])
     for terms in TERMS[1:]:
-        finer, less = with_terms(number, marks, limit, expected, terms)
+        finer, less = with_terms(number, marks, limit_mm2, expected, terms)
         if cost - less > _LEAST_BIC_GAIN:
             chosen, cost = finer, less
     return chosen
@@ -108,7 +113,7 @@ def _asked_for(
 def with_terms(
     number: float | None,
     marks: Joined,
-    limit: float,
+    limit_mm2: float,
     expected: list[Beyond],
     terms: int,
 ) -> tuple[FallOffFit, float]:
@@ -116,11 +121,11 @@ def with_terms(
 
     Parameters
     ----------
-    limit : Squared radius up to which it is stated.
+    limit_mm2 : Squared radius up to which it is stated.
     expected : Beyond the marks, of r, g and b.
     """
-    design = _steps(marks.squared / limit, terms)
-    edge = marks.squared.max() / limit
+    design = _steps(marks.squared_mm2 / limit_mm2, terms)
+    edge = marks.squared_mm2.max() / limit_mm2
     found = [
         robust_non_negative(
             design,
@@ -132,11 +137,11 @@ def with_terms(
         )
         for values, beyond in zip(marks.brightness.T, expected, strict=True)
     ]
-    fit = _summed(number, found, terms, float(np.sqrt(limit)))
+    fit = _summed(number, found, terms, float(np.sqrt(limit_mm2)))
     deviance = sum(one.deviance for one in found)
     # Steps of zero were held there: they are no freedom of the fit.
     free = sum(int((one.solution > 0).sum()) for one in found)
-    return fit, deviance + free * np.log(len(marks.squared))
+    return fit, deviance + free * np.log(len(marks.squared_mm2))
 
 
 def _summed(

@@ -81,9 +81,11 @@ def robust_non_negative(
     weight = np.full(len(values), least_scatter**-2.0)
     certain = expected.design / expected.deviation[:, None]
     told = expected.values / expected.deviation
+    both = np.column_stack([design, values])
     for _ in range(_ROUNDS):
         root = np.sqrt(weight)
-        rows, wanted = (_from_levels(a, weight, member) for a in (design, values))
+        free_of_levels = _from_levels(both, weight, member)
+        rows, wanted = free_of_levels[:, :-1], free_of_levels[:, -1]
         seen = rows * root[:, None]
         solution, _ = nnls(
             np.concatenate([seen, certain]), np.concatenate([wanted * root, told])
@@ -93,31 +95,29 @@ def robust_non_negative(
         ratio = (residual / (_CAUCHY * scatter)) ** 2
         weight = 1 / (1 + ratio) / scatter**2
     root = np.sqrt(weight)
+    seen = _from_levels(design, weight, member) * root[:, None]
     # Not from the normal equations: with many terms they are nearly singular.
-    moves = np.linalg.pinv(
-        np.concatenate([_from_levels(design, weight, member) * root[:, None], certain])
-    )
+    moves = np.linalg.pinv(np.concatenate([seen, certain]))
     observed, assumed = np.split(moves, [len(values)], axis=1)
     unknowns = design.shape[1] + member.max() + 1
     pulled = observed * (residual * root) * _huber(ratio, unknowns, weight)
     assumed = assumed / expected.deviation
-    covariance = pulled @ pulled.T + assumed @ expected.covariance @ assumed.T
-    if systematic:
-        shared = systematic**2 * weight.sum() / design.shape[1]
-        covariance += shared * (observed @ observed.T)
+    shared = systematic**2 * weight.sum() / design.shape[1]
+    covariance = pulled @ pulled.T + shared * (observed @ observed.T)
+    covariance += assumed @ expected.covariance @ assumed.T
     off = told - certain @ solution
     deviance = np.sum(_CAUCHY**2 * np.log1p(ratio) + 2 * np.log(scatter)) + off @ off
     return NonNegative(solution, covariance, float(deviance))
 
 
 def _from_levels(
-    values: Float[np.ndarray, "values ..."],
+    columns: Float[np.ndarray, "values columns"],
     weight: Float[np.ndarray, " values"],
     member: Int[np.ndarray, " values"],
-) -> Float[np.ndarray, "values ..."]:
+) -> Float[np.ndarray, "values columns"]:
     """Less the weighted mean of the set."""
     each = weight[:, None] * (member[:, None] == np.arange(member.max() + 1))
-    return values - ((each.T @ values).T / each.sum(0)).T[member]
+    return columns - ((each.T @ columns) / each.sum(0)[:, None])[member]
 
 
 def _scatter_of_each(

@@ -79,9 +79,8 @@ def _unsaid(report: dict, known: list[dict]) -> Iterator[Finding]:
     shown = {take.get("image") for blur in known for take in blur.get("takes") or []}
     takes = [take for take in used_takes(report) if take.get("image") in shown]
     for key in ("focus_distance_mm", "target_distance_mm"):
-        silent = [take for take in takes if take.get(key) is None]
-        # A tilted chart has no one distance.
-        if takes and len(silent) == len(takes):
+        # Of some it may be unknown: a tilted chart has no one distance.
+        if takes and all(take.get(key) is None for take in takes):
             yield Finding(
                 "caution",
                 f"No take states {key}: state it, or the blur at one focus is taken "

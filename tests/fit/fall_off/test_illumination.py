@@ -142,6 +142,8 @@ def test_a_corner_beyond_marks_that_a_rim_clips_is_foreseen(rim: float):
         noise = 0.001 * rng.normal(size=(MARKS, 3))
         seen = 1.0 - truth(squared)[:, None] + noise
         found = fit_brightness(1.4, [Brightness(squared, seen, lines=False)], corner)
+        assert found.valid_radius_mm == pytest.approx(20.0)
+        assert np.all(np.diff(found.control, axis=1) >= 0)
         at_corner += found.control[:, -1].tolist()
         at = np.array([0.0, 20.0])
         told += (found.deviation(at)[:, 1] * np.exp(found.control[:, -1])).tolist()
@@ -171,7 +173,9 @@ def test_a_corner_far_from_all_marks_goes_on_with_the_last_slope():
 
 def test_lines_have_no_say_beside_dots():
     few = Brightness(np.ones(10), np.ones((10, 3)), lines=False)
-    dots, lines = (few._replace(squared=np.ones(40), lines=b) for b in (False, True))
+    dots, lines = (
+        few._replace(squared_mm2=np.ones(40), lines=b) for b in (False, True)
+    )
     assert best_told([lines, dots]) == [dots]
     assert best_told([lines, few]) == [lines, few]
 

@@ -26,9 +26,9 @@ from lensfit.workflow.bench.wavefront.beside import (
     add_figures,
     images_left_out,
 )
+from lensfit.workflow.bench.wavefront.many_lenses import many_lenses_rows
 from lensfit.workflow.bench.wavefront.plot import write_plot
 from lensfit.workflow.bench.wavefront.rows import wavefront_rows
-from lensfit.workflow.bench.wavefront.together import together_rows
 from lensfit.workflow.calibrate import calibrate_observed
 from lensfit.workflow.shoot.file import load_shoot
 from lensfit.workflow.shoot.records import Shoot
@@ -110,7 +110,7 @@ def _result(
 ) -> dict[str, Any]:
     errors = [f"{row['lens']}: {row['failed']}" for row in rows if row["failed"]]
     bars = as_tables(
-        [bar for row in rows for bar in wavefront_rows(row)] + together_rows(rows)
+        [bar for row in rows for bar in wavefront_rows(row)] + many_lenses_rows(rows)
     )
     return bench_result("wavefront", on, out_dir, rows=rows, bars=bars, errors=errors)
 
@@ -151,7 +151,7 @@ def _calibrated(row: dict[str, Any], shoot: Shoot, judge: Judge, folder: Path) -
         report = calibrate_observed(*seen, made)
     row["report"] = {key: report[key] for key in _REPORTED}
     row["converged"] = not any("converge" in note for note in report["notes"])
-    row["said_short"] = any(map(_says_short, report["blur"]))
+    row["said_short"] = not report["blur"] or any(map(_says_short, report["blur"]))
     with _timed(row, "judge"):
         row["figures"] = judge(load_preset(made / "preset.json"), folder)
     return seen

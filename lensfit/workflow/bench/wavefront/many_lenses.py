@@ -24,7 +24,7 @@ _Judged = dict[str, Any]
 """Row of a lens that has figures."""
 
 
-def together_rows(rows: list[dict[str, Any]]) -> list[Row]:
+def many_lenses_rows(rows: list[dict[str, Any]]) -> list[Row]:
     """Of all lenses that were judged; nothing of fewer than two."""
     judged = [row for row in rows if row["figures"] is not None]
     if len(judged) < 2:

@@ -2,7 +2,7 @@
 
 import math
 
-from lensfit.workflow.bench.wavefront.together import together_rows
+from lensfit.workflow.bench.wavefront.many_lenses import many_lenses_rows
 
 GOOD = {
     "chief_ray_px": {"2000": 0.01},
@@ -21,12 +21,12 @@ def lens(converged=True, **figures):
 
 
 def told(*rows):
-    return {row.what: row for row in together_rows(list(rows))}
+    return {row.what: row for row in many_lenses_rows(list(rows))}
 
 
 def test_one_lens_or_none_says_nothing_together():
-    assert together_rows([lens()]) == []
-    assert together_rows([lens(), {"figures": None, "converged": None}]) == []
+    assert many_lenses_rows([lens()]) == []
+    assert many_lenses_rows([lens(), {"figures": None, "converged": None}]) == []
 
 
 def test_lenses_within_every_bar_count_nowhere():
