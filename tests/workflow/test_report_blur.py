@@ -140,8 +140,26 @@ def test_the_section_holds_table_kernels_and_dots(tmp_path):
     assert html.count('data-figure="kernels"') == html.count('data-figure="dots"') == 1
     assert "No kernels are drawn" not in html
     section = html[html.index('id="blur"') : html.index('id="evidence"')]
-    for text in ("−0.3500 ± 0.0030", "2.1%", "3.2%", "8 blades", "exit pupil", "f/2.8"):
+    for text in (
+        "−350.0 ± 3.0\u202fµm",
+        "2.1%",
+        "3.2%",
+        "8 blades",
+        "exit pupil",
+        "f/2.8",
+    ):
         assert text in section
+
+
+def test_defocus_is_told_besides_what_all_takes_have_in_common(tmp_path):
+    report = report_of((2000.0, 2.8, 1000.0))
+    group = report["blur"][0]["defocus"][0]
+    group["target_distance_mm"] = 1000.0
+    group["from_stated"] = {"defocus_mm": 0.52, "standard_deviation_mm": 0.001}
+    saved(tmp_path, entry_of(2000.0, ()))
+    html = write_report(report, tmp_path).read_text(encoding="utf-8")
+    assert "520.0 ± 1.0\u202fµm" in html
+    assert "−350.0" not in html
 
 
 def test_an_old_report_has_no_such_section(tmp_path):

@@ -10,6 +10,7 @@ from typing import Any
 
 from lensfit.workflow.pictures.blur_pictures import ENLARGED
 from lensfit.workflow.plain_numbers import distance_of
+from lensfit.workflow.report.evidence import value_of
 from lensfit.workflow.report.kernels import GAMMA, MOST_SHEETS, KernelSheet, KernelState
 from lensfit.workflow.report.markup import (
     NOTHING,
@@ -25,7 +26,9 @@ from lensfit.workflow.report.through_figures import through_figures
 
 _ABOUT = (
     "Misfit is the error of a dot's image, relative (L2, median of the dots); if held "
-    "out: what it would be had the fit not seen that photograph."
+    "out: what it would be had the fit not seen that photograph. Defocus is besides "
+    "what all takes have in common; positive where the lens was focused nearer than "
+    "the chart."
 )
 _KERNELS = (
     "Kernels: green, at the middle of the frame, half way and near its edge, as the "
@@ -194,8 +197,11 @@ def _defocus(blur: dict, take: dict) -> str:
         own = group.get("image") is not None and group["image"] == take.get("image")
         if own or (group.get("image") is None and shared == state):
             known = group.get("from_stated") or group
-            pair = known.get("defocus_mm"), known.get("standard_deviation_mm")
-            return number_with_deviation(*pair, "mm")
+            value_um, deviation_um = (
+                1000.0 * value_of(known.get(key))
+                for key in ("defocus_mm", "standard_deviation_mm")
+            )
+            return number_with_deviation(value_um, deviation_um, "µm")
     return NOTHING
 
 
