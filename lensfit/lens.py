@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from lensfit.errors import LensfitError
 from lensfit.kernel.lens_blur import LensBlur, perfect_blur
-from lensfit.kernel.lens_psf import Points, Raster, lens_psfs
+from lensfit.kernel.lens_psf import Optics, Points, Raster, lens_psfs
 from lensfit.kernel.psf_deviation import KnownPsfs, MovedBlurs, known_psfs
 from lensfit.optics.chief_rays import AbstractChiefRays, channel_index, points_of
 from lensfit.optics.chief_rays import Channel as Channel
@@ -133,17 +133,29 @@ class Lens(AbstractChiefRays):
         LensfitError : An object is too near for a sharp image; or there are no such
             pixels.
         """
-        lateral, blur = self.lateral_colour, self.blur or self.perfect_blur()
-        if lateral is not None and not with_lateral_colour:
-            measured = blur.measured_lateral or lateral
-            blur = replace(blur, measured_lateral=measured)
-            lateral = no_lateral_colour()
+        whole = self.blur or self.perfect_blur(), self.distortion, self.lateral_colour
         found = lens_psfs(
             self._rows(image_points_mm, object_distance_mm, channels),
-            (blur, self.distortion, lateral),
+            whole if with_lateral_colour else self.optics_without_lateral_colour(),
             _raster(pixel_pitch_mm, tolerance, size_px),
         )
         return jnp.asarray(found.reshape(-1, len(channels), size_px, size_px))
+
+    def optics_without_lateral_colour(self) -> Optics:
+        """What lands rays, each channel's own chief ray where green's is.
+
+        The wavelengths of a channel still part by as much as was measured.
+
+        Raises
+        ------
+        LensfitError : As `perfect_blur`.
+        """
+        lateral, blur = self.lateral_colour, self.blur or self.perfect_blur()
+        if lateral is None:
+            return blur, self.distortion, None
+        measured = blur.measured_lateral or lateral
+        blur = replace(blur, measured_lateral=measured)
+        return blur, self.distortion, no_lateral_colour()
 
     def psf_standard_deviation(
         self,
@@ -233,7 +245,7 @@ class Lens(AbstractChiefRays):
         distances = np.broadcast_to(
             np.asarray(object_distance_mm, float), points.shape[:1]
         )
-        distances = self._within_largest_blur(distances)
+        distances = self.distances_within_largest_blur(distances)
         blur = self.blur or self.perfect_blur()
         nearest = float(np.min(distances, initial=np.inf))
         if not nearest > blur.nearest_mm:
@@ -299,7 +311,7 @@ class Lens(AbstractChiefRays):
         opening_mm = c / (1 + c / to_focus) / self.f_number
         return opening_mm * c / 2, 1 / to_focus
 
-    def _within_largest_blur(self, distances_mm: np.ndarray) -> np.ndarray:
+    def distances_within_largest_blur(self, distances_mm: np.ndarray) -> np.ndarray:
         """Distances from the sensor, those that blur too widely moved to the limit."""
         if self.largest_blur_mm is None:
             return distances_mm

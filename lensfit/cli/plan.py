@@ -70,6 +70,7 @@ def plan(
             "expected_error": found.error,
             "expected_seconds": found.seconds,
             "first_frame_seconds": found.first_s,
+            "expected_gib": round(found.gib, 2),
         }
         typer.echo(json.dumps(totals | {"stages": stages, "notes": notes}))
         return
@@ -98,7 +99,7 @@ def _print(found) -> None:
     table.add_row(
         "all",
         "",
-        f"tolerance {found.tolerance:g}{more}",
+        f"tolerance {found.tolerance:g}{more}; {found.gib:.1f} GiB",
         f"{found.error:.1e}",
         f"{found.seconds:.2f}",
     )

@@ -23,7 +23,6 @@ size of array; that of the pixels is short and is compiled for a few sizes.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -33,16 +32,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from lensfit.kernel.lens_blur import LateralColour, LensBlur, Pencil, pencil
-from lensfit.kernel.pixels import AIRY_SIGMA, LEAST_SIGMA_PX, pixel_shares
-from lensfit.kernel.spot import Landed
-from lensfit.optics.aberration import LocalWavefront, landing_and_jacobian_mm
+from lensfit.kernel.pixels import LEAST_SIGMA_PX, pixel_shares
+from lensfit.kernel.rays import PupilPlaces, Rays, rays_through
 from lensfit.optics.distortion import Distortion
-from lensfit.optics.etendue import light_density
-from lensfit.optics.pupil import nearest_in_opening, places_in_stop, pupil_rays
-from lensfit.optics.transmission import transmitted
 
-FOOTPRINT = 0.35
-"""Variance of a ray's Gaussian over the area of its cell's image."""
 _TURN = 2 * np.pi / 3**0.5
 _RAYS = 384
 """In one turn of the loop; a multiple of every number of wavelengths."""
@@ -53,26 +46,6 @@ _LONGEST = 512
 _TOGETHER = 12
 """Points, and turns of rays, that a program takes at a time; fewer are filled up."""
 _LEAST_ROOM = 32
-_LEAST_DETERMINANT = 0.05
-
-
-class _Rays(NamedTuple):
-    """Some rays: landing points (mm), weights, areas of each one's cell in the pupil
-    and of the cell's image (mm^2), variances of their Gaussians (mm^2)."""
-
-    landing_mm: Array
-    weight: Array
-    cell: Array
-    cell_mm2: Array
-    variance_mm2: Array
-
-
-class _Dealt(NamedTuple):
-    """Rays of one wavelength: u, the nearest that was measured, whether that is it."""
-
-    u: Array
-    own: Array
-    is_known: Array
 
 
 class Raster(NamedTuple):
@@ -203,10 +176,10 @@ def _pencils(
 @jax.jit
 def _ray_turns(
     seen: Pencil, blur: LensBlur, whose: Array, turn: Array, turns: Array
-) -> _Rays:
+) -> Rays:
     """One turn of rays for each of `whose`, out of so many."""
 
-    def one(item: tuple[Array, Array, Array]) -> _Rays:
+    def one(item: tuple[Array, Array, Array]) -> Rays:
         own = jax.tree.map(lambda leaf: leaf[item[0]], seen)
         return _rays(own, blur, item[1], item[2])
 
@@ -215,12 +188,12 @@ def _ray_turns(
 
 @jax.jit
 def _turns_needed(
-    probe: _Rays, pixel_pitch_mm: Array, tolerance: Array
+    probe: Rays, pixel_pitch_mm: Array, tolerance: Array
 ) -> Int[Array, " points"]:
     """How many turns each point needs, from the width and the evenness of its light;
     none where there is none."""
 
-    def one(rays: _Rays) -> Array:
+    def one(rays: Rays) -> Array:
         share = rays.weight / jnp.maximum(jnp.sum(rays.weight), 1e-300)
         at = rays.landing_mm / pixel_pitch_mm[None]
         away = at - (share @ at)[None]
@@ -241,7 +214,7 @@ def _turns_needed(
 @partial(jax.jit, donate_argnums=0)
 def _on_pixels(
     patches: Float[Array, "points room room"],
-    rays: _Rays,
+    rays: Rays,
     whose: Array,
     live: Array,
     pixel_pitch_mm: Array,
@@ -250,7 +223,7 @@ def _on_pixels(
     """Patches with some turns of rays added, of which the living count."""
     room_px = patches.shape[-1]
 
-    def shares(rays: _Rays, live: Array) -> tuple[Array, Array]:
+    def shares(rays: Rays, live: Array) -> tuple[Array, Array]:
         at = rays.landing_mm / pixel_pitch_mm[None] + middle_px
         wide = rays.variance_mm2[:, None] / pixel_pitch_mm[None] ** 2
         weight = jnp.where(live, rays.weight, 0.0)
@@ -267,62 +240,11 @@ def _on_pixels(
     return patches.at[whose].add(jnp.einsum("tir,tjr->tij", in_rows, in_columns))
 
 
-def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> _Rays:
+def _rays(seen: Pencil, blur: LensBlur, turn: Array, turns: Array) -> Rays:
     """The rays of one turn of the loop out of several."""
     first, count = (turn * _RAYS).astype(float), (turns * _RAYS).astype(float)
     inner = np.arange(_RAYS)
     azimuth = first * _TURN % (2 * np.pi) + jnp.asarray(inner * _TURN % (2 * np.pi))
     left = 1 - (first + jnp.asarray(inner + 0.5)) / count
-    reach = jnp.sqrt(1 - left * left)
-    u, density = pupil_rays(seen.h, blur.stop_radius, blur.pupil, azimuth, reach)
-    cell = seen.grown**2 * density * 2 * left / count
-    wavelengths = seen.lateral_mm.shape[0]
-    dealt = _dealt(u, seen, blur)
-
-    def of_wavelength(rays: _Dealt, local: LocalWavefront, lateral: Array) -> Landed:
-        found = jax.vmap(_landed, (0, None, None))(rays, blur, local)
-        return found._replace(at_mm=found.at_mm + lateral[None])
-
-    found = jax.vmap(of_wavelength, (1, 0, 0), 1)(dealt, seen.local, seen.lateral_mm)
-    weight = cell * found.light.reshape(-1)
-    if blur.transmission is not None:
-        passed = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)
-        weight *= transmitted(*passed, seen.channel, count, blur.transmission)
-    cell_mm2 = cell * _spread(found.slope_mm).reshape(-1)
-    airy = (AIRY_SIGMA**2 * seen.diffraction_mm2)[inner % wavelengths]
-    at = found.at_mm.reshape(-1, 2)
-    return _Rays(at, weight, cell, cell_mm2, airy + FOOTPRINT * cell_mm2)
-
-
-def _dealt(u: Array, seen: Pencil, blur: LensBlur) -> _Dealt:
-    """Rays in turn to one wavelength after the other, (rays, wavelengths, ...)."""
-    own, is_known = u, jnp.ones(len(u), bool)
-    if blur.known is not None:
-        widest = jnp.maximum(blur.stop_radius, 1.0)
-        own, is_known = nearest_in_opening(u, seen.h, widest, blur.known)
-    wavelengths = seen.lateral_mm.shape[0]
-    each = (seen.grown * u, seen.grown * own, is_known)
-    return _Dealt(*(a.reshape(-1, wavelengths, *a.shape[1:]) for a in each))
-
-
-def _landed(ray: _Dealt, blur: LensBlur, local: LocalWavefront) -> Landed:
-    """One ray; an oval lens draws where it lands out along x and y."""
-    light = light_density(ray.own, blur.defocus_mm, local)
-    if blur.known is None:
-        at, slope = landing_and_jacobian_mm(ray.u, blur.defocus_mm, local)
-    else:
-        perfect = replace(local, series_mm=jnp.zeros_like(local.series_mm))
-        at, slope = landing_and_jacobian_mm(ray.u, blur.defocus_mm, perfect)
-        near = replace(local, depth=None, cylinder_mm=None)
-        moved, moves = landing_and_jacobian_mm(ray.own, jnp.zeros(()), near)
-        at, slope = at + moved, slope + jnp.where(ray.is_known, moves, 0.0)
-    if blur.oval is None:
-        return Landed(at, slope, light)
-    return Landed(at * blur.oval, slope * blur.oval[:, None], light)
-
-
-def _spread(slope: Array) -> Array:
-    """Area that a cell's image has per area of the cell; a fold leaves it a little."""
-    area = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
-    size = jnp.sum(slope * slope, (-2, -1)) / 2
-    return jnp.sqrt(area * area + (_LEAST_DETERMINANT * size) ** 2)
+    places = PupilPlaces(azimuth, jnp.sqrt(1 - left * left), 2 * left / count)
+    return rays_through(places, seen, blur, count)

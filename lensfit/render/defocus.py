@@ -1,67 +1,84 @@
-"""Depth of field: layers cut into levels of depth, each blurred and laid over the rest.
+"""Depth of field: surfaces seen through every point of the pupil, and small lights.
 
-From the farthest level to the nearest,
+    surfaces    what the plate shows and what it hides (`surfaces`)
+    gather      each pixel the mean of its rays through them (`gather`)
+    lights      taken off beforehand, laid down as meshes, cut by what stands before
+                them (`light_mesh`)
 
-    picture = shown_k + picture * (1 - hidden_k),
-
-with both from `lensfit.render.convolve`. Near blur so spreads over a sharp background,
-thin near things turn translucent, and a near sharp edge hides far blur completely.
-Lights far brighter than white are spread by themselves (`lensfit.render.highlights`)
-and dimmed by the levels in front of them.
-
-A level that blurs less than could be seen is laid over as it is; a picture that holds
-no other comes back bit for bit.
+The picture is made in large tiles, each with a margin as wide as rays are led, so that
+memory does not grow with the picture. A picture in which no ray is led visibly comes
+back bit for bit.
 """
 
+import os
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-import jax.numpy as jnp
+import cv2
 import numpy as np
-from jaxtyping import Float32, Int16
+from jaxtyping import Float32
 
 from lensfit.coords import Window
-from lensfit.render.blur_setup import BlurSetup
-from lensfit.render.blur_tiles import CELL, BlurTiles
-from lensfit.render.buffers import aligned_empty, crop
-from lensfit.render.convolve import blurred_tiles, sharp_tiles
-from lensfit.render.edges import two_layers
+from lensfit.render.buffers import crop
 from lensfit.render.flat_plate import FlatPlate
-from lensfit.render.highlights import Highlights
+from lensfit.render.gather import PackedSurfaces, gather
+from lensfit.render.highlights import Highlights, Spot, spots
 from lensfit.render.layer_stack import LayerStack, flattened
-from lensfit.render.lights import SpreadLights
-from lensfit.render.plate_defocus import Defocus
+from lensfit.render.light_mesh import light_kernel
+from lensfit.render.mattes import shared_pixels
+from lensfit.render.packed import packed
+from lensfit.render.plate_defocus import Defocus, Rays
+from lensfit.render.surfaces import (
+    Slabs,
+    Surface,
+    surfaces_of_layers,
+    surfaces_of_plate,
+)
 
-NEVER = np.iinfo(np.int16).max
-"""Level of a pixel that a layer lacks."""
-_BATCH = 8
 _OPAQUE = 1e-4
+_SIDE, _LEAST_SIDE = 1024, 256
+"""Of tiles: at most, and at least where there are cores to share them."""
+_MARGINS = 2
+"""Tiles are at least so many margins wide."""
 
 
 @dataclass(eq=False)
 class Scene:
-    """What is blurred: layers with their levels, and lights by themselves.
+    """What is blurred, over one window.
 
     Attributes
     ----------
-    rgba, index : Front to back; a pixel's level, `NEVER` where the layer is empty.
-    highlights : Lights taken off, or None.
+    layers : Premultiplied, front to back, with the signed radius of blur of each pixel.
+    plate : A flat plate behind them, which hides what is behind it; or None.
+    lights : Taken off the layers and the plate.
     is_opaque : Whether one can nowhere see through everything.
     """
 
-    rgba: list[Float32[np.ndarray, "height width 4"]]
-    index: Int16[np.ndarray, "layers height width"]
-    highlights: Highlights | None = None
-    is_opaque: bool = False
+    layers: list[tuple[np.ndarray, np.ndarray]]
+    plate: FlatPlate | None
+    lights: list[Highlights]
+    is_opaque: bool
+
+    def range_px(self) -> tuple[float, float]:
+        """Least and greatest radius of what there is."""
+        found = [r[rgba[..., 3] > 0] for rgba, r in self.layers]
+        found += [self.plate.radius_px] if self.plate is not None else []
+        found += [light.radius_px[light.mask > 0] for light in self.lights]
+        found = [r for r in found if r.size]
+        if not found:
+            return 0.0, 0.0
+        return min(float(r.min()) for r in found), max(float(r.max()) for r in found)
 
 
 def stays_sharp(
     radius_px: Float32[np.ndarray, "height width"], window: Window, defocus: Defocus
 ) -> bool:
     """Whether no blur of these radii would be seen."""
-    defocus = defocus.over(radius_px)
-    index = defocus.levels.index(radius_px)
-    return defocus.setup(window, levels_in(index, radius_px, defocus)).is_sharp
+    ends = float(radius_px.min()), float(radius_px.max())
+    if max(abs(r) for r in ends) > defocus.budget.unseen_px:
+        return False
+    return defocus.rays(window, *ends).is_sharp(radius_px)
 
 
 def blurred_plate(
@@ -75,185 +92,249 @@ def blurred_plate(
 
     Parameters
     ----------
-    plate : Over `window`; loses what it holds, since two copies are too many.
+    plate : Over `window`.
     output_window : Pixels to return; inside `window`.
     in_front : Layers over `window` that were cut out of the plate, each with its own
         distances; the plate is what they hide.
     """
     if plate.is_sharp:
         return crop(plate.rgba, window, output_window)
-    defocus = defocus.over(defocus.circle.radius_px(plate.depth_mm))
-    rgba = np.nan_to_num(plate.rgba, nan=0.0, posinf=0.0, neginf=0.0)
-    is_opaque = bool((rgba[..., 3] >= 1 - _OPAQUE).all())
-    found = two_layers(rgba, plate.radius_px, plate.mattes, plate.guide)
-    each_px = np.stack([found.front_px, found.back_px])
-    index = defocus.levels.index(each_px)
-    index[1][~found.has_back] = NEVER
-    layers = [found.front, found.back]
-    if in_front is not None:
-        own_px = defocus.circle.radius_px(in_front.depth_mm)
-        own = defocus.levels.index(own_px)
-        own[in_front.rgba[..., 3] <= 0] = NEVER
-        layers = [*np.nan_to_num(in_front.rgba, posinf=0, neginf=0), *layers]
-        index, each_px = np.concatenate([own, index]), np.concatenate([own_px, each_px])
-    setup = defocus.setup(window, levels_in(index, each_px, defocus))
-    scene = Scene(layers, index, plate.lights, is_opaque)
-    del rgba, found, each_px, layers
-    return _blurred_scene(scene, setup, window, output_window, defocus)
+    plate.rgba = np.nan_to_num(plate.rgba, nan=0.0, posinf=0.0, neginf=0.0)
+    is_opaque = bool((plate.rgba[..., 3] >= 1 - _OPAQUE).all())
+    layers = [] if in_front is None else _layers(in_front, defocus)
+    lights = [] if plate.lights is None else [plate.lights]
+    scene = Scene(layers, plate, lights, is_opaque)
+    return _blurred(scene, window, output_window, defocus)
 
 
 def blurred_layers(
-    layers: LayerStack, window: Window, output_window: Window, defocus: Defocus
-) -> Float32[np.ndarray, "out_height out_width 4"]:
-    """A deep plate, which knows what is hidden; parameters as `blurred_plate`."""
-    radius_px = defocus.circle.radius_px(layers.depth_mm)
-    defocus = defocus.over(radius_px)
-    index = defocus.levels.index(radius_px)
-    index[layers.rgba[..., 3] <= 0] = NEVER
-    setup = defocus.setup(window, levels_in(index, radius_px, defocus))
-    if setup.is_sharp:
-        return crop(flattened(layers), window, output_window)
-    rgba = np.nan_to_num(layers.rgba, nan=0.0, posinf=0.0, neginf=0.0)
-    return _blurred_scene(
-        Scene(list(rgba), index), setup, window, output_window, defocus
-    )
-
-
-def _blurred_scene(
-    scene: Scene,
-    setup: BlurSetup,
+    layers: LayerStack,
     window: Window,
     output_window: Window,
     defocus: Defocus,
+    lights: list[Highlights],
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
-    tiles = BlurTiles.over(window, output_window, setup)
-    size = output_window.height, output_window.width
-    colour, through = np.zeros((*size, 3), np.float32), np.ones(size, np.float32)
-    lights = SpreadLights.of(
-        scene.highlights, window, output_window, defocus.bank, setup
-    )
-    where = _presence(scene, setup.levels)
-    arrays = _padded(scene, tiles)
-    with ThreadPoolExecutor() as threads:
-        for level in setup.levels:
-            active = tiles.reached(where[level], setup.reach_px(level))
-            jobs = [active[i : i + _BATCH] for i in range(0, len(active), _BATCH)]
-            work = [
-                threads.submit(_blurred, arrays, tiles, setup, level, job)
-                for job in jobs
-            ]
-            for job, made in zip(jobs, work, strict=True):
-                shown, hidden = made.result()
-                for n, tile in enumerate(job):
-                    at = tiles.inside(tile)
-                    left = _lay_over(colour[at], through[at], shown[n], hidden[n])
-                    lights.dim(at, left)
-            lights.add(level)
-    if scene.is_opaque:
-        # What nobody knows, far behind near things, looks like the rest of its pixel.
-        colour /= np.maximum(1 - through, _OPAQUE)[..., None]
-        through[:] = 0
-    result = np.empty((*size, 4), np.float32)
-    np.add(colour, lights.plane, out=result[..., :3])
-    np.subtract(1, through, out=result[..., 3])
-    return result
+    """A deep plate, which knows what is hidden.
 
-
-def levels_in(
-    index: Int16[np.ndarray, "*shape"],
-    radius_px: Float32[np.ndarray, "*shape"],
-    defocus: Defocus,
-) -> dict[int, float]:
-    """The levels that occur, far to near, and where in each its pixels really lie.
-
-    A wall that fills half of a picture so gets the kernel of its own distance.
+    Parameters
+    ----------
+    layers : Over `window`, without their lights.
+    lights : Of each of them.
     """
-    present = index != NEVER
-    some = index if present.all() else index[present]
-    radii = radius_px if some is index else radius_px[present]
-    if not some.size:
-        return {0: 0.0}
-    low = int(some.min())
-    from_low = (some - np.int16(low)).ravel()
-    counts = np.bincount(from_low)
-    sums = np.bincount(from_low, radii.ravel())
-    return {
-        low + int(n): defocus.levels.between(sums[n] / counts[n])
-        for n in np.flatnonzero(counts)
-    }
+    scene = Scene(_layers(layers, defocus), None, lights, is_opaque=False)
+    if not lights and stays_sharp(np.array(scene.range_px()), window, defocus):
+        return crop(flattened(layers), window, output_window)
+    return _blurred(scene, window, output_window, defocus)
 
 
-def _presence(scene: Scene, levels: list[int]) -> dict[int, np.ndarray]:
-    """For each level, which cells of the window hold any of it."""
-    low, count = levels[0], levels[-1] - levels[0] + 1
-    height, width = scene.index.shape[1:]
-    rows, columns = -(-height // CELL), -(-width // CELL)
-    cell = (np.arange(height) // CELL * columns)[:, None] + np.arange(width) // CELL
-    held = np.zeros(count * rows * columns, bool)
-    for index in scene.index:
-        own = index != NEVER
-        if own.all():
-            held[((index.astype(np.int32) - low) * (rows * columns) + cell)] = True
-        else:
-            at = (index[own].astype(np.int32) - low) * (rows * columns) + cell[own]
-            held[at] = True
-    planes = held.reshape(count, rows, columns).astype(np.uint8)
-    return {n: planes[n - low] for n in levels}
-
-
-def _padded(scene: Scene, tiles: BlurTiles) -> tuple[jnp.ndarray, jnp.ndarray]:
-    """Layers with a margin that continues their border, on the device; the scene gives
-    its own up, since two copies of a large frame are too many."""
-    (top, bottom), (left, right) = tiles.padding
-    count, height, width = scene.index.shape
-    rgba = aligned_empty((count, top + height + bottom, left + width + right, 4))
-    for layer in rgba:
-        own = scene.rgba.pop(0)
-        layer[top : top + height, left : left + width] = own
-        layer[top : top + height, :left] = own[:, :1]
-        layer[top : top + height, left + width :] = own[:, -1:]
-        layer[:top], layer[top + height :] = layer[top], layer[top + height - 1]
-    around = ((0, 0), *tiles.padding)
-    return jnp.asarray(rgba), jnp.asarray(np.pad(scene.index, around, mode="edge"))
+def _layers(stack: LayerStack, defocus: Defocus) -> list[tuple[np.ndarray, np.ndarray]]:
+    rgba = np.nan_to_num(stack.rgba, nan=0.0, posinf=0.0, neginf=0.0)
+    return list(zip(rgba, defocus.circle.radius_px(stack.depth_mm), strict=True))
 
 
 def _blurred(
-    arrays: tuple[jnp.ndarray, jnp.ndarray],
-    tiles: BlurTiles,
-    setup: BlurSetup,
-    level: int,
-    job: list[int],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Some tiles of a level; always a whole batch, so that one program serves all."""
-    filled = (job + job[-1:] * _BATCH)[:_BATCH]
-    size, at = tiles.size, np.int16(level)
-    if level not in setup.rooms:
-        corners = np.array([tiles.corner(t, size) for t in filled], np.int32)
-        shown, hidden = sharp_tiles(*arrays, corners, at, tile=size)
-    else:
-        room = setup.rooms[level]
-        corners = np.array([tiles.corner(t, room) for t in filled], np.int32)
-        nodes, cells = setup.around(corners - tiles.margin, room)
-        shown, hidden = blurred_tiles(
-            *arrays,
-            corners,
-            at,
-            setup.transforms[level],
-            nodes,
-            cells,
-            tile=size,
-            room=room,
+    scene: Scene, window: Window, output_window: Window, defocus: Defocus
+) -> Float32[np.ndarray, "out_height out_width 4"]:
+    least, most = scene.range_px()
+    rays = defocus.rays(window, least, most)
+    slabs = defocus.slabs(least, most)
+    each = [r[rgba[..., 3] > 0] for rgba, r in scene.layers]
+    each += [scene.plate.radius_px] if scene.plate is not None else []
+    cuts = slabs.cuts_px([r for r in each if r.size])
+    reach = rays.reach_px(least, most)
+    picture = np.zeros((output_window.height, output_window.width, 4), np.float32)
+    step_px = defocus.budget.light_step_px
+    each_spot = [spot for found in scene.lights for spot in spots(found, step_px)]
+    lit = np.zeros((*picture.shape[:2], 3), np.float32) if each_spot else None
+    tiles = list(tiles_of(output_window, reach))
+    owner = _owners(each_spot, tiles, window)
+
+    def made(number: int) -> list[tuple[np.ndarray, int, int, int]]:
+        tile = tiles[number]
+        region = grown(tile, 2 * reach, window)
+        surfaces = _surfaces(
+            scene, region, window, cuts, slabs, defocus.depth_levels is None
         )
-    return np.asarray(shown), np.asarray(hidden)
+        target = crop(picture, output_window, tile)
+        sharp = crop(_pinhole(scene), window, tile)
+        _gathered(target, tile, region, surfaces, rays, sharp, scene.is_opaque)
+        mine = [spot for spot, n in zip(each_spot, owner, strict=True) if n == number]
+        return _laid_down(mine, surfaces, rays, region, window)
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        for found in threads.map(made, range(len(tiles))):
+            for light, row, column, colour in found:
+                assert lit is not None
+                at = row + window.y_min - output_window.y_min
+                _add(
+                    lit[..., colour],
+                    light,
+                    at,
+                    column + window.x_min - output_window.x_min,
+                )
+    if lit is not None:
+        picture[..., :3] += lit
+    return picture
 
 
-def _lay_over(
-    colour: np.ndarray, through: np.ndarray, shown: np.ndarray, hidden: np.ndarray
-) -> np.ndarray:
-    """A tile of a level over what lies behind it; what the level lets through."""
-    height, width = through.shape
-    left = 1 - hidden[:height, :width]
-    colour *= left
-    colour += shown[:height, :width]
-    through *= left[..., left.shape[-1] // 2]
-    return left
+def _pinhole(scene: Scene) -> np.ndarray:
+    """The scene as it is where nothing is blurred."""
+    if scene.plate is not None and not scene.layers:
+        return scene.plate.rgba
+    every = [rgba for rgba, _ in scene.layers]
+    every += [scene.plate.rgba] if scene.plate is not None else []
+    return flattened(
+        LayerStack(
+            np.stack(every), np.ones((len(every), *every[0].shape[:2]), np.float32)
+        )
+    )
+
+
+def _surfaces(
+    scene: Scene,
+    region: Window,
+    window: Window,
+    cuts: list[float],
+    slabs: Slabs,
+    is_continuous: bool,
+) -> list[Surface]:
+    """Surfaces over a region, near to far.
+
+    Parameters
+    ----------
+    is_continuous : Whether depth varies within a surface; else each blurs alike.
+    """
+    layers = [
+        (crop(rgba, window, region), crop(r, window, region))
+        for rgba, r in scene.layers
+    ]
+    found = surfaces_of_layers(layers, cuts, slabs) if layers else []
+    if scene.plate is not None:
+        plate = scene.plate
+        shared = None
+        if plate.mattes is not None and len(plate.mattes.ids) > 1:
+            shared = shared_pixels(plate, window, region)
+        guide = None if plate.guide is None else crop(plate.guide, window, region)
+        found += surfaces_of_plate(
+            crop(plate.rgba, window, region),
+            crop(plate.radius_px, window, region),
+            cuts,
+            slabs,
+            guide,
+            shared,
+        )
+        if layers:
+            found.sort(key=lambda surface: -surface.middle_px)
+    return found if is_continuous else [surface.levelled() for surface in found]
+
+
+def _gathered(
+    target: np.ndarray,
+    tile: Window,
+    region: Window,
+    surfaces: list[Surface],
+    rays: Rays,
+    sharp: np.ndarray,
+    is_opaque: bool,
+) -> None:
+    """Fill a tile of the picture."""
+    if not surfaces:
+        return
+    many, few, window = rays.many, rays.few, rays.window
+    nodes_y, nodes_x = many.weight.shape[1:3]
+    gather(
+        target,
+        (tile.y_min - region.y_min, tile.x_min - region.x_min),
+        (0, tile.height),
+        packed(surfaces, many, rays.defocus.budget.cubic_px),
+        (many.moved_px, many.weight),
+        (few.moved_px, few.weight),
+        ((window.width - 1) / (nodes_x - 1), (window.height - 1) / (nodes_y - 1)),
+        (float(tile.x_min - window.x_min), float(tile.y_min - window.y_min)),
+        (
+            np.float32(rays.defocus.budget.unseen_px),
+            np.float32(rays.defocus.budget.few_px),
+            is_opaque,
+        ),
+        sharp,
+    )
+
+
+def _laid_down(
+    mine: list[Spot],
+    surfaces: list[Surface],
+    rays: Rays,
+    region: Window,
+    window: Window,
+) -> list[tuple[np.ndarray, int, int, int]]:
+    """Lights of a tile as the lens spreads them: patches, their first pixel in the
+    window, and colours."""
+    if not mine:
+        return []
+    before: PackedSurfaces = packed(surfaces, rays.many, smooth=False)
+    offset = region.y_min - window.y_min, region.x_min - window.x_min
+    found = []
+    for spot in mine:
+        kernel = light_kernel(
+            rays.lights,
+            spot.colour,
+            (spot.x, spot.y),
+            spot.radius_px,
+            before,
+            offset,
+            is_point=spot.is_point,
+        )
+        half = kernel.shape[-1] // 2
+        turned = np.ascontiguousarray(kernel[::-1, ::-1])  # cv2 correlates
+        light = cv2.filter2D(
+            np.pad(spot.light, half), -1, turned, borderType=cv2.BORDER_CONSTANT
+        )
+        found.append((light, spot.row - half, spot.column - half, spot.colour))
+    return found
+
+
+def _add(plane: np.ndarray, light: np.ndarray, row: int, column: int) -> None:
+    """Add a patch where it lies in the plane."""
+    height, width = plane.shape
+    y0, x0 = max(row, 0), max(column, 0)
+    y1, x1 = min(row + light.shape[0], height), min(column + light.shape[1], width)
+    if y0 < y1 and x0 < x1:
+        plane[y0:y1, x0:x1] += light[y0 - row : y1 - row, x0 - column : x1 - column]
+
+
+def tiles_of(output: Window, reach: int) -> Iterator[Window]:
+    """The output cut into parts for the cores, not small beside their margins."""
+    least = max(_LEAST_SIDE, _MARGINS * reach)
+    side = min(
+        max(output.width // max(os.cpu_count() or 1, 1), least), max(_SIDE, least)
+    )
+    down = min(max(output.height, 1), max(_SIDE, least))
+    for top in range(output.y_min, output.y_max + 1, down):
+        for left in range(output.x_min, output.x_max + 1, side):
+            yield Window(
+                left,
+                top,
+                min(left + side - 1, output.x_max),
+                min(top + down - 1, output.y_max),
+            )
+
+
+def grown(tile: Window, margin: int, window: Window) -> Window:
+    """A tile with a margin, as far as there is any picture."""
+    return Window(
+        max(tile.x_min - margin, window.x_min),
+        max(tile.y_min - margin, window.y_min),
+        min(tile.x_max + margin, window.x_max),
+        min(tile.y_max + margin, window.y_max),
+    )
+
+
+def _owners(each: list[Spot], tiles: list[Window], window: Window) -> list[int]:
+    """The tile nearest to each light."""
+    if not each:
+        return []
+    boxes = np.array(tiles, float)
+    at = np.array([(spot.x + window.x_min, spot.y + window.y_min) for spot in each])
+    low, high = boxes[:, None, :2] - at, at - boxes[:, None, 2:] - 1
+    away = np.maximum(np.maximum(low, high), 0).max(-1)
+    return away.argmin(0).tolist()

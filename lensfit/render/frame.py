@@ -165,9 +165,9 @@ def render_stages(
     whole = look is not None and look.spreads
     window = stages.window if whole else output_window
     if isinstance(pixels, LayerStack) and stages.defocus is not None:
-        layers = landed_layers(pixels, data_window, stages, method)
+        layers, lights = landed_layers(pixels, data_window, stages, method)
         arrival = _arrival(stages, list(layers.rgba), list(layers.depth_mm))
-        blurred = blurred_layers(layers, stages.window, window, stages.defocus)
+        blurred = blurred_layers(layers, stages.window, window, stages.defocus, lights)
         picture = _lit(blurred, stages, window)
     elif depth_mm is None or stages.defocus is None:
         flat = flattened(pixels) if isinstance(pixels, LayerStack) else pixels
@@ -177,7 +177,7 @@ def render_stages(
     else:
         assert isinstance(pixels, np.ndarray)
         check_depth(depth_mm, pixels.shape[:2])
-        front = in_front and landed_layers(in_front, data_window, stages, method)
+        front = in_front and landed_layers(in_front, data_window, stages, method)[0]
         flat = landed_flat(pixels, depth_mm, data_window, stages, method, mattes, front)
         colours, depths = ([], []) if front is None else (front.rgba, front.depth_mm)
         seen = [*colours, flat.picture] if stages.look else []

@@ -159,8 +159,11 @@ def _closed(
     keep = (1 - hole).astype(np.float32)
     weight = np.maximum(cv2.GaussianBlur(keep, (0, 0), _SMOOTH_PX), 1e-6)
     smooth = cv2.GaussianBlur(rgba * keep[..., None], (0, 0), _SMOOTH_PX)
-    radius = cv2.GaussianBlur(radius_px * keep, (0, 0), _SMOOTH_PX)
-    return smooth / weight[..., None], radius / weight
+    radius = radius_px.copy()
+    if keep.any():  # a mean of two distances is that of neither
+        source, _ = nearest_pixels(keep > 0, hole > 0)
+        radius[hole > 0] = radius_px.ravel()[source]
+    return smooth / weight[..., None], radius
 
 
 def _one_depth_each(

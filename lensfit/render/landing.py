@@ -98,12 +98,20 @@ def landed(
 
 def landed_layers(
     stack: LayerStack, data_window: Window, stages: Stages, method: Filter
-) -> LayerStack:
-    """Every layer through the maps; a distance is that of the nearest pixel, since a
-    mean of two is nobody's."""
-    colours = [landed(rgba, data_window, stages, method) for rgba in stack.rgba]
+) -> tuple[LayerStack, list[Highlights]]:
+    """Every layer through the maps, without its small bright lights, and these; a
+    distance is that of the nearest pixel, since a mean of two is nobody's."""
+    colours, found = [], []
+    for rgba, depth_mm in zip(stack.rgba, stack.depth_mm, strict=True):
+        rgba, lights = rgba.copy(), None
+        if stages.defocus is not None:
+            rgba = np.nan_to_num(rgba, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
+            lights = take_highlights(rgba, stages.defocus.circle.radius_px(depth_mm))
+        if lights is not None:
+            found.append(_landed_lights(lights, data_window, stages))
+        colours.append(landed(rgba, data_window, stages, method))
     depth = [nearest(z, data_window, stages.maps[1]) for z in stack.depth_mm]
-    return LayerStack(np.stack(colours), np.stack(depth))
+    return LayerStack(np.stack(colours), np.stack(depth)), found
 
 
 def _landed_mattes(

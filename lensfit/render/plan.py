@@ -1,38 +1,34 @@
 """What a plate needs at a tolerance: every stage, run or left out, and its price.
 
 Errors are rms of the picture, display-referred, as measured on a path-traced scene and
-on 1/f pictures; seconds are of two cores of a current machine, once kernels are made.
-Both are expectations: `lensfit bench render` measures them. Kernels are looked at in
-a few places only, since all of them take as long as the first frame does.
+on 1/f pictures; seconds are of two cores of a current machine; GiB are those of the
+process at its largest. All are expectations: `lensfit bench render` measures them.
 """
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from jaxtyping import Float32
 
 from lensfit.coords import Window
-from lensfit.render.blur_setup import BlurSetup
-from lensfit.render.defocus import levels_in
-from lensfit.render.edges import outline
+from lensfit.render.defocus_cost import DefocusCost, defocus_cost
 from lensfit.render.layer_stack import LayerStack
 from lensfit.render.look.price import prices
+from lensfit.render.outlines import STEP_GROWTH, STEP_PX
 from lensfit.render.plate_defocus import Defocus
 from lensfit.render.stages import Budget, Stages
 
 _PER_PX = 0.1
 """Rms change of a picture per pixel that it is shifted."""
-_LEVEL_ERROR = 5.6e-3
-"""Rms change per pixel of radius between levels."""
-_KERNEL_ERROR = 0.02
-"""Rms change per relative error of a kernel."""
 _WARP_S, _GAIN_S = 6e-8, 4e-9
-_OUTLINE_S, _TAKE_APART_S = 2e-8, 4e-7
-_TRANSFORM_S = 2.2e-8
-"""Seconds per pixel: of a channel, warped; of a channel, dimmed; of the plate, looked
-through and taken apart; of a plane, transformed forth and back."""
-_KERNEL_S = 6e-3
-"""Seconds for one kernel that is not a disc, on one core."""
+"""Seconds per pixel: of a channel, warped; of a channel, dimmed."""
+_PROGRAM_GIB, _LENS_GIB = 0.35, 0.35
+"""Of the process without a picture; of JAX where a lens has maps of its own."""
+_PIXEL_BYTES = 150.0
+"""Plate, its channels, maps, gains, what has landed and the result, per pixel."""
+_LENS_S = 1.5
+"""For the programs and the rays of a lens that is not ideal, in a new process."""
 
 
 class StagePlan(NamedTuple):
@@ -61,12 +57,14 @@ class Plan(NamedTuple):
     ----------
     tolerance : That was asked for.
     stages : One for each.
-    first_s : What the first frame costs besides: kernels, kept for the next.
+    first_s : What the first frame costs besides: the rays of a lens, kept for the next.
+    gib : Of memory that the process takes at most.
     """
 
     tolerance: float
     stages: tuple[StagePlan, ...]
     first_s: float
+    gib: float
 
     @property
     def error(self) -> float:
@@ -98,7 +96,7 @@ def plan_of(
     layers : Of a deep plate.
     """
     found = [_distortion(stages, tolerance), _lateral_colour(stages, tolerance)]
-    first_s = 0.0
+    cost = None
     if layers is not None:
         depth_mm = layers.depth_mm
     if stages.defocus is None or depth_mm is None:
@@ -107,16 +105,19 @@ def plan_of(
         found += [StagePlan("depth of field", False, why, 0, 0)]
     else:
         radius_px = stages.defocus.circle.radius_px(depth_mm)
-        defocus = stages.defocus.over(radius_px)
-        setup = _setup(radius_px, stages.window, defocus)
-        found.append(_outlines(radius_px, setup, layers is not None))
-        found.append(_depth_of_field(radius_px, output_window, setup, defocus))
-        first_s = _kernels_s(setup, defocus)
+        cost = defocus_cost(radius_px, stages.window, output_window, stages.defocus)
+        found.append(_outlines(radius_px, cost, layers is not None))
+        found.append(_depth_of_field(radius_px, cost, stages.defocus))
     found.append(_falloff(stages, tolerance))
     if stages.look is not None:
         on = prices(stages.look, stages.window)
         found += [StagePlan(p.name, True, p.reason, p.error, p.seconds) for p in on]
-    return Plan(tolerance, tuple(found), first_s)
+    own = stages.defocus is not None and not stages.defocus.is_disc
+    first_s = _LENS_S if own and cost is not None and not cost.is_sharp else 0.0
+    pixels = stages.window.width * stages.window.height
+    gib = _PROGRAM_GIB + own * _LENS_GIB + pixels * _PIXEL_BYTES / 2**30
+    gib += 0.0 if cost is None else cost.gib
+    return Plan(tolerance, tuple(found), first_s, gib)
 
 
 def _distortion(stages: Stages, tolerance: float) -> StagePlan:
@@ -144,92 +145,48 @@ def _lateral_colour(stages: Stages, tolerance: float) -> StagePlan:
     return StagePlan("lateral colour", False, why, shift * _PER_PX / 6, 0)
 
 
-def _setup(radius_px: np.ndarray, window: Window, defocus: Defocus) -> BlurSetup:
-    index = defocus.levels.index(radius_px)
-    return defocus.probe(window, levels_in(index, radius_px, defocus))
-
-
-def _outlines(radius_px: np.ndarray, setup: BlurSetup, is_deep: bool) -> StagePlan:
-    name, pixels = "outlines", radius_px.size
-    if setup.is_sharp:
+def _outlines(
+    radius_px: Float32[np.ndarray, "*layers height width"],
+    cost: DefocusCost,
+    is_deep: bool,
+) -> StagePlan:
+    name = "outlines"
+    if cost.is_sharp:
         return StagePlan(name, False, "nothing is out of focus", 0, 0)
     if is_deep:
         return StagePlan(name, False, "a deep plate knows what is hidden", 0, 0)
-    share = float(outline(radius_px).mean())
+    share = _beside_steps(radius_px)
     if share == 0:
-        why = "no step in depth shows"
-        return StagePlan(name, False, why, 0, pixels * _OUTLINE_S)
+        return StagePlan(name, False, "no step in depth shows", 0, 0)
     why = f"{100 * share:.3g} % of the pixels lie beside a step in depth"
-    return StagePlan(name, True, why, 0, pixels * (_OUTLINE_S + _TAKE_APART_S))
+    return StagePlan(name, True, why, 0, cost.surfaces_s)
+
+
+def _beside_steps(radius_px: Float32[np.ndarray, "height width"]) -> float:
+    """Share of the pixels that lie beside a step in depth, on either side."""
+    cross = np.ones((3, 3), np.uint8)
+    near, far = cv2.dilate(radius_px, cross), cv2.erode(radius_px, cross)
+    largest = np.maximum(np.abs(near), np.abs(far))
+    return float((near - far > STEP_PX + STEP_GROWTH * largest).mean())
 
 
 def _depth_of_field(
-    radius_px: np.ndarray, output: Window, setup: BlurSetup, defocus: Defocus
+    radius_px: np.ndarray, cost: DefocusCost, defocus: Defocus
 ) -> StagePlan:
     low, high = float(radius_px.min()), float(radius_px.max())
-    budget = defocus.budget
-    if setup.is_sharp:
+    if cost.is_sharp:
         why = f"blur of {max(-low, high):.2g} px at most is not seen"
-        return StagePlan("depth of field", False, why, budget.unseen * _PER_PX, 0)
-    grid = setup.grid
-    place = f"{grid.columns + 1} x {grid.rows + 1}" if grid.varies else "one"
-    colour = "for each colour" if setup.chromatic else "for all colours"
+        unseen = defocus.budget.unseen_px * _PER_PX
+        return StagePlan("depth of field", False, why, unseen, 0)
     most_px = defocus.circle.most_px
     limit = f", {most_px:.3g} px at most" if np.isfinite(most_px) else ""
+    colour = "for each colour" if cost.channels > 1 else "for all colours"
     why = (
-        f"blur from {low:.3g} to {high:.3g} px{limit}: {len(setup.rooms)} of "
-        f"{len(setup.levels)} levels blurred, kernels {place} over the frame "
-        f"and {colour}, tiles of {setup.tile} px"
+        f"blur from {low:.3g} to {high:.3g} px{limit}: {cost.surfaces} surfaces, "
+        f"{defocus.budget.rays} rays {colour}, {cost.tiles} tiles"
     )
-    is_flat = len(setup.levels) == 1
-    error = 0.0 if is_flat else _LEVEL_ERROR * defocus.levels.step_px
-    if not defocus.bank.is_scaled:
-        error = float(np.hypot(error, _KERNEL_ERROR * budget.kernel_error))
-    planes = transformed_planes(radius_px, output, setup, defocus)
-    seconds = _TRANSFORM_S * sum(n * side**2 for side, n in planes.items())
-    return StagePlan("depth of field", True, why, error, seconds)
-
-
-def transformed_planes(
-    radius_px: Float32[np.ndarray, "*layers height width"],
-    output: Window,
-    setup: BlurSetup,
-    defocus: Defocus,
-) -> dict[int, float]:
-    """Planes of tiles that are transformed forth and back, by the side of the tile, of
-    all levels that hold something; surroundings are in the side."""
-    index = defocus.levels.index(radius_px)
-    index = index.reshape(-1, *index.shape[-2:])
-    height, width = index.shape[1:]
-    size = setup.tile
-    tiles: dict[int, float] = {side: 0.0 for side in setup.rooms.values()}
-    for top in range(0, height, size):
-        for left in range(0, width, size):
-            reach = max(setup.reaches.values())
-            rows = slice(max(top - reach, 0), top + size + reach)
-            columns = slice(max(left - reach, 0), left + size + reach)
-            held = np.unique(index[:, rows, columns])
-            for n in held.tolist():
-                if n in setup.rooms:
-                    tiles[setup.rooms[n]] += 1
-    planes = (9 if setup.chromatic else 5) + (15 if setup.grid.varies else 0)
-    share = planes * output.width * output.height / (height * width)
-    return {side: share * count for side, count in tiles.items()}
-
-
-def _kernels_s(setup: BlurSetup, defocus: Defocus) -> float:
-    if defocus.bank.is_scaled:
-        return 0.0
-    anchors = len(setup.levels)
-    if setup.is_mixed:
-        ends = [
-            defocus.levels.radius_px(n) for n in (setup.levels[0], setup.levels[-1])
-        ]
-        first, last = (defocus.bank.anchors.between(r) for r in ends)
-        anchors = min(anchors, int(last - first) + 2)
-    nodes = (setup.grid.columns + 1) * (setup.grid.rows + 1)
-    channels = 3 if setup.chromatic else 1
-    return anchors * nodes * channels * _KERNEL_S / 2
+    error = defocus.tolerance
+    return StagePlan("depth of field", True, why, error, cost.rays_s)
 
 
 def _falloff(stages: Stages, tolerance: float) -> StagePlan:

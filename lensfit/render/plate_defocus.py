@@ -1,210 +1,215 @@
-"""A lens on a plate, ready to blur it: what a tolerance and a plate's depths ask for.
+"""A lens on a plate, ready to blur it: its rays, and what a tolerance asks of them.
 
-Made once per range of depth and kept: a sequence whose camera stays pays for its
-kernels with the first frame.
+Rays are made once for a window and a range of depth, and kept while the camera stays.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-import jax
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float32
 
 from lensfit.coords import Window
-from lensfit.render.blur_budget import BlurBudget
-from lensfit.render.blur_setup import BlurSetup
-from lensfit.render.circle import Circle, Levels
-from lensfit.render.convolve import kernel_transforms
-from lensfit.render.field_grid import FieldGrid
-from lensfit.render.kernel_bank import RGB, KernelBank, KernelNeeds
-from lensfit.render.kernel_variation import colours_differ, field_grid
-from lensfit.render.tile_sides import refuse_too_wide, tiling
-from lensfit.render.uv import Channel, PlateGeometry
+from lensfit.errors import LensfitError
+from lensfit.render.circle import Circle
+from lensfit.render.disc import diffracts
+from lensfit.render.light_mesh import LightField, disc_lights, lens_lights
+from lensfit.render.ray_field import (
+    DepthNodes,
+    RayField,
+    disc_field,
+    lens_field,
+    with_grey,
+)
+from lensfit.render.surfaces import Slabs
+from lensfit.render.uv import PlateGeometry
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens
 
-_LEVEL_GROUP = 4
-_MOST_EXACT = 6
-"""Levels that each get kernels of their own; more share those of a few depths."""
-_EVEN = 1e-6
-"""Growth of levels that are all of one width."""
-_LEAST_STEP_PX, _STEPS_PER_OCTAVE = 0.01, 16
-_PROBED = 7
-"""Levels at which a probe looks."""
-_FINE = 8
-"""Kernels are made for multiples of this part of a level, so that frames share them."""
+FEW_RAYS = 18
+_WIDEST_PX = 1200.0
+_STEPS_PER_OCTAVE = 4
+"""Ranges of depth are rounded outward to these, so that frames share rays."""
+_LEAST_RANGE_PX = 0.25
+
+
+class DefocusBudget(NamedTuple):
+    """What a tolerance on the picture allows each approximation of the blur.
+
+    Attributes
+    ----------
+    rays : Of each pixel where something is out of focus; a multiple of three.
+    slabs : How thick slabs of depth may be.
+    unseen_px : Displacement that is not seen.
+    light_step_px : Resolution of the radius of highlights.
+    cubic_px : Blur of a smaller radius is read by a cubic: to read linearly adds a
+        variance of a sixth of a square pixel.
+    few_px : Spots up to this radius need few rays.
+    """
+
+    rays: int
+    slabs: Slabs
+    unseen_px: float
+    light_step_px: float
+    cubic_px: float
+    few_px: float
+
+    @classmethod
+    def of(cls, tolerance: float, depth_levels: int | None = None) -> "DefocusBudget":
+        """Shares of an accepted rms error of the picture, display-referred."""
+        # The error of n rays falls as n^(-3/2): measured, `lensfit bench render`.
+        rays = 3 * round(16 * (0.003 / tolerance) ** (2 / 3))
+        finer = float(np.clip((tolerance / 0.003) ** 0.5, 0.3, 2.5))
+        return cls(
+            rays=int(np.clip(rays, FEW_RAYS, 1536)),
+            slabs=Slabs(1.0 * finer, 0.25 * finer),
+            unseen_px=10 * tolerance,
+            light_step_px=float(np.clip(50 * tolerance, 0.02, 0.1)),
+            few_px=float(np.clip(2.0 * (tolerance / 0.003) ** 0.5, 0.3, 4.0)),
+            cubic_px=float(np.clip(2.0 * (0.003 / tolerance) ** 0.5, 1.0, 8.0)),
+        )
 
 
 @dataclass(eq=False)
 class Defocus:
-    """A lens on a plate, ready to blur it; keeps the kernels it has made.
+    """A lens on a plate, ready to blur it; keeps the rays it has made.
 
     Attributes
     ----------
     lens : At the camera state of the plate.
     geometry : How the plate lies on the sensor.
     tolerance : Accepted error of the picture, display-referred.
-    depth_levels : Levels that a plate's depth is cut into, evenly in blur; None leaves
+    depth_levels : Slabs that a plate's depth is cut into, evenly in blur; None leaves
         it to the tolerance.
-    step_px : Between levels that are even.
     """
 
     lens: "Lens"
     geometry: PlateGeometry
     tolerance: float
     depth_levels: int | None = None
-    step_px: float | None = None
     _kept: dict = field(default_factory=dict)
 
-    def over(self, radius_px: Float32[np.ndarray, "*shape"]) -> "Defocus":
-        """Itself, or with levels that cut this range of blur into as many as wanted.
-
-        Steps are rounded up a little, so that frames which differ little share kernels.
-        """
-        if self.depth_levels is None:
-            return self
-        span = float(radius_px.max()) - float(radius_px.min())
-        least = max(span / (self.depth_levels - 1), _LEAST_STEP_PX)
-        step = 2 ** (
-            math.ceil(_STEPS_PER_OCTAVE * math.log2(least)) / _STEPS_PER_OCTAVE
-        )
-        key = ("even", step)
-        if key not in self._kept:
-            self._kept[key] = replace(self, depth_levels=None, step_px=step, _kept={})
-        return self._kept[key]
-
     @cached_property
-    def budget(self) -> BlurBudget:
-        return BlurBudget.of(self.tolerance)
+    def budget(self) -> DefocusBudget:
+        return DefocusBudget.of(self.tolerance)
 
     @cached_property
     def circle(self) -> Circle:
         return Circle.of(self.lens, self.geometry)
 
     @cached_property
-    def levels(self) -> Levels:
-        if self.step_px is not None:
-            return Levels(self.step_px, _EVEN)
-        return Levels(self.budget.step_px, self.budget.growth)
+    def is_disc(self) -> bool:
+        """Whether every point blurs into a plain disc, the same all over the frame."""
+        blur, f_number = self.lens.blur, self.lens.f_number
+        if f_number is None or blur is not None:
+            return False
+        pitch_mm = self.geometry.area_mm[0] / self.geometry.size_px[0]
+        return not diffracts(f_number, pitch_mm)
+
+    def slabs(self, least_px: float, most_px: float) -> Slabs:
+        """How thick slabs of this range of blur may be."""
+        if self.depth_levels is None:
+            return self.budget.slabs
+        return Slabs(max((most_px - least_px) / self.depth_levels, 0.01), 1e-6)
+
+    def rays(self, window: Window, least_px: float, most_px: float) -> "Rays":
+        """Rays over a window for a range of signed radii of blur.
+
+        Raises
+        ------
+        LensfitError : Something blurs too widely; or as `Lens.perfect_blur`.
+        """
+        widest = max(abs(least_px), abs(most_px))
+        if not widest <= _WIDEST_PX:
+            raise LensfitError(
+                f"blur reaches {widest:.0f} px, and {_WIDEST_PX:.0f} px is the most "
+                "that is rendered",
+                remedy="look at the unit and the nearest values of the depth, or limit "
+                "the blur with --max-blur-px",
+            )
+        ends = _rounded_away(least_px), _rounded_away(most_px)
+        key = window, *ends
+        if key not in self._kept:
+            if len(self._kept) > 4:
+                self._kept.clear()
+            self._kept[key] = Rays(self, window, DepthNodes.over(*ends))
+        return self._kept[key]
+
+
+@dataclass(eq=False)
+class Rays:
+    """Rays of a lens over a window and a range of depth, made when first asked for.
+
+    Attributes
+    ----------
+    defocus : Whose.
+    window : Pixels that they reach.
+    depth : What they cross.
+    """
+
+    defocus: Defocus
+    window: Window
+    depth: DepthNodes
 
     @cached_property
-    def bank(self) -> KernelBank:
-        needs = KernelNeeds(self.budget.kernel_error, self.budget.lost)
-        return KernelBank(self.lens, self.geometry, self.circle, self.levels, needs)
+    def many(self) -> RayField:
+        """Where something is out of focus."""
+        return self._fields[0]
 
-    def setup(self, window: Window, found: dict[int, float]) -> BlurSetup:
-        """Kernels of levels over a window.
+    @cached_property
+    def few(self) -> RayField:
+        """Where nothing is far out of focus."""
+        return self._fields[1]
 
-        Parameters
-        ----------
-        found : Levels that occur, far to near, and where within each its pixels lie.
+    @cached_property
+    def _fields(self) -> tuple[RayField, RayField]:
+        budget = self.defocus.budget
+        counts = budget.rays, FEW_RAYS
+        if self.defocus.is_disc:
+            many, few = (disc_field(self.window, n) for n in counts)
+            return many, few
+        many, few = lens_field(
+            self.defocus.lens,
+            self.defocus.geometry,
+            self.defocus.circle,
+            self.window,
+            self.depth,
+            counts,
+        )
+        many = with_grey(many, budget.unseen_px)
+        return many, few if len(many.weight) > 1 else with_grey(few, math.inf)
 
-        Raises
-        ------
-        LensfitError : A kernel is too wide to convolve.
-        """
-        levels = list(found)
-        grid, chromatic = self.variation(window, levels)
-        channels: tuple[Channel, ...] = RGB if chromatic else ("g",)
-        at = {n: round(_FINE * found[n]) / _FINE for n in levels}
-        mixed = len(levels) > _MOST_EXACT
-        kernels = {
-            n: self.bank.kernels(at[n], grid, channels, mixed=mixed) for n in levels
-        }
-        reaches = {n: k.shape[-1] // 2 for n, k in kernels.items()}
-        blurred = [n for n in levels if _leaves(kernels[n]) > self.budget.unseen]
-        tile, rooms = tiling(grid, {n: reaches[n] for n in blurred})
-        transforms = {
-            n: self._transforms((at[n], grid, channels, rooms[n], mixed), kernels[n])
-            for n in blurred
-        }
-        return BlurSetup(
-            levels,
-            grid,
-            chromatic,
-            transforms,
-            rooms,
-            tile,
-            reaches,
-            self.budget.light_step_px,
-            mixed,
+    @cached_property
+    def lights(self) -> LightField:
+        """Meshes of small bright lights."""
+        defocus = self.defocus
+        if defocus.is_disc:
+            return disc_lights(self.window)
+        return lens_lights(
+            defocus.lens, defocus.geometry, defocus.circle, self.window, self.depth
         )
 
-    def probe(self, window: Window, found: dict[int, float]) -> BlurSetup:
-        """What `setup` would come to, without transforms, from few of its kernels: at
-        the middle and in the corners of the window, for a few levels, and by
-        interpolation between them.
+    def reach_px(self, least_px: float, most_px: float) -> int:
+        """How far rays are led, in whole pixels, over a range of radii of blur."""
+        ends = least_px, 0.0, most_px
+        return math.ceil(max(self.many.reach_px(r) for r in ends)) + 4
 
-        Parameters and errors are those of `setup`.
-        """
-        levels = list(found)
-        grid, chromatic = self.variation(window, levels)
-        channels: tuple[Channel, ...] = RGB if chromatic else ("g",)
-        reach, leaving = self._probed(window, levels, channels)
-        reaches = dict(zip(levels, reach.tolist(), strict=True))
-        seen = (leaving > self.budget.unseen).tolist()
-        blurred = {
-            n: reaches[n] for n, is_seen in zip(levels, seen, strict=True) if is_seen
-        }
-        tile, rooms = tiling(grid, blurred)
-        mixed = len(levels) > _MOST_EXACT
-        step_px = self.budget.light_step_px
-        return BlurSetup(
-            levels, grid, chromatic, {}, rooms, tile, reaches, step_px, mixed
-        )
-
-    def _probed(
-        self, window: Window, levels: list[int], channels: tuple[Channel, ...]
-    ) -> tuple[Int[np.ndarray, " levels"], Float[np.ndarray, " levels"]]:
-        """Reach of each level's kernels, and the share of light that they move."""
-        evenly = np.linspace(min(levels), max(levels), _PROBED).round().astype(int)
-        at = sorted({*evenly.tolist(), min(levels, key=abs)})
-        middle, corners = FieldGrid(window, 0, 0), FieldGrid(window, 1, 1)
-        kernels = [
-            [self.bank.kernels(n, grid, channels) for grid in (middle, corners)]
-            for n in at
-        ]
-        widest = [max(k.shape[-1] // 2 for k in both) for both in kernels]
-        most = [max(_leaves(k) for k in both) for both in kernels]
-        reach = np.ceil(np.interp(levels, at, widest)).astype(int)
-        return reach, np.interp(levels, at, most)
-
-    def variation(self, window: Window, levels: list[int]) -> tuple[FieldGrid, bool]:
-        """How the kernels vary over a window: their grid, and whether by colour.
-
-        Raises
-        ------
-        LensfitError : A kernel is too wide to convolve.
-        """
-        # Kernels of a distance near zero would fill any memory.
-        widest = max(abs(self.levels.radius_px(n)) for n in levels)
-        refuse_too_wide(widest)
-        near = min(levels, key=abs)
-        ends = [
-            _LEVEL_GROUP * math.floor(min(levels) / _LEVEL_GROUP),
-            _LEVEL_GROUP * math.ceil(max(levels) / _LEVEL_GROUP),
-            0 if abs(near) <= _LEVEL_GROUP else near,
-        ]
-        key = (window, *ends)
-        if key not in self._kept:
-            self._kept[key] = (
-                field_grid(self.bank, window, ends),
-                colours_differ(self.bank, window, ends),
-            )
-        return self._kept[key]
-
-    def _transforms(self, key: tuple, kernels: np.ndarray) -> jax.Array:
-        """Kept by level, grid, channels, room and whether they were mixed."""
-        if key not in self._kept:
-            self._kept[key] = kernel_transforms(kernels, room=key[3])
-        return self._kept[key]
+    def is_sharp(self, radius_px: Float32[np.ndarray, "*shape"]) -> bool:
+        """Whether no blur of these radii would be seen."""
+        ends = float(radius_px.min()), float(radius_px.max())
+        unseen = self.defocus.budget.unseen_px
+        if max(abs(r) for r in ends) > unseen:
+            return False
+        return all(self.few.reach_px(r) <= unseen for r in ends)
 
 
-def _leaves(kernels: np.ndarray) -> float:
-    """Largest share of light that leaves its pixel."""
-    middle = kernels.shape[-1] // 2
-    return float(1 - kernels[..., middle, middle].min())
+def _rounded_away(radius_px: float) -> float:
+    """At least as far from the focus, at one of a few radii."""
+    if radius_px == 0:
+        return 0.0
+    size = max(abs(radius_px), _LEAST_RANGE_PX)
+    steps = math.ceil(_STEPS_PER_OCTAVE * math.log2(size))
+    return math.copysign(2 ** (steps / _STEPS_PER_OCTAVE), radius_px)

@@ -1,5 +1,6 @@
 """Ideal lenses and plates in closed form, for tests of depth of field."""
 
+import cv2
 import numpy as np
 
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
@@ -27,9 +28,12 @@ def depth_plane(radius_px):
 
 
 def noise(seed=0, low=0.1, high=0.9):
-    """A picture without structure, three channels."""
-    values = np.random.default_rng(seed).uniform(low, high, (HEIGHT, WIDTH, 3))
-    return values.astype(np.float32)
+    """A picture without structure, three channels, as the pixel filter of a renderer
+    leaves it: no detail finer than two pixels."""
+    values = np.random.default_rng(seed).uniform(-1, 1, (HEIGHT, WIDTH, 3))
+    smooth = cv2.GaussianBlur(values, (0, 0), 1.0)
+    smooth *= (high - low) / 2 / np.abs(smooth).max()
+    return (smooth + (high + low) / 2).astype(np.float32)
 
 
 def disc(radius_px, half, parts=24):

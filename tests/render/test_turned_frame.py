@@ -9,7 +9,6 @@ from lensfit.coords import Window
 from lensfit.preset.knobs import NEUTRAL, turned
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.render.circle import Circle
-from lensfit.render.defocus import levels_in
 from lensfit.render.frame import render
 from lensfit.render.plate_defocus import Defocus
 from lensfit.render.uv import PlateGeometry
@@ -146,15 +145,12 @@ def test_no_blur_at_all_is_the_plate():
 
 @pytest.mark.parametrize("count", [2, 5, 24])
 def test_depth_is_cut_into_as_many_levels_as_are_wanted(count):
-    lens = lens_of()
-    geometry = PlateGeometry.of(lens, FRAME)
+    defocus = Defocus(lens_of(), PlateGeometry.of(lens_of(), FRAME), 1e-3, count)
     radius = np.linspace(-11.3, 6.2, 5000, dtype=np.float32)
-    defocus = Defocus(lens, geometry, 1e-3, count).over(radius)
-    index = defocus.levels.index(radius)
-    found = levels_in(index, radius, defocus)
-    assert 0.85 * count - 1 <= len(found) <= count
-    steps = np.diff([defocus.levels.radius_px(n) for n in found])
-    np.testing.assert_allclose(steps, steps[0], rtol=1e-6)
+    slabs = defocus.slabs(float(radius.min()), float(radius.max()))
+    cuts = slabs.cuts_px([radius])
+    assert count - 1 <= len(cuts) <= 2 * count
+    assert -np.diff(cuts).max() > 0.4 * (11.3 + 6.2) / count
 
 
 def test_more_levels_come_closer_to_the_finest():

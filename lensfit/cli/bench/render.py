@@ -19,6 +19,12 @@ def render(
     preset: Annotated[
         Path | None, typer.Option("--preset", help="Fitted preset with measured blur")
     ] = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option(
+            "--scene", help="CG scene with its photograph through the lens of --preset"
+        ),
+    ] = None,
     out: JsonFolder = None,
     quick: SmallFrames = False,
     blender: Annotated[
@@ -37,7 +43,13 @@ def render(
 
     with progress_bars() as progress:
         result = bench_render(
-            data, out, preset=preset, quick=quick, blender=blender, progress=progress
+            data,
+            out,
+            preset=preset,
+            scene=scene,
+            quick=quick,
+            blender=blender,
+            progress=progress,
         )
     if as_json:
         typer.echo(json.dumps(result))

@@ -16,11 +16,13 @@ import numpy as np
 from lensfit.preset.store import load_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.progress import Progress, silent
+from lensfit.render.stages import DEFAULT_TOLERANCE
 from lensfit.workflow.bench.floor import measured_rates
 from lensfit.workflow.bench.machine import machine
 from lensfit.workflow.bench.render.blender import blender_defocus, python_with_bpy
-from lensfit.workflow.bench.render.kernels import bundled_preset, kernel_rows
+from lensfit.workflow.bench.render.photographed import photographed_rows
 from lensfit.workflow.bench.render.plot import write_plot
+from lensfit.workflow.bench.render.point_images import bundled_preset, point_rows
 from lensfit.workflow.bench.render.profile import render_profile
 from lensfit.workflow.bench.render.scenes import (
     Scene,
@@ -51,6 +53,7 @@ def bench_render(
     out_dir: str | Path | None = None,
     *,
     preset: str | Path | None = None,
+    scene: str | Path | None = None,
     quick: bool = False,
     blender: str | None = None,
     progress: Progress = silent,
@@ -61,8 +64,9 @@ def bench_render(
     ----------
     data : Folder with camera.json, plate.0001.exr and reference.0001.exr.
     out_dir : Folder for bench_render.json and a plot of error against time.
-    preset : A fitted preset whose blur was measured, for the kernels' errors and a
-        pull of focus; that of a checkout of lensfit when None.
+    preset : A fitted preset whose blur was measured, for images of points and a pull
+        of focus; that of a checkout of lensfit when None.
+    scene : Folder of a CG scene with its photograph through the lens of `preset`.
     quick : Leave the frames of eight million pixels out.
     blender : Interpreter that has `bpy`, for Blender's Defocus node; this one, if it
         has, when None.
@@ -83,9 +87,11 @@ def bench_render(
     blender = blender or python_with_bpy()
     notes = [] if blender else ["Blender's Defocus node: bpy is not installed"]
     progress("render", 0, 5)
-    scene = plate_scene(folder, thin_lens_preset(camera), camera)
-    plate, rows = _error_against_time(scene, TOLERANCES)
-    rows = [*_plate_rows(scene, camera, blender), *rows, *_law_rows(camera)]
+    traced = plate_scene(folder, thin_lens_preset(camera), camera)
+    plate, rows = _error_against_time(traced, TOLERANCES)
+    rows = [*_plate_rows(traced, camera, blender), *rows, *_law_rows(camera)]
+    if scene is not None and preset is not None and fitted is not None:
+        rows += photographed_rows(Path(scene), fitted, DEFAULT_TOLERANCE)
     progress("render", 2, 5)
     curves = {"plate": plate, "pixels": _pixels(camera), "blur": _areas(camera)}
     progress("render", 3, 5)
@@ -95,10 +101,10 @@ def bench_render(
         rows.append(warp_row(*_UHD))
     progress("render", 4, 5)
     if fitted is None:
-        notes.append("no fitted preset (--preset): kernel errors are not measured")
+        notes.append("no fitted preset (--preset): its point images are not measured")
     else:
-        rows += kernel_rows(fitted, quick=quick)
-    profile = render_profile(scene, rates, fitted)
+        rows += point_rows(fitted, quick=quick)
+    profile = render_profile(traced, rates, fitted)
     rows += [*profile.rows, *start_rows("render", folder), _memory_row()]
     found = {"rows": as_tables(rows), "curves": curves, "notes": notes}
     where = {"profiles": profile.profiles, "floors": profile.floors}
@@ -124,7 +130,7 @@ def _error_against_time(
     points, rows = [], []
     for tolerance in tolerances:
         if runs > 1:
-            scene.render(tolerance)  # kernels are made once
+            scene.render(tolerance)  # programs and rays are made once
         found, wall, cpu = best(lambda t=tolerance: scene.render(t), runs)
         away = np.clip(found, 0, 1) - finest
         point = {

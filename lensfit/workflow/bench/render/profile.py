@@ -43,8 +43,7 @@ def render_profile(scene: Scene, rates: Rates, fitted: Preset | None) -> RenderP
     frame = sampled(lambda: scene.render(_TOLERANCE))
     floors = [
         warp_floor(warp_task(*SIZES["HD"]), rates).as_table() | {"set": "HD"},
-        blur_floor(scene, _TOLERANCE, times.steady_s, rates).as_table()
-        | {"set": scene.name},
+        blur_floor(scene, times.steady_s, rates).as_table() | {"set": scene.name},
     ]
     profiles = {f"{scene.name}, a frame": frame.seconds}
     if fitted is None:

@@ -1,0 +1,223 @@
+"""Rays of one object point through chosen places of the pupil.
+
+A place is polar: an azimuth, and a reach that is 0 inside the opening and 1 at its edge
+(`optics.pupil.pupil_rays`), so that one set of places fills whatever opening a field
+point sees. Rays are dealt to the wavelengths of a channel in turn. Each has the light
+of its part of the opening, and the area over which that part lands: the determinant
+|det dx/du|, which is small where the wavefront folds (caustics).
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from lensfit.kernel.lens_blur import LateralColour, LensBlur, Pencil, pencil
+from lensfit.kernel.pixels import AIRY_SIGMA
+from lensfit.kernel.spot import Landed
+from lensfit.optics.aberration import LocalWavefront, landing_and_jacobian_mm
+from lensfit.optics.distortion import Distortion
+from lensfit.optics.etendue import light_density
+from lensfit.optics.pupil import nearest_in_opening, places_in_stop, pupil_rays
+from lensfit.optics.transmission import transmitted
+from lensfit.programs import kept_program
+
+FOOTPRINT = 0.35
+"""Variance of a ray's Gaussian over the area of its cell's image."""
+_LEAST_DETERMINANT = 0.05
+_NO_LIGHT = 1e-30
+_POINTS, _RAYS = 360, 96
+"""Of a batch; rays a multiple of every number of wavelengths."""
+_THREADS = 2
+
+
+class PupilPlaces(NamedTuple):
+    """Where rays pass the pupil; a multiple of three of them.
+
+    Attributes
+    ----------
+    azimuth_rad, reach : Polar, over the opening.
+    share : Of the area of the unit disc that each stands for; they sum to 1.
+    """
+
+    azimuth_rad: Float[Array, " rays"]
+    reach: Float[Array, " rays"]
+    share: Float[Array, " rays"]
+
+
+class Rays(NamedTuple):
+    """Rays of one object point.
+
+    Attributes
+    ----------
+    landing_mm : From where the green chief ray lands.
+    weight : Light of each, up to a factor.
+    cell : Area of each one's part of the pupil, in u.
+    cell_mm2 : Area of the image of that part.
+    variance_mm2 : Of the Gaussian that each is, diffraction included.
+    """
+
+    landing_mm: Float[Array, "rays 2"]
+    weight: Float[Array, " rays"]
+    cell: Float[Array, " rays"]
+    cell_mm2: Float[Array, " rays"]
+    variance_mm2: Float[Array, " rays"]
+
+
+class _Dealt(NamedTuple):
+    """Rays of one wavelength: u, the nearest that was measured, whether that is it."""
+
+    u: Float[Array, "*rays 2"]
+    own: Float[Array, "*rays 2"]
+    is_known: Bool[Array, "*rays"]
+
+
+def rays_through(
+    places: PupilPlaces, seen: Pencil, blur: LensBlur, count: Float[Array, ""]
+) -> Rays:
+    """The rays of a pencil through places of its opening.
+
+    Parameters
+    ----------
+    count : Rays that fill the opening, where these are some of them.
+    """
+    u, density = pupil_rays(
+        seen.h, blur.stop_radius, blur.pupil, places.azimuth_rad, places.reach
+    )
+    cell = seen.grown**2 * density * places.share
+    wavelengths = seen.lateral_mm.shape[0]
+    dealt = _dealt(u, seen, blur)
+
+    def of_wavelength(rays: _Dealt, local: LocalWavefront, lateral: Array) -> Landed:
+        found = jax.vmap(_landed, (0, None, None))(rays, blur, local)
+        return found._replace(at_mm=found.at_mm + lateral[None])
+
+    found = jax.vmap(of_wavelength, (1, 0, 0), 1)(dealt, seen.local, seen.lateral_mm)
+    weight = cell * found.light.reshape(-1)
+    if blur.transmission is not None:
+        passed = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)
+        weight *= transmitted(*passed, seen.channel, count, blur.transmission)
+    cell_mm2 = cell * _spread(found.slope_mm).reshape(-1)
+    airy = AIRY_SIGMA**2 * jnp.tile(seen.diffraction_mm2, len(u) // wavelengths)
+    at = found.at_mm.reshape(-1, 2)
+    return Rays(at, weight, cell, cell_mm2, airy + FOOTPRINT * cell_mm2)
+
+
+def _dealt(u: Array, seen: Pencil, blur: LensBlur) -> _Dealt:
+    """Rays in turn to one wavelength after the other, (rays, wavelengths, ...)."""
+    own, is_known = u, jnp.ones(len(u), bool)
+    if blur.known is not None:
+        widest = jnp.maximum(blur.stop_radius, 1.0)
+        own, is_known = nearest_in_opening(u, seen.h, widest, blur.known)
+    wavelengths = seen.lateral_mm.shape[0]
+    each = (seen.grown * u, seen.grown * own, is_known)
+    return _Dealt(*(a.reshape(-1, wavelengths, *a.shape[1:]) for a in each))
+
+
+def _landed(ray: _Dealt, blur: LensBlur, local: LocalWavefront) -> Landed:
+    """One ray; an oval lens draws where it lands out along x and y."""
+    light = light_density(ray.own, blur.defocus_mm, local)
+    if blur.known is None:
+        at, slope = landing_and_jacobian_mm(ray.u, blur.defocus_mm, local)
+    else:
+        perfect = replace(local, series_mm=jnp.zeros_like(local.series_mm))
+        at, slope = landing_and_jacobian_mm(ray.u, blur.defocus_mm, perfect)
+        near = replace(local, depth=None, cylinder_mm=None)
+        moved, moves = landing_and_jacobian_mm(ray.own, jnp.zeros(()), near)
+        at, slope = at + moved, slope + jnp.where(ray.is_known, moves, 0.0)
+    if blur.oval is None:
+        return Landed(at, slope, light)
+    return Landed(at * blur.oval, slope * blur.oval[:, None], light)
+
+
+def _spread(slope: Array) -> Array:
+    """Area that a cell's image has per area of the cell; a fold leaves it a little."""
+    area = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
+    size = jnp.sum(slope * slope, (-2, -1)) / 2
+    return jnp.sqrt(area * area + (_LEAST_DETERMINANT * size) ** 2)
+
+
+class LandedRays(NamedTuple):
+    """Rays of many object points, single precision.
+
+    Attributes
+    ----------
+    landing_mm : From where each point's green chief ray lands.
+    share : Of the light of its point.
+    airy_mm : Standard deviation of the Gaussian nearest to each point's Airy pattern.
+    """
+
+    landing_mm: Float[np.ndarray, "points rays 2"]
+    share: Float[np.ndarray, "points rays"]
+    airy_mm: Float[np.ndarray, " points"]
+
+
+def rays_of_points(
+    points: tuple[np.ndarray, np.ndarray, np.ndarray],
+    optics: tuple[LensBlur, Distortion, LateralColour],
+    places: PupilPlaces,
+) -> LandedRays:
+    """Rays of many object points through the same places of their openings.
+
+    Points and rays are taken in batches of one size, so that one program serves any
+    number of them.
+
+    Parameters
+    ----------
+    points : Where green chief rays land (points, 2), object distances from the sensor,
+        and channels.
+    """
+    filled = tuple(_filled(part, _POINTS) for part in points)
+    through = PupilPlaces(*(_filled(part, _RAYS) for part in places))
+    count = jnp.asarray(float(len(places.reach)))
+    firsts = range(0, len(filled[0]), _POINTS), range(0, len(through.reach), _RAYS)
+
+    def batch(at: tuple[int, int]) -> tuple[np.ndarray, ...]:
+        some = tuple(jnp.asarray(part[at[0] : at[0] + _POINTS]) for part in filled)
+        rays = PupilPlaces(*(jnp.asarray(p[at[1] : at[1] + _RAYS]) for p in through))
+        return tuple(np.asarray(part) for part in _batch(some, optics, rays, count))
+
+    with ThreadPoolExecutor(_THREADS) as pool:
+        made = list(pool.map(batch, product(*firsts)))
+    across = len(firsts[1])
+    rows = [made[n : n + across] for n in range(0, len(made), across)]
+    landing, weight = (
+        np.concatenate([np.concatenate([b[k] for b in row], 1) for row in rows])
+        for k in (0, 1)
+    )
+    airy = np.concatenate([row[0][2] for row in rows])
+    n_points, n_rays = len(points[0]), len(places.reach)
+    light = weight[:n_points, :n_rays]
+    total = np.maximum(light.sum(1, keepdims=True), _NO_LIGHT)
+    return LandedRays(landing[:n_points, :n_rays], light / total, airy[:n_points])
+
+
+def _filled(some: np.ndarray, size: int) -> np.ndarray:
+    """Whole batches; the last is repeated."""
+    values = np.asarray(some)
+    return np.concatenate([values, np.repeat(values[-1:], -len(values) % size, 0)])
+
+
+@kept_program()
+def _batch(
+    points: tuple[Array, Array, Array],
+    optics: tuple[LensBlur, Distortion, LateralColour],
+    places: PupilPlaces,
+    count: Array,
+) -> tuple[Array, Array, Array]:
+    blur, distortion, lateral = optics
+
+    def one(point: tuple[Array, Array, Array]) -> tuple[Array, ...]:
+        seen = pencil(*point, blur, distortion, lateral)
+        rays = rays_through(places, seen, blur, count)
+        airy_mm = AIRY_SIGMA * jnp.sqrt(jnp.mean(seen.diffraction_mm2))
+        found = rays.landing_mm, rays.weight, airy_mm
+        return tuple(part.astype(jnp.float32) for part in found)
+
+    landing, weight, airy = jax.lax.map(one, points)
+    return landing, weight, airy
