@@ -19,7 +19,7 @@ from data_synth.scene.layers import Layer, Scene, SceneRays
 from data_synth.scene.sampling import SHARES, seed_of
 
 RAYS_TO_MEASURE = 256
-LEAST_RAYS, MOST_RAYS = 1 << 11, 1 << 18
+LEAST_RAYS, MOST_RAYS = 1 << 9, 1 << 18
 
 
 def lamp_light(
