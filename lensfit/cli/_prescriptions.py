@@ -21,3 +21,29 @@ def prescription_of(option: str, name: str) -> "Prescription":
         return load_prescription(name)
     except (ValueError, KeyError, TypeError) as error:
         raise typer.BadParameter(f"{option} {name}: {error}") from error
+
+
+def settable_prescription(
+    option: str,
+    name: str,
+    f_number: float | None,
+    focus_option: str,
+    focus_distance_mm: float | None,
+) -> "Prescription":
+    """A prescription that can be set to an f-number and a focus distance.
+
+    Raises
+    ------
+    typer.BadParameter : There is none, it opens less, or the focus is too near.
+    """
+    prescription = prescription_of(option, name)
+    widest = prescription.f_number
+    if f_number is not None and not widest <= f_number < float("inf"):
+        raise typer.BadParameter(f"--f-number {f_number:g}: {name} opens to {widest:g}")
+    nearest_mm = 10 * max(state.focal_length_mm for state in prescription.states)
+    if focus_distance_mm is None or nearest_mm <= focus_distance_mm < float("inf"):
+        return prescription
+    raise typer.BadParameter(
+        f"{focus_option} {focus_distance_mm:g}: "
+        f"give at least {nearest_mm:g} mm (ten focal lengths)"
+    )

@@ -14,10 +14,12 @@ import numpy as np
 import OpenEXR
 from jaxtyping import Int
 
+from lensfit.atomic import atomic_path
 from lensfit.coords import Window
-from lensfit.errors import ImageError
+from lensfit.errors import ImageError, OutputError
 from lensfit.io.chatter import without_chatter
 from lensfit.io.exr import ExrPart, part_without_channels, unreadable
+from lensfit.io.exr_attributes import attributes_for_writing
 from lensfit.io.exr_header import check_exr
 
 
@@ -90,3 +92,45 @@ def _counts(pixels: np.ndarray) -> np.ndarray:
 def _flat(pixels: np.ndarray) -> np.ndarray:
     filled = [p for p in pixels.ravel() if p is not None and len(p)]
     return np.concatenate(filled) if filled else np.zeros(0, np.float32)
+
+
+def write_deep(path: str | Path, part: DeepPart) -> None:
+    """Write one deep image by scan lines, whole or not at all.
+
+    Raises
+    ------
+    OutputError : The folder cannot be written, or an attribute cannot be stored.
+    """
+    window = part.flat.data_window
+    shown = part.flat.display_window
+    header = {
+        **attributes_for_writing(part.flat.attributes, Path(path)),
+        "type": OpenEXR.deepscanline,
+        "compression": OpenEXR.ZIPS_COMPRESSION,
+        "dataWindow": _corners(window),
+        "displayWindow": _corners(shown),
+        "pixelAspectRatio": float(part.flat.pixel_aspect),
+    }
+    channels = {n: _pixels(part.counts, s) for n, s in part.samples.items()}
+    with atomic_path(path) as temporary:
+        try:
+            OpenEXR.File(header, channels).write(str(temporary))
+        except (RuntimeError, ValueError, TypeError, OSError) as error:
+            raise OutputError(
+                f"cannot be written ({error})", where=path, remedy="check the disk"
+            ) from error
+
+
+def _corners(window: Window) -> tuple[np.ndarray, np.ndarray]:
+    corners = np.asarray(window, np.int32)
+    return corners[:2], corners[2:]
+
+
+def _pixels(counts: Int[np.ndarray, "height width"], samples: np.ndarray) -> np.ndarray:
+    """Samples of each pixel in an array of their own, None where there is none."""
+    pixels = np.empty(counts.size, object)
+    end = 0
+    for index in np.flatnonzero(counts):
+        start, end = end, end + int(counts.flat[index])
+        pixels[index] = samples[start:end].copy()
+    return pixels.reshape(counts.shape)

@@ -10,6 +10,7 @@ ALLOWED = {
     "lensfit.atomic",
     "lensfit.coords",
     "lensfit.io.exr",
+    "lensfit.io.exr_deep",
     "lensfit.errors",
     "lensfit.together",
 }

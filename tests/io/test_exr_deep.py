@@ -5,9 +5,11 @@ import OpenEXR
 import pytest
 from deep_files import write_deep
 
-from lensfit.errors import ImageError
-from lensfit.io.exr import read_exr
-from lensfit.io.exr_deep import is_deep, read_deep
+from lensfit.coords import Window
+from lensfit.errors import ImageError, OutputError
+from lensfit.io import exr_deep
+from lensfit.io.exr import ExrPart, read_exr
+from lensfit.io.exr_deep import DeepPart, is_deep, read_deep
 
 
 def test_samples_come_back_pixel_after_pixel(tmp_path):
@@ -49,3 +51,35 @@ def test_truncated_files_are_refused(tmp_path):
         path.write_bytes(content[: int(share * len(content))])
         with pytest.raises(ImageError, match="damaged"):
             read_deep(path)
+
+
+def deep_part(counts, attributes=None) -> DeepPart:
+    """With overscan: the data window begins left of and above the display window."""
+    rng = np.random.default_rng(2)
+    height, width = counts.shape
+    data = Window(-1, -2, width - 2, height - 3)
+    flat = ExrPart({}, data, Window.of_size(width - 2, height - 4), attributes or {})
+    samples = {n: rng.random(counts.sum()).astype(np.float16) for n in "RGBA"}
+    samples["Z"] = rng.uniform(100, 9000, counts.sum()).astype(np.float32)
+    return DeepPart(flat, counts, samples)
+
+
+def test_what_is_written_comes_back_bit_for_bit(tmp_path):
+    counts = np.random.default_rng(1).integers(0, 5, (6, 8))
+    part = deep_part(counts, {"lens/fstop": 2.0, "owner": "me"})
+    exr_deep.write_deep(tmp_path / "deep.exr", part)
+    back = read_deep(tmp_path / "deep.exr")
+    np.testing.assert_array_equal(back.counts, counts)
+    for name, values in part.samples.items():
+        assert back.samples[name].tobytes() == values.tobytes()
+        assert back.samples[name].dtype == values.dtype
+    assert back.data_window == part.data_window
+    assert back.flat.display_window == part.flat.display_window
+    assert back.flat.attributes["lens/fstop"] == 2.0
+
+
+def test_a_deep_picture_that_cannot_be_written_leaves_nothing(tmp_path):
+    part = deep_part(np.ones((6, 8), int), {"odd": {"a": 1}})
+    with pytest.raises(OutputError, match="odd"):
+        exr_deep.write_deep(tmp_path / "deep.exr", part)
+    assert list(tmp_path.iterdir()) == []

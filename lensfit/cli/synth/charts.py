@@ -1,4 +1,4 @@
-"""`lensfit synth`: photographs of charts by an exact ray tracer, with their truth."""
+"""`lensfit synth charts`: photographs of charts by ray tracing, with their truth."""
 
 import json
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lensfit.cli._door import one_of
-from lensfit.cli._prescriptions import prescription_of
+from lensfit.cli._prescriptions import settable_prescription
 from lensfit.cli._sizes import photograph_size_px
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ KINDS = ("dot-grid", "line-grid", "checkerboard")
 FORMATS = ("exr", "png16", "png", "jpg")
 
 
-def synth(
+def charts(
     lens: Annotated[
         str | None, typer.Argument(help="A bundled lens, or a prescription file")
     ] = None,
@@ -149,16 +149,7 @@ def _prescription(
 
     if lens is None:
         raise typer.BadParameter(f"name a lens: {', '.join(prescription_names())}")
-    prescription = prescription_of("LENS", lens)
-    widest = prescription.f_number
-    if f_number is not None and f_number < widest:
-        raise typer.BadParameter(f"--f-number {f_number:g}: {lens} opens to {widest:g}")
-    nearest_mm = 10 * max(state.focal_length_mm for state in prescription.states)
-    if focus_mm is not None and not nearest_mm <= focus_mm < float("inf"):
-        raise typer.BadParameter(
-            f"--focus {focus_mm:g}: give at least {nearest_mm:g} mm (ten focal lengths)"
-        )
-    return prescription
+    return settable_prescription("LENS", lens, f_number, "--focus", focus_mm)
 
 
 def _frame(size: str, prescription: "Prescription") -> "Frame":
