@@ -28,7 +28,10 @@ class ApplyOptions:
     stmap : A redistort map to use in place of the lens' own distortion.
     tolerance : Accepted error of the picture, display-referred.
     method : Interpolating filter; chosen by the tolerance if None.
-    overwrite : Render frames again that are finished.
+    overwrite : Render every finished frame again, whatever it was made of.
+    keep : Refuse to replace a finished frame that was made otherwise than it would be
+        made now; otherwise it is rendered again.
+    again : Render a plate that carries a lens already.
     depth : What the user says about the depth channel.
     edge_mask : Objects of the Cryptomatte that are cut out of the plate and blurred as
         layers of their own (see `plate.cut_out`).
@@ -47,6 +50,8 @@ class ApplyOptions:
     tolerance: float = DEFAULT_TOLERANCE
     method: Filter | None = None
     overwrite: bool = False
+    keep: bool = False
+    again: bool = False
     depth: DepthOptions = field(default_factory=DepthOptions)
     edge_mask: Sequence[str] = ()
     edge_matte: str | None = None

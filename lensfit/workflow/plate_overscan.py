@@ -65,7 +65,10 @@ def overscan_of_plate(
     frame, data = part.display_window, part.data_window
     # Fall-off and its f-number read no pixel.
     options = ApplyOptions(
-        overrides=overrides, switches=Switches(falloff=False), knobs=knobs or {}
+        overrides=overrides,
+        switches=Switches(falloff=False),
+        knobs=knobs or {},
+        again=True,  # a finished frame has the windows of its plate
     )
     lens = PlateLens(preset, options)
     state = lens.noted_state(image, path)

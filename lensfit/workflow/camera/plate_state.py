@@ -16,6 +16,7 @@ from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
 from lensfit.preset.schema import Preset
 from lensfit.render.look.white_balance import REC709, Chromaticities
 from lensfit.workflow.camera.assumed import Assumed, assumed
+from lensfit.workflow.camera.f_number_doubt import f_number_doubt
 from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
 from lensfit.workflow.camera.knob_sources import knobs_of_plate
 from lensfit.workflow.camera.plate_camera import PlateCamera
@@ -125,6 +126,8 @@ def plate_state(
     turned = knobs_of_plate(preset.knobs, attributes, camera.settings, knobs or {})
     notes = [*camera.notes, *chosen.notes, *(one.note(camera) for one in taken)]
     notes += [*([note] if note else []), *slips_in(attributes)]
+    if (doubt := f_number_doubt(camera)) is not None:
+        notes.append(FrameNote(doubt, "doubtful f-number"))
     for name, said in turned.notes:
         notes.append(FrameNote(f"{camera.plate.name}: {said}", f"contradiction {name}"))
     colours = _chromaticities(attributes)

@@ -43,6 +43,7 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     window = options.written(source, display)
     if options.switches.defocus:
         state.require_blur()
+        lens.note_focus(stack.depth_mm, meaning.unit_mm, state, display, path)
         depth = lens.within_reach(stack.depth_mm, state)
         pixels, spreads = LayerStack(stack.rgba, depth), True
     else:

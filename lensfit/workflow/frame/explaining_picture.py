@@ -93,9 +93,8 @@ def _circle_of_confusion(plate_lens: PlateLens, path: Path) -> ExrImage:
     found = plate_in_depth(plate_lens, part, state, image, path)
     if found is None:
         raise ImageError(
-            "has no depth from which blur could be known",
-            remedy="name its channel with --depth-channel, and state --f-number and "
-            "--focus-distance-mm",
+            "is wanted without depth of field, of which this picture is",
+            remedy="leave --no-defocus out",
         )
     window = plate_lens.options.written(part.data_window, part.display_window)
     stages = plate_lens.stages_for(state, part.display_window, window)

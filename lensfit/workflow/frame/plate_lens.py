@@ -19,6 +19,7 @@ from lensfit.lens import Lens
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
 from lensfit.preset.schema import Preset
+from lensfit.render.circle import Circle
 from lensfit.render.frame import window_with_margin
 from lensfit.render.look.stack import look_of
 from lensfit.render.stages import Stages, prepare_stages
@@ -30,11 +31,17 @@ from lensfit.workflow.camera.plate_state import PlateState, plate_state
 from lensfit.workflow.camera.sources import CameraSources
 from lensfit.workflow.frame.error import at_frame
 from lensfit.workflow.frame.external_map import ExternalMap
+from lensfit.workflow.frame.fingerprint import Fingerprint, fingerprint
 from lensfit.workflow.frame.plate_notes import border_note
-from lensfit.workflow.frame.signature import preset_digest, signature
-from lensfit.workflow.notes import Notes
+from lensfit.workflow.frame.signature import (
+    preset_digest,
+    refuse_second_lens,
+    signature,
+)
+from lensfit.workflow.notes import FrameNote, Notes
+from lensfit.workflow.plate.depth_doubt import depth_doubt
 from lensfit.workflow.plate.focus_pick import FOCUS_AT, picked_depth_mm
-from lensfit.workflow.plate.header import header_entries
+from lensfit.workflow.plate.header import header_entries, plate_header
 
 _NEAREST_FOCAL_LENGTHS = 1.5
 
@@ -69,9 +76,12 @@ class PlateLens:
 
         Raises
         ------
-        LensfitError : A value is missing or impossible; the line names the plate.
+        LensfitError : A value is missing or impossible, or the plate carries a lens
+            already; the line names the plate.
         """
         try:
+            if not self.options.again:
+                refuse_second_lens(image.parts)
             return self._state_of(image, path)
         except LensfitError as error:
             raise at_frame(error, path) from error
@@ -135,6 +145,16 @@ class PlateLens:
         self.notes.add(*(n for n in self.lens_at(state).notes if n != NO_BLUR))
         return state
 
+    def fingerprint(self, plate: Path) -> Fingerprint:
+        """What the frame of a plate would be made of now.
+
+        Raises
+        ------
+        LensfitError : As `state_of`, or a file of the options cannot be read.
+        """
+        state = self.state_of(plate_header(plate), plate)
+        return fingerprint(plate, self._digest, [state], self.options)
+
     def signature(self, state: PlateState) -> str:
         """What is done to plates of this state, in a line."""
         return signature(self.preset.lens.name, self._digest, state, self.options)
@@ -197,6 +217,20 @@ class PlateLens:
         if self._stages_noted is not stages:
             self.notes.add(border_note(stages, window, source))
             self._stages_noted = stages
+
+    def note_focus(
+        self,
+        depth_mm: np.ndarray,
+        unit_mm: float,
+        state: PlateState,
+        display: Window,
+        path: Path,
+    ) -> None:
+        """Say so when the depths of a plate put everything out of focus."""
+        circle = Circle.of(self.lens_at(state), self.geometry(state, display))
+        doubt = depth_doubt(depth_mm, circle, unit_mm, display.width)
+        if doubt is not None:
+            self.notes.add(FrameNote(f"{path.name}: {doubt}", "doubtful depth"))
 
     def within_reach(self, depth_mm: np.ndarray, state: PlateState) -> np.ndarray:
         """Distances of which the lens has an image at all; nearer ones are noted."""
