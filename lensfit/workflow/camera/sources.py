@@ -10,9 +10,10 @@ Sources, the one that counts most first:
 5. the plate's header
 6. what the preset knows (`lensfit.workflow.camera.plate_state`)
 
-What is named on the command line counts before what is found. Each quantity is decided by itself. A T-stop stands for the f-number only where no
-source knows an f-number, and a note says so; so does one where the entries of a header
-contradict each other and one of them counts.
+What is named on the command line counts before what is found. Each quantity is decided
+by itself. A T-stop stands for the f-number only where no source knows an f-number, and
+a note says so; so does one where the entries of a header contradict each other and one
+of them counts.
 """
 
 import math

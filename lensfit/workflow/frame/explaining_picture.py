@@ -17,6 +17,7 @@ import numpy as np
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
+from lensfit.io.exr_views import views_of
 from lensfit.render.circle import Circle
 from lensfit.render.lens_pictures import aberration_dots, kernel_mosaic
 from lensfit.render.nearest import nearest
@@ -39,6 +40,12 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
     ImageError : The plate has no depth, f-number or focus distance where it is needed.
     LensfitError : The lens' blur cannot be known.
     """
+    if len(views := views_of(plate_header(path))) > 1:
+        names = ", ".join(view.name for view in views)
+        raise ImageError(
+            f"holds several views ({names}), and this picture is of one",
+            remedy="write each view to a file of its own",
+        )
     if plate_lens.options.output == "circle-of-confusion":
         return _circle_of_confusion(plate_lens, path)
     image = plate_header(path)

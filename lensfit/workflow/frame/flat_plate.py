@@ -24,14 +24,20 @@ from lensfit.workflow.frame.signature import signed
 from lensfit.workflow.plate.channels import ColourLayer, colour_layers, resized_channels
 
 
-def render_flat(lens: PlateLens, image: ExrImage, path: Path) -> ExrImage:
-    """The finished frame of a flat plate.
+def render_flat(
+    lens: PlateLens, image: ExrImage, path: Path, header: ExrImage | None = None
+) -> ExrImage:
+    """The finished frame of a flat plate of one view.
+
+    Parameters
+    ----------
+    header : States its camera, if `image` itself does not.
 
     Raises
     ------
     ImageError : No part holds colour.
     """
-    state = lens.noted_state(image, path)
+    state = lens.noted_state(header or image, path)
     found = dict(
         (id(part), layers)
         for part, layers in layers_to_render(image, lens.options.layers)

@@ -14,7 +14,8 @@ import numpy as np
 
 from lensfit.coords import Window
 from lensfit.errors import LensfitError
-from lensfit.io.exr import ExrImage
+from lensfit.io.exr import ExrImage, read_exr
+from lensfit.io.exr_deep import is_deep
 from lensfit.lens import Lens
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
@@ -33,6 +34,7 @@ from lensfit.workflow.frame.error import at_frame
 from lensfit.workflow.frame.external_map import ExternalMap
 from lensfit.workflow.frame.fingerprint import Fingerprint, fingerprint
 from lensfit.workflow.frame.plate_notes import border_note
+from lensfit.workflow.frame.plate_views import plate_views
 from lensfit.workflow.frame.signature import (
     preset_digest,
     refuse_second_lens,
@@ -152,8 +154,14 @@ class PlateLens:
         ------
         LensfitError : As `state_of`, or a file of the options cannot be read.
         """
-        state = self.state_of(plate_header(plate), plate)
-        return fingerprint(plate, self._digest, [state], self.options)
+        picks = self.options.camera.focus_at is not None
+        whole = picks and not is_deep(plate)
+        image = read_exr(plate) if whole else plate_header(plate)
+        states = []
+        for one in plate_views(image, plate):
+            with one.named_errors(plate):
+                states.append(self.state_of(one.header, plate))
+        return fingerprint(plate, self._digest, states, self.options)
 
     def signature(self, state: PlateState) -> str:
         """What is done to plates of this state, in a line."""

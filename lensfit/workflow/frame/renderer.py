@@ -1,5 +1,6 @@
 """One plate through a lens, from file to finished frame: the order of operations.
 
+views               of a stereo plate, each by itself (`plate_views`)
 kind of plate       a flat one (`flat_plate`), a deep one, which is returned flat
                     (`deep_plate`), or a picture that explains (`explaining_picture`)
 camera state        from all its sources (`camera.sources`, `camera.plate_state`)
@@ -29,6 +30,7 @@ from lensfit.workflow.frame.fingerprint import FINGERPRINT, Fingerprint
 from lensfit.workflow.frame.flat_plate import render_flat
 from lensfit.workflow.frame.left_out_knobs import left_out_knobs
 from lensfit.workflow.frame.plate_lens import PlateLens
+from lensfit.workflow.frame.plate_views import joined, plate_views
 from lensfit.workflow.frame.signature import SAID, applied_line
 from lensfit.workflow.notes import FrameNote
 
@@ -59,7 +61,13 @@ class FrameRenderer:
             return explaining_picture(self.lens, path)
         if is_deep(path):
             return render_deep(self.lens, path)
-        return render_flat(self.lens, read_exr(path), path)
+        image = read_exr(path)
+        views, made = plate_views(image, path), []
+        for one in views:
+            self.lens.notes.add(one.note)
+            with one.named_errors(path):
+                made.append(render_flat(self.lens, one.view.image, path, one.header))
+        return joined(image, views, made)
 
     def fingerprint(self, path: Path) -> Fingerprint:
         """What the frame of a plate would be made of now.
