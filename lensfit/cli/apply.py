@@ -20,6 +20,7 @@ from lensfit.cli.groups.knobs import (
     stated,
 )
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+from lensfit.cli.groups.pixels import PixelGroup
 
 
 class FilterName(StrEnum):
@@ -69,6 +70,7 @@ def apply(
     library: LibraryGroup,
     camera: CameraGroup,
     focus: FocusGroup,
+    pixels: PixelGroup,
     depth: DepthGroup,
     effects: EffectsGroup,
     aberrations: AberrationGroup,
@@ -148,6 +150,7 @@ def apply(
     options = ApplyOptions(
         overrides=camera.overrides(),
         camera=camera.sources(focus.pick()),
+        pixel_aspect=pixels.pixel_aspect,
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,

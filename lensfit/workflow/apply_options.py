@@ -23,6 +23,8 @@ class ApplyOptions:
     overrides : Camera state that counts in place of the headers.
     camera : Sidecars, cameras and settings that know more of it.
     switches : Effects of the lens that are wanted.
+    pixel_aspect : Width of a pixel over its height as displayed, in place of the
+        header's ``pixelAspectRatio``.
     keep_overscan : Write the plate's data window rather than the display window.
     layers : Layers to render; every colour layer if None ("" is the unnamed one).
     stmap : A redistort map to use in place of the lens' own distortion.
@@ -44,6 +46,7 @@ class ApplyOptions:
     overrides: StateOverrides = field(default_factory=StateOverrides)
     camera: CameraOptions = field(default_factory=CameraOptions)
     switches: Switches = field(default_factory=Switches)
+    pixel_aspect: float | None = None
     keep_overscan: bool = False
     layers: Sequence[str] | None = None
     stmap: Path | None = None

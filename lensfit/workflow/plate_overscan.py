@@ -17,6 +17,7 @@ from lensfit.workflow.camera.spelling import SPELT
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.overscan_plan import OverscanQuestion
 from lensfit.workflow.plate.header import plate_header
+from lensfit.workflow.plate.pixel_shape import SQUARE
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,11 @@ class PlateOverscan:
     def suffices(self, needed: Margins) -> bool:
         """Whether the plate holds every pixel that is read."""
         return all(a >= b for a, b in zip(self.margins[:4], needed[:4], strict=True))
+
+
+def _stated_aspect(header_aspect: float) -> float | None:
+    """A header that says 1 may not have been asked (`plate.pixel_shape`)."""
+    return None if header_aspect == SQUARE else header_aspect
 
 
 def overscan_of_plate(
@@ -89,6 +95,7 @@ def overscan_of_plate(
         None if focus is None else (focus, focus),
         f_number,
         knobs=state.knobs,
+        pixel_aspect=_stated_aspect(part.pixel_aspect),
     )
     beyond = Margins(
         max(0, frame.x_min - data.x_min),

@@ -29,6 +29,7 @@ from lensfit.render.overscan import (
 from lensfit.render.uv import (
     DEFAULT_TOLERANCE_PX,
     SourceMap,
+    SpannedWidth,
     overscan_needed,
     stmap_redistort,
     stmap_undistort,
@@ -55,11 +56,18 @@ class StmapFrame:
     overscan_percent : Pixels beyond it, in total, percent of its size, as plates state
         it: 10 is 5 % on each side.
     sensor_width_mm : Width that the display window spans; the lens' own if None.
+    pixel_shape : Width of a pixel over its height, on the sensor.
     """
 
     size_px: tuple[int, int]
     overscan_percent: float = 0.0
     sensor_width_mm: float | None = None
+    pixel_shape: float = 1.0
+
+    def spanned_width_mm(self, lens: "Lens") -> SpannedWidth:
+        """Width that the display window spans, with the shape of its pixels."""
+        width_mm = self.sensor_width_mm or lens.sensor_size_mm[0]
+        return SpannedWidth(width_mm, self.pixel_shape)
 
     @property
     def display_window(self) -> Window:
@@ -143,9 +151,10 @@ def write_stmaps(
             paths.append(path)
             progress("UV maps", len(paths), len(wanted))
     display = frame.display_window
-    margins = margins_read(lens, display, sensor_width_mm=width_mm)
-    percent = cg_camera(margins, display, width_mm or measured_mm).percent
-    factor = overscan_needed(lens, display, sensor_width_mm=width_mm).factor
+    spanned_mm = frame.spanned_width_mm(lens)
+    margins = margins_read(lens, display, sensor_width_mm=spanned_mm)
+    percent = cg_camera(margins, display, spanned_mm).percent
+    factor = overscan_needed(lens, display, sensor_width_mm=spanned_mm).factor
     notes = (note,) if note else ()
     return WrittenStmaps(tuple(paths), margins, percent, factor, notes)
 
@@ -171,7 +180,7 @@ def _map(
         frame.data_window,
         channel,
         tolerance_px=tolerance_px,
-        sensor_width_mm=frame.sensor_width_mm,
+        sensor_width_mm=frame.spanned_width_mm(lens),
     )
     return made.uv(frame.display_window)
 

@@ -15,6 +15,7 @@ from lensfit.errors import ImageError
 from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
 from lensfit.preset.schema import Preset
 from lensfit.render.look.white_balance import REC709, Chromaticities
+from lensfit.render.uv import SpannedWidth
 from lensfit.workflow.camera.assumed import Assumed, assumed
 from lensfit.workflow.camera.f_number_doubt import f_number_doubt
 from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
@@ -42,6 +43,8 @@ class PlateState(NamedTuple):
         header does not say.
     camera : What the sources of the plate know.
     assumed : What none of them knows, and the preset has one of.
+    pixel_shape : Width of a pixel over its height, on the sensor
+        (`lensfit.workflow.plate.pixel_shape`).
     """
 
     lens_key: tuple[float | None, float | None, float | None]
@@ -51,6 +54,12 @@ class PlateState(NamedTuple):
     chromaticities: Chromaticities | None = None
     camera: PlateCamera = PlateCamera({})
     assumed: tuple[Assumed, ...] = ()
+    pixel_shape: float = 1.0
+
+    @property
+    def spanned_width_mm(self) -> SpannedWidth:
+        """Width that the display window spans, with the shape of its pixels."""
+        return SpannedWidth(self.sensor_width_mm, self.pixel_shape)
 
     def require_blur(self) -> None:
         """Refuse a plate without the f-number and focus of its depth of field.

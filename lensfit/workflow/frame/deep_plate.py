@@ -15,6 +15,7 @@ from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.frame.signature import signed
 from lensfit.workflow.plate.deep_layers import deep_layers
 from lensfit.workflow.plate.depth import depth_meaning
+from lensfit.workflow.plate.pixel_shape import refuse_blur_of_oblong_pixels
 
 DEEP_IS_FLAT = "deep plates are returned flat, as R, G, B, A"
 _DEEP_ATTRIBUTES = ("deepImageState", "maxSamplesPerPixel", "version", "chunkCount")
@@ -42,6 +43,7 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     stack = deep_layers(deep, meaning, slant, depth_channel=options.depth.channel)
     window = options.written(source, display)
     if options.switches.defocus:
+        refuse_blur_of_oblong_pixels(state.pixel_shape)
         state.require_blur()
         lens.note_focus(stack.depth_mm, meaning.unit_mm, state, display, path)
         depth = lens.within_reach(stack.depth_mm, state)

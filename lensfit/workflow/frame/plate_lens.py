@@ -44,6 +44,7 @@ from lensfit.workflow.notes import FrameNote, Notes
 from lensfit.workflow.plate.depth_doubt import depth_doubt
 from lensfit.workflow.plate.focus_pick import FOCUS_AT, picked_depth_mm
 from lensfit.workflow.plate.header import header_entries, plate_header
+from lensfit.workflow.plate.pixel_shape import pixel_shape
 
 _NEAREST_FOCAL_LENGTHS = 1.5
 
@@ -123,13 +124,23 @@ class PlateLens:
         )
 
     def _state(self, camera: PlateCamera, image: ExrImage) -> PlateState:
-        return plate_state(
+        state = plate_state(
             self.preset,
             camera,
             header_entries(image),
             falloff=self.options.switches.falloff,
             knobs=self.options.knobs,
         )
+        part = image.parts[0]
+        shape = pixel_shape(
+            self.preset,
+            part.display_window,
+            state.sensor_width_mm,
+            part.pixel_aspect,
+            self.options.pixel_aspect,
+        )
+        notes = (*state.notes, *([shape.note] if shape.note else []))
+        return state._replace(pixel_shape=shape.ratio, notes=notes)
 
     def lens_at(self, state: PlateState) -> Lens:
         """The lens at the state of a plate, as it was turned; kept for the next."""
@@ -170,7 +181,7 @@ class PlateLens:
     def geometry(self, state: PlateState, display: Window) -> PlateGeometry:
         """How a plate lies on the sensor."""
         lens = self.lens_at(state)
-        return PlateGeometry.of(lens, display, state.sensor_width_mm)
+        return PlateGeometry.of(lens, display, state.spanned_width_mm)
 
     def cg_focal_length_mm(self, state: PlateState) -> float:
         """Focal length of the CG camera."""
@@ -181,7 +192,8 @@ class PlateLens:
         """Maps and gains; made anew only when the camera or the windows change."""
         # Looks may change from frame to frame and need none of the maps anew.
         turned = msgspec.structs.replace(state.knobs, look=NEUTRAL.look)
-        key = (state.lens_key, turned, state.sensor_width_mm, display, window)
+        spanned = (state.sensor_width_mm, state.pixel_shape)
+        key = (state.lens_key, turned, spanned, display, window)
         if self._stages is None or key != self._key:
             self._stages = None  # two sets need not be held in memory at once
             external = self._map
@@ -191,7 +203,7 @@ class PlateLens:
                 window,
                 tolerance=self.options.tolerance,
                 switches=self.options.switches,
-                sensor_width_mm=state.sensor_width_mm,
+                sensor_width_mm=state.spanned_width_mm,
                 external=external and external.source_map(display, window),
                 depth_levels=state.knobs.bokeh.depth_levels,
             )
