@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from lensfit.coords import Window
 from lensfit.preset.schema import Preset
 from lensfit.render.overscan import Margins
 from lensfit.render.stages import Switches
@@ -40,6 +41,16 @@ class PlateOverscan:
     def suffices(self, needed: Margins) -> bool:
         """Whether the plate holds every pixel that is read."""
         return all(a >= b for a, b in zip(self.margins[:4], needed[:4], strict=True))
+
+
+def _margins_of(data: Window, frame: Window) -> Margins:
+    """Pixels of a data window beyond the frame."""
+    return Margins(
+        max(0, frame.x_min - data.x_min),
+        max(0, frame.y_min - data.y_min),
+        max(0, data.x_max - frame.x_max),
+        max(0, data.y_max - frame.y_max),
+    )
 
 
 def _stated_aspect(header_aspect: float) -> float | None:
@@ -97,12 +108,7 @@ def overscan_of_plate(
         knobs=state.knobs,
         pixel_aspect=_stated_aspect(part.pixel_aspect),
     )
-    beyond = Margins(
-        max(0, frame.x_min - data.x_min),
-        max(0, frame.y_min - data.y_min),
-        max(0, data.x_max - frame.x_max),
-        max(0, data.y_max - frame.y_max),
-    )
+    beyond = _margins_of(data, frame)
     stated = state.camera.number("overscan_percent")
     notes = list(lens.notes.said)
     if stated and not any(beyond[:4]):

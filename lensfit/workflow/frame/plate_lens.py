@@ -5,6 +5,7 @@ stages prepare it; keeps the stages while neither camera nor windows change.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import final
@@ -22,7 +23,7 @@ from lensfit.preset.lens_of_entry import NO_BLUR
 from lensfit.preset.schema import Preset
 from lensfit.render.circle import Circle
 from lensfit.render.frame import window_with_margin
-from lensfit.render.look.stack import look_of
+from lensfit.render.look.stack import light_spreads, look_of
 from lensfit.render.stages import Stages, prepare_stages
 from lensfit.render.uv import PlateGeometry
 from lensfit.workflow.apply_options import ApplyOptions
@@ -40,6 +41,7 @@ from lensfit.workflow.frame.signature import (
     refuse_second_lens,
     signature,
 )
+from lensfit.workflow.frame.tight_window import lit_window, reached_window
 from lensfit.workflow.notes import FrameNote, Notes
 from lensfit.workflow.plate.depth_doubt import depth_doubt
 from lensfit.workflow.plate.focus_pick import FOCUS_AT, picked_depth_mm
@@ -237,6 +239,28 @@ class PlateLens:
         if self._stages_noted is not stages:
             self.notes.add(border_note(stages, window, source))
             self._stages_noted = stages
+
+    def lit_window(
+        self,
+        pictures: Sequence[np.ndarray],
+        stages: Stages,
+        source: Window,
+        window: Window,
+        state: PlateState,
+        depth_mm: np.ndarray | None,
+    ) -> Window | None:
+        """The part of `window` that light of a plate with data window `source` comes
+        to, of the pictures rendered over it; None if there is none."""
+        lit = lit_window(pictures, window, self.options.tolerance)
+        if lit is None or light_spreads(state.knobs.look):
+            return lit
+        blur_px = 0.0
+        if depth_mm is not None and stages.defocus is not None:
+            radius_px = stages.defocus.circle.radius_px(depth_mm)
+            blur_px = float(np.abs(radius_px).max(initial=0.0))
+        method = self.options.filter
+        reached = reached_window(stages, source, window, method, blur_px)
+        return reached and lit.common(reached)
 
     def note_focus(
         self,
