@@ -18,6 +18,7 @@ from jaxtyping import Float32
 from lensfit import __version__
 from lensfit.coords import Window
 from lensfit.errors import OutputError
+from lensfit.io.lens_attributes import lens_attributes
 from lensfit.io.stmap import write_channel_stmaps, write_stmap
 from lensfit.progress import Progress, silent
 from lensfit.render.overscan import (
@@ -28,6 +29,7 @@ from lensfit.render.overscan import (
 )
 from lensfit.render.uv import (
     DEFAULT_TOLERANCE_PX,
+    PlateGeometry,
     SourceMap,
     SpannedWidth,
     overscan_needed,
@@ -199,7 +201,18 @@ def _attributes(
         "lens/focal": lens.focal_length_mm,
         "lens/focus": _metres(lens.focus_distance_mm),
     }
-    return {k: v for k, v in known.items() if v is not None}
+    geometry = PlateGeometry.of(
+        lens, frame.display_window, frame.spanned_width_mm(lens)
+    )
+    standard = lens_attributes(
+        nominal_focal_length_mm=lens.focal_length_mm,
+        pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm),
+        focus_distance_mm=lens.focus_distance_mm,
+        entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm),
+        sensor_size_mm=geometry.area_mm,
+        lens_model=name,
+    )
+    return {k: v for k, v in known.items() if v is not None} | standard
 
 
 def _metres(distance_mm: float | None) -> float | None:

@@ -61,6 +61,13 @@ class PlateState(NamedTuple):
         """Width that the display window spans, with the shape of its pixels."""
         return SpannedWidth(self.sensor_width_mm, self.pixel_shape)
 
+    def applied(self, name: str) -> float | None:
+        """A quantity of `lens_key` as it counts: known, or taken from the preset; None
+        where nothing depends on it."""
+        known = self.lens_key[list(_ENTRIES).index(name)]
+        taken = (one.value for one in self.assumed if one.name == name)
+        return next(taken, None) if known is None else known
+
     def require_blur(self) -> None:
         """Refuse a plate without the f-number and focus of its depth of field.
 

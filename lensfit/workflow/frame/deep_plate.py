@@ -13,7 +13,6 @@ from lensfit.render.frame import render_stages
 from lensfit.render.layer_stack import LayerStack, flattened
 from lensfit.render.look.stack import light_spreads
 from lensfit.workflow.frame.plate_lens import PlateLens
-from lensfit.workflow.frame.signature import signed
 from lensfit.workflow.frame.tight_window import (
     EmptyRing,
     first_pixel,
@@ -78,4 +77,4 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     planes = np.ascontiguousarray(np.moveaxis(rendered, -1, 0))
     channels = dict(zip("RGBA", planes, strict=True))
     result = replace(flat, channels=channels, data_window=window, attributes=kept)
-    return ExrImage((signed(result, lens.signature(state)),))
+    return ExrImage((lens.signed(result, state),))

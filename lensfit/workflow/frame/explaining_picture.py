@@ -24,7 +24,6 @@ from lensfit.render.nearest import nearest
 from lensfit.workflow.camera.plate_state import BLUR
 from lensfit.workflow.frame.plate_in_depth import plate_in_depth
 from lensfit.workflow.frame.plate_lens import PlateLens
-from lensfit.workflow.frame.signature import signed
 from lensfit.workflow.plate.channels import colour_layers
 from lensfit.workflow.plate.header import plate_header
 
@@ -78,7 +77,7 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
         for index, leaf in enumerate("RGB")
     }
     made = ExrPart(channels, window, display, part.attributes)
-    return ExrImage((signed(made, plate_lens.signature(state)),))
+    return ExrImage((plate_lens.signed(made, state),))
 
 
 def _spaced(rgb: np.ndarray, tile_px: int, display: Window) -> np.ndarray:
@@ -115,4 +114,4 @@ def _circle_of_confusion(plate_lens: PlateLens, path: Path) -> ExrImage:
         part.attributes,
         pixel_aspect=part.pixel_aspect,
     )
-    return ExrImage((signed(made, plate_lens.signature(state)),))
+    return ExrImage((plate_lens.signed(made, state),))

@@ -22,7 +22,6 @@ from lensfit.workflow.camera.plate_state import PlateState
 from lensfit.workflow.frame.plate_in_depth import PlateInDepth, plate_in_depth
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.frame.plate_notes import number_note
-from lensfit.workflow.frame.signature import signed
 from lensfit.workflow.frame.tight_window import (
     EmptyRing,
     first_pixel,
@@ -109,7 +108,7 @@ def _rendered(
     result = resized_channels(part, kept)
     for layer, pixels in made:
         result = with_channels(result, layer.names, crop(pixels, window, kept))
-    return signed(result, lens.signature(state))
+    return lens.signed(result, state)
 
 
 def _layer(

@@ -15,8 +15,9 @@ import numpy as np
 
 from lensfit.coords import Window
 from lensfit.errors import LensfitError
-from lensfit.io.exr import ExrImage, read_exr
+from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
+from lensfit.io.lens_attributes import lens_attributes
 from lensfit.lens import Lens
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
@@ -40,6 +41,7 @@ from lensfit.workflow.frame.signature import (
     preset_digest,
     refuse_second_lens,
     signature,
+    signed,
 )
 from lensfit.workflow.frame.tight_window import lit_window, reached_window
 from lensfit.workflow.notes import FrameNote, Notes
@@ -179,6 +181,22 @@ class PlateLens:
     def signature(self, state: PlateState) -> str:
         """What is done to plates of this state, in a line."""
         return signature(self.preset.lens.name, self._digest, state, self.options)
+
+    def signed(self, part: ExrPart, state: PlateState) -> ExrPart:
+        """The part with a header that says what was done to it, and what lens it
+        carries now in the standard's attributes."""
+        lens, name = self.lens_at(state), self.preset.lens
+        attributes = lens_attributes(
+            nominal_focal_length_mm=self.cg_focal_length_mm(state),
+            pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm),
+            f_number=state.applied("f_number"),
+            focus_distance_mm=state.applied("focus_distance_mm"),
+            entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm),
+            sensor_size_mm=self.geometry(state, part.display_window).area_mm,
+            lens_model=name.name,
+            lens_serial=name.serial,
+        )
+        return signed(part, self.signature(state), attributes)
 
     def geometry(self, state: PlateState, display: Window) -> PlateGeometry:
         """How a plate lies on the sensor."""

@@ -6,7 +6,7 @@ whose header has that line carries a lens already.
 """
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -127,9 +127,14 @@ def refuse_second_lens(parts: Iterable[ExrPart]) -> None:
         )
 
 
-def signed(part: ExrPart, said: str) -> ExrPart:
-    """The part with a header that says what was done to it."""
-    attributes = {**part.attributes, SAID: said}
+def signed(part: ExrPart, said: str, lens_attributes: Mapping[str, object]) -> ExrPart:
+    """The part with a header that says what was done to it.
+
+    Parameters
+    ----------
+    lens_attributes : Of the lens that it carries now, in place of the plate's.
+    """
+    attributes = {**part.attributes, **lens_attributes, SAID: said}
     attributes.pop(FINGERPRINT, None)
     if SAID in part.attributes:
         before = [part.attributes.get(SAID_BEFORE), part.attributes[SAID]]
