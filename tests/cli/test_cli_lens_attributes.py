@@ -1,4 +1,4 @@
-"""What results say in the attributes of the OpenEXR standard, as any program reads it."""
+"""What results say in the OpenEXR standard attributes, as any program reads it."""
 
 import json
 import math
