@@ -20,6 +20,7 @@ FLOORS = {
     "batches": 0,
     "progress": 0,
     "private_folder": 0,
+    "printable": 0,
     "_jax": 1,
     "_callable": 0,
     "bounded": 1,

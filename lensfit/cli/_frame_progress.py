@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from lensfit.cli._bars import progress_bars
+from lensfit.printable import printable
 from lensfit.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -56,7 +57,9 @@ def _line(plate: Path, outcome: "FrameOutcome", done: int, total: int) -> None:
     what = "finished before" if outcome.skipped else "written"
     if outcome.failure is not None:
         what = "failed"
-    typer.echo(f"lensfit: frame {done} of {total}: {plate.name} {what}", err=True)
+    typer.echo(
+        f"lensfit: frame {done} of {total}: {printable(plate.name)} {what}", err=True
+    )
 
 
 def _openjd_lines(plate: Path, outcome: "FrameOutcome", done: int, total: int) -> None:

@@ -127,10 +127,10 @@ def depth_meaning(
     if kind is None:
         kind = "perpendicular"
         assumed.append("along the optical axis (--depth-kind)")
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         source = "--depth-kind" if options.kind else "depth/kind of the header"
         raise ImageError(
-            f"{kind!r} is no kind of depth ({source})",
+            f"{' '.join(repr(kind).split())[:40]} is no kind of depth ({source})",
             remedy=f"give one of {', '.join(KINDS)} with --depth-kind",
         )
     planes = {"near": 0.0, "far": 1.0}
