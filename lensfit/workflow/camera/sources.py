@@ -191,9 +191,9 @@ class CameraSources:
         for name, value in vars(self.overrides).items():
             if value is not None:
                 yield name, Known(value, option_of(name))
-        told = list(settings.camera_at(frame.number))
+        of_settings = list(settings.camera_at(frame.number))
         if self._stated is not None:
-            for name, reading in told:
+            for name, reading in of_settings:
                 yield name, Known(*reading, rank=_STATED_SETTINGS)
         for rank, file in enumerate(self._files, _FIRST_FILE):
             readings, place = file.at(frame, self.options.first_frame)
@@ -201,7 +201,7 @@ class CameraSources:
                 source = f"{file.path} {place}, {entry}"
                 yield name, Known(value, source, name == _FROM_PUPIL, rank)
         if self._stated is None:
-            for name, reading in told:
+            for name, reading in of_settings:
                 yield name, Known(*reading, rank=_FOUND_SETTINGS)
 
     def _lacking(

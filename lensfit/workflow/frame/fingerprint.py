@@ -78,8 +78,7 @@ def fingerprint(
     ------
     ImageError : The plate, or a map or picture of the options, cannot be read.
     """
-    told = [_state(state) for state in states]
-    settings = repr((told, _options(options)))
+    settings = repr(([_state(state) for state in states], _options(options)))
     return Fingerprint(
         __version__,
         file_digest(plate),
