@@ -10,8 +10,9 @@ to float64 too (give their dtype where that matters).
 
 Compiled programs are kept in the user's cache folder, so that only the first run on a
 machine pays for compilation. The environment variable LENSFIT_CACHE_DIR names
-another folder; when it is empty nothing is kept. A cache already chosen through JAX's
-own settings is left alone.
+another folder; when it is empty nothing is kept. In it each user has a folder that
+nobody else can write; where that cannot be had nothing is kept either. A cache already
+chosen through JAX's own settings is left alone.
 
 A fit deals its dots among the cores of the processor, and JAX counts these as devices
 only if it is told before it starts. The renderer is better off with one: its programs
@@ -26,6 +27,8 @@ import warnings
 from contextlib import suppress
 from pathlib import Path
 
+from lensfit.private_folder import made_private, user_id
+
 CACHE_VARIABLE = "LENSFIT_CACHE_DIR"
 _MOST_CORES = 8
 """More have too few dots each; every device costs memory."""
@@ -38,7 +41,7 @@ def configure_jax() -> None:
     """Turn on float64 and the persistent compilation cache; harmless if repeated."""
     _set("jax_enable_x64", True, overrule=True)
     folder = cache_dir("jax")
-    if folder is not None and _writable(folder):
+    if folder is not None and made_private(folder):
         _set("jax_compilation_cache_dir", str(folder))
         # All of them: a run has hundreds of small ones, seconds together.
         _set("jax_persistent_cache_min_compile_time_secs", 0.0)
@@ -52,14 +55,19 @@ def cache_dir(kind: str) -> Path | None:
     the environment asks for none.
 
     Programs compiled for one processor may not run on another, and farm nodes share
-    home folders, so each kind of processor gets a folder of its own.
+    home folders, so each kind of processor gets a folder of its own; and so does each
+    user, who trusts no program of another's (`lensfit.private_folder`).
     """
     chosen = os.environ.get(CACHE_VARIABLE)
     if chosen is None:
         import platformdirs
 
         chosen = platformdirs.user_cache_dir("lensfit", appauthor=False)
-    return Path(chosen) / kind / _processor() if chosen else None
+    if not chosen:
+        return None
+    own = user_id()
+    whose = Path(chosen) if own is None else Path(chosen) / f"u{own}"
+    return whose / kind / _processor()
 
 
 def count_cores() -> None:
@@ -99,10 +107,3 @@ def _processor() -> str:
         features = platform.processor()
     digest = hashlib.sha256(features.encode()).hexdigest()[:8]
     return f"{platform.machine()}-{digest}"
-
-
-def _writable(folder: Path) -> bool:
-    """Whether the folder can be made and written; a farm user may have no home."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    return os.access(folder, os.W_OK)

@@ -49,6 +49,25 @@ class Window(NamedTuple):
             self.y_max + margin_y,
         )
 
+    def joined(self, other: "Window") -> "Window":
+        """The smallest window that holds both."""
+        return Window(
+            min(self.x_min, other.x_min),
+            min(self.y_min, other.y_min),
+            max(self.x_max, other.x_max),
+            max(self.y_max, other.y_max),
+        )
+
+    def common(self, other: "Window") -> "Window | None":
+        """The pixels that both have; None where there is none."""
+        found = Window(
+            max(self.x_min, other.x_min),
+            max(self.y_min, other.y_min),
+            min(self.x_max, other.x_max),
+            min(self.y_max, other.y_max),
+        )
+        return found if found.width > 0 and found.height > 0 else None
+
     def pixel_centres(self) -> Float[np.ndarray, "height width 2"]:
         """(x, y) of every pixel centre, in pixels of the shared pixel space."""
         x = np.arange(self.x_min, self.x_max + 1, dtype=float) + 0.5

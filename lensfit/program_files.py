@@ -4,8 +4,9 @@ A program fits one source code of lensfit, one version of each library that trac
 compiles it, and one kind of processor; together a world. Each world has a folder of its
 own, and those of the worlds used last are kept. Every file opens with a checksum.
 
-Format: what `jax.experimental.serialize_executable` writes, pickled, so a file is
-trusted as far as the cache folder is.
+Format: what `jax.experimental.serialize_executable` writes, pickled. To load it is to
+run code, so that a file is read only from a folder that belongs to the user and that
+nobody else can write (`lensfit.private_folder`).
 """
 
 import functools
@@ -25,6 +26,7 @@ from jax.experimental import serialize_executable
 from lensfit._jax import cache_dir
 from lensfit.atomic import write_bytes_atomic
 from lensfit.errors import LensfitError
+from lensfit.private_folder import is_own_file, is_private, made_private
 
 _LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 _MOST_WORLDS = 6
@@ -36,7 +38,7 @@ _CHECKSUM_BYTES = 32
 def program_folder() -> Path | None:
     """Where the programs of this world lie; None where the user wants none kept."""
     root = cache_dir("programs")
-    if root is None:
+    if root is None or not made_private(root):
         return None
     devices = [(d.platform, d.device_kind) for d in jax.local_devices()]
     libraries = [(name, version(name)) for name in _LIBRARIES]
@@ -57,9 +59,8 @@ def read_program(path: Path, arguments: Any) -> jax.stages.Compiled | None:
     ----------
     arguments : Tree of what it is called with, `((), {name: array, ...})`.
     """
-    try:
-        content = path.read_bytes()
-    except OSError:
+    content = _trusted_bytes(path)
+    if content is None:
         return None
     checksum, kept = content[:_CHECKSUM_BYTES], content[_CHECKSUM_BYTES:]
     if hashlib.sha256(kept).digest() != checksum:
@@ -74,8 +75,21 @@ def read_program(path: Path, arguments: Any) -> jax.stages.Compiled | None:
         return None
 
 
+def _trusted_bytes(path: Path) -> bytes | None:
+    """What a file holds that nobody but the user can have written; None if there is no
+    such file."""
+    if not is_private(path.parent):
+        return None
+    try:
+        with path.open("rb") as file:
+            return file.read() if is_own_file(file.fileno()) else None
+    except OSError:
+        return None
+
+
 def write_program(path: Path, program: jax.stages.Compiled) -> None:
-    """Keep a program, unless its device cannot or the folder cannot be written.
+    """Keep a program, unless its device cannot, or the folder cannot be written or can
+    be by others.
 
     Raises
     ------
@@ -94,6 +108,8 @@ def write_program(path: Path, program: jax.stages.Compiled) -> None:
         return
     shardings = jax.tree.leaves(program.output_shardings)
     devices = max(len(sharding.device_set) for sharding in shardings)
+    if not made_private(path.parent):
+        return  # nobody would read it
     kept = pickle.dumps((payload, results, devices))
     with suppress(LensfitError):  # a full disk stops no fit
         write_bytes_atomic(path, hashlib.sha256(kept).digest() + kept)

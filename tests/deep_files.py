@@ -4,8 +4,9 @@ import numpy as np
 import OpenEXR
 
 
-def write_deep(path, counts, samples, attributes=None, compression=None):
-    """Samples of all pixels, one after the other, as a deep file."""
+def write_deep(path, counts, samples, attributes=None, compression=None, windows=None):
+    """Samples of all pixels, one after the other, as a deep file; its data and display
+    windows are those of the array unless they are given."""
     height, width = counts.shape
     ends = np.cumsum(counts.ravel())
     channels = {}
@@ -14,13 +15,14 @@ def write_deep(path, counts, samples, attributes=None, compression=None):
         for index, (end, count) in enumerate(zip(ends, counts.ravel(), strict=True)):
             pixels[index] = values[end - count : end].copy() if count else None
         channels[name] = pixels.reshape(height, width)
-    corners = np.array([0, 0], np.int32), np.array([width - 1, height - 1], np.int32)
+    windows = windows or [(0, 0, width - 1, height - 1)] * 2
+    data, display = (np.array(w, np.int32).reshape(2, 2) for w in windows)
     header = {
         **(attributes or {}),
         "type": OpenEXR.deepscanline,
         "compression": compression or OpenEXR.ZIPS_COMPRESSION,
-        "dataWindow": corners,
-        "displayWindow": corners,
+        "dataWindow": tuple(data),
+        "displayWindow": tuple(display),
     }
     OpenEXR.File(header, channels).write(str(path))
     return path

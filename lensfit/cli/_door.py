@@ -17,6 +17,7 @@ import typer
 from typer.core import TyperGroup
 
 from lensfit.errors import LensfitError
+from lensfit.printable import printable
 
 DEBUG = "--debug"
 
@@ -55,12 +56,12 @@ class DoorGroup(TyperGroup):
 
 def say_error(line: str) -> None:
     """Print one line on standard error, the way every failure looks."""
-    typer.echo(f"lensfit: error: {line}", err=True)
+    typer.echo(f"lensfit: error: {printable(line)}", err=True)
 
 
 def say_note(line: str) -> None:
     """Print a remark on standard error: something to know, not a failure."""
-    typer.echo(f"lensfit: note: {line}", err=True)
+    typer.echo(f"lensfit: note: {printable(line)}", err=True)
 
 
 def one_of(choices: tuple[str, ...]) -> Callable[[str], str]:

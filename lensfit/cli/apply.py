@@ -20,6 +20,7 @@ from lensfit.cli.groups.knobs import (
     stated,
 )
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+from lensfit.cli.groups.pixels import PixelGroup
 
 
 class FilterName(StrEnum):
@@ -28,6 +29,16 @@ class FilterName(StrEnum):
     cubic = "cubic"
     catmull_rom = "catmull-rom"
     keys_6 = "keys-6"
+
+
+class ProgressName(StrEnum):
+    """How progress is told, as in `lensfit.cli._frame_progress`."""
+
+    auto = "auto"
+    bar = "bar"
+    lines = "lines"
+    openjd = "openjd"
+    none = "none"
 
 
 class OutputName(StrEnum):
@@ -59,6 +70,7 @@ def apply(
     library: LibraryGroup,
     camera: CameraGroup,
     focus: FocusGroup,
+    pixels: PixelGroup,
     depth: DepthGroup,
     effects: EffectsGroup,
     aberrations: AberrationGroup,
@@ -90,29 +102,55 @@ def apply(
         ),
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Render finished frames again")
+        bool,
+        typer.Option(
+            "--overwrite", help="Render every frame again, whatever is there already"
+        ),
     ] = False,
+    keep: Annotated[
+        bool,
+        typer.Option(
+            "--keep",
+            help="Refuse to replace finished frames of another plate, preset or "
+            "settings; otherwise these are rendered again",
+        ),
+    ] = False,
+    again: Annotated[
+        bool,
+        typer.Option("--again", help="Render plates that carry a lens already"),
+    ] = False,
+    progress_as: Annotated[
+        ProgressName,
+        typer.Option(
+            "--progress",
+            help="How far it is, on standard error: a bar, a line per frame (auto: "
+            "a bar on a terminal, or else lines), or what a farm reads",
+        ),
+    ] = ProgressName.auto,
     as_json: Annotated[
         bool, typer.Option("--json", help="Say the outcome as JSON")
     ] = False,
 ) -> None:
     """Put distortion, lateral colour, depth of field and fall-off on CG plates.
 
-    The camera state comes from each plate's header; a sidecar or camera file, the
-    settings (lensfit.toml) and options count in its place, in rising order. Colour
+    The camera state comes from each plate's header; lensfit.toml, sidecar and camera
+    files and options count in its place, in rising order. Colour
     layers are rendered, every other channel and Cryptomatte keep their bits. Depth of
-    field needs a depth channel, or deep pixels. Finished frames are skipped; a bad one
-    is reported, and the others go on.
+    field needs a depth channel, or deep pixels. A finished frame is skipped if it is
+    what would be rendered now; a bad one is reported, and the others go on.
 
     Example: lensfit apply takumar/preset.json plate.####.exr --out rendered
     """
-    from lensfit.cli._bars import progress_bars
+    from lensfit.cli._frame_progress import frame_progress
     from lensfit.workflow.apply import apply_preset
     from lensfit.workflow.apply_options import ApplyOptions
 
+    if keep and overwrite:
+        raise typer.BadParameter("goes without --overwrite", param_hint="--keep")
     options = ApplyOptions(
         overrides=camera.overrides(),
         camera=camera.sources(focus.pick()),
+        pixel_aspect=pixels.pixel_aspect,
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,
@@ -125,8 +163,10 @@ def apply(
         tolerance=tolerance,
         method=None if filter_name is None else filter_name.value,
         overwrite=overwrite,
+        keep=keep,
+        again=again,
     )
-    with progress_bars() as progress:
+    with frame_progress(progress_as.value) as (progress, frame_done):
         applied = apply_preset(
             library.find(preset).preset,
             plates,
@@ -135,6 +175,7 @@ def apply(
             options=options,
             workers=workers,
             progress=progress,
+            frame_done=frame_done,
         )
     _say(applied, out, as_json)
     if applied.failures:
@@ -167,7 +208,7 @@ def _say(applied, out: Path, as_json: bool) -> None:
         rate = count / applied.seconds
         text += f" to {out} in {applied.seconds:.1f} s ({rate:.2f} frames/s)"
     if applied.skipped:
-        text += f", {len(applied.skipped)} finished before (--overwrite renders again)"
+        text += f", {len(applied.skipped)} finished before"
     if applied.failures:
         text += f", {len(applied.failures)} failed"
     typer.echo(text)

@@ -85,13 +85,15 @@ def _print_table(inspection) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from lensfit.printable import printable
     from lensfit.workflow.inspect import facts
 
-    table = Table(title=str(inspection.path), title_justify="left", show_header=False)
+    title = Text(printable(str(inspection.path)))
+    table = Table(title=title, title_justify="left", show_header=False)
     lines = facts(inspection)
     columns = 3 if any(source for *_, source in lines) else 2
     for _ in range(columns):
         table.add_column(overflow="fold")  # the end of a path says which file it is
     for line in lines:
-        table.add_row(*(Text(cell) for cell in line[:columns]))
+        table.add_row(*(Text(printable(cell)) for cell in line[:columns]))
     console().print(table)

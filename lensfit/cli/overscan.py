@@ -13,6 +13,7 @@ from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.disable import DisableGroup
 from lensfit.cli.groups.knobs import AberrationGroup, BokehGroup, stated
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+from lensfit.cli.groups.pixels import PixelGroup
 
 
 @takes_groups
@@ -54,6 +55,7 @@ def overscan(
     sensor_width_mm: Annotated[
         float | None, typer.Option(help="Width that the frame spans on the sensor, mm")
     ] = None,
+    pixels: PixelGroup,
     filter_name: Annotated[
         FilterName,
         typer.Option("--filter", help="Of the warp; keys-6 reads a pixel further"),
@@ -110,6 +112,7 @@ def overscan(
         nearest_mm,
         filter_name.value,
         known.knobs,
+        known.pixel_aspect if pixels.pixel_aspect is None else pixels.pixel_aspect,
     )
     plan = plan_overscan(loaded, question)
     _say(own, plan, per_channel, as_json)

@@ -20,6 +20,7 @@ from lensfit.cli.groups.knobs import (
     stated,
 )
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+from lensfit.cli.groups.pixels import PixelGroup
 
 
 @takes_groups
@@ -33,6 +34,7 @@ def plan(
     library: LibraryGroup,
     camera: CameraGroup,
     focus: FocusGroup,
+    pixels: PixelGroup,
     depth: DepthGroup,
     effects: EffectsGroup,
     aberrations: AberrationGroup,
@@ -53,6 +55,7 @@ def plan(
     options = ApplyOptions(
         overrides=camera.overrides(),
         camera=camera.sources(focus.pick()),
+        pixel_aspect=pixels.pixel_aspect,
         switches=effects.switches(),
         depth=depth.options(),
         edge_mask=depth.edge_objects,

@@ -9,6 +9,7 @@ import typer
 from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+from lensfit.cli.groups.pixels import PixelGroup
 
 
 class Direction(StrEnum):
@@ -53,6 +54,7 @@ def stmap(
     sensor_width_mm: Annotated[
         float | None, typer.Option(help="Width that the frame spans on the sensor, mm")
     ] = None,
+    pixels: PixelGroup,
     tolerance_px: Annotated[
         float, typer.Option(min=1e-7, max=1.0, help="Largest error of the map, px")
     ] = 2.5e-4,
@@ -70,6 +72,8 @@ def stmap(
     wanted = size_px(size)
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
+    from lensfit.coords import Window
+    from lensfit.workflow.plate.pixel_shape import SQUARE, pixel_shape
     from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 
     loaded = library.find(preset).preset
@@ -77,11 +81,15 @@ def stmap(
     lens = loaded.at(
         focal_length_mm=focal_length_mm, focus_distance_mm=focus_distance_mm
     )
-    frame = StmapFrame(
-        wanted or (camera.image_width_px, camera.image_height_px),
-        overscan,
-        sensor_width_mm,
+    frame_px = wanted or (camera.image_width_px, camera.image_height_px)
+    shape = pixel_shape(
+        loaded,
+        Window.of_size(*frame_px),
+        sensor_width_mm or camera.sensor_width_mm,
+        SQUARE,
+        pixels.pixel_aspect,
     )
+    frame = StmapFrame(frame_px, overscan, sensor_width_mm, shape.ratio)
     with progress_bars() as progress:
         written = write_stmaps(
             lens,
@@ -97,7 +105,7 @@ def stmap(
     chosen = loaded.select(
         focal_length_mm=focal_length_mm, focus_distance_mm=focus_distance_mm
     )
-    for note in (*chosen.notes, *written.notes):
+    for note in filter(None, (*chosen.notes, *written.notes, shape.note)):
         say_note(note)
     if lens.has_lateral_colour and not per_channel:
         say_note("the maps are those of green; --per-channel writes red and blue too")

@@ -22,12 +22,21 @@ class Farm(StrEnum):
     opencue = "opencue"
 
 
+_OWN = ("preset", "plates", "out", "frames", "library", "as_json")
 _SUFFIX = {Farm.openjd: "openjd.json", Farm.opencue: "outline"}
 
 
 @hands_on(
     apply,
-    except_for=("preset", "plates", "out", "frames", "library", "as_json"),
+    except_for=(
+        "preset",
+        "plates",
+        "out",
+        "frames",
+        "library",
+        "as_json",
+        "progress_as",
+    ),
     files=("filter_image",),
 )
 @takes_groups

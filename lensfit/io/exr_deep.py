@@ -69,6 +69,7 @@ def read_deep(path: str | Path) -> DeepPart:
         parts = [p for p in file.parts if p.header.get("type") in deep and p.channels]
         if not parts:
             raise ImageError("holds no deep pixels that can be read", where=path)
+        _refuse_views(parts, path)
         part = parts[0]
         channels = {name: channel.pixels for name, channel in part.channels.items()}
     except (RuntimeError, ValueError, TypeError, MemoryError, ArithmeticError) as error:
@@ -82,6 +83,19 @@ def read_deep(path: str | Path) -> DeepPart:
             remedy="render or copy it again",
         )
     return DeepPart(part_without_channels(part), counts, samples)
+
+
+def _refuse_views(parts: list[OpenEXR.Part], path: Path) -> None:
+    """A deep picture of several views has one depth for each."""
+    headers = [part.header for part in parts]
+    names = {header["view"] for header in headers if "view" in header}
+    listed = max((len(header.get("multiView", [])) for header in headers), default=0)
+    if max(len(names), listed) > 1:
+        raise ImageError(
+            "holds deep pixels of several views",
+            where=path,
+            remedy="render each view to a file of its own",
+        )
 
 
 def _counts(pixels: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from PIL import ExifTags, Image
 
 from lensfit.errors import ImageError
 from lensfit.io.chatter import without_chatter
+from lensfit.io.decoded_size import refuse_oversize
 
 # It logs every odd tag; who reads its log may still listen.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
@@ -28,7 +29,14 @@ _JPEG = b"\xff\xd8\xff"
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # A black PNG compresses about a thousand times (zlib's limit).
 _LARGEST_PNG_RATIO = 1100
-_MINISWHITE, _PALETTE, _CFA = 0, 3, 32803
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
+"""By colour type."""
+_MINISWHITE, _MINISBLACK, _RGB, _YCBCR, _CFA = 0, 1, 2, 6, 32803
+_PHOTOMETRIC = {3: "palette", 4: "mask", 5: "CMYK", _YCBCR: "YCbCr", 8: "CIE L*a*b*"}
+_PHOTOMETRIC |= {9: "ICC L*a*b*", 10: "ITU L*a*b*", 32844: "LogL", 32845: "LogLuv"}
+"""TIFF 6.0 and its supplements: what samples mean."""
+_JPEG_COMPRESSIONS = (6, 7)
+"""Their decoder returns RGB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +164,8 @@ def _check_png(data: bytes) -> None:
             width, height, depth = struct.unpack_from(">IIB", data, at + 8)
             if width * height * depth // 8 > _LARGEST_PNG_RATIO * len(data) + 4096:
                 raise _damaged("PNG", f"it cannot hold {width} x {height} pixels")
+            channels = _PNG_CHANNELS.get(data[at + 17], 1)
+            refuse_oversize(width * height * channels, len(data))
         at = end + 4
 
 
@@ -185,8 +195,12 @@ def _tiff_codes(page, data: bytes) -> np.ndarray:
         raise ImageError(
             "is a raw sensor mosaic", remedy="name it .dng, or develop it first"
         )
-    if photometric == _PALETTE:
-        raise _unknown_colours("palette")
+    of_jpeg = photometric == _YCBCR and int(page.compression) in _JPEG_COMPRESSIONS
+    if photometric not in (_MINISWHITE, _MINISBLACK, _RGB) and not of_jpeg:
+        raise _unknown_colours(
+            _PHOTOMETRIC.get(photometric, f"unknown ({photometric})")
+        )
+    refuse_oversize(int(page.size), len(data))
     if page.size * page.dtype.itemsize > 1100 * len(data) + 4096:
         raise _damaged("TIFF", f"it cannot hold {page.imagewidth} x {page.imagelength}")
     try:

@@ -3,10 +3,10 @@
 Maps are named by what applying them does: `stmap_redistort` turns an undistorted CG
 plate into the distorted picture, so its values are *undistorted* positions;
 `stmap_undistort` turns a photograph straight, so its values are *distorted* ones.
-The display window spans the sensor width with square pixels and is centred on it
-(a plate of another aspect shows a centred band of the sensor, or beyond); the
-window of the map may be larger (overscan). Positions are NaN where the lens
-has no inverse.
+The display window spans the sensor width and is centred on it, with pixels that are
+square there unless their shape is stated (a plate of another aspect shows a centred
+band of the sensor, or beyond); the window of the map may be larger (overscan).
+Positions are NaN where the lens has no inverse.
 
 Inside lensfit a map is a displacement in pixels, float32: a displacement keeps
 a millionth of a pixel where an absolute position of UHD would keep a ten-thousandth,
@@ -217,6 +217,24 @@ def window_grid(window: Window, count: int) -> Float[np.ndarray, "points 2"]:
     return np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
 
 
+class SpannedWidth(float):
+    """Sensor width that a display window spans, mm, where its pixels are not square.
+
+    It stands wherever a `sensor_width_mm` does; a plain number means square pixels.
+
+    Attributes
+    ----------
+    pixel_shape : Width of a pixel over its height, on the sensor.
+    """
+
+    pixel_shape: float
+
+    def __new__(cls, width_mm: float, pixel_shape: float = 1.0) -> "SpannedWidth":
+        width = super().__new__(cls, width_mm)
+        width.pixel_shape = pixel_shape
+        return width
+
+
 @dataclass(frozen=True)
 class PlateGeometry:
     """How a plate's pixels lie on the sensor: display window and its size in mm."""
@@ -228,10 +246,23 @@ class PlateGeometry:
     def of(
         cls, lens: "Lens", display_window: Window, sensor_width_mm: float | None = None
     ) -> "PlateGeometry":
-        """Square pixels, centred, the display window as wide as the sensor."""
+        """Centred, the display window as wide as the sensor; pixels are square unless
+        the width is a `SpannedWidth`."""
         width = float(sensor_width_mm or lens.sensor_size_mm[0])
         aspect = display_window.height / display_window.width
+        if isinstance(sensor_width_mm, SpannedWidth):
+            aspect /= sensor_width_mm.pixel_shape
         return cls(display_window, (width, width * aspect))
+
+    @property
+    def pitch_mm(self) -> tuple[float, float]:
+        """Width and height of a pixel on the sensor."""
+        return self.area_mm[0] / self.size_px[0], self.area_mm[1] / self.size_px[1]
+
+    @property
+    def pixel_shape(self) -> float:
+        """Width of a pixel over its height, on the sensor."""
+        return self.pitch_mm[0] / self.pitch_mm[1]
 
     @property
     def size_px(self) -> tuple[int, int]:

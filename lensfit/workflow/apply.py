@@ -1,8 +1,9 @@
 """Put a lens on CG plates, frame after frame.
 
 Each frame stands alone: its camera state comes from its own header, results appear
-whole or not at all, finished ones are skipped, and a frame that fails is
-reported while the others go on. `frame.renderer` says what happens to a frame.
+whole or not at all, those that are finished as they would be rendered now are skipped,
+and a frame that fails is reported while the others go on. `frame.renderer` says what
+happens to a frame.
 """
 
 import time
@@ -10,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 from lensfit.atomic import remove_abandoned
 from lensfit.errors import LensfitError
@@ -30,13 +32,23 @@ from lensfit.workflow.notes import not_said
 from lensfit.workflow.sequence_notes import gaps_note, sizes_note
 
 
+class FrameDone(Protocol):
+    """Called after each frame, in the order in which they end."""
+
+    def __call__(
+        self, plate: Path, outcome: FrameOutcome, done: int, total: int
+    ) -> None:
+        """`outcome` became of `plate`; `done` of `total` frames have ended."""
+        ...
+
+
 @dataclass
 class Applied:
     """What became of each frame.
 
     Attributes
     ----------
-    written, skipped : Results made now, and found finished.
+    written, skipped : Results made now, and found finished as they would be made now.
     failures : One line for each frame that failed, naming its file.
     notes : What the user should know, each once.
     seconds : Time for all frames together.
@@ -58,6 +70,7 @@ def apply_preset(
     options: ApplyOptions | None = None,
     workers: int = 1,
     progress: Progress = silent,
+    frame_done: FrameDone | None = None,
 ) -> Applied:
     """Render a plate or a sequence through a lens.
 
@@ -71,6 +84,7 @@ def apply_preset(
     workers : Processes that render frames, each in memory of its own; 1 renders in
         this one.
     progress : Told about each finished frame.
+    frame_done : Told what became of each frame.
 
     Raises
     ------
@@ -89,6 +103,8 @@ def apply_preset(
     with _outcomes(preset, options, pictures, Path(out_dir), workers) as finished:
         for done, (index, outcome) in enumerate(finished, 1):
             outcomes[index] = outcome
+            if frame_done is not None:
+                frame_done(pictures[index], outcome, done, len(pictures))
             progress("frames", done, len(pictures))
     applied = Applied(notes=gaps, seconds=time.perf_counter() - start)
     finished = [(p, o) for p, o in zip(pictures, outcomes, strict=True) if o]

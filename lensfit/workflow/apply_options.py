@@ -23,12 +23,17 @@ class ApplyOptions:
     overrides : Camera state that counts in place of the headers.
     camera : Sidecars, cameras and settings that know more of it.
     switches : Effects of the lens that are wanted.
+    pixel_aspect : Width of a pixel over its height as displayed, in place of the
+        header's ``pixelAspectRatio``.
     keep_overscan : Write the plate's data window rather than the display window.
     layers : Layers to render; every colour layer if None ("" is the unnamed one).
     stmap : A redistort map to use in place of the lens' own distortion.
     tolerance : Accepted error of the picture, display-referred.
     method : Interpolating filter; chosen by the tolerance if None.
-    overwrite : Render frames again that are finished.
+    overwrite : Render every finished frame again, whatever it was made of.
+    keep : Refuse to replace a finished frame that was made otherwise than it would be
+        made now; otherwise it is rendered again.
+    again : Render a plate that carries a lens already.
     depth : What the user says about the depth channel.
     edge_mask : Objects of the Cryptomatte that are cut out of the plate and blurred as
         layers of their own (see `plate.cut_out`).
@@ -41,12 +46,15 @@ class ApplyOptions:
     overrides: StateOverrides = field(default_factory=StateOverrides)
     camera: CameraOptions = field(default_factory=CameraOptions)
     switches: Switches = field(default_factory=Switches)
+    pixel_aspect: float | None = None
     keep_overscan: bool = False
     layers: Sequence[str] | None = None
     stmap: Path | None = None
     tolerance: float = DEFAULT_TOLERANCE
     method: Filter | None = None
     overwrite: bool = False
+    keep: bool = False
+    again: bool = False
     depth: DepthOptions = field(default_factory=DepthOptions)
     edge_mask: Sequence[str] = ()
     edge_matte: str | None = None

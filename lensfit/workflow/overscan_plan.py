@@ -7,7 +7,7 @@ between.
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import TYPE_CHECKING
 
@@ -25,9 +25,10 @@ from lensfit.render.overscan import (
     cg_camera,
     margins_read,
 )
-from lensfit.render.uv import Channel, PlateGeometry, overscan_needed
+from lensfit.render.uv import Channel, PlateGeometry, SpannedWidth, overscan_needed
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
 from lensfit.workflow.camera.spanned_width import spanned_width_note
+from lensfit.workflow.plate.pixel_shape import SQUARE, pixel_shape
 from lensfit.workflow.stmaps import LARGEST_SIDE_PX
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ class OverscanQuestion:
     nearest_mm : Nearest object from the sensor; None counts what lies beyond focus.
     method : Filter of the warp.
     knobs : As the lens is turned; None leaves it as the preset has it.
+    pixel_aspect : As pixels are displayed, where the user or a header states it.
     """
 
     size_px: tuple[int, int]
@@ -62,6 +64,7 @@ class OverscanQuestion:
     nearest_mm: float | None = None
     method: Filter = "cubic"
     knobs: Knobs | None = None
+    pixel_aspect: float | None = None
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,8 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
     measured_mm, sensor_mm = preset.camera.sensor_width_mm, question.sensor_width_mm
     sensor_mm = measured_mm if sensor_mm is None else sensor_mm
     width_note = spanned_width_note(sensor_mm, measured_mm)
+    shape = pixel_shape(preset, display, sensor_mm, SQUARE, question.pixel_aspect)
+    spanned_mm = SpannedWidth(sensor_mm, shape.ratio)
     none = Margins(0, 0, 0, 0)
     channels: dict[Channel, Margins] = {"r": none, "g": none, "b": none}
     factor, blur_px, blurred = 1.0, None, none
@@ -114,27 +119,35 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
         notes |= dict.fromkeys(preset.select(focal, None, focus).notes)
         lens = preset.at(focal, question.f_number, focus, knobs=question.knobs)
         factor = max(
-            factor, overscan_needed(lens, display, sensor_width_mm=sensor_mm).factor
+            factor, overscan_needed(lens, display, sensor_width_mm=spanned_mm).factor
         )
         for channel in channels:
-            found = _margins(lens, display, question, channel)
+            found = _margins(lens, display, spanned_mm, question, channel)
             channels[channel] = channels[channel].joined(found)
         if question.f_number is not None:
-            radius = _blur_px(lens, display, question)
+            radius = _blur_px(lens, display, spanned_mm, question)
             blur_px = max(blur_px or 0.0, radius)
-            blurred = blurred.joined(_margins(lens, display, question, None, radius))
+            found = _margins(lens, display, spanned_mm, question, None, radius)
+            blurred = blurred.joined(found)
     all_channels = channels["r"].joined(channels["g"]).joined(channels["b"])
     return OverscanPlan(
         margins=all_channels,
-        camera=cg_camera(all_channels, display, sensor_mm),
+        camera=_camera(all_channels, display, spanned_mm),
         channels=channels,
         factor=factor,
         blur_px=blur_px,
         with_blur=None if blur_px is None else blurred,
-        blur_camera=None if blur_px is None else cg_camera(blurred, display, sensor_mm),
+        blur_camera=None if blur_px is None else _camera(blurred, display, spanned_mm),
         states=len(states),
-        notes=(*notes, *([width_note] if width_note else [])),
+        notes=(*notes, *filter(None, (width_note, shape.note))),
     )
+
+
+def _camera(margins: Margins, display: Window, spanned_mm: SpannedWidth) -> CgCamera:
+    """The camera, whose film back is as high as its pixels are."""
+    camera = cg_camera(margins, display, spanned_mm)
+    width_mm, height_mm = camera.sensor_mm
+    return replace(camera, sensor_mm=(width_mm, height_mm / spanned_mm.pixel_shape))
 
 
 def _focus_notes(preset: Preset, question: OverscanQuestion) -> Iterator[str]:
@@ -171,6 +184,7 @@ def _check(question: OverscanQuestion) -> None:
 def _margins(
     lens: "Lens",
     display: Window,
+    spanned_mm: SpannedWidth,
     question: OverscanQuestion,
     channel: Channel | None,
     blur_px: float = 0.0,
@@ -179,15 +193,18 @@ def _margins(
         lens,
         display,
         channels=None if channel is None else (channel,),
-        sensor_width_mm=question.sensor_width_mm,
+        sensor_width_mm=spanned_mm,
         method=question.method,
-        blur_px=blur_px,
+        # In the higher of both counts, where pixels are not square.
+        blur_px=blur_px * max(1.0, spanned_mm.pixel_shape),
     )
 
 
-def _blur_px(lens: "Lens", display: Window, question: OverscanQuestion) -> float:
+def _blur_px(
+    lens: "Lens", display: Window, spanned_mm: SpannedWidth, question: OverscanQuestion
+) -> float:
     """Radius of the circle of confusion of the sky, and of the nearest object."""
-    geometry = PlateGeometry.of(lens, display, question.sensor_width_mm)
+    geometry = PlateGeometry.of(lens, display, spanned_mm)
     depths = [math.inf]
     if question.nearest_mm is not None:
         depths.append(question.nearest_mm - float(lens.entrance_pupil_offset_mm))

@@ -15,6 +15,7 @@ from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.left_out_knobs import left_out_knobs
 from lensfit.workflow.frame.plate_in_depth import plate_in_depth
 from lensfit.workflow.frame.plate_lens import PlateLens
+from lensfit.workflow.frame.plate_views import plate_views
 from lensfit.workflow.plate.channels import colour_layers
 
 _STEPS = 3
@@ -51,8 +52,11 @@ def plan_plate(
     lens.notes.add(*left_out_knobs(options.switches, options.knobs))
     if number is not None:
         lens.notes.add(f"the plan is that of the first frame, {plate.name}")
-    image = read_exr(plate)
-    state = lens.noted_state(image, plate)
+    first, *others = plate_views(read_exr(plate), plate)
+    if others:
+        lens.notes.add(f"the plan is that of view {first.view.name!r}")
+    image = first.view.image
+    state = lens.noted_state(first.header, plate)
     for part in image.parts:
         if not colour_layers(part, options.layers):
             continue

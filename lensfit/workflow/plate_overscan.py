@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from lensfit.coords import Window
 from lensfit.preset.schema import Preset
 from lensfit.render.overscan import Margins
 from lensfit.render.stages import Switches
@@ -17,6 +18,7 @@ from lensfit.workflow.camera.spelling import SPELT
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.overscan_plan import OverscanQuestion
 from lensfit.workflow.plate.header import plate_header
+from lensfit.workflow.plate.pixel_shape import SQUARE
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,21 @@ class PlateOverscan:
     def suffices(self, needed: Margins) -> bool:
         """Whether the plate holds every pixel that is read."""
         return all(a >= b for a, b in zip(self.margins[:4], needed[:4], strict=True))
+
+
+def _margins_of(data: Window, frame: Window) -> Margins:
+    """Pixels of a data window beyond the frame."""
+    return Margins(
+        max(0, frame.x_min - data.x_min),
+        max(0, frame.y_min - data.y_min),
+        max(0, data.x_max - frame.x_max),
+        max(0, data.y_max - frame.y_max),
+    )
+
+
+def _stated_aspect(header_aspect: float) -> float | None:
+    """A header that says 1 may not have been asked (`plate.pixel_shape`)."""
+    return None if header_aspect == SQUARE else header_aspect
 
 
 def overscan_of_plate(
@@ -65,7 +82,10 @@ def overscan_of_plate(
     frame, data = part.display_window, part.data_window
     # Fall-off and its f-number read no pixel.
     options = ApplyOptions(
-        overrides=overrides, switches=Switches(falloff=False), knobs=knobs or {}
+        overrides=overrides,
+        switches=Switches(falloff=False),
+        knobs=knobs or {},
+        again=True,  # a finished frame has the windows of its plate
     )
     lens = PlateLens(preset, options)
     state = lens.noted_state(image, path)
@@ -86,13 +106,9 @@ def overscan_of_plate(
         None if focus is None else (focus, focus),
         f_number,
         knobs=state.knobs,
+        pixel_aspect=_stated_aspect(part.pixel_aspect),
     )
-    beyond = Margins(
-        max(0, frame.x_min - data.x_min),
-        max(0, frame.y_min - data.y_min),
-        max(0, data.x_max - frame.x_max),
-        max(0, data.y_max - frame.y_max),
-    )
+    beyond = _margins_of(data, frame)
     stated = state.camera.number("overscan_percent")
     notes = list(lens.notes.said)
     if stated and not any(beyond[:4]):

@@ -18,6 +18,7 @@ from jaxtyping import Float32
 from lensfit import __version__
 from lensfit.coords import Window
 from lensfit.errors import OutputError
+from lensfit.io.lens_attributes import lens_attributes
 from lensfit.io.stmap import write_channel_stmaps, write_stmap
 from lensfit.progress import Progress, silent
 from lensfit.render.overscan import (
@@ -28,7 +29,9 @@ from lensfit.render.overscan import (
 )
 from lensfit.render.uv import (
     DEFAULT_TOLERANCE_PX,
+    PlateGeometry,
     SourceMap,
+    SpannedWidth,
     overscan_needed,
     stmap_redistort,
     stmap_undistort,
@@ -55,11 +58,18 @@ class StmapFrame:
     overscan_percent : Pixels beyond it, in total, percent of its size, as plates state
         it: 10 is 5 % on each side.
     sensor_width_mm : Width that the display window spans; the lens' own if None.
+    pixel_shape : Width of a pixel over its height, on the sensor.
     """
 
     size_px: tuple[int, int]
     overscan_percent: float = 0.0
     sensor_width_mm: float | None = None
+    pixel_shape: float = 1.0
+
+    def spanned_width_mm(self, lens: "Lens") -> SpannedWidth:
+        """Width that the display window spans, with the shape of its pixels."""
+        width_mm = self.sensor_width_mm or lens.sensor_size_mm[0]
+        return SpannedWidth(width_mm, self.pixel_shape)
 
     @property
     def display_window(self) -> Window:
@@ -143,9 +153,10 @@ def write_stmaps(
             paths.append(path)
             progress("UV maps", len(paths), len(wanted))
     display = frame.display_window
-    margins = margins_read(lens, display, sensor_width_mm=width_mm)
-    percent = cg_camera(margins, display, width_mm or measured_mm).percent
-    factor = overscan_needed(lens, display, sensor_width_mm=width_mm).factor
+    spanned_mm = frame.spanned_width_mm(lens)
+    margins = margins_read(lens, display, sensor_width_mm=spanned_mm)
+    percent = cg_camera(margins, display, spanned_mm).percent
+    factor = overscan_needed(lens, display, sensor_width_mm=spanned_mm).factor
     notes = (note,) if note else ()
     return WrittenStmaps(tuple(paths), margins, percent, factor, notes)
 
@@ -171,7 +182,7 @@ def _map(
         frame.data_window,
         channel,
         tolerance_px=tolerance_px,
-        sensor_width_mm=frame.sensor_width_mm,
+        sensor_width_mm=frame.spanned_width_mm(lens),
     )
     return made.uv(frame.display_window)
 
@@ -190,7 +201,18 @@ def _attributes(
         "lens/focal": lens.focal_length_mm,
         "lens/focus": _metres(lens.focus_distance_mm),
     }
-    return {k: v for k, v in known.items() if v is not None}
+    geometry = PlateGeometry.of(
+        lens, frame.display_window, frame.spanned_width_mm(lens)
+    )
+    standard = lens_attributes(
+        nominal_focal_length_mm=lens.focal_length_mm,
+        pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm),
+        focus_distance_mm=lens.focus_distance_mm,
+        entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm),
+        sensor_size_mm=geometry.area_mm,
+        lens_model=name,
+    )
+    return {k: v for k, v in known.items() if v is not None} | standard
 
 
 def _metres(distance_mm: float | None) -> float | None:

@@ -58,7 +58,7 @@ def test_options_reach_the_workflow(asked):
 def test_defaults_leave_all_to_the_plate(asked):
     assert run("--no-defocus").exit_code == 0
     options = asked["options"]
-    assert not options.depth.asked
+    assert options.depth == DepthOptions()
     assert not options.switches.defocus
     assert (options.output, options.filter, asked["workers"]) == ("result", "cubic", 1)
     assert run("--tolerance", "1e-4").exit_code == 0

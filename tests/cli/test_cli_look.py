@@ -45,7 +45,9 @@ def plate(folder: Path, header: dict[str, object] | None = None) -> str:
 
 
 def applied(preset: str, path: str, folder: Path, *options: str) -> ExrPart:
-    found = runner.invoke(app, ["apply", preset, path, "--out", str(folder), *options])
+    found = runner.invoke(
+        app, ["apply", preset, path, "--out", str(folder), "--no-defocus", *options]
+    )
     assert found.exit_code == 0, found.output
     return read_exr(folder / "plate.0001.exr").parts[0]
 
@@ -81,7 +83,14 @@ def test_neutral_knobs_return_the_bits(preset: str, tmp_path: Path):
 
 def test_the_plan_lists_looks_that_run_and_no_others(preset: str, tmp_path: Path):
     path = plate(tmp_path)
-    options = ["--glint-gain", "0.2", "--white-balance-kelvin", "5000", "--json"]
+    options = [
+        "--no-defocus",
+        "--glint-gain",
+        "0.2",
+        "--white-balance-kelvin",
+        "5000",
+        "--json",
+    ]
     found = runner.invoke(app, ["plan", preset, path, *options])
     assert found.exit_code == 0, found.output
     stages = {s["stage"]: s for s in json.loads(found.stdout)["stages"]}
@@ -103,7 +112,7 @@ def test_the_primaries_in_the_header_count(preset: str, tmp_path: Path):
 
 def test_primaries_that_are_none_are_refused_in_a_line(preset: str, tmp_path: Path):
     path = plate(tmp_path, {"chromaticities": (0.3,) * 8})
-    asked = ["apply", preset, path, "--out", str(tmp_path / "a")]
+    asked = ["apply", preset, path, "--out", str(tmp_path / "a"), "--no-defocus"]
     assert runner.invoke(app, asked).exit_code == 0
     found = runner.invoke(app, [*asked, "--overwrite", "--white-balance-tint", "9"])
     assert found.exit_code == 1

@@ -18,8 +18,8 @@ from lensfit.cli.apply import apply
 from lensfit.cli.main import app
 
 NASTY = "a'b \"$HOME;{{Param.Out}}|é"
-OWN = {"preset", "plates", "out", "frames", "library", "as_json"}
-"""What submit has itself, and JSON, which is how submit speaks."""
+OWN = {"preset", "plates", "out", "frames", "library", "as_json", "progress_as"}
+"""What submit has itself, JSON, which is how it speaks, and what a farm reads."""
 RECORDER = """#!{python}
 import json, pathlib, sys
 pathlib.Path({log!r}).open("a").write(json.dumps(sys.argv[1:]) + "\\n")
@@ -118,7 +118,7 @@ def test_every_option_of_apply_survives(job):
     assert submit(job, "--frames", "-2--1", *options).exit_code == 0
     (task,) = words_of(job)
     assert task[0] == "apply"
-    wanted = parsed([*direct, *options])
+    wanted = parsed([*direct, *options, "--progress", "openjd"])
     assert parsed(task[1:]) == wanted
     # And the test has left none of them at its default.
     for option in typer.main.get_command(app).commands["apply"].params:
@@ -141,7 +141,7 @@ def text(job):
 def test_options_left_alone_are_not_handed_on(job):
     assert submit(job).exit_code == 0
     (task,) = words_of(job)
-    assert [w.split("=")[0] for w in task[3:]] == ["--frames", "--out"]
+    assert [w.split("=")[0] for w in task[3:]] == ["--frames", "--out", "--progress"]
 
 
 def test_frames_are_dealt_into_chunks(job):
@@ -190,8 +190,9 @@ def test_a_single_plate_is_one_task(job):
     run = CliRunner().invoke(app, [*words, "--out", str(job / "o ut"), "--json"])
     said = json.loads(run.stdout)
     assert said["tasks"] == 1
-    ((_, _, plate, out),) = words_of(job)
-    assert (plate, out) == (str(job / "one.exr"), f"--out={job / 'o ut'}")
+    ((_, _, *words),) = words_of(job)
+    out = f"--out={job / 'o ut'}"
+    assert words == [str(job / "one.exr"), out, "--progress=openjd"]
 
 
 @pytest.mark.parametrize(
@@ -264,8 +265,9 @@ def test_open_job_description_accepts_it_and_words_arrive_whole(job, tmp_path):
     assert "passes validation" in openjd("check", template)
     openjd(*said["run"][1:], "-p", f"Command={program}")
     ran = [json.loads(line) for line in log.read_text().splitlines()]
-    assert [parsed(words[1:]) for words in ran] == [
-        parsed(words[1:]) for words in words_of(job)
+    plain = {"progress_as": "auto"}  # each farm reads progress its own way
+    assert [parsed(words[1:]) | plain for words in ran] == [
+        parsed(words[1:]) | plain for words in words_of(job)
     ]
     assert ran[0][1] == str(job / "preset.json")
     assert ran[0][2] == str(job / f"{NASTY}.####.exr")
@@ -282,7 +284,7 @@ def test_a_farm_renders_what_apply_renders(tmp_path, monkeypatch):
     for number in range(1, 4):
         write_plate(tmp_path / f"plate.{number:04d}.exr")
     words = [str(tmp_path / "preset.json"), str(tmp_path / "plate.####.exr")]
-    common = ["--no-falloff", "--keep-overscan", "--tolerance", "2e-4"]
+    common = ["--no-falloff", "--no-defocus", "--keep-overscan", "--tolerance", "2e-4"]
     farm, own = tmp_path / "farm", tmp_path / "own"
     result = CliRunner().invoke(
         app, ["submit", *words, "--out", str(farm), "--chunk", "2", "--json", *common]
@@ -321,6 +323,7 @@ def test_pyoutline_runs_the_words_as_they_are(job, tmp_path, monkeypatch):
     for frame in (1, 2):
         execute_frame(script.get_path(), "apply", frame)
     ran = [json.loads(line) for line in log.read_text().splitlines()]
-    assert [parsed(words[1:]) for words in ran] == [
-        parsed(words[1:]) for words in words_of(job)
+    plain = {"progress_as": "auto"}  # each farm reads progress its own way
+    assert [parsed(words[1:]) | plain for words in ran] == [
+        parsed(words[1:]) | plain for words in words_of(job)
     ]

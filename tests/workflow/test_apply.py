@@ -2,7 +2,16 @@
 
 import numpy as np
 import pytest
-from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, make_preset, scene, write_plate
+from plate_makers import (
+    CAMERA,
+    DATA,
+    DISPLAY,
+    SENSOR,
+    make_preset,
+    scene,
+    sharp,
+    write_plate,
+)
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
@@ -13,7 +22,6 @@ from lensfit.render.stages import Switches
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.sources import StateOverrides
-from lensfit.workflow.plate.depth import DepthOptions
 
 
 def noise(dtype, seed):
@@ -25,7 +33,7 @@ def test_a_plate_comes_out_as_the_renderer_says(tmp_path):
     plate = write_plate(
         tmp_path / "plate.0001.exr", {**CAMERA, **SENSOR, "owner": "me"}
     )
-    applied = apply_preset(make_preset(), plate, tmp_path / "out")
+    applied = apply_preset(make_preset(), plate, tmp_path / "out", options=sharp())
     assert applied.failures == []
     (part,) = read_exr(applied.written[0]).parts
     assert part.data_window == part.display_window == DISPLAY
@@ -72,7 +80,7 @@ def test_only_named_layers_are_rendered(tmp_path):
     rgb = scene(DATA)
     extra = {f"diffuse.{n}": rgb[..., i].copy() for i, n in enumerate("RGB")}
     plate = write_plate(tmp_path / "plate.exr", extra=extra)
-    options = ApplyOptions(layers=["diffuse"], keep_overscan=True)
+    options = sharp(layers=["diffuse"], keep_overscan=True)
     applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
     (part,) = read_exr(applied.written[0]).parts
     assert np.array_equal(part.channels["R"], rgb[..., 0])
@@ -101,7 +109,7 @@ def test_several_parts_are_each_kept(tmp_path):
 
 def test_switches_off_and_cropped_is_a_plain_crop(tmp_path):
     plate = write_plate(tmp_path / "plate.exr")
-    switches = Switches(distortion=False, lateral_colour=False, falloff=False)
+    switches = Switches(False, False, False, False)
     options = ApplyOptions(switches=switches)
     applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
     (part,) = read_exr(applied.written[0]).parts
@@ -118,6 +126,7 @@ def test_a_sequence_goes_on_past_a_bad_frame_and_resumes(tmp_path):
         tmp_path / "plate.####.exr",
         tmp_path / "out",
         frames="1-4",
+        options=sharp(),
         progress=lambda *state: told.append(state),
     )
     assert [p.name for p in applied.written] == ["plate.0001.exr", "plate.0004.exr"]
@@ -129,7 +138,9 @@ def test_a_sequence_goes_on_past_a_bad_frame_and_resumes(tmp_path):
 
     write_plate(tmp_path / "plate.0002.exr")
     before = applied.written[0].stat().st_mtime_ns
-    again = apply_preset(make_preset(), tmp_path / "plate.####.exr", tmp_path / "out")
+    again = apply_preset(
+        make_preset(), tmp_path / "plate.####.exr", tmp_path / "out", options=sharp()
+    )
     assert [p.name for p in again.written] == ["plate.0002.exr"]
     assert len(again.skipped) == 2
     assert applied.written[0].stat().st_mtime_ns == before
@@ -139,10 +150,12 @@ def test_frames_follow_their_own_metadata_and_overrides_count_more(tmp_path):
     preset = make_preset(35.0, 70.0)
     write_plate(tmp_path / "plate.0001.exr")
     write_plate(tmp_path / "plate.0002.exr", {**CAMERA, **SENSOR, "lens/focal": 70.0})
-    applied = apply_preset(preset, tmp_path / "plate.####.exr", tmp_path / "out")
+    applied = apply_preset(
+        preset, tmp_path / "plate.####.exr", tmp_path / "out", options=sharp()
+    )
     wide, long = (read_exr(p).parts[0].channels["G"] for p in applied.written)
     assert np.abs(wide - long).max() > 0.02
-    options = ApplyOptions(overrides=StateOverrides(focal_length_mm=70.0))
+    options = sharp(overrides=StateOverrides(focal_length_mm=70.0))
     stated = apply_preset(
         preset, tmp_path / "plate.0001.exr", tmp_path / "stated", options=options
     )
@@ -171,16 +184,19 @@ def test_a_missing_value_names_itself_the_frame_and_the_way_out(
 def test_what_is_assumed_is_noted_once(tmp_path):
     for number in (1, 2):
         write_plate(tmp_path / f"plate.{number}.exr", CAMERA)
-    applied = apply_preset(make_preset(), tmp_path / "plate.#.exr", tmp_path / "out")
-    note, depth_note = applied.notes
-    assert "no depth" in depth_note
+    applied = apply_preset(
+        make_preset(), tmp_path / "plate.#.exr", tmp_path / "out", options=sharp()
+    )
+    (note,) = applied.notes
     assert "sensor width" in note
     assert "36 mm" in note
 
 
 def test_a_lens_out_of_reach_is_told_with_the_frame(tmp_path):
     plate = write_plate(tmp_path / "p.exr", {**CAMERA, **SENSOR, "lens/focal": 85.0})
-    (failure,) = apply_preset(make_preset(), plate, tmp_path / "out").failures
+    (failure,) = apply_preset(
+        make_preset(), plate, tmp_path / "out", options=sharp()
+    ).failures
     assert "p.exr" in failure
     assert "85" in failure
 
@@ -208,12 +224,12 @@ def test_an_external_map_replaces_the_distortion(tmp_path):
     centres = DISPLAY.pixel_centres()
     uv = np.stack([(centres[..., 0] + 2) / 96, 1 - (centres[..., 1] - 1) / 64], -1)
     write_stmap(tmp_path / "map.exr", uv.astype(np.float32), DISPLAY)
-    switches = Switches(lateral_colour=False, falloff=False)
+    switches = Switches(lateral_colour=False, falloff=False, defocus=False)
     options = ApplyOptions(switches=switches, stmap=tmp_path / "map.exr")
     applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
     (part,) = read_exr(applied.written[0]).parts
     assert np.array_equal(part.channels["R"], scene(DATA)[5:69, 10:106, 0])
-    kept = ApplyOptions(keep_overscan=True, stmap=tmp_path / "map.exr")
+    kept = sharp(keep_overscan=True, stmap=tmp_path / "map.exr")
     (failure,) = apply_preset(
         make_preset(), plate, tmp_path / "kept", options=kept
     ).failures
@@ -251,7 +267,8 @@ def test_borders_without_source_are_told_and_overscan_cures_them(tmp_path):
     write_plate(wide, window=Window(-30, -20, 125, 83))
     preset = make_preset()
     notes = [
-        apply_preset(preset, plate, tmp_path / "out").notes for plate in (bare, wide)
+        apply_preset(preset, plate, tmp_path / "out", options=sharp()).notes
+        for plate in (bare, wide)
     ]
     assert any("outside the plate" in note for note in notes[0])
     assert not any("outside the plate" in note for note in notes[1])
@@ -262,7 +279,9 @@ def test_numbers_that_are_none_are_told(tmp_path):
     red[30, 40] = np.nan
     for frame in (1, 2, 3):
         write_plate(tmp_path / f"p.{frame}.exr", extra={"R": red} if frame > 1 else {})
-    applied = apply_preset(make_preset(), tmp_path / "p.#.exr", tmp_path / "out")
+    applied = apply_preset(
+        make_preset(), tmp_path / "p.#.exr", tmp_path / "out", options=sharp()
+    )
     (note,) = (note for note in applied.notes if "NaN" in note)
     assert note.startswith("p.2.exr holds NaN")
 
@@ -279,28 +298,17 @@ def test_an_undistort_map_is_refused(tmp_path):
         )
 
 
-def test_finished_frames_of_other_settings_are_kept_and_told(tmp_path):
-    write_plate(tmp_path / "p.exr")
-    plate, out = tmp_path / "p.exr", tmp_path / "out"
-    assert apply_preset(make_preset(), plate, out).written
-    same = apply_preset(make_preset(), plate, out)
-    other = apply_preset(make_preset(stops=(2.8, 4.0)), plate, out)
-    assert same.skipped == other.skipped
-    assert not any("other settings" in note for note in same.notes)
-    assert any("other settings" in note for note in other.notes)
-
-
 @pytest.mark.parametrize("kept_bytes", [0, 300, -40])
 def test_a_damaged_frame_is_no_finished_one(tmp_path, kept_bytes):
     plate, out = write_plate(tmp_path / "p.exr"), tmp_path / "out"
-    (target,) = apply_preset(make_preset(), plate, out).written
+    (target,) = apply_preset(make_preset(), plate, out, options=sharp()).written
     whole = target.read_bytes()
     target.write_bytes(whole[:kept_bytes])
-    again = apply_preset(make_preset(), plate, out)
+    again = apply_preset(make_preset(), plate, out, options=sharp())
     assert again.written == [target]
     assert f"{target} was damaged and is rendered again" in again.notes
     assert target.read_bytes() == whole
-    assert apply_preset(make_preset(), plate, out).skipped == [target]
+    assert apply_preset(make_preset(), plate, out, options=sharp()).skipped == [target]
 
 
 def test_frames_of_a_single_plate_cannot_be_chosen(tmp_path):
@@ -314,31 +322,8 @@ def test_frames_of_a_single_plate_cannot_be_chosen(tmp_path):
 )
 def test_a_sensor_in_another_unit_is_told(tmp_path, width_mm, told):
     plate = write_plate(tmp_path / "p.exr", {**CAMERA, "lens/aperture": width_mm})
-    notes = apply_preset(make_preset(), plate, tmp_path / "out").notes
+    notes = apply_preset(make_preset(), plate, tmp_path / "out", options=sharp()).notes
     assert any("make sure that this is in mm" in note for note in notes) == told
-
-
-@pytest.mark.parametrize(
-    "changed",
-    [
-        {"depth": DepthOptions(unit="cm")},
-        {"depth": DepthOptions(kind="ray")},
-        {"overrides": StateOverrides(sensor_width_mm=20.0)},
-        {"tolerance": 0.01},
-        {"method": "keys-6"},
-        {"layers": ("",)},
-        {"keep_overscan": True},
-    ],
-)
-def test_every_setting_that_changes_pixels_is_told_of_a_finished_frame(
-    tmp_path, changed
-):
-    plate, out = tmp_path / "p.exr", tmp_path / "out"
-    depth = np.full((DATA.height, DATA.width), 2.0, np.float32)
-    write_plate(plate, {**CAMERA, **SENSOR}, {"Z": depth})
-    apply_preset(make_preset(), plate, out)
-    again = apply_preset(make_preset(), plate, out, options=ApplyOptions(**changed))
-    assert any("other settings" in note for note in again.notes)
 
 
 @pytest.mark.parametrize("width_mm", [0.0, -5.0, float("nan"), 1e-9])
@@ -353,6 +338,6 @@ def test_a_sensor_without_width_is_refused_in_one_line(tmp_path, width_mm):
 
 def test_a_cropped_frame_states_no_overscan(tmp_path):
     write_plate(tmp_path / "p.exr", {**CAMERA, **SENSOR, "lens/overscan": 8.0})
-    apply_preset(make_preset(), tmp_path / "p.exr", tmp_path / "out")
+    apply_preset(make_preset(), tmp_path / "p.exr", tmp_path / "out", options=sharp())
     header = read_exr(tmp_path / "out" / "p.exr", header_only=True).parts[0].attributes
     assert header["lens/overscan"] == 0.0

@@ -57,11 +57,14 @@ def test_depth_reaches_the_renderer(tmp_path):
 
 def test_no_depth_and_no_defocus_are_the_same_picture(tmp_path):
     plain = write_plate(tmp_path / "plain.exr")
+    (failure,) = apply_preset(make_preset(), plain, tmp_path / "none").failures
+    assert "no depth channel" in failure
+    assert "--no-defocus" in failure
     deep = write_plate(tmp_path / "z.exr", extra={"Z": near_and_far()})
-    first, notes = rendered(plain, tmp_path / "a")
-    second, _ = rendered(deep, tmp_path / "b", switches=Switches(defocus=False))
+    sharp = Switches(defocus=False)
+    first, _ = rendered(plain, tmp_path / "a", switches=sharp)
+    second, _ = rendered(deep, tmp_path / "b", switches=sharp)
     assert np.array_equal(first.channels["G"], second.channels["G"])
-    assert [n for n in notes if "no depth" in n]
 
 
 @pytest.mark.parametrize("margin", [0, 4, 40])
@@ -235,6 +238,7 @@ def test_a_deep_plate_is_returned_flat(tmp_path, alpha):
     inner = np.s_[16:-16, 16:-16]
     detail = [np.std(p.channels["R"][inner]) for p in (part, blurred)]
     assert detail[1] <= detail[0] + 1e-4
-    again = apply_preset(make_preset(), plate, tmp_path / "b")
+    same = ApplyOptions(depth=METRES)
+    again = apply_preset(make_preset(), plate, tmp_path / "b", options=same)
     assert again.skipped
     assert again.failures == []

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from plate_makers import make_preset, write_plate
+from plate_makers import make_preset, sharp, write_plate
 
 from lensfit.preset.store import save_preset
 from lensfit.workflow.apply import apply_preset
@@ -39,13 +39,16 @@ def contents(folder):
 
 def test_workers_write_what_one_process_writes(sequence, tmp_path):
     told = []
-    alone = apply_preset(make_preset(), sequence, tmp_path / "alone", frames="1-7")
+    alone = apply_preset(
+        make_preset(), sequence, tmp_path / "alone", frames="1-7", options=sharp()
+    )
     shared = apply_preset(
         make_preset(),
         sequence,
         tmp_path / "shared",
         frames="1-7",
         workers=2,
+        options=sharp(),
         progress=lambda *state: told.append(state),
     )
     assert contents(tmp_path / "alone") == contents(tmp_path / "shared")
@@ -57,7 +60,9 @@ def test_workers_write_what_one_process_writes(sequence, tmp_path):
     assert shared.notes == alone.notes
     assert told[0] == ("frames", 0, 7)
     assert told[-1] == ("frames", 7, 7)
-    again = apply_preset(make_preset(), sequence, tmp_path / "shared", workers=2)
+    again = apply_preset(
+        make_preset(), sequence, tmp_path / "shared", workers=2, options=sharp()
+    )
     assert len(again.skipped) == 5
     assert not again.written
 
@@ -77,7 +82,7 @@ def test_a_killed_job_run_again_ends_with_the_same_files(tmp_path):
     command = [sys.executable, "-c", SCRIPT, "apply", preset, pattern]
     for wanted in (1, 4):
         job = subprocess.Popen(
-            [*map(str, command), "--out", str(out)],
+            [*map(str, command), "--out", str(out), "--no-defocus"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -91,10 +96,10 @@ def test_a_killed_job_run_again_ends_with_the_same_files(tmp_path):
 
     (out / f".plate.0007.{_machine()}-{ended}.abc.exr").write_bytes(b"half")
     (out / f".plate.0006.{_machine()}-{os.getpid()}0.abc.exr").touch()
-    applied = apply_preset(make_preset(), pattern, out)
+    applied = apply_preset(make_preset(), pattern, out, options=sharp())
     assert applied.failures == []
     assert len(applied.written) + len(applied.skipped) == 8
-    apply_preset(make_preset(), pattern, tmp_path / "whole")
+    apply_preset(make_preset(), pattern, tmp_path / "whole", options=sharp())
     assert contents(out) == contents(tmp_path / "whole")
 
 
@@ -116,6 +121,7 @@ def test_a_worker_that_dies_costs_the_frame_it_was_at(tmp_path, killed, most_los
         tmp_path / "plate.####.exr",
         tmp_path / "out",
         workers=2,
+        options=sharp(),
         progress=kill,
     )
     assert len(done.written) + len(done.failures) == len(plates)
@@ -140,7 +146,16 @@ def test_a_run_with_workers_that_is_killed_has_nothing_to_clean_up(tmp_path, how
         write_plate(tmp_path / f"plate.{number:04d}.exr")
     preset, out = tmp_path / "preset.json", tmp_path / "out"
     save_preset(make_preset(), preset)
-    words = ["apply", preset, tmp_path / "plate.####.exr", "--out", out]
+    words = [
+        "apply",
+        preset,
+        tmp_path / "plate.####.exr",
+        "--out",
+        out,
+        "--no-defocus",
+        "--progress",
+        "none",
+    ]
     with subprocess.Popen(
         [sys.executable, "-c", SCRIPT, *map(str, words), "--workers", "2"],
         stdout=subprocess.DEVNULL,

@@ -9,7 +9,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from deep_files import write_deep
-from plate_makers import DATA, DISPLAY, make_preset, write_plate
+from plate_makers import DATA, DISPLAY, make_preset, sharp, write_plate
 
 from lensfit.coords import Window
 from lensfit.errors import CameraError, ImageError, SettingsError
@@ -68,24 +68,32 @@ def test_each_source_is_overruled_by_the_one_before_it(tmp_path):
         )
     settings = tmp_path / "lensfit.toml"
     settings.write_text("[camera]\nfocal_length_mm = 28\n")
-    assert camera(plate, files=(first, second)).number("focal_length_mm") == 28
+    assert camera(plate).number("focal_length_mm") == 28
     with settings.open("a") as file:
         file.write("[[frames]]\nrange = '1001'\nfocal_length_mm = 24\n")
-    assert camera(plate, files=(first, second)).number("focal_length_mm") == 24
+    assert camera(plate).number("focal_length_mm") == 24
+    # What is named on the command line counts before what lies about.
+    assert camera(plate, files=(first, second)).number("focal_length_mm") == 35
+    named = tmp_path / "named.toml"
+    named.write_text("[camera]\nfocal_length_mm = 25\n")
+    both = camera(plate, files=(first, second), settings=named)
+    assert [both.known["focal_length_mm"].value] + [
+        known.value for known in both.overruled["focal_length_mm"]
+    ] == [25, 35, pytest.approx(12 / math.tan(math.radians(20))), 50]
     stated = StateOverrides(focal_length_mm=21.0)
     found = camera(plate, files=(first, second), overrides=stated)
     assert found.known["focal_length_mm"][:2] == (21.0, "--focal-length-mm")
     sources = [known.source for known in found.overruled["focal_length_mm"]]
     assert [known.value for known in found.overruled["focal_length_mm"]] == [
-        24,
-        28,
         35,
         pytest.approx(12 / math.tan(math.radians(20))),
+        24,
+        28,
         50,
     ]
     for source, part in zip(
         sources,
-        ("[[frames]] 1", "[camera]", "shot.nk", "camera.chan line 1", "lens/focal"),
+        ("shot.nk", "camera.chan line 1", "[[frames]] 1", "[camera]", "lens/focal"),
         strict=True,
     ):
         assert part in source
@@ -216,6 +224,7 @@ def test_a_contradiction_is_told_once_a_run_of_whatever_frame(tmp_path):
             make_preset(stops=()),
             tmp_path / "p.####.exr",
             tmp_path / f"out{workers}",
+            options=sharp(),
             workers=workers,
         )
         assert len(done.written) == 2
@@ -288,7 +297,7 @@ def test_a_row_that_is_missing_fails_its_frame_alone(tmp_path):
     arri = files.arri(tmp_path, PRIME, PRIME)
     for number in (1001, 1002, 1003):
         write_plate(tmp_path / f"p.{number}.exr", {})
-    options = ApplyOptions(camera=CameraOptions((arri,), first_frame=1001))
+    options = sharp(camera=CameraOptions((arri,), first_frame=1001))
     applied = apply_preset(
         make_preset(), tmp_path / "p.####.exr", tmp_path / "out", options=options
     )
@@ -304,7 +313,7 @@ def test_workers_read_the_same_sidecar(tmp_path):
     arri = files.arri(tmp_path, PRIME, PRIME)
     for number in (1001, 1002):
         write_plate(tmp_path / f"p.{number}.exr", {})
-    options = ApplyOptions(camera=CameraOptions((arri,), first_frame=1001))
+    options = sharp(camera=CameraOptions((arri,), first_frame=1001))
     plates = tmp_path / "p.####.exr"
     alone = apply_preset(make_preset(), plates, tmp_path / "a", options=options)
     shared = apply_preset(
@@ -318,11 +327,12 @@ def test_workers_read_the_same_sidecar(tmp_path):
 
 def test_a_finished_frame_of_another_camera_is_told(tmp_path):
     plate, out = write_plate(tmp_path / "p.1001.exr"), tmp_path / "out"
-    apply_preset(make_preset(), plate, out)
-    same = apply_preset(make_preset(), plate, out)
-    assert not any("other settings" in note for note in same.notes)
+    apply_preset(make_preset(), plate, out, options=sharp())
+    same = apply_preset(make_preset(), plate, out, options=sharp())
+    assert same.skipped
     (tmp_path / "lensfit.toml").write_text("[camera]\nfocus_distance_mm = 2500\n")
-    other = apply_preset(make_preset(), plate, out)
+    other = apply_preset(make_preset(), plate, out, options=sharp())
+    assert other.written
     assert any("other settings" in note for note in other.notes)
 
 

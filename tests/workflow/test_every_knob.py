@@ -6,7 +6,7 @@ import typing
 
 import msgspec
 import pytest
-from plate_makers import CAMERA, SENSOR, make_preset, write_plate
+from plate_makers import CAMERA, SENSOR, make_preset, sharp, write_plate
 
 from lensfit.io.exr import read_exr
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, not_neutral, turned
@@ -76,7 +76,7 @@ def test_all_knobs_stated_as_neutral_change_no_bit(plate, tmp_path):
     frames = []
     for folder, knobs in (("plain", {}), ("neutral", neutral)):
         done = apply_preset(
-            make_preset(), plate, tmp_path / folder, options=ApplyOptions(knobs=knobs)
+            make_preset(), plate, tmp_path / folder, options=sharp(knobs=knobs)
         )
         assert not done.failures
         frames.append(done.written[0].read_bytes())
@@ -86,7 +86,7 @@ def test_all_knobs_stated_as_neutral_change_no_bit(plate, tmp_path):
 def test_a_knob_that_turns_nothing_is_told_once_by_apply_and_by_plan(tmp_path):
     for number in (1, 2):
         write_plate(tmp_path / f"plate.{number:04d}.exr")
-    options = ApplyOptions(knobs={"coma_gain": 2.0, "lateral_red_gain": 2.0})
+    options = sharp(knobs={"coma_gain": 2.0, "lateral_red_gain": 2.0})
     plates = tmp_path / "plate.####.exr"
     done = apply_preset(make_preset(), plates, tmp_path / "out", options=options)
     _, planned = plan_plate(make_preset(), tmp_path / "plate.0001.exr", options)

@@ -13,7 +13,7 @@ import jax
 import msgspec
 import numpy as np
 import pytest
-from plate_makers import make_preset
+from plate_makers import make_preset, sharp
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
@@ -92,7 +92,7 @@ class Watch:
 
 def run(tmp_path: Path, frames: int, depth: bool) -> np.ndarray:
     """Programs so far, seconds of the processor and MiB, for each frame."""
-    renderer = FrameRenderer(zoom_preset(), ApplyOptions())
+    renderer = FrameRenderer(zoom_preset(), sharp() if not depth else ApplyOptions())
     target = tmp_path / "result.exr"
     with Watch() as watch:
         for number in range(frames):
@@ -137,11 +137,15 @@ def test_apply_follows_animated_focus_and_zoom(tmp_path):
     for number in range(5):
         write_frame(tmp_path / f"plate.{number:04d}.exr", number / 4, depth=False)
     preset = zoom_preset()
-    whole = apply_preset(preset, tmp_path / "plate.####.exr", tmp_path / "whole")
+    whole = apply_preset(
+        preset, tmp_path / "plate.####.exr", tmp_path / "whole", options=sharp()
+    )
     assert whole.failures == []
     pictures = []
     for path in whole.written:
-        alone = apply_preset(preset, tmp_path / path.name, tmp_path / "alone")
+        alone = apply_preset(
+            preset, tmp_path / path.name, tmp_path / "alone", options=sharp()
+        )
         assert path.read_bytes() == alone.written[0].read_bytes()
         pictures.append(read_exr(path).parts[0].channels["G"])
     steps = [np.abs(b - a).mean() for a, b in itertools.pairwise(pictures)]
@@ -156,7 +160,7 @@ def test_killed_at_any_instant_it_ends_with_the_same_files(tmp_path, workers):
     frames = 12
     for number in range(frames):
         share = number / (frames - 1)
-        write_frame(tmp_path / f"plate.{number:04d}.exr", share, depth=number % 3 == 0)
+        write_frame(tmp_path / f"plate.{number:04d}.exr", share, depth=True)
     save_preset(zoom_preset(), tmp_path / "preset.json")
     out = tmp_path / "out"
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from deep_files import write_deep
-from plate_makers import CAMERA, DATA, SENSOR, make_preset, write_plate
+from plate_makers import CAMERA, DATA, SENSOR, make_preset, sharp, write_plate
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
@@ -67,7 +67,11 @@ def test_it_is_told_once_a_run(tmp_path, workers):
     for frame in (1001, 1002, 1003):
         write_plate(tmp_path / f"p.{frame}.exr", without("focal_length_mm"))
     done = apply_preset(
-        make_preset(), tmp_path / "p.####.exr", tmp_path / "out", workers=workers
+        make_preset(),
+        tmp_path / "p.####.exr",
+        tmp_path / "out",
+        options=sharp(),
+        workers=workers,
     )
     assert len(done.written) == 3
     (note,) = (note for note in done.notes if "focal length" in note)
@@ -120,8 +124,8 @@ def test_every_command_names_key_frame_and_option(tmp_path, command):
     plate = write_plate(tmp_path / "p.1001.exr", without("focal_length_mm"))
     preset = str(tmp_path / "zoom.json")
     words = {
-        "apply": [preset, str(plate), "--out", str(tmp_path / "out")],
-        "plan": [preset, str(plate)],
+        "apply": [preset, str(plate), "--out", str(tmp_path / "out"), "--no-defocus"],
+        "plan": [preset, str(plate), "--no-defocus"],
         "overscan": [preset, "--plate", str(plate)],
         "inspect": [str(plate), "--preset", preset],
     }[command]

@@ -23,7 +23,8 @@ def plate(value=2.0, **attributes):
 
 
 def read(image, **options):
-    return plate_depth(image, image.parts[0], DepthOptions(**options), GEOMETRY, 35.0)
+    found = plate_depth(image, image.parts[0], DepthOptions(**options), GEOMETRY, 35.0)
+    return found.depth_mm, found.notes
 
 
 def test_metres_along_the_axis_are_assumed_and_told():
@@ -50,7 +51,7 @@ def test_options_count_before_the_header(header, options, distance_mm):
 
 
 def test_nothing_is_noted_when_all_is_stated():
-    assert read(plate(depth__unit="m"), kind="perpendicular").notes == ()
+    assert read(plate(depth__unit="m"), kind="perpendicular")[1] == ()
 
 
 def test_ray_distance_is_turned_with_the_camera_of_the_plate():
@@ -68,11 +69,10 @@ def test_missing_depth_is_filled_and_told():
     assert any("NaN" in note for note in notes)
 
 
-def test_a_plate_without_depth_is_an_error_only_when_depth_was_asked_for():
+def test_a_plate_without_depth_is_an_error():
     flat = ExrImage((ExrPart({"R": np.zeros((20, 36), np.float32)}, DISPLAY, DISPLAY),))
-    assert read(flat) is None
-    with pytest.raises(ImageError, match="no depth"):
-        read(flat, unit="m")
+    with pytest.raises(ImageError, match=r"no depth .*--no-defocus"):
+        read(flat)
     with pytest.raises(ImageError, match="no channel 'far'"):
         read(flat, channel="far")
 
@@ -97,6 +97,15 @@ def test_a_header_that_makes_no_sense_is_named(entry, what):
         read(plate(**header))
 
 
+def test_a_kind_that_is_no_word_is_refused_in_a_line():
+    header: dict[str, Any] = {"depth__kind": np.eye(3, dtype=np.float32)}
+    with pytest.raises(
+        ImageError, match=r"no kind of depth \(depth/kind of the"
+    ) as told:
+        read(plate(**header))
+    assert "\n" not in str(told.value)
+
+
 def test_depth_that_is_all_missing_is_sky_and_told():
     depth, notes = read(plate(value=np.nan))
     assert np.isposinf(depth).all()
@@ -110,4 +119,4 @@ def test_a_plate_of_sky_alone_is_told(value):
     assert any("zero, negative, infinite" in n and "all is sky" in n for n in notes)
     image = plate(value=value)
     image.parts[0].channels["Z"][3, 4] = 2.0
-    assert not any("all is sky" in n for n in read(image).notes)
+    assert not any("all is sky" in n for n in read(image)[1])

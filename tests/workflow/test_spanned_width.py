@@ -27,8 +27,8 @@ def test_every_command_says_the_same(tmp_path, command):
     save_preset(make_preset(), preset)  # photographed over 36 mm
     plate = write_plate(tmp_path / "p.exr", CAMERA)
     words = {
-        "apply": [plate, "--out", tmp_path / "out"],
-        "plan": [plate],
+        "apply": [plate, "--out", tmp_path / "out", "--no-defocus"],
+        "plan": [plate, "--no-defocus"],
         "overscan": ["--plate", plate],
         "stmap": ["--size", "96x64", "--out", tmp_path / "out"],
     }[command]

@@ -7,6 +7,7 @@ import typer
 
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+from lensfit.printable import printable
 
 if TYPE_CHECKING:
     from lensfit.preset.library.diff import Difference
@@ -34,11 +35,11 @@ def diff(
     if as_json:
         typer.echo(json.dumps([_plain(each) for each in found]))
         return
-    typer.echo(f"{one.full_name} -> {other.full_name}")
+    typer.echo(printable(f"{one.full_name} -> {other.full_name}"))
     if not found:
         typer.echo("no difference")
     for difference in found:
-        typer.echo(_line(difference))
+        typer.echo(printable(_line(difference)))
 
 
 def _plain(one: "Difference") -> dict[str, object]:

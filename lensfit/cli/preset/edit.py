@@ -6,6 +6,7 @@ import typer
 
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import LibraryGroup, user_name
+from lensfit.printable import printable
 
 
 @takes_groups
@@ -59,4 +60,4 @@ def edit(
     typer.echo(found.path)
     for override in found.overrides:
         if override.part == found.parts[0]:
-            typer.echo(str(override))
+            typer.echo(printable(str(override)))

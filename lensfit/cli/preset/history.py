@@ -7,6 +7,7 @@ import typer
 
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import LibraryGroup
+from lensfit.printable import printable
 
 
 @takes_groups
@@ -33,6 +34,6 @@ def history(
     for event in events:
         star = "*" if event.in_use else " "
         by = f" by {event.who}" if event.who else ""
-        typer.echo(f"{star} {event.level} {event.version}  {event.when}{by}")
-        for line in event.what:
-            typer.echo(f"    {line}")
+        said = f"{star} {event.level} {event.version}  {event.when}{by}"
+        for line in (said, *(f"    {what}" for what in event.what)):
+            typer.echo(printable(line))

@@ -7,6 +7,7 @@ import typer
 
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import LibraryGroup
+from lensfit.printable import printable
 
 
 @takes_groups
@@ -45,5 +46,5 @@ def list_lenses(
             ", change set" if row.change_set else ""
         )
         cells = (row.slug, row.level, span, row.in_use or "-", row.marked or "-", what)
-        table.add_row(*map(Text, cells))
+        table.add_row(*(Text(printable(cell)) for cell in cells))
     console().print(table)

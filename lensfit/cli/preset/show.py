@@ -7,6 +7,7 @@ import typer
 
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+from lensfit.printable import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -39,10 +40,10 @@ def show(
 
     console = Console(highlight=False, soft_wrap=True)
     for line in _heading(found.preset):
-        console.print(line, markup=False)
+        console.print(printable(line), markup=False)
     console.print(_entries(found.preset.entries))
     for line in _origins(found):
-        console.print(line, markup=False)
+        console.print(printable(line), markup=False)
 
 
 def _origins(found: "Found") -> list[str]:
@@ -85,7 +86,7 @@ def _entries(entries: "tuple[Entry, ...]") -> "Table":
         held_out = quality.held_out_rms_px
         stops = [f.f_number for f in entry.fall_off if not f.predicted]
         table.add_row(
-            str(entry),
+            printable(str(entry)),
             f"{entry.projection.principal_distance_mm:.4f} mm",
             "yes" if entry.lateral_colour else "no",
             " ".join("f/?" if n is None else f"f/{n:g}" for n in stops) or "no",

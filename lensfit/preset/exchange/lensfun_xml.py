@@ -14,6 +14,7 @@ from lensfit.errors import ExchangeError
 from lensfit.preset.exchange.lensfun import DistortionModel, centre_magnification
 from lensfit.preset.exchange.text_file import finite, positive
 from lensfit.preset.exchange.xml_tree import Element, read_xml
+from lensfit.printable import printable
 
 _KIND = "lensfun database"
 _TERMS: dict[DistortionModel, tuple[str, ...]] = {
@@ -120,15 +121,18 @@ def read_lensfun(path: str | Path) -> LensfunDatabase:
 
 def lensfun_text(lens: LensfunLens, comments: tuple[str, ...]) -> str:
     """The database with one lens."""
-    notes = [f"<!-- {re.sub('-{2,}', '-', escape(c)).strip('-')} -->" for c in comments]
+    notes = [
+        f"<!-- {re.sub('-{2,}', '-', escape(printable(c))).strip('-')} -->"
+        for c in comments
+    ]
     focals = [d.focal_mm for d in lens.distortions]
     lines = [
         *('<?xml version="1.0" encoding="utf-8"?>', '<lensdatabase version="1">'),
         *notes,
         "<mount><name>Generic</name></mount>",
         "<lens>",
-        f"  <maker>{escape(lens.maker)}</maker>",
-        f"  <model>{escape(lens.model)}</model>",
+        f"  <maker>{escape(printable(lens.maker))}</maker>",
+        f"  <model>{escape(printable(lens.model))}</model>",
         "  <mount>Generic</mount>",
         f"  <focal min={_q(min(focals))} max={_q(max(focals))}/>",
         f"  <type>{escape(lens.projection)}</type>",

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from lensfit.errors import ExchangeError
 from lensfit.preset.exchange.text_file import read_text
+from lensfit.printable import printable
 
 _NODE = re.compile(r"^[ \t]*([A-Za-z_][\w.]*)[ \t]*\{", re.MULTILINE)
 _MOST_NODES = 100_000
@@ -68,8 +69,8 @@ def node_text(kind: str, knobs: Mapping[str, str]) -> str:
 
 def quoted(text: str) -> str:
     """Text as one word of a script, on one line."""
-    safe = re.sub(r'([\\"$\[\]{}])', r"\\\1", text)
-    return '"' + safe.replace("\n", "\\n") + '"'
+    lines = [re.sub(r'([\\"$\[\]{}])', r"\\\1", line) for line in text.split("\n")]
+    return '"' + "\\n".join(printable(line) for line in lines) + '"'
 
 
 def _without_comments(text: str) -> str:

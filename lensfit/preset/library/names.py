@@ -26,13 +26,14 @@ def slug_of(name: str, serial: str | None = None) -> str:
 def _plain_words(text: str) -> str:
     """Lower-case words joined by "-"; what that loses is kept as six digits of a hash.
 
-    Names in other alphabets, and very long ones, thus stay apart.
+    Names in other alphabets, of signs alone, and very long ones, thus stay apart.
     """
     ascii_text = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
     words = re.sub(r"[^a-z0-9]+", "-", ascii_text.lower()).strip("-")
     lost = any(
         c.isalnum() and not unicodedata.normalize("NFKD", c)[0].isascii() for c in text
     )
+    lost |= not words and bool(text.strip())
     if not lost and len(words) <= _LONGEST:
         return words
     digits = hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:6]

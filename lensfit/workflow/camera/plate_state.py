@@ -15,7 +15,9 @@ from lensfit.errors import ImageError
 from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
 from lensfit.preset.schema import Preset
 from lensfit.render.look.white_balance import REC709, Chromaticities
+from lensfit.render.uv import SpannedWidth
 from lensfit.workflow.camera.assumed import Assumed, assumed
+from lensfit.workflow.camera.f_number_doubt import f_number_doubt
 from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
 from lensfit.workflow.camera.knob_sources import knobs_of_plate
 from lensfit.workflow.camera.plate_camera import PlateCamera
@@ -41,6 +43,8 @@ class PlateState(NamedTuple):
         header does not say.
     camera : What the sources of the plate know.
     assumed : What none of them knows, and the preset has one of.
+    pixel_shape : Width of a pixel over its height, on the sensor
+        (`lensfit.workflow.plate.pixel_shape`).
     """
 
     lens_key: tuple[float | None, float | None, float | None]
@@ -50,6 +54,19 @@ class PlateState(NamedTuple):
     chromaticities: Chromaticities | None = None
     camera: PlateCamera = PlateCamera({})
     assumed: tuple[Assumed, ...] = ()
+    pixel_shape: float = 1.0
+
+    @property
+    def spanned_width_mm(self) -> SpannedWidth:
+        """Width that the display window spans, with the shape of its pixels."""
+        return SpannedWidth(self.sensor_width_mm, self.pixel_shape)
+
+    def applied(self, name: str) -> float | None:
+        """A quantity of `lens_key` as it counts: known, or taken from the preset; None
+        where nothing depends on it."""
+        known = self.lens_key[list(_ENTRIES).index(name)]
+        taken = (one.value for one in self.assumed if one.name == name)
+        return next(taken, None) if known is None else known
 
     def require_blur(self) -> None:
         """Refuse a plate without the f-number and focus of its depth of field.
@@ -125,6 +142,8 @@ def plate_state(
     turned = knobs_of_plate(preset.knobs, attributes, camera.settings, knobs or {})
     notes = [*camera.notes, *chosen.notes, *(one.note(camera) for one in taken)]
     notes += [*([note] if note else []), *slips_in(attributes)]
+    if (doubt := f_number_doubt(camera)) is not None:
+        notes.append(FrameNote(doubt, "doubtful f-number"))
     for name, said in turned.notes:
         notes.append(FrameNote(f"{camera.plate.name}: {said}", f"contradiction {name}"))
     colours = _chromaticities(attributes)

@@ -2,16 +2,18 @@
 
 Sources, the one that counts most first:
 
-1. the command line (``--focal-length-mm`` and the like, ``--focus-at``)
-2. ``[[frames]]`` of the settings files, the nearest file first
-3. ``[camera]`` of the settings files, the nearest file first
-4. sidecars and cameras (``--metadata``, ``--camera``), in the order given
+1. options of the command line (``--focal-length-mm`` and the like, ``--focus-at``)
+2. the settings file that it names (``--settings``): ``[[frames]]``, then ``[camera]``
+3. sidecars and cameras that it names (``--metadata``, ``--camera``), in order
+4. ``lensfit.toml`` beside and above the plate, the nearest first: ``[[frames]]`` of all
+   of them, then ``[camera]``
 5. the plate's header
 6. what the preset knows (`lensfit.workflow.camera.plate_state`)
 
-Each quantity is decided by itself. A T-stop stands for the f-number only where no
-source knows an f-number, and a note says so; so does one where the entries of a header
-contradict each other and one of them counts.
+What is named on the command line counts before what is found. Each quantity is decided
+by itself. A T-stop stands for the f-number only where no source knows an f-number, and
+a note says so; so does one where the entries of a header contradict each other and one
+of them counts.
 """
 
 import math
@@ -35,8 +37,9 @@ from lensfit.workflow.camera.spelling import option_of
 from lensfit.workflow.notes import FrameNote
 
 _MOST_FOLDERS = 256
-_FIRST_FILE = 2
-"""Rank of the first sidecar or camera; options and settings are before it."""
+_STATED_SETTINGS, _FIRST_FILE, _FOUND_SETTINGS = 1, 2, HEADER - 1
+"""Ranks: of the settings file that is named, of the first sidecar or camera, and of
+settings that are found; options come before all of them."""
 
 
 @dataclass(frozen=True)
@@ -188,13 +191,18 @@ class CameraSources:
         for name, value in vars(self.overrides).items():
             if value is not None:
                 yield name, Known(value, option_of(name))
-        for name, reading in settings.camera_at(frame.number):
-            yield name, Known(*reading, rank=1)
+        of_settings = list(settings.camera_at(frame.number))
+        if self._stated is not None:
+            for name, reading in of_settings:
+                yield name, Known(*reading, rank=_STATED_SETTINGS)
         for rank, file in enumerate(self._files, _FIRST_FILE):
             readings, place = file.at(frame, self.options.first_frame)
             for name, (value, entry) in readings.items():
                 source = f"{file.path} {place}, {entry}"
                 yield name, Known(value, source, name == _FROM_PUPIL, rank)
+        if self._stated is None:
+            for name, reading in of_settings:
+                yield name, Known(*reading, rank=_FOUND_SETTINGS)
 
     def _lacking(
         self, plate: Path, frame: FrameKey, words: Mapping[str, list[Known]]

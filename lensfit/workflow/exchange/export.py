@@ -28,6 +28,7 @@ from lensfit.preset.exchange.opencv_file import opencv_text
 from lensfit.preset.exchange.tde4 import ANAMORPHIC, RADIAL, RESCALED
 from lensfit.preset.exchange.tde4_node import tde4_node_text
 from lensfit.preset.schema import Preset
+from lensfit.printable import printable
 from lensfit.progress import Progress, silent
 
 TDE4_FORMATS = {
@@ -193,7 +194,7 @@ def described(request: ExportRequest, lens: Lens) -> str:
 
     focus = lens.focus_distance_mm
     at = "" if focus is None else f" focused at {focus:g} mm"
-    name = " ".join(request.preset.lens.name.split())
+    name = printable(" ".join(request.preset.lens.name.split()))
     return f"lensfit {__version__}: {name}, {lens.focal_length_mm:g} mm{at}"
 
 

@@ -35,6 +35,7 @@ from lensfit.preset.exchange.lensfun_xml import (
 )
 from lensfit.preset.exchange.opentrackio import opentrackio_text
 from lensfit.preset.exchange.opentrackio_sample import ColourShift, LensSample
+from lensfit.printable import printable
 from lensfit.render.uv import overscan_needed
 from lensfit.units import m_from_mm
 from lensfit.workflow.exchange.export import (
@@ -91,7 +92,7 @@ def export_lensfun(request: ExportRequest) -> Exported:
     half_short = min(width, height) / 2
     made = LensfunLens(
         maker="lensfit",
-        model=" ".join(request.preset.lens.name.split()),
+        model=printable(" ".join(request.preset.lens.name.split())),
         crop_factor=FULL_FRAME_DIAGONAL_MM / math.hypot(width, height),
         aspect_ratio=max(width, height) / min(width, height),
         distortions=tuple(distortions),

@@ -21,6 +21,8 @@ from typing import Any
 from lensfit.errors import OutputError
 from lensfit.workflow.farm.job import FarmJob, HandedOption, option_words
 
+_PROGRESS = "--progress=openjd"
+"""Tells a worker how far a task is (`lensfit.cli._frame_progress`)."""
 _MOST_TASKS = 1024
 _MOST_PARAMETERS = 50
 _LONGEST_VALUE = 1024
@@ -59,6 +61,7 @@ def openjd_template(job: FarmJob) -> tuple[dict[str, Any], dict[str, str]]:
             for value in option.values
         ]
         words += option_words(option, values)
+    words.append(_PROGRESS)
     _check(job, definitions, paths)
     return _template(job, definitions, words), paths
 

@@ -8,13 +8,20 @@ import numpy as np
 from lensfit.io.depth import FoundDepth, ray_slant
 from lensfit.io.exr import ExrImage
 from lensfit.io.exr_deep import read_deep
+from lensfit.render.buffers import crop
 from lensfit.render.frame import render_stages
 from lensfit.render.layer_stack import LayerStack, flattened
 from lensfit.render.look.stack import light_spreads
 from lensfit.workflow.frame.plate_lens import PlateLens
-from lensfit.workflow.frame.signature import signed
+from lensfit.workflow.frame.tight_window import (
+    EmptyRing,
+    first_pixel,
+    is_tight,
+    known_window,
+)
 from lensfit.workflow.plate.deep_layers import deep_layers
 from lensfit.workflow.plate.depth import depth_meaning
+from lensfit.workflow.plate.pixel_shape import refuse_blur_of_oblong_pixels
 
 DEEP_IS_FLAT = "deep plates are returned flat, as R, G, B, A"
 _DEEP_ATTRIBUTES = ("deepImageState", "maxSamplesPerPixel", "version", "chunkCount")
@@ -40,20 +47,34 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
         offsets = lens.geometry(state, display).mm(source.pixel_centres())
         slant = ray_slant(offsets, lens.cg_focal_length_mm(state))
     stack = deep_layers(deep, meaning, slant, depth_channel=options.depth.channel)
+    tight = is_tight(source, display)
     window = options.written(source, display)
+    window = window.joined(display) if tight else window
     if options.switches.defocus:
+        refuse_blur_of_oblong_pixels(state.pixel_shape)
         state.require_blur()
+        lens.note_focus(stack.depth_mm, meaning.unit_mm, state, display, path)
         depth = lens.within_reach(stack.depth_mm, state)
         pixels, spreads = LayerStack(stack.rgba, depth), True
     else:
         pixels, spreads = flattened(stack), light_spreads(state.knobs.look)
     reach = lens.reach(window, source, display) if spreads else window
     stages = lens.stages_for(state, display, reach)
-    lens.note_border(stages, window, source)
+    lens.note_border(stages, window, known_window(source, display))
     lens.notes.add(*notes, DEEP_IS_FLAT)
-    rendered = render_stages(pixels, source, stages, window, method=options.filter)
+    ring = EmptyRing.about(source, display)
+    if isinstance(pixels, LayerStack):
+        pixels = ring.about_layers(pixels)
+    else:
+        pixels = ring.empty(pixels)
+    rendered = render_stages(pixels, ring.outer, stages, window, method=options.filter)
     kept = {k: v for k, v in flat.attributes.items() if k not in _DEEP_ATTRIBUTES}
+    if tight:
+        depth = pixels.depth_mm if isinstance(pixels, LayerStack) else None
+        lit = lens.lit_window([rendered], stages, source, window, state, depth)
+        whole, window = window, lit or first_pixel(window)
+        rendered = crop(rendered, whole, window)
     planes = np.ascontiguousarray(np.moveaxis(rendered, -1, 0))
     channels = dict(zip("RGBA", planes, strict=True))
     result = replace(flat, channels=channels, data_window=window, attributes=kept)
-    return ExrImage((signed(result, lens.signature(state)),))
+    return ExrImage((lens.signed(result, state),))

@@ -17,13 +17,13 @@ import numpy as np
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
+from lensfit.io.exr_views import views_of
 from lensfit.render.circle import Circle
 from lensfit.render.lens_pictures import aberration_dots, kernel_mosaic
 from lensfit.render.nearest import nearest
 from lensfit.workflow.camera.plate_state import BLUR
 from lensfit.workflow.frame.plate_in_depth import plate_in_depth
 from lensfit.workflow.frame.plate_lens import PlateLens
-from lensfit.workflow.frame.signature import signed
 from lensfit.workflow.plate.channels import colour_layers
 from lensfit.workflow.plate.header import plate_header
 
@@ -39,6 +39,12 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
     ImageError : The plate has no depth, f-number or focus distance where it is needed.
     LensfitError : The lens' blur cannot be known.
     """
+    if len(views := views_of(plate_header(path))) > 1:
+        names = ", ".join(view.name for view in views)
+        raise ImageError(
+            f"holds several views ({names}), and this picture is of one",
+            remedy="write each view to a file of its own",
+        )
     if plate_lens.options.output == "circle-of-confusion":
         return _circle_of_confusion(plate_lens, path)
     image = plate_header(path)
@@ -71,7 +77,7 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
         for index, leaf in enumerate("RGB")
     }
     made = ExrPart(channels, window, display, part.attributes)
-    return ExrImage((signed(made, plate_lens.signature(state)),))
+    return ExrImage((plate_lens.signed(made, state),))
 
 
 def _spaced(rgb: np.ndarray, tile_px: int, display: Window) -> np.ndarray:
@@ -93,9 +99,8 @@ def _circle_of_confusion(plate_lens: PlateLens, path: Path) -> ExrImage:
     found = plate_in_depth(plate_lens, part, state, image, path)
     if found is None:
         raise ImageError(
-            "has no depth from which blur could be known",
-            remedy="name its channel with --depth-channel, and state --f-number and "
-            "--focus-distance-mm",
+            "is wanted without depth of field, of which this picture is",
+            remedy="leave --no-defocus out",
         )
     window = plate_lens.options.written(part.data_window, part.display_window)
     stages = plate_lens.stages_for(state, part.display_window, window)
@@ -109,4 +114,4 @@ def _circle_of_confusion(plate_lens: PlateLens, path: Path) -> ExrImage:
         part.attributes,
         pixel_aspect=part.pixel_aspect,
     )
-    return ExrImage((signed(made, plate_lens.signature(state)),))
+    return ExrImage((plate_lens.signed(made, state),))

@@ -6,7 +6,8 @@ from pathlib import Path
 from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr import ExrPart, write_exr
 from lensfit.workflow.frame.error import at_frame
-from lensfit.workflow.frame.renderer import FrameRenderer
+from lensfit.workflow.frame.fingerprint import Fingerprint
+from lensfit.workflow.frame.renderer import FrameRenderer, with_fingerprint
 
 
 @dataclass(frozen=True)
@@ -30,10 +31,13 @@ class FrameOutcome:
 
 
 def apply_frame(renderer: FrameRenderer, path: Path, target: Path) -> FrameOutcome:
-    """Render a frame to its place, unless it is there."""
+    """Render a frame to its place, unless it is there as it would be rendered now."""
     try:
-        found = () if renderer.options.overwrite else renderer.finished(path, target)
-        parts = found or _rendered(renderer, path, target)
+        made_of = renderer.fingerprint(path)
+        found = ()
+        if not renderer.options.overwrite:
+            found = renderer.finished(path, target, made_of)
+        parts = found or _rendered(renderer, path, target, made_of)
     except (LensfitError, ValueError, MemoryError, ArithmeticError) as error:
         failure = error_line(error, path)
         return FrameOutcome(failure=failure, notes=tuple(renderer.notes))
@@ -46,9 +50,11 @@ def apply_frame(renderer: FrameRenderer, path: Path, target: Path) -> FrameOutco
     )
 
 
-def _rendered(renderer: FrameRenderer, path: Path, target: Path) -> tuple[ExrPart, ...]:
+def _rendered(
+    renderer: FrameRenderer, path: Path, target: Path, made_of: Fingerprint
+) -> tuple[ExrPart, ...]:
     """The headers of the frame that was written."""
-    image = renderer.render(path)
+    image = with_fingerprint(renderer.render(path), made_of)
     write_exr(target, image)
     return image.parts
 

@@ -13,8 +13,7 @@ from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plate.cut_out import CutOut
 from lensfit.workflow.plate.depth import plate_depth
 from lensfit.workflow.plate.mattes import matte_cut_out, named_cut_out, plate_mattes
-
-NO_DEPTH = "plates hold no depth, so depth of field is left out"
+from lensfit.workflow.plate.pixel_shape import refuse_blur_of_oblong_pixels
 
 
 class PlateInDepth(NamedTuple):
@@ -39,29 +38,22 @@ class PlateInDepth(NamedTuple):
 def plate_in_depth(
     lens: PlateLens, part: ExrPart, state: PlateState, image: ExrImage, path: Path
 ) -> PlateInDepth | None:
-    """The depth of a part with colours; None where depth of field is not wanted or
-    cannot be had, which is noted.
+    """The depth of a part with colours; None where depth of field is not wanted.
 
     Raises
     ------
-    ImageError : Depth of field was asked for and cannot be had, its f-number or focus
-        distance is not known, or the edge mask names an object or a channel that the
-        plate does not have.
+    ImageError : The plate has no depth, its f-number or focus distance is not known, or
+        the edge mask names an object or a channel that the plate does not have.
     """
     if not lens.options.switches.defocus:
         return None
-    found = plate_depth(
-        image,
-        part,
-        lens.options.depth,
-        lens.geometry(state, part.display_window),
-        lens.cg_focal_length_mm(state),
-    )
-    if found is None:
-        lens.notes.add(NO_DEPTH)
-        return None
+    geometry = lens.geometry(state, part.display_window)
+    focal_length_mm = lens.cg_focal_length_mm(state)
+    found = plate_depth(image, part, lens.options.depth, geometry, focal_length_mm)
     lens.notes.add(*found.notes)
+    refuse_blur_of_oblong_pixels(state.pixel_shape)
     state.require_blur()
+    lens.note_focus(found.depth_mm, found.unit_mm, state, part.display_window, path)
     depth = lens.within_reach(found.depth_mm, state)
     window, options = part.data_window, lens.options
     if options.edge_matte is not None:

@@ -5,6 +5,7 @@ stages prepare it; keeps the stages while neither camera nor windows change.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import final
@@ -14,13 +15,16 @@ import numpy as np
 
 from lensfit.coords import Window
 from lensfit.errors import LensfitError
-from lensfit.io.exr import ExrImage
+from lensfit.io.exr import ExrImage, ExrPart, read_exr
+from lensfit.io.exr_deep import is_deep
+from lensfit.io.lens_attributes import lens_attributes
 from lensfit.lens import Lens
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
 from lensfit.preset.schema import Preset
+from lensfit.render.circle import Circle
 from lensfit.render.frame import window_with_margin
-from lensfit.render.look.stack import look_of
+from lensfit.render.look.stack import light_spreads, look_of
 from lensfit.render.stages import Stages, prepare_stages
 from lensfit.render.uv import PlateGeometry
 from lensfit.workflow.apply_options import ApplyOptions
@@ -30,11 +34,21 @@ from lensfit.workflow.camera.plate_state import PlateState, plate_state
 from lensfit.workflow.camera.sources import CameraSources
 from lensfit.workflow.frame.error import at_frame
 from lensfit.workflow.frame.external_map import ExternalMap
+from lensfit.workflow.frame.fingerprint import Fingerprint, fingerprint
 from lensfit.workflow.frame.plate_notes import border_note
-from lensfit.workflow.frame.signature import preset_digest, signature
-from lensfit.workflow.notes import Notes
+from lensfit.workflow.frame.plate_views import plate_views
+from lensfit.workflow.frame.signature import (
+    preset_digest,
+    refuse_second_lens,
+    signature,
+    signed,
+)
+from lensfit.workflow.frame.tight_window import lit_window, reached_window
+from lensfit.workflow.notes import FrameNote, Notes
+from lensfit.workflow.plate.depth_doubt import depth_doubt
 from lensfit.workflow.plate.focus_pick import FOCUS_AT, picked_depth_mm
-from lensfit.workflow.plate.header import header_entries
+from lensfit.workflow.plate.header import header_entries, plate_header
+from lensfit.workflow.plate.pixel_shape import pixel_shape
 
 _NEAREST_FOCAL_LENGTHS = 1.5
 
@@ -69,9 +83,12 @@ class PlateLens:
 
         Raises
         ------
-        LensfitError : A value is missing or impossible; the line names the plate.
+        LensfitError : A value is missing or impossible, or the plate carries a lens
+            already; the line names the plate.
         """
         try:
+            if not self.options.again:
+                refuse_second_lens(image.parts)
             return self._state_of(image, path)
         except LensfitError as error:
             raise at_frame(error, path) from error
@@ -111,13 +128,23 @@ class PlateLens:
         )
 
     def _state(self, camera: PlateCamera, image: ExrImage) -> PlateState:
-        return plate_state(
+        state = plate_state(
             self.preset,
             camera,
             header_entries(image),
             falloff=self.options.switches.falloff,
             knobs=self.options.knobs,
         )
+        part = image.parts[0]
+        shape = pixel_shape(
+            self.preset,
+            part.display_window,
+            state.sensor_width_mm,
+            part.pixel_aspect,
+            self.options.pixel_aspect,
+        )
+        notes = (*state.notes, *([shape.note] if shape.note else []))
+        return state._replace(pixel_shape=shape.ratio, notes=notes)
 
     def lens_at(self, state: PlateState) -> Lens:
         """The lens at the state of a plate, as it was turned; kept for the next."""
@@ -135,14 +162,46 @@ class PlateLens:
         self.notes.add(*(n for n in self.lens_at(state).notes if n != NO_BLUR))
         return state
 
+    def fingerprint(self, plate: Path) -> Fingerprint:
+        """What the frame of a plate would be made of now.
+
+        Raises
+        ------
+        LensfitError : As `state_of`, or a file of the options cannot be read.
+        """
+        picks = self.options.camera.focus_at is not None
+        whole = picks and not is_deep(plate)
+        image = read_exr(plate) if whole else plate_header(plate)
+        states = []
+        for one in plate_views(image, plate):
+            with one.named_errors(plate):
+                states.append(self.state_of(one.header, plate))
+        return fingerprint(plate, self._digest, states, self.options)
+
     def signature(self, state: PlateState) -> str:
         """What is done to plates of this state, in a line."""
         return signature(self.preset.lens.name, self._digest, state, self.options)
 
+    def signed(self, part: ExrPart, state: PlateState) -> ExrPart:
+        """The part with a header that says what was done to it, and what lens it
+        carries now in the standard's attributes."""
+        lens, name = self.lens_at(state), self.preset.lens
+        attributes = lens_attributes(
+            nominal_focal_length_mm=self.cg_focal_length_mm(state),
+            pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm),
+            f_number=state.applied("f_number"),
+            focus_distance_mm=state.applied("focus_distance_mm"),
+            entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm),
+            sensor_size_mm=self.geometry(state, part.display_window).area_mm,
+            lens_model=name.name,
+            lens_serial=name.serial,
+        )
+        return signed(part, self.signature(state), attributes)
+
     def geometry(self, state: PlateState, display: Window) -> PlateGeometry:
         """How a plate lies on the sensor."""
         lens = self.lens_at(state)
-        return PlateGeometry.of(lens, display, state.sensor_width_mm)
+        return PlateGeometry.of(lens, display, state.spanned_width_mm)
 
     def cg_focal_length_mm(self, state: PlateState) -> float:
         """Focal length of the CG camera."""
@@ -153,7 +212,8 @@ class PlateLens:
         """Maps and gains; made anew only when the camera or the windows change."""
         # Looks may change from frame to frame and need none of the maps anew.
         turned = msgspec.structs.replace(state.knobs, look=NEUTRAL.look)
-        key = (state.lens_key, turned, state.sensor_width_mm, display, window)
+        spanned = (state.sensor_width_mm, state.pixel_shape)
+        key = (state.lens_key, turned, spanned, display, window)
         if self._stages is None or key != self._key:
             self._stages = None  # two sets need not be held in memory at once
             external = self._map
@@ -163,7 +223,7 @@ class PlateLens:
                 window,
                 tolerance=self.options.tolerance,
                 switches=self.options.switches,
-                sensor_width_mm=state.sensor_width_mm,
+                sensor_width_mm=state.spanned_width_mm,
                 external=external and external.source_map(display, window),
                 depth_levels=state.knobs.bokeh.depth_levels,
             )
@@ -197,6 +257,42 @@ class PlateLens:
         if self._stages_noted is not stages:
             self.notes.add(border_note(stages, window, source))
             self._stages_noted = stages
+
+    def lit_window(
+        self,
+        pictures: Sequence[np.ndarray],
+        stages: Stages,
+        source: Window,
+        window: Window,
+        state: PlateState,
+        depth_mm: np.ndarray | None,
+    ) -> Window | None:
+        """The part of `window` that light of a plate with data window `source` comes
+        to, of the pictures rendered over it; None if there is none."""
+        lit = lit_window(pictures, window, self.options.tolerance)
+        if lit is None or light_spreads(state.knobs.look):
+            return lit
+        blur_px = 0.0
+        if depth_mm is not None and stages.defocus is not None:
+            radius_px = stages.defocus.circle.radius_px(depth_mm)
+            blur_px = float(np.abs(radius_px).max(initial=0.0))
+        method = self.options.filter
+        reached = reached_window(stages, source, window, method, blur_px)
+        return reached and lit.common(reached)
+
+    def note_focus(
+        self,
+        depth_mm: np.ndarray,
+        unit_mm: float,
+        state: PlateState,
+        display: Window,
+        path: Path,
+    ) -> None:
+        """Say so when the depths of a plate put everything out of focus."""
+        circle = Circle.of(self.lens_at(state), self.geometry(state, display))
+        doubt = depth_doubt(depth_mm, circle, unit_mm, display.width)
+        if doubt is not None:
+            self.notes.add(FrameNote(f"{path.name}: {doubt}", "doubtful depth"))
 
     def within_reach(self, depth_mm: np.ndarray, state: PlateState) -> np.ndarray:
         """Distances of which the lens has an image at all; nearer ones are noted."""

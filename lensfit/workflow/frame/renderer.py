@@ -1,5 +1,6 @@
 """One plate through a lens, from file to finished frame: the order of operations.
 
+views               of a stereo plate, each by itself (`plate_views`)
 kind of plate       a flat one (`flat_plate`), a deep one, which is returned flat
                     (`deep_plate`), or a picture that explains (`explaining_picture`)
 camera state        from all its sources (`camera.sources`, `camera.plate_state`)
@@ -8,30 +9,30 @@ maps, gains, blur   of the lens, kept while the camera stays (`plate_lens`)
 colour layers       rendered; every other channel keeps its bits
 window              a plate may have overscan (a data window larger than the display
                     window); the display window is written, unless it is kept
-header              says what was done (`signature`)
+header              says what was done (`signature`), and what the frame is made of
+                    (`fingerprint`)
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import final
 
-from msgspec.structs import replace
-
-from lensfit.errors import ImageError
+from lensfit.errors import ImageError, OutputError
 from lensfit.io.depth import unit_in_mm
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
-from lensfit.preset.knobs import NEUTRAL, not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.preset.turned_pupil import filter_at_all_sizes
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.deep_plate import render_deep
 from lensfit.workflow.frame.explaining_picture import explaining_picture
+from lensfit.workflow.frame.fingerprint import FINGERPRINT, Fingerprint
 from lensfit.workflow.frame.flat_plate import render_flat
 from lensfit.workflow.frame.left_out_knobs import left_out_knobs
-from lensfit.workflow.frame.plate_check import check_options
 from lensfit.workflow.frame.plate_lens import PlateLens
-from lensfit.workflow.frame.signature import SAID
-from lensfit.workflow.plate.header import plate_header
+from lensfit.workflow.frame.plate_views import joined, plate_views
+from lensfit.workflow.frame.signature import SAID, applied_line
+from lensfit.workflow.notes import FrameNote
 
 
 @final
@@ -60,18 +61,39 @@ class FrameRenderer:
             return explaining_picture(self.lens, path)
         if is_deep(path):
             return render_deep(self.lens, path)
-        return render_flat(self.lens, read_exr(path), path)
+        image = read_exr(path)
+        views, made = plate_views(image, path), []
+        for one in views:
+            self.lens.notes.add(one.note)
+            with one.named_errors(path):
+                made.append(render_flat(self.lens, one.view.image, path, one.header))
+        return joined(image, views, made)
 
-    def finished(self, plate: Path, target: Path) -> tuple[ExrPart, ...]:
-        """The headers of the frame that is there already; none where it must be
-        rendered. Notes when it is not what would be rendered now, and when only a
-        damaged one is there, as a full disk or a cut copy leaves.
+    def fingerprint(self, path: Path) -> Fingerprint:
+        """What the frame of a plate would be made of now.
+
+        Raises
+        ------
+        LensfitError : The plate cannot be read or carries a lens already, or its camera
+            state is not known.
+        """
+        return self.lens.fingerprint(path)
+
+    def finished(
+        self, plate: Path, target: Path, wanted: Fingerprint
+    ) -> tuple[ExrPart, ...]:
+        """The headers of the frame that is there already, if it is what would be
+        rendered now; none where it must be rendered, which is noted.
+
+        Parameters
+        ----------
+        wanted : What the frame would be made of now.
 
         Raises
         ------
         ImageError : The system does not let it be read.
-        LensfitError : It could not be rendered now: the plate has not what the options
-            name, or the lens cannot be turned like that.
+        OutputError : What is there is no frame of lensfit, or was made otherwise and is
+            to be kept.
         """
         if not target.is_file():
             return ()
@@ -82,23 +104,37 @@ class FrameRenderer:
                 raise
             self.lens.notes.add(f"{target} was damaged and is rendered again")
             return ()
-        self._note_if_made_otherwise(plate, parts)
-        return parts
-
-    def _note_if_made_otherwise(self, plate: Path, parts: tuple[ExrPart, ...]) -> None:
-        header = plate_header(plate)
-        state = self.lens.state_of(header, plate)
-        if not is_deep(plate):
-            check_options(self.options, header, plate)
-        if not_neutral(replace(state.knobs, look=NEUTRAL.look)):
-            self.lens.lens_at(state)
-        wanted = self.lens.signature(state)
-        made = next((p.attributes[SAID] for p in parts if SAID in p.attributes), None)
-        if made != wanted:
-            self.lens.notes.add(
-                "some frames were finished before with other settings or by an older "
-                "preset, and were kept (--overwrite renders them again)"
+        if applied_line(parts) is None:
+            raise OutputError(
+                "is there already and is no frame that lensfit rendered",
+                where=target,
+                remedy="choose another --out, or replace it with --overwrite",
             )
+        found = (p.attributes.get(FINGERPRINT) for p in parts)
+        difference = wanted.difference(next((str(f) for f in found if f), None))
+        if difference is None:
+            return parts
+        if self.options.keep:
+            raise OutputError(
+                f"was finished before {difference}, and is kept",
+                where=target,
+                remedy="leave --keep out to render it again",
+            )
+        sentence = f"{plate.name}: finished before {difference}, and rendered again"
+        self.lens.notes.add(FrameNote(sentence, f"rendered again {difference}"))
+        return ()
+
+
+def with_fingerprint(image: ExrImage, made_of: Fingerprint) -> ExrImage:
+    """The frame, whose rendered parts say what they are made of."""
+    return ExrImage(
+        tuple(
+            replace(p, attributes={**p.attributes, FINGERPRINT: made_of.text})
+            if SAID in p.attributes
+            else p
+            for p in image.parts
+        )
+    )
 
 
 def _check_for_all_plates(options: ApplyOptions) -> None:

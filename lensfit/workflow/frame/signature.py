@@ -1,36 +1,42 @@
 """What the header of a finished frame says was done to it.
 
 One line names the version, the lens with a digest of its preset, the camera state and
-the effects. A later run compares it with what it would do, and tells when they differ.
+the effects. It is for people; `frame.fingerprint` is what a later run compares. A plate
+whose header has that line carries a lens already.
 """
 
 import hashlib
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import msgspec
 
 from lensfit import __version__
+from lensfit.errors import ImageError
 from lensfit.io.exr import ExrPart
 from lensfit.preset.knobs import NEUTRAL, not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.plate_state import PlateState
+from lensfit.workflow.frame.fingerprint import FINGERPRINT
 
 SAID = "lensfit/applied"
 """Header entry that tells what was done to a frame."""
+SAID_BEFORE = "lensfit/applied_before"
+"""Header entry that tells what had been done to its plate already."""
 OVERSCAN = "lens/overscan"
 """Header entry of the CG renderer, percent; none is left in a cropped frame."""
 
 
 def preset_digest(preset: Preset) -> str:
-    """Eight hexadecimal digits that change with anything but where it was saved."""
+    """Hexadecimal digits that change with anything but where it was saved."""
     preset = msgspec.structs.replace(preset, saved=None)
     # A preset that travelled to a worker encodes its neutral knobs, which are no longer
     # the defaults themselves.
     plain = msgspec.structs.replace(preset, knobs=NEUTRAL)
     told = msgspec.json.encode((plain, not_neutral(preset.knobs)))
-    return hashlib.sha256(told).hexdigest()[:8]
+    return hashlib.sha256(told).hexdigest()
 
 
 def signature(
@@ -45,7 +51,7 @@ def signature(
     ]
     at += [] if f_number is None else [f"f/{f_number:g}"]
     at += [f"{state.sensor_width_mm:g} mm wide"]
-    lens = ", ".join([f"{lens_name} ({digest})", *at])
+    lens = ", ".join([f"{lens_name} ({digest[:8]})", *at])
     done = ", ".join(_effects(options)) or "nothing"
     turned = [f"{name} {value}" for name, value in not_neutral(state.knobs).items()]
     turned += _filter_digest(state)
@@ -101,9 +107,38 @@ def _effects(options: ApplyOptions) -> list[str]:
     return effects
 
 
-def signed(part: ExrPart, said: str) -> ExrPart:
-    """The part with a header that says what was done to it."""
-    attributes = {**part.attributes, SAID: said}
+def applied_line(parts: Iterable[ExrPart]) -> str | None:
+    """What was done to a picture, by its header; None if it carries no lens."""
+    return next((str(p.attributes[SAID]) for p in parts if SAID in p.attributes), None)
+
+
+def refuse_second_lens(parts: Iterable[ExrPart]) -> None:
+    """Refuse a plate that carries a lens already.
+
+    Raises
+    ------
+    ImageError : It does.
+    """
+    said = applied_line(parts)
+    if said is not None:
+        raise ImageError(
+            f"carries a lens already ({said.split(';')[0]})",
+            remedy="give the plate as it was rendered, or insist with --again",
+        )
+
+
+def signed(part: ExrPart, said: str, lens_attributes: Mapping[str, object]) -> ExrPart:
+    """The part with a header that says what was done to it.
+
+    Parameters
+    ----------
+    lens_attributes : Of the lens that it carries now, in place of the plate's.
+    """
+    attributes = {**part.attributes, **lens_attributes, SAID: said}
+    attributes.pop(FINGERPRINT, None)
+    if SAID in part.attributes:
+        before = [part.attributes.get(SAID_BEFORE), part.attributes[SAID]]
+        attributes[SAID_BEFORE] = " | ".join(str(line) for line in before if line)
     if OVERSCAN in attributes and part.data_window == part.display_window:
         text = isinstance(attributes[OVERSCAN], str)
         attributes[OVERSCAN] = "0" if text else 0.0

@@ -50,17 +50,18 @@ class DepthOptions:
     near: float | None = None
     far: float | None = None
 
-    @property
-    def asked(self) -> bool:
-        """Whether any of it was stated, so that depth is expected."""
-        return self != DepthOptions()
-
 
 class PlateDepth(NamedTuple):
-    """Depth over the data window of the colours, and what was assumed of it."""
+    """Depth over the data window of the colours, and what was assumed of it.
+
+    Attributes
+    ----------
+    unit_mm : What a number of the channel was taken for.
+    """
 
     depth_mm: Float32[np.ndarray, "height width"]
     notes: tuple[str, ...]
+    unit_mm: float = MILLIMETRES_PER_METRE
 
 
 def plate_depth(
@@ -69,8 +70,8 @@ def plate_depth(
     options: DepthOptions,
     geometry: PlateGeometry,
     focal_length_mm: float,
-) -> PlateDepth | None:
-    """The depth of a plate, or None when it has none and none was asked for.
+) -> PlateDepth:
+    """The depth of a plate.
 
     Parameters
     ----------
@@ -81,13 +82,17 @@ def plate_depth(
 
     Raises
     ------
-    ImageError : The channel that was named does not exist, an option or a header
-        entry is no unit or kind, or depth was asked for and there is none.
+    ImageError : There is no depth channel, or not the one that was named; or an option
+        or a header entry is no unit or kind.
     """
-    meant = meant_depth(image, beside, options)
-    if meant is None:
-        return None
-    found, meaning, notes = meant
+    found = find_depth(image, options.channel, beside)
+    if found is None:
+        raise ImageError(
+            "has no depth channel, and depth of field needs one",
+            remedy="render Z, or name its channel with --depth-channel; --no-defocus "
+            "leaves depth of field out",
+        )
+    meaning, notes = depth_meaning(image, found, options)
     samples = over_window(found.part, found.name, beside.data_window)
     slant = 1.0
     if meaning.kind == "ray":
@@ -100,28 +105,7 @@ def plate_depth(
         notes += (f"{100 * missing:.3g} % of the depth is missing or NaN: {instead}",)
     elif np.isposinf(depth).all():
         notes += ("all of the depth is zero, negative, infinite or huge: all is sky",)
-    return PlateDepth(without_nan(depth), notes)
-
-
-def meant_depth(
-    image: ExrImage, beside: ExrPart, options: DepthOptions
-) -> tuple[FoundDepth, DepthMeaning, tuple[str, ...]] | None:
-    """The channel, what its numbers say, and what was assumed; of a plate without depth
-    None, unless it was asked for.
-
-    Raises
-    ------
-    ImageError : As `plate_depth`; of `image` no sample is looked at.
-    """
-    found = find_depth(image, options.channel, beside)
-    if found is None:
-        if options.asked:
-            raise ImageError(
-                "has no depth channel",
-                remedy="render Z, or name its channel with --depth-channel",
-            )
-        return None
-    return found, *depth_meaning(image, found, options)
+    return PlateDepth(without_nan(depth), notes, meaning.unit_mm)
 
 
 def depth_meaning(
@@ -143,10 +127,10 @@ def depth_meaning(
     if kind is None:
         kind = "perpendicular"
         assumed.append("along the optical axis (--depth-kind)")
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         source = "--depth-kind" if options.kind else "depth/kind of the header"
         raise ImageError(
-            f"{kind!r} is no kind of depth ({source})",
+            f"{' '.join(repr(kind).split())[:40]} is no kind of depth ({source})",
             remedy=f"give one of {', '.join(KINDS)} with --depth-kind",
         )
     planes = {"near": 0.0, "far": 1.0}

@@ -13,6 +13,8 @@ from lensfit.preset.blocks import (
 )
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance
+from lensfit.render.stages import Switches
+from lensfit.workflow.apply_options import ApplyOptions
 
 DISPLAY = Window.of_size(96, 64)
 DATA = Window(-8, -6, 103, 69)
@@ -69,3 +71,8 @@ def write_plate(path, attributes=None, extra=None, window=DATA, name=""):
     part = ExrPart(channels, window, DISPLAY, header, name=name)
     write_exr(path, ExrImage((part,)))
     return path
+
+
+def sharp(**changes) -> ApplyOptions:
+    """Options for plates without depth: no depth of field, and otherwise these."""
+    return ApplyOptions(**{"switches": Switches(defocus=False), **changes})

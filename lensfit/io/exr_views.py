@@ -1,0 +1,153 @@
+"""The views of a stereo or other multi-view OpenEXR file, as pictures of their own.
+
+In a part of its own a view is named by the attribute ``view``. Within one part the
+attribute ``multiView`` lists the views, the default one first, whose channels have
+plain names; those of the others hold the name of their view, before the layer or before
+the channel (``right.R``, ``right.depth.Z``, ``depth.right.Z``). A part without a view
+belongs to all of them.
+
+References
+----------
+OpenEXR, "Storing Multi-View Images in OpenEXR Files" and standard attributes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from lensfit.coords import Window
+from lensfit.io.exr import ExrImage, ExrPart
+from lensfit.io.windows import over_another
+
+_VIEW, _VIEWS = "view", "multiView"
+
+
+class _Own(NamedTuple):
+    """Part of a file as far as one view has it, and the names of its channels there."""
+
+    index: int
+    part: ExrPart
+    names: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One view of a picture.
+
+    Attributes
+    ----------
+    name : Empty where the picture has a single view.
+    image : Its own parts, then those that belong to all views; channels without the
+        name of the view.
+    own : Its own parts alone, with their place in the file.
+    """
+
+    name: str
+    image: ExrImage
+    own: tuple[_Own, ...] = ()
+
+
+def views_of(image: ExrImage) -> tuple[View, ...]:
+    """The views of a picture in the order of the file, the default one first; one
+    without a name where the file knows of none."""
+    found: dict[str, list[_Own]] = {}
+    shared: list[ExrPart] = []
+    for index, part in enumerate(image.parts):
+        split = _split(index, part)
+        if not split:
+            shared.append(part)
+        for name, own in split.items():
+            found.setdefault(name, []).append(own)
+    if len(found) < 2:
+        return (View("", image),)
+    return tuple(
+        View(name, ExrImage((*(o.part for o in own), *shared)), tuple(own))
+        for name, own in found.items()
+    )
+
+
+def joined_views(
+    image: ExrImage, views: Sequence[View], made: Sequence[ExrImage]
+) -> ExrImage:
+    """A file like `image` with other pictures for its views.
+
+    Parameters
+    ----------
+    views : Of `image`.
+    made : For each view the parts of its image, changed, in the same order; parts that
+        belong to all views are taken from the first.
+    """
+    parts: list[ExrPart | None] = [None] * len(image.parts)
+    for view, changed in zip(views, made, strict=True):
+        for own, part in zip(view.own, changed.parts, strict=False):
+            renamed = {own.names.get(n, n): s for n, s in part.channels.items()}
+            part, before = replace(part, channels=renamed), parts[own.index]
+            if before is not None:
+                before, part = _over_one_window(before, part)
+                both = {**before.channels, **part.channels}
+                part = replace(part, channels=both)
+            parts[own.index] = part
+    shared = iter(made[0].parts[len(views[0].own) :])
+    whole = [part if part is not None else next(shared) for part in parts]
+    return ExrImage(
+        tuple(_listed(a, b) for a, b in zip(whole, image.parts, strict=True))
+    )
+
+
+def _listed(part: ExrPart, like: ExrPart) -> ExrPart:
+    """The part with the list of views that the file's own has."""
+    if _VIEWS not in like.attributes:
+        return part
+    attributes = {**part.attributes, _VIEWS: like.attributes[_VIEWS]}
+    return replace(part, attributes=attributes)
+
+
+def _over_one_window(a: ExrPart, b: ExrPart) -> tuple[ExrPart, ExrPart]:
+    """Both over the smallest window that holds them."""
+    window = a.data_window.joined(b.data_window)
+    return _over(a, window), _over(b, window)
+
+
+def _over(part: ExrPart, window: Window) -> ExrPart:
+    channels = {
+        name: over_another(samples, part.data_window, window)
+        for name, samples in part.channels.items()
+    }
+    return replace(part, channels=channels, data_window=window)
+
+
+def _split(index: int, part: ExrPart) -> dict[str, _Own]:
+    """The part by view; nothing where it belongs to all of them."""
+    name = part.attributes.get(_VIEW)
+    if isinstance(name, str) and name:
+        return {name: _Own(index, part, {})}
+    views = part.attributes.get(_VIEWS)
+    if not isinstance(views, list) or len(views) < 2:
+        return {}
+    channels: dict[str, dict[str, str]] = {str(view): {} for view in views}
+    for channel in part.channels:
+        view, plain = _named(channel, [str(view) for view in views])
+        channels[view][plain] = channel
+    kept = {k: v for k, v in part.attributes.items() if k != _VIEWS}
+    return {
+        view: _Own(
+            index,
+            replace(
+                part,
+                channels={p: part.channels[c] for p, c in names.items()},
+                attributes=kept,
+            ),
+            names,
+        )
+        for view, names in channels.items()
+        if names or not part.channels
+    }
+
+
+def _named(channel: str, views: Sequence[str]) -> tuple[str, str]:
+    """View of a channel, and its name without it."""
+    words = channel.split(".")
+    for place in dict.fromkeys((len(words) - 2, 0)):
+        if 0 <= place < len(words) - 1 and words[place] in views:
+            return words[place], ".".join(words[:place] + words[place + 1 :])
+    return views[0], channel
