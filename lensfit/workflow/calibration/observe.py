@@ -22,7 +22,11 @@ from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
 from lensfit.errors import ImageError, LensfitError
 from lensfit.fit.take import Take
-from lensfit.io.image import camera_state_of, read_photograph
+from lensfit.io.image import (
+    camera_state_of,
+    is_of_unknown_encoding,
+    read_photograph,
+)
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
@@ -53,6 +57,8 @@ class Observed:
     sha256 : Hash of the photograph; empty if it could not be read.
     seconds : Reading, detection and drawing.
     mosaic_seen : The mosaic that the noise shows and nobody stated.
+    assumed_encoding : How a file was decoded that may as well hold linear samples,
+        where nobody stated it.
     """
 
     image: str
@@ -67,6 +73,7 @@ class Observed:
     sha256: str = ""
     orientation: object = None
     mosaic_seen: Mosaic | None = None
+    assumed_encoding: str | None = None
 
 
 # Detection multiplies tall matrices by a handful of columns on threads of its own:
@@ -131,6 +138,8 @@ def _searched(
         photograph = photograph_of(shoot, take)
         known["sha256"] = photograph.sha256
         known["orientation"] = photograph.metadata.get("orientation")
+        if take.encoding is None and is_of_unknown_encoding(photograph):
+            known["assumed_encoding"] = photograph.encoding
         header = camera_state_of(photograph)
         resolved = resolve_take(shoot, take, header, photograph.size_px)
         known["resolved"] = resolved

@@ -20,7 +20,7 @@ from lensfit.bounded import read_bounded, utf8_text
 from lensfit.errors import ShootError
 from lensfit.io.transfer import ENCODINGS
 from lensfit.workflow.shoot.focal_length import check_focal_length
-from lensfit.workflow.shoot.left_to_check import notes_of_draft
+from lensfit.workflow.shoot.left_to_check import keys_left_to_check, notes_of_draft
 from lensfit.workflow.shoot.records import (
     Camera,
     LensName,
@@ -73,6 +73,7 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
     tables = convert_strictly(
         data, ShootFile, error=ShootError, where=path, place=_place
     )
+    unconfirmed = keys_left_to_check(_text(path))
     targets = _by_name(tables.target, path)
     _check_takes(tables.take, targets, tables.camera, path)
     return Shoot(
@@ -81,8 +82,9 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
         camera=tables.camera,
         targets=targets,
         takes=tuple(tables.take),
-        notes=_unused(tables) + notes_of_draft(_text(path)),
+        notes=_unused(tables) + notes_of_draft(unconfirmed),
         images=None if images is None else Path(images),
+        unconfirmed=unconfirmed,
     )
 
 
