@@ -147,7 +147,7 @@ def _same_focus(one: Take, other: Take) -> bool:
 
 def _no_wider(take: Take, other: Take) -> bool:
     """Whether a view cannot be wider than the other by what is stated."""
-    if not _same_focus(take, other):
+    if not _same_focus(take, other) or take.target_distance_mm is None:
         return False
     if take.f_number is None or other.f_number is None:
         return take.f_number == other.f_number

@@ -14,7 +14,8 @@ from typing import Any
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.statements.contradiction import Contradiction
 
-_STOPPED_DOWN = 5.6
+_STOPPED_DOWN, _BELOW_WIDEST = 5.6, 1.9
+"""F-number, and times the widest photographed: rims clip the light no more."""
 _BEYOND_COSINE, _BEYOND_STOPS = 1.3, 0.3
 """How many times, and stops more, than the law: pupils and lamps are not ideal."""
 _MOST_NAMES = 3
@@ -46,11 +47,13 @@ def impossible_fall_off(entries: Sequence[dict[str, Any]]) -> Iterator[Contradic
     ----------
     entries : Of a report.
     """
+    known = [c.get("f_number") for e in entries for c in e.get("fall_off") or []]
+    least = max(_STOPPED_DOWN, _BELOW_WIDEST * min(filter(None, known), default=0.0))
     for entry in entries:
         c_mm = entry.get("principal_distance_mm")
         for curve in entry.get("fall_off") or []:
             stop = curve.get("f_number")
-            if not c_mm or not stop or stop < _STOPPED_DOWN or curve["lighting_too"]:
+            if not c_mm or not stop or stop < least or curve["lighting_too"]:
                 continue
             radius_mm, light = curve["radius_mm"][-1], curve["g"][-1]
             if not light or light <= 0:

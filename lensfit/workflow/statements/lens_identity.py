@@ -87,8 +87,17 @@ def _by_distortion(takes: list[Take]) -> tuple[list[Take], list[Take], float] | 
         return None
     at, gap_px = parted
     groups = [take for _, take in known[:at]], [take for _, take in known[at:]]
+    if not _share(groups, "target", "focus_distance_mm", "f_number"):
+        return None
     fewer, more = sorted(groups, key=len)
     return fewer, more, gap_px
+
+
+def _share(groups: Sequence[list[Take]], *keys: str) -> bool:
+    """Whether a state that is stated alike is in both groups; else it may explain
+    their difference, as a chart of another pitch or a lens that breathes does."""
+    sides = [{tuple(getattr(t, key) for key in keys) for t in g} for g in groups]
+    return bool(sides[0] & sides[1])
 
 
 def _by_scale(takes: list[Take]) -> tuple[list[Take], list[Take], float] | None:
@@ -103,12 +112,10 @@ def _by_scale(takes: list[Take]) -> tuple[list[Take], list[Take], float] | None:
         return None
     at, _ = parted
     groups = known[:at], known[at:]
-    if min(map(len, groups)) < 2:
+    alike = ("target", "target_distance_mm", "focus_distance_mm")
+    takes_of = [[take for _, take in group] for group in groups]
+    if min(map(len, groups)) < 2 or not _share(takes_of, *alike):
         return None
-    for key in ("target", "target_distance_mm"):
-        sides = [{getattr(take, key) for _, take in group} for group in groups]
-        if not sides[0] & sides[1]:
-            return None
     fewer, more = sorted(groups, key=len)
     ratio = np.exp(np.mean([v for v, _ in fewer]) - np.mean([v for v, _ in more]))
     return [take for _, take in fewer], [take for _, take in more], float(ratio)

@@ -16,6 +16,8 @@ from lensfit.workflow.statements.contradiction import Contradiction
 _OF_NOISE = 0.25
 """Rms difference of positions, in standard deviations of one, of what is no exposure of
 its own; two exposures have the square root of two."""
+_MOST_PX = 0.003
+"""Stated deviations may be too large; no two exposures agree as well as this."""
 _LEAST_COMMON = 20
 _FAR_PX = 2.0
 
@@ -75,4 +77,5 @@ def _same_points(one: Take, other: Take) -> bool:
         return False
     variance = np.trace(mine.covariance_px2[:200], axis1=1, axis2=2)
     ratio = distance[row, nearest][common] ** 2 / np.maximum(variance[common], 1e-12)
-    return bool(np.sqrt(np.median(ratio)) < _OF_NOISE)
+    apart_px = float(np.median(distance[row, nearest][common]))
+    return bool(np.sqrt(np.median(ratio)) < _OF_NOISE and apart_px < _MOST_PX)

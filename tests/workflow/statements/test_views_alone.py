@@ -117,15 +117,51 @@ def test_one_exposure_is_counted_once_whatever_its_file():
     assert found[0].images == ("view_0.png", "copy.png", "resaved.png")
 
 
-def entry(stops: float, f_number: float, *, lit: bool = False) -> dict:
-    curve = {"f_number": f_number, "radius_mm": [0.0, 17.5], "g": [1.0, 2.0**-stops]}
-    return {"principal_distance_mm": 28.3, "fall_off": [curve | {"lighting_too": lit}]}
+def entry(*curves: tuple[float, float], lit: bool = False) -> dict:
+    """Of f-numbers and the stops by which light falls off at 17.5 mm."""
+    return {
+        "principal_distance_mm": 28.3,
+        "fall_off": [
+            {
+                "f_number": f_number,
+                "radius_mm": [0.0, 17.5],
+                "g": [1.0, 2.0**-stops],
+                "lighting_too": lit,
+            }
+            for f_number, stops in curves
+        ],
+    }
 
 
 def test_light_that_falls_off_more_than_the_fourth_power_of_the_cosine():
     """At 17.5 mm and 28.3 mm the law allows 0.94 stops."""
-    (found,) = impossible_fall_off([entry(1.79, 8.0)])
+    (found,) = impossible_fall_off([entry((2.8, 2.5), (8.0, 1.79))])
     assert found.agrees_with == pytest.approx(2 * np.log2(1 + (17.5 / 28.3) ** 2))
     assert found.stated == pytest.approx(1.79)
-    for one in (entry(0.77, 8.0), entry(1.79, 2.8), entry(1.79, 8.0, lit=True)):
+    lawful = entry((2.8, 2.5), (8.0, 0.77))
+    lit = entry((2.8, 2.5), (8.0, 1.79), lit=True)
+    clipped_by_rims = entry((5.6, 1.79), (8.0, 1.7))
+    for one in (lawful, lit, clipped_by_rims):
         assert list(impossible_fall_off([one])) == []
+
+
+def test_a_lens_that_distorts_otherwise_at_another_focus_is_one_lens():
+    """Two states, each with its own distortion, and no view of both."""
+    _, takes, _ = right()
+    half = np.array([600.0, 450.0])
+
+    def bent(take, k1: float, name: str, **changes):
+        seen = take.observations
+        place = (seen.points_px - half) / np.linalg.norm(half)
+        r2 = (place**2).sum(1, keepdims=True)
+        points = place * (1 + k1 * r2) * np.linalg.norm(half) + half
+        seen = replace(seen, points_px=points)
+        return replace(take, observations=seen, name=name, **changes)
+
+    near = takes[1].focus_distance_mm
+    one_state = [bent(takes[0], 0.0, f"a{k}.png") for k in range(2)]
+    other = [bent(takes[0], 0.05, f"b{k}.png") for k in range(2)]
+    turned = [replace(take, focus_distance_mm=near) for take in other]
+    assert list(mixed_lenses(one_state + turned)) == []
+    (found,) = mixed_lenses(one_state + other)
+    assert "distort the edge of the frame" in found.text
