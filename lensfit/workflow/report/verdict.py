@@ -153,13 +153,16 @@ def findings(report: dict) -> list[Finding]:
         for rule in _RULES
         for one in rule(report)
     ]
+    if contradictions or grade.finding.kind == "too_few":
+        # Nothing is green of a shoot that nobody could check: it was fitted all the same.
+        rest = [
+            replace(one, tone="note") if one.tone == "good" else one for one in rest
+        ]
     if not contradictions:
         order = {"bad": 0, "caution": 1, "note": 2, "good": 3}
         rest.sort(key=lambda finding: order[finding.tone])
         return [grade.finding, *rest]
     level = _limited(grade.level, report)
-    # Nothing is green of a shoot that contradicts itself: it was fitted all the same.
-    rest = [replace(one, tone="note") if one.tone == "good" else one for one in rest]
     order = {"bad": 0, "caution": 1, "note": 2}
     rest.sort(key=lambda finding: order[finding.tone])
     first, *others = [_of_contradiction(one) for one in contradictions]

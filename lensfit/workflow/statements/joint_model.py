@@ -36,7 +36,7 @@ _PUPIL_DIAGONALS = 1.4, 1.0
 sensor, of lenses that are not much longer: it lies inside the lens."""
 _PUPIL_SD_LONG = 0.5
 """Added to the deviation for each millimetre of focal length beyond a diagonal."""
-_RELEASED_SD = 2.0
+RELEASED_SD = 2.0
 _RADIAL_SD, _CENTRE_SD = 0.3, 0.02
 _MOST_POINTS = 64
 _CENTRAL = 0.6
@@ -304,13 +304,10 @@ def _view(take: Take) -> _View | None:
 def noise_of_model_px(model: JointModel) -> tuple[float, Solution]:
     """What the model leaves where no statement holds it, and that solution."""
     wide = {
-        name: _RELEASED_SD
+        name: RELEASED_SD
         for name in model.names
         if name[0] in ("focal_length", "breathing", "pitch")
     }
     every = frozenset(range(len(model.views)))
     solution = model.solve(1.0, wide, every)
     return max(solution.rms_px, _LEAST_PX), solution
-
-
-RELEASED_SD = _RELEASED_SD
