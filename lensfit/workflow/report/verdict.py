@@ -154,7 +154,7 @@ def findings(report: dict) -> list[Finding]:
         for one in rule(report)
     ]
     if contradictions or grade.finding.kind == "too_few":
-        # Nothing is green of a shoot that nobody could check: it was fitted all the same.
+        # Nothing is green of a shoot that nobody could check: it was fitted anyway.
         rest = [
             replace(one, tone="note") if one.tone == "good" else one for one in rest
         ]
