@@ -52,6 +52,8 @@ WORKFLOW_FLOORS = {
     "pictures": 2,
     "report": 3,
     "exchange": 3,
+    "check": 4,
+    "statements": 4,
     "bench": 4,
 }
 """Rooms within the room of whole jobs; the jobs themselves are files beside them."""

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from lensfit.workflow.report.markup import number
-from lensfit.workflow.report.verdict import verdict
+from lensfit.workflow.report.verdict import verdict_of, verdict_scope
 
 Report = dict[str, Any]
 
@@ -15,8 +15,10 @@ Report = dict[str, Any]
 def print_summary(report: Report) -> None:
     """Verdict, one row for each take, and the whole."""
     console = Console(highlight=False, soft_wrap=True)
-    for sentence in verdict(report):
-        console.print(sentence, markup=False)
+    judged = verdict_of(report)
+    first, *rest = judged.reasons
+    for text in (first.text, verdict_scope(judged), *(one.text for one in rest)):
+        console.print(text, markup=False)
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("take")
     for name in ("points", "used", "rms px", "held-out rms px"):

@@ -9,6 +9,7 @@ import typer
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._door import one_of, say_error, say_note
 from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
+from lensfit.cli._levels import LEVELS, one_of_or_none
 
 
 def calibrate(
@@ -27,6 +28,13 @@ def calibrate(
             callback=one_of(EFFORTS),
         ),
     ] = "normal",
+    require: Annotated[
+        str | None,
+        typer.Option(
+            help="Exit with 1 if the verdict is lower: " + " | ".join(LEVELS),
+            callback=one_of_or_none(LEVELS),
+        ),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the report as JSON")
     ] = False,
@@ -36,8 +44,9 @@ def calibrate(
     Writes preset.json, stmaps/*.exr, report.html and report.json into the folder, at
     the end and in place of what an earlier run wrote; a run that fails or is
     interrupted leaves that as it was.
-    A photograph that cannot be used is named in one line while the others go on; the
-    exit code is then 1.
+    A photograph that cannot be used is named in one line while the others go on. The
+    exit code is 0 when results are written; with --require, 1 if they are not good for
+    that.
 
     Example: lensfit calibrate shoot.toml --out takumar_50
     """
@@ -48,6 +57,7 @@ def calibrate(
         say_note(f"{shoot}: {note}")
 
     # The heavy part, imported only once there is something to calibrate.
+    from lensfit.cli._levels import require_level
     from lensfit.cli._summary import failed_takes, print_files, print_summary
     from lensfit.workflow.calibrate import calibrate as calibrate_shoot
 
@@ -58,8 +68,6 @@ def calibrate(
     else:
         print_summary(report)
         print_files(out, report.get("files") or {})
-    failed = failed_takes(report)
-    for line in failed:
+    for line in failed_takes(report):
         say_error(line)
-    if failed:
-        raise typer.Exit(1)
+    require_level(report["verdict"], require)

@@ -27,6 +27,12 @@ def inspect(
     write_shoot: Annotated[
         Path | None, typer.Option(help="Draft a shoot file from what the headers know.")
     ] = None,
+    slates: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Camera report (CSV, ALE) by which the draft is filled in, repeatable"
+        ),
+    ] = None,
     json: Annotated[
         bool, typer.Option("--json", help="Print machine-readable results.")
     ] = False,
@@ -43,6 +49,7 @@ def inspect(
     """
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_error, say_note
+    from lensfit.io.camera.slates import read_slates
     from lensfit.workflow.camera.sources import CameraSources
     from lensfit.workflow.inspect import as_json, inspect_images
     from lensfit.workflow.notes import not_said
@@ -69,7 +76,8 @@ def inspect(
     for failure in failures:
         say_error(failure)
     if write_shoot is not None and inspections:
-        write_draft_shoot(write_shoot, inspections)
+        rows = [row for path in slates or [] for row in read_slates(path)]
+        write_draft_shoot(write_shoot, inspections, rows)
         say_note(f"{write_shoot}: drafted; fill in the lines marked TODO")
     if failures:
         raise typer.Exit(1)

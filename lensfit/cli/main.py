@@ -17,6 +17,7 @@ COMMANDS = (
     "demo",
     "chart",
     "inspect",
+    "check",
     "calibrate",
     "report",
     "stmap",

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from lensfit.cli._levels import LEVELS, one_of_or_none, require_level
 from lensfit.errors import LensfitError
 
 
@@ -14,6 +15,13 @@ def report(
         Path,
         typer.Argument(help="Folder of a calibration, or its report.json"),
     ],
+    require: Annotated[
+        str | None,
+        typer.Option(
+            help="Exit with 1 if the verdict is lower: " + " | ".join(LEVELS),
+            callback=one_of_or_none(LEVELS),
+        ),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the report as JSON")
     ] = False,
@@ -27,14 +35,19 @@ def report(
     """
     path = results / "report.json" if results.is_dir() else results
     tables = _read(path)
-    if as_json:
-        typer.echo(json.dumps(tables))
-        return
+
+    import msgspec
 
     from lensfit.cli._summary import print_files, print_summary
+    from lensfit.workflow.report.verdict import verdict_of
     from lensfit.workflow.report.write import write_report
 
     try:
+        judged = msgspec.to_builtins(verdict_of(tables))
+        if as_json:
+            typer.echo(json.dumps(tables | {"verdict": judged}))
+            require_level(judged, require)
+            return
         page = write_report(tables, path.parent)
         print_summary(tables)
     except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as why:
@@ -44,6 +57,7 @@ def report(
             remedy="calibrate again",
         ) from why
     print_files(page.parent, {"report": page.name})
+    require_level(judged, require)
     if open_page:
         typer.launch(str(page))
 

@@ -7,6 +7,8 @@ the green channel, and every channel is measured by the same rule around the sam
 so that differences between channels are lateral colour and nothing else.
 """
 
+from concurrent.futures import ThreadPoolExecutor
+
 import cv2
 import numpy as np
 from scipy.spatial import KDTree
@@ -26,6 +28,8 @@ from lensfit.errors import DetectionError
 from lensfit.photograph import Photograph
 
 _FEWEST = 16
+_THREADS = 2
+"""Of channels: the noise of one is judged while dots of another are measured."""
 _BRIGHT_REACH, _BRIGHT_RING = 0.49, 0.62
 """Aperture and outer ring of bright dots, in distances to the nearest dot."""
 _DARK_REACH = 0.47
@@ -119,10 +123,13 @@ def _observe(
     green = 1 if pixels.shape[2] == 3 else 0
     windows = _windows(blobs, polarity)
     ignore = _drawn(strays, pixels.shape[:2])
-    channels = [
-        measure(pixels[..., c], blobs.centre_px, windows, polarity, ceiling, ignore)
-        for c in range(pixels.shape[2])
-    ]
+
+    def measured(channel: int) -> Measured:
+        light = pixels[..., channel]
+        return measure(light, blobs.centre_px, windows, polarity, ceiling, ignore)
+
+    with ThreadPoolExecutor(_THREADS) as pool:
+        channels = list(pool.map(measured, range(pixels.shape[2])))
     candidates = len(blobs.centre_px) + len(strays.centre_px)
     main = channels[green]
     sign = 1 if polarity == "bright" else -1

@@ -256,7 +256,8 @@ def _upright(
     step = (indices[inside[:, 1]] - indices[inside[:, 0]]).astype(float)
     pixels = points_px[inside[:, 1]] - points_px[inside[:, 0]]
     matrix = np.linalg.lstsq(step, pixels, rcond=None)[0]
-    direction = matrix / np.linalg.norm(matrix, axis=1, keepdims=True)
+    length = np.linalg.norm(matrix, axis=1, keepdims=True)
+    direction = matrix / np.where(length > 0, length, 1.0)
     if abs(direction[1, 0]) > abs(direction[0, 0]):
         indices, direction = indices[:, ::-1].copy(), direction[::-1]
     right = 1 if direction[0, 0] > 0 else -1

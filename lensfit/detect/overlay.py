@@ -51,6 +51,13 @@ def draw_overlay(
     ------
     OutputError : the file cannot be written.
     """
+    picture = overlay_picture(photograph, observations)
+    with atomic_path(path) as temporary:
+        picture.save(temporary, format="PNG", compress_level=4)
+
+
+def overlay_picture(photograph: Photograph, observations: Observations) -> Image.Image:
+    """The overlay of one photograph, at most `WIDEST_PX` wide."""
     scale = _scale(photograph.size_px[0])
     canvas = _developed(photograph, observations, scale)
     lines = observations.family != POINT
@@ -66,9 +73,7 @@ def draw_overlay(
     picture = Image.fromarray(canvas)
     draw_labels(picture, observations, scale)
     swatches = stripe_colours(np.arange(HUES, dtype=float), np.zeros(HUES))
-    picture = with_legend(picture, observations, photograph.path.name, swatches)
-    with atomic_path(path) as temporary:
-        picture.save(temporary, format="PNG", compress_level=4)
+    return with_legend(picture, observations, photograph.path.name, swatches)
 
 
 def stripe_colours(

@@ -77,6 +77,17 @@ def read_photograph(
         raise ImageError(error.what, where=path, remedy=error.remedy) from error
 
 
+def is_of_unknown_encoding(photograph: Photograph) -> bool:
+    """Whether its file may hold linear samples or sRGB ones, and does not say which.
+
+    JPEG and 8-bit PNG are sRGB in practice; integer TIFF and 16-bit PNG may be either.
+    """
+    form, bits = photograph.metadata["format"], photograph.metadata["bit_depth"]
+    if photograph.encoding != "srgb":
+        return False
+    return form == "tiff" or (form == "png" and bits == 16)
+
+
 def camera_state_of(photograph: Photograph) -> CameraState:
     """The camera state that a photograph's header describes, with sources.
 

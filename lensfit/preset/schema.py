@@ -13,6 +13,7 @@ from lensfit.preset.blocks import PositiveFloat
 from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.select import Selection, select
+from lensfit.preset.verdict import Verdict
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens
@@ -95,6 +96,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     ----------
     knobs : What was turned on it since; neutral knobs are not written.
     saved : How it came into a library or out of it; None before.
+    verdict : What its calibration was judged to be good for; None where nobody did.
     """
 
     schema: Literal["lensfit.preset.1"] = SCHEMA
@@ -105,6 +107,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     provenance: Provenance
     knobs: Knobs = NEUTRAL
     saved: Saved | None = None
+    verdict: Verdict | None = None
 
     def select(
         self,

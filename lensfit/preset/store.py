@@ -70,7 +70,7 @@ def preset_text(preset: Preset, where: str | Path) -> str:
 def preset_tables(preset: Preset) -> dict[str, Any]:
     """The preset as it stands in a file; knobs only if one was turned."""
     tables = infinities_to_text(msgspec.to_builtins(preset))
-    for key in ("knobs", "saved"):
+    for key in ("knobs", "saved", "verdict"):
         if not tables[key]:
             del tables[key]
     return tables

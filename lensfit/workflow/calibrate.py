@@ -12,12 +12,15 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from lensfit.atomic import write_text_atomic
-from lensfit.errors import DetectionError
+from lensfit.errors import DetectionError, FitError
 from lensfit.fit.lens_state import LensState
 from lensfit.fit.lens_states import Fitted, fit
+from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.lens import Lens
 from lensfit.preset.schema import LensName, Preset
@@ -37,10 +40,19 @@ from lensfit.workflow.calibration.take_facts import take_facts
 from lensfit.workflow.calibration.term_facts import terms_of
 from lensfit.workflow.pictures.blur_pictures import write_dot_pictures
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
+from lensfit.workflow.report.verdict import verdict_of
 from lensfit.workflow.report.write import write_report
 from lensfit.workflow.results_together import REPORT, results_together
 from lensfit.workflow.shoot.charts_seen import with_charts_read
 from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.statements.contradiction import Contradiction
+from lensfit.workflow.statements.contradictions import (
+    contradictions_of_fit,
+    contradictions_of_report,
+    contradictions_of_views,
+    in_order,
+)
+from lensfit.workflow.statements.repeated import counted_once
 from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 from lensfit.workflow.stopwatch import stopwatch
 
@@ -113,6 +125,7 @@ def calibrate_observed(
     ------
     LensfitError : No photograph could be used, or the folder cannot be written.
     """
+    observed, contradictions = counted_once(observed)
     takes = [o.take for o in observed if o.take is not None]
     if not takes:
         raise DetectionError(
@@ -120,12 +133,19 @@ def calibrate_observed(
             remedy=_others(observed),
         )
     with stopwatch() as fitting:
-        fitted = fit(takes, progress, effort=Effort.named(effort))
+        contradictions += contradictions_of_views(takes)
+        fitted = _fitted(takes, contradictions, progress, effort)
+        contradictions += contradictions_of_fit(takes, fitted)
     with stopwatch() as writing, ThreadPoolExecutor(1) as pool:
         preset = preset_of(shoot, observed, fitted)
         maps_written = pool.submit(_write_maps, preset, folder, progress)
         report = _report(shoot, observed, fitted, preset, folder)
-        preset = with_quality(preset, report["entries"])
+        entries = report["entries"]
+        contradictions += contradictions_of_report(shoot, observed, entries)
+        report["contradictions"] = [c.as_json() for c in in_order(contradictions)]
+        judged = verdict_of(report)
+        report["verdict"] = msgspec.to_builtins(judged)
+        preset = replace(with_quality(preset, entries), verdict=judged)
         maps = maps_written.result()
     # One after the other; what `_seconds` counts lies within them, and overlaps.
     spent = {"fit": fitting["seconds"], "write": writing["seconds"]}
@@ -137,6 +157,27 @@ def calibrate_observed(
     write_text_atomic(folder / REPORT, json.dumps(report, indent=1))
     write_report(report, folder)
     return report
+
+
+def _fitted(
+    takes: list[Take],
+    contradictions: list[Contradiction],
+    progress: Progress,
+    effort: str,
+) -> Fitted:
+    """The fit; one that fails names the contradiction, if there is one.
+
+    Raises
+    ------
+    FitError : No state could be fitted.
+    """
+    try:
+        return fit(takes, progress, effort=Effort.named(effort))
+    except FitError as error:
+        if not contradictions:
+            raise
+        first = in_order(contradictions)[0]
+        raise FitError(first.text, where=error.where, remedy=first.remedy) from error
 
 
 def lens_of_state(preset: Preset, state: LensState) -> Lens:

@@ -59,6 +59,7 @@ class Inspection:
         interpolated picture shows it.
     chart : What the code of a lensfit chart says; None where none was looked for, or
         read.
+    exposed_at : Date and time of the exposure, as the header has them.
     """
 
     path: Path
@@ -75,6 +76,7 @@ class Inspection:
     camera: CameraFacts
     mosaic: Mosaic | None = None
     chart: Pattern | None = None
+    exposed_at: str | None = None
 
     @property
     def state(self) -> CameraState:
@@ -181,7 +183,17 @@ def _inspect(
         camera=camera_facts(path, header, photograph.size_px, sources, preset),
         mosaic=photograph.mosaic or mosaic_seen(photograph),
         chart=read_chart_code(photograph) if charts else None,
+        exposed_at=_exposed_at(header),
     )
+
+
+def _exposed_at(header: Mapping[str, object]) -> str | None:
+    """Date and time as the header has it, if it does."""
+    for key in ("DateTimeOriginal", "capDate", "DateTime"):
+        value = header.get(key)
+        if isinstance(value, str) and value.strip():
+            return value.strip()
+    return None
 
 
 def _header(path: Path, metadata: Mapping[str, object]) -> Mapping[str, object]:

@@ -47,8 +47,37 @@ def test_report_prints_the_errors_and_writes_the_page(folder: Path, name: str):
 
 def test_report_as_json_is_the_report_and_writes_nothing(folder: Path):
     result = runner.invoke(app, ["report", str(folder), "--json"])
-    assert json.loads(result.stdout) == REPORT
+    said = json.loads(result.stdout)
+    judged = said.pop("verdict")
+    assert said == REPORT
+    assert judged["level"] == "undistortion"
     assert not (folder / "report.html").exists()
+
+
+@pytest.mark.parametrize(("level", "code"), [("undistortion", 0), ("measurement", 1)])
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_a_verdict_below_the_required_one_exits_1(folder: Path, level, code, options):
+    command = ["report", str(folder), "--require", level, *options]
+    result = runner.invoke(app, command)
+    assert result.exit_code == code
+    assert ("below measurement" in result.stderr) == bool(code)
+
+
+def test_terminal_page_and_json_say_the_same(folder: Path):
+    said = runner.invoke(app, ["report", str(folder), "--json"]).stdout
+    judged = json.loads(said)["verdict"]
+    printed = runner.invoke(app, ["report", str(folder)]).stdout.splitlines()
+    page = (folder / "report.html").read_text()
+    assert printed[0] == judged["headline"]
+    for reason in judged["reasons"]:
+        assert reason["text"] in printed
+        assert reason["text"] in page
+    assert f'data-level="{judged["level"]}"' in page
+
+
+def test_a_level_that_is_none_is_wrong_usage(folder: Path):
+    result = runner.invoke(app, ["report", str(folder), "--require", "perfect"])
+    assert result.exit_code == 2
 
 
 @pytest.mark.parametrize("content", [None, "", "[]", '{"schema": "lensfit.preset.1"}'])

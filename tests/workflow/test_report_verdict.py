@@ -12,7 +12,7 @@ from lensfit.workflow.report.coverage import (
     empty_places,
     pattern_px,
 )
-from lensfit.workflow.report.verdict import findings, verdict
+from lensfit.workflow.report.verdict import findings, verdict, verdict_of
 
 SIZE_PX = (2000.0, 1500.0)
 
@@ -117,13 +117,83 @@ def test_a_focal_length_that_is_only_stated_promises_no_measurement(
     assert "match-moving" not in first
 
 
-def test_of_a_zoom_the_focal_length_that_was_not_measured_is_named(report):
+def test_of_a_zoom_the_focal_length_that_was_not_measured_is_named():
+    report = barrel_report(takes=6)
     distance = report["terms"][1]
-    report["takes"][0]["focal_length_mm"] = 85.0
+    for take in report["takes"][:3]:
+        take["focal_length_mm"] = 85.0
     distance["focal_length_mm"] = 50.0
     report["terms"].append(distance | {"focal_length_mm": 85.0, "kept": False})
     assert said(report, "The focal length at 85\u202fmm is the stated one")
     assert findings(report)[0].sentence.startswith("Ready for undistortion")
+
+
+PITCH = {
+    "kind": "pitch",
+    "limit": "undistortion",
+    "text": "pitch_mm of target “dots” is stated as 60.5 mm, but the photographs agree "
+    "with 55.06 mm",
+    "remedy": "check it in the shoot file",
+}
+
+
+def test_a_contradiction_is_the_headline_and_nothing_is_green(report):
+    report["contradictions"] = [PITCH, PITCH | {"kind": "f_number", "text": "f/16"}]
+    judged = verdict_of(report)
+    assert judged.level == "undistortion"
+    assert judged.headline.startswith("Good for undistortion at most: pitch_mm of")
+    assert judged.reasons[0].kind == "pitch"
+    assert judged.reasons[0].remedy == PITCH["remedy"]
+    assert judged.reasons[1].kind == "f_number"
+    assert {one.tone for one in judged.reasons} <= {"caution", "note"}
+    assert [one.text for one in judged.reasons] == verdict(report)
+
+
+@pytest.mark.parametrize(
+    ("limit", "level"),
+    [("match-moving", "match-moving"), ("look", "look"), ("unusable", "unusable")],
+)
+def test_a_contradiction_lowers_the_level_but_never_raises_it(report, limit, level):
+    report["contradictions"] = [PITCH | {"limit": limit}]
+    assert verdict_of(report).level == level
+    report["held_out_rms_px"] = 9.0
+    assert verdict_of(report).level == "unusable"
+
+
+def test_every_level_follows_from_its_figures(report):
+    assert verdict_of(report).level == "measurement"
+    for error, level in ((0.3, "match-moving"), (1.0, "look"), (3.0, "unusable")):
+        report["held_out_rms_px"] = error
+        judged = verdict_of(report)
+        assert judged.level == level
+        assert judged.accuracy_px == error
+    assert judged.used_for == "nothing yet"
+
+
+def test_an_extrapolated_corner_condemns_no_lens(report):
+    """The deviation there is told, and the level is that of the photographed part."""
+    report["entries"][0]["uncertainty_grid"]["sd_px"][0][0] = 2.0
+    for take in report["takes"]:
+        lists = take["residuals"]
+        kept = [
+            i
+            for i, (x, y) in enumerate(zip(lists["x_px"], lists["y_px"], strict=True))
+            if x > 500 or y > 500
+        ]
+        take["residuals"] = {k: [v[i] for i in kept] for k, v in lists.items()}
+    judged = verdict_of(report)
+    assert judged.level == "measurement"
+    assert judged.extrapolated == ("top left",)
+    (corner,) = [one for one in judged.reasons if one.kind == "extrapolation"]
+    assert "2.0\u202fpx" in corner.text
+    assert corner.tone == "caution"
+
+
+def test_two_views_are_not_for_measurement(report):
+    judged = verdict_of(barrel_report(takes=2))
+    assert judged.level == "undistortion"
+    assert judged.reasons[0].tone == "caution"
+    assert "2 views cannot check each other" in judged.headline
 
 
 def test_noise_is_not_said_to_be_all_of_the_error(report):

@@ -93,7 +93,7 @@ def test_values_that_the_draft_left_to_check_are_named(write):
         (
             "37.5",
             '"37.5"',
-            "[[target]] 1, pitch_mm: expected a number or a list",
+            "[[target]] 1: pitch_mm = '37.5' is no length",
         ),
         ("37.5", "-37.5", "[[target]] 1, pitch_mm: expected a number > 0.0"),
         ("37.5", "[37.5]", "[[target]] 1, pitch_mm: expected a list of length >= 2"),

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+from threadpoolctl import threadpool_limits
 
 from lensfit.detect.cutouts import cut
 from lensfit.detect.find import observe
@@ -21,7 +22,11 @@ from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
 from lensfit.errors import ImageError, LensfitError
 from lensfit.fit.take import Take
-from lensfit.io.image import camera_state_of, read_photograph
+from lensfit.io.image import (
+    camera_state_of,
+    is_of_unknown_encoding,
+    read_photograph,
+)
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
@@ -29,7 +34,7 @@ from lensfit.workflow.calibration.overlaps_seen import why_overlaps
 from lensfit.workflow.calibration.results_folder import OVERLAYS
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
 from lensfit.workflow.shoot.charts_seen import pattern_of_target
-from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.records import Shoot, Target
 from lensfit.workflow.shoot.records import Take as ShootTake
 from lensfit.workflow.shoot.resolve import ResolvedTake, resolve_take
 from lensfit.workflow.stopwatch import stopwatch
@@ -52,6 +57,8 @@ class Observed:
     sha256 : Hash of the photograph; empty if it could not be read.
     seconds : Reading, detection and drawing.
     mosaic_seen : The mosaic that the noise shows and nobody stated.
+    assumed_encoding : How a file was decoded that may as well hold linear samples,
+        where nobody stated it.
     """
 
     image: str
@@ -66,8 +73,12 @@ class Observed:
     sha256: str = ""
     orientation: object = None
     mosaic_seen: Mosaic | None = None
+    assumed_encoding: str | None = None
 
 
+# Detection multiplies tall matrices by a handful of columns on threads of its own:
+# threads of BLAS on top of those only wait for each other, at three times the cost.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def observe_shoot(
     shoot: Shoot, out_dir: Path | None, progress: Progress
 ) -> list[Observed]:
@@ -124,25 +135,18 @@ def _searched(
 ) -> dict[str, Any]:
     """Read, search and draw; `known` keeps what was learnt before an error."""
     with _timed(seconds, "read"):
-        photograph = _photograph_of(shoot, take)
+        photograph = photograph_of(shoot, take)
         known["sha256"] = photograph.sha256
         known["orientation"] = photograph.metadata.get("orientation")
+        if take.encoding is None and is_of_unknown_encoding(photograph):
+            known["assumed_encoding"] = photograph.encoding
         header = camera_state_of(photograph)
         resolved = resolve_take(shoot, take, header, photograph.size_px)
         known["resolved"] = resolved
     target = resolved.target
     with _timed(seconds, "detect"):
         known["mosaic_seen"] = mosaic_seen(photograph)
-        marks = observe(
-            photograph,
-            target.kind,
-            polarity=target.polarity,
-            roi=take.roi,
-            board=_board_keys(target),
-        )
-        chart = pattern_of_target(target)
-        if chart is not None:
-            marks = numbered_as_on_chart(photograph, marks, chart) or marks
+        marks = detections_of(photograph, target, take.roi)
     if overlay is not None:
         with _timed(seconds, "overlay"):
             draw_overlay(photograph, marks, overlay)
@@ -154,7 +158,36 @@ def _searched(
     }
 
 
-def _photograph_of(shoot: Shoot, take: ShootTake) -> Photograph:
+def detections_of(
+    photograph: Photograph,
+    target: Target,
+    roi: tuple[float, float, float, float] | None = None,
+) -> Observations:
+    """The detected points of a target, as every job that looks at photographs has them.
+
+    Parameters
+    ----------
+    photograph : Scene-linear.
+    roi : x0, y0, x1, y1 in pixels: where to look.
+
+    Raises
+    ------
+    DetectionError : No such target is on the photograph.
+    """
+    found = observe(
+        photograph,
+        target.kind,
+        polarity=target.polarity,
+        roi=roi,
+        board=_board_keys(target),
+    )
+    chart = pattern_of_target(target)
+    if chart is not None:
+        found = numbered_as_on_chart(photograph, found, chart) or found
+    return found
+
+
+def photograph_of(shoot: Shoot, take: ShootTake) -> Photograph:
     """The photograph of a take.
 
     Raises

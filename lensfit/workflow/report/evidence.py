@@ -26,10 +26,18 @@ Tone = Literal["good", "note", "caution", "bad"]
 @final
 @dataclass(frozen=True)
 class Finding:
-    """One sentence of the verdict and how much it should worry the reader."""
+    """One sentence of the verdict and how much it should worry the reader.
+
+    Attributes
+    ----------
+    kind : One word for programs; that of the rule that found it where it is empty.
+    remedy : The one thing to do, where the sentence does not end with it.
+    """
 
     tone: Tone
     sentence: str
+    kind: str = ""
+    remedy: str = ""
 
 
 def used_takes(report: dict) -> list[dict]:
@@ -62,6 +70,37 @@ def corner_deviation_px(entry: dict) -> float:
         return math.nan
     corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]
     return float(np.max(corners)) if np.isfinite(corners).any() else math.nan
+
+
+def extrapolated_corner_px(report: dict, entry: dict) -> float:
+    """Largest standard deviation (px) at corners that no point is near, or NaN."""
+    return _largest_of_corners(entry, ~corners_photographed(report, entry))
+
+
+def photographed_corner_px(report: dict, entry: dict) -> float:
+    """Largest standard deviation (px) at corners with points near them, or NaN."""
+    return _largest_of_corners(entry, corners_photographed(report, entry))
+
+
+def corners_photographed(report: dict, entry: dict) -> np.ndarray:
+    """Whether any point of the focal length is in the two by two cells at each corner:
+    top left, top right, bottom left, bottom right."""
+    focal = entry.get("focal_length_mm")
+    for one, counts in counts_by_focal(report):
+        if one == focal:
+            halves = (slice(None, 2), slice(-2, None))
+            ends = [counts[row, column].any() for row in halves for column in halves]
+            return np.array(ends)
+    return np.ones(4, bool)
+
+
+def _largest_of_corners(entry: dict, which: np.ndarray) -> float:
+    grid = numbers((entry.get("uncertainty_grid") or {}).get("sd_px"))
+    if grid.ndim != 2 or not grid.size:
+        return math.nan
+    corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]][which]
+    known = corners[np.isfinite(corners)]
+    return float(known.max()) if known.size else math.nan
 
 
 def value_of(number_or_none: Any) -> float:

@@ -19,7 +19,9 @@ from lensfit.workflow.report.evidence import (
     counts_by_focal,
     covered_share,
     error_px,
+    extrapolated_corner_px,
     joined,
+    photographed_corner_px,
     takes_by_focal,
     value_of,
 )
@@ -101,19 +103,28 @@ def _in_places(places: list[str]) -> str:
 
 
 def corner_findings(report: dict) -> Iterator[Finding]:
-    """Corners known less well than the rest."""
+    """Corners known less well than the rest: photographed ones, then extrapolated."""
     for entry in report.get("entries") or []:
-        corner = corner_deviation_px(entry)
-        if not corner > WEAK_CORNER_PX:
-            continue
-        grid = numbers(entry["uncertainty_grid"]["sd_px"])
-        yield Finding(
-            "caution" if corner <= ROUGH_PX else "bad",
-            f"In the corners at {stated(entry.get('focal_length_mm'), 'mm')} the map "
-            f"is known to {number(corner, 'px', 2)} (1σ), against "
-            f"{number(float(np.nanmedian(grid)), 'px', 2)} over the frame: shoot the "
-            "chart in the corners.",
-        )
+        place = stated(entry.get("focal_length_mm"), "mm")
+        corner = photographed_corner_px(report, entry)
+        if corner > WEAK_CORNER_PX:
+            grid = numbers(entry["uncertainty_grid"]["sd_px"])
+            yield Finding(
+                "caution" if corner <= ROUGH_PX else "bad",
+                f"In the corners at {place} the map is known to "
+                f"{number(corner, 'px', 2)} (1σ), against "
+                f"{number(float(np.nanmedian(grid)), 'px', 2)} over the frame: shoot "
+                "the chart in the corners.",
+            )
+        beyond = extrapolated_corner_px(report, entry)
+        if beyond > WEAK_CORNER_PX:
+            yield Finding(
+                "caution",
+                f"Corners at {place} without any point are extrapolated, to "
+                f"{number(beyond, 'px', 2)} (1σ); this is no error of the rest: shoot "
+                "the chart in the corners.",
+                kind="extrapolation",
+            )
 
 
 def pattern_findings(report: dict) -> Iterator[Finding]:

@@ -22,7 +22,7 @@ from lensfit.workflow.report.sections import (
 )
 from lensfit.workflow.report.terms import terms_section
 from lensfit.workflow.report.through import ThroughSheet
-from lensfit.workflow.report.verdict import findings
+from lensfit.workflow.report.verdict import verdict_of, verdict_scope
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
 _POLICY += "script-src 'unsafe-inline'"
@@ -154,14 +154,24 @@ def _date(report: dict) -> str:
 
 
 def _verdict(report: dict) -> Markup:
-    first, *rest = findings(report)
+    judged = verdict_of(report)
+    first, *rest = judged.reasons
     items = [
-        tag("li", one.sentence, class_=f"tone-{one.tone}", data_sign=_SIGNS[one.tone])
+        tag("li", one.text, class_=f"tone-{one.tone}", data_sign=_SIGNS[one.tone])
         for one in rest
     ]
-    lead = tag("p", first.sentence, class_="lead")
+    lead = tag("p", first.text, class_="lead")
+    scope = tag("p", verdict_scope(judged), class_="scope")
     body = tag("ul", *items) if items else None
-    return tag("div", lead, body, class_=f"verdict tone-{first.tone}", id="verdict")
+    return tag(
+        "div",
+        lead,
+        scope,
+        body,
+        class_=f"verdict tone-{first.tone}",
+        id="verdict",
+        data_level=judged.level,
+    )
 
 
 def _key_numbers(report: dict) -> list[tuple[str, str]]:

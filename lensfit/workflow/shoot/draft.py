@@ -6,7 +6,7 @@ from; what only the photographer knows is a comment that starts with TODO.
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import msgspec
@@ -14,11 +14,14 @@ import msgspec
 from lensfit.atomic import write_text_atomic
 from lensfit.chart.pattern import Pattern
 from lensfit.errors import OutputError, ShootError
+from lensfit.io.camera.slates import Slate, slate_of
 from lensfit.io.transfer import ENCODINGS
 from lensfit.workflow.inspect import Inspection
 from lensfit.workflow.shoot.charts_seen import free_name, target_of_pattern
+from lensfit.workflow.shoot.slated import slated_values
 
 _UNREAD = "grid"
+_DISAGREEMENT = 0.02
 _TARGET = """\
 [[target]]
 name = "grid"
@@ -39,12 +42,20 @@ _TARGET_DISTANCE = (
 )
 
 
-def write_draft_shoot(path: str | Path, inspections: Sequence[Inspection]) -> None:
+def write_draft_shoot(
+    path: str | Path,
+    inspections: Sequence[Inspection],
+    slates: Sequence[Slate] = (),
+) -> None:
     """Write a shoot file for these photographs; an existing file is never replaced.
+
+    Parameters
+    ----------
+    slates : Rows of camera reports, which count before what headers say.
 
     Raises
     ------
-    ShootError : There is no photograph.
+    ShootError : There is no photograph, or a row of a report holds what it may not.
     OutputError : The file exists, or cannot be written.
     """
     path = Path(path)
@@ -56,10 +67,12 @@ def write_draft_shoot(path: str | Path, inspections: Sequence[Inspection]) -> No
             where=path,
             remedy="choose another name for the draft, or remove it first",
         )
-    write_text_atomic(path, draft_shoot(inspections, path.parent))
+    write_text_atomic(path, draft_shoot(inspections, path.parent, slates))
 
 
-def draft_shoot(inspections: Sequence[Inspection], folder: Path) -> str:
+def draft_shoot(
+    inspections: Sequence[Inspection], folder: Path, slates: Sequence[Slate] = ()
+) -> str:
     """The text of a shoot file that lies in `folder`."""
     names = _chart_names(inspections)
     common = next(iter(names.values())) if len(names) == 1 else _UNREAD
@@ -68,7 +81,7 @@ def draft_shoot(inspections: Sequence[Inspection], folder: Path) -> str:
     if _UNREAD in used:
         targets.append(_TARGET)
     takes = [
-        _take(inspection, folder, name)
+        _take(inspection, folder, name, slates)
         for inspection, name in zip(inspections, used, strict=True)
     ]
     return "\n".join([_lens(inspections), _camera(inspections), *targets, *takes])
@@ -151,19 +164,58 @@ def _shared(inspections: Sequence[Inspection], name: str, key: str) -> list[str]
     return lines
 
 
-def _take(inspection: Inspection, folder: Path, target: str) -> str:
+def _take(
+    inspection: Inspection, folder: Path, target: str, slates: Sequence[Slate]
+) -> str:
     image = Path(os.path.relpath(inspection.path, folder)).as_posix()
-    state = inspection.state
     lines = ["[[take]]", f"image = {_literal(image)}", f'target = "{target}"']
+    slate = slate_of(slates, inspection.path, inspection.exposed_at)
+    slated = {} if slate is None else slated_values(slate)
+    place = "" if slate is None else slate.place
     for name, unknown in _UNKNOWN.items():
-        value = getattr(state, name)
-        known = value is not None
-        lines.append(_entry(name, value, state.sources[name]) if known else unknown)
-    lines.append(_TARGET_DISTANCE)
+        lines.append(_setting(inspection, name, unknown, slated, place))
+    if "t_number" in slated:
+        lines.append(_entry("t_number", slated["t_number"], place))
+    said = slated.get("target_distance_mm")
+    key = "target_distance_mm"
+    lines.append(_TARGET_DISTANCE if said is None else _entry(key, said, place))
     if inspection.encoding != "linear":
         others = " | ".join(ENCODINGS)
-        lines.append(f'encoding = "{inspection.encoding}"  # assumed; {others}')
+        todo = "TODO: " if _may_be_linear(inspection) else ""
+        lines.append(f'encoding = "{inspection.encoding}"  # {todo}assumed; {others}')
     return "\n".join(lines) + "\n"
+
+
+def _setting(
+    inspection: Inspection,
+    name: str,
+    unknown: str,
+    slated: Mapping[str, float | str],
+    place: str,
+) -> str:
+    """A setting by the report, else by the header, else to be filled in."""
+    header = getattr(inspection.state, name)
+    said = slated.get(name)
+    if said is None:
+        if header is None:
+            # A T-stop of the report stands for the f-number, and is written itself.
+            stands = name == "f_number" and "t_number" in slated
+            return "# f_number = 2.8                 # optional" if stands else unknown
+        return _entry(name, header, inspection.state.sources[name])
+    line = _entry(name, said, place)
+    if header is not None and not _alike(float(said), float(header)):
+        line += f"; TODO: {_literal(header)} in {inspection.state.sources[name]}"
+    return line
+
+
+def _alike(one: float, other: float) -> bool:
+    return one == other or abs(one - other) <= _DISAGREEMENT * max(one, other)
+
+
+def _may_be_linear(inspection: Inspection) -> bool:
+    """Whether such a file holds linear samples as often as others."""
+    deep_png = inspection.format == "png" and inspection.bit_depth == 16
+    return inspection.encoding == "srgb" and (inspection.format == "tiff" or deep_png)
 
 
 def _entry(key: str, value: object, source: str) -> str:

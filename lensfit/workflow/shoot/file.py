@@ -19,8 +19,9 @@ from lensfit._strict import (
 from lensfit.bounded import read_bounded, utf8_text
 from lensfit.errors import ShootError
 from lensfit.io.transfer import ENCODINGS
+from lensfit.workflow.shoot.crew_notation import plain_form
 from lensfit.workflow.shoot.focal_length import check_focal_length
-from lensfit.workflow.shoot.left_to_check import notes_of_draft
+from lensfit.workflow.shoot.left_to_check import keys_left_to_check, notes_of_draft
 from lensfit.workflow.shoot.records import (
     Camera,
     LensName,
@@ -67,12 +68,14 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
         source=_SOURCE,
         mend=_MEND,
     )
+    data, notes = plain_form(data, path)
     for key, value in non_finite_numbers(data):
         if not (key.endswith(".focus_distance_mm") and value == math.inf):
             raise ShootError(f"{_place(key)}: {value} is no finite number", where=path)
     tables = convert_strictly(
         data, ShootFile, error=ShootError, where=path, place=_place
     )
+    unconfirmed = keys_left_to_check(_text(path))
     targets = _by_name(tables.target, path)
     _check_takes(tables.take, targets, tables.camera, path)
     return Shoot(
@@ -81,8 +84,9 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
         camera=tables.camera,
         targets=targets,
         takes=tuple(tables.take),
-        notes=_unused(tables) + notes_of_draft(_text(path)),
+        notes=_unused(tables) + notes + notes_of_draft(unconfirmed),
         images=None if images is None else Path(images),
+        unconfirmed=unconfirmed,
     )
 
 

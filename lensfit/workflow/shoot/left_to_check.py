@@ -38,9 +38,8 @@ def keys_left_to_check(text: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def notes_of_draft(text: str) -> tuple[str, ...]:
-    """One sentence that names them; nothing if there are none."""
-    keys = keys_left_to_check(text)
+def notes_of_draft(keys: tuple[str, ...]) -> tuple[str, ...]:
+    """One sentence that names the unconfirmed keys; nothing if there are none."""
     if not keys:
         return ()
     named = "; ".join(keys)

@@ -127,6 +127,7 @@ class Shoot(Struct, frozen=True):
     takes : In the order of the file.
     notes : Oddities that are worth saying and stop nothing.
     images : Folder that the photographs' paths count from, if not the file's own.
+    unconfirmed : Keys that were drafted and whose lines still say TODO.
     """
 
     path: Path
@@ -136,6 +137,7 @@ class Shoot(Struct, frozen=True):
     takes: tuple[Take, ...]
     notes: tuple[str, ...] = ()
     images: Path | None = None
+    unconfirmed: tuple[str, ...] = ()
 
     def image_path(self, take: Take) -> Path:
         """Where the photograph of a take lies."""

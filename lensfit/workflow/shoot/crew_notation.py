@@ -1,0 +1,226 @@
+"""A shoot file as a crew writes it, put into the plain form that is read strictly.
+
+What is said once is said for all it holds for, the nearest word counting:
+
+    a [[take]], its [[group]], `takes` of its [[target]], [defaults]
+
+A length may be text with its unit, under the key of the plain form or under one without
+"_mm"; focus may be named after `[focus_marks]`; a T-stop stands for the f-number where
+none is stated, and a note says so, as it is larger by what the glass absorbs.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lensfit._strict import did_you_mean
+from lensfit.errors import ShootError
+from lensfit.workflow.shoot.lengths import length_mm
+from lensfit.workflow.shoot.records import Take
+
+Tables = dict[str, Any]
+_TAKE_LENGTHS = ("focal_length_mm", "focus_distance_mm", "target_distance_mm")
+_TARGET_LENGTHS = ("pitch_mm", "hole_diameter_mm", "line_width_mm")
+_CAMERA_LENGTHS = ("sensor_width_mm", "sensor_height_mm")
+_SHARED = (*Take.__struct_fields__[1:], "focus_mark", "t_number", "name")
+"""Keys of a take that many may share, and the name of a group."""
+
+
+def plain_form(data: Tables, path: Path) -> tuple[Tables, tuple[str, ...]]:
+    """The tables of the plain form, and a note for each thing that was taken for
+    another.
+
+    Parameters
+    ----------
+    data : As TOML has it; what is malformed in itself is left to the strict reader.
+
+    Raises
+    ------
+    ShootError : A length, group or focus mark that is none.
+    """
+    data = dict(data)
+    marks = _focus_marks(data.pop("focus_marks", {}), path)
+    defaults = _table(data.pop("defaults", {}), "defaults", path)
+    groups = _named(data.pop("group", []), "group", path)
+    targets = [
+        _with_lengths(one, _TARGET_LENGTHS, f"[[target]] {k}", path)
+        for k, one in enumerate(_listed(data, "target"), 1)
+    ]
+    by_target = {}
+    for number, one in enumerate(targets, 1):
+        shared = _table(one.pop("takes", {}), f"[[target]] {number}, takes", path)
+        by_target[str(one.get("name"))] = shared
+    notes: dict[str, None] = {}
+    takes = []
+    for number, take in enumerate(_listed(data, "take"), 1):
+        place = f"[[take]] {number}"
+        joined = _joined(take, groups, by_target, defaults, place, path)
+        joined = _with_focus_mark(joined, marks, place, path)
+        takes.append(_with_f_number(joined, notes))
+    data |= {k: v for k, v in (("target", targets), ("take", takes)) if v}
+    if isinstance(data.get("camera"), Mapping):
+        data["camera"] = _with_lengths(data["camera"], _CAMERA_LENGTHS, "camera", path)
+    return data, tuple(notes)
+
+
+def _joined(
+    take: Tables,
+    groups: Mapping[str, Tables],
+    by_target: Mapping[str, Tables],
+    defaults: Tables,
+    place: str,
+    path: Path,
+) -> Tables:
+    """A take with what its group, its target and the defaults say."""
+    own = _with_lengths(take, _TAKE_LENGTHS, place, path)
+    name = own.pop("group", None)
+    group: Tables = {}
+    if name is not None:
+        if name not in groups:
+            raise ShootError(
+                f'no group is named "{name}"',
+                where=f"{path}: {place}",
+                remedy=did_you_mean(str(name), list(groups)),
+            )
+        group = groups[name]
+    target = own.get("target", group.get("target", defaults.get("target")))
+    layers = [defaults, by_target.get(str(target), {}), group, own]
+    joined: Tables = {}
+    for layer in layers:
+        if "focus_mark" in layer:
+            joined.pop("focus_distance_mm", None)
+        if "focus_distance_mm" in layer:
+            joined.pop("focus_mark", None)
+        if "t_number" in layer:
+            joined.pop("f_number", None)
+        if "f_number" in layer:
+            joined.pop("t_number", None)
+        joined |= layer
+    return joined
+
+
+def _with_focus_mark(
+    take: Tables, marks: Mapping[str, float], place: str, path: Path
+) -> Tables:
+    """Focus by the name of its mark."""
+    name = take.pop("focus_mark", None)
+    if name is None:
+        return take
+    if "focus_distance_mm" in take:
+        raise ShootError(
+            "states both focus_mark and focus_distance_mm",
+            where=f"{path}: {place}",
+            remedy="keep one of them",
+        )
+    if name not in marks:
+        raise ShootError(
+            f'no focus mark is named "{name}"',
+            where=f"{path}: {place}",
+            remedy=did_you_mean(str(name), list(marks))
+            if marks
+            else "list it under [focus_marks]",
+        )
+    return take | {"focus_distance_mm": marks[name]}
+
+
+def _with_f_number(take: Tables, notes: dict[str, None]) -> Tables:
+    """A T-stop in place of the f-number, where there is none."""
+    stop = take.pop("t_number", None)
+    if stop is None or take.get("f_number") is not None:
+        return take
+    notes[
+        "T-stops are used as f-numbers: they are larger by what the glass absorbs, up "
+        "to a tenth; state f_number where blur is to be measured"
+    ] = None
+    return take | {"f_number": stop}
+
+
+def _focus_marks(table: Any, path: Path) -> dict[str, float]:
+    """Distances by the name of their mark, mm from the sensor."""
+    marks = {}
+    for name, value in _table(table, "focus_marks", path).items():
+        place = f"{path}: focus_marks"
+        if isinstance(value, str):
+            value = length_mm(value, name, place)
+        if isinstance(value, bool) or not isinstance(value, int | float) or value <= 0:
+            raise ShootError(f"{name} = {value!r} is no distance", where=place)
+        marks[name] = float(value)
+    return marks
+
+
+def _with_lengths(table: Any, keys: tuple[str, ...], place: str, path: Path) -> Tables:
+    """Lengths in millimetres under their plain keys."""
+    plain = dict(table) if isinstance(table, Mapping) else {}
+    where = f"{path}: {place}"
+    for key in keys:
+        short = key.removesuffix("_mm")
+        if short in plain:
+            value = plain.pop(short)
+            if key in plain:
+                raise ShootError(f"states both {short} and {key}", where=where)
+            if not _is_text(value):
+                raise ShootError(
+                    f"{short} = {value!r} names no unit",
+                    where=where,
+                    remedy=f'write {short} = "{value} m" or {key} = ...',
+                )
+            plain[key] = value
+        if key in plain:
+            plain[key] = _lengths_mm(plain[key], key, where)
+    return plain
+
+
+def _is_text(value: Any) -> bool:
+    listed = isinstance(value, list) and all(isinstance(one, str) for one in value)
+    return isinstance(value, str) or listed
+
+
+def _lengths_mm(value: Any, key: str, where: str) -> Any:
+    if isinstance(value, str):
+        return length_mm(value, key, where)
+    if isinstance(value, list):
+        return [_lengths_mm(one, key, where) for one in value]
+    return value
+
+
+def _listed(data: Tables, key: str) -> list[Tables]:
+    """The tables of a list; what is none is left to the strict reader."""
+    found = data.get(key, [])
+    if not isinstance(found, list) or not all(isinstance(t, Mapping) for t in found):
+        return []
+    return [dict(one) for one in found]
+
+
+def _table(table: Any, place: str, path: Path) -> Tables:
+    """A table of take keys in plain form, or of marks."""
+    if not isinstance(table, Mapping):
+        raise ShootError("should be a table", where=f"{path}: {place}")
+    if place == "focus_marks":
+        return dict(table)
+    plain = _with_lengths(table, _TAKE_LENGTHS, place, path)
+    for key in plain:
+        if key == "image":
+            raise ShootError(f"{key} belongs to one take", where=f"{path}: {place}")
+        if key not in _SHARED:
+            raise ShootError(
+                f'the key "{key}" is unknown',
+                where=f"{path}: {place}",
+                remedy=did_you_mean(key, list(_SHARED)),
+            )
+    return plain
+
+
+def _named(groups: Any, key: str, path: Path) -> dict[str, Tables]:
+    named: dict[str, Tables] = {}
+    for number, group in enumerate(groups if isinstance(groups, list) else [], 1):
+        place = f"[[{key}]] {number}"
+        table = _table(group, place, path)
+        name = table.pop("name", None)
+        if not isinstance(name, str) or not name or name in named:
+            raise ShootError(
+                "needs a name of its own",
+                where=f"{path}: {place}",
+                remedy='write name = "..." and group = "..." in its takes',
+            )
+        named[name] = table
+    return named

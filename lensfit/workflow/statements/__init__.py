@@ -1,0 +1,1 @@
+"""What was stated of a shoot, held against what its photographs show."""

@@ -1,0 +1,154 @@
+"""Statements that the width of dots contradicts: a blurred view, a wrong f-number.
+
+`diameter_px` of a dot is that of the disc of the same second moments V: D^2 = 16 V.
+The moments of hole, lens and defocus add. Of two views of one target from one place at
+one focus, the one stopped further down cannot be wider, but by motion or by a focus
+ring that was turned. Of two f-numbers at one focus the parts that defocus adds are as
+1/N^2, so the ratio of f-numbers follows from the widths in and out of focus; aberration
+mixes in with opposite signs on the two sides of focus, so both are averaged.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lensfit.fit.take import Take
+from lensfit.units import dioptres_from_mm
+from lensfit.workflow.statements.contradiction import Contradiction
+
+_CENTRAL = 0.45
+_FEWEST = 9
+_WIDER_RATIO, _WIDER_PX = 1.35, 1.5
+_STOP_RATIO, _ONE_SIDED_RATIO = 1.3, 1.5
+"""Three quarters of a stop; with one side of focus only, more."""
+_LEAST_PX2 = 0.05
+_IN_FOCUS_DIOPTRES = 0.01
+
+
+def blurred_views(takes: Sequence[Take]) -> Iterator[Contradiction]:
+    """Views that are wider than another of the same target, focus and f-number."""
+    widths = {id(take): central_diameter_px(take) for take in takes}
+    told: set[str] = set()
+    for take in takes:
+        mine = widths[id(take)]
+        for other in takes:
+            theirs = widths[id(other)]
+            if other is take or mine is None or theirs is None:
+                continue
+            wider = mine > _WIDER_RATIO * theirs and mine > theirs + _WIDER_PX
+            if wider and take.name not in told and _no_wider(take, other):
+                told.add(take.name)
+                mine_name, other_name = Path(take.name).stem, Path(other.name).stem
+                yield Contradiction(
+                    kind="blurred_view",
+                    limit="look",
+                    text=f"“{mine_name}” is blurred: its dots are {mine:.1f} px wide, "
+                    f"those of “{other_name}”, of the same target and focus, "
+                    f"{theirs:.1f} px",
+                    remedy=f"leave “{mine_name}” out or shoot it again, locked off and "
+                    "focused as stated",
+                    statement=f"focus_distance_mm of {mine_name}",
+                    images=(take.name,),
+                )
+
+
+def central_diameter_px(take: Take) -> float | None:
+    """Median width of the bright dots near the middle of the frame."""
+    seen = take.observations
+    half = np.asarray(seen.image_size_px) / 2
+    away = np.linalg.norm(seen.points_px - half, axis=1) / np.linalg.norm(half)
+    diameter = seen.diameter_px[(away < _CENTRAL) & ~seen.overlapping]
+    diameter = diameter[np.isfinite(diameter)]
+    if not seen.bright or len(diameter) < _FEWEST:
+        return None
+    return float(np.median(diameter))
+
+
+def f_number_ratios(
+    takes: Sequence[Take],
+) -> dict[tuple[float, float], list[float]]:
+    """For pairs of f-numbers, wide and narrow, their ratio by each side of focus."""
+    ratios: dict[tuple[float, float], list[float]] = {}
+    for one in takes:
+        for two in takes:
+            if not _same_focus(one, two) or not one.f_number or not two.f_number:
+                continue
+            if one.f_number >= 0.8 * two.f_number or _is_in_focus(one):
+                continue
+            added, less = _added_px2(one, takes), _added_px2(two, takes)
+            if added is None or less is None or min(added, less) < _LEAST_PX2:
+                continue
+            pair = one.f_number, two.f_number
+            ratios.setdefault(pair, []).append(float(np.sqrt(added / less)))
+    return ratios
+
+
+def contradicted_f_numbers(takes: Sequence[Take]) -> Iterator[Contradiction]:
+    """F-numbers whose ratio is not that of the blur out of focus."""
+    for (wide, narrow), ratios in f_number_ratios(takes).items():
+        mean = float(np.exp(np.mean(np.log(ratios))))
+        off = mean / (narrow / wide)
+        limit = _STOP_RATIO if len(ratios) > 1 else _ONE_SIDED_RATIO
+        if max(off, 1 / off) > limit:
+            yield f_number_contradiction(wide, narrow, wide * mean, takes)
+
+
+def f_number_contradiction(
+    wide: float, narrow: float, measured: float, takes: Sequence[Take]
+) -> Contradiction:
+    """The record of a stop that is not as stated beside the widest."""
+    images = tuple(take.name for take in takes if take.f_number == narrow)
+    return Contradiction(
+        kind="f_number",
+        limit="undistortion",
+        text=f"f/{narrow:g} is stated, but beside f/{wide:g} the blur out of focus "
+        f"agrees with f/{measured:.1f}",
+        remedy=f"check f_number of the views at f/{narrow:g} and f/{wide:g}",
+        statement="f_number",
+        stated=narrow,
+        agrees_with=measured,
+        images=images,
+    )
+
+
+def _added_px2(take: Take, takes: Sequence[Take]) -> float | None:
+    """Variance that defocus adds to that of the same stop in focus."""
+    blurred = central_diameter_px(take)
+    sharp = [
+        central_diameter_px(other)
+        for other in takes
+        if _is_in_focus(other)
+        and other.target == take.target
+        and other.f_number == take.f_number
+        and other.focal_length_mm == take.focal_length_mm
+    ]
+    known = [one for one in sharp if one is not None]
+    if blurred is None or not known:
+        return None
+    return (blurred**2 - min(known) ** 2) / 16
+
+
+def _is_in_focus(take: Take) -> bool:
+    focus, target = take.focus_distance_mm, take.target_distance_mm
+    if focus is None or target is None:
+        return False
+    return abs(dioptres_from_mm(focus) - dioptres_from_mm(target)) < _IN_FOCUS_DIOPTRES
+
+
+def _same_focus(one: Take, other: Take) -> bool:
+    return (
+        one.target == other.target
+        and one.focal_length_mm == other.focal_length_mm
+        and one.focus_distance_mm == other.focus_distance_mm
+        and one.target_distance_mm == other.target_distance_mm
+    )
+
+
+def _no_wider(take: Take, other: Take) -> bool:
+    """Whether a view cannot be wider than the other by what is stated."""
+    if not _same_focus(take, other) or take.target_distance_mm is None:
+        return False
+    if take.f_number is None or other.f_number is None:
+        return take.f_number == other.f_number
+    return take.f_number >= 0.95 * other.f_number

@@ -1,0 +1,111 @@
+"""Every contradiction of a shoot, the gravest first.
+
+Each kind is found by its own small model. What cannot be judged from the photographs (a
+field that nobody confirmed, an encoding that was assumed) is told after what can.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from lensfit.fit.breathing import breathing_notes
+from lensfit.fit.lens_states import Fitted
+from lensfit.fit.take import Take
+from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.preset.verdict import LEVELS
+from lensfit.workflow.calibration.observe import Observed
+from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.statements.blur_statements import (
+    blurred_views,
+    contradicted_f_numbers,
+    f_number_contradiction,
+)
+from lensfit.workflow.statements.contradiction import Contradiction
+from lensfit.workflow.statements.encoding import assumed_encodings, impossible_fall_off
+from lensfit.workflow.statements.lens_identity import mixed_lenses
+from lensfit.workflow.statements.released import contradicted_statements
+
+_ORDER = (
+    "lens_identity", "focal_length", "pitch", "target_distance", "statements",
+    "side_of_focus", "blurred_view", "f_number", "encoding", "repeated_exposure",
+    "unconfirmed",
+)  # fmt: skip
+_STOP_RATIO_LOG = 0.12
+"""Of the radius of a stop: a third of a stop."""
+
+
+def contradictions_of_views(takes: Sequence[Take]) -> list[Contradiction]:
+    """Those that the detected points of the views show, before anything is fitted."""
+    mixed = list(mixed_lenses(takes))
+    found = mixed or list(contradicted_statements(takes))
+    found += blurred_views(takes)
+    return found
+
+
+def contradictions_of_fit(
+    takes: Sequence[Take], fitted: Fitted
+) -> Iterator[Contradiction]:
+    """Those that the fitted lens shows."""
+    for note in breathing_notes(fitted.states):
+        yield Contradiction(
+            kind="side_of_focus",
+            limit="undistortion",
+            text=f"near and far are probably swapped: {note.partition(':')[0]}",
+            remedy="check focus_distance_mm of near and far views",
+            statement="focus_distance_mm",
+        )
+    by_fit: list[Contradiction] = []
+    for wavefront in fitted.wavefronts.values():
+        if wavefront.mirrored:
+            yield Contradiction(
+                kind="side_of_focus",
+                limit="look",
+                text="near and far are probably swapped: the dots look as if they lay "
+                "on the other side of focus than was stated",
+                remedy="check focus_distance_mm of near and far views",
+                statement="focus_distance_mm",
+            )
+        by_fit += _f_numbers_of(wavefront, takes)
+    yield from by_fit or contradicted_f_numbers(takes)
+
+
+def contradictions_of_report(
+    shoot: Shoot, observed: Sequence[Observed], entries: Sequence[dict[str, Any]]
+) -> Iterator[Contradiction]:
+    """Those of the light, and what nobody stated or confirmed."""
+    yield from impossible_fall_off(entries)
+    yield from assumed_encodings(observed)
+    if shoot.unconfirmed:
+        named = "; ".join(shoot.unconfirmed)
+        yield Contradiction(
+            kind="unconfirmed",
+            limit="undistortion",
+            text=f"drafted and never confirmed: {named}",
+            remedy="put in what is true and remove the TODO of these lines",
+            statement=shoot.unconfirmed[0],
+        )
+
+
+def in_order(found: Sequence[Contradiction]) -> list[Contradiction]:
+    """The one that limits most first; of those alike the most specific cause."""
+    unique = {(one.kind, one.text): one for one in found}
+    return sorted(
+        unique.values(),
+        key=lambda one: (LEVELS.index(one.limit), _ORDER.index(one.kind)),
+    )
+
+
+def _f_numbers_of(
+    wavefront: WavefrontFit, takes: Sequence[Take]
+) -> Iterator[Contradiction]:
+    """Stops whose size beside the widest the dots' shape shows otherwise."""
+    if not wavefront.has("stop_ratios"):
+        return
+    stops = [float(one) for one in wavefront.gathered.f_numbers]
+    where = wavefront.stage.layout.blocks["stop_ratio"]
+    ratios = np.asarray(wavefront.stage.parameters[where])[: len(stops) - 1]
+    for stop, ratio in zip(stops[1:], ratios.tolist(), strict=False):
+        if abs(ratio) > _STOP_RATIO_LOG:
+            measured = stop * float(np.exp(-ratio))
+            yield f_number_contradiction(stops[0], stop, measured, takes)

@@ -1,0 +1,313 @@
+"""All views of a shoot in one small model in which every statement is a prior.
+
+A pinhole with two radial terms sees flat targets; only the middle of the frame is
+looked at, where that is enough of a lens. With f the stated focal length and v the
+vergence 1/(D - f) of the focus distance D, the principal distance of a state is
+
+    c = f exp(a) (1 + f v) exp(b),
+
+a for the focal length and b for the breathing that a thin lens does not have. The
+entrance pupil lies e in front of the sensor, so that a target stated at distance D lies
+D - e from it. The pitch of a target is its stated one times exp(p). Widths of the
+priors are those of the statements: a focal length is good to 3 %, a pitch to 0.2 %, a
+tape measure to a centimetre and half a percent.
+
+Neighbouring points share what the model leaves, so a view counts as `_INDEPENDENT`
+points, whatever their number. Lengths are millimetres.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from lensfit.detect.observations import POINT
+from lensfit.errors import FitError
+from lensfit.fit.start import pose_from_homography
+from lensfit.fit.take import Take
+
+FOCAL_LENGTH_SD, BREATHING_SD, PITCH_SD = 0.03, 0.03, 0.002
+DISTANCE_SD_MM, DISTANCE_SD = 10.0, 0.005
+_PUPIL_DIAGONALS = 1.4, 1.0
+"""Mean and deviation of the entrance pupil before the sensor, in diagonals of the
+sensor, of lenses that are not much longer: it lies inside the lens."""
+_PUPIL_SD_LONG = 0.5
+"""Added to the deviation for each millimetre of focal length beyond a diagonal."""
+RELEASED_SD = 2.0
+_RADIAL_SD, _CENTRE_SD = 0.3, 0.02
+_MOST_POINTS = 64
+_CENTRAL = 0.6
+"""Of the half diagonal."""
+_INDEPENDENT = 20.0
+_LEAST_PX = 0.1
+_STEPS, _TOLERANCE = 30, 1e-4
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One view: points on the target and on the sensor, mm."""
+
+    take: Take
+    board: Float[np.ndarray, "points 2"]
+    image_mm: Float[np.ndarray, "points 2"]
+    normal: Float[np.ndarray, "points 2"]
+    is_point: np.ndarray
+    rotation: Float[np.ndarray, "3 3"]
+    translation_mm: Float[np.ndarray, "3"]
+
+
+@final
+@dataclass(frozen=True)
+class Solution:
+    """The model at its least misfit.
+
+    Attributes
+    ----------
+    chi_squared : Of points and statements.
+    parameters : All of them.
+    rms_px : Of the points.
+    """
+
+    chi_squared: float
+    parameters: Float[np.ndarray, " parameters"]
+    rms_px: float
+
+
+@final
+@dataclass
+class JointModel:
+    """The views, the names of the shared parameters, and the priors.
+
+    Attributes
+    ----------
+    names : Of shared parameters, in order: ("focal_length", f), ("breathing", f, D),
+        ("pupil", f), ("radial", f, k), ("centre", axis), ("pitch", target).
+    """
+
+    views: Sequence[_View]
+    names: list[tuple] = field(default_factory=list)
+    mean: Float[np.ndarray, " shared"] = field(default_factory=lambda: np.zeros(0))
+    deviation: Float[np.ndarray, " shared"] = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        rows: dict[tuple, tuple[float, float]] = {
+            ("centre", axis): (0.0, _CENTRE_SD) for axis in (0, 1)
+        }
+        for view in self.views:
+            f, focus = view.take.focal_length_mm, view.take.focus_distance_mm
+            rows[("focal_length", f)] = 0.0, FOCAL_LENGTH_SD
+            rows[("breathing", f, focus)] = 0.0, BREATHING_SD
+            diagonal = float(np.hypot(*view.take.sensor_size_mm))
+            ahead, sd = (diagonal * part for part in _PUPIL_DIAGONALS)
+            sd += _PUPIL_SD_LONG * max(f - diagonal, 0.0)
+            rows[("pupil", f)] = ahead / f, sd / f
+            rows[("radial", f, 0)] = rows[("radial", f, 1)] = 0.0, _RADIAL_SD
+            rows[("pitch", view.take.target)] = 0.0, PITCH_SD
+        self.names = list(rows)
+        self.mean, self.deviation = np.array(list(rows.values())).T
+        self._at = {name: k for k, name in enumerate(self.names)}
+
+    def start(self) -> Float[np.ndarray, " parameters"]:
+        """Shared parameters as stated, poses as they were found."""
+        return np.concatenate([self.mean, np.zeros(6 * len(self.views))])
+
+    def value(self, solution: Solution, name: tuple) -> float:
+        """A shared parameter."""
+        return float(solution.parameters[self._at[name]])
+
+    def distance_mm(self, solution: Solution, k: int) -> float:
+        """How far from the sensor the target of a view stands by the model."""
+        shared, pose = self._parts(solution.parameters, k)
+        depth = self.views[k].translation_mm[2] * (1 + pose[5])
+        f = self.views[k].take.focal_length_mm
+        return float(depth + f * shared[self._at[("pupil", f)]])
+
+    def solve(
+        self,
+        noise_px: float,
+        released: Mapping[tuple, float] | None = None,
+        distances: frozenset[int] = frozenset(),
+        begin: np.ndarray | None = None,
+    ) -> Solution:
+        """The least misfit, by Levenberg's method.
+
+        Parameters
+        ----------
+        noise_px : Standard deviation of a point.
+        released : Shared parameters and how wide their priors are instead.
+        distances : Views whose stated distance does not count.
+        begin : Parameters to start from.
+        """
+        deviation = self.deviation.copy()
+        for name, wide in (released or {}).items():
+            deviation[self._at[name]] = wide
+        at = self.start() if begin is None else begin
+        damping, step_size = 1e-3, np.inf
+        residual = self._residual(at, noise_px, deviation, distances)
+        for _ in range(_STEPS):
+            jacobian = self._jacobian(at, residual, noise_px, deviation, distances)
+            normal, slope = jacobian.T @ jacobian, jacobian.T @ residual
+            while True:
+                damped = normal + damping * np.diag(np.diag(normal) + 1e-12)
+                step = -np.linalg.solve(damped, slope)
+                after = self._residual(at + step, noise_px, deviation, distances)
+                if after @ after <= residual @ residual or damping > 1e8:
+                    break
+                damping *= 10
+            step_size = residual @ residual - after @ after
+            at, residual, damping = at + step, after, max(damping / 10, 1e-9)
+            if step_size < _TOLERANCE * max(residual @ residual, 1.0):
+                break
+        return Solution(float(residual @ residual), at, self.rms_px(at))
+
+    def rms_px(self, parameters: np.ndarray) -> float:
+        """Of all points, over both axes together."""
+        squares = [(one**2).sum(1) for one in self._points_px(parameters)]
+        return float(np.sqrt(np.concatenate(squares).mean()))
+
+    def _parts(self, parameters: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        shared = len(self.names)
+        return parameters[:shared], parameters[shared + 6 * k : shared + 6 * k + 6]
+
+    def _points_px(self, parameters: np.ndarray) -> list[np.ndarray]:
+        return [self._view_px(parameters, k) for k in range(len(self.views))]
+
+    def _view_px(self, parameters: np.ndarray, k: int) -> np.ndarray:
+        """Predicted minus seen points of a view; of a line, across it."""
+        shared, pose = self._parts(parameters, k)
+        view, take = self.views[k], self.views[k].take
+        f, focus = take.focal_length_mm, take.focus_distance_mm
+        pitch = np.asarray(take.pitch_mm) * np.exp(
+            shared[self._at[("pitch", take.target)]]
+        )
+        flat = np.column_stack([view.board * pitch, np.zeros(len(view.board))])
+        turn = Rotation.from_rotvec(pose[:3]).as_matrix() @ view.rotation
+        depth = view.translation_mm[2]
+        seen = flat @ turn.T + view.translation_mm + pose[3:] * depth
+        slope = seen[:, :2] / np.where(seen[:, 2:] > 1, seen[:, 2:], 1.0)
+        r2 = (slope**2).sum(1, keepdims=True)
+        k1, k2 = (shared[self._at[("radial", f, n)]] for n in (0, 1))
+        vergence = 0.0 if focus is None else 1 / max(focus - f, f)
+        stretch = shared[self._at[("focal_length", f)]]
+        stretch = stretch + shared[self._at[("breathing", f, focus)]]
+        c_mm = f * (1 + f * vergence) * np.exp(stretch)
+        centre = shared[:2] * take.sensor_size_mm[0]
+        predicted = c_mm * slope * (1 + r2 * (k1 + r2 * k2)) + centre
+        miss = (predicted - view.image_mm) / take.pixel_mm
+        across = (miss * view.normal).sum(1, keepdims=True) * view.normal
+        return np.where(view.is_point[:, None], miss, across)
+
+    def _residual(
+        self,
+        parameters: np.ndarray,
+        noise_px: float,
+        deviation: np.ndarray,
+        distances: frozenset[int],
+    ) -> np.ndarray:
+        shared = parameters[: len(self.names)]
+        parts = []
+        for miss in self._points_px(parameters):
+            share = np.sqrt(min(_INDEPENDENT / len(miss), 1.0))
+            parts.append((share / noise_px * miss).ravel())
+        parts.append((shared - self.mean) / deviation)
+        for k, view in enumerate(self.views):
+            stated = view.take.target_distance_mm
+            if stated is None or k in distances:
+                continue
+            wide = np.hypot(DISTANCE_SD_MM, DISTANCE_SD * stated)
+            solution = Solution(0.0, parameters, 0.0)
+            parts.append(np.array([(self.distance_mm(solution, k) - stated) / wide]))
+        return np.concatenate(parts)
+
+    def _jacobian(
+        self,
+        at: np.ndarray,
+        residual: np.ndarray,
+        noise_px: float,
+        deviation: np.ndarray,
+        distances: frozenset[int],
+    ) -> np.ndarray:
+        """By differences; a view's pose moves that view alone, so all move at once."""
+        step = 1e-6
+        shared, count = len(self.names), len(self.views)
+        columns = np.zeros((len(residual), len(at)))
+        for k in range(shared):
+            moved = at.copy()
+            moved[k] += step
+            after = self._residual(moved, noise_px, deviation, distances)
+            columns[:, k] = (after - residual) / step
+        owner = self._owners(distances)
+        for axis in range(6):
+            moved = at.copy()
+            moved[shared + axis :: 6] += step
+            after = self._residual(moved, noise_px, deviation, distances)
+            change = (after - residual) / step
+            for k in range(count):
+                mine = owner == k
+                columns[mine, shared + 6 * k + axis] = change[mine]
+        return columns
+
+    def _owners(self, distances: frozenset[int]) -> np.ndarray:
+        """Which view each residual is of; -1 for none."""
+        sizes = [2 * len(view.board) for view in self.views]
+        owner = np.repeat(np.arange(len(sizes)), sizes)
+        told = [
+            k
+            for k, view in enumerate(self.views)
+            if view.take.target_distance_mm is not None and k not in distances
+        ]
+        return np.concatenate([owner, np.full(len(self.names), -1), told]).astype(int)
+
+
+def joint_model(takes: Sequence[Take]) -> JointModel | None:
+    """The model of the views that have a pose; None of fewer than one.
+
+    Anamorphic views are left out: cylinders have two entrance pupils.
+    """
+    views = [view for view in map(_view, takes) if view is not None]
+    return JointModel(views) if views else None
+
+
+def _view(take: Take) -> _View | None:
+    found = take.observations
+    if take.anamorphic:
+        return None
+    half_px = np.asarray(found.image_size_px) / 2
+    image = (found.points_px - half_px) * take.pixel_mm
+    away = np.linalg.norm(image, axis=1) / np.linalg.norm(half_px * take.pixel_mm)
+    good = np.flatnonzero(~found.overlapping & (away < _CENTRAL))
+    if len(good) < 16:
+        return None
+    some = good[:: max(1, len(good) // _MOST_POINTS)]
+    board = found.lattice[some] - np.round(found.lattice[some].mean(0))
+    f, focus = take.focal_length_mm, take.focus_distance_mm
+    c_mm = f if focus is None or focus <= 2 * f else f * (1 + f / (focus - f))
+    try:
+        pose = pose_from_homography(board * take.pitch_mm, image[some], c_mm, take.name)
+    except FitError:
+        return None
+    return _View(
+        take=take,
+        board=board,
+        image_mm=image[some],
+        normal=np.nan_to_num(found.normal[some]),
+        is_point=found.family[some] == POINT,
+        rotation=np.asarray(pose.rotation),
+        translation_mm=np.asarray(pose.translation_mm),
+    )
+
+
+def noise_of_model_px(model: JointModel) -> tuple[float, Solution]:
+    """What the model leaves where no statement holds it, and that solution."""
+    wide = {
+        name: RELEASED_SD
+        for name in model.names
+        if name[0] in ("focal_length", "breathing", "pitch")
+    }
+    every = frozenset(range(len(model.views)))
+    solution = model.solve(1.0, wide, every)
+    return max(solution.rms_px, _LEAST_PX), solution

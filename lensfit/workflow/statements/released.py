@@ -1,0 +1,211 @@
+"""Which statement is wrong: each is released in turn, and the misfit compared.
+
+Where statements, targets and views agree, every residual of a statement is about its
+own width. Where they do not, the misfit of the joint model is large, and releasing the
+one wrong statement takes it away, while releasing a right one leaves it. The one whose
+release explains most is named, with the value that it would have.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from lensfit.fit.take import Take
+from lensfit.workflow.statements.contradiction import Contradiction
+from lensfit.workflow.statements.joint_model import (
+    RELEASED_SD,
+    JointModel,
+    Solution,
+    joint_model,
+    noise_of_model_px,
+)
+
+_MOST_MISFIT_PX = 1.5
+"""Free of statements, beyond which the model is no judge of them."""
+_CONTRADICTED = 30.0
+"""Chi-squared that statements add: five standard deviations of one of them."""
+_EXPLAINS = 0.6
+_AS_WELL = 0.9
+"""Of the best explanation: what explains so much is as probable."""
+_MOST_ROUNDS = 2
+_FORGIVEN = {"pitch": 0.01, "focal_length": 0.06, "target_distance": 0.03}
+"""Relative change below which no release is worth naming."""
+
+
+@final
+@dataclass(frozen=True)
+class _Release:
+    """A statement let go of, and what remains."""
+
+    kind: str
+    key: tuple | int | None
+    shared: dict[tuple, float]
+    distances: frozenset[int]
+    solution: Solution
+
+
+def contradicted_statements(takes: Sequence[Take]) -> Iterator[Contradiction]:
+    """Statements of pitch, focal length and distance that the views contradict.
+
+    Parameters
+    ----------
+    takes : With detected points; views of one lens.
+    """
+    model = joint_model(takes)
+    if model is None or len(model.views) < 1:
+        return
+    noise_px, _ = noise_of_model_px(model)
+    if noise_px > _MOST_MISFIT_PX:
+        return
+    shared: dict[tuple, float] = {}
+    distances: frozenset[int] = frozenset()
+    solution = model.solve(noise_px)
+    least = _all_released(model, noise_px, solution)
+    for _ in range(_MOST_ROUNDS):
+        misfit = solution.chi_squared - least.chi_squared
+        if misfit < _CONTRADICTED:
+            return
+        releases = _releases(model, noise_px, solution, shared, distances)
+        if not releases:
+            return
+        best = releases[0]
+        explained = solution.chi_squared - best.solution.chi_squared
+        if explained < _EXPLAINS * misfit:
+            yield _unexplained(misfit)
+            return
+        as_well = [
+            one
+            for one in releases[1:]
+            if solution.chi_squared - one.solution.chi_squared > _AS_WELL * explained
+        ]
+        yield _named(model, best, as_well, explained / misfit)
+        shared, distances = best.shared, best.distances
+        solution = best.solution
+
+
+def _all_released(model: JointModel, noise_px: float, begin: Solution) -> Solution:
+    wide = {n: RELEASED_SD for n in model.names if n[0] in ("focal_length", "pitch")}
+    every = frozenset(range(len(model.views)))
+    return model.solve(noise_px, wide, every, begin.parameters)
+
+
+def _releases(
+    model: JointModel,
+    noise_px: float,
+    solution: Solution,
+    shared: dict[tuple, float],
+    distances: frozenset[int],
+) -> list[_Release]:
+    """Every statement released besides those that are, the best first."""
+    tried: list[tuple[str, tuple | int | None, dict[tuple, float], frozenset[int]]] = []
+    for name in model.names:
+        if name[0] in ("pitch", "focal_length") and name not in shared:
+            tried.append((name[0], name, shared | {name: RELEASED_SD}, distances))
+    told = [
+        k
+        for k, view in enumerate(model.views)
+        if view.take.target_distance_mm is not None and k not in distances
+    ]
+    for k in told:
+        tried.append(("target_distance", k, shared, distances | {k}))
+    if len(told) > 1:
+        tried.append(("target_distance", None, shared, distances | set(told)))
+    found = [
+        _Release(
+            kind,
+            key,
+            wide,
+            free,
+            model.solve(noise_px, wide, free, solution.parameters),
+        )
+        for kind, key, wide, free in tried
+    ]
+    worth = [one for one in found if _change(model, one) > _FORGIVEN[one.kind]]
+    # All distances at once explain what one pitch does with more numbers.
+    return sorted(
+        worth,
+        key=lambda one: one.solution.chi_squared + 10.0 * (one.key is None) * len(told),
+    )
+
+
+def _change(model: JointModel, release: _Release) -> float:
+    """Relative change of the statement by its release."""
+    if release.kind != "target_distance":
+        assert isinstance(release.key, tuple)
+        return abs(float(np.expm1(model.value(release.solution, release.key))))
+    keys = [release.key] if release.key is not None else sorted(release.distances)
+    changes = []
+    for k in keys:
+        assert isinstance(k, int)
+        stated = model.views[k].take.target_distance_mm or np.inf
+        changes.append(abs(model.distance_mm(release.solution, k) / stated - 1))
+    return float(np.median(changes))
+
+
+def _named(
+    model: JointModel, best: _Release, as_well: list[_Release], share: float
+) -> Contradiction:
+    statement, stated, value, unit, images = _value(model, best)
+    others = [_value(model, one) for one in as_well if one.key is not None]
+    text = (
+        f"{statement} is stated as {stated:.4g} {unit}, but the photographs agree "
+        f"with {value:.4g} {unit}"
+    )
+    remedy = f"check {statement}"
+    if others:
+        name, _, other, other_unit, _ = others[0]
+        text += f" (or with {name} = {other:.4g} {other_unit})"
+        remedy += f" and {name}"
+    kind = best.kind
+    assert kind in ("pitch", "focal_length", "target_distance")
+    return Contradiction(
+        kind=kind,
+        limit="undistortion",
+        text=text,
+        remedy=remedy + " in the shoot file, and calibrate again",
+        statement=statement,
+        stated=stated,
+        agrees_with=value,
+        explained=min(share, 1.0),
+        images=images,
+    )
+
+
+def _value(
+    model: JointModel, release: _Release
+) -> tuple[str, float, float, str, tuple[str, ...]]:
+    """Name, stated value, value once released, unit and photographs."""
+    solution = release.solution
+    if release.kind == "target_distance":
+        k = release.key if isinstance(release.key, int) else min(release.distances)
+        take = model.views[k].take
+        stated = float(take.target_distance_mm or np.nan)
+        place = f"target_distance_mm of {Path(take.name).stem}"
+        images = (take.name,)
+        if release.key is None:
+            place, images = "target_distance_mm of all views", ()
+        return place, stated, model.distance_mm(solution, k), "mm", images
+    assert isinstance(release.key, tuple)
+    factor = float(np.exp(model.value(solution, release.key)))
+    if release.kind == "pitch":
+        name = release.key[1]
+        mine = [v.take for v in model.views if v.take.target == name]
+        stated = float(mine[0].pitch_mm[0])
+        images = tuple(take.name for take in mine)
+        return f'pitch_mm of target "{name}"', stated, stated * factor, "mm", images
+    focal = float(release.key[1])
+    mine = [v.take.name for v in model.views if v.take.focal_length_mm == focal]
+    return "focal_length_mm", focal, focal * factor, "mm", tuple(mine)
+
+
+def _unexplained(misfit: float) -> Contradiction:
+    return Contradiction(
+        kind="statements",
+        limit="look",
+        text="pitches, distances and focal lengths as stated contradict each other by "
+        f"{np.sqrt(misfit):.0f} standard deviations, and no single one explains it",
+        remedy="measure the targets' pitch and distances again",
+    )

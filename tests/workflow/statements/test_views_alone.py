@@ -1,0 +1,167 @@
+"""Views that are blurred, repeated or of another lens; stops far from stated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from found_marks import found_marks
+from pinhole_shoots import drawn, right_shoot
+
+from lensfit.workflow.calibration.observe import Observed
+from lensfit.workflow.statements.blur_statements import (
+    blurred_views,
+    contradicted_f_numbers,
+)
+from lensfit.workflow.statements.encoding import impossible_fall_off
+from lensfit.workflow.statements.lens_identity import mixed_lenses
+from lensfit.workflow.statements.repeated import counted_once
+
+
+def right(seed: int = 1):
+    rng = np.random.default_rng(seed)
+    truth = drawn(rng)
+    return truth, right_shoot(truth, rng), rng
+
+
+def with_width(take, diameter_px: float, **changes):
+    seen = take.observations
+    wide = np.full(len(seen), diameter_px)
+    return replace(take, observations=replace(seen, diameter_px=wide), **changes)
+
+
+def test_views_of_two_lenses_are_told_apart_by_the_size_of_the_image():
+    """The other lens, longer by a fifth, photographs the very chart from there."""
+    _, takes, _ = right()
+    middle = np.array([600.0, 450.0])
+    mixed = list(takes[:3])
+    for k, take in enumerate(takes[:2]):
+        seen = take.observations
+        larger = replace(seen, points_px=(seen.points_px - middle) * 1.2 + middle)
+        mixed.append(replace(take, name=f"other_{k}.png", observations=larger))
+    found = list(mixed_lenses(mixed))
+    assert [one.kind for one in found] == ["lens_identity"]
+    assert found[0].images == ("other_0.png", "other_1.png")
+    assert "20 % larger" in found[0].text
+    assert list(mixed_lenses(takes)) == []
+
+
+def test_a_view_wider_than_its_like_is_blurred():
+    _, takes, _ = right()
+    sharp = with_width(takes[0], 2.0)
+    blurred = with_width(takes[0], 9.0, name="moved.png")
+    found = list(blurred_views([sharp, blurred]))
+    assert [one.images for one in found] == [("moved.png",)]
+    assert list(blurred_views([sharp, with_width(takes[0], 2.4)])) == []
+    wide_open = with_width(takes[0], 9.0, f_number=1.4)
+    assert list(blurred_views([sharp, wide_open])) == []
+    other_focus = with_width(takes[1], 9.0)
+    assert list(blurred_views([sharp, other_focus])) == []
+
+
+@pytest.mark.parametrize(
+    ("stated", "found_as"), [(16.0, 11.9), (16.0, 10.4), (11.9, None), (12.5, None)]
+)
+def test_a_stop_far_from_stated_is_named_with_the_true_one(stated, found_as):
+    """Discs of defocus as 1/N, N = 2.8 and 11.9 (or 10.4)."""
+    _, takes, _ = right()
+    true = found_as or 11.9
+    views = []
+    for stop, shown in ((2.8, 2.8), (true, stated)):
+        for take, disc in ((takes[0], 0.0), (takes[1], 40.0), (takes[2], 36.0)):
+            width = np.hypot(2.0, disc / stop)
+            views.append(with_width(take, float(width), f_number=shown))
+    for view in (0, 3):
+        views[view] = replace(
+            views[view], target_distance_mm=views[view].focus_distance_mm
+        )
+    found = list(contradicted_f_numbers(views))
+    if found_as is None:
+        assert found == []
+    else:
+        assert found[0].agrees_with == pytest.approx(found_as, rel=0.03)
+
+
+def observed(take, sha256: str = "") -> Observed:
+    return Observed(take.name, take.target, {}, take=take, sha256=sha256)
+
+
+def test_one_exposure_is_counted_once_whatever_its_file():
+    _, takes, rng = right()
+    first = takes[0]
+    copy = replace(first, name="copy.png")
+
+    def exposed(noise_px: float):
+        seen = first.observations
+        noise = rng.normal(0, noise_px, seen.points_px.shape)
+        return found_marks(
+            seen.points_px + noise,
+            seen.image_size_px,
+            deviation_px=0.05,
+            lattice=seen.lattice,
+        )
+
+    resaved, again = exposed(0.002), exposed(0.07)
+    views = [
+        observed(first, "a"),
+        observed(copy, "a"),
+        observed(replace(first, name="resaved.png", observations=resaved), "b"),
+        observed(replace(first, name="second.png", observations=again), "c"),
+        observed(takes[3], "d"),
+    ]
+    kept, found = counted_once(views)
+    assert [one.image for one in kept if one.take is not None] == [
+        "view_0.png",
+        "second.png",
+        "view_3.png",
+    ]
+    assert found[0].images == ("view_0.png", "copy.png", "resaved.png")
+
+
+def entry(*curves: tuple[float, float], lit: bool = False) -> dict:
+    """Of f-numbers and the stops by which light falls off at 17.5 mm."""
+    return {
+        "principal_distance_mm": 28.3,
+        "fall_off": [
+            {
+                "f_number": f_number,
+                "radius_mm": [0.0, 17.5],
+                "g": [1.0, 2.0**-stops],
+                "lighting_too": lit,
+            }
+            for f_number, stops in curves
+        ],
+    }
+
+
+def test_light_that_falls_off_more_than_the_fourth_power_of_the_cosine():
+    """At 17.5 mm and 28.3 mm the law allows 0.94 stops."""
+    (found,) = impossible_fall_off([entry((2.8, 2.5), (8.0, 1.79))])
+    assert found.agrees_with == pytest.approx(2 * np.log2(1 + (17.5 / 28.3) ** 2))
+    assert found.stated == pytest.approx(1.79)
+    lawful = entry((2.8, 2.5), (8.0, 0.77))
+    lit = entry((2.8, 2.5), (8.0, 1.79), lit=True)
+    clipped_by_rims = entry((5.6, 1.79), (8.0, 1.7))
+    for one in (lawful, lit, clipped_by_rims):
+        assert list(impossible_fall_off([one])) == []
+
+
+def test_a_lens_that_distorts_otherwise_at_another_focus_is_one_lens():
+    """Two states, each with its own distortion, and no view of both."""
+    _, takes, _ = right()
+    half = np.array([600.0, 450.0])
+
+    def bent(take, k1: float, name: str, **changes):
+        seen = take.observations
+        place = (seen.points_px - half) / np.linalg.norm(half)
+        r2 = (place**2).sum(1, keepdims=True)
+        points = place * (1 + k1 * r2) * np.linalg.norm(half) + half
+        seen = replace(seen, points_px=points)
+        return replace(take, observations=seen, name=name, **changes)
+
+    near = takes[1].focus_distance_mm
+    one_state = [bent(takes[0], 0.0, f"a{k}.png") for k in range(2)]
+    other = [bent(takes[0], 0.05, f"b{k}.png") for k in range(2)]
+    turned = [replace(take, focus_distance_mm=near) for take in other]
+    assert list(mixed_lenses(one_state + turned)) == []
+    (found,) = mixed_lenses(one_state + other)
+    assert "distort the edge of the frame" in found.text
