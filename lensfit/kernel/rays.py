@@ -15,7 +15,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from lensfit.kernel.lens_blur import LateralColour, LensBlur, Pencil, pencil
 from lensfit.kernel.pixels import AIRY_SIGMA
@@ -45,9 +45,9 @@ class PupilPlaces(NamedTuple):
     share : Of the area of the unit disc that each stands for; they sum to 1.
     """
 
-    azimuth_rad: Float[Array, " rays"]
-    reach: Float[Array, " rays"]
-    share: Float[Array, " rays"]
+    azimuth_rad: Float[ArrayLike, " rays"]
+    reach: Float[ArrayLike, " rays"]
+    share: Float[ArrayLike, " rays"]
 
 
 class Rays(NamedTuple):
@@ -87,9 +87,13 @@ def rays_through(
     count : Rays that fill the opening, where these are some of them.
     """
     u, density = pupil_rays(
-        seen.h, blur.stop_radius, blur.pupil, places.azimuth_rad, places.reach
+        seen.h,
+        blur.stop_radius,
+        blur.pupil,
+        jnp.asarray(places.azimuth_rad),
+        jnp.asarray(places.reach),
     )
-    cell = seen.grown**2 * density * places.share
+    cell = seen.grown**2 * density * jnp.asarray(places.share)
     wavelengths = seen.lateral_mm.shape[0]
     dealt = _dealt(u, seen, blur)
 
@@ -173,9 +177,10 @@ def rays_of_points(
         and channels.
     """
     filled = tuple(_filled(part, _POINTS) for part in points)
-    through = PupilPlaces(*(_filled(part, _RAYS) for part in places))
-    count = jnp.asarray(float(len(places.reach)))
-    firsts = range(0, len(filled[0]), _POINTS), range(0, len(through.reach), _RAYS)
+    through = [_filled(part, _RAYS) for part in places]
+    n_points, n_rays = len(points[0]), np.size(places.reach)
+    count = jnp.asarray(float(n_rays))
+    firsts = range(0, len(filled[0]), _POINTS), range(0, len(through[0]), _RAYS)
 
     def batch(at: tuple[int, int]) -> tuple[np.ndarray, ...]:
         some = tuple(jnp.asarray(part[at[0] : at[0] + _POINTS]) for part in filled)
@@ -191,13 +196,12 @@ def rays_of_points(
         for k in (0, 1)
     )
     airy = np.concatenate([row[0][2] for row in rows])
-    n_points, n_rays = len(points[0]), len(places.reach)
     light = weight[:n_points, :n_rays]
     total = np.maximum(light.sum(1, keepdims=True), _NO_LIGHT)
     return LandedRays(landing[:n_points, :n_rays], light / total, airy[:n_points])
 
 
-def _filled(some: np.ndarray, size: int) -> np.ndarray:
+def _filled(some: ArrayLike, size: int) -> np.ndarray:
     """Whole batches; the last is repeated."""
     values = np.asarray(some)
     return np.concatenate([values, np.repeat(values[-1:], -len(values) % size, 0)])

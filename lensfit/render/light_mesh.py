@@ -166,7 +166,7 @@ def light_kernel(
         field.density[channel],
         ((place_px[0] - 0.5) / x, (place_px[1] - 0.5) / y),
     )
-    landing = mesh @ np.float32([1, radius_px, radius_px**2])
+    landing = mesh @ np.array([1, radius_px, radius_px**2], np.float32)
     reach = float(np.abs(landing).max())
     half = int(np.ceil(reach + 3 * field.diffraction_px)) + 1
     finer = next((n for radius, n in _FINE_SIDES if reach <= radius), 1)
@@ -206,7 +206,7 @@ def _nearer(
     step = STEP_PX + STEP_GROWTH * abs(radius_px)
     x, y = place_px[0] - offset[1], place_px[1] - offset[0]
     tops, lefts = surfaces.table[:, TOP], surfaces.table[:, LEFT]
-    may = np.flatnonzero(surfaces.extent_px[:, MOST] > radius_px + step)
+    may = np.flatnonzero(surfaces.extent_px[:, MOST] > radius_px + step).tolist()
     found = [
         n
         for n in may
@@ -233,7 +233,7 @@ def _between(
     column = min(max(int(at[0]), 0), columns - 2)
     row = min(max(int(at[1]), 0), rows - 2)
     u, v = at[0] - column, at[1] - row
-    shares = np.float32([[(1 - u) * (1 - v), u * (1 - v)], [(1 - u) * v, u * v]])
+    shares = np.outer([1 - v, v], [1 - u, u]).astype(np.float32)
     part = np.s_[:, row : row + 2, column : column + 2]
     mesh = np.einsum("rk,wrkvxp->wvxp", shares, moved[part])
     return mesh, np.einsum("rk,wrkv->wv", shares, density[part])

@@ -106,7 +106,9 @@ class Defocus:
         blur, f_number = self.lens.blur, self.lens.f_number
         if f_number is None or blur is not None:
             return False
-        pitch_mm = self.geometry.area_mm[0] / self.geometry.size_px[0]
+        pitch_mm, height_mm = self.geometry.pitch_mm
+        if not math.isclose(pitch_mm, height_mm, rel_tol=1e-6):
+            return False
         return not diffracts(f_number, pitch_mm)
 
     def slabs(self, least_px: float, most_px: float) -> Slabs:

@@ -85,7 +85,7 @@ class RayField:
         self, radius_px: float
     ) -> Float32[np.ndarray, "channels rows columns rays 2"]:
         """From pixel to place, at every node."""
-        powers = np.float32([1.0, radius_px, radius_px**2])
+        powers = np.array([1.0, radius_px, radius_px**2], np.float32)
         return self.moved_px @ powers
 
     def spot_radius_px(self, radius_px: float) -> Float32[np.ndarray, "rows columns"]:
@@ -248,6 +248,7 @@ def _without_gaps(values: np.ndarray, lit: np.ndarray) -> np.ndarray:
             near = distance_transform_edt(
                 ~own, return_distances=False, return_indices=True
             )
+            assert near is not None
             result[at] = values[at][near[0], near[1]]
         elif not own.any():
             result[at] = 0

@@ -238,7 +238,7 @@ def _grown_into(seeds: np.ndarray, may: np.ndarray) -> Bool[np.ndarray, "height 
     allowed = may.astype(np.uint8)
     reached = seeds.astype(np.uint8)
     for _ in range(_GOING_ON_PX):
-        reached = cv2.dilate(reached, _CROSS) & allowed
+        reached = np.asarray(cv2.dilate(reached, _CROSS)) & allowed
     return reached > 0
 
 

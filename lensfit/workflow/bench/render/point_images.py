@@ -11,7 +11,7 @@ from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.render.circle import Circle
 from lensfit.render.frame import render
-from lensfit.render.stages import Switches
+from lensfit.render.stages import DEFAULT_TOLERANCE, Switches
 from lensfit.render.uv import PlateGeometry
 from lensfit.workflow.bench.rows import Row
 
@@ -85,8 +85,8 @@ def _ray_error(lens: Lens, depth_mm: float) -> float:
     picture = np.repeat(one_over_f()[..., None], 3, -1)
     depth = np.full((_HEIGHT, _WIDTH), depth_mm, np.float32)
     found, finest = (
-        render(picture, depth, lens, switches=_SWITCHES, **more)
-        for more in ({}, {"tolerance": _FINEST})
+        render(picture, depth, lens, switches=_SWITCHES, tolerance=tolerance)
+        for tolerance in (DEFAULT_TOLERANCE, _FINEST)
     )
     return float(np.mean((found - finest) ** 2))
 
