@@ -13,6 +13,8 @@ figure is a plain number, ready for JSON:
     defocus_sign        "right", "wrong", or "undecided" for a lens that cannot tell
     covered             percent of errors within one stated deviation (68 if they are
                         true), of what the lens says (`judge_deviations`)
+    chief_ray_at_focus_px, lateral_colour_at_focus_px, covered_at_focus
+                        of objects as far away as the lens is focused (`judge_depths`)
     flags               what no map or fall-off may do, one sentence each
 """
 
@@ -25,6 +27,7 @@ import numpy as np
 from jaxtyping import Float
 
 from data_synth.bands import CHANNELS
+from data_synth.judge_depths import depth_figures
 from data_synth.judge_deviations import covered_figures
 from data_synth.judge_maps import affinely_aligned, flags_of
 from data_synth.judge_spots import (
@@ -72,6 +75,7 @@ def judge(
         figures["defocus_sign"] = defocus_sign(make, truth)
     except LensfitError as error:
         flags.append(f"no point-spread function: {error}")
+    figures |= depth_figures(make, Path(folder), truth.frame)
     return figures | {"covered": covered_figures(make, truth)}
 
 

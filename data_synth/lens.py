@@ -19,6 +19,8 @@ from data_synth.surfaces import Surface
 from data_synth.trace import Stop, Traced, trace
 
 REFERENCE_NM = 546.07
+Group = tuple[int, int, float]
+"""First and last surface, and the share of the movement that it makes."""
 FAR_MM = 1e9
 """An object this far away stands for infinity."""
 
@@ -120,12 +122,21 @@ def _with_thicknesses(
 def _moved(
     surfaces: tuple[Surface, ...], group: tuple[int, int], extension_mm: float
 ) -> tuple[Surface, ...]:
-    """The group moved towards the scene; what stands in front of it stays."""
+    """The group moved towards the scene; what stands around it stays."""
     first, last = group
     change = {last: surfaces[last].thickness_mm + extension_mm}
     if first > 0:
         change[first - 1] = surfaces[first - 1].thickness_mm - extension_mm
     return _with_thicknesses(surfaces, change)
+
+
+def _moved_together(
+    surfaces: tuple[Surface, ...], groups: tuple[Group, ...], extension_mm: float
+) -> tuple[Surface, ...]:
+    """Groups moved towards the scene, each by its share."""
+    for first, last, share in groups:
+        surfaces = _moved(surfaces, (first, last), share * extension_mm)
+    return surfaces
 
 
 def _focused(
@@ -137,18 +148,19 @@ def _focused(
     """The lens focused at a distance from the sensor (at infinity by its back gap)."""
     cylinders = prescription.anamorphic_focus_group
     sections: tuple[Section, ...] = ("y",) if cylinders else ("x", "y")
-    group = (0, len(surfaces) - 1)
+    groups: tuple[Group, ...] = ((0, len(surfaces) - 1, 1.0),)
     if math.isfinite(distance_mm):
-        group = prescription.focus_group
-    surfaces = _sharpened(surfaces, group, distance_mm, f_number, sections)
+        groups = ((*prescription.focus_group, 1.0), *prescription.floating_groups)
+    surfaces = _sharpened(surfaces, groups, distance_mm, f_number, sections)
     if cylinders:
-        surfaces = _sharpened(surfaces, cylinders, distance_mm, f_number, ("x",))
+        of_x = ((*cylinders, 1.0),)
+        surfaces = _sharpened(surfaces, of_x, distance_mm, f_number, ("x",))
     return surfaces
 
 
 def _sharpened(
     surfaces: tuple[Surface, ...],
-    group: tuple[int, int],
+    groups: tuple[Group, ...],
     distance_mm: float,
     f_number: float,
     sections: tuple[Section, ...],
@@ -156,7 +168,7 @@ def _sharpened(
     """Secant search for the movement that brings the best focus onto the sensor."""
 
     def defocus_mm(extension_mm: float) -> float:
-        moved = _moved(surfaces, group, extension_mm)
+        moved = _moved_together(surfaces, groups, extension_mm)
         return _defocus_mm(moved, distance_mm, f_number, sections)
 
     previous, current = 0.0, 0.1
@@ -168,7 +180,7 @@ def _sharpened(
         slope = (error - error_previous) / (current - previous)
         previous, error_previous = current, error
         current = current - float(np.clip(error / slope, -20.0, 20.0))
-    return _moved(surfaces, group, current)
+    return _moved_together(surfaces, groups, current)
 
 
 def _defocus_mm(

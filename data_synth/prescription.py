@@ -6,8 +6,9 @@ unit of the publication; `scale` turns them into mm. Further keys of a row: `sto
 `conic`, `even` (a4, a6, ...), `cylinder` ("x" or "y": the section that has power),
 `sellmeier`. `state` tables give the thicknesses of a zoom by surface number (from 0).
 `focus_group` = [first, last] names the surfaces that move; the whole lens by default.
-An anamorphic may name `anamorphic_focus_group`: cylinders that then sharpen the x
-section.
+`floating_groups` = [[first, last, share], ...] move along, each by a share of that
+movement. An anamorphic may name `anamorphic_focus_group`: cylinders that then sharpen
+the x section.
 """
 
 import tomllib
@@ -43,6 +44,8 @@ class Prescription:
     states : One for each focal length.
     focus_group : First and last surface that move in focusing.
     anamorphic_focus_group : Cylinders that then move to sharpen the x section.
+    floating_groups : First and last surface of others, and the share of the movement
+        of the focus group that they make.
     """
 
     name: str
@@ -55,6 +58,7 @@ class Prescription:
     states: tuple[ZoomState, ...]
     focus_group: tuple[int, int]
     anamorphic_focus_group: tuple[int, int] | None = None
+    floating_groups: tuple[tuple[int, int, float], ...] = ()
 
     def state_nearest(self, focal_length_mm: float | None) -> ZoomState:
         """The published state closest to a focal length; the first for None."""
@@ -111,6 +115,10 @@ def _prescription(name: str, table: dict) -> Prescription:
         states=states or (ZoomState(table["focal_length_mm"], {}),),
         focus_group=(first, last),
         anamorphic_focus_group=_pair(table.get("anamorphic_focus_group")),
+        floating_groups=tuple(
+            (first, last, float(share))
+            for first, last, share in table.get("floating_groups", [])
+        ),
     )
 
 

@@ -190,7 +190,7 @@ def subject_of(
 
 
 def random_subject(number: int, seed: int, size_px: tuple[int, int]) -> Subject:
-    """The lens of that number of a series: ten in a row use all bundled designs."""
+    """The lens of that number of a series: every design comes once in a row of them."""
     names = prescription_names()
     rng = np.random.default_rng([seed, number])
     base = load_prescription(np.random.default_rng(seed).permutation(names)[

@@ -133,7 +133,10 @@ class _Sizes:
 def _sizes(prescription: Prescription, frame: Frame) -> _Sizes:
     focal_mm = prescription.states[0].focal_length_mm
     distance_mm = handy(DISTANCE_IN_FOCAL_LENGTHS * focal_mm, 3)
-    mm_per_px = frame.pitch_mm[0] * prescription.squeeze * (distance_mm / focal_mm - 1)
+    # Perspective counts from the entrance pupil, far ahead in a retrofocus lens.
+    lens = set_lens(prescription, focus_distance_mm=distance_mm)
+    ahead_mm = distance_mm + lens.pupil_z_mm
+    mm_per_px = frame.pitch_mm[0] * prescription.squeeze * ahead_mm / focal_mm
     sharpest_px = spot_diameter_px(prescription, frame, distance_mm, distance_mm)
     pitch_px = max(
         frame.size_px[0] / MARKS_ACROSS, LEAST_PITCH_PX, SPOTS_IN_PITCH * sharpest_px

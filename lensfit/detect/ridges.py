@@ -16,6 +16,13 @@ from jaxtyping import Float
 SCALES_PX = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0)
 CROSSING_PER_RIDGE_SCALE = 1.4
 """A crossing is smoothed a little more, to reach out along its arms."""
+FAINTEST_CROSSING = 0.02
+"""The same relative to the strong ones of the whole picture, whose corners are dark."""
+SECOND_LINE = 0.1
+"""Curvature across the weaker of two lines that cross, relative to the other's."""
+SURROUNDINGS = 2.0
+"""How far around a crossing the picture must go on, in standard deviations of its
+smoothing."""
 WEAKEST_CROSSING = 0.3
 """Faintest accepted crossing, relative to the strongest around it."""
 
@@ -96,21 +103,32 @@ def find_crossings(
 ) -> tuple[Float[np.ndarray, "crossings 2"], Float[np.ndarray, "height width"]]:
     """Crossings of two lines, and the map of ridge strength that joins them.
 
+    Only those whose surroundings are in the picture: what lies beyond its border is
+    filled with a reflection, which makes a crossing of the place where a line ends.
+
     Returns
     -------
     crossings_px : Positions to a fraction of a pixel, first pixel centre at 0.5.
     ridge : Curvature across the strongest line at each pixel, positive on lines.
     """
     signed = image * np.float32(scale.sign)
-    smaller, larger = curvatures(signed, CROSSING_PER_RIDGE_SCALE * scale.sigma_px)
+    smoothing_px = CROSSING_PER_RIDGE_SCALE * scale.sigma_px
+    smaller, larger = curvatures(signed, smoothing_px)
     response = np.maximum(-larger, 0)
     reach = max(image.shape) // 8 | 1
     around = cv2.dilate(response, np.ones((reach, reach), np.uint8))
     around = cv2.blur(around, (reach, reach))
     peaks = subpixel_peaks(response, round(2 * scale.sigma_px))
     columns, rows = np.floor(peaks).astype(int).T
-    strong = response[rows, columns] > WEAKEST_CROSSING * around[rows, columns]
-    return peaks[strong], -smaller
+    here = response[rows, columns]
+    strong = here > WEAKEST_CROSSING * around[rows, columns]
+    if strong.any():
+        # Where no crossing is around, the strongest speck of noise is none either.
+        strong &= here > FAINTEST_CROSSING * np.percentile(here[strong], 90)
+    strong &= here > SECOND_LINE * -smaller[rows, columns]
+    border_px = SURROUNDINGS * smoothing_px
+    inside = (peaks > border_px) & (peaks < np.array(image.shape[::-1]) - border_px)
+    return peaks[strong & inside.all(1)], -smaller
 
 
 def subpixel_peaks(

@@ -18,6 +18,7 @@ from lensfit.fit.chunks import Marks
 from lensfit.fit.geometry import Frame
 from lensfit.fit.normal import Equations
 from lensfit.fit.parameters import Layout, Prior
+from lensfit.fit.statements import Statements
 from lensfit.fit.views import Stack, noise_mm2, whitening_of
 from lensfit.programs import kept_program
 
@@ -43,6 +44,7 @@ class Adjustment:
     ----------
     parameters : All of them.
     layout, frame, prior : What they mean, and which were free.
+    statements : What was stated of the lens and the boards; None for nothing.
     stack : The photographs.
     shift_mm : Predicted centroid minus image of the centre, for every mark.
     model_variance_mm2 : What the model leaves, per photograph.
@@ -60,6 +62,7 @@ class Adjustment:
     shift_mm: Float[np.ndarray, "views marks 2"]
     model_variance_mm2: Float[np.ndarray, " views"]
     weight: Float[np.ndarray, "views marks"]
+    statements: Statements | None = None
     converged: bool = False
     steps: int = 0
 
@@ -135,7 +138,17 @@ def problem_of(
         prior_mean=jnp.asarray(prior.mean),
         prior_precision=jnp.asarray(np.where(prior.free, deviation**-2.0, 0.0)),
         free=jnp.asarray(prior.free.astype(float)),
+        stated=stated_equations(adjustment),
     )
+
+
+def stated_equations(adjustment: Adjustment) -> solve.Stated:
+    """Of the statements; zeros where nothing is stated."""
+    statements, size = adjustment.statements, len(adjustment.parameters)
+    if statements is None:
+        return solve.Stated(*map(jnp.zeros, ((size, size), size, ())))
+    found = statements.matrix, statements.vector, statements.constant
+    return solve.Stated(*map(jnp.asarray, found))
 
 
 def adjust(
@@ -188,10 +201,18 @@ def _solve(
         prior_mean=jnp.asarray(filled_up(problem.prior_mean)),
         prior_precision=jnp.asarray(filled_up(problem.prior_precision)),
         free=jnp.asarray(filled_up(problem.free)),
+        stated=_filled_up(problem.stated, adjustment),
     )
     start = jnp.asarray(filled_up(adjustment.parameters))
     layout = adjustment.layout
     return solve.solve(start, roomy, layout, TOLERANCE, most_steps, damping)
+
+
+def _filled_up(stated: solve.Stated, adjustment: Adjustment) -> solve.Stated:
+    """The same with zeros for the places of `stack.filled_view`."""
+    vector = adjustment.filled_up(stated.vector)
+    matrix = jnp.pad(stated.matrix, (0, len(vector) - stated.vector.size))
+    return solve.Stated(matrix, jnp.asarray(vector), stated.constant)
 
 
 def with_centroid_shift(adjustment: Adjustment) -> Adjustment:
@@ -211,7 +232,8 @@ def with_centroid_shift(adjustment: Adjustment) -> Adjustment:
 
 
 def weigh(adjustment: Adjustment) -> Adjustment:
-    """Model variance and robust weights at the current parameters."""
+    """Model variance and robust weights at the current parameters, also of what is
+    stated."""
     residual = adjustment.residual_mm()
     variance = model_variance_mm2(adjustment.stack, residual)
     whitening = whitening_of(adjustment.stack, variance)
@@ -220,7 +242,12 @@ def weigh(adjustment: Adjustment) -> Adjustment:
     weight = 1 / (1 + (distance / CAUCHY_SCALE) ** 2)
     weight = np.where(distance > REJECT_BEYOND, 0.0, weight)
     weight = np.where(adjustment.stack.present, weight, 0.0)
-    return replace(adjustment, model_variance_mm2=variance, weight=weight)
+    stated = adjustment.statements
+    if stated is not None:
+        stated = stated.reweighted(adjustment.parameters)
+    return replace(
+        adjustment, model_variance_mm2=variance, weight=weight, statements=stated
+    )
 
 
 def model_variance_mm2(

@@ -22,12 +22,15 @@ from lensfit.fit.adjust import Adjustment, adjust
 from lensfit.fit.evidence import with_evidence
 from lensfit.fit.held_out import held_out_error_px, squared_px
 from lensfit.fit.out_of_centre import WORKSHOP, OutOfCentre
-from lensfit.fit.parameters import PINHOLE, Layout
+from lensfit.fit.parameters import PINHOLE, STATED, Layout
 from lensfit.fit.priors import LOOSE, fixed_prior, release, with_poses_free
 from lensfit.fit.select import Verdict
 from lensfit.fit.stage import Start, start_of
-from lensfit.fit.stated_distance import at_stated_distance
+from lensfit.fit.stated_facts import Facts
+from lensfit.fit.stated_scale import at_fitted_scale
+from lensfit.fit.statements import Statement
 from lensfit.fit.take import Take
+from lensfit.fit.usual_lens import KnownPerspective
 from lensfit.optics.base import BASE_PROJECTIONS, BaseProjection
 from lensfit.progress import Progress, silent
 
@@ -49,8 +52,8 @@ class ChiefRayFit:
     kept : Names of the blocks that are free.
     verdicts : What came of every term that was tried.
     focal_length_free : Whether the photographs determine the focal length.
-    walk_shows : Whether they tilt enough to say something of how the pupil walks.
     held_out_rms_px : Mean over seeds, per take, and for all.
+    facts : What was stated.
     """
 
     takes: tuple[Take, ...]
@@ -58,16 +61,22 @@ class ChiefRayFit:
     kept: tuple[str, ...]
     verdicts: tuple[Verdict, ...]
     focal_length_free: bool
-    walk_shows: bool
     held_out_rms_px: float
     held_out_rms_px_of_take: tuple[float, ...]
     notes: tuple[str, ...]
     seconds: dict[str, float]
+    facts: Facts
 
     @property
     def tells_out_of_centre(self) -> bool:
         """Whether these views say what elements out of centre do."""
         return self.focal_length_free and WORKSHOP.keys() <= set(self.kept)
+
+    @property
+    def statements(self) -> tuple[Statement, ...]:
+        """Every number that was stated of this state, and what was fitted."""
+        stated = self.adjustment.statements
+        return () if stated is None else stated.table(self.adjustment.parameters)
 
 
 # Matrices of a few hundred rows gain nothing from several BLAS threads, which spin
@@ -79,16 +88,16 @@ def fit_chief_ray(
     *,
     shown: list[Take] | None = None,
     base: BaseProjection | None = None,
-    pupil_offset_mm: float | None = None,
+    perspective: KnownPerspective | None = None,
     told: OutOfCentre | None = None,
 ) -> ChiefRayFit:
     """Fit one lens state (one focal length and focus) to its takes.
 
     `shown` are the takes of all states of the lens: the box of the free field covers
     them, so that states can be interpolated. `base` is the ideal projection to start
-    from; by default the one that suits the marks best. `pupil_offset_mm` is how far the
-    entrance pupil lies in front of the sensor; by default as in a thin lens. `told` is
-    what tilted views at another focus say of elements out of centre.
+    from; by default the one that suits the marks best. `perspective` is that which
+    another state told; by default that of usual lenses. `told` is what tilted
+    views at another focus say of elements out of centre.
 
     Raises
     ------
@@ -97,12 +106,8 @@ def fit_chief_ray(
     clock = time.perf_counter
     began = clock()
     require_marks(takes)
-    start = start_of(takes, shown or takes, pupil_offset_mm)
-    compact = _compact(start, base)
-    # Views that tilt fix the scale themselves; behind cylinders both pupils have a say.
-    if not (start.focal_length_free or start.layout.anamorphic):
-        compact = at_stated_distance(compact, takes, pupil_offset_mm)
-        start = replace(start, frame=compact.frame, stack=compact.stack)
+    start = start_of(takes, shown or takes, perspective)
+    compact = at_fitted_scale(_compact(start, base))
     progress("fit", 1, 5)
     after_compact = clock()
     fitted, kept, verdicts = with_evidence(start, compact, progress, told)
@@ -115,7 +120,6 @@ def fit_chief_ray(
         kept=kept,
         verdicts=tuple(verdicts),
         focal_length_free=start.focal_length_free,
-        walk_shows=start.walk_shows,
         held_out_rms_px=held_out,
         held_out_rms_px_of_take=per_take,
         notes=start.notes + _told(fitted),
@@ -124,6 +128,7 @@ def fit_chief_ray(
             "fit_select": after_selection - after_compact,
             "fit_held_out": clock() - after_selection,
         },
+        facts=start.facts,
     )
 
 
@@ -166,6 +171,8 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
     prior = with_poses_free(fixed_prior(layout, len(start.takes)), layout)
     first = layout.blocks["radial"].start
     prior = release(prior, slice(first, first + COMPACT_RADIAL_TERMS), 0.3)
+    for name in STATED:
+        prior = release(prior, layout.blocks[name], LOOSE[name])
     adjustment = start.adjustment(layout, prior)
     adjustment = adjust(adjustment, rounds=2, chunks=chunks)
     blocks = ["aperture_shift"]

@@ -1,30 +1,42 @@
-"""Where the entrance pupil is: what a tape measure and a tilted chart say together.
+"""Where chief rays cross the axis: what was stated and tilted charts tell together.
 
 Chief rays meet in the entrance pupil, and perspective counts from there; a tape measure
 counts from the sensor. A chart that is photographed at two tilts fixes the principal
-distance, and with it how far the chart is from the pupil. Where its distance from the
-sensor was measured too, the difference is the pupil's place: far in front of the sensor
-in a retrofocus lens, close to it in a telephoto lens. Otherwise it is assumed to be one
-principal distance in front of the sensor, as in a thin lens.
+distance, and with it how far the chart is from the pupil; a stated focal length does
+so to a few percent, together with the size of the picture. Where the chart's distance
+from the sensor was measured too, the difference is the pupil's place: far in front of
+the sensor in a retrofocus lens, close to it in a telephoto lens.
 
-Tilted charts also say how the pupil walks along the axis with field angle
-(`lensfit.fit.pupil_walk`); that, too, is one number that all states share.
+A tilted chart is near on one side of the frame and far on the other, and a pupil that
+walks along the axis with field angle has another parallax at each.
 
-Takes of one focal length share the pupil: it moves with focus by millimetres.
+Both are parameters of the fit of every state, which stay near those of usual lenses
+(`lensfit.fit.usual_lens`) where nothing else tells them. They belong to the glass in
+front of the stop: states of one focal length share them, but that the pupil moves with
+focus by millimetres, as far as the lens where all of it moves.
 """
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
-import numpy as np
-
-from lensfit.fit.adjust import fitted_depths_mm
 from lensfit.fit.chief_ray import ChiefRayFit
 from lensfit.fit.uncertainty import Uncertainty
+from lensfit.fit.usual_lens import (
+    KnownPerspective,
+    KnownPupil,
+    KnownWalk,
+    magnification_at,
+    usual_pupil,
+    usual_walk,
+)
 
-_FARTHEST = 0.25
-"""Of the chart's distance; a pupil beyond, or as far behind the sensor, is an error of
-the tape measure or of the pitch."""
+_MEASURED_PUPIL, _MEASURED_WALK = 0.25, 0.5
+"""Of the width of usual lenses: what is known no better counts as assumed."""
+_LEAST_MOTION_MM = 0.3
+_MOTION = 2.0
+"""Of f m, how unsure the motion with focus is: a 100 mm lens with floating elements
+moves its pupil four times as far."""
+_WALK_WITH_FOCUS = 0.01
+"""In focal lengths: the walk of traced lenses changes by less between focus states."""
 
 
 class EntrancePupil(NamedTuple):
@@ -33,66 +45,106 @@ class EntrancePupil(NamedTuple):
     Attributes
     ----------
     offset_mm : In front of the sensor; negative behind it.
-    measured : Whether photographs say so; else it is assumed.
+    measured : Whether photographs, with what was stated, determine it; else it is near
+        that of usual lenses.
+    standard_deviation_mm : Of the offset.
     """
 
     offset_mm: float
     measured: bool
+    standard_deviation_mm: float = float("inf")
 
 
-def entrance_pupil(
-    geometry: ChiefRayFit,
-    uncertainty: Uncertainty,
-    principal_distance_mm: float,
-    known_mm: float | None,
-) -> EntrancePupil:
-    """The entrance pupil of a state: as its own photographs measure it, else as others
-    of its focal length did, else as in a thin lens.
+class FittedWalk(NamedTuple):
+    """Towards the scene, per squared sine of the field angle (`optics.pupil_walk`)."""
+
+    walk_mm: float
+    standard_deviation_mm: float
+    measured: bool = True
+
+
+def entrance_pupil(geometry: ChiefRayFit, uncertainty: Uncertainty) -> EntrancePupil:
+    """The entrance pupil that a state was fitted with."""
+    known = geometry.facts.perspective.pupil
+    offset_mm, deviation_mm = _fitted_mm(geometry, uncertainty, "pupil_offset")
+    usual_mm = usual_pupil(geometry.facts.focal_length_mm).standard_deviation_mm
+    measured = known.measured or deviation_mm < _MEASURED_PUPIL * usual_mm
+    return EntrancePupil(offset_mm, measured, deviation_mm)
+
+
+def pupil_walk(geometry: ChiefRayFit, uncertainty: Uncertainty) -> FittedWalk | None:
+    """The walk that a state was fitted with.
+
+    None where photographs do not show it and no f-number or distance was stated, since
+    nothing could be told of other distances then, and behind cylinders, whose sections
+    have a pupil each.
+    """
+    takes, facts = geometry.takes, geometry.facts
+    if geometry.adjustment.layout.anamorphic:
+        return None
+    known = facts.perspective.walk
+    walk_mm, deviation_mm = _fitted_mm(geometry, uncertainty, "pupil_walk")
+    usual_mm = usual_walk(facts.focal_length_mm, _widest(takes)).standard_deviation_mm
+    measured = known.measured or deviation_mm < _MEASURED_WALK * usual_mm
+    distances = any(take.target_distance_mm is not None for take in takes)
+    if not measured and (_widest(takes) is None or not distances):
+        return None
+    return FittedWalk(walk_mm, deviation_mm, measured)
+
+
+def _widest(takes) -> float | None:
+    return min((t.f_number for t in takes if t.f_number is not None), default=None)
+
+
+def _fitted_mm(
+    geometry: ChiefRayFit, uncertainty: Uncertainty, block: str
+) -> tuple[float, float]:
+    """A length along the axis and its standard deviation."""
+    adjustment = geometry.adjustment
+    unit_mm = float(adjustment.frame.stated_focal_length_mm)
+    value = float(adjustment.parameters[adjustment.layout.blocks[block]][0])
+    return value * unit_mm, float(uncertainty.deviation(block)[0]) * unit_mm
+
+
+def perspective_at_other_focus(
+    pupil: EntrancePupil,
+    walk: FittedWalk | None,
+    focal_length_mm: float,
+    told_at_mm: float | None,
+    focus_distance_mm: float | None,
+) -> KnownPerspective:
+    """Pupil and walk at another focus distance, before its photographs are seen.
+
+    Where the whole lens moves, the pupil moves along by f m; groups inside move it
+    farther, less or the other way. The error of what was told is common to all states:
+    only the motion is left open.
 
     Parameters
     ----------
-    geometry, uncertainty, principal_distance_mm : Of the state.
-    known_mm : What other states say (`shared_pupil_mm`).
+    pupil, walk : As one state told them.
+    told_at_mm, focus_distance_mm : From the sensor; None where nobody said.
     """
-    offset_mm = _measured_offset_mm(geometry, uncertainty)
-    if offset_mm is None:
-        offset_mm = known_mm
-    if offset_mm is None:
-        return EntrancePupil(principal_distance_mm, measured=False)
-    return EntrancePupil(offset_mm, measured=True)
-
-
-def shared_pupil_mm(pupils: Iterable[EntrancePupil]) -> float | None:
-    """Where states of one focal length measured the entrance pupil, mm in front of the
-    sensor: the median. None where none of them did."""
-    offsets_mm = [pupil.offset_mm for pupil in pupils if pupil.measured]
-    return float(np.median(offsets_mm)) if offsets_mm else None
-
-
-def _measured_offset_mm(
-    geometry: ChiefRayFit, uncertainty: Uncertainty
-) -> float | None:
-    """Where a fit found the entrance pupil; None where it is not seen.
-
-    It is seen where the views tilt, distances were stated, and the error of the chart's
-    depth is less than that of the assumption, which is of the order of the principal
-    distance. Behind cylinders each section has a pupil of its own, and none is told.
-    """
-    takes = geometry.takes
-    if not geometry.focal_length_free or any(take.anamorphic for take in takes):
-        return None
-    depths_mm = fitted_depths_mm(geometry.adjustment)
-    stated = [
-        (take.target_distance_mm, depth_mm)
-        for take, depth_mm in zip(takes, depths_mm, strict=True)
-        if take.target_distance_mm is not None
-    ]
-    if not stated:
-        return None
-    offset_mm = float(np.median([said - depth for said, depth in stated]))
-    said_mm, depth_mm = np.median(stated, axis=0)
-    unsure_mm = depth_mm * float(uncertainty.deviation("focal_length")[0])
-    known = unsure_mm < float(geometry.adjustment.frame.stated_focal_length_mm)
-    if not known or abs(offset_mm) > _FARTHEST * said_mm:
-        return None
-    return offset_mm
+    moved_mm = 0.0
+    if told_at_mm is not None and focus_distance_mm is not None:
+        there, here = (
+            magnification_at(focal_length_mm, distance_mm)
+            for distance_mm in (told_at_mm, focus_distance_mm)
+        )
+        moved_mm = focal_length_mm * (here - there)
+    known = KnownPupil(
+        pupil.offset_mm + moved_mm,
+        max(_MOTION * abs(moved_mm), _LEAST_MOTION_MM),
+        pupil.standard_deviation_mm,
+        pupil.measured,
+    )
+    if walk is None:
+        return KnownPerspective(known, usual_walk(focal_length_mm, None))
+    return KnownPerspective(
+        known,
+        KnownWalk(
+            walk.walk_mm,
+            _WALK_WITH_FOCUS * focal_length_mm,
+            walk.standard_deviation_mm,
+            walk.measured,
+        ),
+    )

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust
-from lensfit.fit.half_equations import halves_of, least_fall
+from lensfit.fit.half_equations import halves_of, least_fall, stated_statistics
 from lensfit.fit.out_of_centre import (
     WHY,
     WORKSHOP,
@@ -20,7 +20,7 @@ from lensfit.fit.out_of_centre import (
     asks_for_all,
     with_elements_out_of_centre,
 )
-from lensfit.fit.parameters import PINHOLE, Layout, Prior
+from lensfit.fit.parameters import PINHOLE, STATED, Layout, Prior
 from lensfit.fit.priors import loose_prior
 from lensfit.fit.select import (
     Step,
@@ -51,8 +51,6 @@ def with_evidence(
     terms = families(layout, start.largest)
     if start.focal_length_free:
         del terms["principal_point"]  # it is in every model then
-    if not start.walk_shows:
-        terms.pop("pupil_walk", None)
     free_field = {n: terms.pop(n) for n in ("free_field",) if n in terms}
     adjustment, kept, verdicts = compact, {}, []
     for turn in range(2):
@@ -146,6 +144,7 @@ def _chosen(
         always,
         terms,
         least_fall(adjustment),
+        stated_statistics(adjustment),
     )
     chosen = _indices(always, found.kept, terms)
     started = replace(
@@ -156,11 +155,13 @@ def _chosen(
     return adjust(started), found.kept, found.verdicts
 
 
-def _always(layout: Layout, views: int, focal_length: bool) -> np.ndarray:
-    """Parameters in every model: poses, and the pinhole where it can be known."""
+def _always(layout: Layout, views: int, tilted: bool) -> np.ndarray:
+    """Parameters in every model: poses, what statements hold, and the rest of the
+    pinhole where views tilt enough to determine it."""
     poses = layout.local_indices("pose", views).ravel()
-    pinhole = [layout.blocks[name] for name in PINHOLE]
-    known = [np.arange(w.start, w.stop) for w in pinhole if focal_length]
+    names = (*STATED, *PINHOLE) if tilted else STATED
+    pinhole = [layout.blocks[name] for name in names]
+    known = [np.arange(w.start, w.stop) for w in pinhole]
     return np.concatenate([*known, poses]).astype(int)
 
 

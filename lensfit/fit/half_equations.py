@@ -6,7 +6,7 @@ not make it, and both halves together are the equations of all marks.
 
 import numpy as np
 
-from lensfit.fit.adjust import Adjustment, equations_at
+from lensfit.fit.adjust import Adjustment, equations_at, stated_equations
 from lensfit.fit.select import LEAST_EFFECT_PX
 from lensfit.fit.trial import Statistics
 from lensfit.fit.views import noise_mm2, residuals_of
@@ -24,6 +24,15 @@ def explained_by(effect_px: float, adjustment: Adjustment) -> float:
     mean_mm2 = np.mean(variance[adjustment.used])
     px_per_deviation = float(np.sqrt(mean_mm2) / adjustment.stack.mm_per_px.mean())
     return int(adjustment.used.sum()) * (effect_px / px_per_deviation) ** 2
+
+
+def stated_statistics(adjustment: Adjustment) -> Statistics:
+    """Equations of what is stated, at the present parameters; of no half."""
+    here = adjustment.parameters
+    matrix, vector, constant = map(np.asarray, stated_equations(adjustment))
+    turned = matrix @ here
+    squares = float(here @ (turned - 2 * vector) + constant)
+    return Statistics(matrix, turned - vector, squares, 0)
 
 
 def halves_of(adjustment: Adjustment) -> tuple[Statistics, Statistics]:

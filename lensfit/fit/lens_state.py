@@ -12,14 +12,19 @@ import numpy as np
 from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fit.colour.channel_colour import ChannelColour
 from lensfit.fit.colour.lateral_colour import fit_colour
-from lensfit.fit.entrance_pupil import EntrancePupil, entrance_pupil
+from lensfit.fit.entrance_pupil import (
+    EntrancePupil,
+    FittedWalk,
+    entrance_pupil,
+    pupil_walk,
+)
 from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.fall_off.illumination import fit_illumination
 from lensfit.fit.geometry import compiled_distortion_of
 from lensfit.fit.out_of_centre import OutOfCentre
-from lensfit.fit.pupil_walk import KnownWalk
 from lensfit.fit.take import Take
 from lensfit.fit.uncertainty import Uncertainty, uncertainty_of
+from lensfit.fit.usual_lens import KnownPerspective
 from lensfit.optics.base import BaseProjection
 from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent
@@ -41,8 +46,7 @@ class LensState:
     pupil : Where its entrance pupil is.
     colour : Red and blue against green; empty for monochrome photographs.
     fall_off : One for each f-number.
-    walk : How the entrance pupil moves with field angle; None where nobody knows, and
-        until all states of the focal length have told theirs.
+    walk : How the entrance pupil moves with field angle; None where nobody knows.
     """
 
     focal_length_mm: float
@@ -53,7 +57,7 @@ class LensState:
     pupil: EntrancePupil
     colour: dict[str, ChannelColour]
     fall_off: list[FallOffFit]
-    walk: KnownWalk | None = None
+    walk: FittedWalk | None = None
 
 
 def fit_state(
@@ -62,7 +66,7 @@ def fit_state(
     *,
     shown: list[Take],
     base: BaseProjection | None = None,
-    pupil_mm: float | None = None,
+    perspective: KnownPerspective | None = None,
     told: OutOfCentre | None = None,
 ) -> LensState:
     """Fit the takes of one state.
@@ -73,7 +77,7 @@ def fit_state(
     shown : Of all states of the lens.
     base : Ideal projection of the states before, so that states can be interpolated;
         None for the one that suits the marks best.
-    pupil_mm : Entrance pupil in front of the sensor, as other states measured it.
+    perspective : Entrance pupil and its walk, as another state told them.
     told : What other states told of elements out of centre.
 
     Raises
@@ -81,7 +85,7 @@ def fit_state(
     FitError : The marks do not determine a lens, or contradict what was stated.
     """
     geometry = fit_chief_ray(
-        group, progress, shown=shown, base=base, pupil_offset_mm=pupil_mm, told=told
+        group, progress, shown=shown, base=base, perspective=perspective, told=told
     )
     adjustment = geometry.adjustment
     layout = adjustment.layout
@@ -91,18 +95,18 @@ def fit_state(
     distortion = without_idle_degrees(jax.device_get(lens))
     centre = np.asarray(distortion.principal_point_mm)
     uncertainty = uncertainty_of(adjustment, geometry.takes)
-    distance_mm = float(distortion.principal_distance_mm)
     return LensState(
         focal_length_mm=group[0].focal_length_mm,
         focus_distance_mm=group[0].focus_distance_mm,
         geometry=geometry,
         distortion=distortion,
         uncertainty=uncertainty,
-        pupil=entrance_pupil(geometry, uncertainty, distance_mm, pupil_mm),
+        pupil=entrance_pupil(geometry, uncertainty),
         colour=fit_colour(
             geometry.takes, centre, float(distortion.reference_radius_mm)
         ),
         fall_off=fit_illumination(geometry.takes, adjustment, centre),
+        walk=pupil_walk(geometry, uncertainty),
     )
 
 

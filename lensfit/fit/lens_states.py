@@ -8,14 +8,13 @@ opposed to centroids; once the marks themselves have had their say of that
 
 import time
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from lensfit.errors import FitError
 from lensfit.fit.breathing import breathing_notes
 from lensfit.fit.lens_state import LensState, better_told, by_focal_length, left_px
 from lensfit.fit.lens_wavefronts import fit_wavefronts
-from lensfit.fit.pupil_walk import measured_walk, shared_walk, usual_walk
 from lensfit.fit.reconcile import amounts_of
 from lensfit.fit.shared_glass import fit_sharing_glass
 from lensfit.fit.take import Take
@@ -65,7 +64,18 @@ class Fitted:
             for focal_mm, names in self.too_wide.items()
             if names
         )
-        return (*unmeasured, *too_wide, *breathing_notes(self.states))
+        contradicted = (
+            one.sentence
+            for state in self.states
+            for one in state.geometry.statements
+            if one.contradicts
+        )
+        return (
+            *contradicted,
+            *unmeasured,
+            *too_wide,
+            *breathing_notes(self.states),
+        )
 
 
 def fit(
@@ -97,14 +107,15 @@ def fit(
     began = time.perf_counter()
     wavefronts, without, too_wide = fit_wavefronts(states, progress, effort, allowed)
     if not wavefronts:
-        return Fitted(_sharing_walks(states), failed, without_shape=without)
+        return Fitted(tuple(states), failed, without_shape=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
     first = _fit_at_chief_rays(takes, wavefronts, progress)
     told = _told_by_marks(states, first)
     last = _kept_where_closer(takes, first, told, progress)
     states = [better_told(state, states) for state in last.states]
-    walked = _sharing_walks(states)
-    return Fitted(walked, last.failed, last.wavefronts, without, too_wide, seconds)
+    return Fitted(
+        tuple(states), last.failed, last.wavefronts, without, too_wide, seconds
+    )
 
 
 class _AtChiefRays(NamedTuple):
@@ -173,19 +184,6 @@ def _closer(some: list[LensState], others: list[LensState]) -> set[float]:
         for focal_mm in mine.keys() & theirs.keys()
         if left_px(mine[focal_mm]) < left_px(theirs[focal_mm])
     }
-
-
-def _sharing_walks(states: list[LensState]) -> tuple[LensState, ...]:
-    """Each with the walk of the pupil that all of its focal length show together, or
-    that of most lenses."""
-    walks = {
-        focal_mm: shared_walk(
-            (measured_walk(state.geometry, state.uncertainty) for state in mine),
-            usual_walk([take for state in mine for take in state.geometry.takes]),
-        )
-        for focal_mm, mine in by_focal_length(states).items()
-    }
-    return tuple(replace(s, walk=walks[s.focal_length_mm]) for s in states)
 
 
 def _require_like_focus(takes: list[Take]) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fit.adjust import VALLEY_DAMPING, Adjustment, adjust
-from lensfit.fit.half_equations import explained_by, halves_of
+from lensfit.fit.half_equations import explained_by, halves_of, stated_statistics
 from lensfit.fit.priors import loose_prior, release
 from lensfit.fit.select import Verdict
 
@@ -71,10 +71,11 @@ def asks_for_all(adjustment: Adjustment, verdicts: list[Verdict]) -> bool:
     nothing = np.zeros(0, int)
     loose = loose_prior(adjustment.parameters, adjustment.layout, nothing, every)
     one, other = halves_of(replace(adjustment, prior=loose))
+    stated = stated_statistics(adjustment)
     return borne_out(
         adjustment,
-        one.matrix + other.matrix,
-        one.gradient + other.gradient,
+        one.matrix + other.matrix + stated.matrix,
+        one.gradient + other.gradient + stated.gradient,
         explained_by(LEAST_SEEN_PX, adjustment),
     )
 

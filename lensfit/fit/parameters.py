@@ -23,7 +23,9 @@ from lensfit.optics.base import BaseProjection
 POSE_PARAMETERS = 6
 DRIFT_PARAMETERS = 2
 LOWEST_BEND_DEGREE = 2
-PINHOLE = ("focal_length", "pupil_gap", "principal_point")
+STATED = ("focal_length", "pupil_offset", "pupil_walk")
+"""Blocks that statements hold where photographs do not determine them; always free."""
+PINHOLE = ("pupil_gap", "principal_point")
 """Blocks that only views from several sides determine."""
 
 
@@ -59,6 +61,7 @@ class Layout:
         stretch = board_degrees(self.stretch_degree)
         sizes = {
             "focal_length": 1,
+            "pupil_offset": 1,
             "pupil_gap": 1 if self.anamorphic else 0,
             "pupil_walk": 0 if self.anamorphic else 1,
             "principal_point": 2,

@@ -12,7 +12,8 @@ import numpy as np
 from lensfit.fit.parameters import Layout, Prior
 
 LOOSE = {
-    "focal_length": 0.3,
+    "focal_length": 1.0,
+    "pupil_offset": 100.0,
     "pupil_gap": 2.0,
     "pupil_walk": 3.0,
     "principal_point": 0.05,
@@ -29,7 +30,8 @@ LOOSE = {
     "board_bend": 0.01,
 }
 """Standard deviations in the units of `parameters`: reference radii, half boards, for a
-pose radians and distances, and for gap and walk of pupils focal lengths."""
+pose radians and distances, and for the offset, gap and walk of pupils focal lengths.
+`lensfit.fit.statements` hold the first two."""
 
 
 def fixed_prior(layout: Layout, views: int) -> Prior:

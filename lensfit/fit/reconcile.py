@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lensfit.fit.adjust import Adjustment, model_variance_mm2
+from lensfit.fit.half_equations import stated_statistics
 from lensfit.fit.lens_state import LensState
 from lensfit.fit.take import Take
 from lensfit.fit.uncertainty import shared_moves_of
@@ -84,7 +85,7 @@ class _Map(NamedTuple):
     residual_mm : Predicted less observed, the observed ones moved.
     slopes_mm : d predicted / d parameter.
     moves_mm : How observed marks go with each error of the wavefront.
-    pull, hold : Gradient and second derivatives of half the priors.
+    pull, hold : Gradient and second derivatives of half the priors and statements.
     """
 
     adjustment: Adjustment
@@ -92,7 +93,7 @@ class _Map(NamedTuple):
     slopes_mm: Float[np.ndarray, "parameters views marks 2"]
     moves_mm: Float[np.ndarray, "moves views marks 2"]
     pull: Float[np.ndarray, " parameters"]
-    hold: Float[np.ndarray, " parameters"]
+    hold: Float[np.ndarray, "parameters parameters"]
 
 
 class _Said(NamedTuple):
@@ -114,13 +115,14 @@ def _map_of(state: LensState, by_name: dict[str, Take]) -> _Map:
     deviation = np.sqrt(np.diag(state.uncertainty.covariance)[free])
     precision = (deviation / adjustment.prior.standard_deviation[free]) ** 2
     off = (parameters - adjustment.prior.mean)[free] / deviation
+    stated, scale = stated_statistics(adjustment), np.outer(deviation, deviation)
     return _Map(
         adjustment,
         adjustment.residual_mm() - _onward_mm(adjustment, takes),
         _slopes_mm(adjustment, free, deviation),
         shared_moves_of(adjustment, takes),
-        precision * off,
-        precision,
+        precision * off + stated.gradient[free] * deviation,
+        np.diag(precision) + stated.matrix[np.ix_(free, free)] * scale,
     )
 
 
@@ -194,7 +196,7 @@ def _following(
     one: _Map, white: _Whitened, gradient: Float[np.ndarray, "parameters *some"]
 ) -> Float[np.ndarray, "parameters *some"]:
     """How far the map's own parameters follow."""
-    matrix = white.slopes @ white.slopes.T + np.diag(one.hold)
+    matrix = white.slopes @ white.slopes.T + one.hold
     return np.linalg.solve(matrix, gradient)
 
 

@@ -119,7 +119,6 @@ def families(layout: Layout, largest: Layout | None = None) -> dict[str, list[St
     of = {name: np.arange(where.start, where.stop) for name, where in blocks.items()}
     found = {
         "principal_point": [Step("principal_point", of["principal_point"])],
-        "pupil_walk": [Step("pupil_walk", of["pupil_walk"])],
         "radial": _prefixes("radial", of["radial"], range(1, largest.radial + 1)),
         "squeeze": [Step("squeeze", of["squeeze"])],
         "decentering": _decentering_steps(of["decentering"], of["thin_prism"]),
@@ -154,6 +153,7 @@ def choose(
     always: Int[np.ndarray, " always"],
     terms: dict[str, list[Step]],
     least_fall: float = 0.0,
+    stated: Statistics | None = None,
 ) -> Choice:
     """Greedy search among models of rising size.
 
@@ -165,9 +165,10 @@ def choose(
     always : Parameters that are in every model; none of them in `terms`.
     least_fall : Of the held-out sum of squares by what an effect of `LEAST_EFFECT_PX`
         explains; the default lets effects of any size pass.
+    stated : Equations of what is stated (`Trial`).
     """
     tried = np.concatenate([steps[-1].indices for steps in terms.values()])
-    trial = Trial(first_half, second_half, precision, offset, always, tried)
+    trial = Trial(first_half, second_half, precision, offset, always, tried, stated)
     kept: dict[str, int] = {}
     verdicts: dict[str, Verdict] = {}
     indices = np.zeros(0, int)

@@ -12,10 +12,11 @@ import cv2
 import numpy as np
 
 from lensfit.errors import FitError
-from lensfit.fit.entrance_pupil import shared_pupil_mm
+from lensfit.fit.entrance_pupil import perspective_at_other_focus
 from lensfit.fit.lens_state import LensState, by_focal_length, fit_state
 from lensfit.fit.out_of_centre import OutOfCentre, told_by
 from lensfit.fit.take import Take, grouped
+from lensfit.fit.usual_lens import KnownPerspective
 from lensfit.optics.base import BaseProjection
 from lensfit.progress import Progress
 
@@ -64,25 +65,39 @@ class _Glass(NamedTuple):
 
     Attributes
     ----------
-    pupil_mm : Entrance pupil in front of the sensor.
+    surest : State that knows its entrance pupil best.
     out_of_centre : What elements out of centre do.
     """
 
-    pupil_mm: float | None = None
+    surest: LensState | None = None
     out_of_centre: OutOfCentre | None = None
 
 
 def _told(states: list[LensState]) -> _Glass:
-    pupil_mm = shared_pupil_mm(state.pupil for state in states)
+    best = min(states, key=lambda state: state.pupil.standard_deviation_mm)
     telling = [s for s in states if s.geometry.tells_out_of_centre]
     surest = sorted(telling, key=_unsure_axis)[:1]
     told = [told_by(state.geometry.adjustment) for state in surest]
-    return _Glass(pupil_mm, *told)
+    return _Glass(best, *told)
+
+
+def _perspective_for(group: list[Take], glass: _Glass) -> KnownPerspective | None:
+    """That of a group, as another state of the lens told it."""
+    surest = glass.surest
+    if surest is None or _names_in([surest]) & {take.name for take in group}:
+        return None
+    return perspective_at_other_focus(
+        surest.pupil,
+        surest.walk,
+        group[0].focal_length_mm,
+        surest.focus_distance_mm,
+        group[0].focus_distance_mm,
+    )
 
 
 def _lacks(state: LensState, glass: _Glass) -> bool:
     """Whether others told what this one does not see."""
-    pupil = glass.pupil_mm is not None and not state.pupil.measured
+    pupil = state is not glass.surest
     centre = glass.out_of_centre is not None and not state.geometry.focal_length_free
     return pupil or centre
 
@@ -127,7 +142,7 @@ def _fit_states(
                 progress,
                 shown=shown,
                 base=base,
-                pupil_mm=known.pupil_mm,
+                perspective=_perspective_for(group, known),
                 told=known.out_of_centre,
             )
         except FitError as error:

@@ -16,6 +16,14 @@ from lensfit.fit.parameters import Layout
 from lensfit.programs import kept_program
 
 
+class Stated(NamedTuple):
+    """Statements (`lensfit.fit.statements`) as p.matrix.p - 2 vector.p + constant."""
+
+    matrix: Float[Array, "parameters parameters"]
+    vector: Float[Array, " parameters"]
+    constant: Float[Array, ""]
+
+
 class Problem(NamedTuple):
     """Everything the residual needs besides the parameters."""
 
@@ -25,6 +33,7 @@ class Problem(NamedTuple):
     prior_mean: Float[Array, " parameters"]
     prior_precision: Float[Array, " parameters"]
     free: Float[Array, " parameters"]
+    stated: Stated
 
     @property
     def prior(self) -> Prior:
@@ -78,11 +87,25 @@ def solve(
 def both_halves(
     parameters: Float[Array, " parameters"], problem: Problem, layout: Layout
 ) -> tuple[Quadratic, Equations]:
-    """The sum of squares of all marks, and the equations of each half."""
+    """The sum of squares of all marks and statements, and the marks' equations of each
+    half."""
     found = equations(parameters, problem.views, problem.marks, layout, problem.frame)
-    return total(found), found
+    return with_statements(total(found), parameters, problem.stated), found
 
 
 def total(found: Equations) -> Quadratic:
     """Both halves together."""
     return Quadratic(*(jnp.sum(part, 0) for part in found))
+
+
+def with_statements(
+    found: Quadratic, parameters: Float[Array, " parameters"], stated: Stated
+) -> Quadratic:
+    """The sum of squares, and that of what is stated."""
+    turned = stated.matrix @ parameters
+    squares = parameters @ (turned - 2 * stated.vector) + stated.constant
+    return Quadratic(
+        found.matrix + stated.matrix,
+        found.gradient + turned - stated.vector,
+        found.chi_squared + squares,
+    )

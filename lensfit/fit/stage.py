@@ -20,14 +20,20 @@ from lensfit.fit.start import (
     focal_length_from_homographies,
     pose_from_homography,
 )
-from lensfit.fit.stated_distance import distance_ratio, scaled_poses
+from lensfit.fit.stated_facts import Facts, views_sharing
+from lensfit.fit.stated_scale import stated_scale
+from lensfit.fit.statements import statements_of
 from lensfit.fit.take import Take, grouped
+from lensfit.fit.usual_lens import (
+    KnownPerspective,
+    magnification_at,
+    usual_pupil,
+    usual_walk,
+)
 from lensfit.fit.views import Stack, board_of, observed_of, stack_takes
 
 _TILT_RAD = 0.12
 """Views that differ by less do not fix a focal length."""
-_WALK_TILT_RAD = 0.03
-"""Views that differ by less say nothing of how the entrance pupil walks."""
 _BEND_TILT_RAD = 0.35
 """Views that differ by less cannot tell a bent board from a distorting lens."""
 _BEND_VIEWS = 5
@@ -47,9 +53,9 @@ class Start:
     layout : Room for the largest model of any state of the lens.
     radius_mm : Of the dots of every take; 0 where marks are not dots.
     focal_length_free : Whether views tilt enough to determine the focal length.
-    walk_shows : Whether they tilt enough to say something of how the pupil walks.
     half_angle_rad : From the axis to the furthest mark.
     notes : One sentence for each thing that was assumed.
+    facts : What was stated.
     """
 
     takes: tuple[Take, ...]
@@ -59,9 +65,9 @@ class Start:
     layout: Layout
     radius_mm: np.ndarray
     focal_length_free: bool
-    walk_shows: bool
     half_angle_rad: float
     notes: tuple[str, ...]
+    facts: Facts
 
     def adjustment(self, layout: Layout, prior: Prior) -> Adjustment:
         """An adjustment of this model at its start."""
@@ -76,20 +82,28 @@ class Start:
             shift_mm=np.zeros((*weight.shape, 2)),
             model_variance_mm2=self.stack.mm_per_px**2,
             weight=weight,
+            statements=statements_of(
+                self.facts,
+                layout,
+                float(self.frame.stated_focal_length_mm),
+                np.asarray(self.stack.view.translation_mm)[:, 2],
+            ),
         )
 
 
 def start_of(
-    takes: list[Take], shown: list[Take], pupil_offset_mm: float | None = None
+    takes: list[Take], shown: list[Take], perspective: KnownPerspective | None = None
 ) -> Start:
     """Scales and start poses of the takes of one lens state.
 
     `shown` are the takes of all states of this lens, whose marks span the frame;
-    `pupil_offset_mm` is the entrance pupil's place, if known.
+    `perspective` is that which another state told, if one did.
     """
-    focal_mm, notes = _stated_focal_length(takes)
+    focal_mm, facts, notes = _stated_focal_length(takes, perspective)
     poses = [_pose(take, focal_mm) for take in takes]
-    focal_mm, poses, of_distance = scaled_poses(takes, poses, focal_mm, pupil_offset_mm)
+    ratio = stated_scale(facts, focal_mm, _depths_mm(poses)).ratio
+    focal_mm = focal_mm * ratio
+    poses = [_farther(pose, ratio) for pose in poses]
     apertures = [_aperture(take, _apertures(takes)) for take in takes]
     whole = _whole_boards(takes)
     stack = stack_takes(takes, poses, apertures, whole)
@@ -116,55 +130,111 @@ def start_of(
         layout=_with_room(largest, grouped(shown)),
         radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
         focal_length_free=_views_tilt(poses),
-        walk_shows=not takes[0].anamorphic and _tilt_rad(poses) > _WALK_TILT_RAD,
         half_angle_rad=float(np.arctan(furthest / focal_mm)),
-        notes=(*notes, *of_distance),
+        notes=tuple(notes),
+        facts=facts,
     )
 
 
-def _stated_focal_length(takes: list[Take]) -> tuple[float, list[str]]:
-    stated = takes[0].focal_length_mm
+def _stated_focal_length(
+    takes: list[Take], perspective: KnownPerspective | None
+) -> tuple[float, Facts, list[str]]:
+    """Principal distance to find poses with, what is stated, and notes."""
     found = None
     if len(takes) >= 3:
         found = focal_length_from_homographies(
-            [board_of(t) for t in takes], [_unsqueezed_mm(t) for t in takes]
+            [board_of(t) for t in takes],
+            [_unsqueezed_mm(t) for t in takes],
+            takes[0].focal_length_mm,
         )
-    meant = _focal_length_meant(takes, found)
-    ratio = found / meant if found is not None else 1.0
+    facts, notes = _facts_meant(takes, perspective, found)
+    stated_mm = facts.focal_length_mm
+    ratio = found / stated_mm if found is not None else 1.0
     if found is not None and 0.2 < ratio < 5 and abs(ratio - 1) > 0.3:
         note = (
             f"the photographs have a principal distance near {found:.3g} mm, "
-            f"not the stated {stated:g} mm"
+            f"not the stated {takes[0].focal_length_mm:g} mm"
         )
-        return found, [note]
-    return meant, []
+        return found, facts, [*notes, note]
+    return stated_mm, facts, notes
 
 
-def _focal_length_meant(takes: list[Take], found: float | None) -> float:
-    """The geometric mean of both axes' focal lengths, from what the barrel says.
+def _facts_meant(
+    takes: list[Take], perspective: KnownPerspective | None, found: float | None
+) -> tuple[Facts, list[str]]:
+    """What is stated, with the focal length that contradicts the rest least.
 
     Anamorphic lenses are engraved with the focal length of the axis that is not
-    squeezed; some sources state the mean. Tilted views (`found`) or measured distances
-    tell which; without either it is the engraving.
+    squeezed; some sources state the geometric mean of both axes, or that of the
+    squeezed one. Tilted views (`found`) or measured distances tell which; without
+    either it is the engraving.
     """
     stated, squeeze = takes[0].focal_length_mm, takes[0].squeeze
-    readings = [stated / max(squeeze, 1 / squeeze) ** 0.5, stated]
-    measured = [(t, t.target_distance_mm) for t in takes if t.target_distance_mm]
+    root = max(squeeze, 1 / squeeze) ** 0.5
+    readings = [facts_of(takes, ratio, perspective) for ratio in (root, 1.0, 1 / root)]
+    measured = any(take.target_distance_mm for take in takes)
     if not takes[0].anamorphic or (found is None and not measured):
-        return readings[0]
+        return readings[0], []
 
-    def contradiction(focal_mm: float) -> float:
+    def contradiction(facts: Facts) -> float:
+        focal_mm = facts.focal_length_mm
         if found is not None:
             return abs(np.log(found / focal_mm))
-        ratios = [
-            distance_ratio(
-                said_mm, float(_pose(take, focal_mm).translation_mm[2]), focal_mm
-            )
-            for take, said_mm in measured
-        ]
-        return abs(np.log(max(float(np.median(ratios)), 1e-9)))
+        depths_mm = _depths_mm([_pose(take, focal_mm) for take in takes])
+        return stated_scale(facts, focal_mm, depths_mm).cost
 
-    return min(readings, key=contradiction)
+    meant = min(readings, key=contradiction)
+    if meant is not readings[2]:
+        return meant, []
+    return meant, [
+        f"focal_length_mm = {stated:g} is that of the squeezed axis: state "
+        f"{stated * root**2:.4g}, that of the axis that is not squeezed, which is "
+        "engraved on anamorphic lenses"
+    ]
+
+
+def facts_of(
+    takes: list[Take],
+    engraving: float = 1.0,
+    perspective: KnownPerspective | None = None,
+) -> Facts:
+    """What is stated of the takes of one lens state.
+
+    Parameters
+    ----------
+    engraving : The stated focal length over the geometric mean of both axes'.
+    perspective : As another state told it; None for that of usual lenses.
+    """
+    focal_mm = takes[0].focal_length_mm / engraving
+    distances = [take.target_distance_mm or np.nan for take in takes]
+    focus_mm = takes[0].focus_distance_mm
+    if focus_mm is None:
+        known = [distance for distance in distances if np.isfinite(distance)]
+        focus_mm = float(np.median(known)) if known else np.inf
+    magnification = magnification_at(focal_mm, focus_mm)
+    widest = min((t.f_number for t in takes if t.f_number), default=None)
+    usual = KnownPerspective(
+        usual_pupil(focal_mm * (1 + magnification)), usual_walk(focal_mm, widest)
+    )
+    return Facts(
+        names=tuple(take.name for take in takes),
+        focal_length_mm=focal_mm,
+        engraving=engraving,
+        magnification=magnification,
+        target_distance_mm=np.array(distances, float),
+        shared=views_sharing([(t.target, t.target_distance_mm) for t in takes]),
+        perspective=perspective or usual,
+        widths=takes[0].widths,
+    )
+
+
+def _depths_mm(poses: list[Pose]) -> np.ndarray:
+    return np.array([float(pose.translation_mm[2]) for pose in poses])
+
+
+def _farther(pose: Pose, ratio: float) -> Pose:
+    """As far away as `ratio` times the principal distance puts it."""
+    return Pose(pose.rotation, pose.translation_mm * [1.0, 1.0, ratio])
 
 
 def _pose(take: Take, focal_mm: float) -> Pose:

@@ -19,6 +19,8 @@ _FEWEST_MARKS = 20
 _CENTRAL_SHARE = 1 / 3
 _LEAST_TILT = 0.12
 """Sine of the tilt below which a homography is silent about the focal length."""
+_LEAST_STATED_TILT = 0.07
+"""The same with the stated focal length, which may be off itself."""
 
 
 class Pose(NamedTuple):
@@ -77,12 +79,15 @@ def _pose(matrix: np.ndarray, where: str) -> Pose:
 def focal_length_from_homographies(
     boards_mm: list[Float[np.ndarray, "marks 2"]],
     images_mm: list[Float[np.ndarray, "marks 2"]],
+    stated_mm: float | None = None,
 ) -> float | None:
     """Principal distance that several tilted views agree on; None when they do not.
 
     With the principal point in the middle of the frame each homography gives two
     linear equations in 1/f^2, which tilt alone makes solvable: without it they
-    weigh noise against distortion.
+    weigh noise against distortion. Distortion that is taken for a tilt makes the lens
+    long, and a long lens the tilt large: with the stated focal length, too, there must
+    be one.
     """
     left, right, foreshortening = [], [], [0.0]
     for board_mm, image_mm in zip(boards_mm, images_mm, strict=True):
@@ -105,4 +110,7 @@ def focal_length_from_homographies(
     if not inverse_square > 0:
         return None
     found = inverse_square**-0.5
-    return found if found * max(foreshortening) > _LEAST_TILT else None
+    tilted = found * max(foreshortening) > _LEAST_TILT
+    if stated_mm is not None:
+        tilted &= stated_mm * max(foreshortening) > _LEAST_STATED_TILT
+    return found if tilted else None

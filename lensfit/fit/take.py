@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from lensfit.detect.cutouts import Cutouts
 from lensfit.detect.observations import Observations
+from lensfit.fit.stated_facts import ORDINARY_WIDTHS, Widths
 from lensfit.units import dioptres_from_mm
 
 _SAME_FOCUS_DIOPTRES = 1e-3
@@ -35,6 +36,7 @@ class Take:
     chief_rays : Whether marks are where chief rays land, not centroids.
     shared_moves_mm : How marks that were placed so move together, red, green and blue,
         by every independent error of what placed them, one standard deviation each.
+    widths : How well what is stated is known.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Take:
     cutouts: Cutouts | None = None
     chief_rays: bool = False
     shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
+    widths: Widths = ORDINARY_WIDTHS
 
     @property
     def pixel_mm(self) -> Float[np.ndarray, "2"]:

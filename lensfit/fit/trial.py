@@ -76,6 +76,7 @@ class Trial:
     offset : Those parameters minus their prior mean.
     always, tried : Indices without a common one; every other parameter returns to its
         prior mean.
+    stated : Equations of what is stated: they count in every solution, and in no cost.
 
     Raises
     ------
@@ -90,6 +91,7 @@ class Trial:
         offset: Float[np.ndarray, " parameters"],
         always: Int[np.ndarray, " always"],
         tried: Int[np.ndarray, " tried"],
+        stated: Statistics | None = None,
     ):
         if np.intersect1d(always, tried).size:
             raise ValueError("a parameter of every model cannot be tried as well")
@@ -103,7 +105,8 @@ class Trial:
         self._always, self._tried = len(always), np.asarray(tried, int)
         parts = (np.asarray(always, int), self._tried)
         self._both, *halves = (
-            _reduced(one, precision, offset, *parts) for one in (both, first, second)
+            _reduced(_with_stated(one, stated), precision, offset, *parts)
+            for one in (both, first, second)
         )
         self._total = _restricted(both, self._both)
         self._unseen = [
@@ -127,6 +130,15 @@ class Trial:
         chosen = np.flatnonzero(np.isin(self._tried, indices))
         turned = self._both.turn[:, chosen] @ self._both.solution(chosen)
         return self._both.origin + turned
+
+
+def _with_stated(statistics: Statistics, stated: Statistics | None) -> Statistics:
+    if stated is None:
+        return statistics
+    return statistics._replace(
+        matrix=statistics.matrix + stated.matrix,
+        gradient=statistics.gradient + stated.gradient,
+    )
 
 
 def _reduced(

@@ -28,6 +28,7 @@ from lensfit.optics.many_points import (
     undistort,
 )
 from lensfit.optics.map_covariances import MapCovariances
+from lensfit.optics.object_deviation import Perspective, object_deviations_mm
 from lensfit.optics.position_deviation import frame_points_mm, position_deviations_mm
 from lensfit.optics.pupil_walk import PupilWalk
 
@@ -157,6 +158,37 @@ class AbstractChiefRays(eqx.Module):
         landed = self.distorted_from_undistorted(points)
         return np.hypot(
             green, self.lateral_colour_standard_deviation_mm(landed, channel)
+        )
+
+    def object_standard_deviation_mm(
+        self, object_points_mm: Float[ArrayLike, "points 3"]
+    ) -> Float[np.ndarray, "points 2"]:
+        """How well `project` is known in green: one standard deviation along x and
+        along y on the sensor.
+
+        An affine map of each plane of objects is left out. At the distance of the chart
+        it is about `position_standard_deviation_mm`; elsewhere the doubt about where
+        the entrance pupil is, and how it moves with field angle, comes on top.
+
+        Parameters
+        ----------
+        object_points_mm : x right, y down, z distance from the sensor plane.
+
+        Raises
+        ------
+        LensfitError : The preset does not say how well its distortion and entrance
+            pupil are known at this state.
+        ValueError : Points of the wrong shape.
+        """
+        points = np.asarray(points_of(object_points_mm, 3))
+        known, lens = self.covariances.perspective, self.distortion
+        if known is None:
+            raise _unknown("entrance pupil")
+        return object_deviations_mm(
+            points,
+            Perspective(self.entrance_pupil_offset_mm, lens, self.pupil_walk),
+            known,
+            frame_points_mm(lens, self.sensor_size_mm),
         )
 
     def lateral_colour_standard_deviation_mm(

@@ -11,11 +11,13 @@ class MapCovariances(eqx.Module):
     Attributes
     ----------
     distortion : Of the numbers of `lensfit.optics.position_deviation.moved`.
+    perspective : Of those numbers, and of entrance-pupil offset and walk in mm.
     red, blue : Of the terms of `lensfit.optics.lateral.displacement_basis`.
     fall_off : Of the control values of each channel.
     """
 
     distortion: Float[np.ndarray, "numbers numbers"] | None = None
+    perspective: Float[np.ndarray, "numbers numbers"] | None = None
     red: Float[np.ndarray, "terms terms"] | None = None
     blue: Float[np.ndarray, "terms terms"] | None = None
     fall_off: Float[np.ndarray, "3 terms terms"] | None = None

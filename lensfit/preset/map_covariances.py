@@ -23,7 +23,14 @@ from lensfit.preset.covariance import (
 from lensfit.preset.entry import Entry
 
 _FREE = "free_field"
-_ELSEWHERE = ("pupil_gap", "pupil_walk", "board_stretch", "aperture_shift")
+_PERSPECTIVE = ("entrance_pupil_offset_mm", "pupil_walk_mm")
+_ELSEWHERE = (
+    *_PERSPECTIVE,
+    "pupil_gap",
+    "pupil_walk",
+    "board_stretch",
+    "aperture_shift",
+)
 
 
 def map_covariances(entry: Entry, distortion: Distortion) -> MapCovariances:
@@ -44,6 +51,7 @@ def map_covariances(entry: Entry, distortion: Distortion) -> MapCovariances:
         fall_off = _of_fall_off(light[0], light[0].covariance)
     return MapCovariances(
         distortion=_of_distortion(entry.covariance, distortion),
+        perspective=_of_perspective(entry.covariance, distortion),
         red=red,
         blue=blue,
         fall_off=fall_off,
@@ -75,6 +83,23 @@ def _of_distortion(
 ) -> Float[np.ndarray, "numbers numbers"] | None:
     """Of the numbers of `lensfit.optics.position_deviation.moved`; None where one is
     known of which the file does not say what it multiplies."""
+    return _of_numbers(covariance, distortion, {})
+
+
+def _of_perspective(
+    covariance: Covariance | None, distortion: Distortion
+) -> Float[np.ndarray, "numbers numbers"] | None:
+    """Of those, then of entrance-pupil offset and walk; None where the file does not
+    say how well the pupil is known."""
+    offset, _ = numbered(dict.fromkeys(_PERSPECTIVE, 1))
+    if covariance is None or offset not in covariance.parameters:
+        return None
+    return _of_numbers(covariance, distortion, dict.fromkeys(_PERSPECTIVE, 1))
+
+
+def _of_numbers(
+    covariance: Covariance | None, distortion: Distortion, more: dict[str, int]
+) -> Float[np.ndarray, "numbers numbers"] | None:
     if covariance is None:
         return None
     sizes = {
@@ -86,6 +111,7 @@ def _of_distortion(
         "thin_prism": PRISM_TERMS,
         "anamorphic": ANAMORPHIC_TERMS,
         _FREE: distortion.free.size,
+        **more,
     }
     names = numbered(sizes)
     told = _with_free_field_counted(covariance.parameters, sizes[_FREE])

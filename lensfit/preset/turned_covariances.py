@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from lensfit.lens import Lens
 from lensfit.optics.map_covariances import MapCovariances
+from lensfit.optics.object_deviation import PERSPECTIVE_NUMBERS
 from lensfit.optics.position_deviation import gain_of_numbers
 from lensfit.preset.aberration_knobs import AberrationKnobs
 from lensfit.preset.turned_chief_rays import lateral_gains
@@ -29,11 +30,13 @@ def turned_covariances(
     """
     known = lens.covariances
     of_numbers = gain_of_numbers(lens.distortion, knobs.distortion_gain)
+    with_pupil = np.append(of_numbers, np.ones(PERSPECTIVE_NUMBERS))
     is_stated = knobs.distortion_percent is not None
     red_gain, blue_gain = lateral_gains(knobs)
     light_stays = turned.illumination is lens.illumination
     return MapCovariances(
         distortion=None if is_stated else _grown(known.distortion, of_numbers),
+        perspective=None if is_stated else _grown(known.perspective, with_pupil),
         red=None if knobs.lateral_red_um is not None else _grown(known.red, red_gain),
         blue=None
         if knobs.lateral_blue_um is not None

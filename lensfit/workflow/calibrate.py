@@ -36,6 +36,7 @@ from lensfit.workflow.calibration.entries import (
 from lensfit.workflow.calibration.entry_facts import entry_facts
 from lensfit.workflow.calibration.observe import Observed, observe_shoot
 from lensfit.workflow.calibration.results_folder import PRESET
+from lensfit.workflow.calibration.statement_facts import statement_facts
 from lensfit.workflow.calibration.take_facts import take_facts
 from lensfit.workflow.calibration.term_facts import terms_of
 from lensfit.workflow.pictures.blur_pictures import write_dot_pictures
@@ -253,6 +254,7 @@ def _report(
             for state in fitted.states
             for term in terms_of(state, fitted.wavefronts.get(state.focal_length_mm))
         ],
+        "statements": statement_facts(fitted.states),
         "takes": takes,
         "entries": [
             entry_facts(state, lens_of_state(preset, state), preset.camera)

@@ -55,13 +55,21 @@ def results_together(out_dir: str | Path, shoot: Shoot) -> Iterator[Path]:
             try:
                 yield made
             except LensfitError as error:
-                if not _keep_overlays(made, folder):
-                    raise
-                seen = f"the marks that were found are drawn in {folder / FAILED}"
-                remedy = f"{error.remedy}; {seen}" if error.remedy else seen
-                raise type(error)(
-                    error.what, where=error.where, remedy=remedy
-                ) from error
+                remedy = error.remedy
+                if _keep_overlays(made, folder):
+                    seen = f"the marks that were found are drawn in {folder / FAILED}"
+                    remedy = f"{remedy}; {seen}" if remedy else seen
+                where = _where_it_belongs(error.where, made, folder)
+                raise type(error)(error.what, where=where, remedy=remedy) from error
+
+
+def _where_it_belongs(
+    where: str | Path | None, made: Path, folder: Path
+) -> str | Path | None:
+    """A file of the hidden folder by the name that it would have had."""
+    if where is None or not Path(where).is_relative_to(made):
+        return where
+    return folder / Path(where).relative_to(made)
 
 
 def files_of_report(path: Path) -> list[Path]:

@@ -96,6 +96,17 @@ def test_published_lenses_keep_the_image_where_a_photograph_expects_it(
     assert (np.diff(np.hypot(*landing.T)) > 0).all()
 
 
+def test_floating_elements_go_where_the_patent_has_them():
+    """Focused by rays at the object distance of its near state, 803.34 before the first
+    surface; the published spaces are to rounding those of a straight cam."""
+    design = load_prescription("arri_100")
+    length_mm = sum(s.thickness_mm for s in set_lens(design).surfaces)
+    near = set_lens(design, focus_distance_mm=803.34 + length_mm)
+    spaces = [near.surfaces[k].thickness_mm for k in (7, 11, 20)]
+    assert spaces == pytest.approx([1.10, 10.843, 20.359], abs=0.35)
+    assert sum(s.thickness_mm for s in near.surfaces) == pytest.approx(length_mm)
+
+
 def test_a_nearer_focus_moves_the_lens_out_by_newtons_formula():
     prescription = load_prescription("cooke_triplet_50")
     far = set_lens(prescription)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from drawn_grids import View, draw, line_grid, photograph
+from scipy.ndimage import gaussian_filter
 
 from lensfit.detect.lines import find_lines
 from lensfit.errors import DetectionError
@@ -130,3 +131,23 @@ def test_a_blank_and_a_noisy_photograph_are_refused_in_one_sentence():
         with pytest.raises(DetectionError, match="line") as refusal:
             find_lines(photograph(image))
         assert "drawn.exr" in str(refusal.value)
+
+
+def test_noise_on_lines_that_leave_the_picture_makes_no_line_there():
+    """Upright lines twice as close as level ones, none of which is near the border."""
+    rows, columns = np.mgrid[0:480, 0:640] + 0.5
+
+    def line(place, pitch_px):
+        return np.clip(
+            2.0 - np.abs(place - pitch_px * np.round(place / pitch_px)), 0, 1
+        )
+
+    grid = np.maximum(line(columns - 20, 50.0), line(rows - 90, 100.0))
+    for seed in range(3):
+        noise = np.random.default_rng(seed).normal(0, 0.003, grid.shape)
+        picture = (0.7 * gaussian_filter(grid, 0.8) + noise).astype(np.float32)
+        found = find_lines(photograph(picture))
+        level = found.family == 1
+        off = (found.points_px[level, 1] - 90 + 50) % 100 - 50
+        assert np.abs(off).max() < 0.5
+        assert len(np.unique(found.lattice[level, 1])) == 4

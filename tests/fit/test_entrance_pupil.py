@@ -8,6 +8,7 @@ from pinhole_shoot import FRONTAL, Camera, shoot
 
 from lensfit.fit.adjust import fitted_depths_mm
 from lensfit.fit.lens_states import fit
+from lensfit.fit.usual_lens import magnification_at
 
 PUPIL_MM = 80.0
 """In front of the sensor: far more than a principal distance, as in retrofocus."""
@@ -42,10 +43,20 @@ def test_the_pupil_is_where_it_is(states):
         assert state.pupil.offset_mm == pytest.approx(PUPIL_MM, abs=2.0)
 
 
-def test_all_states_have_the_same_pupil(states):
+def test_the_pupil_moves_as_far_as_the_lens_to_focus_nearer(states):
     """A tilt hardly tells it, so two fits of the same marks find two, and states would
     be scaled against each other by their difference."""
-    assert len({state.pupil.offset_mm for state in states.values()}) == 1
+    focal_mm = BARREL.focal_length_mm
+    near, far = (magnification_at(focal_mm, mm) for mm in (900.0, 2000.0))
+    moved_mm = states[900.0].pupil.offset_mm - states[2000.0].pupil.offset_mm
+    assert moved_mm == pytest.approx(focal_mm * (near - far), abs=0.1)
+
+
+def test_the_error_of_the_pupil_is_stated(states):
+    for state in states.values():
+        deviation_mm = state.pupil.standard_deviation_mm
+        assert 0.2 < deviation_mm < 10.0
+        assert abs(state.pupil.offset_mm - PUPIL_MM) < 3 * deviation_mm
 
 
 def test_a_state_without_tilt_gets_its_principal_distance_from_the_others_pupil(states):
@@ -64,12 +75,23 @@ def test_depths_are_those_that_were_measured(states):
     np.testing.assert_allclose(found_mm, said_mm, rtol=0.004)
 
 
-def test_without_tilt_the_pupil_is_assumed_and_depths_still_agree():
-    takes = photographed(CLOSER, 900.0, 3)
-    (state,) = fit(takes).states
-    assert not state.pupil.measured
-    distance_mm = float(state.distortion.principal_distance_mm)
-    assert state.pupil.offset_mm == pytest.approx(distance_mm)
-    said_mm = [take.target_distance_mm for take in takes]
-    found_mm = fitted_depths_mm(state.geometry.adjustment) + distance_mm
+@pytest.fixture(scope="module")
+def frontal():
+    (state,) = fit(photographed(CLOSER, 900.0, 3)).states
+    return state
+
+
+def test_without_tilt_depths_still_agree_with_what_was_measured(frontal):
+    said_mm = [take.target_distance_mm for take in frontal.geometry.takes]
+    found_mm = fitted_depths_mm(frontal.geometry.adjustment) + frontal.pupil.offset_mm
     np.testing.assert_allclose(found_mm, said_mm, rtol=0.004)
+
+
+def test_without_tilt_the_stated_focal_length_places_the_pupil(frontal):
+    """Scale of the picture times distance from the pupil is the principal distance, so
+    that 3 % of the one are 3 % of the other."""
+    assert frontal.pupil.standard_deviation_mm == pytest.approx(27.0, rel=0.15)
+    assert abs(frontal.pupil.offset_mm - PUPIL_MM) < 30.0
+    by_name = {one.quantity: one for one in frontal.geometry.statements}
+    assert abs(by_name["focal_length"].residual_widths) < 1
+    assert not any(one.contradicts for one in frontal.geometry.statements)

@@ -30,7 +30,7 @@ def state(*takes):
         focal_length_mm=50.0,
         focus_distance_mm=2000.0,
         colour={},
-        geometry=SimpleNamespace(takes=takes),
+        geometry=SimpleNamespace(takes=takes, statements=()),
         distortion=None,
         fall_off=(),
         pupil=SimpleNamespace(offset_mm=0.0),

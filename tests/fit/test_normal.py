@@ -53,7 +53,15 @@ def problem() -> solve.Problem:
         prior_mean=jnp.asarray(rng.normal(0, 0.002, size)),
         prior_precision=jnp.asarray(rng.uniform(1, 50, size) * free),
         free=jnp.asarray(free),
+        stated=_stated(rng, size),
     )
+
+
+def _stated(rng: np.random.Generator, size: int) -> solve.Stated:
+    """Three made-up statements."""
+    rows, wanted = rng.normal(0, 20, (3, size)), rng.normal(0, 1, 3)
+    parts = rows.T @ rows, rows.T @ wanted, wanted @ wanted
+    return solve.Stated(*map(jnp.asarray, parts))
 
 
 def _at(scale: float = 0.002) -> jnp.ndarray:
@@ -128,7 +136,9 @@ def test_the_short_residual_has_the_same_equations(problem):
     value, found = jax.jit(short)(at)
     effective = jnp.where(problem.free > 0, at, problem.prior_mean)
     matrix, gradient, chi_squared = with_prior(
-        solve.total(found), effective, problem.prior
+        solve.with_statements(solve.total(found), effective, problem.stated),
+        effective,
+        problem.prior,
     )
     root = np.sqrt(np.diag(matrix))
     scaled = np.outer(root, root)

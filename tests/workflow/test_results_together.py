@@ -127,6 +127,15 @@ def test_a_run_that_fails_keeps_its_overlays_apart(held):
     assert contents(held) == before | kept
 
 
+def test_an_error_names_a_file_where_it_would_have_been(tmp_path):
+    with (
+        pytest.raises(FitError, match=r"preset\.json") as raised,
+        results_together(tmp_path / "out", SHOOT) as folder,
+    ):
+        raise FitError("is not a number", where=folder / "preset.json")
+    assert str(raised.value.where) == str(tmp_path / "out" / "preset.json")
+
+
 def test_the_next_run_replaces_the_overlays_of_one_that_failed(held):
     failed(held, "one", "two")
     (held / "overlays_failed" / "own.txt").write_text("own")

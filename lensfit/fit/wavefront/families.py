@@ -8,8 +8,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
+from lensfit.fit.wavefront.dots import hole_variance_mm2
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.optics.terms import Term, decentring_terms, two_mirror_terms
@@ -31,6 +32,8 @@ _PUPIL_COMA = 0.05
 """Shift of the stop per field radius; traced lenses have a few hundredths."""
 SEIDEL = frozenset({"defocus", "third_order", "rims", "blades"})
 """The families of a lens of third order, grey, behind its rims and its iris."""
+_SHOWN = 4.0
+"""Of the variance of a dot's hole, that of a disc which shows the stop's radius."""
 _FEWEST_FOR_ORDER = {5: 12, 7: 24, 9: 40}
 """Dots; fewer cannot carry that many terms."""
 
@@ -71,7 +74,7 @@ def families_of(
     found += _orders(gathered, layout)
     if gathered.colour:
         found += _colours(layout)
-    found += _opening(gathered, layout)
+    found += _opening(gathered, layout, defocus_mm)
     asymmetric = [
         i
         for i, t in enumerate(layout.terms)
@@ -166,7 +169,32 @@ def _colours(layout: Layout) -> list[Family]:
     ]
 
 
-def _opening(gathered: Gathered, layout: Layout) -> list[Family]:
+def stops_shown(
+    gathered: Gathered, defocus_mm: Float[np.ndarray, " groups"]
+) -> Bool[np.ndarray, " stops"]:
+    """Which f-numbers besides the widest were photographed so far out of focus that
+    dots show the stop's radius.
+
+    The variance of a disc is a quarter of its radius squared. Where it is not much more
+    than the hole's, a small error of the hole or of the pixel counts for a large one of
+    the stop, whose f-number says more than its dots do.
+    """
+    dots = gathered.dots
+    tangent = float(gathered.scale.reference_sine) * np.asarray(dots.stop_radius)
+    disc_mm2 = (defocus_mm[np.asarray(dots.group)] * tangent) ** 2 / 4
+    shows = disc_mm2 > _SHOWN * hole_variance_mm2(dots)
+    stops = range(1, len(gathered.f_numbers))
+    return np.array([bool(shows[dots.stop == k].any()) for k in stops], bool)
+
+
+def f_number_width(gathered: Gathered) -> float:
+    """Standard deviation of a stop's radius by its stated f-number, as a share."""
+    return gathered.shown[0].take.widths.f_number
+
+
+def _opening(
+    gathered: Gathered, layout: Layout, defocus_mm: Float[np.ndarray, " groups"]
+) -> list[Family]:
     blocks = layout.blocks
     rims = _range(blocks["rim_shift"]) + _range(blocks["rim_radius"])
     wide = (*[0.5] * (2 * layout.rims), *[0.3] * (2 * layout.rims))
@@ -179,8 +207,11 @@ def _opening(gathered: Gathered, layout: Layout) -> list[Family]:
     found.append(_family("pupil_squeeze", [squeeze], 0.05, FINE))
     stops = len(gathered.f_numbers) - 1
     if stops:
-        ratios = _range(blocks["stop_ratio"])[:stops]
-        found.append(_family("stop_ratios", ratios, 0.03, FINE))
+        shown = np.flatnonzero(stops_shown(gathered, defocus_mm))
+        ratios = [blocks["stop_ratio"].start + int(k) for k in shown]
+        if ratios:
+            width = f_number_width(gathered)
+            found.append(_family("stop_ratios", ratios, width, FINE))
         blades = Family("blades", (rotation, curvature), (3.0, 1.0), FINE, tried=False)
         found.append(blades)
     return found

@@ -23,7 +23,6 @@ from lensfit.fit.geometry import (
     parts_of,
 )
 from lensfit.fit.parameters import Layout as GeometryLayout
-from lensfit.fit.stated_distance import distance_ratio
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.hole import Hole, hole_of, soft_hole
 from lensfit.fit.wavefront.shown import (
@@ -134,7 +133,7 @@ def _depth_factor(shown: Shown) -> float:
     by how much.
     """
     ratios = [
-        distance_ratio(take.target_distance_mm, depth_mm, shown.pupil_offset_mm)
+        (take.target_distance_mm - shown.pupil_offset_mm) / depth_mm
         for take, depth_mm in zip(
             shown.geometry.takes,
             fitted_depths_mm(shown.geometry.adjustment),

@@ -20,11 +20,17 @@ the factor for few of them, A. C. Cameron and D. L. Miller, J. Human Resources 5
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from lensfit.fit.systematic import systematic_covariance
+from lensfit.fit.systematic import covariance_nearest, systematic_covariance
 from lensfit.fit.wavefront.evidence import CELLS_PER_DOT
-from lensfit.fit.wavefront.families import LAST, Family, deviation_of, indices_of
+from lensfit.fit.wavefront.families import (
+    LAST,
+    Family,
+    deviation_of,
+    f_number_width,
+    indices_of,
+)
 from lensfit.fit.wavefront.stages import Stage
 
 SYSTEMATIC = 0.008
@@ -64,7 +70,7 @@ def unshown_covariance_of(
     covariance: Float[np.ndarray, "parameters parameters"],
 ) -> Float[np.ndarray, "parameters parameters"]:
     """What is stated to others beyond `covariance`: of what a lean model leaves out,
-    and of errors that no dot shows.
+    of stops whose radius no dot shows, and of errors that no dot shows.
 
     More freedom may make a sandwich smaller in some direction; what was stated stays
     there, so that this is a covariance too.
@@ -82,18 +88,18 @@ def unshown_covariance_of(
         np.asarray(stage.equations.matrix.sum(0))[square],
         deviation_of(families, stage.layout, LAST)[free] ** -2.0,
     )
-    return _without_negative(larger - covariance, np.sqrt(np.diag(larger)))
+    held = held_stops(stage, free)
+    larger[held, held] += f_number_width(stage.gathered) ** 2
+    return covariance_nearest(larger - covariance, np.sqrt(np.diag(larger)))
 
 
-def _without_negative(
-    difference: Float[np.ndarray, "parameters parameters"],
-    unit: Float[np.ndarray, " parameters"],
-) -> Float[np.ndarray, "parameters parameters"]:
-    """Its nearest covariance, in these units of the parameters."""
-    unit = np.where(unit > 0, unit, 1.0)
-    size, axes = np.linalg.eigh(difference / np.outer(unit, unit))
-    axes = axes * unit[:, None]
-    return (axes * np.maximum(size, 0.0)) @ axes.T
+def held_stops(
+    stage: Stage, free: Int[np.ndarray, " free"]
+) -> Int[np.ndarray, " stops"]:
+    """Ratios of stops that no dot shows: they are what the f-number says."""
+    first = stage.layout.blocks["stop_ratio"].start
+    every = first + np.arange(len(stage.gathered.f_numbers) - 1)
+    return np.setdiff1d(every, free)
 
 
 def _systematic(

@@ -26,6 +26,11 @@ from lensfit.workflow.shoot.records import Shoot
 
 _LIBRARIES = ("jax", "optimistix", "equinox", "numpy", "opencv-contrib-python-headless")
 _LEAST_VISIBLE_PX = 0.01
+_ALONG_THE_AXIS = {
+    "pupil_offset": "entrance_pupil_offset_mm",
+    "pupil_walk": "pupil_walk_mm",
+}
+"""Names in the covariance of an entry."""
 
 
 def camera_of(shoot: Shoot, observed: list[Observed]) -> Camera:
@@ -221,14 +226,20 @@ def _term(term: dict) -> Term:
 
 
 def _covariance(state: LensState) -> Covariance:
-    """Of the shared parameters, in the units of `fit.parameters`; of all that are not
-    known to be what they are."""
+    """Of the shared parameters, in the units of `fit.parameters`, but lengths along the
+    axis in mm; of all that are not known to be what they are."""
     known = state.uncertainty.covariance
+    adjustment = state.geometry.adjustment
+    unit = np.ones(len(known))
     names, rows = [], []
-    for block, where in state.geometry.adjustment.layout.blocks.items():
+    for block, where in adjustment.layout.blocks.items():
         places = np.flatnonzero(np.diag(known)[where])
+        if block in _ALONG_THE_AXIS:
+            unit[where] = float(adjustment.frame.stated_focal_length_mm)
+            block = _ALONG_THE_AXIS[block]
         # The layout of the fit has room for more of the field than was kept.
         numbers = np.arange(len(places)) if block == "free_field" else places
         names += [f"{block}[{k}]" for k in numbers]
         rows += (where.start + places).tolist()
+    known = known * np.outer(unit, unit)
     return Covariance.of_matrix(tuple(names), known[np.ix_(rows, rows)])

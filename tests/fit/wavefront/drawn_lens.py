@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from lensfit.detect.cutouts import CELLS
+from lensfit.fit.stated_facts import ORDINARY_WIDTHS
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.gather import Gathered, Group
 from lensfit.fit.wavefront.parameters import Layout, Scale
@@ -209,7 +210,9 @@ def _gathered(shots, rows, light, centroid, diameter, spread) -> Gathered:
     focal = 1 / (1 / PRINCIPAL_MM + 1 / (REFERENCE_MM - PRINCIPAL_MM))
     each = len(rows[0].group)
     return Gathered(
-        shown=tuple(SimpleNamespace() for _ in shots),
+        shown=tuple(
+            SimpleNamespace(take=SimpleNamespace(widths=ORDINARY_WIDTHS)) for _ in shots
+        ),
         dots=jax.tree.map(lambda *parts: np.concatenate(parts), *rows),
         light=np.repeat(light[:, None], 3, 1),
         valid=valid,
