@@ -11,7 +11,7 @@ back bit for bit.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -87,6 +87,7 @@ def blurred_plate(
     output_window: Window,
     defocus: Defocus,
     in_front: LayerStack | None = None,
+    lights_in_front: Sequence[Highlights | None] = (),
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
     """A flat plate as the lens shows it, bit for bit where that is how it was.
 
@@ -96,13 +97,14 @@ def blurred_plate(
     output_window : Pixels to return; inside `window`.
     in_front : Layers over `window` that were cut out of the plate, each with its own
         distances; the plate is what they hide.
+    lights_in_front : Of each of those layers.
     """
     if plate.is_sharp:
         return crop(plate.rgba, window, output_window)
     plate.rgba = np.nan_to_num(plate.rgba, nan=0.0, posinf=0.0, neginf=0.0)
     is_opaque = bool((plate.rgba[..., 3] >= 1 - _OPAQUE).all())
     layers = [] if in_front is None else _layers(in_front, defocus)
-    lights = [] if plate.lights is None else [plate.lights]
+    lights = [light for light in (plate.lights, *lights_in_front) if light is not None]
     scene = Scene(layers, plate, lights, is_opaque)
     return _blurred(scene, window, output_window, defocus)
 
@@ -112,17 +114,18 @@ def blurred_layers(
     window: Window,
     output_window: Window,
     defocus: Defocus,
-    lights: list[Highlights],
+    lights: Sequence[Highlights | None],
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
     """A deep plate, which knows what is hidden.
 
     Parameters
     ----------
     layers : Over `window`, without their lights.
-    lights : Of each of them.
+    lights : Of each of them; None where there are none.
     """
-    scene = Scene(_layers(layers, defocus), None, lights, is_opaque=False)
-    if not lights and stays_sharp(np.array(scene.range_px()), window, defocus):
+    found = [light for light in lights if light is not None]
+    scene = Scene(_layers(layers, defocus), None, found, is_opaque=False)
+    if not found and stays_sharp(np.array(scene.range_px()), window, defocus):
         return crop(flattened(layers), window, output_window)
     return _blurred(scene, window, output_window, defocus)
 

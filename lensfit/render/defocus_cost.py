@@ -15,15 +15,20 @@ from jaxtyping import Float32
 from lensfit.coords import Window
 from lensfit.render.defocus import grown, tiles_of
 from lensfit.render.gather import TILE, step_for
-from lensfit.render.plate_defocus import Defocus
+from lensfit.render.plate_defocus import Defocus, Rays
 
-_RAY_S = 2.4e-9
+_RAY_S = 5.8e-9
 """For a ray, a point and a surface that it meets; of one colour."""
 _ALL_COLOURS = 1.6
 """The same for three colours that share their rays, over one."""
 _CUBIC = 3.0
+_UNEVEN = 1.5
+"""For a surface read by a cubic, or whose distance varies, over one that is plain."""
+_EVEN_PX = 1e-3
 _SURFACE_S = 1.6e-8
 """For a pixel of a tile with its margin, and a surface."""
+_HIDDEN_S = 3e-7
+"""For a pixel that is continued behind a surface."""
 _SURFACE_BYTES = 36.0
 
 
@@ -75,25 +80,29 @@ def defocus_cost(
     cores = min(os.cpu_count() or 1, len(tiles))
     present = (len(cuts) + 2) / 2
     share = output.width * output.height / radius_px[0].size
+    rays_s, hidden = _rays_s(radius_px, cuts, reach, rays)
     return DefocusCost(
         is_sharp=False,
         surfaces=len(cuts) + 1,
         channels=len(rays.many.weight),
         tiles=len(tiles),
-        surfaces_s=work * present * _SURFACE_S / cores,
-        rays_s=share * _rays_s(radius_px, cuts, reach, rays) / cores,
+        surfaces_s=(work * present * _SURFACE_S + hidden * _HIDDEN_S) / cores,
+        rays_s=share * rays_s / cores,
         gib=cores * largest * (len(cuts) + 2) * _SURFACE_BYTES / 2**30,
     )
 
 
-def _rays_s(radius_px: np.ndarray, cuts: list[float], reach: int, rays) -> float:
-    """Of the loop over rays, on one core, for all pixels of the plate."""
+def _rays_s(
+    radius_px: np.ndarray, cuts: list[float], reach: int, rays: Rays
+) -> tuple[float, float]:
+    """Seconds of the loop over rays, on one core, for all pixels of the plate; and how
+    many pixels hide something that is to be continued."""
     budget = rays.defocus.budget
     aberrated = float(np.median(rays.few.spot_radius_px(0.0)))
     size = -(-radius_px.shape[1] // TILE), -(-radius_px.shape[2] // TILE)
     around = np.ones((2 * -(-reach // TILE) + 1,) * 2, np.uint8)
     slab = np.searchsorted(np.sort(cuts), radius_px)
-    met = np.zeros(size, np.float32)
+    met, work = np.zeros((2, *size), np.float32)
     low, high = np.full(size, np.inf, np.float32), np.zeros(size, np.float32)
     for n in np.unique(slab):
         here = (slab == n).any(0)
@@ -101,7 +110,9 @@ def _rays_s(radius_px: np.ndarray, cuts: list[float], reach: int, rays) -> float
         reached = cv2.dilate(cells, around) > 0
         mine = np.abs(radius_px[slab == n])
         spots = np.hypot(np.array([mine.min(), mine.max()]), aberrated)
+        is_even = mine.max() - mine.min() < _EVEN_PX
         met += reached
+        work += reached * (1.0 if is_even else _UNEVEN)
         low[reached] = np.minimum(low[reached], spots[0])
         high[reached] = np.maximum(high[reached], spots[1])
     count = np.where(high <= budget.few_px, rays.few.rays, rays.many.rays)
@@ -110,8 +121,9 @@ def _rays_s(radius_px: np.ndarray, cuts: list[float], reach: int, rays) -> float
     channels = len(rays.many.weight)
     each = _ALL_COLOURS if channels == 1 else channels
     moved = high > budget.unseen_px
-    work = moved * (0.5 + met / 2) * count * cubic / step**2
-    return float(work.sum()) * TILE**2 * each * _RAY_S
+    work = moved * work * count * cubic / step**2
+    hidden = float(np.maximum(met - 1, 0).sum()) * TILE**2
+    return float(work.sum()) * TILE**2 * each * _RAY_S, hidden
 
 
 def _cells(here: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -21,6 +21,7 @@ from lensfit.render.buffers import crop
 from lensfit.render.defocus import blurred_layers, blurred_plate
 from lensfit.render.falloff import apply_gain
 from lensfit.render.filters import Filter, filter_for
+from lensfit.render.highlights import Highlights
 from lensfit.render.landing import landed, landed_flat, landed_layers
 from lensfit.render.layer_stack import LayerStack, Mattes, check_depth, flattened
 from lensfit.render.look.blur_of_light import SharpLayer
@@ -166,7 +167,8 @@ def render_stages(
     window = stages.window if whole else output_window
     if isinstance(pixels, LayerStack) and stages.defocus is not None:
         layers, lights = landed_layers(pixels, data_window, stages, method)
-        arrival = _arrival(stages, list(layers.rgba), list(layers.depth_mm))
+        seen = _with_lights(layers, lights) if stages.look else []
+        arrival = _arrival(stages, seen, list(layers.depth_mm))
         blurred = blurred_layers(layers, stages.window, window, stages.defocus, lights)
         picture = _lit(blurred, stages, window)
     elif depth_mm is None or stages.defocus is None:
@@ -177,16 +179,33 @@ def render_stages(
     else:
         assert isinstance(pixels, np.ndarray)
         check_depth(depth_mm, pixels.shape[:2])
-        front = in_front and landed_layers(in_front, data_window, stages, method)[0]
+        front, front_lights = None, []
+        if in_front is not None:
+            front, front_lights = landed_layers(in_front, data_window, stages, method)
         flat = landed_flat(pixels, depth_mm, data_window, stages, method, mattes, front)
-        colours, depths = ([], []) if front is None else (front.rgba, front.depth_mm)
+        colours, depths = [], []
+        if front is not None:
+            colours, depths = _with_lights(front, front_lights), front.depth_mm
         seen = [*colours, flat.picture] if stages.look else []
         arrival = _arrival(stages, seen, [*depths, flat.depth_mm])
-        blurred = blurred_plate(flat, stages.window, window, stages.defocus, front)
+        blurred = blurred_plate(
+            flat, stages.window, window, stages.defocus, front, front_lights
+        )
         picture = _lit(blurred, stages, window)[..., _CHANNELS_OF[pixels.shape[-1]]]
     if look is None:
         return picture
     return crop(look.applied(picture, window, arrival), window, output_window)
+
+
+def _with_lights(
+    layers: LayerStack, lights: Sequence[Highlights | None]
+) -> list[Float32[np.ndarray, "height width 4"]]:
+    """Layers with the lights that were taken off them."""
+    seen = [rgba.copy() for rgba in layers.rgba]
+    for rgba, found in zip(seen, lights, strict=True):
+        if found is not None:
+            rgba[..., :3] += found.light
+    return seen
 
 
 _CHANNELS_OF = {1: slice(1, 2), 3: slice(0, 3), 4: slice(0, 4)}

@@ -27,6 +27,8 @@ import numba as nb
 import numpy as np
 from jaxtyping import Float32, Int32
 
+from lensfit.render.reading import add_colour, add_cubic, add_grey
+
 TILE = 16
 """Side of the squares, within which rays move linearly with the pixel."""
 BLOCK = 8
@@ -69,13 +71,22 @@ class PackedSurfaces(NamedTuple):
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
 def gather(
-    picture, corner, rows, surfaces, many, few, node_px, place_px, limits, sharp
-):
+    picture: Float32[np.ndarray, "height width 4"],
+    corner: tuple[int, int],
+    rows: tuple[int, int],
+    surfaces: PackedSurfaces,
+    many: tuple[np.ndarray, np.ndarray],
+    few: tuple[np.ndarray, np.ndarray],
+    node_px: tuple[float, float],
+    place_px: tuple[float, float],
+    limits: tuple[np.float32, np.float32, bool],
+    sharp: Float32[np.ndarray, "height width 4"],
+) -> None:
     """Fill rows of a picture with the mean over the pupil.
 
     Parameters
     ----------
-    picture : (height, width, 4): premultiplied colour and alpha.
+    picture : Premultiplied colour and alpha.
     corner : Row and column of its first pixel on the surfaces.
     rows : First and last (not included) to fill; the first a multiple of `TILE`.
     surfaces : `PackedSurfaces`.
@@ -84,72 +95,93 @@ def gather(
     place_px : x and y of the first pixel's centre, from the first node.
     limits : Displacement that is not seen, px; spots up to this radius need few rays;
         and whether the scene has no holes, so that what rays miss is made up.
-    sharp : (height, width, 4), as it is where nothing is displaced visibly.
+    sharp : As it is where nothing is displaced visibly.
     """
-    width = picture.shape[1]
     rays = np.empty((max(many[1].shape[3], few[1].shape[3]), 19), np.float32)
     met = np.empty(surfaces.table.shape[0], np.int32)
-    most_points = (TILE + 1) ** 2
-    # Of each point: place on the surfaces, the same from the tile's middle; place that
-    # the ray crosses, and what is still seen of it.
-    grid = np.empty((4, most_points), np.float32)
-    crossed = np.empty((3, most_points), np.float32)
-    light = np.empty((6, most_points), np.float32)
-    for tile_top in range(rows[0], rows[1], TILE):
-        for tile_left in range(0, width, TILE):
-            size = min(TILE, rows[1] - tile_top), min(TILE, width - tile_left)
-            at = tile_top, tile_left
-            middle = (
-                place_px[0] + tile_left + TILE / 2,
-                place_px[1] + tile_top + TILE / 2,
-            )
+    grid, crossed, light = _room_for_points()
+    for top in range(rows[0], rows[1], TILE):
+        for left in range(0, picture.shape[1], TILE):
+            size = min(TILE, rows[1] - top), min(TILE, picture.shape[1] - left)
+            middle = place_px[0] + left + TILE / 2, place_px[1] + top + TILE / 2
             _rays_at(rays, few, few[1].shape[0] // 2, middle, node_px)
             found, moved, least, most = _surfaces_met(
-                met, rays, few[1].shape[3], surfaces, corner, at, size
+                met, rays, few[1].shape[3], surfaces, corner, (top, left), size
             )
             if moved <= limits[0]:
-                rows_of, columns_of = (
-                    slice(tile_top, tile_top + size[0]),
-                    slice(tile_left, tile_left + size[1]),
-                )
-                picture[rows_of, columns_of] = sharp[rows_of, columns_of]
+                for j in range(top, top + size[0]):
+                    picture[j, left : left + size[1]] = sharp[j, left : left + size[1]]
                 continue
             chosen = few if most <= limits[1] else many
             step = step_for(least)
-            down, across = size
-            if step > 1:
-                down, across = -(-size[0] // step) + 1, -(-size[1] // step) + 1
-            points = down * across
-            for point in range(points):
-                i, j = point % across * step, point // across * step
-                grid[0, point] = corner[1] + tile_left + i + 0.5
-                grid[1, point] = corner[0] + tile_top + j + 0.5
-                grid[2, point] = i + 0.5 - TILE / 2
-                grid[3, point] = j + 0.5 - TILE / 2
-            light[:, :points] = 0
+            down, across = _points_of(grid, corner, (top, left), size, step)
+            light[:, : down * across] = 0
             channels = chosen[1].shape[0]
             for channel in range(channels):
                 _rays_at(rays, chosen, channel, middle, node_px)
-                for ray in range(chosen[1].shape[3]):
-                    crossed[2, :points] = rays[ray, 18]
-                    for index in range(found):
-                        _cross(crossed, grid, points, rays[ray], surfaces, met[index])
-                        left = _add(
-                            light,
-                            crossed,
-                            points,
-                            surfaces,
-                            met[index],
-                            channel,
-                            channels,
-                        )
-                        if left < _THROUGH * rays[ray, 18]:
-                            break
-            _fill(picture, light, at, size, points, across, step, channels, limits[2])
+                _follow(
+                    light,
+                    crossed,
+                    grid,
+                    down * across,
+                    rays[: chosen[1].shape[3]],
+                    surfaces,
+                    met[:found],
+                    channel,
+                    channels,
+                )
+            _fill(
+                picture,
+                light,
+                (top, left),
+                size,
+                down * across,
+                across,
+                step,
+                channels,
+                limits[2],
+            )
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
-def step_for(radius_px):
+def _room_for_points():
+    """For the points of a tile: place on the surfaces and from the tile's middle; place
+    that a ray crosses, and what is still seen of it; colours and coverages."""
+    points = (TILE + 1) ** 2
+    grid = np.empty((4, points), np.float32)
+    crossed = np.empty((3, points), np.float32)
+    return grid, crossed, np.empty((6, points), np.float32)
+
+
+@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
+def _points_of(grid, corner, at, size, step):
+    """Lay out the points of a tile; how many down and across."""
+    down, across = size
+    if step > 1:
+        down, across = -(-size[0] // step) + 1, -(-size[1] // step) + 1
+    for point in range(down * across):
+        i, j = point % across * step, point // across * step
+        grid[0, point] = corner[1] + at[1] + i + 0.5
+        grid[1, point] = corner[0] + at[0] + j + 0.5
+        grid[2, point] = i + 0.5 - TILE / 2
+        grid[3, point] = j + 0.5 - TILE / 2
+    return down, across
+
+
+@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
+def _follow(light, crossed, grid, points, rays, surfaces, met, channel, channels):
+    """Add all rays of one colour through the surfaces that they meet."""
+    for ray in range(rays.shape[0]):
+        crossed[2, :points] = rays[ray, 18]
+        for index in range(len(met)):
+            _cross(crossed, grid, points, rays[ray], surfaces, met[index])
+            left = _add(light, crossed, points, surfaces, met[index], channel, channels)
+            if left < _THROUGH * rays[ray, 18]:
+                break
+
+
+@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
+def step_for(radius_px: float | np.float32) -> int:
     """Pixels from point to point, where the smallest spots have this radius."""
     for wider in _STEPS:
         if radius_px >= _RADII_PER_STEP * wider:
@@ -226,7 +258,12 @@ def _surfaces_met(met, rays, count, surfaces, corner, at, size):
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
-def counted(surfaces, surface, low, high):
+def counted(
+    surfaces: PackedSurfaces,
+    surface: int,
+    low: tuple[float, float],
+    high: tuple[float, float],
+) -> tuple[bool, bool]:
     """Whether a surface has anything in a rectangle (corners y, x), and whether one can
     see through it anywhere there."""
     row = surfaces.table[surface]
@@ -300,124 +337,15 @@ def _add(light, crossed, points, surfaces, surface, channel, channels):
     pixels = surfaces.pixels
     start, wide, tall = row[START], row[WIDTH], row[HEIGHT]
     if row[IS_CUBIC]:
-        _add_cubic(light, crossed, points, pixels, start, wide, tall, channel, channels)
+        add_cubic(light, crossed, points, pixels, start, wide, tall, channel, channels)
     elif channels == 1:
-        _add_grey(light, crossed, points, pixels, start, wide, tall)
+        add_grey(light, crossed, points, pixels, start, wide, tall)
     else:
-        _add_colour(light, crossed, points, pixels, start, wide, tall, channel)
+        add_colour(light, crossed, points, pixels, start, wide, tall, channel)
     left = np.float32(0)
     for i in range(points):
         left = max(left, crossed[2, i])
     return left
-
-
-@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
-def _add_colour(light, crossed, points, pixels, start, wide, tall, channel):
-    """One colour, linear between pixels."""
-    shown, cover, through = light[channel], light[3 + channel], crossed[2]
-    last_column, last_row = np.int32(max(wide - 2, 0)), np.int32(max(tall - 2, 0))
-    right = np.int32(4 if wide > 1 else 0)
-    below = np.int32(4 * wide if tall > 1 else 0)
-    one, first = np.float32(1), np.int32(4 * start)
-    for i in range(points):
-        x, y = crossed[0, i], crossed[1, i]
-        column, line = min(np.int32(x), last_column), min(np.int32(y), last_row)
-        u, v = x - np.float32(column), y - np.float32(line)
-        p = first + np.int32(4) * (line * np.int32(wide) + column)
-        a, b, c, d = (one - u) * (one - v), u * (one - v), (one - u) * v, u * v
-        n = p + np.int32(channel)
-        colour = (
-            a * pixels[n]
-            + b * pixels[n + right]
-            + c * pixels[n + below]
-            + d * pixels[n + below + right]
-        )
-        n = p + np.int32(3)
-        alpha = (
-            a * pixels[n]
-            + b * pixels[n + right]
-            + c * pixels[n + below]
-            + d * pixels[n + below + right]
-        )
-        seen = through[i]
-        shown[i] += seen * colour
-        cover[i] += seen * alpha
-        through[i] = seen * (one - alpha)
-
-
-@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
-def _add_grey(light, crossed, points, pixels, start, wide, tall):
-    """All colours, linear between pixels."""
-    through = crossed[2]
-    last_column, last_row = np.int32(max(wide - 2, 0)), np.int32(max(tall - 2, 0))
-    right = np.int32(4 if wide > 1 else 0)
-    below = np.int32(4 * wide if tall > 1 else 0)
-    one, first = np.float32(1), np.int32(4 * start)
-    for i in range(points):
-        x, y = crossed[0, i], crossed[1, i]
-        column, line = min(np.int32(x), last_column), min(np.int32(y), last_row)
-        u, v = x - np.float32(column), y - np.float32(line)
-        p = first + np.int32(4) * (line * np.int32(wide) + column)
-        q, m, n = p + right, p + below, p + below + right
-        seen = through[i]
-        a, b = seen * (one - u) * (one - v), seen * u * (one - v)
-        c, d = seen * (one - u) * v, seen * u * v
-        light[0, i] += a * pixels[p] + b * pixels[q] + c * pixels[m] + d * pixels[n]
-        light[1, i] += (
-            a * pixels[p + 1]
-            + b * pixels[q + 1]
-            + c * pixels[m + 1]
-            + d * pixels[n + 1]
-        )
-        light[2, i] += (
-            a * pixels[p + 2]
-            + b * pixels[q + 2]
-            + c * pixels[m + 2]
-            + d * pixels[n + 2]
-        )
-        alpha = (
-            a * pixels[p + 3]
-            + b * pixels[q + 3]
-            + c * pixels[m + 3]
-            + d * pixels[n + 3]
-        )
-        light[3, i] += alpha
-        through[i] = seen - alpha
-
-
-@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
-def _add_cubic(light, crossed, points, pixels, start, wide, tall, channel, channels):
-    """One colour or all, by Catmull and Rom's cubic, which takes no detail off."""
-    first = channel if channels > 1 else 0
-    last = channel + 1 if channels > 1 else 3
-    for i in range(points):
-        x, y, seen = crossed[0, i], crossed[1, i], crossed[2, i]
-        column, row = int(x), int(y)
-        xs, ys = _cubic(x - np.float32(column)), _cubic(y - np.float32(row))
-        alpha = np.float32(0)
-        for m in range(4):
-            line = start + min(max(row + m - 1, 0), tall - 1) * wide
-            for k in range(4):
-                p = 4 * (line + min(max(column + k - 1, 0), wide - 1))
-                share = ys[m] * xs[k]
-                alpha += share * pixels[p + 3]
-                for n in range(first, last):
-                    light[n, i] += seen * share * pixels[p + n]
-        light[3 + first, i] += seen * alpha
-        crossed[2, i] = seen * (np.float32(1) - alpha)
-
-
-@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
-def _cubic(t):
-    half, two, three = np.float32(0.5), np.float32(2), np.float32(3)
-    square = t * t
-    cube = square * t
-    return (
-        half * (two * square - cube - t),
-        half * (three * cube - np.float32(5) * square + two),
-        half * (np.float32(4) * square - three * cube + t),
-        half * (cube - square),
-    )
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")

@@ -20,6 +20,10 @@ _LONGEST = 6.0
 """Of a line through a hidden pixel, over the shortest way out; longer ones do not
 show that a surface passes."""
 
+_STRIDE = 0.06
+"""Of a step, over the way so far."""
+_NOWHERE = np.float32(1e9)
+
 Plane = Float32[np.ndarray, "height width"]
 Colour = Float32[np.ndarray, "height width 4"]
 
@@ -67,54 +71,66 @@ def continued(
 def _continue(
     filled, filled_px, rgba, radius_px, source, rows, columns, cosines, sines, reach
 ):
-    height, width = source.shape
     count = len(cosines)
-    at_y, at_x = np.empty(count, np.int32), np.empty(count, np.int32)
+    at_y, at_x = np.zeros(count, np.int32), np.zeros(count, np.int32)
     away = np.empty(count, np.float32)
     for index in range(len(rows)):
         y, x = rows[index], columns[index]
-        nearest, nearest_px = np.float32(1e9), np.float32(0)
         for k in range(count):
-            away[k] = np.float32(1e9)
-            step = np.float32(1.0)
-            while step <= reach:
-                v = int(y + step * sines[k] + np.float32(0.5))
-                u = int(x + step * cosines[k] + np.float32(0.5))
-                if v < 0 or u < 0 or v >= height or u >= width:
-                    break
-                if source[v, u]:
-                    at_y[k], at_x[k], away[k] = v, u, step
-                    if step < nearest:
-                        nearest, nearest_px = step, radius_px[v, u]
-                    break
-                step += max(np.float32(1.0), np.float32(0.06) * step)
-        if nearest > np.float32(1e8):
-            for n in range(4):
-                filled[y, x, n] = 0
+            away[k], at_y[k], at_x[k] = _met(source, y, x, cosines[k], sines[k], reach)
+        nearest = away.argmin()
+        if away[nearest] >= _NOWHERE:
+            filled[y, x] = 0
             continue
-        chosen = np.float32(-1e9)
-        for k in range(count // 2):
-            n = k + count // 2
-            if away[k] + away[n] > np.float32(_LONGEST) * nearest + 4:
-                continue
-            first, second = radius_px[at_y[k], at_x[k]], radius_px[at_y[n], at_x[n]]
-            step = np.float32(STEP_PX) + np.float32(STEP_GROWTH) * abs(first)
-            if abs(first - second) < step:
-                chosen = max(chosen, (first + second) / 2)
-        if chosen > np.float32(-1e8):
-            nearest_px = chosen
-        limit = np.float32(STEP_PX) + np.float32(STEP_GROWTH) * abs(nearest_px)
+        own_px = radius_px[at_y[nearest], at_x[nearest]]
+        through_px = _passing_through(radius_px, at_y, at_x, away, away[nearest])
+        if through_px > -_NOWHERE:
+            own_px = through_px
         colour = np.zeros(4, np.float32)
         total = radius = np.float32(0)
         for k in range(count):
-            if away[k] < np.float32(1e8):
-                v, u = at_y[k], at_x[k]
-                if abs(radius_px[v, u] - nearest_px) < limit:
-                    share = np.float32(1) / (away[k] * away[k])
-                    for n in range(4):
-                        colour[n] += share * rgba[v, u, n]
-                    radius += share * radius_px[v, u]
-                    total += share
+            its_px = radius_px[at_y[k], at_x[k]]
+            if away[k] < _NOWHERE and abs(its_px - own_px) < _step(own_px):
+                share = np.float32(1) / (away[k] * away[k])
+                for n in range(4):
+                    colour[n] += share * rgba[at_y[k], at_x[k], n]
+                radius += share * its_px
+                total += share
         for n in range(4):
             filled[y, x, n] = colour[n] / total
         filled_px[y, x] = radius / total
+
+
+@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
+def _met(source, y, x, cosine, sine, reach):
+    """How far, and at which row and column, a source is met in a direction."""
+    height, width = source.shape
+    step = np.float32(1)
+    while step <= reach:
+        v = int(y + step * sine + np.float32(0.5))
+        u = int(x + step * cosine + np.float32(0.5))
+        if v < 0 or u < 0 or v >= height or u >= width:
+            break
+        if source[v, u]:
+            return step, v, u
+        step += max(np.float32(1), np.float32(_STRIDE) * step)
+    return _NOWHERE, 0, 0
+
+
+@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
+def _passing_through(radius_px, at_y, at_x, away, nearest):
+    """Radius of the nearest surface met on opposite sides; far below all if none."""
+    chosen, half = -_NOWHERE, len(away) // 2
+    for k in range(half):
+        if away[k] + away[k + half] > np.float32(_LONGEST) * nearest + 4:
+            continue
+        first = radius_px[at_y[k], at_x[k]]
+        second = radius_px[at_y[k + half], at_x[k + half]]
+        if abs(first - second) < _step(first):
+            chosen = max(chosen, (first + second) / 2)
+    return chosen
+
+
+@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
+def _step(radius_px):
+    return np.float32(STEP_PX) + np.float32(STEP_GROWTH) * abs(radius_px)

@@ -97,8 +97,11 @@ def landed(
 
 
 def landed_layers(
-    stack: LayerStack, data_window: Window, stages: Stages, method: Filter
-) -> tuple[LayerStack, list[Highlights]]:
+    stack: LayerStack,
+    data_window: Window,
+    stages: Stages,
+    method: Filter,
+) -> tuple[LayerStack, list[Highlights | None]]:
     """Every layer through the maps, without its small bright lights, and these; a
     distance is that of the nearest pixel, since a mean of two is nobody's."""
     colours, found = [], []
@@ -108,7 +111,8 @@ def landed_layers(
             rgba = np.nan_to_num(rgba, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
             lights = take_highlights(rgba, stages.defocus.circle.radius_px(depth_mm))
         if lights is not None:
-            found.append(_landed_lights(lights, data_window, stages))
+            lights = _landed_lights(lights, data_window, stages)
+        found.append(lights)
         colours.append(landed(rgba, data_window, stages, method))
     depth = [nearest(z, data_window, stages.maps[1]) for z in stack.depth_mm]
     return LayerStack(np.stack(colours), np.stack(depth)), found

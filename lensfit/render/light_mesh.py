@@ -112,6 +112,8 @@ def lens_lights(
     waves = (lens.blur or lens.perfect_blur()).bands.wavelengths_nm.shape[1]
     reach = np.hypot(*vertices.T)
     polar = np.stack([np.arctan2(vertices[:, 1], vertices[:, 0]), reach, reach**0])
+    is_even = lens.blur is None or lens.blur.is_ideal
+    size = (1, 1) if is_even else (_COLUMNS, _ROWS)
     # Rays are dealt to the wavelengths in turn: each vertex once for each.
     found = landed_rays(
         lens,
@@ -120,15 +122,17 @@ def lens_lights(
         window,
         depth,
         np.repeat(polar, waves, 1),
-        _COLUMNS,
-        _ROWS,
+        *size,
     )
     matrix = np.linalg.inv(np.vander(np.array(depth), 3, increasing=True))
-    shape = (3, 3, _ROWS, _COLUMNS, len(vertices), waves)
+    shape = (3, 3, size[1], size[0], len(vertices), waves)
     moved = np.einsum(
         "pd,cdrkvwx->cwrkvxp", matrix, found.landing_px.reshape(*shape, 2)
     )
     density = np.moveaxis(found.share.reshape(shape).mean(1), -1, 1)
+    if is_even:
+        moved = np.repeat(np.repeat(moved, 2, 2), 2, 3)
+        density = np.repeat(np.repeat(density, 2, 2), 2, 3)
     return LightField(
         window,
         np.ascontiguousarray(moved, np.float32),
@@ -170,7 +174,8 @@ def light_kernel(
     reach = float(np.abs(landing).max())
     half = int(np.ceil(reach + 3 * field.diffraction_px)) + 1
     finer = next((n for radius, n in _FINE_SIDES if reach <= radius), 1)
-    finer += not is_point and finer % 2 == 0  # to have a middle
+    if not is_point:
+        finer = 3 if finer > 1 else 1  # odd, to have a middle
     fine = np.zeros(((2 * half + 1) * finer,) * 2)
     _lay_down(
         fine,

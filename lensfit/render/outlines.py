@@ -59,7 +59,7 @@ def taken_apart(
     front: Bool[np.ndarray, "height width"],
     outline: Outline,
     behind: Colour,
-    guide: Colour | None = None,
+    guide: tuple[Colour, Colour] | None = None,
 ) -> tuple[Colour, Plane]:
     """The near surface by itself, and its radii.
 
@@ -67,7 +67,8 @@ def taken_apart(
     ----------
     front : Pixels whose depth is that of the near side.
     behind : What it hides, filled in.
-    guide : The same picture with all colours where the depth is; `rgba` if None.
+    guide : The same picture with all colours where the depth is, and what that hides,
+        by which shares are told; `rgba` and `behind` if None.
     """
     shown = np.where(front[..., None], rgba, np.float32(0))
     shown_px = np.where(outline.pixels, outline.front_px, radius_px)
@@ -76,10 +77,11 @@ def taken_apart(
         _take_apart(
             shown,
             rgba,
+            behind,
+            *(guide or (rgba, behind)),
             shown_px,
             front,
             outline.pixels,
-            behind,
             rows.astype(np.int32),
             columns.astype(np.int32),
         )
@@ -87,7 +89,9 @@ def taken_apart(
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
-def _take_apart(shown, rgba, front_px, front, outline, behind, rows, columns):
+def _take_apart(
+    shown, rgba, behind, guide, guide_behind, front_px, front, outline, rows, columns
+):
     height, width = front.shape
     for index in range(len(rows)):
         y, x = rows[index], columns[index]
@@ -106,10 +110,10 @@ def _take_apart(shown, rgba, front_px, front, outline, behind, rows, columns):
                     if outline[v, u]:
                         away = 0.0
                         for n in range(4):
-                            away += (rgba[v, u, n] - behind[v, u, n]) ** 2
+                            away += (guide[v, u, n] - guide_behind[v, u, n]) ** 2
                         trust = min(1e-4 + 0.02 * away, 0.1)
                     for n in range(4):
-                        colour[n] += trust * rgba[v, u, n]
+                        colour[n] += trust * guide[v, u, n]
                     total += trust
                 if max(abs(dy), abs(dx)) <= 1:
                     fall = np.exp(-(dy * dy + dx * dx) / (2 * _SHAPE_SIGMA_PX**2))
@@ -118,8 +122,8 @@ def _take_apart(shown, rgba, front_px, front, outline, behind, rows, columns):
                         shape += fall
         along = contrast = 0.0
         for n in range(4):
-            difference = colour[n] / max(total, 1e-9) - behind[y, x, n]
-            along += (rgba[y, x, n] - behind[y, x, n]) * difference
+            difference = colour[n] / max(total, 1e-9) - guide_behind[y, x, n]
+            along += (guide[y, x, n] - guide_behind[y, x, n]) * difference
             contrast += difference * difference
         share = (along + _SHAPE_WEIGHT * shape / shapes) / (contrast + _SHAPE_WEIGHT)
         share = min(max(share, 0.0), 1.0)

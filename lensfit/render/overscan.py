@@ -75,7 +75,8 @@ def margins_read(
     blur_px : Radius of the widest blur at the border, px of the distorted picture.
     """
     geometry = PlateGeometry.of(lens, display_window, sensor_width_mm)
-    spread = math.ceil(blur_px)
+    # Reading between pixels takes half of one more.
+    spread = math.ceil(blur_px + 0.5) if blur_px > 0 else 0
     output = display_window.grown(spread, spread)
     if channels is None:
         channels = ("r", "g", "b") if lens.has_lateral_colour else ("g",)

@@ -90,11 +90,14 @@ def smoothed(surface: Surface, field: RayField, cubic_px: float) -> Surface:
     left = max(wanted - own, 0.0) ** 0.5 / scale
     if left > 0.05:
         rgba = cv2.GaussianBlur(rgba, (0, 0), left, borderType=cv2.BORDER_REPLICATE)
+    # What smoothing adds to the second moments of the blur, rays leave to it.
+    added = max(wanted - field.diffraction_px**2, own if radius > 1 else 0.0)
+    share = float(np.clip(1 - 4 * added / max(radius, 1e-6) ** 2, 0.0, 1.0)) ** 0.5
     return Surface(
         np.ascontiguousarray(rgba),
-        np.ascontiguousarray(radius_px),
-        surface.least_px,
-        surface.most_px,
+        np.ascontiguousarray(radius_px) * np.float32(share),
+        surface.least_px * share,
+        surface.most_px * share,
         surface.origin,
         scale,
         is_cubic,

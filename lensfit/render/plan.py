@@ -112,7 +112,7 @@ def plan_of(
     if stages.look is not None:
         on = prices(stages.look, stages.window)
         found += [StagePlan(p.name, True, p.reason, p.error, p.seconds) for p in on]
-    own = stages.defocus is not None and not stages.defocus.is_disc
+    own = cost is not None and stages.defocus is not None and not stages.defocus.is_disc
     first_s = _LENS_S if own and cost is not None and not cost.is_sharp else 0.0
     pixels = stages.window.width * stages.window.height
     gib = _PROGRAM_GIB + own * _LENS_GIB + pixels * _PIXEL_BYTES / 2**30

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from lensfit.lens import Lens
 
 FEW_RAYS = 18
-_WIDEST_PX = 1200.0
+_WIDEST_PX = 1000.0
 _STEPS_PER_OCTAVE = 4
 """Ranges of depth are rounded outward to these, so that frames share rays."""
 _LEAST_RANGE_PX = 0.25
@@ -132,7 +132,9 @@ class Defocus:
                 remedy="look at the unit and the nearest values of the depth, or limit "
                 "the blur with --max-blur-px",
             )
-        ends = _rounded_away(least_px), _rounded_away(most_px)
+        # Nothing lies beyond infinity.
+        farthest = -self.circle.px_mm * self.circle.focus_vergence
+        ends = max(_rounded_away(least_px), farthest), _rounded_away(most_px)
         key = window, *ends
         if key not in self._kept:
             if len(self._kept) > 4:

@@ -36,7 +36,7 @@ from lensfit.render.uv import PlateGeometry
 if TYPE_CHECKING:
     from lensfit.lens import Lens
 
-COLUMNS, ROWS = 13, 9
+COLUMNS, ROWS = 21, 13
 """Nodes over the window."""
 _TURN_RAD = 2 * np.pi / 3**0.5
 """From ray to ray of the spiral: its multiples, and those of three times it, spread
@@ -145,9 +145,11 @@ def lens_field(
     depth : Range of what they cross.
     counts : Multiples of three.
     """
+    is_even = lens.blur is None or lens.blur.is_ideal
     sets = [np.concatenate([spiral(n), np.full((1, n), 1 / n)]) for n in counts]
     every = np.concatenate(sets, 1)
-    found = landed_rays(lens, geometry, circle, window, depth, every)
+    size = (1, 1) if is_even else (COLUMNS, ROWS)
+    found = landed_rays(lens, geometry, circle, window, depth, every, *size)
     ends = np.cumsum([0, *counts])
     return [
         _field(found, slice(first, last), window, depth)
@@ -162,8 +164,14 @@ def _field(
     step_px = np.array(
         [(window.height - 1) / (ROWS - 1), (window.width - 1) / (COLUMNS - 1)]
     )
-    moved = _seen_from_pixels(found.landing_px[..., some, :], step_px)
-    weight = found.share[..., some].mean(1) * _area_followed(moved.mean(1), step_px)
+    landing, weight = found.landing_px[..., some, :], found.share[..., some].mean(1)
+    if landing.shape[2] == 1:
+        # An ideal lens blurs alike all over the frame.
+        moved = np.repeat(np.repeat(-landing, 2, 2), 2, 3)
+        weight = np.repeat(np.repeat(weight, 2, 1), 2, 2)
+    else:
+        moved = _seen_from_pixels(landing, step_px)
+        weight = weight * _area_followed(moved.mean(1), step_px)
     weight /= weight.sum(-1, keepdims=True)
     return RayField(
         window,
@@ -227,9 +235,17 @@ def landed_rays(
 
 
 def grid_px(window: Window, columns: int, rows: int) -> Float[np.ndarray, "r c 2"]:
-    """Nodes (x, y) from the first pixel's centre to the last one's."""
-    x = np.linspace(window.x_min + 0.5, window.x_max + 0.5, columns)
-    y = np.linspace(window.y_min + 0.5, window.y_max + 0.5, rows)
+    """Nodes (x, y) from the first pixel's centre to the last one's; one by itself in
+    the middle."""
+    x, y = (
+        np.linspace(low + 0.5, high + 0.5, count)
+        if count > 1
+        else np.array([(low + high + 1) / 2])
+        for low, high, count in (
+            (window.x_min, window.x_max, columns),
+            (window.y_min, window.y_max, rows),
+        )
+    )
     return np.stack(np.meshgrid(x, y), -1)
 
 

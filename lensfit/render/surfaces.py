@@ -156,13 +156,18 @@ def surfaces_of_plate(
         filled, filled_px, unknown = continued(
             behind, behind_px, known & ~front & ~outline.pixels, hidden, reach
         )
+        guides = None
+        if guide is not None:
+            there = known & ~front & ~outline.pixels
+            beneath, _, _ = continued(guide, behind_px, there, hidden, reach)
+            guides, guide = (guide, beneath), beneath
         if known_here is not None:
             filled[at] = np.where(
                 filled[at][:, 3:] > 0,
                 (filled[at] + known_here.behind) / 2,
                 known_here.behind,
             )
-        shown, shown_px = taken_apart(behind, behind_px, front, outline, filled, guide)
+        shown, shown_px = taken_apart(behind, behind_px, front, outline, filled, guides)
         if known_here is not None:
             rest = (1 - known_here.share)[:, None] * filled[at]
             shown[at] = np.maximum(behind[at] - rest, 0)
@@ -235,11 +240,10 @@ def _going_on(
 
 def _grown_into(seeds: np.ndarray, may: np.ndarray) -> Bool[np.ndarray, "height width"]:
     """Pixels that may be reached from seeds in a few steps."""
-    allowed = may.astype(np.uint8)
-    reached = seeds.astype(np.uint8)
+    reached = seeds
     for _ in range(_GOING_ON_PX):
-        reached = np.asarray(cv2.dilate(reached, _CROSS)) & allowed
-    return reached > 0
+        reached = (cv2.dilate(reached.astype(np.uint8), _CROSS) > 0) & may
+    return reached
 
 
 def _surface(rgba: Colour, radius_px: Plane) -> Surface:

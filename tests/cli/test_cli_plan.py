@@ -43,7 +43,7 @@ def plate(tmp_path: Path) -> list[str]:
 def test_a_plan_names_every_stage_and_why(plate: list[str]):
     found = runner.invoke(app, ["plan", *plate])
     assert found.exit_code == 0, found.output
-    for word in ("distortion", "left out", "depth of field", "run", "levels blurred"):
+    for word in ("distortion", "left out", "depth of field", "run", "surfaces"):
         assert word in found.stdout
 
 

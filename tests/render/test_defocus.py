@@ -49,7 +49,7 @@ def test_waves_fade_as_those_that_a_disc_averages(radius: float, tolerance: floa
     found = render(plate, depth_plane(radius), LENS, tolerance=tolerance)
     inside = np.s_[36:-36, 36:-36]
     away = (found[..., 1] - expected)[inside]
-    assert np.sqrt(np.mean(away**2)) < max(1.5 * tolerance, 1.5e-3)
+    assert np.sqrt(np.mean(away**2)) < max(1.5 * tolerance, 2e-3)
 
 
 def test_what_is_in_focus_comes_back_bit_for_bit():
@@ -215,9 +215,9 @@ def test_the_hidden_layers_of_a_deep_plate_are_what_shows():
 def test_alpha_blurs_with_its_colour():
     picture = np.zeros((HEIGHT, WIDTH, 4), np.float32)
     picture[50:90, 80:120] = (0.4, 0.2, 0.1, 0.8)
-    picture = cv2.GaussianBlur(picture, (0, 0), 1.0)
+    picture = cv2.GaussianBlur(picture, (0, 0), 1.5)
     depth = depth_plane(6.0)
-    found = render(picture, depth, LENS)
+    found = render(picture, depth, LENS, tolerance=1e-4)
     assert np.abs(found - blurred(picture, 6.0)).max() < 3e-3
 
 

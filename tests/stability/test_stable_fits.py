@@ -56,11 +56,11 @@ def test_two_rows_of_dots(measured):
 
 def test_frontal_views(measured):
     """Frontal views of one distance (focal length and distance cannot be told apart):
-    the stated focal length stays, and the marks are met."""
+    the stated focal length stays, to a tenth of its 3 %, and the marks are met."""
     fit = fit_chief_ray(Shoot(LATTICE, ((0.0, 0.0, 0.0),) * 3).takes())
     assert not fit.focal_length_free
     at = fit.adjustment.layout.blocks["focal_length"]
-    measured("ln focal length", np.abs(fit.adjustment.parameters[at]).max(), 0.0)
+    measured("ln focal length", np.abs(fit.adjustment.parameters[at]).max(), 0.003)
     measured("held out, px", fit.held_out_rms_px, 0.09)
 
 

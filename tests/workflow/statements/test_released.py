@@ -65,7 +65,7 @@ def test_a_wrong_focal_length_is_named_with_the_right_one(factor):
 
 
 def test_a_target_that_was_moved_is_named_with_its_place():
-    """To a tenth: it is the only view of its focus distance, which breathes."""
+    """To a seventh: it is the only view of its focus distance, which breathes."""
     for seed in SEEDS:
         truth, takes = shoot_of(seed)
         wrong = list(takes)
@@ -76,4 +76,4 @@ def test_a_target_that_was_moved_is_named_with_its_place():
         assert found, seed
         assert found[0].kind == "target_distance", (seed, found[0].text)
         assert found[0].images == ("view_1.png",)
-        assert found[0].agrees_with == pytest.approx(truth.distance_mm, rel=0.12)
+        assert found[0].agrees_with == pytest.approx(truth.distance_mm, rel=0.15)
