@@ -62,12 +62,13 @@ def test_on_set(tmp_path: Path):
     grids.mkdir()
     for name in ("dots.exr", "dots_tilted.png", "lines.jpg"):
         shutil.copy(DEMO / name, grids)
-    chart, draft, calibrate, report = recipe("On set: measure a lens")
+    chart, draft, check, calibrate, report = recipe("On set: measure a lens")
     run(chart, tmp_path)
     assert (tmp_path / "dots.pdf").read_bytes().startswith(b"%PDF")
     run(draft, tmp_path)
     assert "[[take]]" in (grids / "shoot.toml").read_text()
     shutil.copy(DEMO / "shoot.toml", grids)  # completed
+    assert "dots" in run(check, tmp_path)
     run(calibrate, tmp_path)
     made = tmp_path / "takumar_50"
     assert load_preset(made / "preset.json").entries

@@ -353,13 +353,14 @@ def _fill(picture, light, at, size, points, across, step, channels, is_whole):
     """Pixels of a tile from its points, linear between them."""
     for n in range(3):
         cover = light[3 + n] if channels > 1 else light[3]
-        if is_whole:
-            for i in range(points):
-                if cover[i] > 0:
-                    light[n, i] /= cover[i]
+        for i in range(points):
+            # A cubic swings a little beyond full coverage beside an outline.
+            if (is_whole and cover[i] > 0) or cover[i] > 1:
+                light[n, i] /= cover[i]
     covered = light[4] if channels > 1 else light[3]
-    if is_whole:
-        covered[:points] = 1
+    for i in range(points):
+        most = np.float32(1)
+        covered[i] = most if is_whole else min(max(covered[i], np.float32(0)), most)
     for j in range(size[0]):
         row = j // step
         v = np.float32(j - row * step) / np.float32(step)
