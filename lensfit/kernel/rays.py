@@ -2,7 +2,7 @@
 
 A place is polar: an azimuth, and a reach that is 0 inside the opening and 1 at its edge
 (`optics.pupil.pupil_rays`), so that one set of places fills whatever opening a field
-point sees. Rays are dealt to the wavelengths of a channel in turn. Each has the light
+point sees. Rays take the wavelengths of a channel in turn. Each has the light
 of its part of the opening, and the area over which that part lands: the determinant
 |det dx/du|, which is small where the wavefront folds (caustics).
 """
@@ -69,7 +69,7 @@ class Rays(NamedTuple):
     variance_mm2: Float[Array, " rays"]
 
 
-class _Dealt(NamedTuple):
+class _OfWavelengths(NamedTuple):
     """Rays of one wavelength: u, the nearest that was measured, whether that is it."""
 
     u: Float[Array, "*rays 2"]
@@ -95,13 +95,15 @@ def rays_through(
     )
     cell = seen.grown**2 * density * jnp.asarray(places.share)
     wavelengths = seen.lateral_mm.shape[0]
-    dealt = _dealt(u, seen, blur)
+    parted = _by_wavelength(u, seen, blur)
 
-    def of_wavelength(rays: _Dealt, local: LocalWavefront, lateral: Array) -> Landed:
+    def of_wavelength(
+        rays: _OfWavelengths, local: LocalWavefront, lateral: Array
+    ) -> Landed:
         found = jax.vmap(_landed, (0, None, None))(rays, blur, local)
         return found._replace(at_mm=found.at_mm + lateral[None])
 
-    found = jax.vmap(of_wavelength, (1, 0, 0), 1)(dealt, seen.local, seen.lateral_mm)
+    found = jax.vmap(of_wavelength, (1, 0, 0), 1)(parted, seen.local, seen.lateral_mm)
     weight = cell * found.light.reshape(-1)
     if blur.transmission is not None:
         passed = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)
@@ -112,7 +114,7 @@ def rays_through(
     return Rays(at, weight, cell, cell_mm2, airy + FOOTPRINT * cell_mm2)
 
 
-def _dealt(u: Array, seen: Pencil, blur: LensBlur) -> _Dealt:
+def _by_wavelength(u: Array, seen: Pencil, blur: LensBlur) -> _OfWavelengths:
     """Rays in turn to one wavelength after the other, (rays, wavelengths, ...)."""
     own, is_known = u, jnp.ones(len(u), bool)
     if blur.known is not None:
@@ -120,10 +122,10 @@ def _dealt(u: Array, seen: Pencil, blur: LensBlur) -> _Dealt:
         own, is_known = nearest_in_opening(u, seen.h, widest, blur.known)
     wavelengths = seen.lateral_mm.shape[0]
     each = (seen.grown * u, seen.grown * own, is_known)
-    return _Dealt(*(a.reshape(-1, wavelengths, *a.shape[1:]) for a in each))
+    return _OfWavelengths(*(a.reshape(-1, wavelengths, *a.shape[1:]) for a in each))
 
 
-def _landed(ray: _Dealt, blur: LensBlur, local: LocalWavefront) -> Landed:
+def _landed(ray: _OfWavelengths, blur: LensBlur, local: LocalWavefront) -> Landed:
     """One ray; an oval lens draws where it lands out along x and y."""
     light = light_density(ray.own, blur.defocus_mm, local)
     if blur.known is None:

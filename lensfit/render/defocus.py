@@ -151,6 +151,7 @@ def _blurred(
     lit = np.zeros((*picture.shape[:2], 3), np.float32) if each_spot else None
     tiles = list(tiles_of(output_window, reach))
     owner = _owners(each_spot, tiles, window)
+    pinhole = _pinhole(scene)
 
     def made(number: int) -> list[tuple[np.ndarray, int, int, int]]:
         tile = tiles[number]
@@ -159,7 +160,7 @@ def _blurred(
             scene, region, window, cuts, slabs, defocus.depth_levels is None
         )
         target = crop(picture, output_window, tile)
-        sharp = crop(_pinhole(scene), window, tile)
+        sharp = crop(pinhole, window, tile)
         _gathered(target, tile, region, surfaces, rays, sharp, scene.is_opaque)
         mine = [spot for spot, n in zip(each_spot, owner, strict=True) if n == number]
         return _laid_down(mine, surfaces, rays, region, window)

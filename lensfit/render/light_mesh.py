@@ -114,7 +114,7 @@ def lens_lights(
     polar = np.stack([np.arctan2(vertices[:, 1], vertices[:, 0]), reach, reach**0])
     is_even = lens.blur is None or lens.blur.is_ideal
     size = (1, 1) if is_even else (_COLUMNS, _ROWS)
-    # Rays are dealt to the wavelengths in turn: each vertex once for each.
+    # Rays take the wavelengths in turn: each vertex once for each.
     found = landed_rays(
         lens,
         geometry,
