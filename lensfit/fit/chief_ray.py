@@ -23,7 +23,7 @@ from lensfit.fit.evidence import with_evidence
 from lensfit.fit.held_out import held_out_error_px, squared_px
 from lensfit.fit.out_of_centre import WORKSHOP, OutOfCentre
 from lensfit.fit.parameters import PINHOLE, STATED, Layout
-from lensfit.fit.priors import LOOSE, fixed_prior, release, with_poses_free
+from lensfit.fit.priors import fixed_prior, loose_deviation, release, with_poses_free
 from lensfit.fit.select import Verdict
 from lensfit.fit.stage import Start, start_of
 from lensfit.fit.stated_facts import Facts
@@ -172,14 +172,14 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
     first = layout.blocks["radial"].start
     prior = release(prior, slice(first, first + COMPACT_RADIAL_TERMS), 0.3)
     for name in STATED:
-        prior = release(prior, layout.blocks[name], LOOSE[name])
+        prior = release(prior, layout.blocks[name], loose_deviation(layout, name))
     adjustment = start.adjustment(layout, prior)
     adjustment = adjust(adjustment, rounds=2, chunks=chunks)
     blocks = ["aperture_shift"]
     if start.focal_length_free:
         blocks += PINHOLE
     for name in blocks:
-        prior = release(prior, layout.blocks[name], LOOSE[name])
+        prior = release(prior, layout.blocks[name], loose_deviation(layout, name))
     return adjust(replace(adjustment, prior=prior), rounds=2, chunks=chunks)
 
 

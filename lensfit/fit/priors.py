@@ -5,6 +5,10 @@ what they see. The principal point stays well inside the frame. A thin prism is 
 decentering and a tilt of the chart, and lenses have little of it: less than 2e-4 in
 three designs with elements out of centre as a workshop leaves them, whose decentering
 was up to 1e-3.
+
+A centroid that blur moves in proportion to its distance from the axis looks like a
+chart at another distance. Coma does that; coma of a pixel or two at the edge is much.
+What clipping does starts farther out and is told by its form.
 """
 
 import numpy as np
@@ -24,7 +28,7 @@ LOOSE = {
     "anamorphic": 0.05,
     "free_field": 0.01,
     "board_stretch": 0.01,
-    "aperture_shift": 0.01,
+    "aperture_shift": (0.001, 0.01, 0.01),
     "pose": 3.0,
     "row_drift": 0.005,
     "board_bend": 0.01,
@@ -34,13 +38,19 @@ pose radians and distances, and for the offset, gap and walk of pupils focal len
 `lensfit.fit.statements` hold the first two."""
 
 
+def loose_deviation(layout: Layout, name: str) -> np.ndarray:
+    """Loose standard deviations of the parameters of a block that photographs share."""
+    where = layout.blocks[name]
+    return np.resize(LOOSE[name], where.stop - where.start)
+
+
 def fixed_prior(layout: Layout, views: int) -> Prior:
     """Everything at zero, nothing free."""
     return Prior(np.zeros(layout.size(views)), np.zeros(layout.size(views)))
 
 
 def release(
-    prior: Prior, where: slice | np.ndarray, standard_deviation: float
+    prior: Prior, where: slice | np.ndarray, standard_deviation: float | np.ndarray
 ) -> Prior:
     """The same prior with some parameters free."""
     deviation = prior.standard_deviation.copy()
@@ -66,7 +76,7 @@ def loose_prior(
     views = (len(mean) - layout.shared) // layout.local
     deviation = np.zeros(len(mean))
     for name, where in layout.blocks.items():
-        deviation[where] = LOOSE[name]
+        deviation[where] = loose_deviation(layout, name)
     for name in layout.local_blocks:
         deviation[layout.local_indices(name, views)] = LOOSE[name]
     return Prior(mean, np.where(np.isin(np.arange(len(mean)), free), deviation, 0.0))
