@@ -1,8 +1,8 @@
 """The circle of confusion: how large a plain thin lens makes the blur of a distance.
 
-It does not make the picture (the lens' own kernels do), but it orders what there is:
-how finely depth must be cut into levels, where two neighbouring pixels belong to
-different surfaces, how far light can reach.
+It does not make the picture (the lens' own rays do), but it orders what there is: how
+thick a slab of depth may be, where two neighbouring pixels belong to different
+surfaces, how far light can reach.
 
 In pixels, with the aperture's diameter A = f/N, the principal distance c and the pixel
 pitch q, the signed radius of an object at vergence v = 1/z is
@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float32, Int16
+from jaxtyping import Float32
 
 from lensfit.render.uv import PlateGeometry
 
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 _LEAST_MM = np.float32(1e-30)
 """The vergence of a nearer object is no number of 32 bits."""
-_GROWTH = 0.11
-"""Width of a level over its radius, where the radius is large."""
 
 
 @dataclass(frozen=True)
@@ -75,35 +73,3 @@ class Circle:
             return np.inf
         vergence = self.focus_vergence + radius_px / self.px_mm
         return 1 / vergence if vergence > 1e-12 else np.inf
-
-
-@dataclass(frozen=True)
-class Levels:
-    """Depth cut into levels: fine about the focus distance, coarser as blur grows.
-
-    Level n has the radius (step / growth) sinh(growth n), whatever the picture holds,
-    so that the kernels of one frame serve the next.
-
-    Attributes
-    ----------
-    step_px : Difference of radius between levels in focus.
-    growth : Width of a level over its radius where that is large.
-    """
-
-    step_px: float
-    growth: float = _GROWTH
-
-    def index(
-        self, radius_px: Float32[np.ndarray, "*shape"]
-    ) -> Int16[np.ndarray, "*shape"]:
-        """The level nearest to each radius."""
-        scaled = np.arcsinh(radius_px * np.float32(self.growth / self.step_px))
-        return np.rint(scaled / np.float32(self.growth)).astype(np.int16)
-
-    def between(self, radius_px: float) -> float:
-        """Where a radius lies among the levels, exactly."""
-        return float(np.arcsinh(radius_px * self.growth / self.step_px) / self.growth)
-
-    def radius_px(self, index: float) -> float:
-        """Signed radius of a level, or between levels."""
-        return float(self.step_px / self.growth * np.sinh(self.growth * index))

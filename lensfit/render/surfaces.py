@@ -91,6 +91,10 @@ class Slabs:
         """Radius in thicknesses, counted from the focus."""
         return np.arcsinh(radius_px * (self.growth / self.least_px)) / self.growth
 
+    def number_of(self, radius_px: np.ndarray) -> np.ndarray:
+        """Which half of an even slab a radius lies in."""
+        return np.floor(2 * self.scaled(radius_px)).astype(np.int32)
+
     def radius_px(self, scaled: np.ndarray) -> np.ndarray:
         """Inverse of `scaled`."""
         return self.least_px / self.growth * np.sinh(self.growth * np.asarray(scaled))

@@ -142,12 +142,40 @@ def test_what_is_neither_squeezed_nor_desqueezed_is_refused(tmp_path):
     assert run(*words, "--out", tmp_path / "out", "--pixel-aspect", 2).exit_code == 0
 
 
-def test_depth_of_field_is_made_for_square_pixels(tmp_path):
-    save_preset(make_preset(), tmp_path / "preset.json")
-    depth = np.full((64, 48), 2.0, np.float32)
-    plate = write(tmp_path / "p.exr", (48, 64), 2.0, Z=depth)
-    words = ["apply", tmp_path / "preset.json", plate, "--out", tmp_path / "out"]
+def through_the_lens(folder: Path, scene: np.ndarray, shape: int) -> np.ndarray:
+    """Green of a scene out of focus, in pixels so many times as wide as high."""
+    seen = scene.reshape(len(scene), -1, shape).mean(-1).astype(np.float32)
+    window = Window.of_size(seen.shape[1], len(seen))
+    channels = dict.fromkeys("RGB", seen) | {"Z": np.full_like(seen, 0.5)}
+    part = ExrPart(channels, window, window, dict(ALL), pixel_aspect=float(shape))
+    plate = folder / f"p{shape}.exr"
+    write_exr(plate, ExrImage((part,)))
+    words = ["apply", folder / "preset.json", plate, "--no-distortion", "--no-falloff"]
+    words += ["--no-lateral-colour", "--tolerance", 1e-3, "--out", folder / "out"]
     done = run(*words)
-    assert done.exit_code == 1
-    assert "depth of field needs square" in done.stderr
-    assert run(*words, "--pixel-aspect", 1).exit_code == 0
+    assert done.exit_code == 0, done.stderr
+    return read_exr(folder / "out" / plate.name).parts[0].channels["G"]
+
+
+def test_depth_of_field_is_the_same_whatever_the_pixels(tmp_path):
+    save_preset(make_preset(), tmp_path / "preset.json")
+    rng = np.random.default_rng(4)
+    scene = 0.2 + 0.3 * rng.random((32, 48)).repeat(8, 0).repeat(8, 1)
+    scene[40:200, 60:250] += 0.4
+    square, wide = (through_the_lens(tmp_path, scene, shape) for shape in (1, 2))
+    halved = square.reshape(256, 192, 2).mean(-1)
+    away = (wide - halved)[24:-24, 24:-24]
+    assert np.sqrt(np.mean(away**2)) < 2e-3  # each is within the tolerance of 1e-3
+
+
+def test_a_light_is_round_on_the_sensor_whatever_the_pixels(tmp_path):
+    save_preset(make_preset(), tmp_path / "preset.json")
+    scene = np.zeros((256, 384))
+    scene[126:132, 198:204] = 100.0
+    disc = through_the_lens(tmp_path, scene, 2).astype(float)
+    y, x = np.mgrid[:256, :192] + 0.5
+    spread = [
+        np.sqrt(np.average((at - np.average(at, weights=disc)) ** 2, weights=disc))
+        for at in (2 * x, y)
+    ]
+    assert spread[0] == pytest.approx(spread[1], rel=0.05)

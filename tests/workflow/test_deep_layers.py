@@ -1,4 +1,4 @@
-"""Deep plates as layers: nothing is lost, and too many samples are joined fairly."""
+"""Deep plates as layers: nothing is lost, and what blurs alike is one."""
 
 import numpy as np
 import pytest
@@ -40,12 +40,30 @@ def over(part):
     return picture
 
 
-@pytest.mark.parametrize("most_layers", [8, 3, 1])
-def test_layers_over_one_another_are_the_picture(most_layers):
+SLABS = {
+    "every sample": None,
+    "slabs of 1.5 m": lambda depth_mm: np.floor(depth_mm / 1500),
+    "one slab": lambda depth_mm: np.zeros(depth_mm.shape),
+}
+
+
+@pytest.mark.parametrize("slabs", SLABS)
+def test_layers_over_one_another_are_the_picture(slabs):
     part = random_deep()
-    stack = deep_layers(part, METRES, most_layers=most_layers)
-    assert len(stack.rgba) == min(most_layers, 5)
+    stack = deep_layers(part, METRES, slab_of=SLABS[slabs])
+    assert len(stack.rgba) == (1 if slabs == "one slab" else 5)
     assert np.abs(flattened(stack) - over(part)).max() < 1e-6
+
+
+def test_no_sample_that_blurs_by_itself_is_lost():
+    count = 40
+    part = deep(
+        np.full((1, 2), count),
+        **dict.fromkeys("RGBA", np.full(2 * count, 0.05, np.float32)),
+        Z=np.tile(np.linspace(1, 5, count, dtype=np.float32), 2),
+    )
+    stack = deep_layers(part, METRES, slab_of=lambda mm: np.rint(mm))
+    assert len(stack.rgba) == count
 
 
 def test_layers_run_front_to_back_whatever_the_order_of_the_file():
@@ -55,16 +73,18 @@ def test_layers_run_front_to_back_whatever_the_order_of_the_file():
     assert 1000 <= depth.min() < 10_000
 
 
-def test_the_closest_in_inverse_distance_are_joined():
+def test_samples_of_a_slab_meet_at_their_mean_inverse_distance():
     part = deep(
         np.array([[3]]),
         **{n: np.float32([0.2, 0.2, 0.2]) for n in "RGB"},
         A=np.float32([0.5, 0.5, 0.5]),
         Z=np.float32([1.0, 20.0, 50.0]),
     )
-    stack = deep_layers(part, METRES, most_layers=2)
-    assert stack.depth_mm[0, 0, 0] == 1000
-    assert 20_000 < stack.depth_mm[1, 0, 0] < 50_000
+    stack = deep_layers(part, METRES, slab_of=lambda mm: mm > 5000)
+    assert stack.depth_mm[0, 0, 0] == pytest.approx(1000)
+    # Half of the light is the nearer one's, a quarter the farther one's.
+    expected = 0.75 / (0.5 / 20_000 + 0.25 / 50_000)
+    assert stack.depth_mm[1, 0, 0] == pytest.approx(expected, rel=1e-4)
     assert stack.rgba[1, 0, 0, 3] == pytest.approx(0.75)
 
 

@@ -5,13 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
+from lensfit.coords import Window
 from lensfit.io.depth import FoundDepth, ray_slant
 from lensfit.io.exr import ExrImage
 from lensfit.io.exr_deep import read_deep
 from lensfit.render.buffers import crop
+from lensfit.render.circle import Circle
 from lensfit.render.frame import render_stages
 from lensfit.render.layer_stack import LayerStack, flattened
 from lensfit.render.look.stack import light_spreads
+from lensfit.render.plate_defocus import DefocusBudget
+from lensfit.workflow.camera.plate_state import PlateState
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.frame.tight_window import (
     EmptyRing,
@@ -21,7 +25,6 @@ from lensfit.workflow.frame.tight_window import (
 )
 from lensfit.workflow.plate.deep_layers import deep_layers
 from lensfit.workflow.plate.depth import depth_meaning
-from lensfit.workflow.plate.pixel_shape import refuse_blur_of_oblong_pixels
 
 DEEP_IS_FLAT = "deep plates are returned flat, as R, G, B, A"
 _DEEP_ATTRIBUTES = ("deepImageState", "maxSamplesPerPixel", "version", "chunkCount")
@@ -46,12 +49,17 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     if meaning.kind == "ray":
         offsets = lens.geometry(state, display).mm(source.pixel_centres())
         slant = ray_slant(offsets, lens.cg_focal_length_mm(state))
-    stack = deep_layers(deep, meaning, slant, depth_channel=options.depth.channel)
+    stack = deep_layers(
+        deep,
+        meaning,
+        slant,
+        depth_channel=options.depth.channel,
+        slab_of=lambda depth_mm: _slab_of(depth_mm, lens, state, display),
+    )
     tight = is_tight(source, display)
     window = options.written(source, display)
     window = window.joined(display) if tight else window
     if options.switches.defocus:
-        refuse_blur_of_oblong_pixels(state.pixel_shape)
         state.require_blur()
         lens.note_focus(stack.depth_mm, meaning.unit_mm, state, display, path)
         depth = lens.within_reach(stack.depth_mm, state)
@@ -78,3 +86,15 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     channels = dict(zip("RGBA", planes, strict=True))
     result = replace(flat, channels=channels, data_window=window, attributes=kept)
     return ExrImage((lens.signed(result, state),))
+
+
+def _slab_of(
+    depth_mm: np.ndarray, lens: PlateLens, state: PlateState, display: Window
+) -> np.ndarray:
+    """Numbers of the slabs that samples lie in: one for all where nothing blurs."""
+    if not lens.options.switches.defocus:
+        return np.zeros(depth_mm.shape, np.int32)
+    state.require_blur()
+    circle = Circle.of(lens.lens_at(state), lens.geometry(state, display))
+    slabs = DefocusBudget.of(lens.options.tolerance).slabs
+    return slabs.number_of(circle.radius_px(depth_mm))

@@ -13,7 +13,6 @@ from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plate.cut_out import CutOut
 from lensfit.workflow.plate.depth import plate_depth
 from lensfit.workflow.plate.mattes import matte_cut_out, named_cut_out, plate_mattes
-from lensfit.workflow.plate.pixel_shape import refuse_blur_of_oblong_pixels
 
 
 class PlateInDepth(NamedTuple):
@@ -51,7 +50,6 @@ def plate_in_depth(
     focal_length_mm = lens.cg_focal_length_mm(state)
     found = plate_depth(image, part, lens.options.depth, geometry, focal_length_mm)
     lens.notes.add(*found.notes)
-    refuse_blur_of_oblong_pixels(state.pixel_shape)
     state.require_blur()
     lens.note_focus(found.depth_mm, found.unit_mm, state, part.display_window, path)
     depth = lens.within_reach(found.depth_mm, state)

@@ -1,10 +1,11 @@
-"""A deep plate as layers, front to back.
+"""A deep plate as layers, front to back: every sample that blurs by itself is kept.
 
-The k-th layer holds the k-th sample of every pixel. A pixel with more samples than
-there are layers has those joined that are closest in inverse distance, which is what
-blur knows: one over the other, at the mean of their distances weighed by what each
-shows.
+Samples of a pixel that blur alike are one: they are laid over one another, at the mean
+of their inverse distances weighed by what each shows. The k-th layer then holds the
+k-th of what is left of every pixel.
 """
+
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float32, Int
@@ -14,8 +15,14 @@ from lensfit.io.depth import DepthMeaning, perpendicular_mm
 from lensfit.io.exr_deep import DeepPart
 from lensfit.render.layer_stack import LayerStack
 
-MOST_LAYERS = 8
+Samples = tuple[
+    Float32[np.ndarray, " samples"],
+    Float32[np.ndarray, "samples 4"],
+    Int[np.ndarray, " samples"],
+]
+"""Distance, colour, and which pixel, sorted by pixel and distance."""
 _INFINITE = np.float32(np.inf)
+_LEAST_SHOWN = np.float32(1e-6)
 
 
 def deep_layers(
@@ -24,7 +31,7 @@ def deep_layers(
     slant: Float32[np.ndarray, "height width"] | float = 1.0,
     *,
     depth_channel: str | None = None,
-    most_layers: int = MOST_LAYERS,
+    slab_of: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> LayerStack:
     """The layers of a deep plate.
 
@@ -34,7 +41,8 @@ def deep_layers(
     meaning : What its Z says.
     slant : Length of the ray through each pixel to a plane at distance 1.
     depth_channel : Name of Z, if it has another one.
-    most_layers : As many at most.
+    slab_of : Number of the slab that distances (mm) lie in; those of one slab blur
+        alike. None keeps every sample.
 
     Raises
     ------
@@ -44,49 +52,44 @@ def deep_layers(
     slants = np.broadcast_to(slant, part.counts.shape).ravel()[own]
     depth = perpendicular_mm(_depth(part, depth_channel), meaning, slants)
     depth = np.where(np.isnan(depth), _INFINITE, depth)
-    rgba = _colours(part)
     order = np.lexsort((depth, own))
-    depth, rgba = depth[order], rgba[order]
-    counts = part.counts.ravel()
-    while counts.max(initial=0) > most_layers:
-        depth, rgba, counts = _joined(depth, rgba, counts, most_layers)
-    rank = np.arange(len(depth)) - np.repeat(np.cumsum(counts) - counts, counts)
-    pixel = np.repeat(np.arange(counts.size), counts)
-    layers = max(int(counts.max(initial=0)), 1)
+    depth, rgba, own = depth[order], _colours(part)[order], own[order]
+    if slab_of is not None and len(depth):
+        depth, rgba, own = _joined((depth, rgba, own), slab_of(depth))
+    rank = _rank_in(own)
+    layers = int(rank.max(initial=0)) + 1
     size = part.counts.shape
-    stack = np.zeros((layers, counts.size, 4), np.float32)
-    away = np.full((layers, counts.size), _INFINITE)
-    stack[rank, pixel], away[rank, pixel] = rgba, depth
+    stack = np.zeros((layers, part.counts.size, 4), np.float32)
+    away = np.full((layers, part.counts.size), _INFINITE)
+    stack[rank, own], away[rank, own] = rgba, depth
     return LayerStack(stack.reshape(layers, *size, 4), away.reshape(layers, *size))
 
 
-def _joined(
-    depth: Float32[np.ndarray, " samples"],
-    rgba: Float32[np.ndarray, "samples 4"],
-    counts: Int[np.ndarray, " pixels"],
-    most: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """One pair of samples less in every pixel that has too many."""
-    pixel = np.repeat(np.arange(counts.size), counts)
+def _joined(samples: Samples, slab: np.ndarray) -> Samples:
+    """One sample for each slab of each pixel."""
+    depth, rgba, pixel = samples
+    begins = np.ones(len(depth), bool)
+    begins[1:] = (pixel[1:] != pixel[:-1]) | (slab[1:] != slab[:-1])
+    group = np.cumsum(begins) - 1
+    rank = _rank_in(group)
+    joined = np.zeros((group[-1] + 1, 4), np.float32)
+    weight = np.zeros(len(joined), np.float32)
+    vergence = np.zeros(len(joined), np.float32)
+    for k in range(int(rank.max()) + 1):
+        at = rank == k
+        into = group[at]
+        shown = (1 - joined[into, 3:]) * rgba[at]
+        share = shown[:, 3] + _LEAST_SHOWN
+        joined[into] += shown
+        weight[into] += share
+        vergence[into] += share / depth[at]
     with np.errstate(divide="ignore"):
-        vergence = 1 / depth
-    gap = np.append(vergence[:-1] - vergence[1:], 0)
-    last = np.append(pixel[:-1] != pixel[1:], True)
-    pairs = np.flatnonzero(~last & (counts[pixel] > most))
-    order = pairs[np.lexsort((gap[pairs], pixel[pairs]))]
-    front = order[np.unique(pixel[order], return_index=True)[1]]
-    a, b = rgba[front], rgba[front + 1]
-    shown = (1 - a[:, 3:]) * b
-    weight = np.stack([a[:, 3], shown[:, 3]], -1) + np.float32(1e-6)
-    near, far = vergence[front], vergence[front + 1]
-    mean = (weight[:, 0] * near + weight[:, 1] * far) / weight.sum(-1)
-    rgba, depth = rgba.copy(), depth.copy()
-    rgba[front] = a + shown
-    with np.errstate(divide="ignore"):
-        depth[front] = 1 / mean
-    fewer = counts.copy()
-    fewer[pixel[front]] -= 1
-    return np.delete(depth, front + 1), np.delete(rgba, front + 1, 0), fewer
+        return weight / vergence, joined, pixel[begins]
+
+
+def _rank_in(group: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """Place of each in its group; groups are whole and in rising order."""
+    return np.arange(len(group)) - np.searchsorted(group, group)
 
 
 def _colours(part: DeepPart) -> Float32[np.ndarray, "samples 4"]:

@@ -27,7 +27,6 @@ _LEAST_SQUEEZE = 1.15
 """A spherical lens is measured with less."""
 _SAME = 0.1
 """Relative difference from the squeeze; engraved ones are nominal."""
-_SQUARE_ENOUGH = 1e-3
 _SPARE = 1.02
 """Of the sensor's height, that a frame may be taller."""
 _NARROWEST, _WIDEST = 0.1, 10.0
@@ -91,22 +90,6 @@ def pixel_shape(
         f"the plate is taken as {taken} (the lens squeezes by {squeeze:g} and "
         f"pixelAspectRatio is 1); {OPTION} {other}",
     )
-
-
-def refuse_blur_of_oblong_pixels(shape: float) -> None:
-    """Refuse depth of field where the kernels' one pixel pitch would be wrong.
-
-    Raises
-    ------
-    ImageError : Pixels are not square on the sensor.
-    """
-    if abs(math.log(shape)) > _SQUARE_ENOUGH:
-        raise ImageError(
-            f"has pixels that are {shape:g} times as wide as high on the sensor, and "
-            "depth of field needs square ones",
-            remedy="render them square there (an anamorphic plate squeezed), or leave "
-            "depth of field out with --no-defocus",
-        )
 
 
 def engraved_squeeze(preset: Preset) -> float:
