@@ -51,6 +51,8 @@ _PER_PIXEL = 4.0
 """Pieces per finer pixel."""
 _MOST_PARTS = 40
 """Along the side of a triangle."""
+_LEAST_SAMPLED_PX = 4.0
+"""A smaller image is not told by its values at the middles of pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,8 +176,11 @@ def light_kernel(
     reach = float(np.abs(landing).max())
     half = int(np.ceil(reach + 3 * field.diffraction_px)) + 1
     finer = next((n for radius, n in _FINE_SIDES if reach <= radius), 1)
-    if not is_point:
+    is_sampled = not is_point and reach > _LEAST_SAMPLED_PX
+    if is_sampled:
         finer = 3 if finer > 1 else 1  # odd, to have a middle
+    elif not is_point:
+        mesh = mesh * _less_a_pixel(landing, density)
     fine = np.zeros(((2 * half + 1) * finer,) * 2)
     _lay_down(
         fine,
@@ -192,12 +197,35 @@ def light_kernel(
     )
     side = 2 * half + 1
     parts = fine.reshape(side, finer, side, finer)
-    if is_point:
+    if not is_sampled:
         kernel = parts.sum((1, 3))
     else:
         kernel = parts[:, finer // 2, :, finer // 2]
         kernel = kernel * (fine.sum() / max(kernel.sum(), 1e-30))
     return _diffracted(kernel, field.diffraction_px).astype(np.float32)
+
+
+def _less_a_pixel(
+    landing: Float[np.ndarray, "waves vertices 2"],
+    density: Float[np.ndarray, "waves vertices"],
+) -> Float32[np.ndarray, "2 1"]:
+    """By how much an image shrinks along x and y so that its second moments are right
+    once means over pixels are taken, which add a twelfth."""
+    light = np.broadcast_to(density, landing.shape[:2]) * _areas_about()
+    light = light[..., None] / light.sum()
+    middle = (light * landing).sum((0, 1))
+    variance = (light * (landing - middle) ** 2).sum((0, 1))
+    left = np.maximum(1 - 1 / (12 * np.maximum(variance, 1e-6)), 0.0)
+    return np.sqrt(left)[:, None].astype(np.float32)
+
+
+@lru_cache(maxsize=1)
+def _areas_about() -> Float[np.ndarray, " vertices"]:
+    """Of the unit disc, of the triangles about each vertex, up to a factor."""
+    vertices, triangles = pupil_mesh()
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    area = np.abs(np.linalg.det(np.stack([b - a, c - a], -1)))
+    return np.bincount(triangles.ravel(), np.repeat(area, 3), len(vertices))
 
 
 def _nearer(
