@@ -94,7 +94,7 @@ def apply(
             help="Render only this layer; repeat for more ('' is the main one)"
         ),
     ] = None,
-    tolerance: ToleranceOption = 1e-3,
+    tolerance: ToleranceOption = 3e-3,
     filter_name: Annotated[
         FilterName | None,
         typer.Option(

@@ -30,7 +30,7 @@ def plan(
         str, typer.Argument(help="EXR plate, or plate.####.exr for its first frame")
     ],
     *,
-    tolerance: ToleranceOption = 1e-3,
+    tolerance: ToleranceOption = 3e-3,
     library: LibraryGroup,
     camera: CameraGroup,
     focus: FocusGroup,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from lensfit.lens import Lens
 
 CHANNELS: tuple[Channel, ...] = ("r", "g", "b")
-DEFAULT_TOLERANCE = 1e-3
+DEFAULT_TOLERANCE = 3e-3
 _GRID = 33
 
 

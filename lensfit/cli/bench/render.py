@@ -14,7 +14,7 @@ from lensfit.cli.bench.outcome import print_bars_and_curves, say_machine
 
 def render(
     data: Annotated[
-        Path, typer.Option("--data", help="Folder with camera.json, plate, reference")
+        Path, typer.Option("--data", help="Folder with plates/ and oracle/")
     ],
     preset: Annotated[
         Path | None, typer.Option("--preset", help="Fitted preset with measured blur")
@@ -22,7 +22,7 @@ def render(
     scene: Annotated[
         Path | None,
         typer.Option(
-            "--scene", help="CG scene with its photograph through the lens of --preset"
+            "--scene", help="One more scene, photographed by the lens of --preset"
         ),
     ] = None,
     out: JsonFolder = None,
@@ -37,7 +37,7 @@ def render(
 
     Falling short is no error.
 
-    Example: lensfit bench render --data data/plates --preset takumar_50/preset.json
+    Example: lensfit bench render --data data
     """
     from lensfit.workflow.bench.render.benchmark import bench_render
 

@@ -88,7 +88,7 @@ def _parts(
         return {"rows": found["bars"], "errors": found["errors"]}
 
     def render() -> dict[str, Any]:
-        return bench_render(plates, folder, quick=quick, progress=progress)
+        return bench_render(data or ".", folder, quick=quick, progress=progress)
 
     parts: dict[str, Part] = {
         "warp": lambda: bench_warp(folder, quick=quick, progress=progress)

@@ -1,11 +1,13 @@
 """CG scenes with their photograph by exact ray tracing, through the fitted lens.
 
 A folder holds what `lensfit synth scene` writes: a flat plate with Z, its layers, and
-the photograph. The frame is compared display-clipped after a 4 x 4 mean, which takes
-most of the photograph's own noise away.
+the photograph. The lens is fitted to photographs of charts alone: those of a shoot in a
+folder beside it that has the lens' name. The frame is compared display-clipped after a
+4 x 4 mean, which takes most of the photograph's own noise away.
 """
 
 import json
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,34 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import read_exr
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
+from lensfit.preset.store import load_preset
 from lensfit.render.frame import render
 from lensfit.render.layer_stack import LayerStack
 from lensfit.workflow.bench.rows import Row
+from lensfit.workflow.calibrate import calibrate
+from lensfit.workflow.shoot.file import load_shoot
 
 _MEAN = 4
+
+
+def photographed_scenes(data: Path) -> list[Path]:
+    """Scenes of a data folder whose photographs are there."""
+    return sorted(path.parent for path in data.glob("oracle/*/scene.json"))
+
+
+def preset_of_scene(folder: Path) -> Preset | None:
+    """The lens of a scene, fitted to photographs of charts; None where there are none.
+
+    Raises
+    ------
+    LensfitError : They cannot be calibrated, or the folder is not such a scene.
+    """
+    shoot = folder.parent / _facts(folder)["lens"] / "shoot.toml"
+    if not shoot.is_file():
+        return None
+    with tempfile.TemporaryDirectory() as out:
+        calibrate(load_shoot(shoot), out)
+        return load_preset(Path(out) / "preset.json")
 
 
 def photographed_rows(folder: Path, preset: Preset, tolerance: float) -> list[Row]:

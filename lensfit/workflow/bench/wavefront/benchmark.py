@@ -6,6 +6,7 @@ folder everything stays in it, and the results are written again after every len
 """
 
 import tempfile
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -187,7 +188,9 @@ def _failures(row: dict[str, Any]) -> Iterator[None]:
     except LensfitError as error:
         row["failed"] = str(error)
     except Exception as error:
-        row["failed"] = f"{type(error).__name__}: {error}"
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(at.filename).name}, line {at.lineno}"
+        row["failed"] = f"{type(error).__name__}: {error} ({where})"
 
 
 @contextmanager
