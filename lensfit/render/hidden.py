@@ -3,8 +3,8 @@
 From a hidden pixel one looks into several directions until something visible behind is
 met. A surface that is met on opposite sides passes through; the nearest such one does
 (a wire behind a wire goes on), and where there is none, that of the nearest pixel met.
-All pixels met that are on it give its colour and distance, by the inverse square of how
-far they are. So the gap behind a wire is a blend of both of its sides, and the ground
+All pixels met that are on it give its colour and distance, by the inverse fourth power
+of how far they are: beside an outline that of the next pixel. So the gap behind a wire is a blend of both of its sides, and the ground
 behind a leaf that of its whole rim.
 """
 
@@ -92,6 +92,7 @@ def _continue(
             its_px = radius_px[at_y[k], at_x[k]]
             if away[k] < _NOWHERE and abs(its_px - own_px) < _step(own_px):
                 share = np.float32(1) / (away[k] * away[k])
+                share *= share
                 for n in range(4):
                     colour[n] += share * rgba[at_y[k], at_x[k], n]
                 radius += share * its_px

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ideal_lens import HEIGHT, WIDTH, depth_of, depth_plane, ideal_lens
+from scipy.special import j1
 
 import lensfit
 from lensfit.coords import Window
@@ -135,3 +136,69 @@ def test_what_a_wire_hides_is_a_blend_of_both_of_its_sides():
     assert np.abs(found[beside] - expected[beside]).mean() < 0.02
     middle = np.s_[30:110, 99:102]
     assert np.abs(found[middle] - expected[middle]).mean() < 0.06
+
+
+def test_a_wide_disc_of_a_light_is_even():
+    """No texture of rays inside, whatever their number."""
+    picture = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    picture[ROW, COLUMN] = POWER
+    for tolerance in (1e-3, 1e-2):
+        found = render(picture, depth_plane(30.0), LENS, tolerance=tolerance)[..., 1]
+        y, x = np.mgrid[:HEIGHT, :WIDTH]
+        inside = np.hypot(y - ROW, x - COLUMN) < 27
+        even = POWER / (np.pi * 30.0**2)
+        assert np.abs(found[inside] - even).max() < 0.03 * even
+
+
+@pytest.mark.parametrize("owner_px", [0.0, -8.0])
+def test_an_outline_in_focus_keeps_its_mixed_pixels_and_no_sharp_ones_behind(owner_px):
+    """A third of each pixel of the outline is the front; waves along it lie behind, and
+    fade as those that a disc averages."""
+    edge, far_px, period_px = WIDTH // 2, -8.0, 9.0
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    waves = np.sin(2 * np.pi * (y + 0.5) / period_px)
+    cover = np.where(x < edge, 1.0, np.where(x == edge, 1 / 3, 0.0))
+    seen = 0.9 * cover + (0.3 + 0.2 * waves) * (1 - cover)
+    depth = np.where(cover > 0.5, depth_of(0.0), depth_of(far_px)).astype(np.float32)
+    depth[:, edge] = depth_of(owner_px)
+    picture = np.repeat(seen.astype(np.float32)[..., None], 3, -1)
+    part = np.s_[30:110, edge - 1 : edge + 2]
+    found = render(picture, depth, LENS)[part][..., 1]
+    q = 2 * np.pi * far_px / period_px
+    faded = 0.3 + 0.2 * waves * 2 * j1(q) / q
+    expected = (0.9 * cover + faded * (1 - cover))[part]
+    assert np.abs(found - expected).max() < 0.05
+    assert np.abs(found.mean(0) - expected.mean(0)).max() < 0.02
+
+
+def test_no_colour_of_a_near_thing_is_continued_behind_it():
+    """A green leaf before a red thing before a wall: green is the leaf's alone."""
+    leaf_px, thing_px, wall_px = 8.0, 3.0, -6.0
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    leaf = np.hypot(y - 70, x - 100) < 14
+    thing = (x > 60) & (x < 110) & (y > 30) & (y < 80)
+    picture = np.full((HEIGHT, WIDTH, 3), (0.0, 0.0, 0.5), np.float32)
+    picture[thing], picture[leaf] = (0.6, 0.0, 0.0), (0.0, 0.7, 0.0)
+    radius = np.where(leaf, leaf_px, np.where(thing, thing_px, wall_px))
+    found = render(picture, depth_of(radius).astype(np.float32), LENS)
+    own = render(
+        LayerStack(
+            np.concatenate([picture * leaf[..., None], leaf[..., None]], -1)[None]
+            .astype(np.float32),
+            depth_plane(leaf_px)[None],
+        ),
+        None,
+        LENS,
+    )  # fmt: skip
+    assert np.abs(found[..., 1] - own[..., 1]).max() < 0.01
+
+
+def test_a_wire_that_ends_leaves_nothing_beyond_its_end():
+    picture = np.full((HEIGHT, WIDTH, 3), 0.6, np.float32)
+    depth = depth_plane(-5.0)
+    picture[:ROW, 99:102], depth[:ROW, 99:102] = 0.05, depth_of(8.0)
+    found = render(picture, depth, LENS)[..., 1]
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    beyond = np.hypot(np.maximum(y - ROW, 0), np.maximum(np.abs(x - 100) - 1, 0)) > 10
+    assert np.abs(found[beyond & (y >= ROW)] - 0.6).max() < 3e-3
+    assert (found < 0.6 + 3e-3).all()
