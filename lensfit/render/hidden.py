@@ -4,8 +4,8 @@ From a hidden pixel one looks into several directions until something visible be
 met. A surface that is met on opposite sides passes through; the nearest such one does
 (a wire behind a wire goes on), and where there is none, that of the nearest pixel met.
 All pixels met that are on it give its colour and distance, by the inverse fourth power
-of how far they are: beside an outline that of the next pixel. So the gap behind a wire is a blend of both of its sides, and the ground
-behind a leaf that of its whole rim.
+of how far they are: beside an outline that of the next pixel. So the gap behind a wire
+is a blend of both of its sides, and the ground behind a leaf that of its whole rim.
 """
 
 import cv2
