@@ -30,6 +30,8 @@ _DIM = 0.05
 _FAR_ABOVE = 30.0
 """Over its surroundings: a star on black is a highlight however dim it is."""
 _SIZE_PX = 9
+_LONGEST_PX = 3 * _SIZE_PX
+"""A longer one is a line or an area, whose ends blur and are hidden by themselves."""
 _SMOOTH_PX = 3.0
 _DEPTH_HOPS = 3
 _ROOM_PX = 12
@@ -97,11 +99,7 @@ def take_highlights(
     brightest = np.maximum(np.maximum(red, green), blue)
     if not (brightest > _DIM).any():
         return None
-    broad = cv2.morphologyEx(
-        brightest, cv2.MORPH_OPEN, np.ones((_SIZE_PX, _SIZE_PX), np.uint8)
-    )
-    bright = (brightest > _WHITE) & (brightest > _ABOVE * broad + _WHITE / 2)
-    bright |= (brightest > _DIM) & (brightest > _FAR_ABOVE * broad)
+    bright = _lights(brightest, rgba[..., 3])
     if not bright.any():
         return None
     ring = np.ones((3, 3), np.uint8)
@@ -122,6 +120,26 @@ def take_highlights(
         farther = np.minimum(ground_px[here], own_px[box][here])
         radius_px[box][here] = np.where(behind, farther, own_px[box][here])
     return Highlights(light, _carried(own_px, mask), mask.astype(np.float32))
+
+
+def _lights(
+    brightest: Float32[np.ndarray, "height width"],
+    alpha: Float32[np.ndarray, "height width"],
+) -> np.ndarray:
+    """Pixels of small lights."""
+    square = np.ones((_SIZE_PX, _SIZE_PX), np.uint8)
+    broad = cv2.morphologyEx(brightest, cv2.MORPH_OPEN, square)
+    bright = (brightest > _WHITE) & (brightest > _ABOVE * broad + _WHITE / 2)
+    stars = (brightest > _DIM) & (brightest > _FAR_ABOVE * broad)
+    # A thin thing before nothing is no star: it covers, and is no brighter than white.
+    around = cv2.morphologyEx(alpha, cv2.MORPH_OPEN, square)
+    bright |= stars & ((around > _SEEN_THROUGH) | (brightest > _WHITE * alpha))
+    if not bright.any():
+        return bright
+    _, label, boxes, _ = cv2.connectedComponentsWithStats(bright.astype(np.uint8))
+    is_long = boxes[:, 2:4].max(1) > _LONGEST_PX
+    is_long[0] = False
+    return bright & ~is_long[label]
 
 
 def _carried(own_px: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -202,3 +202,17 @@ def test_a_wire_that_ends_leaves_nothing_beyond_its_end():
     beyond = np.hypot(np.maximum(y - ROW, 0), np.maximum(np.abs(x - 100) - 1, 0)) > 10
     assert np.abs(found[beyond & (y >= ROW)] - 0.6).max() < 3e-3
     assert (found < 0.6 + 3e-3).all()
+
+
+def test_a_thin_bright_thing_before_nothing_is_no_light():
+    """A wire alone in its layer covers, and shows its own colour where it blurs."""
+    wire, wall = layer(slice(99, 101), 0.7), layer(slice(None), 0.2)
+    wire[:ROW, :, :] = 0.0
+    depth = np.stack([depth_plane(8.0), depth_plane(-5.0)])
+    found = render(
+        LayerStack(np.stack([wire, wall]), depth), None, LENS, tolerance=1e-3
+    )[..., 1]
+    chord = 2 * (1.0 * np.sqrt(64 - 1) + 64 * np.arcsin(1 / 8)) / (np.pi * 64)
+    expected = 0.7 * chord + 0.2 * (1 - chord)
+    assert found[ROW + 30, 99:101] == pytest.approx(expected, abs=5e-3)
+    assert found[ROW - 30].max() == pytest.approx(0.2, abs=1e-3)

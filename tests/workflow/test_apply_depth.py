@@ -134,7 +134,12 @@ def wire_before_a_wall(tmp_path, depth_of, crest):
     layers[0, ..., 3] = share
     stack = LayerStack(layers, np.stack([np.full_like(share, z) for z in (near, far)]))
     exact = render(
-        stack, None, make_preset().at(*STATE), data_window=DATA, display_window=DISPLAY
+        stack,
+        None,
+        make_preset().at(*STATE),
+        tolerance=1e-3,
+        data_window=DATA,
+        display_window=DISPLAY,
     )
     ids = np.array([object_id("wire"), object_id("wall")], np.uint32).view(np.float32)
     first = share >= 0.5
@@ -161,7 +166,7 @@ SHARED = {
 
 @pytest.mark.parametrize(
     ("crest", "part", "most"),
-    [(2, 0.5, 0.0025), (0.8, 0.85, 0.0045)],
+    [(2, 0.7, 0.0025), (0.8, 1.1, 0.0045)],
     ids=["wire", "thinner than a pixel"],
 )
 @pytest.mark.parametrize("whose", SHARED)
@@ -185,10 +190,11 @@ def test_an_edge_matte_does_what_the_name_of_its_object_does(tmp_path, whose):
     plate, exact = wire_before_a_wall(tmp_path, SHARED[whose], 2)
     rms = []
     for name, options in (("plain", {}), ("matte", {"edge_matte": "mattes.wire"})):
-        made, _ = rendered(plate, tmp_path / name, depth=METRES, **options)
+        options |= {"depth": METRES, "tolerance": 1e-3}
+        made, _ = rendered(plate, tmp_path / name, **options)
         gap = np.stack([made.channels[c] for c in "RGB"], -1) - exact[..., :3]
         rms.append(float(np.sqrt(np.mean(gap[8:-8, 8:-8] ** 2))))
-    assert rms[1] < 0.5 * rms[0]
+    assert rms[1] < 0.7 * rms[0]
     assert rms[1] < 0.0025
     assert "edges by channel mattes.wire" in made.attributes["lensfit/applied"]
 

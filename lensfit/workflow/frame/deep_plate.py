@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from lensfit.coords import Window
-from lensfit.io.depth import FoundDepth, ray_slant
+from lensfit.io.depth import DepthMeaning, FoundDepth, ray_slant
 from lensfit.io.exr import ExrImage
-from lensfit.io.exr_deep import read_deep
+from lensfit.io.exr_deep import DeepPart, read_deep
 from lensfit.render.buffers import crop
 from lensfit.render.circle import Circle
 from lensfit.render.frame import render_stages
@@ -45,17 +45,7 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     state = lens.noted_state(image, path)
     found = FoundDepth(flat, options.depth.channel or "Z")
     meaning, notes = depth_meaning(image, found, options.depth)
-    slant = 1.0
-    if meaning.kind == "ray":
-        offsets = lens.geometry(state, display).mm(source.pixel_centres())
-        slant = ray_slant(offsets, lens.cg_focal_length_mm(state))
-    stack = deep_layers(
-        deep,
-        meaning,
-        slant,
-        depth_channel=options.depth.channel,
-        slab_of=lambda depth_mm: _slab_of(depth_mm, lens, state, display),
-    )
+    stack = _stack_of(deep, meaning, lens, state)
     tight = is_tight(source, display)
     window = options.written(source, display)
     window = window.joined(display) if tight else window
@@ -86,6 +76,23 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     channels = dict(zip("RGBA", planes, strict=True))
     result = replace(flat, channels=channels, data_window=window, attributes=kept)
     return ExrImage((lens.signed(result, state),))
+
+
+def _stack_of(
+    deep: DeepPart, meaning: DepthMeaning, lens: PlateLens, state: PlateState
+) -> LayerStack:
+    """Samples that blur by themselves, in layers."""
+    display, slant = deep.flat.display_window, 1.0
+    if meaning.kind == "ray":
+        offsets = lens.geometry(state, display).mm(deep.data_window.pixel_centres())
+        slant = ray_slant(offsets, lens.cg_focal_length_mm(state))
+    return deep_layers(
+        deep,
+        meaning,
+        slant,
+        depth_channel=lens.options.depth.channel,
+        slab_of=lambda depth_mm: _slab_of(depth_mm, lens, state, display),
+    )
 
 
 def _slab_of(
