@@ -7,7 +7,7 @@ from importlib.resources import files
 
 from lensfit.workflow.kit.plan import TILT_DEG, KitView, LensPlan
 from lensfit.workflow.kit.records import Kit
-from lensfit.workflow.report.markup import NOTHING, Markup, number, stated, tag
+from lensfit.workflow.report.markup import NOTHING, Markup, stated, tag
 from lensfit.workflow.report.sections import distance_text, table_row
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"
@@ -35,7 +35,9 @@ def checklist(kit: Kit, plans: list[LensPlan]) -> str:
         tag("title", f"{kit.name}: take list"),
         tag("style", Markup(style())),
     )
-    return "<!DOCTYPE html>\n" + tag("html", head, tag("body", main), lang="en")
+    return "<!DOCTYPE html>\n" + tag(
+        "html", head, tag("body", main, class_="sheets"), lang="en"
+    )
 
 
 def style() -> str:
@@ -107,9 +109,9 @@ def _sheet(kit: Kit, plan: LensPlan, number_of: int, count: int) -> Markup:
 
 
 def _row(view: KitView) -> list[object]:
-    stops = view.exposure_stops
-    light = "as first" if abs(stops) < 0.05 else f"{number(stops, digits=2)} stops"
-    blur = number(view.blur_px, "px", 2)
+    stops = round(view.exposure_stops, 1)
+    light = f"{stops:+.1f} stops".replace("-", "−") if stops else "as first"
+    blur = NOTHING if view.blur_px is None else f"{view.blur_px:.1f}\u202fpx"
     return [
         tag("span", _BOX, class_="box"),
         tag("code", view.slate),
@@ -118,7 +120,7 @@ def _row(view: KitView) -> list[object]:
         view.mark,
         chart_text(view),
         shutter_text(view.shutter_s),
-        light if stops < 0 or abs(stops) < 0.05 else f"+{light}",
+        light,
         f"{blur}, overlapping" if view.overlapping else blur,
         "",
     ]

@@ -18,7 +18,7 @@ Row = dict[str, Any]
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 _LENSES = (
     "Lens", "Verdict", "Accuracy", "Focal", "Breathing", "Distortion", "Colour",
-    "Fall-off", "Blur: centre · edge",
+    "Fall-off", "Blur, centre", "Blur, edge",
 )  # fmt: skip
 _ABOUT_LENSES = (
     "Accuracy: on points that the fit never saw, or the map's standard deviation in "
@@ -63,7 +63,9 @@ def kit_page(table: Row) -> str:
         tag("title", f"{table['name']}: lens kit"),
         tag("style", Markup(style())),
     )
-    return "<!DOCTYPE html>\n" + tag("html", head, tag("body", main), lang="en")
+    return "<!DOCTYPE html>\n" + tag(
+        "html", head, tag("body", main, class_="sheets"), lang="en"
+    )
 
 
 def to_shoot_again(lens: Row) -> bool:
@@ -180,17 +182,12 @@ def _lens_rows(lens: Row) -> list[Markup]:
     return rows
 
 
-def _figures(lens: Row, focal: Row) -> list[str]:
+def _figures(lens: Row, focal: Row) -> list[Any]:
     at = focal["focal_length_mm"]
     widths = [w for w in lens.get("blur_widths") or [] if w["focal_length_mm"] == at]
-    blur = NOTHING
-    if widths:
-        one = widths[0]
-        blur = (
-            f"{number(one['centre_px'], digits=2)} · {number(one['edge_px'], 'px', 2)}"
-        )
+    width = widths[0] if widths else {}
     falls = [
-        f"{number(one['corner_stops'], digits=2)} at f/{one['f_number']:g}"
+        tag("div", f"{number(one['corner_stops'], digits=2)} at f/{one['f_number']:g}")
         for one in focal.get("fall_off") or []
     ]
     return [
@@ -198,8 +195,9 @@ def _figures(lens: Row, focal: Row) -> list[str]:
         signed(focal.get("breathing_percent"), "%"),
         signed(focal.get("distortion_percent"), "%"),
         number(focal.get("lateral_colour_px"), "px", 2),
-        ", ".join([falls[0], falls[-1]] if len(falls) > 1 else falls) or NOTHING,
-        blur,
+        ([falls[0], falls[-1]] if len(falls) > 1 else falls) or NOTHING,
+        number(width.get("centre_px"), "px", 2),
+        number(width.get("edge_px"), "px", 2),
     ]
 
 
@@ -241,7 +239,8 @@ def _match_block(one: Row, titles: dict[str, str]) -> Markup:
     for name, key in (("median", "median"), ("largest less smallest", "spread")):
         values = [number(f[key], digits=2) for f in figures]
         rows.append(table_row("td", [name, "", *values], numeric=1, class_="left"))
-    table = tag("table", tag("thead", head), tag("tbody", *rows))
+    body = tag("tbody", *rows)
+    table = tag("table", tag("thead", head), body, class_="kit match")
     header = tag("header", tag("h3", one["lens_set"]))
     return tag("div", header, tag("div", table, class_="scroll"), class_="block")
 
