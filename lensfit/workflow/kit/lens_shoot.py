@@ -56,7 +56,7 @@ class LensShoot:
         ------
         ShootError : There is none.
         """
-        base = self.planned.path.parent
+        base = self.planned.images or self.planned.path.parent
         if not self.photographs:
             raise ShootError(
                 "no view of the plan was photographed",
@@ -108,7 +108,8 @@ def planned_shoot(kit: Kit, folder: str) -> Shoot:
     lens, camera = kit.lenses[folder], kit.camera
     target = kit.target_of(lens)
     return Shoot(
-        path=kit.folder_of(folder) / SHOOT_FILE,
+        path=kit.path,
+        images=kit.folder_of(folder),
         lens=LensName(lens.name, lens.serial),
         camera=msgspec.convert(
             {
