@@ -28,9 +28,9 @@ from lensfit.workflow.statements.lens_identity import mixed_lenses
 from lensfit.workflow.statements.released import contradicted_statements
 
 _ORDER = (
-    "aspect", "photograph_size", "lens_identity", "focal_length", "pitch", "target_distance", "statements",
-    "side_of_focus", "blurred_view", "f_number", "encoding", "repeated_exposure",
-    "unconfirmed", "target",
+    "aspect", "photograph_size", "lens_identity", "focal_length", "pitch",
+    "target_distance", "statements", "side_of_focus", "blurred_view", "f_number",
+    "encoding", "repeated_exposure", "unconfirmed", "target",
 )  # fmt: skip
 _STOP_RATIO_LOG = 0.12
 """Of the radius of a stop: a third of a stop."""
