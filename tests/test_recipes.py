@@ -1,4 +1,4 @@
-"""The three recipes of README.md, run word for word."""
+"""The recipes of README.md, run word for word."""
 
 import os
 import re
@@ -75,6 +75,46 @@ def test_on_set(tmp_path: Path):
     assert (made / "report.html").is_file()
     assert len(list((made / "stmaps").glob("*.exr"))) == 2
     assert "px rms" in run(report, tmp_path)
+
+
+KIT = """
+[camera]
+sensor_width_mm = 24.0
+[[target]]
+name = "dots"
+kind = "dot-grid"
+pitch_mm = 60.0
+[[lens]]
+name = "Demo 50"
+folder = "demo_50"
+focal_length_mm = 50.0
+f_numbers = [5.6]
+focus_marks = ["2 m"]
+target_distance = "2 m"
+"""
+
+
+@pytest.mark.slow
+def test_a_kit(tmp_path: Path):
+    """Of one lens, whose folder has a shoot file of its own."""
+    lens = tmp_path / "kit" / "demo_50"
+    lens.mkdir(parents=True)
+    for name in ("shoot.toml", "dots.exr", "dots_tilted.png", "lines.jpg"):
+        shutil.copy(DEMO / name, lens)
+    (tmp_path / "kit" / "kit.toml").write_text(KIT)
+    plan, check, calibrate, submit = recipe("On set: a kit of lenses")
+    assert "demo_50_v01" in run(plan, tmp_path)
+    assert "☐" in (tmp_path / "takes.html").read_text(encoding="utf-8")
+    assert "3 of 3 views" in run(check, tmp_path)
+    run(calibrate, tmp_path)
+    made = tmp_path / "measured"
+    assert (made / "demo_50" / "report.html").is_file()
+    assert "1 of 1 lens is good" in (made / "kit.html").read_text(encoding="utf-8")
+    again = (made / "demo_50" / "preset.json").stat().st_mtime_ns
+    farm = run(submit, tmp_path).splitlines()[-1].partition("; ")[2]
+    assert "openjd run" in farm
+    run(farm, tmp_path)  # the lens is done: only the page is made again
+    assert (made / "demo_50" / "preset.json").stat().st_mtime_ns == again
 
 
 def test_in_the_pipeline(calibrated: Path):

@@ -107,12 +107,11 @@ def wrong_row(case: Wrong, shoot: WrongShoot) -> Table:
 
 def level_of_error(error_px: float) -> Level:
     """What a lens with this error of its chief rays is good for."""
-    bounds: list[tuple[float, Level]] = [
-        (PRECISE_PX, "measurement"),
-        (GOOD_PX, "match-moving"),
-        (ROUGH_PX, "look"),
-    ]
-    return next((level for bound, level in bounds if error_px <= bound), "unusable")
+    if error_px <= PRECISE_PX:
+        return "measurement"
+    if error_px <= GOOD_PX:
+        return "match-moving"
+    return "look" if error_px <= ROUGH_PX else "unusable"
 
 
 def _right_row(trial: Trial, folder: Path, judge_px: JudgePx) -> Table:
