@@ -13,6 +13,11 @@ import msgspec
 import pytest
 from camera_files import arri
 
+from data_synth.prescription import load_prescription
+from data_synth.right_shoot import right_shots
+from data_synth.sensor import Sensor
+from data_synth.shoot import Camera, write_shoot
+from data_synth.wavefront_cases import frame_for
 from lensfit.io.exr import ExrImage, read_exr, write_exr
 from lensfit.preset.schema import LensName
 from lensfit.preset.store import load_preset, save_preset
@@ -115,6 +120,36 @@ def test_a_kit(tmp_path: Path):
     assert "openjd run" in farm
     run(farm, tmp_path)  # the lens is done: only the page is made again
     assert (made / "demo_50" / "preset.json").stat().st_mtime_ns == again
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("heading", "lens", "folder", "options"),
+    [
+        ("a zoom", "itoh_zoom", "zoom", {"every_focal_length": True}),
+        ("an anamorphic lens", "schneider_31", "anamorphic", {}),
+        ("a lens that focuses inside", "arri_100", "inside",
+         {"distances": (18.0, 40.0)}),
+    ],
+)  # fmt: skip
+def test_on_set_another_lens(
+    tmp_path: Path, heading: str, lens: str, folder: str, options: dict
+):
+    prescription = load_prescription(lens)
+    frame = frame_for(prescription, (320, 240))
+    shots = right_shots(prescription, frame, 0, views=3, **options)
+    write_shoot(tmp_path / folder, prescription, Camera(frame, Sensor()), shots)
+    shoot = tmp_path / folder / "shoot.toml"
+    text = re.sub(r"hole_diameter_mm.*\n", "", shoot.read_text())  # geometry alone
+    shoot.write_text(text)
+    for line in recipe(f"On set: {heading}"):
+        run(line, tmp_path)
+    (preset,) = tmp_path.glob("*/preset.json")
+    states = {
+        (e.focal_length_mm, e.focus_distance_mm) for e in load_preset(preset).entries
+    }
+    stated = {(one.focal_length_mm, one.focus_distance_mm) for one in shots}
+    assert len(states) == len(stated)
 
 
 def test_in_the_pipeline(calibrated: Path):

@@ -76,11 +76,16 @@ def _right_trial(number: int, seed: int, size_px: tuple[int, int]) -> "Trial":
     subject = random_subject(number, seed, size_px)
 
     def write(folder: Path) -> None:
+        import numpy as np
+
         from data_synth.right_shoot import right_shots
         from data_synth.shoot import write_shoot
 
         prescription, camera = subject.prescription, subject.camera
-        shots = right_shots(prescription, camera.frame, seed + number)
+        away = float(np.random.default_rng([seed, number]).uniform(30, 60))
+        shots = right_shots(
+            prescription, camera.frame, seed + number, distances=(away,)
+        )
         write_shoot(folder, prescription, camera, shots, seed=seed + number)
         _without_holes(folder / "shoot.toml")
 

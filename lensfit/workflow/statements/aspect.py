@@ -69,7 +69,7 @@ def _sizes(takes: Sequence[Take], sizes: Counter) -> Contradiction:
         text += ": scaled, or of another sensor mode"
     return Contradiction(
         kind="photograph_size",
-        limit="match-moving" if size != usual[::-1] else "look",
+        limit="undistortion" if size != usual[::-1] else "look",
         text=text,
         remedy="give all photographs as the camera wrote them, in one mode and the "
         "same way up",
