@@ -29,8 +29,8 @@ from lensfit.workflow.statements.released import contradicted_statements
 
 _ORDER = (
     "aspect", "photograph_size", "lens_identity", "focal_length", "pitch",
-    "target_distance", "statements", "side_of_focus", "blurred_view", "f_number",
-    "encoding", "repeated_exposure", "unconfirmed", "target",
+    "target_distance", "statements", "side_of_focus", "blurred_view", "encoding",
+    "f_number", "repeated_exposure", "unconfirmed", "target",
 )  # fmt: skip
 _STOP_RATIO_LOG = 0.12
 """Of the radius of a stop: a third of a stop."""
@@ -101,7 +101,7 @@ def _targets_not_found(observed: Sequence[Observed]) -> Iterator[Contradiction]:
     kind = first.target_not_found
     yield Contradiction(
         kind="target",
-        limit="match-moving" if 2 * len(missed) < len(observed) else "look",
+        limit="undistortion" if 2 * len(missed) < len(observed) else "look",
         text=f"no {kind} is found on {first.image}{more}, though target "
         f"“{first.target}” is stated",
         remedy="check target and image of these takes, else shoot them again",
