@@ -100,19 +100,20 @@ def _changed_by_focus(entries: Sequence[dict[str, Any]]) -> Iterator[Contradicti
     several = {key: stops for key, stops in by_stop.items() if len(stops) > 1}
     for focal_mm, stop in sorted(several, key=lambda key: -key[1]):
         stops = several[focal_mm, stop]
-        if max(stops) - min(stops) > _FOCUS_STOPS:
+        least = max(min(stops), 0.0)
+        if max(stops) - least > _FOCUS_STOPS:
             yield _nonlinear(
-                f"at f/{stop:g} the light falls off by {min(stops):.2f} stops at one "
-                f"focus distance and by {max(stops):.2f} at another, though blur takes "
+                f"at f/{stop:g} the light falls off by {least:.2f} stops at one focus "
+                f"distance and by {max(stops):.2f} at another, though blur takes "
                 "no light away",
-                max(stops) - min(stops),
+                max(stops) - least,
                 0.0,
             )
         return
 
 
 def _below_the_law(entries: Sequence[dict[str, Any]]) -> Iterator[Contradiction]:
-    """At the smallest stop, which rims clip least; the others can only fall off more."""
+    """At the smallest stop, which rims clip least."""
     for entry in entries:
         curves = list(_curves(entry))
         for stop, lawful, stops in curves[-1:]:
@@ -150,7 +151,7 @@ def _nonlinear(text: str, stated: float, agrees_with: float) -> Contradiction:
         limit="undistortion",
         text=f"{text}: the files are probably not linear, and the encoding is not the "
         "stated one",
-        remedy='check encoding ("linear", "srgb" or the camera\'s logarithm) of the views',
+        remedy='check encoding ("linear", "srgb" or a logarithm) of the views',
         statement="encoding",
         stated=stated,
         agrees_with=agrees_with,

@@ -160,6 +160,11 @@ def _named(
         listed = [f"{name} = {other:.4g} {its}" for name, _, other, its in others]
         text += f" (or with {' or '.join(listed[:2])})"
         remedy += f" and {others[0][0]}"
+    if best.key is None:
+        text += (
+            f" (or with pitch_mm of every target {stated / value:.3g} times as large)"
+        )
+        remedy += " and pitch_mm of every target"
     kind = best.kind
     assert kind in ("pitch", "focal_length", "target_distance")
     return Contradiction(
