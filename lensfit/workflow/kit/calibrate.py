@@ -134,6 +134,7 @@ def _outcomes(waiting: list[Job], count: int) -> Iterator[str | None]:
                     died = "the process that calibrated it died; run again with fewer "
                     died += "--workers, if memory ran out"
                     write_record(job[2], job[3], died, None)
+                    answered.close()
                     pool[k] = _start(k, count)
                     yield died
                 free.append((k, pool[k]))
