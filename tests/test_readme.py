@@ -8,6 +8,8 @@ import msgspec
 import typer
 
 from lensfit.cli.main import COMMANDS, app
+from lensfit.workflow.kit.file import load_kit
+from lensfit.workflow.kit.plan import kit_plan
 from lensfit.workflow.shoot.records import Camera, LensName, Take, Target
 
 README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
@@ -27,6 +29,16 @@ def test_every_key_of_a_shoot_file_is_described():
     assert set(tables["take"][0]) == keys_of(Take)
     for record, table in ((Target, tables["target"]), (Take, tables["take"])):
         msgspec.convert(table, list[record])
+
+
+def test_the_kit_file_is_one(tmp_path: Path):
+    section = README.split("### A kit of lenses\n", 1)[1]
+    block = re.search(r"```toml\n(.*?)```", section, re.DOTALL)
+    assert block is not None
+    (tmp_path / "kit.toml").write_text(block[1], encoding="utf-8")
+    prime, zoom = kit_plan(load_kit(tmp_path / "kit.toml"))
+    assert len(prime.views) == 3 * 3 + 2
+    assert len(zoom.views) == 3 * (3 * 3 + 2)
 
 
 def test_every_command_shown_exists():

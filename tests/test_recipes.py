@@ -1,4 +1,4 @@
-"""The three recipes of README.md, run word for word."""
+"""The recipes of README.md, run word for word."""
 
 import os
 import re
@@ -13,6 +13,11 @@ import msgspec
 import pytest
 from camera_files import arri
 
+from data_synth.prescription import load_prescription
+from data_synth.right_shoot import right_shots
+from data_synth.sensor import Sensor
+from data_synth.shoot import Camera, write_shoot
+from data_synth.wavefront_cases import frame_for
 from lensfit.io.exr import ExrImage, read_exr, write_exr
 from lensfit.preset.schema import LensName
 from lensfit.preset.store import load_preset, save_preset
@@ -75,6 +80,76 @@ def test_on_set(tmp_path: Path):
     assert (made / "report.html").is_file()
     assert len(list((made / "stmaps").glob("*.exr"))) == 2
     assert "px rms" in run(report, tmp_path)
+
+
+KIT = """
+[camera]
+sensor_width_mm = 24.0
+[[target]]
+name = "dots"
+kind = "dot-grid"
+pitch_mm = 60.0
+[[lens]]
+name = "Demo 50"
+folder = "demo_50"
+focal_length_mm = 50.0
+f_numbers = [5.6]
+focus_marks = ["2 m"]
+target_distance = "2 m"
+"""
+
+
+@pytest.mark.slow
+def test_a_kit(tmp_path: Path):
+    """Of one lens, whose folder has a shoot file of its own."""
+    lens = tmp_path / "kit" / "demo_50"
+    lens.mkdir(parents=True)
+    for name in ("shoot.toml", "dots.exr", "dots_tilted.png", "lines.jpg"):
+        shutil.copy(DEMO / name, lens)
+    (tmp_path / "kit" / "kit.toml").write_text(KIT)
+    plan, check, calibrate, submit = recipe("On set: a kit of lenses")
+    assert "demo_50_v01" in run(plan, tmp_path)
+    assert "☐" in (tmp_path / "takes.html").read_text(encoding="utf-8")
+    assert "3 of 3 views" in run(check, tmp_path)
+    run(calibrate, tmp_path)
+    made = tmp_path / "measured"
+    assert (made / "demo_50" / "report.html").is_file()
+    assert "1 of 1 lens is good" in (made / "kit.html").read_text(encoding="utf-8")
+    again = (made / "demo_50" / "preset.json").stat().st_mtime_ns
+    farm = run(submit, tmp_path).splitlines()[-1].partition("; ")[2]
+    assert "openjd run" in farm
+    run(farm, tmp_path)  # the lens is done: only the page is made again
+    assert (made / "demo_50" / "preset.json").stat().st_mtime_ns == again
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("heading", "lens", "folder", "options"),
+    [
+        ("a zoom", "itoh_zoom", "zoom", {"every_focal_length": True}),
+        ("an anamorphic lens", "schneider_31", "anamorphic", {}),
+        ("a lens that focuses inside", "arri_100", "inside",
+         {"distances": (18.0, 40.0)}),
+    ],
+)  # fmt: skip
+def test_on_set_another_lens(
+    tmp_path: Path, heading: str, lens: str, folder: str, options: dict
+):
+    prescription = load_prescription(lens)
+    frame = frame_for(prescription, (320, 240))
+    shots = right_shots(prescription, frame, 0, views=3, **options)
+    write_shoot(tmp_path / folder, prescription, Camera(frame, Sensor()), shots)
+    shoot = tmp_path / folder / "shoot.toml"
+    text = re.sub(r"hole_diameter_mm.*\n", "", shoot.read_text())  # geometry alone
+    shoot.write_text(text)
+    for line in recipe(f"On set: {heading}"):
+        run(line, tmp_path)
+    (preset,) = tmp_path.glob("*/preset.json")
+    states = {
+        (e.focal_length_mm, e.focus_distance_mm) for e in load_preset(preset).entries
+    }
+    stated = {(one.focal_length_mm, one.focus_distance_mm) for one in shots}
+    assert len(states) == len(stated)
 
 
 def test_in_the_pipeline(calibrated: Path):

@@ -19,6 +19,7 @@ COMMANDS = (
     "inspect",
     "check",
     "calibrate",
+    "kit",
     "report",
     "stmap",
     "overscan",

@@ -33,6 +33,8 @@ _SMOOTHING_DARK_PX = 1.0
 _SMALLEST_WELL = 10_000
 """Electrons at the brightest sample: no camera used for this has noisier light."""
 _SAMPLED_DOTS = 40
+_ENOUGH_SAMPLES, _BAND_ROWS = 2_000_000, 32
+"""To judge the noise of a picture by, and rows of the bands they are taken from."""
 _CLIPPED_FIELD = 0.02
 """Dark dots: this much of the window may be clipped paper."""
 _BAND_GAIN = 1.4
@@ -126,9 +128,7 @@ def shot_noise_gain(
     octaves of brightness the least ratio counts, since structure can only add to it;
     where all is structure (dots of a few pixels) that of a small well bounds it.
     """
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
-    square = cv2.filter2D(image, -1, kernel)[1:-1, 1:-1] ** 2
-    level = cv2.blur(image, (3, 3))[1:-1, 1:-1]
+    square, level = _fourth_differences(image)
     dark = np.median(level)
     above = level - dark
     top = float(above.max(initial=0))
@@ -148,6 +148,23 @@ def shot_noise_gain(
     if not ratios:
         return 0.0
     return float(np.clip(min(ratios), 0.0, float(image.max()) / _SMALLEST_WELL))
+
+
+def _fourth_differences(image: Float[np.ndarray, "height width"]):
+    """Squares of the mixed fourth difference and smoothed brightness, row by row.
+
+    Of large pictures evenly spread bands of rows are enough: each octave of brightness
+    needs some hundred samples.
+    """
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / 6
+    apart = max(1, image.size // _ENOUGH_SAMPLES) * _BAND_ROWS
+    rows = _BAND_ROWS if apart > _BAND_ROWS else len(image)
+    square, level = [], []
+    for first in range(0, len(image), max(apart, rows)):
+        band = image[first : first + rows]
+        square.append(cv2.filter2D(band, -1, kernel)[1:-1, 1:-1] ** 2)
+        level.append(cv2.blur(band, (3, 3))[1:-1, 1:-1])
+    return np.concatenate(square), np.concatenate(level)
 
 
 def _batches(half: np.ndarray) -> list[np.ndarray]:

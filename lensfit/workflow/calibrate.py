@@ -53,6 +53,7 @@ from lensfit.workflow.statements.contradictions import (
     contradictions_of_views,
     in_order,
 )
+from lensfit.workflow.statements.fitted_statements import contradicted_by_fit
 from lensfit.workflow.statements.repeated import counted_once
 from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 from lensfit.workflow.stopwatch import stopwatch
@@ -137,6 +138,7 @@ def calibrate_observed(
         contradictions += contradictions_of_views(takes)
         fitted = _fitted(takes, contradictions, progress, effort)
         contradictions += contradictions_of_fit(takes, fitted)
+        contradictions += contradicted_by_fit(fitted.states, contradictions)
     with stopwatch() as writing, ThreadPoolExecutor(1) as pool:
         preset = preset_of(shoot, observed, fitted)
         maps_written = pool.submit(_write_maps, preset, folder, progress)

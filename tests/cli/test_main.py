@@ -153,7 +153,7 @@ def test_wrong_usage_is_exit_code_2():
 def test_every_command_has_help_with_an_example(command: str):
     result = runner.invoke(main.app, [command, "--help"], env={"COLUMNS": "200"})
     assert result.exit_code == 0
-    first = {"preset": "show", "bench": "fit"}
+    first = {"preset": "show", "bench": "fit", "kit": "plan"}
     if command in first:
         result = runner.invoke(main.app, [command, first[command], "--help"])
     assert re.search(rf"Example: lensfit {command}", result.stdout)

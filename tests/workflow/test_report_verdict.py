@@ -12,6 +12,7 @@ from lensfit.workflow.report.coverage import (
     empty_places,
     pattern_px,
 )
+from lensfit.workflow.report.evidence import photographed_corner_px
 from lensfit.workflow.report.verdict import findings, verdict, verdict_of
 
 SIZE_PX = (2000.0, 1500.0)
@@ -44,11 +45,34 @@ def test_grade_follows_the_held_out_error(report, held_out_px, opening, tone):
 
 def test_a_small_residual_does_not_hide_uncertain_corners(report):
     """Held-out error is 0.09 px, but the corners are known to 2 px only."""
-    report["entries"][0]["uncertainty_grid"]["sd_px"][0][0] = 2.0
+    for row in report["entries"][0]["uncertainty_grid"]["sd_px"][:2]:
+        row[:2] = [2.0, 2.0]
     assert findings(report)[0].tone == "bad"
     assert "in its worst corner the map is known to" in findings(report)[0].sentence
     assert said(report, "In the corners at 50\u202fmm the map is known to 2.0\u202fpx")
     assert said(report, "shoot the chart in the corners")
+
+
+def test_a_corner_counts_as_far_as_points_reach(report):
+    """From the last point to the very corner the map is extrapolated."""
+    grid = report["entries"][0]["uncertainty_grid"]
+    grid["sd_px"][0][0] = 2.0
+    camera = report["camera"]
+    x_px = (grid["x_mm"][1] / camera["sensor_width_mm"] + 0.5) * 2000
+    y_px = (grid["y_mm"][1] / camera["sensor_height_mm"] + 0.5) * 1500
+    assert (camera["image_width_px"], camera["image_height_px"]) == (2000, 1500)
+    for take in report["takes"]:
+        lists = take["residuals"]
+        kept = [
+            i
+            for i, (x, y) in enumerate(zip(lists["x_px"], lists["y_px"], strict=True))
+            if x >= x_px and y >= y_px
+        ]
+        take["residuals"] = {k: [v[i] for i in kept] for k, v in lists.items()}
+    corner = photographed_corner_px(report, report["entries"][0])
+    assert corner < 0.3
+    grid["sd_px"][1][1] = 1.2
+    assert photographed_corner_px(report, report["entries"][0]) > 1.0
 
 
 def test_sound_calibration_draws_no_complaint(report):

@@ -1,4 +1,4 @@
-"""Ten shoots that are wrong: none may end green, and the first line names the cause.
+"""Shoots that are wrong: none may end green, and the first line names the cause.
 
 Traced photographs of one lens, wrongly stated or wrongly shot, through the command
 line. Blur is not fitted (no hole diameter is stated), which keeps a case to seconds;
@@ -17,8 +17,22 @@ from traced_views import write_traced
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
+from lensfit.errors import ShootError
 from lensfit.preset.store import load_preset
 from lensfit.preset.verdict import LEVELS
+from lensfit.progress import silent
+from lensfit.workflow.bench.verdict.benchmark import wrong_row
+from lensfit.workflow.bench.verdict.wrong_shoots import WRONG_SHOOTS, Wrong
+from lensfit.workflow.bench.verdict.wrong_shoots import WrongShoot as Spoilt
+from lensfit.workflow.calibration.observe import observe_shoot
+from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.statements.blur_statements import contradicted_f_numbers
+from lensfit.workflow.statements.contradictions import (
+    contradictions_of_report,
+    contradictions_of_views,
+    in_order,
+)
+from lensfit.workflow.statements.repeated import counted_once
 
 runner = CliRunner()
 pytestmark = pytest.mark.slow
@@ -220,3 +234,49 @@ def test_a_target_that_was_moved(shoot: WrongShoot):
     report = named(shoot, "target_distance", "target_distance_mm of dots_f2p8_near")
     found = report["contradictions"][0]
     assert found["agrees_with"] == pytest.approx(1120, rel=0.02)
+
+
+def named_by_views(shoot_file: Path) -> list[str]:
+    """What is said of a shoot, in its order, before anything is fitted to it."""
+    try:
+        described = load_shoot(shoot_file)
+    except ShootError as error:
+        return [str(error)]
+    observed, found = counted_once(observe_shoot(described, None, silent))
+    takes = [one.take for one in observed if one.take is not None]
+    found += contradictions_of_views(takes)
+    found += contradicted_f_numbers(takes)
+    found += contradictions_of_report(described, observed, [])
+    return [one.text for one in in_order(found)]
+
+
+QUICK = (
+    "pitch in inches", "pitch of one axis", "focal length of full frame",
+    "sensor sides swapped", "mixed crops", "mixed sizes", "stretched",
+    "rotated camera", "stops swapped", "files off by one", "copies saved again",
+    "moved chart",
+)  # fmt: skip
+"""A second or two each; `lensfit bench verdict` tries all, to the end."""
+
+
+@pytest.mark.parametrize(
+    "case", [c for c in WRONG_SHOOTS if c.kind in QUICK], ids=lambda c: c.kind
+)
+def test_the_cause_is_known_before_anything_is_fitted(
+    traced: Path, tmp_path: Path, case: Wrong
+):
+    shoot = Spoilt.copy_of(traced, tmp_path / "shoot")
+    case.spoil(shoot)
+    first, *_ = named_by_views(shoot.save())
+    assert any(word in first for word in case.words), first
+
+
+def test_nothing_is_said_of_the_right_one(traced: Path, tmp_path: Path):
+    assert named_by_views(Spoilt.copy_of(traced, tmp_path / "shoot").save()) == []
+
+
+def test_a_chart_that_is_not_there_is_not_green(traced: Path, tmp_path: Path):
+    (case,) = [one for one in WRONG_SHOOTS if one.kind == "wrong chart"]
+    row = wrong_row(case, Spoilt.copy_of(traced, tmp_path / "shoot"))
+    assert row["named"], row["first_line"]
+    assert not row["green"]

@@ -20,7 +20,7 @@ from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.detect.observations import Observations
 from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
-from lensfit.errors import ImageError, LensfitError
+from lensfit.errors import DetectionError, ImageError, LensfitError
 from lensfit.fit.take import Take
 from lensfit.io.image import (
     camera_state_of,
@@ -59,6 +59,7 @@ class Observed:
     mosaic_seen : The mosaic that the noise shows and nobody stated.
     assumed_encoding : How a file was decoded that may as well hold linear samples,
         where nobody stated it.
+    target_not_found : Kind of the stated target, where the photograph shows none.
     """
 
     image: str
@@ -74,6 +75,7 @@ class Observed:
     orientation: object = None
     mosaic_seen: Mosaic | None = None
     assumed_encoding: str | None = None
+    target_not_found: str | None = None
 
 
 # Detection multiplies tall matrices by a handful of columns on threads of its own:
@@ -123,6 +125,8 @@ def _observe(shoot: Shoot, take: ShootTake, overlay: Path | None) -> Observed:
     except (LensfitError, ValueError, cv2.error) as error:
         name = Path(take.image).name
         known["failed"] = str(error) if name in str(error) else f"{take.image}: {error}"
+        if isinstance(error, DetectionError) and take.target is not None:
+            known["target_not_found"] = shoot.target_of(take).kind.replace("-", " ")
     return Observed(**known, seconds=seconds)
 
 

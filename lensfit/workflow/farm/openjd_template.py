@@ -15,6 +15,7 @@ Open Job Description, "Template Schemas", 2023-09.
 
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,22 +36,29 @@ def openjd_template(job: FarmJob) -> tuple[dict[str, Any], dict[str, str]]:
     ------
     OutputError : The job is larger than the specification allows.
     """
-    definitions = [_command(), _path("Preset", "FILE", "IN", "Preset of the lens")]
+    definitions = [
+        _command(),
+        path_parameter("Preset", "FILE", "IN", "Preset of the lens"),
+    ]
     paths = {"Preset": str(job.preset), "Out": str(job.out)}
     words = ["apply", "{{Param.Preset}}"]
     if job.chunks:
         definitions += [
-            _path("PlatesFolder", "DIRECTORY", "IN", "Folder of the plates"),
-            _text("PlatesName", job.plates.name, "Pattern of the plates' names"),
+            path_parameter("PlatesFolder", "DIRECTORY", "IN", "Folder of the plates"),
+            text_parameter(
+                "PlatesName", job.plates.name, "Pattern of the plates' names"
+            ),
         ]
         paths["PlatesFolder"] = str(job.plates.parent)
         words += ["{{Param.PlatesFolder}}/{{Param.PlatesName}}"]
         words += ["--frames={{Task.Param.Frames}}"]
     else:
-        definitions.append(_path("Plate", "FILE", "IN", "The plate"))
+        definitions.append(path_parameter("Plate", "FILE", "IN", "The plate"))
         paths["Plate"] = str(job.plates)
         words.append("{{Param.Plate}}")
-    definitions.append(_path("Out", "DIRECTORY", "OUT", "Folder for the results"))
+    definitions.append(
+        path_parameter("Out", "DIRECTORY", "OUT", "Folder for the results")
+    )
     words.append("--out={{Param.Out}}")
     count = len(definitions) + sum(len(option.values) for option in job.options)
     for option in job.options:
@@ -62,11 +70,6 @@ def openjd_template(job: FarmJob) -> tuple[dict[str, Any], dict[str, str]]:
         ]
         words += option_words(option, values)
     words.append(_PROGRESS)
-    _check(job, definitions, paths)
-    return _template(job, definitions, words), paths
-
-
-def _template(job: FarmJob, definitions: list, words: list[str]) -> dict[str, Any]:
     step: dict[str, Any] = {
         "name": "apply",
         "script": {
@@ -76,11 +79,33 @@ def _template(job: FarmJob, definitions: list, words: list[str]) -> dict[str, An
     if job.chunks:
         frames = {"name": "Frames", "type": "STRING", "range": list(job.chunks)}
         step["parameterSpace"] = {"taskParameterDefinitions": [frames]}
+    template = checked_template(job.name, definitions, [step], job.chunks, paths)
+    return template, paths
+
+
+def checked_template(
+    name: str,
+    definitions: list[dict[str, Any]],
+    steps: list[dict[str, Any]],
+    tasks: Sequence[str],
+    paths: dict[str, str],
+) -> dict[str, Any]:
+    """A template that keeps to the limits of the specification.
+
+    Parameters
+    ----------
+    tasks : The range of the step of most tasks.
+
+    Raises
+    ------
+    OutputError : It does not.
+    """
+    _check(tasks, definitions, paths)
     return {
         "specificationVersion": "jobtemplate-2023-09",
-        "name": job.name,
+        "name": name,
         "parameterDefinitions": definitions,
-        "steps": [step],
+        "steps": steps,
     }
 
 
@@ -96,7 +121,7 @@ def _parameter(
         name = f"{stem}{count}"
     if isinstance(value, Path):
         kind = "DIRECTORY" if value.is_dir() else "FILE"
-        definitions.append(_path(name, kind, "IN", option.word))
+        definitions.append(path_parameter(name, kind, "IN", option.word))
         paths[name] = str(value)
     elif isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)):
         kind = "INT" if isinstance(value, int) else "FLOAT"
@@ -104,19 +129,23 @@ def _parameter(
             {"name": name, "type": kind, "default": value, "description": option.word}
         )
     else:
-        definitions.append(_text(name, str(value), option.word))
+        definitions.append(text_parameter(name, str(value), option.word))
     return f"{{{{Param.{name}}}}}"
 
 
 def _command() -> dict[str, str]:
-    return _text("Command", "lensfit", "The program, where it is not on the PATH")
+    return text_parameter(
+        "Command", "lensfit", "The program, where it is not on the PATH"
+    )
 
 
-def _text(name: str, value: str, said: str) -> dict[str, str]:
+def text_parameter(name: str, value: str, said: str) -> dict[str, str]:
+    """A parameter that is a word."""
     return {"name": name, "type": "STRING", "default": value, "description": said}
 
 
-def _path(name: str, kind: str, flow: str, said: str) -> dict[str, str]:
+def path_parameter(name: str, kind: str, flow: str, said: str) -> dict[str, str]:
+    """A parameter that is a file or a folder, which farms may map."""
     return {
         "name": name,
         "type": "PATH",
@@ -126,10 +155,10 @@ def _path(name: str, kind: str, flow: str, said: str) -> dict[str, str]:
     }
 
 
-def _check(job: FarmJob, definitions: list, paths: dict[str, str]) -> None:
-    if len(job.chunks) > _MOST_TASKS:
+def _check(tasks: Sequence[str], definitions: list, paths: dict[str, str]) -> None:
+    if len(tasks) > _MOST_TASKS:
         raise OutputError(
-            f"a job of {len(job.chunks)} tasks is more than the {_MOST_TASKS} of Open "
+            f"a job of {len(tasks)} tasks is more than the {_MOST_TASKS} of Open "
             "Job Description",
             remedy="give more frames to a task with --chunk",
         )
@@ -140,7 +169,7 @@ def _check(job: FarmJob, definitions: list, paths: dict[str, str]) -> None:
             remedy="give fewer options",
         )
     values = [
-        *job.chunks,
+        *tasks,
         *paths.values(),
         *(d.get("default", "") for d in definitions),
     ]

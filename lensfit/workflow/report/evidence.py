@@ -20,6 +20,8 @@ from lensfit.workflow.report.coverage import (
 GOOD_PX, ROUGH_PX = 0.5, 1.5
 """Where a locked-off match-move begins to show; where soft CG does."""
 
+CORNER_SIGNS = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])
+"""Top left, top right, bottom left, bottom right, of x right and y down."""
 Tone = Literal["good", "note", "caution", "bad"]
 
 
@@ -78,8 +80,48 @@ def extrapolated_corner_px(report: dict, entry: dict) -> float:
 
 
 def photographed_corner_px(report: dict, entry: dict) -> float:
-    """Largest standard deviation (px) at corners with points near them, or NaN."""
-    return _largest_of_corners(entry, corners_photographed(report, entry))
+    """Largest standard deviation (px) in corners with points near them, or NaN.
+
+    As far into each corner as points reach: from the last of them to the very corner
+    the map is extrapolated, where its deviation grows several times over.
+    """
+    photographed = corners_photographed(report, entry)
+    reached = _corners_reached(report, entry)
+    grid = entry.get("uncertainty_grid") or {}
+    x_mm, y_mm, sd_px = (numbers(grid.get(k)) for k in ("x_mm", "y_mm", "sd_px"))
+    if reached is None or sd_px.shape != (y_mm.size, x_mm.size) or sd_px.size < 4:
+        return _largest_of_corners(entry, photographed)
+    known = [
+        _interpolated(x_mm, y_mm, sd_px, at)
+        for at, seen in zip(reached, photographed, strict=True)
+        if seen
+    ]
+    return max((sd for sd in known if math.isfinite(sd)), default=math.nan)
+
+
+def _corners_reached(report: dict, entry: dict) -> np.ndarray | None:
+    """How far points of the focal length reach into each corner, along x and along y,
+    mm from the sensor's centre (4, 2); None where the report does not say."""
+    camera, size = report.get("camera") or {}, image_size_px(report)
+    sides = camera.get("sensor_width_mm"), camera.get("sensor_height_mm")
+    takes = takes_by_focal(report).get(entry.get("focal_length_mm")) or []
+    points = residuals_of(takes).points_px
+    if not all(size) or None in sides or not len(points):
+        return None
+    place = (points / size - 0.5) * np.array(sides, float)
+    reached = []
+    for sign in CORNER_SIGNS:
+        mine = (place * sign > 0).all(axis=1)
+        reached.append(sign * (place[mine] * sign).max(axis=0, initial=0.0))
+    return np.array(reached)
+
+
+def _interpolated(
+    x_mm: np.ndarray, y_mm: np.ndarray, values: np.ndarray, at_mm: np.ndarray
+) -> float:
+    """Bilinear, on a grid whose nodes are ascending."""
+    along = np.array([np.interp(at_mm[0], x_mm, row) for row in values])
+    return float(np.interp(at_mm[1], y_mm, along))
 
 
 def corners_photographed(report: dict, entry: dict) -> np.ndarray:

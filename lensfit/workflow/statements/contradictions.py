@@ -16,6 +16,7 @@ from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.preset.verdict import LEVELS
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.statements.aspect import wrong_shapes
 from lensfit.workflow.statements.blur_statements import (
     blurred_views,
     contradicted_f_numbers,
@@ -27,9 +28,9 @@ from lensfit.workflow.statements.lens_identity import mixed_lenses
 from lensfit.workflow.statements.released import contradicted_statements
 
 _ORDER = (
-    "lens_identity", "focal_length", "pitch", "target_distance", "statements",
-    "side_of_focus", "blurred_view", "f_number", "encoding", "repeated_exposure",
-    "unconfirmed",
+    "aspect", "photograph_size", "lens_identity", "focal_length", "pitch",
+    "target_distance", "statements", "side_of_focus", "blurred_view", "encoding",
+    "f_number", "repeated_exposure", "unconfirmed", "target",
 )  # fmt: skip
 _STOP_RATIO_LOG = 0.12
 """Of the radius of a stop: a third of a stop."""
@@ -37,10 +38,12 @@ _STOP_RATIO_LOG = 0.12
 
 def contradictions_of_views(takes: Sequence[Take]) -> list[Contradiction]:
     """Those that the detected points of the views show, before anything is fitted."""
-    mixed = list(mixed_lenses(takes))
-    found = mixed or list(contradicted_statements(takes))
-    found += blurred_views(takes)
-    return found
+    # A cause that others follow from is looked for first.
+    for causes in (wrong_shapes, mixed_lenses, contradicted_statements):
+        found = list(causes(takes))
+        if found:
+            break
+    return [*found, *blurred_views(takes)]
 
 
 def contradictions_of_fit(
@@ -74,6 +77,7 @@ def contradictions_of_report(
     shoot: Shoot, observed: Sequence[Observed], entries: Sequence[dict[str, Any]]
 ) -> Iterator[Contradiction]:
     """Those of the light, and what nobody stated or confirmed."""
+    yield from _targets_not_found(observed)
     yield from impossible_fall_off(entries)
     yield from assumed_encodings(observed)
     if shoot.unconfirmed:
@@ -85,6 +89,25 @@ def contradictions_of_report(
             remedy="put in what is true and remove the TODO of these lines",
             statement=shoot.unconfirmed[0],
         )
+
+
+def _targets_not_found(observed: Sequence[Observed]) -> Iterator[Contradiction]:
+    """Photographs on which the target that is stated was not found."""
+    missed = [one for one in observed if one.target_not_found]
+    if not missed:
+        return
+    first = missed[0]
+    more = f", nor on {len(missed) - 1} more" if len(missed) > 1 else ""
+    kind = first.target_not_found
+    yield Contradiction(
+        kind="target",
+        limit="undistortion" if 2 * len(missed) < len(observed) else "look",
+        text=f"no {kind} is found on {first.image}{more}, though target "
+        f"“{first.target}” is stated",
+        remedy="check target and image of these takes, else shoot them again",
+        statement="target",
+        images=tuple(one.image for one in missed),
+    )
 
 
 def in_order(found: Sequence[Contradiction]) -> list[Contradiction]:

@@ -58,7 +58,8 @@ def _mixed(
     return Contradiction(
         kind="lens_identity",
         limit="unusable",
-        text=f"two lenses or zoom settings are mixed at {focal_mm:g} mm: "
+        text=f"two lenses or zoom settings are mixed at {focal_mm:g} mm, or two sensor "
+        "modes: "
         f"{joined(names)} {words(difference)} the other {plural(len(more), 'view')}",
         remedy="calibrate them apart, with a shoot file for each lens",
         statement="focal_length_mm",

@@ -149,16 +149,22 @@ def _named(
     model: JointModel, best: _Release, as_well: list[_Release], share: float
 ) -> Contradiction:
     statement, stated, value, unit, images = _value(model, best)
-    others = [_value(model, one) for one in as_well if one.key is not None]
+    others = [_value(model, one)[:4] for one in as_well if one.key is not None]
+    others += _other_sensor(model, best)
     text = (
         f"{statement} is stated as {stated:.4g} {unit}, but the photographs agree "
         f"with {value:.4g} {unit}"
     )
     remedy = f"check {statement}"
     if others:
-        name, _, other, other_unit, _ = others[0]
-        text += f" (or with {name} = {other:.4g} {other_unit})"
-        remedy += f" and {name}"
+        listed = [f"{name} = {other:.4g} {its}" for name, _, other, its in others]
+        text += f" (or with {' or '.join(listed[:2])})"
+        remedy += f" and {others[0][0]}"
+    if best.key is None:
+        text += (
+            f" (or with pitch_mm of every target {stated / value:.3g} times as large)"
+        )
+        remedy += " and pitch_mm of every target"
     kind = best.kind
     assert kind in ("pitch", "focal_length", "target_distance")
     return Contradiction(
@@ -172,6 +178,20 @@ def _named(
         explained=min(share, 1.0),
         images=images,
     )
+
+
+def _other_sensor(
+    model: JointModel, best: _Release
+) -> list[tuple[str, float, float, str]]:
+    """The width of the sensor in place of the focal length, which it is as good as."""
+    if (
+        best.kind != "focal_length"
+        or len({v.take.focal_length_mm for v in model.views}) > 1
+    ):
+        return []
+    width_mm = model.views[0].take.sensor_size_mm[0]
+    _, stated, value, _, _ = _value(model, best)
+    return [("sensor_width_mm", width_mm, width_mm * stated / value, "mm")]
 
 
 def _value(

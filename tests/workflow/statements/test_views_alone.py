@@ -120,6 +120,7 @@ def test_one_exposure_is_counted_once_whatever_its_file():
 def entry(*curves: tuple[float, float], lit: bool = False) -> dict:
     """Of f-numbers and the stops by which light falls off at 17.5 mm."""
     return {
+        "focal_length_mm": 28.0,
         "principal_distance_mm": 28.3,
         "fall_off": [
             {
@@ -143,6 +144,27 @@ def test_light_that_falls_off_more_than_the_fourth_power_of_the_cosine():
     clipped_by_rims = entry((5.6, 1.79), (8.0, 1.7))
     for one in (lawful, lit, clipped_by_rims):
         assert list(impossible_fall_off([one])) == []
+
+
+def test_defocus_moves_light_and_takes_none_away():
+    """Fall-off that changes with focus at a small stop; wide open rims may move."""
+    changed = [entry((2.8, 1.5), (5.6, 0.55)), entry((2.8, 1.5), (5.6, 0.2))]
+    (found,) = impossible_fall_off(changed)
+    assert "by 0.20 stops at one focus distance and by 0.55 at another" in found.text
+    vignetted = [entry((2.8, 1.5), (5.6, 0.55)), entry((2.8, 1.1), (5.6, 0.5))]
+    assert list(impossible_fall_off(vignetted)) == []
+    assert list(impossible_fall_off([entry((5.6, 0.55)), entry((8.0, 0.3))])) == []
+
+
+def test_light_that_falls_off_less_than_any_pupil_keeps():
+    (found,) = impossible_fall_off([entry((2.8, 1.2), (5.6, 0.19))])
+    assert "0.19 stops only at f/5.6" in found.text
+    assert list(impossible_fall_off([entry((2.8, 0.1), (5.6, 0.5))])) == []
+    assert list(impossible_fall_off([entry((5.6, 0.1), lit=True)])) == []
+    # The law is no bound for long lenses, nor of very wide ones.
+    for principal_mm in (100.0, 14.0):
+        lens = entry((5.6, 0.05)) | {"principal_distance_mm": principal_mm}
+        assert list(impossible_fall_off([lens])) == []
 
 
 def test_a_lens_that_distorts_otherwise_at_another_focus_is_one_lens():

@@ -1,0 +1,15 @@
+"""Arguments that the commands of a kit share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+KitPath = Annotated[Path, typer.Argument(metavar="KIT", help="Kit file (TOML)")]
+Lenses = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--lens", help="Only this lens: folder, name or serial; may be repeated"
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print as JSON")]

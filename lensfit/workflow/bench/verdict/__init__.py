@@ -1,0 +1,1 @@
+"""Verdicts judged: wrong shoots must not end green, right ones must not be accused."""

@@ -1,0 +1,1 @@
+"""A kit of lenses: planned, checked and calibrated as one job."""

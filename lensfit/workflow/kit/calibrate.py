@@ -1,0 +1,188 @@
+"""Every lens of a kit calibrated: as many at once as there are cores, resumable.
+
+Each lens' results appear at once when they are whole, and what became of it is kept
+beside them. A run that is killed anywhere loses the lenses it was at and no other; run
+again, it goes on with those. The kit's page is made again after every lens.
+"""
+
+import multiprocessing
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+from lensfit._strict import did_you_mean
+from lensfit.errors import LensfitError, OutputError, ShootError
+from lensfit.progress import Progress, silent
+from lensfit.workflow.kit.lens_shoot import lens_shoot
+from lensfit.workflow.kit.lens_state import fingerprint, is_done, write_record
+from lensfit.workflow.kit.lens_worker import Job, work
+from lensfit.workflow.kit.records import Kit
+from lensfit.workflow.kit.write import write_kit
+
+_STAGE = "lenses"
+_Worker = tuple[BaseProcess, Connection]
+
+
+def calibrate_kit(
+    kit: Kit,
+    out: str | Path,
+    *,
+    only: Sequence[str] = (),
+    effort: str = "normal",
+    workers: int | None = None,
+    again: bool = False,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Calibrate the lenses of a kit and write its page.
+
+    Parameters
+    ----------
+    out : Folder of the results; each lens has one of its own in it.
+    only : Lenses to calibrate, by folder, name or serial; all if empty.
+    effort : As of `lensfit.workflow.calibrate.calibrate`.
+    workers : Processes at once; one per core, and no more than lenses, if None.
+    again : Calibrate those too that are done.
+
+    Returns
+    -------
+    The kit's table, as in kit.json. A lens that failed has its reason under "failed".
+
+    Raises
+    ------
+    LensfitError : No lens is called so, or the folder cannot be written.
+    """
+    out = Path(out)
+    chosen = chosen_lenses(kit, only)
+    _try_writing(out)
+    waiting: list[Job] = []
+    for folder in chosen:
+        job = _job(kit, folder, out, effort, again)
+        if job is not None:
+            waiting.append(job)
+    done = len(chosen) - len(waiting)
+    progress(_STAGE, done, len(chosen))
+    table = write_kit(kit, out)
+    if waiting:
+        count = min(workers or _cores(), len(waiting))
+        for _ in _outcomes(waiting, count):
+            done += 1
+            progress(_STAGE, done, len(chosen))
+            table = write_kit(kit, out)
+    return table
+
+
+def chosen_lenses(kit: Kit, asked: Sequence[str]) -> list[str]:
+    """Folders of the lenses that are meant.
+
+    Raises
+    ------
+    ShootError : One is none of the kit.
+    """
+    if not asked:
+        return list(kit.lenses)
+    known: dict[str, list[str]] = {}
+    for folder, lens in kit.lenses.items():
+        for word in {folder, lens.name, lens.serial or folder}:
+            known.setdefault(word.lower(), []).append(folder)
+    chosen: list[str] = []
+    for word in asked:
+        if word.lower() not in known:
+            raise ShootError(
+                f'no lens of the kit is "{word}"',
+                where=kit.path,
+                remedy=did_you_mean(word, list(kit.lenses)),
+            )
+        chosen += known[word.lower()]
+    return list(dict.fromkeys(chosen))
+
+
+def _job(kit: Kit, folder: str, out: Path, effort: str, again: bool) -> Job | None:
+    """What is left to do of a lens; None of one that is done, or cannot begin."""
+    results = out / folder
+    try:
+        mark = fingerprint(lens_shoot(kit, folder).shoot(), effort)
+    except LensfitError as error:
+        write_record(results, "", str(error), None)
+        return None
+    if not again and is_done(results, mark):
+        return None
+    return kit.path, folder, results, mark, effort
+
+
+def _outcomes(waiting: list[Job], count: int) -> Iterator[str | None]:
+    """Of every lens as it ends: why it failed, or None."""
+    with _pool(count) as pool:
+        busy: dict[Connection, Job] = {}
+        index: dict[Connection, int] = {}
+        free = list(enumerate(pool))
+        while waiting or busy:
+            while waiting and free:
+                k, (_, connection) = free.pop(0)
+                job = waiting.pop(0)
+                connection.send(job)
+                busy[connection], index[connection] = job, k
+            for answered in wait(list(busy)):
+                assert isinstance(answered, Connection)
+                job, k = busy.pop(answered), index.pop(answered)
+                try:
+                    yield answered.recv()
+                except (EOFError, OSError):
+                    died = "the process that calibrated it died; run again with fewer "
+                    died += "--workers, if memory ran out"
+                    write_record(job[2], job[3], died, None)
+                    answered.close()
+                    pool[k] = _start(k, count)
+                    yield died
+                free.append((k, pool[k]))
+
+
+@contextmanager
+def _pool(count: int) -> Iterator[list[_Worker]]:
+    pool: list[_Worker] = []
+    try:
+        for k in range(count):
+            pool.append(_start(k, count))
+        yield pool
+    except BaseException:
+        for process, _ in pool:
+            process.kill()  # nothing that they write is there before it is whole
+        raise
+    finally:
+        for _, connection in pool:
+            connection.close()
+        for process, _ in pool:
+            process.join()
+
+
+def _start(index: int, count: int) -> _Worker:
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=work, args=(theirs, index, count), daemon=True)
+    process.start()
+    theirs.close()  # so that the death of the process ends what is read from it
+    return process, ours
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _try_writing(out: Path) -> None:
+    """Before hours go into what could not be kept."""
+    import tempfile
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=out).close()
+    except OSError as error:
+        raise OutputError(
+            f"the folder cannot be written ({error.strerror})",
+            where=out,
+            remedy="choose another --out",
+        ) from error

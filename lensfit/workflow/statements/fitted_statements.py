@@ -1,0 +1,107 @@
+"""Statements that the fit itself contradicts: priors whose residuals are large.
+
+Pitch, distance and focal length enter the fit as priors (`lensfit.fit.statements`). A
+residual beyond three widths contradicts the photographs and what else was stated. A
+distance that several views of one target state was measured once, so it is their mean
+that counts; of one view among them twice as much is needed, as the centroids of blurred
+dots scatter by more than noise.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from lensfit.fit.lens_state import LensState
+from lensfit.fit.statements import CONTRADICTION, Statement
+from lensfit.workflow.statements.contradiction import Contradiction
+
+_ONE_OF_SEVERAL = 2 * CONTRADICTION
+_CAUSES = (
+    "lens_identity", "focal_length", "pitch", "target_distance", "statements",
+    "side_of_focus", "blurred_view",
+)  # fmt: skip
+
+
+def contradicted_by_fit(
+    states: Sequence[LensState], found: Sequence[Contradiction]
+) -> Iterator[Contradiction]:
+    """Statements more than three widths off, each with what was fitted.
+
+    Parameters
+    ----------
+    found : What other models named before. Where they know a cause, residuals of the
+        fit are its consequences, and nothing is added.
+    """
+    if any(one.kind in _CAUSES for one in found):
+        return
+    yield from _focal_lengths(states)
+    yield from _target_distances(states)
+
+
+def _focal_lengths(states: Sequence[LensState]) -> Iterator[Contradiction]:
+    """Of each engraved focal length, the state in the middle of all its states."""
+    by_focal: dict[float, list[Statement]] = {}
+    for state in states:
+        for one in state.geometry.statements:
+            if one.quantity == "focal_length":
+                by_focal.setdefault(state.focal_length_mm, []).append(one)
+    for focal_mm, mine in by_focal.items():
+        mine.sort(key=lambda one: one.residual_widths)
+        middle = mine[len(mine) // 2]
+        if abs(middle.residual_widths) > CONTRADICTION:
+            fitted_mm = focal_mm * middle.fitted / middle.stated
+            yield _contradiction(
+                "focal_length", "focal_length_mm", focal_mm, fitted_mm, middle, ()
+            )
+
+
+def _target_distances(states: Sequence[LensState]) -> Iterator[Contradiction]:
+    groups: dict[tuple[str, float], list[Statement]] = {}
+    for state in states:
+        targets = {take.name: take.target for take in state.geometry.takes}
+        for one in state.geometry.statements:
+            if one.quantity == "target_distance":
+                groups.setdefault((targets[one.where], one.stated), []).append(one)
+    for (target, _), mine in groups.items():
+        fitted_mm = float(np.mean([one.fitted for one in mine]))
+        whole = mine[0]._replace(fitted=fitted_mm)
+        worst = max(mine, key=lambda one: abs(one.residual_widths))
+        if abs(whole.residual_widths) > CONTRADICTION:
+            names = tuple(one.where for one in mine)
+            key = f'target_distance_mm of target "{target}"'
+            if len(mine) == 1:
+                key = f"target_distance_mm of {Path(names[0]).stem}"
+            yield _contradiction(
+                "target_distance", key, whole.stated, fitted_mm, whole, names
+            )
+        elif abs(worst.residual_widths) > _ONE_OF_SEVERAL:
+            key = f"target_distance_mm of {Path(worst.where).stem}"
+            yield _contradiction(
+                "target_distance", key, worst.stated, worst.fitted, worst,
+                (worst.where,),
+            )  # fmt: skip
+
+
+def _contradiction(
+    kind: str,
+    statement: str,
+    stated_mm: float,
+    fitted_mm: float,
+    of: Statement,
+    images: tuple[str, ...],
+) -> Contradiction:
+    assert kind in ("focal_length", "target_distance")
+    off = abs(of.residual_widths)
+    return Contradiction(
+        kind=kind,
+        limit="undistortion",
+        text=f"{statement} is stated as {stated_mm:.4g} mm, but the photographs agree "
+        f"with {fitted_mm:.4g} mm, {off:.0f} standard deviations away",
+        remedy="check focal_length_mm, target_distance_mm, pitch_mm and sensor_width_mm"
+        " in the shoot file, and calibrate again",
+        statement=statement,
+        stated=stated_mm,
+        agrees_with=fitted_mm,
+        images=images,
+    )

@@ -1,0 +1,69 @@
+"""Residuals of the fit's own priors, as contradictions of a verdict."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from lensfit.fit.statements import Statement
+from lensfit.workflow.statements.contradiction import Contradiction
+from lensfit.workflow.statements.fitted_statements import contradicted_by_fit
+
+
+def state(*statements: Statement, focus_mm: float = 1500.0):
+    """What is read of a fitted state."""
+    names = {one.where for one in statements if one.where}
+    takes = [SimpleNamespace(name=name, target="dots") for name in names]
+    return SimpleNamespace(
+        focal_length_mm=50.0,
+        focus_distance_mm=focus_mm,
+        geometry=SimpleNamespace(takes=takes, statements=statements),
+    )
+
+
+def focal(fitted: float) -> Statement:
+    return Statement("focal_length", "", 50.0, 1.5, fitted)
+
+
+def distance(name: str, fitted: float, stated: float = 2000.0) -> Statement:
+    return Statement("target_distance", name, stated, 10.0, fitted)
+
+
+def test_statements_within_three_widths_are_left_alone():
+    right = state(focal(54.0), distance("a.png", 2029.0), distance("b.png", 1975.0))
+    assert list(contradicted_by_fit([right], [])) == []
+
+
+def test_a_focal_length_is_named_with_what_was_fitted():
+    """Of several states the one in the middle: one of them may be ill."""
+    states = [state(focal(f), focus_mm=d) for f, d in ((43.0, 1e3), (44.0, 2e3))]
+    states.append(state(focal(50.0), focus_mm=3e3))
+    (found,) = contradicted_by_fit(states, [])
+    assert found.kind == "focal_length"
+    assert (found.stated, found.agrees_with) == (50.0, 44.0)
+    assert "4 standard deviations away" in found.text
+    assert found.limit == "undistortion"
+
+
+def test_a_distance_that_views_share_was_measured_once():
+    """Scatter about the right one is none of the tape measure's."""
+    scattered = state(distance("a.png", 2035.0), distance("b.png", 1967.0))
+    assert list(contradicted_by_fit([scattered], [])) == []
+    wrong = state(distance("a.png", 2075.0), distance("b.png", 2045.0))
+    (found,) = contradicted_by_fit([wrong], [])
+    assert found.agrees_with == pytest.approx(2060.0)
+    assert found.images == ("a.png", "b.png")
+
+
+def test_one_view_before_which_the_chart_was_moved_is_named():
+    views = [distance(f"{k}.png", 2002.0) for k in range(6)]
+    (found,) = contradicted_by_fit([state(*views, distance("moved.png", 2090.0))], [])
+    assert found.images == ("moved.png",)
+    assert "target_distance_mm of moved is stated as 2000 mm" in found.text
+
+
+def test_where_a_cause_is_known_its_consequences_are_not_told_again():
+    known = Contradiction("pitch", "undistortion", "pitch", "check it")
+    wrong = state(focal(60.0))
+    assert list(contradicted_by_fit([wrong], [known])) == []
+    light = Contradiction("encoding", "undistortion", "encoding", "state it")
+    assert len(list(contradicted_by_fit([wrong], [light]))) == 1
