@@ -40,9 +40,15 @@ def contradicted_by_fit(
 
 
 def _focal_lengths(states: Sequence[LensState]) -> Iterator[Contradiction]:
-    """Of each engraved focal length, the state in the middle of all its states."""
+    """Of each engraved focal length, the state in the middle of all its states.
+
+    An anamorphic lens has two, and squeezes more or less than engraved as it focuses:
+    which of them was stated is told in the notes of the fit.
+    """
     by_focal: dict[float, list[Statement]] = {}
     for state in states:
+        if any(take.anamorphic for take in state.geometry.takes):
+            continue
         for one in state.geometry.statements:
             if one.quantity == "focal_length":
                 by_focal.setdefault(state.focal_length_mm, []).append(one)

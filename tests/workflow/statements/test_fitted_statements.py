@@ -9,10 +9,13 @@ from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.fitted_statements import contradicted_by_fit
 
 
-def state(*statements: Statement, focus_mm: float = 1500.0):
+def state(*statements: Statement, focus_mm: float = 1500.0, anamorphic: bool = False):
     """What is read of a fitted state."""
-    names = {one.where for one in statements if one.where}
-    takes = [SimpleNamespace(name=name, target="dots") for name in names]
+    names = {one.where for one in statements if one.where} or {"any.png"}
+    takes = [
+        SimpleNamespace(name=name, target="dots", anamorphic=anamorphic)
+        for name in names
+    ]
     return SimpleNamespace(
         focal_length_mm=50.0,
         focus_distance_mm=focus_mm,
@@ -42,6 +45,10 @@ def test_a_focal_length_is_named_with_what_was_fitted():
     assert (found.stated, found.agrees_with) == (50.0, 44.0)
     assert "4 standard deviations away" in found.text
     assert found.limit == "undistortion"
+
+
+def test_which_focal_length_of_an_anamorphic_lens_was_stated_is_left_to_notes():
+    assert list(contradicted_by_fit([state(focal(26.0), anamorphic=True)], [])) == []
 
 
 def test_a_distance_that_views_share_was_measured_once():
