@@ -100,7 +100,7 @@ def _changed_by_focus(entries: Sequence[dict[str, Any]]) -> Iterator[Contradicti
     several = {key: stops for key, stops in by_stop.items() if len(stops) > 1}
     for focal_mm, stop in sorted(several, key=lambda key: -key[1]):
         stops = several[focal_mm, stop]
-        least = max(min(stops), 0.0)
+        least = max(min(stops), 0.0) + 0.0  # no minus before a zero
         if max(stops) - least > _FOCUS_STOPS:
             yield _nonlinear(
                 f"at f/{stop:g} the light falls off by {least:.2f} stops at one focus "
