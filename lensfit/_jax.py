@@ -27,6 +27,7 @@ import warnings
 from contextlib import suppress
 from pathlib import Path
 
+from lensfit.cores import available_cores
 from lensfit.private_folder import made_private, user_id
 
 CACHE_VARIABLE = "LENSFIT_CACHE_DIR"
@@ -73,14 +74,7 @@ def cache_dir(kind: str) -> Path | None:
 def count_cores() -> None:
     """Ask for a device per core, unless JAX runs already or its user has asked."""
     with suppress(RuntimeError):  # it runs already, with the devices it has
-        _set("jax_num_cpu_devices", min(_cores(), _MOST_CORES))
-
-
-def _cores() -> int:
-    """Those that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+        _set("jax_num_cpu_devices", min(available_cores(), _MOST_CORES))
 
 
 def _set(name: str, value: bool | float | str, *, overrule: bool = False) -> None:

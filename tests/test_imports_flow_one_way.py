@@ -19,6 +19,7 @@ FLOORS = {
     "together": 2,
     "batches": 0,
     "progress": 0,
+    "cores": 0,
     "private_folder": 0,
     "printable": 0,
     "_jax": 1,

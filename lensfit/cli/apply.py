@@ -2,10 +2,11 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._cores import CoresOption
 from lensfit.cli._tolerance import ToleranceOption
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
@@ -21,6 +22,9 @@ from lensfit.cli.groups.knobs import (
 )
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
+
+if TYPE_CHECKING:
+    from lensfit.workflow.apply_options import ApplyOptions
 
 
 class FilterName(StrEnum):
@@ -64,6 +68,7 @@ def apply(
     workers: Annotated[
         int, typer.Option(min=1, help="Frames rendered at the same time")
     ] = 1,
+    cores: CoresOption = None,
     output: Annotated[
         OutputName, typer.Option(help="The result, or a picture that explains it")
     ] = OutputName.result,
@@ -142,12 +147,81 @@ def apply(
     Example: lensfit apply takumar/preset.json plate.####.exr --out rendered
     """
     from lensfit.cli._frame_progress import frame_progress
-    from lensfit.workflow.apply import apply_preset
-    from lensfit.workflow.apply_options import ApplyOptions
+    from lensfit.cores import limit_cores
 
     if keep and overwrite:
         raise typer.BadParameter("goes without --overwrite", param_hint="--keep")
-    options = ApplyOptions(
+    if cores is not None:
+        limit_cores(cores)
+    from lensfit.workflow.apply import apply_preset
+
+    options = apply_options(
+        output=output,
+        camera=camera,
+        focus=focus,
+        pixels=pixels,
+        depth=depth,
+        effects=effects,
+        aberrations=aberrations,
+        disabled=disabled,
+        bokeh=bokeh,
+        look=look,
+        keep_overscan=keep_overscan,
+        stmap=stmap,
+        layer=layer,
+        tolerance=tolerance,
+        filter_name=filter_name,
+        overwrite=overwrite,
+        keep=keep,
+        again=again,
+    )
+    with frame_progress(progress_as.value) as (progress, frame_done):
+        applied = apply_preset(
+            library.find(preset).preset,
+            plates,
+            out,
+            frames=frames,
+            options=options,
+            workers=workers,
+            progress=progress,
+            frame_done=frame_done,
+        )
+    say_applied(applied, out, as_json)
+    if applied.failures:
+        raise typer.Exit(1)
+
+
+def apply_options(
+    *,
+    output: OutputName,
+    camera: CameraGroup,
+    focus: FocusGroup,
+    pixels: PixelGroup,
+    depth: DepthGroup,
+    effects: EffectsGroup,
+    aberrations: AberrationGroup,
+    disabled: DisableGroup,
+    bokeh: BokehGroup,
+    look: LookGroup,
+    keep_overscan: bool,
+    stmap: Path | None,
+    layer: list[str] | None,
+    tolerance: float,
+    filter_name: FilterName | None,
+    overwrite: bool,
+    keep: bool,
+    again: bool,
+    **others: object,
+) -> "ApplyOptions":
+    """How plates are to be rendered, from the values of this command's options.
+
+    Parameters
+    ----------
+    others : Those that say nothing of it.
+    """
+    from lensfit.workflow.apply_options import ApplyOptions
+
+    return ApplyOptions(
         overrides=camera.overrides(),
         camera=camera.sources(focus.pick()),
         pixel_aspect=pixels.pixel_aspect,
@@ -166,24 +240,15 @@ def apply(
         keep=keep,
         again=again,
     )
-    with frame_progress(progress_as.value) as (progress, frame_done):
-        applied = apply_preset(
-            library.find(preset).preset,
-            plates,
-            out,
-            frames=frames,
-            options=options,
-            workers=workers,
-            progress=progress,
-            frame_done=frame_done,
-        )
-    _say(applied, out, as_json)
-    if applied.failures:
-        raise typer.Exit(1)
 
 
-def _say(applied, out: Path, as_json: bool) -> None:
-    """The outcome: results on standard output, remarks and failures on the other."""
+def say_applied(applied, out: Path, as_json: bool, cameras: Path | None = None) -> None:
+    """The outcome: results on standard output, remarks and failures on the other.
+
+    Parameters
+    ----------
+    cameras : File with the cameras of the results, if there is one.
+    """
     from lensfit.cli._door import say_error, say_note
 
     for note in applied.notes:
@@ -200,6 +265,7 @@ def _say(applied, out: Path, as_json: bool) -> None:
             "notes": applied.notes,
             "seconds": round(applied.seconds, 3),
         }
+        outcome |= {} if cameras is None else {"cameras": str(cameras)}
         typer.echo(json.dumps(outcome, indent=1))
         return
     count = len(applied.written)
@@ -212,3 +278,5 @@ def _say(applied, out: Path, as_json: bool) -> None:
     if applied.failures:
         text += f", {len(applied.failures)} failed"
     typer.echo(text)
+    if cameras is not None:
+        typer.echo(cameras)

@@ -25,6 +25,7 @@ COMMANDS = (
     "overscan",
     "export",
     "apply",
+    "undistort",
     "submit",
     "plan",
     "preset",

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from lensfit.cli._console import console
+from lensfit.cli._cores import CoresOption
 from lensfit.cli._tolerance import ToleranceOption
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
@@ -31,6 +32,7 @@ def plan(
     ],
     *,
     tolerance: ToleranceOption = 3e-3,
+    cores: CoresOption = None,
     library: LibraryGroup,
     camera: CameraGroup,
     focus: FocusGroup,
@@ -65,7 +67,7 @@ def plan(
     )
     with progress_bars() as progress:
         lens = library.find(preset).preset
-        found, notes = plan_plate(lens, plate, options, progress)
+        found, notes = plan_plate(lens, plate, options, progress, cores=cores)
     if as_json:
         stages = [stage._asdict() for stage in found.stages]
         totals = {
@@ -74,12 +76,17 @@ def plan(
             "expected_seconds": found.seconds,
             "first_frame_seconds": found.first_s,
             "expected_gib": round(found.gib, 2),
+            "cores": found.cores,
         }
         typer.echo(json.dumps(totals | {"stages": stages, "notes": notes}))
         return
     _print(found)
     for note in notes:
         say_note(note)
+
+
+def _count(cores: int) -> str:
+    return "1 core" if cores == 1 else f"{cores} cores"
 
 
 def _print(found) -> None:
@@ -102,7 +109,8 @@ def _print(found) -> None:
     table.add_row(
         "all",
         "",
-        f"tolerance {found.tolerance:g}{more}; {found.gib:.1f} GiB",
+        f"tolerance {found.tolerance:g}{more}; {found.gib:.1f} GiB "
+        f"on {_count(found.cores)}",
         f"{found.error:.1e}",
         f"{found.seconds:.2f}",
     )

@@ -10,7 +10,6 @@ memory does not grow with the picture. A picture in which no ray is led visibly 
 back bit for bit.
 """
 
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.coords import Window
+from lensfit.cores import available_cores
 from lensfit.render.buffers import crop
 from lensfit.render.flat_plate import FlatPlate
 from lensfit.render.gather import PackedSurfaces, gather
@@ -165,7 +165,7 @@ def _blurred(
         mine = [spot for spot, n in zip(each_spot, owner, strict=True) if n == number]
         return _laid_down(mine, surfaces, rays, region, window)
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
+    with ThreadPoolExecutor(available_cores()) as threads:
         for found in threads.map(made, range(len(tiles))):
             for light, row, column, colour in found:
                 assert lit is not None
@@ -306,12 +306,16 @@ def _add(plane: np.ndarray, light: np.ndarray, row: int, column: int) -> None:
         plane[y0:y1, x0:x1] += light[y0 - row : y1 - row, x0 - column : x1 - column]
 
 
-def tiles_of(output: Window, reach: int) -> Iterator[Window]:
-    """The output cut into parts for the cores, not small beside their margins."""
+def tiles_of(output: Window, reach: int, cores: int | None = None) -> Iterator[Window]:
+    """The output cut into parts for the cores, not small beside their margins.
+
+    Parameters
+    ----------
+    cores : That share the work; those of this process if None.
+    """
     least = max(_LEAST_SIDE, _MARGINS * reach)
-    side = min(
-        max(output.width // max(os.cpu_count() or 1, 1), least), max(_SIDE, least)
-    )
+    cores = cores or available_cores()
+    side = min(max(output.width // cores, least), max(_SIDE, least))
     down = min(max(output.height, 1), max(_SIDE, least))
     for top in range(output.y_min, output.y_max + 1, down):
         for left in range(output.x_min, output.x_max + 1, side):

@@ -5,7 +5,6 @@ part of the frame has follows from how much its depth spreads within reach of th
 Constants are those of one core, measured on traced and path-traced scenes.
 """
 
-import os
 from typing import NamedTuple
 
 import cv2
@@ -13,6 +12,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.coords import Window
+from lensfit.cores import available_cores
 from lensfit.render.defocus import grown, tiles_of
 from lensfit.render.gather import TILE, step_for
 from lensfit.render.plate_defocus import Defocus, Rays
@@ -41,7 +41,7 @@ class DefocusCost(NamedTuple):
     surfaces : Most that the frame is cut into.
     channels : With rays of their own.
     tiles : That the frame is made in.
-    surfaces_s, rays_s : Seconds on the cores of this machine.
+    surfaces_s, rays_s : Seconds on these cores.
     gib : Memory for the tiles in work.
     """
 
@@ -59,12 +59,14 @@ def defocus_cost(
     window: Window,
     output: Window,
     defocus: Defocus,
+    cores: int | None = None,
 ) -> DefocusCost:
     """Of a plate with these signed radii of blur.
 
     Parameters
     ----------
     window, output : Pixels of the plate's surroundings, and those that are made.
+    cores : That share the work; those of this process if None.
     """
     radius_px = radius_px.reshape(-1, *radius_px.shape[-2:])
     least, most = float(radius_px.min()), float(radius_px.max())
@@ -73,11 +75,12 @@ def defocus_cost(
         return DefocusCost(is_sharp=True)
     cuts = defocus.slabs(least, most).cuts_px([radius_px])
     reach = rays.reach_px(least, most)
-    tiles = list(tiles_of(output, reach))
+    cores = cores or available_cores()
+    tiles = list(tiles_of(output, reach, cores))
     regions = [grown(tile, 2 * reach, window) for tile in tiles]
     work = sum(region.width * region.height for region in regions)
     largest = max(region.width * region.height for region in regions)
-    cores = min(os.cpu_count() or 1, len(tiles))
+    cores = min(cores, len(tiles))
     present = (len(cuts) + 2) / 2
     share = output.width * output.height / radius_px[0].size
     rays_s, hidden = _rays_s(radius_px, cuts, reach, rays)

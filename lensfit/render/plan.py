@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.coords import Window
+from lensfit.cores import available_cores
 from lensfit.render.defocus_cost import DefocusCost, defocus_cost
 from lensfit.render.layer_stack import LayerStack
 from lensfit.render.look.price import prices
@@ -59,12 +60,14 @@ class Plan(NamedTuple):
     stages : One for each.
     first_s : What the first frame costs besides: the rays of a lens, kept for the next.
     gib : Of memory that the process takes at most.
+    cores : That times and memory are those of.
     """
 
     tolerance: float
     stages: tuple[StagePlan, ...]
     first_s: float
     gib: float
+    cores: int
 
     @property
     def error(self) -> float:
@@ -84,6 +87,7 @@ def plan_of(
     *,
     depth_mm: Float32[np.ndarray, "height width"] | None = None,
     layers: LayerStack | None = None,
+    cores: int | None = None,
 ) -> Plan:
     """The plan of one plate; looks are listed where they run.
 
@@ -94,7 +98,9 @@ def plan_of(
     tolerance : That `stages` were made for.
     depth_mm : Of a flat plate, from the entrance pupil; None if it has no depth.
     layers : Of a deep plate.
+    cores : That render it; those of this process if None.
     """
+    cores = cores or available_cores()
     found = [_distortion(stages, tolerance), _lateral_colour(stages, tolerance)]
     cost = None
     if layers is not None:
@@ -105,7 +111,9 @@ def plan_of(
         found += [StagePlan("depth of field", False, why, 0, 0)]
     else:
         radius_px = stages.defocus.circle.radius_px(depth_mm)
-        cost = defocus_cost(radius_px, stages.window, output_window, stages.defocus)
+        cost = defocus_cost(
+            radius_px, stages.window, output_window, stages.defocus, cores
+        )
         found.append(_outlines(radius_px, cost, layers is not None))
         found.append(_depth_of_field(radius_px, cost, stages.defocus))
     found.append(_falloff(stages, tolerance))
@@ -117,7 +125,7 @@ def plan_of(
     pixels = stages.window.width * stages.window.height
     gib = _PROGRAM_GIB + own * _LENS_GIB + pixels * _PIXEL_BYTES / 2**30
     gib += 0.0 if cost is None else cost.gib
-    return Plan(tolerance, tuple(found), first_s, gib)
+    return Plan(tolerance, tuple(found), first_s, gib, cores)
 
 
 def _distortion(stages: Stages, tolerance: float) -> StagePlan:

@@ -11,7 +11,9 @@ from lensfit.render.stages import DEFAULT_TOLERANCE, Switches
 from lensfit.workflow.camera.sources import CameraOptions, StateOverrides
 from lensfit.workflow.plate.depth import DepthOptions
 
-Output = Literal["result", "circle-of-confusion", "aberration-dots", "filter"]
+Output = Literal[
+    "result", "circle-of-confusion", "aberration-dots", "filter", "undistorted"
+]
 
 
 @dataclass(frozen=True)
@@ -39,8 +41,11 @@ class ApplyOptions:
         layers of their own (see `plate.cut_out`).
     edge_matte : A channel with their coverage, in place of their names.
     knobs : What the user turned, by name (see `lensfit.preset.knobs`).
-    output : The result, or a picture that explains it (see
-        `frame.explaining_picture`).
+    output : The result, a picture that explains it (see `frame.explaining_picture`), or
+        the inverse: a photographed plate made straight (see `frame.straight_plate`), of
+        which `switches` say what else is taken off.
+    straight_overscan_percent : Window of a straight plate, in total; all that the
+        photograph fills if None.
     """
 
     overrides: StateOverrides = field(default_factory=StateOverrides)
@@ -60,6 +65,7 @@ class ApplyOptions:
     edge_matte: str | None = None
     knobs: Mapping[str, object] = field(default_factory=dict)
     output: Output = "result"
+    straight_overscan_percent: float | None = None
 
     @property
     def filter(self) -> Filter:

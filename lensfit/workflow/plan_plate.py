@@ -27,6 +27,8 @@ def plan_plate(
     plates: str | Path,
     options: ApplyOptions,
     progress: Progress = silent,
+    *,
+    cores: int | None = None,
 ) -> tuple[Plan, list[str]]:
     """The plan of one plate, and what was assumed.
 
@@ -34,6 +36,7 @@ def plan_plate(
     ----------
     plates : An EXR file, or a pattern such as ``plate.####.exr``, of which the first
         frame is planned.
+    cores : That render it; those of this process if None.
     progress : Told of the plate, its maps and its blur, in this order.
 
     Raises
@@ -70,7 +73,11 @@ def plan_plate(
         stages = lens.stages_for(state, part.display_window, reach)
         progress("plan", 2, _STEPS)
         plan = plan_of(
-            stages, window, options.tolerance, depth_mm=found and found.seen_depth_mm
+            stages,
+            window,
+            options.tolerance,
+            depth_mm=found and found.seen_depth_mm,
+            cores=cores,
         )
         return plan, lens.notes.said
     raise ImageError(

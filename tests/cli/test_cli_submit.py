@@ -40,15 +40,20 @@ def job(tmp_path):
 
 
 def submit(job, *arguments):
+    """The files of `job` are empty: nothing could be planned from them."""
     plates = str(job / f"{NASTY}.####.exr")
     command = ["submit", str(job / "preset.json"), plates, "--out", str(job / "o ut")]
-    return CliRunner().invoke(app, [*command, *arguments])
+    return CliRunner().invoke(app, [*command, "--no-plan", *arguments])
 
 
 def words_of(job) -> list[list[str]]:
     """The command of each task, with parameters put in as the specification says."""
-    template = json.loads((job / "o ut" / "apply.openjd.json").read_text())
-    values = json.loads((job / "o ut" / "apply.openjd.parameters.json").read_text())
+    return words_in(job / "o ut")
+
+
+def words_in(out) -> list[list[str]]:
+    template = json.loads((out / "apply.openjd.json").read_text())
+    values = json.loads((out / "apply.openjd.parameters.json").read_text())
     for parameter in template["parameterDefinitions"]:
         values.setdefault(parameter["name"], parameter.get("default"))
     (step,) = template["steps"]
@@ -187,7 +192,8 @@ def test_pictures_and_maps_named_from_here_are_found_from_anywhere(job, monkeypa
 def test_a_single_plate_is_one_task(job):
     (job / "one.exr").touch()
     words = ["submit", str(job / "preset.json"), str(job / "one.exr")]
-    run = CliRunner().invoke(app, [*words, "--out", str(job / "o ut"), "--json"])
+    words += ["--out", str(job / "o ut"), "--no-plan", "--json"]
+    run = CliRunner().invoke(app, words)
     said = json.loads(run.stdout)
     assert said["tasks"] == 1
     ((_, _, *words),) = words_of(job)
@@ -231,7 +237,7 @@ def test_submitting_loads_nothing_heavy(job):
     words = [str(job / "preset.json"), str(job / f"{NASTY}.####.exr")]
     script = (
         "import sys; from lensfit.cli.main import app\n"
-        f"app(['submit', *{words!r}, '--out', {str(job / 'o ut')!r}],"
+        f"app(['submit', *{words!r}, '--no-plan', '--out', {str(job / 'o ut')!r}],"
         " standalone_mode=False)\n"
         "print([m for m in ('numpy', 'jax', 'cv2', 'OpenEXR')"
         " if m in sys.modules])"
@@ -240,6 +246,83 @@ def test_submitting_loads_nothing_heavy(job):
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert run.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    """An ideal lens and a plate with depth, which blurs."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "workflow")
+    import numpy as np
+    from plate_makers import CAMERA, SENSOR, write_plate
+
+    from lensfit.coords import Window
+
+    window = Window.of_size(1200, 600)
+    depth = np.linspace(800, 9000, 1200, dtype=np.float32)
+    depth = {"Z": np.broadcast_to(depth, (600, 1200)).copy()}
+    header = {**CAMERA, **SENSOR, "lens/fstop": 1.4}
+    write_plate(tmp_path / "plate.0001.exr", header, depth, window)
+    thin = {"focal_length_mm": 50.0, "f_number": 1.4, "focus_distance_m": 2.0}
+    thin |= {"sensor_width_mm": 36.0, "width_px": 1200, "height_px": 600}
+    (tmp_path / "camera.json").write_text(json.dumps(thin))
+    words = ["preset", "thin-lens", str(tmp_path / "camera.json")]
+    done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "thin.json")])
+    assert done.exit_code == 0, done.output
+    return tmp_path
+
+
+def submitted(scene, *arguments):
+    words = ["submit", str(scene / "thin.json"), str(scene / "plate.####.exr")]
+    words += ["--out", str(scene / "out"), "--depth-unit", "mm", "--json", *arguments]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout), result.stderr
+
+
+def amounts(scene):
+    template = json.loads((scene / "out" / "apply.openjd.json").read_text())
+    (step,) = template["steps"]
+    found = step.get("hostRequirements", {"amounts": []})["amounts"]
+    return {amount["name"].split(".")[-1]: amount["min"] for amount in found}
+
+
+def test_a_job_asks_for_what_the_plan_of_its_cores_states(scene):
+    """In MiB; cores share the work, each in memory of its own; workers the same."""
+    asked = {}
+    for cores in (1, 4):
+        words = [str(scene / "thin.json"), str(scene / "plate.####.exr")]
+        words += ["--depth-unit", "mm", "--cores", str(cores), "--json"]
+        plan = json.loads(CliRunner().invoke(app, ["plan", *words]).stdout)
+        assert plan["cores"] == cores
+        said, _ = submitted(scene, *(["--cores", "1"] if cores == 1 else []))
+        asked[cores] = said["host"]["gib"]
+        assert asked[cores] == pytest.approx(plan["expected_gib"], abs=6e-3)
+        assert amounts(scene) == {
+            "vcpu": cores,
+            "memory": math.ceil(said["host"]["gib"] * 1024),
+        }
+        (task,) = words_in(scene / "out")
+        assert parsed(task[1:])["cores"] == cores
+    assert asked[1] < asked[4]
+    two, _ = submitted(scene, "--workers", "2", "--cores", "2")
+    assert two["host"]["gib"] == pytest.approx(2 * asked[1], abs=2e-3)
+
+
+def test_memory_that_is_stated_is_asked_for(scene):
+    said, _ = submitted(scene, "--memory-gib", "12", "--cores", "3")
+    assert said["host"] == {"cores": 3, "gib": 12}
+    assert amounts(scene) == {"vcpu": 3, "memory": 12 * 1024}
+
+
+def test_what_cannot_be_planned_asks_for_nothing_and_says_so(scene):
+    (scene / "plate.0001.exr").write_bytes(b"still being rendered")
+    said, remarks = submitted(scene)
+    assert "host" not in said
+    assert amounts(scene) == {}
+    assert "no memory is asked for, since nothing is planned" in remarks
+    assert "plate.0001.exr" in remarks
+    (task,) = words_in(scene / "out")
+    assert parsed(task[1:])["cores"] is None
 
 
 def openjd(*words):
@@ -289,6 +372,7 @@ def test_a_farm_renders_what_apply_renders(tmp_path, monkeypatch):
     result = CliRunner().invoke(
         app, ["submit", *words, "--out", str(farm), "--chunk", "2", "--json", *common]
     )
+    assert json.loads(result.stdout)["host"]["cores"] == 4
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     monkeypatch.setenv("PATH", path)
     openjd(*json.loads(result.stdout)["run"][1:])

@@ -7,16 +7,14 @@ takes a whole group as one parameter, under `takes_groups`.
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 
 def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
     """A command whose parameters that are groups became the options of these groups."""
     own = inspect.signature(command).parameters.values()
-    groups: dict[str, Any] = {
-        p.name: p.annotation for p in own if dataclasses.is_dataclass(p.annotation)
-    }
+    groups = _groups(command)
     options = [
         option
         for parameter in own
@@ -29,18 +27,34 @@ def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
-        filled = {
-            name: group(
-                **{f.name: given.pop(f.name) for f in dataclasses.fields(group)}
-            )
-            for name, group in groups.items()
-        }
-        command(**given, **filled)
+        command(**in_groups(command, given))
 
     # typer reads the one, and the types of the other
     run.__signature__ = inspect.Signature(options)  # pyright: ignore[reportAttributeAccessIssue]
     run.__annotations__ = {option.name: option.annotation for option in options}
     return run
+
+
+def in_groups(command: Callable[..., None], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of the options of a command, with those of a group put into the group.
+
+    Parameters
+    ----------
+    command : As it is written, or as `takes_groups` made it.
+    given : By name of the option; options that are left out stay out.
+    """
+    rest, filled = dict(given), {}
+    for name, group in _groups(command).items():
+        own = [f.name for f in dataclasses.fields(group)]
+        filled[name] = group(**{n: rest.pop(n) for n in own if n in rest})
+    return rest | filled
+
+
+def _groups(command: Callable[..., None]) -> dict[str, Any]:
+    written = inspect.signature(inspect.unwrap(command)).parameters.values()
+    return {
+        p.name: p.annotation for p in written if dataclasses.is_dataclass(p.annotation)
+    }
 
 
 def _options(group: type) -> list[inspect.Parameter]:

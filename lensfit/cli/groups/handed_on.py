@@ -21,7 +21,8 @@ def hands_on(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """A command that takes the options of `other` too.
 
-    It receives those that were given, ready to be handed on, as its parameter `handed`.
+    It receives those that were given, ready to be handed on, as its parameter `handed`,
+    and the values of all, as `other` would receive them, as `taken`.
 
     Parameters
     ----------
@@ -29,7 +30,7 @@ def hands_on(
     except_for : Parameters of `other` that are not taken over.
     files : Parameters that name files, though `other` takes them as text.
     """
-    taken = [
+    theirs = [
         p
         for name, p in inspect.signature(other).parameters.items()
         if name not in except_for
@@ -39,18 +40,19 @@ def hands_on(
         own = [
             p.replace(kind=inspect.Parameter.KEYWORD_ONLY)
             for name, p in inspect.signature(command).parameters.items()
-            if name != "handed"
+            if name not in ("handed", "taken")
         ]
 
         @functools.wraps(command)
         def run(**given: Any) -> None:
-            values = {p.name: given.pop(p.name) for p in taken}
+            values = {p.name: given.pop(p.name) for p in theirs}
             named = {n: Path(values[n]) for n in files if values[n] is not None}
             values |= named
-            command(**given, handed=handed_options(other, values))
+            handed = handed_options(other, values)
+            command(**given, handed=handed, taken=values)
 
         # typer reads the one, and the types of the other
-        parameters = [*own, *(p.replace(kind=own[0].kind) for p in taken)]
+        parameters = [*own, *(p.replace(kind=own[0].kind) for p in theirs)]
         run.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
         run.__annotations__ = {p.name: p.annotation for p in parameters}
         return run

@@ -6,10 +6,11 @@ kept apart from plain words and numbers. Nothing here is ever read by a shell.
 """
 
 import itertools
+import math
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -40,6 +41,24 @@ class HandedOption(NamedTuple):
     values: tuple[str | int | float | Path, ...]
 
 
+class HostNeeds(NamedTuple):
+    """What a task needs of the host that runs it.
+
+    Attributes
+    ----------
+    cores : That it takes at most.
+    gib : Of memory that it takes at most.
+    """
+
+    cores: int
+    gib: float
+
+    @property
+    def mib(self) -> int:
+        """Memory in whole MiB, not less than it is."""
+        return math.ceil(self.gib * 1024)
+
+
 @dataclass(frozen=True)
 class FarmJob:
     """What a farm is asked to do; all paths are absolute.
@@ -52,6 +71,7 @@ class FarmJob:
     chunks : Ranges of frames, one for each task; empty for a single plate.
     options : Of ``lensfit apply``, in order.
     missing : Frames that are asked for and do not exist (yet).
+    needs : Of each task, if anything is known of it.
     gaps : A sentence where nothing was asked for, and some lack between those found.
     """
 
@@ -62,6 +82,7 @@ class FarmJob:
     options: tuple[HandedOption, ...] = ()
     missing: str = ""
     gaps: str | None = None
+    needs: HostNeeds | None = None
 
     @property
     def name(self) -> str:
@@ -133,6 +154,15 @@ def farm_job(
                 remedy="rename it: farms and logs keep one line per word",
             )
     return job
+
+
+def with_needs(job: FarmJob, needs: HostNeeds | None) -> FarmJob:
+    """The job with what each task needs, and no task taking more cores than that."""
+    if needs is None:
+        return job
+    cores = HandedOption("--cores", (needs.cores,))
+    others = tuple(option for option in job.options if option.word != cores.word)
+    return replace(job, options=(*others, cores), needs=needs)
 
 
 def absolute(path: Path) -> Path:

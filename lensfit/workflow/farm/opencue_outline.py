@@ -20,9 +20,16 @@ ShellSequence(
     "apply",
     commands=[
 {commands}
-    ],
+    ],{needs}
 )
 '''
+
+
+_NEEDS = """
+    cores={0.cores},
+    memory="{0.mib}m",
+    threadable=True,"""
+"""Memory in MiB, as OpenCue reads an m."""
 
 
 def write_outline(job: FarmJob, path: Path) -> None:
@@ -45,6 +52,7 @@ def write_outline(job: FarmJob, path: Path) -> None:
         tasks=len(commands),
         file=re.sub(r"[^\w .#-]", "_", path.name),
         commands="\n".join(f"        {command!r}," for command in commands),
+        needs=_NEEDS.format(job.needs) if job.needs else "",
     )
     write_text_atomic(path, script)
     (layer,) = outline.load_outline(str(path)).get_layers()

@@ -8,6 +8,8 @@ as defaults; where they are more than the specification allows, numbers stand in
 command itself. Every text of a user is the value of a parameter: neither a shell nor
 the template's format strings read it.
 
+What a task needs of its host stands in ``hostRequirements``: memory in MiB.
+
 References
 ----------
 Open Job Description, "Template Schemas", 2023-09.
@@ -76,6 +78,13 @@ def openjd_template(job: FarmJob) -> tuple[dict[str, Any], dict[str, str]]:
             "actions": {"onRun": {"command": "{{Param.Command}}", "args": words}}
         },
     }
+    if job.needs is not None:
+        step["hostRequirements"] = {
+            "amounts": [
+                {"name": "amount.worker.vcpu", "min": job.needs.cores},
+                {"name": "amount.worker.memory", "min": job.needs.mib},
+            ]
+        }
     if job.chunks:
         frames = {"name": "Frames", "type": "STRING", "range": list(job.chunks)}
         step["parameterSpace"] = {"taskParameterDefinitions": [frames]}

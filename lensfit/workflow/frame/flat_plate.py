@@ -121,7 +121,7 @@ def _layer(
     name: str,
 ) -> Pixels:
     """One colour layer over the window."""
-    pixels = _stacked(part, layer.names)
+    pixels = stacked_channels(part, layer.names)
     lens.notes.add(number_note(pixels, name))
     in_front = None
     if deep is not None and deep.cut_out is not None:
@@ -167,7 +167,7 @@ def _kept_window(
     return lit or first_pixel(window)
 
 
-def _stacked(
+def stacked_channels(
     part: ExrPart, names: tuple[str, ...]
 ) -> Float32[np.ndarray, "height width channels"]:
     """Channels side by side, where JAX can use them without a copy."""

@@ -40,6 +40,7 @@ from lensfit.workflow.frame.plate_views import plate_views
 from lensfit.workflow.frame.signature import (
     preset_digest,
     refuse_second_lens,
+    refuse_second_straightening,
     signature,
     signed,
 )
@@ -88,7 +89,12 @@ class PlateLens:
         """
         try:
             if not self.options.again:
-                refuse_second_lens(image.parts)
+                refuse_again = (
+                    refuse_second_straightening
+                    if self.options.output == "undistorted"
+                    else refuse_second_lens
+                )
+                refuse_again(image.parts)
             return self._state_of(image, path)
         except LensfitError as error:
             raise at_frame(error, path) from error
@@ -185,8 +191,13 @@ class PlateLens:
     def signed(self, part: ExrPart, state: PlateState) -> ExrPart:
         """The part with a header that says what was done to it, and what lens it
         carries now in the standard's attributes."""
+        attributes = self.standard_attributes(state, part)
+        return signed(part, self.signature(state), attributes)
+
+    def standard_attributes(self, state: PlateState, part: ExrPart) -> dict:
+        """The lens at a plate's state, as the OpenEXR standard describes it."""
         lens, name = self.lens_at(state), self.preset.lens
-        attributes = lens_attributes(
+        return lens_attributes(
             nominal_focal_length_mm=self.cg_focal_length_mm(state),
             pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm),
             f_number=state.applied("f_number"),
@@ -196,7 +207,6 @@ class PlateLens:
             lens_model=name.name,
             lens_serial=name.serial,
         )
-        return signed(part, self.signature(state), attributes)
 
     def geometry(self, state: PlateState, display: Window) -> PlateGeometry:
         """How a plate lies on the sensor."""

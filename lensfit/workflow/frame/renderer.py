@@ -6,7 +6,8 @@ kind of plate       a flat one (`flat_plate`), a deep one, which is returned fla
 camera state        from all its sources (`camera.sources`, `camera.plate_state`)
 depth, objects      of the plate, if it has any (`plate.depth`, `plate.mattes`)
 maps, gains, blur   of the lens, kept while the camera stays (`plate_lens`)
-colour layers       rendered; every other channel keeps its bits
+colour layers       rendered, or made straight (`straight_plate`); every other channel
+                    keeps its bits
 window              a plate may have overscan (a data window larger than the display
                     window); the display window is written, unless it is kept
 header              says what was done (`signature`), and what the frame is made of
@@ -31,7 +32,8 @@ from lensfit.workflow.frame.flat_plate import render_flat
 from lensfit.workflow.frame.left_out_knobs import left_out_knobs
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.frame.plate_views import joined, plate_views
-from lensfit.workflow.frame.signature import SAID, applied_line
+from lensfit.workflow.frame.signature import is_made_here
+from lensfit.workflow.frame.straight_plate import PlateStraightener
 from lensfit.workflow.notes import FrameNote
 
 
@@ -48,6 +50,7 @@ class FrameRenderer:
         self.options = options
         _check_for_all_plates(options)
         self.lens = PlateLens(preset, options)
+        self._straightener = PlateStraightener(self.lens)
         self.lens.notes.add(*left_out_knobs(options.switches, options.knobs))
 
     @property
@@ -57,17 +60,30 @@ class FrameRenderer:
 
     def render(self, path: Path) -> ExrImage:
         """One finished frame."""
-        if self.options.output != "result":
+        straight = self.options.output == "undistorted"
+        if self.options.output != "result" and not straight:
             return explaining_picture(self.lens, path)
         if is_deep(path):
+            if straight:
+                raise ImageError(
+                    "is a deep plate, and a photograph is not",
+                    where=path,
+                    remedy="give the photographed plate",
+                )
             return render_deep(self.lens, path)
         image = read_exr(path)
         views, made = plate_views(image, path), []
         for one in views:
             self.lens.notes.add(one.note)
             with one.named_errors(path):
-                made.append(render_flat(self.lens, one.view.image, path, one.header))
+                made.append(self._rendered(one.view.image, path, one.header))
         return joined(image, views, made)
+
+    def _rendered(self, image: ExrImage, path: Path, header: ExrImage) -> ExrImage:
+        """One view."""
+        if self.options.output == "undistorted":
+            return self._straightener.render(image, path, header)
+        return render_flat(self.lens, image, path, header)
 
     def fingerprint(self, path: Path) -> Fingerprint:
         """What the frame of a plate would be made of now.
@@ -104,7 +120,7 @@ class FrameRenderer:
                 raise
             self.lens.notes.add(f"{target} was damaged and is rendered again")
             return ()
-        if applied_line(parts) is None:
+        if not any(map(is_made_here, parts)):
             raise OutputError(
                 "is there already and is no frame that lensfit rendered",
                 where=target,
@@ -130,7 +146,7 @@ def with_fingerprint(image: ExrImage, made_of: Fingerprint) -> ExrImage:
     return ExrImage(
         tuple(
             replace(p, attributes={**p.attributes, FINGERPRINT: made_of.text})
-            if SAID in p.attributes
+            if is_made_here(p)
             else p
             for p in image.parts
         )

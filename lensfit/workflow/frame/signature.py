@@ -23,6 +23,8 @@ from lensfit.workflow.frame.fingerprint import FINGERPRINT
 
 SAID = "lensfit/applied"
 """Header entry that tells what was done to a frame."""
+UNDISTORTED = "lensfit/undistorted"
+"""Header entry that tells what was taken off a photograph."""
 SAID_BEFORE = "lensfit/applied_before"
 """Header entry that tells what had been done to its plate already."""
 OVERSCAN = "lens/overscan"
@@ -85,9 +87,13 @@ def _settings(options: ApplyOptions) -> list[str]:
 
 
 def _effects(options: ApplyOptions) -> list[str]:
+    switches = options.switches
+    if options.output == "undistorted":
+        also = [("lateral colour", switches.lateral_colour)]
+        also += [("fall-off", switches.falloff)]
+        return [f"{name} taken off" for name, on in [("distortion", True), *also] if on]
     if options.output != "result":
         return [options.output]
-    switches = options.switches
     effects = [
         name
         for name, on in (
@@ -112,6 +118,27 @@ def applied_line(parts: Iterable[ExrPart]) -> str | None:
     return next((str(p.attributes[SAID]) for p in parts if SAID in p.attributes), None)
 
 
+def is_made_here(part: ExrPart) -> bool:
+    """Whether a part is a result of lensfit, of either kind."""
+    return SAID in part.attributes or UNDISTORTED in part.attributes
+
+
+def refuse_second_straightening(parts: Iterable[ExrPart]) -> None:
+    """Refuse a plate that was straightened already.
+
+    Raises
+    ------
+    ImageError : It was.
+    """
+    lines = (part.attributes.get(UNDISTORTED) for part in parts)
+    said = next((str(line) for line in lines if line is not None), None)
+    if said is not None:
+        raise ImageError(
+            f"was straightened already ({said.split(';')[0]})",
+            remedy="give the plate as it was photographed, or insist with --again",
+        )
+
+
 def refuse_second_lens(parts: Iterable[ExrPart]) -> None:
     """Refuse a plate that carries a lens already.
 
@@ -127,18 +154,23 @@ def refuse_second_lens(parts: Iterable[ExrPart]) -> None:
         )
 
 
-def signed(part: ExrPart, said: str, lens_attributes: Mapping[str, object]) -> ExrPart:
+def signed(
+    part: ExrPart, said: str, lens_attributes: Mapping[str, object], entry: str = SAID
+) -> ExrPart:
     """The part with a header that says what was done to it.
 
     Parameters
     ----------
     lens_attributes : Of the lens that it carries now, in place of the plate's.
+    entry : `SAID`, or `UNDISTORTED`: what was done last is what the picture is.
     """
-    attributes = {**part.attributes, **lens_attributes, SAID: said}
+    attributes = {**part.attributes, **lens_attributes}
     attributes.pop(FINGERPRINT, None)
-    if SAID in part.attributes:
-        before = [part.attributes.get(SAID_BEFORE), part.attributes[SAID]]
-        attributes[SAID_BEFORE] = " | ".join(str(line) for line in before if line)
+    earlier = [attributes.pop(name, None) for name in (SAID, UNDISTORTED)]
+    before = [line for line in (attributes.get(SAID_BEFORE), *earlier) if line]
+    if any(earlier):
+        attributes[SAID_BEFORE] = " | ".join(str(line) for line in before)
+    attributes[entry] = said
     if OVERSCAN in attributes and part.data_window == part.display_window:
         text = isinstance(attributes[OVERSCAN], str)
         attributes[OVERSCAN] = "0" if text else 0.0

@@ -21,6 +21,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import NamedTuple
 
+from lensfit.cores import available_cores, limit_cores
 from lensfit.errors import ImageError
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_options import ApplyOptions
@@ -156,11 +157,11 @@ def _bind_to_cores(index: int, workers: int) -> None:
     import cv2
     import OpenEXR
 
-    cores = os.cpu_count() or 1
+    share_of_limit = max(1, available_cores() // workers)
     if hasattr(os, "sched_setaffinity"):
         own = sorted(os.sched_getaffinity(0))
         share = own[index % workers :: workers] or [own[index % len(own)]]
         os.sched_setaffinity(0, share)
-        cores = len(share)
-    cv2.setNumThreads(max(1, min(cores, (os.cpu_count() or 1) // workers)))
-    OpenEXR.set_global_thread_count(max(1, cores))
+    limit_cores(share_of_limit)
+    cv2.setNumThreads(available_cores())
+    OpenEXR.set_global_thread_count(available_cores())

@@ -1,0 +1,142 @@
+"""`lensfit undistort`: take a calibrated lens off photographed plates."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lensfit.cli._cores import CoresOption
+from lensfit.cli._tolerance import ToleranceOption
+from lensfit.cli.apply import FilterName, ProgressName, say_applied
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.camera import CameraGroup
+from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+from lensfit.cli.groups.pixels import PixelGroup
+
+if TYPE_CHECKING:
+    from lensfit.render.stages import Switches
+
+
+@takes_groups
+def undistort(
+    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    plates: Annotated[
+        str, typer.Argument(help="EXR plate, or plate.####.exr for a sequence")
+    ],
+    *,
+    out: Annotated[Path, typer.Option("--out", help="Folder for the results")],
+    frames: Annotated[
+        str | None, typer.Option(help="Frames of the sequence: 1001-1100x2,1200")
+    ] = None,
+    lateral_colour: Annotated[
+        bool,
+        typer.Option(
+            "--remove-lateral-colour", help="Lay red and blue over green as well"
+        ),
+    ] = False,
+    falloff: Annotated[
+        bool,
+        typer.Option(
+            "--remove-falloff", help="Divide by fall-off as well (needs the f-number)"
+        ),
+    ] = False,
+    overscan: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            max=200.0,
+            help="Same window for every frame, percent beyond it in total; as large as "
+            "each straight picture if left out",
+        ),
+    ] = None,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Frames rendered at the same time")
+    ] = 1,
+    cores: CoresOption = None,
+    library: LibraryGroup,
+    camera: CameraGroup,
+    pixels: PixelGroup,
+    layer: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Straighten only this layer; repeat for more ('' is the main one)"
+        ),
+    ] = None,
+    tolerance: ToleranceOption = 1e-3,
+    filter_name: Annotated[
+        FilterName | None,
+        typer.Option(
+            "--filter", help="Of the warp; chosen by the tolerance if left out"
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Make every frame again")
+    ] = False,
+    keep: Annotated[
+        bool,
+        typer.Option("--keep", help="Refuse to replace frames made otherwise"),
+    ] = False,
+    again: Annotated[
+        bool,
+        typer.Option("--again", help="Straighten plates that are straight already"),
+    ] = False,
+    progress_as: Annotated[
+        ProgressName, typer.Option("--progress", help="How far it is; see apply")
+    ] = ProgressName.auto,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Say the outcome as JSON")
+    ] = False,
+) -> None:
+    """Straighten photographed plates, and write the pinhole camera that is left.
+
+    Results have the data window of the whole straightened photograph; NAME.camera.json
+    beside them has focal length in pixels, principal point and film back of every
+    frame. `lensfit apply` with the same effects is the inverse.
+
+    Example: lensfit undistort takumar/preset.json A001.####.exr --out straight
+    """
+    from lensfit.cli._frame_progress import frame_progress
+    from lensfit.cores import limit_cores
+
+    if keep and overwrite:
+        raise typer.BadParameter("goes without --overwrite", param_hint="--keep")
+    if cores is not None:
+        limit_cores(cores)
+    from lensfit.workflow.apply_options import ApplyOptions
+    from lensfit.workflow.undistort import undistort_plates
+
+    options = ApplyOptions(
+        overrides=camera.overrides(),
+        camera=camera.sources(),
+        pixel_aspect=pixels.pixel_aspect,
+        switches=_switches(lateral_colour, falloff),
+        output="undistorted",
+        straight_overscan_percent=overscan,
+        layers=layer or None,
+        tolerance=tolerance,
+        method=None if filter_name is None else filter_name.value,
+        overwrite=overwrite,
+        keep=keep,
+        again=again,
+    )
+    with frame_progress(progress_as.value) as (progress, frame_done):
+        applied, cameras = undistort_plates(
+            library.find(preset).preset,
+            plates,
+            out,
+            options=options,
+            frames=frames,
+            workers=workers,
+            progress=progress,
+            frame_done=frame_done,
+        )
+    say_applied(applied, out, as_json, cameras)
+    if applied.failures:
+        raise typer.Exit(1)
+
+
+def _switches(lateral_colour: bool, falloff: bool) -> "Switches":
+    """What is taken off; nothing of the blur can be."""
+    from lensfit.render.stages import Switches
+
+    return Switches(lateral_colour=lateral_colour, falloff=falloff, defocus=False)
