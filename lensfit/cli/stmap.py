@@ -2,14 +2,18 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
+
+if TYPE_CHECKING:
+    from lensfit.preset.schema import Preset
 
 
 class Direction(StrEnum):
@@ -25,7 +29,9 @@ def stmap(
     preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
     *,
     library: LibraryGroup,
-    out: Annotated[Path, typer.Option("--out", help="Folder for the maps")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for the maps")
+    ] = None,
     size: Annotated[
         str | None,
         typer.Option(
@@ -38,22 +44,37 @@ def stmap(
     ] = 0.0,
     direction: Annotated[Direction, typer.Option(help="Which maps")] = Direction.both,
     per_channel: Annotated[
+        bool | None,
+        typer.Option(
+            "--per-channel/--no-per-channel",
+            help="A map for each of red, green and blue (lateral colour); of --plates "
+            "where they lie apart visibly, if left out",
+        ),
+    ] = None,
+    plates: Annotated[
+        str | None,
+        typer.Option(
+            help="A map for each frame of plate.####.exr, whose camera is known as in "
+            "apply, and the Nuke script that reads them"
+        ),
+    ] = None,
+    frames: Annotated[
+        str | None, typer.Option(help="Frames of the plates: 1001-1100x2,1200")
+    ] = None,
+    map_width: Annotated[
+        int | None,
+        typer.Option(
+            min=16, help="Width of the map, px, where it will be enlarged to the frame"
+        ),
+    ] = None,
+    widths: Annotated[
         bool,
         typer.Option(
-            "--per-channel",
-            help="A map for each of red, green and blue (lateral colour)",
+            "--widths",
+            help="Only say how wrong maps of 512 px and so on are, enlarged",
         ),
     ] = False,
-    focal_length_mm: Annotated[
-        float | None, typer.Option(help="Of the lens, mm")
-    ] = None,
-    focus_distance_mm: Annotated[
-        float | None,
-        typer.Option(help="Of the lens, mm from the sensor; inf is allowed"),
-    ] = None,
-    sensor_width_mm: Annotated[
-        float | None, typer.Option(help="Width that the frame spans on the sensor, mm")
-    ] = None,
+    camera: CameraGroup,
     pixels: PixelGroup,
     tolerance_px: Annotated[
         float, typer.Option(min=1e-7, max=1.0, help="Largest error of the map, px")
@@ -67,49 +88,180 @@ def stmap(
     NAME_redistort.exr puts the distortion on CG plates, NAME_undistort.exr takes it off
     photographs; values are absolute, origin bottom left, pixel centres at (i + 0.5)/N.
 
+    With --plates there is a map for each frame (NAME_redistort.1001.exr), and NAME.nk.
+
     Example: lensfit stmap takumar/preset.json --size 4096x3072 --out maps
     """
     wanted = size_px(size)
+    if out is None and not widths:
+        raise typer.BadParameter("is needed for maps", param_hint="--out")
+    if plates is None:
+        _refuse_without_plates(camera, frames)
+    elif wanted is not None or widths:
+        raise typer.BadParameter(
+            "goes without --size and --widths", param_hint="--plates"
+        )
+    loaded = library.find(preset).preset
+    chosen = (overscan, map_width, direction.value, per_channel, tolerance_px)
+    if plates is not None:
+        assert out is not None
+        _write_sequence(loaded, plates, frames, out, camera, pixels, chosen, as_json)
+        return
+    _write_one(loaded, wanted, out, camera, pixels, chosen, as_json)
+
+
+def _refuse_without_plates(camera: CameraGroup, frames: str | None) -> None:
+    """Options that describe the frames of a sequence."""
+    given = {
+        "--frames": frames,
+        "--settings": camera.settings,
+        "--metadata": camera.metadata,
+        "--metadata-start": camera.metadata_start,
+        "--camera-name": camera.camera_name,
+        "--camera-unit": camera.camera_unit,
+    }
+    for option, value in given.items():
+        if value is not None and value != []:
+            raise typer.BadParameter("needs --plates", param_hint=option)
+
+
+def _write_one(
+    loaded: "Preset",
+    wanted: tuple[int, int] | None,
+    out: Path | None,
+    camera: CameraGroup,
+    pixels: PixelGroup,
+    chosen: tuple,
+    as_json: bool,
+) -> None:
+    """Maps of one state, or how wrong coarser ones are where no folder is given."""
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
     from lensfit.coords import Window
     from lensfit.workflow.plate.pixel_shape import SQUARE, pixel_shape
     from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 
-    loaded = library.find(preset).preset
-    camera = loaded.camera
-    lens = loaded.at(
-        focal_length_mm=focal_length_mm, focus_distance_mm=focus_distance_mm
-    )
-    frame_px = wanted or (camera.image_width_px, camera.image_height_px)
+    overscan, map_width, direction, per_channel, tolerance_px = chosen
+    state = (camera.focal_length_mm, None, camera.focus_distance_mm)
+    lens, own = loaded.at(*state), loaded.camera
+    frame_px = wanted or (own.image_width_px, own.image_height_px)
     shape = pixel_shape(
         loaded,
         Window.of_size(*frame_px),
-        sensor_width_mm or camera.sensor_width_mm,
+        camera.sensor_width_mm or own.sensor_width_mm,
         SQUARE,
         pixels.pixel_aspect,
     )
-    frame = StmapFrame(frame_px, overscan, sensor_width_mm, shape.ratio)
+    frame = StmapFrame(
+        frame_px, overscan, camera.sensor_width_mm, shape.ratio, map_width
+    )
+    if out is None:
+        _say_widths(lens, frame, tolerance_px, as_json)
+        return
     with progress_bars() as progress:
         written = write_stmaps(
             lens,
             frame,
             out,
             file_stem(loaded.lens.name, lens),
-            direction=direction.value,
-            per_channel=per_channel,
+            direction=direction,
+            per_channel=bool(per_channel),
             tolerance_px=tolerance_px,
             progress=progress,
         )
     # Of the selection, not of the lens: a map has no blur that could be missing.
-    chosen = loaded.select(
-        focal_length_mm=focal_length_mm, focus_distance_mm=focus_distance_mm
-    )
-    for note in filter(None, (*chosen.notes, *written.notes, shape.note)):
+    selected = loaded.select(*state)
+    for note in filter(None, (*selected.notes, *written.notes, shape.note)):
         say_note(note)
     if lens.has_lateral_colour and not per_channel:
         say_note("the maps are those of green; --per-channel writes red and blue too")
     _say(written, as_json)
+
+
+def _write_sequence(
+    loaded: "Preset",
+    plates: str,
+    frames: str | None,
+    out: Path,
+    camera: CameraGroup,
+    pixels: PixelGroup,
+    chosen: tuple,
+    as_json: bool,
+) -> None:
+    """A map for each frame of plates."""
+    from lensfit.cli._bars import progress_bars
+    from lensfit.cli._door import say_note
+    from lensfit.render.stages import Switches
+    from lensfit.workflow.apply_options import ApplyOptions
+    from lensfit.workflow.moving_stmaps import write_moving_stmaps
+
+    overscan, map_width, direction, per_channel, tolerance_px = chosen
+    options = ApplyOptions(
+        overrides=camera.overrides(),
+        camera=camera.sources(),
+        pixel_aspect=pixels.pixel_aspect,
+        switches=Switches(falloff=False, defocus=False),
+        again=True,  # a finished frame has the camera of its plate
+    )
+    with progress_bars() as progress:
+        written = write_moving_stmaps(
+            loaded,
+            plates,
+            out,
+            options=options,
+            frames=frames,
+            overscan_percent=overscan,
+            map_width_px=map_width,
+            direction=direction,
+            per_channel=per_channel,
+            tolerance_px=tolerance_px,
+            progress=progress,
+        )
+    for note in written.notes:
+        say_note(note)
+    if as_json:
+        import json
+
+        outcome = {
+            "files": [str(path) for path in written.paths],
+            "script": str(written.script),
+            "different": written.different,
+            "per_channel": written.per_channel,
+            "overscan_needed": {"percent": written.overscan_percent},
+        }
+        typer.echo(json.dumps(outcome, indent=1))
+        return
+    typer.echo(written.script)
+    each = ", each colour its own" if written.per_channel else ""
+    typer.echo(
+        f"{len(written.paths)} maps of {written.different} states in {out}{each}; CG "
+        f"plates need {written.overscan_percent:.4f} % overscan in total"
+    )
+
+
+def _say_widths(lens, frame, tolerance_px: float, as_json: bool) -> None:
+    """The error of maps that are coarser than the frame."""
+    from lensfit.workflow.stmap_widths import width_errors
+
+    found = width_errors(lens, frame, tolerance_px)
+    if as_json:
+        import json
+
+        typer.echo(json.dumps([one._asdict() for one in found], indent=1))
+        return
+    from rich.table import Table
+
+    from lensfit.cli._console import console
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("map")
+    for kind in ("linear", "Keys' cubic"):
+        table.add_column(f"{kind}, rms px", justify="right")
+        table.add_column("worst px", justify="right")
+    for one in found:
+        size = f"{one.width_px} x {one.height_px}"
+        table.add_row(size, *(f"{error:.2g}" for error in one[2:]))
+    console().print(table)
 
 
 def _say(written, as_json: bool) -> None:

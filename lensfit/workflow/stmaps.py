@@ -8,7 +8,7 @@ colour a file holds a map per channel (see `lensfit.io.stmap`).
 
 import re
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -46,6 +46,8 @@ Direction = Literal["redistort", "undistort", "both"]
 _MAKERS = {"undistort": stmap_undistort, "redistort": stmap_redistort}
 _CHANNELS = ("r", "g", "b")
 LARGEST_SIDE_PX = 32768
+COARSE_MARGIN_PX = 2
+"""Beyond a coarse map, so that what enlarges it has samples on both sides."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +61,34 @@ class StmapFrame:
         it: 10 is 5 % on each side.
     sensor_width_mm : Width that the display window spans; the lens' own if None.
     pixel_shape : Width of a pixel over its height, on the sensor.
+    map_width_px : Width of the map, which is enlarged to the frame where it is used;
+        that of the frame if None.
+    margin_px : Pixels of the map beyond the overscan.
     """
 
     size_px: tuple[int, int]
     overscan_percent: float = 0.0
     sensor_width_mm: float | None = None
     pixel_shape: float = 1.0
+    map_width_px: int | None = None
+    margin_px: int = 0
+
+    @property
+    def of_map(self) -> "StmapFrame":
+        """The pixels of the map itself, which span the same area of the sensor."""
+        width = self.map_width_px
+        if width is None:
+            return self
+        own_width, own_height = self.size_px
+        height = max(1, round(own_height * width / own_width))
+        stretch = (height / width) / (own_height / own_width)
+        return replace(
+            self,
+            size_px=(width, height),
+            pixel_shape=self.pixel_shape * stretch,
+            map_width_px=None,
+            margin_px=COARSE_MARGIN_PX,
+        )
 
     def spanned_width_mm(self, lens: "Lens") -> SpannedWidth:
         """Width that the display window spans, with the shape of its pixels."""
@@ -77,7 +101,8 @@ class StmapFrame:
 
     @property
     def data_window(self) -> Window:
-        return window_of_percent(self.display_window, self.overscan_percent)
+        window = window_of_percent(self.display_window, self.overscan_percent)
+        return window.grown(self.margin_px, self.margin_px)
 
 
 @dataclass(frozen=True)
@@ -108,6 +133,7 @@ def write_stmaps(
     direction: Direction = "both",
     per_channel: bool = False,
     tolerance_px: float = DEFAULT_TOLERANCE_PX,
+    frame_number: int | None = None,
     progress: Progress = silent,
 ) -> WrittenStmaps:
     """Write ``NAME_undistort.exr`` and ``NAME_redistort.exr``.
@@ -120,7 +146,9 @@ def write_stmaps(
     name : What the files are called, such as `file_stem` makes.
     direction : One of the maps, or both.
     per_channel : A map for each of red, green and blue in the file.
-    tolerance_px : Largest error of the interpolation between exact evaluations, px.
+    tolerance_px : Largest error of the interpolation between exact evaluations, px of
+        the map.
+    frame_number : Of a sequence: ``NAME_undistort.1001.exr``.
     progress : Told about each file.
 
     Raises
@@ -129,6 +157,8 @@ def write_stmaps(
     ImageError : The sensor has no width, or one that the lens is not known over.
     """
     _check(frame, Path(out_dir))
+    pixels = frame.of_map
+    ending = "" if frame_number is None else f".{frame_digits(frame_number)}"
     measured_mm, width_mm = lens.sensor_size_mm[0], frame.sensor_width_mm
     note = None if width_mm is None else spanned_width_note(width_mm, measured_mm)
     wanted = [d for d in _MAKERS if direction in (d, "both")]
@@ -136,10 +166,10 @@ def write_stmaps(
     progress("UV maps", 0, len(wanted))
 
     def write(one: str) -> Path:
-        path = Path(out_dir) / f"{name}_{one}.exr"
-        uv = {c: _map(lens, frame, one, c, tolerance_px) for c in channels}
-        windows = (frame.display_window, frame.data_window)
-        attributes = _attributes(lens, frame, name, one)
+        path = Path(out_dir) / f"{name}_{one}{ending}.exr"
+        uv = {c: channel_uv(lens, pixels, one, c, tolerance_px) for c in channels}
+        windows = (pixels.display_window, pixels.data_window)
+        attributes = _attributes(lens, pixels, name, one)
         if per_channel:
             write_channel_stmaps(path, uv, *windows, attributes)
         else:
@@ -169,13 +199,19 @@ def file_stem(lens_name: str, lens: "Lens") -> str:
     return "_".join([words, *states]).replace(".", "p")
 
 
-def _map(
+def frame_digits(number: int) -> str:
+    """A frame number as file names have it, four digits at least."""
+    return f"{'-' if number < 0 else ''}{abs(number):04d}"
+
+
+def channel_uv(
     lens: "Lens",
     frame: StmapFrame,
     direction: str,
     channel: Literal["r", "g", "b"],
     tolerance_px: float,
 ) -> Float32[np.ndarray, "height width 2"]:
+    """One map, over the data window of `frame`."""
     made: SourceMap = _MAKERS[direction](
         lens,
         frame.display_window,
@@ -220,9 +256,10 @@ def _metres(distance_mm: float | None) -> float | None:
 
 
 def _check(frame: StmapFrame, out_dir: Path) -> None:
-    if not all(0 < n <= LARGEST_SIDE_PX for n in frame.size_px):
+    size_px = frame.size_px if frame.map_width_px is None else frame.of_map.size_px
+    if not all(0 < n <= LARGEST_SIDE_PX for n in (*frame.size_px, *size_px)):
         raise OutputError(
-            f"a map of {frame.size_px[0]} x {frame.size_px[1]} cannot be made",
+            f"a map of {size_px[0]} x {size_px[1]} cannot be made",
             where=out_dir,
             remedy=f"give a size of up to {LARGEST_SIDE_PX} on a side",
         )

@@ -262,7 +262,7 @@ def scene(tmp_path, monkeypatch):
     depth = {"Z": np.broadcast_to(depth, (600, 1200)).copy()}
     header = {**CAMERA, **SENSOR, "lens/fstop": 1.4}
     write_plate(tmp_path / "plate.0001.exr", header, depth, window)
-    thin = {"focal_length_mm": 50.0, "f_number": 1.4, "focus_distance_m": 2.0}
+    thin = {"focal_length_mm": 35.0, "f_number": 1.4, "focus_distance_m": 2.0}
     thin |= {"sensor_width_mm": 36.0, "width_px": 1200, "height_px": 600}
     (tmp_path / "camera.json").write_text(json.dumps(thin))
     words = ["preset", "thin-lens", str(tmp_path / "camera.json")]
@@ -292,7 +292,9 @@ def test_a_job_asks_for_what_the_plan_of_its_cores_states(scene):
     for cores in (1, 4):
         words = [str(scene / "thin.json"), str(scene / "plate.####.exr")]
         words += ["--depth-unit", "mm", "--cores", str(cores), "--json"]
-        plan = json.loads(CliRunner().invoke(app, ["plan", *words]).stdout)
+        planned = CliRunner().invoke(app, ["plan", *words])
+        assert planned.exit_code == 0, planned.output
+        plan = json.loads(planned.stdout)
         assert plan["cores"] == cores
         said, _ = submitted(scene, *(["--cores", "1"] if cores == 1 else []))
         asked[cores] = said["host"]["gib"]

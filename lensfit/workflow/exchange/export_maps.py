@@ -1,7 +1,7 @@
 """UV maps, and the Nuke script that loads them."""
 
 from lensfit.atomic import write_text_atomic
-from lensfit.preset.exchange.nuke_stmap import nuke_stmap_text
+from lensfit.preset.exchange.nuke_stmap import MapSequence, nuke_stmap_text
 from lensfit.workflow.exchange.export import (
     Exported,
     ExportRequest,
@@ -21,8 +21,11 @@ def export_nuke_maps(request: ExportRequest) -> Exported:
     """A Nuke script, and beside it the maps that it loads."""
     written = _maps(request, request.out.absolute().parent)
     label = f"{described(request, request.lens())}\nexact: UV maps, {request.frame}"
-    maps = dict(zip(("undistort", "redistort"), written.paths, strict=True))
-    text = nuke_stmap_text(maps, request.frame.size_px, label)
+    files = map(MapSequence, written.paths)
+    maps = dict(zip(("undistort", "redistort"), files, strict=True))
+    text = nuke_stmap_text(
+        maps, request.frame.size_px, label, per_channel=request.per_channel
+    )
     write_text_atomic(request.out, text)
     return _exported(request, written, (request.out, *written.paths))
 

@@ -1,0 +1,225 @@
+"""UV maps of a shot in which focus, zoom or breathing move: a map for each frame.
+
+The camera state of a frame is that of its plate, from the same sources as `lensfit
+apply` (`lensfit.workflow.camera.sources`); of a plate its header alone is read. Frames
+at the same state have the same map, which is made once and copied. Beside the maps lies
+a Nuke script that reads both sequences.
+"""
+
+import shutil
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from lensfit.atomic import atomic_path, write_text_atomic
+from lensfit.errors import ImageError
+from lensfit.io.sequence import expand_frames, frame_of
+from lensfit.lens import Lens
+from lensfit.preset.exchange.nuke_stmap import MapSequence, nuke_stmap_text
+from lensfit.preset.schema import Preset
+from lensfit.progress import Progress, silent
+from lensfit.render.stages import lateral_colour_px
+from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.frame.plate_lens import PlateLens
+from lensfit.workflow.frame.plate_views import plate_views
+from lensfit.workflow.plate.header import plate_header
+from lensfit.workflow.stmaps import (
+    Direction,
+    StmapFrame,
+    file_stem,
+    frame_digits,
+    write_stmaps,
+)
+
+UNSEEN_COLOUR_PX = 0.02
+"""Lateral colour that needs no maps of its own."""
+
+
+@dataclass
+class MovingStmaps:
+    """What was written.
+
+    Attributes
+    ----------
+    paths : Maps, in the order of frames.
+    script : Of Nuke, that reads them.
+    different : Maps of one direction that are not copies.
+    per_channel : Whether each colour has its own.
+    overscan_percent : In total, the least that holds what every frame reads.
+    notes : What was assumed.
+    """
+
+    paths: list[Path] = field(default_factory=list)
+    script: Path | None = None
+    different: int = 0
+    per_channel: bool = False
+    overscan_percent: float = 0.0
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _MapState:
+    """A frame, and the lens as its plate meets it."""
+
+    number: int | None
+    key: object
+    lens: Lens
+    frame: StmapFrame
+
+
+def write_moving_stmaps(
+    preset: Preset,
+    plates: str | Path,
+    out_dir: str | Path,
+    *,
+    options: ApplyOptions,
+    frames: str | None = None,
+    overscan_percent: float = 0.0,
+    map_width_px: int | None = None,
+    direction: Direction = "both",
+    per_channel: bool | None = None,
+    tolerance_px: float,
+    progress: Progress = silent,
+) -> MovingStmaps:
+    """Write ``NAME_redistort.1001.exr`` and so on for the plates of a sequence.
+
+    Parameters
+    ----------
+    plates : An EXR file or a pattern; it states the camera of each frame.
+    options : Where else the camera state comes from, and the knobs.
+    frames : Range; every frame that exists if None.
+    overscan_percent : Pixels of the maps beyond the frame, in total.
+    map_width_px : Width of the maps; that of the plates if None.
+    per_channel : A map for each colour; where they lie apart visibly if None.
+    tolerance_px : Largest error of the interpolation between exact evaluations.
+    progress : Told about each frame.
+
+    Raises
+    ------
+    LensfitError : The camera state of a frame is not known; or as `write_stmaps`.
+    """
+    found = expand_frames(plates, frames)
+    known = PlateLens(preset, options)
+    states = [
+        _state(known, n, path, overscan_percent, map_width_px) for n, path in found
+    ]
+    if per_channel is None:
+        per_channel = any(_colour_px(one) > UNSEEN_COLOUR_PX for one in states)
+    written = MovingStmaps(per_channel=per_channel)
+    name = _name(preset, states)
+    made: dict[object, tuple[Path, ...]] = {}
+    progress("UV maps", 0, len(states))
+    for done, one in enumerate(states, 1):
+        if one.key in made:
+            written.paths += [_copied(p, one.number) for p in made[one.key]]
+        else:
+            maps = write_stmaps(
+                one.lens,
+                one.frame,
+                out_dir,
+                name,
+                direction=direction,
+                per_channel=per_channel,
+                tolerance_px=tolerance_px,
+                frame_number=one.number,
+            )
+            made[one.key] = maps.paths
+            written.paths += maps.paths
+            percent = max(written.overscan_percent, maps.overscan_percent)
+            written.overscan_percent = percent
+            known.notes.add(*maps.notes)
+        progress("UV maps", done, len(states))
+    written.different, written.notes = len(made), list(known.notes.said)
+    written.script = Path(out_dir) / f"{name}.nk"
+    write_text_atomic(written.script, _script(preset, states, name, direction, written))
+    return written
+
+
+def _state(
+    known: PlateLens,
+    number: int | None,
+    path: Path,
+    overscan_percent: float,
+    map_width_px: int | None,
+) -> _MapState:
+    """Of one plate.
+
+    Raises
+    ------
+    ImageError : It has several views.
+    """
+    first, *others = plate_views(plate_header(path), path)
+    if others:
+        raise ImageError(
+            "has several views, and a map is that of one",
+            where=path,
+            remedy="give the plates of one eye",
+        )
+    state = known.noted_state(first.header, path)
+    display = first.view.image.parts[0].display_window
+    size = display.width, display.height
+    frame = StmapFrame(
+        size, overscan_percent, state.sensor_width_mm, state.pixel_shape, map_width_px
+    )
+    number = frame_of(path) if number is None else number
+    key = (state.lens_key, repr(state.knobs.aberration), frame)
+    return _MapState(number, key, known.lens_at(state), frame)
+
+
+def _colour_px(one: _MapState) -> float:
+    from lensfit.render.uv import PlateGeometry
+
+    frame = one.frame
+    spanned = frame.spanned_width_mm(one.lens)
+    geometry = PlateGeometry.of(one.lens, frame.display_window, spanned)
+    return max(lateral_colour_px(one.lens, geometry, frame.data_window))
+
+
+def _name(preset: Preset, states: list[_MapState]) -> str:
+    """With the focal length and focus that all frames share."""
+    lens = states[0].lens
+    alike = {
+        name: len({getattr(one.lens, name) for one in states}) == 1
+        for name in ("focal_length_mm", "focus_distance_mm")
+    }
+    stem = file_stem(preset.lens.name, lens)
+    if all(alike.values()):
+        return stem
+    parts = stem.split("_")
+    return "_".join(parts[:2] if alike["focal_length_mm"] else parts[:1])
+
+
+def _copied(source: Path, number: int | None) -> Path:
+    """The same map under the number of another frame."""
+    assert number is not None
+    stem = source.stem.rpartition(".")[0]
+    target = source.with_name(f"{stem}.{frame_digits(number)}.exr")
+    if target != source:
+        with atomic_path(target) as path:
+            shutil.copyfile(source, path)
+    return target
+
+
+def _script(
+    preset: Preset,
+    states: list[_MapState],
+    name: str,
+    direction: Direction,
+    written: MovingStmaps,
+) -> str:
+    numbers = [one.number for one in states if one.number is not None]
+    frame = states[0].frame
+    maps = {}
+    for one in ("undistort", "redistort"):
+        if direction not in (one, "both"):
+            continue
+        first = next(p for p in written.paths if p.name.startswith(f"{name}_{one}"))
+        span = (min(numbers), max(numbers)) if numbers else None
+        file = first if span is None else first.with_name(f"{name}_{one}.%04d.exr")
+        maps[one] = MapSequence(file, span)
+    return nuke_stmap_text(
+        maps,
+        frame.size_px,
+        f"lensfit: {preset.lens.name}, UV maps of {len(states)} frames",
+        per_channel=written.per_channel,
+        map_px=replace(frame).of_map.size_px,
+    )
