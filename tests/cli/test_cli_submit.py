@@ -249,21 +249,22 @@ def test_submitting_loads_nothing_heavy(job):
 
 
 @pytest.fixture
-def scene(tmp_path, monkeypatch):
+def scene(tmp_path):
     """An ideal lens and a plate with depth, which blurs."""
-    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "workflow")
     import numpy as np
-    from plate_makers import CAMERA, SENSOR, write_plate
 
     from lensfit.coords import Window
+    from lensfit.io.exr import ExrImage, ExrPart, write_exr
 
-    window = Window.of_size(1200, 600)
-    depth = np.linspace(800, 9000, 1200, dtype=np.float32)
-    depth = {"Z": np.broadcast_to(depth, (600, 1200)).copy()}
-    header = {**CAMERA, **SENSOR, "lens/fstop": 1.4}
-    write_plate(tmp_path / "plate.0001.exr", header, depth, window)
+    window = Window.of_size(1600, 300)
+    depth = np.linspace(800, 9000, 1600, dtype=np.float32)
+    channels = {"Z": np.broadcast_to(depth, (300, 1600)).copy()}
+    channels |= dict.fromkeys("RGB", np.ones((300, 1600), np.float16))
+    header = {"lens/focal": 35.0, "lens/fstop": 1.4, "lens/focus": 2.0}
+    part = ExrPart(channels, window, window, header)
+    write_exr(tmp_path / "plate.0001.exr", ExrImage((part,)))
     thin = {"focal_length_mm": 35.0, "f_number": 1.4, "focus_distance_m": 2.0}
-    thin |= {"sensor_width_mm": 36.0, "width_px": 1200, "height_px": 600}
+    thin |= {"sensor_width_mm": 36.0, "width_px": 1600, "height_px": 300}
     (tmp_path / "camera.json").write_text(json.dumps(thin))
     words = ["preset", "thin-lens", str(tmp_path / "camera.json")]
     done = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "thin.json")])
