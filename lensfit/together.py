@@ -1,9 +1,12 @@
 """The outputs of one run appear together, or none of them.
 
 Files that say the same (a preset beside UV maps and a report of one fit) are made in a
-hidden folder within the folder that they belong to, and get their names one after the
-other when the last of them is whole. What stops the run before that, Ctrl-C included,
-leaves the folder as it was. What an earlier run wrote and this one did not is removed.
+hidden folder within the folder that they belong to. When the last of them is whole, a
+folder with them and with whatever else lay there changes places with the old one in one
+step of the system (`lensfit.exchanged_folder`): a run that is killed at any moment
+leaves all of the old files or all of the new. Where that cannot be done they get their
+names one after the other. What stops the run before that, Ctrl-C included, leaves the
+folder as it was. What an earlier run wrote and this one did not is removed.
 
 The hidden folder of a killed process is removed by the next run on its machine.
 """
@@ -25,6 +28,7 @@ from lensfit.atomic import (
     write_bytes_atomic,
 )
 from lensfit.errors import OutputError
+from lensfit.exchanged_folder import exchange_folder
 
 _NAME = "unfinished"
 
@@ -53,8 +57,15 @@ def together(
         yield made
         # An interrupt reaches the main thread alone, which waits for this one.
         with ThreadPoolExecutor(1) as pool:
-            moves = pool.submit(move_all, made, folder, last=last, replaces=replaces)
+            moves = pool.submit(_appear, made, folder, last, list(replaces))
             moves.result()
+
+
+def _appear(
+    made: Path, folder: Path, last: Sequence[str], replaces: list[Path]
+) -> None:
+    if not exchange_folder(made, folder, replaces):
+        move_all(made, folder, last=last, replaces=replaces)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -25,6 +26,12 @@ def write(folder: Path, **texts: str) -> None:
 def contents(folder: Path) -> dict[str, str]:
     found = [path for path in folder.rglob("*") if path.is_file()]
     return {p.relative_to(folder).as_posix(): p.read_text() for p in found}
+
+
+@pytest.fixture
+def one_by_one(monkeypatch):
+    """A system that cannot exchange folders."""
+    monkeypatch.setattr(module, "exchange_folder", lambda *_: False)
 
 
 def test_nothing_is_there_before_the_end(tmp_path):
@@ -59,6 +66,7 @@ def test_a_run_that_stops_changes_nothing(tmp_path, stop):
     assert os.listdir(tmp_path) == ["old"]
 
 
+@pytest.mark.usefixtures("one_by_one")
 def test_an_interrupt_waits_for_the_moves(tmp_path, monkeypatch):
     move = module._move
 
@@ -83,6 +91,7 @@ def test_an_interrupt_waits_for_the_moves(tmp_path, monkeypatch):
     assert sorted(os.listdir(tmp_path)) == ["a.txt", "b.txt", "maps"]
 
 
+@pytest.mark.usefixtures("one_by_one")
 def test_the_last_names_are_given_last(tmp_path, monkeypatch):
     moved, move = [], module._move
 
@@ -105,6 +114,7 @@ def test_what_is_not_written_again_is_removed_and_nothing_else(tmp_path):
     assert os.listdir(tmp_path) == ["maps"]
 
 
+@pytest.mark.usefixtures("one_by_one")
 def test_a_subfolder_may_be_a_link_to_another_disk(tmp_path, monkeypatch):
     replace = os.replace
 
@@ -145,3 +155,93 @@ def test_the_hidden_folder_of_a_killed_run_is_removed(tmp_path):
             assert mine.exists()
             write(another, a="new")
     assert contents(tmp_path) == {"a.txt": "new"}
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from lensfit import exchanged_folder
+from lensfit.together import together
+
+folder, last = Path(sys.argv[1]), int(sys.argv[2])
+calls = 0
+
+
+def dying(function):
+    def call(*given, **named):
+        global calls
+        calls += 1
+        if calls == last:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return function(*given, **named)
+    return call
+
+
+with together(folder, replaces=[Path("maps/gone.txt")]) as made:
+    (made / "maps").mkdir()
+    for number in range(3):
+        (made / f"{number}.txt").write_text("new")
+        (made / "maps" / f"{number}.txt").write_text("new")
+    for name in ("link", "replace", "rename", "unlink", "rmdir", "scandir"):
+        setattr(os, name, dying(getattr(os, name)))
+    exchanged_folder._exchanged = dying(exchanged_folder._exchanged)
+    exchanged_folder.shutil.rmtree = dying(exchanged_folder.shutil.rmtree)
+print(calls)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux exchanges folders")
+def test_a_run_killed_at_any_moment_leaves_all_old_files_or_all_new(tmp_path):
+    """At each call that changes names, until the run gets through."""
+    folder, outcomes = tmp_path / "results", []
+    new = {f"{n}.txt": "new" for n in range(3)}
+    new |= {f"maps/{name}": text for name, text in new.items()} | {"own.txt": "mine"}
+    old = dict.fromkeys([*new, "maps/gone.txt"], "old") | {"own.txt": "mine"}
+    for last in range(1, 60):
+        for left in tmp_path.iterdir():
+            shutil.rmtree(left)
+        (folder / "maps").mkdir(parents=True)
+        for name, text in old.items():
+            (folder / name).write_text(text)
+        words = [sys.executable, "-c", KILLED, str(folder), str(last)]
+        run = subprocess.run(words, capture_output=True, text=True)
+        seen = {n: t for n, t in contents(folder).items() if not n.startswith(".")}
+        assert seen in (old, new), last
+        outcomes.append(seen == new)
+        if run.returncode == 0:
+            break
+    assert run.returncode == 0, run.stderr
+    assert outcomes == sorted(outcomes)
+    assert outcomes.count(False) > 5
+    with together(folder) as made:
+        write(made, again="new")
+    assert os.listdir(tmp_path) == ["results"]
+
+
+def test_what_somebody_keeps_in_the_folder_stays_the_same_file(tmp_path):
+    """Its links, its empty folders, its permissions; and what came in meanwhile."""
+    folder = tmp_path / "results"
+    folder.mkdir(mode=0o750)
+    write(folder, report="old", notes__a="mine")
+    (folder / "empty").mkdir()
+    (folder / "link").symlink_to("notes/a.txt")
+    kept, mode = (folder / "notes" / "a.txt").stat().st_ino, folder.stat().st_mode
+    with together(folder) as made:
+        write(made, report="new")
+        write(folder, late="mine")
+    assert contents(folder)["report.txt"] == "new"
+    assert contents(folder)["late.txt"] == "mine"
+    assert (folder / "notes" / "a.txt").stat().st_ino == kept
+    assert folder.stat().st_mode == mode
+    assert (folder / "empty").is_dir()
+    assert (folder / "link").is_symlink()
+    assert os.listdir(tmp_path) == ["results"]
+
+
+def test_a_folder_that_one_works_in_stays_the_same_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = tmp_path.stat().st_ino
+    with together(tmp_path) as made:
+        write(made, report="new")
+    assert tmp_path.stat().st_ino == before
+    assert contents(Path()) == {"report.txt": "new"}

@@ -5,6 +5,7 @@ standard error that says what is wrong, where and what to do. `--debug`, anywher
 the command line, gives the traceback instead.
 """
 
+import errno
 import inspect
 import re
 import sys
@@ -20,6 +21,7 @@ from lensfit.errors import LensfitError
 from lensfit.printable import printable
 
 DEBUG = "--debug"
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 class DoorGroup(TyperGroup):
@@ -119,5 +121,10 @@ def _line(error: BaseException) -> str:
         return str(error)
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
+    if isinstance(error, OSError) and error.errno in _FULL and not error.filename:
+        return (
+            f"standard output cannot be written ({error.strerror}); give it a file "
+            "or a device with room"
+        )
     text = " ".join(f"{type(error).__name__}: {error}".split())
     return f"{text}; run again with --debug for the traceback"

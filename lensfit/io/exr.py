@@ -168,11 +168,20 @@ def part_without_channels(part: OpenEXR.Part) -> ExrPart:
         channels={},
         data_window=_window(header["dataWindow"]),
         display_window=_window(header["displayWindow"]),
-        attributes={k: v for k, v in header.items() if k not in _NOT_ATTRIBUTES},
+        attributes={
+            k: _plain(v) for k, v in header.items() if k not in _NOT_ATTRIBUTES
+        },
         name=str(header.get("name", "")),
         pixel_aspect=float(header.get("pixelAspectRatio", 1.0)),
         compression=header["compression"].name.removesuffix("_COMPRESSION").lower(),
     )
+
+
+def _plain(value: object) -> object:
+    """A ``double``, which the binding returns as an array of one number."""
+    if isinstance(value, np.ndarray) and value.shape == (1,):
+        return float(value[0])
+    return value
 
 
 def _part_from(part: OpenEXR.Part) -> ExrPart:

@@ -211,9 +211,10 @@ def _refuse_unreadable(part: PartHeader, size: int, path: Path) -> None:
     if min(window.width, window.height) < 1:
         raise _damaged(path, f"its data window {tuple(window)} is empty")
     claimed = part.bytes_uncompressed
+    if max(window.width, window.height) > _LARGEST_SIDE_PX:
+        raise _too_large(path, "data", window, f"{_LARGEST_SIDE_PX} on a side")
     if (
-        max(window.width, window.height) > _LARGEST_SIDE_PX
-        or claimed > _ALWAYS_ALLOWED_BYTES + part.largest_ratio * size
+        claimed > _ALWAYS_ALLOWED_BYTES + part.largest_ratio * size
         or not 0 < part.chunk_count <= size // 8
     ):
         raise _damaged(
@@ -237,12 +238,11 @@ def _refuse_frame(part: PartHeader, path: Path) -> None:
     if min(frame.width, frame.height) < 1:
         raise _damaged(path, f"its display window {tuple(frame)} is empty")
     largest = max(_LARGEST_FRAME_PX, _SMALLEST_PART_OF_FRAME * window.area)
-    if max(frame.width, frame.height) > _LARGEST_SIDE_PX or frame.area > largest:
-        raise _damaged(
-            path,
-            f"its display window claims {frame.width} x {frame.height} pixels, and "
-            f"{window.width} x {window.height} are there",
-        )
+    if max(frame.width, frame.height) > _LARGEST_SIDE_PX:
+        raise _too_large(path, "display", frame, f"{_LARGEST_SIDE_PX} on a side")
+    if frame.area > largest:
+        there = f"{_SMALLEST_PART_OF_FRAME} times the {window.area} that are there"
+        raise _too_large(path, "display", frame, there)
 
 
 def _check_chunks(
@@ -282,6 +282,16 @@ def _end_of_deep(file: BinaryIO, part: PartHeader, path: Path) -> int:
     if unpacked > part.largest_ratio * samples:
         raise _damaged(path, f"a chunk claims {unpacked} bytes of samples")
     return file.tell() + table + samples
+
+
+def _too_large(path: Path, which: str, window: Window, most: str) -> ImageError:
+    """A file that may well be whole."""
+    return ImageError(
+        f"has a {which} window of {window.width} x {window.height} pixels, more than "
+        f"is read: {most}",
+        where=path,
+        remedy="crop it, or state its windows as they are meant",
+    )
 
 
 def _damaged(path: Path, reason: str) -> ImageError:

@@ -209,6 +209,12 @@ def _single(path: Path, frames: str | Iterable[int] | None) -> Path:
         raise ImageError(
             "is a folder", where=path, remedy="name the pictures in it: plate.####.exr"
         )
+    if path.exists() and not path.is_file():
+        raise ImageError(
+            "is no ordinary file",
+            where=path,
+            remedy="a pipe or a device cannot be read again: give a file",
+        )
     if not path.is_file():
         raise ImageError(
             "does not exist",

@@ -14,6 +14,10 @@ from lensfit.preset.entry import Entry
 from lensfit.preset.schema import Camera, Preset
 
 _LONGEST = {"decentering": 4, "thin_prism": 4, "anamorphic": 8}
+_LOPSIDED = 2
+"""Coefficients of a channel that differ between azimuths."""
+_DARKEST = 50.0
+"""Loss as -ln of the light: less than 1e-21 of it is none."""
 
 
 def check_preset(preset: Preset, where: str | Path) -> None:
@@ -86,6 +90,10 @@ def _distortion_faults(distortion: Distortion) -> Iterator[tuple[str, str]]:
 
 
 def _lateral_faults(lateral: LateralColour) -> Iterator[tuple[str, str]]:
+    for channel in ("r", "b"):
+        for key in ("strain", "decentering"):
+            if len(getattr(getattr(lateral, channel), key)) not in (0, _LOPSIDED):
+                yield f"{channel}.{key}", f"needs {_LOPSIDED} coefficients, or none"
     if lateral.covariance is None:
         return
     for channel in ("r", "b"):
@@ -102,6 +110,8 @@ def _fall_off_faults(fall_off: FallOff) -> Iterator[tuple[str, str]]:
             yield key, "needs at least one number, and as many as the other channels"
         if any(b < a for a, b in pairwise((0.0, *control))):
             yield key, "falls somewhere; control values rise from 0"
+        if max(control, default=0.0) > _DARKEST:
+            yield key, f"is over {_DARKEST:g}: no light would be left"
     if fall_off.covariance is None:
         return
     for channel in ("r", "g", "b"):

@@ -1,6 +1,10 @@
 """Files that would be misread, fill memory or change places: refused in one line."""
 
 import json
+import os
+import struct
+import subprocess
+import sys
 from pathlib import Path
 
 import msgspec
@@ -130,3 +134,112 @@ def test_names_without_letters_are_lenses_of_their_own(tmp_path):
     for name in ("?", "***"):
         done = run("preset", "show", name, "--library", library)
         assert done.exit_code == 0, done.stderr
+
+
+CAMERA = {"lens/focal": 35.0, "lens/fstop": 2.8, "lens/focus": 2.0}
+
+
+def deep_plate(path: Path, header: dict, display: Window | None = None) -> Path:
+    """A small plate with depth."""
+    window = Window.of_size(96, 64)
+    channels = dict.fromkeys("RGBZ", np.full((64, 96), 3.0, np.float32))
+    header = {**CAMERA, "lens/aperture": 36.0, **header}
+    part = ExrPart(channels, window, display or window, header)
+    write_exr(path, ExrImage((part,)))
+    return path
+
+
+def preset_with(tmp_path: Path, change) -> Path:
+    save_preset(make_preset(), tmp_path / "preset.json")
+    found = json.loads((tmp_path / "preset.json").read_text())
+    change(found["entries"][0])
+    (tmp_path / "preset.json").write_text(json.dumps(found))
+    return tmp_path / "preset.json"
+
+
+def test_a_double_of_a_header_is_a_number(tmp_path):
+    """As other writers than the OpenEXR binding store numbers: 8 bytes, one value."""
+    plate = deep_plate(tmp_path / "a.exr", {})
+    whole = plate.read_bytes()
+    old = b"lens/focal\0float\0" + struct.pack("<if", 4, 35.0)
+    new = b"lens/focal\0double\0" + struct.pack("<id", 8, 35.0)
+    assert whole.count(old) == 1
+    moved = bytearray(whole.replace(old, new))
+    # The table of chunks follows the header and counts from the start of the file.
+    first = min(
+        at
+        for at in range(len(whole) - 8)
+        if struct.unpack_from("<Q", whole, at)[0] == at + 8 * _chunks(whole, at)
+    )
+    for index in range(_chunks(whole, first)):
+        at = first + 8 * index
+        value = struct.unpack_from("<Q", whole, at)[0] + len(new) - len(old)
+        struct.pack_into("<Q", moved, at + len(new) - len(old), value)
+    plate.write_bytes(moved)
+    done = run("inspect", plate, "--json")
+    assert done.exit_code == 0, done.output
+    assert '"focal_length_mm"' in done.stdout
+    assert "35.0" in done.stdout
+    preset = preset_with(tmp_path, lambda entry: None)
+    applied = run("apply", preset, plate, "--no-defocus", "--out", tmp_path / "out")
+    assert applied.exit_code == 0, applied.output
+
+
+def _chunks(whole: bytes, at: int) -> int:
+    """Entries of a table of chunks at a place: 64 lines, sixteen to a chunk."""
+    return 4
+
+
+@pytest.mark.parametrize("key", ["depth/kind", "depth/unit"])
+def test_a_matrix_in_place_of_a_word_is_no_word(tmp_path, key):
+    plate = deep_plate(tmp_path / "a.exr", {key: np.eye(3, dtype=np.float32)})
+    preset = preset_with(tmp_path, lambda entry: None)
+    done = run("apply", preset, plate, "--out", tmp_path / "out")
+    refused(done, "a.exr", f"{key} of the header is no", "a list or matrix", "--depth-")
+
+
+def test_a_frame_beyond_what_is_rendered_is_said_to_be_large_not_damaged(tmp_path):
+    preset = preset_with(tmp_path, lambda entry: None)
+    wide = deep_plate(tmp_path / "a.exr", {}, Window(0, 0, 98_999, 63))
+    done = run("apply", preset, wide, "--no-defocus", "--out", tmp_path / "out")
+    refused(done, "a.exr", "99000 x 64 pixels", "32766 on a side is the most")
+    huge = deep_plate(tmp_path / "b.exr", {}, Window(0, 0, 98_999, 9_999))
+    done = run("inspect", huge)
+    refused(done, "b.exr", "display window of 99000 x 10000", "crop it")
+    assert "damaged" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda e: e["lateral_colour"]["r"].update(decentering=[1e-4] * 6), "r.decent"),
+        (lambda e: e["lateral_colour"]["b"].update(strain=[1e-4]), "b.strain"),
+        (lambda e: e["fall_off"][0].update(g=[1e300, 1e300]), "fall_off[0].g"),
+    ],
+)
+def test_coefficients_that_no_lens_has_are_named(tmp_path, change, said):
+    preset = preset_with(tmp_path, change)
+    refused(run("preset", "validate", preset), said)
+    refused(run("stmap", preset, "--out", tmp_path / "maps"), said)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_a_pipe_exists_and_is_no_file(tmp_path):
+    os.mkfifo(tmp_path / "a.exr")
+    preset = preset_with(tmp_path, lambda entry: None)
+    for words in (["inspect"], ["apply", preset, "--out", tmp_path / "out"]):
+        command, *options = words
+        done = run(command, *options[:1], tmp_path / "a.exr", *options[1:])
+        refused(done, "a.exr", "is no ordinary file")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_device_is_said_in_one_line(tmp_path):
+    preset = preset_with(tmp_path, lambda entry: None)
+    script = "from lensfit.cli.main import main; main()"
+    words = [sys.executable, "-c", script, "preset", "validate", str(preset)]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    (line,) = done.stderr.strip().splitlines()
+    assert "standard output cannot be written (No space left on device)" in line

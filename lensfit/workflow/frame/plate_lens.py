@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from lensfit.coords import Window
-from lensfit.errors import LensfitError
+from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.io.lens_attributes import lens_attributes
@@ -52,6 +52,23 @@ from lensfit.workflow.plate.header import header_entries, plate_header
 from lensfit.workflow.plate.pixel_shape import pixel_shape
 
 _NEAREST_FOCAL_LENGTHS = 1.5
+_LONGEST_SIDE_PX = 32766
+"""That pictures are resampled over (OpenCV counts their pixels in 16 bits)."""
+
+
+def _refuse_beyond_the_warp(window: Window) -> None:
+    """Refuse a picture larger than can be rendered.
+
+    Raises
+    ------
+    ImageError : It is.
+    """
+    if max(window.width, window.height) > _LONGEST_SIDE_PX:
+        raise ImageError(
+            f"would be rendered over {window.width} x {window.height} pixels, and "
+            f"{_LONGEST_SIDE_PX} on a side is the most",
+            remedy="crop its display window, or render it in parts",
+        )
 
 
 @final
@@ -220,6 +237,7 @@ class PlateLens:
 
     def stages_for(self, state: PlateState, display: Window, window: Window) -> Stages:
         """Maps and gains; made anew only when the camera or the windows change."""
+        _refuse_beyond_the_warp(window)
         # Looks may change from frame to frame and need none of the maps anew.
         turned = msgspec.structs.replace(state.knobs, look=NEUTRAL.look)
         spanned = (state.sensor_width_mm, state.pixel_shape)

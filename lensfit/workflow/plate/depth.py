@@ -127,7 +127,12 @@ def depth_meaning(
     if kind is None:
         kind = "perpendicular"
         assumed.append("along the optical axis (--depth-kind)")
-    if not isinstance(kind, str) or kind not in KINDS:
+    if not isinstance(kind, str):
+        raise ImageError(
+            f"depth/kind of the header is no word but {_type_word(kind)}",
+            remedy=f"give one of {', '.join(KINDS)} with --depth-kind",
+        )
+    if kind not in KINDS:
         source = "--depth-kind" if options.kind else "depth/kind of the header"
         raise ImageError(
             f"{' '.join(repr(kind).split())[:40]} is no kind of depth ({source})",
@@ -154,6 +159,11 @@ def _unit_mm(header: Mapping[str, object], options: DepthOptions) -> float | Non
     unit = options.unit or _entry(header, "depth/unit")
     if unit is not None:
         source = "--depth-unit" if options.unit else "depth/unit of the header"
+        if not isinstance(unit, (str, int, float)):
+            raise ImageError(
+                f"depth/unit of the header is no unit but {_type_word(unit)}",
+                remedy="state it with --depth-unit",
+            )
         try:
             return unit_in_mm(str(unit))
         except ImageError as error:
@@ -162,6 +172,13 @@ def _unit_mm(header: Mapping[str, object], options: DepthOptions) -> float | Non
     if metres is None:
         return None
     return _number("metersPerUnit", metres) * MILLIMETRES_PER_METRE
+
+
+def _type_word(value: object) -> str:
+    """What kind of header entry it is, for people."""
+    if isinstance(value, (int, float)):
+        return "a number"
+    return "a list or matrix" if hasattr(value, "__len__") else "another entry"
 
 
 def _entry(header: Mapping[str, object], key: str):
