@@ -23,6 +23,7 @@ class ExportFormat(StrEnum):
     nuke_anamorphic_rescaled = "nuke-anamorphic-rescaled"
     opentrackio = "opentrackio"
     opencv = "opencv"
+    usd = "usd"
     lensfun = "lensfun"
     stmap = "stmap"
     nuke_stmap = "nuke-stmap"

@@ -22,6 +22,7 @@ class ImportFormat(StrEnum):
     opentrackio = "opentrackio"
     nuke = "nuke"
     stmap = "stmap"
+    usd = "usd"
 
 
 class MapDirection(StrEnum):
@@ -37,7 +38,7 @@ def import_lens(
         Path,
         typer.Argument(
             help="OpenCV YAML or XML, lensfun XML, OpenTrackIO JSON, Nuke script with "
-            "a 3DEqualizer lens node, or UV map (EXR)"
+            "a 3DEqualizer lens node, USD camera with OpenCV's lens, or UV map (EXR)"
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Preset to write")],

@@ -24,9 +24,11 @@ from lensfit.fit.exchange.samples import (
 )
 from lensfit.fit.exchange.tde4_fit import fit_tde4
 from lensfit.lens import Lens
+from lensfit.preset.exchange.opencv import OpenCvMap
 from lensfit.preset.exchange.opencv_file import opencv_text
 from lensfit.preset.exchange.tde4 import ANAMORPHIC, RADIAL, RESCALED
 from lensfit.preset.exchange.tde4_node import tde4_node_text
+from lensfit.preset.exchange.usd_camera import UsdCamera, usd_camera_text
 from lensfit.preset.schema import Preset
 from lensfit.printable import printable
 from lensfit.progress import Progress, silent
@@ -36,7 +38,15 @@ TDE4_FORMATS = {
     "nuke-anamorphic": ANAMORPHIC,
     "nuke-anamorphic-rescaled": RESCALED,
 }
-FORMATS = (*TDE4_FORMATS, "opentrackio", "opencv", "lensfun", "stmap", "nuke-stmap")
+FORMATS = (
+    *TDE4_FORMATS,
+    "opentrackio",
+    "opencv",
+    "usd",
+    "lensfun",
+    "stmap",
+    "nuke-stmap",
+)
 _VISIBLE_PX = 0.5
 _VISIBLE_LIGHT = 0.02
 
@@ -125,6 +135,7 @@ def export_preset(to: str, request: ExportRequest) -> Exported:
     writers: dict[str, Callable[[ExportRequest], Exported]] = {
         "opentrackio": export_opentrackio,
         "opencv": export_opencv,
+        "usd": export_usd,
         "lensfun": export_lensfun,
         "stmap": export_stmaps,
         "nuke-stmap": export_nuke_maps,
@@ -158,6 +169,34 @@ def export_tde4(model: str, request: ExportRequest) -> Exported:
 def export_opencv(request: ExportRequest) -> Exported:
     """An OpenCV calibration in YAML."""
     lens, frame = request.lens(), request.frame
+    camera, residual = _opencv_camera(lens, frame)
+    comments = (
+        described(request, lens),
+        f"residual {residual} over {frame}",
+        f"sensor width {frame.sensor_width_mm!r} mm",
+    )
+    write_text_atomic(request.out, opencv_text(camera, comments))
+    return exported(request, lens, (Nearness("distortion", residual),))
+
+
+def export_usd(request: ExportRequest) -> Exported:
+    """A USD camera with OpenCV's lens, as Omniverse reads it."""
+    lens, frame = request.lens(), request.frame
+    mapping, residual = _opencv_camera(lens, frame)
+    camera = UsdCamera(
+        mapping,
+        request.state.f_number,
+        lens.focus_distance_mm,
+        float(lens.entrance_pupil_offset_mm),
+        request.preset.lens.name,
+    )
+    comment = f"{described(request, lens)}; residual {residual} over {frame}"
+    write_text_atomic(request.out, usd_camera_text(camera, comment))
+    return exported(request, lens, (Nearness("distortion", residual),))
+
+
+def _opencv_camera(lens: Lens, frame: ExchangeFrame) -> tuple[OpenCvMap, Residual]:
+    """OpenCV's camera fitted to a lens, and how near it is."""
     fit, judge = samples_pair(lens, frame)
     squeeze = np.asarray(lens.distortion.squeeze).tolist()
     camera = fit_opencv(
@@ -166,14 +205,7 @@ def export_opencv(request: ExportRequest) -> Exported:
         principal_point(lens),
         (squeeze[0], squeeze[1]),
     )
-    residual = residual_of(camera, judge)
-    comments = (
-        described(request, lens),
-        f"residual {residual} over {frame}",
-        f"sensor width {frame.sensor_width_mm!r} mm",
-    )
-    write_text_atomic(request.out, opencv_text(camera, comments))
-    return exported(request, lens, (Nearness("distortion", residual),))
+    return camera, residual_of(camera, judge)
 
 
 def samples_pair(lens: Lens, frame: ExchangeFrame) -> tuple[Samples, Samples]:

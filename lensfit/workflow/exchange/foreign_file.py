@@ -11,9 +11,11 @@ from lensfit.preset.exchange.opentrackio import read_opentrackio
 from lensfit.preset.exchange.opentrackio_lens import lens_of_opentrackio
 from lensfit.preset.exchange.tde4_node import lens_of_tde4, read_tde4_nodes
 from lensfit.preset.exchange.text_file import read_text
+from lensfit.preset.exchange.usd_camera import read_usd_camera
 from lensfit.workflow.exchange.uv_map_lens import lens_of_uv_map
 
-FOREIGN_FORMATS = ("opencv", "lensfun", "opentrackio", "nuke", "stmap")
+FOREIGN_FORMATS = ("opencv", "lensfun", "opentrackio", "nuke", "stmap", "usd")
+_USD_STARTS = (b"#usda", b"PXR-USDC")
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 
@@ -35,6 +37,8 @@ def read_foreign(
     kind = kind or kind_of(path)
     if kind == "stmap":
         return lens_of_uv_map(path, stated)
+    if kind == "usd":
+        return read_usd_camera(path, stated)
     if kind == "nuke":
         return lens_of_tde4(read_tde4_nodes(path), stated, path)
     if kind == "opentrackio":
@@ -53,8 +57,11 @@ def kind_of(path: Path) -> str:
     """
     if path.is_file():
         with path.open("rb") as file:
-            if file.read(4) == _EXR_MAGIC:
-                return "stmap"
+            start = file.read(8)
+        if start[:4] == _EXR_MAGIC:
+            return "stmap"
+        if start.startswith(_USD_STARTS):
+            return "usd"
     text = read_text(path, "exchange file")
     start = text.lstrip()[:1]
     if start in ("{", "["):
