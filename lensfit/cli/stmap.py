@@ -219,6 +219,11 @@ def _write_sequence(
         )
     for note in written.notes:
         say_note(note)
+    _say_sequence(written, out, as_json)
+
+
+def _say_sequence(written, out: Path, as_json: bool) -> None:
+    """The script, and what it reads."""
     if as_json:
         import json
 

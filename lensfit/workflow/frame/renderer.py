@@ -59,7 +59,13 @@ class FrameRenderer:
         return list(self.lens.notes.said)
 
     def render(self, path: Path) -> ExrImage:
-        """One finished frame."""
+        """One finished frame.
+
+        Raises
+        ------
+        ImageError : A deep plate is to be straightened.
+        LensfitError : The plate cannot be rendered.
+        """
         straight = self.options.output == "undistorted"
         if self.options.output != "result" and not straight:
             return explaining_picture(self.lens, path)
