@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Int
 
 from lensfit.batches import in_batches
 from lensfit.coords import Window
@@ -88,11 +88,14 @@ class Straightening:
     maps : Where red, green and blue read the photograph; the same object where they
         share one.
     gains : Relative illumination over the photograph; None where it stays.
+    beyond : For each map the pixels that show nothing of the photograph, as indices
+        into a flat plane.
     """
 
     window: Window
     maps: tuple[SourceMap, SourceMap, SourceMap]
     gains: tuple[Float32[np.ndarray, "height width"] | None, ...]
+    beyond: tuple[Int[np.ndarray, " pixels"], ...]
 
 
 def straight_window(
@@ -187,7 +190,9 @@ def prepare_straightening(
             )
             for c in CHANNELS
         )
-    return Straightening(window, (red, green, blue), gains)
+    maps = (red, green, blue)
+    found = {id(one): _beyond(one, data_window) for one in made}
+    return Straightening(window, maps, gains, tuple(found[id(one)] for one in maps))
 
 
 def straight_pixels(
@@ -206,6 +211,8 @@ def straight_pixels(
     count = pixels.shape[-1]
     red, green, blue = straightening.maps
     maps = [green] if count == 1 else [red, green, blue, green][:count]
+    own = straightening.beyond
+    beyond = [own[1]] if count == 1 else [*own, own[1]][:count]
     gains = [_inverse(gain) for gain in straightening.gains]
     gains = [gains[1]] if count == 1 else [*gains, None][:count]
     made = warp(
@@ -215,8 +222,9 @@ def straight_pixels(
         border="clamp",
         method=method,
     )
-    for index, one in enumerate(maps):
-        _blacken_beyond(made[..., index], one, data_window)
+    flat = made.reshape(-1, count)
+    for channel, black in enumerate(beyond):
+        flat[black, channel] = 0
     return made
 
 
@@ -228,8 +236,8 @@ def _inverse(gain: np.ndarray | None) -> np.ndarray | None:
     return np.divide(1, gain, out=np.zeros_like(gain), where=lit)
 
 
-def _blacken_beyond(plane: np.ndarray, one: SourceMap, data_window: Window) -> None:
-    """Black where the map reads farther beyond the photograph than filters do."""
+def _beyond(one: SourceMap, data_window: Window) -> Int[np.ndarray, " pixels"]:
+    """Where the map reads farther beyond the photograph than filters do."""
     window, moved = one.window, one.displacement_px
     x = np.arange(window.x_min, window.x_max + 1, dtype=np.float32) + 0.5
     y = np.arange(window.y_min, window.y_max + 1, dtype=np.float32) + 0.5
@@ -240,7 +248,7 @@ def _blacken_beyond(plane: np.ndarray, one: SourceMap, data_window: Window) -> N
     inside &= (read_y > data_window.y_min - SPARE_PX) & (
         read_y < data_window.y_max + 1 + SPARE_PX
     )
-    plane[~inside] = 0
+    return np.flatnonzero(~inside)
 
 
 def pinhole_camera(lens: Lens, geometry: PlateGeometry, data_window: Window) -> Pinhole:
