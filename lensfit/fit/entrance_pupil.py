@@ -38,6 +38,9 @@ moves its pupil four times as far."""
 _WALK_WITH_FOCUS = 0.01
 """In focal lengths: the walk of traced lenses changes by less between focus states."""
 
+_LITTLE = 0.2
+"""Standard deviations."""
+
 
 class EntrancePupil(NamedTuple):
     """The centre of perspective of a lens.
@@ -147,4 +150,32 @@ def perspective_at_other_focus(
             walk.standard_deviation_mm,
             walk.measured,
         ),
+    )
+
+
+def perspective_with_weighed_walk(
+    geometry: ChiefRayFit, walk: FittedWalk | None
+) -> KnownPerspective | None:
+    """What is known of a state once the walk that it was fitted with and that of usual
+    lenses are weighed by how surely each is known; None where that changes little.
+
+    Errors of blur move the marks of a tilted chart together, by more than their noise.
+    The fit, which counts noise alone, would take them for a walk: of a 50 mm f/1.4 one
+    of -45 mm, known to 36, where -15 is true and -18 usual.
+    """
+    if walk is None:
+        return None
+    usual = geometry.facts.perspective
+    fitted, prior = walk.standard_deviation_mm**-2, usual.walk.standard_deviation_mm**-2
+    weighed_mm = (fitted * walk.walk_mm + prior * usual.walk.walk_mm) / (fitted + prior)
+    deviation_mm = (fitted + prior) ** -0.5
+    if abs(weighed_mm - walk.walk_mm) < _LITTLE * deviation_mm:
+        return None
+    return usual._replace(
+        walk=KnownWalk(
+            weighed_mm,
+            _WALK_WITH_FOCUS * geometry.facts.focal_length_mm,
+            deviation_mm,
+            walk.measured,
+        )
     )
