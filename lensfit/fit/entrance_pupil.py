@@ -153,29 +153,25 @@ def perspective_at_other_focus(
     )
 
 
-def perspective_with_weighed_walk(
-    geometry: ChiefRayFit, walk: FittedWalk | None
+def perspective_with_walk(
+    geometry: ChiefRayFit, walk: FittedWalk | None, surer: FittedWalk | None
 ) -> KnownPerspective | None:
-    """What is known of a state once the walk that it was fitted with and that of usual
-    lenses are weighed by how surely each is known; None where that changes little.
+    """What is known of a state whose walk is known better than by its own fit; None
+    where that changes little.
 
-    Errors of blur move the marks of a tilted chart together, by more than their noise.
-    The fit, which counts noise alone, would take them for a walk: of a 50 mm f/1.4 one
-    of -45 mm, known to 36, where -15 is true and -18 usual.
+    Parameters
+    ----------
+    walk, surer : As it was fitted, and as it is known.
     """
-    if walk is None:
+    if walk is None or surer is None:
         return None
-    usual = geometry.facts.perspective
-    fitted, prior = walk.standard_deviation_mm**-2, usual.walk.standard_deviation_mm**-2
-    weighed_mm = (fitted * walk.walk_mm + prior * usual.walk.walk_mm) / (fitted + prior)
-    deviation_mm = (fitted + prior) ** -0.5
-    if abs(weighed_mm - walk.walk_mm) < _LITTLE * deviation_mm:
+    if abs(surer.walk_mm - walk.walk_mm) < _LITTLE * surer.standard_deviation_mm:
         return None
-    return usual._replace(
+    return geometry.facts.perspective._replace(
         walk=KnownWalk(
-            weighed_mm,
+            surer.walk_mm,
             _WALK_WITH_FOCUS * geometry.facts.focal_length_mm,
-            deviation_mm,
-            walk.measured,
+            surer.standard_deviation_mm,
+            surer.measured,
         )
     )

@@ -11,6 +11,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from threadpoolctl import threadpool_limits
+
 from lensfit.errors import FitError
 from lensfit.fit.breathing import breathing_notes
 from lensfit.fit.lens_state import (
@@ -84,6 +86,9 @@ class Fitted:
         )
 
 
+# Matrices of a few hundred rows gain nothing from several BLAS threads, which spin
+# while they wait: on a busy machine lateral colour took seven times longer.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def fit(
     takes: list[Take],
     progress: Progress = silent,

@@ -14,10 +14,11 @@ import numpy as np
 from lensfit.errors import FitError
 from lensfit.fit.entrance_pupil import (
     perspective_at_other_focus,
-    perspective_with_weighed_walk,
+    perspective_with_walk,
 )
 from lensfit.fit.lens_state import LensState, by_focal_length, fit_state
 from lensfit.fit.out_of_centre import OutOfCentre, told_by
+from lensfit.fit.reconcile import walk_with_shared_errors
 from lensfit.fit.take import Take, grouped
 from lensfit.fit.usual_lens import KnownPerspective
 from lensfit.optics.base import BaseProjection
@@ -31,8 +32,8 @@ def fit_sharing_glass(
 
     A pupil that is wrong by some share of the chart's distance scales a state by as
     much. A tilt of few degrees hardly tells it, and another solve would find another
-    one: the states that told it stay as they were then, but for a walk of the pupil
-    that marks say less surely than usual lenses do. A state that cannot be fitted with
+    one: the states that told it stay as they were then, but for the walk of the pupil.
+    A state that cannot be fitted with
     what others saw stays as it was, too.
 
     Returns
@@ -41,7 +42,7 @@ def fit_sharing_glass(
     """
     groups = grouped(takes)
     states, failed = _fit_states(groups, progress, _nothing_known, shown=takes)
-    states = _with_weighed_walk(states, progress, takes)
+    states = _with_surer_walk(states, progress, takes)
     glass = {
         focal_mm: _told(mine) for focal_mm, mine in by_focal_length(states).items()
     }
@@ -76,15 +77,16 @@ def _nothing_known(_: list[Take]) -> _Known:
     return _Known()
 
 
-def _with_weighed_walk(
+def _with_surer_walk(
     states: list[LensState], progress: Progress, takes: list[Take]
 ) -> list[LensState]:
-    """With states refitted that would tell others a walk of the pupil which marks, with
-    the errors that they share, say less surely than usual lenses do."""
+    """With those refitted that would tell others a walk of the pupil which errors that
+    their marks share have made (`reconcile`)."""
     found = []
     for mine in by_focal_length(states).values():
         surest = _surest(mine)
-        known = _Known(perspective_with_weighed_walk(surest.geometry, surest.walk))
+        surer = walk_with_shared_errors(surest)
+        known = _Known(perspective_with_walk(surest.geometry, surest.walk, surer))
         again = []
         if known.perspective is not None:
             group = list(surest.geometry.takes)

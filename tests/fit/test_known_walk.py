@@ -1,7 +1,6 @@
 """How the entrance pupil walks with field angle: by tilted charts, or as is usual."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,10 +11,9 @@ from data_synth.aim import chief_aim_mm
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from lensfit.detect.observations import only
-from lensfit.fit.entrance_pupil import FittedWalk, perspective_with_weighed_walk
 from lensfit.fit.lens_states import fit
 from lensfit.fit.take import Take
-from lensfit.fit.usual_lens import KnownPerspective, usual_pupil, usual_walk
+from lensfit.fit.usual_lens import usual_walk
 from lensfit.workflow.calibration.entries import entry_of
 
 WALK_MM, CHART_MM = -24.0, 900.0
@@ -144,24 +142,24 @@ def test_many_sharp_points_tell_that_a_pupil_stands_still():
     assert state.walk.standard_deviation_mm < 3.0
 
 
-def weighed(walk: FittedWalk | None) -> KnownPerspective | None:
-    """Of a 50 mm f/1.4, whose usual walk is -17.9 mm to 12.5."""
-    perspective = KnownPerspective(usual_pupil(50.0), usual_walk(50.0, 1.4))
-    facts = SimpleNamespace(perspective=perspective, focal_length_mm=50.0)
-    return perspective_with_weighed_walk(SimpleNamespace(facts=facts), walk)
-
-
-def test_a_walk_known_less_surely_than_usual_gives_way():
-    usual = usual_walk(50.0, 1.4)
-    found = weighed(FittedWalk(-45.0, 36.0))
-    share = usual.standard_deviation_mm**2 / (36.0**2 + usual.standard_deviation_mm**2)
-    apart_mm = -45.0 - usual.walk_mm
-    assert found.walk.walk_mm == pytest.approx(usual.walk_mm + share * apart_mm)
-    assert found.walk.common_deviation_mm < usual.standard_deviation_mm
-    assert found.walk.standard_deviation_mm < 1.0
-    assert found.pupil == usual_pupil(50.0)
-
-
-def test_a_walk_that_marks_know_stays():
-    assert weighed(FittedWalk(-45.0, 1.0)) is None
-    assert weighed(None) is None
+def test_errors_that_marks_share_are_not_taken_for_a_walk():
+    """Marks of tilted views are moved by as much as another walk would move them, and
+    say that errors may do that."""
+    still, moved = (photographed(TILTED, 2000.0, mm, 0.005) for mm in (0.0, -12.0))
+    takes = []
+    for one, other in zip(still, moved, strict=True):
+        known = {tuple(c): k for k, c in enumerate(one.observations.lattice.tolist())}
+        rows = np.array([
+            known.get(tuple(c), -1) for c in other.observations.lattice.tolist()
+        ])  # fmt: skip
+        seen = only(other.observations, rows >= 0)
+        there = seen.points_px - one.observations.points_px[rows[rows >= 0]]
+        moves = np.repeat((there * other.pixel_mm)[None, None], 3, axis=1)
+        takes.append(replace(other, observations=seen, shared_moves_mm=moves))
+    usual_mm = usual_walk(30.0, None).standard_deviation_mm
+    (alone,) = fit([replace(t, shared_moves_mm=None) for t in takes]).states
+    (state,) = fit(takes).states
+    assert alone.walk.walk_mm == pytest.approx(-12.0, abs=2.0)
+    assert abs(state.walk.walk_mm + 12.0) > 2.0
+    assert state.walk.standard_deviation_mm > 0.1 * usual_mm
+    assert abs(state.walk.walk_mm) < 2 * state.walk.standard_deviation_mm

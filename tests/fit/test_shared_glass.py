@@ -94,16 +94,13 @@ def test_a_state_that_fits_only_by_itself_stays_as_it_was(asked):
     assert list(failed) == ["bad"]
 
 
-def test_a_state_whose_marks_know_the_walk_worse_than_lenses_do_is_fitted_again(
-    asked, monkeypatch
-):
-    weighed = KnownPerspective(KnownPupil(PUPIL_MM, 1.0), KnownWalk(-18.0, 0.5, 12.0))
-    monkeypatch.setattr(
-        shared_glass, "perspective_with_weighed_walk", lambda *_: weighed
-    )
+def test_a_state_whose_walk_is_known_better_is_fitted_again(asked, monkeypatch):
+    surer = KnownPerspective(KnownPupil(PUPIL_MM, 1.0), KnownWalk(-18.0, 0.5, 12.0))
+    monkeypatch.setattr(shared_glass, "perspective_with_walk", lambda *_: surer)
+    monkeypatch.setattr(shared_glass, "walk_with_shared_errors", lambda _: None)
     states, _ = fit_sharing_glass(TAKES, silent)
-    assert (TILTED_MM, weighed) in asked.pupils
+    assert (TILTED_MM, surer) in asked.pupils
     focus_mm, told = asked.pupils[-1]
     assert focus_mm == FRONTAL_MM
-    assert told is not weighed
+    assert told is not surer
     assert [s.geometry.takes[0].name for s in states] == ["frontal", "tilt"]

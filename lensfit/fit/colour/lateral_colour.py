@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from threadpoolctl import threadpool_limits
 
 from lensfit.fit.colour.channel_colour import (
     CENTRED,
@@ -60,8 +59,6 @@ class Views(NamedTuple):
     reference_radius_mm: float
 
 
-# Several BLAS threads gain nothing here, and spin while they wait (`fit.chief_ray`).
-@threadpool_limits.wrap(limits=1, user_api="blas")
 def fit_colours(states: Sequence[Views]) -> list[dict[str, ChannelColour]]:
     """Red and blue against green, for states of one focal length; empty for those whose
     photographs have no colour."""
