@@ -38,8 +38,9 @@ moves its pupil four times as far."""
 _WALK_WITH_FOCUS = 0.01
 """In focal lengths: the walk of traced lenses changes by less between focus states."""
 
-_LITTLE = 0.2
-"""Standard deviations."""
+_AGREES = 1.0
+"""Standard deviations within which a fitted walk stays as it was: to solve anew for
+less changes a lens by chance alone."""
 
 
 class EntrancePupil(NamedTuple):
@@ -157,7 +158,7 @@ def perspective_with_walk(
     geometry: ChiefRayFit, walk: FittedWalk | None, surer: FittedWalk | None
 ) -> KnownPerspective | None:
     """What is known of a state whose walk is known better than by its own fit; None
-    where that changes little.
+    where both agree.
 
     Parameters
     ----------
@@ -165,7 +166,7 @@ def perspective_with_walk(
     """
     if walk is None or surer is None:
         return None
-    if abs(surer.walk_mm - walk.walk_mm) < _LITTLE * surer.standard_deviation_mm:
+    if abs(surer.walk_mm - walk.walk_mm) < _AGREES * surer.standard_deviation_mm:
         return None
     return geometry.facts.perspective._replace(
         walk=KnownWalk(

@@ -11,6 +11,7 @@ from data_synth.aim import chief_aim_mm
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from lensfit.detect.observations import only
+from lensfit.fit.entrance_pupil import FittedWalk, perspective_with_walk
 from lensfit.fit.lens_states import fit
 from lensfit.fit.take import Take
 from lensfit.fit.usual_lens import usual_walk
@@ -163,3 +164,15 @@ def test_errors_that_marks_share_are_not_taken_for_a_walk():
     assert abs(state.walk.walk_mm + 12.0) > 2.0
     assert state.walk.standard_deviation_mm > 0.1 * usual_mm
     assert abs(state.walk.walk_mm) < 2 * state.walk.standard_deviation_mm
+
+
+def test_a_walk_within_what_is_known_stays(states):
+    geometry = states[2000.0].geometry
+    fitted = FittedWalk(-20.0, 30.0)
+    assert perspective_with_walk(geometry, fitted, FittedWalk(-14.0, 7.0)) is None
+    assert perspective_with_walk(geometry, fitted, None) is None
+    assert perspective_with_walk(geometry, None, None) is None
+    known = perspective_with_walk(geometry, fitted, FittedWalk(-12.0, 7.0))
+    assert known.walk.walk_mm == -12.0
+    assert known.walk.common_deviation_mm == 7.0
+    assert known.pupil == geometry.facts.perspective.pupil
