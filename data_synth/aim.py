@@ -15,6 +15,9 @@ AIM_STEPS = 8
 DIFFERENCE_MM = 1e-4
 SCAN_RADII = 1.5
 """Half-width of the area searched for open pupil, in paraxial pupil radii."""
+WIDER, MOST_SCANS = 1.5, 6
+"""How much more is searched, and how often, while light passes its border: from the
+edge of 100 degrees the closed stop of a retrofocus lens looks three times as wide."""
 BISECTIONS = 14
 
 
@@ -103,8 +106,8 @@ def pupil_bounds_mm(
     -------
     lower, upper : Corners of the box, mm in the entrance-pupil plane.
     """
-    candidates, passed = _scan(lens, points_mm, wavelength_nm, cells)
-    cell_mm = 2 * SCAN_RADII * lens.pupil_radius_mm / cells
+    candidates, passed, reach_mm = _scan(lens, points_mm, wavelength_nm, cells)
+    cell_mm = 2 * reach_mm[:, None] / cells
     lower = np.where(passed, candidates, np.inf).min(axis=1) - cell_mm
     upper = np.where(passed, candidates, -np.inf).max(axis=1) + cell_mm
     dark = ~passed.any(axis=1)
@@ -127,7 +130,7 @@ def pupil_outline_mm(
     centre : A point inside the opening; NaN where no light passes.
     radius : Distance of the edge from it at azimuths 2 pi k / n, k = 0 ... n - 1.
     """
-    candidates, passed = _scan(lens, points_mm, wavelength_nm, 24)
+    candidates, passed, reach_mm = _scan(lens, points_mm, wavelength_nm, 24)
     with np.errstate(invalid="ignore"):
         centre = (candidates * passed).sum(axis=1) / passed.sum(axis=1)
     azimuth = 2 * np.pi * np.arange(azimuths) / azimuths
@@ -142,7 +145,7 @@ def pupil_outline_mm(
         return traced.clearance.reshape(radius.shape)
 
     inner = np.zeros((len(points_mm), azimuths))
-    outer = np.full_like(inner, 2 * np.sqrt(2) * SCAN_RADII * lens.pupil_radius_mm)
+    outer = np.zeros_like(inner) + 2 * np.sqrt(2) * reach_mm[:, None]
     within, beyond = clearance(inner), np.full_like(inner, -np.inf)
     for _ in range(BISECTIONS):
         middle = (inner + outer) / 2
@@ -156,15 +159,26 @@ def pupil_outline_mm(
 
 
 def _scan(lens: SetLens, points_mm, wavelength_nm: float, cells: int):
-    """Which rays pass of a grid around the chief ray, half again the paraxial pupil.
+    """Which rays pass of a grid around the chief ray, half again the paraxial pupil or
+    as wide as the light of the point is.
 
-    Returns pupil points (points, rays, 2) and booleans (points, rays, 1).
+    Returns pupil points (points, rays, 2), booleans (points, rays, 1), and half the
+    side of each point's grid, mm.
     """
     centre = chief_aim_mm(lens, points_mm, wavelength_nm)
     centre = np.where(np.isfinite(centre), centre, 0.0)
     axis = (np.arange(cells) + 0.5) / cells * 2 - 1
     grid = np.stack(np.meshgrid(axis, axis), -1).reshape(-1, 2)
-    pupil = centre[:, None] + SCAN_RADII * lens.pupil_radius_mm * grid
+    border = np.abs(grid).max(axis=1) > 1 - 1.5 / cells
     points = np.repeat(points_mm, len(grid), axis=0)
-    traced, _ = rays_through_pupil(lens, points, pupil.reshape(-1, 2), wavelength_nm)
-    return pupil, traced.passed.reshape(len(points_mm), len(grid), 1)
+    reach_mm = np.full(len(points_mm), SCAN_RADII * lens.pupil_radius_mm)
+    for scans_left in reversed(range(MOST_SCANS)):
+        pupil = centre[:, None] + reach_mm[:, None, None] * grid
+        through = pupil.reshape(-1, 2)
+        traced, _ = rays_through_pupil(lens, points, through, wavelength_nm)
+        passed = traced.passed.reshape(len(points_mm), len(grid))
+        cut = passed[:, border].any(axis=1)
+        if not (scans_left and cut.any()):
+            break
+        reach_mm = np.where(cut, WIDER * reach_mm, reach_mm)
+    return pupil, passed[..., None], reach_mm

@@ -3,15 +3,15 @@
 Takes of one state share their geometry and colour; fall-off belongs to each f-number.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import jax
 import numpy as np
 
 from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fit.colour.channel_colour import ChannelColour
-from lensfit.fit.colour.lateral_colour import fit_colour
+from lensfit.fit.colour.lateral_colour import Views, fit_colours
 from lensfit.fit.entrance_pupil import (
     EntrancePupil,
     FittedWalk,
@@ -44,8 +44,9 @@ class LensState:
     distortion : Its lens.
     uncertainty : Of its parameters.
     pupil : Where its entrance pupil is.
-    colour : Red and blue against green; empty for monochrome photographs.
     fall_off : One for each f-number.
+    colour : Red and blue against green (`with_colour`); empty for monochrome
+        photographs.
     walk : How the entrance pupil moves with field angle; None where nobody knows.
     """
 
@@ -55,8 +56,8 @@ class LensState:
     distortion: Distortion
     uncertainty: Uncertainty
     pupil: EntrancePupil
-    colour: dict[str, ChannelColour]
     fall_off: list[FallOffFit]
+    colour: dict[str, ChannelColour] = field(default_factory=dict)
     walk: FittedWalk | None = None
 
 
@@ -69,7 +70,7 @@ def fit_state(
     perspective: KnownPerspective | None = None,
     told: OutOfCentre | None = None,
 ) -> LensState:
-    """Fit the takes of one state.
+    """Fit the takes of one state, but for its colour.
 
     Parameters
     ----------
@@ -102,12 +103,25 @@ def fit_state(
         distortion=distortion,
         uncertainty=uncertainty,
         pupil=entrance_pupil(geometry, uncertainty),
-        colour=fit_colour(
-            geometry.takes, centre, float(distortion.reference_radius_mm)
-        ),
         fall_off=fit_illumination(geometry.takes, adjustment, centre),
         walk=pupil_walk(geometry, uncertainty),
     )
+
+
+def with_colour(states: Sequence[LensState]) -> list[LensState]:
+    """The states with their lateral colour, found together for each focal length."""
+    found: dict[int, dict[str, ChannelColour]] = {}
+    for mine in by_focal_length(states).values():
+        seen = [
+            Views(
+                state.geometry.takes,
+                np.asarray(state.distortion.principal_point_mm),
+                float(state.distortion.reference_radius_mm),
+            )
+            for state in mine
+        ]
+        found |= zip(map(id, mine), fit_colours(seen), strict=True)
+    return [replace(state, colour=found[id(state)]) for state in states]
 
 
 def better_told(after: LensState, before: Iterable[LensState]) -> LensState:

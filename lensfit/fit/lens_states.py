@@ -11,9 +11,17 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from threadpoolctl import threadpool_limits
+
 from lensfit.errors import FitError
 from lensfit.fit.breathing import breathing_notes
-from lensfit.fit.lens_state import LensState, better_told, by_focal_length, left_px
+from lensfit.fit.lens_state import (
+    LensState,
+    better_told,
+    by_focal_length,
+    left_px,
+    with_colour,
+)
 from lensfit.fit.lens_wavefronts import fit_wavefronts
 from lensfit.fit.reconcile import amounts_of
 from lensfit.fit.shared_glass import fit_sharing_glass
@@ -78,6 +86,9 @@ class Fitted:
         )
 
 
+# Matrices of a few hundred rows gain nothing from several BLAS threads, which spin
+# while they wait: on a busy machine lateral colour took seven times longer.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def fit(
     takes: list[Take],
     progress: Progress = silent,
@@ -104,6 +115,7 @@ def fit(
     states, failed = fit_sharing_glass(takes, progress)
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
+    states = with_colour(states)
     began = time.perf_counter()
     wavefronts, without, too_wide = fit_wavefronts(states, progress, effort, allowed)
     if not wavefronts:
@@ -133,7 +145,8 @@ def _fit_at_chief_rays(
     there = {focal_mm: at_chief_rays(found) for focal_mm, found in wavefronts.items()}
     moved = {take.name: take for mine in there.values() for take in mine}
     placed = [moved.get(take.name, take) for take in takes]
-    return _AtChiefRays(wavefronts, there, *fit_sharing_glass(placed, progress))
+    states, failed = fit_sharing_glass(placed, progress)
+    return _AtChiefRays(wavefronts, there, with_colour(states), failed)
 
 
 def _kept_where_closer(

@@ -5,16 +5,20 @@ of centre do, takes over what others of its focal length told. What one photogra
 contradicts costs no other.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from lensfit.errors import FitError
-from lensfit.fit.entrance_pupil import perspective_at_other_focus
+from lensfit.fit.entrance_pupil import (
+    perspective_at_other_focus,
+    perspective_with_walk,
+)
 from lensfit.fit.lens_state import LensState, by_focal_length, fit_state
 from lensfit.fit.out_of_centre import OutOfCentre, told_by
+from lensfit.fit.reconcile import walk_with_shared_errors
 from lensfit.fit.take import Take, grouped
 from lensfit.fit.usual_lens import KnownPerspective
 from lensfit.optics.base import BaseProjection
@@ -28,15 +32,17 @@ def fit_sharing_glass(
 
     A pupil that is wrong by some share of the chart's distance scales a state by as
     much. A tilt of few degrees hardly tells it, and another solve would find another
-    one: the states that told it stay as they were then. A state that cannot be fitted
-    with what others saw stays as it was, too.
+    one: the states that told it stay as they were then, but for the walk of the pupil.
+    A state that cannot be fitted with
+    what others saw stays as it was, too.
 
     Returns
     -------
     The states, as their photographs come, and why takes failed, by name.
     """
     groups = grouped(takes)
-    states, failed = _fit_states(groups, progress, {}, shown=takes)
+    states, failed = _fit_states(groups, progress, _nothing_known, shown=takes)
+    states = _with_surer_walk(states, progress, takes)
     glass = {
         focal_mm: _told(mine) for focal_mm, mine in by_focal_length(states).items()
     }
@@ -44,8 +50,13 @@ def fit_sharing_glass(
     final = [s for s in states if s not in lacking]
     settled = _names_in(final)
     open_yet = [g for g in groups if not any(take.name in settled for take in g)]
+
+    def told(group: list[Take]) -> _Known:
+        mine = glass.get(group[0].focal_length_mm, _Glass())
+        return _Known(_perspective_for(group, mine), mine.out_of_centre)
+
     again, failed_again = _fit_states(
-        open_yet, progress, glass, shown=takes, before=final
+        open_yet, progress, told, shown=takes, before=final
     )
     refitted = _names_in(again)
     alone = [s for s in lacking if refitted.isdisjoint(_names_in([s]))]
@@ -53,6 +64,39 @@ def fit_sharing_glass(
     used = _names_in(every)
     failed = {n: why for n, why in (failed | failed_again).items() if n not in used}
     return _in_order(every, takes), failed
+
+
+class _Known(NamedTuple):
+    """What is known of a state before its photographs are seen; None for nothing."""
+
+    perspective: KnownPerspective | None = None
+    out_of_centre: OutOfCentre | None = None
+
+
+def _nothing_known(_: list[Take]) -> _Known:
+    return _Known()
+
+
+def _with_surer_walk(
+    states: list[LensState], progress: Progress, takes: list[Take]
+) -> list[LensState]:
+    """With those refitted that would tell others a walk of the pupil which errors that
+    their marks share have made (`reconcile`)."""
+    found = []
+    for mine in by_focal_length(states).values():
+        surest = _surest(mine)
+        surer = walk_with_shared_errors(surest)
+        known = _Known(perspective_with_walk(surest.geometry, surest.walk, surer))
+        again = []
+        if known.perspective is not None:
+            group = list(surest.geometry.takes)
+            again, _ = _fit_states(
+                [group], progress, lambda _, k=known: k, shown=takes, before=[surest]
+            )
+        whole = _names_in(again) == _names_in([surest])
+        found += [s for s in mine if not (whole and s is surest)]
+        found += again if whole else []
+    return _in_order(found, takes)
 
 
 def _names_in(states: list[LensState]) -> set[str]:
@@ -74,11 +118,14 @@ class _Glass(NamedTuple):
 
 
 def _told(states: list[LensState]) -> _Glass:
-    best = min(states, key=lambda state: state.pupil.standard_deviation_mm)
     telling = [s for s in states if s.geometry.tells_out_of_centre]
     surest = sorted(telling, key=_unsure_axis)[:1]
     told = [told_by(state.geometry.adjustment) for state in surest]
-    return _Glass(best, *told)
+    return _Glass(_surest(states), *told)
+
+
+def _surest(states: list[LensState]) -> LensState:
+    return min(states, key=lambda state: state.pupil.standard_deviation_mm)
 
 
 def _perspective_for(group: list[Take], glass: _Glass) -> KnownPerspective | None:
@@ -115,7 +162,7 @@ def _in_order(states: list[LensState], takes: list[Take]) -> list[LensState]:
 def _fit_states(
     groups: list[list[Take]],
     progress: Progress,
-    glass: Mapping[float, _Glass],
+    known: Callable[[list[Take]], _Known],
     *,
     shown: list[Take],
     before: Sequence[LensState] = (),
@@ -124,7 +171,7 @@ def _fit_states(
 
     Parameters
     ----------
-    glass : Of a focal length, as other states told it.
+    known : Of a group, as other states told it.
     shown : Takes of all states of the lens.
     before : States whose ideal projection the new ones share; without them that of
         the first.
@@ -135,15 +182,15 @@ def _fit_states(
     left = list(groups)
     while left:
         group = left.pop(0)
-        known = glass.get(group[0].focal_length_mm, _Glass())
+        perspective, out_of_centre = known(group)
         try:
             state = fit_state(
                 group,
                 progress,
                 shown=shown,
                 base=base,
-                perspective=_perspective_for(group, known),
-                told=known.out_of_centre,
+                perspective=perspective,
+                told=out_of_centre,
             )
         except FitError as error:
             # One photograph that contradicts itself must not cost the others.

@@ -19,6 +19,9 @@ from lensfit.fit.adjust import Adjustment, fitted_depths_mm
 from lensfit.fit.stated_facts import Facts
 from lensfit.fit.statements import CAUCHY_SCALE, statements_of
 
+_LARGEST = 50.0
+"""Logarithm of a ratio; steps that are only tried may go beyond any number."""
+
 
 class StatedScale(NamedTuple):
     """What statements make of poses that were found with some principal distance.
@@ -52,9 +55,10 @@ def stated_scale(
     pupil = facts.perspective.pupil
 
     def residuals(guess: np.ndarray) -> np.ndarray:
-        log_ratio, offset_mm = guess[0], guess[1] * pupil.standard_deviation_mm
-        fitted_mm = depth_mm[measured] * np.exp(log_ratio) + offset_mm
-        c_mm = principal_distance_mm * np.exp(log_ratio)
+        ratio = np.exp(min(guess[0], _LARGEST))
+        offset_mm = guess[1] * pupil.standard_deviation_mm
+        fitted_mm = depth_mm[measured] * ratio + offset_mm
+        c_mm = principal_distance_mm * ratio
         of_focal = np.log(c_mm / facts.principal_distance_mm)
         return np.concatenate(
             [

@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 import numpy as np
 from msgspec.structs import replace
+from threadpoolctl import threadpool_limits
 
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, FitError
@@ -106,6 +107,8 @@ def calibrate(
         )
 
 
+# As `lensfit.fit.lens_states.fit`: what is written is propagated by such matrices, too.
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def calibrate_observed(
     shoot: Shoot,
     observed: list[Observed],

@@ -12,7 +12,12 @@ from data_synth.frame import Frame
 from data_synth.irradiance import ray_weights, shifted_sobol
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
-from data_synth.pupilmap import deposit, interpolation, open_bounds_mm
+from data_synth.pupilmap import (
+    deposit,
+    interpolation,
+    open_bounds_mm,
+    pupil_map,
+)
 from data_synth.spots import (
     band_chiefs_mm,
     band_maps,
@@ -115,3 +120,28 @@ def test_object_points_are_found_for_wanted_places(lens):
     objects = object_points_mm(lens, wanted, DISTANCE_MM)
     landed = band_chiefs_mm(lens, objects, GREEN)
     np.testing.assert_allclose(landed, wanted, atol=2e-4)
+
+
+@pytest.mark.parametrize("f_number", [2.8, 5.6])
+def test_all_light_of_a_wide_lens_is_in_the_map(f_number):
+    """Off axis its stopped-down pupil is far wider than on it: every ray that the glass
+    and the stop let through, of a grid five pupils wide, counts."""
+    lens = set_lens(
+        load_prescription("canon_14"), f_number=f_number, focus_distance_mm=568.0
+    )
+    objects = np.array([[0.0, 0.0, 568.0], [450.0, 0.0, 568.0]])
+    points = tracer_from_object(objects)
+    normals = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
+    bounds = open_bounds_mm(lens, points)
+    rays = pupil_map(lens, points, normals, bounds, 540.0, 24).refined(lens.stop, 96)
+    mapped = rays.flux.sum(axis=(1, 2))
+    middle = (bounds[0] + bounds[1]) / 2
+    side_mm = 10 * lens.pupil_radius_mm
+    axis = ((np.arange(400) + 0.5) / 400 - 0.5) * side_mm
+    aim = middle[:, None] + np.stack(np.meshgrid(axis, axis), -1).reshape(1, -1, 2)
+    sources = np.repeat(points, axis.size**2, axis=0)
+    traced, direction = rays_through_pupil(lens, sources, aim.reshape(-1, 2), 540.0)
+    facing = np.broadcast_to([0.0, 0.0, 1.0], sources.shape)
+    weight = ray_weights(lens, sources, facing, direction) * traced.passed
+    counted = weight.reshape(2, -1).sum(1) * (side_mm / 400) ** 2
+    np.testing.assert_allclose(mapped, counted, rtol=0.01)

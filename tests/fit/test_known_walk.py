@@ -11,7 +11,9 @@ from data_synth.aim import chief_aim_mm
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from lensfit.detect.observations import only
+from lensfit.fit.entrance_pupil import FittedWalk, perspective_with_walk
 from lensfit.fit.lens_states import fit
+from lensfit.fit.reconcile import walk_with_shared_errors
 from lensfit.fit.take import Take
 from lensfit.fit.usual_lens import usual_walk
 from lensfit.workflow.calibration.entries import entry_of
@@ -140,3 +142,41 @@ def test_many_sharp_points_tell_that_a_pupil_stands_still():
     (state,) = fit(photographed(views, 2000.0, 0.0, noise_px=0.004)).states
     assert abs(state.walk.walk_mm) < 3 * state.walk.standard_deviation_mm
     assert state.walk.standard_deviation_mm < 3.0
+
+
+@pytest.mark.slow
+def test_errors_that_marks_share_are_not_taken_for_a_walk():
+    """Marks of tilted views are moved by as much as another walk would move them, and
+    say that errors may do that."""
+    still, moved = (photographed(TILTED, 2000.0, mm, 0.005) for mm in (0.0, -12.0))
+    takes = []
+    for one, other in zip(still, moved, strict=True):
+        known = {tuple(c): k for k, c in enumerate(one.observations.lattice.tolist())}
+        rows = np.array([
+            known.get(tuple(c), -1) for c in other.observations.lattice.tolist()
+        ])  # fmt: skip
+        seen = only(other.observations, rows >= 0)
+        there = seen.points_px - one.observations.points_px[rows[rows >= 0]]
+        moves = np.repeat((there * other.pixel_mm)[None, None], 3, axis=1)
+        takes.append(replace(other, observations=seen, shared_moves_mm=moves))
+    (state,) = fit(takes).states
+    fitted = replace(state, walk=FittedWalk(-12.0, 20.0))
+    found = walk_with_shared_errors(fitted)
+    adjustment = state.geometry.adjustment
+    row = adjustment.layout.blocks["pupil_walk"].start
+    unit_mm = float(adjustment.frame.stated_focal_length_mm)
+    assert adjustment.parameters[row] * unit_mm == pytest.approx(-12.0, abs=2.0)
+    assert abs(found.walk_mm) < found.standard_deviation_mm
+    assert 4.0 < found.standard_deviation_mm < 15.0
+
+
+def test_a_walk_within_what_is_known_stays(states):
+    geometry = states[2000.0].geometry
+    fitted = FittedWalk(-20.0, 30.0)
+    assert perspective_with_walk(geometry, fitted, FittedWalk(-14.0, 7.0)) is None
+    assert perspective_with_walk(geometry, fitted, None) is None
+    assert perspective_with_walk(geometry, None, None) is None
+    known = perspective_with_walk(geometry, fitted, FittedWalk(-12.0, 7.0))
+    assert known.walk.walk_mm == -12.0
+    assert 7.0 < known.walk.common_deviation_mm < 7.5
+    assert known.pupil == geometry.facts.perspective.pupil

@@ -9,6 +9,7 @@ from lensfit.errors import FitError
 from lensfit.fit import shared_glass
 from lensfit.fit.entrance_pupil import EntrancePupil
 from lensfit.fit.shared_glass import fit_sharing_glass
+from lensfit.fit.usual_lens import KnownPerspective, KnownPupil, KnownWalk
 from lensfit.progress import silent
 
 TILTED_MM, FRONTAL_MM = 2000.0, 900.0
@@ -91,3 +92,15 @@ def test_a_state_that_fits_only_by_itself_stays_as_it_was(asked):
     states, failed = fit_sharing_glass(TAKES, silent)
     assert [s.pupil.offset_mm for s in states] == [0.0, PUPIL_MM]
     assert list(failed) == ["bad"]
+
+
+def test_a_state_whose_walk_is_known_better_is_fitted_again(asked, monkeypatch):
+    surer = KnownPerspective(KnownPupil(PUPIL_MM, 1.0), KnownWalk(-18.0, 0.5, 12.0))
+    monkeypatch.setattr(shared_glass, "perspective_with_walk", lambda *_: surer)
+    monkeypatch.setattr(shared_glass, "walk_with_shared_errors", lambda _: None)
+    states, _ = fit_sharing_glass(TAKES, silent)
+    assert (TILTED_MM, surer) in asked.pupils
+    focus_mm, told = asked.pupils[-1]
+    assert focus_mm == FRONTAL_MM
+    assert told is not surer
+    assert [s.geometry.takes[0].name for s in states] == ["frontal", "tilt"]

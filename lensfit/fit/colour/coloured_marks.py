@@ -1,15 +1,16 @@
-"""Marks seen in one channel and in green: what lateral colour is told by.
+"""Marks seen in one channel and in green: what lateral colour is measured with.
 
-Wide apertures add the colour of coma to a centroid, so the smallest aperture with
-enough marks is used; there, what `wavefront.place` takes off is small, and so is its
-error.
+Wide apertures add the colour of coma to a centroid. Of centroids those at the smallest
+aperture with enough marks are used, where it is least. Marks at chief rays
+(`wavefront.place`) are used at every aperture: what was taken off them carries errors
+of the wavefront, which move marks of all apertures and focus states together.
 """
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from lensfit.coords import mm_from_px
 from lensfit.detect.observations import POINT, Observations
@@ -43,6 +44,7 @@ class ColouredMarks(NamedTuple):
     variance_mm2 : Of the displacement; of a line, along its normal.
     pixel_mm : Width of a pixel.
     shared_mm : How displacements move together.
+    take : Which photograph each mark is on.
     """
 
     place_mm: Float[np.ndarray, "marks 2"]
@@ -51,11 +53,18 @@ class ColouredMarks(NamedTuple):
     variance_mm2: Float[np.ndarray, " marks"]
     pixel_mm: Float[np.ndarray, " marks"]
     shared_mm: Float[np.ndarray, "marks moves 2"]
+    take: Int[np.ndarray, " marks"]
 
 
 def chosen(takes: tuple[Take, ...], left_out: LeftOut) -> list[Take]:
-    """The takes at the smallest aperture that has enough marks in colour."""
+    """The takes at the smallest aperture that has enough marks in colour, and all that
+    have marks at chief rays."""
     coloured = [t for t in takes if np.isfinite(t.observations.channel_points_px).any()]
+    least = _at_smallest_aperture(coloured, left_out)
+    return [t for t in coloured if t.chief_rays or any(t is one for one in least)]
+
+
+def _at_smallest_aperture(coloured: list[Take], left_out: LeftOut) -> list[Take]:
     for number in sorted({t.f_number or 0.0 for t in coloured}, reverse=True):
         takes_there = [t for t in coloured if (t.f_number or 0.0) == number]
         if sum(_usable(t.observations, left_out) for t in takes_there) >= FEWEST_MARKS:
@@ -93,6 +102,7 @@ def marks_of(
         variance_mm2=variance_of(covariance, normal) * mm_per_px**2,
         pixel_mm=np.full(len(moved), mm_per_px),
         shared_mm=shared,
+        take=np.zeros(len(moved), int),
     )
 
 
@@ -104,8 +114,9 @@ def joined(seen: list[ColouredMarks]) -> ColouredMarks:
             shared_mm=np.pad(
                 marks.shared_mm,
                 [(0, 0), (0, most - marks.shared_mm.shape[1]), (0, 0)],
-            )
+            ),
+            take=np.full(len(marks.take), k),
         )
-        for marks in seen
+        for k, marks in enumerate(seen)
     ]
     return ColouredMarks(*(np.concatenate(parts) for parts in zip(*alike, strict=True)))

@@ -2,12 +2,16 @@
 
 The chart cancels: red minus green of one dot does not depend on where the dot was
 printed. What remains is linear in the coefficients of `lensfit.optics.lateral`, so it
-is solved in closed form with robust weights.
+is solved in closed form with robust weights, of all states of a focal length together
+(`equations`).
 
 Colour need not be centred on the principal point: tilted elements move the one without
 the other. Where the evidence asks for it the terms of such a lens are fitted too, since
 a radial formula about the wrong point misses most where it matters, at the edge.
 """
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +25,6 @@ from lensfit.fit.colour.channel_colour import (
 from lensfit.fit.colour.coloured_marks import (
     FEWEST_MARKS,
     ColouredMarks,
-    LeftOut,
     chosen,
     joined,
     marks_of,
@@ -30,76 +33,111 @@ from lensfit.fit.colour.coloured_marks import (
 )
 from lensfit.fit.colour.equations import (
     MOST_RADIAL_TERMS,
+    TERMS,
     equations_of,
-    rows_in,
-    solve,
+    normal_equations,
     systematic_of,
 )
 from lensfit.fit.take import Take
 
+_CHANNELS = {"r": 0, "b": 2}
 _LEAST_BIC_GAIN = 6.0
 
 
-def fit_colour(
-    takes: tuple[Take, ...],
-    principal_point_mm: Float[np.ndarray, "2"],
-    reference_radius_mm: float,
-) -> dict[str, ChannelColour]:
-    """Red and blue against green; empty when the photographs have no colour.
+class Views(NamedTuple):
+    """The photographs of one state.
+
+    Attributes
+    ----------
+    takes : All of them.
+    principal_point_mm, reference_radius_mm : About which colour is expanded, and in
+        which unit.
+    """
+
+    takes: tuple[Take, ...]
+    principal_point_mm: Float[np.ndarray, "2"]
+    reference_radius_mm: float
+
+
+def fit_colours(states: Sequence[Views]) -> list[dict[str, ChannelColour]]:
+    """Red and blue against green, for states of one focal length; empty for those whose
+    photographs have no colour."""
+    marks = [_marks_of(state) for state in states]
+    found: list[dict[str, ChannelColour]] = [{} for _ in states]
+    seen = [k for k, of_state in enumerate(marks) if of_state]
+    for channel in _CHANNELS if seen else ():
+        of_states = _fit(
+            [marks[k][channel] for k in seen],
+            [states[k].reference_radius_mm for k in seen],
+        )
+        for k, colour in zip(seen, of_states, strict=True):
+            found[k][channel] = colour
+    return found
+
+
+def _marks_of(state: Views) -> dict[str, ColouredMarks]:
+    """Of red and of blue; empty where there are too few of either.
 
     Clipped marks are used where there are too few others. What is cut off a lopsided
     spot moves its centroid by tenths of a pixel, but much alike in all channels.
     """
     for left_out in (touched_or_clipped, touched):
-        found = _of_marks(takes, left_out, principal_point_mm, reference_radius_mm)
-        if found:
-            return found
+        coloured = chosen(state.takes, left_out)
+        every = {
+            channel: [
+                marks_of(take, index, left_out, state.principal_point_mm)
+                for take in coloured
+            ]
+            for channel, index in _CHANNELS.items()
+        }
+        counts = [sum(len(m.place_mm) for m in mine) for mine in every.values()]
+        if min(counts) >= FEWEST_MARKS:
+            return {channel: joined(mine) for channel, mine in every.items()}
     return {}
 
 
-def _of_marks(
-    takes: tuple[Take, ...],
-    left_out: LeftOut,
-    principal_point_mm: Float[np.ndarray, "2"],
-    reference_radius_mm: float,
-) -> dict[str, ChannelColour]:
-    """Of all marks but some; empty when there are too few."""
-    found = {}
-    coloured = chosen(takes, left_out)
-    for channel, index in (("r", 0), ("b", 2)):
-        every = [marks_of(t, index, left_out, principal_point_mm) for t in coloured]
-        seen = [marks for marks in every if len(marks.place_mm)]
-        if not seen or sum(len(marks.place_mm) for marks in seen) < FEWEST_MARKS:
-            return {}
-        found[channel] = _fit(joined(seen), reference_radius_mm)
+def _fit(
+    marks: Sequence[ColouredMarks], reference_radius_mm: Sequence[float]
+) -> list[ChannelColour]:
+    """Smallest model that BIC prefers, the same for all states.
+
+    Robust weights are those of the largest model, so that a few bad marks decide
+    nothing.
+    """
+    pairs = list(zip(marks, reference_radius_mm, strict=True))
+    states = [equations_of(one, radius_mm) for one, radius_mm in pairs]
+    together = normal_equations(states)
+    moves = together.solution(LOPSIDED, MOST_RADIAL_TERMS).beta[len(states) * TERMS :]
+    chi2 = together.chi2(LOPSIDED, MOST_RADIAL_TERMS, moves)
+    level = max(chi2 / together.rows, 1.0)
+    best = None
+    for besides in (CENTRED, SHIFTED, LOPSIDED):
+        for terms in range(MOST_RADIAL_TERMS + 1):
+            # Held, lest moves stand for a term that is left out.
+            chi2 = together.chi2(besides, terms, moves)
+            coefficients = len(states) * (besides + terms)
+            bic = chi2 / level + coefficients * np.log(together.rows)
+            if best is None or bic < best[0] - _LEAST_BIC_GAIN:
+                best = (bic, besides, terms)
+    assert best is not None
+    _, besides, terms = best
+    solution = together.solution(besides, terms)
+    found = []
+    for k, (one, radius_mm) in enumerate(pairs):
+        mine = slice(k * TERMS, (k + 1) * TERMS)
+        covariance = solution.covariance[mine, mine] * level
+        covariance = covariance + systematic_of(states[k], together.weight[k])
+        found.append(_channel(solution.beta[mine], covariance, besides, one, radius_mm))
     return found
 
 
-def _fit(marks: ColouredMarks, reference_radius_mm: float) -> ChannelColour:
-    """Smallest model that BIC prefers.
-
-    Squared residuals are cut at four times the spread of the largest model, so that
-    a few bad marks decide nothing.
-    """
-    models = [
-        (besides, terms)
-        for besides in (CENTRED, SHIFTED, LOPSIDED)
-        for terms in range(MOST_RADIAL_TERMS + 1)
-    ]
-    equations = equations_of(marks, reference_radius_mm)
-    solved = [solve(equations, *model) for model in models]
-    limit = 16 * np.median(solved[-1].squared) / np.log(4)
-    count = rows_in(marks.normal)
-    best = None
-    for (besides, terms), solution in zip(models, solved, strict=True):
-        squared = np.minimum(solution.squared, limit)
-        level = np.mean(squared) + (1e-3 * equations.px) ** 2
-        bic = count * np.log(level) + (besides + terms) * np.log(count)
-        if best is None or bic < best[0] - _LEAST_BIC_GAIN:
-            best = (bic, solution, besides)
-    assert best is not None
-    _, (beta, covariance, *_), besides = best
-    covariance = covariance + systematic_of(equations, solved[-1].weight)
+def _channel(
+    beta: Float[np.ndarray, " terms"],
+    covariance: Float[np.ndarray, "terms terms"],
+    besides: int,
+    marks: ColouredMarks,
+    reference_radius_mm: float,
+) -> ChannelColour:
     lopsided = tuple(beta[SHIFTED:LOPSIDED].tolist()) if besides == LOPSIDED else ()
     radius = np.hypot(*(marks.place_mm / reference_radius_mm).T)
     return ChannelColour(

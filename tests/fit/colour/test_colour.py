@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from found_marks import found_marks
 
-from lensfit.fit.colour.lateral_colour import fit_colour
+from lensfit.fit.colour.lateral_colour import Views, fit_colours
 from lensfit.fit.take import Take
 from lensfit.optics.lateral import ChannelShift, channel_from_green
 
@@ -14,6 +14,11 @@ IMAGE_PX, MM_PER_PX = np.array([1920, 1080]), 0.01
 HALF_MM = IMAGE_PX * MM_PER_PX / 2
 RADIUS_MM = float(np.hypot(*HALF_MM))
 NOISE_PX = 0.2
+
+
+def fit_colour(takes, principal_point_mm, reference_radius_mm):
+    """Of one state by itself."""
+    return fit_colours([Views(takes, principal_point_mm, reference_radius_mm)])[0]
 
 
 def take_with(moved_px, *, noise_px=NOISE_PX, seed=0) -> Take:
@@ -170,3 +175,33 @@ def test_clipped_marks_are_used_where_there_are_too_few_others(share, moved_px):
     colour = fit_colour((take,), np.zeros(2), RADIUS_MM)["b"]
     off = modelled_px(colour, np.zeros(2), RIM_PX) - truth(RIM_PX)
     np.testing.assert_allclose(off.mean(0), [moved_px, 0], atol=0.1)
+
+
+def test_chromatic_coma_measured_in_one_state_is_known_in_all():
+    """Photographs at f/2.8 of two focus states carry the coma of red; at f/8, in one of
+    them, there is none. How it goes over the frame is known, how much of it is not."""
+    lateral = {"near": (1.0, -0.6), "far": (0.7, -0.2)}
+    coma = radial((0.9,))
+
+    def at_f2p8(name, seed):
+        own = radial(lateral[name])
+        take = take_with(lambda px: own(px) + coma(px), noise_px=0.02, seed=seed)
+        green_px = take.observations.points_px - IMAGE_PX / 2
+        moves = np.zeros((1, 3, len(green_px), 2))
+        moves[0, [0, 2]] = 3 * coma(green_px) * MM_PER_PX
+        return replace(
+            take, name=name, f_number=2.8, chief_rays=True, shared_moves_mm=moves
+        )
+
+    sharp = take_with(radial(lateral["far"]), noise_px=0.02, seed=3)
+    sharp = replace(sharp, name="f8", f_number=8.0)
+    states = {"near": (at_f2p8("near", 1),), "far": (at_f2p8("far", 2), sharp)}
+    views = [Views(takes, np.zeros(2), RADIUS_MM) for takes in states.values()]
+    for name, found in zip(states, fit_colours(views), strict=True):
+        truth = radial(lateral[name])(RIM_PX)
+        for channel in ("r", "b"):
+            off = modelled_px(found[channel], np.zeros(2), RIM_PX) - truth
+            assert np.abs(off).max() < 0.02, (name, channel)
+    alone = fit_colours(views[:1])[0]["r"]
+    rim = RIM_PX[:1] * MM_PER_PX / RADIUS_MM
+    assert alone.deviations(rim).max() > 20 * found["r"].deviations(rim).max()
