@@ -24,6 +24,7 @@ from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
 
 if TYPE_CHECKING:
+    from lensfit.workflow.apply import Applied
     from lensfit.workflow.apply_options import ApplyOptions
 
 
@@ -242,7 +243,9 @@ def apply_options(
     )
 
 
-def say_applied(applied, out: Path, as_json: bool, cameras: Path | None = None) -> None:
+def say_applied(
+    applied: "Applied", out: Path, as_json: bool, cameras: Path | None = None
+) -> None:
     """The outcome: results on standard output, remarks and failures on the other.
 
     Parameters

@@ -31,14 +31,12 @@ def undistort(
     lateral_colour: Annotated[
         bool,
         typer.Option(
-            "--remove-lateral-colour", help="Lay red and blue over green as well"
+            "--lateral-colour", help="Take it off too: red and blue onto green"
         ),
     ] = False,
     falloff: Annotated[
         bool,
-        typer.Option(
-            "--remove-falloff", help="Divide by fall-off as well (needs the f-number)"
-        ),
+        typer.Option("--falloff", help="Take it off too (needs the f-number)"),
     ] = False,
     overscan: Annotated[
         float | None,

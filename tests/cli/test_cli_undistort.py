@@ -108,8 +108,8 @@ def test_the_window_holds_all_of_the_photograph_and_nothing_beyond(tmp_path, len
 
 EFFECTS = {
     "distortion": ((), ("--no-falloff", "--no-lateral-colour")),
-    "lateral colour too": (("--remove-lateral-colour",), ("--no-falloff",)),
-    "all": (("--remove-lateral-colour", "--remove-falloff"), ()),
+    "lateral colour too": (("--lateral-colour",), ("--no-falloff",)),
+    "all": (("--lateral-colour", "--falloff"), ()),
 }
 
 
@@ -163,11 +163,11 @@ def test_lateral_colour_and_falloff_are_taken_off(tmp_path, lens):
     gain = gain.reshape(FRAME.height, FRAME.width)
     assert gain.min() < 0.9
     plate = photograph(tmp_path / "grey.exr", {n: 0.4 * gain for n in "RGB"})
-    made = straight(tmp_path, plate, "--remove-falloff")
+    made = straight(tmp_path, plate, "--falloff")
     seen = inside(distorted_px(lens, made.data_window))
     np.testing.assert_allclose(made.channels["G"][seen], 0.4, rtol=1e-3)
     plate = photograph(tmp_path / "ramp.exr", ramps(FRAME))
-    made = straight(tmp_path, plate, "--remove-lateral-colour")
+    made = straight(tmp_path, plate, "--lateral-colour")
     for name, channel in (("R", "r"), ("B", "b")):
         read = distorted_px(lens, made.data_window, channel)
         error = np.abs(made.channels[name] - read[..., 0])[inside(read)]
@@ -253,7 +253,7 @@ def test_what_cannot_be_straightened_is_refused_in_one_line(tmp_path, lens):
     assert again.exit_code == 1
     assert "was straightened already" in again.stderr
     unknown = photograph(tmp_path / "b.exr", ramps(FRAME), header=SENSOR)
-    words = ["--out", tmp_path / "c", "--remove-falloff", "--keep", "--overwrite"]
+    words = ["--out", tmp_path / "c", "--falloff", "--keep", "--overwrite"]
     assert run(tmp_path, "undistort", unknown, *words).exit_code == 2
     grey = photograph(tmp_path / "c.exr", {"Z": np.ones((160, 240))})
     lacking = run(tmp_path, "undistort", grey, "--out", tmp_path / "c")

@@ -72,6 +72,13 @@ def openjd_template(job: FarmJob) -> tuple[dict[str, Any], dict[str, str]]:
         ]
         words += option_words(option, values)
     words.append(_PROGRESS)
+    step = _step(job, words)
+    template = checked_template(job.name, definitions, [step], job.chunks, paths)
+    return template, paths
+
+
+def _step(job: FarmJob, words: list[str]) -> dict[str, Any]:
+    """The one step of the job: the command, what its host needs, its tasks."""
     step: dict[str, Any] = {
         "name": "apply",
         "script": {
@@ -88,8 +95,7 @@ def openjd_template(job: FarmJob) -> tuple[dict[str, Any], dict[str, str]]:
     if job.chunks:
         frames = {"name": "Frames", "type": "STRING", "range": list(job.chunks)}
         step["parameterSpace"] = {"taskParameterDefinitions": [frames]}
-    template = checked_template(job.name, definitions, [step], job.chunks, paths)
-    return template, paths
+    return step
 
 
 def checked_template(
