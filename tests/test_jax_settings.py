@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from lensfit._jax import _cores
+from lensfit.cores import available_cores
 
 COUNT = "import jax; print(len(jax.devices()), jax.config.jax_enable_x64)"
 
@@ -25,7 +25,7 @@ def devices(*imports: str, **environment: str) -> list[str]:
     return done.stdout.split()
 
 
-@pytest.mark.skipif(_cores() < 2, reason="there is one core")
+@pytest.mark.skipif(available_cores() < 2, reason="there is one core")
 def test_a_fit_has_a_device_for_every_core():
     count, wide = devices("lensfit.workflow.calibrate")
     assert 2 <= int(count) <= 8

@@ -211,8 +211,6 @@ def _refuse_unreadable(part: PartHeader, size: int, path: Path) -> None:
     if min(window.width, window.height) < 1:
         raise _damaged(path, f"its data window {tuple(window)} is empty")
     claimed = part.bytes_uncompressed
-    if max(window.width, window.height) > _LARGEST_SIDE_PX:
-        raise _too_large(path, "data", window, f"{_LARGEST_SIDE_PX} on a side")
     if (
         claimed > _ALWAYS_ALLOWED_BYTES + part.largest_ratio * size
         or not 0 < part.chunk_count <= size // 8
@@ -222,6 +220,8 @@ def _refuse_unreadable(part: PartHeader, size: int, path: Path) -> None:
             f"its header claims {window.width} x {window.height} pixels, which a file "
             f"of {size} bytes cannot hold",
         )
+    if max(window.width, window.height) > _LARGEST_SIDE_PX:
+        raise _too_large(path, "data", window, f"{_LARGEST_SIDE_PX} on a side")
     for name, (_, x_sampling, y_sampling) in part.channels.items():
         if (x_sampling, y_sampling) != (1, 1):
             raise ImageError(

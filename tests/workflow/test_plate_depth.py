@@ -99,9 +99,7 @@ def test_a_header_that_makes_no_sense_is_named(entry, what):
 
 def test_a_kind_that_is_no_word_is_refused_in_a_line():
     header: dict[str, Any] = {"depth__kind": np.eye(3, dtype=np.float32)}
-    with pytest.raises(
-        ImageError, match=r"no kind of depth \(depth/kind of the"
-    ) as told:
+    with pytest.raises(ImageError, match="depth/kind of the header is no word") as told:
         read(plate(**header))
     assert "\n" not in str(told.value)
 
