@@ -14,7 +14,7 @@ from pinhole_shoot import (
     take_of,
 )
 
-from lensfit.fit.lens_state import LensState, fit_state
+from lensfit.fit.lens_state import LensState, fit_state, with_colour
 from lensfit.fit.take import Take
 from lensfit.fit.uncertainty import position_deviations_mm
 from lensfit.lens import Lens
@@ -56,7 +56,8 @@ def coloured_take(view: int) -> Take:
 @pytest.fixture(scope="module")
 def state() -> LensState:
     takes = [coloured_take(k) for k in range(3)]
-    return fit_state(takes, shown=takes)
+    (state,) = with_colour([fit_state(takes, shown=takes)])
+    return state
 
 
 @pytest.fixture(scope="module")

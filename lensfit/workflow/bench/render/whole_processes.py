@@ -6,12 +6,11 @@ process tells them. Programs compiled by an earlier run are kept on disk, as the
 any machine that has rendered a frame before.
 """
 
+import json
 import math
-import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +31,24 @@ _FOCUS_OF_A_LENS = 40.0
 """In focal lengths, where the preset states none."""
 _GIB = 2.0**30
 _COMMAND = "from lensfit.cli.main import main; main()"
+_ACCOUNTANT = """
+import json, os, subprocess, sys, tempfile, time
+with tempfile.TemporaryFile() as said:
+    began = time.perf_counter()
+    process = subprocess.Popen(sys.argv[1:], stdout=said, stderr=subprocess.STDOUT)
+    _, status, used = os.wait4(process.pid, 0)
+    seconds = time.perf_counter() - began
+    said.seek(0)
+    print(json.dumps({
+        "exit_code": os.waitstatus_to_exitcode(status),
+        "said": said.read().decode(errors="replace"),
+        "seconds": seconds,
+        "cpu_seconds": used.ru_utime + used.ru_stime,
+        "most": used.ru_maxrss,
+    }))
+"""
+"""Starts the command from a small process: the memory that the system states for a
+process includes what the one that started it held at that moment."""
 
 
 class Spent(NamedTuple):
@@ -164,18 +181,15 @@ def _camera(preset: Preset, size_px: tuple[int, int]) -> ThinCamera:
 
 
 def _spent(command: list[str]) -> Spent:
-    began = time.perf_counter()
-    with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
-        _, status, used = os.wait4(process.pid, 0)
-        seconds = time.perf_counter() - began
-        process.returncode = os.waitstatus_to_exitcode(status)
-        if process.returncode:
-            said.seek(0)
-            lines = said.read().decode(errors="replace").strip().splitlines()
-            raise LensfitError(
-                f"lensfit apply failed ({lines[-1] if lines else 'without a word'})",
-                remedy="apply the preset to a plate by itself",
-            )
-    most = used.ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-    return Spent(seconds, used.ru_utime + used.ru_stime, most / _GIB)
+    run = [sys.executable, "-S", "-c", _ACCOUNTANT, *command]
+    process = subprocess.run(run, capture_output=True, text=True, check=True)
+    account = json.loads(process.stdout)
+    if account["exit_code"]:
+        lines = account["said"].strip().splitlines()
+        raise LensfitError(
+            f"lensfit apply failed ({lines[-1] if lines else 'without a word'})",
+            remedy="apply the preset to a plate by itself",
+        )
+    unit = 1 if sys.platform == "darwin" else 1024
+    memory_gib = account["most"] * unit / _GIB
+    return Spent(account["seconds"], account["cpu_seconds"], memory_gib)
