@@ -8,6 +8,8 @@ of how far they are: beside an outline that of the next pixel. So the gap behind
 is a blend of both of its sides, and the ground behind a leaf that of its whole rim.
 """
 
+from collections.abc import Callable
+
 import cv2
 import numba as nb
 import numpy as np
@@ -21,22 +23,27 @@ _LONGEST = 6.0
 show that a surface passes."""
 
 _STRIDE = 0.06
-"""Of a step, over the way so far."""
+"""Of a step, over the way so far: the least."""
+_SURELY = 0.95
+"""Of the distance to the nearest source, which a step may take whole."""
 _NOWHERE = np.float32(1e9)
+_CELL_PX, _ROUNDS = 16, 2
+_SPARE, _SPARE_PX = 0.2, 4.0
+"""What a ray stands for on a surface, over its radius of blur and beside."""
 
 Plane = Float32[np.ndarray, "height width"]
-Colour = Float32[np.ndarray, "height width 4"]
+Pictures = Float32[np.ndarray, "height width channels"]
 
 
 def continued(
-    rgba: Colour,
+    pictures: Pictures,
     radius_px: Plane,
     source: Bool[np.ndarray, "height width"],
     hidden: Bool[np.ndarray, "height width"],
-    reach_px: float,
-) -> tuple[Colour, Plane, Bool[np.ndarray, "height width"]]:
-    """The picture without what hides, its radii, and where nothing is known of it
-    (alpha 0).
+    reach_px: Plane,
+) -> tuple[Pictures, Plane, Bool[np.ndarray, "height width"]]:
+    """Pictures without what hides, their radii, and where nothing is known of them
+    (all 0).
 
     Parameters
     ----------
@@ -44,77 +51,139 @@ def continued(
     hidden : Pixels to be filled.
     reach_px : How far from a source a ray may still see.
     """
-    filled, filled_px = rgba.copy(), radius_px.copy()
+    filled, filled_px = pictures.copy(), radius_px.copy()
     away = cv2.distanceTransform((~source).astype(np.uint8), cv2.DIST_L2, 5)
     wanted = hidden & (away <= reach_px)
     unknown = hidden & ~wanted
-    filled[unknown], filled_px[unknown] = 0, radius_px.min()
     rows, columns = np.nonzero(wanted)
     if len(rows):
         angle = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
         _continue(
             filled,
             filled_px,
-            rgba,
+            unknown,
+            pictures,
             radius_px,
-            source,
+            away,
             rows.astype(np.int32),
             columns.astype(np.int32),
             np.cos(angle).astype(np.float32),
             np.sin(angle).astype(np.float32),
-            np.float32(reach_px + 2),
+            np.float32(reach_px.max() + 2),
         )
+    filled[unknown], filled_px[unknown] = 0, radius_px.min()
     return filled, filled_px, unknown
+
+
+def sight_px(
+    radius_px: Plane,
+    front: Bool[np.ndarray, "height width"],
+    source: Bool[np.ndarray, "height width"],
+) -> Plane:
+    """How far from its edge a ray may see behind the front, around each pixel.
+
+    Of one ray, the places on two surfaces are no farther apart than their radii of blur
+    differ, and each stands for a little around it. What is nowhere in sight of each
+    other does not count.
+    """
+    size = radius_px.shape
+    most = _of_cells(np.where(front, radius_px, -_NOWHERE), np.max, -_NOWHERE)
+    least = _of_cells(np.where(source, radius_px, _NOWHERE), np.min, _NOWHERE)
+    sight = _between(most.max(), least.min())
+    for _ in range(_ROUNDS):
+        around = np.ones((2 * int(np.ceil(sight.max() / _CELL_PX)) + 1,) * 2, np.uint8)
+        sight = _between(cv2.dilate(most, around), cv2.erode(least, around))
+    return sight.repeat(_CELL_PX, 0).repeat(_CELL_PX, 1)[: size[0], : size[1]]
+
+
+def _between(near_px: np.ndarray, far_px: np.ndarray) -> np.ndarray:
+    largest = np.maximum(np.abs(near_px), np.abs(far_px))
+    sight = np.maximum(near_px - far_px, 0) + _SPARE * largest + _SPARE_PX
+    nothing = (near_px <= -_NOWHERE) | (far_px >= _NOWHERE)
+    return np.where(nothing, np.float32(0), sight)
+
+
+def _of_cells(values: Plane, least_or_most: Callable, beyond: float) -> Plane:
+    height, width = values.shape
+    more = (0, -height % _CELL_PX), (0, -width % _CELL_PX)
+    filled = np.pad(values, more, constant_values=beyond)
+    cells = filled.reshape(-1, _CELL_PX, filled.shape[1] // _CELL_PX, _CELL_PX)
+    return least_or_most(cells, (1, 3))
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
 def _continue(
-    filled, filled_px, rgba, radius_px, source, rows, columns, cosines, sines, reach
+    filled,
+    filled_px,
+    unknown,
+    pictures,
+    radius_px,
+    distance,
+    rows,
+    columns,
+    cosines,
+    sines,
+    reach,
 ):
-    count = len(cosines)
+    count, channels = len(cosines), pictures.shape[2]
     at_y, at_x = np.zeros(count, np.int32), np.zeros(count, np.int32)
     away = np.empty(count, np.float32)
+    colour = np.empty(channels, np.float32)
     for index in range(len(rows)):
         y, x = rows[index], columns[index]
-        for k in range(count):
-            away[k], at_y[k], at_x[k] = _met(source, y, x, cosines[k], sines[k], reach)
-        nearest = away.argmin()
+        # What is met farther away counts for nothing beside the nearest.
+        limit = min(reach, np.float32(_LONGEST) * distance[y, x] + np.float32(4))
+        for wide in (limit, reach):
+            for k in range(count):
+                away[k], at_y[k], at_x[k] = _met(
+                    distance, y, x, cosines[k], sines[k], wide
+                )
+            nearest = away.argmin()
+            if away[nearest] < _NOWHERE:
+                break
         if away[nearest] >= _NOWHERE:
-            filled[y, x] = 0
+            unknown[y, x] = True
             continue
         own_px = radius_px[at_y[nearest], at_x[nearest]]
         through_px = _passing_through(radius_px, at_y, at_x, away, away[nearest])
         if through_px > -_NOWHERE:
             own_px = through_px
-        colour = np.zeros(4, np.float32)
+        colour[:] = 0
         total = radius = np.float32(0)
         for k in range(count):
             its_px = radius_px[at_y[k], at_x[k]]
             if away[k] < _NOWHERE and abs(its_px - own_px) < _step(own_px):
                 share = np.float32(1) / (away[k] * away[k])
                 share *= share
-                for n in range(4):
-                    colour[n] += share * rgba[at_y[k], at_x[k], n]
+                for n in range(channels):
+                    colour[n] += share * pictures[at_y[k], at_x[k], n]
                 radius += share * its_px
                 total += share
-        for n in range(4):
+        for n in range(channels):
             filled[y, x, n] = colour[n] / total
         filled_px[y, x] = radius / total
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
-def _met(source, y, x, cosine, sine, reach):
-    """How far, and at which row and column, a source is met in a direction."""
-    height, width = source.shape
-    step = np.float32(1)
-    while step <= reach:
+def _met(distance, y, x, cosine, sine, limit):
+    """How far, and at which row and column, a source is met in a direction.
+
+    Nothing lies nearer than `distance`, to the nearest source, so the way goes on by as
+    much at once.
+    """
+    height, width = distance.shape
+    clear = np.float32(_SURELY) * distance[y, x]
+    step = max(np.float32(1), clear - np.float32(0.5))
+    while step <= limit:
         v = int(y + step * sine + np.float32(0.5))
         u = int(x + step * cosine + np.float32(0.5))
         if v < 0 or u < 0 or v >= height or u >= width:
             break
-        if source[v, u]:
-            return step, v, u
-        step += max(np.float32(1), np.float32(_STRIDE) * step)
+        free = distance[v, u]
+        if free == 0:
+            return np.float32(np.hypot(v - y, u - x)), v, u
+        wide = max(np.float32(_STRIDE) * step, np.float32(_SURELY) * free - 1)
+        step += max(np.float32(1), wide)
     return _NOWHERE, 0, 0
 
 

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from lensfit.render.hidden import continued
+from lensfit.render.hidden import continued, sight_px
 from lensfit.render.mattes import SharedPixels
 from lensfit.render.outlines import outline_between, taken_apart
 
@@ -139,48 +139,104 @@ def surfaces_of_plate(
     guide : The same picture with all colours where the depth is; `rgba` if None.
     shared : Pixels whose objects are known.
     """
-    found, behind, behind_px = [], rgba, radius_px
+    pictures = rgba if guide is None else np.concatenate([rgba, guide], -1)
     known = np.ones(radius_px.shape, bool)
-    at = (np.zeros(0, int),) * 2
+    behind = _Behind(pictures.copy(), radius_px.copy(), known)
+    found = []
     for cut in cuts_px:
-        front = (behind_px > cut) & known
+        front = (behind.radius_px > cut) & behind.known
         if not front.any():
             continue
-        margin = _OVERLAP * (slabs.least_px + slabs.growth * abs(cut))
-        outline = outline_between(behind_px, front)
-        known_here = None
+        here = None
         if shared is not None:
-            known_here, shared = _parted_by(shared, cut)
-        if known_here is not None:
-            at = known_here.rows, known_here.columns
-            outline.pixels[at], outline.front_px[at] = True, known_here.front_px
-        hidden = front & ~_going_on(behind_px <= cut + margin, front, outline.pixels)
-        hidden |= outline.pixels
-        reach = abs(float(behind_px.max())) + abs(float(behind_px.min())) + 4
-        filled, filled_px, unknown = continued(
-            behind, behind_px, known & ~front & ~outline.pixels, hidden, reach
-        )
-        guides = None
-        if guide is not None:
-            there = known & ~front & ~outline.pixels
-            beneath, _, _ = continued(guide, behind_px, there, hidden, reach)
-            guides, guide = (guide, beneath), beneath
-        if known_here is not None:
-            filled[at] = np.where(
-                filled[at][:, 3:] > 0,
-                (filled[at] + known_here.behind) / 2,
-                known_here.behind,
-            )
-        shown, shown_px = taken_apart(behind, behind_px, front, outline, filled, guides)
-        if known_here is not None:
-            rest = (1 - known_here.share)[:, None] * filled[at]
-            shown[at] = np.maximum(behind[at] - rest, 0)
-        found.append(_surface(shown, shown_px))
-        behind, behind_px = filled, filled_px
-        known &= ~unknown
-    if (behind[..., 3] > 0).any():
-        found.append(_surface(behind, behind_px))
+            here, shared = _parted_by(shared, cut)
+        margin = _OVERLAP * (slabs.least_px + slabs.growth * abs(cut))
+        found.append(behind.taken_off(front, cut + margin, here))
+    if (behind.pictures[..., 3] > 0).any():
+        found.append(_surface(behind.pictures[..., :4], behind.radius_px))
     return found
+
+
+@dataclass(eq=False)
+class _Behind:
+    """What is left of a plate when the nearest slabs are off it.
+
+    Attributes
+    ----------
+    pictures : Its colours, and those of the guide where there is one.
+    radius_px : Of what it shows.
+    known : Where anything is known of it.
+    """
+
+    pictures: Float32[np.ndarray, "height width channels"]
+    radius_px: Plane
+    known: Bool[np.ndarray, "height width"]
+
+    def taken_off(
+        self,
+        front: Bool[np.ndarray, "height width"],
+        going_on_px: float,
+        shared: SharedPixels | None,
+    ) -> Surface:
+        """The front by itself; what it hid is filled in here.
+
+        Parameters
+        ----------
+        going_on_px : Up to this radius what lies behind goes on where the front is.
+        shared : Pixels of the front and of what is behind it that are known apart.
+        """
+        source = self.known & ~front
+        sight = sight_px(self.radius_px, front, source)
+        widest = max(float(sight.max()), np.abs(self.radius_px[front]).max() / 2)
+        at = _box(front, shared, int(widest) + _ROOM_PX)
+        front, source, sight = front[at], source[at], sight[at]
+        pictures = np.ascontiguousarray(self.pictures[at])
+        radius_px = np.ascontiguousarray(self.radius_px[at])
+        outline = outline_between(radius_px, front)
+        if shared is not None:
+            of = shared.rows - at[0].start, shared.columns - at[1].start
+            outline.pixels[of], outline.front_px[of] = True, shared.front_px
+        hidden = front & ~_going_on(radius_px <= going_on_px, front, outline.pixels)
+        hidden |= outline.pixels
+        source &= ~outline.pixels
+        filled, filled_px, unknown = continued(
+            pictures, radius_px, source, hidden, sight
+        )
+        rgba, beneath = (_colours(p, 0) for p in (pictures, filled))
+        if shared is not None:
+            both = (beneath[of] + shared.behind) / 2
+            beneath[of] = np.where(beneath[of][:, 3:] > 0, both, shared.behind)
+            filled[(*of, slice(4))] = beneath[of]
+        guides = None
+        if pictures.shape[-1] > 4:
+            guides = _colours(pictures, 4), _colours(filled, 4)
+        shown, shown_px = taken_apart(rgba, radius_px, front, outline, beneath, guides)
+        if shared is not None:
+            rest = (1 - shared.share)[:, None] * beneath[of]
+            shown[of] = np.maximum(rgba[of] - rest, 0)
+        found = _surface(shown, shown_px, at)
+        self.pictures[at], self.radius_px[at] = filled, filled_px
+        self.known[at] &= ~unknown
+        return found
+
+
+def _colours(pictures: np.ndarray, first: int) -> Colour:
+    return np.ascontiguousarray(pictures[..., first : first + 4])
+
+
+def _box(
+    front: np.ndarray, shared: SharedPixels | None, room: int
+) -> tuple[slice, slice]:
+    """Rows and columns around the front, in whole cells."""
+    at = []
+    for axis in (0, 1):
+        where = np.flatnonzero(front.any(1 - axis))
+        if shared is not None:
+            where = np.concatenate([where, (shared.rows, shared.columns)[axis]])
+        start, stop = int(where.min()) - room, int(where.max()) + 1 + room
+        start, stop = start // _CELL_PX * _CELL_PX, -(-stop // _CELL_PX) * _CELL_PX
+        at.append(slice(max(start, 0), min(stop, front.shape[axis])))
+    return at[0], at[1]
 
 
 def _parted_by(
@@ -250,7 +306,12 @@ def _grown_into(seeds: np.ndarray, may: np.ndarray) -> Bool[np.ndarray, "height 
     return reached
 
 
-def _surface(rgba: Colour, radius_px: Plane) -> Surface:
+def _surface(
+    rgba: Colour,
+    radius_px: Plane,
+    at: tuple[slice, slice] = (slice(0, None), slice(0, None)),
+) -> Surface:
+    """What is there of a part of a plate, which lies at some rows and columns."""
     there = rgba[..., 3] > _SEEN
     if not there.any():
         return Surface(rgba[:1, :1], radius_px[:1, :1], 0.0, 0.0)
@@ -266,7 +327,7 @@ def _surface(rgba: Colour, radius_px: Plane) -> Surface:
         np.clip(radius_px[rows, columns], least, most),
         least,
         most,
-        (rows.start, columns.start),
+        (at[0].start + rows.start, at[1].start + columns.start),
     )
 
 
