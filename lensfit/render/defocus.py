@@ -22,7 +22,7 @@ from lensfit.coords import Window
 from lensfit.cores import available_cores
 from lensfit.render.buffers import crop
 from lensfit.render.flat_plate import FlatPlate
-from lensfit.render.gather import PackedSurfaces, gather
+from lensfit.render.gather import TILE, PackedSurfaces, gather
 from lensfit.render.highlights import Highlights, Spot, spots
 from lensfit.render.layer_stack import LayerStack, flattened
 from lensfit.render.light_mesh import light_kernel
@@ -39,6 +39,8 @@ from lensfit.render.surfaces import (
 _OPAQUE = 1e-4
 _SIDE, _LEAST_SIDE = 1024, 256
 """Of tiles: at most, and at least where there are cores to share them."""
+_STRIP_TILES = 6
+"""Of the loop over rays, in the height of a strip that one core fills."""
 _MARGINS = 2
 """Tiles are at least so many margins wide."""
 
@@ -156,17 +158,32 @@ def _blurred(
     def made(number: int) -> list[tuple[np.ndarray, int, int, int]]:
         tile = tiles[number]
         region = grown(tile, 2 * reach, window)
-        surfaces = _surfaces(
-            scene, region, window, cuts, slabs, defocus.depth_levels is None
-        )
+        surfaces = workers.submit(
+            _surfaces,
+            *(scene, region, window, cuts, slabs, defocus.depth_levels is None),
+        ).result()
         target = crop(picture, output_window, tile)
         sharp = crop(pinhole, window, tile)
-        _gathered(target, tile, region, surfaces, rays, sharp, scene.is_opaque)
         mine = [spot for spot, n in zip(each_spot, owner, strict=True) if n == number]
-        return _laid_down(mine, surfaces, rays, region, window)
+        laid_down = workers.submit(_laid_down, mine, surfaces, rays, region, window)
+        wait = []
+        if surfaces:
+            ready = workers.submit(
+                packed, surfaces, rays.many, defocus.budget.cubic_px
+            ).result()
+            given = target, tile, region, ready, rays, sharp, scene.is_opaque
+            wait = [
+                workers.submit(_gathered, *given, rows)
+                for rows in _strips_of(tile.height)
+            ]
+        for strip in wait:
+            strip.result()
+        return laid_down.result()
 
-    with ThreadPoolExecutor(available_cores()) as threads:
-        for found in threads.map(made, range(len(tiles))):
+    # Tiles wait for their parts, and the parts of all share the cores.
+    cores = available_cores()
+    with ThreadPoolExecutor(cores) as workers, ThreadPoolExecutor(cores) as in_work:
+        for found in in_work.map(made, range(len(tiles))):
             for light, row, column, colour in found:
                 assert lit is not None
                 at = row + window.y_min - output_window.y_min
@@ -236,21 +253,20 @@ def _gathered(
     target: np.ndarray,
     tile: Window,
     region: Window,
-    surfaces: list[Surface],
+    surfaces: PackedSurfaces,
     rays: Rays,
     sharp: np.ndarray,
     is_opaque: bool,
+    rows: tuple[int, int],
 ) -> None:
-    """Fill a tile of the picture."""
-    if not surfaces:
-        return
+    """Fill rows of a tile of the picture."""
     many, few, window = rays.many, rays.few, rays.window
     nodes_y, nodes_x = many.weight.shape[1:3]
     gather(
         target,
         (tile.y_min - region.y_min, tile.x_min - region.x_min),
-        (0, tile.height),
-        packed(surfaces, many, rays.defocus.budget.cubic_px),
+        rows,
+        surfaces,
         (many.moved_px, many.weight),
         (few.moved_px, few.weight),
         ((window.width - 1) / (nodes_x - 1), (window.height - 1) / (nodes_y - 1)),
@@ -295,6 +311,12 @@ def _laid_down(
         )
         found.append((light, spot.row - half, spot.column - half, spot.colour))
     return found
+
+
+def _strips_of(height: int) -> list[tuple[int, int]]:
+    """First rows, and those after the last, of parts that can be filled apart."""
+    tall = _STRIP_TILES * TILE
+    return [(top, min(top + tall, height)) for top in range(0, height, tall)]
 
 
 def _add(plane: np.ndarray, light: np.ndarray, row: int, column: int) -> None:

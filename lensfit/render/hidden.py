@@ -14,6 +14,7 @@ import cv2
 import numba as nb
 import numpy as np
 from jaxtyping import Bool, Float32
+from numpy.typing import ArrayLike
 
 from lensfit.render.outlines import STEP_GROWTH, STEP_PX
 
@@ -26,8 +27,8 @@ _STRIDE = 0.06
 """Of a step, over the way so far: the least."""
 _SURELY = 0.95
 """Of the distance to the nearest source, which a step may take whole."""
-_NOWHERE = np.float32(1e9)
-_CELL_PX, _ROUNDS = 16, 2
+NOWHERE = np.float32(1e9)
+CELL_PX, _ROUNDS = 16, 2
 _SPARE, _SPARE_PX = 0.2, 4.0
 """What a ray stands for on a surface, over its radius of blur and beside."""
 
@@ -87,27 +88,41 @@ def sight_px(
     other does not count.
     """
     size = radius_px.shape
-    most = _of_cells(np.where(front, radius_px, -_NOWHERE), np.max, -_NOWHERE)
-    least = _of_cells(np.where(source, radius_px, _NOWHERE), np.min, _NOWHERE)
-    sight = _between(most.max(), least.min())
+    most = _of_cells(np.where(front, radius_px, -NOWHERE), np.max, -NOWHERE)
+    least = _of_cells(np.where(source, radius_px, NOWHERE), np.min, NOWHERE)
+    sight = sight_of_cells_px(most, least)
+    return sight.repeat(CELL_PX, 0).repeat(CELL_PX, 1)[: size[0], : size[1]]
+
+
+def sight_of_cells_px(most: Plane, least: Plane) -> Plane:
+    """How far a ray may see around each cell.
+
+    Parameters
+    ----------
+    most : Largest radius of the front in each, `-NOWHERE` where it is not.
+    least : Smallest radius of what is behind, `NOWHERE` where that is not.
+    """
+    sight = farthest_sight_px(most.max(), least.min())
     for _ in range(_ROUNDS):
-        around = np.ones((2 * int(np.ceil(sight.max() / _CELL_PX)) + 1,) * 2, np.uint8)
-        sight = _between(cv2.dilate(most, around), cv2.erode(least, around))
-    return sight.repeat(_CELL_PX, 0).repeat(_CELL_PX, 1)[: size[0], : size[1]]
+        around = np.ones((2 * int(np.ceil(sight.max() / CELL_PX)) + 1,) * 2, np.uint8)
+        sight = farthest_sight_px(cv2.dilate(most, around), cv2.erode(least, around))
+    return sight
 
 
-def _between(near_px: np.ndarray, far_px: np.ndarray) -> np.ndarray:
-    largest = np.maximum(np.abs(near_px), np.abs(far_px))
-    sight = np.maximum(near_px - far_px, 0) + _SPARE * largest + _SPARE_PX
-    nothing = (near_px <= -_NOWHERE) | (far_px >= _NOWHERE)
-    return np.where(nothing, np.float32(0), sight)
+def farthest_sight_px(near_px: ArrayLike, far_px: ArrayLike) -> np.ndarray:
+    """How far from its edge a ray may see behind a surface, by the radii of both."""
+    near, far = np.asarray(near_px), np.asarray(far_px)
+    largest = np.maximum(np.abs(near), np.abs(far))
+    sight = np.maximum(near - far, 0) + _SPARE * largest + _SPARE_PX
+    nothing = (near <= -NOWHERE) | (far >= NOWHERE)
+    return np.where(nothing, 0, sight).astype(np.float32)
 
 
 def _of_cells(values: Plane, least_or_most: Callable, beyond: float) -> Plane:
     height, width = values.shape
-    more = (0, -height % _CELL_PX), (0, -width % _CELL_PX)
+    more = (0, -height % CELL_PX), (0, -width % CELL_PX)
     filled = np.pad(values, more, constant_values=beyond)
-    cells = filled.reshape(-1, _CELL_PX, filled.shape[1] // _CELL_PX, _CELL_PX)
+    cells = filled.reshape(-1, CELL_PX, filled.shape[1] // CELL_PX, CELL_PX)
     return least_or_most(cells, (1, 3))
 
 
@@ -139,20 +154,20 @@ def _continue(
                     distance, y, x, cosines[k], sines[k], wide
                 )
             nearest = away.argmin()
-            if away[nearest] < _NOWHERE:
+            if away[nearest] < NOWHERE:
                 break
-        if away[nearest] >= _NOWHERE:
+        if away[nearest] >= NOWHERE:
             unknown[y, x] = True
             continue
         own_px = radius_px[at_y[nearest], at_x[nearest]]
         through_px = _passing_through(radius_px, at_y, at_x, away, away[nearest])
-        if through_px > -_NOWHERE:
+        if through_px > -NOWHERE:
             own_px = through_px
         colour[:] = 0
         total = radius = np.float32(0)
         for k in range(count):
             its_px = radius_px[at_y[k], at_x[k]]
-            if away[k] < _NOWHERE and abs(its_px - own_px) < _step(own_px):
+            if away[k] < NOWHERE and abs(its_px - own_px) < _step(own_px):
                 share = np.float32(1) / (away[k] * away[k])
                 share *= share
                 for n in range(channels):
@@ -184,13 +199,13 @@ def _met(distance, y, x, cosine, sine, limit):
             return np.float32(np.hypot(v - y, u - x)), v, u
         wide = max(np.float32(_STRIDE) * step, np.float32(_SURELY) * free - 1)
         step += max(np.float32(1), wide)
-    return _NOWHERE, 0, 0
+    return NOWHERE, 0, 0
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
 def _passing_through(radius_px, at_y, at_x, away, nearest):
     """Radius of the nearest surface met on opposite sides; far below all if none."""
-    chosen, half = -_NOWHERE, len(away) // 2
+    chosen, half = -NOWHERE, len(away) // 2
     for k in range(half):
         if away[k] + away[k + half] > np.float32(_LONGEST) * nearest + 4:
             continue

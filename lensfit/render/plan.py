@@ -26,8 +26,9 @@ _WARP_S, _GAIN_S = 6e-8, 4e-9
 """Seconds per pixel: of a channel, warped; of a channel, dimmed."""
 _PROGRAM_GIB, _LENS_GIB = 0.35, 0.35
 """Of the process without a picture; of JAX where a lens has maps of its own."""
-_PIXEL_BYTES = 150.0
-"""Plate, its channels, maps, gains, what has landed and the result, per pixel."""
+_PIXEL_BYTES, _MAP_BYTES = 90.0, 60.0
+"""Plate, its channels, what has landed and the result, per pixel; maps and gains of a
+lens that has some."""
 _LENS_S = 1.5
 """For the programs and the rays of a lens that is not ideal, in a new process."""
 
@@ -123,7 +124,9 @@ def plan_of(
     own = cost is not None and stages.defocus is not None and not stages.defocus.is_disc
     first_s = _LENS_S if own and cost is not None and not cost.is_sharp else 0.0
     pixels = stages.window.width * stages.window.height
-    gib = _PROGRAM_GIB + own * _LENS_GIB + pixels * _PIXEL_BYTES / 2**30
+    bends = stages.maps[1].displacement_px.any() or stages.gains[1] is not None
+    each = _PIXEL_BYTES + bool(bends) * _MAP_BYTES
+    gib = _PROGRAM_GIB + own * _LENS_GIB + pixels * each / 2**30
     gib += 0.0 if cost is None else cost.gib
     return Plan(tolerance, tuple(found), first_s, gib, cores)
 

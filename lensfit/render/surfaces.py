@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from lensfit.render.hidden import continued, sight_px
+from lensfit.render.hidden import continued, farthest_sight_px, sight_px
 from lensfit.render.mattes import SharedPixels
 from lensfit.render.outlines import outline_between, taken_apart
 
@@ -141,7 +141,8 @@ def surfaces_of_plate(
     """
     pictures = rgba if guide is None else np.concatenate([rgba, guide], -1)
     known = np.ones(radius_px.shape, bool)
-    behind = _Behind(pictures.copy(), radius_px.copy(), known)
+    farthest_px = float(radius_px.min())
+    behind = _Behind(pictures.copy(), radius_px.copy(), known, farthest_px)
     found = []
     for cut in cuts_px:
         front = (behind.radius_px > cut) & behind.known
@@ -166,11 +167,13 @@ class _Behind:
     pictures : Its colours, and those of the guide where there is one.
     radius_px : Of what it shows.
     known : Where anything is known of it.
+    farthest_px : The least of all radii.
     """
 
     pictures: Float32[np.ndarray, "height width channels"]
     radius_px: Plane
     known: Bool[np.ndarray, "height width"]
+    farthest_px: float
 
     def taken_off(
         self,
@@ -185,11 +188,18 @@ class _Behind:
         going_on_px : Up to this radius what lies behind goes on where the front is.
         shared : Pixels of the front and of what is behind it that are known apart.
         """
-        source = self.known & ~front
-        sight = sight_px(self.radius_px, front, source)
-        widest = max(float(sight.max()), np.abs(self.radius_px[front]).max() / 2)
+        own = self.radius_px[front]
+        most, least = float(own.max()), float(own.min())
+        smooth = max(abs(most), abs(least)) / 2
+        widest = max(float(farthest_sight_px(most, self.farthest_px)), smooth)
         at = _box(front, shared, int(widest) + _ROOM_PX)
-        front, source, sight = front[at], source[at], sight[at]
+        source = self.known[at] & ~front[at]
+        sight = sight_px(self.radius_px[at], front[at], source)
+        # A part of it will do where nothing is in sight from far.
+        widest = max(float(sight.max()), smooth)
+        outer, at = at, _box(front, shared, int(widest) + _ROOM_PX)
+        part = _within(at, outer)
+        front, source, sight = front[at], source[part], sight[part]
         pictures = np.ascontiguousarray(self.pictures[at])
         radius_px = np.ascontiguousarray(self.radius_px[at])
         outline = outline_between(radius_px, front)
@@ -237,6 +247,15 @@ def _box(
         start, stop = start // _CELL_PX * _CELL_PX, -(-stop // _CELL_PX) * _CELL_PX
         at.append(slice(max(start, 0), min(stop, front.shape[axis])))
     return at[0], at[1]
+
+
+def _within(at: tuple[slice, slice], outer: tuple[slice, slice]) -> tuple[slice, slice]:
+    """Rows and columns of a box, counted from those of another."""
+    rows, columns = (
+        slice(max(inner.start - whole.start, 0), inner.stop - whole.start)
+        for inner, whole in zip(at, outer, strict=True)
+    )
+    return rows, columns
 
 
 def _parted_by(
