@@ -13,7 +13,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Float32
-from scipy.ndimage import distance_transform_edt
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError
@@ -187,6 +186,8 @@ def without_nan(
         return depth_mm
     if missing.all():
         return np.full_like(depth_mm, np.inf)
+    from scipy.ndimage import distance_transform_edt
+
     rows, columns = distance_transform_edt(
         missing, return_distances=False, return_indices=True
     )  # pyright: ignore[reportGeneralTypeIssues]

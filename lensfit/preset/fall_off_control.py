@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.optimize import nnls
 
 from lensfit.optics.bernstein import bernstein
 from lensfit.optics.pupil import Pupil, relative_illumination
@@ -53,6 +52,8 @@ def control_of(
     loss: Float[np.ndarray, " radii"], terms: int
 ) -> Float[np.ndarray, " terms"]:
     """The control values whose loss is nearest."""
+    from scipy.optimize import nnls
+
     basis = _basis(terms)
     steps, _ = nnls(np.cumsum(basis[:, ::-1], axis=1)[:, ::-1], loss)
     return np.cumsum(steps)

@@ -13,7 +13,6 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import brentq
 
 from lensfit.optics import radial
 from lensfit.optics.distortion import Distortion
@@ -53,6 +52,8 @@ def turned_distortion(
 def _stated(distortion: Distortion, edge_mm: float, relative: float) -> Distortion:
     """With radial distortion of this much at the edge: the measured one multiplied, or
     third order alone where there is none, or no multiple of it does."""
+    from scipy.optimize import brentq
+
     square = (jnp.asarray(edge_mm, float) / distortion.reference_radius_mm) ** 2
     valid = distortion.valid_radius**2
     for shape in (distortion.radial, jnp.ones(1)):

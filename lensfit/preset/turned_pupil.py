@@ -25,7 +25,6 @@ import cv2
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import brentq
 
 from lensfit.errors import ImageError
 from lensfit.io.image import read_photograph
@@ -117,6 +116,8 @@ def _largest_open(
 
 def _shift_that_hides(share: float) -> float:
     """Of one of two unit discs, so that it leaves all but this share of the other."""
+
+    from scipy.optimize import brentq
 
     def too_much(d: float) -> float:
         left = 2 * math.acos(d / 2) - d / 2 * math.sqrt(4 - d * d)

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Float32
-from scipy import fft
 
 from lensfit.optics.spectrum import CENTRES_NM, REFERENCE_NM
 from lensfit.render.look.light import brightest_channel, light_above, moved
@@ -162,6 +161,8 @@ def _convolved(light: Picture, kernels: list[np.ndarray]) -> Picture:
     result = np.zeros_like(light)
     if not rows.size:
         return result
+    from scipy import fft
+
     top, left = rows[0], columns[0]
     part = light[top : rows[-1] + 1, left : columns[-1] + 1]
     for channel in range(light.shape[2]):

@@ -6,9 +6,9 @@ its colour, and lend them to their neighbours. Where none is near, as on a wire 
 than a pixel, the most covered pixels lend the least distance around them.
 """
 
+import cv2
 import numpy as np
 from jaxtyping import Float32, Int
-from scipy.ndimage import maximum_filter, minimum_filter
 
 from lensfit.render.nearest import nearest_pixels
 
@@ -16,6 +16,7 @@ LEAST_COVER = 1e-3
 NOBODY = -1
 """In place of the index of a pixel."""
 _WHOLE = 0.999
+_SQUARE = np.ones((3, 3), np.uint8)
 _REACH_PX = 3.0
 """A pixel that an object fills, this near, knows the object's distance."""
 
@@ -54,7 +55,7 @@ def own_pixels(
         lender[box][near] = index[source]
     thin = touched & ~near
     if thin.any():
-        crest = thin & (cover >= maximum_filter(np.where(thin, cover, 0), 3))
-        around = minimum_filter(np.where(touched, depth, np.float32(np.inf)), 3)
+        crest = thin & (cover >= cv2.dilate(np.where(thin, cover, 0), _SQUARE))
+        around = cv2.erode(np.where(touched, depth, np.float32(np.inf)), _SQUARE)
         result[box][thin] = around.ravel()[nearest_pixels(crest, thin)[0]]
     return result, lender
