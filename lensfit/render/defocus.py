@@ -13,6 +13,7 @@ back bit for bit.
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -140,62 +141,77 @@ def _layers(stack: LayerStack, defocus: Defocus) -> list[tuple[np.ndarray, np.nd
 def _blurred(
     scene: Scene, window: Window, output_window: Window, defocus: Defocus
 ) -> Float32[np.ndarray, "out_height out_width 4"]:
-    least, most = scene.range_px()
-    rays = defocus.rays(window, least, most)
-    slabs = defocus.slabs(least, most)
-    each = [r[rgba[..., 3] > 0] for rgba, r in scene.layers]
-    each += [scene.plate.radius_px] if scene.plate is not None else []
-    cuts = slabs.cuts_px([r for r in each if r.size])
-    reach = rays.reach_px(least, most)
-    picture = np.zeros((output_window.height, output_window.width, 4), np.float32)
+    frame = _Frame(scene, window, output_window, defocus)
     step_px = defocus.budget.light_step_px
-    each_spot = [spot for found in scene.lights for spot in spots(found, step_px)]
-    lit = np.zeros((*picture.shape[:2], 3), np.float32) if each_spot else None
-    tiles = list(tiles_of(output_window, reach))
-    owner = _owners(each_spot, tiles, window)
-    pinhole = _pinhole(scene)
-
-    def made(number: int) -> list[tuple[np.ndarray, int, int, int]]:
-        tile = tiles[number]
-        region = grown(tile, 2 * reach, window)
-        surfaces = workers.submit(
-            _surfaces,
-            *(scene, region, window, cuts, slabs, defocus.depth_levels is None),
-        ).result()
-        target = crop(picture, output_window, tile)
-        sharp = crop(pinhole, window, tile)
-        mine = [spot for spot, n in zip(each_spot, owner, strict=True) if n == number]
-        laid_down = workers.submit(_laid_down, mine, surfaces, rays, region, window)
-        wait = []
-        if surfaces:
-            ready = workers.submit(
-                packed, surfaces, rays.many, defocus.budget.cubic_px
-            ).result()
-            given = target, tile, region, ready, rays, sharp, scene.is_opaque
-            wait = [
-                workers.submit(_gathered, *given, rows)
-                for rows in _strips_of(tile.height)
-            ]
-        for strip in wait:
-            strip.result()
-        return laid_down.result()
-
+    every = [spot for found in scene.lights for spot in spots(found, step_px)]
+    tiles = list(tiles_of(output_window, frame.reach_px))
+    owner = _owners(every, tiles, window)
+    lights = [
+        [spot for spot, n in zip(every, owner, strict=True) if n == number]
+        for number in range(len(tiles))
+    ]
+    picture = frame.picture
+    lit = np.zeros((*picture.shape[:2], 3), np.float32) if every else None
+    down, across = (
+        window.y_min - output_window.y_min,
+        window.x_min - output_window.x_min,
+    )
     # Tiles wait for their parts, and the parts of all share the cores.
     cores = available_cores()
     with ThreadPoolExecutor(cores) as workers, ThreadPoolExecutor(cores) as in_work:
-        for found in in_work.map(made, range(len(tiles))):
+        made = in_work.map(partial(frame.fill, workers=workers), tiles, lights)
+        for found in made:
             for light, row, column, colour in found:
                 assert lit is not None
-                at = row + window.y_min - output_window.y_min
-                _add(
-                    lit[..., colour],
-                    light,
-                    at,
-                    column + window.x_min - output_window.x_min,
-                )
+                _add(lit[..., colour], light, row + down, column + across)
     if lit is not None:
         picture[..., :3] += lit
     return picture
+
+
+class _Frame:
+    """What the tiles of a picture share, and the picture."""
+
+    def __init__(
+        self, scene: Scene, window: Window, output_window: Window, defocus: Defocus
+    ):
+        least, most = scene.range_px()
+        self.scene, self.window, self.output_window = scene, window, output_window
+        self.rays = defocus.rays(window, least, most)
+        self.slabs = defocus.slabs(least, most)
+        each = [r[rgba[..., 3] > 0] for rgba, r in scene.layers]
+        each += [scene.plate.radius_px] if scene.plate is not None else []
+        self.cuts = self.slabs.cuts_px([r for r in each if r.size])
+        self.reach_px = self.rays.reach_px(least, most)
+        self.is_continuous = defocus.depth_levels is None
+        self.cubic_px = defocus.budget.cubic_px
+        self.pinhole = _pinhole(scene)
+        size = output_window.height, output_window.width
+        self.picture = np.zeros((*size, 4), np.float32)
+
+    def fill(
+        self, tile: Window, lights: list[Spot], workers: ThreadPoolExecutor
+    ) -> list[tuple[np.ndarray, int, int, int]]:
+        """Make a tile of the picture; what its lights add, as of `_laid_down`."""
+        window, rays = self.window, self.rays
+        region = grown(tile, 2 * self.reach_px, window)
+        given = self.scene, region, window, self.cuts, self.slabs, self.is_continuous
+        surfaces = workers.submit(_surfaces, *given).result()
+        laid_down = workers.submit(_laid_down, lights, surfaces, rays, region, window)
+        strips = []
+        if surfaces:
+            packing = workers.submit(packed, surfaces, rays.many, self.cubic_px)
+            target = crop(self.picture, self.output_window, tile)
+            sharp = crop(self.pinhole, window, tile)
+            fill = partial(
+                _gathered,
+                *(target, tile, region, packing.result(), rays, sharp),
+                self.scene.is_opaque,
+            )
+            strips = [workers.submit(fill, rows) for rows in _strips_of(tile.height)]
+        for strip in strips:
+            strip.result()
+        return laid_down.result()
 
 
 def _pinhole(scene: Scene) -> np.ndarray:

@@ -140,7 +140,9 @@ class _Slabs:
         share, least, most = [], [], []
         for nearest, farthest in pairwise(edges):
             here = (radius_px > farthest) & (radius_px <= nearest)
-            share.append(_cells(here.any(0).astype(np.float32), np.mean, 0.0, side))
+            share.append(
+                _cells(np.asarray(here.any(0), np.float32), np.mean, 0.0, side)
+            )
             low = np.where(here, radius_px, NOWHERE).min(0)
             high = np.where(here, radius_px, -NOWHERE).max(0)
             least.append(_cells(low, np.min, NOWHERE, side))
@@ -186,7 +188,7 @@ def _taken_off(slabs: _Slabs, n: int) -> tuple[float, float]:
     """Pixels that a slab hides and a ray may see, which go to what is behind; and those
     of the part of the frame where that is looked for."""
     front, rest = slabs.share[n] > 0, slice(n + 1, None)
-    behind = (slabs.share[rest] > 0).any(0)
+    behind = np.asarray((slabs.share[rest] > 0).any(0))
     sight = sight_of_cells_px(slabs.most[n], slabs.least[rest].min(0))
     source, away = nearest_pixels(behind, front)
     # A cell that holds both holds the edge.
@@ -249,7 +251,7 @@ def _points_of(radius_px: float) -> int:
 def _cells(
     values: Float32[np.ndarray, "height width"],
     joined: Callable,
-    beyond: float,
+    beyond: float | np.floating,
     side: int,
 ) -> Float32[np.ndarray, "rows columns"]:
     """Values of squares of the frame, joined."""

@@ -118,7 +118,9 @@ def farthest_sight_px(near_px: ArrayLike, far_px: ArrayLike) -> np.ndarray:
     return np.where(nothing, 0, sight).astype(np.float32)
 
 
-def _of_cells(values: Plane, least_or_most: Callable, beyond: float) -> Plane:
+def _of_cells(
+    values: Plane, least_or_most: Callable, beyond: float | np.floating
+) -> Plane:
     height, width = values.shape
     more = (0, -height % CELL_PX), (0, -width % CELL_PX)
     filled = np.pad(values, more, constant_values=beyond)
