@@ -1,7 +1,7 @@
 """The house stands: imports flow one way, heavy ones stay out of the doorway.
 
-The floors are those of notebooks/guide/contributing.md. A module imports only from lower
-floors or its own room; `data_synth` shares no line with the optics it judges.
+The floors are those of notebooks/guide/contributing.md. A module imports only from
+lower floors or its own room; `data_synth` shares no line with the optics it judges.
 """
 
 import ast
