@@ -1,4 +1,4 @@
-"""A small shoot as it should be: what the README asks for to measure the geometry.
+"""A small shoot as it should be: what the guide asks for to measure the geometry.
 
 At each focal length, and at each place that the lens is focused at, a chart of dots
 fills the frame: square to the camera, and turned by 20 degrees both ways. It is

@@ -1,4 +1,4 @@
-"""The picture of knobs in README.md: one frame, turned one knob at a time.
+"""The picture of knobs in the guide: one frame, turned one knob at a time.
 
 `python presets/knob_sheet.py` renders the demo's plate through `prime_50` wide open and
 writes `knobs.jpg` beside itself.

@@ -1,7 +1,7 @@
 """The house stands: imports flow one way, heavy ones stay out of the doorway.
 
-The floors are the README's. A module imports only from lower floors or its own room;
-`data_synth` shares no line with the optics it judges.
+The floors are those of notebooks/guide/contributing.md. A module imports only from
+lower floors or its own room; `data_synth` shares no line with the optics it judges.
 """
 
 import ast
@@ -104,7 +104,7 @@ def test_imports_flow_one_way(path: Path):
     if module == "lensfit":
         return  # the public list, on top of everything
     assert module.split(".")[1] in FLOORS, (
-        "give the new room a floor, here and in README"
+        "give the new room a floor, here and in notebooks/guide/contributing.md"
     )
     is_package = path.name == "__init__.py"
     assert uphill_imports(path.read_text(), module, is_package=is_package) == []

@@ -1,4 +1,4 @@
-"""The recipes of README.md, run word for word."""
+"""The recipes of README.md and of the guide, run word for word."""
 
 import os
 import re
@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from camera_files import arri
+from documents import EVERYTHING, section
 
 from data_synth.prescription import load_prescription
 from data_synth.right_shoot import right_shots
@@ -22,15 +23,13 @@ from lensfit.io.exr import ExrImage, read_exr, write_exr
 from lensfit.preset.schema import LensName
 from lensfit.preset.store import load_preset, save_preset
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 DEMO = Path(str(files("data_synth") / "demo"))
 TINY = Path(__file__).parent / "cli" / "tiny_preset.json"
 
 
 def recipe(heading: str) -> list[str]:
     """The commands below a heading."""
-    below = README.split(f"### {heading}\n", 1)[1]
-    block = re.search(r"```sh\n(.*?)```", below, re.DOTALL)
+    block = re.search(r"```sh\n(.*?)```", section(EVERYTHING, heading), re.DOTALL)
     assert block is not None
     return block[1].strip().splitlines()
 

@@ -45,7 +45,7 @@ def pytest_runtest_makereport(item: pytest.Item):
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """The table of README.md, in Markdown."""
+    """The table of notebooks/guide/benchmarks.md, in Markdown."""
     found = [
         (report.location[:2], value)
         for reports in terminalreporter.stats.values()

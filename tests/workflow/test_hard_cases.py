@@ -1,10 +1,10 @@
 """Hard photographs, each fitted and judged by the ray trace that made it.
 
 Small pictures and the least effort, to be run often: bars are half as much again as was
-measured so, no promise to users (README has the figures of larger ones). What may never
-go is the side of focus, and a map or fall-off that folds. A mosaic needs finer
-pictures; `bench/test_bench_wavefront.py` has it. Each case takes one to three minutes:
-CI runs the quick ones, and `pytest -m hard` the others.
+measured so, no promise to users (notebooks/guide/accuracy.md has the figures of larger
+ones). What may never go is the side of focus, and a map or fall-off that folds. A
+mosaic needs finer pictures; `workflow/bench/test_bench_wavefront.py` has it. Each case
+takes one to three minutes: CI runs the quick ones, and `pytest -m hard` the others.
 """
 
 from typing import NamedTuple

@@ -134,7 +134,7 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 @lru_cache(maxsize=64)
 def _level(path: Path, stamp: tuple[int, int] | None) -> _Level:
     del stamp  # part of the key alone: an edited file has another
-    remedy = "the README describes settings files"
+    remedy = "notebooks/guide/camera_and_farm.md describes settings files"
     data = read_toml_tables(path, error=SettingsError, source=remedy, mend=remedy)
     try:
         file = convert_strictly(

@@ -19,7 +19,7 @@ from lensfit.workflow.shoot.focal_length import check_focal_length
 from lensfit.workflow.shoot.lengths import length_mm
 from lensfit.workflow.shoot.records import Target
 
-_SOURCE = "give a kit file in TOML, as the README describes"
+_SOURCE = "give a kit file in TOML, as notebooks/guide/kit.md describes"
 _OF_ONE_LENS = ("name", "serial", "folder")
 _TARGET_LENGTHS = ("pitch_mm", "hole_diameter_mm", "line_width_mm")
 
