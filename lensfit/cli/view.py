@@ -22,9 +22,9 @@ _NOT_SEEN = (
 def view(
     preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
     plates: Annotated[
-        str,
+        str | None,
         typer.Argument(help="EXR plate with depth, or plate.####.exr for a sequence"),
-    ],
+    ] = None,
     *,
     library: LibraryGroup,
     port: Annotated[
@@ -45,7 +45,8 @@ def view(
 
     Example: lensfit view takumar/preset.json plate.1001.exr
     """
-    _refuse_shoots(preset)
+    if plates is None or _is_of_a_shoot(preset):
+        raise _nothing_to_view(preset)
     from lensfit.cores import limit_cores
 
     if taken["cores"] is not None:
@@ -61,19 +62,30 @@ def view(
     if library.library is not None:
         words += (("--library", str(library.library)),)
     answers = server.PlateServer(viewed, Started(preset, plates, words))
-    server.serve(answers.routes, port, lambda address: _open(address, browser))
+    page = server.listening(answers.routes, port)
+    _open(page.address, browser)
+    page.run()
 
 
-def _refuse_shoots(preset: str) -> None:
+def _is_of_a_shoot(preset: str) -> bool:
+    return preset.endswith(".toml") or Path(preset).is_dir()
+
+
+def _nothing_to_view(preset: str) -> Exception:
     from lensfit.errors import LensfitError
 
-    if preset.endswith(".toml") or Path(preset).is_dir():
-        raise LensfitError(
-            "a view of shoots and results is not offered",
+    if not _is_of_a_shoot(preset):
+        return LensfitError(
+            "there is no plate to look at through the lens",
             where=preset,
-            remedy='give a preset and a plate; "lensfit check" and "lensfit report" '
-            "show shoots and results",
+            remedy="name an EXR plate after the preset",
         )
+    return LensfitError(
+        "a view of shoots and of results is not offered",
+        where=preset,
+        remedy='give a preset and a plate; "lensfit check" and "lensfit report" show '
+        "shoots and results",
+    )
 
 
 def _import_server() -> Any:

@@ -22,7 +22,7 @@ import socket
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from importlib.resources import files
-from typing import Annotated, Any, Literal, final
+from typing import Annotated, Any, Literal, NamedTuple, final
 
 import uvicorn
 from msgspec import Meta
@@ -272,32 +272,37 @@ def loopback_socket(port: int) -> socket.socket:
     return found
 
 
-def application(routes: list[Route], port: int) -> tuple[Guard, str]:
-    """The guarded application, and the address that opens it."""
-    token = secrets.token_urlsafe(_TOKEN_BYTES)
-    guarded = Guard(Starlette(routes=routes), token, port)
-    return guarded, f"http://127.0.0.1:{port}/{token}/"
+class Listening(NamedTuple):
+    """A server that has its address and answers nobody yet.
 
-
-def serve(
-    routes: list[Route], port: int, opened: Callable[[str], None]
-) -> None:
-    """Answer until the process is interrupted.
-
-    Parameters
+    Attributes
     ----------
-    opened : Told the address when it can be opened.
+    address : That opens it, with its token.
+    """
+
+    server: uvicorn.Server
+    socket: socket.socket
+    address: str
+
+    def run(self) -> None:
+        """Answer until the process is interrupted, or the server told to end."""
+        self.server.run(sockets=[self.socket])
+
+
+def listening(routes: list[Route], port: int) -> Listening:
+    """A guarded server on this machine's loopback address.
 
     Raises
     ------
     OutputError : The port is taken.
     """
-    listening = loopback_socket(port)
-    app, address = application(routes, listening.getsockname()[1])
+    found = loopback_socket(port)
+    port, token = found.getsockname()[1], secrets.token_urlsafe(_TOKEN_BYTES)
     config = uvicorn.Config(
-        app, log_level="error", access_log=False, server_header=False, lifespan="off",
+        Guard(Starlette(routes=routes), token, port),
+        log_level="error", access_log=False, server_header=False, lifespan="off",
         timeout_graceful_shutdown=_END_S, ws="none", proxy_headers=False,
     )  # fmt: skip
-    listening.listen()
-    opened(address)
-    uvicorn.Server(config).run(sockets=[listening])
+    found.listen()
+    address = f"http://127.0.0.1:{port}/{token}/"
+    return Listening(uvicorn.Server(config), found, address)

@@ -246,7 +246,10 @@ async function start() {
   at("save").title = `Writes ${lens.settings}`;
   at("at-x").max = lens.width - 1;
   at("at-y").max = lens.height - 1;
-  at("stage").style.aspectRatio = `${lens.width * lens.pixel_aspect} / ${lens.height}`;
+  const aspect = (lens.width * lens.pixel_aspect) / lens.height;
+  at("stage").style.aspectRatio = aspect;
+  at("stage").style.setProperty("--aspect", aspect);
+  at("stage").style.setProperty("--width", `${lens.width * lens.pixel_aspect}px`);
   if (lens.frames.length > 1) {
     at("scrub").hidden = false;
     at("frame").max = lens.frames.length - 1;
