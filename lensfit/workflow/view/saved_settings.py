@@ -58,7 +58,9 @@ def changed_text(old: str, changes: Tables, path: Path) -> str:
     except tomllib.TOMLDecodeError:
         is_so = False
     if not is_so:
-        lines = "; ".join(f"{k} = {_toml(v)}" for t in changes.values() for k, v in t.items())
+        lines = "; ".join(
+            f"{k} = {_toml(v)}" for t in changes.values() for k, v in t.items()
+        )
         raise SettingsError(
             "is written so that its keys cannot be set one by one",
             where=path,

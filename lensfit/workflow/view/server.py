@@ -185,13 +185,12 @@ class PlateServer:
         kind = request.headers.get("content-type", "").partition(";")[0].strip()
         if kind != "application/json":
             raise LensfitError(
-                "a message is JSON", remedy="send it with Content-Type: application/json"
+                "a message is JSON",
+                remedy="send it with Content-Type: application/json",
             )
         return read_turned(await request.body(), record, self.viewed.preset)
 
-    async def _asked(
-        self, newest: bool, lane: str, job: Callable[[], Any]
-    ) -> Any:
+    async def _asked(self, newest: bool, lane: str, job: Callable[[], Any]) -> Any:
         if not newest:
             return await self._one_after_another(job)
         return await asyncio.wrap_future(self._lanes[lane].ask(job))

@@ -58,7 +58,5 @@ def _codes(exposure_stops: float) -> UInt8[np.ndarray, " halves"]:
 
 def _part_with(image: ExrImage, layer: str) -> tuple[ExrPart, ColourLayer]:
     return next(
-        (part, found)
-        for part in image.parts
-        for found in colour_layers(part, [layer])
+        (part, found) for part in image.parts for found in colour_layers(part, [layer])
     )

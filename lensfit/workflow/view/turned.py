@@ -22,9 +22,7 @@ from lensfit.workflow.camera.spelling import option_of
 
 CAMERA = ("focal_length_mm", "f_number", "focus_distance_mm")
 _Positive = Annotated[float, Meta(gt=0, le=1e9)]
-FILES = tuple(
-    name for name in GROUP_OF if name.endswith("_image")
-)
+FILES = tuple(name for name in GROUP_OF if name.endswith("_image"))
 """Knobs that name files, which no page may."""
 
 
@@ -151,5 +149,3 @@ def read_turned(data: bytes, record: type, preset: Preset) -> Turned:
             f"the message is malformed: {error}", remedy="see the README's interface"
         ) from None
     return checked(preset, found)
-
-

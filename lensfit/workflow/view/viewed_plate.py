@@ -272,8 +272,8 @@ class ViewedPlate:
         if (now.lens_key, now.knobs) == (then.lens_key, then.knobs):
             return []
         return [
-            f"{self.settings_path} is written, but something that counts before it says "
-            "otherwise: a table [[frames]], a sidecar, or an option of this command"
+            f"{self.settings_path} is written, but something that counts before it "
+            "says otherwise: a table [[frames]], a sidecar or an option here"
         ]
 
 

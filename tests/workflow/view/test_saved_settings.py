@@ -56,7 +56,7 @@ def test_only_these_keys_change(old: str):
 )
 def test_a_file_written_otherwise_is_left_and_said(old: str, tmp_path: Path):
     (tmp_path / PATH).write_text(old)
-    with pytest.raises(SettingsError, match="f_number = 2.8; coma_gain = 0.5"):
+    with pytest.raises(SettingsError, match=r"f_number = 2\.8; coma_gain = 0\.5"):
         save_settings(tmp_path / PATH, CHANGES)
     assert (tmp_path / PATH).read_text() == old
     assert os.listdir(tmp_path) == [PATH.name]

@@ -34,16 +34,16 @@ def test_the_socket_listens_to_this_machine_alone(client: Client):
     for address in {i[4][0] for i in socket.getaddrinfo(socket.gethostname(), port)}:
         if address.startswith("127.") or ":" in str(address):
             continue
-        with pytest.raises(OSError), socket.socket() as other:  # noqa: PT011
+        with socket.socket() as other:
             other.settimeout(5)
-            other.connect((address, port))
+            assert other.connect_ex((address, port)) != 0
 
 
 def test_the_token_is_asked_for_everywhere(client: Client):
     wrong = client.token[:-1] + ("A" if client.token[-1] != "A" else "B")
     for start in ("", "/", f"/{wrong}", f"/{client.token[:-1]}", "/x"):
         for name in ("", "view.js", "api/lens"):
-            assert client.ask("GET", f"{start}/{name}" or "/").status == 404
+            assert client.ask("GET", f"{start}/{name}").status == 404
         answer = client.ask("POST", f"{start}/api/save", b"{}", JSON)
         assert answer.status == 404
     assert len(client.token) >= 32

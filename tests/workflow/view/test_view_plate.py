@@ -29,7 +29,7 @@ from lensfit.workflow.camera.sources import StateOverrides
 from lensfit.workflow.view.turned import Started, Turned, command_line
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
-TURNED = {"f_number": 4.0, "focus_distance_mm": 1100.0, "knobs": {"blades": 6}}
+TURNED = {"f_number": 4.0, "focus_distance_mm": 1600.0, "knobs": {"blades": 6}}
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def client(plate: Path) -> Iterator[Client]:
 
 def applied(plate: Path, out: Path) -> Path:
     options = ApplyOptions(
-        overrides=StateOverrides(f_number=4.0, focus_distance_mm=1100.0),
+        overrides=StateOverrides(f_number=4.0, focus_distance_mm=1600.0),
         knobs={"blades": 6},
     )
     made = apply_preset(thin_lens(), plate, out, options=options)
@@ -62,7 +62,10 @@ def test_the_frame_is_the_file_that_apply_writes(client, plate: Path, tmp_path: 
     answer = client.post("render", format="exr", **TURNED)
     assert answer.status == 200
     (tmp_path / "seen.exr").write_bytes(answer.content)
-    seen, made = read_exr(tmp_path / "seen.exr"), read_exr(applied(plate, tmp_path / "o"))
+    seen, made = (
+        read_exr(tmp_path / "seen.exr"),
+        read_exr(applied(plate, tmp_path / "o")),
+    )
     for one, other in zip(seen.parts, made.parts, strict=True):
         assert one.channels.keys() == other.channels.keys()
         for name, samples in other.channels.items():
@@ -83,7 +86,7 @@ def test_the_full_picture_is_that_frame_in_srgb(client, plate: Path, tmp_path: P
 
 def test_the_pixels_are_those_of_apply_to_the_bit(plate: Path, tmp_path: Path):
     viewed = ViewedPlate(thin_lens(), str(plate), ApplyOptions())
-    wanted = Turned(f_number=4.0, focus_distance_mm=1100.0, knobs={"blades": 6})
+    wanted = Turned(f_number=4.0, focus_distance_mm=1600.0, knobs={"blades": 6})
     made = frame_of(applied(plate, tmp_path / "out"))
     np.testing.assert_array_equal(viewed.pixels(wanted, "full"), made)
     neutral = viewed.pixels(Turned(), "full")
@@ -124,7 +127,7 @@ def test_the_command_line_makes_the_same_frame(client, plate: Path, tmp_path: Pa
     run = CliRunner().invoke(main.app, words[1:])
     assert run.exit_code == 0, run.output
     viewed = ViewedPlate(thin_lens(), str(plate), ApplyOptions(tolerance=0.01))
-    wanted = Turned(f_number=4.0, focus_distance_mm=1100.0, knobs={"blades": 6})
+    wanted = Turned(f_number=4.0, focus_distance_mm=1600.0, knobs={"blades": 6})
     np.testing.assert_array_equal(
         frame_of(tmp_path / "out" / plate.name), viewed.pixels(wanted, "full")
     )
@@ -149,7 +152,7 @@ def test_saved_to_the_shot_apply_makes_the_same_frame(client, plate, tmp_path: P
     assert answer.status == 200
     assert answer.json() == {"path": str(settings), "notes": []}
     assert settings.read_text() == (
-        "# the shot\n[camera]\nfocus_distance_mm = 1100\nf_number = 4  # a guess\n"
+        "# the shot\n[camera]\nfocus_distance_mm = 1600\nf_number = 4  # a guess\n"
         "\n[knobs]\nblades = 6\n"
     )
     made = apply_preset(thin_lens(), plate, tmp_path / "out")

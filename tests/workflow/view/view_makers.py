@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.preset.schema import Preset
@@ -19,9 +20,9 @@ from lensfit.workflow.view.server import PlateServer, listening
 from lensfit.workflow.view.turned import Started
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
-NEAR_M, FAR_M = 1.0, 4.0
+NEAR_M, FAR_M = 1.5, 6.0
 HEADER = {
-    "lens/focal": 35.0,
+    "lens/focal": 75.0,
     "lens/fstop": 2.0,
     "lens/focus": 2.0,
     "lens/aperture": 36.0,
@@ -29,7 +30,7 @@ HEADER = {
 
 
 def thin_lens(width: int = 96, height: int = 54) -> Preset:
-    return thin_lens_preset(ThinCamera(35.0, 2.0, 2.0, 36.0, width, height))
+    return thin_lens_preset(ThinCamera(75.0, 2.0, 2.0, 36.0, width, height))
 
 
 def write_depth_plate(path: Path, width: int = 96, height: int = 54) -> Path:
@@ -80,7 +81,7 @@ class Client:
         body: bytes | Iterator[bytes] | None = None,
         headers: Mapping[str, str] | None = None,
     ) -> Answer:
-        """Any request, headers as they are given and otherwise as http.client has it."""
+        """Any request, with http.client's headers where none are given."""
         connection = http.client.HTTPConnection(self.host, timeout=120)
         try:
             connection.request(method, path, body, dict(headers or {}))
