@@ -64,7 +64,10 @@ def view(
     answers = server.PlateServer(viewed, Started(preset, plates, words))
     page = server.listening(answers.routes, port)
     _open(page.address, browser)
-    page.run()
+    try:
+        page.run()
+    except KeyboardInterrupt as end:  # the way a view ends
+        raise typer.Exit(0) from end
 
 
 def _is_of_a_shoot(preset: str) -> bool:
