@@ -37,7 +37,7 @@ def write_depth_plate(path: Path, width: int = 96, height: int = 54) -> Path:
     """Stripes: the left half at `NEAR_M`, the right half at `FAR_M`."""
     window = Window.of_size(width, height)
     x, y = np.moveaxis(window.pixel_centres(), -1, 0)
-    planes = [np.sin(x / 3), np.cos(y / 4), np.sin((x + y) / 5)]
+    planes = [np.sin(x), np.cos(1.2 * y), np.sin(x + y)]
     rgb = (0.4 + 0.3 * np.stack(planes, -1)).astype(np.float16)
     channels = {name: rgb[..., i].copy() for i, name in enumerate("RGB")}
     channels["Z"] = np.where(x < width / 2, NEAR_M, FAR_M).astype(np.float32)
