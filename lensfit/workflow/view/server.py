@@ -27,7 +27,7 @@ from typing import Annotated, Any, Literal, NamedTuple, final
 import uvicorn
 from msgspec import Meta
 from starlette.applications import Starlette
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
@@ -243,6 +243,8 @@ def told(answer: Answer) -> Answer:
             return await answer(request)
         except Superseded:
             return Response(status_code=204)
+        except ClientDisconnect:
+            return Response(status_code=400)  # nobody is there to read it
         except LensfitError as error:
             return JSONResponse({"error": str(error)}, 422)
         except (ValueError, ArithmeticError, MemoryError) as error:

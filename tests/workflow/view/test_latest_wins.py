@@ -47,8 +47,15 @@ def test_a_failure_is_the_asker_s_and_the_lane_goes_on():
 
 
 def test_one_that_was_cancelled_is_not_done():
-    lane, go, done = LatestWins("test"), threading.Event(), []
-    running = lane.ask(lambda: go.wait(30))
+    lane, begun, go = LatestWins("test"), threading.Event(), threading.Event()
+    done: list[int] = []
+
+    def first() -> bool:
+        begun.set()
+        return go.wait(30)
+
+    running = lane.ask(first)
+    assert begun.wait(30)
     waiting = lane.ask(lambda: done.append(1))
     waiting.cancel()
     newest = lane.ask(lambda: done.append(2))

@@ -109,15 +109,22 @@ def test_nothing_else_may_be_asked(client: Client):
     assert client.ask("GET", f"/{client.token}/api/save").status == 405
 
 
+def status_of(client: Client, body: bytes | Iterator[bytes], **headers: str) -> int:
+    """Of a command; 413 too where the line was cut before all of it was sent."""
+    path = f"/{client.token}/api/command"
+    try:
+        return client.ask("POST", path, body, JSON | headers).status
+    except (ConnectionResetError, BrokenPipeError):
+        return 413
+
+
 def test_an_oversize_body_is_refused_stated_or_not(client: Client):
-    path, large = f"/{client.token}/api/command", b" " * (MOST_BYTES + 1)
-    assert client.ask("POST", path, large, JSON).status == 413
-    pieces = (b" " * 9000 for _ in range(20))
-    answer = client.ask("POST", path, pieces, JSON | {"Transfer-Encoding": "chunked"})
-    assert answer.status == 413
+    assert status_of(client, b"{}" + b" " * (MOST_BYTES - 2)) == 200
+    assert status_of(client, b"{}" + b" " * (MOST_BYTES - 1)) == 413
+    assert status_of(client, (b" " * 9000 for _ in range(8))) == 413
+    assert status_of(client, (piece for piece in (b"{", b"}"))) == 200
     for length in ("9" * 30, "-1", "ten"):
-        answer = client.ask("POST", path, b"{}", JSON | {"Content-Length": length})
-        assert answer.status in (400, 413)
+        assert status_of(client, b"{}", **{"Content-Length": length}) in (400, 413)
 
 
 def test_a_form_of_another_page_is_no_message(client: Client):
@@ -178,7 +185,7 @@ def malformed(rng: np.random.Generator) -> bytes:
         text = json.dumps(good).encode()
         return text[: int(rng.integers(1, len(text) - 1))]
     if kind == 2:
-        deep = int(rng.integers(2, 15_000))
+        deep = int(rng.integers(2, 5_000))
         return b'{"knobs":' * deep + b"1" + b"}" * deep
     if kind == 3:
         wrong = ["x", [], None, True, {}, "1", float("nan"), 1e308, -5]

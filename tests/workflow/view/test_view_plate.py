@@ -197,7 +197,7 @@ def test_what_the_plate_lacks_is_said_and_can_be_stated(tmp_path: Path):
         assert start["camera"]["f_number"] is None
         refused = client.post("render")
         assert refused.status == 422
-        assert "f-number" in refused.json()["error"]
+        assert "--focus-distance-mm" in refused.json()["error"]
         stated = client.post("render", f_number=2.0, focus_distance_mm="inf")
         assert stated.status == 200
 
