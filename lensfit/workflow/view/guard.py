@@ -25,6 +25,7 @@ Application = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 MOST_BYTES = 64 * 1024
 """Of a request's body: what is turned takes two thousand."""
+_TOO_LARGE = f"a message has at most {MOST_BYTES} bytes"
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: "
     "data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -38,10 +39,6 @@ _HEADERS = {
     "cross-origin-opener-policy": "same-origin",
     "cache-control": "no-store",
 }
-
-
-class TooLarge(Exception):
-    """A body of more than `MOST_BYTES`."""
 
 
 @final
@@ -76,11 +73,11 @@ class Guard:
             return
         path = scope["path"][len(self._start) - 1 :]
         inner = {**scope, "path": path, "raw_path": path.encode(), "root_path": ""}
-        try:
-            await self._inner(inner, _bounded(receive), _closed(send))
-        except TooLarge:
-            text = f"a message has at most {MOST_BYTES} bytes"
-            await PlainTextResponse(text, 413)(scope, receive, _closed(send))
+        body = await _small_body(receive)
+        if body is None:
+            await PlainTextResponse(_TOO_LARGE, 413)(scope, receive, _closed(send))
+            return
+        await self._inner(inner, _replayed(body, receive), _closed(send))
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         headers = scope["headers"]
@@ -95,7 +92,7 @@ class Guard:
             return 404, "open the address that lensfit view printed"
         for key, value in headers:
             if key == b"content-length" and not _is_small(value):
-                return 413, f"a message has at most {MOST_BYTES} bytes"
+                return 413, _TOO_LARGE
         return None
 
 
@@ -103,19 +100,30 @@ def _is_small(length: bytes) -> bool:
     return length.isdigit() and len(length) < 10 and int(length) <= MOST_BYTES
 
 
-def _bounded(receive: Receive) -> Receive:
-    """The same, which gives up a body that grows too large."""
-    read = 0
-
-    async def bounded() -> MutableMapping[str, Any]:
-        nonlocal read
+async def _small_body(receive: Receive) -> bytes | None:
+    """The body of a request; None as soon as it is too large."""
+    body, more = b"", True
+    while more:
         message = await receive()
-        read += len(message.get("body", b""))
-        if read > MOST_BYTES:
-            raise TooLarge
-        return message
+        body += message.get("body", b"")
+        more = message["type"] == "http.request" and message.get("more_body", False)
+        if len(body) > MOST_BYTES:
+            return None
+    return body
 
-    return bounded
+
+def _replayed(body: bytes, receive: Receive) -> Receive:
+    """A body that was read already, and then whatever comes."""
+    told = False
+
+    async def replayed() -> MutableMapping[str, Any]:
+        nonlocal told
+        if told:
+            return await receive()
+        told = True
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    return replayed
 
 
 def _closed(send: Send) -> Send:

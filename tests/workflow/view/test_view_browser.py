@@ -99,9 +99,9 @@ def test_every_control_has_a_name(opened: Browser):
     unnamed = opened.run(
         """[...document.querySelectorAll("input, button, textarea")].filter((one) =>
             !(one.labels?.length || one.textContent.trim()
-              || one.getAttribute("aria-label"))).length"""
+              || one.getAttribute("aria-label"))).map((one) => one.outerHTML)"""
     )
-    assert unnamed == 0
+    assert unnamed == []
     assert opened.run("document.querySelectorAll('.knob').length") > 40
 
 
