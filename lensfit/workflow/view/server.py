@@ -247,9 +247,11 @@ def told(answer: Answer) -> Answer:
             return Response(status_code=400)  # nobody is there to read it
         except LensfitError as error:
             return JSONResponse({"error": str(error)}, 422)
-        except (ValueError, ArithmeticError, MemoryError) as error:
+        except asyncio.CancelledError:
+            return Response(status_code=503)  # the process ends
+        except Exception as error:  # whatever it was, the page says it
             said = " ".join(f"{type(error).__name__}: {error}".split())
-            return JSONResponse({"error": said}, 422)
+            return JSONResponse({"error": said}, 500)
 
     return endpoint
 
@@ -301,7 +303,7 @@ def listening(routes: list[Route], port: int) -> Listening:
     port, token = found.getsockname()[1], secrets.token_urlsafe(_TOKEN_BYTES)
     config = uvicorn.Config(
         Guard(Starlette(routes=routes), token, port),
-        log_level="error", access_log=False, server_header=False, lifespan="off",
+        log_level="critical", access_log=False, server_header=False, lifespan="off",
         timeout_graceful_shutdown=_END_S, ws="none", proxy_headers=False,
     )  # fmt: skip
     found.listen()
