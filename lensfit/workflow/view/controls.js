@@ -16,7 +16,7 @@ export function control(spec, changed) {
   number.step = spec.whole ? 1 : "any";
   if (spec.least !== null && spec.least !== undefined) number.min = spec.least;
   if (spec.most !== null && spec.most !== undefined) number.max = spec.most;
-  number.placeholder = "as measured";
+  number.placeholder = "measured";
   back.type = "button";
   back.textContent = "↺";
   back.setAttribute("aria-label", `Reset ${spec.label}`);
