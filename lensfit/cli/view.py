@@ -1,5 +1,6 @@
 """`lensfit view`: a lens in a page of the browser, while it is turned."""
 
+import importlib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -95,13 +96,12 @@ def _import_server() -> Any:
     from lensfit.errors import LensfitError
 
     try:
-        from lensfit.workflow.view import server
+        return importlib.import_module("lensfit.workflow.view.server")
     except ModuleNotFoundError as error:
         raise LensfitError(
             f"the view needs {error.name}, which is not installed",
             remedy="pip install 'lensfit[view]'",
         ) from error
-    return server
 
 
 def _open(address: str, browser: bool) -> None:
