@@ -14,15 +14,17 @@ from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.workflow.plate.channels import colour_layers
 
-MOST_PIXELS = 140_000
+MOST_PIXELS, MOST_PIXELS_OF_RAYS = 140_000, 60_000
+"""Of an ideal lens, and of one whose blur is made of rays, which costs six times as
+much a pixel."""
 _MOST_FACTOR = 16
 
 
-def proxy_factor(display: Window) -> int:
+def proxy_factor(display: Window, most_pixels: int = MOST_PIXELS) -> int:
     """How many pixels of a plate lie along the side of one of its proxy; 1 where the
     plate is as small as a proxy."""
     factor = 1
-    while display.area / factor**2 > MOST_PIXELS and factor < _MOST_FACTOR:
+    while display.area / factor**2 > most_pixels and factor < _MOST_FACTOR:
         factor *= 2
     return factor
 

@@ -34,7 +34,12 @@ from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.frame.plate_views import plate_views
 from lensfit.workflow.frame.renderer import FrameRenderer
 from lensfit.workflow.plan_plate import plan_plate
-from lensfit.workflow.view.proxy import proxy_factor, proxy_of
+from lensfit.workflow.view.proxy import (
+    MOST_PIXELS,
+    MOST_PIXELS_OF_RAYS,
+    proxy_factor,
+    proxy_of,
+)
 from lensfit.workflow.view.saved_settings import save_settings
 from lensfit.workflow.view.shown import first_layer, frame_pixels
 from lensfit.workflow.view.turned import CAMERA, Turned, changes_of, turned_options
@@ -85,6 +90,8 @@ class ViewedPlate:
         self._plate: tuple[object, Plate] | None = None
         self._made: OrderedDict[object, Float32[np.ndarray, "height width 3"]]
         self._made = OrderedDict()
+        of_rays = any(entry.blur is not None for entry in preset.entries)
+        self._most_pixels = MOST_PIXELS_OF_RAYS if of_rays else MOST_PIXELS
         self.plate(0)
 
     def path(self, frame: int) -> Path:
@@ -114,7 +121,7 @@ class ViewedPlate:
         with self._reading:
             if self._plate is None or self._plate[0] != key:
                 self._plate = None  # two need not be held in memory
-                self._plate = key, read_plate(path, self.options)
+                self._plate = key, read_plate(path, self.options, self._most_pixels)
             return self._plate[1]
 
     def pixels(
@@ -277,8 +284,14 @@ class ViewedPlate:
         ]
 
 
-def read_plate(path: Path, options: ApplyOptions) -> Plate:
+def read_plate(
+    path: Path, options: ApplyOptions, most_pixels: int = MOST_PIXELS
+) -> Plate:
     """A frame with what is shown of it.
+
+    Parameters
+    ----------
+    most_pixels : Of its proxy.
 
     Raises
     ------
@@ -298,7 +311,7 @@ def read_plate(path: Path, options: ApplyOptions) -> Plate:
         raise ImageError(
             "holds no R, G, B to render", where=path, remedy="give a colour plate"
         )
-    factor = proxy_factor(image.parts[0].display_window)
+    factor = proxy_factor(image.parts[0].display_window, most_pixels)
     # A map from outside has the size of the plate.
     has_proxy = factor > 1 and options.stmap is None
     proxy = proxy_of(image, factor) if has_proxy else None
