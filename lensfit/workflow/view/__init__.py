@@ -4,7 +4,6 @@ turned             what the page may turn, and the options of `apply` that say t
 controls           which controls the page shows, from where knobs are defined
 proxy, shown       a smaller plate for a first look; pictures as the screen shows them
 viewed_plate       a preset on a plate: pictures, plan, focus, start values
-viewed_preset      a preset alone: curves and point-spread functions
 saved_settings     what was turned, in the shot's settings file
 latest_wins        one thread that forgets what was asked before
 guard, server      who may ask, and what they are answered
