@@ -91,14 +91,15 @@ class Browser:
         assert "error" not in answer, f"{method}: {answer['error']}"
         return answer["result"]
 
-    def open(self, page: Path, width: int = 1400, height: int = 1000) -> None:
-        """Load a file and wait until all of it is there."""
+    def open(self, page: Path | str, width: int = 1400, height: int = 1000) -> None:
+        """Load a file or an address and wait until all of it is there."""
         self.send(
             "Emulation.setDeviceMetricsOverride",
             width=width, height=height, deviceScaleFactor=1, mobile=False,
         )  # fmt: skip
         self._seen.clear()
-        self.send("Page.navigate", url=page.as_uri())
+        address = page if isinstance(page, str) else page.as_uri()
+        self.send("Page.navigate", url=address)
         if not any(one.get("method") == "Page.loadEventFired" for one in self._seen):
             self._until(lambda one: one.get("method") == "Page.loadEventFired")
 

@@ -58,6 +58,7 @@ WORKFLOW_FLOORS = {
     "statements": 4,
     "bench": 4,
     "kit": 5,
+    "view": 5,
 }
 """Rooms within the room of whole jobs; the jobs themselves are files beside them."""
 MODULE_PATHS = sorted(PACKAGE.rglob("*.py"))

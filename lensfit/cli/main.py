@@ -25,6 +25,7 @@ COMMANDS = (
     "overscan",
     "export",
     "apply",
+    "view",
     "undistort",
     "submit",
     "plan",

@@ -77,7 +77,20 @@ class FrameRenderer:
                     remedy="give the photographed plate",
                 )
             return render_deep(self.lens, path)
-        image = read_exr(path)
+        return self.render_read(read_exr(path), path)
+
+    def render_read(self, image: ExrImage, path: Path) -> ExrImage:
+        """One finished frame of a flat plate that was read before.
+
+        Parameters
+        ----------
+        image : The plate; its samples are left as they are.
+        path : Its file, whose place and name say which settings hold.
+
+        Raises
+        ------
+        LensfitError : The plate cannot be rendered.
+        """
         views, made = plate_views(image, path), []
         for one in views:
             self.lens.notes.add(one.note)

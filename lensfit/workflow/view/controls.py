@@ -1,0 +1,74 @@
+"""The controls of knobs, read from where the knobs are defined.
+
+A knob added to `lensfit.preset.knobs` appears in the page by itself, with the limits,
+the text and the group that it has there.
+"""
+
+from typing import Any
+
+import msgspec
+
+from lensfit.preset.knobs import GROUP_OF, NEUTRAL, Knobs
+from lensfit.workflow.view.turned import FILES
+
+_TITLES = {"aberration": "Aberrations", "bokeh": "Bokeh", "look": "Look"}
+_WIDEST = 30_000.0
+"""Range beyond which a slider says nothing, and a number is typed."""
+_USUAL_GAIN = (-1.0, 3.0)
+"""Gains may be a hundred; a slider that long could not be set."""
+
+
+def knob_controls() -> list[dict[str, Any]]:
+    """Groups of knobs, each with its name and its knobs.
+
+    Of a knob: its name, a label, what it does, least and most value, the neutral one
+    (None: as measured), whether it counts (whole numbers), and the ends of a slider,
+    which has none where a number must be typed.
+    """
+    schema = msgspec.json.schema(Knobs)["$defs"]
+    groups = []
+    for group in Knobs.__struct_fields__:
+        record = type(getattr(NEUTRAL, group)).__name__
+        properties = schema[record]["properties"]
+        knobs = [
+            _control(name, properties[name])
+            for name in properties
+            if GROUP_OF[name] == group and name not in FILES
+        ]
+        groups.append({"name": _TITLES.get(group, group.title()), "knobs": knobs})
+    return groups
+
+
+def _control(name: str, schema: dict[str, Any]) -> dict[str, Any]:
+    choices = schema.get("anyOf", [schema])
+    number = next(one for one in choices if one["type"] in ("number", "integer"))
+    least, most = number.get("minimum"), number.get("maximum")
+    neutral = schema.get("default")
+    return {
+        "name": name,
+        "label": _label(name),
+        "text": number.get("description") or schema.get("description") or "",
+        "least": least,
+        "most": most,
+        "neutral": neutral,
+        "whole": number["type"] == "integer",
+        "slider": _slider(name, neutral, least, most),
+    }
+
+
+def _label(name: str) -> str:
+    units = {"um": "µm", "percent": "%", "deg": "°", "kelvin": "K", "stops": "stops"}
+    *words, last = name.split("_")
+    if words and last in units:
+        return f"{' '.join(words).capitalize()} ({units[last]})"
+    return " ".join((*words, last)).capitalize()
+
+
+def _slider(
+    name: str, neutral: Any, least: float | None, most: float | None
+) -> tuple[float, float] | None:
+    if neutral is None or least is None or most is None or most - least > _WIDEST:
+        return None
+    if name.endswith("_gain") and most > _USUAL_GAIN[1]:
+        return max(least, _USUAL_GAIN[0]), _USUAL_GAIN[1]
+    return least, most

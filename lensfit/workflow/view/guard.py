@@ -1,0 +1,138 @@
+"""Who may ask: this machine's browser on the page that was opened, and nobody else.
+
+The server listens to the loopback address, which every program and every page in any
+browser of this machine can reach. So every request must
+
+- lie under a path that begins with a random token, which only the opened address has;
+- name this very address as its ``Host``, so that no name that was bent to 127.0.0.1
+  (DNS rebinding) serves another page;
+- come from no other page: an ``Origin`` or ``Sec-Fetch-Site`` that is there is our own;
+- be small.
+
+What is refused is refused before anything of it is read.
+"""
+
+import hmac
+from collections.abc import Awaitable, Callable, MutableMapping
+from typing import Any, final
+
+from starlette.responses import PlainTextResponse
+
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
+Application = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+MOST_BYTES = 64 * 1024
+"""Of a request's body: what is turned takes two thousand."""
+_TOO_LARGE = f"a message has at most {MOST_BYTES} bytes"
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: "
+    "data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+_HEADERS = {
+    "content-security-policy": _POLICY,
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "cache-control": "no-store",
+}
+
+
+@final
+class Guard:
+    """An application that is asked only what may be asked.
+
+    Parameters
+    ----------
+    inner : Answers; its paths have no token.
+    token : First part of every path.
+    port : That the server listens to.
+    """
+
+    def __init__(self, inner: Application, token: str, port: int):
+        self._inner = inner
+        self._start = f"/{token}/".encode()
+        names = ("127.0.0.1", "localhost")
+        self._hosts = {f"{name}:{port}".encode() for name in names}
+        self._origins = {b"http://" + host for host in self._hosts}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Refuse, or hand on."""
+        if scope["type"] == "lifespan":
+            await self._inner(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return  # a socket that nobody accepts is closed
+        refused = self._refusal(scope)
+        if refused is not None:
+            status, text = refused
+            await PlainTextResponse(text, status)(scope, receive, _closed(send))
+            return
+        path = scope["path"][len(self._start) - 1 :]
+        inner = {**scope, "path": path, "raw_path": path.encode(), "root_path": ""}
+        body = await _small_body(receive)
+        if body is None:
+            await PlainTextResponse(_TOO_LARGE, 413)(scope, receive, _closed(send))
+            return
+        await self._inner(inner, _replayed(body, receive), _closed(send))
+
+    def _refusal(self, scope: Scope) -> tuple[int, str] | None:
+        headers = scope["headers"]
+        if [v for k, v in headers if k == b"host"] not in [[h] for h in self._hosts]:
+            return 421, "this is not the address that was opened"
+        origins = {value for key, value in headers if key == b"origin"}
+        sites = {value for key, value in headers if key == b"sec-fetch-site"}
+        if not origins <= self._origins or not sites <= {b"same-origin", b"none"}:
+            return 403, "another page may not ask"
+        path = scope["path"].encode("utf-8", "surrogatepass")
+        if not hmac.compare_digest(path[: len(self._start)], self._start):
+            return 404, "open the address that lensfit view printed"
+        for key, value in headers:
+            if key == b"content-length" and not _is_small(value):
+                return 413, _TOO_LARGE
+        return None
+
+
+def _is_small(length: bytes) -> bool:
+    return length.isdigit() and len(length) < 10 and int(length) <= MOST_BYTES
+
+
+async def _small_body(receive: Receive) -> bytes | None:
+    """The body of a request; None as soon as it is too large."""
+    body, more = b"", True
+    while more:
+        message = await receive()
+        body += message.get("body", b"")
+        more = message["type"] == "http.request" and message.get("more_body", False)
+        if len(body) > MOST_BYTES:
+            return None
+    return body
+
+
+def _replayed(body: bytes, receive: Receive) -> Receive:
+    """A body that was read already, and then whatever comes."""
+    told = False
+
+    async def replayed() -> MutableMapping[str, Any]:
+        nonlocal told
+        if told:
+            return await receive()
+        told = True
+        return {"type": "http.request", "body": body, "more_body": False}
+
+    return replayed
+
+
+def _closed(send: Send) -> Send:
+    """The same, with headers that let a page load nothing from elsewhere."""
+
+    async def closed(message: MutableMapping[str, Any]) -> None:
+        if message["type"] == "http.response.start":
+            own = [(k.encode(), v.encode()) for k, v in _HEADERS.items()]
+            message = {**message, "headers": [*message["headers"], *own]}
+        await send(message)
+
+    return closed

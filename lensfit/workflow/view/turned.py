@@ -1,0 +1,151 @@
+"""What a page turned on a lens, and the same said in other words.
+
+A turned lens is an `ApplyOptions`: those that the command was started with, with some
+quantities of the camera and some knobs in their place. The words of a command line are
+those of `lensfit apply`, so that what was seen can be rendered without the page.
+"""
+
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from lensfit.errors import LensfitError, SettingsError
+from lensfit.preset.knobs import GROUP_OF, turned
+from lensfit.preset.schema import Preset
+from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.camera.spelling import option_of
+
+CAMERA = ("focal_length_mm", "f_number", "focus_distance_mm")
+_Positive = Annotated[float, Meta(gt=0, le=1e9)]
+FILES = tuple(name for name in GROUP_OF if name.endswith("_image"))
+"""Knobs that name files, which no page may."""
+
+
+class Turned(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is turned; what is left out stays as the plate and the preset have it.
+
+    Attributes
+    ----------
+    frame : Place of the plate among those of the sequence, from 0.
+    focus_distance_mm : From the sensor.
+    knobs : By name.
+    """
+
+    frame: Annotated[int, Meta(ge=0, le=10**7)] = 0
+    focal_length_mm: _Positive | None = None
+    f_number: _Positive | None = None
+    focus_distance_mm: _Positive | Literal["inf"] | None = None
+    knobs: Annotated[dict[str, int | float], Meta(max_length=200)] = {}
+
+    @property
+    def camera(self) -> dict[str, float]:
+        """Quantities of the camera that are turned, by name."""
+        values = {name: getattr(self, name) for name in CAMERA}
+        return {name: float(v) for name, v in values.items() if v is not None}
+
+
+def checked(preset: Preset, wanted: Turned) -> Turned:
+    """The same, if every knob is one and has a value that it can have.
+
+    Raises
+    ------
+    SettingsError : There is no such knob, it names a file, or it cannot be set to that.
+    """
+    for name, value in wanted.knobs.items():
+        if name in FILES:
+            raise SettingsError(
+                f"{name} names a file, which a page may not",
+                remedy=f"state {option_of(name)} when you start the view",
+            )
+        if not math.isfinite(value):
+            raise SettingsError(f"{name}: {value} is no finite number")
+    turned(preset.knobs, wanted.knobs, error=SettingsError, where="knobs")
+    return wanted
+
+
+def turned_options(base: ApplyOptions, wanted: Turned) -> ApplyOptions:
+    """The options of `apply` that render what is turned.
+
+    Parameters
+    ----------
+    base : What the command was started with.
+    """
+    camera = wanted.camera
+    found = replace(
+        base,
+        overrides=replace(base.overrides, **camera),
+        knobs={**base.knobs, **wanted.knobs},
+    )
+    if "focus_distance_mm" in camera:
+        found = replace(found, camera=replace(base.camera, focus_at=None))
+    return found
+
+
+class Started(Struct, frozen=True):
+    """The words that the command was started with.
+
+    Attributes
+    ----------
+    preset, plates : As they were given.
+    options : Each option of `apply` with its values.
+    """
+
+    preset: str
+    plates: str
+    options: tuple[tuple[str, ...], ...] = ()
+
+
+def command_line(started: Started, wanted: Turned) -> str:
+    """The command that renders what is turned, for a shell."""
+    values: Mapping[str, float] = wanted.camera | wanted.knobs
+    stated = {option_of(name): _plain(value) for name, value in values.items()}
+    dropped = {*stated} | ({"--focus-at"} if wanted.focus_distance_mm else set())
+    words: list[str] = ["lensfit", "apply", started.preset, started.plates]
+    words += ["--out", "lens"]
+    for option in started.options:
+        if option[0] not in dropped:
+            words += _joined(option)
+    for word, value in stated.items():
+        words += _joined((word, value))
+    return shlex.join(words)
+
+
+def _joined(option: Sequence[str]) -> list[str]:
+    """A negative number would read as an option of its own."""
+    word, *values = option
+    return [f"{word}={values[0]}"] if len(values) == 1 else [word, *values]
+
+
+def _plain(value: float) -> str:
+    return repr(int(value) if float(value).is_integer() else float(value))
+
+
+def changes_of(wanted: Turned) -> dict[str, dict[str, float]]:
+    """What is turned as tables of a settings file."""
+    tables = {"camera": wanted.camera, "knobs": dict(wanted.knobs)}
+    return {name: table for name, table in tables.items() if table}
+
+
+def read_turned(data: bytes, record: type, preset: Preset) -> Turned:
+    """A message of the page.
+
+    Parameters
+    ----------
+    record : `Turned`, or a record that adds to it.
+
+    Raises
+    ------
+    LensfitError : It is malformed; the sentence says where.
+    """
+    try:
+        found = msgspec.json.decode(data, type=record)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise LensfitError(
+            f"the message is malformed: {error}", remedy="see the README's interface"
+        ) from None
+    return checked(preset, found)

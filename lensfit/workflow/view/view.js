@@ -1,0 +1,265 @@
+// The page: what is turned, the pictures of it, and what is said beside them.
+
+import { Asker, ask } from "./asker.js";
+import { cameraSpecs, control } from "./controls.js";
+
+const at = (id) => document.getElementById(id);
+const REST_MS = 400; // without a change before the whole picture is asked for
+const CAMERA = ["focal_length_mm", "f_number", "focus_distance_mm"];
+
+const turned = { camera: {}, knobs: {} };
+const controls = {};
+let lens = null;
+let version = 0;
+let shown = -1;
+let resting = 0;
+
+const frame = () => +at("frame").value;
+const stops = () => +at("exposure").value;
+const message = () => ({ frame: frame(), ...turned.camera, knobs: turned.knobs });
+
+function say(error) {
+  at("error").hidden = !error;
+  at("error").textContent = error ? error.message : "";
+}
+
+async function show(image, answer) {
+  const address = URL.createObjectURL(await answer.blob());
+  const before = image.src;
+  image.src = address;
+  await image.decode();
+  if (before.startsWith("blob:")) URL.revokeObjectURL(before);
+}
+
+const failed = (error, asked) => {
+  if (asked === version) {
+    say(error);
+    at("status").textContent = "No picture of this state";
+  }
+};
+
+const proxy = new Asker(
+  "render",
+  async (answer, asked, seconds) => {
+    if (asked < shown) return;
+    shown = asked;
+    await show(at("made"), answer);
+    say(null);
+    at("status").textContent = `Proxy, ${seconds.toFixed(2)} s`;
+    at("stage").dataset.shown = "proxy";
+    if (asked === version) rest();
+  },
+  failed,
+);
+const full = new Asker(
+  "render",
+  async (answer, asked, seconds) => {
+    if (asked !== version) return; // turned on since
+    shown = asked;
+    await show(at("made"), answer);
+    say(null);
+    at("status").textContent = `Full quality, ${seconds.toFixed(2)} s`;
+    at("stage").dataset.shown = "full";
+    planned.want(asked, message());
+  },
+  failed,
+);
+const planned = new Asker("plan", async (answer) => showPlan(await answer.json()), () => {});
+
+function rest() {
+  clearTimeout(resting);
+  resting = setTimeout(() => {
+    at("status").textContent += "; full quality follows";
+    full.want(version, { ...message(), exposure_stops: stops(), quality: "full" });
+  }, REST_MS);
+}
+
+function changed() {
+  version += 1;
+  clearTimeout(resting);
+  full.forget();
+  at("saved").textContent = "";
+  if (lens.has_proxy) proxy.want(version, { ...message(), exposure_stops: stops(), quality: "proxy" });
+  else rest();
+  tellCommand();
+}
+
+async function tellCommand() {
+  const asked = version;
+  try {
+    const { command } = await (await ask("command", message())).json();
+    if (asked === version) at("command").value = command;
+  } catch {
+    at("command").value = ""; // the picture's error says why
+  }
+}
+
+async function showPlate() {
+  const asked = frame();
+  try {
+    const answer = await ask("plate", { frame: asked, exposure_stops: stops() });
+    if (asked === frame()) await show(at("plate"), answer);
+  } catch (error) {
+    say(error);
+  }
+}
+
+function showPlan(plan) {
+  const rows = plan.stages.map((stage) => {
+    const row = document.createElement("tr");
+    row.className = stage.runs ? "" : "left";
+    const cells = [
+      stage.runs ? stage.stage : `${stage.stage}: left out`,
+      stage.reason,
+      stage.error ? stage.error.toExponential(0) : "–",
+      stage.seconds ? stage.seconds.toFixed(2) : "–",
+    ];
+    row.append(...cells.map((text, index) => {
+      const cell = document.createElement("td");
+      cell.textContent = text;
+      if (index > 1) cell.className = "n";
+      return cell;
+    }));
+    return row;
+  });
+  at("plan").hidden = false;
+  at("plan").tBodies[0].replaceChildren(...rows);
+  at("totals").textContent =
+    `Error ${plan.expected_error.toExponential(1)} of ${plan.tolerance} accepted, ` +
+    `${plan.expected_seconds.toFixed(2)} s a frame, ${plan.expected_gib} GiB`;
+  at("notes").replaceChildren(...plan.notes.map((note) => {
+    const item = document.createElement("li");
+    item.textContent = note;
+    return item;
+  }));
+}
+
+function turn(name, value) {
+  const group = CAMERA.includes(name) ? turned.camera : turned.knobs;
+  if (value === undefined) delete group[name];
+  else group[name] = value;
+  if (name === "focus_distance_mm" && value === undefined) at("mark").hidden = true;
+  changed();
+}
+
+async function focusAt(x, y) {
+  try {
+    const answer = await ask("focus", { ...message(), x, y });
+    const found = (await answer.json()).focus_distance_mm;
+    at("mark").hidden = false;
+    at("mark").style.left = `${(100 * x) / lens.width}%`;
+    at("mark").style.top = `${(100 * y) / lens.height}%`;
+    at("at-x").value = Math.floor(x);
+    at("at-y").value = Math.floor(y);
+    controls.focus_distance_mm.set(found);
+    say(null);
+  } catch (error) {
+    say(error);
+  }
+}
+
+function reset() {
+  turned.camera = {};
+  turned.knobs = {};
+  at("mark").hidden = true;
+  for (const one of Object.values(controls)) one.show(undefined);
+  changed();
+}
+
+async function save() {
+  try {
+    const found = await (await ask("save", message())).json();
+    at("saved").textContent = [`Saved to ${found.path}`, ...found.notes].join(". ");
+  } catch (error) {
+    at("saved").textContent = `Not saved: ${error.message}`;
+  }
+}
+
+async function copy() {
+  at("command").select();
+  try {
+    await navigator.clipboard.writeText(at("command").value);
+    at("saved").textContent = "Copied";
+  } catch {
+    at("saved").textContent = "Selected: copy it with the keyboard";
+  }
+}
+
+function build() {
+  for (const spec of cameraSpecs(lens)) {
+    controls[spec.name] = control(spec, turn);
+    at("camera").append(controls[spec.name].row);
+  }
+  for (const group of lens.groups) {
+    const details = document.createElement("details");
+    const summary = document.createElement("summary");
+    summary.textContent = group.name;
+    details.append(summary);
+    for (const knob of group.knobs) {
+      const start = knob.name in lens.knobs ? lens.knobs[knob.name] : knob.neutral;
+      controls[knob.name] = control({ ...knob, start }, turn);
+      details.append(controls[knob.name].row);
+    }
+    at("groups").append(details);
+  }
+}
+
+function listen() {
+  at("wipe").addEventListener("input", () =>
+    at("stage").style.setProperty("--wipe", `${at("wipe").value}%`));
+  at("exposure").addEventListener("input", () => {
+    at("stops").textContent = at("exposure").value;
+    changed();
+    showPlate();
+  });
+  at("frame").addEventListener("input", () => {
+    at("name").textContent = lens.frames[frame()];
+    changed();
+    showPlate();
+  });
+  at("stage").addEventListener("click", (event) => {
+    const box = at("made").getBoundingClientRect();
+    const share = (value, low, size) => Math.min(Math.max((value - low) / size, 0), 0.999999);
+    focusAt(
+      share(event.clientX, box.left, box.width) * lens.width,
+      share(event.clientY, box.top, box.height) * lens.height,
+    );
+  });
+  at("focus").addEventListener("click", () => focusAt(+at("at-x").value + 0.5, +at("at-y").value + 0.5));
+  at("zoom").addEventListener("click", () => {
+    const on = at("scroll").classList.toggle("pixels");
+    at("zoom").setAttribute("aria-pressed", on);
+  });
+  at("controls").addEventListener("submit", (event) => event.preventDefault());
+  at("reset").addEventListener("click", reset);
+  at("save").addEventListener("click", save);
+  at("copy").addEventListener("click", copy);
+}
+
+async function start() {
+  const answer = await fetch("api/lens");
+  lens = await answer.json();
+  if (!answer.ok) throw new Error(lens.error);
+  document.title = `${lens.lens}: lensfit view`;
+  at("lens").textContent = lens.lens;
+  at("verdict").textContent = lens.verdict ? lens.verdict.headline : "";
+  at("save").title = `Writes ${lens.settings}`;
+  at("at-x").max = lens.width - 1;
+  at("at-y").max = lens.height - 1;
+  const aspect = (lens.width * lens.pixel_aspect) / lens.height;
+  at("stage").style.aspectRatio = aspect;
+  at("stage").style.setProperty("--aspect", aspect);
+  at("stage").style.setProperty("--width", `${lens.width * lens.pixel_aspect}px`);
+  if (lens.frames.length > 1) {
+    at("scrub").hidden = false;
+    at("frame").max = lens.frames.length - 1;
+  }
+  at("name").textContent = lens.frames[0];
+  build();
+  listen();
+  if (lens.error) say(new Error(lens.error));
+  showPlate();
+  changed();
+}
+
+start().catch(say);

@@ -1,0 +1,360 @@
+"""A preset on a plate, as it is looked at: pictures, plan, focus and start values.
+
+Everything is made by the code of `lensfit apply` and `lensfit plan`, from an
+`ApplyOptions` of what is turned, so that a picture at full quality is the frame that
+`apply` writes. A proxy is a smaller plate at a coarser tolerance through the same code.
+"""
+
+import math
+import tempfile
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, final
+
+import msgspec
+import numpy as np
+from jaxtyping import Float32
+
+from lensfit.errors import ImageError, LensfitError
+from lensfit.io.exr import ExrImage, read_exr
+from lensfit.io.exr_deep import is_deep
+from lensfit.io.sequence import expand_frames
+from lensfit.preset.knobs import not_neutral
+from lensfit.preset.schema import Preset
+from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.workflow.camera.plate_state import PlateState
+from lensfit.workflow.camera.settings import settings_beside
+from lensfit.workflow.frame.error import at_frame
+from lensfit.workflow.frame.outcome import apply_frame
+from lensfit.workflow.frame.plate_lens import PlateLens
+from lensfit.workflow.frame.plate_views import plate_views
+from lensfit.workflow.frame.renderer import FrameRenderer
+from lensfit.workflow.plan_plate import plan_plate
+from lensfit.workflow.view.proxy import (
+    MOST_PIXELS,
+    MOST_PIXELS_OF_RAYS,
+    proxy_factor,
+    proxy_of,
+)
+from lensfit.workflow.view.saved_settings import save_settings
+from lensfit.workflow.view.shown import first_layer, frame_pixels
+from lensfit.workflow.view.turned import CAMERA, Turned, changes_of, turned_options
+
+Quality = Literal["proxy", "full"]
+PROXY_TOLERANCE = 1e-2
+_SETTINGS = "lensfit.toml"
+_DIGITS = 6
+"""Of a picked focus distance, so that the command line that repeats it is short."""
+_PICTURES = 4
+
+
+class Plate(NamedTuple):
+    """One frame that was read.
+
+    Attributes
+    ----------
+    image, header : Its first view, and what states its camera.
+    proxy : The same, smaller; None where there is no smaller one.
+    layer : The colours that are shown.
+    """
+
+    path: Path
+    image: ExrImage
+    header: ExrImage
+    proxy: ExrImage | None
+    layer: str
+
+
+@final
+class ViewedPlate:
+    """A preset on a plate or a sequence.
+
+    Parameters
+    ----------
+    plates : An EXR file, or a pattern such as ``plate.####.exr``.
+    options : How plates are rendered before anything is turned.
+
+    Raises
+    ------
+    LensfitError : There is no such plate, or an option cannot be followed.
+    """
+
+    def __init__(self, preset: Preset, plates: str, options: ApplyOptions):
+        self.preset, self.plates, self.options = preset, plates, options
+        self.frames = tuple(expand_frames(plates))
+        self._reading, self._keeping = threading.Lock(), threading.Lock()
+        self._plate: tuple[object, Plate] | None = None
+        self._made: OrderedDict[object, Float32[np.ndarray, "height width 3"]]
+        self._made = OrderedDict()
+        of_rays = any(entry.blur is not None for entry in preset.entries)
+        self._most_pixels = MOST_PIXELS_OF_RAYS if of_rays else MOST_PIXELS
+        self.plate(0)
+
+    def path(self, frame: int) -> Path:
+        """The file of a frame.
+
+        Raises
+        ------
+        ImageError : There are fewer frames.
+        """
+        if frame >= len(self.frames):
+            raise ImageError(
+                f"there is no frame {frame}; the last of these is "
+                f"{len(self.frames) - 1}, counted from 0",
+                remedy="ask for one of them",
+            )
+        return self.frames[frame][1]
+
+    def plate(self, frame: int) -> Plate:
+        """A frame, read once while no other is looked at.
+
+        Raises
+        ------
+        ImageError : It cannot be read or shown.
+        """
+        path = self.path(frame)
+        key = path, _stamp(path)
+        with self._reading:
+            if self._plate is None or self._plate[0] != key:
+                self._plate = None  # two need not be held in memory
+                self._plate = key, read_plate(path, self.options, self._most_pixels)
+            return self._plate[1]
+
+    def pixels(
+        self, wanted: Turned, quality: Quality
+    ) -> Float32[np.ndarray, "height width 3"]:
+        """The frame through the lens, scene-linear, over the display window.
+
+        Raises
+        ------
+        LensfitError : It cannot be rendered so.
+        """
+        path = self.path(wanted.frame)
+        settings = settings_beside(path.parent).paths
+        stated = self.options.camera.settings
+        files = (path, *settings, *([stated] if stated else []))
+        key = _bare(wanted), quality, tuple(map(_stamp, files))
+        with self._keeping:
+            found = self._made.get(key)
+        if found is None:
+            found = self._rendered(wanted, quality)
+            with self._keeping:
+                self._made[key] = found
+                while len(self._made) > _PICTURES:
+                    self._made.popitem(last=False)
+        return found
+
+    def _rendered(self, wanted: Turned, quality: Quality) -> np.ndarray:
+        plate = self.plate(wanted.frame)
+        options = replace(
+            turned_options(self.options, wanted), layers=[plate.layer], output="result"
+        )
+        image = plate.image
+        if quality == "proxy" and plate.proxy is not None:
+            image = plate.proxy
+            coarse = max(options.tolerance, PROXY_TOLERANCE)
+            options = replace(options, tolerance=coarse)
+        with _at(plate.path):
+            made = FrameRenderer(self.preset, options).render_read(image, plate.path)
+        return frame_pixels(made, plate.layer)
+
+    def plate_pixels(self, frame: int) -> Float32[np.ndarray, "height width 3"]:
+        """The plate as it is, over its display window."""
+        plate = self.plate(frame)
+        return frame_pixels(plate.image, plate.layer)
+
+    def frame_exr(self, wanted: Turned) -> bytes:
+        """The file that `lensfit apply` writes.
+
+        Raises
+        ------
+        LensfitError : It cannot be rendered so.
+        """
+        path = self.path(wanted.frame)
+        renderer = FrameRenderer(self.preset, turned_options(self.options, wanted))
+        with tempfile.TemporaryDirectory() as folder:
+            target = Path(folder) / path.name
+            outcome = apply_frame(renderer, path, target)
+            if outcome.failure is not None:
+                raise LensfitError(outcome.failure)
+            return target.read_bytes()
+
+    def plan(self, wanted: Turned) -> dict[str, Any]:
+        """What a frame needs and costs, as `lensfit plan` says it.
+
+        Raises
+        ------
+        LensfitError : It cannot be rendered so.
+        """
+        path, options = self.path(wanted.frame), turned_options(self.options, wanted)
+        with _at(path):
+            plan, notes = plan_plate(self.preset, path, options)
+        return {
+            "tolerance": plan.tolerance,
+            "expected_error": plan.error,
+            "expected_seconds": plan.seconds,
+            "first_frame_seconds": plan.first_s,
+            "expected_gib": round(plan.gib, 2),
+            "cores": plan.cores,
+            "stages": [stage._asdict() for stage in plan.stages],
+            "notes": notes,
+        }
+
+    def focus_distance_mm(self, wanted: Turned, x: float, y: float) -> float:
+        """The focus distance that is sharp at a pixel of the frame, from the sensor.
+
+        Parameters
+        ----------
+        x, y : From the corner of the display window, pixels.
+
+        Raises
+        ------
+        ImageError : The plate has no depth there.
+        """
+        free = Turned(
+            frame=wanted.frame, focal_length_mm=wanted.focal_length_mm,
+            f_number=wanted.f_number,
+        )  # fmt: skip
+        options = turned_options(self.options, free)
+        options = replace(options, camera=replace(options.camera, focus_at=(x, y)))
+        options = replace(
+            options, overrides=replace(options.overrides, focus_distance_mm=None)
+        )
+        found = self._state(options, self.plate(wanted.frame)).applied(CAMERA[2])
+        return math.inf if found is None else float(f"{found:.{_DIGITS}g}")
+
+    def start(self, frame: int) -> dict[str, Any]:
+        """What the lens and the plate say before anything is turned: the camera, knobs
+        that are not neutral, and ranges; a sentence where the camera is not known."""
+        plate = self.plate(frame)
+        display = plate.image.parts[0].display_window
+        camera: dict[str, float | None] = dict.fromkeys(CAMERA)
+        said, knobs = None, {}
+        try:
+            state = self._state(self.options, plate)
+            camera = {name: state.applied(name) for name in CAMERA}
+            knobs = not_neutral(state.knobs)
+        except LensfitError as error:
+            said = str(error)
+        return {
+            "camera": {name: _word(value) for name, value in camera.items()},
+            "knobs": {n: v for n, v in knobs.items() if not isinstance(v, str)},
+            "error": said,
+            "width": display.width,
+            "height": display.height,
+            "pixel_aspect": plate.image.parts[0].pixel_aspect,
+            "has_proxy": plate.proxy is not None,
+            "frames": [path.name for _, path in self.frames],
+            "ranges": lens_ranges(self.preset),
+        }
+
+    def _state(self, options: ApplyOptions, plate: Plate) -> PlateState:
+        lens = PlateLens(self.preset, options)
+        with _at(plate.path):
+            # The samples go along: focus may be picked in them.
+            return lens.state_of(
+                plate.image if options.camera.focus_at else plate.header, plate.path
+            )
+
+    @property
+    def settings_path(self) -> Path:
+        """The settings file that belongs to the plate."""
+        return self.options.camera.settings or self.path(0).parent / _SETTINGS
+
+    def save(self, wanted: Turned) -> list[str]:
+        """Write what is turned to the settings file; remarks, if it does not suffice.
+
+        Raises
+        ------
+        LensfitError : The file cannot be changed.
+        """
+        save_settings(self.settings_path, changes_of(wanted))
+        turned = turned_options(self.options, wanted)
+        plate = self.plate(wanted.frame)
+        now, then = self._state(self.options, plate), self._state(turned, plate)
+        if (now.lens_key, now.knobs) == (then.lens_key, then.knobs):
+            return []
+        return [
+            f"{self.settings_path} is written, but something that counts before it "
+            "says otherwise: a table [[frames]], a sidecar or an option here"
+        ]
+
+
+def read_plate(
+    path: Path, options: ApplyOptions, most_pixels: int = MOST_PIXELS
+) -> Plate:
+    """A frame with what is shown of it.
+
+    Parameters
+    ----------
+    most_pixels : Of its proxy.
+
+    Raises
+    ------
+    ImageError : It cannot be read, is deep, or has no colours.
+    """
+    if is_deep(path):
+        raise ImageError(
+            "is a deep plate, which the view does not show",
+            where=path,
+            remedy='render it with "lensfit apply", or view a flat one',
+        )
+    view = plate_views(read_exr(path), path)[0]
+    image = view.view.image
+    wanted = None if options.layers is None else tuple(options.layers)
+    layer = first_layer(image, wanted)
+    if layer is None:
+        raise ImageError(
+            "holds no R, G, B to render", where=path, remedy="give a colour plate"
+        )
+    factor = proxy_factor(image.parts[0].display_window, most_pixels)
+    # A map from outside has the size of the plate.
+    has_proxy = factor > 1 and options.stmap is None
+    proxy = proxy_of(image, factor) if has_proxy else None
+    return Plate(path, image, view.header, proxy, layer)
+
+
+def lens_ranges(preset: Preset) -> dict[str, Any]:
+    """What was measured, for the ends of sliders: focal lengths, the widest f-number
+    (None where nobody states one) and the nearest focus distance."""
+    focal = [entry.focal_length_mm for entry in preset.entries]
+    stops = [f.f_number for e in preset.entries for f in e.fall_off if f.f_number]
+    focus = [e.focus_distance_mm for e in preset.entries if e.focus_distance_mm]
+    near = min((mm for mm in focus if math.isfinite(mm)), default=20 * min(focal))
+    return {
+        "focal_length_mm": [min(focal), max(focal)],
+        "widest_f_number": min(stops, default=None),
+        "nearest_focus_mm": near,
+    }
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Changes with the file, so that nothing is shown that is no longer so."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+def _bare(wanted: Turned) -> bytes:
+    """What is turned alone, whatever a message adds to it."""
+    values = {name: getattr(wanted, name) for name in Turned.__struct_fields__}
+    return msgspec.json.encode(values, order="sorted")
+
+
+def _word(value: float | None) -> float | str | None:
+    return "inf" if value is not None and math.isinf(value) else value
+
+
+@contextmanager
+def _at(path: Path) -> Iterator[None]:
+    """Errors that name the frame they happened at, as those of `apply` do."""
+    try:
+        yield
+    except LensfitError as error:
+        raise at_frame(error, path) from error

@@ -1,0 +1,99 @@
+"""`lensfit view`: what it refuses in a line, and a process that ends with Ctrl-C."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from lensfit.cli.main import app
+from lensfit.coords import Window
+from lensfit.io.exr import ExrImage, ExrPart, write_exr
+from lensfit.preset.store import save_preset
+from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
+
+HEADER = {"lens/focal": 35.0, "lens/fstop": 2.0, "lens/focus": 2.0}
+
+
+@pytest.fixture
+def lens(tmp_path: Path) -> Path:
+    made = thin_lens_preset(ThinCamera(35.0, 2.0, 2.0, 36.0, 32, 18))
+    save_preset(made, tmp_path / "thin.json")
+    return tmp_path / "thin.json"
+
+
+@pytest.fixture
+def plate(tmp_path: Path) -> Path:
+    window = Window.of_size(32, 18)
+    ones = np.ones((18, 32), np.float16)
+    channels = {name: ones for name in "RGB"} | {"Z": 3 * ones}
+    part = ExrPart(channels, window, window, HEADER)
+    write_exr(tmp_path / "plate.exr", ExrImage((part,)))
+    return tmp_path / "plate.exr"
+
+
+def refused(*words: str | Path) -> str:
+    found = CliRunner().invoke(app, ["view", *map(str, words), "--no-browser"])
+    assert found.exit_code == 1
+    assert found.stdout == ""
+    assert found.stderr.count("\n") == 1
+    return found.stderr
+
+
+def test_shoots_results_and_a_lens_alone_are_refused_in_a_line(lens, tmp_path: Path):
+    assert "shoots and of results is not offered" in refused(tmp_path / "shoot.toml")
+    assert "shoots and of results is not offered" in refused(tmp_path)
+    assert "there is no plate" in refused(lens)
+
+
+def test_a_plate_that_is_not_there_is_named(lens, tmp_path: Path):
+    assert "no.exr" in refused(lens, tmp_path / "no.exr")
+
+
+def test_a_port_that_is_taken_is_named(lens, plate):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        assert f"port {port} cannot be used" in refused(
+            lens, plate, "--port", str(port)
+        )
+
+
+def test_without_the_extra_it_says_what_to_install(lens, plate, monkeypatch):
+    monkeypatch.delitem(sys.modules, "lensfit.workflow.view.server", raising=False)
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    assert "pip install 'lensfit[view]'" in refused(lens, plate)
+
+
+@pytest.mark.slow
+def test_the_process_answers_and_ends_with_ctrl_c(lens, plate):
+    words = ["view", str(lens), str(plate), "--no-browser", "--depth-unit", "m"]
+    with subprocess.Popen(
+        [sys.executable, "-c", "from lensfit.cli.main import main; main()", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ,
+    ) as run:
+        assert run.stdout is not None
+        assert run.stderr is not None
+        address = run.stdout.readline().strip()
+        assert address.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(address + "api/lens") as answer:
+            assert json.load(answer)["width"] == 32
+        asked = urllib.request.Request(
+            address + "api/command", b"{}", {"Content-Type": "application/json"}
+        )
+        with urllib.request.urlopen(asked) as answer:
+            assert json.load(answer)["command"].endswith("--out lens --depth-unit=m")
+        run.send_signal(signal.SIGINT)
+        assert run.wait(60) == 0
+        assert run.stderr.read() == ""

@@ -1,0 +1,120 @@
+"""The page in a browser: turned by slider, by click and by key, and saved."""
+
+import time
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import CHROMIUM, Browser
+from view_makers import Client, plate_client, thin_lens, write_depth_plate
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+]
+WIDTH, HEIGHT = 640, 360
+_PATIENCE_S = 120.0
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("view")
+    return write_depth_plate(folder / "plate.1001.exr", WIDTH, HEIGHT)
+
+
+@pytest.fixture(scope="module")
+def client(plate: Path) -> Iterator[Client]:
+    with plate_client(plate, thin_lens(WIDTH, HEIGHT)) as asked:
+        yield asked
+
+
+@pytest.fixture(scope="module")
+def opened(
+    client: Client, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Browser]:
+    with Browser(tmp_path_factory.mktemp("profile")) as browser:
+        browser.open(client.address)
+        until(browser, "document.getElementById('stage').dataset.shown", "full")
+        yield browser
+
+
+def until(browser: Browser, expression: str, wanted: Any) -> None:
+    deadline = time.monotonic() + _PATIENCE_S
+    while (found := browser.run(expression)) != wanted:
+        assert time.monotonic() < deadline, f"{expression} is {found!r}"
+        time.sleep(0.05)
+
+
+def click(browser: Browser, x: float, y: float) -> None:
+    for kind in ("mousePressed", "mouseReleased"):
+        browser.send(
+            "Input.dispatchMouseEvent",
+            type=kind, x=x, y=y, button="left", clickCount=1,
+        )  # fmt: skip
+
+
+SHOWN = "document.getElementById('stage').dataset.shown"
+PICTURE = "document.getElementById('made').src"
+COMMAND = "document.getElementById('command').value"
+
+
+def test_the_page_is_turned_by_slider_click_and_key_and_saved(
+    opened: Browser, client: Client, plate: Path
+):
+    first = opened.run(PICTURE)
+    slider = "document.querySelector('#camera .knob input[type=range]')"
+    opened.run(f"{slider}.value = 2, {slider}.dispatchEvent(new Event('input'))")
+    until(opened, f"{COMMAND}.includes('--f-number=4')", True)
+    until(opened, f"{PICTURE} !== {first!r} && {SHOWN} === 'full'", True)
+    box = opened.run(
+        """(() => { const box = document.getElementById("made").getBoundingClientRect();
+            return [box.left, box.top, box.width, box.height]; })()"""
+    )
+    assert box[2] > 300
+    click(opened, box[0] + 0.2 * box[2], box[1] + 0.5 * box[3])
+    near = client.post("focus", x=0.2 * WIDTH, y=0.5 * HEIGHT).json()
+    said = f"--focus-distance-mm={near['focus_distance_mm']:g}"
+    until(opened, f"{COMMAND}.includes({said!r})", True)
+    until(opened, SHOWN, "full")
+    opened.run("document.getElementById('wipe').focus()")
+    opened.press("ArrowRight")
+    wipe = "document.getElementById('stage').style.getPropertyValue('--wipe')"
+    assert opened.run(wipe) == "1%"
+    opened.run("document.getElementById('save').click()")
+    saved = "document.getElementById('saved').textContent.startsWith('Saved to')"
+    until(opened, saved, True)
+    found = tomllib.loads((plate.parent / "lensfit.toml").read_text())
+    assert found == {
+        "camera": {"f_number": 4, "focus_distance_mm": near["focus_distance_mm"]}
+    }
+    opened.run("document.getElementById('reset').click()")
+    until(opened, f"{COMMAND}.includes('--f-number')", False)
+    assert opened.complaints == []
+    assert all(one.startswith((client.address, "blob:")) for one in opened.requests)
+
+
+def test_every_control_has_a_name(opened: Browser):
+    unnamed = opened.run(
+        """[...document.querySelectorAll("input, button, textarea")].filter((one) =>
+            !(one.labels?.length || one.textContent.trim()
+              || one.getAttribute("aria-label"))).map((one) => one.outerHTML)"""
+    )
+    assert unnamed == []
+    assert opened.run("document.querySelectorAll('.knob').length") > 40
+
+
+def test_what_cannot_be_is_a_sentence_in_the_page(opened: Browser):
+    number = "document.getElementById('k-blades')"
+    opened.run(f"{number}.value = 2, {number}.dispatchEvent(new Event('change'))")
+    until(opened, "document.getElementById('error').hidden", False)
+    assert "3" in opened.run("document.getElementById('error').textContent")
+    opened.run("document.getElementById('reset').click()")
+    until(opened, "document.getElementById('error').hidden", True)
+
+
+def test_a_tablet_s_width_holds_the_page(opened: Browser, client: Client):
+    opened.open(client.address, 800, 1100)
+    wide = "document.documentElement.scrollWidth <= window.innerWidth"
+    assert opened.run(wide)
