@@ -69,16 +69,7 @@ def plan(
         lens = library.find(preset).preset
         found, notes = plan_plate(lens, plate, options, progress, cores=cores)
     if as_json:
-        stages = [stage._asdict() for stage in found.stages]
-        totals = {
-            "tolerance": found.tolerance,
-            "expected_error": found.error,
-            "expected_seconds": found.seconds,
-            "first_frame_seconds": found.first_s,
-            "expected_gib": round(found.gib, 2),
-            "cores": found.cores,
-        }
-        typer.echo(json.dumps(totals | {"stages": stages, "notes": notes}))
+        typer.echo(json.dumps(found.facts() | {"notes": notes}))
         return
     _print(found)
     for note in notes:

@@ -116,7 +116,6 @@ def _largest_open(
 
 def _shift_that_hides(share: float) -> float:
     """Of one of two unit discs, so that it leaves all but this share of the other."""
-
     from scipy.optimize import brentq
 
     def too_much(d: float) -> float:

@@ -63,12 +63,16 @@ class Scene:
     lights: list[Highlights]
     is_opaque: bool
 
-    def range_px(self) -> tuple[float, float]:
-        """Least and greatest radius of what there is."""
+    def radii_px(self) -> list[np.ndarray]:
+        """Of all that the layers and the plate show."""
         found = [r[rgba[..., 3] > 0] for rgba, r in self.layers]
         found += [self.plate.radius_px] if self.plate is not None else []
-        found += [light.radius_px[light.mask > 0] for light in self.lights]
-        found = [r for r in found if r.size]
+        return [r for r in found if r.size]
+
+    def range_px(self) -> tuple[float, float]:
+        """Least and greatest radius of what there is, lights included."""
+        lights = [light.radius_px[light.mask > 0] for light in self.lights]
+        found = self.radii_px() + [r for r in lights if r.size]
         if not found:
             return 0.0, 0.0
         return min(float(r.min()) for r in found), max(float(r.max()) for r in found)
@@ -145,17 +149,11 @@ def _blurred(
     step_px = defocus.budget.light_step_px
     every = [spot for found in scene.lights for spot in spots(found, step_px)]
     tiles = list(tiles_of(output_window, frame.reach_px))
-    owner = _owners(every, tiles, window)
-    lights = [
-        [spot for spot, n in zip(every, owner, strict=True) if n == number]
-        for number in range(len(tiles))
-    ]
+    lights = _lights_of_tiles(every, tiles, window)
     picture = frame.picture
     lit = np.zeros((*picture.shape[:2], 3), np.float32) if every else None
-    down, across = (
-        window.y_min - output_window.y_min,
-        window.x_min - output_window.x_min,
-    )
+    down = window.y_min - output_window.y_min
+    across = window.x_min - output_window.x_min
     # Tiles wait for their parts, and the parts of all share the cores.
     cores = available_cores()
     with ThreadPoolExecutor(cores) as workers, ThreadPoolExecutor(cores) as in_work:
@@ -170,7 +168,15 @@ def _blurred(
 
 
 class _Frame:
-    """What the tiles of a picture share, and the picture."""
+    """What the tiles of a picture share, and the picture.
+
+    Attributes
+    ----------
+    rays, slabs, cuts : Of the whole range of depth, so that tiles agree.
+    reach_px : How far rays are led; a tile needs twice as much around it.
+    pinhole : The scene where nothing is blurred, over `window`.
+    picture : Over `output_window`, filled tile by tile.
+    """
 
     def __init__(
         self, scene: Scene, window: Window, output_window: Window, defocus: Defocus
@@ -179,9 +185,7 @@ class _Frame:
         self.scene, self.window, self.output_window = scene, window, output_window
         self.rays = defocus.rays(window, least, most)
         self.slabs = defocus.slabs(least, most)
-        each = [r[rgba[..., 3] > 0] for rgba, r in scene.layers]
-        each += [scene.plate.radius_px] if scene.plate is not None else []
-        self.cuts = self.slabs.cuts_px([r for r in each if r.size])
+        self.cuts = self.slabs.cuts_px(scene.radii_px())
         self.reach_px = self.rays.reach_px(least, most)
         self.is_continuous = defocus.depth_levels is None
         self.cubic_px = defocus.budget.cubic_px
@@ -203,14 +207,14 @@ class _Frame:
             packing = workers.submit(packed, surfaces, rays.many, self.cubic_px)
             target = crop(self.picture, self.output_window, tile)
             sharp = crop(self.pinhole, window, tile)
-            fill = partial(
+            strip = partial(
                 _gathered,
                 *(target, tile, region, packing.result(), rays, sharp),
                 self.scene.is_opaque,
             )
-            strips = [workers.submit(fill, rows) for rows in _strips_of(tile.height)]
-        for strip in strips:
-            strip.result()
+            strips = [workers.submit(strip, rows) for rows in _strips_of(tile.height)]
+        for made in strips:
+            made.result()
         return laid_down.result()
 
 
@@ -375,12 +379,17 @@ def grown(tile: Window, margin: int, window: Window) -> Window:
     )
 
 
-def _owners(each: list[Spot], tiles: list[Window], window: Window) -> list[int]:
-    """The tile nearest to each light."""
-    if not each:
-        return []
+def _lights_of_tiles(
+    every: list[Spot], tiles: list[Window], window: Window
+) -> list[list[Spot]]:
+    """Each light at the tile nearest to it."""
+    found: list[list[Spot]] = [[] for _ in tiles]
+    if not every:
+        return found
     boxes = np.array(tiles, float)
-    at = np.array([(spot.x + window.x_min, spot.y + window.y_min) for spot in each])
+    at = np.array([(spot.x + window.x_min, spot.y + window.y_min) for spot in every])
     low, high = boxes[:, None, :2] - at, at - boxes[:, None, 2:] - 1
     away = np.maximum(np.maximum(low, high), 0).max(-1)
-    return away.argmin(0).tolist()
+    for spot, nearest in zip(every, away.argmin(0), strict=True):
+        found[nearest].append(spot)
+    return found

@@ -1,11 +1,11 @@
 """What depth of field costs on a plate: seconds and memory, from its depth alone.
 
-The loop over rays takes a time for each ray, point and surface met; how many of these a
-part of the frame has follows from how much its depth spreads within reach of the blur.
-Constants are those of one core, measured on traced and path-traced scenes.
+What the renderer will do is counted in cells of the frame, the squares of its loop over
+rays: pixels that are continued behind each slab of depth, parts of the frame where that
+is done, surfaces that rays meet before one hides the rest. Each has its time on one
+core, measured on traced and path-traced scenes.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -17,24 +17,24 @@ from jaxtyping import Float32
 from lensfit.coords import Window
 from lensfit.cores import available_cores
 from lensfit.render.defocus import grown, tiles_of
-from lensfit.render.gather import TILE, step_for
-from lensfit.render.hidden import NOWHERE, sight_of_cells_px
+from lensfit.render.gather import TILE, points_along, step_for
+from lensfit.render.hidden import NOWHERE, joined_in_cells, sight_of_cells_px
 from lensfit.render.nearest import nearest_pixels
 from lensfit.render.plate_defocus import Defocus, Rays
+from lensfit.render.surfaces import EVEN_PX
 
 _RAY_S, _TILE_S = 6.5e-9, 1e-4
 """For a ray, a point and a surface that it meets; for a tile of the loop; of one
 colour."""
 _ALL_COLOURS = 1.1
 """The same for three colours that share their rays, over one."""
-_LED, _SPARE_PX = 1.35, 8.0
-"""How far from a surface it counts, over the radius of its spots and beside."""
+_MET_RADII, _MET_PX = 1.35, 8.0
+"""How far beside a surface rays meet it, in radii of its spots, and more."""
 _FULL = 0.99
 """Share of a cell that hides all behind it."""
 _CUBIC = 3.0
 _UNEVEN = 1.5
 """For a surface read by a cubic, or whose distance varies, over one that is plain."""
-_EVEN_PX = 1e-3
 _REGION_S, _SURFACE_S = 8e-9, 1.2e-7
 """For a pixel of a tile with its margin, and a surface; of the part where it is."""
 _GUIDED = 2.0
@@ -140,13 +140,12 @@ class _Slabs:
         share, least, most = [], [], []
         for nearest, farthest in pairwise(edges):
             here = (radius_px > farthest) & (radius_px <= nearest)
-            share.append(
-                _cells(np.asarray(here.any(0), np.float32), np.mean, 0.0, side)
-            )
+            covered = np.asarray(here.any(0), np.float32)
+            share.append(joined_in_cells(covered, np.mean, 0.0, side))
             low = np.where(here, radius_px, NOWHERE).min(0)
             high = np.where(here, radius_px, -NOWHERE).max(0)
-            least.append(_cells(low, np.min, NOWHERE, side))
-            most.append(_cells(high, np.max, -NOWHERE, side))
+            least.append(joined_in_cells(low, np.min, NOWHERE, side))
+            most.append(joined_in_cells(high, np.max, -NOWHERE, side))
         return cls(*(np.stack(part) for part in (share, least, most)))
 
     def cropped(self, region: Window, window: Window) -> "_Slabs":
@@ -224,38 +223,20 @@ def _rays_s(
         ends = slabs.least[n][here].min(), slabs.most[n][here].max()
         least = 0.0 if ends[0] < 0 < ends[1] else np.abs(ends).min()
         spots = np.hypot([least, np.abs(ends).max()], aberrated)
-        led = (_LED * spots[1] + _SPARE_PX) / TILE
-        around = np.ones((2 * round(led) + 1,) * 2, np.uint8)
+        reach = (_MET_RADII * spots[1] + _MET_PX) / TILE
+        around = np.ones((2 * round(reach) + 1,) * 2, np.uint8)
         reached = is_open & (cv2.dilate(here.astype(np.uint8), around) > 0)
-        met += reached * (1.0 if ends[1] - ends[0] < _EVEN_PX else _UNEVEN)
+        met += reached * (1.0 if ends[1] - ends[0] < EVEN_PX else _UNEVEN)
         low = np.where(reached, np.minimum(low, spots[0]), low)
         high = np.where(reached, np.maximum(high, spots[1]), high)
         full = (slabs.share[n] > _FULL).astype(np.uint8)
         is_open &= cv2.erode(full, around) == 0
     count = np.where(high <= budget.few_px, rays.few.rays, rays.many.rays)
-    points = np.array([_points_of(float(r)) for r in low.ravel()]).reshape(size)
+    steps = [step_for(float(r)) for r in low.ravel()]
+    points = np.array([points_along(TILE, step) ** 2 for step in steps]).reshape(size)
     cubic = np.where(low < budget.cubic_px, _CUBIC, 1.0)
     channels = len(rays.many.weight)
     each = _ALL_COLOURS if channels == 1 else channels
     moved = high > budget.unseen_px
     each_s = met * count * cubic * points * _RAY_S + _TILE_S
     return each * moved * each_s
-
-
-def _points_of(radius_px: float) -> int:
-    """Places where rays of a tile start, if its smallest spots have this radius."""
-    step = step_for(radius_px)
-    return TILE**2 if step == 1 else (TILE // step + 1) ** 2
-
-
-def _cells(
-    values: Float32[np.ndarray, "height width"],
-    joined: Callable,
-    beyond: float | np.floating,
-    side: int,
-) -> Float32[np.ndarray, "rows columns"]:
-    """Values of squares of the frame, joined."""
-    more = (0, -values.shape[0] % side), (0, -values.shape[1] % side)
-    filled = np.pad(values, more, constant_values=beyond)
-    squares = filled.reshape(-1, side, filled.shape[1] // side, side)
-    return joined(squares, (1, 3)).astype(np.float32)

@@ -156,9 +156,7 @@ def _room_for_points():
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
 def _points_of(grid, corner, at, size, step):
     """Lay out the points of a tile; how many down and across."""
-    down, across = size
-    if step > 1:
-        down, across = -(-size[0] // step) + 1, -(-size[1] // step) + 1
+    down, across = points_along(size[0], step), points_along(size[1], step)
     for point in range(down * across):
         i, j = point % across * step, point // across * step
         grid[0, point] = corner[1] + at[1] + i + 0.5
@@ -187,6 +185,12 @@ def step_for(radius_px: float | np.float32) -> int:
         if radius_px >= _RADII_PER_STEP * wider:
             return wider
     return 1
+
+
+@nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")
+def points_along(pixels: int, step: int) -> int:
+    """Points along a side of a tile: one beyond the last where they are apart."""
+    return pixels if step == 1 else -(-pixels // step) + 1
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from numpy.typing import ArrayLike
 
+from lensfit.render.gather import TILE
 from lensfit.render.outlines import STEP_GROWTH, STEP_PX
 
 _DIRECTIONS = 32
@@ -28,7 +29,7 @@ _STRIDE = 0.06
 _SURELY = 0.95
 """Of the distance to the nearest source, which a step may take whole."""
 NOWHERE = np.float32(1e9)
-CELL_PX, _ROUNDS = 16, 2
+_ROUNDS = 2
 _SPARE, _SPARE_PX = 0.2, 4.0
 """What a ray stands for on a surface, over its radius of blur and beside."""
 
@@ -88,14 +89,14 @@ def sight_px(
     other does not count.
     """
     size = radius_px.shape
-    most = _of_cells(np.where(front, radius_px, -NOWHERE), np.max, -NOWHERE)
-    least = _of_cells(np.where(source, radius_px, NOWHERE), np.min, NOWHERE)
+    most = joined_in_cells(np.where(front, radius_px, -NOWHERE), np.max, -NOWHERE)
+    least = joined_in_cells(np.where(source, radius_px, NOWHERE), np.min, NOWHERE)
     sight = sight_of_cells_px(most, least)
-    return sight.repeat(CELL_PX, 0).repeat(CELL_PX, 1)[: size[0], : size[1]]
+    return sight.repeat(TILE, 0).repeat(TILE, 1)[: size[0], : size[1]]
 
 
 def sight_of_cells_px(most: Plane, least: Plane) -> Plane:
-    """How far a ray may see around each cell.
+    """How far a ray may see around each cell, a square of `TILE` pixels.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def sight_of_cells_px(most: Plane, least: Plane) -> Plane:
     """
     sight = farthest_sight_px(most.max(), least.min())
     for _ in range(_ROUNDS):
-        around = np.ones((2 * int(np.ceil(sight.max() / CELL_PX)) + 1,) * 2, np.uint8)
+        around = np.ones((2 * int(np.ceil(sight.max() / TILE)) + 1,) * 2, np.uint8)
         sight = farthest_sight_px(cv2.dilate(most, around), cv2.erode(least, around))
     return sight
 
@@ -118,14 +119,20 @@ def farthest_sight_px(near_px: ArrayLike, far_px: ArrayLike) -> np.ndarray:
     return np.where(nothing, 0, sight).astype(np.float32)
 
 
-def _of_cells(
-    values: Plane, least_or_most: Callable, beyond: float | np.floating
+def joined_in_cells(
+    values: Plane, join: Callable, beyond: float | np.floating, side: int = TILE
 ) -> Plane:
-    height, width = values.shape
-    more = (0, -height % CELL_PX), (0, -width % CELL_PX)
+    """Values of each square of pixels, joined.
+
+    Parameters
+    ----------
+    join : Such as `np.max`, over two axes.
+    beyond : What fills squares that reach past the border.
+    """
+    more = (0, -values.shape[0] % side), (0, -values.shape[1] % side)
     filled = np.pad(values, more, constant_values=beyond)
-    cells = filled.reshape(-1, CELL_PX, filled.shape[1] // CELL_PX, CELL_PX)
-    return least_or_most(cells, (1, 3))
+    cells = filled.reshape(-1, side, filled.shape[1] // side, side)
+    return join(cells, (1, 3)).astype(np.float32)
 
 
 @nb.njit(fastmath=True, nogil=True, cache=True, error_model="numpy")

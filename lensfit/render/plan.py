@@ -5,7 +5,7 @@ on 1/f pictures; seconds are of two cores of a current machine; GiB are those of
 process at its largest. All are expectations: `lensfit bench render` measures them.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -79,6 +79,18 @@ class Plan(NamedTuple):
     def seconds(self) -> float:
         """Expected time of a frame."""
         return sum(stage.seconds for stage in self.stages)
+
+    def facts(self) -> dict[str, Any]:
+        """The plan for other programs."""
+        return {
+            "tolerance": self.tolerance,
+            "expected_error": self.error,
+            "expected_seconds": self.seconds,
+            "first_frame_seconds": self.first_s,
+            "expected_gib": round(self.gib, 2),
+            "cores": self.cores,
+            "stages": [stage._asdict() for stage in self.stages],
+        }
 
 
 def plan_of(

@@ -33,7 +33,8 @@ _OVERLAP = 0.5
 """Of the thickness of a slab."""
 _GOING_ON_PX = 6
 _ROOM_PX, _CELL_PX = 8, 16
-_EVEN_PX = 1e-3
+EVEN_PX = 1e-3
+"""Radii of a surface that differ by less are one."""
 _SEEN = 1 / 4096
 _CROSS = np.ones((3, 3), np.uint8)
 
@@ -71,7 +72,7 @@ class Surface:
     @property
     def is_even(self) -> bool:
         """Whether all of it blurs alike."""
-        return self.most_px - self.least_px < _EVEN_PX
+        return self.most_px - self.least_px < EVEN_PX
 
 
 @dataclass(frozen=True)
@@ -140,9 +141,12 @@ def surfaces_of_plate(
     shared : Pixels whose objects are known.
     """
     pictures = rgba if guide is None else np.concatenate([rgba, guide], -1)
-    known = np.ones(radius_px.shape, bool)
-    farthest_px = float(radius_px.min())
-    behind = _Behind(pictures.copy(), radius_px.copy(), known, farthest_px)
+    behind = _Behind(
+        pictures.copy(),
+        radius_px.copy(),
+        known=np.ones(radius_px.shape, bool),
+        farthest_px=float(radius_px.min()),
+    )
     found = []
     for cut in cuts_px:
         front = (behind.radius_px > cut) & behind.known
@@ -224,7 +228,7 @@ class _Behind:
         if shared is not None:
             rest = (1 - shared.share)[:, None] * beneath[of]
             shown[of] = np.maximum(rgba[of] - rest, 0)
-        found = _surface(shown, shown_px, at)
+        found = _surface(shown, shown_px, (at[0].start, at[1].start))
         self.pictures[at], self.radius_px[at] = filled, filled_px
         self.known[at] &= ~unknown
         return found
@@ -326,11 +330,9 @@ def _grown_into(seeds: np.ndarray, may: np.ndarray) -> Bool[np.ndarray, "height 
 
 
 def _surface(
-    rgba: Colour,
-    radius_px: Plane,
-    at: tuple[slice, slice] = (slice(0, None), slice(0, None)),
+    rgba: Colour, radius_px: Plane, origin: tuple[int, int] = (0, 0)
 ) -> Surface:
-    """What is there of a part of a plate, which lies at some rows and columns."""
+    """What is there of a part of a plate whose first pixel has this row and column."""
     there = rgba[..., 3] > _SEEN
     if not there.any():
         return Surface(rgba[:1, :1], radius_px[:1, :1], 0.0, 0.0)
@@ -346,7 +348,7 @@ def _surface(
         np.clip(radius_px[rows, columns], least, most),
         least,
         most,
-        (at[0].start + rows.start, at[1].start + columns.start),
+        (origin[0] + rows.start, origin[1] + columns.start),
     )
 
 

@@ -39,6 +39,7 @@ expected of traced lenses are about those found; without it a third to a half.""
 KEPT = 0.999
 """Share of the variance in the photographs that moves carry."""
 _ROUNDING = 1e-13
+"""Of the largest precision: less, or less than none, is what rounding leaves."""
 UNSEEN = 0.7
 """A parameter whose deviation is this share of its prior's is not seen."""
 
@@ -138,20 +139,18 @@ def parameter_moves(
     own = np.sqrt(np.diag(covariance)[free])
     deviation = np.where(stage.deviation[free] > 0, stage.deviation[free], own)
     matrix = np.asarray(stage.equations.matrix.sum(0))[square]
-    # In own deviations, which differ by many orders. What rounding leaves below zero of
-    # a direction that nothing shows is nothing.
-    precision = (matrix + np.diag(deviation**-2.0)) * np.outer(own, own)
-    known, turned = np.linalg.eigh(precision)
-    root = turned * np.sqrt(np.maximum(known, _ROUNDING * known[-1]))
-    variance, axes = np.linalg.eigh(
-        root.T @ (covariance[square] / np.outer(own, own)) @ root
-    )
+    # In own deviations, since they differ by many orders.
+    scale = np.outer(own, own)
+    known, turned = np.linalg.eigh((matrix + np.diag(deviation**-2.0)) * scale)
+    size = np.sqrt(np.maximum(known, _ROUNDING * known[-1]))
+    root = turned * size
+    variance, axes = np.linalg.eigh(root.T @ (covariance[square] / scale) @ root)
     variance, axes = np.clip(variance[::-1], 0.0, None), axes[:, ::-1]
     share = np.cumsum(variance) / variance.sum()
     count = min(int(np.searchsorted(share, KEPT)) + 1, len(free))
     moves = np.zeros((count, len(covariance)))
-    axes = np.linalg.solve(root.T, axes[:, :count] * np.sqrt(variance[:count]))
-    moves[:, free] = axes.T * own
+    along = turned / size @ (axes[:, :count] * np.sqrt(variance[:count]))
+    moves[:, free] = along.T * own
     return moves
 
 

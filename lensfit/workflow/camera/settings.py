@@ -111,7 +111,7 @@ def load_settings(path: str | Path) -> Settings:
 
 
 def _joined(paths: Sequence[Path]) -> Settings:
-    levels = tuple(_level(path, _stamp(path)) for path in paths)
+    levels = tuple(_level(path, file_stamp(path)) for path in paths)
     aliases: dict[str, tuple[Alias, ...]] = {}
     knobs: dict[str, Any] = {}
     knob_paths: dict[str, Path] = {}
@@ -122,7 +122,7 @@ def _joined(paths: Sequence[Path]) -> Settings:
     return Settings(tuple(paths), aliases, knobs, knob_paths, levels)
 
 
-def _stamp(path: Path) -> tuple[int, int] | None:
+def file_stamp(path: Path) -> tuple[int, int] | None:
     """Changes with the file, so that one that was edited is read again."""
     try:
         found = path.stat()

@@ -114,13 +114,13 @@ async def _small_body(receive: Receive) -> bytes | None:
 
 def _replayed(body: bytes, receive: Receive) -> Receive:
     """A body that was read already, and then whatever comes."""
-    told = False
+    is_read = False
 
     async def replayed() -> MutableMapping[str, Any]:
-        nonlocal told
-        if told:
+        nonlocal is_read
+        if is_read:
             return await receive()
-        told = True
+        is_read = True
         return {"type": "http.request", "body": body, "more_body": False}
 
     return replayed

@@ -6,7 +6,6 @@ only taken if it says the old file with these changes and nothing else; a file w
 in a way that this does not understand is left alone.
 """
 
-import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from pathlib import Path
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import SettingsError
 from lensfit.workflow.camera.settings import load_settings
+from lensfit.workflow.view.turned import number_text
 
 Tables = Mapping[str, Mapping[str, float]]
 _HEAD = re.compile(r"\s*\[")
@@ -59,7 +59,7 @@ def changed_text(old: str, changes: Tables, path: Path) -> str:
         is_so = False
     if not is_so:
         lines = "; ".join(
-            f"{k} = {_toml(v)}" for t in changes.values() for k, v in t.items()
+            f"{k} = {number_text(v)}" for t in changes.values() for k, v in t.items()
         )
         raise SettingsError(
             "is written so that its keys cannot be set one by one",
@@ -75,13 +75,13 @@ def _with_table(text: str, table: str, values: Mapping[str, float]) -> str:
     start = next((i for i, line in enumerate(lines) if head.match(line)), None)
     if start is None:
         gap = [""] if lines and lines[-1].strip() else []
-        new = [f"{key} = {_toml(value)}" for key, value in values.items()]
+        new = [f"{key} = {number_text(value)}" for key, value in values.items()]
         return "\n".join([*lines, *gap, f"[{table}]", *new]) + "\n"
     later = (i for i in range(start + 1, len(lines)) if _HEAD.match(lines[i]))
     end = next(later, len(lines))
     added = []
     for key, value in values.items():
-        said = f"{key} = {_toml(value)}"
+        said = f"{key} = {number_text(value)}"
         place = _line_of(key, lines, start, end)
         if place is None:
             added.append(said)
@@ -100,9 +100,3 @@ def _comment(line: str) -> str:
     """Of a line whose value is a number, which holds no # itself."""
     _, mark, said = line.partition("#")
     return f"  #{said}" if mark else ""
-
-
-def _toml(value: float) -> str:
-    if math.isinf(value):
-        return "inf"
-    return repr(int(value) if float(value).is_integer() else float(value))

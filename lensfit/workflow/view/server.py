@@ -21,6 +21,7 @@ import secrets
 import socket
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from importlib.resources import files
 from typing import Annotated, Any, Literal, NamedTuple, final
 
@@ -60,7 +61,7 @@ Stops = Annotated[float, Meta(ge=-20, le=20)]
 
 
 class Render(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A frame that is asked for."""
+    """A frame that is wanted."""
 
     quality: Literal["proxy", "full"] = "full"
     format: Literal["png", "exr"] = "png"
@@ -68,7 +69,7 @@ class Render(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
     newest: bool = False
 
 
-class Asked(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Query(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Anything else about what is turned."""
 
     exposure_stops: Stops = 0.0
@@ -100,31 +101,31 @@ class PlateServer:
     @property
     def routes(self) -> list[Route]:
         """Of the application."""
-        asked: dict[str, Answer] = {
+        answers: dict[str, Answer] = {
             "render": self.render, "plate": self.plate, "plan": self.plan,
             "focus": self.focus, "command": self.command, "save": self.save,
         }  # fmt: skip
         return [
             *page_routes(PAGE_FILES),
-            Route("/api/lens", told(self.lens), methods=["GET"]),
+            Route("/api/lens", errors_as_sentences(self.lens), methods=["GET"]),
             *(
-                Route(f"/api/{name}", told(answer), methods=["POST"])
-                for name, answer in asked.items()
+                Route(f"/api/{name}", errors_as_sentences(answer), methods=["POST"])
+                for name, answer in answers.items()
             ),
         ]
 
     async def lens(self, _request: Request) -> Response:
         """The start values of the first frame, the controls and the verdict."""
         preset = self.viewed.preset
-        verdict = preset.verdict
         start = await self._one_after_another(lambda: self.viewed.start(0))
-        headline = None if verdict is None else verdict.headline
+        verdict = preset.verdict and {
+            "level": preset.verdict.level,
+            "headline": preset.verdict.headline,
+        }
         return JSONResponse(
             {
                 "lens": preset.lens.name,
-                "verdict": None
-                if verdict is None
-                else {"level": verdict.level, "headline": headline},
+                "verdict": verdict,
                 "settings": str(self.viewed.settings_path),
                 "groups": knob_controls(),
                 **start,
@@ -133,38 +134,38 @@ class PlateServer:
 
     async def render(self, request: Request) -> Response:
         """A frame through the lens."""
-        asked = await self._read(request, Render)
+        query = await self._read(request, Render)
         viewed = self.viewed
-        if asked.format == "exr":
-            exr = await self._one_after_another(lambda: viewed.frame_exr(asked))
+        if query.format == "exr":
+            exr = await self._one_after_another(lambda: viewed.frame_exr(query))
             return Response(exr, media_type="image/x-exr")
 
         def picture() -> bytes:
-            return screen_png(viewed.pixels(asked, asked.quality), asked.exposure_stops)
+            return screen_png(viewed.pixels(query, query.quality), query.exposure_stops)
 
-        return _png(await self._asked(asked.newest, asked.quality, picture))
+        return _png(await self._in_lane(query.newest, query.quality, picture))
 
     async def plate(self, request: Request) -> Response:
         """The plate itself."""
-        asked = await self._read(request, Asked)
+        query = await self._read(request, Query)
 
         def picture() -> bytes:
-            pixels = self.viewed.plate_pixels(asked.frame)
-            return screen_png(pixels, asked.exposure_stops)
+            pixels = self.viewed.plate_pixels(query.frame)
+            return screen_png(pixels, query.exposure_stops)
 
         return _png(await self._one_after_another(picture))
 
     async def plan(self, request: Request) -> Response:
         """Stages, error, seconds and memory."""
-        asked = await self._read(request, Asked)
-        plan = lambda: self.viewed.plan(asked)  # noqa: E731
-        return JSONResponse(await self._asked(asked.newest, "plan", plan))
+        query = await self._read(request, Query)
+        plan = partial(self.viewed.plan, query)
+        return JSONResponse(await self._in_lane(query.newest, "plan", plan))
 
     async def focus(self, request: Request) -> Response:
         """What is sharp at a pixel."""
-        asked = await self._read(request, Focus)
+        query = await self._read(request, Focus)
         found = await self._one_after_another(
-            lambda: self.viewed.focus_distance_mm(asked, asked.x, asked.y)
+            lambda: self.viewed.focus_distance_mm(query, query.x, query.y)
         )
         return JSONResponse(
             {"focus_distance_mm": "inf" if math.isinf(found) else found}
@@ -172,13 +173,13 @@ class PlateServer:
 
     async def command(self, request: Request) -> Response:
         """The command line."""
-        asked = await self._read(request, Turned)
-        return JSONResponse({"command": command_line(self.started, asked)})
+        query = await self._read(request, Turned)
+        return JSONResponse({"command": command_line(self.started, query)})
 
     async def save(self, request: Request) -> Response:
         """The settings file."""
-        asked = await self._read(request, Turned)
-        notes = await self._one_after_another(lambda: self.viewed.save(asked))
+        query = await self._read(request, Turned)
+        notes = await self._one_after_another(lambda: self.viewed.save(query))
         return JSONResponse({"path": str(self.viewed.settings_path), "notes": notes})
 
     async def _read(self, request: Request, record: type) -> Any:
@@ -190,7 +191,7 @@ class PlateServer:
             )
         return read_turned(await request.body(), record, self.viewed.preset)
 
-    async def _asked(self, newest: bool, lane: str, job: Callable[[], Any]) -> Any:
+    async def _in_lane(self, newest: bool, lane: str, job: Callable[[], Any]) -> Any:
         if not newest:
             return await self._one_after_another(job)
         return await asyncio.wrap_future(self._lanes[lane].ask(job))
@@ -235,7 +236,7 @@ def _png(content: bytes) -> Response:
     return Response(content, media_type="image/png")
 
 
-def told(answer: Answer) -> Answer:
+def errors_as_sentences(answer: Answer) -> Answer:
     """The same, which says in a sentence what cannot be done."""
 
     async def endpoint(request: Request) -> Response:

@@ -49,7 +49,7 @@ class Turned(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return {name: float(v) for name, v in values.items() if v is not None}
 
 
-def checked(preset: Preset, wanted: Turned) -> Turned:
+def check_turned(preset: Preset, wanted: Turned) -> Turned:
     """The same, if every knob is one and has a value that it can have.
 
     Raises
@@ -103,7 +103,7 @@ class Started(Struct, frozen=True):
 def command_line(started: Started, wanted: Turned) -> str:
     """The command that renders what is turned, for a shell."""
     values: Mapping[str, float] = wanted.camera | wanted.knobs
-    stated = {option_of(name): _plain(value) for name, value in values.items()}
+    stated = {option_of(name): number_text(value) for name, value in values.items()}
     dropped = {*stated} | ({"--focus-at"} if wanted.focus_distance_mm else set())
     words: list[str] = ["lensfit", "apply", started.preset, started.plates]
     words += ["--out", "lens"]
@@ -121,7 +121,8 @@ def _joined(option: Sequence[str]) -> list[str]:
     return [f"{word}={values[0]}"] if len(values) == 1 else [word, *values]
 
 
-def _plain(value: float) -> str:
+def number_text(value: float) -> str:
+    """A number as options and settings files take it: whole without a point, or inf."""
     return repr(int(value) if float(value).is_integer() else float(value))
 
 
@@ -146,6 +147,7 @@ def read_turned(data: bytes, record: type, preset: Preset) -> Turned:
         found = msgspec.json.decode(data, type=record)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise LensfitError(
-            f"the message is malformed: {error}", remedy="see the README's interface"
+            f"the message is malformed: {error}",
+            remedy="notebooks/guide/rendering.md describes the interface",
         ) from None
-    return checked(preset, found)
+    return check_turned(preset, found)

@@ -27,7 +27,8 @@ from lensfit.preset.knobs import not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.plate_state import PlateState
-from lensfit.workflow.camera.settings import settings_beside
+from lensfit.workflow.camera.settings import NAME as SETTINGS_NAME
+from lensfit.workflow.camera.settings import file_stamp, settings_beside
 from lensfit.workflow.frame.error import at_frame
 from lensfit.workflow.frame.outcome import apply_frame
 from lensfit.workflow.frame.plate_lens import PlateLens
@@ -46,7 +47,6 @@ from lensfit.workflow.view.turned import CAMERA, Turned, changes_of, turned_opti
 
 Quality = Literal["proxy", "full"]
 PROXY_TOLERANCE = 1e-2
-_SETTINGS = "lensfit.toml"
 _DIGITS = 6
 """Of a picked focus distance, so that the command line that repeats it is short."""
 _PICTURES = 4
@@ -117,7 +117,7 @@ class ViewedPlate:
         ImageError : It cannot be read or shown.
         """
         path = self.path(frame)
-        key = path, _stamp(path)
+        key = path, file_stamp(path)
         with self._reading:
             if self._plate is None or self._plate[0] != key:
                 self._plate = None  # two need not be held in memory
@@ -137,7 +137,7 @@ class ViewedPlate:
         settings = settings_beside(path.parent).paths
         stated = self.options.camera.settings
         files = (path, *settings, *([stated] if stated else []))
-        key = _bare(wanted), quality, tuple(map(_stamp, files))
+        key = _bare(wanted), quality, tuple(map(file_stamp, files))
         with self._keeping:
             found = self._made.get(key)
         if found is None:
@@ -193,16 +193,7 @@ class ViewedPlate:
         path, options = self.path(wanted.frame), turned_options(self.options, wanted)
         with _at(path):
             plan, notes = plan_plate(self.preset, path, options)
-        return {
-            "tolerance": plan.tolerance,
-            "expected_error": plan.error,
-            "expected_seconds": plan.seconds,
-            "first_frame_seconds": plan.first_s,
-            "expected_gib": round(plan.gib, 2),
-            "cores": plan.cores,
-            "stages": [stage._asdict() for stage in plan.stages],
-            "notes": notes,
-        }
+        return plan.facts() | {"notes": notes}
 
     def focus_distance_mm(self, wanted: Turned, x: float, y: float) -> float:
         """The focus distance that is sharp at a pixel of the frame, from the sensor.
@@ -263,7 +254,7 @@ class ViewedPlate:
     @property
     def settings_path(self) -> Path:
         """The settings file that belongs to the plate."""
-        return self.options.camera.settings or self.path(0).parent / _SETTINGS
+        return self.options.camera.settings or self.path(0).parent / SETTINGS_NAME
 
     def save(self, wanted: Turned) -> list[str]:
         """Write what is turned to the settings file; remarks, if it does not suffice.
@@ -330,15 +321,6 @@ def lens_ranges(preset: Preset) -> dict[str, Any]:
         "widest_f_number": min(stops, default=None),
         "nearest_focus_mm": near,
     }
-
-
-def _stamp(path: Path) -> tuple[int, int] | None:
-    """Changes with the file, so that nothing is shown that is no longer so."""
-    try:
-        found = path.stat()
-    except OSError:
-        return None
-    return found.st_mtime_ns, found.st_size
 
 
 def _bare(wanted: Turned) -> bytes:

@@ -116,5 +116,5 @@ def test_a_stated_mosaic_is_not_taken_for_the_lens(tmp_path):
     assert psf["median"] < 0.04
     assert psf["p90"] < 0.12
     assert max(row["figures"]["chief_ray_px"].values()) < 0.03
-    # Blue is .08 px off since all focus states share their colour; half as much again.
-    assert max(row["figures"]["lateral_colour_px"].values()) < 0.12
+    # Blue is .080 px off since all focus states share their colour; it was under .06.
+    assert max(row["figures"]["lateral_colour_px"].values()) < 0.1

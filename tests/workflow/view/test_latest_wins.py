@@ -7,14 +7,26 @@ import pytest
 from lensfit.workflow.view.latest_wins import LatestWins, Superseded
 
 
-def test_the_newest_takes_the_place_of_those_that_wait():
-    lane, begun, go = LatestWins("test"), threading.Event(), threading.Event()
-    done: list[int] = []
+class Held:
+    """A lane whose thread is at a job that ends when it is let go."""
 
-    def first() -> int:
-        begun.set()
-        assert go.wait(30)
-        return 0
+    def __init__(self):
+        self.lane = LatestWins("test")
+        self._begun, self._go = threading.Event(), threading.Event()
+        self.running = self.lane.ask(self._job)
+        assert self._begun.wait(30)
+
+    def _job(self) -> bool:
+        self._begun.set()
+        return self._go.wait(30)
+
+    def let_go(self) -> None:
+        self._go.set()
+        assert self.running.result(timeout=30)
+
+
+def test_the_newest_takes_the_place_of_those_that_wait():
+    held, done = Held(), list[int]()
 
     def job(number: int):
         def work() -> int:
@@ -23,14 +35,11 @@ def test_the_newest_takes_the_place_of_those_that_wait():
 
         return work
 
-    running = lane.ask(first)
-    assert begun.wait(30)
-    waiting = [lane.ask(job(n)) for n in range(1, 201)]
+    waiting = [held.lane.ask(job(n)) for n in range(1, 201)]
     for given_up in waiting[:-1]:
         with pytest.raises(Superseded):
             given_up.result(timeout=30)
-    go.set()
-    assert running.result(timeout=30) == 0
+    held.let_go()
     assert waiting[-1].result(timeout=30) == 200
     assert done == [200]
 
@@ -47,19 +56,10 @@ def test_a_failure_is_the_asker_s_and_the_lane_goes_on():
 
 
 def test_one_that_was_cancelled_is_not_done():
-    lane, begun, go = LatestWins("test"), threading.Event(), threading.Event()
-    done: list[int] = []
-
-    def first() -> bool:
-        begun.set()
-        return go.wait(30)
-
-    running = lane.ask(first)
-    assert begun.wait(30)
-    waiting = lane.ask(lambda: done.append(1))
+    held, done = Held(), list[int]()
+    waiting = held.lane.ask(lambda: done.append(1))
     waiting.cancel()
-    newest = lane.ask(lambda: done.append(2))
-    go.set()
-    assert running.result(timeout=30)
+    newest = held.lane.ask(lambda: done.append(2))
+    held.let_go()
     newest.result(timeout=30)
     assert done == [2]

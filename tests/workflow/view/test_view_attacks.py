@@ -39,7 +39,7 @@ def test_the_socket_listens_to_this_machine_alone(client: Client):
             assert other.connect_ex((address, port)) != 0
 
 
-def test_the_token_is_asked_for_everywhere(client: Client):
+def test_every_path_needs_the_token(client: Client):
     wrong = client.token[:-1] + ("A" if client.token[-1] != "A" else "B")
     for start in ("", "/", f"/{wrong}", f"/{client.token[:-1]}", "/x"):
         for name in ("", "view.js", "api/lens"):

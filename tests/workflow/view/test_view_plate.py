@@ -166,7 +166,7 @@ def test_saved_to_the_shot_apply_makes_the_same_frame(client, plate, tmp_path: P
     )
 
 
-def test_what_counts_before_the_settings_is_told(client, plate: Path):
+def test_a_note_names_what_overrides_the_settings(client, plate: Path):
     settings = plate.parent / "lensfit.toml"
     settings.write_text('[[frames]]\nrange = "1001-1002"\nf_number = 8\n')
     notes = client.post("save", f_number=2.8).json()["notes"]
