@@ -40,9 +40,8 @@ export function control(spec, changed) {
     number.setAttribute("aria-describedby", text.id);
     row.append(text);
   }
-  let start = spec.start;
   const show = (value) => {
-    const shown = value === undefined ? start : value;
+    const shown = value === undefined ? spec.start : value;
     number.value = short(shown);
     if (slider && shown !== null && shown !== undefined) slider.value = to(shown);
     if (slider) slider.setAttribute("aria-valuetext", short(shown) || "as measured");
@@ -67,15 +66,7 @@ export function control(spec, changed) {
   };
   back.addEventListener("click", () => set(undefined));
   show(undefined);
-  return {
-    row,
-    set,
-    show,
-    restart(value) {
-      start = value;
-      show(undefined);
-    },
-  };
+  return { row, set, show };
 }
 
 /** The controls of the camera, from what the lens and the plate say. */

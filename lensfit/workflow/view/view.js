@@ -81,10 +81,10 @@ function changed() {
   at("saved").textContent = "";
   if (lens.has_proxy) proxy.want(version, { ...message(), exposure_stops: stops(), quality: "proxy" });
   else rest();
-  tellCommand();
+  showCommand();
 }
 
-async function tellCommand() {
+async function showCommand() {
   const asked = version;
   try {
     const { command } = await (await ask("command", message())).json();
