@@ -166,7 +166,7 @@ SHARED = {
 
 @pytest.mark.parametrize(
     ("crest", "part", "most"),
-    [(2, 0.7, 0.0025), (0.8, 1.1, 0.0045)],
+    [(2, 0.7, 0.0025), (0.8, 0.3, 0.001)],
     ids=["wire", "thinner than a pixel"],
 )
 @pytest.mark.parametrize("whose", SHARED)

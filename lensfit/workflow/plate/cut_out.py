@@ -5,9 +5,11 @@ A pixel that an object shares holds
     pixel = c W + (1 - c) B
 
 with the object's share c, which a Cryptomatte knows, its colour W and that of the rest,
-B. The nearest pixel that is wholly the object's suggests W, the nearest one without the
-object suggests B, and of all colours that add up to the pixel those nearest to both are
-taken. The layer is c W with alpha c, so that it gives the plate again over B.
+B. The pixels without the object around suggest B: those on both sides of a wire. The
+nearest pixel that is wholly the object's suggests W; where there is none, as on a wire
+thinner than a pixel, the W that explains the pixels around best (least squares). Of all
+colours that add up to the pixel those nearest to both are taken. The layer is c W with
+alpha c, so that it gives the plate again over B.
 
 W is bounded: what is brighter than white and the object is a light behind it. Where
 the rest stands in front of the object, the pixel is left in the plate.
@@ -30,6 +32,11 @@ _BRIGHTER = 2.0
 """Than white and the object, or than white and the surroundings: a light."""
 _LIGHT_PX = 9
 _LEAST_REST = 0.02
+_BESIDE_SIGMA_PX = 1.0
+"""Of the weights of pixels without the object: the nearest of each side count most."""
+_ALONG_SIGMA_PX = 2.0
+"""Over which a thin object is of one colour."""
+_LEAST_WEIGHT = 1e-3
 _AROUND_PX = 3
 """Reach of the warp's filter, over which the layer's alpha spreads."""
 
@@ -70,17 +77,51 @@ class CutOut:
         touched = self.coverage > 0
         layer = np.zeros((1, *touched.shape, 4), np.float32)
         rest = pixels.copy()
-        free = ~touched & ~_lights(pixels)
+        free = ~touched & ~_lights(pixels) & np.isfinite(pixels).all(-1)
         if touched.any() and free.any():
-            flat = pixels.reshape(-1, pixels.shape[-1])
-            behind = flat[nearest_pixels(free, touched)[0]]
-            lender, c = self.lender[touched], self.coverage[touched][:, None]
-            known = (lender != NOBODY)[:, None]
-            own, behind = _parted(pixels[touched], c, flat[lender], behind, known)
+            behind = _behind(pixels, free, touched)
+            own = self._own(pixels, behind)[touched]
+            c = self.coverage[touched][:, None]
+            own, behind = _parted(pixels[touched], c, own, behind[touched])
             rest[touched] = behind
             layer[0, touched, :3] = own[:, :3]
             layer[0, touched, 3:] = own[:, 3:] if own.shape[1] == 4 else c
         return rest, LayerStack(layer, self.depth_mm[None])
+
+    def _own(self, pixels: Picture, behind: Picture) -> Picture:
+        """The objects' colour where they are."""
+        flat = pixels.reshape(-1, pixels.shape[-1])
+        own = flat[self.lender]
+        thin = (self.coverage > 0) & (self.lender == NOBODY)
+        if thin.any():
+            tells = thin & np.isfinite(pixels).all(-1)
+            c = np.where(tells, self.coverage, np.float32(0))[..., None]
+            shown = np.where(tells[..., None], pixels - (1 - c) * behind, np.float32(0))
+            squares = _blurred(c * c, _ALONG_SIGMA_PX)
+            told = _blurred(c * shown, _ALONG_SIGMA_PX) / np.maximum(squares, 1e-9)
+            own[thin] = np.maximum(told, 0)[thin]
+        return own
+
+
+def _behind(
+    pixels: Picture,
+    free: Bool[np.ndarray, "height width"],
+    touched: Bool[np.ndarray, "height width"],
+) -> Picture:
+    """What pixels without the object suggest behind it."""
+    weight = _blurred(free.astype(np.float32), _BESIDE_SIGMA_PX)[..., None]
+    shown = _blurred(np.where(free[..., None], pixels, 0), _BESIDE_SIGMA_PX)
+    behind = shown / np.maximum(weight, _LEAST_WEIGHT)
+    lone = touched & (weight[..., 0] < _LEAST_WEIGHT)
+    if lone.any():
+        flat = pixels.reshape(-1, pixels.shape[-1])
+        behind[lone] = flat[nearest_pixels(free, lone)[0]]
+    return behind
+
+
+def _blurred(picture: np.ndarray, sigma_px: float) -> np.ndarray:
+    made = cv2.GaussianBlur(picture, (0, 0), sigma_px, borderType=cv2.BORDER_CONSTANT)
+    return made.reshape(picture.shape)
 
 
 def _parted(
@@ -88,13 +129,12 @@ def _parted(
     c: Float32[np.ndarray, "n 1"],
     own: Float32[np.ndarray, "n channels"],
     behind: Float32[np.ndarray, "n channels"],
-    known: Bool[np.ndarray, "n 1"],
 ) -> tuple[np.ndarray, np.ndarray]:
     """c W and B of pixels, from what W and B should be like."""
     r = 1 - c
     off = (pixel - c * own - r * behind) / (c * c + r * r)
-    behind = np.where(known, np.maximum(behind + r * off, 0), behind)
-    most = np.where(known, _BRIGHTER * c * np.maximum(own, 1), np.inf)
+    behind = np.maximum(behind + r * off, 0)
+    most = _BRIGHTER * c * np.maximum(own, 1)
     share = np.clip(pixel - r * behind, 0, most)
     left = np.maximum(pixel - share - r * behind, 0)
     return share, behind + left / np.maximum(r, _LEAST_REST)
