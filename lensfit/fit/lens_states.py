@@ -67,7 +67,7 @@ class Fitted:
             for focal_mm, reason in self.without_shape.items()
         )
         too_wide = (
-            f"the dots of {', '.join(names)} are over 1.8 pixels wide and had no say "
+            f"the dots of {', '.join(names)} are over 8 pixels wide and had no say "
             f"in the blur at {focal_mm:g} mm: photograph smaller holes"
             for focal_mm, names in self.too_wide.items()
             if names

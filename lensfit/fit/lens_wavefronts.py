@@ -1,7 +1,7 @@
 """The wavefront of every focal length, from the dots of all its focus states.
 
-Only small bright holes show it: printed dots are wider than the blur, and dark ones
-hide what a lens makes of a point.
+Only bright holes of a few pixels show it so far: wider ones reach into each other's
+blur, and dark dots hide what a lens makes of a point.
 """
 
 from collections.abc import Collection
@@ -18,7 +18,7 @@ from lensfit.fit.wavefront.shown import LARGEST_HOLE_CELLS, Shown, hole_cells
 from lensfit.progress import Progress
 
 _TOO_LARGE = (
-    "the dots themselves are too large; photograph holes less than 1.8 pixels wide"
+    "the dots themselves are too large; photograph holes less than 8 pixels wide"
 )
 
 

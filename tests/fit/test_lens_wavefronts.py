@@ -63,7 +63,7 @@ def test_takes_whose_dots_are_too_wide_are_named(monkeypatch):
     monkeypatch.setattr(
         lens_wavefronts,
         "hole_cells",
-        lambda one: 0.8 + 0.4 * ("focus" not in one.take.name),
+        lambda one: 3.8 + 0.4 * ("focus" not in one.take.name),
     )
     seen = []
     monkeypatch.setattr(
@@ -73,5 +73,5 @@ def test_takes_whose_dots_are_too_wide_are_named(monkeypatch):
     assert [one.take.name for one in seen] == ["in focus"]
     assert found.too_wide == {50.0: ["near", "far"]}
     (note,) = Fitted((state(*takes),), {}, too_wide=found.too_wide).notes
-    assert note.startswith("the dots of near, far are over 1.8 pixels wide")
+    assert note.startswith("the dots of near, far are over 8 pixels wide")
     assert not Fitted((state(*takes),), {}, too_wide={50.0: []}).notes

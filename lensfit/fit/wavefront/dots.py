@@ -8,12 +8,25 @@ have one shape and one compiled program serves them all.
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Complex, Float, Int
 
 from lensfit.optics.sections import Sections
 
 Numbers = Any
 """NumPy's arrays while dots are gathered and chosen, JAX's in the fit."""
+
+
+class Broad(NamedTuple):
+    """Dots wider than the spacing of their rays (`raster`).
+
+    Attributes
+    ----------
+    disc_mm : From the unit disc to the image of each.
+    beside_mm : From each to those around it; NaN where there are fewer.
+    """
+
+    disc_mm: Float[Numbers, "dots 2 2"]
+    beside_mm: Float[Numbers, "dots neighbours 2"]
 
 
 class Dots(NamedTuple):
@@ -35,6 +48,8 @@ class Dots(NamedTuple):
         the hole, and for the Airy pattern.
     cell_mm : Width and height of a cell.
     sections : Of an anamorphic lens, for a chart at this dot; None for others.
+    broad : What else is drawn; None where rays leave from places.
+    transfer : Of the discs of broad dots (`raster`), while a pass needs it.
     """
 
     field_mm: Float[Numbers, "dots 2"]
@@ -52,11 +67,14 @@ class Dots(NamedTuple):
     variance_mm2: Float[Numbers, "dots 2"]
     cell_mm: Float[Numbers, "dots 2"]
     sections: Sections | None = None
+    broad: Broad | None = None
+    transfer: Complex[Numbers, "dots drawn half"] | None = None
 
 
 def hole_variance_mm2(dots: Dots) -> Float[Numbers, " dots"]:
     """Second moment of every dot's hole and Airy pattern, mean of x and y."""
-    return (dots.variance_mm2 + np.sum(dots.filled_mm**2, -1) / 4).mean(-1)
+    disc_mm = dots.filled_mm if dots.broad is None else dots.broad.disc_mm
+    return (dots.variance_mm2 + np.sum(disc_mm**2, -1) / 4).mean(-1)
 
 
 class Pixels(NamedTuple):

@@ -18,9 +18,10 @@ from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.normal import as_float32
 from lensfit.fit.wavefront.parameters import Layout, Scale
+from lensfit.fit.wavefront.raster import raster_of
 from lensfit.fit.wavefront.rays import spot_seen
 from lensfit.fit.wavefront.shapes import Colour
-from lensfit.fit.wavefront.stages import Stage, with_iris
+from lensfit.fit.wavefront.stages import Stage, with_iris, with_transfer
 from lensfit.kernel.pixels import diffraction_variance_mm2, image_of, profile_of
 
 _BATCH = 512
@@ -37,6 +38,8 @@ def drawn(
     gathered : The dots, which need not be those of the fit.
     place_mm : Of each channel's chief ray, from the corner of the cells.
     """
+    cells = gathered.light.shape[-1]
+    dots = with_transfer(with_iris(gathered, stage.blades), cells)
     image = in_batches(
         lambda part: _of_gaussian_holes(
             as_float32(jnp.asarray(stage.parameters)),
@@ -44,13 +47,13 @@ def drawn(
             as_float32(jnp.asarray(gathered.chromatic)),
             stage.layout,
             jax.tree.map(as_float32, gathered.scale),
-            (stage.points.image, gathered.light.shape[-1]),
+            (stage.points.image, cells),
         ),
-        (with_iris(gathered, stage.blades), -place_mm),
+        (dots, -place_mm),
         _BATCH,
     ).astype(float)
-    dots = gathered.dots
-    if dots.sections is not None:  # behind cylinders a hole is no disc
+    # Behind cylinders a hole is no disc; a broad dot has its rims.
+    if dots.sections is not None or dots.broad is not None:
         return image
     f_number = jnp.asarray(gathered.f_numbers)[dots.stop]
     variance_mm2 = dots.variance_mm2.mean(-1)
@@ -77,14 +80,15 @@ def _of_gaussian_holes(
         def channel(chromatic: Array, lateral_mm: Array, corner_mm: Array) -> Array:
             colour = Colour(chromatic, lateral_mm)
             spot, _ = spot_seen(parameters, dot, colour, layout, scale, points)
+            raster = raster_of(corner_mm, dot.cell_mm, cells, dot.transfer)
             profile = profile_of(
                 spot,
-                corner_mm=corner_mm,
-                cell_mm=dot.cell_mm,
-                cells=cells,
-                variance_mm2=dot.variance_mm2,
+                corner_mm=raster.corner_mm,
+                cell_mm=raster.cell_mm,
+                cells=raster.drawn,
+                variance_mm2=dot.variance_mm2 + raster.variance_mm2,
             )
-            return image_of(spot, profile)
+            return raster.shown(image_of(spot, profile))
 
         return jax.vmap(channel)(chromatic, dot.lateral_mm, corners_mm)
 

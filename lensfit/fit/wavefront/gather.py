@@ -13,10 +13,12 @@ from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.known_dots import Reference, dots_of
 from lensfit.fit.wavefront.parameters import Scale
 from lensfit.fit.wavefront.shown import (
+    LARGEST_PLACED_CELLS,
     Shown,
     centroids_mm,
     diameters_mm,
     f_number_of,
+    hole_cells,
     usable_cells,
 )
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
@@ -82,11 +84,12 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
         for n in f_numbers
     ]
     groups = tuple(dict.fromkeys(_group(s) for s in shown))
+    broad = any(hole_cells(one) > LARGEST_PLACED_CELLS for one in shown)
     rows = []
     for one in shown:
         stop = f_numbers.index(f_number_of(one))
-        radius = sines[stop] / sines[0]
-        rows.append(dots_of(one, groups.index(_group(one)), stop, radius, known, bands))
+        radius, group = sines[stop] / sines[0], groups.index(_group(one))
+        rows.append(dots_of(one, group, stop, radius, known, bands, broad=broad))
     cut = [s.cutouts for s in shown]
     counts = [len(c.marks) for c in cut]
     return Gathered(

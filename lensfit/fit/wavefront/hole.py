@@ -62,6 +62,16 @@ def hole_of(
     return _of_share(1 / (1 + (as_wide / _AS_WIDE) ** _STEEP), hole_mm)
 
 
+def no_hole(hole_mm: Float[np.ndarray, "dots 2 2"]) -> Hole:
+    """Of a broad dot, which is drawn otherwise (`raster`).
+
+    Parameters
+    ----------
+    hole_mm : As for `hole_of`.
+    """
+    return Hole(np.zeros_like(hole_mm), np.zeros(hole_mm.shape[:2]))
+
+
 def soft_hole(hole_mm: Float[np.ndarray, "dots 2 2"]) -> Hole:
     """A Gaussian alone, for who cannot see rims.
 

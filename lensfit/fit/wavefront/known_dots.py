@@ -23,10 +23,11 @@ from lensfit.fit.geometry import (
     parts_of,
 )
 from lensfit.fit.parameters import Layout as GeometryLayout
-from lensfit.fit.wavefront.dots import Dots
-from lensfit.fit.wavefront.hole import Hole, hole_of, soft_hole
+from lensfit.fit.wavefront.dots import Broad, Dots
+from lensfit.fit.wavefront.hole import Hole, hole_of, no_hole, soft_hole
 from lensfit.fit.wavefront.shown import (
     Shown,
+    beside_mm,
     diameters_mm,
     hole_radius_mm,
 )
@@ -63,8 +64,15 @@ def dots_of(
     stop_radius: float,
     reference: Reference,
     bands: Bands,
+    *,
+    broad: bool,
 ) -> Dots:
-    """Constants of the dots of one photograph; see `Dots`."""
+    """Constants of the dots of one photograph; see `Dots`.
+
+    Parameters
+    ----------
+    broad : Whether dots are discs (`raster`) rather than places of rays (`hole`).
+    """
     adjustment, marks = shown.geometry.adjustment, shown.cutouts.marks
     count = len(marks)
     shift, per_board = in_batches(
@@ -84,7 +92,8 @@ def dots_of(
     )
     observed = adjustment.stack.observed_mm[shown.index][marks]
     distance = float(shown.distortion.principal_distance_mm)
-    hole = _holes(shown, np.asarray(per_board))
+    disc_mm = np.asarray(per_board) * hole_radius_mm(shown)
+    hole = no_hole(disc_mm) if broad else _holes(shown, disc_mm)
     diffraction = float(diffraction_variance_mm2(jnp.asarray(shown.take.f_number)))
     known = Dots(
         field_mm=observed - np.asarray(shown.distortion.principal_point_mm),
@@ -101,15 +110,15 @@ def dots_of(
         filled_mm=hole.filled_mm,
         variance_mm2=hole.variance_mm2 + diffraction,
         cell_mm=np.tile(shown.take.pixel_mm * shown.cutouts.cell_px, (count, 1)),
+        broad=Broad(disc_mm, beside_mm(shown)) if broad else None,
     )
     if not shown.take.anamorphic:
         return known
     return known._replace(sections=_sections(shift, shown.distortion))
 
 
-def _holes(shown: Shown, per_board: np.ndarray) -> Hole:
-    """Of all dots of a photograph; `per_board` image mm per mm of the chart."""
-    hole_mm = per_board * hole_radius_mm(shown)
+def _holes(shown: Shown, hole_mm: np.ndarray) -> Hole:
+    """Of all dots of a photograph."""
     # Behind a mosaic sharp rims fall between the photosites of a colour, and lead to
     # valleys where no lens is.
     if shown.cutouts.mosaic is not None:

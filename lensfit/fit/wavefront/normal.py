@@ -195,6 +195,7 @@ def _of_dot(
             corner,
             dot.cell_mm,
             variance,
+            dot.transfer,
         )
         return patch, led_back(patch.pull)
 

@@ -11,8 +11,9 @@ from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float
 
+from lensfit.fit.wavefront.raster import COARSER, Raster, raster_of
 from lensfit.fit.wavefront.rays import Rays
 from lensfit.kernel.pixels import Profile, image_of, profile_of
 from lensfit.kernel.spot import Spot
@@ -49,6 +50,7 @@ def equations_of(
     corner_mm: Float[Array, "2"],
     cell_mm: Float[Array, "2"],
     variance_mm2: Float[Array, "*axes"],
+    transfer: Complex[Array, "drawn half"] | None = None,
 ) -> Patch:
     """Normal equations of one patch.
 
@@ -58,17 +60,13 @@ def equations_of(
         image's is 0 elsewhere than where the image suits best.
     few : What the matrix is made of: it only leads the way.
     variance_mm2 : As for `profile_of`.
+    transfer : Of a broad dot's disc and of those beside it.
     """
-    cells_of = partial(
-        profile_of,
-        corner_mm=corner_mm,
-        cell_mm=cell_mm,
-        cells=light.shape[0],
-        variance_mm2=variance_mm2,
-    )
-    profile = cells_of(spot)
-    nuisance_design = _nuisance_design(spot, profile)
-    design = _design(few, cells_of(few.spot))
+    patch = partial(raster_of, corner_mm, cell_mm, light.shape[0], transfer)
+    raster, lean = patch(), patch(finer=COARSER)
+    profile = _profile(spot, raster, variance_mm2)
+    nuisance_design = _nuisance_design(spot, profile, raster)
+    design = _design(few, _profile(few.spot, lean, variance_mm2), lean)
     target, w = light.reshape(-1), weight.reshape(-1)
     inner = nuisance_design.T @ (w[:, None] * nuisance_design)
     nuisance = _solved(inner, nuisance_design.T @ (w * target))
@@ -82,19 +80,32 @@ def equations_of(
     return Patch(
         matrix,
         jnp.sum(w * residual**2),
-        _pulled(spot, profile, -pull),
+        _pulled(spot, profile, -raster.traced_back(pull)),
         jnp.concatenate([nuisance[:2], nuisance[2:] / bright]),
         residual,
     )
 
 
-def _nuisance_design(spot: Spot, profile: Profile) -> Array:
+def _profile(spot: Spot, raster: Raster, variance_mm2: Array) -> Profile:
+    return profile_of(
+        spot,
+        raster.corner_mm,
+        raster.cell_mm,
+        raster.drawn,
+        variance_mm2 + raster.variance_mm2,
+    )
+
+
+def _nuisance_design(spot: Spot, profile: Profile, raster: Raster) -> Array:
     """d light / d brightness, background and both shifts: (cells^2, 4)."""
-    image = image_of(spot, profile).reshape(-1)
-    return jnp.stack([image, jnp.ones_like(image), *_shifted(spot, profile)], -1)
+    drawn = jnp.stack([image_of(spot, profile), *_shifted(spot, profile)])
+    image, across, down = raster.shown(drawn).reshape(3, -1)
+    return jnp.stack([image, jnp.ones_like(image), across, down], -1)
 
 
-def _design(rays: Rays, profile: Profile) -> Float[Array, "cells2 shapes"]:
+def _design(
+    rays: Rays, profile: Profile, raster: Raster
+) -> Float[Array, "cells2 shapes"]:
     """d image / d shape, for a brightness of 1."""
     weight = rays.spot.weight[None]
     # Three products: one of arrays put together takes twice as long.
@@ -103,7 +114,11 @@ def _design(rays: Rays, profile: Profile) -> Float[Array, "cells2 shapes"]:
     light = _on_cells(profile.rows, profile.columns)
     moved = across @ rays.moved_mm[:, 0].T + down @ rays.moved_mm[:, 1].T
     of_others = moved.shape[1] - len(rays.brightened)
-    return moved + jnp.pad(light @ rays.brightened.T, ((0, 0), (of_others, 0)))
+    drawn = moved + jnp.pad(light @ rays.brightened.T, ((0, 0), (of_others, 0)))
+    if raster.transfer is None:
+        return drawn
+    shapes = drawn.T.reshape(-1, raster.drawn, raster.drawn)
+    return raster.shown(shapes).reshape(len(shapes), -1).T
 
 
 def _on_cells(rows: Array, columns: Array) -> Float[Array, "cells2 rays"]:
@@ -111,7 +126,7 @@ def _on_cells(rows: Array, columns: Array) -> Float[Array, "cells2 rays"]:
     return (rows[:, None] * columns[None]).reshape(-1, rows.shape[-1])
 
 
-def _pulled(spot: Spot, profile: Profile, pull: Float[Array, "cells cells"]) -> Spot:
+def _pulled(spot: Spot, profile: Profile, pull: Float[Array, "drawn drawn"]) -> Spot:
     """Sum over the cells of `pull` times d image / d spot."""
     light = pull @ profile.columns
     across = jnp.sum(profile.rows * (pull @ profile.columns_moved), 0)
@@ -127,7 +142,7 @@ def _shifted(spot: Spot, profile: Profile) -> tuple[Array, Array]:
     """d image / d shift right and down."""
     across = (profile.rows * spot.weight[None]) @ profile.columns_moved.T
     down = (profile.rows_moved * spot.weight[None]) @ profile.columns.T
-    return across.reshape(-1), down.reshape(-1)
+    return across, down
 
 
 def _solved(inner: Array, right: Array) -> Array:

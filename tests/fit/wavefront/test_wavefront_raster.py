@@ -1,0 +1,126 @@
+"""Broad dots: discs with sharp rims, drawn beyond the patch and convolved."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
+
+from lensfit.fit.wavefront.dots import Broad
+from lensfit.fit.wavefront.patch import equations_of
+from lensfit.fit.wavefront.raster import COARSER, FINER, raster_of, transfers_of
+from lensfit.fit.wavefront.rays import rays_of, spot_seen
+from lensfit.fit.wavefront.shapes import Colour
+from lensfit.kernel.pixels import image_of, profile_of
+
+PIXEL_MM, CELLS, RAYS = 0.01, 24, 1536
+GREY = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
+PLACE_MM = np.array([0.1232, 0.1171])
+NOBODY = np.full((8, 2), np.nan)
+VARIANCE_MM2 = jnp.full(2, 1e-6)
+
+
+def dot_of(disc_mm, beside_mm=NOBODY):
+    """A dot on axis, as a pass has it."""
+    cell_mm = np.full((1, 2), PIXEL_MM)
+    broad = Broad(disc_mm[None], beside_mm[None])
+    transfer = transfers_of(broad, cell_mm, CELLS)
+    dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)
+    dots = dots._replace(broad=broad, transfer=transfer)
+    return jax.tree.map(lambda a: jnp.asarray(a[0]), dots)
+
+
+def spot_through(defocus_mm, dot):
+    numbers = jnp.asarray(Seidel(defocus_mm=(defocus_mm,)).parameters())
+    return numbers, spot_seen(numbers, dot, GREY, LAYOUT, SCALE, RAYS)
+
+
+def image(defocus_mm, disc_mm, finer=FINER, beside_mm=NOBODY):
+    dot = dot_of(disc_mm, beside_mm)
+    _, (spot, _) = spot_through(defocus_mm, dot)
+    raster = raster_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, dot.transfer, finer)
+    profile = profile_of(
+        spot,
+        raster.corner_mm,
+        raster.cell_mm,
+        raster.drawn,
+        VARIANCE_MM2 + raster.variance_mm2,
+    )
+    return np.asarray(raster.shown(image_of(spot, profile)))
+
+
+def counted(defocus_mm, disc_mm, at_mm=(0.0, 0.0), rays=4_000_000):
+    """Light of very many rays, in numpy alone."""
+    rng = np.random.default_rng(3)
+    lens = Seidel(defocus_mm=(defocus_mm,))
+    u = lens.opening(np.zeros(2), 1.0, rays, rng)
+    reach, turn = np.sqrt(rng.random(rays)), 2 * np.pi * rng.random(rays)
+    left = reach[:, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
+    x = lens.landing_mm(u, np.zeros(2), 0) + left @ disc_mm.T + PLACE_MM + at_mm
+    x = x + rng.normal(0, 1e-3, x.shape)
+    edges = np.arange(CELLS + 1) * PIXEL_MM
+    seen, _, _ = np.histogram2d(x[:, 1], x[:, 0], (edges, edges))
+    return seen / rays
+
+
+@pytest.mark.parametrize("defocus_mm", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("radius_cells", [2.0, 4.0, 8.0])
+def test_a_disc_is_as_very_many_rays_have_it(defocus_mm, radius_cells):
+    oval = PIXEL_MM * radius_cells * np.array([[1.0, 0.1], [-0.05, 0.8]])
+    truth, found = counted(defocus_mm, oval), image(defocus_mm, oval)
+    # What very many rays scatter by.
+    scatter = np.sqrt(truth.sum() / 4e6)
+    assert np.linalg.norm(found - truth) < 0.03 * np.linalg.norm(truth) + scatter
+
+
+def test_light_is_kept_and_none_comes_from_the_other_edge():
+    wide = image(0.5, 8 * PIXEL_MM * np.eye(2))
+    assert wide.sum() <= 1 + 1e-5
+    assert np.abs(image(0.0, 3 * PIXEL_MM * np.eye(2))[:4]).max() < 2e-4
+
+
+def test_dots_beside_reach_into_the_picture():
+    disc = 5 * PIXEL_MM * np.eye(2)
+    beside = PIXEL_MM * np.array([[16.0, 0.5], [-0.5, 16.0], [16.0, 16.0]])
+    truth = counted(0.5, disc) + sum(counted(0.5, disc, at) for at in beside)
+    padded = np.concatenate([beside, NOBODY[3:]])
+    found = image(0.5, disc, beside_mm=padded)
+    assert np.linalg.norm(found - truth) < 0.02 * np.linalg.norm(truth)
+    alone = image(0.5, disc)
+    assert np.linalg.norm(alone - truth) > 0.1 * np.linalg.norm(truth)
+
+
+def test_coarser_cells_show_nearly_the_same():
+    disc = 5 * PIXEL_MM * np.eye(2)
+    fine, coarse = image(0.5, disc), image(0.5, disc, COARSER)
+    assert np.linalg.norm(coarse - fine) < 0.02 * np.linalg.norm(fine)
+
+
+def test_the_gradient_is_that_of_the_sum_of_squares():
+    """By defocus, against differences of what the patch itself minimises."""
+    disc = 4 * PIXEL_MM * np.eye(2)
+    beside = np.concatenate([[[14 * PIXEL_MM, 0.0]], NOBODY[1:]])
+    light = jnp.asarray(3 * image(0.2, disc, beside_mm=beside) + 0.1)
+    dot = dot_of(disc, beside)
+
+    @jax.jit
+    def of(numbers):
+        seen = (dot, GREY, LAYOUT, SCALE)
+        spot, led_back = spot_seen(numbers, *seen, RAYS)
+        patch = equations_of(
+            spot,
+            rays_of(numbers, *seen, 96),
+            light,
+            jnp.ones_like(light),
+            -jnp.asarray(PLACE_MM),
+            dot.cell_mm,
+            VARIANCE_MM2,
+            dot.transfer,
+        )
+        return patch.chi_squared, led_back(patch.pull)
+
+    numbers = jnp.asarray(Seidel(defocus_mm=(0.3,)).parameters())
+    which, step = LAYOUT.blocks["defocus"].start, 1e-3
+    ends = [of(numbers.at[which].add(s))[0] for s in (-step, step)]
+    slope = 2 * of(numbers)[1][which]
+    np.testing.assert_allclose(slope, (ends[1] - ends[0]) / (2 * step), rtol=0.05)
