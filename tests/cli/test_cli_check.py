@@ -80,9 +80,11 @@ def test_nothing_to_check_is_wrong_usage():
 
 
 def test_watching_checks_what_arrives_until_interrupted(tmp_path: Path):
-    command = [sys.executable, "-c", "from lensfit.cli.main import main; main()"]
+    # Whoever runs the tests in the background has them inherit that Ctrl-C is ignored.
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    main = f"{heard}; from lensfit.cli.main import main; main()"
     with subprocess.Popen(
-        [*command, "check", "--watch", str(tmp_path), "--json"],
+        [sys.executable, "-c", main, "check", "--watch", str(tmp_path), "--json"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -94,5 +96,8 @@ def test_watching_checks_what_arrives_until_interrupted(tmp_path: Path):
         record = json.loads(run.stdout.readline())
         assert record["image"] == str(tmp_path / "dots.exr")
         run.send_signal(signal.SIGINT)
-        run.communicate(timeout=60)
+        try:
+            run.communicate(timeout=60)
+        finally:
+            run.kill()
     assert run.returncode != 0
