@@ -67,8 +67,8 @@ class Fitted:
             for focal_mm, reason in self.without_shape.items()
         )
         too_wide = (
-            f"the dots of {', '.join(names)} are over 8 pixels wide and had no say "
-            f"in the blur at {focal_mm:g} mm: photograph smaller holes"
+            f"the dots of {', '.join(names)} are too wide and had no say in the "
+            f"blur at {focal_mm:g} mm: photograph holes less than 1.8 pixels wide"
             for focal_mm, names in self.too_wide.items()
             if names
         )

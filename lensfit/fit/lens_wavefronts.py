@@ -1,7 +1,9 @@
 """The wavefront of every focal length, from the dots of all its focus states.
 
-Only bright holes of a few pixels show it so far: wider ones reach into each other's
-blur, and dark dots hide what a lens makes of a point.
+Any dots of known size show it, by their rims where they are wider than the blur. Such
+dots take several times as long as small holes, and tell little from one setting alone:
+they have their say where the lens was photographed at two f-numbers or two focus
+distances.
 """
 
 from collections.abc import Collection
@@ -14,11 +16,17 @@ from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.lens_state import LensState, by_focal_length
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
-from lensfit.fit.wavefront.shown import LARGEST_HOLE_CELLS, Shown, hole_cells
+from lensfit.fit.wavefront.shown import (
+    LARGEST_HOLE_CELLS,
+    LARGEST_PLACED_CELLS,
+    Shown,
+    hole_cells,
+)
 from lensfit.progress import Progress
 
 _TOO_LARGE = (
-    "the dots themselves are too large; photograph holes less than 8 pixels wide"
+    "the dots themselves are too large for what was photographed: add a second "
+    "f-number or another focus distance, or photograph holes less than 1.8 pixels wide"
 )
 
 
@@ -47,7 +55,7 @@ def fit_wavefronts(
     found = LensWavefronts({}, {}, {})
     for focal_mm, mine in by_focal_length(states).items():
         pictured = [s for state in mine for s in _shown_of(state)]
-        shown = [s for s in pictured if hole_cells(s) <= LARGEST_HOLE_CELLS]
+        shown = _telling(pictured)
         if not shown:
             why = _TOO_LARGE if pictured else _unsaid(mine)
             if why:
@@ -67,6 +75,15 @@ def fit_wavefronts(
         except (ValueError, np.linalg.LinAlgError) as error:
             found.without[focal_mm] = f"the dots' shape could not be fitted ({error})"
     return found
+
+
+def _telling(pictured: list[Shown]) -> list[Shown]:
+    """The photographs whose dots can be used: small holes, and broad dots of more than
+    one setting."""
+    cells = [hole_cells(one) for one in pictured]
+    settings = {(s.take.f_number, s.take.focus_distance_mm) for s in pictured}
+    most = LARGEST_HOLE_CELLS if len(settings) > 1 else LARGEST_PLACED_CELLS
+    return [one for one, wide in zip(pictured, cells, strict=True) if wide <= most]
 
 
 def _unsaid(states: list[LensState]) -> str:

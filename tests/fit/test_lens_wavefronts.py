@@ -22,6 +22,7 @@ def take(name="a", *, bright=True, family=POINT, f_number=2.0, hole_mm=0.5, **mo
         mark_diameter_mm=hole_mm,
         cutouts=more.get("cutouts"),
         target_distance_mm=None,
+        focus_distance_mm=more.get("focus_mm", 2000.0),
     )
 
 
@@ -56,22 +57,44 @@ def test_what_nobody_stated_of_the_dots_is_asked_for(one, said):
         assert found.without[50.0].startswith(said)
 
 
-def test_takes_whose_dots_are_too_wide_are_named(monkeypatch):
-    """The others are fitted."""
-    names = ("near", "in focus", "far")
-    takes = [take(name, cutouts=object()) for name in names]
+def fitted_of(takes, wide_cells, monkeypatch):
+    """What was made of takes with dots of these radii, and which were fitted."""
     monkeypatch.setattr(
-        lens_wavefronts,
-        "hole_cells",
-        lambda one: 3.8 + 0.4 * ("focus" not in one.take.name),
+        lens_wavefronts, "hole_cells", lambda one: wide_cells[one.take.name]
     )
     seen = []
     monkeypatch.setattr(
         lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: seen.extend(shown)
     )
     found = fit_wavefronts([state(*takes)], silent, Effort.FASTEST, None)
-    assert [one.take.name for one in seen] == ["in focus"]
+    return found, [one.take.name for one in seen]
+
+
+def test_takes_whose_dots_are_too_wide_are_named(monkeypatch):
+    """The others are fitted."""
+    wide_cells = {"near": 1.2, "in focus": 0.8, "far": 1.2}
+    takes = [take(name, cutouts=object()) for name in wide_cells]
+    found, seen = fitted_of(takes, wide_cells, monkeypatch)
+    assert seen == ["in focus"]
     assert found.too_wide == {50.0: ["near", "far"]}
     (note,) = Fitted((state(*takes),), {}, too_wide=found.too_wide).notes
-    assert note.startswith("the dots of near, far are over 8 pixels wide")
+    assert note.startswith("the dots of near, far are too wide")
     assert not Fitted((state(*takes),), {}, too_wide={50.0: []}).notes
+
+
+@pytest.mark.parametrize(
+    "other", [{"f_number": 4.0}, {"focus_mm": 1500.0}], ids=["stop", "focus"]
+)
+def test_wide_dots_of_two_settings_are_fitted(other, monkeypatch):
+    wide_cells = {"one": 5.0, "other": 8.0}
+    takes = [take("one", cutouts=object()), take("other", cutouts=object(), **other)]
+    found, seen = fitted_of(takes, wide_cells, monkeypatch)
+    assert seen == ["one", "other"]
+    assert not found.without
+
+
+def test_wide_dots_of_one_setting_say_what_to_photograph(monkeypatch):
+    takes = [take("one", cutouts=object()), take("other", cutouts=object())]
+    found, seen = fitted_of(takes, {"one": 5.0, "other": 5.0}, monkeypatch)
+    assert not seen
+    assert "add a second f-number" in found.without[50.0]

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lensfit.fit.adjust import fitted_depths_mm
+from lensfit.fit.wavefront.beside import beside_px, own_cells
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.known_dots import Reference, dots_of
 from lensfit.fit.wavefront.parameters import Scale
@@ -96,7 +97,7 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
         shown=tuple(shown),
         dots=jax.tree.map(lambda *parts: np.concatenate(parts), *rows),
         light=np.concatenate([c.light for c in cut]),
-        valid=np.concatenate([usable_cells(c) for c in cut]),
+        valid=np.concatenate([_valid(s, broad=broad) for s in shown]),
         clipped=np.concatenate([c.clipped for c in cut]),
         observed_mm=np.concatenate([centroids_mm(s.take, s.cutouts) for s in shown]),
         diameter_mm=np.concatenate([diameters_mm(s) for s in shown]),
@@ -114,6 +115,19 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
         reference_distance_mm=known.distance_mm,
         first_order=known.first_order,
     )
+
+
+def _valid(shown: Shown, *, broad: bool) -> Bool[np.ndarray, "dots 3 rows columns"]:
+    """Cells to use; of broad dots those are nobody's that lie nearer to a dot which the
+    frame cuts."""
+    cut, usable = shown.cutouts, usable_cells(shown.cutouts)
+    if not broad:
+        return usable
+    marks = shown.take.observations
+    beside = beside_px(marks, cut.marks)
+    places = marks.points_px[cut.marks], cut.corner_px
+    own = own_cells(*places, beside, cut.cell_px, usable.shape[-1])
+    return usable & own[:, None]
 
 
 def chosen(gathered: Gathered, rows: Int[np.ndarray, " some"]) -> Gathered:

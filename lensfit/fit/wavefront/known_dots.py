@@ -23,11 +23,11 @@ from lensfit.fit.geometry import (
     parts_of,
 )
 from lensfit.fit.parameters import Layout as GeometryLayout
+from lensfit.fit.wavefront.beside import beside_mm
 from lensfit.fit.wavefront.dots import Broad, Dots
 from lensfit.fit.wavefront.hole import Hole, hole_of, no_hole, soft_hole
 from lensfit.fit.wavefront.shown import (
     Shown,
-    beside_mm,
     diameters_mm,
     hole_radius_mm,
 )

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import KDTree
 
 from lensfit.detect.cutouts import Cutouts
 from lensfit.fit.chief_ray import ChiefRayFit
@@ -12,15 +11,11 @@ from lensfit.fit.take import Take
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift
 
-NEIGHBOURS = 8
-"""Of a dot on a grid that may reach into its picture."""
 LARGEST_PLACED_CELLS = 0.9
 """Of a hole's radius. In larger ones some hundreds of rays leave gaps (`hole`): these
 are drawn as discs (`raster`)."""
-LARGEST_HOLE_CELLS = 4.0
-"""Of a dot's radius. A 50 mm f/1.4 through holes 3 cells in radius is known as well as
-through .8; through 5 cells, 11 between them, five times worse (.16 of a psf): what
-neighbours leave of each other's blur is not yet good enough."""
+LARGEST_HOLE_CELLS = 8.5
+"""Of a dot's radius: its rim has to be on its cutout, whose cells grow with it."""
 
 
 class Shown(NamedTuple):
@@ -100,16 +95,3 @@ def centroids_mm(take: Take, cutouts: Cutouts) -> Float[np.ndarray, "dots 3 2"]:
     corner = cutouts.corner_px[:, None] + cutouts.offset_px
     from_corner = channels.transpose(1, 0, 2) - corner
     return from_corner * take.pixel_mm
-
-
-def beside_mm(shown: Shown) -> Float[np.ndarray, "dots neighbours 2"]:
-    """From every dot with a cutout to those nearest to it; NaN where there are fewer.
-
-    Dots of other sizes, as marks of the chart's middle are, count as these do.
-    """
-    points_px, rows = shown.take.observations.points_px, shown.cutouts.marks
-    seen = points_px[np.isfinite(points_px).all(-1)]
-    # The dot itself is the nearest of them.
-    _, nearest = KDTree(seen).query(points_px[rows], k=NEIGHBOURS + 1)
-    around = np.append(seen, np.full((1, 2), np.nan), 0)[np.asarray(nearest)[:, 1:]]
-    return (around - points_px[rows][:, None]) * shown.take.pixel_mm
