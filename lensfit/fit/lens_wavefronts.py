@@ -78,12 +78,15 @@ def fit_wavefronts(
 
 
 def _telling(pictured: list[Shown]) -> list[Shown]:
-    """The photographs whose dots can be used: small holes, and broad dots of more than
-    one setting."""
-    cells = [hole_cells(one) for one in pictured]
+    """The photographs whose dots can be used: small holes; where there are none, broad
+    dots of more than one setting."""
+    wide = [hole_cells(one) for one in pictured]
+    sized = list(zip(pictured, wide, strict=True))
+    small = [one for one, cells in sized if cells <= LARGEST_PLACED_CELLS]
     settings = {(s.take.f_number, s.take.focus_distance_mm) for s in pictured}
-    most = LARGEST_HOLE_CELLS if len(settings) > 1 else LARGEST_PLACED_CELLS
-    return [one for one, wide in zip(pictured, cells, strict=True) if wide <= most]
+    if small or len(settings) < 2:
+        return small
+    return [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
 
 
 def _unsaid(states: list[LensState]) -> str:
