@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
+from lensfit.render.around import around
 from lensfit.render.nearest import nearest_pixels
 
 _WHITE = 1.0
@@ -174,14 +175,12 @@ def _closed(
     rgba: np.ndarray, radius_px: np.ndarray, hole: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Colour and radius of the surroundings, continued into holes."""
-    keep = (1 - hole).astype(np.float32)
-    weight = np.maximum(cv2.GaussianBlur(keep, (0, 0), _SMOOTH_PX), 1e-6)
-    smooth = cv2.GaussianBlur(rgba * keep[..., None], (0, 0), _SMOOTH_PX)
+    kept = hole == 0
     radius = radius_px.copy()
-    if keep.any():  # a mean of two distances is that of neither
-        source, _ = nearest_pixels(keep > 0, hole > 0)
-        radius[hole > 0] = radius_px.ravel()[source]
-    return smooth / weight[..., None], radius
+    if kept.any():  # a mean of two distances is that of neither
+        source, _ = nearest_pixels(kept, ~kept)
+        radius[~kept] = radius_px.ravel()[source]
+    return around(rgba, kept, _SMOOTH_PX).mean, radius
 
 
 def _one_depth_each(

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 
 from lensfit.io.cryptomatte import Ranks, coverage_of
+from lensfit.render.around import around
 from lensfit.render.layer_stack import LayerStack, Mattes
 from lensfit.render.nearest import nearest_pixels
 from lensfit.workflow.plate.own_pixels import LEAST_COVER, NOBODY, own_pixels
@@ -37,6 +38,8 @@ _BESIDE_SIGMA_PX = 1.0
 _ALONG_SIGMA_PX = 2.0
 """Over which a thin object is of one colour."""
 _LEAST_WEIGHT = 1e-3
+"""Of the pixels around; where they have less, the nearest one stands for them."""
+_LEAST_SQUARE = 1e-9
 _AROUND_PX = 3
 """Reach of the warp's filter, over which the layer's alpha spreads."""
 
@@ -80,26 +83,24 @@ class CutOut:
         free = ~touched & ~_lights(pixels) & np.isfinite(pixels).all(-1)
         if touched.any() and free.any():
             behind = _behind(pixels, free, touched)
-            own = self._own(pixels, behind)[touched]
-            c = self.coverage[touched][:, None]
+            own, c = self._own(pixels, behind), self.coverage[touched][:, None]
             own, behind = _parted(pixels[touched], c, own, behind[touched])
             rest[touched] = behind
             layer[0, touched, :3] = own[:, :3]
             layer[0, touched, 3:] = own[:, 3:] if own.shape[1] == 4 else c
         return rest, LayerStack(layer, self.depth_mm[None])
 
-    def _own(self, pixels: Picture, behind: Picture) -> Picture:
-        """The objects' colour where they are."""
-        flat = pixels.reshape(-1, pixels.shape[-1])
-        own = flat[self.lender]
-        thin = (self.coverage > 0) & (self.lender == NOBODY)
-        if thin.any():
-            tells = thin & np.isfinite(pixels).all(-1)
-            c = np.where(tells, self.coverage, np.float32(0))[..., None]
-            shown = np.where(tells[..., None], pixels - (1 - c) * behind, np.float32(0))
-            squares = _blurred(c * c, _ALONG_SIGMA_PX)
-            told = _blurred(c * shown, _ALONG_SIGMA_PX) / np.maximum(squares, 1e-9)
-            own[thin] = np.maximum(told, 0)[thin]
+    def _own(
+        self, pixels: Picture, behind: Picture
+    ) -> Float32[np.ndarray, "n channels"]:
+        """The objects' colour in the pixels that they touch."""
+        touched, thin = self.coverage > 0, self.lender == NOBODY
+        own = pixels.reshape(-1, pixels.shape[-1])[self.lender[touched]]
+        lone = thin[touched]
+        if lone.any():
+            tells = touched & thin & np.isfinite(pixels).all(-1)
+            told = _thin_colour(pixels, behind, np.where(tells, self.coverage, 0))
+            own[lone] = told[touched][lone]
         return own
 
 
@@ -109,19 +110,22 @@ def _behind(
     touched: Bool[np.ndarray, "height width"],
 ) -> Picture:
     """What pixels without the object suggest behind it."""
-    weight = _blurred(free.astype(np.float32), _BESIDE_SIGMA_PX)[..., None]
-    shown = _blurred(np.where(free[..., None], pixels, 0), _BESIDE_SIGMA_PX)
-    behind = shown / np.maximum(weight, _LEAST_WEIGHT)
-    lone = touched & (weight[..., 0] < _LEAST_WEIGHT)
+    behind, weight = around(pixels, free, _BESIDE_SIGMA_PX)
+    lone = touched & (weight < _LEAST_WEIGHT)
     if lone.any():
         flat = pixels.reshape(-1, pixels.shape[-1])
         behind[lone] = flat[nearest_pixels(free, lone)[0]]
     return behind
 
 
-def _blurred(picture: np.ndarray, sigma_px: float) -> np.ndarray:
-    made = cv2.GaussianBlur(picture, (0, 0), sigma_px, borderType=cv2.BORDER_CONSTANT)
-    return made.reshape(picture.shape)
+def _thin_colour(pixels: Picture, behind: Picture, coverage: Plane) -> Picture:
+    """The W that makes c W + (1 - c) B nearest to the pixels around."""
+    c = coverage[..., None]
+    shown = np.where(c > 0, pixels - (1 - c) * behind, np.float32(0))
+    products = cv2.GaussianBlur(c * shown, (0, 0), _ALONG_SIGMA_PX)
+    squares = cv2.GaussianBlur(coverage**2, (0, 0), _ALONG_SIGMA_PX)[..., None]
+    told = products.reshape(pixels.shape) / np.maximum(squares, _LEAST_SQUARE)
+    return np.maximum(told, 0)
 
 
 def _parted(
