@@ -67,7 +67,7 @@ class Fitted:
             for focal_mm, reason in self.without_shape.items()
         )
         too_wide = (
-            f"the dots of {', '.join(names)} are too wide and had no say in the "
+            f"the dots of {', '.join(names)} are too wide and were left out of the "
             f"blur at {focal_mm:g} mm: photograph holes less than 1.8 pixels wide"
             for focal_mm, names in self.too_wide.items()
             if names

@@ -2,8 +2,8 @@
 
 Any dots of known size show it, by their rims where they are wider than the blur. Such
 dots take several times as long as small holes, and tell little from one setting alone:
-they have their say where the lens was photographed at two f-numbers or two focus
-distances.
+they are fitted where there are no small holes, and where the lens was photographed at
+two f-numbers or two focus distances.
 """
 
 from collections.abc import Collection

@@ -39,24 +39,19 @@ def beside_px(
 
 
 def own_cells(
-    centre_px: Float[np.ndarray, "dots 2"],
-    corner_px: Float[np.ndarray, "dots 2"],
-    beside_px: Float[np.ndarray, "dots neighbours 2"],
-    cell_px: int,
-    cells: int,
+    shown: Shown, beside_mm: Float[np.ndarray, "dots neighbours 2"]
 ) -> Bool[np.ndarray, "dots rows columns"]:
-    """Cells nearer to the dot than to any beside it.
-
-    Parameters
-    ----------
-    corner_px : Of cell (0, 0).
-    """
-    middle = (np.arange(cells) + 0.5) * cell_px
-    x, y = (corner_px - centre_px).T[..., None] + middle
-    apart = beside_px[:, :, 0, None, None] * x[:, None, None, :]
-    apart = apart + beside_px[:, :, 1, None, None] * y[:, None, :, None]
+    """Cells of every cutout nearer to its dot than to any beside it."""
+    cutouts, pixel_mm = shown.cutouts, shown.take.pixel_mm
+    centre_px = shown.take.observations.points_px[cutouts.marks]
+    middle_px = (np.arange(cutouts.light.shape[-1]) + 0.5) * cutouts.cell_px
+    x, y = (cutouts.corner_px - centre_px).T[..., None] + middle_px
+    beside_px = beside_mm / pixel_mm
+    towards = np.einsum("dn,dc->dnc", beside_px[..., 0], x)[:, :, None]
+    towards = towards + np.einsum("dn,dr->dnr", beside_px[..., 1], y)[..., None]
     half = np.sum(beside_px**2, -1)[..., None, None] / 2
-    return np.all(~(apart > half), 1)
+    # One that is not there, NaN, has no cells.
+    return ~np.any(towards > half, 1)
 
 
 def _steps(lattice: Float[np.ndarray, "dots 2"]) -> Float[np.ndarray, "neighbours 2"]:

@@ -8,7 +8,7 @@ have one shape and one compiled program serves them all.
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Float, Int
 
 from lensfit.optics.sections import Sections
 
@@ -17,7 +17,7 @@ Numbers = Any
 
 
 class Broad(NamedTuple):
-    """Dots wider than the spacing of their rays (`raster`).
+    """Dots too wide for places of rays, which are drawn as discs (`raster`).
 
     Attributes
     ----------
@@ -48,8 +48,7 @@ class Dots(NamedTuple):
         the hole, and for the Airy pattern.
     cell_mm : Width and height of a cell.
     sections : Of an anamorphic lens, for a chart at this dot; None for others.
-    broad : What else is drawn; None where rays leave from places.
-    transfer : Of the discs of broad dots (`raster`), while a pass needs it.
+    broad : Of dots that are drawn as discs; None where rays leave from places.
     """
 
     field_mm: Float[Numbers, "dots 2"]
@@ -68,7 +67,6 @@ class Dots(NamedTuple):
     cell_mm: Float[Numbers, "dots 2"]
     sections: Sections | None = None
     broad: Broad | None = None
-    transfer: Complex[Numbers, "dots drawn half"] | None = None
 
 
 def hole_variance_mm2(dots: Dots) -> Float[Numbers, " dots"]:

@@ -21,8 +21,8 @@ from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.raster import raster_of
 from lensfit.fit.wavefront.rays import spot_seen
 from lensfit.fit.wavefront.shapes import Colour
-from lensfit.fit.wavefront.stages import Stage, with_iris, with_transfer
-from lensfit.kernel.pixels import diffraction_variance_mm2, image_of, profile_of
+from lensfit.fit.wavefront.stages import Stage, with_iris
+from lensfit.kernel.pixels import diffraction_variance_mm2, image_of
 
 _BATCH = 512
 
@@ -38,10 +38,9 @@ def drawn(
     gathered : The dots, which need not be those of the fit.
     place_mm : Of each channel's chief ray, from the corner of the cells.
     """
-    cells = gathered.light.shape[-1]
-    dots = with_transfer(with_iris(gathered, stage.blades), cells)
+    dots, cells = with_iris(gathered, stage.blades), gathered.light.shape[-1]
     image = in_batches(
-        lambda part: _of_gaussian_holes(
+        lambda part: _images(
             as_float32(jnp.asarray(stage.parameters)),
             jax.tree.map(as_float32, part),
             as_float32(jnp.asarray(gathered.chromatic)),
@@ -49,7 +48,7 @@ def drawn(
             jax.tree.map(as_float32, gathered.scale),
             (stage.points.image, cells),
         ),
-        (dots, -place_mm),
+        (dots, gathered.transfer, -place_mm),
         _BATCH,
     ).astype(float)
     # Behind cylinders a hole is no disc; a broad dot has its rims.
@@ -63,31 +62,26 @@ def drawn(
 
 
 @partial(jax.jit, static_argnames=("layout", "points_and_cells"))
-def _of_gaussian_holes(
+def _images(
     parameters: Array,
-    part: tuple[Dots, Array],
+    part: tuple[Dots, Array | None, Array],
     chromatic: Array,
     layout: Layout,
     scale: Scale,
     points_and_cells: tuple[int, int],
 ) -> Array:
-    """Dots of all channels on their cells, each of a brightness of 1."""
+    """Dots of all channels on their cells, each of a brightness of 1; holes that are
+    not broad as Gaussians."""
     points, cells = points_and_cells
 
-    def of_dot(one: tuple[Dots, Array]) -> Array:
-        dot, corners_mm = one
+    def of_dot(one: tuple[Dots, Array | None, Array]) -> Array:
+        dot, transfer, corners_mm = one
 
         def channel(chromatic: Array, lateral_mm: Array, corner_mm: Array) -> Array:
             colour = Colour(chromatic, lateral_mm)
             spot, _ = spot_seen(parameters, dot, colour, layout, scale, points)
-            raster = raster_of(corner_mm, dot.cell_mm, cells, dot.transfer)
-            profile = profile_of(
-                spot,
-                corner_mm=raster.corner_mm,
-                cell_mm=raster.cell_mm,
-                cells=raster.drawn,
-                variance_mm2=dot.variance_mm2 + raster.variance_mm2,
-            )
+            raster = raster_of(corner_mm, dot.cell_mm, cells, transfer)
+            profile = raster.profile(spot, dot.variance_mm2)
             return raster.shown(image_of(spot, profile))
 
         return jax.vmap(channel)(chromatic, dot.lateral_mm, corners_mm)

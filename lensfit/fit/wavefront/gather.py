@@ -1,18 +1,20 @@
 """All dots of all photographs of one focal length, as arrays of the wavefront fit."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 
 from lensfit.fit.adjust import fitted_depths_mm
-from lensfit.fit.wavefront.beside import beside_px, own_cells
-from lensfit.fit.wavefront.dots import Dots
+from lensfit.fit.wavefront.beside import own_cells
+from lensfit.fit.wavefront.dots import Broad, Dots
 from lensfit.fit.wavefront.known_dots import Reference, dots_of
 from lensfit.fit.wavefront.parameters import Scale
+from lensfit.fit.wavefront.raster import transfers_of
 from lensfit.fit.wavefront.shown import (
     LARGEST_PLACED_CELLS,
     Shown,
@@ -74,6 +76,13 @@ class Gathered:
     reference_distance_mm: float
     first_order: FirstOrder
 
+    @cached_property
+    def transfer(self) -> Complex[np.ndarray, "dots drawn half"] | None:
+        """What the discs of broad dots make of an image (`raster`); None of others."""
+        if self.dots.broad is None:
+            return None
+        return transfers_of(self.dots.broad, self.dots.cell_mm, self.light.shape[-1])
+
 
 def gather(shown: list[Shown], bands: Bands) -> Gathered:
     """Arrays of all dots; every take states its f-number."""
@@ -97,7 +106,9 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
         shown=tuple(shown),
         dots=jax.tree.map(lambda *parts: np.concatenate(parts), *rows),
         light=np.concatenate([c.light for c in cut]),
-        valid=np.concatenate([_valid(s, broad=broad) for s in shown]),
+        valid=np.concatenate(
+            [_valid(s, r.broad) for s, r in zip(shown, rows, strict=True)]
+        ),
         clipped=np.concatenate([c.clipped for c in cut]),
         observed_mm=np.concatenate([centroids_mm(s.take, s.cutouts) for s in shown]),
         diameter_mm=np.concatenate([diameters_mm(s) for s in shown]),
@@ -117,17 +128,14 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
     )
 
 
-def _valid(shown: Shown, *, broad: bool) -> Bool[np.ndarray, "dots 3 rows columns"]:
-    """Cells to use; of broad dots those are nobody's that lie nearer to a dot which the
-    frame cuts."""
-    cut, usable = shown.cutouts, usable_cells(shown.cutouts)
-    if not broad:
+def _valid(
+    shown: Shown, broad: Broad | None
+) -> Bool[np.ndarray, "dots 3 rows columns"]:
+    """Cells to use; none of broad dots that lie nearer to one which the frame cuts."""
+    usable = usable_cells(shown.cutouts)
+    if broad is None:
         return usable
-    marks = shown.take.observations
-    beside = beside_px(marks, cut.marks)
-    places = marks.points_px[cut.marks], cut.corner_px
-    own = own_cells(*places, beside, cut.cell_px, usable.shape[-1])
-    return usable & own[:, None]
+    return usable & own_cells(shown, broad.beside_mm)[:, None]
 
 
 def chosen(gathered: Gathered, rows: Int[np.ndarray, " some"]) -> Gathered:

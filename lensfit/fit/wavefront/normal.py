@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Complex, Float, Int
 
 from lensfit.fit.cores import DEALT, SHARED, on_every_core, summed_over_cores
 from lensfit.fit.wavefront.dots import Dots, Pixels
@@ -78,12 +78,14 @@ class Model(NamedTuple):
     Attributes
     ----------
     chromatic : Chromatic coordinates of the wavelengths of each channel.
+    transfer : Of broad dots (`raster`); None for others.
     smoothing : Variance by which model and photograph were both smoothed, cells.
     count : Dots in use, of each core's share; the rest of it is padding.
     """
 
     dots: Dots
     pixels: Pixels
+    transfer: Complex[Array, "dots drawn half"] | None
     scale: Scale
     chromatic: Float[Array, "3 wavelengths"]
     smoothing: Float[Array, ""]
@@ -105,6 +107,7 @@ def pass_over(
     of_model = Model(
         dots=DEALT,
         pixels=DEALT,
+        transfer=DEALT,
         scale=SHARED,
         chromatic=SHARED,
         smoothing=SHARED,
@@ -130,7 +133,10 @@ def _pass_of_core(
         equations, per_dot = carry
         dot = jax.tree.map(lambda a: a[k], single.dots)
         pixels = jax.tree.map(lambda a: a[k], single.pixels)
-        found, gradient = _of_dot(numbers, dot, pixels, single, layout, points)
+        transfer = jax.tree.map(lambda a: a[k], single.transfer)
+        found, gradient = _of_dot(
+            numbers, dot, pixels, transfer, single, layout, points
+        )
         fold = pixels.fold
         spread = spread_of(dot, layout, single.scale)
         matrix = spread.T @ jnp.sum(found.matrix, 0) @ spread
@@ -176,6 +182,7 @@ def _of_dot(
     parameters: Array,
     dot: Dots,
     pixels: Pixels,
+    transfer: Array | None,
     model: Model,
     layout: Layout,
     points: Points,
@@ -195,7 +202,7 @@ def _of_dot(
             corner,
             dot.cell_mm,
             variance,
-            dot.transfer,
+            transfer,
         )
         return patch, led_back(patch.pull)
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, Complex, Float
 
 from lensfit.fit.wavefront.raster import COARSER, Raster, raster_of
 from lensfit.fit.wavefront.rays import Rays
-from lensfit.kernel.pixels import Profile, image_of, profile_of
+from lensfit.kernel.pixels import Profile, image_of
 from lensfit.kernel.spot import Spot
 
 NUISANCE = 4
@@ -64,9 +64,9 @@ def equations_of(
     """
     patch = partial(raster_of, corner_mm, cell_mm, light.shape[0], transfer)
     raster, lean = patch(), patch(finer=COARSER)
-    profile = _profile(spot, raster, variance_mm2)
+    profile = raster.profile(spot, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile, raster)
-    design = _design(few, _profile(few.spot, lean, variance_mm2), lean)
+    design = _design(few, lean.profile(few.spot, variance_mm2), lean)
     target, w = light.reshape(-1), weight.reshape(-1)
     inner = nuisance_design.T @ (w[:, None] * nuisance_design)
     nuisance = _solved(inner, nuisance_design.T @ (w * target))
@@ -83,16 +83,6 @@ def equations_of(
         _pulled(spot, profile, -raster.traced_back(pull)),
         jnp.concatenate([nuisance[:2], nuisance[2:] / bright]),
         residual,
-    )
-
-
-def _profile(spot: Spot, raster: Raster, variance_mm2: Array) -> Profile:
-    return profile_of(
-        spot,
-        raster.corner_mm,
-        raster.cell_mm,
-        raster.drawn,
-        variance_mm2 + raster.variance_mm2,
     )
 
 
@@ -115,8 +105,6 @@ def _design(
     moved = across @ rays.moved_mm[:, 0].T + down @ rays.moved_mm[:, 1].T
     of_others = moved.shape[1] - len(rays.brightened)
     drawn = moved + jnp.pad(light @ rays.brightened.T, ((0, 0), (of_others, 0)))
-    if raster.transfer is None:
-        return drawn
     shapes = drawn.T.reshape(-1, raster.drawn, raster.drawn)
     return raster.shown(shapes).reshape(len(shapes), -1).T
 

@@ -13,15 +13,13 @@ finer cells, well beyond the patch since broad dots reach into it from there, ea
 little wider than a cell of these, so that hardly any detail is lost between them; the
 transfer makes up for that width.
 
-Against discs drawn on sixteenths of a cell around a point between cells the worst image
-is 4 % off for a radius of 1 cell, 2 % at 3, 1 % at 8; a blur of half a cell leaves less
-than .2 %.
+Against discs drawn on sixteenths of a cell, a point anywhere between cells has an image
+that is 4 % off at the worst for a radius of 1 cell, 2 % for 2, 1 % for 8; behind a
+Gaussian blur of a quarter of a cell it is less than .5 % for all.
 
 Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1, the transform of a
 disc.
 """
-
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,6 +28,8 @@ from jaxtyping import Array, Complex, Float
 from scipy.special import j1
 
 from lensfit.fit.wavefront.dots import Broad
+from lensfit.kernel.pixels import Profile, profile_of
+from lensfit.kernel.spot import Spot
 
 AROUND = 12
 """Cells on each side of the patch from which broad dots reach into it."""
@@ -37,6 +37,9 @@ FINER, COARSER = 2, 1
 """Divisions of a cell: of images, and of the matrix, which only leads the way."""
 _SOFT = 0.3
 """Standard deviation, cells, by which rays are widened and the transfer sharpened."""
+_AT_ONCE = 256
+"""Dots whose transfers are made together, against memory."""
+_TINY = 1e-9
 
 
 class Raster(eqx.Module):
@@ -70,6 +73,16 @@ class Raster(eqx.Module):
         within = _convolved(drawn, self.transfer)[..., edge:-edge, edge:-edge]
         parts = (self.cells, self.finer, self.cells, self.finer)
         return within.reshape(*of_images, *parts).sum((-3, -1))
+
+    def profile(self, spot: Spot, variance_mm2: Float[Array, "*axes"]) -> Profile:
+        """Of rays that are Gaussians of this variance, on what is drawn."""
+        return profile_of(
+            spot,
+            self.corner_mm,
+            self.cell_mm,
+            self.drawn,
+            variance_mm2 + self.variance_mm2,
+        )
 
     def traced_back(
         self, pull: Float[Array, "cells cells"]
@@ -124,41 +137,35 @@ def raster_of(
     )
 
 
-class _Waves(NamedTuple):
-    """In radians per cell of the patch."""
-
-    right: np.ndarray
-    down: np.ndarray
-
-
-def _waves(cells: int) -> _Waves:
-    drawn = (cells + 2 * AROUND) * FINER
-    turn = 2 * np.pi * FINER
-    return _Waves(np.fft.rfftfreq(drawn) * turn, np.fft.fftfreq(drawn)[:, None] * turn)
-
-
 def transfers_of(
-    broad: Broad,
-    cell_mm: Float[np.ndarray, "dots 2"],
-    cells: int,
+    broad: Broad, cell_mm: Float[np.ndarray, "dots 2"], cells: int
 ) -> Complex[np.ndarray, "dots drawn half"]:
-    """Of every dot, on the finer cells.
+    """Of every dot and those beside it, on the finer cells; in single precision.
 
     Parameters
     ----------
     cell_mm, cells : Of the patches.
     """
-    right, down = _waves(cells)
+    some = [slice(k, k + _AT_ONCE) for k in range(0, len(cell_mm), _AT_ONCE)]
+    parts = [(Broad(*(part[s] for part in broad)), cell_mm[s]) for s in some]
+    return np.concatenate([_transfers(*part, cells) for part in parts])
+
+
+def _transfers(
+    broad: Broad, cell_mm: Float[np.ndarray, "dots 2"], cells: int
+) -> Complex[np.ndarray, "dots drawn half"]:
+    """Of some of the dots."""
+    around = cells + 2 * AROUND
+    # Radians per cell of the patch.
+    right = 2 * np.pi * np.fft.rfftfreq(around * FINER, 1 / FINER)
+    down = 2 * np.pi * np.fft.fftfreq(around * FINER, 1 / FINER)[:, None]
+    disc = (broad.disc_mm / cell_mm[:, :, None])[..., None, None]
+    waves = [disc[:, 0, k] * right + disc[:, 1, k] * down for k in (0, 1)]
+    x = np.maximum(np.hypot(*waves), _TINY)
     sharpened = np.exp(_SOFT**2 * (right**2 + down**2) / 2)
-    disc = broad.disc_mm / cell_mm[:, :, None]
     beside = broad.beside_mm / cell_mm[:, None]
-    reach = (cells + 2 * AROUND) / 2
-    found = np.empty((len(disc), *sharpened.shape), np.complex128)
-    for k, ((a, b), (c, d)) in enumerate(disc):
-        x = np.maximum(np.hypot(a * right + c * down, b * right + d * down), 1e-9)
-        found[k] = 2 * j1(x) / x * sharpened
-        near = beside[k][(np.abs(beside[k]) < reach).all(-1)]
-        along_x = np.exp(-1j * near[:, :1] * right)
-        along_y = np.exp(-1j * near[:, 1:] * down[:, 0])
-        found[k] *= 1 + along_y.T @ along_x
-    return found
+    near = (np.abs(beside) < around / 2).all(-1)
+    along_x = np.exp(-1j * np.nan_to_num(beside[..., :1]) * right)
+    along_y = np.exp(-1j * np.nan_to_num(beside[..., 1:]) * down[:, 0])
+    discs = 1 + np.einsum("dn,dnr,dnc->drc", near, along_y, along_x, optimize=True)
+    return (2 * j1(x) / x * sharpened * discs).astype(np.complex64)

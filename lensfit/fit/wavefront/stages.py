@@ -19,7 +19,6 @@ from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.gather import WIDE_OPEN, Gathered
 from lensfit.fit.wavefront.normal import DEFAULT_POINTS, FOLDS, Equations, Model, Points
 from lensfit.fit.wavefront.parameters import Layout
-from lensfit.fit.wavefront.raster import transfers_of
 from lensfit.fit.wavefront.solve import Solution, solve
 from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights, weights_after
 
@@ -127,14 +126,12 @@ def model_of(stage: Stage, deal: Deal) -> Model:
     def at_places(array: np.ndarray) -> jax.Array:
         rows = np.asarray(array)[deal.rows]
         floating = np.issubdtype(rows.dtype, np.floating)
-        if np.iscomplexobj(rows):
-            return jnp.asarray(rows.astype(np.complex64))
         return jnp.asarray(rows.astype(np.float32) if floating else rows)
 
-    dots = with_transfer(with_iris(gathered, stage.blades), light.shape[-1])
     return Model(
-        dots=jax.tree.map(at_places, dots),
+        dots=jax.tree.map(at_places, with_iris(gathered, stage.blades)),
         pixels=jax.tree.map(at_places, pixels),
+        transfer=jax.tree.map(at_places, gathered.transfer),
         scale=gathered.scale,
         chromatic=jnp.asarray(gathered.chromatic),
         smoothing=jnp.asarray(stage.smoothing**2),
@@ -146,13 +143,6 @@ def with_iris(gathered: Gathered, blades: int) -> Dots:
     """The dots' constants, with blades where the iris is stopped down."""
     stopped = gathered.dots.stop_radius < 1 / WIDE_OPEN
     return gathered.dots._replace(blades=blades * stopped.astype(float))
-
-
-def with_transfer(dots: Dots, cells: int) -> Dots:
-    """The constants of broad dots with what their discs do to an image (`raster`)."""
-    if dots.broad is None:
-        return dots
-    return dots._replace(transfer=transfers_of(dots.broad, dots.cell_mm, cells))
 
 
 def folds_of(gathered: Gathered) -> np.ndarray:

@@ -59,8 +59,15 @@ def test_a_staggered_grid_has_its_own_neighbours():
 
 
 def test_cells_nearer_to_another_dot_are_not_its_own():
-    centre, corner = np.array([[50.0, 50.0]]), np.array([[38.0, 38.0]])
-    beside = np.array([[[10.0, 0.0], [np.nan, np.nan]]])
-    own = own_cells(centre, corner, beside, 1, 24)[0]
+    cutouts = SimpleNamespace(
+        marks=np.array([0]),
+        corner_px=np.array([[38.0, 38.0]]),
+        light=np.zeros((1, 3, 24, 24)),
+        cell_px=1,
+    )
+    seen = SimpleNamespace(points_px=np.array([[50.0, 50.0]]))
+    take = SimpleNamespace(observations=seen, pixel_mm=np.array([0.01, 0.01]))
+    beside_mm = np.array([[[0.1, 0.0], [np.nan, np.nan]]])
+    own = own_cells(SimpleNamespace(cutouts=cutouts, take=take), beside_mm)[0]
     assert own[:, :17].all()
     assert not own[:, 17:].any()

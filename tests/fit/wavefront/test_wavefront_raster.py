@@ -11,7 +11,7 @@ from lensfit.fit.wavefront.patch import equations_of
 from lensfit.fit.wavefront.raster import COARSER, FINER, raster_of, transfers_of
 from lensfit.fit.wavefront.rays import rays_of, spot_seen
 from lensfit.fit.wavefront.shapes import Colour
-from lensfit.kernel.pixels import image_of, profile_of
+from lensfit.kernel.pixels import image_of
 
 PIXEL_MM, CELLS, RAYS = 0.01, 24, 1536
 GREY = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
@@ -21,13 +21,12 @@ VARIANCE_MM2 = jnp.full(2, 1e-6)
 
 
 def dot_of(disc_mm, beside_mm=NOBODY):
-    """A dot on axis, as a pass has it."""
+    """A dot on axis and its transfer, as a pass has them."""
     cell_mm = np.full((1, 2), PIXEL_MM)
     broad = Broad(disc_mm[None], beside_mm[None])
     transfer = transfers_of(broad, cell_mm, CELLS)
-    dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)
-    dots = dots._replace(broad=broad, transfer=transfer)
-    return jax.tree.map(lambda a: jnp.asarray(a[0]), dots)
+    dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)._replace(broad=broad)
+    return jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
 
 
 def spot_through(defocus_mm, dot):
@@ -36,16 +35,10 @@ def spot_through(defocus_mm, dot):
 
 
 def image(defocus_mm, disc_mm, finer=FINER, beside_mm=NOBODY):
-    dot = dot_of(disc_mm, beside_mm)
+    dot, transfer = dot_of(disc_mm, beside_mm)
     _, (spot, _) = spot_through(defocus_mm, dot)
-    raster = raster_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, dot.transfer, finer)
-    profile = profile_of(
-        spot,
-        raster.corner_mm,
-        raster.cell_mm,
-        raster.drawn,
-        VARIANCE_MM2 + raster.variance_mm2,
-    )
+    raster = raster_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, finer)
+    profile = raster.profile(spot, VARIANCE_MM2)
     return np.asarray(raster.shown(image_of(spot, profile)))
 
 
@@ -101,7 +94,7 @@ def test_the_gradient_is_that_of_the_sum_of_squares():
     disc = 4 * PIXEL_MM * np.eye(2)
     beside = np.concatenate([[[14 * PIXEL_MM, 0.0]], NOBODY[1:]])
     light = jnp.asarray(3 * image(0.2, disc, beside_mm=beside) + 0.1)
-    dot = dot_of(disc, beside)
+    dot, transfer = dot_of(disc, beside)
 
     @jax.jit
     def of(numbers):
@@ -115,7 +108,7 @@ def test_the_gradient_is_that_of_the_sum_of_squares():
             -jnp.asarray(PLACE_MM),
             dot.cell_mm,
             VARIANCE_MM2,
-            dot.transfer,
+            transfer,
         )
         return patch.chi_squared, led_back(patch.pull)
 
