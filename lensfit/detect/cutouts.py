@@ -5,8 +5,6 @@ where they are blurred, so that every photograph gives cutouts of the same shape
 
 Cells that hold a pixel outside the frame, or nearer to another dot, are masked; cells
 with a clipped pixel are marked, since the light there is at least what was recorded.
-Dark dots are the light that they take from the field around them: turned about, they
-are bright ones, but for the noise of that field and for what it clips.
 Of a mosaic's picture a cell of one pixel is usable in the one channel that was measured
 there. Larger cells are an even number of pixels wide, so that each holds the photosites
 of every channel at the same places, and their mean is the cell's light about those.
@@ -40,10 +38,9 @@ class Cutouts:
     ----------
     marks : Which of the observations.
     light : Mean of each cell, scene-linear, r, g, b (one channel thrice if grey); of a
-        mosaic's picture the mean of what was measured, where there is such; of dark
-        dots less than nothing.
+        mosaic's picture the mean of what was measured, where there is such.
     valid : Cells to use.
-    clipped : Cells that hold a saturated pixel and are used for what it was at least.
+    clipped : Cells that hold a saturated pixel.
     corner_px : Pixel corner of cell (0, 0): column, row.
     offset_px : Of each channel's middle of a cell from the cell's: column, row.
     cell_px : Pixels along a cell.
@@ -84,12 +81,11 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
     corner = align * np.round(corner).astype(int)
     cells = _cells(pixels, own, photograph.saturation, corner, cell)
     nearest = _nearest_is_own(marks.points_px, chosen, corner, cell)
-    usable = cells.measured & (cells.inside & nearest)[:, None]
     return Cutouts(
         marks=chosen,
-        light=cells.light if marks.bright else -cells.light,
-        valid=usable if marks.bright else usable & ~cells.clipped,
-        clipped=cells.clipped & marks.bright,
+        light=cells.light,
+        valid=cells.measured & (cells.inside & nearest)[:, None],
+        clipped=cells.clipped,
         corner_px=corner,
         offset_px=_offset_px(own, cell),
         cell_px=cell,

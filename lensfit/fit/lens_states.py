@@ -48,7 +48,7 @@ class Fitted:
     wavefronts : Of the dots' shape, by focal length.
     without_shape : Why others were not fitted though dots were photographed, by focal
         length; what to do about it included.
-    too_wide : Takes whose dots had no say in a wavefront, by focal length.
+    too_wide : Takes whose dots were left out of a wavefront, by focal length.
     seconds : Of the fits of shape.
     """
 

@@ -1,9 +1,10 @@
 """The wavefront of every focal length, from the dots of all its focus states.
 
-Any dots of known size show it, by their rims where they are wider than the blur. Such
-dots take several times as long as small holes, and tell little from one setting alone:
-they are fitted where there are no small holes, and where the lens was photographed at
-two f-numbers or two focus distances.
+Bright dots of known size show it, by their rims where they are wider than the blur.
+Dark ones are left out: fitted to the negatives of photographs of a traced lens, its
+blur was four times as far off. Wide dots take several times as long as small holes, and
+tell little from one setting alone: they are fitted where there are no small holes, and
+where the lens was photographed at two f-numbers or two focus distances.
 """
 
 from collections.abc import Collection
@@ -24,6 +25,7 @@ from lensfit.fit.wavefront.shown import (
 )
 from lensfit.progress import Progress
 
+_DARK = "dark dots do not tell it yet; photograph holes that are lit from behind"
 _TOO_LARGE = (
     "the dots themselves are too large for what was photographed: add a second "
     "f-number or another focus distance, or photograph holes less than 1.8 pixels wide"
@@ -37,7 +39,7 @@ class LensWavefronts(NamedTuple):
     ----------
     fitted : Where dots can be used.
     without : Why they cannot be, elsewhere; what to do about it included.
-    too_wide : Takes whose dots had no say, where others had.
+    too_wide : Takes whose dots were left out, where others were not.
     """
 
     fitted: dict[float, WavefrontFit]
@@ -55,14 +57,15 @@ def fit_wavefronts(
     found = LensWavefronts({}, {}, {})
     for focal_mm, mine in by_focal_length(states).items():
         pictured = [s for state in mine for s in _shown_of(state)]
-        shown = _telling(pictured)
+        bright = [s for s in pictured if s.take.observations.bright]
+        shown = _telling(bright)
         if not shown:
-            why = _TOO_LARGE if pictured else _unsaid(mine)
+            why = _why_not(pictured, bright) or _unsaid(mine)
             if why:
                 found.without[focal_mm] = why
             continue
         kept = {s.take.name for s in shown}
-        names = [s.take.name for s in pictured]
+        names = [s.take.name for s in bright]
         found.too_wide[focal_mm] = [name for name in names if name not in kept]
         try:
             found.fitted[focal_mm] = fit_wavefront(
@@ -87,6 +90,13 @@ def _telling(pictured: list[Shown]) -> list[Shown]:
     if small or len(settings) < 2:
         return small
     return [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
+
+
+def _why_not(pictured: list[Shown], bright: list[Shown]) -> str:
+    """Why photographs of dots are not used, where none is."""
+    if bright:
+        return _TOO_LARGE
+    return _DARK if pictured else ""
 
 
 def _unsaid(states: list[LensState]) -> str:

@@ -187,26 +187,3 @@ def test_read_noise_is_that_of_the_photograph(sigma, diameter):
 def test_without_sizes_there_is_nothing_to_cut():
     marks = marks_at([(200.0, 150.0)], np.nan)
     assert cut(photograph_of(np.ones(SIZE[::-1])), marks) is None
-
-
-def test_dark_dots_are_the_light_that_they_take():
-    centre = (203.3, 148.6)
-    bright = marks_at([centre], 8.0)
-    light = disc(centre, 8.0)
-    of_bright = cut(photograph_of(light), bright)
-    of_dark = cut(photograph_of(1 - light), replace(bright, bright=False))
-    assert of_bright is not None
-    assert of_dark is not None
-    np.testing.assert_allclose(of_dark.light, of_bright.light - 1, atol=1e-6)
-
-
-def test_what_clips_around_a_dark_dot_is_not_used():
-    centre = (203.3, 148.6)
-    pixels = 1 - disc(centre, 8.0)
-    found = cut(
-        photograph_of(pixels, 1.0), replace(marks_at([centre], 8.0), bright=False)
-    )
-    assert found is not None
-    assert not found.clipped.any()
-    assert not found.valid[found.light <= -1].any()
-    assert found.valid.any()

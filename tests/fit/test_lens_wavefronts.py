@@ -98,3 +98,10 @@ def test_wide_dots_of_one_setting_say_what_to_photograph(monkeypatch):
     found, seen = fitted_of(takes, {"one": 5.0, "other": 5.0}, monkeypatch)
     assert not seen
     assert "add a second f-number" in found.without[50.0]
+
+
+def test_dark_dots_are_not_taken_for_the_blur(monkeypatch):
+    takes = [take("one", bright=False, cutouts=object())]
+    found, seen = fitted_of(takes, {"one": 0.5}, monkeypatch)
+    assert not seen
+    assert found.without[50.0].startswith("dark dots")

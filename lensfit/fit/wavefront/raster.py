@@ -10,7 +10,7 @@ where A leads from the unit disc to the ellipse. Broad dots stand close, and whe
 is wide they reach into each other's pictures: the lens blurs a neighbour as it does the
 dot itself, so that the discs beside belong to what is convolved. The blur is drawn on
 finer cells, well beyond the patch since broad dots reach into it from there, each ray a
-little wider than a cell of these, so that hardly any detail is lost between them; the
+little wider than a cell of these, so that little detail is lost between them; the
 transfer makes up for that width.
 
 Against discs drawn on sixteenths of a cell, a point anywhere between cells has an image

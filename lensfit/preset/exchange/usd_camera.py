@@ -16,6 +16,7 @@ OpenUSD, UsdGeomCamera. NVIDIA ovrtx, "Lens Calibration" and "Lens Distortion Sc
 """
 
 import math
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -179,12 +180,10 @@ class _Fields:
         return bool(self.prim.GetAttribute(name).HasAuthoredValue())
 
     def value(self, name: str) -> Any:
-        from pxr import Usd  # pyright: ignore[reportMissingImports]
-
         attribute = self.prim.GetAttribute(name)
         if not attribute:
             return None
-        found = attribute.Get(Usd.TimeCode.EarliestTime())
+        found = attribute.Get(_pxr("Usd").TimeCode.EarliestTime())
         return attribute.Get() if found is None else found
 
     def number(self, name: str, without: float | None = None) -> float:
@@ -211,9 +210,14 @@ class _Fields:
         return int(found[0]), int(found[1])
 
 
+def _pxr(name: str) -> Any:
+    """A module of usd-core, of which only some versions state types."""
+    return import_module(f"pxr.{name}")
+
+
 def _stage(path: Path) -> Any:
     try:
-        from pxr import Tf, Usd  # pyright: ignore[reportMissingImports]
+        tf, usd = _pxr("Tf"), _pxr("Usd")
     except ImportError as error:
         raise ExchangeError(
             "is a USD file, which needs usd-core to be read",
@@ -228,8 +232,8 @@ def _stage(path: Path) -> Any:
         )
     try:
         with without_chatter():
-            return Usd.Stage.Open(str(path), Usd.Stage.LoadNone)
-    except Tf.ErrorException as error:
+            return usd.Stage.Open(str(path), usd.Stage.LoadNone)
+    except tf.ErrorException as error:
         raise ExchangeError(
             "is a USD file that cannot be read", where=path, remedy="export it again"
         ) from error
