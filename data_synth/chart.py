@@ -17,7 +17,7 @@ ChartKind = Literal["dot-grid", "line-grid", "checkerboard"]
 
 @dataclass(frozen=True)
 class Chart:
-    """A bright pattern on black.
+    """A bright pattern on black, or dark dots on white.
 
     Attributes
     ----------
@@ -25,12 +25,14 @@ class Chart:
     pitch_mm : Distance of neighbouring marks; side of one checker square.
     mark_mm : Diameter of a hole, or width of a line; unused for a checkerboard.
     reach_mm : Half-sides of the printed area around mark (0, 0); None has no end.
+    dark : Dots are black, and all around them is white.
     """
 
     kind: ChartKind
     pitch_mm: float
     mark_mm: float = 0.0
     reach_mm: tuple[float, float] | None = None
+    dark: bool = False
 
     def is_printed(
         self, chart_mm: Float[np.ndarray, "*points 2"]

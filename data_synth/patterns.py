@@ -95,10 +95,49 @@ def expose_pattern(
             )
         ]
         misfit_px = max(misfit_px, *(picture.misfit_px for picture in pictures))
-        light = open_chart_flux(lens, field.points_mm, field.normal, middle_nm)
-        open_chart = (light / white[channel]).reshape(FIELD_NODES[::-1])
+        open_chart = _open_chart(lens, field, middle_nm) / white[channel]
         image[..., channel] = _render(chart, pictures, chief, open_chart, frame)
     return image, misfit_px
+
+
+def expose_white(
+    lens: SetLens, pose: Pose, frame: Frame, bands: tuple[Band, ...]
+) -> Float[np.ndarray, "height width 3"]:
+    """Photograph a chart that is white all over, as `expose_pattern` would."""
+    image = np.zeros((frame.size_px[1], frame.size_px[0], 3))
+    field = _field_over(lens, pose, frame)
+    white = white_irradiance(lens, pose.distance_mm, bands) * np.prod(frame.pitch_mm)
+    for channel, band in enumerate(bands):
+        middle_nm = band.wavelengths_nm[len(band.wavelengths_nm) // 2]
+        chief_px = frame.px_from_mm(chief_landings_mm(lens, field.points_mm, middle_nm))
+        chief, _ = RayMap(chief_px, frame.size_px).fit(chief_px, field.chart_mm)
+        open_chart = _open_chart(lens, field, middle_nm) / white[channel]
+        image[..., channel] = _open_light(chief, open_chart, frame)
+    return image
+
+
+def _open_chart(
+    lens: SetLens, field: _Field, wavelength_nm: float
+) -> Float[np.ndarray, "node_rows node_columns"]:
+    """Light on the sensor from a unit area of white chart."""
+    light = open_chart_flux(lens, field.points_mm, field.normal, wavelength_nm)
+    return light.reshape(FIELD_NODES[::-1])
+
+
+def _open_light(
+    chief: Float[np.ndarray, "2 order order"],
+    open_chart: Float[np.ndarray, "node_rows node_columns"],
+    frame: Frame,
+) -> Float[np.ndarray, "height width"]:
+    """Of a white chart, in every pixel: what a unit of it sends, times how much of it
+    a pixel sees."""
+    width, height = frame.size_px
+    columns, slope_x = basis(np.arange(width) + 0.5, width)
+    rows, slope_y = basis(np.arange(height) + 0.5, height)
+    right, down = evaluated(chief, rows, slope_x), evaluated(chief, slope_y, columns)
+    area_mm2 = np.abs(right[0] * down[1] - right[1] * down[0])
+    light = hats(FIELD_NODES[1], np.arange(height) + 0.5, height) @ open_chart
+    return light @ hats(FIELD_NODES[0], np.arange(width) + 0.5, width).T * area_mm2
 
 
 def _pupil_grid(
@@ -226,8 +265,5 @@ def _render(chart, pictures, chief, open_chart, frame) -> Float[np.ndarray, "h w
             )
             picture[band] += share * seen
             weight[band] += share
-    area_mm2 = np.abs(right[0] * down[1] - right[1] * down[0])
-    light = hats(FIELD_NODES[1], np.arange(height) + 0.5, height) @ open_chart
-    light = light @ hats(FIELD_NODES[0], np.arange(width) + 0.5, width).T
     # Single precision may leave the dark a hair below zero.
-    return np.maximum(light * area_mm2 * picture / weight, 0.0)
+    return np.maximum(_open_light(chief, open_chart, frame) * picture / weight, 0.0)

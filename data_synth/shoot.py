@@ -9,7 +9,7 @@ truth.
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -32,7 +32,7 @@ from data_synth.frame import Frame
 from data_synth.irradiance import plane_irradiance
 from data_synth.lens import SetLens, set_lens
 from data_synth.noise_draws import keep_the_light
-from data_synth.patterns import expose_pattern
+from data_synth.patterns import expose_pattern, expose_white
 from data_synth.prescription import Prescription
 from data_synth.psf_truth import (
     WavefrontTruth,
@@ -117,22 +117,32 @@ def take(
         prescription, camera, shot.focal_length_mm, change,
         shot.f_number, shot.focus_distance_mm,
     )  # fmt: skip
+    taken = _taken(lens, camera, shot, seed)
+    if not shot.chart.dark:
+        return lens, taken
+    few = camera_bands(min(camera.wavelengths, 3))
+    white = expose_white(lens, shot.pose, camera.frame, few)
+    return lens, replace(taken, image=np.maximum(white - taken.image, 0.0))
+
+
+def _taken(lens: SetLens, camera: Camera, shot: Shot, seed: int) -> Taken:
+    """The light of its chart."""
     bands = camera_bands(camera.wavelengths)
     if shot.from_maps and shot.chart.kind == "dot-grid":
         image, dots = expose_dots_from_maps(
             lens, shot.chart, shot.pose, camera.frame, bands
         )
-        return lens, Taken(image, dots, 0.0)
+        return Taken(image, dots, 0.0)
     if shot.chart.kind == "dot-grid":
         image, dots = expose_dots(
             lens, shot.chart, shot.pose, camera.frame, bands,
             rays_per_wavelength=shot.rays_per_wavelength, seed=seed,
         )  # fmt: skip
-        return lens, Taken(image, dots, 0.0)
+        return Taken(image, dots, 0.0)
     # Where it is sharp, a pattern shows no more of a band than its mean and width.
     few = camera_bands(min(camera.wavelengths, 3))
     image, misfit_px = expose_pattern(lens, shot.chart, shot.pose, camera.frame, few)
-    return lens, Taken(image, None, misfit_px)
+    return Taken(image, None, misfit_px)
 
 
 def _set(
@@ -341,7 +351,7 @@ def _target_lines(name: str, chart: Chart) -> list[str]:
     if chart.kind == "line-grid":
         lines.append(f"line_width_mm = {chart.mark_mm}")
     if chart.kind != "checkerboard":
-        lines.append('polarity = "bright"')
+        lines.append(f'polarity = "{"dark" if chart.dark else "bright"}"')
     return [*lines, ""]
 
 

@@ -65,6 +65,7 @@ class WavefrontPlan:
     focus_states : Which of them are photographed.
     with_tilted, with_lines, with_stopped_down : Whether those takes are there.
     form : Of the picture files.
+    dark : Dots are black ones on white.
     """
 
     hole_px: float = 1.6
@@ -77,6 +78,7 @@ class WavefrontPlan:
     with_lines: bool = True
     with_stopped_down: bool = True
     form: PictureFormat = "exr"
+    dark: bool = False
 
 
 def wavefront_shots(
@@ -97,7 +99,9 @@ def wavefront_shots(
             for part, size in zip(plan.reach, frame.size_px, strict=True)
         ]
         reach_mm = (half_px[0] * mm_per_px, half_px[1] * mm_per_px)
-    dots = Chart("dot-grid", pitch_mm, handy(mm_per_px * plan.hole_px), reach_mm)
+    dots = Chart(
+        "dot-grid", pitch_mm, handy(mm_per_px * plan.hole_px), reach_mm, plan.dark
+    )
     focus_mm = _focus_distances_mm(prescription, frame, sizes, plan.blur_in_pitches)
     widest = prescription.f_number
     stops = (widest, handy(2 * widest)) if plan.with_stopped_down else (widest,)

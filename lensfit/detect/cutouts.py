@@ -5,6 +5,8 @@ where they are blurred, so that every photograph gives cutouts of the same shape
 
 Cells that hold a pixel outside the frame, or nearer to another dot, are masked; cells
 with a clipped pixel are marked, since the light there is at least what was recorded.
+Dark dots are the light that they take from what surrounds them: turned about, they are
+bright ones on black, but that noise is larger there, and that what clips is unknown.
 Of a mosaic's picture a cell of one pixel is usable in the one channel that was measured
 there. Larger cells are an even number of pixels wide, so that each holds the photosites
 of every channel at the same places, and their mean is the cell's light about those.
@@ -27,6 +29,8 @@ CELLS = 24
 _REACH = 1.5
 """Half the cutout over the radius of a dot."""
 _MARGIN_PX = 3.0
+_AROUND = 0.9
+"""Quantile of a cutout's light that is what surrounds a dark dot."""
 _LARGEST_CELL_PX = 16
 
 
@@ -38,13 +42,14 @@ class Cutouts:
     ----------
     marks : Which of the observations.
     light : Mean of each cell, scene-linear, r, g, b (one channel thrice if grey); of a
-        mosaic's picture the mean of what was measured, where there is such.
+        mosaic's picture the mean of what was measured, where there is such; of dark
+        dots how much darker it is than around the dot.
     valid : Cells to use.
-    clipped : Cells that hold a saturated pixel.
+    clipped : Cells that hold a saturated pixel and are used for what it was at least.
     corner_px : Pixel corner of cell (0, 0): column, row.
     offset_px : Of each channel's middle of a cell from the cell's: column, row.
     cell_px : Pixels along a cell.
-    read_noise : Standard deviation of a cell without light, per channel.
+    read_noise : Standard deviation of a cell beside the dots, per channel.
     channels : 3, or 1 for a grey photograph.
     mosaic : Of the photograph, if each pixel measured one channel.
     """
@@ -81,10 +86,13 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
     corner = align * np.round(corner).astype(int)
     cells = _cells(pixels, own, photograph.saturation, corner, cell)
     nearest = _nearest_is_own(marks.points_px, chosen, corner, cell)
+    cells = cells._replace(measured=cells.measured & (cells.inside & nearest)[:, None])
+    if not marks.bright:
+        cells, pixels = _turned_about(cells), -pixels
     return Cutouts(
         marks=chosen,
         light=cells.light,
-        valid=cells.measured & (cells.inside & nearest)[:, None],
+        valid=cells.measured,
         clipped=cells.clipped,
         corner_px=corner,
         offset_px=_offset_px(own, cell),
@@ -146,6 +154,20 @@ def _cells(
         if np.isfinite(saturation):
             clipped[k] = (cells >= saturation).any((2, 4))
     return _Cells(light, clipped, measured, inside)
+
+
+def _turned_about(cells: _Cells) -> _Cells:
+    """Of dark dots, the light that they take; what is not known takes none."""
+    usable = cells.measured & ~cells.clipped
+    around = np.where(usable, cells.light, np.nan)
+    nothing = ~usable.any((2, 3), keepdims=True)
+    around = np.nanquantile(np.where(nothing, 0.0, around), _AROUND, (2, 3))
+    light = np.where(usable, around[..., None, None] - cells.light, 0.0)
+    return cells._replace(
+        light=light.astype(np.float32),
+        clipped=np.zeros_like(cells.clipped),
+        measured=usable,
+    )
 
 
 def _offset_px(own: np.ndarray | None, cell: int) -> np.ndarray:

@@ -187,3 +187,42 @@ def test_read_noise_is_that_of_the_photograph(sigma, diameter):
 def test_without_sizes_there_is_nothing_to_cut():
     marks = marks_at([(200.0, 150.0)], np.nan)
     assert cut(photograph_of(np.ones(SIZE[::-1])), marks) is None
+
+
+def test_dark_dots_are_bright_ones_turned_about():
+    """Here one is cut by the frame's edge: what lies beyond takes no light."""
+    for centre in ((203.3, 148.6), (4.0, 148.6)):
+        bright = marks_at([centre], 8.0)
+        light = disc(centre, 8.0)
+        of_bright = cut(photograph_of(light), bright)
+        of_dark = cut(photograph_of(1 - light), replace(bright, bright=False))
+        assert of_bright is not None
+        assert of_dark is not None
+        np.testing.assert_allclose(of_dark.light, of_bright.light, atol=1e-6)
+        np.testing.assert_array_equal(of_dark.valid, of_bright.valid)
+
+
+def test_what_clips_around_a_dark_dot_is_not_used():
+    centre = (203.3, 148.6)
+    pixels = np.minimum(1.2 - disc(centre, 8.0), 1.0)
+    pixels[:, 215:] = 0.9
+    found = cut(
+        photograph_of(pixels, 1.0), replace(marks_at([centre], 8.0), bright=False)
+    )
+    assert found is not None
+    assert not found.clipped.any()
+    assert found.valid.any()
+    # The field left of the dot is clipped, that on the right is what surrounds it.
+    assert not found.valid[..., :5].any()
+    np.testing.assert_allclose(found.light[..., -3:], 0.0, atol=1e-6)
+
+
+def test_noise_around_dark_dots_is_that_of_the_white():
+    rng = np.random.default_rng(4)
+    white = 1 - disc((203.3, 148.6), 8.0)
+    noisy = white + rng.normal(0, 0.002 + 0.02 * white)
+    found = cut(
+        photograph_of(noisy), replace(marks_at([(203.3, 148.6)], 8.0), bright=False)
+    )
+    assert found is not None
+    np.testing.assert_allclose(found.read_noise * found.cell_px, 0.022, rtol=0.1)

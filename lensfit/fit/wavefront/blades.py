@@ -11,7 +11,14 @@ import numpy as np
 from jaxtyping import Int
 
 from lensfit.fit.wavefront.gather import WIDE_OPEN, chosen
-from lensfit.fit.wavefront.stages import Stage, best_of, chi_squared, freed, solved
+from lensfit.fit.wavefront.stages import (
+    Stage,
+    best_of,
+    chi_squared,
+    freed,
+    smoothed_by,
+    solved,
+)
 
 COUNTS = (5, 6, 7, 8, 9, 10, 11, 12)
 _TURNS = 3
@@ -43,9 +50,8 @@ def with_blades(stage: Stage, share: float = CLEARLY) -> Stage:
         gathered=chosen(stage.gathered, rows),
         corner_mm=stage.corner_mm[rows],
         weight=stage.weight[rows],
-        smoothing=_SMOOTHING,
     )
-    some = freed(some, deviation)
+    some = freed(smoothed_by(_SMOOTHING, some), deviation)
     turned = [best_of(_turned(some, count, rotation)) for count in COUNTS]
     turned.sort(key=chi_squared)
     best = best_of([solved(trial, 6) for trial in turned[:_FINALISTS]])

@@ -9,7 +9,6 @@ All starts run on a few dots, the promising ones on more (`valleys`).
 
 import itertools
 from collections.abc import Collection
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +29,7 @@ from lensfit.fit.wavefront.stages import (
     freed,
     on_dots,
     settled,
+    smoothed_by,
     solved,
 )
 from lensfit.fit.wavefront.start import (
@@ -122,7 +122,7 @@ def coarse_fit(
         lens = set_focus(perfect, layout, focus, sine)
         # What is not free here stays as a perfect lens has it.
         parameters = np.where(deviation > 0, lens, perfect)
-        stage = replace(first_stage(some, layout, parameters), smoothing=_SMOOTHING)
+        stage = smoothed_by(_SMOOTHING, first_stage(some, layout, parameters))
         # Most starts lead nowhere: one look where the dots lie is enough for them.
         tries.append(valley_at(solved(settled(freed(stage, deviation), 1))))
     valleys, others = _finalists(tries, gathered, side_stated)

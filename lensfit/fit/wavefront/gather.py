@@ -77,7 +77,7 @@ class Gathered:
     first_order: FirstOrder
 
     @cached_property
-    def transfer(self) -> Complex[np.ndarray, "dots drawn half"] | None:
+    def transfer(self) -> Complex[np.ndarray, "dots down right"] | None:
         """What the discs of broad dots make of an image (`raster`); None of others."""
         if self.dots.broad is None:
             return None

@@ -16,6 +16,7 @@ from lensfit.fit.cores import DEALT, SHARED, on_every_core, summed_over_cores
 from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.patch import Patch, equations_of
+from lensfit.fit.wavefront.raster import WAVES
 from lensfit.fit.wavefront.rays import rays_of, spot_seen
 from lensfit.fit.wavefront.shapes import Colour, spread_of
 
@@ -31,10 +32,12 @@ class Points(NamedTuple):
     image : For the light on the cells, and the gradient: 768 are 1 to 4 % wrong, 1536
         half of that.
     design : For the matrix, which only leads the way.
+    waves : That broad dots are drawn as, along half an axis (`raster`).
     """
 
     image: int = 768
     design: int = 96
+    waves: int = WAVES
 
 
 DEFAULT_POINTS = Points()
@@ -85,7 +88,7 @@ class Model(NamedTuple):
 
     dots: Dots
     pixels: Pixels
-    transfer: Complex[Array, "dots drawn half"] | None
+    transfer: Complex[Array, "dots down right"] | None
     scale: Scale
     chromatic: Float[Array, "3 wavelengths"]
     smoothing: Float[Array, ""]
@@ -203,6 +206,7 @@ def _of_dot(
             dot.cell_mm,
             variance,
             transfer,
+            points.waves,
         )
         return patch, led_back(patch.pull)
 

@@ -4,22 +4,23 @@ Light is a sum of Gaussians, one for each ray, integrated over each cell exactly
 (`kernel.pixels`). How much light a dot sends, what lies under it and where it lies are
 not asked of the model: brightness, background and both shifts are solved for in every
 patch, in closed form, and what the wavefront explains is judged by what they cannot
-(variable projection, G. H. Golub and V. Pereyra, Inverse Problems 19 (2003) R1).
+(variable projection, G. H. Golub and V. Pereyra, Inverse Problems 19 (2003) R1). Around
+broad dots, which may be dark ones on paper, the background may slope, as uneven light
+and fall-off make it.
 """
 
 from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 from jaxtyping import Array, Complex, Float
 
-from lensfit.fit.wavefront.raster import COARSER, Raster, raster_of
+from lensfit.fit.wavefront.raster import LEADING, WAVES, Raster, raster_of
 from lensfit.fit.wavefront.rays import Rays
 from lensfit.kernel.pixels import Profile, image_of
 from lensfit.kernel.spot import Spot
 
-NUISANCE = 4
-"""Brightness, background, shift right and down."""
 _JITTER = 1e-9
 
 
@@ -50,7 +51,8 @@ def equations_of(
     corner_mm: Float[Array, "2"],
     cell_mm: Float[Array, "2"],
     variance_mm2: Float[Array, "*axes"],
-    transfer: Complex[Array, "drawn half"] | None = None,
+    transfer: Complex[Array, "down right"] | None = None,
+    waves: int = WAVES,
 ) -> Patch:
     """Normal equations of one patch.
 
@@ -61,9 +63,10 @@ def equations_of(
     few : What the matrix is made of: it only leads the way.
     variance_mm2 : As for `profile_of`.
     transfer : Of a broad dot's disc and of those beside it.
+    waves : As for `raster_of`; the matrix is made of fewer.
     """
     patch = partial(raster_of, corner_mm, cell_mm, light.shape[0], transfer)
-    raster, lean = patch(), patch(finer=COARSER)
+    raster, lean = patch(waves), patch(min(waves, LEADING))
     profile = raster.profile(spot, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile, raster)
     design = _design(few, lean.profile(few.spot, variance_mm2), lean)
@@ -81,16 +84,25 @@ def equations_of(
         matrix,
         jnp.sum(w * residual**2),
         _pulled(spot, profile, -raster.traced_back(pull)),
-        jnp.concatenate([nuisance[:2], nuisance[2:] / bright]),
+        jnp.concatenate([nuisance[:2], nuisance[2:4] / bright]),
         residual,
     )
 
 
 def _nuisance_design(spot: Spot, profile: Profile, raster: Raster) -> Array:
-    """d light / d brightness, background and both shifts: (cells^2, 4)."""
+    """d light / d brightness, background, both shifts and, of broad dots, both slopes
+    of the background: (cells^2, 4 or 6)."""
     drawn = jnp.stack([image_of(spot, profile), *_shifted(spot, profile)])
     image, across, down = raster.shown(drawn).reshape(3, -1)
-    return jnp.stack([image, jnp.ones_like(image), across, down], -1)
+    even = jnp.ones_like(image)
+    slopes = () if raster.transfer is None else _slopes(raster.cells, image.dtype)
+    return jnp.stack([image, even, across, down, *slopes], -1)
+
+
+def _slopes(cells: int, dtype: DTypeLike) -> tuple[Array, Array]:
+    """From -1 to 1 to the right and down, of every cell."""
+    along = jnp.linspace(-1, 1, cells, dtype=dtype)
+    return jnp.tile(along, cells), jnp.repeat(along, cells)
 
 
 def _design(
@@ -138,7 +150,7 @@ def _solved(inner: Array, right: Array) -> Array:
     size = jnp.sqrt(jnp.diagonal(inner))
     size = jnp.where(size > 0, size, 1.0)
     scaled = inner / (size[:, None] * size[None])
-    scaled = scaled + _JITTER * jnp.eye(NUISANCE, dtype=inner.dtype)
+    scaled = scaled + _JITTER * jnp.eye(len(inner), dtype=inner.dtype)
     right = right / (size if right.ndim == 1 else size[:, None])
     found = jnp.linalg.solve(scaled, right)
     return found / (size if right.ndim == 1 else size[:, None])

@@ -19,6 +19,7 @@ from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.gather import WIDE_OPEN, Gathered
 from lensfit.fit.wavefront.normal import DEFAULT_POINTS, FOLDS, Equations, Model, Points
 from lensfit.fit.wavefront.parameters import Layout
+from lensfit.fit.wavefront.raster import waves_told
 from lensfit.fit.wavefront.solve import Solution, solve
 from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights, weights_after
 
@@ -28,6 +29,8 @@ _FEWEST_DOTS = 256
 _TOLERANCE = 2e-3
 _DAMPING = 1e-3
 _MOST_STEPS = 12
+_BROAD_RAYS = 384
+"""Of the image of a broad dot that is smoothed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +106,16 @@ def first_stage(gathered: Gathered, layout: Layout, parameters: np.ndarray) -> S
         corner_mm=-gathered.observed_mm,
         weight=first_weights(gathered, COARSE_SHARE),
     )
+
+
+def smoothed_by(cells: float, stage: Stage) -> Stage:
+    """The same with photograph and model smoothed by a Gaussian; of broad dots no more
+    is drawn than that shows."""
+    points = DEFAULT_POINTS
+    if stage.gathered.dots.broad is not None and cells:
+        waves = waves_told(cells, stage.gathered.light.shape[-1])
+        points = Points(image=_BROAD_RAYS, waves=waves)
+    return replace(stage, smoothing=cells, points=points)
 
 
 def on_dots(stage: Stage, gathered: Gathered) -> Stage:
