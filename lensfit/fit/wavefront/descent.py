@@ -3,7 +3,7 @@
 1. `coarse`: smoothed by three cells, a few dots: defocus, rims, third order, from many
    starts.
 2. `middle_fit`: smoothed by a cell and a half: fifth order.
-3. `fine_fit`: more dots, smoothed by less than a cell and then on full pixels,
+3. `fine_fit`: more dots, on full pixels, straight or by way of less smoothed ones:
    everything but what would go astray there (`families.LAST`): the blades of the iris
    are counted, noise and robust weights found anew in between.
 4. `asked_for`: without what the photographs do not ask for.
@@ -21,6 +21,7 @@ from lensfit.fit.wavefront.families import FINE, LAST, MIDDLE, Family, deviation
 from lensfit.fit.wavefront.normal import Points
 from lensfit.fit.wavefront.stages import (
     Stage,
+    best_of,
     chi_squared,
     freed,
     reweighed,
@@ -39,8 +40,9 @@ _NEEDED = "the fit without all that was to go was worse than foreseen"
 _MIDDLE_SMOOTHING = 1.5
 """Cells: half of the coarse solve's, for orders twice as fine."""
 _FINE_SMOOTHING = 0.75
-"""Half of that again. Straight on full pixels, wide open dots that are sharp in focus
-led astray: a twentieth of the misfit was left where this came between."""
+"""Half of that again. A lens photographed wide open alone was led astray straight on
+full pixels, and a twentieth of the misfit was left where this came between; dots of
+less than a pixel are fitted better without. So both ways are tried."""
 _LAST_STEPS, _LAST_TOLERANCE = 12, 5e-4
 _LAST_POINTS = Points(image=1536, design=768)
 """Shifting all rays of the pupil together, rims included, hardly changes an image. Few
@@ -65,8 +67,9 @@ def fine_fit(stage: Stage, families: tuple[Family, ...], rounds: int) -> Stage:
     rounds : Of weights found anew.
     """
     stage = freed(stage, deviation_of(families, stage.layout, FINE))
-    stage = solved(settled(smoothed_by(_FINE_SMOOTHING, stage)))
-    stage = settled(smoothed_by(0.0, stage))
+    eased = solved(settled(smoothed_by(_FINE_SMOOTHING, stage)))
+    on_pixels = [settled(smoothed_by(0.0, start)) for start in (stage, eased)]
+    stage = best_of([solved(start) for start in on_pixels])
     stage = solved(with_blades(stage, EVIDENTLY))
     if not stage.blades:
         stage = with_blades(stage)
