@@ -13,6 +13,7 @@ footprint counts as a box of the same variance. `data_synth.dots` makes the same
 without them, and a test compares the two.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,26 +78,28 @@ def expose_pattern(
     image = np.zeros((frame.size_px[1], frame.size_px[0], 3))
     field = _field_over(lens, pose, frame)
     offsets_mm = _pupil_grid(lens, field, pupil_points_across)
-    white = white_irradiance(lens, pose.distance_mm, bands) * np.prod(frame.pitch_mm)
     misfit_px = 0.0
-    for channel, band in enumerate(bands):
-        middle_nm = band.wavelengths_nm[len(band.wavelengths_nm) // 2]
-        chief_px = frame.px_from_mm(chief_landings_mm(lens, field.points_mm, middle_nm))
-        ray_map = RayMap(chief_px, frame.size_px)
-        chief, _ = ray_map.fit(chief_px, field.chart_mm)
-        openings = _openings(lens, field, offsets_mm, middle_nm)
+    whites = _whites(lens, pose, field, frame, bands)
+    for channel, (band, white) in enumerate(zip(bands, whites, strict=True)):
+        openings = _openings(lens, field, offsets_mm, white.middle_nm)
         pictures = [
             picture
             for wavelength_nm, share in zip(
                 band.wavelengths_nm, band.weights, strict=True
             )
             for picture in _pictures(
-                lens, field, frame, wavelength_nm, share, offsets_mm, openings, ray_map
+                lens,
+                field,
+                frame,
+                wavelength_nm,
+                share,
+                offsets_mm,
+                openings,
+                white.ray_map,
             )
         ]
         misfit_px = max(misfit_px, *(picture.misfit_px for picture in pictures))
-        open_chart = _open_chart(lens, field, middle_nm) / white[channel]
-        image[..., channel] = _render(chart, pictures, chief, open_chart, frame)
+        image[..., channel] = _render(chart, pictures, white, frame)
     return image, misfit_px
 
 
@@ -104,40 +107,51 @@ def expose_white(
     lens: SetLens, pose: Pose, frame: Frame, bands: tuple[Band, ...]
 ) -> Float[np.ndarray, "height width 3"]:
     """Photograph a chart that is white all over, as `expose_pattern` would."""
-    image = np.zeros((frame.size_px[1], frame.size_px[0], 3))
     field = _field_over(lens, pose, frame)
-    white = white_irradiance(lens, pose.distance_mm, bands) * np.prod(frame.pitch_mm)
-    for channel, band in enumerate(bands):
-        middle_nm = band.wavelengths_nm[len(band.wavelengths_nm) // 2]
-        chief_px = frame.px_from_mm(chief_landings_mm(lens, field.points_mm, middle_nm))
-        chief, _ = RayMap(chief_px, frame.size_px).fit(chief_px, field.chart_mm)
-        open_chart = _open_chart(lens, field, middle_nm) / white[channel]
-        image[..., channel] = _open_light(chief, open_chart, frame)
-    return image
+    return np.stack([w.light for w in _whites(lens, pose, field, frame, bands)], -1)
 
 
-def _open_chart(
-    lens: SetLens, field: _Field, wavelength_nm: float
-) -> Float[np.ndarray, "node_rows node_columns"]:
-    """Light on the sensor from a unit area of white chart."""
-    light = open_chart_flux(lens, field.points_mm, field.normal, wavelength_nm)
-    return light.reshape(FIELD_NODES[::-1])
+@dataclass(frozen=True, eq=False)
+class _White:
+    """A chart that is white all over, as one channel sees it.
+
+    `chief` holds Chebyshev coefficients of chart X and chart Y along the chief rays
+    over the frame, `right_mm` and `down_mm` how far these move from one pixel to the
+    next; `light` is that of every pixel.
+    """
+
+    middle_nm: float
+    ray_map: RayMap
+    chief: Float[np.ndarray, "2 order order"]
+    right_mm: Float[np.ndarray, "2 height width"]
+    down_mm: Float[np.ndarray, "2 height width"]
+    light: Float[np.ndarray, "height width"]
 
 
-def _open_light(
-    chief: Float[np.ndarray, "2 order order"],
-    open_chart: Float[np.ndarray, "node_rows node_columns"],
-    frame: Frame,
-) -> Float[np.ndarray, "height width"]:
-    """Of a white chart, in every pixel: what a unit of it sends, times how much of it
-    a pixel sees."""
+def _whites(
+    lens: SetLens, pose: Pose, field: _Field, frame: Frame, bands: tuple[Band, ...]
+) -> Iterator[_White]:
+    """Of every band: what a unit of chart sends, times how much of it a pixel sees."""
     width, height = frame.size_px
     columns, slope_x = basis(np.arange(width) + 0.5, width)
     rows, slope_y = basis(np.arange(height) + 0.5, height)
-    right, down = evaluated(chief, rows, slope_x), evaluated(chief, slope_y, columns)
-    area_mm2 = np.abs(right[0] * down[1] - right[1] * down[0])
-    light = hats(FIELD_NODES[1], np.arange(height) + 0.5, height) @ open_chart
-    return light @ hats(FIELD_NODES[0], np.arange(width) + 0.5, width).T * area_mm2
+    irradiance = white_irradiance(lens, pose.distance_mm, bands)
+    irradiance = irradiance * np.prod(frame.pitch_mm)
+    for channel, band in enumerate(bands):
+        middle_nm = band.wavelengths_nm[len(band.wavelengths_nm) // 2]
+        chief_px = frame.px_from_mm(chief_landings_mm(lens, field.points_mm, middle_nm))
+        ray_map = RayMap(chief_px, frame.size_px)
+        chief, _ = ray_map.fit(chief_px, field.chart_mm)
+        right, down = (
+            evaluated(chief, rows, slope_x),
+            evaluated(chief, slope_y, columns),
+        )
+        area_mm2 = np.abs(right[0] * down[1] - right[1] * down[0])
+        sent = open_chart_flux(lens, field.points_mm, field.normal, middle_nm)
+        at_nodes = (sent / irradiance[channel]).reshape(FIELD_NODES[::-1])
+        light = hats(FIELD_NODES[1], np.arange(height) + 0.5, height) @ at_nodes
+        light = light @ hats(FIELD_NODES[0], np.arange(width) + 0.5, width).T
+        yield _White(middle_nm, ray_map, chief, right, down, light * area_mm2)
 
 
 def _pupil_grid(
@@ -228,21 +242,18 @@ def _pictures(
     return pictures
 
 
-def _render(chart, pictures, chief, open_chart, frame) -> Float[np.ndarray, "h w"]:
+def _render(chart, pictures, white: _White, frame) -> Float[np.ndarray, "h w"]:
     """The weighted sum of all pictures, brightened as an open chart would be.
 
     Chart positions are the chief ray's, exact at every pixel, plus each picture's small
     departure from it, which is interpolated linearly from every `STEP_PX`-th pixel.
     """
     width, height = frame.size_px
-    columns, slope_x = basis(np.arange(width) + 0.5, width)
-    rows, slope_y = basis(np.arange(height) + 0.5, height)
-    chief_mm = evaluated(chief, rows, columns)
-    right, down = (
-        evaluated(chief, rows, slope_x),
-        evaluated(chief, slope_y, columns),
-    )
-    footprint_mm = np.moveaxis(np.hypot(down, right), 0, -1).astype(np.float32)
+    columns, _ = basis(np.arange(width) + 0.5, width)
+    rows, _ = basis(np.arange(height) + 0.5, height)
+    chief_mm = evaluated(white.chief, rows, columns)
+    footprint_mm = np.hypot(white.down_mm, white.right_mm)
+    footprint_mm = np.moveaxis(footprint_mm, 0, -1).astype(np.float32)
     across, upright = (
         Steps(size, nodes)
         for size, nodes in zip(frame.size_px, FIELD_NODES, strict=True)
@@ -252,7 +263,7 @@ def _render(chart, pictures, chief, open_chart, frame) -> Float[np.ndarray, "h w
     for one in pictures:
         coarse = np.stack(
             [
-                *evaluated(one.maps - chief, upright.basis, across.basis),
+                *evaluated(one.maps - white.chief, upright.basis, across.basis),
                 upright.hats @ (one.share * one.opening) @ across.hats.T,
             ]
         )
@@ -266,4 +277,4 @@ def _render(chart, pictures, chief, open_chart, frame) -> Float[np.ndarray, "h w
             picture[band] += share * seen
             weight[band] += share
     # Single precision may leave the dark a hair below zero.
-    return np.maximum(_open_light(chief, open_chart, frame) * picture / weight, 0.0)
+    return np.maximum(white.light * picture / weight, 0.0)

@@ -126,7 +126,7 @@ def take(
 
 
 def _taken(lens: SetLens, camera: Camera, shot: Shot, seed: int) -> Taken:
-    """The light of its chart."""
+    """Its chart through the lens, bright where a dark one is black."""
     bands = camera_bands(camera.wavelengths)
     if shot.from_maps and shot.chart.kind == "dot-grid":
         image, dots = expose_dots_from_maps(

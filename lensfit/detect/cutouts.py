@@ -86,14 +86,17 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
     corner = align * np.round(corner).astype(int)
     cells = _cells(pixels, own, photograph.saturation, corner, cell)
     nearest = _nearest_is_own(marks.points_px, chosen, corner, cell)
-    cells = cells._replace(measured=cells.measured & (cells.inside & nearest)[:, None])
+    light, clipped = cells.light, cells.clipped
+    usable = cells.measured & (cells.inside & nearest)[:, None]
     if not marks.bright:
-        cells, pixels = _turned_about(cells), -pixels
+        usable = usable & ~clipped
+        light, clipped = _light_taken(light, usable), np.zeros_like(clipped)
+        pixels = -pixels
     return Cutouts(
         marks=chosen,
-        light=cells.light,
-        valid=cells.measured,
-        clipped=cells.clipped,
+        light=light,
+        valid=usable,
+        clipped=clipped,
         corner_px=corner,
         offset_px=_offset_px(own, cell),
         cell_px=cell,
@@ -156,18 +159,12 @@ def _cells(
     return _Cells(light, clipped, measured, inside)
 
 
-def _turned_about(cells: _Cells) -> _Cells:
-    """Of dark dots, the light that they take; what is not known takes none."""
-    usable = cells.measured & ~cells.clipped
-    around = np.where(usable, cells.light, np.nan)
+def _light_taken(light: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """By dark dots from what surrounds them; what is not known takes none."""
     nothing = ~usable.any((2, 3), keepdims=True)
-    around = np.nanquantile(np.where(nothing, 0.0, around), _AROUND, (2, 3))
-    light = np.where(usable, around[..., None, None] - cells.light, 0.0)
-    return cells._replace(
-        light=light.astype(np.float32),
-        clipped=np.zeros_like(cells.clipped),
-        measured=usable,
-    )
+    known = np.where(nothing, 0.0, np.where(usable, light, np.nan))
+    around = np.nanquantile(known, _AROUND, (2, 3), keepdims=True)
+    return np.where(usable, around - light, 0.0).astype(np.float32)
 
 
 def _offset_px(own: np.ndarray | None, cell: int) -> np.ndarray:

@@ -1,10 +1,10 @@
 """The wavefront of every focal length, from the dots of all its focus states.
 
 Bright dots of known size show it, by their rims where they are wider than the blur.
-Dark ones are left out: fitted to the negatives of photographs of a traced lens, its
-blur was four times as far off. Wide dots take several times as long as small holes, and
-tell little from one setting alone: they are fitted where there are no small holes, and
-where the lens was photographed at two f-numbers or two focus distances.
+Dark ones are left out: fitted to those of a traced lens, its blur was twice as far off
+as from bright ones of the same size. Wide dots take longer than small holes, and tell
+little from one setting alone: they are fitted where there are no small holes, and where
+the lens was photographed at two f-numbers or two focus distances.
 """
 
 from collections.abc import Collection

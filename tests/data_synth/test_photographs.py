@@ -15,10 +15,10 @@ from data_synth.frame import Frame
 from data_synth.irradiance import plane_irradiance
 from data_synth.lens import set_lens
 from data_synth.make_demo import FOLDER, make_demo
-from data_synth.patterns import expose_pattern
+from data_synth.patterns import expose_pattern, expose_white
 from data_synth.prescription import load_prescription
 from data_synth.sensor import MOSAIC, Sensor, demosaiced, digitise, srgb_codes
-from data_synth.shoot import Camera, Shot, field_table, write_shoot
+from data_synth.shoot import Camera, Shot, field_table, shoot_toml, take, write_shoot
 from data_synth.surfaces import Surface
 from data_synth.trace import Stop
 from lensfit.mosaic import photosites
@@ -256,3 +256,34 @@ def test_the_bundled_demo_is_what_its_command_makes(tmp_path):
     make_demo(tmp_path)
     for name in ("dots.exr", "dots_tilted.png", "lines.jpg", "shoot.toml"):
         assert (tmp_path / name).read_bytes() == (FOLDER / name).read_bytes(), name
+
+
+def test_a_chart_that_is_white_all_over_is_one_of_lines_that_touch(lens):
+    pose = Pose(DISTANCE_MM, tilt_deg=8.0, pan_deg=-5.0)
+    lines = Chart("line-grid", pitch_mm=100.0, mark_mm=100.0)
+    touching, _ = expose_pattern(lens, lines, pose, FRAME, camera_bands())
+    white = expose_white(lens, pose, FRAME, camera_bands())
+    np.testing.assert_allclose(touching, white, rtol=1e-6)
+
+
+def test_dark_dots_take_the_light_that_bright_ones_send():
+    bright = Chart("dot-grid", pitch_mm=220.0, mark_mm=48.0)
+    dark = dataclasses.replace(bright, dark=True)
+    prescription, camera = load_prescription("nikkor_28"), Camera(FRAME, Sensor())
+    shots = [
+        Shot("dots", chart, Pose(DISTANCE_MM), 4.0, DISTANCE_MM, from_maps=True)
+        for chart in (bright, dark)
+    ]
+    (lens, of_bright), (_, of_dark) = (take(prescription, camera, s) for s in shots)
+    white = expose_white(lens, Pose(DISTANCE_MM), FRAME, camera_bands())
+    # Rims near the frame's edge are drawn up to this much too bright.
+    np.testing.assert_allclose(of_dark.image + of_bright.image, white, rtol=0.05)
+    truth = of_dark.dots
+    for dot in inner(truth):
+        taken, mean_px = window(white - of_dark.image, truth.chief_px[1, dot])
+        np.testing.assert_allclose(taken, truth.flux[:, dot], rtol=0.01)
+        assert np.abs(mean_px - truth.centroid_px[:, dot]).max() < 0.02
+        column, row = truth.chief_px[1, dot].astype(int)
+        assert of_dark.image[row, column].max() < 0.02 * white[row, column].min()
+    said = tomllib.loads(shoot_toml(prescription, camera, shots[1:]))
+    assert said["target"][0]["polarity"] == "dark"

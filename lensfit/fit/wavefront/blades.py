@@ -51,7 +51,7 @@ def with_blades(stage: Stage, share: float = CLEARLY) -> Stage:
         corner_mm=stage.corner_mm[rows],
         weight=stage.weight[rows],
     )
-    some = freed(smoothed_by(_SMOOTHING, some), deviation)
+    some = freed(smoothed_by(some, _SMOOTHING), deviation)
     turned = [best_of(_turned(some, count, rotation)) for count in COUNTS]
     turned.sort(key=chi_squared)
     best = best_of([solved(trial, 6) for trial in turned[:_FINALISTS]])

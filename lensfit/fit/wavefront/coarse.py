@@ -122,7 +122,7 @@ def coarse_fit(
         lens = set_focus(perfect, layout, focus, sine)
         # What is not free here stays as a perfect lens has it.
         parameters = np.where(deviation > 0, lens, perfect)
-        stage = smoothed_by(_SMOOTHING, first_stage(some, layout, parameters))
+        stage = smoothed_by(first_stage(some, layout, parameters), _SMOOTHING)
         # Most starts lead nowhere: one look where the dots lie is enough for them.
         tries.append(valley_at(solved(settled(freed(stage, deviation), 1))))
     valleys, others = _finalists(tries, gathered, side_stated)

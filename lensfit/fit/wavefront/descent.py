@@ -53,7 +53,7 @@ passes ended too early on most hard cases."""
 
 def middle_fit(coarse: Stage, families: tuple[Family, ...]) -> Stage:
     """Fifth order on less smoothed dots."""
-    stage = smoothed_by(_MIDDLE_SMOOTHING, coarse)
+    stage = smoothed_by(coarse, _MIDDLE_SMOOTHING)
     stage = freed(stage, deviation_of(families, stage.layout, MIDDLE))
     return solved(solved(stage))
 
@@ -67,8 +67,8 @@ def fine_fit(stage: Stage, families: tuple[Family, ...], rounds: int) -> Stage:
     rounds : Of weights found anew.
     """
     stage = freed(stage, deviation_of(families, stage.layout, FINE))
-    eased = solved(settled(smoothed_by(_FINE_SMOOTHING, stage)))
-    on_pixels = [settled(smoothed_by(0.0, start)) for start in (stage, eased)]
+    eased = solved(settled(smoothed_by(stage, _FINE_SMOOTHING)))
+    on_pixels = [settled(smoothed_by(start, 0.0)) for start in (stage, eased)]
     stage = best_of([solved(start) for start in on_pixels])
     stage = solved(with_blades(stage, EVIDENTLY))
     if not stage.blades:

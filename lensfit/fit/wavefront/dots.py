@@ -17,7 +17,7 @@ Numbers = Any
 
 
 class Broad(NamedTuple):
-    """Dots too wide for places of rays, which are drawn as discs (`raster`).
+    """Dots too wide for places of rays, which are drawn as discs (`waves`).
 
     Attributes
     ----------

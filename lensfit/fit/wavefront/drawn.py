@@ -18,10 +18,10 @@ from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.normal import as_float32
 from lensfit.fit.wavefront.parameters import Layout, Scale
-from lensfit.fit.wavefront.raster import raster_of
 from lensfit.fit.wavefront.rays import spot_seen
 from lensfit.fit.wavefront.shapes import Colour
 from lensfit.fit.wavefront.stages import Stage, with_iris
+from lensfit.fit.wavefront.waves import basis_of
 from lensfit.kernel.pixels import diffraction_variance_mm2, image_of
 
 _BATCH = 512
@@ -80,9 +80,9 @@ def _images(
         def channel(chromatic: Array, lateral_mm: Array, corner_mm: Array) -> Array:
             colour = Colour(chromatic, lateral_mm)
             spot, _ = spot_seen(parameters, dot, colour, layout, scale, points)
-            raster = raster_of(corner_mm, dot.cell_mm, cells, transfer)
-            profile = raster.profile(spot, dot.variance_mm2)
-            return raster.shown(image_of(spot, profile))
+            basis = basis_of(corner_mm, dot.cell_mm, cells, transfer)
+            profile = basis.profile(spot, dot.variance_mm2)
+            return basis.seen(image_of(spot, profile))
 
         return jax.vmap(channel)(chromatic, dot.lateral_mm, corners_mm)
 

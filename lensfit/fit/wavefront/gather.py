@@ -14,7 +14,6 @@ from lensfit.fit.wavefront.beside import own_cells
 from lensfit.fit.wavefront.dots import Broad, Dots
 from lensfit.fit.wavefront.known_dots import Reference, dots_of
 from lensfit.fit.wavefront.parameters import Scale
-from lensfit.fit.wavefront.raster import transfers_of
 from lensfit.fit.wavefront.shown import (
     LARGEST_PLACED_CELLS,
     Shown,
@@ -24,6 +23,7 @@ from lensfit.fit.wavefront.shown import (
     hole_cells,
     usable_cells,
 )
+from lensfit.fit.wavefront.waves import transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
 
@@ -78,7 +78,7 @@ class Gathered:
 
     @cached_property
     def transfer(self) -> Complex[np.ndarray, "dots down right"] | None:
-        """What the discs of broad dots make of an image (`raster`); None of others."""
+        """What the discs of broad dots make of an image (`waves`); None of others."""
         if self.dots.broad is None:
             return None
         return transfers_of(self.dots.broad, self.dots.cell_mm, self.light.shape[-1])

@@ -63,7 +63,7 @@ def hole_of(
 
 
 def no_hole(hole_mm: Float[np.ndarray, "dots 2 2"]) -> Hole:
-    """Of a broad dot, which is drawn otherwise (`raster`).
+    """Of a broad dot, which is drawn otherwise (`waves`).
 
     Parameters
     ----------

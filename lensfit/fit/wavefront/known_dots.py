@@ -71,7 +71,7 @@ def dots_of(
 
     Parameters
     ----------
-    broad : Whether dots are discs (`raster`) rather than places of rays (`hole`).
+    broad : Whether dots are discs (`waves`) rather than places of rays (`hole`).
     """
     adjustment, marks = shown.geometry.adjustment, shown.cutouts.marks
     count = len(marks)

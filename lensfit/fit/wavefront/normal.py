@@ -16,9 +16,9 @@ from lensfit.fit.cores import DEALT, SHARED, on_every_core, summed_over_cores
 from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.patch import Patch, equations_of
-from lensfit.fit.wavefront.raster import WAVES
 from lensfit.fit.wavefront.rays import rays_of, spot_seen
 from lensfit.fit.wavefront.shapes import Colour, spread_of
+from lensfit.fit.wavefront.waves import WAVES
 
 FOLDS = 32
 """Two for each of up to sixteen takes; more takes share them."""
@@ -32,7 +32,7 @@ class Points(NamedTuple):
     image : For the light on the cells, and the gradient: 768 are 1 to 4 % wrong, 1536
         half of that.
     design : For the matrix, which only leads the way.
-    waves : That broad dots are drawn as, along half an axis (`raster`).
+    waves : That broad dots are drawn in (`waves`).
     """
 
     image: int = 768
@@ -81,7 +81,7 @@ class Model(NamedTuple):
     Attributes
     ----------
     chromatic : Chromatic coordinates of the wavelengths of each channel.
-    transfer : Of broad dots (`raster`); None for others.
+    transfer : Of broad dots (`waves`); None for others.
     smoothing : Variance by which model and photograph were both smoothed, cells.
     count : Dots in use, of each core's share; the rest of it is padding.
     """

@@ -16,8 +16,9 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Complex, Float
 
-from lensfit.fit.wavefront.raster import LEADING, WAVES, Raster, raster_of
+from lensfit.fit.wavefront.basis import Basis
 from lensfit.fit.wavefront.rays import Rays
+from lensfit.fit.wavefront.waves import LEADING, WAVES, basis_of
 from lensfit.kernel.pixels import Profile, image_of
 from lensfit.kernel.spot import Spot
 
@@ -63,12 +64,15 @@ def equations_of(
     few : What the matrix is made of: it only leads the way.
     variance_mm2 : As for `profile_of`.
     transfer : Of a broad dot's disc and of those beside it.
-    waves : As for `raster_of`; the matrix is made of fewer.
+    waves : As for `basis_of`; the matrix is made of fewer.
     """
-    patch = partial(raster_of, corner_mm, cell_mm, light.shape[0], transfer)
-    raster, lean = patch(waves), patch(min(waves, LEADING))
-    profile = raster.profile(spot, variance_mm2)
-    nuisance_design = _nuisance_design(spot, profile, raster)
+    patch = partial(basis_of, corner_mm, cell_mm, light.shape[0], transfer)
+    basis, lean = patch(waves), patch(min(waves, LEADING))
+    profile = basis.profile(spot, variance_mm2)
+    nuisance_design = _nuisance_design(spot, profile, basis)
+    if transfer is not None:
+        slopes = _slopes(basis.cells, nuisance_design.dtype)
+        nuisance_design = jnp.concatenate([nuisance_design, slopes], -1)
     design = _design(few, lean.profile(few.spot, variance_mm2), lean)
     target, w = light.reshape(-1), weight.reshape(-1)
     inner = nuisance_design.T @ (w[:, None] * nuisance_design)
@@ -83,51 +87,48 @@ def equations_of(
     return Patch(
         matrix,
         jnp.sum(w * residual**2),
-        _pulled(spot, profile, -raster.traced_back(pull)),
+        _pulled(spot, profile, -basis.traced_back(pull)),
         jnp.concatenate([nuisance[:2], nuisance[2:4] / bright]),
         residual,
     )
 
 
-def _nuisance_design(spot: Spot, profile: Profile, raster: Raster) -> Array:
-    """d light / d brightness, background, both shifts and, of broad dots, both slopes
-    of the background: (cells^2, 4 or 6)."""
+def _nuisance_design(spot: Spot, profile: Profile, basis: Basis) -> Array:
+    """d light / d brightness, background and both shifts: (cells^2, 4)."""
     drawn = jnp.stack([image_of(spot, profile), *_shifted(spot, profile)])
-    image, across, down = raster.shown(drawn).reshape(3, -1)
-    even = jnp.ones_like(image)
-    slopes = () if raster.transfer is None else _slopes(raster.cells, image.dtype)
-    return jnp.stack([image, even, across, down, *slopes], -1)
+    image, across, down = basis.seen(drawn).reshape(3, -1)
+    return jnp.stack([image, jnp.ones_like(image), across, down], -1)
 
 
-def _slopes(cells: int, dtype: DTypeLike) -> tuple[Array, Array]:
-    """From -1 to 1 to the right and down, of every cell."""
+def _slopes(cells: int, dtype: DTypeLike) -> Float[Array, "cells2 2"]:
+    """d light / d slope of the background, from edge to edge to the right and down."""
     along = jnp.linspace(-1, 1, cells, dtype=dtype)
-    return jnp.tile(along, cells), jnp.repeat(along, cells)
+    return jnp.stack([jnp.tile(along, cells), jnp.repeat(along, cells)], -1)
 
 
 def _design(
-    rays: Rays, profile: Profile, raster: Raster
+    rays: Rays, profile: Profile, basis: Basis
 ) -> Float[Array, "cells2 shapes"]:
     """d image / d shape, for a brightness of 1."""
     weight = rays.spot.weight[None]
     # Three products: one of arrays put together takes twice as long.
-    across = _on_cells(profile.rows, profile.columns_moved * weight)
-    down = _on_cells(profile.rows_moved, profile.columns * weight)
-    light = _on_cells(profile.rows, profile.columns)
+    across = _products(profile.rows, profile.columns_moved * weight)
+    down = _products(profile.rows_moved, profile.columns * weight)
+    light = _products(profile.rows, profile.columns)
     moved = across @ rays.moved_mm[:, 0].T + down @ rays.moved_mm[:, 1].T
     of_others = moved.shape[1] - len(rays.brightened)
     drawn = moved + jnp.pad(light @ rays.brightened.T, ((0, 0), (of_others, 0)))
-    shapes = drawn.T.reshape(-1, raster.drawn, raster.drawn)
-    return raster.shown(shapes).reshape(len(shapes), -1).T
+    shapes = drawn.T.reshape(-1, basis.size, basis.size)
+    return basis.seen(shapes).reshape(len(shapes), -1).T
 
 
-def _on_cells(rows: Array, columns: Array) -> Float[Array, "cells2 rays"]:
-    """Every ray on every cell."""
+def _products(rows: Array, columns: Array) -> Float[Array, "size2 rays"]:
+    """What every ray is in every pair of functions."""
     return (rows[:, None] * columns[None]).reshape(-1, rows.shape[-1])
 
 
-def _pulled(spot: Spot, profile: Profile, pull: Float[Array, "drawn drawn"]) -> Spot:
-    """Sum over the cells of `pull` times d image / d spot."""
+def _pulled(spot: Spot, profile: Profile, pull: Float[Array, "size size"]) -> Spot:
+    """Sum of `pull` times d drawn / d spot."""
     light = pull @ profile.columns
     across = jnp.sum(profile.rows * (pull @ profile.columns_moved), 0)
     down = jnp.sum(profile.rows_moved * light, 0)

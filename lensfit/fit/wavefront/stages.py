@@ -19,8 +19,8 @@ from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.gather import WIDE_OPEN, Gathered
 from lensfit.fit.wavefront.normal import DEFAULT_POINTS, FOLDS, Equations, Model, Points
 from lensfit.fit.wavefront.parameters import Layout
-from lensfit.fit.wavefront.raster import waves_told
 from lensfit.fit.wavefront.solve import Solution, solve
+from lensfit.fit.wavefront.waves import waves_left
 from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights, weights_after
 
 COARSE_SHARE = 0.05
@@ -108,12 +108,12 @@ def first_stage(gathered: Gathered, layout: Layout, parameters: np.ndarray) -> S
     )
 
 
-def smoothed_by(cells: float, stage: Stage) -> Stage:
+def smoothed_by(stage: Stage, cells: float) -> Stage:
     """The same with photograph and model smoothed by a Gaussian; of broad dots no more
-    is drawn than that shows."""
+    is drawn than that leaves."""
     points = DEFAULT_POINTS
     if stage.gathered.dots.broad is not None and cells:
-        waves = waves_told(cells, stage.gathered.light.shape[-1])
+        waves = waves_left(cells, stage.gathered.light.shape[-1])
         points = Points(image=_BROAD_RAYS, waves=waves)
     return replace(stage, smoothing=cells, points=points)
 

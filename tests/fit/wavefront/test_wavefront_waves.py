@@ -8,9 +8,9 @@ from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 
 from lensfit.fit.wavefront.dots import Broad
 from lensfit.fit.wavefront.patch import equations_of
-from lensfit.fit.wavefront.raster import WAVES, raster_of, transfers_of, waves_told
 from lensfit.fit.wavefront.rays import rays_of, spot_seen
 from lensfit.fit.wavefront.shapes import Colour
+from lensfit.fit.wavefront.waves import WAVES, basis_of, transfers_of, waves_left
 from lensfit.kernel.pixels import image_of
 from lensfit.kernel.spot import Spot
 
@@ -38,9 +38,9 @@ def spot_through(defocus_mm, dot):
 def image(defocus_mm, disc_mm, waves=WAVES, beside_mm=NOBODY):
     dot, transfer = dot_of(disc_mm, beside_mm)
     _, (spot, _) = spot_through(defocus_mm, dot)
-    raster = raster_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, waves)
-    profile = raster.profile(spot, VARIANCE_MM2)
-    return np.asarray(raster.shown(image_of(spot, profile)))
+    basis = basis_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, waves)
+    profile = basis.profile(spot, VARIANCE_MM2)
+    return np.asarray(basis.seen(image_of(spot, profile)))
 
 
 def counted(defocus_mm, disc_mm, at_mm=(0.0, 0.0), rays=4_000_000):
@@ -124,9 +124,9 @@ def smoothed_image(waves, cells, defocus_mm, disc_mm, beside_mm):
     """As the first stages of a fit smooth it."""
     dot, transfer = dot_of(disc_mm, beside_mm)
     _, (spot, _) = spot_through(defocus_mm, dot)
-    raster = raster_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, waves)
-    profile = raster.profile(spot, jnp.full(2, (cells * PIXEL_MM) ** 2))
-    return np.asarray(raster.shown(image_of(spot, profile)))
+    basis = basis_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, waves)
+    profile = basis.profile(spot, jnp.full(2, (cells * PIXEL_MM) ** 2))
+    return np.asarray(basis.seen(image_of(spot, profile)))
 
 
 @pytest.mark.parametrize("radius_cells", [1.0, 4.0])
@@ -135,28 +135,28 @@ def smoothed_image(waves, cells, defocus_mm, disc_mm, beside_mm):
 def test_few_waves_do_for_smoothed_images(cells, radius_cells, defocus_mm):
     disc = radius_cells * PIXEL_MM * np.eye(2)
     beside = np.concatenate([[[13 * PIXEL_MM, -2 * PIXEL_MM]], NOBODY[1:]])
-    few = waves_told(cells, CELLS)
+    few = waves_left(cells, CELLS)
     assert few < WAVES
-    all_of_them, told = (
+    all_of_them, left = (
         smoothed_image(n, cells, defocus_mm, disc, beside) for n in (WAVES, few)
     )
-    error = np.linalg.norm(told - all_of_them)
+    error = np.linalg.norm(left - all_of_them)
     assert error < 2e-3 * np.linalg.norm(all_of_them)
 
 
 def test_what_is_not_smoothed_has_all_waves():
-    assert waves_told(0.0, CELLS) == WAVES
+    assert waves_left(0.0, CELLS) == WAVES
 
 
 @pytest.mark.parametrize("waves", [WAVES, 9])
-def test_what_is_traced_back_is_what_the_patch_shows_turned_about(waves):
-    """Of a linear map: <pull, shown(drawn)> = <traced_back(pull), drawn>."""
+def test_what_is_traced_back_is_the_transpose_of_what_is_seen(waves):
+    """Of a linear map: <pull, seen(drawn)> = <traced_back(pull), drawn>."""
     disc = 3 * PIXEL_MM * np.eye(2)
     dot, transfer = dot_of(disc, np.concatenate([[[0.11, 0.02]], NOBODY[1:]]))
-    raster = raster_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, waves)
+    basis = basis_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, waves)
     rng = np.random.default_rng(7)
-    drawn = jnp.asarray(rng.normal(size=(raster.drawn,) * 2))
+    drawn = jnp.asarray(rng.normal(size=(basis.size,) * 2))
     pull = jnp.asarray(rng.normal(size=(CELLS, CELLS)))
-    forth = jnp.sum(pull * raster.shown(drawn))
-    back = jnp.sum(raster.traced_back(pull) * drawn)
+    forth = jnp.sum(pull * basis.seen(drawn))
+    back = jnp.sum(basis.traced_back(pull) * drawn)
     np.testing.assert_allclose(forth, back, rtol=1e-5)
