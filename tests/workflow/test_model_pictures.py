@@ -1,5 +1,6 @@
 """The model's picture of a photograph: areas, places and levels that can be told."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -183,3 +184,20 @@ def test_a_photograph_is_reduced_by_area_whatever_it_holds():
     black = small_of(Photograph(np.zeros((8, 6, 1), np.float32), Path("b.exr"), ""))
     assert black.light.shape == (8, 6)
     assert not black.light.any()
+
+
+def test_a_broad_dot_has_a_rim_and_keeps_its_light():
+    """A point of light through an oval: even inside, nothing outside."""
+    oval = np.array([[9.0, 1.0], [0.5, 6.0]])
+    dot = replace(light_of(0.0, (40.2, 29.6), 0.1), disc_px=oval)
+    drawn = drawn_light(dot, (SHAPE[1], SHAPE[0]))
+    assert drawn.sum() == pytest.approx(2.5, rel=1e-5)
+    np.testing.assert_allclose(centroid(drawn), (40.2, 29.6), atol=0.5)
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] + 0.5
+    away = np.stack([x - 40.2, y - 29.6], -1) @ np.linalg.inv(oval).T
+    reach = np.hypot(*np.moveaxis(away, -1, 0))
+    even = 2.5 / (np.pi * np.linalg.det(oval))
+    np.testing.assert_allclose(drawn[reach < 0.8], even, rtol=0.03)
+    assert drawn[reach > 1.25].max() < 0.01 * even
+    coarse = drawn_light(dot, (SHAPE[1], SHAPE[0]), 2)
+    assert np.abs(coarse - drawn.reshape(30, 2, 40, 2).sum((1, 3))).max() < 4 * even

@@ -3,8 +3,9 @@
 Few rays are traced; between them landing points are interpolated (a polynomial along
 each spoke of the opening, straight lines from spoke to spoke) and dealt to the pixels
 they fall on. Rings are set off from spoke to spoke and wavelength to wavelength, so
-that none shows. Hole and diffraction soften all dots of a photograph alike, by one
-Gaussian: of the picture, or where that is too narrow every ray is set off by a step.
+that none shows. Hole and diffraction soften all dots of a photograph alike: a small
+hole by a Gaussian, of the picture, or where that is too narrow every ray is set off by
+a step; a broad dot by a disc, with a rim.
 """
 
 from dataclasses import dataclass, replace
@@ -15,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from lensfit.fit.wavefront.portray import RINGS, Landings
+from lensfit.workflow.pictures.chart_shapes import discs
 
 _FINE_RINGS, _BETWEEN = 12, 3
 """Interpolated rings of equal area; spokes for each that was traced."""
@@ -36,7 +38,8 @@ class DotLight:
     chief_rays_px : Where each dot's chief ray lands.
     brightness : Light of each dot, in any unit.
     pixel_mm : Width and height of a pixel.
-    sigma_px : Of the Gaussian that stands for hole and diffraction.
+    sigma_px : Of the Gaussian that stands for diffraction, and for a small hole.
+    disc_px : From the unit disc to the image of a broad dot; None for small holes.
     """
 
     landings: Landings
@@ -44,6 +47,7 @@ class DotLight:
     brightness: Float[np.ndarray, " dots"]
     pixel_mm: Float[np.ndarray, "2"]
     sigma_px: float
+    disc_px: Float[np.ndarray, "2 2"] | None = None
 
 
 def drawn_light(
@@ -74,19 +78,31 @@ def drawn_light(
         share = np.broadcast_to(each[:, None, :, None], x.shape)[inside]
         light += np.bincount(at, share, minlength=light.size)
     picture = light.reshape(height, width).astype(np.float32)
-    if not soft:
+    if soft:
+        sigma = float(np.hypot(dots.sigma_px, uneven))
+        picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma))
+    if dots.disc_px is None:
         return picture
-    sigma = float(np.hypot(dots.sigma_px, uneven))
-    return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma))
+    disc = _disc(dots.disc_px)
+    return np.asarray(cv2.filter2D(picture, -1, disc, borderType=cv2.BORDER_CONSTANT))
+
+
+def _disc(disc_px: Float[np.ndarray, "2 2"]) -> Float32[np.ndarray, "side side"]:
+    """In the middle of an odd number of pixels; sums to 1."""
+    side = 2 * int(np.ceil(np.abs(disc_px).sum(-1).max())) + 3
+    drawn = discs(np.full((1, 2), side / 2), disc_px[None], (side, side))
+    return drawn / drawn.sum()
 
 
 def _reduced(dots: DotLight, scale: tuple[float, float]) -> DotLight:
     """The same dots on pixels so many times as many."""
+    disc_px = dots.disc_px
     return replace(
         dots,
         chief_rays_px=dots.chief_rays_px * np.array(scale),
         pixel_mm=dots.pixel_mm / np.array(scale),
         sigma_px=dots.sigma_px * float(np.sqrt(scale[0] * scale[1])),
+        disc_px=None if disc_px is None else disc_px * np.array(scale)[:, None],
     )
 
 

@@ -76,6 +76,10 @@ def _with_light(
     """The photographs whose dots show the blur, with the light of these."""
     gathered = wavefront.gathered
     landings = portrayed(wavefront.stage, gathered)
+    dots, broad = gathered.dots, gathered.dots.broad
+    gaussian_mm2 = hole_variance_mm2(dots)
+    if broad is not None:
+        gaussian_mm2 = dots.variance_mm2.mean(-1)
     with_light = {}
     for k, shown in enumerate(gathered.shown):
         predicted = found.get(shown.take.name)
@@ -83,7 +87,7 @@ def _with_light(
             continue
         mine, marks = gathered.take == k, shown.cutouts.marks
         size_mm = shown.take.pixel_mm
-        variance_mm2 = float(np.median(hole_variance_mm2(gathered.dots)[mine]))
+        variance_mm2 = float(np.median(gaussian_mm2[mine]))
         light = DotLight(
             landings=Landings(*(part[mine] for part in landings)),
             chief_rays_px=predicted.chief_rays_px[marks],
@@ -91,6 +95,9 @@ def _with_light(
             brightness=np.abs(np.linalg.det(predicted.stretch_px[marks])),
             pixel_mm=size_mm,
             sigma_px=float(np.sqrt(variance_mm2 / np.prod(size_mm))),
+            disc_px=None
+            if broad is None
+            else np.median(broad.disc_mm[mine], 0) / size_mm[:, None],
         )
         with_light[shown.take.name] = replace(predicted, light=light)
     return with_light
