@@ -1,11 +1,13 @@
 """Makes the bundled demo: `python -m data_synth.make_demo [FOLDER]`.
 
-Three photographs by a retrofocus 28 mm with barrel distortion, lateral colour and
-fall-off: dots straight on (EXR), the same dots tilted (8-bit sRGB PNG) so that the
-focal length is determined, and a line grid (JPEG); and one CG plate to put the lens on.
+Six photographs by a retrofocus 28 mm with barrel distortion, lateral colour, fall-off
+and coma: small holes lit from behind, in focus (EXR), focused nearer and farther, two
+stops down, and tilted so that the focal length is determined (8-bit sRGB PNG); and a
+line grid (JPEG). And one CG plate to put the lens on.
 """
 
 import sys
+from functools import partial
 from pathlib import Path
 
 from data_synth.chart import Chart, Pose
@@ -16,27 +18,33 @@ from data_synth.sensor import Sensor
 from data_synth.shoot import Camera, Shot, write_shoot
 
 FOLDER = Path(__file__).parent / "demo"
-DOTS = Chart("dot-grid", pitch_mm=55.0, mark_mm=4.0)
+DOTS = Chart("dot-grid", pitch_mm=55.0, mark_mm=2.0)
 LINES = Chart("line-grid", pitch_mm=80.0, mark_mm=3.5)
+WIDE, STOPPED = 4.0, 8.0
+FOCUS_MM, NEAR_MM, FAR_MM = 1500.0, 900.0, 4500.0
+SQUARE = Pose(FOCUS_MM)
+TILTED = Pose(
+    1540.0, tilt_deg=14.0, pan_deg=-19.0, roll_deg=3.0, shift_mm=(25.0, -15.0)
+)
+OF_DOTS = partial(Shot, chart=DOTS, brightest=0.85, form="png")
 SHOTS = [
-    Shot("dots", DOTS, Pose(1500.0), 4.0, 1500.0, form="exr"),
-    Shot(
+    OF_DOTS("dots", pose=SQUARE, f_number=WIDE, focus_distance_mm=FOCUS_MM, form="exr"),
+    OF_DOTS("dots_near", pose=SQUARE, f_number=WIDE, focus_distance_mm=NEAR_MM),
+    OF_DOTS("dots_far", pose=SQUARE, f_number=WIDE, focus_distance_mm=FAR_MM),
+    OF_DOTS("dots_stopped", pose=SQUARE, f_number=STOPPED, focus_distance_mm=NEAR_MM),
+    OF_DOTS(
         "dots_tilted",
-        DOTS,
-        Pose(
-            1540.0, tilt_deg=14.0, pan_deg=-19.0, roll_deg=3.0, shift_mm=(25.0, -15.0)
-        ),
-        4.0,
-        1500.0,
-        form="png",
+        pose=TILTED,
+        f_number=WIDE,
+        focus_distance_mm=FOCUS_MM,
         says_distance=False,
     ),
     Shot(
         "lines",
         LINES,
-        Pose(1500.0, roll_deg=0.6, shift_mm=(11.0, 7.0)),
-        4.0,
-        1500.0,
+        Pose(FOCUS_MM, roll_deg=0.6, shift_mm=(11.0, 7.0)),
+        WIDE,
+        FOCUS_MM,
         form="jpg",
     ),
 ]

@@ -24,6 +24,11 @@ from lensfit.preset.schema import LensName
 from lensfit.preset.store import load_preset, save_preset
 
 DEMO = Path(str(files("data_synth") / "demo"))
+PHOTOGRAPHS = [
+    *sorted(DEMO.glob("dots*.exr")),
+    *sorted(DEMO.glob("dots*.png")),
+    DEMO / "lines.jpg",
+]
 TINY = Path(__file__).parent / "cli" / "tiny_preset.json"
 
 
@@ -64,8 +69,8 @@ def calibrated(tmp_path: Path) -> Path:
 def test_on_set(tmp_path: Path):
     grids = tmp_path / "grids"
     grids.mkdir()
-    for name in ("dots.exr", "dots_tilted.png", "lines.jpg"):
-        shutil.copy(DEMO / name, grids)
+    for photograph in PHOTOGRAPHS:
+        shutil.copy(photograph, grids)
     chart, draft, check, calibrate, report = recipe("On set: measure a lens")
     run(chart, tmp_path)
     assert (tmp_path / "dots.pdf").read_bytes().startswith(b"%PDF")
@@ -77,7 +82,7 @@ def test_on_set(tmp_path: Path):
     made = tmp_path / "takumar_50"
     assert load_preset(made / "preset.json").entries
     assert (made / "report.html").is_file()
-    assert len(list((made / "stmaps").glob("*.exr"))) == 2
+    assert len(list((made / "stmaps").glob("*.exr"))) == 6
     assert "px rms" in run(report, tmp_path)
 
 
@@ -103,13 +108,13 @@ def test_a_kit(tmp_path: Path):
     """Of one lens, whose folder has a shoot file of its own."""
     lens = tmp_path / "kit" / "demo_50"
     lens.mkdir(parents=True)
-    for name in ("shoot.toml", "dots.exr", "dots_tilted.png", "lines.jpg"):
-        shutil.copy(DEMO / name, lens)
+    for file in (DEMO / "shoot.toml", *PHOTOGRAPHS):
+        shutil.copy(file, lens)
     (tmp_path / "kit" / "kit.toml").write_text(KIT)
     plan, check, calibrate, submit = recipe("On set: a kit of lenses")
     assert "demo_50_v01" in run(plan, tmp_path)
     assert "☐" in (tmp_path / "takes.html").read_text(encoding="utf-8")
-    assert "3 of 3 views" in run(check, tmp_path)
+    assert "6 of 6 views" in run(check, tmp_path)
     run(calibrate, tmp_path)
     made = tmp_path / "measured"
     assert (made / "demo_50" / "report.html").is_file()

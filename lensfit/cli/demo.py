@@ -1,4 +1,4 @@
-"""`lensfit demo`: the whole job on a bundled small shoot, in about a minute."""
+"""`lensfit demo`: the whole job on a bundled small shoot, in a few minutes."""
 
 from pathlib import Path
 from typing import Annotated

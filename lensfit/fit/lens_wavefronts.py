@@ -1,10 +1,10 @@
 """The wavefront of every focal length, from the dots of all its focus states.
 
-Bright dots of known size show it, by their rims where they are wider than the blur.
-Dark ones are left out: fitted to those of a traced lens, its blur was twice as far off
-as from bright ones of the same size. Wide dots take longer than small holes, and tell
-little from one setting alone: they are fitted where there are no small holes, and where
-the lens was photographed at two f-numbers or two focus distances.
+Dots of known size show it, bright ones and dark, by their rims where they are wider
+than the blur. Dark ones lie in the noise of the paper. Broad dots take longer than
+small holes, and of one setting alone they do not tell how far coma drags them: they are
+fitted where there are no small holes, and where the lens was photographed at two
+f-numbers or two focus distances.
 """
 
 from collections.abc import Collection
@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lensfit.detect.observations import POINT
 from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.lens_state import LensState, by_focal_length
 from lensfit.fit.wavefront.effort import Effort
@@ -25,10 +24,9 @@ from lensfit.fit.wavefront.shown import (
 )
 from lensfit.progress import Progress
 
-_DARK = "dark dots do not tell it yet; photograph holes that are lit from behind"
 _TOO_LARGE = (
     "the dots themselves are too large for what was photographed: add a second "
-    "f-number or another focus distance, or photograph holes less than 1.8 pixels wide"
+    "f-number or another focus distance, or photograph dots less than 1.8 pixels wide"
 )
 
 
@@ -57,15 +55,14 @@ def fit_wavefronts(
     found = LensWavefronts({}, {}, {})
     for focal_mm, mine in by_focal_length(states).items():
         pictured = [s for state in mine for s in _shown_of(state)]
-        bright = [s for s in pictured if s.take.observations.bright]
-        shown = _telling(bright)
+        shown = _telling(pictured)
         if not shown:
-            why = _why_not(pictured, bright) or _unsaid(mine)
+            why = _TOO_LARGE if pictured else _unsaid(mine)
             if why:
                 found.without[focal_mm] = why
             continue
         kept = {s.take.name for s in shown}
-        names = [s.take.name for s in bright]
+        names = [s.take.name for s in pictured]
         found.too_wide[focal_mm] = [name for name in names if name not in kept]
         try:
             found.fitted[focal_mm] = fit_wavefront(
@@ -92,19 +89,10 @@ def _telling(pictured: list[Shown]) -> list[Shown]:
     return [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
 
 
-def _why_not(pictured: list[Shown], bright: list[Shown]) -> str:
-    """Why photographs of dots are not used, where none is."""
-    if bright:
-        return _TOO_LARGE
-    return _DARK if pictured else ""
-
-
 def _unsaid(states: list[LensState]) -> str:
-    """Why no dot's shape could be fitted, where bright dots were photographed, which
-    holes might have made; nothing else ever shows it."""
+    """Why no dot's shape could be fitted, where dots were photographed."""
     takes = [take for state in states for take in state.geometry.takes]
-    seen = [t for t in takes if t.observations.bright]
-    dots = [t for t in seen if (t.observations.family == POINT).any()]
+    dots = [t for t in takes if np.isfinite(t.observations.diameter_px).any()]
     unsaid = {
         "hole_diameter_mm": all(take.mark_diameter_mm is None for take in dots),
         "f_number": all(take.f_number is None for take in dots),
@@ -112,7 +100,7 @@ def _unsaid(states: list[LensState]) -> str:
     keys = " and ".join(key for key, missing in unsaid.items() if missing)
     if not (dots and keys):
         return ""
-    return f"state {keys} of the dots, if they are holes lit from behind"
+    return f"state {keys} of the dots"
 
 
 def _shown_of(state: LensState) -> list[Shown]:

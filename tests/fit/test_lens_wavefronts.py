@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
 from lensfit.fit import lens_wavefronts
 from lensfit.fit.lens_states import Fitted
 from lensfit.fit.lens_wavefronts import fit_wavefronts
@@ -13,8 +12,8 @@ from lensfit.fit.wavefront.effort import Effort
 from lensfit.progress import silent
 
 
-def take(name="a", *, bright=True, family=POINT, f_number=2.0, hole_mm=0.5, **more):
-    seen = SimpleNamespace(bright=bright, family=np.full(9, family))
+def take(name="a", *, bright=True, diameter_px=4.0, f_number=2.0, hole_mm=0.5, **more):
+    seen = SimpleNamespace(bright=bright, diameter_px=np.full(9, diameter_px))
     return SimpleNamespace(
         name=name,
         observations=seen,
@@ -44,8 +43,8 @@ def state(*takes):
         (take(hole_mm=None), "state hole_diameter_mm of the dots"),
         (take(f_number=None), "state f_number of the dots"),
         (take(f_number=None, hole_mm=None), "state hole_diameter_mm and f_number"),
-        (take(hole_mm=None, bright=False), None),
-        (take(hole_mm=None, family=LINE_OF_CONSTANT_I), None),
+        (take(hole_mm=None, bright=False), "state hole_diameter_mm of the dots"),
+        (take(hole_mm=None, diameter_px=np.nan), None),
     ],
 )
 def test_what_nobody_stated_of_the_dots_is_asked_for(one, said):
@@ -85,9 +84,11 @@ def test_takes_whose_dots_are_too_wide_are_named(monkeypatch):
 @pytest.mark.parametrize(
     "other", [{"f_number": 4.0}, {"focus_mm": 1500.0}], ids=["stop", "focus"]
 )
-def test_wide_dots_of_two_settings_are_fitted(other, monkeypatch):
+@pytest.mark.parametrize("bright", [True, False], ids=["bright", "dark"])
+def test_wide_dots_of_two_settings_are_fitted(bright, other, monkeypatch):
     wide_cells = {"one": 5.0, "other": 8.0}
-    takes = [take("one", cutouts=object()), take("other", cutouts=object(), **other)]
+    takes = [take("one", bright=bright, cutouts=object())]
+    takes += [take("other", bright=bright, cutouts=object(), **other)]
     found, seen = fitted_of(takes, wide_cells, monkeypatch)
     assert seen == ["one", "other"]
     assert not found.without
@@ -100,8 +101,7 @@ def test_wide_dots_of_one_setting_say_what_to_photograph(monkeypatch):
     assert "add a second f-number" in found.without[50.0]
 
 
-def test_dark_dots_are_not_taken_for_the_blur(monkeypatch):
+def test_small_dark_dots_of_one_setting_are_fitted(monkeypatch):
     takes = [take("one", bright=False, cutouts=object())]
-    found, seen = fitted_of(takes, {"one": 0.5}, monkeypatch)
-    assert not seen
-    assert found.without[50.0].startswith("dark dots")
+    _, seen = fitted_of(takes, {"one": 0.5}, monkeypatch)
+    assert seen == ["one"]

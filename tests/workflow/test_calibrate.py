@@ -2,13 +2,13 @@
 
 import json
 import shutil
-from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
+from demo_in_focus import DEMO, demo_in_focus
 
 from lensfit.coords import mm_from_px
 from lensfit.errors import DetectionError, FitError
@@ -20,26 +20,15 @@ from lensfit.workflow.calibration.entry_facts import is_of_lighting_too
 from lensfit.workflow.report.verdict import verdict
 from lensfit.workflow.shoot.file import load_shoot
 
-DEMO = Path(str(files("data_synth") / "demo"))
-
 
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory):
-    """The demo's three photographs, and one that does not exist."""
-    folder = tmp_path_factory.mktemp("shoot")
-    text = (DEMO / "shoot.toml").read_text()
-    for image in ("dots.exr", "dots_tilted.png", "lines.jpg"):
-        text = text.replace(f'"{image}"', json.dumps(str(DEMO / image)))
-    missing = """
-[[take]]
-image = "missing.jpg"
-target = "dot-grid-1"
-focal_length_mm = 28.0
-focus_distance_mm = 1500.0
-"""
-    (folder / "shoot.toml").write_text(text + missing)
-    out = folder / "out"
-    report = calibrate(load_shoot(folder / "shoot.toml"), out)
+    """The demo's three photographs in focus, and one that does not exist."""
+    shoot = demo_in_focus()
+    missing = msgspec.structs.replace(shoot.takes[0], image="missing.jpg")
+    shoot = msgspec.structs.replace(shoot, takes=(*shoot.takes, missing))
+    out = tmp_path_factory.mktemp("shoot") / "out"
+    report = calibrate(shoot, out)
     return report, out
 
 
@@ -130,11 +119,11 @@ def test_the_preset_says_how_good_it_is_over_the_whole_frame(calibrated):
         assert entry.quality.round_trip_px < 1e-6
 
 
-def test_dots_too_large_for_blur_are_the_reason_that_it_is_not_measured(calibrated):
+def test_what_nobody_said_of_the_dots_is_why_blur_is_not_measured(calibrated):
     report, _ = calibrated
     (without,) = report["blur_not_measured"]
     assert without["focal_length_mm"] == 28.0
-    assert any("the dots themselves are too large" in one for one in verdict(report))
+    assert any("state hole_diameter_mm of the dots" in one for one in verdict(report))
     assert f"28 mm was not measured: {without['reason']}" in report["notes"][-1]
 
 
@@ -175,7 +164,7 @@ def test_a_second_run_leaves_nothing_of_the_first_but_a_users_own_file(again):
     """Focused elsewhere, and of a photograph with another name."""
     (again / "stmaps" / "mine.exr").write_bytes(b"mine")
     renamed = shutil.copy(DEMO / "dots.exr", again.with_name("renamed.exr"))
-    shoot = load_shoot(DEMO / "shoot.toml")
+    shoot = demo_in_focus()
     takes = [
         msgspec.structs.replace(take, focus_distance_mm=1600.0) for take in shoot.takes
     ]
@@ -200,7 +189,7 @@ def test_a_run_that_stops_leaves_the_results_of_the_one_before(
 
     (again / "overlays" / "dots.png").write_bytes(b"of the first run")
     before = contents(again)
-    shoot = load_shoot(DEMO / "shoot.toml")
+    shoot = demo_in_focus()
     monkeypatch.setattr(job, "fit", stopped)
     with pytest.raises(type(stop)) as caught:
         calibrate(msgspec.structs.replace(shoot, takes=shoot.takes[:1]), again)

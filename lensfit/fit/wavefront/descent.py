@@ -43,7 +43,7 @@ _FINE_SMOOTHING = 0.75
 """Half of that again. A lens photographed wide open alone was led astray straight on
 full pixels, and a twentieth of the misfit was left where this came between; dots of
 less than a pixel are fitted better without. So both ways are tried."""
-_LAST_STEPS, _LAST_TOLERANCE = 12, 5e-4
+_LAST_STEPS, _LAST_TOLERANCE = 24, 5e-4
 _LAST_POINTS = Points(image=1536, design=768)
 """Shifting all rays of the pupil together, rims included, hardly changes an image. Few
 rays make that valley look steep: a fit would end on its way along it, and believe that
