@@ -108,8 +108,11 @@ def test_a_kit(tmp_path: Path):
     """Of one lens, whose folder has a shoot file of its own."""
     lens = tmp_path / "kit" / "demo_50"
     lens.mkdir(parents=True)
-    for file in (DEMO / "shoot.toml", *PHOTOGRAPHS):
-        shutil.copy(file, lens)
+    for photograph in PHOTOGRAPHS:
+        shutil.copy(photograph, lens)
+    # Of holes whose width nobody said no blur is measured, which takes a minute.
+    said = (DEMO / "shoot.toml").read_text()
+    (lens / "shoot.toml").write_text(said.replace("hole_diameter_mm = 2.0\n", ""))
     (tmp_path / "kit" / "kit.toml").write_text(KIT)
     plan, check, calibrate, submit = recipe("On set: a kit of lenses")
     assert "demo_50_v01" in run(plan, tmp_path)
