@@ -6,11 +6,11 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 
 import msgspec
 import pytest
+from bundled_shoot import DEMO, PHOTOGRAPHS, shoot_text_without_blur
 from camera_files import arri
 from documents import EVERYTHING, section
 
@@ -23,12 +23,6 @@ from lensfit.io.exr import ExrImage, read_exr, write_exr
 from lensfit.preset.schema import LensName
 from lensfit.preset.store import load_preset, save_preset
 
-DEMO = Path(str(files("data_synth") / "demo"))
-PHOTOGRAPHS = [
-    *sorted(DEMO.glob("dots*.exr")),
-    *sorted(DEMO.glob("dots*.png")),
-    DEMO / "lines.jpg",
-]
 TINY = Path(__file__).parent / "cli" / "tiny_preset.json"
 
 
@@ -110,9 +104,7 @@ def test_a_kit(tmp_path: Path):
     lens.mkdir(parents=True)
     for photograph in PHOTOGRAPHS:
         shutil.copy(photograph, lens)
-    # Of holes whose width nobody said no blur is measured, which takes a minute.
-    said = (DEMO / "shoot.toml").read_text()
-    (lens / "shoot.toml").write_text(said.replace("hole_diameter_mm = 2.0\n", ""))
+    (lens / "shoot.toml").write_text(shoot_text_without_blur())
     (tmp_path / "kit" / "kit.toml").write_text(KIT)
     plan, check, calibrate, submit = recipe("On set: a kit of lenses")
     assert "demo_50_v01" in run(plan, tmp_path)

@@ -1,10 +1,9 @@
 """The wavefront of every focal length, from the dots of all its focus states.
 
 Dots of known size show it, bright ones and dark, by their rims where they are wider
-than the blur. Dark ones lie in the noise of the paper. Broad dots take longer than
-small holes, and of one setting alone they do not tell how far coma drags them: they are
-fitted where there are no small holes, and where the lens was photographed at two
-f-numbers or two focus distances.
+than the blur. Broad dots take longer than small holes, and those of one setting do not
+tell how far coma drags a dot: they are fitted where there are no small holes, and where
+the lens was photographed at two f-numbers or two focus distances.
 """
 
 from collections.abc import Collection

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
-from demo_in_focus import DEMO, demo_in_focus
+from bundled_shoot import DEMO, demo_in_focus
 
 from lensfit.coords import mm_from_px
 from lensfit.errors import DetectionError, FitError

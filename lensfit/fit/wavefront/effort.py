@@ -4,13 +4,12 @@ import math
 from enum import Enum
 
 _USUAL_TAKES = 7
-"""Whose dots together are fitted of a lens with fewer takes too."""
+"""Of a lens. One with fewer is fitted to as many dots."""
 
 
 class Effort(Enum):
-    """Speed against error: dots of each take in the coarse and in the fine stages,
-    where there are as many takes as usual, and rounds of the fine one with weights
-    found anew between them."""
+    """Speed against error: dots of each of seven takes in the coarse and in the fine
+    stages, and rounds of the fine one with weights found anew between them."""
 
     FASTEST = (6, 6, 1)
     FAST = (6, 12, 2)
@@ -18,18 +17,17 @@ class Effort(Enum):
     BEST = (8, 48, 4)
 
     def __init__(self, coarse_dots: int, fine_dots: int, rounds: int):
-        self.coarse_dots = coarse_dots
-        self.fine_dots = fine_dots
+        self._coarse_dots = coarse_dots
+        self._fine_dots = fine_dots
         self.rounds = rounds
 
-    def of_each(self, dots: int, takes: int) -> int:
-        """Dots of each of so many takes: more where there are few takes.
+    def coarse_dots(self, takes: int) -> int:
+        """Of each of so many takes, in the coarse stages."""
+        return _of_each(self._coarse_dots, takes)
 
-        Parameters
-        ----------
-        dots : `coarse_dots` or `fine_dots`.
-        """
-        return max(dots, math.ceil(dots * _USUAL_TAKES / takes))
+    def fine_dots(self, takes: int) -> int:
+        """Of each of so many takes, in the fine stages."""
+        return _of_each(self._fine_dots, takes)
 
     @classmethod
     def named(cls, name: str) -> "Effort":
@@ -40,3 +38,8 @@ class Effort(Enum):
         KeyError : There is none of that name.
         """
         return cls[name.upper()]
+
+
+def _of_each(dots: int, takes: int) -> int:
+    """More where there are few takes."""
+    return max(dots, math.ceil(dots * _USUAL_TAKES / takes))

@@ -165,14 +165,13 @@ def fit_wavefront(
     """
     every = gather(shown, spectrum or bands(3))
     layout = _layout_of(every)
-    coarse_dots = effort.of_each(effort.coarse_dots, len(shown))
-    few = chosen(every, spread_over_takes(every, coarse_dots))
+    few = chosen(every, spread_over_takes(every, effort.coarse_dots(len(shown))))
     coarse = coarse_fit(few, layout, fall_off, allowed)
     progress("wavefront", 1, 4)
     middle = _open_after_middle(coarse, few)
     progress("wavefront", 2, 4)
-    fine_dots = effort.of_each(effort.fine_dots, len(shown))
-    fine_dots *= _BEHIND_CYLINDERS if layout.anamorphic else 1
+    times = _BEHIND_CYLINDERS if layout.anamorphic else 1
+    fine_dots = times * effort.fine_dots(len(shown))
     more = chosen(every, spread_over_takes(every, fine_dots))
     stages = [on_dots(one.stage, more) for one in middle]
     fine = [fine_fit(s, _families_at(s, allowed), effort.rounds) for s in stages]

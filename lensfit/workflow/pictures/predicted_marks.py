@@ -77,9 +77,9 @@ def _with_light(
     gathered = wavefront.gathered
     landings = portrayed(wavefront.stage, gathered)
     dots, broad = gathered.dots, gathered.dots.broad
-    gaussian_mm2 = hole_variance_mm2(dots)
-    if broad is not None:
-        gaussian_mm2 = dots.variance_mm2.mean(-1)
+    gaussian_mm2 = (
+        hole_variance_mm2(dots) if broad is None else dots.variance_mm2.mean(-1)
+    )
     with_light = {}
     for k, shown in enumerate(gathered.shown):
         predicted = found.get(shown.take.name)

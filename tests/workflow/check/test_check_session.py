@@ -2,11 +2,11 @@
 
 import math
 import shutil
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bundled_shoot import DEMO
 from drawn_views import dot_centres, dots, write_linear
 
 from lensfit.errors import ImageError
@@ -17,7 +17,6 @@ from lensfit.workflow.check.session import CheckSession
 from lensfit.workflow.check.watched_folder import new_photographs
 from lensfit.workflow.shoot.file import load_shoot
 
-DEMO = Path(str(files("data_synth") / "demo"))
 HEAD = """
 [lens]
 name = "drawn"

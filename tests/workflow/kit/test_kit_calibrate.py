@@ -8,10 +8,10 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 
 import pytest
+from bundled_shoot import DEMO
 from traced_kit import KIT, photograph_kit, write_kit_file
 from typer.testing import CliRunner
 
@@ -22,7 +22,6 @@ from lensfit.workflow.kit.lens_shoot import lens_shoot
 from lensfit.workflow.kit.lens_state import fingerprint
 
 runner = CliRunner()
-DEMO = Path(str(files("data_synth") / "demo"))
 LOST = """
 [[lens]]
 name = "Lost 50"
