@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(
 
 
 HEARD_WITHIN_S = 1.0
-"""What drops an interrupt goes on for so long; it ends before, or is not interrupted."""
+"""What drops an interrupt goes on for so long, unless it ends it after all."""
 
 
 @pytest.fixture(autouse=True)
