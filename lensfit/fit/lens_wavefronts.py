@@ -1,9 +1,12 @@
 """The wavefront of every focal length, from the dots of all its focus states.
 
 Dots of known size show it, bright ones and dark, by their rims where they are wider
-than the blur. Broad dots take longer than small holes, and those of one setting do not
-tell how far coma drags a dot: they are fitted where there are no small holes, and where
-the lens was photographed at two f-numbers or two focus distances.
+than the blur. Broad dots take longer than small holes: they are fitted where there are
+no small holes.
+
+An f-number is the unit of the opening, and of defocus with it. Where all photographs
+lack it, any will do for the setting that was photographed, and none is known for
+others.
 """
 
 from collections.abc import Collection
@@ -24,9 +27,9 @@ from lensfit.fit.wavefront.shown import (
 from lensfit.progress import Progress
 
 _TOO_LARGE = (
-    "the dots themselves are too large for what was photographed: add a second "
-    "f-number or another focus distance, or photograph dots less than 1.8 pixels wide"
+    "the dots themselves are too large: photograph dots less than 1.8 pixels wide"
 )
+ASSUMED_F_NUMBER = 4.0
 
 
 class LensWavefronts(NamedTuple):
@@ -53,7 +56,9 @@ def fit_wavefronts(
     """One for each focal length whose dots can be used."""
     found = LensWavefronts({}, {}, {})
     for focal_mm, mine in by_focal_length(states).items():
-        pictured = [s for state in mine for s in _shown_of(state)]
+        known = any(t.f_number for state in mine for t in state.geometry.takes)
+        assumed = None if known else ASSUMED_F_NUMBER
+        pictured = [s for state in mine for s in _shown_of(state, assumed)]
         shown = _telling(pictured)
         if not shown:
             why = _TOO_LARGE if pictured else _unsaid(mine)
@@ -78,12 +83,11 @@ def fit_wavefronts(
 
 def _telling(pictured: list[Shown]) -> list[Shown]:
     """The photographs whose dots can be used: small holes; where there are none, broad
-    dots of more than one setting."""
+    dots."""
     wide = [hole_cells(one) for one in pictured]
     sized = list(zip(pictured, wide, strict=True))
     small = [one for one, cells in sized if cells <= LARGEST_PLACED_CELLS]
-    settings = {(s.take.f_number, s.take.focus_distance_mm) for s in pictured}
-    if small or len(settings) < 2:
+    if small:
         return small
     return [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
 
@@ -92,17 +96,12 @@ def _unsaid(states: list[LensState]) -> str:
     """Why no dot's shape could be fitted, where dots were photographed."""
     takes = [take for state in states for take in state.geometry.takes]
     dots = [t for t in takes if np.isfinite(t.observations.diameter_px).any()]
-    unsaid = {
-        "hole_diameter_mm": all(take.mark_diameter_mm is None for take in dots),
-        "f_number": all(take.f_number is None for take in dots),
-    }
-    keys = " and ".join(key for key, missing in unsaid.items() if missing)
-    if not (dots and keys):
+    if not dots:
         return ""
-    return f"state {keys} of the dots"
+    return "blur reaches the middle of the dots: state hole_diameter_mm"
 
 
-def _shown_of(state: LensState) -> list[Shown]:
+def _shown_of(state: LensState, assumed_f_number: float | None) -> list[Shown]:
     """The photographs of a state whose dots show the lens' blur."""
     colour = None
     if state.colour:
@@ -116,9 +115,11 @@ def _shown_of(state: LensState) -> list[Shown]:
             colour,
             k,
             state.pupil.offset_mm,
+            f_number,
         )
         for k, take in enumerate(state.geometry.takes)
-        if take.cutouts is not None and take.f_number is not None
+        if take.cutouts is not None and take.mark_diameter_mm is not None
+        if (f_number := take.f_number or assumed_f_number) is not None
     ]
 
 

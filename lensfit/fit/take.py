@@ -27,7 +27,9 @@ class Take:
     target : Name of the target; takes of one target share its errors.
     observations : The marks.
     pitch_mm : Distance of neighbouring marks, to the right and down on the target.
-    mark_diameter_mm : Diameter of a dot; None for lines and corners.
+    mark_diameter_mm : Diameter of a dot; None for lines, corners and dots whose size
+        is not known.
+    mark_diameter_measured : Whether photographs told it, since nobody stated it.
     focal_length_mm : As on the barrel.
     sensor_size_mm : Width and height that the photograph spans.
     f_number, focus_distance_mm, target_distance_mm : None where nobody said.
@@ -54,6 +56,7 @@ class Take:
     chief_rays: bool = False
     shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
     widths: Widths = ORDINARY_WIDTHS
+    mark_diameter_measured: bool = False
 
     @property
     def pixel_mm(self) -> Float[np.ndarray, "2"]:

@@ -110,6 +110,7 @@ def trial_of(
         offset=stage.parameters - stage.mean,
         always=always,
         tried=tried,
+        stated=stage.stated_equations,
     )
 
 

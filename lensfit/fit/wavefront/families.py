@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lensfit.fit.wavefront.dots import hole_variance_mm2
-from lensfit.fit.wavefront.gather import Gathered
+from lensfit.fit.wavefront.gather import Gathered, f_number_width
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.optics.terms import Term, decentring_terms, two_mirror_terms
 
@@ -185,11 +185,6 @@ def stops_shown(
     shows = disc_mm2 > _SHOWN * hole_variance_mm2(dots)
     stops = range(1, len(gathered.f_numbers))
     return np.array([bool(shows[dots.stop == k].any()) for k in stops], bool)
-
-
-def f_number_width(gathered: Gathered) -> float:
-    """Standard deviation of a stop's radius by its stated f-number, as a share."""
-    return gathered.shown[0].take.widths.f_number
 
 
 def _opening(

@@ -35,7 +35,7 @@ from lensfit.fit.wavefront.guessed import guessed_of
 from lensfit.fit.wavefront.misfit import Misfit, misfit_of
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.shown import Shown
-from lensfit.fit.wavefront.stages import Stage, on_dots
+from lensfit.fit.wavefront.stages import Stage, focus_stated, on_dots
 from lensfit.fit.wavefront.uncertainty import (
     covariance_of,
     unseen,
@@ -125,6 +125,12 @@ class WavefrontFit:
         return any(s.cutouts.mosaic is not None for s in self.gathered.shown)
 
     @property
+    def of_one_setting(self) -> bool:
+        """Whether all photographs have one f-number and one focus distance."""
+        focus = {group.focus_distance_mm for group in self.gathered.groups}
+        return len(self.gathered.f_numbers) == 1 and len(focus) == 1
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """One sentence for each thing the photographer should know."""
         said = _notes(
@@ -173,7 +179,7 @@ def fit_wavefront(
     times = _BEHIND_CYLINDERS if layout.anamorphic else 1
     fine_dots = times * effort.fine_dots(len(shown))
     more = chosen(every, spread_over_takes(every, fine_dots))
-    stages = [on_dots(one.stage, more) for one in middle]
+    stages = [focus_stated(on_dots(one.stage, more)) for one in middle]
     fine = [fine_fit(s, _families_at(s, allowed), effort.rounds) for s in stages]
     valleys = [valley_at(stage, fair_cost) for stage in fine]
     progress("wavefront", 3, 4)

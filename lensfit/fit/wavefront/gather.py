@@ -19,7 +19,6 @@ from lensfit.fit.wavefront.shown import (
     Shown,
     centroids_mm,
     diameters_mm,
-    f_number_of,
     hole_cells,
     usable_cells,
 )
@@ -88,7 +87,7 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
     """Arrays of all dots; every take states its f-number."""
     known = _reference(shown)
     distance_mm = jnp.asarray(known.distance_mm)
-    f_numbers = sorted({f_number_of(s) for s in shown})
+    f_numbers = sorted({s.f_number for s in shown})
     sines = [
         float(rim_sine(known.first_order, jnp.asarray(n), distance_mm))
         for n in f_numbers
@@ -97,7 +96,7 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
     broad = any(hole_cells(one) > LARGEST_PLACED_CELLS for one in shown)
     rows = []
     for one in shown:
-        stop = f_numbers.index(f_number_of(one))
+        stop = f_numbers.index(one.f_number)
         radius, group = sines[stop] / sines[0], groups.index(_group(one))
         rows.append(dots_of(one, group, stop, radius, known, bands, broad=broad))
     cut = [s.cutouts for s in shown]
@@ -147,6 +146,16 @@ def chosen(gathered: Gathered, rows: Int[np.ndarray, " some"]) -> Gathered:
         dots=jax.tree.map(lambda a: a[rows], gathered.dots),
         **{name: getattr(gathered, name)[rows] for name in parts},
     )
+
+
+def f_number_width(gathered: Gathered) -> float:
+    """Standard deviation of a stop's radius by its stated f-number, as a share."""
+    return gathered.shown[0].take.widths.f_number
+
+
+def focal_length_width(gathered: Gathered) -> float:
+    """Standard deviation of a stated focal length, as a share."""
+    return gathered.shown[0].take.widths.focal_length
 
 
 def spread_over_takes(gathered: Gathered, most: int) -> Int[np.ndarray, " rows"]:

@@ -84,6 +84,7 @@ def _least_move(
     """
     free = np.flatnonzero(stage.deviation > 0)
     matrix = np.asarray(stage.equations.matrix).sum(0) + held.T @ held
+    matrix = matrix + stage.stated_equations.matrix
     matrix = matrix[np.ix_(free, free)] + np.diag(stage.precision[free])
     move = np.zeros(stage.layout.size)
     move[free] = -np.linalg.solve(matrix, slope[free])
@@ -92,4 +93,5 @@ def _least_move(
 
 def _cost(stage: Stage) -> float:
     off = stage.parameters - stage.mean
-    return chi_squared(stage) + float(stage.precision @ off**2)
+    stated = stage.stated_equations.sum_of_squares
+    return chi_squared(stage) + stated + float(stage.precision @ off**2)

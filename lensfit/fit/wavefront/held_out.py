@@ -27,10 +27,11 @@ def held_out_take(
     free = free[~np.isin(free, _own_defocus(stage, mine))]
     rest = np.setdiff1d(np.arange(len(chi_squared)), left)
     precision = stage.precision[free]
-    inner = matrix[rest].sum(0)[np.ix_(free, free)] + np.diag(precision)
-    slope = gradient[rest].sum(0)[free]
+    square, stated = np.ix_(free, free), stage.stated_equations
+    inner = matrix[rest].sum(0)[square] + stated.matrix[square] + np.diag(precision)
+    slope = gradient[rest].sum(0)[free] + stated.gradient[free]
     slope = slope + precision * (stage.parameters - stage.mean)[free]
-    of_take = matrix[left].sum(0)[np.ix_(free, free)]
+    of_take = matrix[left].sum(0)[square]
     pull = gradient[left].sum(0)[free]
 
     def misfit(step: np.ndarray) -> float:

@@ -94,7 +94,7 @@ def dots_of(
     distance = float(shown.distortion.principal_distance_mm)
     disc_mm = np.asarray(per_board) * hole_radius_mm(shown)
     hole = no_hole(disc_mm) if broad else _holes(shown, disc_mm)
-    diffraction = float(diffraction_variance_mm2(jnp.asarray(shown.take.f_number)))
+    diffraction = float(diffraction_variance_mm2(jnp.asarray(shown.f_number)))
     known = Dots(
         field_mm=observed - np.asarray(shown.distortion.principal_point_mm),
         magnified=np.full(count, distance / reference.principal_distance_mm),

@@ -31,18 +31,8 @@ class Shown(NamedTuple):
     """Of the take within the geometry."""
     pupil_offset_mm: float
     """Entrance pupil in front of the sensor, as in the geometry."""
-
-
-def f_number_of(shown: Shown) -> float:
-    """As on the barrel.
-
-    Raises
-    ------
-    ValueError : Nobody stated it.
-    """
-    if shown.take.f_number is None:
-        raise ValueError(f"the f-number of {shown.take.name} is not known")
-    return shown.take.f_number
+    f_number: float
+    """As on the barrel; the unit of the opening where nobody said it."""
 
 
 def usable_cells(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:

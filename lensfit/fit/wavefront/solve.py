@@ -1,13 +1,15 @@
-"""The solve of the wavefront fit: all patches and priors, by `fit.levenberg`."""
+"""The solve of the wavefront fit: dots, statements and priors, by `fit.levenberg`."""
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from lensfit.fit.levenberg import Prior, Quadratic, minimise
 from lensfit.fit.wavefront.normal import Equations, Model, PerDot, Points, pass_over
 from lensfit.fit.wavefront.parameters import Layout
+from lensfit.fit.wavefront.stated import Stated, stated_equations
 from lensfit.programs import kept_program
 
 
@@ -34,6 +36,7 @@ def solve(
     start: Float[Array, " parameters"],
     model: Model,
     prior: Prior,
+    stated: Stated,
     layout: Layout,
     points: Points,
     tolerance: float,
@@ -47,7 +50,9 @@ def solve(
 
     def equations(parameters: Array) -> tuple[Quadratic, tuple[Equations, PerDot]]:
         found, per_dot = pass_over(parameters, model, layout, points)
-        return Quadratic(*(jnp.sum(part, 0) for part in found)), (found, per_dot)
+        of_dots = Quadratic(*(jnp.sum(part, 0) for part in found))
+        of_stated = stated_equations(parameters, stated, layout)
+        return jax.tree.map(jnp.add, of_dots, of_stated), (found, per_dot)
 
     found = minimise(equations, start, prior, tolerance, most_steps, first_damping)
     return Solution(found.parameters, found.converged, found.steps, *found.extra)

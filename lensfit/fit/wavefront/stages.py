@@ -14,12 +14,19 @@ from scipy.ndimage import gaussian_filter
 
 from lensfit.fit.cores import cores
 from lensfit.fit.levenberg import Prior
+from lensfit.fit.trial import Statistics
 from lensfit.fit.wavefront.deal import Deal, dealt
 from lensfit.fit.wavefront.dots import Dots, Pixels
 from lensfit.fit.wavefront.gather import WIDE_OPEN, Gathered
 from lensfit.fit.wavefront.normal import DEFAULT_POINTS, FOLDS, Equations, Model, Points
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.solve import Solution, solve
+from lensfit.fit.wavefront.stated import (
+    Stated,
+    stated_equations,
+    stated_opening,
+    stated_opening_and_focus,
+)
 from lensfit.fit.wavefront.waves import waves_left
 from lensfit.fit.wavefront.weigh import MODEL_SHARE, first_weights, weights_after
 
@@ -44,6 +51,7 @@ class Stage:
     mean, deviation : Of the prior; a deviation of zero fixes a parameter.
     corner_mm : Corner of every patch from where its chief ray is thought to land.
     weight : Of every cell.
+    stated : What counts beside the dots.
     smoothing : Standard deviation, cells, by which photograph and model are smoothed.
     points : Rays through the opening.
     solution : Of the last solve.
@@ -58,6 +66,7 @@ class Stage:
     deviation: Float[np.ndarray, " parameters"]
     corner_mm: Float[np.ndarray, "dots 3 2"]
     weight: Float[np.ndarray, "dots 3 rows columns"]
+    stated: Stated
     smoothing: float = 0.0
     points: Points = DEFAULT_POINTS
     solution: Solution | None = None
@@ -79,7 +88,16 @@ class Stage:
     def slope(self) -> Float[np.ndarray, " parameters"]:
         """Half the gradient of what a solve minimises, at the last pass."""
         off = self.parameters - self.mean
-        return np.asarray(self.equations.gradient).sum(0) + self.precision * off
+        of_dots = np.asarray(self.equations.gradient).sum(0)
+        return of_dots + self.stated_equations.gradient + self.precision * off
+
+    @property
+    def stated_equations(self) -> Statistics:
+        """Of what was stated, at the present values."""
+        parameters = jnp.asarray(self.parameters)
+        found = stated_equations(parameters, self.stated, self.layout)
+        matrix, gradient = np.asarray(found.matrix), np.asarray(found.gradient)
+        return Statistics(matrix, gradient, float(found.chi_squared), 0)
 
     @property
     def residual(self) -> Float[np.ndarray, "dots 3 rows columns"]:
@@ -105,7 +123,15 @@ def first_stage(gathered: Gathered, layout: Layout, parameters: np.ndarray) -> S
         deviation=np.zeros(layout.size),
         corner_mm=-gathered.observed_mm,
         weight=first_weights(gathered, COARSE_SHARE),
+        stated=stated_opening(layout),
     )
+
+
+def focus_stated(stage: Stage) -> Stage:
+    """The same with stated distances as evidence, as far as they suit its defocus."""
+    defocus_mm = stage.parameters[stage.layout.blocks["defocus"]]
+    stated = stated_opening_and_focus(stage.gathered, stage.layout, defocus_mm)
+    return replace(stage, stated=stated)
 
 
 def smoothed_by(stage: Stage, cells: float) -> Stage:
@@ -197,6 +223,7 @@ def solved(
         jnp.asarray(stage.parameters),
         model_of(stage, deal),
         prior,
+        stage.stated,
         stage.layout,
         stage.points,
         tolerance,

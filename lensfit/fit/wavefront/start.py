@@ -30,12 +30,29 @@ _RIM_SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
 
 def stated_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
     """What focus and chart distance say, in first-order optics; NaN where unsaid."""
+    return _focused_at_mm(gathered, _focus_distances_mm(gathered))
+
+
+def defocus_deviation_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+    """Of what focus distances say of each, by their width; NaN where unsaid."""
+    widths, said_mm = gathered.shown[0].take.widths, _focus_distances_mm(gathered)
+    width_mm = np.hypot(widths.distance_mm, widths.distance * said_mm)
+    width_mm = np.where(np.isinf(said_mm), 0.0, width_mm)
+    moved_mm = _focused_at_mm(gathered, said_mm - width_mm)
+    return np.abs(moved_mm - _focused_at_mm(gathered, said_mm))
+
+
+def _focus_distances_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
     said_mm = [group.focus_distance_mm for group in gathered.groups]
-    found = defocus_mm(
-        gathered.first_order,
-        jnp.asarray([np.nan if one is None else one for one in said_mm]),
-        jnp.asarray(gathered.reference_distance_mm),
-    )
+    return np.array([np.nan if one is None else one for one in said_mm])
+
+
+def _focused_at_mm(
+    gathered: Gathered, focus_mm: Float[np.ndarray, " groups"]
+) -> Float[np.ndarray, " groups"]:
+    """Defocus of every group if its lens was focused there."""
+    reference_mm = jnp.asarray(gathered.reference_distance_mm)
+    found = defocus_mm(gathered.first_order, jnp.asarray(focus_mm), reference_mm)
     return np.asarray(found) * np.exp(_log_squeeze(gathered))
 
 

@@ -51,6 +51,18 @@ def errors_of(found: WavefrontFit) -> Float[np.ndarray, "errors parameters"]:
     return np.concatenate([whole[None], parameter_moves(found.stage, found.covariance)])
 
 
+def keeping_centroids(found: WavefrontFit) -> WavefrontFit:
+    """The wavefront of one setting with centroids where chief rays land, where dots are
+    explained as well so.
+
+    Marks of other settings would show how far coma drags a dot: those of one lie on a
+    smooth map wherever it drags them. The map without it is the one that was measured.
+    """
+    whole = undoing(found.stage, found.gathered)[None]
+    kept = told_by_marks(found, whole, Amounts(np.ones(1), np.zeros((1, 1))))
+    return found if kept is None else kept
+
+
 def told_by_marks(
     found: WavefrontFit,
     errors: Float[np.ndarray, "errors parameters"],

@@ -28,9 +28,9 @@ from lensfit.fit.wavefront.families import (
     LAST,
     Family,
     deviation_of,
-    f_number_width,
     indices_of,
 )
+from lensfit.fit.wavefront.gather import f_number_width
 from lensfit.fit.wavefront.stages import Stage
 
 SYSTEMATIC = 0.008
@@ -49,20 +49,22 @@ def covariance_of(
 ) -> Float[np.ndarray, "parameters parameters"]:
     """Of all parameters; zero rows for those that were fixed."""
     free = indices_of(families)
-    precision = deviation_of(families, stage.layout, LAST)[free] ** -2.0
-    matrix = np.asarray(stage.equations.matrix.sum(0))[np.ix_(free, free)]
+    square = np.ix_(free, free)
+    prior = np.diag(deviation_of(families, stage.layout, LAST)[free] ** -2.0)
+    prior = prior + stage.stated_equations.matrix[square]
+    matrix = np.asarray(stage.equations.matrix.sum(0))[square]
     assert stage.solution is not None
     of_channels = np.asarray(stage.solution.per_dot.gradient)
     each = of_channels.sum(1)[:, free]
     each = each[np.any(each != 0, -1)]
     scatter = each.T @ each * _small_sample(len(each), stage, len(free))
     # What the prior holds has the prior's own scatter.
-    inverse = np.linalg.inv(matrix + np.diag(precision))
+    inverse = np.linalg.inv(matrix + prior)
     covariance = np.zeros((stage.layout.size,) * 2)
-    inside = inverse @ (scatter + np.diag(precision)) @ inverse
+    inside = inverse @ (scatter + prior) @ inverse
     # Where the solve ended it had this far to go.
     left = inverse @ stage.slope[free]
-    covariance[np.ix_(free, free)] = (inside + inside.T) / 2 + np.outer(left, left)
+    covariance[square] = (inside + inside.T) / 2 + np.outer(left, left)
     return covariance
 
 
@@ -141,7 +143,8 @@ def parameter_moves(
     matrix = np.asarray(stage.equations.matrix.sum(0))[square]
     # In own deviations, since they differ by many orders.
     scale = np.outer(own, own)
-    known, turned = np.linalg.eigh((matrix + np.diag(deviation**-2.0)) * scale)
+    prior = np.diag(deviation**-2.0) + stage.stated_equations.matrix[square]
+    known, turned = np.linalg.eigh((matrix + prior) * scale)
     size = np.sqrt(np.maximum(known, _ROUNDING * known[-1]))
     root = turned * size
     variance, axes = np.linalg.eigh(root.T @ (covariance[square] / scale) @ root)

@@ -24,6 +24,7 @@ from lensfit.errors import FitError
 from lensfit.fit.wavefront.parameters import mirrored
 from lensfit.fit.wavefront.stages import Stage, chi_squared, solved
 from lensfit.fit.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
+from lensfit.fit.wavefront.stated import stated_opening
 
 DECISIVE = 1.1
 """How much better one must explain the photographs to be preferred for it."""
@@ -63,6 +64,8 @@ def other_side(one: Valley) -> Valley:
         stage,
         parameters=mirrored(stage.parameters, stage.layout),
         mean=mirrored(stage.mean, stage.layout),
+        # Distances say on which side it is: here they are in question.
+        stated=stated_opening(stage.layout),
     )
     return valley_at(solved(start))
 

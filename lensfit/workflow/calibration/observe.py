@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lensfit.detect.cutouts import cut
+from lensfit.detect.dot_diameter import dot_diameter_mm
 from lensfit.detect.find import observe
 from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.detect.observations import Observations
@@ -104,7 +106,33 @@ def observe_shoot(
             results.append(job.result())
             done += 1
             progress("detect", done, len(jobs))
-    return _without_overlaps(results)
+    return _with_dot_diameters(_without_overlaps(results))
+
+
+def _with_dot_diameters(results: list[Observed]) -> list[Observed]:
+    """Dots whose diameter nobody stated as large as the photographs of their chart say
+    by the median."""
+    takes = [one.take for one in results if one.take is not None]
+    unsized = [take for take in takes if take.mark_diameter_mm is None]
+    measured: dict[str, list[float]] = {}
+    for take in unsized:
+        dots = take.cutouts
+        found = dots and dot_diameter_mm(take.observations, dots, take.pitch_mm)
+        if found:
+            measured.setdefault(take.target, []).append(found)
+
+    def sized(one: Observed) -> Observed:
+        if one.take not in unsized or one.take.target not in measured:
+            return one
+        diameter_mm = float(np.median(measured[one.take.target]))
+        return replace(
+            one,
+            take=replace(
+                one.take, mark_diameter_mm=diameter_mm, mark_diameter_measured=True
+            ),
+        )
+
+    return [sized(one) for one in results]
 
 
 def _without_overlaps(results: list[Observed]) -> list[Observed]:
@@ -225,7 +253,6 @@ def _take_for_fit(
     marks: Observations,
     photograph: Photograph,
 ) -> Take:
-    shape = resolved.target.hole_diameter_mm and resolved.f_number
     return Take(
         name=take.image,
         target=resolved.target.name,
@@ -238,7 +265,7 @@ def _take_for_fit(
         focus_distance_mm=resolved.focus_distance_mm,
         target_distance_mm=take.target_distance_mm,
         squeeze=take.anamorphic_squeeze or 1.0,
-        cutouts=cut(photograph, marks) if shape else None,
+        cutouts=cut(photograph, marks),
     )
 
 

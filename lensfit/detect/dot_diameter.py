@@ -1,0 +1,90 @@
+"""The diameter of a chart's dots, where nobody stated it, from their own photographs.
+
+Blur moves light about and loses none. So a dot's light over that of its middle is its
+area, however blurred its rim, as long as its middle is no darker than a larger dot's
+would be; and over the area of a cell of the lattice beside it it is a share of the
+chart's, whatever distortion and perspective make of both.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.detect.cutouts import CELLS, Cutouts
+from lensfit.detect.observations import Observations
+
+_MIDDLE, _AROUND_MIDDLE = 0.3, 0.55
+"""Radii of a dot between which blur shows if it reaches the middle."""
+_EVEN = 0.95
+"""How bright the ring around the middle is at least."""
+_WHOLE = 1.35
+"""Radii that hold all of a dot's light; what is farther out is its surround."""
+_FEWEST = 8
+"""Dots that say it."""
+
+
+def dot_diameter_mm(
+    marks: Observations, cutouts: Cutouts, pitch_mm: tuple[float, float]
+) -> float | None:
+    """Median of the dots of one photograph; None where blur reaches their middles.
+
+    Parameters
+    ----------
+    pitch_mm : Of the chart, to the right and down.
+    """
+    area_px2, telling = _areas_px2(marks, cutouts)
+    share = area_px2 / _lattice_cells_px2(marks)[cutouts.marks]
+    share = share[telling & np.isfinite(share)]
+    if len(share) < _FEWEST:
+        return None
+    return float(np.sqrt(4 / np.pi * np.median(share) * pitch_mm[0] * pitch_mm[1]))
+
+
+def _areas_px2(
+    marks: Observations, cutouts: Cutouts
+) -> tuple[Float[np.ndarray, " dots"], Float[np.ndarray, " dots"]]:
+    """Of every dot in green, and whether it can be relied on."""
+    light, cell = cutouts.light[:, 1], cutouts.cell_px
+    valid = cutouts.valid[:, 1] & ~cutouts.clipped[:, 1]
+    middle = (marks.points_px[cutouts.marks] - cutouts.corner_px) / cell
+    along = np.arange(CELLS) + 0.5
+    x = along[None, None, :] - middle[:, 0, None, None]
+    y = along[None, :, None] - middle[:, 1, None, None]
+    radius = marks.diameter_px[cutouts.marks, None, None] / (2 * cell)
+    r = np.hypot(x, y) / radius
+    surround = _median(light, valid & (r > _WHOLE))
+    within = r <= _WHOLE
+    lit = light - surround[:, None, None]
+    bright = _median(lit, valid & (r < _MIDDLE))
+    ring = _median(lit, valid & (r > _MIDDLE) & (r < _AROUND_MIDDLE))
+    whole = (valid | ~within).all((1, 2))
+    area = np.sum(lit * within, (1, 2)) / bright * cell**2
+    return area, whole & (ring > _EVEN * bright)
+
+
+def _median(
+    light: Float[np.ndarray, "dots rows columns"],
+    where: Float[np.ndarray, "dots rows columns"],
+) -> Float[np.ndarray, " dots"]:
+    """NaN where there is nothing."""
+    some = where.any((1, 2))
+    found = np.full(len(light), np.nan)
+    chosen = np.where(where, light, np.nan)[some]
+    found[some] = np.nanmedian(chosen.reshape(len(chosen), -1), 1)
+    return found
+
+
+def _lattice_cells_px2(marks: Observations) -> Float[np.ndarray, " marks"]:
+    """Area of a cell of the lattice at every mark that has neighbours on both sides."""
+    lattice = np.round(marks.lattice).astype(int)
+    first = lattice.min(0) - 1
+    place = np.full(tuple(np.ptp(lattice, 0) + 3), -1)
+    i, j = (lattice - first).T
+    place[i, j] = np.arange(len(lattice))
+
+    def across(di: int, dj: int) -> Float[np.ndarray, "marks 2"]:
+        after, before = place[i + di, j + dj], place[i - di, j - dj]
+        half = (marks.points_px[after] - marks.points_px[before]) / 2
+        return np.where(((after >= 0) & (before >= 0))[:, None], half, np.nan)
+
+    right, down = across(1, 0), across(0, 1)
+    return np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])

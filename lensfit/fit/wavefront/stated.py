@@ -1,0 +1,96 @@
+"""What was stated of a shoot, as evidence of the wavefront beside its dots.
+
+A disc says how wide it is, not whether a wide opening or a far focus made it so: opened
+by a tenth less, a lens that is out of focus by a tenth more draws the same dots. Two
+statements tell the two apart:
+
+- the widest f-number says how wide the beam on the axis is. That is the unit of the
+  opening, so no rim cuts that beam; what the f-number is wrong by is borne by defocus;
+- focus and chart distances say how far the photographs of a shoot lie apart along the
+  axis. They err each by itself, as distances do, and all in proportion, as the square
+  of the focal length and the f-number do; a lens whose field curves, or whose marks are
+  off, has all moved together by an amount that nobody knows.
+
+Both are residuals in units of their own deviations. Distances that contradict the dots
+are mistaken, not inaccurate: they lose weight as 1 / (1 + (r / 3)^2), r rms.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lensfit.fit.levenberg import Quadratic
+from lensfit.fit.wavefront.gather import Gathered, f_number_width, focal_length_width
+from lensfit.fit.wavefront.parameters import Layout
+from lensfit.fit.wavefront.start import defocus_deviation_mm, stated_defocus_mm
+
+_TOGETHER = 0.5
+"""Deviation of what all are moved by, in the largest defocus."""
+_CAUCHY_SCALE = 3.0
+_CUT = 0.01
+"""Of the opening's radius that a rim may take on the axis: small, and yet a slope that
+a solve can follow."""
+
+
+class Stated(NamedTuple):
+    """Statements, ready for a solve.
+
+    Attributes
+    ----------
+    defocus_mm : Of every group.
+    rows : Of the differences from it, so that they are independent and of unit
+        deviation; zero where nothing was stated.
+    """
+
+    defocus_mm: Float[Array, " groups"]
+    rows: Float[Array, "groups groups"]
+
+
+def stated_opening(layout: Layout) -> Stated:
+    """The f-number alone."""
+    nothing = jnp.zeros((layout.groups, layout.groups))
+    return Stated(jnp.zeros(layout.groups), nothing)
+
+
+def stated_opening_and_focus(
+    gathered: Gathered, layout: Layout, defocus_mm: Float[np.ndarray, " groups"]
+) -> Stated:
+    """The f-number, and distances as far as they suit a defocus that dots showed."""
+    found = stated_opening(layout)
+    stated_mm = stated_defocus_mm(gathered)
+    told = np.flatnonzero(np.isfinite(stated_mm))
+    if len(told) < 2:
+        return found
+    of_told = stated_mm[told]
+    in_proportion = np.hypot(2 * focal_length_width(gathered), f_number_width(gathered))
+    covariance = (
+        np.diag(defocus_deviation_mm(gathered)[told] ** 2)
+        + in_proportion**2 * np.outer(of_told, of_told)
+        + (_TOGETHER * np.abs(of_told).max()) ** 2
+    )
+    rows = np.linalg.inv(np.linalg.cholesky(covariance))
+    off = rows @ (defocus_mm[told] - of_told)
+    weight = 1 / (1 + np.mean(off**2) / _CAUCHY_SCALE**2)
+    every = np.zeros((layout.groups, layout.groups))
+    every[np.ix_(told, told)] = np.sqrt(weight) * rows
+    known_mm = np.zeros(layout.groups)
+    known_mm[told] = of_told
+    return found._replace(defocus_mm=jnp.asarray(known_mm), rows=jnp.asarray(every))
+
+
+def stated_equations(
+    parameters: Float[Array, " parameters"], stated: Stated, layout: Layout
+) -> Quadratic:
+    """Of all statements, at these parameters."""
+
+    def residual(parameters: Array) -> Array:
+        part = {name: parameters[where] for name, where in layout.blocks.items()}
+        off = stated.rows @ (part["defocus"] - stated.defocus_mm)
+        cut = jnp.minimum(part["rim_radius"][::2] - 1, 0.0) / _CUT
+        return jnp.concatenate([off, cut])
+
+    left, slopes = residual(parameters), jax.jacfwd(residual)(parameters)
+    return Quadratic(slopes.T @ slopes, slopes.T @ left, left @ left)
