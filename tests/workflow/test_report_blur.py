@@ -223,7 +223,7 @@ def test_every_take_gets_a_picture_of_its_own_dots(tmp_path):
         dots=SimpleNamespace(field_mm=field_mm),
     )
     stage = SimpleNamespace(
-        gathered=gathered, residual=0 * light, nuisance=np.zeros((5, 3, 4))
+        gathered=gathered, residual=0 * light, nuisance=np.zeros((5, 3, 5))
     )
     wavefront = SimpleNamespace(stage=stage)
     stems = {"a.exr": "a", "b.exr": "b_2"}

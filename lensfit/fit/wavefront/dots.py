@@ -23,10 +23,12 @@ class Broad(NamedTuple):
     ----------
     disc_mm : From the unit disc to the image of each.
     beside_mm : From each to those around it; NaN where there are fewer.
+    size_width : Standard deviation of the share by which they may be larger.
     """
 
     disc_mm: Float[Numbers, "dots 2 2"]
     beside_mm: Float[Numbers, "dots neighbours 2"]
+    size_width: Float[Numbers, " dots"]
 
 
 class Dots(NamedTuple):

@@ -21,7 +21,7 @@ from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.rays import spot_seen
 from lensfit.fit.wavefront.shapes import Colour
 from lensfit.fit.wavefront.stages import Stage, with_iris
-from lensfit.fit.wavefront.waves import basis_of
+from lensfit.fit.wavefront.waves import Transfer, basis_of
 from lensfit.kernel.pixels import diffraction_variance_mm2, image_of
 
 _BATCH = 512
@@ -64,7 +64,7 @@ def drawn(
 @partial(jax.jit, static_argnames=("layout", "points_and_cells"))
 def _images(
     parameters: Array,
-    part: tuple[Dots, Array | None, Array],
+    part: tuple[Dots, Transfer | None, Array],
     chromatic: Array,
     layout: Layout,
     scale: Scale,
@@ -74,7 +74,7 @@ def _images(
     not broad as Gaussians."""
     points, cells = points_and_cells
 
-    def of_dot(one: tuple[Dots, Array | None, Array]) -> Array:
+    def of_dot(one: tuple[Dots, Transfer | None, Array]) -> Array:
         dot, transfer, corners_mm = one
 
         def channel(chromatic: Array, lateral_mm: Array, corner_mm: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from lensfit.fit.adjust import fitted_depths_mm
 from lensfit.fit.wavefront.beside import own_cells
@@ -22,7 +22,7 @@ from lensfit.fit.wavefront.shown import (
     hole_cells,
     usable_cells,
 )
-from lensfit.fit.wavefront.waves import transfers_of
+from lensfit.fit.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
 
@@ -76,7 +76,7 @@ class Gathered:
     first_order: FirstOrder
 
     @cached_property
-    def transfer(self) -> Complex[np.ndarray, "dots down right"] | None:
+    def transfer(self) -> Transfer | None:
         """What the discs of broad dots make of an image (`waves`); None of others."""
         if self.dots.broad is None:
             return None

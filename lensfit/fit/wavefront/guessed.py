@@ -20,6 +20,11 @@ def _at_other_stops(gathered: Gathered) -> tuple[str, ...]:
     widest, *others = gathered.f_numbers
     if others:
         return ()
+    if all(one.take.f_number is None for one in gathered.shown):
+        return (
+            "the blur holds for the stop that was photographed, which the preset calls "
+            f"f/{widest:g} since nobody stated it: state f_number of each take",
+        )
     return (
         f"the blur was photographed at f/{widest:g} alone and is guessed at other "
         "stops: photograph the dots at a second f-number",

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Complex, Float, Int
+from jaxtyping import Array, Float, Int
 
 from lensfit.fit.cores import DEALT, SHARED, on_every_core, summed_over_cores
 from lensfit.fit.wavefront.dots import Dots, Pixels
@@ -18,7 +18,7 @@ from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.patch import Patch, equations_of
 from lensfit.fit.wavefront.rays import rays_of, spot_seen
 from lensfit.fit.wavefront.shapes import Colour, spread_of
-from lensfit.fit.wavefront.waves import WAVES
+from lensfit.fit.wavefront.waves import WAVES, Transfer
 
 FOLDS = 32
 """Two for each of up to sixteen takes; more takes share them."""
@@ -66,12 +66,12 @@ class PerDot(NamedTuple):
     Attributes
     ----------
     gradient : Share of each dot and channel in the gradient.
-    nuisance : Brightness, background and shift of each channel.
+    nuisance : Of each channel (`patch.Patch`).
     residual : Photograph minus model.
     """
 
     gradient: Float[Array, "dots 3 parameters"]
-    nuisance: Float[Array, "dots 3 4"]
+    nuisance: Float[Array, "dots 3 5"]
     residual: Float[Array, "dots 3 cells"]
 
 
@@ -88,7 +88,7 @@ class Model(NamedTuple):
 
     dots: Dots
     pixels: Pixels
-    transfer: Complex[Array, "dots down right"] | None
+    transfer: Transfer | None
     scale: Scale
     chromatic: Float[Array, "3 wavelengths"]
     smoothing: Float[Array, ""]
@@ -163,7 +163,7 @@ def _pass_of_core(
         ),
         PerDot(
             jnp.zeros((dots, 3, size)),
-            jnp.zeros((dots, 3, 4), jnp.float32),
+            jnp.zeros((dots, 3, 5), jnp.float32),
             jnp.zeros((dots, 3, cells), jnp.float32),
         ),
     )
@@ -185,7 +185,7 @@ def _of_dot(
     parameters: Array,
     dot: Dots,
     pixels: Pixels,
-    transfer: Array | None,
+    transfer: Transfer | None,
     model: Model,
     layout: Layout,
     points: Points,

@@ -6,7 +6,8 @@ not asked of the model: brightness, background and both shifts are solved for in
 patch, in closed form, and what the wavefront explains is judged by what they cannot
 (variable projection, G. H. Golub and V. Pereyra, Inverse Problems 19 (2003) R1). Around
 broad dots, which may be dark ones on paper, the background may slope, as uneven light
-and fall-off make it.
+and fall-off make it; and their discs may be a little larger or smaller, as ink and
+tools leave them, by no more than the deviation that is known of it.
 """
 
 from functools import partial
@@ -14,15 +15,17 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax.typing import DTypeLike
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Float
 
 from lensfit.fit.wavefront.basis import Basis
 from lensfit.fit.wavefront.rays import Rays
-from lensfit.fit.wavefront.waves import LEADING, WAVES, basis_of
+from lensfit.fit.wavefront.waves import LEADING, WAVES, Transfer, basis_of
 from lensfit.kernel.pixels import Profile, image_of
 from lensfit.kernel.spot import Spot
 
 _JITTER = 1e-9
+_DARKEST = 1e-30
+"""Square of the brightness of a dot that is none."""
 
 
 class Patch(NamedTuple):
@@ -33,14 +36,15 @@ class Patch(NamedTuple):
     matrix, chi_squared : Half the second derivative of the sum of weighted squares, by
         shapes, and itself, nuisance solved for.
     pull : Half its derivative with respect to the spot.
-    nuisance : Brightness, background, and shift right and down, mm.
+    nuisance : Brightness, background, shift right and down, mm, and the share by which
+        a broad dot is larger.
     residual : Photograph minus model, of every cell.
     """
 
     matrix: Float[Array, "shapes shapes"]
     chi_squared: Float[Array, ""]
     pull: Spot
-    nuisance: Float[Array, "4"]
+    nuisance: Float[Array, "5"]
     residual: Float[Array, " cells"]
 
 
@@ -52,7 +56,7 @@ def equations_of(
     corner_mm: Float[Array, "2"],
     cell_mm: Float[Array, "2"],
     variance_mm2: Float[Array, "*axes"],
-    transfer: Complex[Array, "down right"] | None = None,
+    transfer: Transfer | None = None,
     waves: int = WAVES,
 ) -> Patch:
     """Normal equations of one patch.
@@ -66,18 +70,26 @@ def equations_of(
     transfer : Of a broad dot's disc and of those beside it.
     waves : As for `basis_of`; the matrix is made of fewer.
     """
-    patch = partial(basis_of, corner_mm, cell_mm, light.shape[0], transfer)
-    basis, lean = patch(waves), patch(min(waves, LEADING))
+    draw = partial(basis_of, corner_mm, cell_mm, light.shape[0])
+    basis, lean = draw(transfer, waves), draw(transfer, min(waves, LEADING))
     profile = basis.profile(spot, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile, basis)
-    if transfer is not None:
-        slopes = _slopes(basis.cells, nuisance_design.dtype)
-        nuisance_design = jnp.concatenate([nuisance_design, slopes], -1)
-    design = _design(few, lean.profile(few.spot, variance_mm2), lean)
     target, w = light.reshape(-1), weight.reshape(-1)
-    inner = nuisance_design.T @ (w[:, None] * nuisance_design)
-    nuisance = _solved(inner, nuisance_design.T @ (w * target))
+    if transfer is None:
+        unasked = _solution(nuisance_design, target, w)
+    else:
+        resized = draw(transfer.change, waves).seen(image_of(spot, profile))
+        parts = (
+            nuisance_design,
+            _slopes(basis.cells, light.dtype),
+            resized.reshape(-1, 1),
+        )
+        nuisance_design = jnp.concatenate(parts, -1)
+        unasked = _resized(nuisance_design, target, w, transfer.width)
+        basis = draw(transfer.of_size(unasked.larger), waves)
+    inner, nuisance = unasked.inner, unasked.nuisance
     residual = target - nuisance_design @ nuisance
+    design = _design(few, lean.profile(few.spot, variance_mm2), lean)
     design = design * nuisance[0]
     weighted = w[:, None] * design
     coupling = nuisance_design.T @ weighted
@@ -86,11 +98,55 @@ def equations_of(
     bright = jnp.where(nuisance[0] == 0, 1.0, nuisance[0])
     return Patch(
         matrix,
-        jnp.sum(w * residual**2),
+        jnp.sum(w * residual**2) + unasked.cost,
         _pulled(spot, profile, -basis.traced_back(pull)),
-        jnp.concatenate([nuisance[:2], nuisance[2:4] / bright]),
+        jnp.concatenate([nuisance[:2], nuisance[2:4] / bright, unasked.larger[None]]),
         residual,
     )
+
+
+class _Unasked(NamedTuple):
+    """Solution for what is not asked of the model.
+
+    Attributes
+    ----------
+    inner : Its normal equations.
+    nuisance : In the order of the design.
+    larger : Share by which the discs of a broad dot are larger.
+    cost : What that costs.
+    """
+
+    inner: Float[Array, "nuisance nuisance"]
+    nuisance: Float[Array, " nuisance"]
+    larger: Float[Array, ""]
+    cost: Float[Array, ""]
+
+
+def _solution(
+    design: Float[Array, "cells2 nuisance"],
+    target: Float[Array, " cells2"],
+    w: Float[Array, " cells2"],
+) -> _Unasked:
+    """All of it free."""
+    inner, none = design.T @ (w[:, None] * design), jnp.zeros((), w.dtype)
+    return _Unasked(inner, _solved(inner, design.T @ (w * target)), none, none)
+
+
+def _resized(
+    design: Float[Array, "cells2 nuisance"],
+    target: Float[Array, " cells2"],
+    w: Float[Array, " cells2"],
+    width: Float[Array, ""],
+) -> _Unasked:
+    """The last is how much larger the discs are: a share of the brightness, of this
+    standard deviation."""
+    inner, seen = design.T @ (w[:, None] * design), design.T @ (w * target)
+    bright = _solved(inner[:-1, :-1], seen[:-1])[0]
+    hold = 1 / jnp.maximum((bright * width) ** 2, _DARKEST)
+    inner = inner.at[-1, -1].add(hold)
+    nuisance = _solved(inner, seen)
+    larger = nuisance[-1] / jnp.where(nuisance[0] == 0, 1.0, nuisance[0])
+    return _Unasked(inner, nuisance, larger, hold * nuisance[-1] ** 2)
 
 
 def _nuisance_design(spot: Spot, profile: Profile, basis: Basis) -> Array:

@@ -107,8 +107,8 @@ class Stage:
         return found.reshape(self.gathered.light.shape)
 
     @property
-    def nuisance(self) -> Float[np.ndarray, "dots 3 4"]:
-        """Brightness, background and shift at the last pass."""
+    def nuisance(self) -> Float[np.ndarray, "dots 3 5"]:
+        """Brightness, background, shift and size at the last pass."""
         assert self.solution is not None
         return np.asarray(self.solution.per_dot.nuisance)
 
@@ -252,7 +252,7 @@ def settled(stage: Stage, rounds: int = 2) -> Stage:
 
 def _moved(stage: Stage) -> np.ndarray:
     """Corners after the shifts of the last pass, by no more than a cell."""
-    shift = stage.nuisance[..., 2:]
+    shift = stage.nuisance[..., 2:4]
     limit = stage.gathered.dots.cell_mm[:, None]
     shift = np.where(np.isfinite(shift), np.clip(shift, -limit, limit), 0.0)
     return stage.corner_mm - shift

@@ -127,7 +127,9 @@ def _is_of(take: dict, state: KernelState) -> bool:
         distance_of(take.get(key))
         for key in ("focus_distance_mm", "target_distance_mm")
     )
-    same = take.get("f_number") == state.f_number and focus == state.focus_distance_mm
+    same = (
+        take.get("f_number") or state.f_number
+    ) == state.f_number and focus == state.focus_distance_mm
     return same and target in (None, state.object_distance_mm)
 
 

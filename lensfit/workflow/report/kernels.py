@@ -116,16 +116,19 @@ def lenses_at(preset: Preset, states: list[KernelState]) -> list[Lens]:
 def kernel_states(report: dict, preset: Preset) -> list[KernelState]:
     """Distinct states of the takes that the blur was fitted to, in order.
 
-    A take whose chart distance nobody stated counts only if no other shows its state.
+    A take whose chart distance nobody stated counts only if no other shows its state;
+    one without an f-number shows the only stop that there is.
     """
     names = {t.get("image") for b in report["blur"] for t in b.get("takes") or []}
     takes = [t for t in report.get("takes") or [] if t.get("image") in names]
     blurs = [entry.blur for entry in preset.entries if entry.blur]
-    takes = [t for t in takes if t.get("f_number") and blurs]
+    if not blurs:
+        return []
+    only = blurs[0].stops[0].f_number
     found: dict[tuple[float | None, float | None, float], set[float]] = {}
     for take in sorted(takes, key=lambda t: t.get("target_distance_mm") is None):
         focal, focus = take.get("focal_length_mm"), take.get("focus_distance_mm")
-        lens = distance_of(focal), distance_of(focus), take["f_number"]
+        lens = distance_of(focal), distance_of(focus), take.get("f_number") or only
         target = take.get("target_distance_mm")
         if target is not None or lens not in found:
             distance = float(target or blurs[0].reference_distance_mm)

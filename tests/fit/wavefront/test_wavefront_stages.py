@@ -115,7 +115,7 @@ def test_what_is_left_is_the_noise(gathered, fine):
 
 
 def test_patches_moved_to_where_the_dots_are(gathered, fine):
-    shift = np.abs(fine.nuisance[:, 1, 2:]) / gathered.dots.cell_mm
+    shift = np.abs(fine.nuisance[:, 1, 2:4]) / gathered.dots.cell_mm
     assert np.median(shift) < 0.05
     assert shift.max() < 0.5
     assert np.abs(fine.corner_mm[:, 1] + gathered.observed_mm[:, 1]).max() > 0.005

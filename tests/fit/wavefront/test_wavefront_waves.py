@@ -21,10 +21,10 @@ NOBODY = np.full((8, 2), np.nan)
 VARIANCE_MM2 = jnp.full(2, 1e-6)
 
 
-def dot_of(disc_mm, beside_mm=NOBODY):
+def dot_of(disc_mm, beside_mm=NOBODY, size_width=1e-4):
     """A dot on axis and its transfer, as a pass has them."""
     cell_mm = np.full((1, 2), PIXEL_MM)
-    broad = Broad(disc_mm[None], beside_mm[None])
+    broad = Broad(disc_mm[None], beside_mm[None], np.full(1, size_width))
     transfer = transfers_of(broad, cell_mm, CELLS)
     dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)._replace(broad=broad)
     return jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
@@ -160,3 +160,43 @@ def test_what_is_traced_back_is_the_transpose_of_what_is_seen(waves):
     forth = jnp.sum(pull * basis.seen(drawn))
     back = jnp.sum(basis.traced_back(pull) * drawn)
     np.testing.assert_allclose(forth, back, rtol=1e-5)
+
+
+@pytest.mark.parametrize("larger", [0.02, -0.03])
+def test_a_larger_disc_is_told_from_blur(larger):
+    """In the size, and in nothing that a defocus would show; the rest of the second
+    order is a tenth of it."""
+    disc = 5 * PIXEL_MM * np.eye(2)
+    light = jnp.asarray(3 * image(0.2, (1 + larger) * disc) + 0.1)
+    found = patch_of(light, 0.2, disc, size_width=0.05, weight=1e8)
+    assert found.nuisance[4] == pytest.approx(larger, rel=0.1)
+    narrow = patch_of(light, 0.2, disc, size_width=1e-7, weight=1e8)
+    assert abs(narrow.nuisance[4]) < 1e-3 * abs(larger)
+    assert found.chi_squared < 0.05 * narrow.chi_squared
+
+
+def test_a_diameter_counts_as_much_as_it_is_known():
+    """An error of as much as its deviation costs one, whatever the dot's brightness."""
+    disc = 5 * PIXEL_MM * np.eye(2)
+    for bright in (1.0, 40.0):
+        light = jnp.asarray(bright * image(0.2, 1.02 * disc))
+        weight = 1e12 / bright**2
+        found = patch_of(light, 0.2, disc, size_width=0.02, weight=weight)
+        plain = patch_of(light, 0.2, disc, size_width=1e3, weight=weight)
+        # What is left of the second order is in both.
+        assert found.chi_squared - plain.chi_squared == pytest.approx(1.0, abs=0.2)
+
+
+def patch_of(light, defocus_mm, disc_mm, size_width, weight=1.0):
+    dot, transfer = dot_of(disc_mm, size_width=size_width)
+    numbers, (spot, _) = spot_through(defocus_mm, dot)
+    return equations_of(
+        spot,
+        rays_of(numbers, dot, GREY, LAYOUT, SCALE, 96),
+        light,
+        weight * jnp.ones_like(light),
+        -jnp.asarray(PLACE_MM),
+        dot.cell_mm,
+        VARIANCE_MM2,
+        transfer,
+    )
