@@ -98,7 +98,7 @@ def _unsaid(states: list[LensState]) -> str:
     dots = [t for t in takes if np.isfinite(t.observations.diameter_px).any()]
     if not dots:
         return ""
-    return "blur reaches the middle of the dots: state hole_diameter_mm"
+    return "state hole_diameter_mm of the dots, which are blurred to their middle"
 
 
 def _shown_of(state: LensState, assumed_f_number: float | None) -> list[Shown]:

@@ -17,6 +17,7 @@ def take(name="a", *, bright=True, diameter_px=4.0, f_number=2.0, hole_mm=0.5, *
     return SimpleNamespace(
         name=name,
         observations=seen,
+        mark_diameter_measured=False,
         f_number=f_number,
         mark_diameter_mm=hole_mm,
         cutouts=more.get("cutouts"),
@@ -41,8 +42,7 @@ def state(*takes):
     ("one", "said"),
     [
         (take(hole_mm=None), "state hole_diameter_mm of the dots"),
-        (take(f_number=None), "state f_number of the dots"),
-        (take(f_number=None, hole_mm=None), "state hole_diameter_mm and f_number"),
+        (take(f_number=None, hole_mm=None), "state hole_diameter_mm of the dots"),
         (take(hole_mm=None, bright=False), "state hole_diameter_mm of the dots"),
         (take(hole_mm=None, diameter_px=np.nan), None),
     ],
@@ -94,11 +94,34 @@ def test_wide_dots_of_two_settings_are_fitted(bright, other, monkeypatch):
     assert not found.without
 
 
-def test_wide_dots_of_one_setting_say_what_to_photograph(monkeypatch):
+def test_wide_dots_of_one_setting_are_fitted(monkeypatch):
     takes = [take("one", cutouts=object()), take("other", cutouts=object())]
-    found, seen = fitted_of(takes, {"one": 5.0, "other": 5.0}, monkeypatch)
+    _, seen = fitted_of(takes, {"one": 5.0, "other": 5.0}, monkeypatch)
+    assert seen == ["one", "other"]
+
+
+def test_dots_that_leave_no_rim_on_their_picture_are_too_large(monkeypatch):
+    found, seen = fitted_of([take("one", cutouts=object())], {"one": 9.5}, monkeypatch)
     assert not seen
-    assert "add a second f-number" in found.without[50.0]
+    assert "the dots themselves are too large" in found.without[50.0]
+
+
+@pytest.mark.parametrize(
+    ("stated", "used"), [((None, None), (4.0, 4.0)), ((2.8, None), (2.8,))]
+)
+def test_an_f_number_that_no_take_states_is_the_unit(stated, used, monkeypatch):
+    """One beside takes that state theirs is another one, and unknown."""
+    takes = [
+        take(name, f_number=number, cutouts=object())
+        for name, number in zip("ab", stated, strict=True)
+    ]
+    seen = []
+    monkeypatch.setattr(lens_wavefronts, "hole_cells", lambda _: 0.5)
+    monkeypatch.setattr(
+        lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: seen.extend(shown)
+    )
+    fit_wavefronts([state(*takes)], silent, Effort.FASTEST, None)
+    assert tuple(one.f_number for one in seen) == used
 
 
 def test_small_dark_dots_of_one_setting_are_fitted(monkeypatch):

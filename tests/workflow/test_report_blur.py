@@ -196,28 +196,33 @@ def test_terms_that_states_share_stand_once(tmp_path):
     assert "−7.5" in html
 
 
-@pytest.mark.parametrize("polarity", [1.0, -1.0])
-def test_what_the_model_explains_leaves_grey(polarity):
+@pytest.mark.parametrize("dark", [False, True])
+def test_what_the_model_explains_leaves_grey(dark):
     """A disc on a background: photograph and model alike, their difference one half."""
     disc = np.zeros((1, 24, 24))
     disc[0, 8:16, 8:16] = 3.0
-    light = 5.0 + polarity * disc
-    photograph, model, left = dot_tiles(light, np.zeros_like(light), np.full(1, 5.0))
+    nothing, beside = np.zeros_like(disc), np.full(1, 5.0)
+    photograph, model, left = dot_tiles(5.0 + disc, nothing, beside, dark=dark)
     np.testing.assert_array_equal(photograph, model)
     np.testing.assert_array_equal(left, 0.5)
     assert photograph.min() == 0.0
     assert photograph.max() == 1.0
-    assert (photograph[0, 12, 12] > 0.5) == (polarity > 0)
+    assert (photograph[0, 12, 12] < 0.5) == dark
 
 
 def test_every_take_gets_a_picture_of_its_own_dots(tmp_path):
     """Three tiles in a column for each dot: photograph, model, what is left."""
     light = np.zeros((5, 3, 24, 24))
     light[:, :, 10:14, 10:14] = 1.0
-    takes = [SimpleNamespace(take=SimpleNamespace(name=f"{n}.exr")) for n in "ab"]
+    bright = SimpleNamespace(bright=True)
+    takes = [
+        SimpleNamespace(take=SimpleNamespace(name=f"{n}.exr", observations=bright))
+        for n in "ab"
+    ]
     field_mm = np.linspace(0, 10, 10).reshape(5, 2)
     gathered = SimpleNamespace(
         light=light,
+        valid=np.ones(light.shape, bool),
         shown=takes,
         take=np.array([0, 0, 0, 1, 1]),
         dots=SimpleNamespace(field_mm=field_mm),

@@ -2,6 +2,7 @@
 
 Green channel. Every dot is shown against its own brightness, from the middle of the
 field (left) outward; what is left is drawn `ENLARGED` times stronger about mid-grey.
+Cells that the fit does not use, such as a neighbour's, are mid-grey too.
 """
 
 from pathlib import Path
@@ -39,8 +40,12 @@ def write_dot_pictures(
     for k, shown in enumerate(gathered.shown):
         mine = _from_the_middle(gathered.dots.field_mm, gathered.take == k)
         tiles = dot_tiles(
-            gathered.light[mine, _GREEN], residual[mine], background[mine]
+            gathered.light[mine, _GREEN],
+            residual[mine],
+            background[mine],
+            dark=not shown.take.observations.bright,
         )
+        tiles = np.where(gathered.valid[mine, _GREEN], tiles, 0.5)
         name = f"blur/{stems[shown.take.name]}.png"
         write_bytes_atomic(folder / name, png(sheet_of(tiles, enlarged=2)))
         names[shown.take.name] = name
@@ -51,22 +56,25 @@ def dot_tiles(
     light: Float[np.ndarray, "dots rows columns"],
     residual: Float[np.ndarray, "dots rows columns"],
     background: Float[np.ndarray, " dots"],
+    *,
+    dark: bool,
 ) -> Float[np.ndarray, "3 dots rows columns"]:
     """Photograph, model, and half plus `ENLARGED` / 2 of their difference.
 
     Parameters
     ----------
-    light : The photograph's.
+    light : The photograph's; of dark dots what they take of it.
     residual : Photograph minus model.
-    background : Light beside the dot; a dark dot lies below it.
+    background : Light beside the dot.
+    dark : Whether dots are dark ones.
     """
     signal = light - background[:, None, None]
     model = signal - residual
     peak = np.abs(signal).max((1, 2), keepdims=True)
     peak = np.where(peak > 0, peak, 1.0)
-    dark = np.sum(model, (1, 2), keepdims=True) < 0
-    photograph, modelled = (dark + part / peak for part in (signal, model))
-    left = 0.5 + ENLARGED / 2 * residual / peak
+    sign = -1 if dark else 1
+    photograph, modelled = (dark + sign * part / peak for part in (signal, model))
+    left = 0.5 + sign * ENLARGED / 2 * residual / peak
     return np.stack([photograph, modelled, left])
 
 

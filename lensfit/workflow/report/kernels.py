@@ -124,7 +124,7 @@ def kernel_states(report: dict, preset: Preset) -> list[KernelState]:
     blurs = [entry.blur for entry in preset.entries if entry.blur]
     if not blurs:
         return []
-    only = blurs[0].stops[0].f_number
+    only = blurs[0].round_f_number
     found: dict[tuple[float | None, float | None, float], set[float]] = {}
     for take in sorted(takes, key=lambda t: t.get("target_distance_mm") is None):
         focal, focus = take.get("focal_length_mm"), take.get("focus_distance_mm")
