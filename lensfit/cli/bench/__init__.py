@@ -2,6 +2,7 @@
 
 import typer
 
+from lensfit.cli.bench.blur import blur
 from lensfit.cli.bench.coverage import coverage
 from lensfit.cli.bench.detect import detect
 from lensfit.cli.bench.every import every
@@ -17,6 +18,7 @@ for command in (
     detect,
     fit,
     wavefront,
+    blur,
     coverage,
     render,
     warp,

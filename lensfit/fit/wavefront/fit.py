@@ -70,6 +70,9 @@ _GROUPS, _STOPS = 8, 4
 _HOPELESS, _VALLEYS = 1.2, 4
 """How much worse than the best a valley may be and go on to full pixels, and how many:
 each takes as long as all that came before."""
+_OTHERS_OF_ONE_SETTING = 2
+"""Starts that have their turn after the promising ones where all photographs have one
+setting: lenses that draw it alike are alike to whoever photographs there again."""
 _SUSPECT = 0.08
 """Share of a dot's image, held out, from which on the other side of focus is tried:
 where it was stated rightly a third of this is usual."""
@@ -127,8 +130,7 @@ class WavefrontFit:
     @property
     def of_one_setting(self) -> bool:
         """Whether all photographs have one f-number and one focus distance."""
-        focus = {group.focus_distance_mm for group in self.gathered.groups}
-        return len(self.gathered.f_numbers) == 1 and len(focus) == 1
+        return self.gathered.of_one_setting
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -191,6 +193,7 @@ def fit_wavefront(
     suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT
     mirrored = suspect and suits_other_side(best)
     against = mirrored or runs_against_statements(final)
+    told = side_is_told(valleys) and not every.of_one_setting
     covariance = covariance_of(final, families)
     return WavefrontFit(
         gathered=every,
@@ -202,7 +205,7 @@ def fit_wavefront(
             final, _families_at(final, allowed), covariance
         ),
         unseen=unseen(final, families, covariance),
-        sign_known=not against if coarse.side_stated else side_is_told(valleys),
+        sign_known=not against if coarse.side_stated else told,
         mirrored=mirrored,
         misfit=misfit,
     )
@@ -218,11 +221,14 @@ def _open_after_middle(coarse: Coarse, few: Gathered) -> list[Valley]:
         valley_at(middle_fit(one.stage, coarse.families)) for one in coarse.valleys
     ]
     enough = _EXPLAINED * len(few.take) * (3 if few.colour else 1)
-    for one in coarse.others:
+    most = _OTHERS_OF_ONE_SETTING if few.of_one_setting else None
+    for one in coarse.others[:most]:
         if min(valley.cost for valley in found) <= enough:
             break
         stage = with_all_dots(one, few).stage
         found.append(valley_at(middle_fit(stage, coarse.families)))
+    if few.of_one_setting:
+        return still_open(found, _HOPELESS, 1)
     both_sides = not coarse.side_stated
     return still_open(found, _HOPELESS, _VALLEYS, both_sides=both_sides)
 

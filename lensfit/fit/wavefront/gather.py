@@ -75,6 +75,12 @@ class Gathered:
     reference_distance_mm: float
     first_order: FirstOrder
 
+    @property
+    def of_one_setting(self) -> bool:
+        """Whether all photographs have one f-number and one focus distance."""
+        focus = {group.focus_distance_mm for group in self.groups}
+        return len(self.f_numbers) == 1 and len(focus) == 1
+
     @cached_property
     def transfer(self) -> Transfer | None:
         """What the discs of broad dots make of an image (`waves`); None of others."""

@@ -1,0 +1,238 @@
+"""Blur of real photographs: pixels of dots that the fit did not see, predicted.
+
+There is no truth of a real lens. But its blur, convolved with a dot's disc and put
+where the dot's centroid says, must be the photograph of that dot. Brightness and
+background are found for each; nothing else is. Beside it stand what a user would do
+without lensfit, fitted to other dots of the same photographs: one Gaussian for the
+whole field, Gaussians that vary smoothly over it, and no blur at all; and the noise of
+the pixels. All have the same discs, of the diameter that the fit found.
+
+Errors are relative (L2), in green, over the cells that are a dot's own.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.interpolate import RBFInterpolator
+
+from lensfit.errors import LensfitError
+from lensfit.fit.lens_states import fit
+from lensfit.fit.wavefront.drags import drags_mm
+from lensfit.fit.wavefront.drawn import drawn
+from lensfit.fit.wavefront.effort import Effort
+from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.fit.wavefront.gather import Gathered, chosen
+from lensfit.fit.wavefront.waves import Transfer, basis_of
+from lensfit.kernel.pixels import image_of
+from lensfit.kernel.spot import Spot
+from lensfit.programs import forget_programs
+from lensfit.progress import Progress, silent
+from lensfit.workflow.bench.machine import machine
+from lensfit.workflow.bench.result import bench_result
+from lensfit.workflow.bench.rows import Row, as_tables
+from lensfit.workflow.bench.sets import chosen_sets, shoot_of
+from lensfit.workflow.calibration.observe import observe_shoot
+from lensfit.workflow.stopwatch import stopwatch
+
+SETS = ("dot_pattern_01", "dot_pattern_05", "gopro8", "surg_metal", "robvis")
+_DOTS = 200
+"""That are predicted, and as many others that Gaussians are fitted to."""
+_SIGMAS = np.array([0.0, 0.2, 0.35, 0.5, 0.7, 0.9, 1.2, 1.5, 1.9, 2.4, 3.0, 4.0])
+"""Cells."""
+_SMOOTHING = 1.0
+_GREEN = 1
+_SEED = 5
+
+
+class Prediction(NamedTuple):
+    """Relative errors of dots that no fit saw.
+
+    Attributes
+    ----------
+    lens : By the fitted blur.
+    peers : By others, by name.
+    noise : What the noise of pixels alone would leave.
+    """
+
+    lens: Float[np.ndarray, " dots"]
+    peers: dict[str, Float[np.ndarray, " dots"]]
+    noise: Float[np.ndarray, " dots"]
+
+
+def bench_blur(
+    data: str | Path,
+    out_dir: str | Path | None = None,
+    *,
+    only: str | Sequence[str] | None = None,
+    effort: Effort = Effort.NORMAL,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Fit and predict every set of dots, or one.
+
+    Parameters
+    ----------
+    data : Folder with ``real``.
+    out_dir : Folder for bench_blur.json.
+    only : Name of a set, or several.
+
+    Returns
+    -------
+    "rows" with median and 90th percentile of each set beside those of others, "sets"
+    with seconds, "machine", and "errors", one line for each set without blur.
+
+    Raises
+    ------
+    LensfitError : There is no set of that name, or the results cannot be written.
+    """
+    on, rows, sets, errors = machine(), [], [], []
+    names = [one.name for one in chosen_sets(SETS if only is None else only)]
+    for done, name in enumerate(names):
+        progress("sets", done, len(names))
+        forget_programs()
+        with stopwatch() as spent:
+            try:
+                found = _fitted(name, Path(data), effort)
+            except LensfitError as error:
+                errors.append(f"{name}: {error}")
+                continue
+        rows += _rows(name, prediction_of(found))
+        sets.append({"set": name, "seconds": spent["seconds"]})
+    progress("sets", len(names), len(names))
+    return bench_result(
+        "blur", on, out_dir, rows=as_tables(rows), sets=sets, errors=errors
+    )
+
+
+def prediction_of(found: WavefrontFit) -> Prediction:
+    """Of dots in the order of chance, the broad ones of all photographs."""
+    stage, every = found.stage, found.gathered
+    used = {tuple(place) for place in np.asarray(stage.gathered.dots.field_mm)}
+    unseen = [
+        k for k, p in enumerate(np.asarray(every.dots.field_mm)) if tuple(p) not in used
+    ]
+    rows = np.random.default_rng(_SEED).permutation(np.array(unseen, int))
+    half = min(_DOTS, len(rows) // 2)
+    larger = float(np.median(stage.nuisance[:, _GREEN, 4]))
+    test, train = (
+        _sized(chosen(every, r), larger) for r in (rows[:half], rows[half : 2 * half])
+    )
+    place_mm = test.observed_mm - drags_mm(stage, test)
+    ours = drawn(stage, test, place_mm)[:, _GREEN]
+    return Prediction(
+        _errors(test, ours),
+        _of_gaussians(train, test),
+        _noise(test),
+    )
+
+
+def _fitted(name: str, data: Path, effort: Effort) -> WavefrontFit:
+    (one,) = chosen_sets(name)
+    observed = observe_shoot(shoot_of(one, data), None, silent)
+    takes = [o.take for o in observed if o.take is not None]
+    fitted = fit(takes, effort=effort)
+    if not fitted.wavefronts:
+        why = "; ".join(fitted.without_shape.values()) or "its marks are no dots"
+        raise LensfitError(f"no blur was measured: {why}")
+    return next(iter(fitted.wavefronts.values()))
+
+
+def _rows(name: str, found: Prediction) -> list[Row]:
+    rows = []
+    for what, share in (("median", 0.5), ("90th percentile", 0.9)):
+        peers = {k: float(np.quantile(v, share)) for k, v in found.peers.items()}
+        value, noise = (float(np.quantile(v, share)) for v in (found.lens, found.noise))
+        rows.append(
+            Row(
+                name,
+                f"unseen dots, relative error, {what}",
+                value,
+                min(peers.values()),
+                1.5 * noise,
+                peers | {"noise": noise},
+            )
+        )
+    return rows
+
+
+def _sized(gathered: Gathered, larger: float) -> Gathered:
+    """With discs as large as the fit found them."""
+    dots = gathered.dots
+    if dots.broad is None:
+        raise LensfitError("its dots are too small to be predicted by their rims")
+    broad = dots.broad._replace(disc_mm=(1 + larger) * dots.broad.disc_mm)
+    return gathered.__class__(
+        **{**gathered.__dict__, "dots": dots._replace(broad=broad)}
+    )
+
+
+def _of_gaussians(
+    train: Gathered, test: Gathered
+) -> dict[str, Float[np.ndarray, " dots"]]:
+    """Errors of Gaussians that were fitted to other dots."""
+    each = np.stack(
+        [_errors(train, _blurred(train, np.full(len(train.take), s))) for s in _SIGMAS]
+    )
+    one = _SIGMAS[int(np.argmin(np.median(each, 1)))]
+    place = np.concatenate([train.dots.field_mm, train.take[:, None] * 1e3], 1)
+    varying = RBFInterpolator(place, _SIGMAS[np.argmin(each, 0)], smoothing=_SMOOTHING)
+    there = np.concatenate([test.dots.field_mm, test.take[:, None] * 1e3], 1)
+    count = len(test.take)
+    return {
+        "one Gaussian": _errors(test, _blurred(test, np.full(count, one))),
+        "a Gaussian over the field": _errors(
+            test, _blurred(test, np.maximum(varying(there), 0.0))
+        ),
+        "no blur": _errors(test, _blurred(test, np.zeros(count))),
+    }
+
+
+def _blurred(gathered: Gathered, sigma: Float[np.ndarray, " dots"]) -> np.ndarray:
+    """Discs at their centroids behind Gaussians, cells."""
+    arrays = (
+        gathered.transfer,
+        gathered.dots.cell_mm,
+        gathered.observed_mm[:, _GREEN],
+        sigma,
+    )
+    cells = gathered.light.shape[-1]
+    return np.asarray(_discs(jax.tree.map(jnp.asarray, arrays), cells))
+
+
+def _discs(arrays: tuple[Transfer, Array, Array, Array], cells: int) -> Array:
+    def one(part: tuple[Transfer, Array, Array, Array]) -> Array:
+        transfer, cell_mm, place_mm, sigma = part
+        basis = basis_of(-place_mm, cell_mm, cells, transfer)
+        ray = Spot(jnp.zeros((1, 2)), jnp.ones(1), jnp.zeros(1))
+        return basis.seen(image_of(ray, basis.profile(ray, (sigma * cell_mm) ** 2)))
+
+    return jax.lax.map(one, arrays)
+
+
+def _errors(gathered: Gathered, image: np.ndarray) -> Float[np.ndarray, " dots"]:
+    """What images leave of dots, brightness and background found for each."""
+    used = (gathered.valid & ~gathered.clipped)[:, _GREEN]
+    light = np.where(used, gathered.light[:, _GREEN], 0.0).reshape(len(image), -1)
+    w = used.reshape(len(image), -1).astype(float)
+    design = np.stack([image.reshape(len(image), -1), np.ones_like(w)], -1)
+    inner = np.einsum("dc,dci,dcj->dij", w, design, design)
+    right = np.einsum("dc,dci,dc->di", w, design, light)
+    found = np.linalg.solve(inner, right[..., None])[..., 0]
+    left = w * (light - np.einsum("dci,di->dc", design, found))
+    signal = w * (light - found[:, 1:])
+    return np.linalg.norm(left, axis=1) / np.linalg.norm(signal, axis=1)
+
+
+def _noise(gathered: Gathered) -> Float[np.ndarray, " dots"]:
+    used = (gathered.valid & ~gathered.clipped)[:, _GREEN]
+    light = gathered.light[:, _GREEN]
+    beside = np.array(
+        [np.median(one[mask]) for one, mask in zip(light, used, strict=True)]
+    )
+    signal = np.where(used, light - np.minimum(beside, 0.0)[:, None, None], 0.0)
+    total = gathered.read_noise[:, _GREEN] * np.sqrt(used.sum((1, 2)))
+    return total / np.linalg.norm(signal.reshape(len(signal), -1), axis=1)
