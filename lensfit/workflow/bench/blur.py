@@ -4,7 +4,7 @@ There is no truth of a real lens. But its blur, convolved with a dot's disc and 
 where the dot's centroid says, must be the photograph of that dot. Brightness and
 background are found for each; nothing else is. Beside it stand what a user would do
 without lensfit, fitted to other dots of the same photographs: one Gaussian for the
-whole field, Gaussians that vary smoothly over it, and no blur at all; and the noise of
+whole field, Gaussians that vary smoothly over it, and no blur at all; and the grain of
 the pixels. All have the same discs, of the diameter that the fit found.
 
 Errors are relative (L2), in green, over the cells that are a dot's own.
@@ -56,7 +56,7 @@ class Prediction(NamedTuple):
     ----------
     lens : By the fitted blur.
     peers : By others, by name.
-    noise : What the noise of pixels alone would leave.
+    noise : What the grain of the pixels alone would leave.
     """
 
     lens: Float[np.ndarray, " dots"]
@@ -126,7 +126,7 @@ def prediction_of(found: WavefrontFit) -> Prediction:
     return Prediction(
         _errors(test, ours),
         _of_gaussians(train, test),
-        _noise(test),
+        _noise(test, ours),
     )
 
 
@@ -153,7 +153,7 @@ def _rows(name: str, found: Prediction) -> list[Row]:
                 value,
                 min(peers.values()),
                 1.5 * noise,
-                peers | {"noise": noise},
+                peers | {"grain": noise},
             )
         )
     return rows
@@ -179,7 +179,9 @@ def _of_gaussians(
     )
     one = _SIGMAS[int(np.argmin(np.median(each, 1)))]
     place = np.concatenate([train.dots.field_mm, train.take[:, None] * 1e3], 1)
-    varying = RBFInterpolator(place, _SIGMAS[np.argmin(each, 0)], smoothing=_SMOOTHING)
+    varying = RBFInterpolator(
+        place, _SIGMAS[np.argmin(each, 0)], kernel="linear", smoothing=_SMOOTHING
+    )
     there = np.concatenate([test.dots.field_mm, test.take[:, None] * 1e3], 1)
     count = len(test.take)
     return {
@@ -214,25 +216,34 @@ def _discs(arrays: tuple[Transfer, Array, Array, Array], cells: int) -> Array:
 
 
 def _errors(gathered: Gathered, image: np.ndarray) -> Float[np.ndarray, " dots"]:
-    """What images leave of dots, brightness and background found for each."""
+    """Of images of dots."""
+    left, signal, _ = _left(gathered, image)
+    return np.linalg.norm(left, axis=(1, 2)) / np.linalg.norm(signal, axis=(1, 2))
+
+
+def _left(
+    gathered: Gathered, image: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What images leave of dots, brightness and background found for each; the light of
+    the dots over that background; and where both are told."""
     used = (gathered.valid & ~gathered.clipped)[:, _GREEN]
-    light = np.where(used, gathered.light[:, _GREEN], 0.0).reshape(len(image), -1)
-    w = used.reshape(len(image), -1).astype(float)
-    design = np.stack([image.reshape(len(image), -1), np.ones_like(w)], -1)
+    shape, flat = used.shape, (len(used), -1)
+    light = np.where(used, gathered.light[:, _GREEN], 0.0).reshape(flat)
+    w = used.reshape(flat).astype(float)
+    design = np.stack([image.reshape(flat), np.ones_like(w)], -1)
     inner = np.einsum("dc,dci,dcj->dij", w, design, design)
     right = np.einsum("dc,dci,dc->di", w, design, light)
     found = np.linalg.solve(inner, right[..., None])[..., 0]
     left = w * (light - np.einsum("dci,di->dc", design, found))
     signal = w * (light - found[:, 1:])
-    return np.linalg.norm(left, axis=1) / np.linalg.norm(signal, axis=1)
+    return left.reshape(shape), signal.reshape(shape), used
 
 
-def _noise(gathered: Gathered) -> Float[np.ndarray, " dots"]:
-    used = (gathered.valid & ~gathered.clipped)[:, _GREEN]
-    light = gathered.light[:, _GREEN]
-    beside = np.array(
-        [np.median(one[mask]) for one, mask in zip(light, used, strict=True)]
-    )
-    signal = np.where(used, light - np.minimum(beside, 0.0)[:, None, None], 0.0)
-    total = gathered.read_noise[:, _GREEN] * np.sqrt(used.sum((1, 2)))
-    return total / np.linalg.norm(signal.reshape(len(signal), -1), axis=1)
+def _noise(gathered: Gathered, image: np.ndarray) -> Float[np.ndarray, " dots"]:
+    """What is left from one cell to the next: the grain that no image explains."""
+    left, signal, used = _left(gathered, image)
+    pair = used[..., 1:] & used[..., :-1]
+    step = np.where(pair, left[..., 1:] - left[..., :-1], 0.0)
+    grain = np.sqrt(np.sum(step**2, (1, 2)) / 2 / np.maximum(pair.sum((1, 2)), 1))
+    total = grain * np.sqrt(used.sum((1, 2)))
+    return total / np.linalg.norm(signal, axis=(1, 2))
