@@ -22,6 +22,7 @@ terms span those of 3DEqualizer's "Anamorphic, degree 4".
 """
 
 from functools import lru_cache, partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -37,10 +38,26 @@ LOWEST_FREE_DEGREE = 3
 
 def named_basis(q: Float[Array, "2"]) -> Float[Array, "terms 2"]:
     """Decentering, thin-prism and anamorphic displacements per unit coefficient."""
-    x, y = q[0], q[1]
+    terms = _named_terms(q[0], q[1], jnp.zeros_like(q[0]))
+    return jnp.stack([jnp.stack(term) for term in terms])
+
+
+def _named_displacement(
+    q: Float[Array, "2"], named: Float[Array, " terms"]
+) -> Float[Array, "2"]:
+    """`named @ named_basis(q)`, summed up term by term: no array of all terms is made
+    for every point, and much less is compiled."""
+    x = y = jnp.zeros_like(q[0])
+    for k, (x_term, y_term) in enumerate(_named_terms(q[0], q[1], None)):
+        x = x if x_term is None else x + named[k] * x_term
+        y = y if y_term is None else y + named[k] * y_term
+    return jnp.stack([x, y])
+
+
+def _named_terms(x: Any, y: Any, zero: Any) -> list[tuple[Any, Any]]:
+    """x and y of each term; polynomials of x and y with integer coefficients."""
     x2, y2 = x * x, y * y
     r2 = x2 + y2
-    zero = jnp.zeros_like(x)
     second, fourth = x2 - y2, x2 * x2 - 6 * x2 * y2 + y2 * y2
     decentering = [(2 * x * y, r2 + 2 * y2), (r2 + 2 * x2, 2 * x * y)]
     decentering += [(r2 * a, r2 * b) for a, b in decentering]
@@ -55,8 +72,21 @@ def named_basis(q: Float[Array, "2"]) -> Float[Array, "terms 2"]:
         (x * fourth, zero),
         (zero, y * fourth),
     ]
-    terms = decentering + prism + anamorphic
-    return jnp.stack([jnp.stack(term) for term in terms])
+    return decentering + prism + anamorphic
+
+
+@lru_cache(maxsize=1)
+def _named_polynomials() -> tuple[np.ndarray, np.ndarray]:
+    """Exponents (i, j) of x^i y^j, and the coefficients (terms, x and y, powers).
+
+    Solved for at as many random points as make it well-posed, and rounded.
+    """
+    exponents = np.array([(n - j, j) for n in range(2, 6) for j in range(n + 1)])
+    x, y = np.random.default_rng(0).uniform(-1, 1, (2, 200))
+    powers = x[:, None] ** exponents[:, 0] * y[:, None] ** exponents[:, 1]
+    terms = np.array(_named_terms(x, y, 0 * x))
+    found, *_ = np.linalg.lstsq(powers, terms.reshape(-1, len(x)).T)
+    return exponents, np.rint(found.T).reshape(len(terms), 2, -1)
 
 
 @lru_cache(maxsize=32)
@@ -119,14 +149,14 @@ def _unguarded_derivative(degree, primals, tangents):
     """Linear in the coefficients; along q by one 2 x 2 matrix for all tangents."""
     q, named, free, box = primals
     q_dot, named_dot, free_dot, box_dot = tangents
-    value, named_at, free_at = with_basis(degree, q, named, free, box)
+    value, _, free_at = with_basis(degree, q, named, free, box)
     # A box moves as a whole, with the principal point: only its corner's shift counts.
-    at_q = jax.jacfwd(lambda p: with_basis(degree, p, named, free, box)[0])(q)
-    at_box = jax.jacfwd(lambda b: with_basis(degree, q, named, free, box + b[None])[0])(
-        jnp.zeros_like(q)
-    )
+    at_q, at_box = jax.jacfwd(
+        lambda p, b: with_basis(degree, p, named, free, box + b[None])[0], (0, 1)
+    )(q, jnp.zeros_like(q))
     change = at_q @ q_dot + at_box @ box_dot[0]
-    return value, change + named_dot @ named_at + free_dot @ free_at
+    named_change = _named_displacement(jnp.clip(q, box[0], box[1]), named_dot)
+    return value, change + named_change + free_dot @ free_at
 
 
 def with_basis(
@@ -137,9 +167,10 @@ def with_basis(
     box: Float[Array, "2 2"],
 ) -> tuple[Float[Array, "2"], Float[Array, "named 2"], Float[Array, " terms"]]:
     """The displacement without its guard, and its value per unit of coefficient."""
-    named_at = named_basis(jnp.clip(q, box[0], box[1]))
+    inside = jnp.clip(q, box[0], box[1])
     free_at = free_basis(q, box, degree)
-    return named @ named_at + free @ free_at, named_at, free_at
+    value = _named_displacement(inside, named) + free @ free_at
+    return value, named_basis(inside), free_at
 
 
 def fold_guard(
@@ -182,5 +213,22 @@ def _named_gradient_bound(box: Float[Array, "2 2"]) -> Float[Array, " named"]:
             jnp.stack([full * high[0], along], -1),
         ]
     )
-    jacobian = jax.vmap(jax.jacfwd(named_basis))(border)
+    jacobian = _named_gradients(border)
     return 1.1 * jnp.max(jnp.sqrt(jnp.sum(jacobian**2, (-2, -1))), axis=0)
+
+
+def _named_gradients(q: Float[Array, "points 2"]) -> Float[Array, "points terms 2 2"]:
+    """d `named_basis` / d q, as polynomials: JAX's own derivative of every product
+    would be a large part of each program that has a distortion in it, and take as
+    large a part of the time to compile it."""
+    exponents, coefficients = _named_polynomials()
+    powers = [jnp.ones_like(q)]
+    for _ in range(exponents.max()):
+        powers.append(powers[-1] * q)
+    power = jnp.stack(powers)
+    lower = np.maximum(exponents - 1, 0)
+    by_x = power[lower[:, 0], :, 0] * power[exponents[:, 1], :, 1]
+    by_y = power[exponents[:, 0], :, 0] * power[lower[:, 1], :, 1]
+    factors = coefficients[..., None] * exponents  # of the lowered powers
+    slopes = jnp.stack([by_x, by_y])
+    return jnp.einsum("tcka,akp->ptca", jnp.asarray(factors, q.dtype), slopes)
