@@ -145,8 +145,7 @@ def unfitted(
 ) -> Residual:
     """How far the samples are off with nothing but the squeeze on the axis."""
     start = _start(samples, principal_distance_mm, principal_point_mm)
-    land = jax.vmap(chief_ray.distorted_from_undistorted, (0, None))
-    landed = np.asarray(land(jnp.asarray(samples.undistorted_mm), start))
+    landed = np.asarray(_landed_mm(jnp.asarray(samples.undistorted_mm), start))
     off = np.linalg.norm(landed - samples.distorted_mm, axis=-1)
     return residual_from(off / samples.frame.pitch_mm)
 
@@ -193,8 +192,7 @@ def _box(lens: Distortion, samples: Samples) -> np.ndarray:
         reference_radius_mm=jnp.asarray(1.0),
     )
     about = jnp.asarray(samples.distorted_mm) / lens.reference_radius_mm
-    back = jax.vmap(chief_ray.on_sensor_mm, (0, None))
-    spread = np.asarray(back(about, straight))
+    spread = np.asarray(_unsqueezed_mm(about, straight))
     low, high = spread.min(0), spread.max(0)
     margin = _BOX_MARGIN * (high - low)
     return np.stack([low - margin, high + margin])
@@ -262,9 +260,13 @@ def _with_values(values: Float[Array, " values"], lens: Distortion) -> Distortio
     )
 
 
+_landed_mm = jax.jit(jax.vmap(chief_ray.distorted_from_undistorted, (0, None)))
+_unsqueezed_mm = jax.jit(jax.vmap(chief_ray.on_sensor_mm, (0, None)))
+
+
 def _off(values: Array, lens: Distortion, u: Array, target_px: Array, pitch: Array):
     made = _with_values(values, lens)
-    landed = jax.vmap(chief_ray.distorted_from_undistorted, (0, None))(u, made)
+    landed = _landed_mm(u, made)
     return (landed / pitch - target_px).ravel()
 
 
