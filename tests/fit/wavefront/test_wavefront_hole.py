@@ -1,5 +1,6 @@
 """The hole of a dot: its second moments always, its rim where that shows."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -67,9 +68,15 @@ def _image(defocus_mm, hole_mm, place_mm):
     dots = dots._replace(filled_mm=hole.filled_mm, variance_mm2=hole.variance_mm2)
     dot = type(dots)(*(a if a is None else jnp.asarray(a[0]) for a in dots))
     numbers = jnp.asarray(lens.parameters())
+    found = _fitted_image(numbers, dot, place_mm)
+    return np.asarray(found), _counted(lens, hole_mm, place_mm)
+
+
+@jax.jit
+def _fitted_image(numbers, dot, place_mm):
     spot, _ = spot_seen(numbers, dot, GREY, LAYOUT, SCALE, RAYS)
     profile = profile_of(spot, -place_mm, dot.cell_mm, CELLS, dot.variance_mm2)
-    return np.asarray(image_of(spot, profile)), _counted(lens, hole_mm, place_mm)
+    return image_of(spot, profile)
 
 
 def _counted(lens, hole_mm, place_mm, rays=2_000_000):

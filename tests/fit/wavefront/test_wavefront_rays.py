@@ -92,8 +92,23 @@ def _spot(parameters, dot, colour, layout, points):
 
 
 @jax.jit
+def _led_back(parameters, dot, by_spot):
+    spot, back = spot_seen(parameters, dot, COLOUR, TINY, SCALE, POINTS)
+    return spot, back(by_spot)
+
+
+@jax.jit
 def _centroids(parameters, dot, chromatic):
     return centroids_mm(parameters, dot, chromatic, TINY, SCALE)
+
+
+@jax.jit
+def _centroid_slopes(parameters, dot, chromatic):
+    """As the fit computes them, and by JAX."""
+    return (
+        centroid_slopes_mm(parameters, dot, chromatic, TINY, SCALE),
+        jax.jacfwd(centroids_mm)(parameters, dot, chromatic, TINY, SCALE),
+    )
 
 
 def _agree(parameters: np.ndarray, dot) -> None:
@@ -145,13 +160,7 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
         jnp.asarray(rng.normal(size=a.shape)) for a in jax.tree.leaves(rays.spot)
     )
 
-    @jax.jit
-    def led_back(by_spot):
-        seen = (parameters, dot, COLOUR, TINY, SCALE, POINTS)
-        spot, back = spot_seen(*seen)
-        return spot, back(by_spot)
-
-    spot, found = led_back(Spot(landing, weight, cell))
+    spot, found = _led_back(parameters, dot, Spot(landing, weight, cell))
     wanted = np.einsum("ri,rip->p", landing, rays.moved_mm)
     # Those that lead the way are evenly lit.
     lit = spot.weight / rays.spot.weight
@@ -164,9 +173,8 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
 def test_a_centroid_goes_as_its_slopes_say(place):
     """But for how the light over the opening changes, which is taken as it is."""
     parameters, dot = jnp.asarray(parameters_of(0.2, (0.5, 1.1))), dot_of(PLACES[place])
-    seen = (dot, jnp.full((3, 2), jnp.array([-0.4, 0.3])), TINY, SCALE)
-    wanted = jax.jacfwd(lambda numbers: centroids_mm(numbers, *seen))(parameters)
-    found = centroid_slopes_mm(parameters, *seen)
+    chromatic = jnp.full((3, 2), jnp.array([-0.4, 0.3]))
+    found, wanted = _centroid_slopes(parameters, dot, chromatic)
     for name, where in TINY.blocks.items():
         size = float(np.abs(wanted[..., where]).max())
         np.testing.assert_allclose(

@@ -65,6 +65,12 @@ def _differences(numbers, dot):
     return jnp.moveaxis(ends[0] - ends[1], 0, -1) / (2 * size)[None, None]
 
 
+@jax.jit
+def _led_back(numbers, dot, by_spot):
+    spot, back = spot_seen(numbers, dot, ONE, TINY, SCALE, POINTS)
+    return spot, back(by_spot)
+
+
 @pytest.mark.parametrize("place", PLACES)
 def test_derivatives_agree_with_differences(place):
     numbers, dot = jnp.asarray(parameters()), dot_of(place)
@@ -87,13 +93,7 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
     rng = np.random.default_rng(4)
     pulls = [jnp.asarray(rng.normal(size=a.shape)) for a in jax.tree.leaves(rays.spot)]
 
-    @jax.jit
-    def led_back(by_spot):
-        seen = (numbers, dot, ONE, TINY, SCALE, POINTS)
-        spot, back = spot_seen(*seen)
-        return spot, back(by_spot)
-
-    spot, found = led_back(Spot(*pulls))
+    spot, found = _led_back(numbers, dot, Spot(*pulls))
     # Rays that lead the way are evenly lit.
     lit = spot.weight / rays.spot.weight
     wanted = np.einsum("ri,rip->p", pulls[0], rays.moved_mm)
@@ -111,7 +111,10 @@ def test_single_precision_stays_single():
         return eqx.combine(cast, whole)
 
     numbers, dot, colour, scale = single((parameters(), dot_of(PLACES[1]), ONE, SCALE))
-    rays = rays_of(numbers, dot, colour, TINY, scale, POINTS)
+    # The dtypes alone: nothing needs to be compiled for them.
+    rays = jax.eval_shape(
+        lambda *given: rays_of(*given, TINY, scale, POINTS), numbers, dot, colour
+    )
     assert {leaf.dtype for leaf in jax.tree.leaves(rays)} == {jnp.dtype("float32")}
 
 
