@@ -22,14 +22,13 @@ squares over control values that never fall.
 import math
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from lensfit.lens import Lens
-from lensfit.optics.distortion import undistorted_from_distorted
 from lensfit.optics.falloff import Illumination
+from lensfit.optics.many_points import undistort
 from lensfit.optics.pupil import Pupil
 from lensfit.preset.aberration_knobs import AberrationKnobs
 from lensfit.preset.fall_off_control import (
@@ -164,7 +163,7 @@ def _natural(lens: Lens, radius_mm: Loss) -> Loss:
         return np.maximum(-(stretch[0] * square + stretch[1] * square**2), 0)
     centre = lens.distortion.principal_point_mm
     points = centre[None] + jnp.asarray(np.stack([radius_mm, 0 * radius_mm], -1))
-    seen = jax.vmap(undistorted_from_distorted, (0, None))(points, lens.distortion)
+    seen = undistort(points, lens.distortion)
     slope = np.asarray(seen - centre[None]) / float(
         lens.distortion.principal_distance_mm
     )

@@ -78,6 +78,8 @@ def _whitened(parameters, problem: solve.Problem):
     return jnp.einsum("cmij,cmj->cmi", marks.whitening, off)
 
 
+_value = jax.jit(_whitened)
+_jacobian = jax.jit(jax.jacfwd(_whitened))
 _equations = jax.jit(normal.equations, static_argnames="layout")
 
 
@@ -89,8 +91,8 @@ def _equations_at(parameters, problem: solve.Problem) -> normal.Equations:
 def test_equations_of_each_half_are_those_of_the_dense_jacobian(problem, scale):
     """Also where the guard against folding is at work, at the larger scale."""
     at = _at(scale)
-    value = np.asarray(jax.jit(_whitened)(at, problem))
-    jacobian = np.asarray(jax.jit(jax.jacfwd(_whitened))(at, problem))
+    value = np.asarray(_value(at, problem))
+    jacobian = np.asarray(_jacobian(at, problem))
     found = _equations_at(at, problem)
     for half in (0, 1):
         rows = jacobian[:, half::2].reshape(-1, len(at))

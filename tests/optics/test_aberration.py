@@ -21,6 +21,10 @@ COLOURS = rotational_terms(3)
 FIELD_MM = jnp.array([8.0, -5.0])
 
 
+_local = jax.jit(local_wavefront)
+_landings = jax.jit(jax.vmap(landing_mm, (0, None, None)))
+
+
 def lens(seed: int = 0, size_um: float = 8.0):
     rng = np.random.default_rng(seed)
     empty = no_aberration(
@@ -37,7 +41,7 @@ def lens(seed: int = 0, size_um: float = 8.0):
 def test_defocus_is_a_pencil_of_straight_rays():
     """Rays to a point, cut dz behind it: x = dz (tangent of ray - of chief ray)."""
     perfect = replace(lens(), coefficients_um=jnp.zeros(len(TERMS)))
-    local = local_wavefront(FIELD_MM, jnp.asarray(0.0), perfect)
+    local = _local(FIELD_MM, jnp.asarray(0.0), perfect)
     u = jnp.array([0.7, 0.6])
     ray = chief_sine(FIELD_MM, perfect) + u * perfect.reference_sine
     chief = chief_sine(FIELD_MM, perfect)
@@ -51,16 +55,16 @@ def test_defocus_is_a_pencil_of_straight_rays():
 
 def test_rays_land_at_the_gradient_of_the_path():
     aberrated = lens()
-    local = local_wavefront(FIELD_MM, jnp.asarray(-0.7), aberrated)
+    local = _local(FIELD_MM, jnp.asarray(-0.7), aberrated)
     u, dz = jnp.array([0.4, -0.8]), jnp.asarray(0.3)
-    slope = jax.grad(path_mm)(u, dz, local) / aberrated.reference_sine
+    slope = jax.jit(jax.grad(path_mm))(u, dz, local) / aberrated.reference_sine
     np.testing.assert_allclose(landing_mm(u, dz, local), slope, atol=1e-14)
     _, jacobian = landing_and_jacobian_mm(u, dz, local)
     np.testing.assert_allclose(jacobian, jacobian.T, atol=1e-14)
 
 
 def test_the_chief_ray_lands_at_the_chief_ray():
-    local = local_wavefront(FIELD_MM, jnp.asarray(0.5), lens())
+    local = _local(FIELD_MM, jnp.asarray(0.5), lens())
     landed = landing_mm(jnp.zeros(2), jnp.asarray(0.7), local)
     np.testing.assert_allclose(landed, 0, atol=1e-15)
 
@@ -73,11 +77,11 @@ def test_a_coefficient_is_the_rms_spot_in_micrometres(index: int):
         coefficients_um=jnp.zeros(len(TERMS)).at[index].set(3.0),
         colour_um=jnp.zeros((2, len(COLOURS))),
     )
-    local = local_wavefront(jnp.array([15.0, 0.0]), jnp.asarray(0.0), one)
+    local = _local(jnp.array([15.0, 0.0]), jnp.asarray(0.0), one)
     k = np.arange(4000)
     r, a = np.sqrt((k + 0.5) / 4000), k * np.pi * (3 - np.sqrt(5))
     u = jnp.asarray(np.stack([r * np.cos(a), r * np.sin(a)], -1))
-    spot = np.asarray(jax.vmap(landing_mm, (0, None, None))(u, jnp.asarray(0.0), local))
+    spot = np.asarray(_landings(u, jnp.asarray(0.0), local))
     rms_um = 1e3 * np.sqrt(spot.var(axis=0).sum())
     np.testing.assert_allclose(rms_um, 3.0, rtol=0.01)
 
@@ -89,6 +93,7 @@ def test_derivatives_agree_with_differences(place, dz):
     start = lens()
     for u in (jnp.zeros(2), jnp.array([1.0, 0.0])):
 
+        @jax.jit
         def landed(coefficients, field, shift, u=u):
             one = replace(start, coefficients_um=coefficients)
             local = local_wavefront(field, jnp.asarray(0.3), one)

@@ -24,9 +24,13 @@ EDGE_MM = 15.6
 RADII_MM = np.linspace(0, EDGE_MM, 60)
 
 
+_loss = jax.jit(jax.vmap(log_loss, (0, None)))
+_through_pupil = jax.jit(jax.vmap(relative_illumination, (0, None, None)))
+
+
 def illumination_of(fall_off: FallOff) -> np.ndarray:
     squared = jnp.asarray((RADII_MM / fall_off.valid_radius_mm) ** 2)
-    loss = jax.vmap(log_loss, (0, None))(squared, jnp.asarray(fall_off.g))
+    loss = _loss(squared, jnp.asarray(fall_off.g))
     return np.exp(-np.asarray(loss))
 
 
@@ -38,9 +42,7 @@ def test_it_is_the_light_through_the_pupil(f_number: float):
     blur = lens_blur(entry, f_number, 2000.0)
     way = np.array([0.6, 0.8])
     points = jnp.asarray(RADII_MM[:, None] * way / blur.aberration.field_radius_mm)
-    truth = jax.vmap(relative_illumination, (0, None, None))(
-        points, blur.stop_radius, blur.pupil
-    )
+    truth = _through_pupil(points, blur.stop_radius, blur.pupil)
     assert float(truth[-1]) < 0.95
     np.testing.assert_allclose(illumination_of(predicted), truth, rtol=0.01)
 
