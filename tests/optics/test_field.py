@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from lensfit.optics import field
 from lensfit.optics.field import (
     MAX_GRADIENT,
     displacement,
@@ -19,8 +20,11 @@ POINTS = np.random.default_rng(0).uniform(-0.7, 0.7, (20, 2))
 SHIFTED_BOX = jnp.array([[-0.9, -0.5], [0.7, 0.7]])
 
 
+_named_bases = jax.jit(jax.vmap(named_basis))
+
+
 def _named(points):
-    return np.asarray(jax.vmap(named_basis)(jnp.asarray(points)))
+    return np.asarray(_named_bases(jnp.asarray(points)))
 
 
 @jax.jit
@@ -154,3 +158,20 @@ def test_derivatives_equal_finite_differences():
         step = np.eye(len(at)) * h
         difference = [(d(at + e) - d(at - e)) / (2 * h) for e in step]
         np.testing.assert_allclose(slope(at), np.stack(difference, -1), atol=2e-8)
+
+
+def test_named_terms_summed_up_and_their_gradients_are_those_of_the_basis():
+    rng = np.random.default_rng(6)
+    points = jnp.asarray(rng.uniform(-1.2, 1.2, (20, 2)))
+    named = jnp.asarray(rng.normal(size=16))
+
+    @jax.jit
+    def both(points):
+        summed = jax.vmap(lambda q: field._named_displacement(q, named))(points)
+        gradients = jax.vmap(jax.jacfwd(named_basis))(points)
+        return summed, field._named_gradients(points), gradients
+
+    summed, found, wanted = both(points)
+    np.testing.assert_allclose(found, wanted, atol=1e-13)
+    expected = np.einsum("t,ptc->pc", named, _named(points))
+    np.testing.assert_allclose(summed, expected, atol=1e-13)
