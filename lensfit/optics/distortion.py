@@ -20,6 +20,7 @@ import dataclasses
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.optics import field, radial
@@ -91,11 +92,11 @@ def no_distortion(
 
 def without_idle_degrees(distortion: Distortion) -> Distortion:
     """The same map with no more degrees in its free field than have coefficients."""
-    free, degree = distortion.free, distortion.degree
-    while degree and not jnp.any(free[:, len(field.free_degrees(degree - 1)) :]):
+    free, degree = np.asarray(distortion.free), distortion.degree
+    while degree and not free[:, len(field.free_degrees(degree - 1)) :].any():
         degree = degree - 1 if degree > field.LOWEST_FREE_DEGREE else 0
         free = free[:, : len(field.free_degrees(degree))]
-    return dataclasses.replace(distortion, free=free, degree=degree)
+    return dataclasses.replace(distortion, free=jnp.asarray(free), degree=degree)
 
 
 def distorted_from_direction(

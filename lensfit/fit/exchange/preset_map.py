@@ -278,7 +278,8 @@ def _tidy(lens: Distortion) -> Distortion:
     """Without coefficients that are nothing but rounding."""
 
     def clean(values: Array) -> Array:
-        return jnp.where(jnp.abs(values) < 1e-15, 0.0, values)
+        known = np.asarray(values)
+        return jnp.asarray(np.where(np.abs(known) < 1e-15, 0.0, known))
 
     lens = replace(
         lens,
