@@ -12,6 +12,7 @@ from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +25,7 @@ from lensfit.optics.aberration import LocalWavefront, landing_and_jacobian_mm
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.etendue import light_density
 from lensfit.optics.pupil import nearest_in_opening, places_in_stop, pupil_rays
+from lensfit.optics.stop_places import rays_at_stop
 from lensfit.optics.transmission import transmitted
 from lensfit.programs import kept_program
 
@@ -31,7 +33,7 @@ FOOTPRINT = 0.35
 """Variance of a ray's Gaussian over the area of its cell's image."""
 _LEAST_DETERMINANT = 0.05
 _NO_LIGHT = 1e-30
-_POINTS, _RAYS = 360, 96
+_POINTS, _RAYS, _PLACES = 360, 96, 100
 """Of a batch; rays a multiple of every number of wavelengths."""
 _THREADS = 2
 
@@ -96,14 +98,7 @@ def rays_through(
     cell = seen.grown**2 * density * jnp.asarray(places.share)
     wavelengths = seen.lateral_mm.shape[0]
     parted = _by_wavelength(u, seen, blur)
-
-    def of_wavelength(
-        rays: _OfWavelengths, local: LocalWavefront, lateral: Array
-    ) -> Landed:
-        found = jax.vmap(_landed, (0, None, None))(rays, blur, local)
-        return found._replace(at_mm=found.at_mm + lateral[None])
-
-    found = jax.vmap(of_wavelength, (1, 0, 0), 1)(parted, seen.local, seen.lateral_mm)
+    found = _of_wavelengths(parted, seen, blur)
     weight = cell * found.light.reshape(-1)
     if blur.transmission is not None:
         passed = places_in_stop(u, seen.h, blur.stop_radius, blur.pupil)
@@ -123,6 +118,16 @@ def _by_wavelength(u: Array, seen: Pencil, blur: LensBlur) -> _OfWavelengths:
     wavelengths = seen.lateral_mm.shape[0]
     each = (seen.grown * u, seen.grown * own, is_known)
     return _OfWavelengths(*(a.reshape(-1, wavelengths, *a.shape[1:]) for a in each))
+
+
+def _of_wavelengths(parted: _OfWavelengths, seen: Pencil, blur: LensBlur) -> Landed:
+    """Rays of every wavelength, from where green's chief ray lands."""
+
+    def one(rays: _OfWavelengths, local: LocalWavefront, lateral: Array) -> Landed:
+        found = jax.vmap(_landed, (0, None, None))(rays, blur, local)
+        return found._replace(at_mm=found.at_mm + lateral[None])
+
+    return jax.vmap(one, (1, 0, 0), 1)(parted, seen.local, seen.lateral_mm)
 
 
 def _landed(ray: _OfWavelengths, blur: LensBlur, local: LocalWavefront) -> Landed:
@@ -201,6 +206,61 @@ def rays_of_points(
     light = weight[:n_points, :n_rays]
     total = np.maximum(light.sum(1, keepdims=True), _NO_LIGHT)
     return LandedRays(landing[:n_points, :n_rays], light / total, airy[:n_points])
+
+
+class StopRays(NamedTuple):
+    """Rays of many object points through the same places of the stop.
+
+    Attributes
+    ----------
+    landing_mm : From where each point's green chief ray lands.
+    light : Per area of the stop, up to a factor that rays of a point share.
+    """
+
+    landing_mm: Float[np.ndarray, "points rays wavelengths 2"]
+    light: Float[np.ndarray, "points rays wavelengths"]
+
+
+def stop_rays(
+    points: tuple[np.ndarray, np.ndarray, np.ndarray],
+    optics: tuple[LensBlur, Distortion, LateralColour],
+    places: Float[np.ndarray, "rays 2"],
+) -> StopRays:
+    """Rays of every wavelength through places of the stop, open or not.
+
+    Parameters
+    ----------
+    points : As `rays_of_points`.
+    places : From the middle of the stop, in its radii, x right and y down.
+    """
+    at, distance, channel = (_filled(part, _POINTS) for part in points)
+    through, found = jnp.asarray(_filled(places, _PLACES)), []
+    for first in range(0, len(at), _POINTS):
+        n = slice(first, first + _POINTS)
+        some = jnp.asarray(at[n]), jnp.asarray(distance[n]), jnp.asarray(channel[n])
+        found.append([np.asarray(p) for p in _stop_batch(some, optics, through)])
+    landing, light = (np.concatenate(part) for part in zip(*found, strict=True))
+    own = slice(len(points[0])), slice(len(places))
+    return StopRays(landing[own], light[own])
+
+
+@eqx.filter_jit
+def _stop_batch(
+    points: tuple[Array, Array, Array],
+    optics: tuple[LensBlur, Distortion, LateralColour],
+    places: Array,
+) -> tuple[Array, Array]:
+    blur, distortion, lateral = optics
+
+    def one(point: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        seen = pencil(*point, blur, distortion, lateral)
+        u = rays_at_stop(places, seen.h, blur.stop_radius, blur.pupil)
+        wavelengths = seen.lateral_mm.shape[0]
+        parted = _by_wavelength(jnp.repeat(u, wavelengths, 0), seen, blur)
+        landed = _of_wavelengths(parted, seen, blur)
+        return landed.at_mm, landed.light
+
+    return jax.lax.map(one, points)
 
 
 def _filled(some: ArrayLike, size: int) -> np.ndarray:

@@ -193,7 +193,7 @@ def places_in_stop(
     ----------
     u : As `pupil_rays` gives them.
     """
-    middle = _stop_centre(h, stop_radius, pupil)
+    middle = middle_of_stop(h, stop_radius, pupil)
     s = u @ jnp.linalg.inv(stretch_matrix(h, pupil)) - middle[None]
     length = jnp.sqrt(jnp.sum(s * s, -1) + 1e-24)
     outward, nowhere = s / length[:, None], jnp.zeros_like(h)
@@ -309,7 +309,7 @@ def _rims(h: Array, pupil: Pupil) -> tuple[Array, Array]:
     return jnp.outer(shift, h), radius
 
 
-def _stop_centre(h: Array, stop_radius: Array, pupil: Pupil) -> Array:
+def middle_of_stop(h: Array, stop_radius: Array, pupil: Pupil) -> Array:
     """Quadratic in the pupil, so that it fades as the stop closes."""
     shift = pupil.stop_shift[0] + pupil.stop_shift[1] * (h @ h)
     return h * shift * stop_radius**2
@@ -322,7 +322,7 @@ def _inner_point(h: Array, stop_radius: Array, pupil: Pupil) -> Array:
     over the rims: exact where one rim cuts from one side, another from the other.
     """
     centre, radius = _rims(h, pupil)
-    stop_centre = _stop_centre(h, stop_radius, pupil)
+    stop_centre = middle_of_stop(h, stop_radius, pupil)
     centre = centre - stop_centre[None]
     distance = jnp.sqrt(jnp.sum(centre * centre, -1) + 1e-12)
     soft = 0.05 * stop_radius
@@ -351,7 +351,7 @@ def _radius(
     quadratic = [one]
     linear = [2 * outward @ relative.T]
     constant = [jnp.sum(relative**2, -1) - rim_radius**2]
-    stop_centre = _stop_centre(h, stop_radius, pupil)
+    stop_centre = middle_of_stop(h, stop_radius, pupil)
     stop = _stop_edges(outward, centre - stop_centre, stop_radius, pupil, sharpness)
     quadratic.append(stop[0])
     linear.append(stop[1])
@@ -379,11 +379,11 @@ def _stop_edges(
     k |s|^2 / 2 + (1 - k d) n.s - d + k d^2 / 2 = 0: a circle about the centre for
     k = 1/d, a straight line for k = 0.
     """
-    curvature, used, sector = _blades(pupil)
+    curvature, used, sector = blade_sectors(pupil)
     turn = pupil.blade_rotation_rad + sector / 2
     azimuth = turn + sector * jnp.arange(MOST_BLADES, dtype=centre.dtype)
     normal = jnp.stack([jnp.cos(azimuth), jnp.sin(azimuth)], -1)
-    d = stop_radius * _apothem(pupil, sharpness)
+    d = stop_radius * blade_apothem(pupil, sharpness)
     k = curvature / d
     ahead = 1 - curvature
     a = jnp.where(used, k / 2, 0.0)
@@ -393,7 +393,7 @@ def _stop_edges(
     return a, jnp.where(used[None], b, 0.0), jnp.where(used, c, -1.0)
 
 
-def _blades(pupil: Pupil) -> tuple[Array, Array, Array]:
+def blade_sectors(pupil: Pupil) -> tuple[Array, Array, Array]:
     """Curvature, which of the arcs exist, and the angle between them.
 
     Fewer than three make a circle: a single arc.
@@ -404,14 +404,14 @@ def _blades(pupil: Pupil) -> tuple[Array, Array, Array]:
     return curvature, used, 2 * math.pi / count
 
 
-def _apothem(pupil: Pupil, sharpness: float) -> Array:
+def blade_apothem(pupil: Pupil, sharpness: float) -> Array:
     """Distance of the blades' middles that gives the opening the area of the unit disc.
 
     By quadrature over half a sector, the smooth corners included. From the centre, an
     arc of curvature k at unit distance is met at the inverse radius
     (b + sqrt(b^2 + 2 k (1 - k/2))) / (2 - k), b = (1 - k) cos(angle to its normal).
     """
-    curvature, used, sector = _blades(pupil)
+    curvature, used, sector = blade_sectors(pupil)
     nodes, weights = (
         jnp.asarray(part, curvature.dtype)
         for part in np.polynomial.legendre.leggauss(12)
