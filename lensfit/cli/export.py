@@ -24,6 +24,10 @@ class ExportFormat(StrEnum):
     opentrackio = "opentrackio"
     opencv = "opencv"
     usd = "usd"
+    mrcal_opencv = "mrcal-opencv"
+    mrcal_splined = "mrcal-splined"
+    unreal = "unreal"
+    syntheyes = "syntheyes"
     lensfun = "lensfun"
     stmap = "stmap"
     nuke_stmap = "nuke-stmap"
@@ -50,7 +54,8 @@ def export(
     """Write a lens for another program, and say how near its model comes, in pixels.
 
     UV maps (stmap, nuke-stmap) are exact; the others are fitted to the lens over frame
-    and overscan. lensfun and opentrackio get all entries unless one is asked for.
+    and overscan.
+    lensfun, opentrackio and unreal get all entries unless one is asked for.
 
     Example: lensfit export takumar/preset.json --to nuke-radial --out takumar.nk
     """

@@ -13,6 +13,12 @@ from lensfit.preset.exchange.brown_conrady import D_U, U_D, BrownMap
 from lensfit.preset.exchange.foreign import ForeignLens, Stated
 from lensfit.preset.exchange.lensfun_lens import lens_of_lensfun
 from lensfit.preset.exchange.lensfun_xml import read_lensfun
+from lensfit.preset.exchange.mrcal import (
+    SplinedMap,
+    SplineGrid,
+    mrcal_text,
+    read_mrcal,
+)
 from lensfit.preset.exchange.opencv import OpenCvMap
 from lensfit.preset.exchange.opencv_file import (
     lens_of_opencv,
@@ -22,12 +28,19 @@ from lensfit.preset.exchange.opencv_file import (
 from lensfit.preset.exchange.opentrackio import opentrackio_text, read_opentrackio
 from lensfit.preset.exchange.opentrackio_lens import lens_of_opentrackio
 from lensfit.preset.exchange.opentrackio_sample import ColourShift, LensSample
+from lensfit.preset.exchange.syntheyes import (
+    LniNotes,
+    RadialTable,
+    read_syntheyes,
+    syntheyes_text,
+)
 from lensfit.preset.exchange.tde4 import KNOBS, Tde4Map
 from lensfit.preset.exchange.tde4_node import (
     lens_of_tde4,
     read_tde4_nodes,
     tde4_node_text,
 )
+from lensfit.preset.exchange.unreal import UnrealState, read_unreal, unreal_text
 
 _STATED = Stated(sensor_width_mm=24.0)
 _MATRIX = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
@@ -119,6 +132,33 @@ def tde4_texts() -> tuple[str, ...]:
     return tuple(found)
 
 
+def _five() -> OpenCvMap:
+    coefficients = np.array([-0.1, 0.01, 1e-4, -1e-4, 1e-3, *[0.0] * 9])
+    return OpenCvMap(_MATRIX, coefficients, (640, 480), 0.01)
+
+
+def mrcal_texts() -> tuple[str, ...]:
+    """OpenCV's coefficients, and splines."""
+    grid = SplineGrid(3, 6, 5, 70)
+    controls = np.linspace(-0.01, 0.01, 60).reshape(5, 6, 2)
+    splined = SplinedMap((600, 600, 319.5, 239.5), grid, controls, (640, 480), 0.01)
+    return tuple(mrcal_text(one, ("a lens",)) for one in (_five(), splined))
+
+
+def unreal_texts() -> tuple[str, ...]:
+    """Two states."""
+    states = [UnrealState(_five(), focal, 2000.0) for focal in (24.0, 35.0)]
+    return (unreal_text(states, "Zoom", "42", {"madeBy": "lensfit"}),)
+
+
+def syntheyes_texts() -> tuple[str, ...]:
+    """A table with its notes."""
+    radii = np.linspace(0, 15, 12)
+    table = RadialTable(radii, radii * (1 - 1e-4 * radii**2), (0.1, -0.2))
+    notes = LniNotes(50.0, 51.0, 0.1, -0.2, 24.0, 640, 480, 2000.0)
+    return (syntheyes_text(table, "Fifty", notes, ("a lens",)),)
+
+
 def look_up(lens: ForeignLens) -> None:
     """Every state, over its picture and a little beyond."""
     width, height = lens.sensor_size_mm
@@ -145,3 +185,16 @@ read_and_look_up_opencv = _importer(read_opencv, lens_of_opencv)
 read_and_look_up_opentrackio = _importer(read_opentrackio, lens_of_opentrackio)
 read_and_look_up_lensfun = _importer(read_lensfun, lens_of_lensfun)
 read_and_look_up_tde4 = _importer(read_tde4_nodes, lens_of_tde4)
+
+
+def _stated_importer(read: Callable) -> Callable[[Path], None]:
+    def read_and_look_up(path: Path) -> None:
+        with np.errstate(all="ignore"):
+            look_up(read(path, _STATED))
+
+    return read_and_look_up
+
+
+read_and_look_up_mrcal = _stated_importer(read_mrcal)
+read_and_look_up_unreal = _stated_importer(read_unreal)
+read_and_look_up_syntheyes = _stated_importer(read_syntheyes)

@@ -246,4 +246,25 @@ READERS: tuple[Reader, ...] = (
         TEXT,
         500,
     ),
+    Reader(
+        "mrcal camera model",
+        texts("cam.cameramodel", *exchange.mrcal_texts()),
+        exchange.read_and_look_up_mrcal,
+        TEXT,
+        500,
+    ),
+    Reader(
+        "Unreal lens file",
+        texts("lens.ulens", *exchange.unreal_texts()),
+        exchange.read_and_look_up_unreal,
+        JSON,
+        500,
+    ),
+    Reader(
+        "SynthEyes lens",
+        texts("lens.lni", *exchange.syntheyes_texts()),
+        exchange.read_and_look_up_syntheyes,
+        XML,
+        500,
+    ),
 )

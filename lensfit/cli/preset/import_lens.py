@@ -23,6 +23,9 @@ class ImportFormat(StrEnum):
     nuke = "nuke"
     stmap = "stmap"
     usd = "usd"
+    mrcal = "mrcal"
+    unreal = "unreal"
+    syntheyes = "syntheyes"
 
 
 class MapDirection(StrEnum):
@@ -38,7 +41,8 @@ def import_lens(
         Path,
         typer.Argument(
             help="OpenCV YAML or XML, lensfun XML, OpenTrackIO JSON, Nuke script with "
-            "a 3DEqualizer lens node, USD camera with OpenCV's lens, or UV map (EXR)"
+            "a 3DEqualizer lens node, USD camera with OpenCV's lens, mrcal "
+            ".cameramodel, Unreal .ulens, SynthEyes .lni, or UV map (EXR)"
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Preset to write")],

@@ -76,6 +76,7 @@ def fit_opencv(
     principal_distance_mm: float,
     principal_point_mm: tuple[float, float],
     squeeze: tuple[float, float],
+    most: int = 12,
 ) -> OpenCvMap:
     """OpenCV's camera: its matrix is the lens' own, the coefficients are fitted.
 
@@ -83,6 +84,7 @@ def fit_opencv(
     ----------
     squeeze : Logarithm of the ratio of the axes times (cos 2a, sin 2a), as in
         `lensfit.optics.distortion`; OpenCV knows the part along x and y.
+    most : Coefficients that may be used: 5, 8 or 12.
 
     Raises
     ------
@@ -117,7 +119,8 @@ def fit_opencv(
     def fitted(used: np.ndarray, start: np.ndarray) -> np.ndarray:
         return _with_used(fit_distorting, closed, used, start, samples)
 
-    return _simplest(_OPENCV_NESTED, fitted, made, samples, 12)
+    nested = tuple(used for used in _OPENCV_NESTED if len(used) <= most)
+    return _simplest(nested, fitted, made, samples, 12)
 
 
 def _with_used(

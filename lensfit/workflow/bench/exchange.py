@@ -31,7 +31,16 @@ from lensfit.workflow.exchange.foreign_file import read_foreign
 from lensfit.workflow.exchange.imports import preset_of_foreign
 
 _POINTS = 41
-_SUFFIX = {"usd": ".usda", "opencv": ".yaml", "opentrackio": ".json", "lensfun": ".xml"}
+_SUFFIX = {
+    "usd": ".usda",
+    "opencv": ".yaml",
+    "opentrackio": ".json",
+    "lensfun": ".xml",
+    "mrcal-opencv": ".cameramodel",
+    "mrcal-splined": ".cameramodel",
+    "unreal": ".ulens",
+    "syntheyes": ".lni",
+}
 _KNOWS_NO_DISTANCE = ("lensfun", "stmap")
 """Formats that relate two pictures and know no rays."""
 
@@ -56,7 +65,8 @@ def bench_exchange(
     -------
     "formats": for each "format" the "landed" px (rms, worst) on the photograph, the
     "straight" px in the undistorted picture, the "imported" px of lensfit's own terms
-    against the file; or the "error". And "machine".
+    against the file; of a camera of rays, which nobody reads back, "landed" and the
+    "rays" of the whole pupil; or the "error". And "machine".
 
     Raises
     ------

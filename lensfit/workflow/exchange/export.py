@@ -15,6 +15,7 @@ from lensfit.atomic import write_text_atomic
 from lensfit.errors import ExchangeError
 from lensfit.fit.exchange.brown_fit import fit_opencv
 from lensfit.fit.exchange.samples import (
+    FIT_COUNT,
     JUDGE_COUNT,
     ExchangeFrame,
     LensMap,
@@ -43,6 +44,10 @@ FORMATS = (
     "opentrackio",
     "opencv",
     "usd",
+    "mrcal-opencv",
+    "mrcal-splined",
+    "unreal",
+    "syntheyes",
     "lensfun",
     "stmap",
     "nuke-stmap",
@@ -127,15 +132,25 @@ def export_preset(to: str, request: ExportRequest) -> Exported:
     OutputError : The file cannot be written.
     """
     from lensfit.workflow.exchange.export_maps import export_nuke_maps, export_stmaps
+    from lensfit.workflow.exchange.export_mrcal import (
+        export_mrcal_opencv,
+        export_mrcal_splined,
+    )
+    from lensfit.workflow.exchange.export_syntheyes import export_syntheyes
     from lensfit.workflow.exchange.export_tables import (
         export_lensfun,
         export_opentrackio,
     )
+    from lensfit.workflow.exchange.export_unreal import export_unreal
 
     writers: dict[str, Callable[[ExportRequest], Exported]] = {
         "opentrackio": export_opentrackio,
         "opencv": export_opencv,
         "usd": export_usd,
+        "mrcal-opencv": export_mrcal_opencv,
+        "mrcal-splined": export_mrcal_splined,
+        "unreal": export_unreal,
+        "syntheyes": export_syntheyes,
         "lensfun": export_lensfun,
         "stmap": export_stmaps,
         "nuke-stmap": export_nuke_maps,
@@ -169,7 +184,7 @@ def export_tde4(model: str, request: ExportRequest) -> Exported:
 def export_opencv(request: ExportRequest) -> Exported:
     """An OpenCV calibration in YAML."""
     lens, frame = request.lens(), request.frame
-    camera, residual = _opencv_camera(lens, frame)
+    camera, residual = opencv_camera(lens, frame)
     comments = (
         described(request, lens),
         f"residual {residual} over {frame}",
@@ -182,7 +197,7 @@ def export_opencv(request: ExportRequest) -> Exported:
 def export_usd(request: ExportRequest) -> Exported:
     """A USD camera with OpenCV's lens, as Omniverse reads it."""
     lens, frame = request.lens(), request.frame
-    mapping, residual = _opencv_camera(lens, frame)
+    mapping, residual = opencv_camera(lens, frame)
     camera = UsdCamera(
         mapping,
         request.state.f_number,
@@ -195,8 +210,15 @@ def export_usd(request: ExportRequest) -> Exported:
     return exported(request, lens, (Nearness("distortion", residual),))
 
 
-def _opencv_camera(lens: Lens, frame: ExchangeFrame) -> tuple[OpenCvMap, Residual]:
-    """OpenCV's camera fitted to a lens, and how near it is."""
+def opencv_camera(
+    lens: Lens, frame: ExchangeFrame, most: int = 12
+) -> tuple[OpenCvMap, Residual]:
+    """OpenCV's camera fitted to a lens, and how near it is.
+
+    Parameters
+    ----------
+    most : Coefficients that may be used.
+    """
     fit, judge = samples_pair(lens, frame)
     squeeze = np.asarray(lens.distortion.squeeze).tolist()
     camera = fit_opencv(
@@ -204,14 +226,17 @@ def _opencv_camera(lens: Lens, frame: ExchangeFrame) -> tuple[OpenCvMap, Residua
         float(lens.distortion.principal_distance_mm),
         principal_point(lens),
         (squeeze[0], squeeze[1]),
+        most,
     )
     return camera, residual_of(camera, judge)
 
 
-def samples_pair(lens: Lens, frame: ExchangeFrame) -> tuple[Samples, Samples]:
-    """Those that a model is fitted to, and the denser ones that judge it."""
+def samples_pair(
+    lens: Lens, frame: ExchangeFrame, count: int = FIT_COUNT
+) -> tuple[Samples, Samples]:
+    """Those that a model is fitted to, so many across, and those that judge it."""
     one = LensMap(lens)
-    return Samples.of(one, frame), Samples.of(one, frame, JUDGE_COUNT)
+    return Samples.of(one, frame, count), Samples.of(one, frame, JUDGE_COUNT)
 
 
 def principal_point(lens: Lens) -> tuple[float, float]:

@@ -56,7 +56,7 @@ _FAR_M = 1000.0
 def export_opentrackio(request: ExportRequest) -> Exported:
     """A sample for each entry, or for the one asked for."""
     samples, nearness, lens = [], [], None
-    for state in _states(request):
+    for state in states_of(request):
         one = replace(request, state=state)
         lens = one.lens()
         sample, parts = _sample(one, lens)
@@ -70,7 +70,7 @@ def export_opentrackio(request: ExportRequest) -> Exported:
 def export_lensfun(request: ExportRequest) -> Exported:
     """A database with this lens; distortion is that at the farthest focus."""
     by_focal: dict[float, list[WantedState]] = {}
-    for state in _states(request):
+    for state in states_of(request):
         focal = request.preset.at(*state).focal_length_mm
         by_focal.setdefault(focal, []).append(state)
     frame = request.frame
@@ -133,7 +133,7 @@ def _lensfun_notes(
     return notes
 
 
-def _states(request: ExportRequest) -> list[WantedState]:
+def states_of(request: ExportRequest) -> list[WantedState]:
     """The one asked for, or those of all entries, by focal length and focus."""
     if request.one_state:
         return [request.state]
@@ -155,7 +155,7 @@ def _sample(request: ExportRequest, lens: Lens) -> tuple[LensSample, list[Nearne
     fit, judge = samples_pair(lens, request.frame)
     centre = principal_point(lens)
     both = tuple(fit_brown(model, fit, centre) for model in (D_U, U_D))
-    where = f" at {_state_name(lens)}" if len(request.preset.entries) > 1 else ""
+    where = f" at {state_name(lens)}" if len(request.preset.entries) > 1 else ""
     nearness = [
         Nearness(f"distortion {one.model[-3:]}{where}", residual_of(one, judge))
         for one in both
@@ -192,7 +192,7 @@ def _sample(request: ExportRequest, lens: Lens) -> tuple[LensSample, list[Nearne
     ), nearness
 
 
-def _state_name(lens: Lens) -> str:
+def state_name(lens: Lens) -> str:
     focus = lens.focus_distance_mm
     at = "" if focus is None else f", focus {focus:g} mm"
     return f"{lens.focal_length_mm:g} mm{at}"
@@ -303,7 +303,7 @@ def _lensfun_light(
                 lens.focal_length_mm, lens.f_number, min(distance, _FAR_M), terms
             )
         )
-        name = f"fall-off f/{lens.f_number:g} at {_state_name(lens)}"
+        name = f"fall-off f/{lens.f_number:g} at {state_name(lens)}"
         nearness.append(Nearness(name, worst_light=worst))
     return found, nearness
 

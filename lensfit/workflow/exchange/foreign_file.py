@@ -6,15 +6,28 @@ from lensfit.errors import ExchangeError
 from lensfit.preset.exchange.foreign import ForeignLens, Stated
 from lensfit.preset.exchange.lensfun_lens import lens_of_lensfun
 from lensfit.preset.exchange.lensfun_xml import read_lensfun
+from lensfit.preset.exchange.mrcal import read_mrcal
 from lensfit.preset.exchange.opencv_file import lens_of_opencv, read_opencv
 from lensfit.preset.exchange.opentrackio import read_opentrackio
 from lensfit.preset.exchange.opentrackio_lens import lens_of_opentrackio
+from lensfit.preset.exchange.syntheyes import read_syntheyes
 from lensfit.preset.exchange.tde4_node import lens_of_tde4, read_tde4_nodes
 from lensfit.preset.exchange.text_file import read_text
+from lensfit.preset.exchange.unreal import read_unreal
 from lensfit.preset.exchange.usd_camera import read_usd_camera
 from lensfit.workflow.exchange.uv_map_lens import lens_of_uv_map
 
-FOREIGN_FORMATS = ("opencv", "lensfun", "opentrackio", "nuke", "stmap", "usd")
+FOREIGN_FORMATS = (
+    "opencv",
+    "lensfun",
+    "opentrackio",
+    "nuke",
+    "stmap",
+    "usd",
+    "mrcal",
+    "unreal",
+    "syntheyes",
+)
 _USD_STARTS = (b"#usda", b"PXR-USDC")
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
@@ -39,6 +52,9 @@ def read_foreign(
         return lens_of_uv_map(path, stated)
     if kind == "usd":
         return read_usd_camera(path, stated)
+    readers = {"mrcal": read_mrcal, "unreal": read_unreal, "syntheyes": read_syntheyes}
+    if kind in readers:
+        return readers[kind](path, stated)
     if kind == "nuke":
         return lens_of_tde4(read_tde4_nodes(path), stated, path)
     if kind == "opentrackio":
@@ -64,6 +80,12 @@ def kind_of(path: Path) -> str:
             return "usd"
     text = read_text(path, "exchange file")
     start = text.lstrip()[:1]
+    if "LENSMODEL_" in text:
+        return "mrcal"
+    if start == "{" and '"cameraParameterTables"' in text:
+        return "unreal"
+    if start == "<" and "<Lens" in text:
+        return "syntheyes"
     if start in ("{", "["):
         return "opentrackio"
     if start == "<":
