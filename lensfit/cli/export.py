@@ -31,6 +31,7 @@ class ExportFormat(StrEnum):
     lensfun = "lensfun"
     stmap = "stmap"
     nuke_stmap = "nuke-stmap"
+    cycles_osl = "cycles-osl"
 
 
 @takes_groups
@@ -54,7 +55,7 @@ def export(
     """Write a lens for another program, and say how near its model comes, in pixels.
 
     UV maps (stmap, nuke-stmap) are exact; the others are fitted to the lens over frame
-    and overscan.
+    and overscan. cycles-osl is the whole lens, blur too, as a camera of Blender.
     lensfun, opentrackio and unreal get all entries unless one is asked for.
 
     Example: lensfit export takumar/preset.json --to nuke-radial --out takumar.nk

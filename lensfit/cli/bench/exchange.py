@@ -62,6 +62,9 @@ def _print(rows: list[dict]) -> None:
         if "error" in row:
             table.add_row(row["format"], row["error"])
             continue
-        figures = (*row["landed"], *row["straight"], *row["imported"])
-        table.add_row(row["format"], *(f"{figure:.2g}" for figure in figures))
+        parts = (row.get(name, ()) for name in ("landed", "straight", "imported"))
+        table.add_row(row["format"], *(f"{px:.2g}" for part in parts for px in part))
+        if "rays" in row:
+            rays = (f"{px:.2g}" for px in row["rays"])
+            table.add_row("  rays of the whole pupil", *rays)
     console().print(table)

@@ -40,7 +40,9 @@ _SUFFIX = {
     "mrcal-splined": ".cameramodel",
     "unreal": ".ulens",
     "syntheyes": ".lni",
+    "cycles-osl": ".osl",
 }
+_ONLY_WRITTEN = ("cycles-osl",)
 _KNOWS_NO_DISTANCE = ("lensfun", "stmap")
 """Formats that relate two pictures and know no rays."""
 
@@ -97,6 +99,11 @@ def _nearness(
 ) -> dict[str, Any]:
     out = folder if to == "stmap" else folder / f"lens{_SUFFIX.get(to, '.nk')}"
     written = export_preset(to, ExportRequest(preset, state, frame, out))
+    if to in _ONLY_WRITTEN:
+        chief, rays, _ = (one.residual for one in written.nearness)
+        assert chief is not None
+        assert rays is not None
+        return {"landed": list(chief), "rays": list(rays)}
     stated = Stated(
         sensor_width_mm=frame.sensor_width_mm,
         focal_length_mm=lens.focal_length_mm,

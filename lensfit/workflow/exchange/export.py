@@ -51,6 +51,7 @@ FORMATS = (
     "lensfun",
     "stmap",
     "nuke-stmap",
+    "cycles-osl",
 )
 _VISIBLE_PX = 0.5
 _VISIBLE_LIGHT = 0.02
@@ -136,6 +137,7 @@ def export_preset(to: str, request: ExportRequest) -> Exported:
         export_mrcal_opencv,
         export_mrcal_splined,
     )
+    from lensfit.workflow.exchange.export_osl import export_cycles
     from lensfit.workflow.exchange.export_syntheyes import export_syntheyes
     from lensfit.workflow.exchange.export_tables import (
         export_lensfun,
@@ -154,6 +156,7 @@ def export_preset(to: str, request: ExportRequest) -> Exported:
         "lensfun": export_lensfun,
         "stmap": export_stmaps,
         "nuke-stmap": export_nuke_maps,
+        "cycles-osl": export_cycles,
     }
     if to in TDE4_FORMATS:
         return export_tde4(TDE4_FORMATS[to], request)
@@ -262,6 +265,7 @@ def exported(
     *,
     has_colour: bool = False,
     has_light: bool = False,
+    has_blur: bool = False,
     paths: tuple[Path, ...] = (),
 ) -> Exported:
     """What was written, with notes on what the format leaves out."""
@@ -272,7 +276,7 @@ def exported(
         notes.append("the format holds no lateral colour: the distortion is green's")
     if lens.illumination is not None and not has_light:
         notes.append("the format holds no fall-off")
-    if any(e.blur is not None for e in request.preset.entries):
+    if not has_blur and any(e.blur is not None for e in request.preset.entries):
         notes.append("the format holds no blur")
     for one in nearness:
         if one.residual is not None and one.residual.worst_px > _VISIBLE_PX:

@@ -23,12 +23,15 @@ def test_every_format_has_its_residuals_both_ways(tmp_path, monkeypatch):
     save_preset(preset, tmp_path / "preset.json")
     monkeypatch.setitem(sys.modules, "pxr", None)
     words = ["bench", "exchange", str(tmp_path / "preset.json"), "--json"]
-    words += ["--size", "480x320", "--out", str(tmp_path)]
+    words += ["--size", "480x320", "--out", str(tmp_path), "--f-number", "2.8"]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     rows = {row["format"]: row for row in json.loads(done.stdout)["formats"]}
     assert set(rows) == {*FORMATS} - {"nuke-stmap"}
     assert "usd-core" in rows.pop("usd")["error"]
+    rays = rows.pop("cycles-osl")
+    assert rays["landed"][1] < 0.02
+    assert rays["landed"][0] <= rays["rays"][1] < 0.05
     for name, row in rows.items():
         assert "error" not in row, name
         (landed_rms, landed_worst), (straight_rms, straight_worst) = (
@@ -44,4 +47,4 @@ def test_every_format_has_its_residuals_both_ways(tmp_path, monkeypatch):
     assert rows["stmap"]["landed"][1] < 2e-3
     assert rows["stmap"]["straight"][1] < 2e-3
     kept = json.loads((tmp_path / "bench_exchange.json").read_text())
-    assert {row["format"] for row in kept["formats"]} == {*rows, "usd"}
+    assert {row["format"] for row in kept["formats"]} == {*rows, "usd", "cycles-osl"}
