@@ -49,6 +49,10 @@ from lensfit.workflow.shoot.file import load_shoot
 Seeds = Callable[[Path], list[Path]]
 
 
+def _stream(folder: Path) -> list[Path]:
+    return texts("track.json", *exchange.opentrackio_texts())(folder)
+
+
 class Reader(NamedTuple):
     """One kind of file.
 
@@ -212,6 +216,7 @@ READERS: tuple[Reader, ...] = (
     Reader("Canon", _one(camera_files.canon), _camera, TEXT, 200),
     Reader("Blackmagic", _one(camera_files.blackmagic, "1m"), _camera, TEXT, 200),
     Reader("chan", _one(camera_files.chan, f0=29, f1001=30), _camera, TEXT, 200),
+    Reader("OpenTrackIO stream", _stream, _camera, JSON, 500),
     Reader("nk camera", _one(camera_files.nuke, *_KNOBS), _camera, TEXT, 500),
     Reader("preset", _presets, _preset, JSON, 600),
     Reader("library", _library_files, _library, JSON, 600),

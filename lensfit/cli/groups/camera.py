@@ -51,7 +51,8 @@ class CameraGroup:
             "--metadata",
             "--camera",
             metavar="FILE",
-            help="Sidecar (ARRI, RED, Sony, Canon, Blackmagic) or camera (.chan, .nk); "
+            help="Sidecar (ARRI, RED, Sony, Canon, Blackmagic, OpenTrackIO) or "
+            "camera (.chan, .nk, USD); "
             "repeat for more, the first that knows a value counts",
             rich_help_panel=_PANEL,
         ),
@@ -66,7 +67,7 @@ class CameraGroup:
     ] = None
     camera_name: Annotated[
         str | None,
-        typer.Option(help="Camera node, of a .nk with several", rich_help_panel=_PANEL),
+        typer.Option(help="Camera of a .nk or USD file", rich_help_panel=_PANEL),
     ] = None
     camera_unit: Annotated[
         str | None,

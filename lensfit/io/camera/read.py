@@ -10,10 +10,12 @@ from lensfit.io.camera.blackmagic import FRAME_HEADING, read_blackmagic
 from lensfit.io.camera.canon import read_canon
 from lensfit.io.camera.chan import read_chan
 from lensfit.io.camera.nuke_camera import NODE, read_nuke_camera
+from lensfit.io.camera.opentrackio_stream import read_opentrackio_stream
 from lensfit.io.camera.red import read_red_frames, read_red_static
 from lensfit.io.camera.sony import read_sony
 from lensfit.io.camera.table import CameraFile
 from lensfit.io.camera.text import sniff
+from lensfit.io.camera.usd_shot import is_usd, read_usd_shot
 
 _BY_COLUMN: tuple[tuple[str, Callable[[Path], CameraFile]], ...] = (
     ("Lens Distance Unit", read_arri),
@@ -43,9 +45,13 @@ def read_camera_file(
     suffix = path.suffix.lower()
     if suffix == ".chan":
         return read_chan(path)
+    if is_usd(path):
+        return read_usd_shot(path, name)
     beginning = sniff(path)
     if suffix == ".nk" or NODE.search(beginning):
         return read_nuke_camera(path, name, unit_mm)
+    if beginning.lstrip()[:1] in ("{", "["):
+        return read_opentrackio_stream(path)
     first = next((line for line in beginning.splitlines() if line.strip()), "")
     for column, reader in _BY_COLUMN:
         if column in (cell.strip(' "') for cell in re.split(r"[\t,]", first)):
@@ -58,7 +64,7 @@ def read_camera_file(
         where=path,
         remedy="give a table of ARRI, RED, Sony VENICE or Canon (a first line with "
         f"{_or(column for column, _ in _BY_COLUMN)} tells whose), a text of "
-        "Blackmagic, a .chan or a .nk with a camera",
+        "Blackmagic, samples of OpenTrackIO, or a camera of .chan, .nk or USD",
     )
 
 

@@ -16,18 +16,16 @@ OpenUSD, UsdGeomCamera. NVIDIA ovrtx, "Lens Calibration" and "Lens Distortion Sc
 """
 
 import math
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from lensfit.errors import ExchangeError
-from lensfit.io.chatter import without_chatter
+from lensfit.io.usd_stage import millimetres_per_unit, open_stage, pxr
 from lensfit.preset.exchange.foreign import ForeignLens, ForeignState, Stated
 from lensfit.preset.exchange.opencv import OpenCvMap
 from lensfit.preset.exchange.text_file import finite, positive
-from lensfit.units import MILLIMETRES_PER_METRE
 
 _KIND = "USD camera"
 _PREFIX = "omni:lensdistortion:opencvPinhole:"
@@ -36,7 +34,6 @@ _COEFFICIENTS = (
 )  # fmt: skip
 """In OpenCV's order; its tilted sensor has none."""
 _LENS, _PUPIL = "lensfit:lens", "lensfit:entrancePupilOffsetMm"
-_MOST_BYTES = 1 << 28
 
 
 class UsdCamera(NamedTuple):
@@ -133,10 +130,10 @@ def read_usd_camera(path: str | Path, stated: Stated) -> ForeignLens:
         with OpenCV's lens, or several.
     """
     path = Path(path)
-    stage = _stage(path)
+    stage = open_stage(path, ExchangeError)
     prim = _camera(stage, stated.lens, path)
     fields = _Fields(prim, path)
-    millimetres = _millimetres_per_unit(stage, path)
+    millimetres = millimetres_per_unit(stage, path, ExchangeError)
     size = stated.size_px or fields.size()
     pitch = stated.sensor_width_mm or fields.positive("horizontalAperture") * (
         millimetres / 10
@@ -183,7 +180,7 @@ class _Fields:
         attribute = self.prim.GetAttribute(name)
         if not attribute:
             return None
-        found = attribute.Get(_pxr("Usd").TimeCode.EarliestTime())
+        found = attribute.Get(pxr("Usd").TimeCode.EarliestTime())
         return attribute.Get() if found is None else found
 
     def number(self, name: str, without: float | None = None) -> float:
@@ -210,35 +207,6 @@ class _Fields:
         return int(found[0]), int(found[1])
 
 
-def _pxr(name: str) -> Any:
-    """A module of usd-core, of which only some versions state types."""
-    return import_module(f"pxr.{name}")
-
-
-def _stage(path: Path) -> Any:
-    try:
-        tf, usd = _pxr("Tf"), _pxr("Usd")
-    except ImportError as error:
-        raise ExchangeError(
-            "is a USD file, which needs usd-core to be read",
-            where=path,
-            remedy="pip install 'lensfit[usd]'",
-        ) from error
-    if not path.is_file() or path.stat().st_size > _MOST_BYTES:
-        raise ExchangeError(
-            f"is no file of up to {_MOST_BYTES >> 20} MiB",
-            where=path,
-            remedy="export the camera alone",
-        )
-    try:
-        with without_chatter():
-            return usd.Stage.Open(str(path), usd.Stage.LoadNone)
-    except tf.ErrorException as error:
-        raise ExchangeError(
-            "is a USD file that cannot be read", where=path, remedy="export it again"
-        ) from error
-
-
 def _camera(stage: Any, wanted: str | None, path: Path) -> Any:
     """The one camera with OpenCV's lens."""
     cameras = [p for p in stage.Traverse() if p.GetTypeName() == "Camera"]
@@ -260,9 +228,3 @@ def _camera(stage: Any, wanted: str | None, path: Path) -> Any:
         where=path,
         remedy="say which with --lens",
     )
-
-
-def _millimetres_per_unit(stage: Any, path: Path) -> float:
-    metres = stage.GetMetadata("metersPerUnit")
-    unit = 0.01 if metres is None else metres
-    return positive(unit, "metersPerUnit", path) * MILLIMETRES_PER_METRE

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from lensfit.errors import ExchangeError
+from lensfit.io.usd_stage import STARTS
 from lensfit.preset.exchange.foreign import ForeignLens, Stated
 from lensfit.preset.exchange.lensfun_lens import lens_of_lensfun
 from lensfit.preset.exchange.lensfun_xml import read_lensfun
@@ -28,7 +29,6 @@ FOREIGN_FORMATS = (
     "unreal",
     "syntheyes",
 )
-_USD_STARTS = (b"#usda", b"PXR-USDC")
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 
@@ -76,7 +76,7 @@ def kind_of(path: Path) -> str:
             start = file.read(8)
         if start[:4] == _EXR_MAGIC:
             return "stmap"
-        if start.startswith(_USD_STARTS):
+        if start.startswith(STARTS):
             return "usd"
     text = read_text(path, "exchange file")
     start = text.lstrip()[:1]
