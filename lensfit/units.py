@@ -18,3 +18,8 @@ def m_from_mm(distance_mm: float) -> float:
 def dioptres_from_mm(distance_mm: float) -> float:
     """Inverse distance in 1/m; infinity maps to 0 exactly."""
     return 0.0 if math.isinf(distance_mm) else MILLIMETRES_PER_METRE / distance_mm
+
+
+def mm_from_dioptres(dioptres: float) -> float:
+    """Distance in mm from its inverse in 1/m; 0 maps to infinity."""
+    return math.inf if dioptres == 0 else MILLIMETRES_PER_METRE / dioptres

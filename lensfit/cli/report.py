@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -34,7 +34,9 @@ def report(
     Example: lensfit report takumar_50
     """
     path = results / "report.json" if results.is_dir() else results
-    tables = _read(path)
+    from lensfit.workflow.report.read import read_report
+
+    tables = read_report(path)
 
     import msgspec
 
@@ -60,21 +62,3 @@ def report(
     require_level(judged, require)
     if open_page:
         typer.launch(str(page))
-
-
-def _read(path: Path) -> dict[str, Any]:
-    from lensfit._strict import read_json_object
-
-    tables = read_json_object(
-        path,
-        error=LensfitError,
-        source='give the folder that "lensfit calibrate" wrote',
-        mend="calibrate again",
-    )
-    if not str(tables.get("schema")).startswith("lensfit.report."):
-        raise LensfitError(
-            "is JSON but no report of lensfit",
-            where=path,
-            remedy='give the report.json that "lensfit calibrate" wrote',
-        )
-    return tables

@@ -1,16 +1,21 @@
-"""`lensfit view`: a lens in a page of the browser, while it is turned."""
+"""`lensfit view`: a lens, a plate or a shoot in a page of the browser."""
 
 import importlib
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from lensfit.cli.apply import OutputName, apply, apply_options
 from lensfit.cli.groups import in_groups, takes_groups
 from lensfit.cli.groups.handed_on import hands_on
-from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+from lensfit.cli.groups.library import LibraryGroup
 from lensfit.workflow.farm.job import HandedOption
+
+if TYPE_CHECKING:
+    from lensfit.workflow.apply_options import ApplyOptions
+    from lensfit.workflow.view.lens_server import LensServer
+    from lensfit.workflow.view.plate_server import PlateServer
 
 _NOT_SEEN = (
     "preset", "plates", "out", "frames", "workers", "library", "output", "disable",
@@ -21,12 +26,24 @@ _NOT_SEEN = (
 @hands_on(apply, except_for=_NOT_SEEN, files=("filter_image",))
 @takes_groups
 def view(
-    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    what: Annotated[
+        str,
+        typer.Argument(
+            help="Preset (a file, or a lens of the library by its name), or a folder "
+            "of results"
+        ),
+    ],
     plates: Annotated[
         str | None,
-        typer.Argument(help="EXR plate with depth, or plate.####.exr for a sequence"),
+        typer.Argument(
+            help="EXR plate with depth to see through the preset, or plate.####.exr"
+        ),
     ] = None,
     *,
+    beside: Annotated[
+        str | None,
+        typer.Option(help="Another preset, to be seen side by side with the first"),
+    ] = None,
     library: LibraryGroup,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Of the address; 0 is any free one")
@@ -37,33 +54,31 @@ def view(
     handed: tuple[HandedOption, ...],
     taken: dict[str, Any],
 ) -> None:
-    """Look at a plate through a lens in the browser, and turn it.
+    """Look at a lens in the browser, and turn it: on a plate, or by itself.
+
+    With a plate: the frame through the lens; click to focus; what was turned is saved
+    as the command line of apply that does the same, or to the shot's lensfit.toml.
+    Without: point-spread functions, distortion, colour, fall-off and breathing, with
+    how well they are known; of a folder of results also its dots and its report.
 
     The page is served by this process to this machine alone, under an address that
-    nobody else knows, and ends with it (Ctrl-C). Click to focus; what was turned is
-    saved as the command line of apply that does the same, or to the shot's
-    lensfit.toml. Takes the options of apply.
+    nobody else knows, and ends with it (Ctrl-C). Takes the options of apply.
 
     Example: lensfit view takumar/preset.json plate.1001.exr
+    Example: lensfit view takumar/preset.json --beside zeiss/preset.json
     """
-    if plates is None or _is_of_a_shoot(preset):
-        raise _nothing_to_view(preset)
-    from lensfit.cores import limit_cores
-
     if taken["cores"] is not None:
-        limit_cores(taken["cores"])
-    server = _import_server()
-    from lensfit.workflow.view.turned import Started
-    from lensfit.workflow.view.viewed_plate import ViewedPlate
+        from lensfit.cores import limit_cores
 
+        limit_cores(taken["cores"])
     given = dict(taken, output=OutputName.result, overwrite=False, keep=False)
     options = apply_options(**in_groups(apply, given))
-    viewed = ViewedPlate(library.find(preset).preset, plates, options)
-    words = tuple((one.word, *map(str, one.values)) for one in handed)
-    if library.library is not None:
-        words += (("--library", str(library.library)),)
-    answers = server.PlateServer(viewed, Started(preset, plates, words))
-    page = server.listening(answers.routes, port)
+    listening = _part("listening").listening
+    if plates is None:
+        server = _lens_server(what, beside, library, options)
+    else:
+        server = _plate_server(what, plates, library, options, handed)
+    page = listening(server.routes, port)
     _open(page.address, browser)
     try:
         page.run()
@@ -71,32 +86,53 @@ def view(
         raise typer.Exit(0) from end
 
 
-def _is_of_a_shoot(preset: str) -> bool:
-    return preset.endswith(".toml") or Path(preset).is_dir()
+def _plate_server(
+    preset: str,
+    plates: str,
+    library: LibraryGroup,
+    options: "ApplyOptions",
+    handed: tuple[HandedOption, ...],
+) -> "PlateServer":
+    server = _part("plate_server")
+    from lensfit.workflow.view.turned import Started
+    from lensfit.workflow.view.viewed_plate import ViewedPlate
+
+    viewed = ViewedPlate(library.find(preset).preset, plates, options)
+    words = tuple((one.word, *map(str, one.values)) for one in handed)
+    if library.library is not None:
+        words += (("--library", str(library.library)),)
+    return server.PlateServer(viewed, Started(preset, plates, words))
 
 
-def _nothing_to_view(preset: str) -> Exception:
-    from lensfit.errors import LensfitError
+def _lens_server(
+    what: str, beside: str | None, library: LibraryGroup, options: "ApplyOptions"
+) -> "LensServer":
+    server = _part("lens_server")
+    from lensfit.workflow.view.turned import opened_at
+    from lensfit.workflow.view.viewed_lens import ViewedLens
+    from lensfit.workflow.view.viewed_results import ViewedResults
 
-    if not _is_of_a_shoot(preset):
-        return LensfitError(
-            "there is no plate to look at through the lens",
-            where=preset,
-            remedy="name an EXR plate after the preset",
-        )
-    return LensfitError(
-        "a view of shoots and of results is not offered",
-        where=preset,
-        remedy='give a preset and a plate; "lensfit check" and "lensfit report" show '
-        "shoots and results",
-    )
+    results = ViewedResults(Path(what)) if Path(what).is_dir() else None
+    first = what if results is None else str(results.preset)
+    lenses = [
+        ViewedLens(library.find(name).preset, name, opened_at(options))
+        for name in (first, beside)
+        if name is not None
+    ]
+    return server.LensServer(lenses, results)
 
 
-def _import_server() -> Any:
+def _part(name: str) -> Any:
+    """A module of the view that needs the extra.
+
+    Raises
+    ------
+    LensfitError : The extra is not installed.
+    """
     from lensfit.errors import LensfitError
 
     try:
-        return importlib.import_module("lensfit.workflow.view.server")
+        return importlib.import_module(f"lensfit.workflow.view.{name}")
     except ModuleNotFoundError as error:
         raise LensfitError(
             f"the view needs {error.name}, which is not installed",

@@ -47,10 +47,8 @@ def refused(*words: str | Path) -> str:
     return found.stderr
 
 
-def test_shoots_results_and_a_lens_alone_are_refused_in_a_line(lens, tmp_path: Path):
-    assert "shoots and of results is not offered" in refused(tmp_path / "shoot.toml")
-    assert "shoots and of results is not offered" in refused(tmp_path)
-    assert "there is no plate" in refused(lens)
+def test_a_folder_without_results_is_named(tmp_path: Path):
+    assert "report.json" in refused(tmp_path)
 
 
 def test_a_plate_that_is_not_there_is_named(lens, tmp_path: Path):
@@ -68,7 +66,7 @@ def test_a_port_that_is_taken_is_named(lens, plate):
 
 
 def test_without_the_extra_it_says_what_to_install(lens, plate, monkeypatch):
-    monkeypatch.delitem(sys.modules, "lensfit.workflow.view.server", raising=False)
+    monkeypatch.delitem(sys.modules, "lensfit.workflow.view.listening", raising=False)
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     assert "pip install 'lensfit[view]'" in refused(lens, plate)
 

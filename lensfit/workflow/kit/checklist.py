@@ -8,6 +8,7 @@ from importlib.resources import files
 from lensfit.workflow.kit.plan import TILT_DEG, KitView, LensPlan
 from lensfit.workflow.kit.records import Kit
 from lensfit.workflow.report.markup import NOTHING, Markup, stated, tag
+from lensfit.workflow.report.page import style_sheet
 from lensfit.workflow.report.sections import distance_text, table_row
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"
@@ -42,9 +43,8 @@ def checklist(kit: Kit, plans: list[LensPlan]) -> str:
 
 def style() -> str:
     """The style sheet of reports, and what a kit's pages add to it."""
-    report = files("lensfit.workflow.report").joinpath("report.css")
     kit = files("lensfit.workflow.kit").joinpath("kit.css")
-    return report.read_text(encoding="utf-8") + kit.read_text(encoding="utf-8")
+    return style_sheet() + kit.read_text(encoding="utf-8")
 
 
 def duration_text(seconds: float) -> str:

@@ -140,25 +140,60 @@ def kernel_states(report: dict, preset: Preset) -> list[KernelState]:
 
 
 def _sheet(lens: Lens, state: KernelState, pixel_mm: float) -> KernelSheet:
-    half_mm = np.asarray(lens.sensor_size_mm) / 2
-    points = np.array([(x, y) for y in _ROWS for x in _COLUMNS]) * half_mm
-    far = np.full(len(points), state.object_distance_mm)
-    width_mm = _FIRST_SHARE * lens.sensor_size_mm[0]
-    for _ in range(_LOOKS):
-        seen = kernels_at(lens, points, far, width_mm, _GLANCE)
-        width_mm = max(_ROOM * reach_share(seen) * width_mm, _LEAST_PIXELS * pixel_mm)
-    tiles = tiles_of(kernels_at(lens, points, far, width_mm, _TOLERANCE))
-    tiles = tiles.reshape(len(_ROWS), len(_COLUMNS), SIZE_PX, SIZE_PX)
+    tiles, width_mm = field_tiles(lens, state.object_distance_mm, pixel_mm)
     width_px = width_mm / pixel_mm
     bar_px = round_up(width_px / 4)
     picture = with_bar(sheet_of(tiles), bar_px / width_px * SIZE_PX)
-    error = _expected_error(lens, state.object_distance_mm, width_mm)
+    error = expected_errors(lens, state.object_distance_mm, width_mm)
     return KernelSheet(state, png(picture), width_px, bar_px, error)
 
 
-def _expected_error(
+def field_tiles(
+    lens: Lens, distance_mm: float, pixel_mm: float
+) -> tuple[Float[np.ndarray, "rows columns size size"], float]:
+    """Brightness of point-spread functions over the field, to show, and how wide they
+    are drawn, mm.
+
+    Parameters
+    ----------
+    pixel_mm : Of the camera; nothing is drawn narrower than a few.
+
+    Raises
+    ------
+    LensfitError : The lens has no image of an object so near.
+    """
+    half_mm = np.asarray(lens.sensor_size_mm) / 2
+    points = np.array([(x, y) for y in _ROWS for x in _COLUMNS]) * half_mm
+    far = np.full(len(points), distance_mm)
+    width_mm = width_of_blur_mm(lens, points, far, pixel_mm)
+    tiles = tiles_of(kernels_at(lens, points, far, width_mm, _TOLERANCE))
+    return tiles.reshape(len(_ROWS), len(_COLUMNS), SIZE_PX, SIZE_PX), width_mm
+
+
+def width_of_blur_mm(
+    lens: Lens,
+    points_mm: Float[np.ndarray, "points 2"],
+    distances_mm: Float[np.ndarray, " points"],
+    pixel_mm: float,
+) -> float:
+    """Width of an array that holds every point-spread function, with some room.
+
+    Raises
+    ------
+    LensfitError : The lens has no image of an object so near.
+    """
+    width_mm = _FIRST_SHARE * lens.sensor_size_mm[0]
+    for _ in range(_LOOKS):
+        seen = kernels_at(lens, points_mm, distances_mm, width_mm, _GLANCE)
+        width_mm = max(_ROOM * reach_share(seen) * width_mm, _LEAST_PIXELS * pixel_mm)
+    return width_mm
+
+
+def expected_errors(
     lens: Lens, distance_mm: float, width_mm: float
 ) -> tuple[tuple[float, ...], ...] | None:
+    """Expected relative error of point-spread functions at the middle of the frame and
+    near its edges and corners; None where the preset does not say."""
     if lens.moved_blurs is None:
         return None
     half_mm = np.asarray(lens.sensor_size_mm) / 2

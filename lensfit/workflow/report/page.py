@@ -91,8 +91,13 @@ def _head(report: dict) -> Markup:
         tag("meta", http_equiv="Content-Security-Policy", content=_POLICY),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("title", f"{_lens_name(report)}: lens report"),
-        tag("style", Markup(_resource("report.css"))),
+        tag("style", Markup(style_sheet())),
     )
+
+
+def style_sheet() -> str:
+    """Of figures and of pages like the report."""
+    return _resource("figures.css") + _resource("report.css")
 
 
 def _resource(name: str) -> str:

@@ -59,7 +59,7 @@ def radial_profile(entry: dict, camera: dict) -> Figure | None:
     if radius.size < 2 or percent.shape != radius.shape:
         return None
     sd = _same_size(profile.get("standard_deviation_percent"), radius)
-    axes = Axes(_span(radius, zero=True), _span(percent, sd, zero=True))
+    axes = Axes(span(radius, zero=True), span(percent, sd, zero=True))
     shapes = [axes.furniture("radius on the sensor (mm)", "distortion (%)")]
     shapes += _corner_mark(axes, camera)
     shapes.append(axes.band(radius, percent - sd, percent + sd, "s1"))
@@ -83,7 +83,7 @@ def lateral_colour(entry: dict, camera: dict) -> Figure | None:
     deviations = {c: _same_size(colour.get(f"{c}_sd_px"), radius) for c in curves}
     values = np.concatenate(list(curves.values()))
     spread = np.concatenate(list(deviations.values()))
-    axes = Axes(_radii(radius), _span(values, spread, zero=True))
+    axes = Axes(_radii(radius), span(values, spread, zero=True))
     shapes = [axes.furniture("radius on the sensor (mm)", "shift against green (px)")]
     shapes += _corner_mark(axes, camera)
     names = {"r": "red", "b": "blue"}
@@ -164,7 +164,7 @@ def _same_size(values: list | None, like: np.ndarray) -> np.ndarray:
     return np.nan_to_num(array) if array.shape == like.shape else np.zeros_like(like)
 
 
-def _span(
+def span(
     values: np.ndarray, spread: np.ndarray | float = 0.0, zero: bool = False
 ) -> tuple[float, float]:
     """A range that holds all values with their spread, and zero when asked."""

@@ -34,7 +34,7 @@ HEIGHTS = {"Middle of the frame": 0.0, "Half way": 0.45, "Near the corner": 0.9}
 DISTANCES, MOST_STOPS, MOST_FOCAL_LENGTHS = 7, 4, 3
 _FULL_STOPS = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0)
 _SAME_STOP = 0.2
-_BEYOND = 1.5
+BEYOND = 1.5
 """How much farther out of focus than photographed the outermost distances are."""
 _IN_FOCUS = 0.05
 """Of the range of defocus: what counts as none."""
@@ -114,8 +114,7 @@ def _plan(states: list[KernelState], lenses: list[Lens], pixel_mm: float) -> _Pl
     ]
     sharpest = int(np.argmin(np.abs(defocus)))
     widest = min(range(len(states)), key=lambda k: states[k].f_number)
-    per_vergence, _ = lenses[widest].blur_per_vergence()
-    usual = _USUAL_RADIUS_PX * pixel_mm / per_vergence if per_vergence > 0 else 1e-4
+    usual = usual_defocus(lenses[widest], pixel_mm)
     to_focus = lenses[sharpest].blur_per_vergence()[1]
     stops = f_numbers_of([state.f_number for state in states])
     return _Plan(
@@ -125,6 +124,12 @@ def _plan(states: list[KernelState], lenses: list[Lens], pixel_mm: float) -> _Pl
         defocus=defocus_of(defocus, usual, -to_focus),
         seen={(s.f_number, d) for s, d in zip(states, defocus, strict=True)},
     )
+
+
+def usual_defocus(lens: Lens, pixel_mm: float) -> float:
+    """How far out of focus to go on a side that nobody photographed, 1/mm."""
+    per_vergence, _ = lens.blur_per_vergence()
+    return _USUAL_RADIUS_PX * pixel_mm / per_vergence if per_vergence > 0 else 1e-4
 
 
 def f_numbers_of(photographed: list[float]) -> tuple[float, ...]:
@@ -161,8 +166,8 @@ def defocus_of(
         )
         values.pop(crowded)
     low, high = values[0], values[-1]
-    values.append(_BEYOND * high if high > 0 else usual)
-    values.append(max(_BEYOND * low if low < 0 else -usual, farthest))
+    values.append(BEYOND * high if high > 0 else usual)
+    values.append(max(BEYOND * low if low < 0 else -usual, farthest))
     values = sorted(set(values))
     while len(values) < DISTANCES:
         gap = int(np.argmax(np.diff(values)))
@@ -184,18 +189,7 @@ def _distances_mm(lens: Lens, defocus: tuple[float, ...]) -> tuple[float, ...]:
 def _sheet(plan: _Plan, lenses: list[Lens], pixel_mm: float) -> ThroughSheet:
     half_mm = np.asarray(lenses[0].sensor_size_mm) / 2
     places = np.array(list(HEIGHTS.values()))[:, None] * half_mm
-    points = np.repeat(places, DISTANCES, axis=0)
-    distances = _distances_mm(lenses[0], plan.defocus)
-    apart = np.tile(distances, len(HEIGHTS))
-    width_mm = _width_mm(lenses[0], points, apart, plan, pixel_mm)
-    tiles = np.stack(
-        [
-            tiles_of(kernels_at(one, points, apart, width_mm, _TOLERANCE))
-            for one in lenses
-        ]
-    )
-    shape = (len(lenses), len(HEIGHTS), DISTANCES, SIZE_PX, SIZE_PX)
-    by_place = np.swapaxes(tiles.reshape(shape), 0, 1)
+    found = through_tiles(lenses, places, plan.defocus, pixel_mm)
     photographed = [
         [(stop, value) in plan.seen for value in plan.defocus]
         for stop in plan.f_numbers
@@ -204,22 +198,67 @@ def _sheet(plan: _Plan, lenses: list[Lens], pixel_mm: float) -> ThroughSheet:
         focal_length_mm=plan.focal_length_mm,
         focus_distance_mm=plan.focus_distance_mm,
         f_numbers=plan.f_numbers,
-        distances_mm=distances,
+        distances_mm=found.distances_mm,
         photographed=np.array(photographed),
-        pictures=tuple(png(sheet_of(one)) for one in by_place),
-        width_px=width_mm / pixel_mm,
+        pictures=tuple(png(sheet_of(one)) for one in found.tiles),
+        width_px=found.width_mm / pixel_mm,
     )
+
+
+class ThroughTiles(NamedTuple):
+    """Point-spread functions at several places, f-numbers and distances, to show.
+
+    Attributes
+    ----------
+    width_mm : Of each tile.
+    """
+
+    tiles: Float[np.ndarray, "places stops distances size size"]
+    distances_mm: tuple[float, ...]
+    width_mm: float
+
+
+def through_tiles(
+    lenses: list[Lens],
+    places_mm: Float[np.ndarray, "places 2"],
+    defocus: tuple[float, ...],
+    pixel_mm: float,
+) -> ThroughTiles:
+    """Tiles of lenses that differ in their f-number, the widest first.
+
+    Parameters
+    ----------
+    defocus : Vergence of the objects less that of the plane of focus, 1/mm.
+    pixel_mm : Of the camera.
+
+    Raises
+    ------
+    LensfitError : A lens has no image of an object so near.
+    """
+    points = np.repeat(places_mm, len(defocus), axis=0)
+    distances = _distances_mm(lenses[0], defocus)
+    apart = np.tile(distances, len(places_mm))
+    width_mm = _width_mm(lenses[0], points, apart, defocus, pixel_mm)
+    tiles = np.stack(
+        [
+            tiles_of(kernels_at(one, points, apart, width_mm, _TOLERANCE))
+            for one in lenses
+        ]
+    )
+    shape = (len(lenses), len(places_mm), len(defocus), SIZE_PX, SIZE_PX)
+    by_place = np.swapaxes(tiles.reshape(shape), 0, 1)
+    return ThroughTiles(by_place, distances, width_mm)
 
 
 def _width_mm(
     lens: Lens,
     points: Float[np.ndarray, "points 2"],
     distances: Float[np.ndarray, " points"],
-    plan: _Plan,
+    defocus: tuple[float, ...],
     pixel_mm: float,
 ) -> float:
     """Wide enough for the widest blur: twice what a thin lens says, then as seen."""
-    radius = lens.blur_per_vergence()[0] * max(map(abs, plan.defocus))
+    radius = lens.blur_per_vergence()[0] * max(map(abs, defocus))
     width = max(4 * radius, 12 * pixel_mm)
     outermost = np.isin(distances, (distances.min(), distances.max()))
     seen = kernels_at(lens, points[outermost], distances[outermost], width, _GLANCE)

@@ -34,7 +34,7 @@ def write_report(report: dict, out_dir: Path) -> Path:
     addresses |= _addresses([take.get("picture") for take in blurred], out_dir)
     for said in [take.get("modelled") or {} for take in takes]:
         names = [said.get(key) for key in MODEL_PICTURES]
-        named = [name for name in names if name and _is_inside(out_dir, name)]
+        named = [name for name in names if name and is_inside(out_dir, name)]
         addresses |= {name: jpeg_address(out_dir / name) for name in named}
     preset = out_dir / "preset.json"
     kernels, through = kernel_sheets(report, preset), through_sheets(report, preset)
@@ -44,7 +44,7 @@ def write_report(report: dict, out_dir: Path) -> Path:
     return target
 
 
-def _is_inside(folder: Path, name: str) -> bool:
+def is_inside(folder: Path, name: str) -> bool:
     """Whether a report that came from elsewhere names a picture of its own folder."""
     try:
         return (folder / name).resolve().is_relative_to(folder.resolve())
@@ -53,6 +53,6 @@ def _is_inside(folder: Path, name: str) -> bool:
 
 
 def _addresses(names: list[str | None], out_dir: Path) -> dict[str, str | None]:
-    named = [name for name in names if name and _is_inside(out_dir, name)]
+    named = [name for name in names if name and is_inside(out_dir, name)]
     found = data_addresses([out_dir / name for name in named])
     return dict(zip(named, found, strict=True))

@@ -16,7 +16,7 @@ export function control(spec, changed) {
   number.step = spec.whole ? 1 : "any";
   if (spec.least !== null && spec.least !== undefined) number.min = spec.least;
   if (spec.most !== null && spec.most !== undefined) number.max = spec.most;
-  number.placeholder = "measured";
+  number.placeholder = spec.placeholder || "measured";
   back.type = "button";
   back.textContent = "↺";
   back.setAttribute("aria-label", `Reset ${spec.label}`);
@@ -66,7 +66,11 @@ export function control(spec, changed) {
   };
   back.addEventListener("click", () => set(undefined));
   show(undefined);
-  return { row, set, show };
+  /** Where the slider rests while there is no value. */
+  const rest = (value) => {
+    if (slider && value !== null) slider.value = to(value);
+  };
+  return { row, set, show, rest };
 }
 
 /** The controls of the camera, from what the lens and the plate say. */

@@ -127,12 +127,15 @@ def _replayed(body: bytes, receive: Receive) -> Receive:
 
 
 def _closed(send: Send) -> Send:
-    """The same, with headers that let a page load nothing from elsewhere."""
+    """The same, with headers that let a page load nothing from elsewhere; those that an
+    answer states itself stay."""
 
     async def closed(message: MutableMapping[str, Any]) -> None:
         if message["type"] == "http.response.start":
+            stated = {name for name, _ in message["headers"]}
             own = [(k.encode(), v.encode()) for k, v in _HEADERS.items()]
-            message = {**message, "headers": [*message["headers"], *own]}
+            added = [(name, value) for name, value in own if name not in stated]
+            message = {**message, "headers": [*message["headers"], *added]}
         await send(message)
 
     return closed

@@ -11,10 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Literal
 
-import msgspec
 from msgspec import Meta, Struct
 
-from lensfit.errors import LensfitError, SettingsError
+from lensfit.errors import SettingsError
 from lensfit.preset.knobs import GROUP_OF, turned
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_options import ApplyOptions
@@ -22,6 +21,7 @@ from lensfit.workflow.camera.spelling import option_of
 
 CAMERA = ("focal_length_mm", "f_number", "focus_distance_mm")
 _Positive = Annotated[float, Meta(gt=0, le=1e9)]
+Distance = _Positive | Literal["inf"]
 FILES = tuple(name for name in GROUP_OF if name.endswith("_image"))
 """Knobs that name files, which no page may."""
 
@@ -39,7 +39,7 @@ class Turned(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     frame: Annotated[int, Meta(ge=0, le=10**7)] = 0
     focal_length_mm: _Positive | None = None
     f_number: _Positive | None = None
-    focus_distance_mm: _Positive | Literal["inf"] | None = None
+    focus_distance_mm: Distance | None = None
     knobs: Annotated[dict[str, int | float], Meta(max_length=200)] = {}
 
     @property
@@ -47,6 +47,13 @@ class Turned(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """Quantities of the camera that are turned, by name."""
         values = {name: getattr(self, name) for name in CAMERA}
         return {name: float(v) for name, v in values.items() if v is not None}
+
+
+def opened_at(options: ApplyOptions) -> Turned:
+    """What options of `apply` state of the camera and of knobs."""
+    stated = {name: getattr(options.overrides, name) for name in CAMERA}
+    knobs = {n: v for n, v in options.knobs.items() if isinstance(v, int | float)}
+    return Turned(**stated, knobs=knobs)
 
 
 def check_turned(preset: Preset, wanted: Turned) -> Turned:
@@ -130,24 +137,3 @@ def changes_of(wanted: Turned) -> dict[str, dict[str, float]]:
     """What is turned as tables of a settings file."""
     tables = {"camera": wanted.camera, "knobs": dict(wanted.knobs)}
     return {name: table for name, table in tables.items() if table}
-
-
-def read_turned(data: bytes, record: type, preset: Preset) -> Turned:
-    """A message of the page.
-
-    Parameters
-    ----------
-    record : `Turned`, or a record that adds to it.
-
-    Raises
-    ------
-    LensfitError : It is malformed; the sentence says where.
-    """
-    try:
-        found = msgspec.json.decode(data, type=record)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise LensfitError(
-            f"the message is malformed: {error}",
-            remedy="notebooks/guide/rendering.md describes the interface",
-        ) from None
-    return check_turned(preset, found)

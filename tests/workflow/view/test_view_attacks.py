@@ -42,7 +42,7 @@ def test_the_socket_listens_to_this_machine_alone(client: Client):
 def test_every_path_needs_the_token(client: Client):
     wrong = client.token[:-1] + ("A" if client.token[-1] != "A" else "B")
     for start in ("", "/", f"/{wrong}", f"/{client.token[:-1]}", "/x"):
-        for name in ("", "view.js", "api/lens"):
+        for name in ("", "plate.js", "api/lens"):
             assert client.ask("GET", f"{start}/{name}").status == 404
         answer = client.ask("POST", f"{start}/api/save", b"{}", JSON)
         assert answer.status == 404
@@ -88,14 +88,14 @@ def test_the_page_itself_may_ask(client: Client):
         "../../../../etc/passwd",
         "..%2f..%2fetc%2fpasswd",
         "%2e%2e/%2e%2e/pyproject.toml",
-        "view.html",
-        "server.py",
-        "./view.js/../server.py",
-        "view.js%00.png",
+        "plate.html",
+        "plate_server.py",
+        "./plate.js/../plate_server.py",
+        "plate.js%00.png",
         "//etc/passwd",
-        "api/../../server.py",
+        "api/../../plate_server.py",
         "file:///etc/passwd",
-        "api/lens/../../view.html",
+        "api/lens/../../plate.html",
     ],
 )
 def test_no_path_leads_out_of_the_page_s_files(client: Client, path: str):
@@ -136,7 +136,7 @@ def test_a_form_of_another_page_is_no_message(client: Client):
 
 
 def test_the_page_may_load_nothing_from_elsewhere(client: Client):
-    for name in ("", "view.js", "api/lens", "no-such-thing"):
+    for name in ("", "plate.js", "api/lens", "no-such-thing"):
         headers = client.get(name).headers
         assert headers["content-security-policy"].startswith("default-src 'none'")
         assert headers["x-content-type-options"] == "nosniff"

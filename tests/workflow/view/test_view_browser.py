@@ -1,21 +1,27 @@
 """The page in a browser: turned by slider, by click and by key, and saved."""
 
-import time
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from browser import CHROMIUM, Browser
-from view_makers import Client, plate_client, thin_lens, write_depth_plate
+from view_makers import (
+    UNNAMED,
+    Client,
+    box_of,
+    click,
+    plate_client,
+    thin_lens,
+    until,
+    write_depth_plate,
+)
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
 ]
 WIDTH, HEIGHT = 640, 360
-_PATIENCE_S = 120.0
 
 
 @pytest.fixture(scope="module")
@@ -40,21 +46,6 @@ def opened(
         yield browser
 
 
-def until(browser: Browser, expression: str, wanted: Any) -> None:
-    deadline = time.monotonic() + _PATIENCE_S
-    while (found := browser.run(expression)) != wanted:
-        assert time.monotonic() < deadline, f"{expression} is {found!r}"
-        time.sleep(0.05)
-
-
-def click(browser: Browser, x: float, y: float) -> None:
-    for kind in ("mousePressed", "mouseReleased"):
-        browser.send(
-            "Input.dispatchMouseEvent",
-            type=kind, x=x, y=y, button="left", clickCount=1,
-        )  # fmt: skip
-
-
 SHOWN = "document.getElementById('stage').dataset.shown"
 PICTURE = "document.getElementById('made').src"
 COMMAND = "document.getElementById('command').value"
@@ -68,10 +59,7 @@ def test_the_page_is_turned_by_slider_click_and_key_and_saved(
     opened.run(f"{slider}.value = 2, {slider}.dispatchEvent(new Event('input'))")
     until(opened, f"{COMMAND}.includes('--f-number=4')", True)
     until(opened, f"{PICTURE} !== {first!r} && {SHOWN} === 'full'", True)
-    box = opened.run(
-        """(() => { const box = document.getElementById("made").getBoundingClientRect();
-            return [box.left, box.top, box.width, box.height]; })()"""
-    )
+    box = box_of(opened, "#made")
     assert box[2] > 300
     click(opened, box[0] + 0.2 * box[2], box[1] + 0.5 * box[3])
     near = client.post("focus", x=0.2 * WIDTH, y=0.5 * HEIGHT).json()
@@ -96,12 +84,7 @@ def test_the_page_is_turned_by_slider_click_and_key_and_saved(
 
 
 def test_every_control_has_a_name(opened: Browser):
-    unnamed = opened.run(
-        """[...document.querySelectorAll("input, button, textarea")].filter((one) =>
-            !(one.labels?.length || one.textContent.trim()
-              || one.getAttribute("aria-label"))).map((one) => one.outerHTML)"""
-    )
-    assert unnamed == []
+    assert opened.run(UNNAMED) == []
     assert opened.run("document.querySelectorAll('.knob').length") > 40
 
 

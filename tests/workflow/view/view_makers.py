@@ -3,12 +3,14 @@
 import http.client
 import json
 import threading
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from browser import Browser
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
@@ -16,7 +18,8 @@ from lensfit.preset.schema import Preset
 from lensfit.preset.store import save_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.view.server import PlateServer, listening
+from lensfit.workflow.view.listening import listening
+from lensfit.workflow.view.plate_server import PlateServer
 from lensfit.workflow.view.turned import Started
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
@@ -70,7 +73,7 @@ class Client:
     address : Of the page, with its token.
     """
 
-    def __init__(self, server: PlateServer, address: str):
+    def __init__(self, server: Any, address: str):
         self.server, self.address = server, address
         _, _, self.host, self.token, _ = address.split("/")
 
@@ -106,11 +109,8 @@ class Client:
 
 
 @contextmanager
-def plate_client(
-    plate: Path, preset: Preset, options: ApplyOptions | None = None
-) -> Iterator[Client]:
-    viewed = ViewedPlate(preset, str(plate), options or ApplyOptions())
-    server = PlateServer(viewed, Started("thin.json", str(plate)))
+def served(server: Any) -> Iterator[Client]:
+    """A client of a server, which ends with the block."""
     page = listening(server.routes, 0)
     thread = threading.Thread(target=page.run)
     thread.start()
@@ -119,3 +119,49 @@ def plate_client(
     finally:
         page.server.should_exit = True
         thread.join()
+
+
+@contextmanager
+def plate_client(
+    plate: Path, preset: Preset, options: ApplyOptions | None = None
+) -> Iterator[Client]:
+    viewed = ViewedPlate(preset, str(plate), options or ApplyOptions())
+    with served(PlateServer(viewed, Started("thin.json", str(plate)))) as client:
+        yield client
+
+
+def until(browser: Browser, expression: str, wanted: Any, patience_s: float = 120.0):
+    """Wait for an expression of the page to have a value."""
+    deadline = time.monotonic() + patience_s
+    while (found := browser.run(expression)) != wanted:
+        assert time.monotonic() < deadline, f"{expression} is {found!r}"
+        time.sleep(0.05)
+
+
+def mouse(browser: Browser, kind: str, x: float, y: float) -> None:
+    """Press, move or release the left button."""
+    browser.send(
+        "Input.dispatchMouseEvent",
+        type=f"mouse{kind}", x=x, y=y, button="left", clickCount=1, buttons=1,
+    )  # fmt: skip
+
+
+def click(browser: Browser, x: float, y: float) -> None:
+    mouse(browser, "Pressed", x, y)
+    mouse(browser, "Released", x, y)
+
+
+def box_of(browser: Browser, selector: str) -> list[float]:
+    """Left, top, width and height of an element, scrolled into view."""
+    return browser.run(
+        f"""(() => {{ const one = document.querySelector({selector!r});
+            one.scrollIntoView({{ block: "center" }});
+            const box = one.getBoundingClientRect();
+            return [box.left, box.top, box.width, box.height]; }})()"""
+    )
+
+
+UNNAMED = """[...document.querySelectorAll("input, button, textarea, select")].filter(
+    (one) => !(one.labels?.length || one.textContent.trim()
+      || one.getAttribute("aria-label"))).map((one) => one.outerHTML)"""
+"""Controls that a screen reader cannot name."""

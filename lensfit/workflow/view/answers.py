@@ -1,0 +1,142 @@
+"""How a page is answered: one request after the other, and what fails in a sentence.
+
+A request that says ``"newest": true`` waits in a lane of one: a newer one takes its
+place, and it is answered 204. All others are answered in turn. What cannot be done
+comes back as ``{"error": sentence}`` with status 422.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from importlib.resources import files
+from typing import Any, final
+
+import msgspec
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from lensfit.errors import LensfitError
+from lensfit.workflow.view.latest_wins import LatestWins, Superseded
+
+MOST_WAITING = 8
+"""Requests of other programs, which are all answered, one after the other."""
+Answer = Callable[[Request], Awaitable[Response]]
+
+
+@final
+class InTurn:
+    """One thread for requests that are all answered, and a lane of one for each kind of
+    which only the newest counts."""
+
+    def __init__(self):
+        self._lanes: dict[str, LatestWins] = {}
+        self._in_turn = ThreadPoolExecutor(1, "in-turn")
+        self._waiting = 0
+
+    async def done(self, job: Callable[[], Any]) -> Any:
+        """The result of a job, once those before it are done.
+
+        Raises
+        ------
+        LensfitError : Too many wait already.
+        """
+        if self._waiting >= MOST_WAITING:
+            raise LensfitError(
+                f"{self._waiting} requests wait already", remedy="ask again later"
+            )
+        self._waiting += 1
+        future: Future = self._in_turn.submit(job)
+        future.add_done_callback(self._finished)
+        return await asyncio.wrap_future(future)
+
+    async def newest(self, lane: str, job: Callable[[], Any]) -> Any:
+        """The result of a job, unless a newer one took its place in the lane."""
+        if lane not in self._lanes:
+            self._lanes[lane] = LatestWins(lane)
+        return await asyncio.wrap_future(self._lanes[lane].ask(job))
+
+    def _finished(self, _future: Future) -> None:
+        self._waiting -= 1
+
+
+async def message_of(request: Request, record: type) -> Any:
+    """The JSON message that a request carries.
+
+    Raises
+    ------
+    LensfitError : It is none, or malformed; the sentence says where.
+    """
+    kind = request.headers.get("content-type", "").partition(";")[0].strip()
+    if kind != "application/json":
+        raise LensfitError(
+            "a message is JSON",
+            remedy="send it with Content-Type: application/json",
+        )
+    try:
+        return msgspec.json.decode(await request.body(), type=record)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise LensfitError(
+            f"the message is malformed: {error}",
+            remedy="notebooks/guide/view.md describes the interface",
+        ) from None
+
+
+def page_routes(page_files: Mapping[str, str]) -> list[Route]:
+    """The files of a page, read beforehand: a path is looked up, never opened.
+
+    Parameters
+    ----------
+    page_files : File of this package by the path that it is served under.
+    """
+    found = []
+    for path, name in page_files.items():
+        content = files("lensfit.workflow").joinpath(name).read_bytes()
+        kind = _KINDS[name.rpartition(".")[2]]
+        found.append(Route(f"/{path}", _constant(content, kind), methods=["GET"]))
+    return found
+
+
+_KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
+
+
+def api_routes(gets: Mapping[str, Answer], posts: Mapping[str, Answer]) -> list[Route]:
+    """What is answered under ``api/``, by name; errors as sentences."""
+    return [
+        Route(f"/api/{name}", errors_as_sentences(answer), methods=[method])
+        for method, answers in (("GET", gets), ("POST", posts))
+        for name, answer in answers.items()
+    ]
+
+
+def _constant(content: bytes, kind: str) -> Answer:
+    async def answer(_request: Request) -> Response:
+        return Response(content, media_type=kind)
+
+    return answer
+
+
+def png_answer(content: bytes) -> Response:
+    """A picture."""
+    return Response(content, media_type="image/png")
+
+
+def errors_as_sentences(answer: Answer) -> Answer:
+    """The same, which says in a sentence what cannot be done."""
+
+    async def endpoint(request: Request) -> Response:
+        try:
+            return await answer(request)
+        except Superseded:
+            return Response(status_code=204)
+        except ClientDisconnect:
+            return Response(status_code=400)  # nobody is there to read it
+        except LensfitError as error:
+            return JSONResponse({"error": str(error)}, 422)
+        except asyncio.CancelledError:
+            return Response(status_code=503)  # the process ends
+        except Exception as error:  # whatever it was, the page says it
+            said = " ".join(f"{type(error).__name__}: {error}".split())
+            return JSONResponse({"error": said}, 500)
+
+    return endpoint

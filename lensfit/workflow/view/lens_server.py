@@ -1,0 +1,127 @@
+"""What the page of a lens and other programs are answered, over HTTP.
+
+=======================  ==========================================================
+``GET  api/lens``        the lenses, what they are opened at, controls, photographs
+``POST api/field``       point-spread functions over the field, and their errors
+``POST api/point``       that of one point in colour, and its deviation
+``POST api/through``     that point through focus and through the aperture
+``POST api/figures``     distortion, lateral colour, fall-off, breathing, as SVG
+``GET  api/dots/N``      dots of a photograph beside their model, PNG
+``GET  report``          the report of a folder of results
+=======================  ==========================================================
+
+A body is JSON: `OfLens`. Pictures are ``data:`` addresses of PNG.
+"""
+
+from typing import Any, final
+
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.routing import Route
+
+from lensfit.errors import LensfitError
+from lensfit.workflow.view.answers import (
+    Answer,
+    InTurn,
+    api_routes,
+    errors_as_sentences,
+    message_of,
+    page_routes,
+    png_answer,
+)
+from lensfit.workflow.view.controls import knob_controls
+from lensfit.workflow.view.turned import check_turned
+from lensfit.workflow.view.viewed_lens import OfLens, ViewedLens
+from lensfit.workflow.view.viewed_results import ViewedResults
+
+PAGE_FILES = {
+    "": "view/lens.html",
+    "view.css": "view/view.css",
+    "figures.css": "report/figures.css",
+    "lens.js": "view/lens.js",
+    "controls.js": "view/controls.js",
+    "asker.js": "view/asker.js",
+}
+REPORT_POLICY = (
+    "sandbox allow-scripts; default-src 'none'; img-src data:; "
+    "style-src 'unsafe-inline'; script-src 'unsafe-inline'; frame-ancestors 'none'"
+)
+"""A report may come from elsewhere: it shows, and may ask this process nothing."""
+_NO_RESULTS = "no folder of results is looked at"
+
+
+@final
+class LensServer:
+    """Answers about one preset, or two side by side.
+
+    Parameters
+    ----------
+    lenses : One or two.
+    results : The folder that the first came from, if it did.
+    """
+
+    def __init__(self, lenses: list[ViewedLens], results: ViewedResults | None = None):
+        self.lenses, self.results = lenses, results
+        self._in_turn = InTurn()
+
+    @property
+    def routes(self) -> list[Route]:
+        """Of the application."""
+        posts: dict[str, Answer] = {
+            name: self._answer(name)
+            for name in ("field", "point", "through", "figures")
+        }
+        dots, report = map(errors_as_sentences, (self.dots, self.report))
+        return [
+            *page_routes(PAGE_FILES),
+            *api_routes({"lens": self.lens}, posts),
+            Route("/api/dots/{place:int}", dots, methods=["GET"]),
+            Route("/report", report, methods=["GET"]),
+        ]
+
+    async def lens(self, _request: Request) -> Response:
+        """The lenses and the controls."""
+        results = self.results
+        shown = [] if results is None else [one.about for one in results.dots]
+        groups = [g for g in knob_controls() if g["name"] != "Look"]
+        return JSONResponse(
+            {
+                "lenses": [one.start() for one in self.lenses],
+                "groups": groups,
+                "dots": shown,
+                "report": results is not None and results.has_page,
+            }
+        )
+
+    async def dots(self, request: Request) -> Response:
+        """Dots of a photograph beside their model."""
+        return png_answer(self._results.picture(request.path_params["place"]))
+
+    async def report(self, _request: Request) -> Response:
+        """The report, which may ask this process nothing."""
+        headers = {"content-security-policy": REPORT_POLICY}
+        return HTMLResponse(self._results.page(), headers=headers)
+
+    @property
+    def _results(self) -> ViewedResults:
+        if self.results is None:
+            raise LensfitError(_NO_RESULTS)
+        return self.results
+
+    def _answer(self, name: str) -> Answer:
+        async def answer(request: Request) -> Response:
+            wanted: OfLens = await message_of(request, OfLens)
+            if wanted.lens >= len(self.lenses):
+                raise LensfitError("there is one lens here", remedy="leave lens out")
+            viewed = self.lenses[wanted.lens]
+            check_turned(viewed.preset, wanted)
+
+            def found() -> Any:
+                return getattr(viewed, name)(wanted)
+
+            if wanted.newest:
+                lane = f"{name} {wanted.lens}"
+                return JSONResponse(await self._in_turn.newest(lane, found))
+            return JSONResponse(await self._in_turn.done(found))
+
+        return answer

@@ -1,0 +1,173 @@
+"""What the page of a plate and other programs are answered, over HTTP.
+
+=======================  ==========================================================
+``GET  api/lens``        what the lens and the plate say, controls, verdict
+``POST api/render``      a frame: PNG in sRGB, or the EXR that `lensfit apply` writes
+``POST api/plate``       the plate as it is, PNG
+``POST api/plan``        what `lensfit plan` says
+``POST api/focus``       the focus distance of what lies at a pixel
+``POST api/command``     the command line that renders what is turned
+``POST api/save``        the same into the shot's settings file
+=======================  ==========================================================
+
+A body is JSON: what is turned (`Turned`) and what is asked of it.
+"""
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Annotated, Any, Literal, final
+
+from msgspec import Meta
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from lensfit.workflow.view.answers import (
+    Answer,
+    InTurn,
+    api_routes,
+    message_of,
+    page_routes,
+    png_answer,
+)
+from lensfit.workflow.view.controls import knob_controls
+from lensfit.workflow.view.shown import screen_png
+from lensfit.workflow.view.turned import (
+    Started,
+    Turned,
+    check_turned,
+    command_line,
+)
+from lensfit.workflow.view.viewed_plate import ViewedPlate
+
+PAGE_FILES = {
+    "": "view/plate.html",
+    "view.css": "view/view.css",
+    "plate.js": "view/plate.js",
+    "controls.js": "view/controls.js",
+    "asker.js": "view/asker.js",
+}
+Stops = Annotated[float, Meta(ge=-20, le=20)]
+
+
+class Render(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A frame that is wanted."""
+
+    quality: Literal["proxy", "full"] = "full"
+    format: Literal["png", "exr"] = "png"
+    exposure_stops: Stops = 0.0
+    newest: bool = False
+
+
+class Query(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Anything else about what is turned."""
+
+    exposure_stops: Stops = 0.0
+    newest: bool = False
+
+
+class Focus(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A pixel of the frame, from its upper left corner."""
+
+    x: Annotated[float, Meta(ge=0, le=1e6)]
+    y: Annotated[float, Meta(ge=0, le=1e6)]
+
+
+@final
+class PlateServer:
+    """Answers about a preset on a plate.
+
+    Parameters
+    ----------
+    started : Words of the command, for the command line that does the same.
+    """
+
+    def __init__(self, viewed: ViewedPlate, started: Started):
+        self.viewed, self.started = viewed, started
+        self._in_turn = InTurn()
+
+    @property
+    def routes(self) -> list[Route]:
+        """Of the application."""
+        answers: dict[str, Answer] = {
+            "render": self.render, "plate": self.plate, "plan": self.plan,
+            "focus": self.focus, "command": self.command, "save": self.save,
+        }  # fmt: skip
+        return page_routes(PAGE_FILES) + api_routes({"lens": self.lens}, answers)
+
+    async def lens(self, _request: Request) -> Response:
+        """The start values of the first frame, the controls and the verdict."""
+        preset = self.viewed.preset
+        start = await self._in_turn.done(lambda: self.viewed.start(0))
+        verdict = preset.verdict and {
+            "level": preset.verdict.level,
+            "headline": preset.verdict.headline,
+        }
+        return JSONResponse(
+            {
+                "lens": preset.lens.name,
+                "verdict": verdict,
+                "settings": str(self.viewed.settings_path),
+                "groups": knob_controls(),
+                **start,
+            }
+        )
+
+    async def render(self, request: Request) -> Response:
+        """A frame through the lens."""
+        query = await self._read(request, Render)
+        viewed = self.viewed
+        if query.format == "exr":
+            exr = await self._in_turn.done(lambda: viewed.frame_exr(query))
+            return Response(exr, media_type="image/x-exr")
+
+        def picture() -> bytes:
+            return screen_png(viewed.pixels(query, query.quality), query.exposure_stops)
+
+        return png_answer(await self._in_lane(query.newest, query.quality, picture))
+
+    async def plate(self, request: Request) -> Response:
+        """The plate itself."""
+        query = await self._read(request, Query)
+
+        def picture() -> bytes:
+            pixels = self.viewed.plate_pixels(query.frame)
+            return screen_png(pixels, query.exposure_stops)
+
+        return png_answer(await self._in_turn.done(picture))
+
+    async def plan(self, request: Request) -> Response:
+        """Stages, error, seconds and memory."""
+        query = await self._read(request, Query)
+        plan = partial(self.viewed.plan, query)
+        return JSONResponse(await self._in_lane(query.newest, "plan", plan))
+
+    async def focus(self, request: Request) -> Response:
+        """What is sharp at a pixel."""
+        query = await self._read(request, Focus)
+        found = await self._in_turn.done(
+            lambda: self.viewed.focus_distance_mm(query, query.x, query.y)
+        )
+        return JSONResponse(
+            {"focus_distance_mm": "inf" if math.isinf(found) else found}
+        )
+
+    async def command(self, request: Request) -> Response:
+        """The command line."""
+        query = await self._read(request, Turned)
+        return JSONResponse({"command": command_line(self.started, query)})
+
+    async def save(self, request: Request) -> Response:
+        """The settings file."""
+        query = await self._read(request, Turned)
+        notes = await self._in_turn.done(lambda: self.viewed.save(query))
+        return JSONResponse({"path": str(self.viewed.settings_path), "notes": notes})
+
+    async def _read(self, request: Request, record: type) -> Any:
+        return check_turned(self.viewed.preset, await message_of(request, record))
+
+    async def _in_lane(self, newest: bool, lane: str, job: Callable[[], Any]) -> Any:
+        if newest:
+            return await self._in_turn.newest(lane, job)
+        return await self._in_turn.done(job)

@@ -1,0 +1,287 @@
+"""A preset alone, as it is looked at: point-spread functions, maps and their errors.
+
+Everything is asked of the lens of the preset at the state that is turned to, and drawn
+by the code of the report.
+"""
+
+import base64
+import math
+from typing import Annotated, Any, final
+
+import cv2
+import msgspec
+import numpy as np
+from jaxtyping import Float
+from msgspec import Meta
+
+from lensfit.errors import LensfitError
+from lensfit.lens import Lens
+from lensfit.preset.entry import Entry
+from lensfit.preset.knobs import not_neutral, turned
+from lensfit.preset.schema import Preset
+from lensfit.workflow.pictures.grey_tiles import png, sheet_of
+from lensfit.workflow.plain_numbers import distance_of, plain, plain_distance
+from lensfit.workflow.report.breathing import breathing
+from lensfit.workflow.report.kernels import (
+    GAMMA,
+    expected_errors,
+    field_tiles,
+    width_of_blur_mm,
+)
+from lensfit.workflow.report.plots import entry_figures
+from lensfit.workflow.report.svg import Figure
+from lensfit.workflow.report.through import (
+    BEYOND,
+    defocus_of,
+    f_numbers_of,
+    through_tiles,
+    usual_defocus,
+)
+from lensfit.workflow.view.lens_curves import breathing_facts, lens_facts
+from lensfit.workflow.view.turned import CAMERA, Distance, Turned
+from lensfit.workflow.view.viewed_plate import lens_ranges
+
+_MOST_STOPS = 5
+_FINE_PX = 96
+_FINE_TOLERANCE = 0.02
+_DRAWS = 12
+_Share = Annotated[float, Meta(ge=-1, le=1)]
+
+
+class OfLens(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A state of a lens, an object and a point of the frame.
+
+    Attributes
+    ----------
+    lens : Place among the lenses that are looked at.
+    object_distance_mm : From the sensor; that of focus if left out.
+    x, y : Of the point, as shares of the way from the middle of the frame to its right
+        and its lower edge.
+    newest : Whether a newer request takes its place.
+    """
+
+    lens: Annotated[int, Meta(ge=0, le=1)] = 0
+    object_distance_mm: Distance | None = None
+    x: _Share = 0.0
+    y: _Share = 0.0
+    newest: bool = False
+
+
+@final
+class ViewedLens:
+    """A preset and the state that it is opened at.
+
+    Parameters
+    ----------
+    name : As it was given.
+    opened : What the command states of the camera and of knobs.
+    """
+
+    def __init__(self, preset: Preset, name: str, opened: Turned):
+        self.preset, self.name = preset, name
+        self._opened = opened
+        camera = preset.camera
+        self._pixel_mm = camera.sensor_width_mm / camera.image_width_px
+        self._start = _start_camera(preset, opened)
+
+    def start(self) -> dict[str, Any]:
+        """Name, verdict, the state it is opened at, and ranges."""
+        preset, verdict = self.preset, self.preset.verdict
+        knobs = not_neutral(turned(preset.knobs, self._opened.knobs))
+        return {
+            "lens": preset.lens.name,
+            "serial": preset.lens.serial,
+            "file": self.name,
+            "verdict": None if verdict is None else verdict.headline,
+            "camera": {n: plain_distance(v) for n, v in self._start.items()},
+            "knobs": {n: v for n, v in knobs.items() if not isinstance(v, str)},
+            "aspect": preset.camera.sensor_width_mm / preset.camera.sensor_height_mm,
+            "ranges": lens_ranges(preset),
+        }
+
+    def lens(self, wanted: Turned, f_number: float | None = None) -> Lens:
+        """The lens as it is turned, maybe at another f-number.
+
+        Raises
+        ------
+        LensfitError : The preset does not reach that state.
+        """
+        camera = self._start | wanted.camera
+        if f_number is not None:
+            camera["f_number"] = f_number
+        knobs = turned(self.preset.knobs, {**self._opened.knobs, **wanted.knobs})
+        return self.preset.at(**camera, knobs=knobs)
+
+    def field(self, wanted: OfLens) -> dict[str, Any]:
+        """Point-spread functions over the field, and how well they are known.
+
+        Raises
+        ------
+        LensfitError : They are not known at that state.
+        """
+        lens = self.lens(wanted)
+        distance = _object_distance_mm(lens, wanted)
+        tiles, width_mm = field_tiles(lens, distance, self._pixel_mm)
+        return {
+            "picture": _address(png(sheet_of(tiles))),
+            "width_px": width_mm / self._pixel_mm,
+            "errors": expected_errors(lens, distance, width_mm),
+            "notes": lens.notes,
+        }
+
+    def point(self, wanted: OfLens) -> dict[str, Any]:
+        """The point-spread function of one point in colour, and its deviation in green.
+
+        Raises
+        ------
+        LensfitError : It is not known at that state.
+        """
+        lens = self.lens(wanted)
+        distance, point = _object_distance_mm(lens, wanted), _point_mm(lens, wanted)
+        width_mm = width_of_blur_mm(lens, point, np.array([distance]), self._pixel_mm)
+        drawn: dict[str, Any] = {
+            "pixel_pitch_mm": width_mm / _FINE_PX,
+            "size_px": _FINE_PX,
+            "tolerance": _FINE_TOLERANCE,
+        }
+        psfs = np.asarray(lens.psfs(point, distance, **drawn)[0])
+        peak = float(psfs.max()) or 1.0
+        found = {
+            "picture": _address(_colour_png(psfs / peak)),
+            "width_px": width_mm / self._pixel_mm,
+            "x_mm": round(float(point[0, 0]), 3),
+            "y_mm": round(float(point[0, 1]), 3),
+            "deviation": None,
+            "error": None,
+        }
+        if lens.blur is not None and lens.moved_blurs is not None:
+            known = lens.known_psfs(point, distance, draws=_DRAWS, **drawn)
+            deviation = known.deviation[0] / peak
+            found["deviation"] = _address(_colour_png(np.stack([deviation] * 3)))
+            found["error"] = plain(float(known.relative_error()[0]))
+        return found
+
+    def through(self, wanted: OfLens) -> dict[str, Any]:
+        """The point through focus (across) and through the aperture (down).
+
+        Raises
+        ------
+        LensfitError : It is not known at that state.
+        """
+        lens = self.lens(wanted)
+        stops = self._stops(lens)
+        lenses = [self.lens(wanted, stop) for stop in stops]
+        wanted_mm = _object_distance_mm(lens, wanted)
+        vergence = 1 / (wanted_mm - float(lens.entrance_pupil_offset_mm))
+        to_focus = lens.blur_per_vergence()[1]
+        usual = usual_defocus(lenses[0], self._pixel_mm)
+        defocus = _through_focus(vergence - to_focus, usual, -to_focus)
+        found = through_tiles(lenses, _point_mm(lens, wanted), defocus, self._pixel_mm)
+        return {
+            "picture": _address(png(sheet_of(found.tiles[0]))),
+            "f_numbers": stops,
+            "distances_mm": [plain_distance(mm) for mm in found.distances_mm],
+            "width_px": found.width_mm / self._pixel_mm,
+        }
+
+    def _stops(self, lens: Lens) -> tuple[float, ...]:
+        """Those whose blur was photographed, as full stops beyond."""
+        known = {
+            s.f_number for e in self.preset.entries if e.blur for s in e.blur.stops
+        }
+        if not known and lens.f_number is None:
+            raise LensfitError(
+                "nobody knows an f-number of this lens", remedy="state one"
+            )
+        return f_numbers_of(sorted(known or {lens.f_number or 0.0}))
+
+    def figures(self, wanted: OfLens) -> list[dict[str, str]]:
+        """Distortion, lateral colour, fall-off, breathing, each with its deviation.
+
+        Raises
+        ------
+        LensfitError : The preset does not reach that state.
+        """
+        lens = self.lens(wanted)
+        of_stops = [self.lens(wanted, stop) for stop in self._fall_off_stops(lens)]
+        camera = msgspec.to_builtins(self.preset.camera)
+        facts = lens_facts(lens, of_stops, self.preset.camera)
+        found = entry_figures(facts, camera)
+        breath = breathing_facts(self.preset, lens)
+        figure = None if breath is None else breathing(breath)
+        return [_figure(one) for one in (*found, *([figure] if figure else ()))]
+
+    def _fall_off_stops(self, lens: Lens) -> list[float]:
+        """Some that were photographed, and the one that is turned to."""
+        known = {
+            f.f_number for e in self.preset.entries for f in e.fall_off if f.f_number
+        }
+        ordered = sorted(known)
+        chosen = np.linspace(0, len(ordered) - 1, min(len(ordered), _MOST_STOPS))
+        kept = {ordered[round(k)] for k in chosen}
+        now = lens.f_number
+        if known and now is not None and ordered[0] <= now <= ordered[-1]:
+            kept.add(now)
+        return sorted(kept)
+
+
+def _start_camera(preset: Preset, opened: Turned) -> dict[str, float | None]:
+    """What is stated, else the first entry, as wide open as was measured."""
+    camera: dict[str, float | None] = dict.fromkeys(CAMERA) | opened.camera
+    focal = camera["focal_length_mm"]
+
+    def away(entry: Entry) -> float:
+        return 0.0 if focal is None else abs(entry.focal_length_mm - focal)
+
+    first = min(preset.entries, key=away)
+    if focal is None:
+        camera["focal_length_mm"] = first.focal_length_mm
+    if camera["focus_distance_mm"] is None:
+        camera["focus_distance_mm"] = first.focus_distance_mm
+    if camera["f_number"] is None:
+        camera["f_number"] = lens_ranges(preset)["widest_f_number"]
+    return camera
+
+
+def _through_focus(defocus: float, usual: float, farthest: float) -> tuple[float, ...]:
+    """From beyond the plane of focus to before it, the object's own defocus among them.
+
+    Parameters
+    ----------
+    usual, farthest : As of `defocus_of`.
+    """
+    ends = max(usual, abs(defocus)) / BEYOND
+    return defocus_of([max(-ends, farthest), defocus, ends], usual, farthest)
+
+
+def _object_distance_mm(lens: Lens, wanted: OfLens) -> float:
+    stated = distance_of(wanted.object_distance_mm)
+    found = lens.focus_distance_mm if stated is None else stated
+    if found is None and lens.blur is not None:
+        found = float(lens.blur.reference_distance_mm)
+    return math.inf if found is None else found
+
+
+def _point_mm(lens: Lens, wanted: OfLens) -> Float[np.ndarray, "1 2"]:
+    return np.array([[wanted.x, wanted.y]]) * np.asarray(lens.sensor_size_mm) / 2
+
+
+def _colour_png(light: Float[np.ndarray, "3 height width"]) -> bytes:
+    """Light relative to the brightest, to the power that the report draws it to."""
+    shown = np.clip(np.nan_to_num(light), 0, 1) ** GAMMA
+    picture = np.moveaxis(np.round(255 * shown).astype(np.uint8), 0, -1)
+    _, buffer = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
+    return buffer.tobytes()
+
+
+def _address(content: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _figure(figure: Figure) -> dict[str, str]:
+    return {
+        "key": figure.key,
+        "title": figure.title,
+        "svg": str(figure.svg),
+        "caption": figure.caption,
+    }

@@ -1,0 +1,107 @@
+"""The page of a lens in a browser: its point is dragged, and moved by key."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import CHROMIUM, Browser
+from view_makers import UNNAMED, Client, box_of, mouse, served, until
+
+from lensfit.preset.store import load_preset
+from lensfit.workflow.view.lens_server import LensServer
+from lensfit.workflow.view.turned import Turned
+from lensfit.workflow.view.viewed_lens import ViewedLens
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+]
+PRESETS = Path(__file__).parents[3] / "presets"
+SPOT = "document.querySelector('.spot').src"
+ALERT = "document.querySelector('.column .alert')"
+DRAWN = """['point', 'field', 'through', 'figures'].every((name) =>
+    document.querySelector('.column')?.dataset[name] !== undefined)"""
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Client]:
+    prime = load_preset(PRESETS / "prime_50" / "preset.json")
+    with served(LensServer([ViewedLens(prime, "prime", Turned())])) as asked:
+        yield asked
+
+
+@pytest.fixture(scope="module")
+def opened(
+    client: Client, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Browser]:
+    with Browser(tmp_path_factory.mktemp("profile")) as browser:
+        browser.open(client.address)
+        until(browser, DRAWN, True)
+        yield browser
+
+
+def value(browser: Browser, name: str) -> float:
+    return float(browser.run(f"document.getElementById('k-{name}').value"))
+
+
+def test_the_point_is_dragged_and_moved_by_key(opened: Browser, client: Client):
+    before = opened.run(SPOT)
+    left, top, width, height = box_of(opened, ".field")
+    mouse(opened, "Pressed", left + 0.5 * width, top + 0.5 * height)
+    mouse(opened, "Moved", left + 0.7 * width, top + 0.3 * height)
+    mouse(opened, "Released", left + 0.7 * width, top + 0.3 * height)
+    # Tiles at 0.45 and 0.9 of the way lie a fifth and a third of the sheet off.
+    assert value(opened, "x") == pytest.approx(0.45, abs=0.02)
+    assert value(opened, "y") == pytest.approx(-0.54, abs=0.02)
+    until(opened, f"{SPOT} !== {before!r}", True)
+    opened.press("ArrowLeft")
+    assert value(opened, "x") == pytest.approx(0.4, abs=0.02)
+    said = client.post("point", x=value(opened, "x"), y=value(opened, "y")).json()
+    until(opened, f"{SPOT} === {said['picture']!r}", True)
+
+
+def test_a_turned_lens_is_drawn_and_reset(opened: Browser, client: Client):
+    number = "document.getElementById('k-f_number')"
+    opened.run(f"{number}.value = 8, {number}.dispatchEvent(new Event('change'))")
+    x, y = value(opened, "x"), value(opened, "y")
+    said = client.post("point", f_number=8, x=x, y=y).json()["picture"]
+    until(opened, f"{SPOT} === {said!r}", True)
+    opened.run("document.getElementById('reset').click()")
+    said = client.post("point").json()["picture"]
+    until(opened, f"{SPOT} === {said!r}", True)
+    assert opened.run("document.querySelectorAll('.drawn svg').length") == 7
+
+
+def test_what_cannot_be_is_a_sentence_in_the_column(opened: Browser):
+    number = "document.getElementById('k-object_distance_mm')"
+    opened.run(f"{number}.value = 20, {number}.dispatchEvent(new Event('change'))")
+    until(opened, f"{ALERT}.hidden", False)
+    assert "no sharp image" in opened.run(f"{ALERT}.textContent")
+    opened.run("document.getElementById('reset').click()")
+    until(opened, f"{ALERT}.hidden", True)
+
+
+def test_it_is_named_fits_a_tablet_and_asks_nobody_else(
+    opened: Browser, client: Client
+):
+    assert opened.run(UNNAMED) == []
+    opened.open(client.address, 800, 1100)
+    until(opened, DRAWN, True)
+    assert opened.run("document.documentElement.scrollWidth <= window.innerWidth")
+    assert all(one.startswith((client.address, "data:")) for one in opened.requests)
+
+
+def test_two_lenses_stand_side_by_side(tmp_path: Path):
+    lenses = [
+        ViewedLens(load_preset(PRESETS / name / "preset.json"), name, Turned())
+        for name in ("prime_50", "vintage_50")
+    ]
+    with served(LensServer(lenses)) as client, Browser(tmp_path) as browser:
+        browser.open(client.address)
+        drawn = (
+            "[...document.querySelectorAll('.spot')].filter((one) => one.src).length"
+        )
+        until(browser, drawn, 2)
+        lefts = [box_of(browser, f".column:nth-child({k}) .spot")[0] for k in (1, 2)]
+        assert lefts[1] > lefts[0] + 200
+        assert browser.complaints == []
