@@ -68,6 +68,12 @@ def _appear(
         move_all(made, folder, last=last, replaces=replaces)
 
 
+def remove_unfinished(folder: Path) -> None:
+    """What a process that was killed left there, and the folder if nothing else is."""
+    remove_abandoned(folder / _NAME)
+    _remove_if_empty(folder)
+
+
 @contextmanager
 def taken_back_if_empty(folder: Path) -> Iterator[None]:
     """Remove a folder that was made in the block, if nothing was put into it."""

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from lensfit.workflow.apply_options import ApplyOptions
     from lensfit.workflow.view.lens_server import LensServer
     from lensfit.workflow.view.plate_server import PlateServer
+    from lensfit.workflow.view.shoot_server import ShootServer
 
 _NOT_SEEN = (
     "preset", "plates", "out", "frames", "workers", "library", "output", "disable",
@@ -27,12 +28,12 @@ _NOT_SEEN = (
 @takes_groups
 def view(
     what: Annotated[
-        str,
+        str | None,
         typer.Argument(
-            help="Preset (a file, or a lens of the library by its name), or a folder "
-            "of results"
+            help="Preset (a file, or a lens of the library by its name), folder of "
+            "results, or shoot file; a new shoot in this folder if left out"
         ),
-    ],
+    ] = None,
     plates: Annotated[
         str | None,
         typer.Argument(
@@ -44,6 +45,14 @@ def view(
         str | None,
         typer.Option(help="Another preset, to be seen side by side with the first"),
     ] = None,
+    images: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a shoot's photographs; else the shoot file's own"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Folder for a shoot's results; else beside it"),
+    ] = None,
     library: LibraryGroup,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Of the address; 0 is any free one")
@@ -54,18 +63,20 @@ def view(
     handed: tuple[HandedOption, ...],
     taken: dict[str, Any],
 ) -> None:
-    """Look at a lens in the browser, and turn it: on a plate, or by itself.
+    """Look in the browser at a lens on a plate, at a lens by itself, or at a shoot.
 
     With a plate: the frame through the lens; click to focus; what was turned is saved
     as the command line of apply that does the same, or to the shot's lensfit.toml.
     Without: point-spread functions, distortion, colour, fall-off and breathing, with
     how well they are known; of a folder of results also its dots and its report.
+    Of a shoot: photographs, checked as they arrive; its file as a form; a calibration.
 
     The page is served by this process to this machine alone, under an address that
     nobody else knows, and ends with it (Ctrl-C). Takes the options of apply.
 
     Example: lensfit view takumar/preset.json plate.1001.exr
     Example: lensfit view takumar/preset.json --beside zeiss/preset.json
+    Example: lensfit view shoot.toml --out takumar
     """
     if taken["cores"] is not None:
         from lensfit.cores import limit_cores
@@ -74,16 +85,20 @@ def view(
     given = dict(taken, output=OutputName.result, overwrite=False, keep=False)
     options = apply_options(**in_groups(apply, given))
     listening = _part("listening").listening
-    if plates is None:
+    if what is None or what.endswith(".toml"):
+        server = _shoot_server(Path(what or "shoot.toml"), images, out)
+    elif plates is None:
         server = _lens_server(what, beside, library, options)
     else:
         server = _plate_server(what, plates, library, options, handed)
-    page = listening(server.routes, port)
-    _open(page.address, browser)
     try:
+        page = listening(server.routes, port, server.uploads)
+        _open(page.address, browser)
         page.run()
     except KeyboardInterrupt as end:  # the way a view ends
         raise typer.Exit(0) from end
+    finally:
+        server.end()
 
 
 def _plate_server(
@@ -102,6 +117,14 @@ def _plate_server(
     if library.library is not None:
         words += (("--library", str(library.library)),)
     return server.PlateServer(viewed, Started(preset, plates, words))
+
+
+def _shoot_server(shoot: Path, images: Path | None, out: Path | None) -> "ShootServer":
+    server = _part("shoot_server")
+    from lensfit.workflow.view.viewed_shoot import ViewedShoot
+
+    results = out or shoot.with_name(f"{shoot.stem}_results")
+    return server.ShootServer(ViewedShoot(shoot, images, results))
 
 
 def _lens_server(

@@ -4,7 +4,6 @@ The draft is valid as it stands. Values that a header gave say which entry they 
 from; what only the photographer knows is a comment that starts with TODO.
 """
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ from lensfit.io.transfer import ENCODINGS
 from lensfit.workflow.inspect import Inspection
 from lensfit.workflow.shoot.charts_seen import free_name, target_of_pattern
 from lensfit.workflow.shoot.slated import slated_values
+from lensfit.workflow.shoot.toml_lines import toml_value
 
 _UNREAD = "grid"
 _DISAGREEMENT = 0.02
@@ -81,7 +81,7 @@ def draft_shoot(
     if _UNREAD in used:
         targets.append(_TARGET)
     takes = [
-        _take(inspection, folder, name, slates)
+        drafted_take(inspection, folder, name, slates)
         for inspection, name in zip(inspections, used, strict=True)
     ]
     return "\n".join([_lens(inspections), _camera(inspections), *targets, *takes])
@@ -104,7 +104,7 @@ def _target(pattern: Pattern, name: str) -> str:
     for key, value in said.items():
         if value is not None:
             listed = list(value) if isinstance(value, tuple) else value
-            lines.append(f"{key} = {_literal(listed)}")
+            lines.append(f"{key} = {toml_value(listed)}")
     place = next(k for k, line in enumerate(lines) if line.startswith("pitch_mm"))
     lines[place] += "  # as printed at 100 %; TODO: measure the chart's ruler"
     return "\n".join(lines) + "\n"
@@ -145,7 +145,7 @@ def _mosaic(inspections: Sequence[Inspection]) -> list[str]:
     hint = (
         '# mosaic = "rggb"          # if colours were interpolated from one; optional'
     )
-    return [hint, *(f"# {_literal(m)} from the noise of {seen[m]}" for m in known)]
+    return [hint, *(f"# {toml_value(m)} from the noise of {seen[m]}" for m in known)]
 
 
 def _shared(inspections: Sequence[Inspection], name: str, key: str) -> list[str]:
@@ -160,15 +160,16 @@ def _shared(inspections: Sequence[Inspection], name: str, key: str) -> list[str]
         return []
     first, *others = values.items()
     lines = [_entry(key, *first)]
-    lines += [f"# TODO: but {_literal(v)} from {source}" for v, source in others]
+    lines += [f"# TODO: but {toml_value(v)} from {source}" for v, source in others]
     return lines
 
 
-def _take(
-    inspection: Inspection, folder: Path, target: str, slates: Sequence[Slate]
+def drafted_take(
+    inspection: Inspection, folder: Path, target: str, slates: Sequence[Slate] = ()
 ) -> str:
+    """The table of one photograph, for a shoot file that lies in `folder`."""
     image = Path(os.path.relpath(inspection.path, folder)).as_posix()
-    lines = ["[[take]]", f"image = {_literal(image)}", f'target = "{target}"']
+    lines = ["[[take]]", f"image = {toml_value(image)}", f'target = "{target}"']
     slate = slate_of(slates, inspection.path, inspection.exposed_at)
     slated = {} if slate is None else slated_values(slate)
     place = "" if slate is None else slate.place
@@ -204,7 +205,7 @@ def _setting(
         return _entry(name, header, inspection.state.sources[name])
     line = _entry(name, said, place)
     if header is not None and not _alike(float(said), float(header)):
-        line += f"; TODO: {_literal(header)} in {inspection.state.sources[name]}"
+        line += f"; TODO: {toml_value(header)} in {inspection.state.sources[name]}"
     return line
 
 
@@ -219,14 +220,7 @@ def _may_be_linear(inspection: Inspection) -> bool:
 
 
 def _entry(key: str, value: object, source: str) -> str:
-    return f"{key} = {_literal(value)}  # from {_comment(source)}"
-
-
-def _literal(value: object) -> str:
-    """A TOML value; JSON's strings are TOML's too, and repr writes inf as TOML does."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(value)
+    return f"{key} = {toml_value(value)}  # from {_comment(source)}"
 
 
 def _comment(text: str) -> str:

@@ -8,6 +8,7 @@ and `lensfit.workflow.shoot.resolve` joins the two.
 
 import math
 from pathlib import Path
+from typing import Any
 
 from lensfit._strict import (
     LARGEST_TOML_BYTES,
@@ -68,6 +69,23 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
         source=_SOURCE,
         mend=_MEND,
     )
+    return shoot_of(data, _text(path), path, images)
+
+
+def shoot_of(
+    data: dict[str, Any], text: str, path: Path, images: str | Path | None = None
+) -> Shoot:
+    """The same from what a file holds.
+
+    Parameters
+    ----------
+    data : As TOML has it.
+    text : The file with its comments.
+
+    Raises
+    ------
+    ShootError : As `load_shoot`.
+    """
     data, notes = plain_form(data, path)
     for key, value in non_finite_numbers(data):
         if not (key.endswith(".focus_distance_mm") and value == math.inf):
@@ -75,7 +93,7 @@ def load_shoot(path: str | Path, images: str | Path | None = None) -> Shoot:
     tables = convert_strictly(
         data, ShootFile, error=ShootError, where=path, place=_place
     )
-    unconfirmed = keys_left_to_check(_text(path))
+    unconfirmed = keys_left_to_check(text)
     targets = _by_name(tables.target, path)
     _check_takes(tables.take, targets, tables.camera, path)
     return Shoot(

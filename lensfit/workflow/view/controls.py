@@ -12,6 +12,10 @@ from lensfit.preset.knobs import GROUP_OF, NEUTRAL, Knobs
 from lensfit.workflow.view.turned import FILES
 
 _TITLES = {"aberration": "Aberrations", "bokeh": "Bokeh", "look": "Look"}
+_NAMED = {"f_number": "f-number", "roi": "Region [x0, y0, x1, y1] (px)"}
+_UNITS = {
+    "mm": "mm", "um": "µm", "percent": "%", "deg": "°", "kelvin": "K", "stops": "stops",
+}  # fmt: skip
 _WIDEST = 30_000.0
 """Range beyond which a slider says nothing, and a number is typed."""
 _USUAL_GAIN = (-1.0, 3.0)
@@ -46,7 +50,7 @@ def _control(name: str, schema: dict[str, Any]) -> dict[str, Any]:
     neutral = schema.get("default")
     return {
         "name": name,
-        "label": _label(name),
+        "label": label_of(name),
         "text": number.get("description") or schema.get("description") or "",
         "least": least,
         "most": most,
@@ -56,8 +60,16 @@ def _control(name: str, schema: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _label(name: str) -> str:
-    units = {"um": "µm", "percent": "%", "deg": "°", "kelvin": "K", "stops": "stops"}
+def label_of(name: str) -> str:
+    """A quantity as people call it, with its unit."""
+    units = {
+        "mm": "mm",
+        "um": "µm",
+        "percent": "%",
+        "deg": "°",
+        "kelvin": "K",
+        "stops": "stops",
+    }
     *words, last = name.split("_")
     if words and last in units:
         return f"{' '.join(words).capitalize()} ({units[last]})"

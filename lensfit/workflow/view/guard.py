@@ -13,7 +13,7 @@ What is refused is refused before anything of it is read.
 """
 
 import hmac
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from typing import Any, final
 
 from starlette.responses import PlainTextResponse
@@ -50,10 +50,17 @@ class Guard:
     inner : Answers; its paths have no token.
     token : First part of every path.
     port : That the server listens to.
+    uploads : Paths that take more than a message, and how many bytes at most.
     """
 
-    def __init__(self, inner: Application, token: str, port: int):
-        self._inner = inner
+    def __init__(
+        self,
+        inner: Application,
+        token: str,
+        port: int,
+        uploads: Mapping[str, int] | None = None,
+    ):
+        self._inner, self._uploads = inner, uploads or {}
         self._start = f"/{token}/".encode()
         names = ("127.0.0.1", "localhost")
         self._hosts = {f"{name}:{port}".encode() for name in names}
@@ -73,6 +80,10 @@ class Guard:
             return
         path = scope["path"][len(self._start) - 1 :]
         inner = {**scope, "path": path, "raw_path": path.encode(), "root_path": ""}
+        if path in self._uploads:
+            counted = _counted(receive, self._uploads[path])
+            await self._inner(inner, counted, _closed(send))
+            return
         body = await _small_body(receive)
         if body is None:
             await PlainTextResponse(_TOO_LARGE, 413)(scope, receive, _closed(send))
@@ -90,14 +101,29 @@ class Guard:
         path = scope["path"].encode("utf-8", "surrogatepass")
         if not hmac.compare_digest(path[: len(self._start)], self._start):
             return 404, "open the address that lensfit view printed"
+        inner = scope["path"][len(self._start) - 1 :]
+        most = self._uploads.get(inner, MOST_BYTES)
         for key, value in headers:
-            if key == b"content-length" and not _is_small(value):
-                return 413, _TOO_LARGE
+            if key == b"content-length" and not _is_within(value, most):
+                return 413, f"a message has at most {most} bytes"
         return None
 
 
-def _is_small(length: bytes) -> bool:
-    return length.isdigit() and len(length) < 10 and int(length) <= MOST_BYTES
+def _is_within(length: bytes, most: int) -> bool:
+    return length.isdigit() and len(length) < 12 and int(length) <= most
+
+
+def _counted(receive: Receive, most: int) -> Receive:
+    """The same, which ends as if the line were cut once it brings too much."""
+    count = 0
+
+    async def counted() -> MutableMapping[str, Any]:
+        nonlocal count
+        message = await receive()
+        count += len(message.get("body", b""))
+        return message if count <= most else {"type": "http.disconnect"}
+
+    return counted
 
 
 async def _small_body(receive: Receive) -> bytes | None:

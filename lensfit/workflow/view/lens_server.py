@@ -13,7 +13,7 @@
 A body is JSON: `OfLens`. Pictures are ``data:`` addresses of PNG.
 """
 
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
@@ -50,6 +50,12 @@ REPORT_POLICY = (
 _NO_RESULTS = "no folder of results is looked at"
 
 
+def report_answer(results: ViewedResults) -> Response:
+    """The report of a folder of results."""
+    headers = {"content-security-policy": REPORT_POLICY}
+    return HTMLResponse(results.page(), headers=headers)
+
+
 @final
 class LensServer:
     """Answers about one preset, or two side by side.
@@ -63,6 +69,11 @@ class LensServer:
     def __init__(self, lenses: list[ViewedLens], results: ViewedResults | None = None):
         self.lenses, self.results = lenses, results
         self._in_turn = InTurn()
+
+    uploads: ClassVar[dict[str, int]] = {}
+
+    def end(self) -> None:
+        """Nothing goes on by itself."""
 
     @property
     def routes(self) -> list[Route]:
@@ -99,8 +110,7 @@ class LensServer:
 
     async def report(self, _request: Request) -> Response:
         """The report, which may ask this process nothing."""
-        headers = {"content-security-policy": REPORT_POLICY}
-        return HTMLResponse(self._results.page(), headers=headers)
+        return report_answer(self._results)
 
     @property
     def _results(self) -> ViewedResults:

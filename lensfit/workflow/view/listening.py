@@ -2,6 +2,7 @@
 
 import secrets
 import socket
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import uvicorn
@@ -51,8 +52,14 @@ class Listening(NamedTuple):
         self.server.run(sockets=[self.socket])
 
 
-def listening(routes: list[Route], port: int) -> Listening:
+def listening(
+    routes: list[Route], port: int, uploads: Mapping[str, int] | None = None
+) -> Listening:
     """A guarded server on this machine's loopback address.
+
+    Parameters
+    ----------
+    uploads : As of `Guard`.
 
     Raises
     ------
@@ -61,7 +68,7 @@ def listening(routes: list[Route], port: int) -> Listening:
     found = loopback_socket(port)
     port, token = found.getsockname()[1], secrets.token_urlsafe(_TOKEN_BYTES)
     config = uvicorn.Config(
-        Guard(Starlette(routes=routes), token, port),
+        Guard(Starlette(routes=routes), token, port, uploads),
         log_level="critical", access_log=False, server_header=False, lifespan="off",
         timeout_graceful_shutdown=_END_S, ws="none", proxy_headers=False,
     )  # fmt: skip

@@ -16,7 +16,7 @@ A body is JSON: what is turned (`Turned`) and what is asked of it.
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Any, Literal, final
+from typing import Annotated, Any, ClassVar, Literal, final
 
 from msgspec import Meta
 from starlette.requests import Request
@@ -86,6 +86,11 @@ class PlateServer:
     def __init__(self, viewed: ViewedPlate, started: Started):
         self.viewed, self.started = viewed, started
         self._in_turn = InTurn()
+
+    uploads: ClassVar[dict[str, int]] = {}
+
+    def end(self) -> None:
+        """Nothing goes on by itself."""
 
     @property
     def routes(self) -> list[Route]:

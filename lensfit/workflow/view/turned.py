@@ -128,9 +128,14 @@ def _joined(option: Sequence[str]) -> list[str]:
     return [f"{word}={values[0]}"] if len(values) == 1 else [word, *values]
 
 
+def whole_if_it_is(value: float) -> float:
+    """A number without a point where it needs none."""
+    return int(value) if float(value).is_integer() else float(value)
+
+
 def number_text(value: float) -> str:
     """A number as options and settings files take it: whole without a point, or inf."""
-    return repr(int(value) if float(value).is_integer() else float(value))
+    return repr(whole_if_it_is(value))
 
 
 def changes_of(wanted: Turned) -> dict[str, dict[str, float]]:

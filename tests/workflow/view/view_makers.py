@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 from browser import Browser
@@ -102,6 +103,14 @@ class Client:
         """What is said of a message."""
         return self.post_bytes(name, json.dumps(message).encode())
 
+    def upload(
+        self, name: str, body: bytes | Iterator[bytes], **headers: str
+    ) -> Answer:
+        """A photograph, handed over."""
+        kind = {"content-type": "application/octet-stream"} | headers
+        path = f"/{self.token}/api/photograph?name={quote(name)}"
+        return self.ask("POST", path, body, kind)
+
     def post_bytes(self, name: str, body: bytes) -> Answer:
         """The same for a message that may be malformed."""
         headers = {"content-type": "application/json"}
@@ -111,7 +120,7 @@ class Client:
 @contextmanager
 def served(server: Any) -> Iterator[Client]:
     """A client of a server, which ends with the block."""
-    page = listening(server.routes, 0)
+    page = listening(server.routes, 0, server.uploads)
     thread = threading.Thread(target=page.run)
     thread.start()
     try:
@@ -119,6 +128,7 @@ def served(server: Any) -> Iterator[Client]:
     finally:
         page.server.should_exit = True
         thread.join()
+        server.end()
 
 
 @contextmanager

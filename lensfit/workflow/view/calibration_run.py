@@ -1,0 +1,158 @@
+"""A calibration in a process of its own, which can be ended at any moment.
+
+Its results appear together when the last of them is whole, so that nothing is lost when
+it is ended: what an earlier run wrote stays. The page goes on meanwhile.
+"""
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, final
+
+from lensfit.errors import LensfitError
+from lensfit.together import remove_unfinished
+from lensfit.workflow.frame.end_with_parent import end_with_parent
+
+_NICE = 5
+_DIED = "the calibration's process died; memory may have run out"
+
+
+@final
+class CalibrationRun:
+    """One calibration at a time of one shoot.
+
+    Parameters
+    ----------
+    shoot : The shoot file.
+    images : Folder that its photographs count from; its own if None.
+    out : Folder of the results.
+    """
+
+    def __init__(self, shoot: Path, images: Path | None, out: Path):
+        self.shoot, self.images, self.out = shoot, images, out
+        self._lock = threading.Lock()
+        self._process: Any = None
+        self._state: dict[str, Any] = {"state": "idle"}
+        self._stages = StageTimes()
+
+    def start(self, effort: str) -> None:
+        """Begin.
+
+        Raises
+        ------
+        LensfitError : One goes on already.
+        """
+        with self._lock:
+            if self._state["state"] == "running":
+                raise LensfitError("a calibration goes on already", remedy="cancel it")
+            self._state, self._stages = {"state": "running"}, StageTimes()
+            context = multiprocessing.get_context("spawn")
+            ours, theirs = context.Pipe(duplex=False)
+            wanted = self.shoot, self.images, self.out, effort
+            self._process = context.Process(
+                target=calibrate_and_tell, args=(theirs, *wanted), daemon=True
+            )
+            self._process.start()
+            theirs.close()
+        threading.Thread(
+            target=self._listen, args=(ours, self._process), daemon=True
+        ).start()
+
+    def cancel(self) -> None:
+        """End it; what an earlier run wrote stays."""
+        with self._lock:
+            process, was = self._process, self._state["state"]
+            if process is None or was != "running":
+                return
+            self._state = {"state": "cancelled"}
+        process.kill()
+        process.join()
+        remove_unfinished(self.out)
+
+    def state(self) -> dict[str, Any]:
+        """How far it is: "idle", "running", "done", "failed" or "cancelled", and each
+        stage with its time left."""
+        with self._lock:
+            running = self._state["state"] == "running"
+            return self._state | {"stages": self._stages.facts(running)}
+
+    def _listen(self, told: Connection, process: Any) -> None:
+        end: dict[str, Any] = {"state": "failed", "error": _DIED}
+        try:
+            while True:
+                kind, what = told.recv()
+                if kind == "stage":
+                    self._stages.tell(*what)
+                else:
+                    end = {"state": kind, **what}
+        except (EOFError, OSError):
+            process.join()
+        with self._lock:
+            if self._process is process and self._state["state"] == "running":
+                self._state = end
+
+
+@final
+class StageTimes:
+    """When each stage was told of, and how long it will take."""
+
+    def __init__(self):
+        self._stages: dict[str, list[float]] = {}
+
+    def tell(self, stage: str, done: int, total: int) -> None:
+        """As a `lensfit.progress.Progress`."""
+        now = time.monotonic()
+        began = self._stages[stage][2] if stage in self._stages else now
+        self._stages[stage] = [done, total, began, now]
+
+    def facts(self, running: bool) -> list[dict[str, Any]]:
+        """Each stage in order: steps done of all, seconds so far, seconds left."""
+        now = time.monotonic()
+        found = []
+        for stage, (done, total, began, last) in list(self._stages.items()):
+            is_done = bool(total) and done >= total
+            until = last if is_done or not running else now
+            left = None
+            if running and done and total and not is_done:
+                left = max((last - began) * total / done - (now - began), 0.0)
+            found.append(
+                {
+                    "stage": stage, "done": done, "total": total,
+                    "seconds": until - began, "left_s": left,
+                }
+            )  # fmt: skip
+        return found
+
+
+def calibrate_and_tell(
+    told: Connection, shoot: Path, images: Path | None, out: Path, effort: str
+) -> None:
+    """The life of the process: how far it is, and what became of it."""
+    end_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started it hears it, and ends it
+    if hasattr(os, "nice"):
+        os.nice(_NICE)  # the page comes first
+    from lensfit.workflow.calibrate import calibrate
+    from lensfit.workflow.shoot.file import load_shoot
+
+    def progress(stage: str, done: int, total: int) -> None:
+        told.send(("stage", (stage, done, total)))
+
+    try:
+        report = calibrate(
+            load_shoot(shoot, images), out, progress=progress, effort=effort
+        )
+    except LensfitError as error:
+        told.send(("failed", {"error": str(error)}))
+        return
+    except Exception as error:  # the page says it
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        told.send(("failed", {"error": said}))
+        return
+    failed = [f"{t['image']}: {t['failed']}" for t in report["takes"] if t["failed"]]
+    said = report["verdict"]["headline"], report["verdict"]["level"]
+    told.send(("done", {"headline": said[0], "level": said[1], "failed": failed}))

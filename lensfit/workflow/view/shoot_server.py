@@ -1,0 +1,193 @@
+"""What the page of a shoot and other programs are answered, over HTTP.
+
+===========================  ======================================================
+``GET  api/shoot``           the shoot file as a form, with what is wrong in it
+``GET  api/checks``          every photograph with its check, and what to shoot next
+``GET  api/picture/N``       what was found on a photograph, PNG
+``GET  api/calibration``     how far it is: each stage, and its time left
+``POST api/photograph``      a photograph (``?name=``), written into the folder
+``POST api/field``           set a key of the shoot file
+``POST api/target, remove``  a chart more; a chart or photograph less
+``POST api/draft``           photographs that the file lacks, into it
+``POST api/calibrate``       start a calibration
+``POST api/cancel``          end it; earlier results stay
+``GET  report``              the report at the end
+===========================  ======================================================
+"""
+
+from typing import Annotated, ClassVar, Literal, final
+
+from msgspec import Meta, Struct
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from lensfit.bounded import read_bounded
+from lensfit.errors import ImageError, LensfitError
+from lensfit.workflow.view.answers import (
+    Answer,
+    InTurn,
+    api_routes,
+    errors_as_sentences,
+    message_of,
+    page_routes,
+    png_answer,
+)
+from lensfit.workflow.view.lens_server import report_answer
+from lensfit.workflow.view.shoot_form import Place, place_of_error
+from lensfit.workflow.view.uploaded import (
+    LARGEST_BYTES,
+    keep_photograph,
+    photograph_path,
+)
+from lensfit.workflow.view.viewed_shoot import ViewedShoot
+
+PAGE_FILES = {
+    "": "view/shoot.html",
+    "view.css": "view/view.css",
+    "shoot.js": "view/shoot.js",
+    "asker.js": "view/asker.js",
+}
+_LARGEST_PICTURE_BYTES = 64 * 2**20
+_Name = Annotated[str, Meta(max_length=60)]
+_Count = Annotated[int, Meta(ge=0, le=100_000)]
+
+
+class Field(Struct, frozen=True, forbid_unknown_fields=True):
+    """A key of the shoot file and what was typed into its field."""
+
+    table: _Name
+    key: _Name
+    typed: Annotated[str, Meta(max_length=4000)]
+    place: _Count | None = None
+
+
+class Table(Struct, frozen=True, forbid_unknown_fields=True):
+    """A chart or a photograph of the shoot file."""
+
+    table: _Name
+    place: _Count
+
+
+class Calibrate(Struct, frozen=True, forbid_unknown_fields=True):
+    """How a calibration is wanted."""
+
+    effort: Literal["fastest", "fast", "normal", "best"] = "normal"
+
+
+class Nothing(Struct, frozen=True, forbid_unknown_fields=True):
+    """A message that says all by its address."""
+
+
+@final
+class ShootServer:
+    """Answers about a shoot."""
+
+    uploads: ClassVar[dict[str, int]] = {"/api/photograph": LARGEST_BYTES}
+
+    def __init__(self, viewed: ViewedShoot):
+        self.viewed = viewed
+        self._in_turn = InTurn()
+
+    @property
+    def routes(self) -> list[Route]:
+        """Of the application."""
+        gets: dict[str, Answer] = {
+            "shoot": self.shoot, "checks": self.checks,
+            "calibration": self.calibration,
+        }  # fmt: skip
+        posts: dict[str, Answer] = {
+            "photograph": self.photograph, "field": self.field, "target": self.target,
+            "remove": self.remove, "draft": self.draft, "calibrate": self.calibrate,
+            "cancel": self.cancel,
+        }  # fmt: skip
+        picture, report = map(errors_as_sentences, (self.picture, self.report))
+        return [
+            *page_routes(PAGE_FILES),
+            *api_routes(gets, posts),
+            Route("/api/picture/{place:int}", picture, methods=["GET"]),
+            Route("/report", report, methods=["GET"]),
+        ]
+
+    def end(self) -> None:
+        """End what goes on."""
+        self.viewed.end()
+
+    async def shoot(self, _request: Request) -> Response:
+        """The form."""
+        return JSONResponse(await self._in_turn.done(self.viewed.form))
+
+    async def checks(self, _request: Request) -> Response:
+        """The photographs."""
+        return JSONResponse(self.viewed.checked.state())
+
+    async def calibration(self, _request: Request) -> Response:
+        """How far it is."""
+        return JSONResponse(self.viewed.run.state())
+
+    async def picture(self, request: Request) -> Response:
+        """What was found on a photograph."""
+        path = self.viewed.checked.picture(request.path_params["place"])
+        if path is None:
+            raise ImageError("there is no picture of this photograph")
+        said = "check the photograph again"
+        content = read_bounded(
+            path, _LARGEST_PICTURE_BYTES, error=ImageError, remedy=said
+        )
+        return png_answer(content)
+
+    async def photograph(self, request: Request) -> Response:
+        """A photograph that was dropped into the page."""
+        kind = request.headers.get("content-type", "")
+        if kind != "application/octet-stream":
+            raise LensfitError("a photograph is sent as application/octet-stream")
+        name = request.query_params.get("name", "")
+        path = photograph_path(self.viewed.folder, name)
+        await keep_photograph(path, request.stream())
+        return JSONResponse({"path": str(path)})
+
+    async def field(self, request: Request) -> Response:
+        """A key of the file; what is wrong with it comes with its place."""
+        sent: Field = await message_of(request, Field)
+        where = Place(sent.table, sent.place, sent.key)
+        try:
+            await self._in_turn.done(lambda: self.viewed.set_field(where, sent.typed))
+        except LensfitError as error:
+            at = place_of_error(error)._asdict()
+            said = str(error).removeprefix(f"{self.viewed.path}: ")
+            return JSONResponse({"error": said, **at}, 422)
+        return await self.shoot(request)
+
+    async def target(self, request: Request) -> Response:
+        """A chart more."""
+        await message_of(request, Nothing)
+        await self._in_turn.done(self.viewed.add_target)
+        return await self.shoot(request)
+
+    async def remove(self, request: Request) -> Response:
+        """A chart or photograph less; its file stays."""
+        said: Table = await message_of(request, Table)
+        await self._in_turn.done(lambda: self.viewed.remove(said.table, said.place))
+        return await self.shoot(request)
+
+    async def draft(self, request: Request) -> Response:
+        """Photographs that the file lacks."""
+        await message_of(request, Nothing)
+        await self._in_turn.done(self.viewed.draft)
+        return await self.shoot(request)
+
+    async def calibrate(self, request: Request) -> Response:
+        """Begin."""
+        said: Calibrate = await message_of(request, Calibrate)
+        await self._in_turn.done(lambda: self.viewed.run.start(said.effort))
+        return await self.calibration(request)
+
+    async def cancel(self, request: Request) -> Response:
+        """End; earlier results stay."""
+        await message_of(request, Nothing)
+        await self._in_turn.done(self.viewed.run.cancel)
+        return await self.calibration(request)
+
+    async def report(self, _request: Request) -> Response:
+        """The report of the last calibration."""
+        return report_answer(await self._in_turn.done(self.viewed.results))

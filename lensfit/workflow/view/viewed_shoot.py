@@ -1,0 +1,160 @@
+"""A shoot, as it is looked at: its photographs, its file, its calibration."""
+
+import tempfile
+import threading
+from pathlib import Path
+from typing import Any, final
+
+from lensfit.errors import LensfitError, ShootError
+from lensfit.workflow.inspect import inspect_images
+from lensfit.workflow.shoot.draft import drafted_take, write_draft_shoot
+from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.view.calibration_run import CalibrationRun
+from lensfit.workflow.view.checked_photographs import CheckedPhotographs
+from lensfit.workflow.view.shoot_form import (
+    Place,
+    add_take,
+    add_target,
+    form_of,
+    loaded,
+    remove_table,
+    set_field,
+)
+from lensfit.workflow.view.viewed_results import ViewedResults
+
+
+@final
+class ViewedShoot:
+    """A shoot file, which may not be there yet, and the folder of its photographs.
+
+    Parameters
+    ----------
+    path : The shoot file.
+    images : Folder that its photographs count from; its own if None.
+    out : Folder for the results of a calibration.
+    """
+
+    def __init__(self, path: Path, images: Path | None, out: Path):
+        self.path, self.images, self.out = path, images, out
+        self._changing = threading.Lock()
+        self._pictures = tempfile.TemporaryDirectory(prefix="lensfit-view-")
+        self.checked = CheckedPhotographs(
+            self.folder, Path(self._pictures.name), self._shoot()
+        )
+        self.run = CalibrationRun(path, images, out)
+
+    @property
+    def folder(self) -> Path:
+        """Of the photographs."""
+        return self.images or self.path.parent
+
+    def end(self) -> None:
+        """Watch no more, and end a calibration that goes on."""
+        self.checked.end()
+        self.run.cancel()
+        self._pictures.cleanup()
+
+    def form(self) -> dict[str, Any]:
+        """The shoot file as a form; where it is none, what is wrong."""
+        about = {"path": str(self.path), "out": str(self.out)}
+        about |= {"is_there": self.path.is_file()}
+        if not self.path.is_file():
+            return about | {"tables": [], "fault": None, "notes": [], "unconfirmed": []}
+        return about | form_of(self.path, self.images)
+
+    def set_field(self, where: Place, typed: str) -> None:
+        """Set a key of the file.
+
+        Raises
+        ------
+        LensfitError : It cannot be that.
+        """
+        with self._changing:
+            set_field(self.path, self.images, where, typed)
+            self._plan_anew()
+
+    def add_target(self) -> None:
+        """One more chart in the file.
+
+        Raises
+        ------
+        LensfitError : The file cannot be changed.
+        """
+        with self._changing:
+            add_target(self.path, self.images)
+            self._plan_anew()
+
+    def remove(self, table: str, place: int) -> None:
+        """A chart or a photograph out of the file.
+
+        Raises
+        ------
+        LensfitError : The file cannot be changed.
+        """
+        with self._changing:
+            remove_table(self.path, self.images, table, place)
+            self._plan_anew()
+
+    def draft(self) -> None:
+        """A shoot file from the photographs, or those that it lacks into it.
+
+        Raises
+        ------
+        LensfitError : There is no photograph that it lacks, or the file cannot be
+            written.
+        """
+        with self._changing:
+            lacking = self._lacking()
+            if not lacking:
+                raise ShootError(
+                    "there is no photograph that the shoot file lacks",
+                    where=self.folder,
+                    remedy="drop some into the page, or put them there",
+                )
+            inspections, errors = inspect_images(lacking, charts=True)
+            if errors:
+                raise errors[0]
+            if self.path.is_file():
+                target = self._usual_target()
+                for one in inspections:
+                    lines = drafted_take(one, self.path.parent, target)
+                    add_take(self.path, self.images, lines)
+            else:
+                write_draft_shoot(self.path, inspections)
+            self._plan_anew()
+
+    def results(self) -> ViewedResults:
+        """Of the last calibration.
+
+        Raises
+        ------
+        LensfitError : There are none.
+        """
+        return ViewedResults(self.out)
+
+    def _lacking(self) -> list[Path]:
+        shoot = self._shoot()
+        if shoot is None:
+            if self.path.is_file():
+                raise ShootError(
+                    "has a fault, which comes first",
+                    where=self.path,
+                    remedy="mend what the form says",
+                )
+            known = set()
+        else:
+            known = {shoot.image_path(take).resolve() for take in shoot.takes}
+        return [p for p in self.checked.paths if p.resolve() not in known]
+
+    def _usual_target(self) -> str:
+        shoot = self._shoot()
+        names = [take.target for take in shoot.takes if take.target] if shoot else []
+        if not names:
+            raise LensfitError("the shoot file names no chart", remedy="add one to it")
+        return max(set(names), key=names.count)
+
+    def _shoot(self) -> Shoot | None:
+        return loaded(self.path, self.images) if self.path.is_file() else None
+
+    def _plan_anew(self) -> None:
+        self.checked.plan_is(self._shoot())

@@ -1,0 +1,154 @@
+"""The page of a shoot in a browser: from photographs to the report."""
+
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import CHROMIUM, Browser
+from bundled_shoot import DEMO, shoot_text_without_blur
+from view_makers import UNNAMED, Client, served, until
+
+from lensfit.preset.store import load_preset
+from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.view.lens_server import LensServer
+from lensfit.workflow.view.shoot_server import ShootServer
+from lensfit.workflow.view.turned import Turned
+from lensfit.workflow.view.viewed_lens import ViewedLens
+from lensfit.workflow.view.viewed_results import ViewedResults
+from lensfit.workflow.view.viewed_shoot import ViewedShoot
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+]
+STATE = "document.getElementById('calibration').dataset.state"
+EXPECTED = "status of 422"
+"""What the console says of a field that was refused."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("shoot")
+    (made / "shoot.toml").write_text(shoot_text_without_blur())
+    for take in load_shoot(made / "shoot.toml").takes:
+        shutil.copy(DEMO / take.image, made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def client(folder: Path) -> Iterator[Client]:
+    viewed = ViewedShoot(folder / "shoot.toml", None, folder / "results")
+    with served(ShootServer(viewed)) as asked:
+        yield asked
+
+
+@pytest.fixture(scope="module")
+def opened(
+    client: Client, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Browser]:
+    with Browser(tmp_path_factory.mktemp("profile")) as browser:
+        browser.open(client.address)
+        until(browser, "document.querySelectorAll('#form details').length > 3", True)
+        yield browser
+
+
+def typed(browser: Browser, field: str, text: str) -> None:
+    one = f"document.getElementById('{field}')"
+    browser.run(f"{one}.value = {text!r}, {one}.dispatchEvent(new Event('change'))")
+
+
+def test_photographs_are_checked_and_enlarged(opened: Browser, folder: Path):
+    count = len(load_shoot(folder / "shoot.toml").takes)
+    until(opened, "document.querySelectorAll('.photograph').length", count)
+    until(opened, "document.getElementById('next').textContent.length > 10", True)
+    opened.run("document.querySelector('.thumb').click()")
+    assert opened.run("document.getElementById('large').open")
+    wide = "document.querySelector('#large img').naturalWidth"
+    until(opened, f"{wide} > 300", True)
+    opened.run("document.getElementById('close').click()")
+    assert not opened.run("document.getElementById('large').open")
+
+
+def test_a_photograph_is_dropped_into_the_page(opened: Browser, folder: Path):
+    opened.run(
+        """(async () => {
+            const picture = await (await fetch(
+                document.querySelector('.thumb img').src)).blob();
+            const data = new DataTransfer();
+            data.items.add(new File([picture], 'dropped.png'));
+            document.querySelector('.taken').dispatchEvent(
+                new DragEvent('drop', { dataTransfer: data, bubbles: true }));
+        })()"""
+    )
+    until(opened, "!!document.querySelector('[data-name=\"dropped.png\"]')", True)
+    assert (folder / "dropped.png").stat().st_size > 1000
+
+
+def test_what_is_wrong_stands_beside_its_field(opened: Browser, folder: Path):
+    before = (folder / "shoot.toml").read_text()
+    typed(opened, "f-take0-f_number", "-2")
+    until(opened, "document.getElementById('e-take0-f_number').hidden", False)
+    assert "number" in opened.run(
+        "document.getElementById('e-take0-f_number').textContent"
+    )
+    assert (folder / "shoot.toml").read_text() == before
+    typed(opened, "f-lens-serial", "4711")
+    until(opened, "document.getElementById('f-lens-serial').value", "4711")
+    deadline = time.monotonic() + 20
+    while load_shoot(folder / "shoot.toml").lens.serial != "4711":
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_a_calibration_is_cancelled_without_loss_then_ends_in_its_report(
+    opened: Browser, client: Client, folder: Path
+):
+    results = folder / "results"
+    results.mkdir()
+    (results / "mine.txt").write_text("kept")
+    opened.run("document.getElementById('effort').value = 'fastest'")
+    opened.run("document.getElementById('start').click()")
+    until(opened, "document.querySelectorAll('#stages li').length > 0", True)
+    opened.run("document.getElementById('cancel').click()")
+    until(opened, STATE, "cancelled")
+    assert [one.name for one in results.iterdir()] == ["mine.txt"]
+    assert client.get("report").status == 422
+
+    opened.run("document.getElementById('start').click()")
+    until(opened, STATE, "running")
+    until(
+        opened, "document.getElementById('stages').textContent.includes('left')", True
+    )
+    until(opened, STATE, "done", patience_s=600)
+    headline = load_preset(results / "preset.json").verdict.headline
+    said = opened.run("document.getElementById('outcome').textContent")
+    assert said.startswith(headline)
+    assert not opened.run("document.getElementById('report').hidden")
+    report = client.get("report")
+    assert report.content == (results / "report.html").read_bytes()
+    assert report.headers["content-security-policy"].startswith("sandbox allow-scripts")
+    assert (results / "mine.txt").read_text() == "kept"
+    assert [one for one in opened.complaints if EXPECTED not in one] == []
+
+
+def test_results_are_looked_at_with_their_report(folder: Path, tmp_path: Path):
+    results = ViewedResults(folder / "results")
+    lens = ViewedLens(load_preset(results.preset), "results", Turned())
+    with served(LensServer([lens], results)) as client, Browser(tmp_path) as browser:
+        browser.open(client.address)
+        until(browser, "document.getElementById('report').hidden", False)
+        browser.open(client.address + "report")
+        assert browser.run("document.querySelectorAll('h2').length") > 3
+        asked = browser.run("fetch('api/lens').then(() => 'answered', () => 'refused')")
+        assert asked == "refused"
+
+
+def test_controls_are_named_and_a_tablet_holds_the_page(
+    opened: Browser, client: Client
+):
+    assert opened.run(UNNAMED) == []
+    opened.open(client.address, 800, 1100)
+    until(opened, "document.querySelectorAll('.photograph').length > 3", True)
+    assert opened.run("document.documentElement.scrollWidth <= window.innerWidth")
