@@ -36,6 +36,7 @@ from lensfit.fit.wavefront.misfit import Misfit, misfit_of
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage, focus_stated, on_dots
+from lensfit.fit.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
 from lensfit.fit.wavefront.uncertainty import (
     covariance_of,
     unseen,
@@ -193,7 +194,7 @@ def fit_wavefront(
     suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT
     mirrored = suspect and suits_other_side(best)
     against = mirrored or runs_against_statements(final)
-    told = side_is_told(valleys) and not every.of_one_setting
+    told = coarse.side_stated or _side_is_settled(every, valleys)
     covariance = covariance_of(final, families)
     return WavefrontFit(
         gathered=every,
@@ -205,10 +206,19 @@ def fit_wavefront(
             final, _families_at(final, allowed), covariance
         ),
         unseen=unseen(final, families, covariance),
-        sign_known=not against if coarse.side_stated else told,
+        sign_known=told and not against,
         mirrored=mirrored,
         misfit=misfit,
     )
+
+
+def _side_is_settled(every: Gathered, valleys: list[Valley]) -> bool:
+    """Whether it is known on which side of focus the chart was, where statements leave
+    that open: dots of one setting do not tell it, and it is none if all were stated to
+    be in focus."""
+    if not every.of_one_setting:
+        return side_is_told(valleys)
+    return bool(np.all(np.abs(stated_defocus_mm(every)) <= IN_FOCUS_MM))
 
 
 def _open_after_middle(coarse: Coarse, few: Gathered) -> list[Valley]:
