@@ -18,6 +18,8 @@ _EVEN = 0.95
 """How bright the ring around the middle is at least."""
 _WHOLE = 1.35
 """Radii that hold all of a dot's light; what is farther out is its surround."""
+_LEAST_RADIUS = 3.0
+"""Cells: smaller dots have no middle to speak of."""
 _FEWEST = 8
 """Dots that say it."""
 
@@ -58,7 +60,8 @@ def _areas_px2(
     ring = _median(lit, valid & (r > _MIDDLE) & (r < _AROUND_MIDDLE))
     whole = (valid | ~within).all((1, 2))
     area = np.sum(lit * within, (1, 2)) / bright * cell**2
-    return area, whole & (ring > _EVEN * bright)
+    broad = radius[:, 0, 0] >= _LEAST_RADIUS
+    return area, broad & whole & (ring > _EVEN * bright)
 
 
 def _median(

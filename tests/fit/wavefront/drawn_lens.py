@@ -211,7 +211,12 @@ def _gathered(shots, rows, light, centroid, diameter, spread) -> Gathered:
     each = len(rows[0].group)
     return Gathered(
         shown=tuple(
-            SimpleNamespace(take=SimpleNamespace(widths=ORDINARY_WIDTHS)) for _ in shots
+            SimpleNamespace(
+                take=SimpleNamespace(
+                    widths=ORDINARY_WIDTHS, f_number=F_NUMBERS[shot.stop]
+                )
+            )
+            for shot in shots
         ),
         dots=jax.tree.map(lambda *parts: np.concatenate(parts), *rows),
         light=np.repeat(light[:, None], 3, 1),
