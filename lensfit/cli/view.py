@@ -93,6 +93,7 @@ def view(
         server = _plate_server(what, plates, library, options, handed)
     try:
         page = listening(server.routes, port, server.uploads)
+        server.begin()
         _open(page.address, browser)
         page.run()
     except KeyboardInterrupt as end:  # the way a view ends
@@ -109,14 +110,19 @@ def _plate_server(
     handed: tuple[HandedOption, ...],
 ) -> "PlateServer":
     server = _part("plate_server")
+    from lensfit.workflow.view.saved_edit import Shelved
     from lensfit.workflow.view.turned import Started
     from lensfit.workflow.view.viewed_plate import ViewedPlate
 
-    viewed = ViewedPlate(library.find(preset).preset, plates, options)
+    found = library.find(preset)
+    viewed = ViewedPlate(found.preset, plates, options)
+    shelved = None
+    if found.parts:
+        shelved = Shelved(found.name.partition("@")[0], library.library)
     words = tuple((one.word, *map(str, one.values)) for one in handed)
     if library.library is not None:
         words += (("--library", str(library.library)),)
-    return server.PlateServer(viewed, Started(preset, plates, words))
+    return server.PlateServer(viewed, Started(preset, plates, words), shelved)
 
 
 def _shoot_server(shoot: Path, images: Path | None, out: Path | None) -> "ShootServer":

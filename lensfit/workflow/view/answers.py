@@ -52,9 +52,16 @@ class InTurn:
 
     async def newest(self, lane: str, job: Callable[[], Any]) -> Any:
         """The result of a job, unless a newer one took its place in the lane."""
-        if lane not in self._lanes:
-            self._lanes[lane] = LatestWins(lane)
-        return await asyncio.wrap_future(self._lanes[lane].ask(job))
+        return await asyncio.wrap_future(self._lane(lane).ask(job))
+
+    def begin(self, lane: str, job: Callable[[], Any]) -> None:
+        """A job that nobody waits for, before those of the lane."""
+        self._lane(lane).ask(job)
+
+    def _lane(self, name: str) -> LatestWins:
+        if name not in self._lanes:
+            self._lanes[name] = LatestWins(name)
+        return self._lanes[name]
 
     def _finished(self, _future: Future) -> None:
         self._waiting -= 1

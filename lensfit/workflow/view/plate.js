@@ -13,6 +13,7 @@ let lens = null;
 let version = 0;
 let shown = -1;
 let resting = 0;
+let kept = null; // another state, which the wipe shows in place of the plate
 
 const frame = () => +at("frame").value;
 const stops = () => +at("exposure").value;
@@ -94,11 +95,19 @@ async function showCommand() {
   }
 }
 
+/** What the wipe uncovers: the plate, or the state that was kept. */
 async function showPlate() {
   const asked = frame();
+  const state = kept;
+  const wanted = { frame: asked, exposure_stops: stops() };
   try {
-    const answer = await ask("plate", { frame: asked, exposure_stops: stops() });
-    if (asked === frame()) await show(at("plate"), answer);
+    const answer = state
+      ? await ask("render", { ...state, ...wanted, quality: "full" })
+      : await ask("plate", wanted);
+    if (asked === frame() && state === kept) {
+      await show(at("plate"), answer);
+      at("stage").dataset.beside = state ? "kept" : "plate";
+    }
   } catch (error) {
     say(error);
   }
@@ -158,6 +167,20 @@ async function focusAt(x, y) {
   }
 }
 
+/** Keep what is turned, to wipe between it and what is turned next. */
+function keep() {
+  const { frame: _, ...state } = message();
+  kept = kept ? null : structuredClone(state);
+  at("keep").setAttribute("aria-pressed", Boolean(kept));
+  at("keep").textContent = kept ? "Forget the kept state" : "Keep this state to compare";
+  at("wipe-to").textContent = kept ? "Wipe to the kept state" : "Wipe to the plate";
+  if (kept && at("wipe").value === "0") {
+    at("wipe").value = 50;
+    at("wipe").dispatchEvent(new Event("input"));
+  }
+  showPlate();
+}
+
 function reset() {
   turned.camera = {};
   turned.knobs = {};
@@ -170,6 +193,16 @@ async function save() {
   try {
     const found = await (await ask("save", message())).json();
     at("saved").textContent = [`Saved to ${found.path}`, ...found.notes].join(". ");
+  } catch (error) {
+    at("saved").textContent = `Not saved: ${error.message}`;
+  }
+}
+
+async function edit() {
+  try {
+    const said = { ...message(), who: at("who").value, why: at("why").value };
+    const found = await (await ask("edit", said)).json();
+    at("saved").textContent = `Saved as ${found.version}`;
   } catch (error) {
     at("saved").textContent = `Not saved: ${error.message}`;
   }
@@ -231,9 +264,11 @@ function listen() {
     at("zoom").setAttribute("aria-pressed", on);
   });
   at("controls").addEventListener("submit", (event) => event.preventDefault());
+  at("keep").addEventListener("click", keep);
   at("reset").addEventListener("click", reset);
   at("save").addEventListener("click", save);
   at("copy").addEventListener("click", copy);
+  at("edit").addEventListener("click", edit);
 }
 
 async function start() {
@@ -243,6 +278,8 @@ async function start() {
   document.title = `${lens.lens}: lensfit view`;
   at("lens").textContent = lens.lens;
   at("verdict").textContent = lens.verdict ? lens.verdict.headline : "";
+  at("shelf").hidden = !lens.shelved;
+  at("shelved").textContent = lens.shelved || "";
   at("save").title = `Writes ${lens.settings}`;
   at("at-x").max = lens.width - 1;
   at("at-y").max = lens.height - 1;

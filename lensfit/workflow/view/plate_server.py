@@ -8,6 +8,7 @@
 ``POST api/focus``       the focus distance of what lies at a pixel
 ``POST api/command``     the command line that renders what is turned
 ``POST api/save``        the same into the shot's settings file
+``POST api/edit``        knobs as a version of the lens in its library (who, why)
 =======================  ==========================================================
 
 A body is JSON: what is turned (`Turned`) and what is asked of it.
@@ -23,6 +24,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from lensfit.preset.library.edit import Author
 from lensfit.workflow.view.answers import (
     Answer,
     InTurn,
@@ -32,6 +34,7 @@ from lensfit.workflow.view.answers import (
     png_answer,
 )
 from lensfit.workflow.view.controls import knob_controls
+from lensfit.workflow.view.saved_edit import Shelved, save_edit
 from lensfit.workflow.view.shown import screen_png
 from lensfit.workflow.view.turned import (
     Started,
@@ -39,7 +42,7 @@ from lensfit.workflow.view.turned import (
     check_turned,
     command_line,
 )
-from lensfit.workflow.view.viewed_plate import ViewedPlate
+from lensfit.workflow.view.viewed_plate import Quality, ViewedPlate
 
 PAGE_FILES = {
     "": "view/plate.html",
@@ -67,6 +70,13 @@ class Query(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
     newest: bool = False
 
 
+class Edit(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is turned, to go on record."""
+
+    who: Annotated[str, Meta(max_length=200)]
+    why: Annotated[str, Meta(max_length=2000)]
+
+
 class Focus(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A pixel of the frame, from its upper left corner."""
 
@@ -81,10 +91,13 @@ class PlateServer:
     Parameters
     ----------
     started : Words of the command, for the command line that does the same.
+    shelved : The lens of the library that this is; None outside one.
     """
 
-    def __init__(self, viewed: ViewedPlate, started: Started):
-        self.viewed, self.started = viewed, started
+    def __init__(
+        self, viewed: ViewedPlate, started: Started, shelved: Shelved | None = None
+    ):
+        self.viewed, self.started, self.shelved = viewed, started, shelved
         self._in_turn = InTurn()
 
     uploads: ClassVar[dict[str, int]] = {}
@@ -92,12 +105,18 @@ class PlateServer:
     def end(self) -> None:
         """Nothing goes on by itself."""
 
+    def begin(self) -> None:
+        """Make the first picture while the browser starts, which asks for it then."""
+        quality: Quality = "full" if self.viewed.plate(0).proxy is None else "proxy"
+        self._in_turn.begin(quality, lambda: self.viewed.pixels(Turned(), quality))
+
     @property
     def routes(self) -> list[Route]:
         """Of the application."""
         answers: dict[str, Answer] = {
             "render": self.render, "plate": self.plate, "plan": self.plan,
             "focus": self.focus, "command": self.command, "save": self.save,
+            "edit": self.edit,
         }  # fmt: skip
         return page_routes(PAGE_FILES) + api_routes({"lens": self.lens}, answers)
 
@@ -114,6 +133,7 @@ class PlateServer:
                 "lens": preset.lens.name,
                 "verdict": verdict,
                 "settings": str(self.viewed.settings_path),
+                "shelved": self.shelved and self.shelved.name,
                 "groups": knob_controls(),
                 **start,
             }
@@ -168,6 +188,13 @@ class PlateServer:
         query = await self._read(request, Turned)
         notes = await self._in_turn.done(lambda: self.viewed.save(query))
         return JSONResponse({"path": str(self.viewed.settings_path), "notes": notes})
+
+    async def edit(self, request: Request) -> Response:
+        """A version of the lens in its library."""
+        query = await self._read(request, Edit)
+        author = Author(query.who, query.why)
+        name = await self._in_turn.done(lambda: save_edit(self.shelved, query, author))
+        return JSONResponse({"version": name})
 
     async def _read(self, request: Request, record: type) -> Any:
         return check_turned(self.viewed.preset, await message_of(request, record))

@@ -109,6 +109,9 @@ class ShootServer:
             Route("/report", report, methods=["GET"]),
         ]
 
+    def begin(self) -> None:
+        """What the page shows first is quick enough when it is asked for."""
+
     def end(self) -> None:
         """End what goes on."""
         self.viewed.end()

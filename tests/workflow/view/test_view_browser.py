@@ -48,6 +48,19 @@ def opened(
 
 SHOWN = "document.getElementById('stage').dataset.shown"
 PICTURE = "document.getElementById('made').src"
+DIFFERENT = """((made, other) => {
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [made.naturalWidth, made.naturalHeight];
+    const pen = canvas.getContext("2d");
+    const pixels = (image) => {
+        pen.drawImage(image, 0, 0, canvas.width, canvas.height);
+        return pen.getImageData(0, 0, canvas.width, canvas.height).data.slice();
+    };
+    const [one, two] = [pixels(made), pixels(other)];
+    const away = one.map((value, k) => Math.abs(value - two[k]));
+    return away.reduce((sum, value) => sum + value, 0) / away.length;
+})(document.getElementById("made"), document.getElementById("plate"))"""
+"""Mean difference of both pictures of the wipe, of 255."""
 COMMAND = "document.getElementById('command').value"
 
 
@@ -81,6 +94,23 @@ def test_the_page_is_turned_by_slider_click_and_key_and_saved(
     until(opened, f"{COMMAND}.includes('--f-number')", False)
     assert opened.complaints == []
     assert all(one.startswith((client.address, "blob:")) for one in opened.requests)
+
+
+def test_two_states_are_compared_by_the_wipe(opened: Browser):
+    beside = "document.getElementById('stage').dataset.beside"
+    plate = opened.run("document.getElementById('plate').src")
+    number = "document.getElementById('k-f_number')"
+    opened.run(f"{number}.value = 16, {number}.dispatchEvent(new Event('change'))")
+    until(opened, SHOWN, "full")
+    opened.run("document.getElementById('keep').click()")
+    until(opened, beside, "kept")
+    kept = opened.run("document.getElementById('plate').src")
+    assert kept != plate
+    until(opened, f"{SHOWN} === 'full' && ({DIFFERENT}) < 1e-9", True)
+    opened.run("document.getElementById('reset').click()")
+    until(opened, f"{SHOWN} === 'full' && ({DIFFERENT}) > 1", True)
+    opened.run("document.getElementById('keep').click()")
+    until(opened, beside, "plate")
 
 
 def test_every_control_has_a_name(opened: Browser):
