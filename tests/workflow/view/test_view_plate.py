@@ -1,6 +1,8 @@
 """What the view shows is what `lensfit apply` makes."""
 
 import shlex
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -9,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from documents import PAGES
 from typer.testing import CliRunner
 from view_makers import (
     FAR_M,
@@ -73,6 +76,18 @@ def test_the_frame_is_the_file_that_apply_writes(client, plate: Path, tmp_path: 
             assert one.channels[name].dtype == samples.dtype
         # A preset says when it was made, and so does the frame's record of it.
         assert one.attributes.keys() == other.attributes.keys()
+
+
+def test_the_lines_of_the_guide_fetch_the_frame(client: Client, tmp_path: Path):
+    _, code = PAGES["view.md"].split("```python\n")
+    lines = code.partition("```")[0]
+    script = [sys.executable, "-c", lines, client.address]
+    subprocess.run(script, cwd=tmp_path, check=True)
+    message = {"f_number": 2.8, "knobs": {"coma_gain": 0.5}}
+    asked = client.post("render", format="exr", **message)
+    (tmp_path / "asked.exr").write_bytes(asked.content)
+    seen, wanted = (frame_of(tmp_path / name) for name in ("frame.exr", "asked.exr"))
+    np.testing.assert_array_equal(seen, wanted)
 
 
 def test_the_full_picture_is_that_frame_in_srgb(client, plate: Path, tmp_path: Path):
