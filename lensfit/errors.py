@@ -38,6 +38,11 @@ class LensfitError(Exception):
         return line if line.isprintable() else "".join(map(_printable, line))
 
 
+def sentence_of(error: BaseException) -> str:
+    """An error that is none of these in one line, its kind first."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
 def _shortened(text: str) -> str:
     """A line stays a line, whatever a file holds where a word should stand."""
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."

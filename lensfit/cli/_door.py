@@ -17,7 +17,7 @@ from typing import Any, TextIO
 import typer
 from typer.core import TyperGroup
 
-from lensfit.errors import LensfitError
+from lensfit.errors import LensfitError, sentence_of
 from lensfit.printable import printable
 
 DEBUG = "--debug"
@@ -126,5 +126,4 @@ def _line(error: BaseException) -> str:
             f"standard output cannot be written ({error.strerror}); give it a file "
             "or a device with room"
         )
-    text = " ".join(f"{type(error).__name__}: {error}".split())
-    return f"{text}; run again with --debug for the traceback"
+    return f"{sentence_of(error)}; run again with --debug for the traceback"

@@ -31,7 +31,6 @@ from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.told_by_marks import (
     at_chief_rays,
     errors_of,
-    keeping_centroids,
     moved_by,
     told_by_marks,
 )
@@ -121,10 +120,6 @@ def fit(
     wavefronts, without, too_wide = fit_wavefronts(states, progress, effort, allowed)
     if not wavefronts:
         return Fitted(tuple(states), failed, without_shape=without)
-    wavefronts = {
-        focal_mm: keeping_centroids(found) if found.of_one_setting else found
-        for focal_mm, found in wavefronts.items()
-    }
     seconds = {"fit_wavefront": time.perf_counter() - began}
     first = _fit_at_chief_rays(takes, wavefronts, progress)
     told = _told_by_marks(states, first)

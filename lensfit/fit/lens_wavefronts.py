@@ -24,12 +24,14 @@ from lensfit.fit.wavefront.shown import (
     Shown,
     hole_cells,
 )
+from lensfit.fit.wavefront.told_by_marks import keeping_centroids
 from lensfit.progress import Progress
 
 _TOO_LARGE = (
     "the dots themselves are too large: photograph dots less than 1.8 pixels wide"
 )
-ASSUMED_F_NUMBER = 4.0
+_ASSUMED_F_NUMBER = 4.0
+"""Where nobody stated one: any would do."""
 
 
 class LensWavefronts(NamedTuple):
@@ -57,7 +59,7 @@ def fit_wavefronts(
     found = LensWavefronts({}, {}, {})
     for focal_mm, mine in by_focal_length(states).items():
         known = any(t.f_number for state in mine for t in state.geometry.takes)
-        assumed = None if known else ASSUMED_F_NUMBER
+        assumed = None if known else _ASSUMED_F_NUMBER
         pictured = [s for state in mine for s in _shown_of(state, assumed)]
         shown = _telling(pictured)
         if not shown:
@@ -69,13 +71,16 @@ def fit_wavefronts(
         names = [s.take.name for s in pictured]
         found.too_wide[focal_mm] = [name for name in names if name not in kept]
         try:
-            found.fitted[focal_mm] = fit_wavefront(
+            fitted = fit_wavefront(
                 shown,
                 _widest_fall_off(mine),
                 progress,
                 effort=effort,
                 allowed=allowed,
             )
+            if fitted.gathered.of_one_setting:
+                fitted = keeping_centroids(fitted)
+            found.fitted[focal_mm] = fitted
         except (ValueError, np.linalg.LinAlgError) as error:
             found.without[focal_mm] = f"the dots' shape could not be fitted ({error})"
     return found
@@ -87,9 +92,7 @@ def _telling(pictured: list[Shown]) -> list[Shown]:
     wide = [hole_cells(one) for one in pictured]
     sized = list(zip(pictured, wide, strict=True))
     small = [one for one, cells in sized if cells <= LARGEST_PLACED_CELLS]
-    if small:
-        return small
-    return [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
+    return small or [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
 
 
 def _unsaid(states: list[LensState]) -> str:

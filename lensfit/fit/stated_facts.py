@@ -27,8 +27,7 @@ class Widths:
     f_number : Share of the stop's diameter.
     distance_mm, distance : Of a distance from the sensor mark; both count.
     pitch : Share.
-    diameter, measured_diameter : Share, of a dot's as stated and as photographs tell it
-        where nobody did (`detect.dot_diameter`).
+    diameter : Share, of a dot's.
     """
 
     focal_length: float = 0.03
@@ -37,7 +36,6 @@ class Widths:
     distance: float = 0.003
     pitch: float = 0.001
     diameter: float = 0.01
-    measured_diameter: float = 0.03
 
     def of_distance_mm(self, stated_mm: float) -> float:
         """Of a board's distance, which the pitch of its chart scales as well."""

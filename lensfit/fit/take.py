@@ -29,7 +29,6 @@ class Take:
     pitch_mm : Distance of neighbouring marks, to the right and down on the target.
     mark_diameter_mm : Diameter of a dot; None for lines, corners and dots whose size
         is not known.
-    mark_diameter_measured : Whether photographs told it, since nobody stated it.
     focal_length_mm : As on the barrel.
     sensor_size_mm : Width and height that the photograph spans.
     f_number, focus_distance_mm, target_distance_mm : None where nobody said.
@@ -38,7 +37,7 @@ class Take:
     chief_rays : Whether marks are where chief rays land, not centroids.
     shared_moves_mm : How marks that were placed so move together, red, green and blue,
         by every independent error of what placed them, one standard deviation each.
-    widths : How well what is stated is known.
+    widths : How well what is stated is known, and the diameter of dots.
     """
 
     name: str
@@ -56,7 +55,6 @@ class Take:
     chief_rays: bool = False
     shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
     widths: Widths = ORDINARY_WIDTHS
-    mark_diameter_measured: bool = False
 
     @property
     def pixel_mm(self) -> Float[np.ndarray, "2"]:

@@ -17,7 +17,6 @@ def take(name="a", *, bright=True, diameter_px=4.0, f_number=2.0, hole_mm=0.5, *
     return SimpleNamespace(
         name=name,
         observations=seen,
-        mark_diameter_measured=False,
         f_number=f_number,
         mark_diameter_mm=hole_mm,
         cutouts=more.get("cutouts"),
@@ -56,6 +55,12 @@ def test_what_nobody_stated_of_the_dots_is_asked_for(one, said):
         assert found.without[50.0].startswith(said)
 
 
+def noted(shown, seen):
+    """In place of a fit."""
+    seen.extend(shown)
+    return SimpleNamespace(gathered=SimpleNamespace(of_one_setting=False))
+
+
 def fitted_of(takes, wide_cells, monkeypatch):
     """What was made of takes with dots of these radii, and which were fitted."""
     monkeypatch.setattr(
@@ -63,7 +68,7 @@ def fitted_of(takes, wide_cells, monkeypatch):
     )
     seen = []
     monkeypatch.setattr(
-        lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: seen.extend(shown)
+        lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: noted(shown, seen)
     )
     found = fit_wavefronts([state(*takes)], silent, Effort.FASTEST, None)
     return found, [one.take.name for one in seen]
@@ -118,7 +123,7 @@ def test_an_f_number_that_no_take_states_is_the_unit(stated, used, monkeypatch):
     seen = []
     monkeypatch.setattr(lens_wavefronts, "hole_cells", lambda _: 0.5)
     monkeypatch.setattr(
-        lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: seen.extend(shown)
+        lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: noted(shown, seen)
     )
     fit_wavefronts([state(*takes)], silent, Effort.FASTEST, None)
     assert tuple(one.f_number for one in seen) == used

@@ -34,17 +34,25 @@ if TYPE_CHECKING:
 _LANDING_NODES = (11, 9)
 _FRAME_NODES = (15, 13)
 _LIGHT_NODES = (37, 31)
+"""Across and down: of landing points, of lines, and of brightness."""
 _FIELD_DEGREE, _PLACE_DEGREE, _LIGHT_DEGREE = 11, 9, 16
 _RINGS, _SPOKES = 5, 20
-_JUDGED, _JUDGED_RAYS = (13, 9), 50
+"""Of places in the stop that sums go through."""
+_JUDGED, _JUDGED_PLACES = (13, 9), 50
 _STEPS = 4
+"""Of fixed-point iterations."""
 _INVISIBLE_PX = 3e-3
 """Of each coefficient; there are hundreds."""
 _INVISIBLE_LIGHT = 1e-3
 _ROOM = 1.05
+"""Of the nodes beyond the farthest landing point."""
 _DARK = 1e-3
+"""Of the light of the brightest position: no brightness is told there."""
 _NEAREST_OF_FOCAL = 0.8
-_ALL = 1500
+"""Vergence of the nearest object over that of the front focal plane's."""
+_MEAN_PLACES = 1500
+"""Of which the mean light is taken."""
+_GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 
 
 class Judged(NamedTuple):
@@ -64,12 +72,12 @@ class Judged(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """What is asked of the lens.
+    """The lens, the frame and the distances at which its rays are followed.
 
     Attributes
     ----------
     vergences_per_mm : From the entrance pupil: infinity, focus, nearer.
-    channels : Whose rays are their own.
+    channels : That have rays of their own; green alone where all share them.
     """
 
     lens: "Lens"
@@ -80,6 +88,7 @@ class _Scene:
 
     @property
     def half_mm(self) -> np.ndarray:
+        """Half width and height of the frame with its overscan."""
         return (
             np.array(self.frame.area_mm) / 2 * (1 + self.frame.overscan_percent / 100)
         )
@@ -106,7 +115,7 @@ class _Scene:
         flat = green_mm.reshape(-1, 2)
         straight = np.asarray(lens.undistorted_from_distorted(flat))
         slope = (straight - point) / c
-        return (slope * self._walked(slope, vergence)).reshape(green_mm.shape)
+        return (slope * self._tangent_ratio(slope, vergence)).reshape(green_mm.shape)
 
     def landed_px(self, tangents: np.ndarray, vergence: float) -> np.ndarray:
         """Where the chief ray of an object lands, px."""
@@ -120,11 +129,11 @@ class _Scene:
         c = float(lens.distortion.principal_distance_mm)
         slope = tangents
         for _ in range(_STEPS):
-            slope = tangents / self._walked(slope, 0.0)
+            slope = tangents / self._tangent_ratio(slope, 0.0)
         straight = point + c * slope
         return self.frame.px(np.asarray(lens.distorted_from_undistorted(straight)))
 
-    def _walked(self, slope: np.ndarray, vergence: float) -> np.ndarray | float:
+    def _tangent_ratio(self, slope: np.ndarray, vergence: float) -> np.ndarray | float:
         """Tangent in the scene over that of the map, which holds at the chart."""
         walk = self.lens.pupil_walk
         if walk is None:
@@ -189,12 +198,20 @@ def _nodes(columns: int, rows: int) -> Float[np.ndarray, "nodes 2"]:
 
 
 def _disc(rings: int, spokes: int) -> Float[np.ndarray, "places 2"]:
+    """Places on rings and spokes, the outermost on the edge of the unit disc."""
     square, _ = np.polynomial.legendre.leggauss(rings)
     reach = np.sqrt((square + 1) / 2)
     reach[-1] = 1.0
     turn = np.arange(spokes) * (2 * np.pi / spokes)
     x, y = (np.outer(reach, f(turn)).ravel() for f in (np.cos, np.sin))
     return np.stack([x, y], -1)
+
+
+def _spiral(count: int) -> Float[np.ndarray, "places 2"]:
+    """Places that fill the unit disc evenly."""
+    number = np.arange(count)
+    turn, reach = number * _GOLDEN_ANGLE, np.sqrt((number + 0.5) / count)
+    return np.stack([reach * np.cos(turn), reach * np.sin(turn)], -1)
 
 
 def _lines(
@@ -253,7 +270,7 @@ def _field(at: np.ndarray, columns: int, rows: int) -> np.ndarray:
 def _area_followed(
     nodes: np.ndarray, green_mm: np.ndarray, half_mm: np.ndarray
 ) -> np.ndarray:
-    """|d object / d position| of each ray."""
+    """|d object / d position|: the area of the object that a pixel takes."""
     degrees = [n - 1 for n in _FRAME_NODES]
     values = np.linalg.inv(_field(nodes, *degrees)) @ green_mm.reshape(len(nodes), -1)
     shape = (degrees[0] + 1, degrees[1] + 1, -1)
@@ -366,11 +383,9 @@ def _wanted(made: CyclesLens, scene: _Scene, at_mm: np.ndarray) -> np.ndarray:
 
 def _passed(made: CyclesLens, at_mm: np.ndarray) -> np.ndarray:
     """Mean weight over evenly drawn places, those that are stopped counting nothing."""
-    number = np.arange(_ALL)
-    turn, reach = number * np.pi * (3 - 5**0.5), np.sqrt((number + 0.5) / _ALL)
-    places = np.stack([reach * np.cos(turn), reach * np.sin(turn)], -1)
+    places = _spiral(_MEAN_PLACES)
     weight = made.weight.on_grid(at_mm / np.array(made.half_mm), places)[..., 0]
-    every = np.repeat(at_mm, _ALL, 0), np.tile(places, (len(at_mm), 1))
+    every = np.repeat(at_mm, _MEAN_PLACES, 0), np.tile(places, (len(at_mm), 1))
     open_ = made.opening.passes(*every).reshape(weight.shape)
     return (weight * open_).mean(1)
 
@@ -379,9 +394,7 @@ def _judged(made: CyclesLens, scene: _Scene) -> Judged:
     """At other points than those that the sums went through."""
     x, y = (np.linspace(-0.97, 0.97, n) for n in _JUDGED)
     green_mm = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2) * scene.half_mm
-    number = np.arange(_JUDGED_RAYS)
-    turn, reach = number * 2.4, np.sqrt((number + 0.5) / _JUDGED_RAYS)
-    places = np.stack([reach * np.cos(turn), reach * np.sin(turn)], -1)
+    places = _spiral(_JUDGED_PLACES)
     off = [
         _off_px(made, scene, green_mm, places, channel, vergence)
         for channel in scene.channels

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lensfit.fit.wavefront.dots import hole_variance_mm2
-from lensfit.fit.wavefront.gather import Gathered, f_number_width
+from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.optics.terms import Term, decentring_terms, two_mirror_terms
 
@@ -205,7 +205,7 @@ def _opening(
         shown = np.flatnonzero(stops_shown(gathered, defocus_mm))
         ratios = [blocks["stop_ratio"].start + int(k) for k in shown]
         if ratios:
-            width = f_number_width(gathered)
+            width = gathered.widths.f_number
             found.append(_family("stop_ratios", ratios, width, FINE))
         blades = Family("blades", (rotation, curvature), (3.0, 1.0), FINE, tried=False)
         found.append(blades)

@@ -129,11 +129,6 @@ class WavefrontFit:
         return any(s.cutouts.mosaic is not None for s in self.gathered.shown)
 
     @property
-    def of_one_setting(self) -> bool:
-        """Whether all photographs have one f-number and one focus distance."""
-        return self.gathered.of_one_setting
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """One sentence for each thing the photographer should know."""
         said = _notes(
@@ -194,7 +189,7 @@ def fit_wavefront(
     suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT
     mirrored = suspect and suits_other_side(best)
     against = mirrored or runs_against_statements(final)
-    told = coarse.side_stated or _side_is_settled(every, valleys)
+    settled = coarse.side_stated or _side_is_settled(every, valleys)
     covariance = covariance_of(final, families)
     return WavefrontFit(
         gathered=every,
@@ -206,7 +201,7 @@ def fit_wavefront(
             final, _families_at(final, allowed), covariance
         ),
         unseen=unseen(final, families, covariance),
-        sign_known=told and not against,
+        sign_known=settled and not against,
         mirrored=mirrored,
         misfit=misfit,
     )

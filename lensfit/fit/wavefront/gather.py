@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lensfit.fit.adjust import fitted_depths_mm
+from lensfit.fit.stated_facts import Widths
 from lensfit.fit.wavefront.beside import own_cells
 from lensfit.fit.wavefront.dots import Broad, Dots
 from lensfit.fit.wavefront.known_dots import Reference, dots_of
@@ -74,6 +75,11 @@ class Gathered:
     f_numbers: tuple[float, ...]
     reference_distance_mm: float
     first_order: FirstOrder
+
+    @property
+    def widths(self) -> Widths:
+        """How well what is stated of the shoot is known."""
+        return self.shown[0].take.widths
 
     @property
     def of_one_setting(self) -> bool:
@@ -152,16 +158,6 @@ def chosen(gathered: Gathered, rows: Int[np.ndarray, " some"]) -> Gathered:
         dots=jax.tree.map(lambda a: a[rows], gathered.dots),
         **{name: getattr(gathered, name)[rows] for name in parts},
     )
-
-
-def f_number_width(gathered: Gathered) -> float:
-    """Standard deviation of a stop's radius by its stated f-number, as a share."""
-    return gathered.shown[0].take.widths.f_number
-
-
-def focal_length_width(gathered: Gathered) -> float:
-    """Standard deviation of a stated focal length, as a share."""
-    return gathered.shown[0].take.widths.focal_length
 
 
 def spread_over_takes(gathered: Gathered, most: int) -> Int[np.ndarray, " rows"]:

@@ -84,8 +84,8 @@ def _least_move(
     """
     free = np.flatnonzero(stage.deviation > 0)
     matrix = np.asarray(stage.equations.matrix).sum(0) + held.T @ held
-    matrix = matrix + stage.stated_equations.matrix
-    matrix = matrix[np.ix_(free, free)] + np.diag(stage.precision[free])
+    matrix = matrix[np.ix_(free, free)]
+    matrix = matrix + stage.prior_matrix(free, stage.deviation[free])
     move = np.zeros(stage.layout.size)
     move[free] = -np.linalg.solve(matrix, slope[free])
     return move

@@ -27,9 +27,9 @@ def held_out_take(
     free = free[~np.isin(free, _own_defocus(stage, mine))]
     rest = np.setdiff1d(np.arange(len(chi_squared)), left)
     precision = stage.precision[free]
-    square, stated = np.ix_(free, free), stage.stated_equations
-    inner = matrix[rest].sum(0)[square] + stated.matrix[square] + np.diag(precision)
-    slope = gradient[rest].sum(0)[free] + stated.gradient[free]
+    square = np.ix_(free, free)
+    inner = matrix[rest].sum(0)[square] + stage.prior_matrix(free, precision**-0.5)
+    slope = gradient[rest].sum(0)[free] + stage.stated_equations.gradient[free]
     slope = slope + precision * (stage.parameters - stage.mean)[free]
     of_take = matrix[left].sum(0)[square]
     pull = gradient[left].sum(0)[free]

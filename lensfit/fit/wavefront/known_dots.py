@@ -10,7 +10,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from lensfit.batches import in_batches
 from lensfit.fit.adjust import fitted_depths_mm
@@ -110,7 +110,7 @@ def dots_of(
         filled_mm=hole.filled_mm,
         variance_mm2=hole.variance_mm2 + diffraction,
         cell_mm=np.tile(shown.take.pixel_mm * shown.cutouts.cell_px, (count, 1)),
-        broad=_broad(shown, disc_mm) if broad else None,
+        broad=_discs(shown, disc_mm) if broad else None,
     )
     if not shown.take.anamorphic:
         return known
@@ -134,12 +134,9 @@ def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
     return jax.tree.map(np.asarray, found)
 
 
-def _broad(shown: Shown, disc_mm: Float[np.ndarray, "dots 2 2"]) -> Broad:
-    """Dots that are drawn as discs."""
-    take = shown.take
-    measured = take.mark_diameter_measured
-    width = take.widths.measured_diameter if measured else take.widths.diameter
-    return Broad(disc_mm, beside_mm(shown), np.full(len(disc_mm), width))
+def _discs(shown: Shown, disc_mm: np.ndarray) -> Broad:
+    width = np.full(len(disc_mm), shown.take.widths.diameter)
+    return Broad(disc_mm, beside_mm(shown), width)
 
 
 def _depth_factor(shown: Shown) -> float:

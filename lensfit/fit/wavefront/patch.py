@@ -75,78 +75,77 @@ def equations_of(
     profile = basis.profile(spot, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile, basis)
     target, w = light.reshape(-1), weight.reshape(-1)
-    if transfer is None:
-        unasked = _solution(nuisance_design, target, w)
-    else:
+    if transfer is not None:
         resized = draw(transfer.change, waves).seen(image_of(spot, profile))
-        parts = (
-            nuisance_design,
-            _slopes(basis.cells, light.dtype),
-            resized.reshape(-1, 1),
-        )
+        slopes = _slopes(basis.cells, light.dtype)
+        parts = [nuisance_design, slopes, resized.reshape(-1, 1)]
         nuisance_design = jnp.concatenate(parts, -1)
-        unasked = _resized(nuisance_design, target, w, transfer.width)
-        basis = draw(transfer.of_size(unasked.larger), waves)
-    inner, nuisance = unasked.inner, unasked.nuisance
-    residual = target - nuisance_design @ nuisance
-    design = _design(few, lean.profile(few.spot, variance_mm2), lean)
-    design = design * nuisance[0]
+    width = None if transfer is None else transfer.width
+    nuisance = _best_nuisance(nuisance_design, target, w, width)
+    if transfer is not None:
+        basis = draw(transfer.of_size(nuisance.larger), waves)
+    values, bright = nuisance.values, nuisance.values[0]
+    residual = target - nuisance_design @ values
+    design = bright * _design(few, lean.profile(few.spot, variance_mm2), lean)
     weighted = w[:, None] * design
     coupling = nuisance_design.T @ weighted
-    matrix = design.T @ weighted - coupling.T @ _solved(inner, coupling)
-    pull = nuisance[0] * (w * residual).reshape(light.shape)
-    bright = jnp.where(nuisance[0] == 0, 1.0, nuisance[0])
+    matrix = design.T @ weighted - coupling.T @ _solved(nuisance.inner, coupling)
+    pull = bright * (w * residual).reshape(light.shape)
+    shift = values[2:4] / _not_zero(bright)
     return Patch(
         matrix,
-        jnp.sum(w * residual**2) + unasked.cost,
+        jnp.sum(w * residual**2) + nuisance.cost,
         _pulled(spot, profile, -basis.traced_back(pull)),
-        jnp.concatenate([nuisance[:2], nuisance[2:4] / bright, unasked.larger[None]]),
+        jnp.concatenate([values[:2], shift, nuisance.larger[None]]),
         residual,
     )
 
 
-class _Unasked(NamedTuple):
-    """Solution for what is not asked of the model.
+class _Nuisance(NamedTuple):
+    """The best nuisance of a patch.
 
     Attributes
     ----------
     inner : Its normal equations.
-    nuisance : In the order of the design.
+    values : In the order of the design.
     larger : Share by which the discs of a broad dot are larger.
-    cost : What that costs.
+    cost : Its square in standard deviations.
     """
 
     inner: Float[Array, "nuisance nuisance"]
-    nuisance: Float[Array, " nuisance"]
+    values: Float[Array, " nuisance"]
     larger: Float[Array, ""]
     cost: Float[Array, ""]
 
 
-def _solution(
+def _best_nuisance(
     design: Float[Array, "cells2 nuisance"],
     target: Float[Array, " cells2"],
     w: Float[Array, " cells2"],
-) -> _Unasked:
-    """All of it free."""
-    inner, none = design.T @ (w[:, None] * design), jnp.zeros((), w.dtype)
-    return _Unasked(inner, _solved(inner, design.T @ (w * target)), none, none)
+    size_width: Float[Array, ""] | None,
+) -> _Nuisance:
+    """By least squares.
 
-
-def _resized(
-    design: Float[Array, "cells2 nuisance"],
-    target: Float[Array, " cells2"],
-    w: Float[Array, " cells2"],
-    width: Float[Array, ""],
-) -> _Unasked:
-    """The last is how much larger the discs are: a share of the brightness, of this
-    standard deviation."""
+    Parameters
+    ----------
+    size_width : Standard deviation of the share by which discs are larger, times the
+        brightness the last of the nuisance; None where they have no size.
+    """
     inner, seen = design.T @ (w[:, None] * design), design.T @ (w * target)
+    if size_width is None:
+        none = jnp.zeros((), w.dtype)
+        return _Nuisance(inner, _solved(inner, seen), none, none)
     bright = _solved(inner[:-1, :-1], seen[:-1])[0]
-    hold = 1 / jnp.maximum((bright * width) ** 2, _DARKEST)
+    hold = 1 / jnp.maximum((bright * size_width) ** 2, _DARKEST)
     inner = inner.at[-1, -1].add(hold)
-    nuisance = _solved(inner, seen)
-    larger = nuisance[-1] / jnp.where(nuisance[0] == 0, 1.0, nuisance[0])
-    return _Unasked(inner, nuisance, larger, hold * nuisance[-1] ** 2)
+    values = _solved(inner, seen)
+    larger = values[-1] / _not_zero(values[0])
+    return _Nuisance(inner, values, larger, hold * values[-1] ** 2)
+
+
+def _not_zero(bright: Array) -> Array:
+    """Of a dot without light any brightness will do."""
+    return jnp.where(bright == 0, 1.0, bright)
 
 
 def _nuisance_design(spot: Spot, profile: Profile, basis: Basis) -> Array:

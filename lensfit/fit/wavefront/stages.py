@@ -5,11 +5,12 @@ the dots turned out to be. Which stages there are says `descent`.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.ndimage import gaussian_filter
 
 from lensfit.fit.cores import cores
@@ -91,7 +92,17 @@ class Stage:
         of_dots = np.asarray(self.equations.gradient).sum(0)
         return of_dots + self.stated_equations.gradient + self.precision * off
 
-    @property
+    def prior_matrix(
+        self,
+        free: Int[np.ndarray, " free"],
+        deviation: Float[np.ndarray, " free"],
+    ) -> Float[np.ndarray, "free free"]:
+        """Half the second derivative of priors of these deviations and of what was
+        stated, by some of the parameters."""
+        stated = self.stated_equations.matrix[np.ix_(free, free)]
+        return np.diag(deviation**-2.0) + stated
+
+    @cached_property
     def stated_equations(self) -> Statistics:
         """Of what was stated, at the present values."""
         parameters = jnp.asarray(self.parameters)

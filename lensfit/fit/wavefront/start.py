@@ -35,7 +35,7 @@ def stated_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
 
 def defocus_deviation_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
     """Of what focus distances say of each, by their width; NaN where unsaid."""
-    widths, said_mm = gathered.shown[0].take.widths, _focus_distances_mm(gathered)
+    widths, said_mm = gathered.widths, _focus_distances_mm(gathered)
     width_mm = np.hypot(widths.distance_mm, widths.distance * said_mm)
     width_mm = np.where(np.isinf(said_mm), 0.0, width_mm)
     moved_mm = _focused_at_mm(gathered, said_mm - width_mm)

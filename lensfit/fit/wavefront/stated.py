@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.fit.levenberg import Quadratic
-from lensfit.fit.wavefront.gather import Gathered, f_number_width, focal_length_width
+from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.start import defocus_deviation_mm, stated_defocus_mm
 
@@ -61,24 +61,24 @@ def stated_opening_and_focus(
     """The f-number, and distances as far as they suit a defocus that dots showed."""
     found = stated_opening(layout)
     stated_mm = stated_defocus_mm(gathered)
-    told = np.flatnonzero(np.isfinite(stated_mm))
-    if len(told) < 2:
+    known = np.flatnonzero(np.isfinite(stated_mm))
+    if len(known) < 2:
         return found
-    of_told = stated_mm[told]
-    in_proportion = np.hypot(2 * focal_length_width(gathered), f_number_width(gathered))
+    known_mm, widths = stated_mm[known], gathered.widths
+    in_proportion = np.hypot(2 * widths.focal_length, widths.f_number)
     covariance = (
-        np.diag(defocus_deviation_mm(gathered)[told] ** 2)
-        + in_proportion**2 * np.outer(of_told, of_told)
-        + (_TOGETHER * np.abs(of_told).max()) ** 2
+        np.diag(defocus_deviation_mm(gathered)[known] ** 2)
+        + in_proportion**2 * np.outer(known_mm, known_mm)
+        + (_TOGETHER * np.abs(known_mm).max()) ** 2
     )
     rows = np.linalg.inv(np.linalg.cholesky(covariance))
-    off = rows @ (defocus_mm[told] - of_told)
+    off = rows @ (defocus_mm[known] - known_mm)
     weight = 1 / (1 + np.mean(off**2) / _CAUCHY_SCALE**2)
     every = np.zeros((layout.groups, layout.groups))
-    every[np.ix_(told, told)] = np.sqrt(weight) * rows
-    known_mm = np.zeros(layout.groups)
-    known_mm[told] = of_told
-    return found._replace(defocus_mm=jnp.asarray(known_mm), rows=jnp.asarray(every))
+    every[np.ix_(known, known)] = np.sqrt(weight) * rows
+    every_mm = np.zeros(layout.groups)
+    every_mm[known] = known_mm
+    return found._replace(defocus_mm=jnp.asarray(every_mm), rows=jnp.asarray(every))
 
 
 def stated_equations(

@@ -79,6 +79,10 @@ def told_by_marks(
     stage = found.stage
     told = replace(stage, parameters=stage.parameters + said.value @ errors)
     stage = reshaped(settled(told), found.gathered)
+    # A move too far leads where rays miss the patches, and nothing is defined.
+    numbers = (stage.parameters, *stage.equations)
+    if not all(np.isfinite(part).all() for part in numbers):
+        return None
     misfit = misfit_of(stage, found.families)
     worse = misfit.median / found.misfit.median
     if not worse <= _AS_GOOD:

@@ -30,7 +30,6 @@ from lensfit.fit.wavefront.families import (
     deviation_of,
     indices_of,
 )
-from lensfit.fit.wavefront.gather import f_number_width
 from lensfit.fit.wavefront.stages import Stage
 
 SYSTEMATIC = 0.008
@@ -50,8 +49,7 @@ def covariance_of(
     """Of all parameters; zero rows for those that were fixed."""
     free = indices_of(families)
     square = np.ix_(free, free)
-    prior = np.diag(deviation_of(families, stage.layout, LAST)[free] ** -2.0)
-    prior = prior + stage.stated_equations.matrix[square]
+    prior = stage.prior_matrix(free, deviation_of(families, stage.layout, LAST)[free])
     matrix = np.asarray(stage.equations.matrix.sum(0))[square]
     assert stage.solution is not None
     of_channels = np.asarray(stage.solution.per_dot.gradient)
@@ -93,7 +91,7 @@ def unshown_covariance_of(
         deviation_of(families, stage.layout, LAST)[free] ** -2.0,
     )
     held = held_stops(stage, free)
-    larger[held, held] += f_number_width(stage.gathered) ** 2
+    larger[held, held] += stage.gathered.widths.f_number**2
     return covariance_nearest(larger - covariance, np.sqrt(np.diag(larger)))
 
 
@@ -143,7 +141,7 @@ def parameter_moves(
     matrix = np.asarray(stage.equations.matrix.sum(0))[square]
     # In own deviations, since they differ by many orders.
     scale = np.outer(own, own)
-    prior = np.diag(deviation**-2.0) + stage.stated_equations.matrix[square]
+    prior = stage.prior_matrix(free, deviation)
     known, turned = np.linalg.eigh((matrix + prior) * scale)
     size = np.sqrt(np.maximum(known, _ROUNDING * known[-1]))
     root = turned * size

@@ -6,10 +6,13 @@ undistorted picture is that of a pinhole with the stated principal distance and 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
+
+from lensfit.errors import ExchangeError
 
 Points = Float[np.ndarray, "points 2"]
 PointFunction = Callable[[Points], Points]
@@ -34,6 +37,30 @@ class PointMap(Protocol):
         ...
 
 
+class PixelCamera(PointMap, Protocol):
+    """A pinhole with distortion that counts in pixels."""
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the picture."""
+        ...
+
+    @property
+    def pitch_mm(self) -> float:
+        """Of the pixels."""
+        ...
+
+    @property
+    def principal_distance_mm(self) -> float:
+        """Mean of both axes."""
+        ...
+
+    @property
+    def principal_point_mm(self) -> tuple[float, float]:
+        """From the sensor centre."""
+        ...
+
+
 class Stated(NamedTuple):
     """What the user knows and the file does not, or what counts in its place.
 
@@ -53,6 +80,36 @@ class Stated(NamedTuple):
     size_px: tuple[int, int] | None = None
     lens: str | None = None
     direction: Literal["undistort", "redistort"] | None = None
+
+    def require_size(self, size_px: tuple[int, int], where: str | Path) -> None:
+        """Require that no other size is stated than that of a file.
+
+        Raises
+        ------
+        ExchangeError : One is.
+        """
+        if self.size_px not in (None, size_px):
+            raise ExchangeError(
+                f"is for {size_px[0]} x {size_px[1]} pixels, not "
+                f"{self.size_px[0]} x {self.size_px[1]}",
+                where=where,
+                remedy="leave --size out",
+            )
+
+    def pitch_mm(self, size_px: tuple[int, int], where: str | Path) -> float:
+        """Of the pixels, of a file that does not know the sensor.
+
+        Raises
+        ------
+        ExchangeError : Nobody says how wide the sensor is.
+        """
+        if self.sensor_width_mm is None:
+            raise ExchangeError(
+                "counts in pixels and does not know the sensor",
+                where=where,
+                remedy="give --sensor-width-mm",
+            )
+        return self.sensor_width_mm / size_px[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,3 +165,25 @@ class ForeignLens:
     serial: str | None = None
     camera_model: str | None = None
     notes: tuple[str, ...] = ()
+
+
+def lens_of_camera(
+    source: str, camera: PixelCamera, stated: Stated, where: str | Path
+) -> ForeignLens:
+    """The lens of a file that holds one camera and nothing else of it.
+
+    Parameters
+    ----------
+    source : The format.
+    where : The file, which lends its name.
+    """
+    distance, (width, height) = camera.principal_distance_mm, camera.size_px
+    state = ForeignState(
+        map=camera,
+        principal_distance_mm=distance,
+        principal_point_mm=camera.principal_point_mm,
+        focal_length_mm=stated.focal_length_mm or distance,
+        focus_distance_mm=stated.focus_distance_mm,
+    )
+    sensor_mm = (width * camera.pitch_mm, height * camera.pitch_mm)
+    return ForeignLens(source, Path(where).stem, sensor_mm, camera.size_px, (state,))

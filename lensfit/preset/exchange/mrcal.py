@@ -28,10 +28,20 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.errors import ExchangeError
-from lensfit.preset.exchange.foreign import ForeignLens, ForeignState, Points, Stated
+from lensfit.preset.exchange.foreign import (
+    ForeignLens,
+    Points,
+    Stated,
+    lens_of_camera,
+)
 from lensfit.preset.exchange.inverse import inverted
 from lensfit.preset.exchange.opencv import OpenCvMap
-from lensfit.preset.exchange.text_file import finite, positive, read_text
+from lensfit.preset.exchange.text_file import (
+    finite,
+    picture_size,
+    positive,
+    read_text,
+)
 
 _KIND = "mrcal camera model"
 _OPENCV = {"PINHOLE": 0, "OPENCV4": 4, "OPENCV5": 5, "OPENCV8": 8, "OPENCV12": 12}
@@ -41,7 +51,6 @@ _SPLINED = re.compile(
 _MARGIN = {2: 1, 3: 2}
 """Control points beside those that span the field of view, by order."""
 _MOST_CONTROL_POINTS = 100_000
-_LARGEST_SIDE_PX = 100_000
 
 
 class SplineGrid(NamedTuple):
@@ -159,30 +168,10 @@ def read_mrcal(path: str | Path, stated: Stated) -> ForeignLens:
     """
     path = Path(path)
     found = _dictionary(path)
-    size = _size(found, path)
-    if stated.size_px not in (None, size):
-        raise ExchangeError(
-            f"is for {size[0]} x {size[1]} pixels",
-            where=path,
-            remedy="leave --size out",
-        )
-    if stated.sensor_width_mm is None:
-        raise ExchangeError(
-            "counts in pixels and does not know the sensor",
-            where=path,
-            remedy="give --sensor-width-mm",
-        )
-    pitch = stated.sensor_width_mm / size[0]
-    mapping = _map(found, size, pitch, path)
-    state = ForeignState(
-        map=mapping,
-        principal_distance_mm=mapping.principal_distance_mm,
-        principal_point_mm=mapping.principal_point_mm,
-        focal_length_mm=stated.focal_length_mm or mapping.principal_distance_mm,
-        focus_distance_mm=stated.focus_distance_mm,
-    )
-    sensor = (stated.sensor_width_mm, size[1] * pitch)
-    return ForeignLens(_KIND, path.stem, sensor, size, (state,))
+    size = picture_size(_numbers(found, "imagersize", path), "imagersize", path)
+    stated.require_size(size, path)
+    camera = _map(found, size, stated.pitch_mm(size, path), path)
+    return lens_of_camera(_KIND, camera, stated, path)
 
 
 def mrcal_text(camera: OpenCvMap | SplinedMap, comments: tuple[str, ...]) -> str:
@@ -229,15 +218,6 @@ def _numbers(found: Mapping[str, Any], key: str, path: Path) -> list[float]:
     if not isinstance(values, (list, tuple)):
         raise ExchangeError(f"holds no {key}", where=path)
     return [finite(value, key, path) for value in values]
-
-
-def _size(found: Mapping[str, Any], path: Path) -> tuple[int, int]:
-    numbers = _numbers(found, "imagersize", path)
-    if len(numbers) != 2 or not all(
-        0 < n < _LARGEST_SIDE_PX and n % 1 == 0 for n in numbers
-    ):
-        raise ExchangeError("imagersize is no size in pixels", where=path)
-    return int(numbers[0]), int(numbers[1])
 
 
 def _map(

@@ -15,9 +15,14 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.errors import ExchangeError
-from lensfit.preset.exchange.foreign import ForeignLens, ForeignState, Stated
+from lensfit.preset.exchange.foreign import ForeignLens, Stated, lens_of_camera
 from lensfit.preset.exchange.opencv import COUNTS, OpenCvMap
-from lensfit.preset.exchange.text_file import finite, positive, read_text
+from lensfit.preset.exchange.text_file import (
+    finite,
+    picture_size,
+    positive,
+    read_text,
+)
 from lensfit.preset.exchange.xml_tree import Element, read_xml
 
 _KIND = "OpenCV calibration"
@@ -28,7 +33,6 @@ _COEFFICIENTS = (
 )  # fmt: skip
 _WIDTH, _HEIGHT = ("image_width", "width"), ("image_height", "height")
 _SIZE = ("image_size", "imagesize", "size")
-_LARGEST_SIDE_PX = 100_000
 _MOST_NUMBERS = 256
 _FISHEYE = re.compile(r"fisheye|equidistant|kannala|omni|\bmei\b", re.IGNORECASE)
 
@@ -103,31 +107,10 @@ def lens_of_opencv(found: OpenCvFile, stated: Stated, where: str | Path) -> Fore
         raise ExchangeError(
             "does not say how large the picture is", where=where, remedy="give --size"
         )
-    if found.size_px is not None and size != found.size_px:
-        raise ExchangeError(
-            f"is for {found.size_px[0]} x {found.size_px[1]} pixels, not "
-            f"{size[0]} x {size[1]}",
-            where=where,
-            remedy="leave --size out",
-        )
-    if stated.sensor_width_mm is None:
-        raise ExchangeError(
-            "counts in pixels and does not know the sensor",
-            where=where,
-            remedy="give --sensor-width-mm",
-        )
-    pitch = stated.sensor_width_mm / size[0]
-    mapping = OpenCvMap(found.matrix, found.coefficients, size, pitch)
-    distance = mapping.principal_distance_mm
-    state = ForeignState(
-        map=mapping,
-        principal_distance_mm=distance,
-        principal_point_mm=mapping.principal_point_mm,
-        focal_length_mm=stated.focal_length_mm or distance,
-        focus_distance_mm=stated.focus_distance_mm,
-    )
-    sensor = (stated.sensor_width_mm, size[1] * pitch)
-    return ForeignLens(_KIND, Path(where).stem, sensor, size, (state,))
+    stated.require_size(found.size_px or size, where)
+    pitch = stated.pitch_mm(size, where)
+    camera = OpenCvMap(found.matrix, found.coefficients, size, pitch)
+    return lens_of_camera(_KIND, camera, stated, where)
 
 
 def opencv_text(camera: OpenCvMap, comments: tuple[str, ...]) -> str:
@@ -220,6 +203,4 @@ def _size(fields: _Fields, path: Path) -> tuple[int, int] | None:
         both = [*width, *height]
     if both is None:
         return None
-    if len(both) != 2 or not all(0 < n < _LARGEST_SIDE_PX and n % 1 == 0 for n in both):
-        raise ExchangeError("the image size is no size in pixels", where=path)
-    return int(both[0]), int(both[1])
+    return picture_size(both, "the image size", path)

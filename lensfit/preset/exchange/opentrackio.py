@@ -25,7 +25,7 @@ from lensfit.preset.exchange.opentrackio_custom import (
     custom_of_numbers,
 )
 from lensfit.preset.exchange.opentrackio_sample import LensSample
-from lensfit.preset.exchange.text_file import finite, positive, read_text
+from lensfit.preset.exchange.text_file import finite, picture_size, positive, read_text
 from lensfit.units import MILLIMETRES_PER_METRE, m_from_mm
 
 _KIND = "OpenTrackIO file"
@@ -223,9 +223,7 @@ class _Reader:
             positive(table.get(side), f"{name}.{side}", self.path)
             for side in ("width", "height")
         ]
-        if max(found) > 100_000 or any(n % 1 for n in found):
-            raise ExchangeError(f"{name} is no size in pixels", where=self.path)
-        return int(found[0]), int(found[1])
+        return picture_size(found, name, self.path)
 
     def _pair(self, table: Mapping[str, Any], key: str) -> tuple[float, float] | None:
         if key not in table:

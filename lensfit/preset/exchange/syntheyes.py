@@ -10,6 +10,7 @@ Source: SynthEyes' manual, "Lens Information Files" and "Lens Distortion Profile
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import final
 from xml.sax.saxutils import escape, quoteattr
@@ -36,7 +37,7 @@ class RadialTable:
 
     Attributes
     ----------
-    true_mm, distorted_mm : Rising, from 0.
+    true_mm, distorted_radius_mm : Rising, from 0.
     """
 
     true_mm: Float[np.ndarray, " samples"]
@@ -47,8 +48,7 @@ class RadialTable:
         """The table, read by a cubic spline."""
         about = np.asarray(undistorted_mm, float) - np.array(self.centre_mm)
         radius = np.hypot(about[:, 0], about[:, 1])
-        spline = CubicSpline(self.true_mm, self.distorted_radius_mm)
-        last = self.true_mm[-1]
+        spline, last = self._spline, self.true_mm[-1]
         inside = np.minimum(radius, last)
         there = spline(inside) + spline(last, 1) * (radius - inside)
         near = spline(0.0, 1)
@@ -58,6 +58,10 @@ class RadialTable:
     def undistorted(self, distorted_mm: Points) -> Points:
         """The inverse; NaN where there is none."""
         return inverted(self.distorted, distorted_mm, float(self.true_mm[-1]))
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        return CubicSpline(self.true_mm, self.distorted_radius_mm)
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,14 @@ text is refused before anything is made of it; numbers must be finite.
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from lensfit.bounded import read_bounded, utf8_text
 from lensfit.errors import ExchangeError
 
 LARGEST_BYTES = 4 << 20
+_LARGEST_SIDE_PX = 100_000
 
 
 def read_text(path: str | Path, kind: str) -> str:
@@ -66,6 +68,22 @@ def positive(value: object, what: str, where: str | Path) -> float:
     if not number > 0:
         raise ExchangeError(f"{what} = {number:g} is not positive", where=where)
     return number
+
+
+def picture_size(
+    sides: Sequence[float], name: str, where: str | Path
+) -> tuple[int, int]:
+    """Width and height of a picture in pixels.
+
+    Raises
+    ------
+    ExchangeError : They are none, or beyond any picture.
+    """
+    if len(sides) != 2 or not all(
+        0 < n < _LARGEST_SIDE_PX and n % 1 == 0 for n in sides
+    ):
+        raise ExchangeError(f"{name} is no size in pixels", where=where)
+    return int(sides[0]), int(sides[1])
 
 
 def _short(value: object) -> str:

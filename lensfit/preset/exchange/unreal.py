@@ -21,7 +21,12 @@ import numpy as np
 from lensfit.errors import ExchangeError
 from lensfit.preset.exchange.foreign import ForeignLens, ForeignState, Stated
 from lensfit.preset.exchange.opencv import OpenCvMap
-from lensfit.preset.exchange.text_file import finite, positive, read_text
+from lensfit.preset.exchange.text_file import (
+    finite,
+    picture_size,
+    positive,
+    read_text,
+)
 
 _KIND = "Unreal lens file"
 _TYPE, _VERSION, _MODEL = "LensFile", "0.0.0", "Spherical"
@@ -36,7 +41,6 @@ _FAR_CM = 1e6
 """In place of an infinite focus distance."""
 _MM_PER_CM = 10.0
 _MOST_ROWS = 2000
-_LARGEST_SIDE_PX = 100_000
 
 
 class UnrealState(NamedTuple):
@@ -199,15 +203,8 @@ def _frame(
 ) -> tuple[tuple[int, int], float]:
     image = _part(found, "imageDimensions", path)
     sides = [positive(image.get(k), f"image {k}", path) for k in ("width", "height")]
-    if max(sides) > _LARGEST_SIDE_PX or any(side % 1 for side in sides):
-        raise ExchangeError("imageDimensions are no size in pixels", where=path)
-    size = int(sides[0]), int(sides[1])
-    if stated.size_px not in (None, size):
-        raise ExchangeError(
-            f"is for {size[0]} x {size[1]} pixels",
-            where=path,
-            remedy="leave --size out",
-        )
+    size = picture_size(sides, "imageDimensions", path)
+    stated.require_size(size, path)
     sensor = _part(found, "sensorDimensions", path)
     width = stated.sensor_width_mm
     return size, width or positive(sensor.get("width"), "sensor width", path)

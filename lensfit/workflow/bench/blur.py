@@ -11,13 +11,15 @@ Errors are relative (L2), in green, over the cells that are a dot's own.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 from scipy.interpolate import RBFInterpolator
 
 from lensfit.errors import LensfitError
@@ -42,10 +44,12 @@ from lensfit.workflow.stopwatch import stopwatch
 SETS = ("dot_pattern_01", "dot_pattern_05", "gopro8", "surg_metal", "robvis")
 _DOTS = 200
 """That are predicted, and as many others that Gaussians are fitted to."""
-_SIGMAS = np.array([0.0, 0.2, 0.35, 0.5, 0.7, 0.9, 1.2, 1.5, 1.9, 2.4, 3.0, 4.0])
-"""Cells."""
+_SIGMAS_CELLS = np.array([0.0, 0.2, 0.35, 0.5, 0.7, 0.9, 1.2, 1.5, 1.9, 2.4, 3.0, 4.0])
 _SMOOTHING = 1.0
-_GREEN = 1
+_APART_MM = 1e3
+"""Farther than any field: dots of one photograph are no neighbours of another's."""
+_GREEN, _LARGER = 1, 4
+"""The channel, and where a pass has the size of discs (`fit.wavefront.patch`)."""
 _SEED = 5
 
 
@@ -94,13 +98,13 @@ def bench_blur(
     for done, name in enumerate(names):
         progress("sets", done, len(names))
         forget_programs()
-        with stopwatch() as spent:
-            try:
-                found = _fitted(name, Path(data), effort)
-            except LensfitError as error:
-                errors.append(f"{name}: {error}")
-                continue
-        rows += _rows(name, prediction_of(found))
+        try:
+            with stopwatch() as spent:
+                fitted = _fitted(name, Path(data), effort)
+            rows += _rows(name, prediction_of(fitted))
+        except LensfitError as error:
+            errors.append(f"{name}: {error}")
+            continue
         sets.append({"set": name, "seconds": spent["seconds"]})
     progress("sets", len(names), len(names))
     return bench_result(
@@ -108,26 +112,37 @@ def bench_blur(
     )
 
 
-def prediction_of(found: WavefrontFit) -> Prediction:
-    """Of dots in the order of chance, the broad ones of all photographs."""
-    stage, every = found.stage, found.gathered
-    used = {tuple(place) for place in np.asarray(stage.gathered.dots.field_mm)}
-    unseen = [
-        k for k, p in enumerate(np.asarray(every.dots.field_mm)) if tuple(p) not in used
-    ]
-    rows = np.random.default_rng(_SEED).permutation(np.array(unseen, int))
+def prediction_of(fitted: WavefrontFit) -> Prediction:
+    """Of some dots of all photographs, chosen by chance.
+
+    Raises
+    ------
+    LensfitError : Dots are small holes, whose rims nobody sees.
+    """
+    stage, every = fitted.stage, fitted.gathered
+    if every.dots.broad is None:
+        raise LensfitError("its dots are too small to be predicted by their rims")
+    rows = np.random.default_rng(_SEED).permutation(_unseen_rows(fitted))
     half = min(_DOTS, len(rows) // 2)
-    larger = float(np.median(stage.nuisance[:, _GREEN, 4]))
+    larger = float(np.median(stage.nuisance[:, _GREEN, _LARGER]))
     test, train = (
-        _sized(chosen(every, r), larger) for r in (rows[:half], rows[half : 2 * half])
+        _resized(chosen(every, some), larger)
+        for some in (rows[:half], rows[half : 2 * half])
     )
     place_mm = test.observed_mm - drags_mm(stage, test)
-    ours = drawn(stage, test, place_mm)[:, _GREEN]
+    lens = drawn(stage, test, place_mm)[:, _GREEN]
     return Prediction(
-        _errors(test, ours),
-        _of_gaussians(train, test),
-        _noise(test, ours),
+        _errors(test, lens), _errors_of_gaussians(train, test), _noise(test, lens)
     )
+
+
+def _unseen_rows(fitted: WavefrontFit) -> Int[np.ndarray, " rows"]:
+    """Dots that the fit was not made from."""
+    gathered = fitted.stage.gathered, fitted.gathered
+    seen, every = (np.column_stack([g.dots.field_mm, g.take]) for g in gathered)
+    known = {tuple(row) for row in seen.tolist()}
+    rows = [k for k, row in enumerate(every.tolist()) if tuple(row) not in known]
+    return np.array(rows, int)
 
 
 def _fitted(name: str, data: Path, effort: Effort) -> WavefrontFit:
@@ -159,63 +174,67 @@ def _rows(name: str, found: Prediction) -> list[Row]:
     return rows
 
 
-def _sized(gathered: Gathered, larger: float) -> Gathered:
+def _resized(gathered: Gathered, larger: float) -> Gathered:
     """With discs as large as the fit found them."""
-    dots = gathered.dots
-    if dots.broad is None:
-        raise LensfitError("its dots are too small to be predicted by their rims")
-    broad = dots.broad._replace(disc_mm=(1 + larger) * dots.broad.disc_mm)
-    return gathered.__class__(
-        **{**gathered.__dict__, "dots": dots._replace(broad=broad)}
-    )
+    broad = gathered.dots.broad
+    assert broad is not None
+    broad = broad._replace(disc_mm=(1 + larger) * broad.disc_mm)
+    return replace(gathered, dots=gathered.dots._replace(broad=broad))
 
 
-def _of_gaussians(
+def _errors_of_gaussians(
     train: Gathered, test: Gathered
 ) -> dict[str, Float[np.ndarray, " dots"]]:
-    """Errors of Gaussians that were fitted to other dots."""
-    each = np.stack(
-        [_errors(train, _blurred(train, np.full(len(train.take), s))) for s in _SIGMAS]
-    )
-    one = _SIGMAS[int(np.argmin(np.median(each, 1)))]
-    place = np.concatenate([train.dots.field_mm, train.take[:, None] * 1e3], 1)
+    """Of Gaussians that were fitted to other dots."""
+    count = len(train.take)
+    each = np.stack([_errors_behind(train, np.full(count, s)) for s in _SIGMAS_CELLS])
+    one = _SIGMAS_CELLS[int(np.argmin(np.median(each, 1)))]
     varying = RBFInterpolator(
-        place, _SIGMAS[np.argmin(each, 0)], kernel="linear", smoothing=_SMOOTHING
+        _places(train),
+        _SIGMAS_CELLS[np.argmin(each, 0)],
+        kernel="linear",
+        smoothing=_SMOOTHING,
     )
-    there = np.concatenate([test.dots.field_mm, test.take[:, None] * 1e3], 1)
-    count = len(test.take)
+    there = np.maximum(varying(_places(test)), 0.0)
     return {
-        "one Gaussian": _errors(test, _blurred(test, np.full(count, one))),
-        "a Gaussian over the field": _errors(
-            test, _blurred(test, np.maximum(varying(there), 0.0))
-        ),
-        "no blur": _errors(test, _blurred(test, np.zeros(count))),
+        "one Gaussian": _errors_behind(test, np.full(len(test.take), one)),
+        "a Gaussian over the field": _errors_behind(test, there),
+        "no blur": _errors_behind(test, np.zeros(len(test.take))),
     }
 
 
-def _blurred(gathered: Gathered, sigma: Float[np.ndarray, " dots"]) -> np.ndarray:
-    """Discs at their centroids behind Gaussians, cells."""
-    arrays = (
-        gathered.transfer,
-        gathered.dots.cell_mm,
-        gathered.observed_mm[:, _GREEN],
-        sigma,
-    )
-    cells = gathered.light.shape[-1]
-    return np.asarray(_discs(jax.tree.map(jnp.asarray, arrays), cells))
+def _places(gathered: Gathered) -> Float[np.ndarray, "dots 3"]:
+    """In the field, photographs far from each other."""
+    return np.column_stack([gathered.dots.field_mm, _APART_MM * gathered.take])
 
 
+def _errors_behind(
+    gathered: Gathered, sigma_cells: Float[np.ndarray, " dots"]
+) -> Float[np.ndarray, " dots"]:
+    """Of discs at their centroids behind Gaussians."""
+    place_mm = gathered.observed_mm[:, _GREEN]
+    arrays = gathered.transfer, gathered.dots.cell_mm, place_mm, sigma_cells
+    image = _discs(jax.tree.map(jnp.asarray, arrays), gathered.light.shape[-1])
+    return _errors(gathered, np.asarray(image))
+
+
+@partial(jax.jit, static_argnames="cells")
 def _discs(arrays: tuple[Transfer, Array, Array, Array], cells: int) -> Array:
+    """Images of a brightness of 1."""
+
     def one(part: tuple[Transfer, Array, Array, Array]) -> Array:
-        transfer, cell_mm, place_mm, sigma = part
+        transfer, cell_mm, place_mm, sigma_cells = part
         basis = basis_of(-place_mm, cell_mm, cells, transfer)
         ray = Spot(jnp.zeros((1, 2)), jnp.ones(1), jnp.zeros(1))
-        return basis.seen(image_of(ray, basis.profile(ray, (sigma * cell_mm) ** 2)))
+        profile = basis.profile(ray, (sigma_cells * cell_mm) ** 2)
+        return basis.seen(image_of(ray, profile))
 
     return jax.lax.map(one, arrays)
 
 
-def _errors(gathered: Gathered, image: np.ndarray) -> Float[np.ndarray, " dots"]:
+def _errors(
+    gathered: Gathered, image: Float[np.ndarray, "dots rows columns"]
+) -> Float[np.ndarray, " dots"]:
     """Of images of dots."""
     left, signal, _ = _left(gathered, image)
     return np.linalg.norm(left, axis=(1, 2)) / np.linalg.norm(signal, axis=(1, 2))

@@ -16,7 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lensfit.detect.cutouts import cut
-from lensfit.detect.dot_diameter import dot_diameter_mm
+from lensfit.detect.dot_diameter import DIAMETER_WIDTH, dot_diameter_mm
 from lensfit.detect.find import observe
 from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.detect.observations import Observations
@@ -110,29 +110,24 @@ def observe_shoot(
 
 
 def _with_dot_diameters(results: list[Observed]) -> list[Observed]:
-    """Dots whose diameter nobody stated as large as the photographs of their chart say
-    by the median."""
+    """Dots whose diameter nobody stated as large as photographs of their chart show
+    them, by the median."""
     takes = [one.take for one in results if one.take is not None]
-    unsized = [take for take in takes if take.mark_diameter_mm is None]
-    measured: dict[str, list[float]] = {}
-    for take in unsized:
-        dots = take.cutouts
-        found = dots and dot_diameter_mm(take.observations, dots, take.pitch_mm)
-        if found:
-            measured.setdefault(take.target, []).append(found)
+    measured_mm: dict[str, list[float]] = {}
+    for take in takes:
+        if take.mark_diameter_mm is None and take.cutouts is not None:
+            found = dot_diameter_mm(take.observations, take.cutouts, take.pitch_mm)
+            if found is not None:
+                measured_mm.setdefault(take.target, []).append(found)
 
-    def sized(one: Observed) -> Observed:
-        if one.take not in unsized or one.take.target not in measured:
-            return one
-        diameter_mm = float(np.median(measured[one.take.target]))
-        return replace(
-            one,
-            take=replace(
-                one.take, mark_diameter_mm=diameter_mm, mark_diameter_measured=True
-            ),
-        )
+    def sized(take: Take | None) -> Take | None:
+        if take is None or take.target not in measured_mm:
+            return take
+        diameter_mm = float(np.median(measured_mm[take.target]))
+        widths = replace(take.widths, diameter=DIAMETER_WIDTH)
+        return replace(take, mark_diameter_mm=diameter_mm, widths=widths)
 
-    return [sized(one) for one in results]
+    return [replace(one, take=sized(one.take)) for one in results]
 
 
 def _without_overlaps(results: list[Observed]) -> list[Observed]:

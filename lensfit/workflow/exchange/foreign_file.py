@@ -48,11 +48,13 @@ def read_foreign(
     """
     path = Path(path)
     kind = kind or kind_of(path)
-    if kind == "stmap":
-        return lens_of_uv_map(path, stated)
-    if kind == "usd":
-        return read_usd_camera(path, stated)
-    readers = {"mrcal": read_mrcal, "unreal": read_unreal, "syntheyes": read_syntheyes}
+    readers = {
+        "stmap": lens_of_uv_map,
+        "usd": read_usd_camera,
+        "mrcal": read_mrcal,
+        "unreal": read_unreal,
+        "syntheyes": read_syntheyes,
+    }
     if kind in readers:
         return readers[kind](path, stated)
     if kind == "nuke":

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from lensfit.errors import ImageError, LensfitError
+from lensfit.errors import ImageError, LensfitError, sentence_of
 from lensfit.io.exr import ExrPart, write_exr
 from lensfit.workflow.frame.error import at_frame
 from lensfit.workflow.frame.fingerprint import Fingerprint
@@ -62,6 +62,5 @@ def _rendered(
 def error_line(error: Exception, path: Path) -> str:
     """The error as one line, with the frame it happened at."""
     if not isinstance(error, LensfitError):
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        return str(ImageError(reason, where=path))
+        return str(ImageError(sentence_of(error), where=path))
     return str(at_frame(error, path))

@@ -40,7 +40,7 @@ def calibrated(
     kit_file: Path, folder: str, out: Path, mark: str, effort: str
 ) -> str | None:
     """Calibrate one lens, keep what became of it, and say why it failed, if it did."""
-    from lensfit.errors import LensfitError
+    from lensfit.errors import LensfitError, sentence_of
     from lensfit.workflow.kit.lens_state import write_record
 
     try:
@@ -48,8 +48,9 @@ def calibrated(
     except LensfitError as error:
         failed = str(error)
     except Exception as error:  # one lens must not take the others with it
-        text = " ".join(f"{type(error).__name__}: {error}".split())
-        failed = f"{text}; run lensfit calibrate --debug on its shoot file"
+        failed = (
+            f"{sentence_of(error)}; run lensfit calibrate --debug on its shoot file"
+        )
     else:
         write_record(out, mark, None, facts)
         return None

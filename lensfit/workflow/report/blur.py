@@ -4,7 +4,6 @@ As elsewhere in the report a part that is absent is left out; a report without b
 no such section.
 """
 
-import base64
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,6 +19,7 @@ from lensfit.workflow.report.markup import (
     stated,
     tag,
 )
+from lensfit.workflow.report.pictures import png_address
 from lensfit.workflow.report.sections import distance_text, stop_text, table_row
 from lensfit.workflow.report.through import ThroughSheet
 from lensfit.workflow.report.through_figures import through_figures
@@ -215,7 +215,7 @@ def _kernel_figure(sheet: KernelSheet) -> Markup:
     title += f", point at {distance_text(state.object_distance_mm)}"
     scale = f"A tile is {number(sheet.width_px, 'px')} wide, the bar "
     scale += f"{stated(sheet.bar_px, 'px')}."
-    address = f"data:image/png;base64,{base64.b64encode(sheet.png).decode('ascii')}"
+    address = png_address(sheet.png)
     picture = tag("img", src=address, alt=f"Point-spread functions, {title}")
     caption = tag("figcaption", scale)
     parts = [tag("h5", title), picture, caption, _expected_errors(sheet)]

@@ -5,7 +5,6 @@ picture in cividis (Nunez, Anderton, Renslow 2018), which reads the same to colo
 eyes and in grey; where nothing is known the picture is transparent.
 """
 
-import base64
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from skimage.measure import find_contours
 from lensfit.workflow.report.axes import Frame, sensor_frame, tick_text, ticks
 from lensfit.workflow.report.coverage import numbers
 from lensfit.workflow.report.markup import Markup, number, stated, tag
+from lensfit.workflow.report.pictures import png_address
 from lensfit.workflow.report.svg import WIDTH, Figure, drawing, path, words
 
 _PICTURE_WIDTH = 200
@@ -188,11 +188,11 @@ def _field(frame: Frame, x: np.ndarray, y: np.ndarray, share: np.ndarray) -> Mar
     bgra = np.zeros((*fine.shape, 4), dtype=np.uint8)
     bgra[..., :3] = np.rint(_colours(np.where(known, fine, 0.0)))[..., ::-1]
     bgra[..., 3] = np.where(known, 255, 0)
-    encoded = base64.b64encode(cv2.imencode(".png", bgra)[1].tobytes()).decode("ascii")
+    encoded = cv2.imencode(".png", bgra)[1].tobytes()
     px, py = frame.place(np.array([x0, x1]), np.array([y0, y1]))
     return tag(
         "image",
-        href=f"data:image/png;base64,{encoded}",
+        href=png_address(encoded),
         x=f"{px[0]:.1f}",
         y=f"{py[0]:.1f}",
         width=f"{px[1] - px[0]:.1f}",

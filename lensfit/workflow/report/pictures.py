@@ -44,6 +44,11 @@ def jpeg_address(path: Path) -> str | None:
     return _of_jpeg(encoded) if encoded.startswith(_JPEG) else None
 
 
+def png_address(encoded: bytes) -> str:
+    """A ``data:`` address of a PNG."""
+    return f"data:image/png;base64,{base64.b64encode(encoded).decode('ascii')}"
+
+
 def _of_jpeg(encoded: bytes) -> str:
     return f"data:image/jpeg;base64,{base64.b64encode(encoded).decode('ascii')}"
 

@@ -1,9 +1,8 @@
 """Figures of `through`: distances across, f-numbers down, one place each."""
 
-import base64
-
 from lensfit.workflow.report.kernels import GAMMA
 from lensfit.workflow.report.markup import Markup, number, tag
+from lensfit.workflow.report.pictures import png_address
 from lensfit.workflow.report.sections import distance_text, figure_html, stop_text
 from lensfit.workflow.report.svg import WIDTH, Figure, drawing, words
 from lensfit.workflow.report.through import HEIGHTS, ThroughSheet
@@ -40,10 +39,9 @@ def _figure(sheet: ThroughSheet, place: str, picture: bytes) -> Figure:
     stops, columns = sheet.photographed.shape
     step = (WIDTH - _LEFT) / columns
     height = stops * step
-    address = base64.b64encode(picture).decode("ascii")
     shapes = [
         tag(
-            "image", href=f"data:image/png;base64,{address}", x=f"{_LEFT:g}", y="0",
+            "image", href=png_address(picture), x=f"{_LEFT:g}", y="0",
             width=f"{WIDTH - _LEFT:g}", height=f"{height:.1f}",
             preserveAspectRatio="none",
         )

@@ -16,7 +16,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from lensfit.errors import LensfitError
+from lensfit.errors import LensfitError, sentence_of
 from lensfit.workflow.view.latest_wins import LatestWins, Superseded
 
 MOST_WAITING = 8
@@ -143,7 +143,6 @@ def errors_as_sentences(answer: Answer) -> Answer:
         except asyncio.CancelledError:
             return Response(status_code=503)  # the process ends
         except Exception as error:  # whatever it was, the page says it
-            said = " ".join(f"{type(error).__name__}: {error}".split())
-            return JSONResponse({"error": said}, 500)
+            return JSONResponse({"error": sentence_of(error)}, 500)
 
     return endpoint

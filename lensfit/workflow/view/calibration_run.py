@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, final
 
-from lensfit.errors import LensfitError
+from lensfit.errors import LensfitError, sentence_of
 from lensfit.together import remove_unfinished
 from lensfit.workflow.frame.end_with_parent import end_with_parent
 
@@ -80,11 +80,11 @@ class CalibrationRun:
             running = self._state["state"] == "running"
             return self._state | {"stages": self._stages.facts(running)}
 
-    def _listen(self, told: Connection, process: Any) -> None:
+    def _listen(self, pipe: Connection, process: Any) -> None:
         end: dict[str, Any] = {"state": "failed", "error": _DIED}
         try:
             while True:
-                kind, what = told.recv()
+                kind, what = pipe.recv()
                 if kind == "stage":
                     self._stages.tell(*what)
                 else:
@@ -98,7 +98,7 @@ class CalibrationRun:
 
 @final
 class StageTimes:
-    """When each stage was told of, and how long it will take."""
+    """When each stage was pipe of, and how long it will take."""
 
     def __init__(self):
         self._stages: dict[str, list[float]] = {}
@@ -129,7 +129,7 @@ class StageTimes:
 
 
 def calibrate_and_tell(
-    told: Connection, shoot: Path, images: Path | None, out: Path, effort: str
+    pipe: Connection, shoot: Path, images: Path | None, out: Path, effort: str
 ) -> None:
     """The life of the process: how far it is, and what became of it."""
     end_with_parent()
@@ -140,19 +140,18 @@ def calibrate_and_tell(
     from lensfit.workflow.shoot.file import load_shoot
 
     def progress(stage: str, done: int, total: int) -> None:
-        told.send(("stage", (stage, done, total)))
+        pipe.send(("stage", (stage, done, total)))
 
     try:
         report = calibrate(
             load_shoot(shoot, images), out, progress=progress, effort=effort
         )
     except LensfitError as error:
-        told.send(("failed", {"error": str(error)}))
+        pipe.send(("failed", {"error": str(error)}))
         return
     except Exception as error:  # the page says it
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        told.send(("failed", {"error": said}))
+        pipe.send(("failed", {"error": sentence_of(error)}))
         return
     failed = [f"{t['image']}: {t['failed']}" for t in report["takes"] if t["failed"]]
-    said = report["verdict"]["headline"], report["verdict"]["level"]
-    told.send(("done", {"headline": said[0], "level": said[1], "failed": failed}))
+    verdict = {key: report["verdict"][key] for key in ("headline", "level")}
+    pipe.send(("done", verdict | {"failed": failed}))

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
-from lensfit.errors import LensfitError
+from lensfit.errors import LensfitError, sentence_of
 from lensfit.workflow.check.records import Check
 from lensfit.workflow.check.sentences import plan_sentence, sentences
 from lensfit.workflow.check.session import CheckSession
@@ -91,8 +91,7 @@ class CheckedPhotographs:
     def _photographs(self):
         """Views of the plan that lie elsewhere, and the folder's own."""
         shoot = self._session.shoot
-        for take in () if shoot is None else shoot.takes:
-            path = shoot.image_path(take) if shoot else Path(take.image)
+        for path in [] if shoot is None else map(shoot.image_path, shoot.takes):
             if path.is_file() and path.parent.resolve() != self.folder.resolve():
                 yield path
         yield from new_photographs(self.folder, lambda: not self._ended.is_set())
@@ -103,8 +102,7 @@ class CheckedPhotographs:
         except LensfitError as error:
             return Checked(path, None, str(error))
         except Exception as error:  # one photograph must not end the watch
-            said = " ".join(f"{type(error).__name__}: {error}".split())
-            return Checked(path, None, said)
+            return Checked(path, None, sentence_of(error))
 
 
 def _facts(place: int, one: Checked) -> dict[str, Any]:

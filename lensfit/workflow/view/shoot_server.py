@@ -15,7 +15,8 @@
 ===========================  ======================================================
 """
 
-from typing import Annotated, ClassVar, Literal, final
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, Literal, final
 
 from msgspec import Meta, Struct
 from starlette.requests import Request
@@ -163,33 +164,38 @@ class ShootServer:
 
     async def target(self, request: Request) -> Response:
         """A chart more."""
-        await message_of(request, Nothing)
-        await self._in_turn.done(self.viewed.add_target)
+        await self._done(request, Nothing, lambda _: self.viewed.add_target())
         return await self.shoot(request)
 
     async def remove(self, request: Request) -> Response:
         """A chart or photograph less; its file stays."""
-        said: Table = await message_of(request, Table)
-        await self._in_turn.done(lambda: self.viewed.remove(said.table, said.place))
+        await self._done(
+            request, Table, lambda one: self.viewed.remove(one.table, one.place)
+        )
         return await self.shoot(request)
 
     async def draft(self, request: Request) -> Response:
         """Photographs that the file lacks."""
-        await message_of(request, Nothing)
-        await self._in_turn.done(self.viewed.draft)
+        await self._done(request, Nothing, lambda _: self.viewed.draft())
         return await self.shoot(request)
 
     async def calibrate(self, request: Request) -> Response:
         """Begin."""
-        said: Calibrate = await message_of(request, Calibrate)
-        await self._in_turn.done(lambda: self.viewed.run.start(said.effort))
+        run = self.viewed.run
+        await self._done(request, Calibrate, lambda one: run.start(one.effort))
         return await self.calibration(request)
 
     async def cancel(self, request: Request) -> Response:
         """End; earlier results stay."""
-        await message_of(request, Nothing)
-        await self._in_turn.done(self.viewed.run.cancel)
+        await self._done(request, Nothing, lambda _: self.viewed.run.cancel())
         return await self.calibration(request)
+
+    async def _done(
+        self, request: Request, record: type, job: Callable[[Any], None]
+    ) -> None:
+        """What a message wants, once what was wanted before is done."""
+        message = await message_of(request, record)
+        await self._in_turn.done(lambda: job(message))
 
     async def report(self, _request: Request) -> Response:
         """The report of the last calibration."""

@@ -1,10 +1,9 @@
 """A preset alone, as it is looked at: point-spread functions, maps and their errors.
 
-Everything is asked of the lens of the preset at the state that is turned to, and drawn
-by the code of the report.
+Everything is computed by the lens of the preset at the state that is turned to, and
+drawn by the code of the report.
 """
 
-import base64
 import math
 from typing import Annotated, Any, final
 
@@ -28,6 +27,7 @@ from lensfit.workflow.report.kernels import (
     field_tiles,
     width_of_blur_mm,
 )
+from lensfit.workflow.report.pictures import png_address
 from lensfit.workflow.report.plots import entry_figures
 from lensfit.workflow.report.svg import Figure
 from lensfit.workflow.report.through import (
@@ -123,7 +123,7 @@ class ViewedLens:
         distance = _object_distance_mm(lens, wanted)
         tiles, width_mm = field_tiles(lens, distance, self._pixel_mm)
         return {
-            "picture": _address(png(sheet_of(tiles))),
+            "picture": png_address(png(sheet_of(tiles))),
             "width_px": width_mm / self._pixel_mm,
             "errors": expected_errors(lens, distance, width_mm),
             "notes": lens.notes,
@@ -147,7 +147,7 @@ class ViewedLens:
         psfs = np.asarray(lens.psfs(point, distance, **drawn)[0])
         peak = float(psfs.max()) or 1.0
         found = {
-            "picture": _address(_colour_png(psfs / peak)),
+            "picture": png_address(_colour_png(psfs / peak)),
             "width_px": width_mm / self._pixel_mm,
             "x_mm": round(float(point[0, 0]), 3),
             "y_mm": round(float(point[0, 1]), 3),
@@ -157,7 +157,7 @@ class ViewedLens:
         if lens.blur is not None and lens.moved_blurs is not None:
             known = lens.known_psfs(point, distance, draws=_DRAWS, **drawn)
             deviation = known.deviation[0] / peak
-            found["deviation"] = _address(_colour_png(np.stack([deviation] * 3)))
+            found["deviation"] = png_address(_colour_png(np.stack([deviation] * 3)))
             found["error"] = plain(float(known.relative_error()[0]))
         return found
 
@@ -178,7 +178,7 @@ class ViewedLens:
         defocus = _through_focus(vergence - to_focus, usual, -to_focus)
         found = through_tiles(lenses, _point_mm(lens, wanted), defocus, self._pixel_mm)
         return {
-            "picture": _address(png(sheet_of(found.tiles[0]))),
+            "picture": png_address(png(sheet_of(found.tiles[0]))),
             "f_numbers": stops,
             "distances_mm": [plain_distance(mm) for mm in found.distances_mm],
             "width_px": found.width_mm / self._pixel_mm,
@@ -272,10 +272,6 @@ def _colour_png(light: Float[np.ndarray, "3 height width"]) -> bytes:
     picture = np.moveaxis(np.round(255 * shown).astype(np.uint8), 0, -1)
     _, buffer = cv2.imencode(".png", np.ascontiguousarray(picture[..., ::-1]))
     return buffer.tobytes()
-
-
-def _address(content: bytes) -> str:
-    return f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def _figure(figure: Figure) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 import tempfile
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, final
 
@@ -69,9 +70,7 @@ class ViewedShoot:
         ------
         LensfitError : It cannot be that.
         """
-        with self._changing:
-            set_field(self.path, self.images, where, typed)
-            self._plan_anew()
+        self._change(set_field, where, typed)
 
     def add_target(self) -> None:
         """One more chart in the file.
@@ -80,9 +79,7 @@ class ViewedShoot:
         ------
         LensfitError : The file cannot be changed.
         """
-        with self._changing:
-            add_target(self.path, self.images)
-            self._plan_anew()
+        self._change(add_target)
 
     def remove(self, table: str, place: int) -> None:
         """A chart or a photograph out of the file.
@@ -91,9 +88,7 @@ class ViewedShoot:
         ------
         LensfitError : The file cannot be changed.
         """
-        with self._changing:
-            remove_table(self.path, self.images, table, place)
-            self._plan_anew()
+        self._change(remove_table, table, place)
 
     def draft(self) -> None:
         """A shoot file from the photographs, or those that it lacks into it.
@@ -155,6 +150,12 @@ class ViewedShoot:
 
     def _shoot(self) -> Shoot | None:
         return loaded(self.path, self.images) if self.path.is_file() else None
+
+    def _change(self, change: Callable[..., None], *wanted: Any) -> None:
+        """The file by a function of `shoot_form`; one change after the other."""
+        with self._changing:
+            change(self.path, self.images, *wanted)
+            self._plan_anew()
 
     def _plan_anew(self) -> None:
         self.checked.plan_is(self._shoot())

@@ -19,7 +19,11 @@ from lensfit.fit.wavefront.stages import (
     freed,
     settled,
 )
-from lensfit.fit.wavefront.told_by_marks import errors_of, told_by_marks
+from lensfit.fit.wavefront.told_by_marks import (
+    errors_of,
+    keeping_centroids,
+    told_by_marks,
+)
 
 PIXEL_MM = 0.01
 LENS = Seidel(4.0, -3.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
@@ -118,6 +122,16 @@ def test_marks_do_not_spoil_the_shape_of_dots(wavefront):
     value[0] = 1.0
     said = Amounts(value, np.eye(len(errors)))
     assert told_by_marks(wavefront, errors, said) is None
+
+
+def test_a_move_that_fails_leaves_the_wavefront(wavefront, monkeypatch):
+    """A solve far off may end in NaN: then centroids stay where they were found."""
+    nowhere = np.full((1, LAYOUT.size), np.nan)
+    nothing = Amounts(np.ones(1), np.zeros((1, 1)))
+    assert told_by_marks(wavefront, nowhere, nothing) is None
+    where = "lensfit.fit.wavefront.told_by_marks.undoing"
+    monkeypatch.setattr(where, lambda *_: nowhere[0])
+    assert keeping_centroids(wavefront) is wavefront
 
 
 def test_drags_too_large_for_a_step_are_left(true_fit):

@@ -106,7 +106,7 @@ def test_rims_that_pass_the_axial_beam_cost_nothing():
     assert np.all(np.asarray(cut.gradient)[RADII][::2] < 0.0)
 
 
-def test_a_narrow_opening_far_from_focus_is_told_from_a_wide_one_near_to_it(gathered):
+def test_a_narrow_opening_far_from_focus_differs_from_a_wide_one_near_to_it(gathered):
     """Both draw the same discs: statements alone say which it is."""
     blind = first_stage(gathered, LAYOUT, lens_of(stated_defocus_mm(gathered) / 0.85))
     narrow = blind.parameters.copy()

@@ -163,7 +163,7 @@ def test_what_is_traced_back_is_the_transpose_of_what_is_seen(waves):
 
 
 @pytest.mark.parametrize("larger", [0.02, -0.03])
-def test_a_larger_disc_is_told_from_blur(larger):
+def test_a_larger_disc_is_no_blur(larger):
     """In the size, and in nothing that a defocus would show; the rest of the second
     order is a tenth of it."""
     disc = 5 * PIXEL_MM * np.eye(2)

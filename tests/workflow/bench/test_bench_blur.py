@@ -30,7 +30,7 @@ def test_brightness_and_background_are_found_for_each(dots):
     np.testing.assert_allclose(blur._errors(seen, image), 0.0, atol=1e-9)
 
 
-def test_what_is_left_is_told_against_the_light_of_the_dot(dots):
+def test_errors_are_relative_to_the_light_of_the_dot(dots):
     """A tenth of the light that no image has, on the cells that count."""
     seen, image = dots
     rng = np.random.default_rng(3)

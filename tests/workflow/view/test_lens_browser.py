@@ -5,7 +5,15 @@ from pathlib import Path
 
 import pytest
 from browser import CHROMIUM, Browser
-from view_makers import UNNAMED, Client, box_of, mouse, served, until
+from view_makers import (
+    UNNAMED,
+    Client,
+    box_of,
+    mouse,
+    page_in_browser,
+    served,
+    until,
+)
 
 from lensfit.preset.store import load_preset
 from lensfit.workflow.view.lens_server import LensServer
@@ -34,9 +42,8 @@ def client() -> Iterator[Client]:
 def opened(
     client: Client, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Browser]:
-    with Browser(tmp_path_factory.mktemp("profile")) as browser:
-        browser.open(client.address)
-        until(browser, DRAWN, True)
+    profile = tmp_path_factory.mktemp("profile")
+    with page_in_browser(client, profile, DRAWN) as browser:
         yield browser
 
 

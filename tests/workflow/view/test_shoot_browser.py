@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from browser import CHROMIUM, Browser
 from bundled_shoot import DEMO, shoot_text_without_blur
-from view_makers import UNNAMED, Client, served, until
+from view_makers import UNNAMED, Client, page_in_browser, served, until
 
 from lensfit.preset.store import load_preset
 from lensfit.workflow.shoot.file import load_shoot
@@ -48,9 +48,9 @@ def client(folder: Path) -> Iterator[Client]:
 def opened(
     client: Client, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Browser]:
-    with Browser(tmp_path_factory.mktemp("profile")) as browser:
-        browser.open(client.address)
-        until(browser, "document.querySelectorAll('#form details').length > 3", True)
+    profile = tmp_path_factory.mktemp("profile")
+    ready = "document.querySelectorAll('#form details').length > 3"
+    with page_in_browser(client, profile, ready) as browser:
         yield browser
 
 

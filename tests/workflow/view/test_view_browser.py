@@ -11,6 +11,7 @@ from view_makers import (
     Client,
     box_of,
     click,
+    page_in_browser,
     plate_client,
     thin_lens,
     until,
@@ -40,9 +41,8 @@ def client(plate: Path) -> Iterator[Client]:
 def opened(
     client: Client, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Browser]:
-    with Browser(tmp_path_factory.mktemp("profile")) as browser:
-        browser.open(client.address)
-        until(browser, "document.getElementById('stage').dataset.shown", "full")
+    profile = tmp_path_factory.mktemp("profile")
+    with page_in_browser(client, profile, f"{SHOWN} === 'full'") as browser:
         yield browser
 
 

@@ -140,6 +140,15 @@ def plate_client(
         yield client
 
 
+@contextmanager
+def page_in_browser(client: Client, profile: Path, ready: str) -> Iterator[Browser]:
+    """The page of a client, once an expression of it is true."""
+    with Browser(profile) as browser:
+        browser.open(client.address)
+        until(browser, ready, True)
+        yield browser
+
+
 def until(browser: Browser, expression: str, wanted: Any, patience_s: float = 120.0):
     """Wait for an expression of the page to have a value."""
     deadline = time.monotonic() + patience_s
