@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
-from lensfit.fit.wavefront.families import f_number_width, families_of, stops_shown
+from lensfit.fit.wavefront.families import families_of, stops_shown
 from lensfit.fit.wavefront.uncertainty import held_stops
 
 DEFOCUS_MM = np.array([0.3, -0.25, 0.0])
@@ -41,7 +41,7 @@ def test_a_stop_photographed_in_focus_alone_is_not_fitted():
 def test_its_doubt_is_that_of_the_f_number():
     families = families_of(OUT_OF_FOCUS, LAYOUT, DEFOCUS_MM)
     (ratios,) = (one for one in families if one.name == "stop_ratios")
-    assert ratios.deviation == (f_number_width(OUT_OF_FOCUS),) == (0.05,)
+    assert ratios.deviation == (OUT_OF_FOCUS.widths.f_number,) == (0.05,)
     stage: Any = SimpleNamespace(layout=LAYOUT, gathered=IN_FOCUS)
     first = LAYOUT.blocks["stop_ratio"].start
     np.testing.assert_array_equal(held_stops(stage, np.arange(first)), [first])
