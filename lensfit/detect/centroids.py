@@ -29,7 +29,7 @@ from lensfit.detect.patches import Patches, second_moments_about
 _CHUNK_SAMPLES = 1_500_000
 _THREADS = 2
 _SMOOTHING_BRIGHT_PX = 2.5
-_SMOOTHING_DARK_PX = 1.0
+SMOOTHING_DARK_PX = 1.0
 _SMALLEST_WELL = 10_000
 """Electrons at the brightest sample: no camera used for this has noisier light."""
 _SAMPLED_DOTS = 40
@@ -37,10 +37,14 @@ _ENOUGH_SAMPLES, _BAND_ROWS = 2_000_000, 32
 """To judge the noise of a picture by, and rows of the bands they are taken from."""
 _CLIPPED_FIELD = 0.02
 """Dark dots: this much of the window may be clipped paper."""
-_BAND_GAIN = 1.4
+BAND_GAIN = 1.4
 """Dark dots: levels from (1 - 1/gain)/2 to (1 + 1/gain)/2 of the depth are kept."""
 _ABOVE_NOISE = (4.0, 7.0)
 """Bright dots: the weight rises from 0 to 1 between these multiples of the noise."""
+_BRIGHT_REACH, _BRIGHT_RING = 0.49, 0.62
+"""Aperture and outer ring of bright dots, in distances to the nearest dot."""
+_DARK_REACH = 0.47
+_DARK_MARGIN_PX = 5.0
 
 
 class Windows(NamedTuple):
@@ -80,6 +84,35 @@ class Measured(NamedTuple):
     steepness: Float[np.ndarray, " dots"]
 
 
+def windows_of(
+    moment_px2: Float[np.ndarray, "dots 2 2"],
+    spacing_px: Float[np.ndarray, " dots"],
+    *,
+    bright: bool,
+) -> Windows:
+    """Apertures that hold a dot's light and stay clear of its neighbours'.
+
+    The light of bright dots reaches far, as aberration: up to half-way to the next
+    dot. A dark dot's own ellipse plus a margin holds its blur and sharpening halo.
+
+    Parameters
+    ----------
+    moment_px2 : Second central moments of the dots.
+    spacing_px : To the nearest dot.
+    """
+    radius = 2 * np.linalg.det(moment_px2) ** 0.25
+    if bright:
+        aperture = _BRIGHT_REACH * spacing_px
+        shape = np.eye(2) * aperture[:, None, None] ** 2
+        ring = np.full(len(spacing_px), _BRIGHT_RING / _BRIGHT_REACH)
+    else:
+        aperture = np.maximum(_DARK_REACH * spacing_px, 1.1 * radius)
+        aperture = np.minimum(radius + _DARK_MARGIN_PX, aperture)
+        shape = 4 * moment_px2 * (aperture / radius)[:, None, None] ** 2
+        ring = 1 + np.maximum(2.0, 0.25 * aperture) / aperture
+    return Windows(shape, ring, np.maximum(0.5 * radius, 0.8) / aperture)
+
+
 def measure(
     image: Float[np.ndarray, "height width"],
     centre_px: Float[np.ndarray, "dots 2"],
@@ -101,7 +134,7 @@ def measure(
     """
     image = np.ascontiguousarray(image, np.float32)
     shot = shot_noise_gain(image, saturation) if polarity == "bright" else 0.0
-    sigma = _SMOOTHING_BRIGHT_PX if polarity == "bright" else _SMOOTHING_DARK_PX
+    sigma = _SMOOTHING_BRIGHT_PX if polarity == "bright" else SMOOTHING_DARK_PX
     smooth = cv2.GaussianBlur(image, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
     reach = np.sqrt(np.linalg.eigvalsh(windows.shape_px2)[:, 1]) * windows.ring
     half = np.maximum(np.ceil(reach + 0.5).astype(int), 2)
@@ -209,7 +242,7 @@ def _measure(
         covariance = (covariance + shot * own) / (total**2)[:, None, None]
     else:
         share = _smoothed_share(weight, patch, centre)
-        scale = total * level / _BAND_GAIN
+        scale = total * level / BAND_GAIN
         covariance *= share / (scale**2)[:, None, None]
     clipped = (patch.sharp >= saturation) & (aperture > 0.5)
     limit = 0.0 if bright else _CLIPPED_FIELD
@@ -254,8 +287,8 @@ def _above_noise(smooth, noise):
 def _band(smooth, level, aperture):
     """Depth clipped to the band about half-level, and where it is not clipped."""
     safe = np.where(level < 0, level, -np.inf).astype(np.float32)
-    depth = smooth * (_BAND_GAIN / safe)[:, None]
-    depth += 0.5 - 0.5 * _BAND_GAIN
+    depth = smooth * (BAND_GAIN / safe)[:, None]
+    depth += 0.5 - 0.5 * BAND_GAIN
     unclipped = ((depth > 0) & (depth < 1)) * aperture
     return np.clip(depth, 0, 1, out=depth) * aperture, unclipped
 
@@ -285,7 +318,7 @@ def _smoothed_share(weight, patch: Patches, centre) -> float:
     side = round(weight.shape[1] ** 0.5)
     lever = (patch.basis[:, 1] - centre[some, :1]) * weight[some]
     lever = lever.reshape(-1, side, side)
-    spread = gaussian_filter(lever, (0, _SMOOTHING_DARK_PX, _SMOOTHING_DARK_PX))
+    spread = gaussian_filter(lever, (0, SMOOTHING_DARK_PX, SMOOTHING_DARK_PX))
     white = (lever**2).sum((1, 2))
     share = (spread**2).sum((1, 2))[white > 0] / white[white > 0]
     return float(np.median(share)) if len(share) else 1.0

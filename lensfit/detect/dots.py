@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from lensfit.detect.blobs import POLARITIES, Blobs, find_blobs
-from lensfit.detect.centroids import Measured, Windows, measure
+from lensfit.detect.centroids import Measured, measure, windows_of
 from lensfit.detect.dot_checks import (
     lit_enough,
     overlapping,
@@ -30,10 +30,6 @@ from lensfit.photograph import Photograph
 _FEWEST = 16
 _THREADS = 2
 """Of channels: the noise of one is judged while dots of another are measured."""
-_BRIGHT_REACH, _BRIGHT_RING = 0.49, 0.62
-"""Aperture and outer ring of bright dots, in distances to the nearest dot."""
-_DARK_REACH = 0.47
-_DARK_MARGIN_PX = 5.0
 
 
 def find_dots(
@@ -95,33 +91,14 @@ def _window(photograph: Photograph, roi):
     return x0, y0, x1, y1
 
 
-def _windows(blobs: Blobs, polarity: str) -> Windows:
-    """Apertures that hold a dot's light and stay clear of its neighbours'.
-
-    The light of bright dots reaches far, as aberration: up to half-way to the next
-    dot. A dark dot's own ellipse plus a margin holds its blur and sharpening halo.
-    """
-    spacing = nearest(KDTree(blobs.centre_px), blobs.centre_px, 2)[0][:, 1]
-    radius = 2 * np.linalg.det(blobs.moment_px2) ** 0.25
-    if polarity == "bright":
-        aperture = _BRIGHT_REACH * spacing
-        shape = np.eye(2) * aperture[:, None, None] ** 2
-        ring = np.full(len(spacing), _BRIGHT_RING / _BRIGHT_REACH)
-    else:
-        aperture = np.maximum(_DARK_REACH * spacing, 1.1 * radius)
-        aperture = np.minimum(radius + _DARK_MARGIN_PX, aperture)
-        shape = 4 * blobs.moment_px2 * (aperture / radius)[:, None, None] ** 2
-        ring = 1 + np.maximum(2.0, 0.25 * aperture) / aperture
-    return Windows(shape, ring, np.maximum(0.5 * radius, 0.8) / aperture)
-
-
 def _observe(
     photograph: Photograph, blobs: Blobs, indices, polarity, asymmetric, strays: Blobs
 ) -> Observations:
     """Measure every channel, leave out what is no dot, and fill in the record."""
     pixels, ceiling = photograph.pixels, photograph.saturation
     green = 1 if pixels.shape[2] == 3 else 0
-    windows = _windows(blobs, polarity)
+    spacing = nearest(KDTree(blobs.centre_px), blobs.centre_px, 2)[0][:, 1]
+    windows = windows_of(blobs.moment_px2, spacing, bright=polarity == "bright")
     ignore = _drawn(strays, pixels.shape[:2])
 
     def measured(channel: int) -> Measured:

@@ -16,6 +16,24 @@ Numbers = Any
 """NumPy's arrays while dots are gathered and chosen, JAX's in the fit."""
 
 
+class Aperture(NamedTuple):
+    """Through which detection measures where a broad dot is (`mark`).
+
+    Attributes
+    ----------
+    to_edge : From the unit disc to the edge of the aperture, cells.
+    ring, core : Outer edge of the ring that tells the background, and of what tells the
+        dot's own level, in apertures.
+    smoothing : Standard deviation, cells, by which the picture of a dark dot is
+        smoothed; 0 of a bright one.
+    """
+
+    to_edge: Float[Numbers, "dots 2 2"]
+    ring: Float[Numbers, " dots"]
+    core: Float[Numbers, " dots"]
+    smoothing: Float[Numbers, " dots"]
+
+
 class Broad(NamedTuple):
     """Dots too wide for places of rays, which are drawn as discs (`waves`).
 
@@ -24,11 +42,13 @@ class Broad(NamedTuple):
     disc_mm : From the unit disc to the image of each.
     beside_mm : From each to those around it; NaN where there are fewer.
     size_width : Standard deviation of the share by which they may be larger.
+    aperture : Of detection.
     """
 
     disc_mm: Float[Numbers, "dots 2 2"]
     beside_mm: Float[Numbers, "dots neighbours 2"]
     size_width: Float[Numbers, " dots"]
+    aperture: Aperture
 
 
 class Dots(NamedTuple):

@@ -1,6 +1,6 @@
-"""How far blur drags the light of every dot, and its mark with it (`drag`, for all).
+"""How far blur drags the mark of every dot (`drag`, of broad dots `mark`, for all).
 
-Where the model says that a centroid lies further out by so much, the chief ray lands
+Where the model says that a mark lies further out by so much, the chief ray lands
 further in: marks go against their drags.
 """
 
@@ -17,26 +17,37 @@ from lensfit.batches import in_batches
 from lensfit.fit.wavefront.dots import Dots
 from lensfit.fit.wavefront.drag import centroid_slopes_mm, centroids_mm
 from lensfit.fit.wavefront.gather import Gathered, chosen, spread_over_takes
+from lensfit.fit.wavefront.mark import (
+    Seen,
+    mark_offset_slopes_mm,
+    mark_offsets_mm,
+)
+from lensfit.fit.wavefront.normal import as_float32
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.stages import Stage, with_iris
+from lensfit.fit.wavefront.waves import Transfer
 from lensfit.programs import kept_program
 
-_BATCH, _SLOPES_BATCH = 512, 32
+_BATCH, _BROAD_BATCH, _SLOPES_BATCH = 512, 32, 32
 """Dots that go through a program at a time."""
 _TELLING = 12
 """Dots of a take that tell how errors of the wavefront move its marks."""
 
 
 def drags_mm(stage: Stage, gathered: Gathered) -> Float[np.ndarray, "dots 3 2"]:
-    """Centroid of every dot and channel from where its chief ray lands."""
-    return _of_dots(centroids_mm, stage, gathered, _BATCH)
+    """Mark of every dot and channel from where its chief ray lands."""
+    if gathered.dots.broad is None:
+        return _of_dots(centroids_mm, stage, gathered, _BATCH)
+    return _of_dots(mark_offsets_mm, stage, gathered, _BROAD_BATCH)
 
 
 def drag_slopes_mm(
     stage: Stage, gathered: Gathered
 ) -> Float[np.ndarray, "dots 3 2 parameters"]:
     """d `drags_mm` / d parameter; it costs ten times as much."""
-    return _of_dots(centroid_slopes_mm, stage, gathered, _SLOPES_BATCH)
+    broad = gathered.dots.broad is not None
+    slopes = mark_offset_slopes_mm if broad else centroid_slopes_mm
+    return _of_dots(slopes, stage, gathered, _SLOPES_BATCH)
 
 
 def telling_dots(gathered: Gathered) -> Gathered:
@@ -86,19 +97,20 @@ def _told_to_all(
 def _of_dots(
     function: Callable[..., Array], stage: Stage, gathered: Gathered, batch: int
 ) -> Float[np.ndarray, "dots 3 2 *shape"]:
-    """What a function such as `centroids_mm` finds at the parameters of the fit."""
-    return in_batches(
-        lambda dots: _one_by_one(
-            function,
-            jnp.asarray(stage.parameters),
-            jax.tree.map(jnp.asarray, dots),
-            jnp.asarray(gathered.chromatic),
-            stage.layout,
-            gathered.scale,
-        ),
-        with_iris(gathered, stage.blades),
-        batch,
-    )
+    """What a function such as `mark_offsets_mm` finds at the parameters of the fit."""
+    cells = gathered.light.shape[-1]
+    parameters = jnp.asarray(stage.parameters)
+    chromatic = jnp.asarray(gathered.chromatic)
+
+    def found(part: tuple[Dots, Transfer | None]) -> Array:
+        dots, transfer = jax.tree.map(jnp.asarray, part)
+        seen = dots, chromatic, stage.layout, gathered.scale
+        if transfer is None:
+            return _one_by_one(function, parameters, *seen)
+        return _drawn_one_by_one(function, parameters, *seen, transfer, cells)
+
+    dots = with_iris(gathered, stage.blades)
+    return in_batches(found, (dots, gathered.transfer), batch).astype(float)
 
 
 @kept_program(static_argnames=("function", "layout"))
@@ -113,3 +125,24 @@ def _one_by_one(
     return jax.lax.map(
         lambda dot: function(parameters, dot, chromatic, layout, scale), dots
     )
+
+
+@kept_program(static_argnames=("function", "layout", "cells"))
+def _drawn_one_by_one(
+    function: Callable[..., Array],
+    parameters: Array,
+    dots: Dots,
+    chromatic: Array,
+    layout: Layout,
+    scale: Scale,
+    transfer: Transfer,
+    cells: int,
+) -> Array:
+    """Of broad dots, in single precision as the fit draws them."""
+    numbers = parameters, dots, transfer, chromatic, scale
+    parameters, dots, transfer, chromatic, scale = jax.tree.map(as_float32, numbers)
+
+    def one(part: tuple[Dots, Transfer]) -> Array:
+        return function(parameters, Seen(*part, chromatic, layout, scale), cells)
+
+    return jax.lax.map(one, (dots, transfer))

@@ -10,9 +10,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from lensfit.batches import in_batches
+from lensfit.detect.centroids import SMOOTHING_DARK_PX, windows_of
 from lensfit.fit.adjust import fitted_depths_mm
 from lensfit.fit.geometry import (
     Frame,
@@ -24,7 +25,7 @@ from lensfit.fit.geometry import (
 )
 from lensfit.fit.parameters import Layout as GeometryLayout
 from lensfit.fit.wavefront.beside import beside_mm
-from lensfit.fit.wavefront.dots import Broad, Dots
+from lensfit.fit.wavefront.dots import Aperture, Broad, Dots
 from lensfit.fit.wavefront.hole import Hole, hole_of, no_hole, soft_hole
 from lensfit.fit.wavefront.shown import (
     Shown,
@@ -136,7 +137,34 @@ def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
 
 def _discs(shown: Shown, disc_mm: np.ndarray) -> Broad:
     width = np.full(len(disc_mm), shown.take.widths.diameter)
-    return Broad(disc_mm, beside_mm(shown), width)
+    beside = beside_mm(shown)
+    return Broad(disc_mm, beside, width, _aperture(shown, disc_mm, beside))
+
+
+def _aperture(
+    shown: Shown,
+    disc_mm: Float[np.ndarray, "dots 2 2"],
+    beside_mm: Float[np.ndarray, "dots neighbours 2"],
+) -> Aperture:
+    """As detection has it for discs blurred to the diameters that were seen."""
+    pixel_mm, cell_px = shown.take.pixel_mm, shown.cutouts.cell_px
+    disc_px = disc_mm / pixel_mm[:, None]
+    area = np.abs(np.linalg.det(disc_px))[:, None, None]
+    radius_px = diameters_mm(shown) / 2 / float(np.mean(pixel_mm))
+    moment_px2 = disc_px @ disc_px.mT / 4 * radius_px[:, None, None] ** 2 / area
+    apart_px = np.linalg.norm(beside_mm / pixel_mm, axis=-1)
+    nearest_px = np.nan_to_num(apart_px, nan=np.inf).min(1)
+    alone = ~np.isfinite(nearest_px)
+    nearest_px[alone] = shown.cutouts.light.shape[-1] * cell_px
+    bright = shown.take.observations.bright
+    windows = windows_of(moment_px2, nearest_px, bright=bright)
+    smoothing = 0.0 if bright else SMOOTHING_DARK_PX / cell_px
+    return Aperture(
+        np.linalg.cholesky(windows.shape_px2) / cell_px,
+        windows.ring,
+        windows.core,
+        np.full(len(disc_mm), smoothing),
+    )
 
 
 def _depth_factor(shown: Shown) -> float:

@@ -95,7 +95,7 @@ def equations_of(
     return Patch(
         matrix,
         jnp.sum(w * residual**2) + nuisance.cost,
-        _pulled(spot, profile, -basis.traced_back(pull)),
+        pulled(spot, profile, -basis.traced_back(pull)),
         jnp.concatenate([values[:2], shift, nuisance.larger[None]]),
         residual,
     )
@@ -182,7 +182,7 @@ def _products(rows: Array, columns: Array) -> Float[Array, "size2 rays"]:
     return (rows[:, None] * columns[None]).reshape(-1, rows.shape[-1])
 
 
-def _pulled(spot: Spot, profile: Profile, pull: Float[Array, "size size"]) -> Spot:
+def pulled(spot: Spot, profile: Profile, pull: Float[Array, "size size"]) -> Spot:
     """Sum of `pull` times d drawn / d spot."""
     light = pull @ profile.columns
     across = jnp.sum(profile.rows * (pull @ profile.columns_moved), 0)

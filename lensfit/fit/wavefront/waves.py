@@ -201,27 +201,32 @@ def transfers_of(
     cell_mm, cells : Of the patches.
     """
     some = [slice(k, k + _AT_ONCE) for k in range(0, len(cell_mm), _AT_ONCE)]
-    parts = [(Broad(*(part[s] for part in broad)), cell_mm[s]) for s in some]
-    found = [_transfers(*part, cells) for part in parts]
+    found = [
+        _transfers(broad.disc_mm[s], broad.beside_mm[s], cell_mm[s], cells)
+        for s in some
+    ]
     disc, resized = (np.concatenate(each) for each in zip(*found, strict=True))
     return Transfer(disc, resized, np.asarray(broad.size_width))
 
 
 def _transfers(
-    broad: Broad, cell_mm: Float[np.ndarray, "dots 2"], cells: int
+    disc_mm: Float[np.ndarray, "dots 2 2"],
+    beside_mm: Float[np.ndarray, "dots neighbours 2"],
+    cell_mm: Float[np.ndarray, "dots 2"],
+    cells: int,
 ) -> tuple[
     Complex[np.ndarray, "dots down right"], Complex[np.ndarray, "dots down right"]
 ]:
     """Of some of the dots, and their change by size."""
     period = _period(cells)
     down, right = _wave_numbers(cells, WAVES)
-    disc = (broad.disc_mm / cell_mm[:, :, None])[..., None, None]
+    disc = (disc_mm / cell_mm[:, :, None])[..., None, None]
     x = [disc[:, 0, k] * right + disc[:, 1, k] * down[:, None] for k in (0, 1)]
     x = np.maximum(np.hypot(*x), _TINY)
     # Waves to the left are not there: each to the right stands for both.
     twice = np.where(right > 0, 2, 1) / period**2
     box = np.sinc(right / (2 * np.pi)) * np.sinc(down / (2 * np.pi))[:, None] * twice
-    beside = broad.beside_mm / cell_mm[:, None]
+    beside = beside_mm / cell_mm[:, None]
     near = (np.abs(beside) < period / 2).all(-1)
     along_x = np.exp(-1j * np.nan_to_num(beside[..., :1]) * right)
     along_y = np.exp(-1j * np.nan_to_num(beside[..., 1:]) * down)

@@ -1,0 +1,173 @@
+"""Where detection finds the mark of a broad dot, on the image that the model draws.
+
+Detection (`detect.centroids`) takes the light around a dot off, and looks through an
+aperture about it: what blur carries farther than that moves no mark. A dark dot's depth
+it clips besides to a band about half-level, which keeps the rim alone, so that a mark
+is the middle of the rim rather than of the light. Coma moves the two by different
+amounts, and only the first is photographed.
+
+Images here are of light, whichever is darker. Places are cells from the middle of the
+patch, right and down.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lensfit.detect.centroids import BAND_GAIN
+from lensfit.fit.wavefront.dots import Aperture, Dots
+from lensfit.fit.wavefront.parameters import Layout, Scale
+from lensfit.fit.wavefront.patch import pulled
+from lensfit.fit.wavefront.rays import spot_seen
+from lensfit.fit.wavefront.shapes import Colour
+from lensfit.fit.wavefront.waves import Transfer, basis_of
+from lensfit.kernel.pixels import image_of
+from lensfit.kernel.spot import Spot
+
+_RAYS = 384
+"""Of an image, whose rays discs spread."""
+_ROUNDS = 2
+"""Of putting the aperture where the mark was found."""
+_SOFT_CELLS = 0.5
+_LEAST = 1e-6
+
+
+class Seen(NamedTuple):
+    """What is known of one dot (a row of `Dots`) and of its blur."""
+
+    dot: Dots
+    transfer: Transfer
+    chromatic: Float[Array, "3 wavelengths"]
+    layout: Layout
+    scale: Scale
+
+
+def mark_offsets_mm(
+    parameters: Float[Array, " parameters"], seen: Seen, cells: int
+) -> Float[Array, "3 2"]:
+    """From where each channel's chief ray lands to its mark.
+
+    Parameters
+    ----------
+    cells : Along a side of the dot's patch.
+    """
+
+    def channel(chromatic: Array, lateral_mm: Array) -> Array:
+        colour = Colour(chromatic, lateral_mm)
+        spot, _ = _spot_seen(parameters, seen, colour)
+        return _mark_of_spot_mm(spot, seen, cells)
+
+    return jax.vmap(channel)(seen.chromatic, seen.dot.lateral_mm)
+
+
+def mark_offset_slopes_mm(
+    parameters: Float[Array, " parameters"], seen: Seen, cells: int
+) -> Float[Array, "3 2 parameters"]:
+    """d `mark_offsets_mm` / d parameter."""
+
+    def channel(chromatic: Array, lateral_mm: Array) -> Array:
+        spot, led_back = _spot_seen(parameters, seen, Colour(chromatic, lateral_mm))
+        basis, profile = _drawn(spot, seen, cells)
+
+        def mark_mm(image: Array) -> Array:
+            return mark_of(image, _aperture(seen)) * seen.dot.cell_mm
+
+        image = basis.seen(image_of(spot, profile))
+        _, to_image = jax.vjp(mark_mm, image)
+
+        def along(axis: Array) -> Array:
+            (by_image,) = to_image(axis)
+            return led_back(pulled(spot, profile, basis.traced_back(by_image)))
+
+        return jax.vmap(along)(jnp.eye(2, dtype=image.dtype))
+
+    return jax.vmap(channel)(seen.chromatic, seen.dot.lateral_mm)
+
+
+def mark_of(
+    image: Float[Array, "cells cells"], aperture: Aperture
+) -> Float[Array, "2"]:
+    """Place of the mark on an image of light about the middle.
+
+    Parameters
+    ----------
+    aperture : Of one dot.
+    """
+    places = _places(image.shape[0], image.dtype)
+    radius = jnp.sqrt(jnp.abs(jnp.linalg.det(aperture.to_edge)))
+    image = image - _background(image, places, aperture, radius)
+    dark = aperture.smoothing > 0
+    image = jnp.where(dark, _rim_alone(image, places, aperture), image)
+    centre = jnp.zeros(2, image.dtype)
+    for _ in range(_ROUNDS):
+        away = _away(places - centre[None, None], aperture)
+        light = image * jnp.clip((1 - away) * radius + _SOFT_CELLS, 0, 1)
+        centre = jnp.einsum("rc,rci->i", light, places) / jnp.sum(light)
+    return centre
+
+
+def _mark_of_spot_mm(spot: Spot, seen: Seen, cells: int) -> Float[Array, "2"]:
+    basis, profile = _drawn(spot, seen, cells)
+    image = basis.seen(image_of(spot, profile))
+    return mark_of(image, _aperture(seen)) * seen.dot.cell_mm
+
+
+def _aperture(seen: Seen) -> Aperture:
+    assert seen.dot.broad is not None
+    return seen.dot.broad.aperture
+
+
+def _spot_seen(parameters: Array, seen: Seen, colour: Colour):
+    return spot_seen(parameters, seen.dot, colour, seen.layout, seen.scale, _RAYS)
+
+
+def _drawn(spot: Spot, seen: Seen, cells: int):
+    """On a patch whose middle is where the chief ray lands."""
+    dot = seen.dot
+    basis = basis_of(-dot.cell_mm * cells / 2, dot.cell_mm, cells, seen.transfer)
+    return basis, basis.profile(spot, dot.variance_mm2)
+
+
+def _places(cells: int, dtype) -> Float[Array, "cells cells 2"]:
+    along = np.arange(cells) - (cells - 1) / 2
+    x, y = np.meshgrid(along, along)
+    return jnp.asarray(np.stack([x, y], -1).astype(dtype))
+
+
+def _away(places: Array, aperture: Aperture) -> Float[Array, "cells cells"]:
+    """In apertures from the middle."""
+    inverse = jnp.linalg.inv(aperture.to_edge)
+    square = jnp.sum(jnp.einsum("ij,rcj->rci", inverse, places) ** 2, -1)
+    return jnp.sqrt(square + _LEAST)
+
+
+def _background(
+    image: Array, places: Array, aperture: Aperture, radius: Array
+) -> Float[Array, "cells cells"]:
+    """A plane through the ring around the aperture."""
+    away = _away(places, aperture)
+    ring = (away > 1 + _SOFT_CELLS / radius) & (away < aperture.ring)
+    w = ring.astype(image.dtype).reshape(-1)
+    design = jnp.concatenate([jnp.ones_like(image)[..., None], places], -1)
+    design = design.reshape(-1, 3)
+    inner = design.T @ (w[:, None] * design) + _LEAST * jnp.eye(3, dtype=w.dtype)
+    plane = jnp.linalg.solve(inner, design.T @ (w * image.reshape(-1)))
+    return (design @ plane).reshape(image.shape)
+
+
+def _rim_alone(
+    image: Array, places: Array, aperture: Aperture
+) -> Float[Array, "cells cells"]:
+    """Smoothed, and clipped to a band about half the level of the core."""
+    along = places[0, :, 0]
+    sigma = jnp.maximum(aperture.smoothing, _LEAST)
+    blur = jnp.exp(-((along[:, None] - along[None]) ** 2) / (2 * sigma**2))
+    blur = blur / jnp.sum(blur, 1, keepdims=True)
+    smooth = blur @ image @ blur.T
+    core = (_away(places, aperture) < aperture.core).astype(image.dtype)
+    level = jnp.sum(core * smooth) / jnp.maximum(jnp.sum(core), _LEAST)
+    band = BAND_GAIN * smooth / level + (1 - BAND_GAIN) / 2
+    return jnp.clip(band, 0, 1)
