@@ -30,8 +30,9 @@ from lensfit.programs import kept_program
 
 _BATCH, _BROAD_BATCH, _SLOPES_BATCH = 512, 32, 32
 """Dots that go through a program at a time."""
-_TELLING = 12
-"""Dots of a take that tell how errors of the wavefront move its marks."""
+_TELLING, _TELLING_ALL = 12, 40
+"""Dots of a take that tell how errors of the wavefront move its marks, and how the
+wavefront itself does."""
 
 
 def drags_mm(stage: Stage, gathered: Gathered) -> Float[np.ndarray, "dots 3 2"]:
@@ -39,6 +40,14 @@ def drags_mm(stage: Stage, gathered: Gathered) -> Float[np.ndarray, "dots 3 2"]:
     if gathered.dots.broad is None:
         return _of_dots(centroids_mm, stage, gathered, _BATCH)
     return _of_dots(mark_offsets_mm, stage, gathered, _BROAD_BATCH)
+
+
+def drags_of_all_mm(stage: Stage, gathered: Gathered) -> Float[np.ndarray, "dots 3 2"]:
+    """`drags_mm`; of broad dots, which take a drawing each, as a few tell it."""
+    if gathered.dots.broad is None:
+        return drags_mm(stage, gathered)
+    few = chosen(gathered, spread_over_takes(gathered, _TELLING_ALL))
+    return _told_to_all(drags_mm(stage, few)[:, None], few, gathered)[:, 0]
 
 
 def drag_slopes_mm(

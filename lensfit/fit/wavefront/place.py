@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.aliasing import Aliasing, aliasing_of
-from lensfit.fit.wavefront.drags import drags_mm
+from lensfit.fit.wavefront.drags import drags_of_all_mm
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage
@@ -30,7 +30,7 @@ def placed(stage: Stage, gathered: Gathered) -> list[Take]:
 
     Marks whose size is unknown stay where they are.
     """
-    dragged_mm = drags_mm(stage, gathered)
+    dragged_mm = drags_of_all_mm(stage, gathered)
     aliasing = aliasing_of(stage, gathered)
     takes = []
     for k, shown in enumerate(gathered.shown):
@@ -55,7 +55,7 @@ def moving_together(
     takes : As `placed` has them.
     moves_mm : How independent errors of the wavefront move every dot's mark (`drags`).
     """
-    dragged_mm = drags_mm(stage, gathered)
+    dragged_mm = drags_of_all_mm(stage, gathered)
     settings = [(take.f_number, take.focus_distance_mm) for take in takes]
     distinct = list(dict.fromkeys(settings))
     moves = moves_mm.shape[1]
