@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli._cores import CoresOption
 from lensfit.cli._tolerance import ToleranceOption
 from lensfit.cli.groups import takes_groups
@@ -280,6 +281,6 @@ def say_applied(
         text += f", {len(applied.skipped)} finished before"
     if applied.failures:
         text += f", {len(applied.failures)} failed"
-    typer.echo(text)
+    say_line(text)
     if cameras is not None:
-        typer.echo(cameras)
+        say_line(cameras)

@@ -82,6 +82,9 @@ def _count(cores: int) -> str:
 
 def _print(found) -> None:
     from rich.table import Table
+    from rich.text import Text
+
+    from lensfit.printable import printable
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("stage", "", "why"):
@@ -92,7 +95,7 @@ def _print(found) -> None:
         table.add_row(
             stage.stage,
             "run" if stage.runs else "left out",
-            stage.reason,
+            Text(printable(stage.reason)),
             f"{stage.error:.1e}" if stage.error else "–",
             f"{stage.seconds:.2f}" if stage.seconds else "–",
         )

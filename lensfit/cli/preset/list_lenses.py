@@ -27,7 +27,7 @@ def list_lenses(
         typer.echo(json.dumps([row._asdict() for row in rows]))
         return
     if not rows:
-        typer.echo(f"{levels[0].lenses}: no lens yet")
+        say_line(f"{levels[0].lenses}: no lens yet")
         return
     from rich.table import Table
     from rich.text import Text
