@@ -116,4 +116,4 @@ def _say(written: "Exported", as_json: bool) -> None:
     for path in written.paths:
         say_line(path)
     for one in written.nearness:
-        say_line(one)
+        say_line(str(one))

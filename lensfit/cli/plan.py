@@ -43,6 +43,14 @@ def plan(
     disabled: DisableGroup,
     bokeh: BokehGroup,
     look: LookGroup,
+    scale_to_sensor: Annotated[
+        bool,
+        typer.Option(
+            "--scale-to-sensor",
+            help="Put the look on a focal length or sensor that it was not measured "
+            "at: by field angle, beyond those in units of the frame",
+        ),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
 ) -> None:
     """Print which stages a plate needs, which are left out and why, error and time.
@@ -64,6 +72,7 @@ def plan(
         edge_matte=depth.edge_matte,
         knobs=stated(aberrations, bokeh, look) | disabled.gains,
         tolerance=tolerance,
+        scale_to_sensor=scale_to_sensor,
     )
     with progress_bars() as progress:
         lens = library.find(preset).preset

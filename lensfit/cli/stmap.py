@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import console, say_line
 from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
@@ -255,8 +256,6 @@ def _say_widths(lens, frame, tolerance_px: float, as_json: bool) -> None:
         typer.echo(json.dumps([one._asdict() for one in found], indent=1))
         return
     from rich.table import Table
-
-    from lensfit.cli._console import console
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("map")

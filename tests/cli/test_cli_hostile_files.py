@@ -54,7 +54,7 @@ def test_jpeg_within_tiff_is_decoded_to_rgb(tmp_path):
     stored = Image.fromarray(codes).convert("YCbCr")
     stored.save(tmp_path / "a.tif", compression="jpeg", quality=95)
     with tifffile.TiffFile(tmp_path / "a.tif") as file:
-        assert file.pages[0].photometric == tifffile.PHOTOMETRIC.YCBCR
+        assert file.pages.first.photometric == tifffile.PHOTOMETRIC.YCBCR
     from lensfit.io.raster import read_raster
 
     read = read_raster((tmp_path / "a.tif").read_bytes()).codes
