@@ -28,7 +28,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from lensfit.cores import available_cores
-from lensfit.private_folder import made_private, user_id
+from lensfit.private_folder import is_open_to_others, made_private, user_id
 
 CACHE_VARIABLE = "LENSFIT_CACHE_DIR"
 _MOST_CORES = 8
@@ -41,8 +41,9 @@ _UNSET = {"jax_compilation_cache_dir": (None, ""), "jax_num_cpu_devices": (-1,)}
 def configure_jax() -> None:
     """Turn on float64 and the persistent compilation cache; harmless if repeated."""
     _set("jax_enable_x64", True, overrule=True)
-    folder = cache_dir("jax")
-    if folder is not None and made_private(folder):
+    asked = cache_dir("jax")
+    folder = None if asked is None else made_private(asked)
+    if folder is not None:
         _set("jax_compilation_cache_dir", str(folder))
         # All of them: a run has hundreds of small ones, seconds together.
         _set("jax_persistent_cache_min_compile_time_secs", 0.0)
@@ -69,6 +70,17 @@ def cache_dir(kind: str) -> Path | None:
     own = user_id()
     whose = Path(chosen) if own is None else Path(chosen) / f"u{own}"
     return whose / kind / _processor()
+
+
+def cache_note() -> str | None:
+    """What to say where no compiled programs are kept since others could plant some."""
+    for folder in (cache_dir("jax"), cache_dir("programs")):
+        if folder is not None and is_open_to_others(folder):
+            return (
+                f"compiled programs are not kept: {folder}, or a folder around it, can "
+                f"be written by others; give {CACHE_VARIABLE} a folder of your own"
+            )
+    return None
 
 
 def count_cores() -> None:

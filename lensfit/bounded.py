@@ -10,6 +10,20 @@ from pathlib import Path
 from lensfit.errors import LensfitError
 
 
+def refuse_pipe(
+    path: Path, *, error: type[LensfitError], remedy: str | None = None
+) -> None:
+    """Refuse a folder, a pipe or a device, which nobody may wait for.
+
+    Parameters
+    ----------
+    error : Raised, naming `path`; what is not there at all is left to whoever opens it.
+    remedy : What to do about it.
+    """
+    if path.exists() and not path.is_file():
+        raise error("is no ordinary file", where=path, remedy=remedy)
+
+
 def read_beginning(
     path: Path,
     most_bytes: int,
@@ -26,8 +40,7 @@ def read_beginning(
     remedy : What to do about it.
     """
     try:
-        if path.exists() and not path.is_file():
-            raise error("is no ordinary file", where=path, remedy=remedy)
+        refuse_pipe(path, error=error, remedy=remedy)
         with path.open("rb") as file:
             return file.read(most_bytes)
     except (OSError, ValueError) as reason:

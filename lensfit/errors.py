@@ -10,6 +10,8 @@
 
 from pathlib import Path
 
+from lensfit.printable import printable
+
 _LONGEST = 500
 
 
@@ -34,8 +36,7 @@ class LensfitError(Exception):
     def _sentence(self) -> str:
         place = f"{self.where}: " if self.where is not None else ""
         advice = f"; {_shortened(self.remedy)}" if self.remedy else ""
-        line = " ".join(f"{place}{_shortened(self.what)}{advice}".split())
-        return line if line.isprintable() else "".join(map(_printable, line))
+        return printable(" ".join(f"{place}{_shortened(self.what)}{advice}".split()))
 
 
 def sentence_of(error: BaseException) -> str:
@@ -46,11 +47,6 @@ def sentence_of(error: BaseException) -> str:
 def _shortened(text: str) -> str:
     """A line stays a line, whatever a file holds where a word should stand."""
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-
-
-def _printable(character: str) -> str:
-    """What a file says may be no text at all, or steer the terminal that shows it."""
-    return character if character.isprintable() else ascii(character)[1:-1]
 
 
 class ImageError(LensfitError):

@@ -5,8 +5,9 @@ compiles it, and one kind of processor; together a world. Each world has a folde
 own, and those of the worlds used last are kept. Every file opens with a checksum.
 
 Format: what `jax.experimental.serialize_executable` writes, pickled. To load it is to
-run code, so that a file is read only from a folder that belongs to the user and that
-nobody else can write (`lensfit.private_folder`).
+run code, and no other format would change that: what is kept is the processor's own
+code. So a file is read only from a folder that belongs to the user and that nobody else
+can write or replace (`lensfit.private_folder`).
 """
 
 import functools
@@ -37,8 +38,9 @@ _CHECKSUM_BYTES = 32
 @functools.cache
 def program_folder() -> Path | None:
     """Where the programs of this world lie; None where the user wants none kept."""
-    root = cache_dir("programs")
-    if root is None or not made_private(root):
+    asked = cache_dir("programs")
+    root = None if asked is None else made_private(asked)
+    if root is None:
         return None
     devices = [(d.platform, d.device_kind) for d in jax.local_devices()]
     libraries = [(name, version(name)) for name in _LIBRARIES]

@@ -23,7 +23,7 @@ FLOORS = {
     "progress": 0,
     "cores": 0,
     "private_folder": 0,
-    "printable": 0,
+    "printable": -1,
     "_jax": 1,
     "_callable": 0,
     "bounded": 1,

@@ -8,7 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from lensfit._jax import cache_dir
+from lensfit.cli.main import app
 from lensfit.private_folder import is_private, made_private
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs users")
@@ -121,6 +124,47 @@ def test_jax_keeps_nothing_where_others_write(tmp_path, run):
     assert folder.startswith(str(tmp_path))
     Path(folder).chmod(0o777)
     assert run() == ["6.0", "None"]
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o757, 0o1777, 0o755])
+def test_nothing_is_kept_where_others_can_put_another_folder(tmp_path, mode):
+    """Unless the folder around is sticky, as /tmp is: there names stay safe."""
+    around = tmp_path / "shared"
+    around.mkdir()
+    around.chmod(mode)
+    assert bool(made_private(around / "own" / "leaf")) == (mode in (0o1777, 0o755))
+
+
+@needs_root
+def test_a_folder_of_another_user_serves_nobody_else(tmp_path):
+    around = tmp_path / "theirs"
+    around.mkdir()
+    assert made_private(around / "leaf")
+    os.chown(around, 12345, -1)
+    assert not made_private(around / "leaf")
+    (tmp_path / "link").symlink_to(tmp_path)  # what is used is the real path
+    assert made_private(tmp_path / "link" / "a" / "b") == tmp_path / "a" / "b"
+
+
+def test_commands_say_that_programs_are_not_kept(tmp_path, monkeypatch):
+    (tmp_path / "cache").mkdir()
+    (tmp_path / "cache").chmod(0o777)
+    monkeypatch.setenv("LENSFIT_CACHE_DIR", str(tmp_path / "cache"))
+    for kind in ("jax", "programs"):
+        folder = cache_dir(kind)
+        assert folder is not None
+        folder.mkdir(parents=True, mode=0o700)
+    import jax
+
+    assert jax
+    done = CliRunner().invoke(app, ["preset", "show", "none.json"])
+    notes = [line for line in done.stderr.splitlines() if "note" in line]
+    assert len(notes) == 1
+    assert "written by others" in notes[0]
+    assert "LENSFIT_CACHE_DIR" in notes[0]
+    (tmp_path / "cache").chmod(0o755)
+    done = CliRunner().invoke(app, ["preset", "show", "none.json"])
+    assert "note" not in done.stderr
 
 
 def test_folders_are_made_private_whatever_the_mask(tmp_path):

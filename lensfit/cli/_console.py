@@ -1,7 +1,12 @@
-"""Where tables are printed."""
+"""Standard output: where tables are printed, and lines that hold names of others."""
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+import typer
+
+from lensfit.printable import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -15,3 +20,8 @@ def console() -> "Console":
 
     width = None if sys.stdout.isatty() else _WIDTH
     return Console(highlight=False, width=width)
+
+
+def say_line(line: str | Path) -> None:
+    """Print one line: a result, or the path of one, as a terminal can show it."""
+    typer.echo(printable(str(line)))

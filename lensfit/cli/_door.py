@@ -54,6 +54,9 @@ class DoorGroup(TyperGroup):
             else:
                 say_error(_line(error))
             raise typer.Exit(1) from error
+        finally:
+            if ctx.parent is None and "jax" in sys.modules:
+                _say_cache_note()
 
 
 def say_error(line: str) -> None:
@@ -64,6 +67,14 @@ def say_error(line: str) -> None:
 def say_note(line: str) -> None:
     """Print a remark on standard error: something to know, not a failure."""
     typer.echo(f"lensfit: note: {printable(line)}", err=True)
+
+
+def _say_cache_note() -> None:
+    """Of commands that compile: why each run of them does so anew."""
+    from lensfit._jax import cache_note
+
+    if (note := cache_note()) is not None:
+        say_note(note)
 
 
 def one_of(choices: tuple[str, ...]) -> Callable[[str], str]:

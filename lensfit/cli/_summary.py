@@ -5,7 +5,9 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from lensfit.printable import printable
 from lensfit.workflow.report.markup import number
 from lensfit.workflow.report.verdict import verdict_of, verdict_scope
 
@@ -18,7 +20,7 @@ def print_summary(report: Report) -> None:
     judged = verdict_of(report)
     first, *rest = judged.reasons
     for text in (first.text, verdict_scope(judged), *(one.text for one in rest)):
-        console.print(text, markup=False)
+        console.print(printable(text), markup=False)
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("take")
     for name in ("points", "used", "rms px", "held-out rms px"):
@@ -26,7 +28,8 @@ def print_summary(report: Report) -> None:
     takes = report.get("takes") or []
     for take in takes:
         if not take.get("failed"):
-            table.add_row(take.get("name") or take.get("image"), *_figures(take))
+            name = str(take.get("name") or take.get("image"))
+            table.add_row(Text(printable(name)), *_figures(take))
     if len(takes) != 1:
         table.add_row("all", *_figures(report), style="bold")
     console.print()
@@ -45,7 +48,8 @@ def print_files(out_dir: Path, files: dict[str, Any]) -> None:
     console.print()
     for kind, names in files.items():
         for name in [names] if isinstance(names, str) else names or []:
-            console.print(f"{kind:<10} {out_dir / name}", markup=False)
+            line = f"{kind:<10} {out_dir / name}"
+            console.print(printable(line), markup=False)
 
 
 def _figures(errors: dict[str, Any]) -> list[str]:

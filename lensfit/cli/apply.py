@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli._cores import CoresOption
 from lensfit.cli._tolerance import ToleranceOption
 from lensfit.cli.groups import takes_groups
@@ -90,6 +91,14 @@ def apply(
             help="Write the plate's data window, not only the display window",
         ),
     ] = False,
+    scale_to_sensor: Annotated[
+        bool,
+        typer.Option(
+            "--scale-to-sensor",
+            help="Put the look on a focal length or sensor that it was not measured "
+            "at: by field angle, beyond those in units of the frame",
+        ),
+    ] = False,
     stmap: Annotated[
         Path | None,
         typer.Option(help="Redistort map (EXR) in place of the lens' own distortion"),
@@ -168,6 +177,7 @@ def apply(
         bokeh=bokeh,
         look=look,
         keep_overscan=keep_overscan,
+        scale_to_sensor=scale_to_sensor,
         stmap=stmap,
         layer=layer,
         tolerance=tolerance,
@@ -205,6 +215,7 @@ def apply_options(
     bokeh: BokehGroup,
     look: LookGroup,
     keep_overscan: bool,
+    scale_to_sensor: bool,
     stmap: Path | None,
     layer: list[str] | None,
     tolerance: float,
@@ -233,6 +244,7 @@ def apply_options(
         knobs=stated(aberrations, bokeh, look) | disabled.gains,
         output=output.value,
         keep_overscan=keep_overscan,
+        scale_to_sensor=scale_to_sensor,
         layers=layer or None,
         stmap=stmap,
         tolerance=tolerance,
@@ -280,6 +292,6 @@ def say_applied(
         text += f", {len(applied.skipped)} finished before"
     if applied.failures:
         text += f", {len(applied.failures)} failed"
-    typer.echo(text)
+    say_line(text)
     if cameras is not None:
-        typer.echo(cameras)
+        say_line(cameras)

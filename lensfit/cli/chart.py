@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli._sizes import photograph_size_px
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.chart import ChartGroup
@@ -53,9 +54,9 @@ def chart(
 
         typer.echo(json.dumps({"files": [str(p) for p in out], **asdict(layout)}))
         return
-    typer.echo(", ".join(described(layout.pattern)))
+    say_line(", ".join(described(layout.pattern)))
     for path in out:
-        typer.echo(str(path))
+        say_line(str(path))
 
 
 @app.command()
@@ -130,4 +131,4 @@ def _print_advice(advice: "Advice", noise_percent: float) -> None:
             f"{take.blur_px:7.1f} px" + ", dots overlap" * take.overlapping
         )
     for line in [*lines, *(f"note      {note}" for note in advice.notes)]:
-        typer.echo(line)
+        say_line(line)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
+
 if TYPE_CHECKING:
     from lensfit.workflow.check.records import Check
     from lensfit.workflow.check.session import CheckSession
@@ -96,13 +98,13 @@ def _print_json(session: "CheckSession", judged: "Check") -> None:
 def _print_lines(session: "CheckSession", judged: "Check") -> None:
     from lensfit.workflow.check.sentences import plan_sentence, sentences
 
-    typer.echo(f"{judged.image}: {judged.level}")
+    say_line(f"{judged.image}: {judged.level}")
     for name, text in sentences(judged):
-        typer.echo(f"  {name:<10} {text}")
+        say_line(f"  {name:<10} {text}")
     if session.plan:
-        typer.echo(f"  {'plan':<10} {plan_sentence(session.plan)}")
+        say_line(f"  {'plan':<10} {plan_sentence(session.plan)}")
     if judged.picture is not None:
-        typer.echo(f"  {'picture':<10} {judged.picture}")
+        say_line(f"  {'picture':<10} {judged.picture}")
     for problem in judged.problems:
         sign = "x" if problem.level == "bad" else "!"
-        typer.echo(f"  {sign} {problem.text}; {problem.remedy}")
+        say_line(f"  {sign} {problem.text}; {problem.remedy}")

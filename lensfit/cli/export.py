@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.exchange import FrameGroup, StateGroup
@@ -113,6 +114,6 @@ def _say(written: "Exported", as_json: bool) -> None:
         typer.echo(json.dumps(outcome, indent=1))
         return
     for path in written.paths:
-        typer.echo(path)
+        say_line(path)
     for one in written.nearness:
-        typer.echo(one)
+        say_line(str(one))

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli._sizes import size_px
 from lensfit.cli.apply import FilterName
 from lensfit.cli.groups import takes_groups
@@ -130,7 +131,7 @@ def _say(own, plan, per_channel: bool, as_json: bool) -> None:
         typer.echo(json.dumps(facts, indent=1))
         return
     for line in [*_lines(plan, per_channel), *(_verdict(own, plan) if own else [])]:
-        typer.echo(line)
+        say_line(line)
 
 
 def _span(text: str | None, option: str) -> tuple[float, float] | None:

@@ -43,6 +43,14 @@ def plan(
     disabled: DisableGroup,
     bokeh: BokehGroup,
     look: LookGroup,
+    scale_to_sensor: Annotated[
+        bool,
+        typer.Option(
+            "--scale-to-sensor",
+            help="Put the look on a focal length or sensor that it was not measured "
+            "at: by field angle, beyond those in units of the frame",
+        ),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
 ) -> None:
     """Print which stages a plate needs, which are left out and why, error and time.
@@ -64,6 +72,7 @@ def plan(
         edge_matte=depth.edge_matte,
         knobs=stated(aberrations, bokeh, look) | disabled.gains,
         tolerance=tolerance,
+        scale_to_sensor=scale_to_sensor,
     )
     with progress_bars() as progress:
         lens = library.find(preset).preset
@@ -82,6 +91,9 @@ def _count(cores: int) -> str:
 
 def _print(found) -> None:
     from rich.table import Table
+    from rich.text import Text
+
+    from lensfit.printable import printable
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("stage", "", "why"):
@@ -92,7 +104,7 @@ def _print(found) -> None:
         table.add_row(
             stage.stage,
             "run" if stage.runs else "left out",
-            stage.reason,
+            Text(printable(stage.reason)),
             f"{stage.error:.1e}" if stage.error else "–",
             f"{stage.seconds:.2f}" if stage.seconds else "–",
         )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import console, say_line
 from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
@@ -236,9 +237,9 @@ def _say_sequence(written, out: Path, as_json: bool) -> None:
         }
         typer.echo(json.dumps(outcome, indent=1))
         return
-    typer.echo(written.script)
+    say_line(written.script)
     each = ", each colour its own" if written.per_channel else ""
-    typer.echo(
+    say_line(
         f"{len(written.paths)} maps of {written.different} states in {out}{each}; CG "
         f"plates need {written.overscan_percent:.4f} % overscan in total"
     )
@@ -255,8 +256,6 @@ def _say_widths(lens, frame, tolerance_px: float, as_json: bool) -> None:
         typer.echo(json.dumps([one._asdict() for one in found], indent=1))
         return
     from rich.table import Table
-
-    from lensfit.cli._console import console
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("map")
@@ -286,11 +285,11 @@ def _say(written, as_json: bool) -> None:
         typer.echo(json.dumps(outcome, indent=1))
         return
     for path in written.paths:
-        typer.echo(path)
-    typer.echo(
+        say_line(path)
+    say_line(
         f"CG plates need {written.overscan_percent:.4f} % overscan in total "
         f"(px: left {needed.left}, top {needed.top}, "
         f"right {needed.right}, bottom {needed.bottom})"
     )
     if needed.missing:
-        typer.echo("Parts of the frame show nothing that an undistorted plate can hold")
+        say_line("Parts of the frame show nothing that an undistorted plate can hold")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli.apply import apply, apply_options
 from lensfit.cli.groups import in_groups, takes_groups
 from lensfit.cli.groups.handed_on import hands_on
@@ -177,9 +178,9 @@ def _say(
         typer.echo(json.dumps(said, indent=1))
         return
     for file in files:
-        typer.echo(file)
+        say_line(file)
     asked = f" of {needs.cores} cores and {needs.gib:.1f} GiB" if needs else ""
-    typer.echo(f"{tasks} {'task' if tasks == 1 else 'tasks'}{asked}; {shlex.join(run)}")
+    say_line(f"{tasks} {'task' if tasks == 1 else 'tasks'}{asked}; {shlex.join(run)}")
 
 
 def _written(job: FarmJob, to: Farm, path: Path) -> tuple[list[Path], list[str]]:

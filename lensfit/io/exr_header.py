@@ -14,6 +14,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from lensfit.bounded import refuse_pipe
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 
@@ -92,6 +93,7 @@ def check_exr(path: str | Path, *, deep: bool = False) -> list[PartHeader]:
     """
     path = Path(path)
     try:
+        refuse_pipe(path, error=ImageError, remedy="give an OpenEXR file")
         with path.open("rb") as file:
             size = file.seek(0, 2)
             file.seek(0)

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
+from lensfit.bounded import refuse_pipe
 from lensfit.errors import ImageError
 from lensfit.io.ceiling import ceiling_of
 from lensfit.io.decoded_size import refuse_oversize
@@ -106,6 +107,7 @@ def camera_state_of(photograph: Photograph) -> CameraState:
 
 def _read_bytes(path: Path) -> bytes:
     try:
+        refuse_pipe(path, error=ImageError, remedy="give a picture")
         data = path.read_bytes()
     except OSError as error:
         reason = error.strerror or str(error)

@@ -18,6 +18,9 @@ _LOPSIDED = 2
 """Coefficients of a channel that differ between azimuths."""
 _DARKEST = 50.0
 """Loss as -ln of the light: less than 1e-21 of it is none."""
+_LONGEST_MM = 1e9
+"""A thousand kilometres; lenses that are nearly telecentric have pupils far away."""
+_LARGEST_F_NUMBER = 1000.0
 
 
 def check_preset(preset: Preset, where: str | Path) -> None:
@@ -51,6 +54,9 @@ def _frame_radius_mm(entry: Entry, camera: Camera) -> float:
 
 
 def _faults(entry: Entry, frame_radius_mm: float) -> Iterator[tuple[str, str]]:
+    for key, length in _lengths(entry):
+        if not abs(length) <= _LONGEST_MM:
+            yield key, f"{length:g} is no length of a lens, in mm"
     for key, what in _distortion_faults(entry.distortion):
         yield f"distortion.{key}", what
     if entry.lateral_colour is not None:
@@ -68,6 +74,16 @@ def _faults(entry: Entry, frame_radius_mm: float) -> Iterator[tuple[str, str]]:
     if entry.covariance is not None:
         for key, what in covariance_faults(entry.covariance):
             yield f"covariance.{key}", what
+
+
+def _lengths(entry: Entry) -> Iterator[tuple[str, float]]:
+    projection = entry.projection
+    yield "focal_length_mm", entry.focal_length_mm
+    yield "projection.principal_distance_mm", projection.principal_distance_mm
+    yield "projection.entrance_pupil_offset_mm", projection.entrance_pupil_offset_mm
+    for axis, place in zip("xy", projection.principal_point_mm, strict=True):
+        yield f"projection.principal_point_mm.{axis}", place
+    yield "distortion.reference_radius_mm", entry.distortion.reference_radius_mm
 
 
 def _distortion_faults(distortion: Distortion) -> Iterator[tuple[str, str]]:
@@ -104,6 +120,8 @@ def _lateral_faults(lateral: LateralColour) -> Iterator[tuple[str, str]]:
 
 
 def _fall_off_faults(fall_off: FallOff) -> Iterator[tuple[str, str]]:
+    if fall_off.f_number is not None and fall_off.f_number > _LARGEST_F_NUMBER:
+        yield "f_number", f"{fall_off.f_number:g} is none of a lens"
     for key in ("r", "g", "b"):
         control = getattr(fall_off, key)
         if not control or len(control) != len(fall_off.g):

@@ -130,7 +130,8 @@ def _focal_length(
         raise PresetError(
             f"focal length {asked:g} mm is not in the preset, which holds "
             + (span if len(measured) > 1 else f"{nearest:g} mm"),
-            remedy="use the preset of that lens, or photograph a grid at that setting",
+            remedy="use the preset of that lens, photograph a grid at that setting, or "
+            "put this look there with lensfit apply --scale-to-sensor",
         )
     if nearest != asked:
         notes.append(f"focal length {asked:g} mm taken as the measured {nearest:g} mm")

@@ -44,6 +44,8 @@ class ApplyOptions:
     output : The result, a picture that explains it (see `frame.explaining_picture`), or
         the inverse: a photographed plate made straight (see `frame.straight_plate`), of
         which `switches` say what else is taken off.
+    scale_to_sensor : Put the look on focal lengths and sensors that it was not measured
+        at (see `camera.scaled_look`).
     straight_overscan_percent : Window of a straight plate, in total; all that the
         photograph fills if None.
     """
@@ -65,6 +67,7 @@ class ApplyOptions:
     edge_matte: str | None = None
     knobs: Mapping[str, object] = field(default_factory=dict)
     output: Output = "result"
+    scale_to_sensor: bool = False
     straight_overscan_percent: float | None = None
 
     @property

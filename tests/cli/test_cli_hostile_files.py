@@ -54,7 +54,7 @@ def test_jpeg_within_tiff_is_decoded_to_rgb(tmp_path):
     stored = Image.fromarray(codes).convert("YCbCr")
     stored.save(tmp_path / "a.tif", compression="jpeg", quality=95)
     with tifffile.TiffFile(tmp_path / "a.tif") as file:
-        assert file.pages[0].photometric == tifffile.PHOTOMETRIC.YCBCR
+        assert file.pages.first.photometric == tifffile.PHOTOMETRIC.YCBCR
     from lensfit.io.raster import read_raster
 
     read = read_raster((tmp_path / "a.tif").read_bytes()).codes
@@ -215,6 +215,8 @@ def test_a_frame_beyond_what_is_rendered_is_said_to_be_large_not_damaged(tmp_pat
         (lambda e: e["lateral_colour"]["r"].update(decentering=[1e-4] * 6), "r.decent"),
         (lambda e: e["lateral_colour"]["b"].update(strain=[1e-4]), "b.strain"),
         (lambda e: e["fall_off"][0].update(g=[1e300, 1e300]), "fall_off[0].g"),
+        (lambda e: e["fall_off"][0].update(f_number=1e300), "fall_off[0].f_number"),
+        (lambda e: e["projection"].update(principal_distance_mm=1e300), "no length"),
     ],
 )
 def test_coefficients_that_no_lens_has_are_named(tmp_path, change, said):
@@ -231,6 +233,15 @@ def test_a_pipe_exists_and_is_no_file(tmp_path):
         command, *options = words
         done = run(command, *options[:1], tmp_path / "a.exr", *options[1:])
         refused(done, "a.exr", "is no ordinary file")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
+def test_a_pipe_in_place_of_a_map_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "map.exr")
+    preset = preset_with(tmp_path, lambda entry: None)
+    plate = deep_plate(tmp_path / "a.exr", {})
+    words = ["apply", preset, plate, "--out", tmp_path / "out", "--stmap"]
+    refused(run(*words, tmp_path / "map.exr"), "map.exr", "is no ordinary file")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")

@@ -13,14 +13,15 @@ from plate_makers import CAMERA, SENSOR, make_preset, write_plate
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
+from lensfit.errors import LensfitError
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.save import keep_preset
 from lensfit.preset.schema import LensName, Saved
 from lensfit.preset.store import save_preset
 from lensfit.printable import printable
 
-EVIL = "Cooke\x1b[2J \u202egnitrevni\u202c 50\x07\x9b1m"
-SHOWN = "Cooke\\x1b[2J \\u202egnitrevni\\u202c 50\\x07\\x9b1m"
+EVIL = "Cooke\x1b[2J \u202egnitrevni\u202c 50\x07\x9b1m\u200b"
+SHOWN = "Cooke\\x1b[2J \\u202egnitrevni\\u202c 50\\x07\\x9b1m\\u200b"
 
 
 def run(*words: object):
@@ -45,10 +46,21 @@ def preset(tmp_path: Path) -> Path:
 
 
 def test_letters_of_every_script_stay_and_the_rest_is_seen():
-    for text in ("SMC Takumar 50/1.4", "蔡司 35 mm f/2", "Größe µ ×", "عدسة", "שלום"):
+    for text in (
+        "SMC Takumar 50/1.4",
+        "蔡司 35 mm f/2",
+        "Größe µ ×",
+        "عدسة",
+        "שלום",
+        "می\u200cخواهم",
+    ):
         assert printable(text) == text
     assert printable(EVIL) == SHOWN
     assert printable("a\nb\t\u2028\ud800") == "a\\x0ab\\x09\\u2028\\ud800"
+    assert printable("50\U000e0041") == "50\\U000e0041"
+    assert str(LensfitError(f"{EVIL} is bad", where="蔡司\u3000")) == (
+        f"蔡司 : {SHOWN} is bad"
+    )
 
 
 def test_headers_and_file_names_are_shown_plainly(tmp_path, preset):
@@ -63,6 +75,15 @@ def test_headers_and_file_names_are_shown_plainly(tmp_path, preset):
     done = CliRunner().invoke(app, [str(w) for w in words])
     assert done.exit_code == 1
     assert clean(done.stderr)
+
+
+def test_paths_of_results_are_shown_plainly(tmp_path, preset):
+    folder = tmp_path / "a\u202eb\x1b[2J"
+    folder.mkdir()
+    saved = run("preset", "save", preset, "--library", folder)
+    for done in (saved, run("preset", "validate", folder)):
+        assert clean(done.stdout)
+        assert "a\\u202eb\\x1b[2J" in done.stdout
 
 
 def test_presets_and_their_history_are_shown_plainly(tmp_path, preset):

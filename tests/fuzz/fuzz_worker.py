@@ -25,6 +25,7 @@ from typing import Any
 from fuzz_readers import READERS, Reader
 
 from lensfit.errors import LensfitError
+from lensfit.printable import printable
 
 MOST_ADDRESSES = 4 << 30
 MOST_CPU_S = 8.0
@@ -137,7 +138,7 @@ def complaint(error: Exception) -> str | None:
         at = f"{Path(own[-1].filename).name}:{own[-1].lineno}" if own else "?"
         return f"{type(error).__name__} at {at}: {' '.join(str(error).split())[:200]}"
     line = str(error)
-    if not line.isprintable() or len(line) > LONGEST_LINE:
+    if line != printable(line) or len(line) > LONGEST_LINE:
         return f"says {len(line)} characters, or no text: {line[:300]!a}"
     return None
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli.kit.options import AsJson, KitPath, Lenses
 
 if TYPE_CHECKING:
@@ -90,10 +91,8 @@ def _print(row: dict) -> None:
         more = len(missing) - _MOST_NAMES
         names = ", ".join(missing[:_MOST_NAMES]) + (f" and {more} more" * (more > 0))
         line += f"; missing: {names}"
-    typer.echo(line)
+    say_line(line)
     for one in row["shoot_again"]:
-        typer.echo(f"  x {one['image']}: {one['why']}")
+        say_line(f"  x {one['image']}: {one['why']}")
     for name in row["beside"]:
-        typer.echo(
-            f"  ! {name} is no view of the plan; name it after one, or remove it"
-        )
+        say_line(f"  ! {name} is no view of the plan; name it after one, or remove it")

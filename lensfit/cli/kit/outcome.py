@@ -7,6 +7,7 @@ from typing import Any
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli._door import say_error
 from lensfit.preset.verdict import is_at_least
 
@@ -32,14 +33,14 @@ def show_kit(
     if as_json:
         typer.echo(json.dumps(table))
     else:
-        typer.echo(summary(lenses))
+        say_line(summary(lenses))
         for lens in lenses:
             judged = lens.get("verdict") or {}
             level = judged.get("level") or lens["state"]
             accuracy = number(judged.get("accuracy_px"), "px", 2)
-            typer.echo(f"{lens['folder']:<28} {level:<14} {accuracy}")
+            say_line(f"{lens['folder']:<28} {level:<14} {accuracy}")
         for name in ("kit.html", "kit.json"):
-            typer.echo(str(out / name))
+            say_line(str(out / name))
     bad = False
     for lens in lenses:
         if only is not None and lens["folder"] not in only:

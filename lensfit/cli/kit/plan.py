@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli.kit.options import AsJson, KitPath
 
 
@@ -39,19 +40,19 @@ def plan(
         return
     for one in plans:
         distances = ", ".join(f"{mm:.0f}" for mm in one.target_distance_mm)
-        typer.echo(
+        say_line(
             f"{one.folder}: {one.lens.title}, {len(one.views)} views, about "
             f"{duration_text(one.seconds)}, chart at {distances} mm"
         )
         for view in one.views:
-            typer.echo("  " + _line(view))
+            say_line("  " + _line(view))
         for note in one.notes:
-            typer.echo(f"  ! {note}")
+            say_line(f"  ! {note}")
     views = sum(len(one.views) for one in plans)
     seconds = sum(one.seconds for one in plans)
-    typer.echo(f"{len(plans)} lenses, {views} views, about {duration_text(seconds)}")
+    say_line(f"{len(plans)} lenses, {views} views, about {duration_text(seconds)}")
     if out is not None:
-        typer.echo(str(out))
+        say_line(str(out))
 
 
 def _line(view) -> str:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli._door import one_of
 from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
 from lensfit.cli.kit.options import AsJson, KitPath, Lenses
@@ -52,5 +53,5 @@ def submit(
         typer.echo(json.dumps(said, indent=1))
         return
     for file in (path, beside):
-        typer.echo(str(file))
-    typer.echo(f"{len(lenses)} tasks and the page; {shlex.join(run)}")
+        say_line(str(file))
+    say_line(f"{len(lenses)} tasks and the page; {shlex.join(run)}")

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
-from lensfit.printable import printable
 
 if TYPE_CHECKING:
     from lensfit.preset.library.diff import Difference
@@ -35,11 +35,11 @@ def diff(
     if as_json:
         typer.echo(json.dumps([_plain(each) for each in found]))
         return
-    typer.echo(printable(f"{one.full_name} -> {other.full_name}"))
+    say_line(f"{one.full_name} -> {other.full_name}")
     if not found:
-        typer.echo("no difference")
+        say_line("no difference")
     for difference in found:
-        typer.echo(printable(_line(difference)))
+        say_line(_line(difference))
 
 
 def _plain(one: "Difference") -> dict[str, object]:

@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import LibraryGroup, user_name
-from lensfit.printable import printable
 
 
 @takes_groups
@@ -57,7 +57,7 @@ def edit(
     )
     for note in found.notes:
         say_note(note)
-    typer.echo(found.path)
+    say_line(found.path)
     for override in found.overrides:
         if override.part == found.parts[0]:
-            typer.echo(printable(str(override)))
+            say_line(str(override))

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import LibraryGroup
-from lensfit.printable import printable
 
 
 @takes_groups
@@ -36,4 +36,4 @@ def history(
         by = f" by {event.who}" if event.who else ""
         said = f"{star} {event.level} {event.version}  {event.when}{by}"
         for line in (said, *(f"    {what}" for what in event.what)):
-            typer.echo(printable(line))
+            say_line(line)

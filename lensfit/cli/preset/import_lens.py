@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.exchange import StateGroup
@@ -123,9 +124,9 @@ def _say(found: "Imported", out: Path, as_json: bool) -> None:
         outcome = {"file": str(out), "entries": entries, "notes": list(found.notes)}
         typer.echo(json.dumps(outcome, indent=1))
         return
-    typer.echo(f"{out}: {found.preset.lens.name}")
+    say_line(f"{out}: {found.preset.lens.name}")
     for fit in found.fits:
         colour = f"; lateral colour: {fit.colour}" if fit.colour else ""
         light = fit.worst_light
         said = "" if light is None else f"; fall-off: worst {100 * light:.2g} %"
-        typer.echo(f"{fit.state}: distortion: {fit.distortion}{colour}{said}")
+        say_line(f"{fit.state}: distortion: {fit.distortion}{colour}{said}")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import console, say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import LibraryGroup
 from lensfit.printable import printable
@@ -27,12 +28,10 @@ def list_lenses(
         typer.echo(json.dumps([row._asdict() for row in rows]))
         return
     if not rows:
-        typer.echo(f"{levels[0].lenses}: no lens yet")
+        say_line(f"{levels[0].lenses}: no lens yet")
         return
     from rich.table import Table
     from rich.text import Text
-
-    from lensfit.cli._console import console
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     # What has to be typed elsewhere is whole.

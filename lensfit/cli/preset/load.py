@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup, user_name
 
@@ -26,4 +27,4 @@ def load(
 
     found = library.find(preset)
     save_preset(found.taken_out(user_name(who)), out)
-    typer.echo(f"{out}: {found.full_name}, {found.preset.lens.name}")
+    say_line(f"{out}: {found.full_name}, {found.preset.lens.name}")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli.groups.library import user_name
 
 
@@ -22,4 +23,4 @@ def project(
     from lensfit.preset.library.levels import mark_project
 
     new = mark_project(folder, user_name(who))
-    typer.echo(f"{folder}: {'is a project now' if new else 'was a project already'}")
+    say_line(f"{folder}: {'is a project now' if new else 'was a project already'}")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import LibraryGroup, user_name
 
@@ -49,7 +50,7 @@ def save(
         said = {"path": str(kept.path), "lens": kept.slug}
         typer.echo(json.dumps(said | {"version": version_name(kept.number)}))
     else:
-        typer.echo(kept.path)
+        say_line(kept.path)
     in_use = Shelf(level, kept.slug).in_use()
     if in_use != kept.number:
         say_note(

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
+
 
 def thin_lens(
     camera: Annotated[Path, typer.Argument(help="camera.json of a CG renderer")],
@@ -30,4 +32,4 @@ def thin_lens(
     )
     stated = convert_strictly(tables, ThinCamera, error=PresetError, where=camera)
     save_preset(thin_lens_preset(stated), out)
-    typer.echo(f"{out}: thin lens {stated.focal_length_mm:g} mm f/{stated.f_number:g}")
+    say_line(f"{out}: thin lens {stated.focal_length_mm:g} mm f/{stated.f_number:g}")

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
+
 
 def validate(
     presets: Annotated[
@@ -35,7 +37,7 @@ def validate(
         typer.echo(json.dumps(faults))
     for name, fault in faults.items():
         if fault is None and not as_json:
-            typer.echo(f"{name}: valid")
+            say_line(f"{name}: valid")
     # Edits of a bad version are bad for the same reason, which is said once.
     for fault in dict.fromkeys(filter(None, faults.values())):
         say_error(fault)

@@ -211,7 +211,8 @@ def _frame(
 
 
 def _listed(found: Mapping[str, Any], where: str, name: str, path: Path):
-    for table in found.get(where) or ():
+    tables = found.get(where)
+    for table in tables if isinstance(tables, list) else ():
         if isinstance(table, dict) and table.get("parameterName") == name:
             return table
     raise ExchangeError(f"holds no {name}", where=path)

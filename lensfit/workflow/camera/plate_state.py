@@ -21,6 +21,7 @@ from lensfit.workflow.camera.f_number_doubt import f_number_doubt
 from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
 from lensfit.workflow.camera.knob_sources import knobs_of_plate
 from lensfit.workflow.camera.plate_camera import PlateCamera
+from lensfit.workflow.camera.scaled_look import ScaledLook
 from lensfit.workflow.camera.spanned_width import spanned_width_note
 from lensfit.workflow.camera.spelling import SPELT, option_of
 from lensfit.workflow.notes import FrameNote
@@ -37,6 +38,7 @@ class PlateState(NamedTuple):
     lens_key : focal_length_mm, f_number and focus_distance_mm, as `Preset.at` takes
         them; None where the preset decides.
     sensor_width_mm : Width that the display window spans.
+    scaled : How the plate's camera was scaled to that; None where it is as it stands.
     notes : One sentence for each thing that was assumed.
     knobs : As turned by the preset, the header and the user, the last one first.
     chromaticities : x and y of red, green, blue and white of the plate; None where its
@@ -55,6 +57,12 @@ class PlateState(NamedTuple):
     camera: PlateCamera = PlateCamera({})
     assumed: tuple[Assumed, ...] = ()
     pixel_shape: float = 1.0
+    scaled: ScaledLook | None = None
+
+    @property
+    def scene_scale(self) -> float:
+        """Millimetres of the plate's scene for each before the lens."""
+        return 1.0 if self.scaled is None else self.scaled.distances
 
     @property
     def spanned_width_mm(self) -> SpannedWidth:
@@ -113,6 +121,7 @@ def plate_state(
     *,
     falloff: bool = True,
     knobs: Mapping[str, object] | None = None,
+    scale_to_sensor: bool = False,
 ) -> PlateState:
     """The state of one plate.
 
@@ -123,6 +132,7 @@ def plate_state(
     attributes : Header of the plate.
     falloff : Whether the fall-off, and so the f-number, matters.
     knobs : What the user turned, by name.
+    scale_to_sensor : Take the look as it is for a camera that it was not measured on.
 
     Raises
     ------
@@ -131,14 +141,15 @@ def plate_state(
         was looked for and the option that gives it.
     PresetError : The preset does not reach the state.
     """
-    key = _lens_key(preset, camera)
+    scaled = _scaled(preset, camera) if scale_to_sensor else None
+    key = _lens_key(preset, camera, scaled)
     needed = _needed(preset, falloff)
     lacking = [n for n, v in zip(_ENTRIES, key, strict=True) if v is None]
     if missing := [name for name in lacking if name in needed]:
         raise _missing(missing, camera)
     chosen = preset.select(*key)
     taken = tuple(assumed(preset, camera, chosen, falloff=falloff))
-    width, note = _width_mm(preset, camera)
+    width, note = _width_mm(preset, camera, scaled)
     turned = knobs_of_plate(preset.knobs, attributes, camera.settings, knobs or {})
     notes = [*camera.notes, *chosen.notes, *(one.note(camera) for one in taken)]
     notes += [*([note] if note else []), *slips_in(attributes)]
@@ -148,7 +159,14 @@ def plate_state(
         notes.append(FrameNote(f"{camera.plate.name}: {said}", f"contradiction {name}"))
     colours = _chromaticities(attributes)
     return PlateState(
-        key, width, tuple(notes), turned.checked(), colours, camera, taken
+        key,
+        width,
+        tuple(notes),
+        turned.checked(),
+        colours,
+        camera,
+        taken,
+        scaled=scaled,
     )
 
 
@@ -163,17 +181,41 @@ def _chromaticities(attributes: Mapping[str, object]) -> Chromaticities | None:
     return tuple(numbers.tolist())
 
 
+def _scaled(preset: Preset, camera: PlateCamera) -> ScaledLook | None:
+    """A prime's own focal length and the photographed sensor stand for unstated ones;
+    which focal length of a zoom is meant must be known."""
+    measured = [entry.focal_length_mm for entry in preset.entries]
+    focal = camera.number("focal_length_mm")
+    if focal is None and len(set(measured)) > 1:
+        return None
+    own_mm = preset.camera.sensor_width_mm
+    return ScaledLook.of(
+        measured[0] if focal is None else focal,
+        camera.number("sensor_width_mm") or own_mm,
+        measured,
+        own_mm,
+    )
+
+
 def _lens_key(
-    preset: Preset, camera: PlateCamera
+    preset: Preset, camera: PlateCamera, scaled: ScaledLook | None
 ) -> tuple[float | None, float | None, float | None]:
     focal, stop, focus = map(camera.number, _ENTRIES)
+    if scaled is not None:
+        focal = scaled.measured_focal_length_mm
+        focus = None if focus is None else focus / scaled.distances
     if focus is not None and camera.known["focus_distance_mm"].from_pupil:
         focus = from_sensor_mm(focus, lambda guess: preset.at(focal, stop, guess))
     return focal, stop, focus
 
 
-def _width_mm(preset: Preset, camera: PlateCamera) -> tuple[float, str | None]:
+def _width_mm(
+    preset: Preset, camera: PlateCamera, scaled: ScaledLook | None
+) -> tuple[float, str | None]:
     """The width that the display window spans, and what is to be said of it."""
+    if scaled is not None:
+        note = FrameNote(f"{camera.plate.name}: {scaled.note}", "scaled look")
+        return scaled.measured_width_mm, note
     width, measured = camera.number("sensor_width_mm"), preset.camera.sensor_width_mm
     if width is None:
         return measured, None  # as `assumed` says

@@ -18,6 +18,20 @@ _SAME = 1.001
 _OPTION = "--sensor-width-mm"
 
 
+def check_width(width_mm: float) -> None:
+    """Refuse what is no width of a sensor.
+
+    Raises
+    ------
+    ImageError : It is none.
+    """
+    if not _LEAST_MM <= width_mm < math.inf:
+        raise ImageError(
+            f"the sensor is stated to be {width_mm:g} mm wide",
+            remedy=f"give its width with {_OPTION}",
+        )
+
+
 def spanned_width_note(width_mm: float, measured_mm: float) -> str | None:
     """What is to be said of the width that a frame spans; None if nothing is.
 
@@ -29,17 +43,14 @@ def spanned_width_note(width_mm: float, measured_mm: float) -> str | None:
     ------
     ImageError : It is no width, or the lens is not known that far out.
     """
-    if not _LEAST_MM <= width_mm < math.inf:
-        raise ImageError(
-            f"the sensor is stated to be {width_mm:g} mm wide",
-            remedy=f"give its width with {_OPTION}",
-        )
+    check_width(width_mm)
     if width_mm > LARGEST_PART * measured_mm:
         raise ImageError(
             f"the plate spans {width_mm:g} mm and the lens was photographed over "
             f"{measured_mm:g} mm, which serves up to {LARGEST_PART * measured_mm:g} mm",
             remedy=f"make sure that this is in mm ({_OPTION}); for a larger sensor "
-            "photograph the lens on it",
+            "photograph the lens on it, or put its look there with lensfit apply "
+            "--scale-to-sensor",
         )
     if width_mm > _SAME * measured_mm:
         return (

@@ -21,7 +21,7 @@ from lensfit.workflow.camera.plate_state import PlateState
 FINGERPRINT = "lensfit/fingerprint"
 """Header entry that holds it."""
 _DIGITS = 16
-_IN_THE_STATE = ("overrides", "camera", "knobs", "pixel_aspect")
+_IN_THE_STATE = ("overrides", "camera", "knobs", "pixel_aspect", "scale_to_sensor")
 _NO_PIXELS = ("overwrite", "keep", "again")
 _BY_CONTENT = ("stmap",)
 _SPELT = {
@@ -108,7 +108,8 @@ def _state(state: PlateState) -> tuple:
     if (picture := turned.get("filter_image")) is not None:
         turned["filter_image"] = _content(Path(str(picture)))
     spanned = (state.sensor_width_mm, state.pixel_shape)
-    return (state.lens_key, spanned, sorted(turned.items()))
+    scaled = () if state.scaled is None else tuple(state.scaled)
+    return (state.lens_key, spanned, sorted(turned.items()), *scaled)
 
 
 def _options(options: ApplyOptions) -> list[tuple[str, object]]:

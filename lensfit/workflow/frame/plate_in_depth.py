@@ -51,8 +51,12 @@ def plate_in_depth(
     found = plate_depth(image, part, lens.options.depth, geometry, focal_length_mm)
     lens.notes.add(*found.notes)
     state.require_blur()
-    lens.note_focus(found.depth_mm, found.unit_mm, state, part.display_window, path)
-    depth = lens.within_reach(found.depth_mm, state)
+    depth, unit_mm = found.depth_mm, found.unit_mm
+    if state.scaled is not None:
+        depth = depth / np.float32(state.scene_scale)
+        unit_mm /= state.scene_scale
+    lens.note_focus(depth, unit_mm, state, part.display_window, path)
+    depth = lens.within_reach(depth, state)
     window, options = part.data_window, lens.options
     if options.edge_matte is not None:
         cut = matte_cut_out(depth, image, path, part, options.edge_matte)

@@ -157,6 +157,7 @@ class PlateLens:
             header_entries(image),
             falloff=self.options.switches.falloff,
             knobs=self.options.knobs,
+            scale_to_sensor=self.options.scale_to_sensor,
         )
         part = image.parts[0]
         shape = pixel_shape(
@@ -213,14 +214,19 @@ class PlateLens:
 
     def standard_attributes(self, state: PlateState, part: ExrPart) -> dict:
         """The lens at a plate's state, as the OpenEXR standard describes it."""
-        lens, name = self.lens_at(state), self.preset.lens
+        lens, name, scaled = self.lens_at(state), self.preset.lens, state.scaled
+        focus, angles, lengths = state.applied("focus_distance_mm"), 1.0, 1.0
+        if scaled is not None:
+            angles, lengths = scaled.angles, scaled.lengths
+        width, height = self.geometry(state, part.display_window).area_mm
         return lens_attributes(
-            nominal_focal_length_mm=self.cg_focal_length_mm(state),
-            pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm),
+            nominal_focal_length_mm=self._focal_length_mm(state) * angles,
+            pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm)
+            * angles,
             f_number=state.applied("f_number"),
-            focus_distance_mm=state.applied("focus_distance_mm"),
-            entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm),
-            sensor_size_mm=self.geometry(state, part.display_window).area_mm,
+            focus_distance_mm=None if focus is None else focus * state.scene_scale,
+            entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm) * lengths,
+            sensor_size_mm=(width * lengths, height * lengths),
             lens_model=name.name,
             lens_serial=name.serial,
         )
@@ -231,7 +237,13 @@ class PlateLens:
         return PlateGeometry.of(lens, display, state.spanned_width_mm)
 
     def cg_focal_length_mm(self, state: PlateState) -> float:
-        """Focal length of the CG camera."""
+        """Focal length of the CG camera, on the sensor that `geometry` knows."""
+        scaled = state.scaled
+        by = 1.0 if scaled is None else scaled.angles / scaled.lengths
+        return self._focal_length_mm(state) * by
+
+    def _focal_length_mm(self, state: PlateState) -> float:
+        """Of the lens."""
         stated = state.lens_key[0]
         return self.preset.entries[0].focal_length_mm if stated is None else stated
 

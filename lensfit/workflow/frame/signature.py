@@ -53,6 +53,8 @@ def signature(
     ]
     at += [] if f_number is None else [f"f/{f_number:g}"]
     at += [f"{state.sensor_width_mm:g} mm wide"]
+    if (scaled := state.scaled) is not None:
+        at += [f"for {scaled.focal_length_mm:g} mm on {scaled.sensor_width_mm:g} mm"]
     lens = ", ".join([f"{lens_name} ({digest[:8]})", *at])
     done = ", ".join(_effects(options)) or "nothing"
     turned = [f"{name} {value}" for name, value in not_neutral(state.knobs).items()]

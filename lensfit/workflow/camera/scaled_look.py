@@ -1,0 +1,97 @@
+"""A measured look on a focal length or sensor that it was not measured at.
+
+A lens made k times as large images a scene k times as large onto a sensor k times as
+wide in the same picture: its distortion and aberrations keep their field angles, and
+their share of the frame. So the plate's camera is divided by its focal length over the
+measured one, with its distances. Where its frame sees wider angles than were
+photographed, its whole width stands for the whole photographed one: the look then keeps
+its places in the frame. The one passes into the other without a step. Distances are
+divided by what leaves the circle of confusion its share of the frame, as the CG
+camera's own focal length, f-number and sensor have it.
+
+Diffraction scales with the rest, as if light's wavelength did.
+"""
+
+from typing import NamedTuple
+
+from lensfit.workflow.camera.spanned_width import check_width
+
+OPTION = "--scale-to-sensor"
+_SAME = 1e-6
+
+
+class ScaledLook(NamedTuple):
+    """How the camera of a plate stands for the one that the lens was measured on.
+
+    Attributes
+    ----------
+    focal_length_mm, sensor_width_mm : Of the plate's camera.
+    measured_focal_length_mm, measured_width_mm : What stands for them.
+    """
+
+    focal_length_mm: float
+    sensor_width_mm: float
+    measured_focal_length_mm: float
+    measured_width_mm: float
+
+    @classmethod
+    def of(
+        cls,
+        focal_length_mm: float,
+        sensor_width_mm: float,
+        measured_focal_lengths_mm: list[float],
+        photographed_width_mm: float,
+    ) -> "ScaledLook | None":
+        """The scaling that a plate needs; None where the lens was measured so.
+
+        Parameters
+        ----------
+        focal_length_mm, sensor_width_mm : Of the plate's camera.
+        measured_focal_lengths_mm : Of the preset.
+        photographed_width_mm : Of the sensor that the lens was photographed on.
+
+        Raises
+        ------
+        ImageError : The plate's sensor has no width.
+        """
+        check_width(sensor_width_mm)
+        shortest, longest = (
+            min(measured_focal_lengths_mm),
+            max(measured_focal_lengths_mm),
+        )
+        measured = min(max(focal_length_mm, shortest), longest)
+        by_angle_mm = sensor_width_mm * measured / focal_length_mm
+        width_mm = min(by_angle_mm, photographed_width_mm)
+        found = cls(focal_length_mm, sensor_width_mm, measured, width_mm)
+        is_needed = max(abs(found.angles - 1), abs(found.lengths - 1)) > _SAME
+        return found if is_needed else None
+
+    @property
+    def angles(self) -> float:
+        """Focal length of the plate's camera over the measured one."""
+        return self.focal_length_mm / self.measured_focal_length_mm
+
+    @property
+    def lengths(self) -> float:
+        """Millimetres of the plate's sensor for each of the measured one."""
+        return self.sensor_width_mm / self.measured_width_mm
+
+    @property
+    def distances(self) -> float:
+        """Millimetres of the plate's scene for each before the measured lens."""
+        return self.angles**2 / self.lengths
+
+    @property
+    def note(self) -> str:
+        """What is to be said of it."""
+        look = (
+            f"the look of {self.measured_focal_length_mm:g} mm on "
+            f"{self.measured_width_mm:.4g} mm of the photographed sensor is put on "
+            f"{self.focal_length_mm:g} mm on {self.sensor_width_mm:g} mm ({OPTION}), "
+        )
+        if abs(self.lengths - self.angles) <= _SAME * self.lengths:
+            return f"{look}by field angle"
+        return (
+            f"{look}in units of the frame, which sees wider angles than were "
+            "photographed"
+        )
