@@ -43,8 +43,8 @@ from lensfit.render.uv import PlateGeometry
 if TYPE_CHECKING:
     from lensfit.lens import Lens
 
-_RINGS = 12
-_COLUMNS, _ROWS = 9, 7
+RINGS = 12
+COLUMNS, ROWS = 9, 7
 _FINE_SIDES = ((6.0, 4), (12.0, 3), (40.0, 2))
 """Blur up to this radius (px) is laid down on so many times finer pixels."""
 _PER_PIXEL = 4.0
@@ -65,12 +65,14 @@ class LightField:
     moved_px : f0, f1, f2 along x and y, at each vertex.
     density : Light per area of the unit disc, up to a factor, at each vertex.
     diffraction_px : As in `RayField`.
+    rings : Of the mesh.
     """
 
     window: Window
     moved_px: Float32[np.ndarray, "channels waves rows columns vertices 2 3"]
     density: Float32[np.ndarray, "channels waves rows columns vertices"]
     diffraction_px: float
+    rings: int = RINGS
 
     def node_px(self) -> tuple[float, float]:
         """Pixels from node to node, along x and y."""
@@ -79,18 +81,18 @@ class LightField:
         return size[0] / (columns - 1), size[1] / (rows - 1)
 
 
-@lru_cache(maxsize=1)
-def pupil_mesh() -> tuple[
-    Float[np.ndarray, "vertices 2"], Int32[np.ndarray, "triangles 3"]
-]:
+@lru_cache(maxsize=4)
+def pupil_mesh(
+    rings: int = RINGS,
+) -> tuple[Float[np.ndarray, "vertices 2"], Int32[np.ndarray, "triangles 3"]]:
     """Vertices on the unit disc, on rings about its middle, and triangles of them."""
     from scipy.spatial import Delaunay
 
-    rings = [np.zeros((1, 2))]
-    for ring in range(1, _RINGS + 1):
+    found = [np.zeros((1, 2))]
+    for ring in range(1, rings + 1):
         angle = (np.arange(6 * ring) + (ring % 2) / 2) * (2 * np.pi / (6 * ring))
-        rings.append(ring / _RINGS * np.stack([np.cos(angle), np.sin(angle)], -1))
-    vertices = np.concatenate(rings)
+        found.append(ring / rings * np.stack([np.cos(angle), np.sin(angle)], -1))
+    vertices = np.concatenate(found)
     return vertices, Delaunay(vertices).simplices.astype(np.int32)
 
 
@@ -108,14 +110,21 @@ def lens_lights(
     circle: Circle,
     window: Window,
     depth: DepthNodes,
+    rings: int = RINGS,
+    nodes: tuple[int, int] = (COLUMNS, ROWS),
 ) -> LightField:
-    """Of any lens; parameters as of `ray_field.lens_field`."""
-    vertices, _ = pupil_mesh()
+    """Of any lens; parameters as of `ray_field.lens_field`.
+
+    Parameters
+    ----------
+    rings : Of the mesh.
+    """
+    vertices, _ = pupil_mesh(rings)
     waves = (lens.blur or lens.perfect_blur()).bands.wavelengths_nm.shape[1]
     reach = np.hypot(*vertices.T)
     polar = np.stack([np.arctan2(vertices[:, 1], vertices[:, 0]), reach, reach**0])
     is_even = lens.blur is None or lens.blur.is_ideal
-    size = (1, 1) if is_even else (_COLUMNS, _ROWS)
+    size = (1, 1) if is_even else nodes
     # Rays take the wavelengths in turn: each vertex once for each.
     found = landed_rays(
         lens,
@@ -140,6 +149,7 @@ def lens_lights(
         np.ascontiguousarray(moved, np.float32),
         np.ascontiguousarray(density, np.float32),
         found.diffraction_px,
+        rings,
     )
 
 
@@ -180,7 +190,7 @@ def light_kernel(
     if is_sampled:
         finer = 3 if finer > 1 else 1  # odd, to have a middle
     elif not is_point:
-        mesh = mesh * _less_a_pixel(landing, density)
+        mesh = mesh * _less_a_pixel(landing, density, field.rings)
     fine = np.zeros(((2 * half + 1) * finer,) * 2)
     _lay_down(
         fine,
@@ -188,8 +198,7 @@ def light_kernel(
         np.float32(finer),
         mesh,
         density,
-        pupil_mesh()[0],
-        pupil_mesh()[1],
+        *pupil_mesh(field.rings),
         (np.float32(place_px[0] - offset[1]), np.float32(place_px[1] - offset[0])),
         np.float32(radius_px),
         in_front,
@@ -208,10 +217,11 @@ def light_kernel(
 def _less_a_pixel(
     landing: Float[np.ndarray, "waves vertices 2"],
     density: Float[np.ndarray, "waves vertices"],
+    rings: int,
 ) -> Float32[np.ndarray, "2 1"]:
     """By how much an image shrinks along x and y so that its second moments are right
     once means over pixels are taken, which add a twelfth."""
-    light = np.broadcast_to(density, landing.shape[:2]) * _areas_about()
+    light = np.broadcast_to(density, landing.shape[:2]) * _areas_about(rings)
     light = light[..., None] / light.sum()
     middle = (light * landing).sum((0, 1))
     variance = (light * (landing - middle) ** 2).sum((0, 1))
@@ -219,10 +229,10 @@ def _less_a_pixel(
     return np.sqrt(left)[:, None].astype(np.float32)
 
 
-@lru_cache(maxsize=1)
-def _areas_about() -> Float[np.ndarray, " vertices"]:
+@lru_cache(maxsize=4)
+def _areas_about(rings: int) -> Float[np.ndarray, " vertices"]:
     """Of the unit disc, of the triangles about each vertex, up to a factor."""
-    vertices, triangles = pupil_mesh()
+    vertices, triangles = pupil_mesh(rings)
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     area = np.abs(np.linalg.det(np.stack([b - a, c - a], -1)))
     return np.bincount(triangles.ravel(), np.repeat(area, 3), len(vertices))

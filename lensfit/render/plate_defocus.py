@@ -13,6 +13,7 @@ from jaxtyping import Float32
 
 from lensfit.coords import Window
 from lensfit.errors import LensfitError
+from lensfit.render import light_mesh, ray_field
 from lensfit.render.circle import Circle
 from lensfit.render.disc import diffracts
 from lensfit.render.light_mesh import LightField, disc_lights, lens_lights
@@ -34,6 +35,37 @@ _WIDEST_PX = 1000.0
 _STEPS_PER_OCTAVE = 4
 """Ranges of depth are rounded outward to these, so that frames share rays."""
 _LEAST_RANGE_PX = 0.25
+
+
+class Grids(NamedTuple):
+    """How densely rays are computed over a window; between nodes they are interpolated.
+
+    Attributes
+    ----------
+    rays, lights : Columns and rows of nodes, for rays and for meshes of lights.
+    rings : Of those meshes.
+    """
+
+    rays: tuple[int, int]
+    lights: tuple[int, int]
+    rings: int
+
+    @classmethod
+    def of(cls, tolerance: float, window: Window) -> "Grids":
+        """For an accepted error over a window. Half as dense, rays are four times less
+        known, in parts of the frame: a small frame of a coarse tolerance, such as the
+        first look of a view, shows none of it."""
+        is_small = max(window.width, window.height) <= _SMALL_PX
+        return _SPARSE if is_small and tolerance >= _COARSE else _DENSE
+
+
+_DENSE = Grids(
+    (ray_field.COLUMNS, ray_field.ROWS),
+    (light_mesh.COLUMNS, light_mesh.ROWS),
+    light_mesh.RINGS,
+)
+_SPARSE = Grids((11, 7), (5, 4), light_mesh.RINGS // 2)
+_SMALL_PX, _COARSE = 600, 0.01
 
 
 class DefocusBudget(NamedTuple):
@@ -158,6 +190,11 @@ class Rays:
     window: Window
     depth: DepthNodes
 
+    @property
+    def grids(self) -> Grids:
+        """How densely they are computed."""
+        return Grids.of(self.defocus.tolerance, self.window)
+
     @cached_property
     def many(self) -> RayField:
         """Where something is out of focus."""
@@ -182,6 +219,7 @@ class Rays:
             self.window,
             self.depth,
             counts,
+            self.grids.rays,
         )
         many = with_grey(many, budget.unseen_px)
         return many, few if len(many.weight) > 1 else with_grey(few, math.inf)
@@ -193,7 +231,13 @@ class Rays:
         if defocus.is_disc:
             return disc_lights(self.window)
         return lens_lights(
-            defocus.lens, defocus.geometry, defocus.circle, self.window, self.depth
+            defocus.lens,
+            defocus.geometry,
+            defocus.circle,
+            self.window,
+            self.depth,
+            self.grids.rings,
+            self.grids.lights,
         )
 
     def reach_px(self, least_px: float, most_px: float) -> int:

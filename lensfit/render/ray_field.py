@@ -135,6 +135,7 @@ def lens_field(
     window: Window,
     depth: DepthNodes,
     counts: Sequence[int],
+    nodes: tuple[int, int] = (COLUMNS, ROWS),
 ) -> list[RayField]:
     """Rays of any lens, in sets of these sizes.
 
@@ -144,11 +145,12 @@ def lens_field(
     window : Pixels that rays reach.
     depth : Range of what they cross.
     counts : Multiples of three.
+    nodes : Columns and rows of the grid over the window.
     """
     is_even = lens.blur is None or lens.blur.is_ideal
     sets = [np.concatenate([spiral(n), np.full((1, n), 1 / n)]) for n in counts]
     every = np.concatenate(sets, 1)
-    size = (1, 1) if is_even else (COLUMNS, ROWS)
+    size = (1, 1) if is_even else nodes
     found = landed_rays(lens, geometry, circle, window, depth, every, *size)
     ends = np.cumsum([0, *counts])
     return [
@@ -161,15 +163,14 @@ def _field(
     found: "LandedRays", some: slice, window: Window, depth: DepthNodes
 ) -> RayField:
     """Some of the rays, seen from the pixels that they reach."""
-    step_px = np.array(
-        [(window.height - 1) / (ROWS - 1), (window.width - 1) / (COLUMNS - 1)]
-    )
     landing, weight = found.landing_px[..., some, :], found.share[..., some].mean(1)
     if landing.shape[2] == 1:
         # An ideal lens blurs alike all over the frame.
         moved = np.repeat(np.repeat(-landing, 2, 2), 2, 3)
         weight = np.repeat(np.repeat(weight, 2, 1), 2, 2)
     else:
+        sides = np.array([window.height, window.width])
+        step_px = (sides - 1) / (np.array(landing.shape[2:4]) - 1)
         moved = _seen_from_pixels(landing, step_px)
         weight = weight * _area_followed(moved.mean(1), step_px)
     weight /= weight.sum(-1, keepdims=True)

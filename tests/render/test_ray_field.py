@@ -9,7 +9,6 @@ from ideal_lens import HEIGHT, WIDTH, ideal_lens
 
 import lensfit
 from lensfit.coords import Window
-from lensfit.render import ray_field
 from lensfit.render.circle import Circle
 from lensfit.render.ray_field import DepthNodes, disc_field, lens_field, spiral
 from lensfit.render.uv import PlateGeometry
@@ -24,10 +23,10 @@ def prime():
     return lens.at(focal_length_mm=50.0, f_number=2.0, focus_distance_mm=2000.0)
 
 
-def field_of(lens, window=FRAME, depth=DEPTH, rays=48):
+def field_of(lens, window=FRAME, depth=DEPTH, rays=48, nodes=(21, 13)):
     geometry = PlateGeometry.of(lens, window)
     circle = Circle.of(lens, geometry)
-    return lens_field(lens, geometry, circle, window, depth, (rays,))[0]
+    return lens_field(lens, geometry, circle, window, depth, (rays,), nodes)[0]
 
 
 @pytest.mark.parametrize("rays", [18, 48, 384])
@@ -54,12 +53,19 @@ def test_every_pixel_gets_all_of_its_light():
     assert rays.weight.min() > 0
 
 
-def test_between_nodes_rays_are_known_to_a_tenth_of_a_pixel(monkeypatch):
-    coarse = field_of(prime())
-    monkeypatch.setattr(ray_field, "COLUMNS", 41)
-    monkeypatch.setattr(ray_field, "ROWS", 25)
-    fine = field_of(prime())
-    for radius in (-8.0, 0.0, 12.0):
+@pytest.mark.parametrize(
+    ("frame", "depth", "nodes"),
+    [
+        (FRAME, DEPTH, (21, 13)),
+        # The same blur on a quarter of the pixels.
+        (Window.of_size(240, 135), DepthNodes.over(-2.0, 3.0), (11, 7)),
+    ],
+)
+def test_between_nodes_rays_are_known_to_a_tenth_of_a_pixel(frame, depth, nodes):
+    coarse = field_of(prime(), frame, depth, nodes=nodes)
+    twice = tuple(2 * n - 1 for n in nodes)
+    fine = field_of(prime(), frame, depth, nodes=twice)
+    for radius in (depth.far, 0.0, depth.near):
         at = coarse.displacements_px(radius)
         middle = (at[:, 1:] + at[:, :-1]) / 2
         middle = (middle[:, :, 1:] + middle[:, :, :-1]) / 2

@@ -7,6 +7,9 @@ from typing import NamedTuple
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from lensfit.errors import OutputError
@@ -14,6 +17,10 @@ from lensfit.workflow.view.guard import Guard
 
 _TOKEN_BYTES = 24
 _END_S = 1
+_SAID = {
+    404: "there is nothing at this address",
+    405: "this address is asked by another method",
+}
 
 
 def loopback_socket(port: int) -> socket.socket:
@@ -67,11 +74,19 @@ def listening(
     """
     found = loopback_socket(port)
     port, token = found.getsockname()[1], secrets.token_urlsafe(_TOKEN_BYTES)
+    inner = Starlette(routes=routes, exception_handlers={HTTPException: _said})
     config = uvicorn.Config(
-        Guard(Starlette(routes=routes), token, port, uploads),
+        Guard(inner, token, port, uploads),
         log_level="critical", access_log=False, server_header=False, lifespan="off",
         timeout_graceful_shutdown=_END_S, ws="none", proxy_headers=False,
     )  # fmt: skip
     found.listen()
     address = f"http://127.0.0.1:{port}/{token}/"
     return Listening(uvicorn.Server(config), found, address)
+
+
+async def _said(_request: Request, error: Exception) -> Response:
+    """What the routes refuse by themselves, in a sentence."""
+    assert isinstance(error, HTTPException)
+    text = _SAID.get(error.status_code, error.detail)
+    return PlainTextResponse(text, error.status_code, headers=error.headers)

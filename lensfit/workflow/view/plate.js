@@ -1,6 +1,7 @@
 // The page: what is turned, the pictures of it, and what is said beside them.
 
 import { Asker, ask } from "./asker.js";
+import { chosen, colours } from "./colours.js";
 import { cameraSpecs, control } from "./controls.js";
 
 const at = (id) => document.getElementById(id);
@@ -17,6 +18,7 @@ let kept = null; // another state, which the wipe shows in place of the plate
 
 const frame = () => +at("frame").value;
 const stops = () => +at("exposure").value;
+const shownAs = () => ({ exposure_stops: stops(), view: chosen() });
 const message = () => ({ frame: frame(), ...turned.camera, knobs: turned.knobs });
 
 function say(error) {
@@ -71,7 +73,7 @@ function rest() {
   clearTimeout(resting);
   resting = setTimeout(() => {
     at("status").textContent += "; full quality follows";
-    full.want(version, { ...message(), exposure_stops: stops(), quality: "full" });
+    full.want(version, { ...message(), ...shownAs(), quality: "full" });
   }, REST_MS);
 }
 
@@ -80,7 +82,7 @@ function changed() {
   clearTimeout(resting);
   full.forget();
   at("saved").textContent = "";
-  if (lens.has_proxy) proxy.want(version, { ...message(), exposure_stops: stops(), quality: "proxy" });
+  if (lens.has_proxy) proxy.want(version, { ...message(), ...shownAs(), quality: "proxy" });
   else rest();
   showCommand();
 }
@@ -99,7 +101,7 @@ async function showCommand() {
 async function showPlate() {
   const asked = frame();
   const state = kept;
-  const wanted = { frame: asked, exposure_stops: stops() };
+  const wanted = { frame: asked, ...shownAs() };
   try {
     const answer = state
       ? await ask("render", { ...state, ...wanted, quality: "full" })
@@ -294,6 +296,7 @@ async function start() {
   at("name").textContent = lens.frames[0];
   build();
   listen();
+  await colours(lens, () => { changed(); showPlate(); });
   if (lens.error) say(new Error(lens.error));
   showPlate();
   changed();

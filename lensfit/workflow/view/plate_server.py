@@ -2,8 +2,9 @@
 
 =======================  ==========================================================
 ``GET  api/lens``        what the lens and the plate say, controls, verdict
-``POST api/render``      a frame: PNG in sRGB, or the EXR that `lensfit apply` writes
+``POST api/render``      a frame: PNG, or the EXR that `lensfit apply` writes
 ``POST api/plate``       the plate as it is, PNG
+``POST api/view``        displays, views and colour spaces of an OpenColorIO config
 ``POST api/plan``        what `lensfit plan` says
 ``POST api/focus``       the focus distance of what lies at a pixel
 ``POST api/command``     the command line that renders what is turned
@@ -19,7 +20,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, final
 
-from msgspec import Meta
+from msgspec import Meta, Struct
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
@@ -42,6 +43,12 @@ from lensfit.workflow.view.turned import (
     check_turned,
     command_line,
 )
+from lensfit.workflow.view.view_transform import (
+    ENVIRONMENT,
+    ViewTransform,
+    config_choices,
+    config_names,
+)
 from lensfit.workflow.view.viewed_plate import Quality, ViewedPlate
 
 PAGE_FILES = {
@@ -49,6 +56,7 @@ PAGE_FILES = {
     "view.css": "view/view.css",
     "plate.js": "view/plate.js",
     "controls.js": "view/controls.js",
+    "colours.js": "view/colours.js",
     "asker.js": "view/asker.js",
 }
 Stops = Annotated[float, Meta(ge=-20, le=20)]
@@ -60,6 +68,7 @@ class Render(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
     quality: Literal["proxy", "full"] = "full"
     format: Literal["png", "exr"] = "png"
     exposure_stops: Stops = 0.0
+    view: ViewTransform | None = None
     newest: bool = False
 
 
@@ -67,7 +76,14 @@ class Query(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Anything else about what is turned."""
 
     exposure_stops: Stops = 0.0
+    view: ViewTransform | None = None
     newest: bool = False
+
+
+class Config(Struct, frozen=True, forbid_unknown_fields=True):
+    """An OpenColorIO config that may be chosen."""
+
+    config: Annotated[str, Meta(max_length=200)]
 
 
 class Edit(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -116,7 +132,7 @@ class PlateServer:
         answers: dict[str, Answer] = {
             "render": self.render, "plate": self.plate, "plan": self.plan,
             "focus": self.focus, "command": self.command, "save": self.save,
-            "edit": self.edit,
+            "edit": self.edit, "view": self.view,
         }  # fmt: skip
         return page_routes(PAGE_FILES) + api_routes({"lens": self.lens}, answers)
 
@@ -124,6 +140,7 @@ class PlateServer:
         """The start values of the first frame, the controls and the verdict."""
         preset = self.viewed.preset
         start = await self._in_turn.done(lambda: self.viewed.start(0))
+        configs = await self._in_turn.done(config_names)
         verdict = preset.verdict and {
             "level": preset.verdict.level,
             "headline": preset.verdict.headline,
@@ -135,6 +152,8 @@ class PlateServer:
                 "settings": str(self.viewed.settings_path),
                 "shelved": self.shelved and self.shelved.name,
                 "groups": knob_controls(),
+                "configs": configs,
+                "config": ENVIRONMENT if ENVIRONMENT in configs else None,
                 **start,
             }
         )
@@ -148,7 +167,8 @@ class PlateServer:
             return Response(exr, media_type="image/x-exr")
 
         def picture() -> bytes:
-            return screen_png(viewed.pixels(query, query.quality), query.exposure_stops)
+            pixels = viewed.pixels(query, query.quality)
+            return screen_png(pixels, query.exposure_stops, query.view)
 
         return png_answer(await self._in_lane(query.newest, query.quality, picture))
 
@@ -158,9 +178,14 @@ class PlateServer:
 
         def picture() -> bytes:
             pixels = self.viewed.plate_pixels(query.frame)
-            return screen_png(pixels, query.exposure_stops)
+            return screen_png(pixels, query.exposure_stops, query.view)
 
         return png_answer(await self._in_turn.done(picture))
+
+    async def view(self, request: Request) -> Response:
+        """What an OpenColorIO config offers."""
+        name = (await message_of(request, Config)).config
+        return JSONResponse(await self._in_turn.done(lambda: config_choices(name)))
 
     async def plan(self, request: Request) -> Response:
         """Stages, error, seconds and memory."""

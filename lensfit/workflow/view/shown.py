@@ -1,7 +1,8 @@
-"""Pictures as the screen shows them: exposure in stops, sRGB, 8 bits, PNG.
+"""Pictures as the screen shows them: exposure in stops, 8 bits, PNG.
 
-The code of every half float is known beforehand, so that a picture is looked up rather
-than computed; half floats resolve light eight times finer than 8 bits do.
+They are in sRGB, or as a view transform of OpenColorIO makes them. The sRGB code of
+every half float is known beforehand, so that a picture is looked up rather than
+computed; half floats resolve light eight times finer than 8 bits do.
 """
 
 from functools import lru_cache
@@ -14,6 +15,7 @@ from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.transfer import encode
 from lensfit.io.windows import over_another
 from lensfit.workflow.plate.channels import ColourLayer, colour_layers
+from lensfit.workflow.view.view_transform import ViewTransform, view_codes
 
 _QUICK = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 
@@ -38,14 +40,35 @@ def frame_pixels(image: ExrImage, layer: str) -> Float32[np.ndarray, "height wid
 
 
 def screen_png(
-    pixels: Float32[np.ndarray, "height width 3"], exposure_stops: float = 0.0
+    pixels: Float32[np.ndarray, "height width 3"],
+    exposure_stops: float = 0.0,
+    view: ViewTransform | None = None,
 ) -> bytes:
-    """The picture in sRGB as PNG, brighter by some stops."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        codes = pixels.astype(np.float16).view(np.uint16)
-    picture = _codes(float(exposure_stops))[codes]
-    _, buffer = cv2.imencode(".png", picture[..., ::-1], _QUICK)
+    """The picture as PNG, brighter by some stops.
+
+    Parameters
+    ----------
+    view : How light is shown; in sRGB if None.
+
+    Raises
+    ------
+    LensfitError : There is no such view transform here.
+    """
+    if view is None:
+        codes = _srgb_codes(pixels, exposure_stops)
+    else:
+        with np.errstate(over="ignore", invalid="ignore"):
+            codes = view_codes(pixels * np.float32(2.0**exposure_stops), view)
+    _, buffer = cv2.imencode(".png", codes[..., ::-1], _QUICK)
     return buffer.tobytes()
+
+
+def _srgb_codes(
+    pixels: Float32[np.ndarray, "height width 3"], exposure_stops: float
+) -> UInt8[np.ndarray, "height width 3"]:
+    with np.errstate(over="ignore", invalid="ignore"):
+        halves = pixels.astype(np.float16).view(np.uint16)
+    return _codes(float(exposure_stops))[halves]
 
 
 @lru_cache(maxsize=32)

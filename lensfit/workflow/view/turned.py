@@ -5,8 +5,8 @@ quantities of the camera and some knobs in their place. The words of a command l
 those of `lensfit apply`, so that what was seen can be rendered without the page.
 """
 
-import math
 import shlex
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Literal
@@ -69,8 +69,9 @@ def check_turned(preset: Preset, wanted: Turned) -> Turned:
                 f"{name} names a file, which a page may not",
                 remedy=f"state {option_of(name)} when you start the view",
             )
-        if not math.isfinite(value):
-            raise SettingsError(f"{name}: {value} is no finite number")
+        # Not isfinite: a whole number may be beyond any float.
+        if not abs(value) <= sys.float_info.max:
+            raise SettingsError(f"{name} is no finite number")
     turned(preset.knobs, wanted.knobs, error=SettingsError, where="knobs")
     return wanted
 

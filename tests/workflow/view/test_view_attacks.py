@@ -1,16 +1,13 @@
 """Who may not ask is refused, whatever is asked, and the process goes on."""
 
-import json
 import socket
 from collections.abc import Iterator
 
-import numpy as np
 import pytest
 from view_makers import Client, plate_client, thin_lens, write_depth_plate
 
 from lensfit.workflow.view.guard import MOST_BYTES
 
-MESSAGES = 400
 JSON = {"content-type": "application/json"}
 
 
@@ -156,6 +153,7 @@ def test_no_page_names_a_file(client: Client):
         {"knobs": {"coma": 1}},
         {"knobs": {"blades": 2}},
         {"knobs": {"coma_gain": 1e9}},
+        {"knobs": {"coma_gain": 10**400}},
         {"f_number": -1},
         {"f_number": 0},
         {"focus_distance_mm": "near"},
@@ -173,39 +171,3 @@ def test_what_cannot_be_is_a_sentence(client: Client, message: dict):
     assert said
     assert "\n" not in said
     assert "Traceback" not in said
-
-
-def malformed(rng: np.random.Generator) -> bytes:
-    """A message with something wrong: bytes, shape, names or values."""
-    good = {"frame": 0, "f_number": 2.8, "knobs": {"coma_gain": 1.0}}
-    kind = rng.integers(6)
-    if kind == 0:
-        return rng.bytes(int(rng.integers(1, 300)))
-    if kind == 1:
-        text = json.dumps(good).encode()
-        return text[: int(rng.integers(1, len(text) - 1))]
-    if kind == 2:
-        deep = int(rng.integers(2, 5_000))
-        return b'{"knobs":' * deep + b"1" + b"}" * deep
-    if kind == 3:
-        wrong = ["x", [], None, True, {}, "1", float("nan"), 1e308, -5]
-        key = ["frame", "f_number", "knobs", "focus_distance_mm"][rng.integers(4)]
-        value = wrong[rng.integers(len(wrong))]
-        fine = value is None and key != "frame" and key != "knobs"
-        value = "wrong" if fine or (key, value) == ("knobs", {}) else value
-        value = -1 if (key, value) in (("f_number", 1e308),) else value
-        return json.dumps(good | {key: value}).encode()
-    if kind == 4:
-        name = "".join(map(chr, rng.integers(32, 0xD7FF, 12)))
-        return json.dumps(good | {name: 1}).encode()
-    return json.dumps([good] * int(rng.integers(1, 50))).encode()
-
-
-def test_malformed_messages_are_refused_in_a_sentence(client: Client):
-    rng = np.random.default_rng(20)
-    names = ("command", "save", "focus", "plan", "render", "plate")
-    for index in range(MESSAGES):
-        body = malformed(rng)
-        answer = client.post_bytes(names[index % len(names)], body)
-        assert answer.status == 422, body[:200]
-        assert "\n" not in answer.json()["error"]

@@ -113,6 +113,40 @@ def test_two_states_are_compared_by_the_wipe(opened: Browser):
     until(opened, beside, "plate")
 
 
+def test_light_is_shown_by_a_view_of_opencolorio(opened: Browser):
+    pytest.importorskip("PyOpenColorIO")
+    until(opened, SHOWN, "full")
+    srgb = opened.run(PICTURE)
+    config = "document.getElementById('config')"
+    changed = f"{config}.dispatchEvent(new Event('change'))"
+    opened.run(f"{config}.value = {config}.options[1].value, {changed}")
+    until(opened, f"{SHOWN} === 'full' && {PICTURE} !== {srgb!r}", True)
+    assert opened.run("document.getElementById('display').options.length") > 1
+    assert opened.run("document.getElementById('view').value") != ""
+    view = opened.run(PICTURE)
+    space = "document.getElementById('space')"
+    opened.run(f"{space}.selectedIndex = 2, {space}.dispatchEvent(new Event('change'))")
+    until(opened, f"{SHOWN} === 'full' && {PICTURE} !== {view!r}", True)
+    opened.run(f"{config}.value = '', {changed}")
+    until(opened, "document.getElementById('display').disabled", True)
+
+
+def test_a_bad_config_is_a_sentence_in_the_page(
+    opened: Browser, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    pytest.importorskip("PyOpenColorIO")
+    monkeypatch.setenv("OCIO", str(tmp_path / "gone.ocio"))
+    opened.open(client.address)
+    until(opened, f"{SHOWN} === 'full'", True)
+    said = opened.run("document.getElementById('view-fault').textContent")
+    assert "gone.ocio" in said
+    assert opened.run("document.getElementById('config').value") == ""
+    monkeypatch.delenv("OCIO")
+    opened.open(client.address)
+    until(opened, f"{SHOWN} === 'full'", True)
+    assert opened.run("document.getElementById('view-fault').textContent") == ""
+
+
 def test_every_control_has_a_name(opened: Browser):
     assert opened.run(UNNAMED) == []
     assert opened.run("document.querySelectorAll('.knob').length") > 40

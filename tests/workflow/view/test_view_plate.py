@@ -26,12 +26,14 @@ from view_makers import (
 from lensfit.cli import main
 from lensfit.io.exr import ExrImage, read_exr, write_exr
 from lensfit.io.transfer import encode
+from lensfit.preset.store import load_preset
 from lensfit.workflow.apply import apply_preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.sources import StateOverrides
 from lensfit.workflow.view.turned import Started, Turned, command_line
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
+PRIME = Path(__file__).parents[3] / "presets" / "prime_50" / "preset.json"
 TURNED = {"f_number": 4.0, "focus_distance_mm": 1600.0, "knobs": {"blades": 6}}
 
 
@@ -107,6 +109,21 @@ def test_the_pixels_are_those_of_apply_to_the_bit(plate: Path, tmp_path: Path):
     neutral = viewed.pixels(Turned(), "full")
     assert np.abs(neutral - made).max() > 1e-2
     np.testing.assert_array_equal(viewed.pixels(wanted, "full"), made)
+
+
+@pytest.mark.slow
+def test_the_pixels_of_a_fitted_lens_are_those_of_apply_to_the_bit(tmp_path: Path):
+    plate = write_depth_plate(tmp_path / "plate.exr", 240, 135)
+    preset = load_preset(PRIME)
+    stated = {"focal_length_mm": 50.0, "f_number": 2.0, "focus_distance_mm": 1600.0}
+    knobs = {"coma_gain": 2.0}
+    options = ApplyOptions(overrides=StateOverrides(**stated), knobs=knobs)
+    made = apply_preset(preset, plate, tmp_path / "out", options=options)
+    assert made.failures == []
+    viewed = ViewedPlate(preset, str(plate), ApplyOptions())
+    seen = viewed.pixels(Turned(**stated, knobs=knobs), "full")
+    np.testing.assert_array_equal(seen, frame_of(made.written[0]))
+    assert np.abs(seen - viewed.plate_pixels(0)).max() > 1e-2
 
 
 def test_a_click_focuses_on_what_lies_there(client):
