@@ -3,3 +3,8 @@ means, and is not imported for the help alone."""
 
 EFFORTS = ("fastest", "fast", "normal", "best")
 EFFORT_HELP = " | ".join(EFFORTS)
+EFFORTS_OR_NONE = ("none", *EFFORTS)
+EFFORT_OR_NONE_HELP = (
+    "Speed against error of the blur; none leaves it out: "
+    + " | ".join(EFFORTS_OR_NONE)
+)

@@ -8,7 +8,7 @@ import typer
 
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._door import one_of, say_error, say_note
-from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
+from lensfit.cli._efforts import EFFORT_OR_NONE_HELP, EFFORTS_OR_NONE
 from lensfit.cli._levels import LEVELS, one_of_or_none
 
 
@@ -24,8 +24,8 @@ def calibrate(
     effort: Annotated[
         str,
         typer.Option(
-            help="Speed against error of the blur: " + EFFORT_HELP,
-            callback=one_of(EFFORTS),
+            help=EFFORT_OR_NONE_HELP,
+            callback=one_of(EFFORTS_OR_NONE),
         ),
     ] = "normal",
     require: Annotated[

@@ -5,8 +5,8 @@ than the blur. Broad dots take longer than small holes: they are fitted where th
 no small holes.
 
 An f-number is the unit of the opening, and of defocus with it. Where all photographs
-lack it, any will do for the setting that was photographed, and none is known for
-others.
+lack it, one serves the setting that was photographed as well as another, as long as
+charts seen at a slant are not too deep for it; none is known for others.
 """
 
 from collections.abc import Collection
@@ -18,20 +18,24 @@ from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.lens_state import LensState, by_focal_length
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
+from lensfit.fit.wavefront.gather import gather
 from lensfit.fit.wavefront.shown import (
     LARGEST_HOLE_CELLS,
     LARGEST_PLACED_CELLS,
     Shown,
     hole_cells,
 )
+from lensfit.fit.wavefront.start import sharp_f_number
 from lensfit.fit.wavefront.told_by_marks import keeping_centroids
+from lensfit.optics.spectrum import bands
 from lensfit.progress import Progress
 
 _TOO_LARGE = (
     "the dots themselves are too large: photograph dots less than 1.8 pixels wide"
 )
+_LEFT_OUT = "effort none leaves it out"
 _ASSUMED_F_NUMBER = 4.0
-"""Where nobody stated one: any would do."""
+"""The least, where nobody stated one."""
 
 
 class LensWavefronts(NamedTuple):
@@ -58,10 +62,15 @@ def fit_wavefronts(
     """One for each focal length whose dots can be used."""
     found = LensWavefronts({}, {}, {})
     for focal_mm, mine in by_focal_length(states).items():
+        if effort is Effort.NONE:
+            found.without[focal_mm] = _LEFT_OUT
+            continue
         known = any(t.f_number for state in mine for t in state.geometry.takes)
         assumed = None if known else _ASSUMED_F_NUMBER
         pictured = [s for state in mine for s in _shown_of(state, assumed)]
         shown = _telling(pictured)
+        if shown and not known:
+            shown = _stopped_down(shown)
         if not shown:
             why = _TOO_LARGE if pictured else _unsaid(mine)
             if why:
@@ -93,6 +102,12 @@ def _telling(pictured: list[Shown]) -> list[Shown]:
     sized = list(zip(pictured, wide, strict=True))
     small = [one for one, cells in sized if cells <= LARGEST_PLACED_CELLS]
     return small or [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
+
+
+def _stopped_down(shown: list[Shown]) -> list[Shown]:
+    """Those whose f-number nobody stated, as far as their sharpness asks for it."""
+    f_number = round(sharp_f_number(gather(shown, bands(3))), 1)
+    return [one._replace(f_number=f_number) for one in shown]
 
 
 def _unsaid(states: list[LensState]) -> str:

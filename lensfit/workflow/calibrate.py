@@ -81,7 +81,8 @@ def calibrate(
     out_dir : Folder for preset.json, stmaps, overlays, model, blur, report.json and
         report.html.
     progress : Told how far it is.
-    effort : Speed against error of the blur: "fastest", "fast", "normal", "best".
+    effort : Speed against error of the blur: "fastest", "fast", "normal", "best"; or
+        "none", which measures no blur.
 
     Returns
     -------

@@ -112,7 +112,7 @@ def test_dots_that_leave_no_rim_on_their_picture_are_too_large(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("stated", "used"), [((None, None), (4.0, 4.0)), ((2.8, None), (2.8,))]
+    ("stated", "used"), [((None, None), (5.6, 5.6)), ((2.8, None), (2.8,))]
 )
 def test_an_f_number_that_no_take_states_is_the_unit(stated, used, monkeypatch):
     """One beside takes that state theirs is another one, and unknown."""
@@ -121,12 +121,19 @@ def test_an_f_number_that_no_take_states_is_the_unit(stated, used, monkeypatch):
         for name, number in zip("ab", stated, strict=True)
     ]
     seen = []
+    monkeypatch.setattr(lens_wavefronts, "gather", lambda *_: None)
+    monkeypatch.setattr(lens_wavefronts, "sharp_f_number", lambda _: 5.6)
     monkeypatch.setattr(lens_wavefronts, "hole_cells", lambda _: 0.5)
     monkeypatch.setattr(
         lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: noted(shown, seen)
     )
     fit_wavefronts([state(*takes)], silent, Effort.FASTEST, None)
     assert tuple(one.f_number for one in seen) == used
+
+
+def test_no_effort_leaves_the_blur_out():
+    found = fit_wavefronts([state(take("one"))], silent, Effort.NONE, None)
+    assert found.without == {50.0: "effort none leaves it out"}
 
 
 def test_small_dark_dots_of_one_setting_are_fitted(monkeypatch):

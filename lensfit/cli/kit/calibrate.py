@@ -7,7 +7,7 @@ import typer
 
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._door import one_of
-from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
+from lensfit.cli._efforts import EFFORT_OR_NONE_HELP, EFFORTS_OR_NONE
 from lensfit.cli._levels import LEVELS, one_of_or_none
 from lensfit.cli.kit.options import AsJson, KitPath, Lenses
 from lensfit.cli.kit.outcome import show_kit
@@ -23,8 +23,8 @@ def calibrate(
     effort: Annotated[
         str,
         typer.Option(
-            help="Speed against error of the blur: " + EFFORT_HELP,
-            callback=one_of(EFFORTS),
+            help=EFFORT_OR_NONE_HELP,
+            callback=one_of(EFFORTS_OR_NONE),
         ),
     ] = "normal",
     again: Annotated[

@@ -9,7 +9,7 @@ import typer
 
 from lensfit.cli._console import say_line
 from lensfit.cli._door import one_of
-from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
+from lensfit.cli._efforts import EFFORT_OR_NONE_HELP, EFFORTS_OR_NONE
 from lensfit.cli.kit.options import AsJson, KitPath, Lenses
 
 
@@ -20,8 +20,8 @@ def submit(
     effort: Annotated[
         str,
         typer.Option(
-            help="Speed against error of the blur: " + EFFORT_HELP,
-            callback=one_of(EFFORTS),
+            help=EFFORT_OR_NONE_HELP,
+            callback=one_of(EFFORTS_OR_NONE),
         ),
     ] = "normal",
     write: Annotated[

@@ -9,8 +9,10 @@ _USUAL_TAKES = 7
 
 class Effort(Enum):
     """Speed against error: dots of each of seven takes in the coarse and in the fine
-    stages, and rounds of the fine one with weights found anew between them."""
+    stages, and rounds of the fine one with weights found anew between them. None leaves
+    the wavefront out."""
 
+    NONE = (0, 0, 0)
     FASTEST = (6, 6, 1)
     FAST = (6, 12, 2)
     NORMAL = (8, 20, 3)
@@ -31,7 +33,7 @@ class Effort(Enum):
 
     @classmethod
     def named(cls, name: str) -> "Effort":
-        """That of a setting: "fastest", "fast", "normal" or "best".
+        """That of a setting: "none", "fastest", "fast", "normal" or "best".
 
         Raises
         ------

@@ -16,6 +16,7 @@ from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.wavefront.dots import hole_variance_mm2
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout
+from lensfit.kernel.pixels import AIRY_SIGMA, WAVELENGTH_MM
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.paraxial import defocus_mm
 from lensfit.optics.pupil import clear_pupil, relative_illumination
@@ -23,6 +24,8 @@ from lensfit.optics.pupil import clear_pupil, relative_illumination
 _NEAR_AXIS = 0.35
 IN_FOCUS_MM = 0.02
 """Defocus that has no side worth telling."""
+_LEAST_BLUR_CELLS = 0.5
+"""Deviation of the narrowest blur that is told from a dot a little larger."""
 _RADII = 9
 _RIM_RADII = (1.02, 1.1, 1.2, 1.35, 1.6, 2.0)
 _RIM_SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
@@ -93,6 +96,32 @@ def blurring_defocus_mm(
     of_disc = np.maximum(variance_mm2 - hole_variance_mm2(gathered.dots), 0.0)
     # A disc of radius R has the variance R^2 / 4.
     return 2 * np.sqrt(of_disc) / tangent
+
+
+def sharp_f_number(gathered: Gathered) -> float:
+    """The f-number from which on dots as near and as far as these are as sharp.
+
+    Of a chart that is seen at a slant the sharp image is as deep as first-order optics
+    say. An opening that would blur its dots by more than is seen is none; nor is one
+    so small that diffraction would be half of what is seen. The f-number is at least
+    that of the dots, whose blur has other causes too.
+    """
+    optics, dots = gathered.first_order, gathered.dots
+    pupil_mm = float(optics.focal_length_mm / optics.pupil_magnification)
+    depth_mm = float(optics.focal_length_mm) ** 2 / (1 / dots.vergence - pupil_mm)
+    variance_mm2 = gathered.diameter_mm**2 / 16 - hole_variance_mm2(dots)
+    least_mm2 = (_LEAST_BLUR_CELLS * dots.cell_mm.mean(1)) ** 2
+    least = gathered.f_numbers[0]
+    asked = [least]
+    for take in range(len(gathered.shown)):
+        mine = gathered.take == take
+        across = depth_mm[mine].std() / 2
+        seen_mm2 = np.nanmedian(np.maximum(variance_mm2[mine], least_mm2[mine]))
+        seen_mm = float(np.sqrt(seen_mm2))
+        # Along a line a disc of radius R has the variance R^2 / 4.
+        by_depth = across / (2 * seen_mm)
+        asked.append(min(by_depth, seen_mm / 2 / (AIRY_SIGMA * WAVELENGTH_MM)))
+    return float(np.max(np.nan_to_num(asked, nan=least)))
 
 
 class FirstDefocus(NamedTuple):

@@ -1,7 +1,10 @@
 """Where the fit begins: size and sign of defocus, and which dots it begins with."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, REFERENCE_MM, Seidel, Shot, photographed
@@ -13,8 +16,11 @@ from lensfit.fit.wavefront.start import (
     first_parameters,
     first_rims,
     seen_defocus_mm,
+    sharp_f_number,
 )
+from lensfit.kernel.pixels import AIRY_SIGMA, WAVELENGTH_MM
 from lensfit.optics.bernstein import bernstein
+from lensfit.optics.paraxial import FirstOrder
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +54,45 @@ def test_a_chart_stated_in_focus_is_taken_to_be(discs):
     first = first_defocus(replace(discs, groups=(focused, discs.groups[1])))
     assert first.side_stated.all()
     assert abs(first.value_mm[0]) < 1e-9
+
+
+def slanted(f_number: float, sigma_mm: float, depth_mm: float = 3.0):
+    """Half of the dots' sharp images before the others', by twice `depth_mm`; of a thin
+    lens of 50 mm, whose dots are as blurred as at this f-number or by a sigma."""
+    image_mm = np.resize([50 + depth_mm, 50 - depth_mm], 8)
+    radius_mm = depth_mm / (2 * f_number)
+    dots = SimpleNamespace(
+        vergence=1 / (50 + 50**2 / (image_mm - 40)),
+        variance_mm2=np.zeros((8, 2)),
+        filled_mm=np.zeros((8, 2, 2)),
+        cell_mm=np.full((8, 2), 0.01),
+        broad=None,
+    )
+    diameter_mm = 4 * max(radius_mm / 2, sigma_mm)
+    return SimpleNamespace(
+        first_order=FirstOrder(*map(jnp.asarray, (50.0, 1.0, 0.0))),
+        dots=dots,
+        diameter_mm=np.full(8, diameter_mm),
+        f_numbers=(4.0,),
+        shown=(None,),
+        take=np.zeros(8, int),
+    )
+
+
+def test_a_chart_seen_at_a_slant_is_as_deep_as_its_dots_are_sharp():
+    gathered: Any = slanted(11.0, 0.0)
+    assert sharp_f_number(gathered) == pytest.approx(11.0, rel=1e-6)
+
+
+def test_a_level_chart_keeps_the_unit():
+    gathered: Any = slanted(11.0, 0.02, depth_mm=0.0)
+    assert sharp_f_number(gathered) == 4.0
+
+
+def test_an_opening_that_diffraction_would_blur_more_is_none():
+    gathered: Any = slanted(500.0, 0.01)
+    airy_mm = AIRY_SIGMA * WAVELENGTH_MM * sharp_f_number(gathered)
+    assert airy_mm == pytest.approx(0.005)
 
 
 def test_the_first_lens_is_perfect_but_defocused_and_clipped(discs):

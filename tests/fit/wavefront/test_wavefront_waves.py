@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 
-from lensfit.fit.wavefront.dots import Broad
+from lensfit.fit.wavefront.dots import Aperture, Broad
 from lensfit.fit.wavefront.patch import equations_of
 from lensfit.fit.wavefront.rays import rays_of, spot_seen
 from lensfit.fit.wavefront.shapes import Colour
@@ -24,7 +24,9 @@ VARIANCE_MM2 = jnp.full(2, 1e-6)
 def dot_of(disc_mm, beside_mm=NOBODY, size_width=1e-4):
     """A dot on axis and its transfer, as a pass has them."""
     cell_mm = np.full((1, 2), PIXEL_MM)
-    broad = Broad(disc_mm[None], beside_mm[None], np.full(1, size_width))
+    one = np.ones(1)
+    aperture = Aperture(5 * np.eye(2)[None], 1.3 * one, 0.3 * one, 0 * one)
+    broad = Broad(disc_mm[None], beside_mm[None], size_width * one, aperture)
     transfer = transfers_of(broad, cell_mm, CELLS)
     dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)._replace(broad=broad)
     return jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
