@@ -22,6 +22,8 @@ from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 PRESETS = sorted((Path(__file__).parents[2] / "presets").glob("*/preset.json"))
 any_number = st.floats(allow_nan=False, allow_infinity=False)
 positive = st.floats(5e-324, 1.7e308)
+place = st.floats(-1e9, 1e9)
+length, f_number = st.floats(5e-324, 1e9), st.floats(5e-324, 1000.0)
 distance = st.one_of(positive, st.just(math.inf))
 text = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=20)
 
@@ -33,7 +35,8 @@ def bits(numbers) -> bytes:
 
 @st.composite
 def entries(draw) -> Entry:
-    """Every float that a preset may hold, subnormal and huge ones too."""
+    """Every float that a preset may hold, subnormal and huge ones too; lengths and
+    f-numbers as a lens may have them."""
     control = sorted(draw(st.lists(st.floats(0, 50.0), min_size=3, max_size=3)))
     low = draw(st.floats(-1e300, 0, exclude_max=True))
     high = draw(st.floats(0, 1e300, exclude_min=True))
@@ -41,14 +44,12 @@ def entries(draw) -> Entry:
     spread = draw(st.floats(1e-150, 1e150))
     matrix = np.array([[1.0, 0.5], [0.5, 1.0]]) * spread
     return Entry(
-        focal_length_mm=draw(positive),
+        focal_length_mm=draw(length),
         focus_distance_mm=draw(distance),
-        projection=Projection(
-            draw(positive), (draw(any_number), draw(any_number)), draw(any_number)
-        ),
+        projection=Projection(draw(length), (draw(place), draw(place)), draw(place)),
         distortion=Distortion(
             base=draw(st.sampled_from(["rectilinear", "stereographic", "equidistant"])),
-            reference_radius_mm=draw(positive),
+            reference_radius_mm=draw(length),
             valid_radius=draw(positive),
             valid_box=(low, low, high, high),
             radial_log_slope=tuple(draw(st.lists(any_number, max_size=6))),
@@ -56,7 +57,7 @@ def entries(draw) -> Entry:
             squeeze_axis_rad=draw(any_number),
         ),
         lateral_colour=None,
-        fall_off=(FallOff(draw(positive), draw(positive), *[tuple(control)] * 3),),
+        fall_off=(FallOff(draw(f_number), draw(positive), *[tuple(control)] * 3),),
         terms=(),
         covariance=Covariance.of_matrix(names, matrix),
         quality=Quality(0.0, None, 0, 0, 0),
