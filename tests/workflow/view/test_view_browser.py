@@ -49,6 +49,7 @@ def opened(
 SHOWN = "document.getElementById('stage').dataset.shown"
 PICTURE = "document.getElementById('made').src"
 DIFFERENT = """((made, other) => {
+    if (!made.naturalWidth || !other.naturalWidth) return NaN;  // not loaded yet
     const canvas = document.createElement("canvas");
     [canvas.width, canvas.height] = [made.naturalWidth, made.naturalHeight];
     const pen = canvas.getContext("2d");

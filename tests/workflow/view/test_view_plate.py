@@ -117,10 +117,12 @@ def test_the_pixels_of_a_fitted_lens_are_those_of_apply_to_the_bit(tmp_path: Pat
     preset = load_preset(PRIME)
     stated = {"focal_length_mm": 50.0, "f_number": 2.0, "focus_distance_mm": 1600.0}
     knobs = {"coma_gain": 2.0}
-    options = ApplyOptions(overrides=StateOverrides(**stated), knobs=knobs)
+    width = {"sensor_width_mm": preset.camera.sensor_width_mm}
+    options = ApplyOptions(overrides=StateOverrides(**stated, **width), knobs=knobs)
     made = apply_preset(preset, plate, tmp_path / "out", options=options)
     assert made.failures == []
-    viewed = ViewedPlate(preset, str(plate), ApplyOptions())
+    opened = ApplyOptions(overrides=StateOverrides(**width))
+    viewed = ViewedPlate(preset, str(plate), opened)
     seen = viewed.pixels(Turned(**stated, knobs=knobs), "full")
     np.testing.assert_array_equal(seen, frame_of(made.written[0]))
     assert np.abs(seen - viewed.plate_pixels(0)).max() > 1e-2
