@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from lensfit import __version__
 from lensfit.cli import main
 from lensfit.cli._door import DoorGroup
-from lensfit.cli._efforts import EFFORTS
+from lensfit.cli._efforts import EFFORTS_OR_NONE
 from lensfit.errors import ShootError
 from lensfit.fit.wavefront.effort import Effort
 
@@ -256,4 +256,4 @@ def test_the_compilation_cache_may_be_moved_or_left_out(tmp_path: Path):
 
 
 def test_the_efforts_of_the_help_are_those_of_the_fit():
-    assert tuple(one.name.lower() for one in Effort) == EFFORTS
+    assert tuple(one.name.lower() for one in Effort) == EFFORTS_OR_NONE
