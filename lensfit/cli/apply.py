@@ -10,7 +10,7 @@ from lensfit.cli._console import say_line
 from lensfit.cli._cores import CoresOption
 from lensfit.cli._tolerance import ToleranceOption
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.camera import CameraGroup
+from lensfit.cli.groups.camera import CameraGroup, ScaleToSensorOption
 from lensfit.cli.groups.depth import DepthGroup
 from lensfit.cli.groups.disable import DisableGroup
 from lensfit.cli.groups.effects import EffectsGroup
@@ -91,14 +91,7 @@ def apply(
             help="Write the plate's data window, not only the display window",
         ),
     ] = False,
-    scale_to_sensor: Annotated[
-        bool,
-        typer.Option(
-            "--scale-to-sensor",
-            help="Put the look on a focal length or sensor that it was not measured "
-            "at: by field angle, beyond those in units of the frame",
-        ),
-    ] = False,
+    scale_to_sensor: ScaleToSensorOption = False,
     stmap: Annotated[
         Path | None,
         typer.Option(help="Redistort map (EXR) in place of the lens' own distortion"),

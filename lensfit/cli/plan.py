@@ -9,7 +9,7 @@ from lensfit.cli._console import console
 from lensfit.cli._cores import CoresOption
 from lensfit.cli._tolerance import ToleranceOption
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.camera import CameraGroup
+from lensfit.cli.groups.camera import CameraGroup, ScaleToSensorOption
 from lensfit.cli.groups.depth import DepthGroup
 from lensfit.cli.groups.disable import DisableGroup
 from lensfit.cli.groups.effects import EffectsGroup
@@ -43,14 +43,7 @@ def plan(
     disabled: DisableGroup,
     bokeh: BokehGroup,
     look: LookGroup,
-    scale_to_sensor: Annotated[
-        bool,
-        typer.Option(
-            "--scale-to-sensor",
-            help="Put the look on a focal length or sensor that it was not measured "
-            "at: by field angle, beyond those in units of the frame",
-        ),
-    ] = False,
+    scale_to_sensor: ScaleToSensorOption = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
 ) -> None:
     """Print which stages a plate needs, which are left out and why, error and time.

@@ -13,6 +13,16 @@ _PANEL = "Camera"
 _UNITS = ("mm", "cm", "m", "in", "ft")
 
 
+ScaleToSensorOption = Annotated[
+    bool,
+    typer.Option(
+        "--scale-to-sensor",
+        help="Put the look on a focal length or sensor that it was not measured at: by "
+        "field angle, beyond those in units of the frame",
+    ),
+]
+
+
 @dataclass(frozen=True)
 class CameraGroup:
     """What is known better than the header knows it."""

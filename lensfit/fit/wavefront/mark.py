@@ -10,6 +10,7 @@ Images here are of light, whichever is darker. Places are cells from the middle 
 patch, right and down.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -18,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.detect.centroids import BAND_GAIN
+from lensfit.detect.cutouts import CELLS
 from lensfit.fit.wavefront.dots import Aperture, Dots
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.patch import pulled
@@ -25,66 +27,72 @@ from lensfit.fit.wavefront.rays import spot_seen
 from lensfit.fit.wavefront.shapes import Colour
 from lensfit.fit.wavefront.waves import Transfer, basis_of
 from lensfit.kernel.pixels import image_of
-from lensfit.kernel.spot import Spot
 
 _RAYS, _WAVES = 192, 20
-"""Of an image: 1 % of its drag off, as apertures and rims see little detail."""
+"""Of an image, for a centroid bias within 1 %: apertures and rims need no detail."""
 _ROUNDS = 2
 """Of putting the aperture where the mark was found."""
 _SOFT_CELLS = 0.5
 _LEAST = 1e-6
 
 
-class Seen(NamedTuple):
-    """What is known of one dot (a row of `Dots`) and of its blur."""
+class _Drawn(NamedTuple):
+    """One channel of a dot, on a patch whose middle is where the chief ray lands.
 
-    dot: Dots
-    transfer: Transfer
-    chromatic: Float[Array, "3 wavelengths"]
-    layout: Layout
-    scale: Scale
+    Attributes
+    ----------
+    pulled_back : From a derivative by the light of cells to one by the parameters.
+    """
+
+    image: Float[Array, "cells cells"]
+    pulled_back: Callable[[Array], Array]
 
 
 def mark_offsets_mm(
-    parameters: Float[Array, " parameters"], seen: Seen, cells: int
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    transfer: Transfer,
+    chromatic: Float[Array, "3 wavelengths"],
+    layout: Layout,
+    scale: Scale,
 ) -> Float[Array, "3 2"]:
     """From where each channel's chief ray lands to its mark.
 
     Parameters
     ----------
-    cells : Along a side of the dot's patch.
+    dot, transfer : Of one broad dot.
     """
 
     def channel(chromatic: Array, lateral_mm: Array) -> Array:
         colour = Colour(chromatic, lateral_mm)
-        spot, _ = _spot_seen(parameters, seen, colour)
-        return _mark_of_spot_mm(spot, seen, cells)
+        drawn = _drawn(parameters, dot, transfer, colour, layout, scale)
+        return _mark_mm(drawn.image, dot)
 
-    return jax.vmap(channel)(seen.chromatic, seen.dot.lateral_mm)
+    return jax.vmap(channel)(chromatic, dot.lateral_mm)
 
 
 def mark_offset_slopes_mm(
-    parameters: Float[Array, " parameters"], seen: Seen, cells: int
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    transfer: Transfer,
+    chromatic: Float[Array, "3 wavelengths"],
+    layout: Layout,
+    scale: Scale,
 ) -> Float[Array, "3 2 parameters"]:
     """d `mark_offsets_mm` / d parameter."""
 
     def channel(chromatic: Array, lateral_mm: Array) -> Array:
-        spot, led_back = _spot_seen(parameters, seen, Colour(chromatic, lateral_mm))
-        basis, profile = _drawn(spot, seen, cells)
-
-        def mark_mm(image: Array) -> Array:
-            return mark_of(image, _aperture(seen)) * seen.dot.cell_mm
-
-        image = basis.seen(image_of(spot, profile))
-        _, to_image = jax.vjp(mark_mm, image)
+        colour = Colour(chromatic, lateral_mm)
+        drawn = _drawn(parameters, dot, transfer, colour, layout, scale)
+        _, to_image = jax.vjp(lambda image: _mark_mm(image, dot), drawn.image)
 
         def along(axis: Array) -> Array:
             (by_image,) = to_image(axis)
-            return led_back(pulled(spot, profile, basis.traced_back(by_image)))
+            return drawn.pulled_back(by_image)
 
-        return jax.vmap(along)(jnp.eye(2, dtype=image.dtype))
+        return jax.vmap(along)(jnp.eye(2, dtype=drawn.image.dtype))
 
-    return jax.vmap(channel)(seen.chromatic, seen.dot.lateral_mm)
+    return jax.vmap(channel)(chromatic, dot.lateral_mm)
 
 
 def mark_of(
@@ -97,39 +105,40 @@ def mark_of(
     aperture : Of one dot.
     """
     places = _places(image.shape[0], image.dtype)
-    radius = jnp.sqrt(jnp.abs(jnp.linalg.det(aperture.to_edge)))
-    image = image - _background(image, places, aperture, radius)
+    radius_cells = jnp.sqrt(jnp.abs(jnp.linalg.det(aperture.to_edge)))
+    image = image - _background(image, places, aperture, radius_cells)
     dark = aperture.smoothing > 0
     image = jnp.where(dark, _rim_alone(image, places, aperture), image)
     centre = jnp.zeros(2, image.dtype)
     for _ in range(_ROUNDS):
         away = _away(places - centre[None, None], aperture)
-        light = image * jnp.clip((1 - away) * radius + _SOFT_CELLS, 0, 1)
+        light = image * jnp.clip((1 - away) * radius_cells + _SOFT_CELLS, 0, 1)
         centre = jnp.einsum("rc,rci->i", light, places) / jnp.sum(light)
     return centre
 
 
-def _mark_of_spot_mm(spot: Spot, seen: Seen, cells: int) -> Float[Array, "2"]:
-    basis, profile = _drawn(spot, seen, cells)
-    image = basis.seen(image_of(spot, profile))
-    return mark_of(image, _aperture(seen)) * seen.dot.cell_mm
+def _mark_mm(image: Float[Array, "cells cells"], dot: Dots) -> Float[Array, "2"]:
+    assert dot.broad is not None
+    return mark_of(image, dot.broad.aperture) * dot.cell_mm
 
 
-def _aperture(seen: Seen) -> Aperture:
-    assert seen.dot.broad is not None
-    return seen.dot.broad.aperture
+def _drawn(
+    parameters: Array,
+    dot: Dots,
+    transfer: Transfer,
+    colour: Colour,
+    layout: Layout,
+    scale: Scale,
+) -> _Drawn:
+    spot, led_back = spot_seen(parameters, dot, colour, layout, scale, _RAYS)
+    corner_mm = -dot.cell_mm * CELLS / 2
+    basis = basis_of(corner_mm, dot.cell_mm, CELLS, transfer, _WAVES)
+    profile = basis.profile(spot, dot.variance_mm2)
 
+    def pulled_back(by_image: Array) -> Array:
+        return led_back(pulled(spot, profile, basis.traced_back(by_image)))
 
-def _spot_seen(parameters: Array, seen: Seen, colour: Colour):
-    return spot_seen(parameters, seen.dot, colour, seen.layout, seen.scale, _RAYS)
-
-
-def _drawn(spot: Spot, seen: Seen, cells: int):
-    """On a patch whose middle is where the chief ray lands."""
-    dot = seen.dot
-    corner_mm = -dot.cell_mm * cells / 2
-    basis = basis_of(corner_mm, dot.cell_mm, cells, seen.transfer, _WAVES)
-    return basis, basis.profile(spot, dot.variance_mm2)
+    return _Drawn(basis.seen(image_of(spot, profile)), pulled_back)
 
 
 def _places(cells: int, dtype) -> Float[Array, "cells cells 2"]:
@@ -146,11 +155,11 @@ def _away(places: Array, aperture: Aperture) -> Float[Array, "cells cells"]:
 
 
 def _background(
-    image: Array, places: Array, aperture: Aperture, radius: Array
+    image: Array, places: Array, aperture: Aperture, radius_cells: Array
 ) -> Float[Array, "cells cells"]:
     """A plane through the ring around the aperture."""
     away = _away(places, aperture)
-    ring = (away > 1 + _SOFT_CELLS / radius) & (away < aperture.ring)
+    ring = (away > 1 + _SOFT_CELLS / radius_cells) & (away < aperture.ring)
     w = ring.astype(image.dtype).reshape(-1)
     design = jnp.concatenate([jnp.ones_like(image)[..., None], places], -1)
     design = design.reshape(-1, 3)

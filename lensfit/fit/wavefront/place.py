@@ -1,8 +1,8 @@
 """Where chief rays land: every dot's centroid, less what blur does to it.
 
-A centroid is not where the chief ray lands: coma and clipping drag it, differently at
-every f-number, focus and colour. With the wavefront known the distance between the two
-is known (`drags`), and geometry and lateral colour can be fitted to chief rays.
+A centroid is not where the chief ray lands: coma and clipping move it, differently at
+every f-number, focus and colour. The wavefront gives that bias (`centroid_biases`), and
+geometry and lateral colour can be fitted to chief rays.
 
 (The place at which the modelled image suits the photograph best is the same in theory;
 in practice it carries the noise of the rays that the image is made of.)
@@ -15,14 +15,14 @@ from jaxtyping import Float
 
 from lensfit.fit.take import Take
 from lensfit.fit.wavefront.aliasing import Aliasing, aliasing_of
-from lensfit.fit.wavefront.drags import drags_of_all_mm
+from lensfit.fit.wavefront.centroid_biases import smooth_centroid_biases_mm
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.shown import Shown
 from lensfit.fit.wavefront.stages import Stage
 
 _UNSURE = 0.05
-"""Share of a drag that the model may get wrong: a photograph in which blur drags little
-tells where chief rays land, and one in which it drags much follows."""
+"""Share of a bias that the model may get wrong: where it is small, a photograph counts
+for more."""
 
 
 def placed(stage: Stage, gathered: Gathered) -> list[Take]:
@@ -30,13 +30,13 @@ def placed(stage: Stage, gathered: Gathered) -> list[Take]:
 
     Marks whose size is unknown stay where they are.
     """
-    dragged_mm = drags_of_all_mm(stage, gathered)
+    bias_mm = smooth_centroid_biases_mm(stage, gathered)
     aliasing = aliasing_of(stage, gathered)
     takes = []
     for k, shown in enumerate(gathered.shown):
         mine = gathered.take == k
         of_take = Aliasing(*(part[mine] for part in aliasing))
-        takes.append(_moved(shown, dragged_mm[mine], of_take))
+        takes.append(_moved(shown, bias_mm[mine], of_take))
     return takes
 
 
@@ -47,15 +47,16 @@ def moving_together(
     moves_mm: Float[np.ndarray, "dots moves 3 2"],
 ) -> list[Take]:
     """Placed takes that say how their marks move together (`shared_moves_mm`): as
-    given, and by the share of the drag that the model may get wrong, alike in all takes
+    given, and by the share of the bias that the model may get wrong, alike in all takes
     of one f-number and focus.
 
     Parameters
     ----------
     takes : As `placed` has them.
-    moves_mm : How independent errors of the wavefront move every dot's mark (`drags`).
+    moves_mm : How independent errors of the wavefront move every dot's mark
+        (`centroid_biases`).
     """
-    dragged_mm = drags_of_all_mm(stage, gathered)
+    bias_mm = smooth_centroid_biases_mm(stage, gathered)
     settings = [(take.f_number, take.focus_distance_mm) for take in takes]
     distinct = list(dict.fromkeys(settings))
     moves = moves_mm.shape[1]
@@ -66,21 +67,21 @@ def moving_together(
         rows = gathered.shown[k].cutouts.marks
         shared[:moves, :, rows] = moves_mm[mine].transpose(1, 2, 0, 3)
         alike = moves + distinct.index(settings[k])
-        shared[alike, :, rows] = _UNSURE * dragged_mm[mine]
+        shared[alike, :, rows] = _UNSURE * bias_mm[mine]
         found.append(replace(take, shared_moves_mm=shared))
     return found
 
 
 def _moved(
     shown: Shown,
-    dragged_mm: Float[np.ndarray, "dots 3 2"],
+    bias_mm: Float[np.ndarray, "dots 3 2"],
     aliasing: Aliasing,
 ) -> Take:
     """The take with its marks at the chief rays, and the light that dots sent."""
     take, rows = shown.take, shown.cutouts.marks
     observations = take.observations
-    dragged = dragged_mm / take.pixel_mm
-    apart = dragged + aliasing.moved_mm / take.pixel_mm
+    bias_px = bias_mm / take.pixel_mm
+    apart = bias_px + aliasing.moved_mm / take.pixel_mm
     points = observations.points_px.copy()
     points[rows] -= apart[:, 1]
     channels = observations.channel_points_px.copy()
@@ -88,7 +89,7 @@ def _moved(
     flux = observations.flux.copy()
     green = flux[rows, flux.shape[1] // 2, None] / aliasing.brightened[:, None]
     flux[rows] = np.where(aliasing.green_alone[:, None], green, flux[rows])
-    unsure = _UNSURE**2 * np.einsum("kci,kcj->ckij", dragged, dragged)
+    unsure = _UNSURE**2 * np.einsum("kci,kcj->ckij", bias_px, bias_px)
     covariance = observations.covariance_px2.copy()
     covariance[rows] += unsure[1]
     of_channels = observations.channel_covariance_px2.copy()

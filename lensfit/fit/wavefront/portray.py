@@ -13,8 +13,8 @@ from jaxtyping import Array, Float
 
 from lensfit.batches import in_batches
 from lensfit.fit.wavefront.dots import Dots, Numbers
-from lensfit.fit.wavefront.drag import polar_landings
 from lensfit.fit.wavefront.gather import Gathered
+from lensfit.fit.wavefront.light_centroid import polar_landings
 from lensfit.fit.wavefront.normal import as_float32
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.shapes import Colour

@@ -3,8 +3,9 @@
 Marks hardly speak of the shape of dots. So the wavefront goes along the errors that its
 own fit left open, which change the photographs least, and keeps of its doubt what the
 marks leave. One error is added to those that the scatter of dots shows, since what the
-model misses is alike in all dots: that all it says of drags is wrong (`undoing`). Then
-the shape of dots is fitted anew as far as that leaves drags where marks put them.
+model misses is alike in all dots: that all its centroid biases are wrong (`undoing`).
+Then the shape of dots is fitted anew as far as that leaves the biases where marks put
+them.
 """
 
 from dataclasses import replace
@@ -14,9 +15,12 @@ from jaxtyping import Float
 
 from lensfit.fit.reconcile import Amounts
 from lensfit.fit.take import Take
-from lensfit.fit.wavefront.drags import moves_of_marks_mm, slight_moves_of_marks_mm
+from lensfit.fit.wavefront.centroid_biases import (
+    moves_of_marks_mm,
+    slight_moves_of_marks_mm,
+)
+from lensfit.fit.wavefront.constrained_refit import reshaped, undoing
 from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.fit.wavefront.held_drags import reshaped, undoing
 from lensfit.fit.wavefront.misfit import misfit_of
 from lensfit.fit.wavefront.place import moving_together, placed
 from lensfit.fit.wavefront.stages import settled
@@ -46,7 +50,7 @@ def moved_by(
 
 
 def errors_of(found: WavefrontFit) -> Float[np.ndarray, "errors parameters"]:
-    """That all drags are wrong, and then its independent errors."""
+    """That all centroid biases are wrong, and then its independent errors."""
     whole = undoing(found.stage, found.gathered)
     return np.concatenate([whole[None], parameter_moves(found.stage, found.covariance)])
 
@@ -55,8 +59,8 @@ def keeping_centroids(found: WavefrontFit) -> WavefrontFit:
     """The wavefront of one setting with centroids where chief rays land, where dots are
     explained as well so.
 
-    Marks of other settings would show how far coma drags a dot: those of one lie on a
-    smooth map wherever it drags them. The map without it is the one that was measured.
+    Marks of other settings would show how far coma moves a centroid: those of one lie
+    on a smooth map wherever it moves them. The map without it is what was measured.
     """
     whole = undoing(found.stage, found.gathered)[None]
     kept = told_by_marks(found, whole, Amounts(np.ones(1), np.zeros((1, 1))))
@@ -87,7 +91,7 @@ def told_by_marks(
     worse = misfit.median / found.misfit.median
     if not worse <= _AS_GOOD:
         return None
-    # In retrospect the halves of a fit go to minima of their own, which held drags
+    # In retrospect the halves of a fit go to minima of their own, which fixed biases
     # forbid: what dots that it did not see cost it is what it was.
     misfit = misfit._replace(held_out_dots=worse * found.misfit.held_out_dots)
     before = np.diag([0.0, *np.ones(len(errors) - 1)])

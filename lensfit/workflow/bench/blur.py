@@ -24,7 +24,7 @@ from scipy.interpolate import RBFInterpolator
 
 from lensfit.errors import LensfitError
 from lensfit.fit.lens_states import fit
-from lensfit.fit.wavefront.drags import drags_mm
+from lensfit.fit.wavefront.centroid_biases import centroid_biases_mm
 from lensfit.fit.wavefront.drawn import drawn
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit
@@ -129,7 +129,7 @@ def prediction_of(fitted: WavefrontFit) -> Prediction:
         _resized(chosen(every, some), larger)
         for some in (rows[:half], rows[half : 2 * half])
     )
-    place_mm = test.observed_mm - drags_mm(stage, test)
+    place_mm = test.observed_mm - centroid_biases_mm(stage, test)
     lens = drawn(stage, test, place_mm)[:, _GREEN]
     return Prediction(
         _errors(test, lens), _errors_of_gaussians(train, test), _noise(test, lens)

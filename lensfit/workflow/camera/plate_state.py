@@ -21,7 +21,7 @@ from lensfit.workflow.camera.f_number_doubt import f_number_doubt
 from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
 from lensfit.workflow.camera.knob_sources import knobs_of_plate
 from lensfit.workflow.camera.plate_camera import PlateCamera
-from lensfit.workflow.camera.scaled_look import ScaledLook
+from lensfit.workflow.camera.scaled_look import UNSCALED, ScaledLook
 from lensfit.workflow.camera.spanned_width import spanned_width_note
 from lensfit.workflow.camera.spelling import SPELT, option_of
 from lensfit.workflow.notes import FrameNote
@@ -38,7 +38,7 @@ class PlateState(NamedTuple):
     lens_key : focal_length_mm, f_number and focus_distance_mm, as `Preset.at` takes
         them; None where the preset decides.
     sensor_width_mm : Width that the display window spans.
-    scaled : How the plate's camera was scaled to that; None where it is as it stands.
+    scaled : How the plate's camera was scaled to that.
     notes : One sentence for each thing that was assumed.
     knobs : As turned by the preset, the header and the user, the last one first.
     chromaticities : x and y of red, green, blue and white of the plate; None where its
@@ -57,12 +57,7 @@ class PlateState(NamedTuple):
     camera: PlateCamera = PlateCamera({})
     assumed: tuple[Assumed, ...] = ()
     pixel_shape: float = 1.0
-    scaled: ScaledLook | None = None
-
-    @property
-    def scene_scale(self) -> float:
-        """Millimetres of the plate's scene for each before the lens."""
-        return 1.0 if self.scaled is None else self.scaled.distances
+    scaled: ScaledLook = UNSCALED
 
     @property
     def spanned_width_mm(self) -> SpannedWidth:
@@ -141,7 +136,7 @@ def plate_state(
         was looked for and the option that gives it.
     PresetError : The preset does not reach the state.
     """
-    scaled = _scaled(preset, camera) if scale_to_sensor else None
+    scaled = _scaled(preset, camera) if scale_to_sensor else UNSCALED
     key = _lens_key(preset, camera, scaled)
     needed = _needed(preset, falloff)
     lacking = [n for n, v in zip(_ENTRIES, key, strict=True) if v is None]
@@ -181,13 +176,13 @@ def _chromaticities(attributes: Mapping[str, object]) -> Chromaticities | None:
     return tuple(numbers.tolist())
 
 
-def _scaled(preset: Preset, camera: PlateCamera) -> ScaledLook | None:
+def _scaled(preset: Preset, camera: PlateCamera) -> ScaledLook:
     """A prime's own focal length and the photographed sensor stand for unstated ones;
     which focal length of a zoom is meant must be known."""
     measured = [entry.focal_length_mm for entry in preset.entries]
     focal = camera.number("focal_length_mm")
     if focal is None and len(set(measured)) > 1:
-        return None
+        return UNSCALED
     own_mm = preset.camera.sensor_width_mm
     return ScaledLook.of(
         measured[0] if focal is None else focal,
@@ -198,10 +193,10 @@ def _scaled(preset: Preset, camera: PlateCamera) -> ScaledLook | None:
 
 
 def _lens_key(
-    preset: Preset, camera: PlateCamera, scaled: ScaledLook | None
+    preset: Preset, camera: PlateCamera, scaled: ScaledLook
 ) -> tuple[float | None, float | None, float | None]:
     focal, stop, focus = map(camera.number, _ENTRIES)
-    if scaled is not None:
+    if scaled != UNSCALED:
         focal = scaled.measured_focal_length_mm
         focus = None if focus is None else focus / scaled.distances
     if focus is not None and camera.known["focus_distance_mm"].from_pupil:
@@ -210,10 +205,10 @@ def _lens_key(
 
 
 def _width_mm(
-    preset: Preset, camera: PlateCamera, scaled: ScaledLook | None
+    preset: Preset, camera: PlateCamera, scaled: ScaledLook
 ) -> tuple[float, str | None]:
     """The width that the display window spans, and what is to be said of it."""
-    if scaled is not None:
+    if scaled != UNSCALED:
         note = FrameNote(f"{camera.plate.name}: {scaled.note}", "scaled look")
         return scaled.measured_width_mm, note
     width, measured = camera.number("sensor_width_mm"), preset.camera.sensor_width_mm

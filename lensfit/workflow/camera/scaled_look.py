@@ -14,9 +14,8 @@ Diffraction scales with the rest, as if light's wavelength did.
 
 from typing import NamedTuple
 
-from lensfit.workflow.camera.spanned_width import check_width
+from lensfit.workflow.camera.spanned_width import SCALING_OPTION, check_width
 
-OPTION = "--scale-to-sensor"
 _SAME = 1e-6
 
 
@@ -41,8 +40,8 @@ class ScaledLook(NamedTuple):
         sensor_width_mm: float,
         measured_focal_lengths_mm: list[float],
         photographed_width_mm: float,
-    ) -> "ScaledLook | None":
-        """The scaling that a plate needs; None where the lens was measured so.
+    ) -> "ScaledLook":
+        """The scaling that a plate needs; `UNSCALED` where the lens was measured so.
 
         Parameters
         ----------
@@ -64,7 +63,7 @@ class ScaledLook(NamedTuple):
         width_mm = min(by_angle_mm, photographed_width_mm)
         found = cls(focal_length_mm, sensor_width_mm, measured, width_mm)
         is_needed = max(abs(found.angles - 1), abs(found.lengths - 1)) > _SAME
-        return found if is_needed else None
+        return found if is_needed else UNSCALED
 
     @property
     def angles(self) -> float:
@@ -87,7 +86,8 @@ class ScaledLook(NamedTuple):
         look = (
             f"the look of {self.measured_focal_length_mm:g} mm on "
             f"{self.measured_width_mm:.4g} mm of the photographed sensor is put on "
-            f"{self.focal_length_mm:g} mm on {self.sensor_width_mm:g} mm ({OPTION}), "
+            f"{self.focal_length_mm:g} mm on {self.sensor_width_mm:g} mm "
+            f"({SCALING_OPTION}), "
         )
         if abs(self.lengths - self.angles) <= _SAME * self.lengths:
             return f"{look}by field angle"
@@ -95,3 +95,7 @@ class ScaledLook(NamedTuple):
             f"{look}in units of the frame, which sees wider angles than were "
             "photographed"
         )
+
+
+UNSCALED = ScaledLook(1.0, 1.0, 1.0, 1.0)
+"""A camera as it stands."""

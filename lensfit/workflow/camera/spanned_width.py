@@ -16,6 +16,7 @@ _LEAST_MM = 0.01
 """Less is no sensor but another unit, or a slip."""
 _SAME = 1.001
 _OPTION = "--sensor-width-mm"
+SCALING_OPTION = "--scale-to-sensor"
 
 
 def check_width(width_mm: float) -> None:
@@ -50,7 +51,7 @@ def spanned_width_note(width_mm: float, measured_mm: float) -> str | None:
             f"{measured_mm:g} mm, which serves up to {LARGEST_PART * measured_mm:g} mm",
             remedy=f"make sure that this is in mm ({_OPTION}); for a larger sensor "
             "photograph the lens on it, or put its look there with lensfit apply "
-            "--scale-to-sensor",
+            f"{SCALING_OPTION}",
         )
     if width_mm > _SAME * measured_mm:
         return (

@@ -45,7 +45,7 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
     state = lens.noted_state(image, path)
     found = FoundDepth(flat, options.depth.channel or "Z")
     meaning, notes = depth_meaning(image, found, options.depth)
-    meaning = replace(meaning, unit_mm=meaning.unit_mm / state.scene_scale)
+    meaning = replace(meaning, unit_mm=meaning.unit_mm / state.scaled.distances)
     stack = _stack_of(deep, meaning, lens, state)
     tight = is_tight(source, display)
     window = options.written(source, display)

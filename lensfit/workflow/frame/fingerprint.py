@@ -17,6 +17,7 @@ from lensfit.errors import ImageError
 from lensfit.preset.knobs import not_neutral
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.plate_state import PlateState
+from lensfit.workflow.camera.scaled_look import UNSCALED
 
 FINGERPRINT = "lensfit/fingerprint"
 """Header entry that holds it."""
@@ -108,7 +109,7 @@ def _state(state: PlateState) -> tuple:
     if (picture := turned.get("filter_image")) is not None:
         turned["filter_image"] = _content(Path(str(picture)))
     spanned = (state.sensor_width_mm, state.pixel_shape)
-    scaled = () if state.scaled is None else tuple(state.scaled)
+    scaled = () if state.scaled == UNSCALED else tuple(state.scaled)
     return (state.lens_key, spanned, sorted(turned.items()), *scaled)
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Float32
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.render.layer_stack import Mattes
 from lensfit.workflow.camera.plate_state import PlateState
+from lensfit.workflow.camera.scaled_look import UNSCALED
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plate.cut_out import CutOut
 from lensfit.workflow.plate.depth import plate_depth
@@ -52,9 +53,9 @@ def plate_in_depth(
     lens.notes.add(*found.notes)
     state.require_blur()
     depth, unit_mm = found.depth_mm, found.unit_mm
-    if state.scaled is not None:
-        depth = depth / np.float32(state.scene_scale)
-        unit_mm /= state.scene_scale
+    if state.scaled != UNSCALED:
+        depth = depth / np.float32(state.scaled.distances)
+        unit_mm /= state.scaled.distances
     lens.note_focus(depth, unit_mm, state, part.display_window, path)
     depth = lens.within_reach(depth, state)
     window, options = part.data_window, lens.options

@@ -215,18 +215,17 @@ class PlateLens:
     def standard_attributes(self, state: PlateState, part: ExrPart) -> dict:
         """The lens at a plate's state, as the OpenEXR standard describes it."""
         lens, name, scaled = self.lens_at(state), self.preset.lens, state.scaled
-        focus, angles, lengths = state.applied("focus_distance_mm"), 1.0, 1.0
-        if scaled is not None:
-            angles, lengths = scaled.angles, scaled.lengths
+        focus = state.applied("focus_distance_mm")
         width, height = self.geometry(state, part.display_window).area_mm
         return lens_attributes(
-            nominal_focal_length_mm=self._focal_length_mm(state) * angles,
+            nominal_focal_length_mm=self._focal_length_mm(state) * scaled.angles,
             pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm)
-            * angles,
+            * scaled.angles,
             f_number=state.applied("f_number"),
-            focus_distance_mm=None if focus is None else focus * state.scene_scale,
-            entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm) * lengths,
-            sensor_size_mm=(width * lengths, height * lengths),
+            focus_distance_mm=None if focus is None else focus * scaled.distances,
+            entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm)
+            * scaled.lengths,
+            sensor_size_mm=(width * scaled.lengths, height * scaled.lengths),
             lens_model=name.name,
             lens_serial=name.serial,
         )
@@ -239,8 +238,7 @@ class PlateLens:
     def cg_focal_length_mm(self, state: PlateState) -> float:
         """Focal length of the CG camera, on the sensor that `geometry` knows."""
         scaled = state.scaled
-        by = 1.0 if scaled is None else scaled.angles / scaled.lengths
-        return self._focal_length_mm(state) * by
+        return self._focal_length_mm(state) * scaled.angles / scaled.lengths
 
     def _focal_length_mm(self, state: PlateState) -> float:
         """Of the lens."""

@@ -19,6 +19,7 @@ from lensfit.preset.knobs import NEUTRAL, not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.plate_state import PlateState
+from lensfit.workflow.camera.scaled_look import UNSCALED
 from lensfit.workflow.frame.fingerprint import FINGERPRINT
 
 SAID = "lensfit/applied"
@@ -53,7 +54,7 @@ def signature(
     ]
     at += [] if f_number is None else [f"f/{f_number:g}"]
     at += [f"{state.sensor_width_mm:g} mm wide"]
-    if (scaled := state.scaled) is not None:
+    if (scaled := state.scaled) != UNSCALED:
         at += [f"for {scaled.focal_length_mm:g} mm on {scaled.sensor_width_mm:g} mm"]
     lens = ", ".join([f"{lens_name} ({digest[:8]})", *at])
     done = ", ".join(_effects(options)) or "nothing"

@@ -98,7 +98,7 @@ class CalibrationRun:
 
 @final
 class StageTimes:
-    """When each stage was pipe of, and how long it will take."""
+    """When each stage was reported, and how long it will take."""
 
     def __init__(self):
         self._stages: dict[str, list[float]] = {}

@@ -1,6 +1,7 @@
-"""A mark is where detection finds a broad dot: comatic ones, counted ray by ray."""
+"""Marks of broad dots behind coma, as detection finds those counted ray by ray."""
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,16 +11,16 @@ from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 from scipy.special import erf
 
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, measure, windows_of
+from lensfit.detect.cutouts import CELLS
 from lensfit.fit.wavefront.dots import Aperture, Broad
 from lensfit.fit.wavefront.mark import (
-    Seen,
     mark_of,
     mark_offset_slopes_mm,
     mark_offsets_mm,
 )
 from lensfit.fit.wavefront.waves import transfers_of
 
-PIXEL_MM, CELLS, RADIUS_PX, SPACING_PX = 0.01, 24, 3.4, 12.0
+PIXEL_MM, RADIUS_PX, SPACING_PX = 0.01, 3.4, 12.0
 FIELD_MM = np.array([13.0, -9.0])
 COMATIC = Seidel(coma_um=8.0, spherical_um=4.0, defocus_mm=(0.03, 0.0, 0.0))
 CHROMATIC = jnp.zeros((3, 2))
@@ -36,7 +37,7 @@ def aperture_of(bright: bool) -> Aperture:
     return Aperture(to_edge, windows.ring, windows.core, smoothing)
 
 
-def seen_of(bright: bool, field_mm=FIELD_MM) -> Seen:
+def seen_of(bright: bool, field_mm=FIELD_MM) -> tuple[Any, ...]:
     """A dot among others, as the fit has it."""
     disc_mm = np.eye(2)[None] * RADIUS_PX * PIXEL_MM
     beside_mm = STEPS[None] * SPACING_PX * PIXEL_MM
@@ -49,7 +50,7 @@ def seen_of(bright: bool, field_mm=FIELD_MM) -> Seen:
     )
     transfer = transfers_of(broad, dots.cell_mm, CELLS)
     dot, transfer = jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
-    return Seen(dot, transfer, CHROMATIC, LAYOUT, SCALE)
+    return dot, transfer, CHROMATIC, LAYOUT, SCALE
 
 
 def photographed(bright: bool, rays: int = 1_500_000) -> np.ndarray:
@@ -73,7 +74,7 @@ def photographed(bright: bool, rays: int = 1_500_000) -> np.ndarray:
 
 @partial(jax.jit, static_argnames=("bright",))
 def offsets_mm(parameters, bright):
-    return mark_offsets_mm(parameters, seen_of(bright), CELLS)
+    return mark_offsets_mm(parameters, *seen_of(bright))
 
 
 @pytest.mark.parametrize("bright", [True, False])
@@ -99,7 +100,7 @@ def test_a_rim_moves_less_than_all_the_light():
 def test_slopes_agree_with_differences(bright):
     seen = seen_of(bright)
     parameters = jnp.asarray(COMATIC.parameters())
-    found = mark_offset_slopes_mm(parameters, seen, CELLS)[1]
+    found = mark_offset_slopes_mm(parameters, *seen)[1]
     size = {"coefficients": 0.1, "defocus": 1e-4}
     for name, step in size.items():
         where = LAYOUT.blocks[name]
@@ -121,7 +122,7 @@ def test_an_even_disc_is_where_its_chief_ray_lands():
     still = Seidel(spherical_um=6.0, defocus_mm=(0.03, 0.0, 0.0))
     for bright in (True, False):
         seen = seen_of(bright, np.zeros(2))
-        found = mark_offsets_mm(jnp.asarray(still.parameters()), seen, CELLS)
+        found = mark_offsets_mm(jnp.asarray(still.parameters()), *seen)
         np.testing.assert_allclose(found, 0, atol=2e-2 * PIXEL_MM)
 
 

@@ -10,9 +10,12 @@ from found_marks import found_marks
 
 from lensfit.detect.observations import Observations
 from lensfit.fit.take import Take
-from lensfit.fit.wavefront.drags import moves_of_marks_mm, slight_moves_of_marks_mm
+from lensfit.fit.wavefront.centroid_biases import (
+    moves_of_marks_mm,
+    slight_moves_of_marks_mm,
+)
+from lensfit.fit.wavefront.constrained_refit import undoing
 from lensfit.fit.wavefront.gather import Gathered
-from lensfit.fit.wavefront.held_drags import undoing
 from lensfit.fit.wavefront.place import moving_together, placed
 from lensfit.fit.wavefront.stages import Stage, first_stage, freed, solved
 

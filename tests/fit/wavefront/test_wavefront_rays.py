@@ -9,7 +9,7 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 from ray_moves import by_parameters
 
-from lensfit.fit.wavefront.drag import centroid_slopes_mm, centroids_mm
+from lensfit.fit.wavefront.light_centroid import centroid_slopes_mm, centroids_mm
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.rays import (
     _turn_rad,

@@ -10,7 +10,7 @@ from drawn_lens import LAYOUT, SCALE, dots_at
 
 from lensfit.errors import FitError
 from lensfit.fit.wavefront import valleys
-from lensfit.fit.wavefront.drag import polar_landings
+from lensfit.fit.wavefront.light_centroid import polar_landings
 from lensfit.fit.wavefront.parameters import mirrored
 from lensfit.fit.wavefront.shapes import Colour
 from lensfit.fit.wavefront.valleys import (

@@ -4,7 +4,6 @@ import shlex
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,17 +34,6 @@ from lensfit.workflow.view.viewed_plate import ViewedPlate
 
 PRIME = Path(__file__).parents[3] / "presets" / "prime_50" / "preset.json"
 TURNED = {"f_number": 4.0, "focus_distance_mm": 1600.0, "knobs": {"blades": 6}}
-
-
-@pytest.fixture
-def plate(tmp_path: Path) -> Path:
-    return write_depth_plate(tmp_path / "plate.1001.exr")
-
-
-@pytest.fixture
-def client(plate: Path) -> Iterator[Client]:
-    with plate_client(plate, thin_lens()) as asked:
-        yield asked
 
 
 def applied(plate: Path, out: Path) -> Path:

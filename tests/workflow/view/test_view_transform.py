@@ -1,13 +1,12 @@
 """Pictures through OpenColorIO are those that its own processor makes."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from view_makers import Answer, Client, plate_client, thin_lens, write_depth_plate
+from view_makers import Answer, Client, thin_lens
 
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.view import view_transform
@@ -30,17 +29,6 @@ BAD = "ocio_profile_version: 2\ndisplays: [nothing\n"
 @pytest.fixture(autouse=True)
 def _no_config(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("OCIO", raising=False)
-
-
-@pytest.fixture
-def plate(tmp_path: Path) -> Path:
-    return write_depth_plate(tmp_path / "plate.exr")
-
-
-@pytest.fixture
-def client(plate: Path) -> Iterator[Client]:
-    with plate_client(plate, thin_lens()) as asked:
-        yield asked
 
 
 def shown(answer: Answer) -> np.ndarray:

@@ -1,9 +1,9 @@
-"""Steps of the fit for which drags are known: the shape of dots answers as it can.
+"""Steps of the fit with centroid biases fixed: the shape of dots is fitted within that.
 
 Where blur is a pixel wide, orders of coma that undo each other but for a shift look
-like nothing: the photographs hardly say what blur drags, and what the model misses of
-them says it wrongly. Drags that come from elsewhere are held to a thousandth of a
-pixel, like observations in the normal equations of a pass.
+like nothing: from the photographs the bias follows weakly, and wrongly by what the
+model misses of them. Biases that come from elsewhere are fixed to a thousandth of a
+pixel, as observations in the normal equations of a pass.
 """
 
 from dataclasses import replace
@@ -11,22 +11,26 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fit.wavefront.drags import drag_slopes_mm, drags_mm, telling_dots
+from lensfit.fit.wavefront.centroid_biases import (
+    centroid_bias_slopes_mm,
+    centroid_biases_mm,
+    sampled_dots,
+)
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.stages import Stage, chi_squared, settled
 
 _HELD_PX = 0.001
 _UNDONE = 0.25
-"""Share of the squares of drags that may be left of them."""
+"""Share of the squares of biases that may be left of them."""
 _ROUNDS = 3
 _GREEN, _ALL = slice(1, 2), slice(None)
 
 
 def undoing(stage: Stage, gathered: Gathered) -> Float[np.ndarray, " parameters"]:
-    """The move of the parameters that takes green's drags away, to first order, and
-    changes the photographs least. No move where drags are too large for that.
+    """The move of the parameters that takes green's biases away, to first order, and
+    changes the photographs least. No move where they are too large for that.
     """
-    few = telling_dots(gathered)
+    few = sampled_dots(gathered)
     slopes, value = _slopes(stage, few, _GREEN), _value(stage, few, _GREEN)
     move = _least_move(stage, slopes, slopes.T @ value)
     undone = replace(stage, parameters=stage.parameters + move)
@@ -36,9 +40,9 @@ def undoing(stage: Stage, gathered: Gathered) -> Float[np.ndarray, " parameters"
 
 
 def reshaped(stage: Stage, gathered: Gathered) -> Stage:
-    """The shape of dots fitted anew while that helps, the drags of all channels held
+    """The shape of dots fitted anew while that helps, the biases of all channels fixed
     where they are."""
-    few = telling_dots(gathered)
+    few = sampled_dots(gathered)
     held = _value(stage, few, _ALL)
     off, cost = np.zeros_like(held), _cost(stage)
     for _ in range(_ROUNDS):
@@ -53,16 +57,18 @@ def reshaped(stage: Stage, gathered: Gathered) -> Stage:
     return stage
 
 
-def _value(stage: Stage, few: Gathered, channels: slice) -> Float[np.ndarray, " drags"]:
-    """Drags in units of `_HELD_PX`."""
-    return (drags_mm(stage, few)[:, channels] / _unit_mm(few)).ravel()
+def _value(
+    stage: Stage, few: Gathered, channels: slice
+) -> Float[np.ndarray, " biases"]:
+    """Biases in units of `_HELD_PX`."""
+    return (centroid_biases_mm(stage, few)[:, channels] / _unit_mm(few)).ravel()
 
 
 def _slopes(
     stage: Stage, few: Gathered, channels: slice
-) -> Float[np.ndarray, "drags parameters"]:
+) -> Float[np.ndarray, "biases parameters"]:
     """d `_value` / d parameter."""
-    slopes = drag_slopes_mm(stage, few)[:, channels] / _unit_mm(few)[..., None]
+    slopes = centroid_bias_slopes_mm(stage, few)[:, channels] / _unit_mm(few)[..., None]
     return slopes.reshape(-1, slopes.shape[-1])
 
 
@@ -73,10 +79,10 @@ def _unit_mm(few: Gathered) -> Float[np.ndarray, "dots 1 2"]:
 
 def _least_move(
     stage: Stage,
-    held: Float[np.ndarray, "drags parameters"],
+    held: Float[np.ndarray, "biases parameters"],
     slope: Float[np.ndarray, " parameters"],
 ) -> Float[np.ndarray, " parameters"]:
-    """A Gauss-Newton step of all observations, drags of these slopes among them.
+    """A Gauss-Newton step of all observations, biases of these slopes among them.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""How far blur drags the light of a dot from where its chief ray lands.
+"""Centroid of the light of a small hole, from where its chief ray lands.
 
-Few rays tell a centroid: on rings and spokes, the same for every wavelength.
+Few rays are enough: on rings and spokes, the same for every wavelength.
 """
 
 import jax

@@ -8,10 +8,10 @@ import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
 from lensfit.fit.reconcile import Amounts
-from lensfit.fit.wavefront.drags import drags_mm
+from lensfit.fit.wavefront.centroid_biases import centroid_biases_mm
+from lensfit.fit.wavefront.constrained_refit import reshaped, undoing
 from lensfit.fit.wavefront.families import FINE, Family
 from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.fit.wavefront.held_drags import reshaped, undoing
 from lensfit.fit.wavefront.misfit import misfit_of
 from lensfit.fit.wavefront.stages import (
     chi_squared,
@@ -62,7 +62,7 @@ def test_shape_answers_where_drags_are_held(true_fit):
     least = chi_squared(true_fit)
     assert chi_squared(spoiled) > 3 * least
     assert chi_squared(found) - least < 0.2 * (chi_squared(spoiled) - least)
-    held, after = (drags_mm(s, true_fit.gathered) for s in (spoiled, found))
+    held, after = (centroid_biases_mm(s, true_fit.gathered) for s in (spoiled, found))
     assert rms_px(after - held) < 0.01
 
 
@@ -70,7 +70,7 @@ def test_drags_that_are_held_wrong_stay_wrong(true_fit):
     """What was said of them comes from elsewhere, however ill it suits the dots."""
     wrong = moved(true_fit, undoing(true_fit, true_fit.gathered))
     found = reshaped(wrong, true_fit.gathered)
-    held, after = (drags_mm(s, true_fit.gathered) for s in (wrong, found))
+    held, after = (centroid_biases_mm(s, true_fit.gathered) for s in (wrong, found))
     assert rms_px(after - held) < 0.005
     assert chi_squared(true_fit) < chi_squared(found) < chi_squared(wrong)
 
