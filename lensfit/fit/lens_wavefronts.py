@@ -60,11 +60,10 @@ def fit_wavefronts(
     allowed: Collection[str] | None,
 ) -> LensWavefronts:
     """One for each focal length whose dots can be used."""
+    if effort is Effort.NONE:
+        return LensWavefronts({}, dict.fromkeys(by_focal_length(states), _LEFT_OUT), {})
     found = LensWavefronts({}, {}, {})
     for focal_mm, mine in by_focal_length(states).items():
-        if effort is Effort.NONE:
-            found.without[focal_mm] = _LEFT_OUT
-            continue
         known = any(t.f_number for state in mine for t in state.geometry.takes)
         assumed = None if known else _ASSUMED_F_NUMBER
         pictured = [s for state in mine for s in _shown_of(state, assumed)]

@@ -135,7 +135,8 @@ def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
     return jax.tree.map(np.asarray, found)
 
 
-def _discs(shown: Shown, disc_mm: np.ndarray) -> Broad:
+def _discs(shown: Shown, disc_mm: Float[np.ndarray, "dots 2 2"]) -> Broad:
+    """Of dots that are drawn as discs."""
     width = np.full(len(disc_mm), shown.take.widths.diameter)
     beside = beside_mm(shown)
     return Broad(disc_mm, beside, width, _aperture(shown, disc_mm, beside))

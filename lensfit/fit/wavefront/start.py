@@ -99,12 +99,11 @@ def blurring_defocus_mm(
 
 
 def sharp_f_number(gathered: Gathered) -> float:
-    """The f-number from which on dots as near and as far as these are as sharp.
+    """The smallest f-number at which a chart so deep can be as sharp as its dots are.
 
-    Of a chart that is seen at a slant the sharp image is as deep as first-order optics
-    say. An opening that would blur its dots by more than is seen is none; nor is one
-    so small that diffraction would be half of what is seen. The f-number is at least
-    that of the dots, whose blur has other causes too.
+    The depth of a slanted chart's image follows from first-order optics. The opening is
+    no wider than blurs its dots as much as is seen, and no smaller than diffracts half
+    as much. Blur has other causes too, so that the gathered f-number is the least.
     """
     optics, dots = gathered.first_order, gathered.dots
     pupil_mm = float(optics.focal_length_mm / optics.pupil_magnification)
