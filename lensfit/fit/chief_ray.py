@@ -22,7 +22,7 @@ from lensfit.fit.adjust import Adjustment, adjust
 from lensfit.fit.evidence import with_evidence
 from lensfit.fit.held_out import held_out_error_px, squared_px
 from lensfit.fit.out_of_centre import WORKSHOP, OutOfCentre
-from lensfit.fit.parameters import PINHOLE, STATED, Layout
+from lensfit.fit.parameters import PINHOLE, Layout, stated_blocks
 from lensfit.fit.priors import fixed_prior, loose_deviation, release, with_poses_free
 from lensfit.fit.select import Verdict
 from lensfit.fit.stage import Start, start_of
@@ -168,10 +168,10 @@ def _compact(start: Start, base: BaseProjection | None) -> Adjustment:
 def _compact_on(start: Start, layout: Layout) -> Adjustment:
     """A sample of the marks is enough to come near."""
     chunks = start.stack.chunking.sample(_SAMPLE_PER_VIEW)
-    prior = with_poses_free(fixed_prior(layout, len(start.takes)), layout)
+    prior = with_poses_free(fixed_prior(start.parameters(layout)), layout)
     first = layout.blocks["radial"].start
     prior = release(prior, slice(first, first + COMPACT_RADIAL_TERMS), 0.3)
-    for name in STATED:
+    for name in stated_blocks(start.walk_free):
         prior = release(prior, layout.blocks[name], loose_deviation(layout, name))
     adjustment = start.adjustment(layout, prior)
     adjustment = adjust(adjustment, rounds=2, chunks=chunks)

@@ -20,7 +20,7 @@ from lensfit.fit.out_of_centre import (
     asks_for_all,
     with_elements_out_of_centre,
 )
-from lensfit.fit.parameters import PINHOLE, STATED, Layout, Prior
+from lensfit.fit.parameters import PINHOLE, Layout, Prior, stated_blocks
 from lensfit.fit.priors import loose_prior
 from lensfit.fit.select import (
     Step,
@@ -47,7 +47,7 @@ def with_evidence(
     told : What tilted views at another focus say of elements out of centre.
     """
     views, layout = len(start.takes), compact.layout
-    always = _always(layout, views, start.focal_length_free)
+    always = _always(layout, start)
     terms = families(layout, start.largest)
     if start.focal_length_free:
         del terms["principal_point"]  # it is in every model then
@@ -155,11 +155,12 @@ def _chosen(
     return adjust(started), found.kept, found.verdicts
 
 
-def _always(layout: Layout, views: int, tilted: bool) -> np.ndarray:
+def _always(layout: Layout, start: Start) -> np.ndarray:
     """Parameters in every model: poses, what statements hold, and the rest of the
     pinhole where views tilt enough to determine it."""
-    poses = layout.local_indices("pose", views).ravel()
-    names = (*STATED, *PINHOLE) if tilted else STATED
+    poses = layout.local_indices("pose", len(start.takes)).ravel()
+    rest = PINHOLE if start.focal_length_free else ()
+    names = (*stated_blocks(start.walk_free), *rest)
     pinhole = [layout.blocks[name] for name in names]
     known = [np.arange(w.start, w.stop) for w in pinhole]
     return np.concatenate([*known, poses]).astype(int)

@@ -23,10 +23,15 @@ from lensfit.optics.base import BaseProjection
 POSE_PARAMETERS = 6
 DRIFT_PARAMETERS = 2
 LOWEST_BEND_DEGREE = 2
-STATED = ("focal_length", "pupil_offset", "pupil_walk")
-"""Blocks that statements hold where photographs do not determine them; always free."""
+_STATED = ("focal_length", "pupil_offset")
 PINHOLE = ("pupil_gap", "principal_point")
 """Blocks that only views from several sides determine."""
+
+
+def stated_blocks(walk_free: bool) -> tuple[str, ...]:
+    """Blocks that statements hold where photographs do not determine them, always free;
+    the walk of the pupil only where photographs can show it."""
+    return (*_STATED, "pupil_walk") if walk_free else _STATED
 
 
 @dataclass(frozen=True)

@@ -44,9 +44,9 @@ def loose_deviation(layout: Layout, name: str) -> np.ndarray:
     return np.resize(LOOSE[name], where.stop - where.start)
 
 
-def fixed_prior(layout: Layout, views: int) -> Prior:
-    """Everything at zero, nothing free."""
-    return Prior(np.zeros(layout.size(views)), np.zeros(layout.size(views)))
+def fixed_prior(parameters: np.ndarray) -> Prior:
+    """Everything where it is, nothing free."""
+    return Prior(parameters.copy(), np.zeros(len(parameters)))
 
 
 def release(

@@ -80,7 +80,7 @@ def amounts_of(states: Sequence[LensState], moved: Sequence[Take]) -> Amounts:
 
 def walk_with_shared_errors(state: LensState) -> FittedWalk | None:
     """The walk of a state's pupil once the errors that its marks share are solved for
-    beside all of its parameters; None where no errors are known, or no walk.
+    beside all of its parameters; None where no errors are known, or no walk was fitted.
 
     Errors of blur move the marks of a tilted chart together, by more than their noise.
     A fit that counts noise alone takes them for a walk: of a 50 mm f/1.4 one of -45 mm,
@@ -90,9 +90,12 @@ def walk_with_shared_errors(state: LensState) -> FittedWalk | None:
         take.shared_moves_mm is None for take in state.geometry.takes
     ):
         return None
+    adjustment = state.geometry.adjustment
+    walk = adjustment.layout.blocks["pupil_walk"].start
+    if not adjustment.prior.free[walk]:
+        return None
     one = _map_of(state, {})
     adjustment = one.adjustment
-    walk = adjustment.layout.blocks["pupil_walk"].start
     white = _whitened(one, adjustment.model_variance_mm2)
     every = np.concatenate([white.slopes, -white.moves])
     hold = np.eye(len(every))

@@ -34,6 +34,8 @@ from lensfit.fit.views import Stack, board_of, observed_of, stack_takes
 
 _TILT_RAD = 0.12
 """Views that differ by less do not fix a focal length."""
+_ONE_PLANE_RAD, _ONE_PLANE_DEPTH = 0.01, 0.01
+"""Angle between boards, and share of their distance, of one that was not moved."""
 _BEND_TILT_RAD = 0.35
 """Views that differ by less cannot tell a bent board from a distorting lens."""
 _BEND_VIEWS = 5
@@ -53,6 +55,7 @@ class Start:
     layout : Room for the largest model of any state of the lens.
     radius_mm : Of the dots of every take; 0 where marks are not dots.
     focal_length_free : Whether views tilt enough to determine the focal length.
+    walk_free : Whether views can show how the entrance pupil walks.
     half_angle_rad : From the axis to the furthest mark.
     notes : One sentence for each thing that was assumed.
     facts : What was stated.
@@ -65,6 +68,7 @@ class Start:
     layout: Layout
     radius_mm: np.ndarray
     focal_length_free: bool
+    walk_free: bool
     half_angle_rad: float
     notes: tuple[str, ...]
     facts: Facts
@@ -73,7 +77,7 @@ class Start:
         """An adjustment of this model at its start."""
         weight = self.stack.present.astype(float)
         return Adjustment(
-            parameters=np.zeros(layout.size(len(self.takes))),
+            parameters=self.parameters(layout),
             layout=layout,
             frame=self.frame,
             prior=prior,
@@ -89,6 +93,14 @@ class Start:
                 np.asarray(self.stack.view.translation_mm)[:, 2],
             ),
         )
+
+    def parameters(self, layout: Layout) -> np.ndarray:
+        """Zero, but for the pupil's walk, which may stay where it was known to be."""
+        parameters = np.zeros(layout.size(len(self.takes)))
+        known_mm = self.facts.perspective.walk.walk_mm
+        unit_mm = float(self.frame.stated_focal_length_mm)
+        parameters[layout.blocks["pupil_walk"]] = known_mm / unit_mm
+        return parameters
 
 
 def start_of(
@@ -130,6 +142,7 @@ def start_of(
         layout=_with_room(largest, grouped(shown)),
         radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
         focal_length_free=_views_tilt(poses),
+        walk_free=perspective is not None or _poses_differ(poses),
         half_angle_rad=float(np.arctan(furthest / focal_mm)),
         notes=tuple(notes),
         facts=facts,
@@ -207,14 +220,16 @@ def facts_of(
     """
     focal_mm = takes[0].focal_length_mm / engraving
     distances = [take.target_distance_mm or np.nan for take in takes]
+    measured = [distance for distance in distances if np.isfinite(distance)]
     focus_mm = takes[0].focus_distance_mm
     if focus_mm is None:
-        known = [distance for distance in distances if np.isfinite(distance)]
-        focus_mm = float(np.median(known)) if known else np.inf
+        focus_mm = float(np.median(measured)) if measured else np.inf
     magnification = magnification_at(focal_mm, focus_mm)
-    widest = min((t.f_number for t in takes if t.f_number), default=None)
+    # A walk is a length: without a scale nobody can say what it does to the marks.
+    stops = [take.f_number for take in takes if take.f_number and measured]
     usual = KnownPerspective(
-        usual_pupil(focal_mm * (1 + magnification)), usual_walk(focal_mm, widest)
+        usual_pupil(focal_mm * (1 + magnification)),
+        usual_walk(focal_mm, min(stops, default=None)),
     )
     return Facts(
         names=tuple(take.name for take in takes),
@@ -332,6 +347,14 @@ def _dot_radius_mm(take: Take) -> float:
 
 def _views_tilt(poses: list[Pose]) -> bool:
     return _tilt_rad(poses) > _TILT_RAD
+
+
+def _poses_differ(poses: list[Pose]) -> bool:
+    """Whether boards stand in more than one plane: of a single one the walk does what
+    a tilt and elements out of centre do."""
+    depths_mm = _depths_mm(poses)
+    farther = depths_mm.max() / depths_mm.min() - 1
+    return _tilt_rad(poses) > _ONE_PLANE_RAD or farther > _ONE_PLANE_DEPTH
 
 
 def _tilt_rad(poses: list[Pose]) -> float:

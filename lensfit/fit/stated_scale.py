@@ -97,7 +97,7 @@ def at_fitted_scale(fitted: Adjustment) -> Adjustment:
     views = len(stack.board)
     focal = layout.blocks["focal_length"]
     poses = layout.local_indices("pose", views)
-    parameters = fitted.parameters.copy()
+    parameters, mean = fitted.parameters.copy(), fitted.prior.mean.copy()
     ratio = float(np.exp(parameters[focal][0]))
     before_mm = np.asarray(stack.view.translation_mm)
     moved = parameters[poses][:, 3:] * before_mm[:, 2:]
@@ -106,9 +106,9 @@ def at_fitted_scale(fitted: Adjustment) -> Adjustment:
     unit_mm = float(frame.stated_focal_length_mm) * ratio
     parameters[focal] = 0.0
     for name in ("pupil_offset", "pupil_gap", "pupil_walk"):
-        parameters[layout.blocks[name]] /= ratio
+        for values in (parameters, mean):
+            values[layout.blocks[name]] /= ratio
     parameters[poses[:, 3:]] = 0.0
-    mean = fitted.prior.mean.copy()
     mean[focal] = 0.0
     view = stack.view._replace(translation_mm=jnp.asarray(translation_mm))
     statements = statements_of(

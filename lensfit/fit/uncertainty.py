@@ -96,6 +96,7 @@ def uncertainty_of(adjustment: Adjustment, takes: tuple[Take, ...]) -> Uncertain
     stated = _moved_by_statements(adjustment, inside)
     covariance[np.ix_(free, free)] = inside + shared.T @ shared + stated.T @ stated
     _count_next_order_of_walk(covariance, adjustment)
+    _count_held_walk(covariance, adjustment)
     terms = _rows_of(adjustment.layout, _NAMED_TERMS)
     covariance[np.ix_(terms, terms)] += _systematic(adjustment, terms)
     return Uncertainty(covariance, adjustment.layout)
@@ -117,6 +118,19 @@ def _count_next_order_of_walk(
     where = layout.blocks["pupil_walk"]
     free = adjustment.prior.free[where]
     covariance[where, where] += np.diag((_NEXT_ORDER_OF_WALK * sine2 * free) ** 2)
+
+
+def _count_held_walk(
+    covariance: Float[np.ndarray, "parameters parameters"], adjustment: Adjustment
+) -> None:
+    """A walk that the fit held where it was known is as sure as it was then, in place;
+    at the chart it moves nothing, so that no other parameter goes with it."""
+    where, stated = adjustment.layout.blocks["pupil_walk"], adjustment.statements
+    if stated is None or adjustment.prior.free[where].any():
+        return
+    known_mm = stated.facts.perspective.walk.standard_deviation_mm
+    unit_mm = float(adjustment.frame.stated_focal_length_mm)
+    covariance[where, where] = (known_mm / unit_mm) ** 2
 
 
 def _moved_by_statements(

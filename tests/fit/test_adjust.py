@@ -18,7 +18,7 @@ CAMERA = Camera(k=(-0.1, 0.0))
 def _adjusted(takes) -> Adjustment:
     start = start_of(takes, takes)
     layout = replace(start.layout, free_degree=0)
-    prior = with_poses_free(fixed_prior(layout, len(takes)), layout)
+    prior = with_poses_free(fixed_prior(np.zeros(layout.size(len(takes)))), layout)
     prior = release(prior, layout.blocks["focal_length"], 0.3)
     prior = release(prior, layout.blocks["principal_point"], 0.05)
     prior = release(prior, layout.blocks["radial"], 0.3)
@@ -108,7 +108,7 @@ def test_line_samples_are_blind_along_their_line():
 def _line_start(takes) -> Adjustment:
     start = start_of(takes, takes)
     layout = replace(start.layout, free_degree=0)
-    return start.adjustment(layout, fixed_prior(layout, len(takes)))
+    return start.adjustment(layout, fixed_prior(np.zeros(layout.size(len(takes)))))
 
 
 def test_noise_along_a_line_does_not_hide_what_the_model_leaves():
@@ -141,7 +141,7 @@ def _pinhole_truth(takes) -> Adjustment:
     fitted = _adjusted(shoot(CAMERA))
     start = start_of(takes, takes)
     layout = replace(start.layout, free_degree=0, radial=fitted.layout.radial)
-    here = start.adjustment(layout, fixed_prior(layout, len(takes)))
+    here = start.adjustment(layout, fixed_prior(np.zeros(layout.size(len(takes)))))
     return replace(
         here,
         parameters=fitted.parameters,

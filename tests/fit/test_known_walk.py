@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from pinhole_shoot import FRONTAL, LATTICE, PITCH_MM, TILTED, Camera, observations
@@ -16,6 +17,8 @@ from lensfit.fit.lens_states import fit
 from lensfit.fit.reconcile import walk_with_shared_errors
 from lensfit.fit.take import Take
 from lensfit.fit.usual_lens import usual_walk
+from lensfit.fit.views import board_of, observed_of
+from lensfit.optics.many_points import undistort
 from lensfit.workflow.calibration.entries import entry_of
 
 WALK_MM, CHART_MM = -24.0, 900.0
@@ -81,6 +84,20 @@ def test_frontal_views_say_nothing():
     (state,) = fit(photographed(FRONTAL[:1], 900.0)).states
     assert state.walk is None
     assert entry_of(state).projection.pupil_walk is None
+
+
+def test_lines_of_a_lone_chart_come_out_straight():
+    """A single plane shows no walk: the map takes up what a tilted chart has of it."""
+    [take] = photographed(TILTED[:1], 900.0)
+    (state,) = fit([take]).states
+    straight_mm = np.asarray(undistort(observed_of(take), state.distortion))
+    plane = board_of(take)
+    homography, _ = cv2.findHomography(plane, straight_mm)
+    left_mm = cv2.perspectiveTransform(plane[None], homography)[0] - straight_mm
+    px_per_mm = take.observations.image_size_px[0] / take.sensor_size_mm[0]
+    left_px = np.sqrt(np.mean(np.sum(left_mm**2, -1))) * px_per_mm
+    assert left_px < 1.2 * state.geometry.held_out_rms_px
+    assert state.uncertainty.deviation("pupil_walk")[0] == pytest.approx(0.5, rel=0.05)
 
 
 def test_of_what_no_photograph_shows_the_usual_is_told_as_assumed():

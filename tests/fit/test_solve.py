@@ -23,7 +23,7 @@ def _ready(camera: Camera, radial_terms: int) -> Adjustment:
     takes = shoot(camera)
     start = start_of(takes, takes)
     layout = replace(start.layout, free_degree=0)
-    prior = with_poses_free(fixed_prior(layout, len(takes)), layout)
+    prior = with_poses_free(fixed_prior(np.zeros(layout.size(len(takes)))), layout)
     prior = release(prior, layout.blocks["focal_length"], 0.3)
     prior = release(prior, layout.blocks["principal_point"], 0.05)
     first = layout.blocks["radial"].start
