@@ -215,8 +215,9 @@ def write_shoot(
 def _wavefront(
     prescription: Prescription, camera: Camera, shots: list[Shot], change
 ) -> WavefrontTruth:
-    """Of the focal length of the first shot, at the settings of square dot takes."""
-    square = [s for s in shots if s.chart.kind == "dot-grid" and s.says_distance]
+    """Of the focal length of the first shot, at the settings of square takes of dots or
+    checkers."""
+    square = [s for s in shots if s.chart.kind != "line-grid" and s.says_distance]
     seen = [(s.f_number, s.focus_distance_mm, s.pose.distance_mm) for s in square]
     state = prescription.state_nearest(shots[0].focal_length_mm)
     return wavefront_truth(

@@ -18,25 +18,30 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import erf
 
-LARGEST_HALF_WIDTH_PX = 7
+_HALF_WIDTH_PX = 7, 24
+"""Of the window at most: of sharp corners, and of blurred ones."""
+_BLURS = 3.0
+"""Half the window over the standard deviation of the blur, where it is wide: narrower
+windows see no plateau, and take what is lopsided of an edge for its place."""
 WINDOW_PER_SQUARE = 0.4
 """Half width of the window along each lattice direction, in squares."""
 STEPS = 20
 ENOUGH = 1e-7
 """A step that lowers the sum of squares by less than this part is the last."""
-BLUR_PX = (0.5, 8.0)
+BLUR_PX = (0.5, 16.0)
 FEWEST_PIXELS = 20
 PARAMETERS = 9
 
 
 class CornerFit(NamedTuple):
-    """Fitted corners; NaN where the fit did not settle."""
+    """Fitted corners; NaN where the fit did not settle; blur is a deviation."""
 
     points_px: Float[np.ndarray, "corners 2"]
     covariance_px2: Float[np.ndarray, "corners 2 2"]
     white: Float[np.ndarray, " corners"]
     contrast: Float[np.ndarray, " corners"]
     highest: Float[np.ndarray, " corners"]
+    blur_px: Float[np.ndarray, " corners"]
     settled: Bool[np.ndarray, " corners"]
 
 
@@ -53,7 +58,7 @@ def fit_corners(
     steps_px: Float[np.ndarray, "corners 2 2"],
     window_per_square: float = WINDOW_PER_SQUARE,
 ) -> CornerFit:
-    """Fit all corners of a board in one channel.
+    """Fit all corners of a board in one channel, once more where blur is wide.
 
     Parameters
     ----------
@@ -62,9 +67,31 @@ def fit_corners(
     steps_px : Lattice steps at each corner: row 0 along i, row 1 along j, pixels.
     window_per_square : Half width of the window along each step, in squares.
     """
+    given = image, starts_px, steps_px, window_per_square
+    found = _fitted(*given, _HALF_WIDTH_PX[0])
+    if not found.settled.any():
+        return found
+    wanted_px = half_width_px(found.blur_px[found.settled])
+    return found if wanted_px == _HALF_WIDTH_PX[0] else _fitted(*given, wanted_px)
+
+
+def half_width_px(blur_px: Float[np.ndarray, " corners"]) -> int:
+    """Half the window of corners whose edges are so blurred."""
+    wanted_px = int(np.ceil(_BLURS * np.median(blur_px)))
+    return int(np.clip(wanted_px, *_HALF_WIDTH_PX))
+
+
+def _fitted(
+    image: Float[np.ndarray, "height width"],
+    starts_px: Float[np.ndarray, "corners 2"],
+    steps_px: Float[np.ndarray, "corners 2 2"],
+    window_per_square: float,
+    half_width_px: int,
+) -> CornerFit:
+    """Fit corners within a window."""
     known = np.isfinite(steps_px).all((1, 2)) & (np.abs(np.linalg.det(steps_px)) > 1)
     steps_px = np.where(known[:, None, None], steps_px, 1e-3 * np.eye(2))
-    patches = _cut(image, starts_px, steps_px, window_per_square)
+    patches = _cut(image, starts_px, steps_px, window_per_square, half_width_px)
     parameters = _first_guess(patches, steps_px)
     damping = np.full(len(starts_px), 1e-3)
     cost = _cost(patches, parameters)
@@ -89,11 +116,15 @@ def fit_corners(
 
 
 def _cut(
-    image: np.ndarray, starts: np.ndarray, steps: np.ndarray, window_per_square: float
+    image: np.ndarray,
+    starts: np.ndarray,
+    steps: np.ndarray,
+    window_per_square: float,
+    half_width_px: int,
 ) -> _Patches:
     """Pixels about each corner; weight 1 inside its window, 0 outside."""
     height, width = image.shape
-    reach = LARGEST_HALF_WIDTH_PX + 1
+    reach = half_width_px + 1
     dv, du = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1)
     columns = np.floor(starts[:, :1]).astype(int) + du
     rows = np.floor(starts[:, 1:]).astype(int) + dv
@@ -101,7 +132,7 @@ def _cut(
     v = rows + 0.5 - starts[:, 1:]
     squares = np.stack([u, v], -1) @ np.linalg.inv(steps)
     inside = (np.abs(squares) <= window_per_square).all(-1)
-    inside &= np.maximum(np.abs(u), np.abs(v)) <= LARGEST_HALF_WIDTH_PX
+    inside &= np.maximum(np.abs(u), np.abs(v)) <= half_width_px
     inside &= (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
     values = image[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
     return _Patches(values.astype(float), u, v, inside.astype(float))
@@ -203,5 +234,6 @@ def _outcome(
         contrast=parameters[:, 8],
         white=parameters[:, 5] * (1 + np.abs(parameters[:, 8])),
         highest=highest,
+        blur_px=np.exp(parameters[:, 4]) / np.sqrt(2),
         settled=settled,
     )

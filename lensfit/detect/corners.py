@@ -8,7 +8,7 @@ markers, found by OpenCV, only say which corner is which.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -201,7 +201,12 @@ def _local_steps(corners: _Corners) -> Float[np.ndarray, "corners 2 2"]:
 def _measured(
     photograph: Photograph, corners: _Corners, window: float, *, alternating: bool
 ) -> Observations:
-    """Fit the corners in every channel and keep those that settle."""
+    """Fit the corners in every channel and keep those that settle.
+
+    Parameters
+    ----------
+    alternating : Whether squares are plain, and bright and dark ones alternate.
+    """
     steps = _local_steps(corners)
     first = fit_corners(photograph.luminance_channel, corners.points_px, steps, window)
     parity = np.where(corners.indices.sum(1) % 2 == 0, 1, -1)
@@ -211,7 +216,10 @@ def _measured(
         kept = kept & (sign == np.sign(sign[kept].sum() or 1))
     channels = _all_channels(photograph, first, steps, window)
     short = np.abs(np.linalg.det(steps)) < (4 * 2.5) ** 2
-    return _as_observations(photograph, corners, first, channels, kept, short)
+    found = _as_observations(photograph, corners, first, channels, kept, short)
+    # Markers in the squares look like blur.
+    blur_px = first.blur_px[kept] if alternating else None
+    return replace(found, edge_blur_px=blur_px)
 
 
 def _all_channels(

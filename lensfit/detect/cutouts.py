@@ -1,4 +1,4 @@
-"""Small pictures of all dots, for the fit of their shape.
+"""Small pictures of all dots and checker corners, for the fit of their shape.
 
 A cutout is a square of cells, a cell a square of pixels: one where dots are small, more
 where they are blurred, so that every photograph gives cutouts of the same shape.
@@ -28,6 +28,8 @@ CELLS = 24
 """Along each side of a cutout."""
 _REACH = 1.5
 """Half the cutout over the radius of a dot."""
+_BLURS = 3.0
+"""Half the cutout over the standard deviation of the blur of a corner's edges."""
 _MARGIN_PX = 3.0
 _AROUND = 0.9
 """Quantile of a cutout's light that is what surrounds a dark dot."""
@@ -67,13 +69,13 @@ class Cutouts:
 
 
 def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
-    """Cutouts of all dots that have a size; None where none has."""
-    sized = np.isfinite(marks.diameter_px) & np.isfinite(marks.points_px).all(-1)
+    """Cutouts of all dots that have a size, or of corners; None where none has."""
+    reach_px = _reaches_px(marks)
+    sized = np.isfinite(reach_px) & np.isfinite(marks.points_px).all(-1)
     chosen = np.flatnonzero(sized)
     if not len(chosen):
         return None
-    radius = float(np.quantile(marks.diameter_px[chosen], 0.9)) / 2
-    half = _REACH * radius + _MARGIN_PX
+    half = float(np.quantile(reach_px[chosen], 0.9)) + _MARGIN_PX
     cell = min(max(int(np.ceil(2 * half / CELLS)), 1), _LARGEST_CELL_PX)
     pixels = photograph.pixels
     if pixels.shape[2] == 1:
@@ -104,6 +106,13 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
         channels=photograph.pixels.shape[2],
         mosaic=None if own is None else photograph.mosaic,
     )
+
+
+def _reaches_px(marks: Observations) -> Float[np.ndarray, " marks"]:
+    """How far from each mark its light tells of the lens; NaN of those without size."""
+    if marks.edge_blur_px is not None:
+        return _BLURS * marks.edge_blur_px
+    return _REACH * marks.diameter_px / 2
 
 
 def _measured(photograph: Photograph) -> np.ndarray | None:

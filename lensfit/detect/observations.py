@@ -51,6 +51,8 @@ class Observations:
         for a mark on a bright field (dark dots, corners) the brightness of the bright
         field around it. NaN where not measured. One column for one channel.
     diameter_px : Diameter of the disc of the same second moment; NaN when meaningless.
+    edge_blur_px : Of checker corners, standard deviation of the blur across the edges
+        that cross there; None of other marks.
     bright : Marks are brighter than their surround; False for dark marks and corners.
     image_size_px : Width and height of the photograph.
     candidates : Number of marks that looked like the target's, indexed or not.
@@ -71,6 +73,7 @@ class Observations:
     image_size_px: tuple[int, int]
     candidates: int
     bright: bool = True
+    edge_blur_px: Float[np.ndarray, " marks"] | None = None
     notes: tuple[str, ...] = field(default=())
 
     def __len__(self) -> int:
@@ -79,6 +82,7 @@ class Observations:
 
 def only(found: Observations, kept: Bool[np.ndarray, " marks"]) -> Observations:
     """The record of some of the marks."""
+    blur = found.edge_blur_px
     return replace(
         found,
         lattice=found.lattice[kept],
@@ -92,4 +96,5 @@ def only(found: Observations, kept: Bool[np.ndarray, " marks"]) -> Observations:
         channel_covariance_px2=found.channel_covariance_px2[:, kept],
         flux=found.flux[kept],
         diameter_px=found.diameter_px[kept],
+        edge_blur_px=None if blur is None else blur[kept],
     )

@@ -13,17 +13,20 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from lensfit.fit.fall_off.fall_off_fit import FallOffFit
 from lensfit.fit.lens_state import LensState, by_focal_length
+from lensfit.fit.take import Take
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit, fit_wavefront
-from lensfit.fit.wavefront.gather import gather
+from lensfit.fit.wavefront.gather import gather, spread_out
 from lensfit.fit.wavefront.shown import (
     LARGEST_HOLE_CELLS,
     LARGEST_PLACED_CELLS,
     Shown,
     hole_cells,
+    shows_corners,
 )
 from lensfit.fit.wavefront.start import sharp_f_number
 from lensfit.fit.wavefront.told_by_marks import keeping_centroids
@@ -34,6 +37,7 @@ _TOO_LARGE = (
     "the dots themselves are too large: photograph dots less than 1.8 pixels wide"
 )
 _LEFT_OUT = "effort none leaves it out"
+_ENOUGH_OF_ONE_SETTING = 8
 _ASSUMED_F_NUMBER = 4.0
 """The least, where nobody stated one."""
 
@@ -67,7 +71,7 @@ def fit_wavefronts(
         known = any(t.f_number for state in mine for t in state.geometry.takes)
         assumed = None if known else _ASSUMED_F_NUMBER
         pictured = [s for state in mine for s in _shown_of(state, assumed)]
-        shown = _telling(pictured)
+        shown = _enough(_telling(pictured))
         if shown and not known:
             shown = _stopped_down(shown)
         if not shown:
@@ -75,8 +79,8 @@ def fit_wavefronts(
             if why:
                 found.without[focal_mm] = why
             continue
-        kept = {s.take.name for s in shown}
-        names = [s.take.name for s in pictured]
+        kept = {s.take.name for s in _telling(pictured)}
+        names = [s.take.name for s in pictured if not shows_corners(s.take)]
         found.too_wide[focal_mm] = [name for name in names if name not in kept]
         try:
             fitted = fit_wavefront(
@@ -95,12 +99,30 @@ def fit_wavefronts(
 
 
 def _telling(pictured: list[Shown]) -> list[Shown]:
-    """The photographs whose dots can be used: small holes; where there are none, broad
-    dots."""
-    wide = [hole_cells(one) for one in pictured]
-    sized = list(zip(pictured, wide, strict=True))
-    small = [one for one, cells in sized if cells <= LARGEST_PLACED_CELLS]
-    return small or [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
+    """The photographs whose marks can be used: small holes; where there are none, broad
+    dots and checker corners."""
+    corners = [one for one in pictured if shows_corners(one.take)]
+    dots = [one for one in pictured if not shows_corners(one.take)]
+    small = [one for one in dots if hole_cells(one) <= LARGEST_PLACED_CELLS]
+    broad = [one for one in dots if hole_cells(one) <= LARGEST_HOLE_CELLS]
+    return small or [*broad, *corners]
+
+
+def _enough(shown: list[Shown]) -> list[Shown]:
+    """Of many photographs of one setting those that look least alike: more of them
+    say the same again."""
+    settings = {(one.f_number, one.take.focus_distance_mm) for one in shown}
+    if len(settings) > 1 or len(shown) <= _ENOUGH_OF_ONE_SETTING:
+        return shown
+    looks = np.array([_look_of(one.take) for one in shown])
+    rows = spread_out(looks, np.arange(len(shown)), _ENOUGH_OF_ONE_SETTING)
+    return [shown[k] for k in rows]
+
+
+def _look_of(take: Take) -> Float[np.ndarray, "4"]:
+    """Where its marks are and how far they reach, in parts of the frame."""
+    seen = take.observations.points_px / np.asarray(take.observations.image_size_px)
+    return np.concatenate([seen.mean(0), 2 * seen.std(0)])
 
 
 def _stopped_down(shown: list[Shown]) -> list[Shown]:
@@ -135,7 +157,8 @@ def _shown_of(state: LensState, assumed_f_number: float | None) -> list[Shown]:
             f_number,
         )
         for k, take in enumerate(state.geometry.takes)
-        if take.cutouts is not None and take.mark_diameter_mm is not None
+        if take.cutouts is not None
+        and (take.mark_diameter_mm is not None or shows_corners(take))
         if (f_number := take.f_number or assumed_f_number) is not None
     ]
 

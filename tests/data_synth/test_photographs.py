@@ -251,7 +251,7 @@ def test_an_interrupted_shoot_leaves_nothing(tmp_path):
     assert not (tmp_path / "shoot").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.hard
 def test_the_bundled_demo_is_what_its_command_makes(tmp_path):
     make_demo(tmp_path)
     for name in ("dots.exr", "dots_tilted.png", "lines.jpg", "shoot.toml"):

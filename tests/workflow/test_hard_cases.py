@@ -4,7 +4,7 @@ Small pictures and the least effort, to be run often: bars are half as much agai
 measured so, no promise to users (notebooks/guide/accuracy.md has the figures of larger
 ones). What may never go is the side of focus, and a map or fall-off that folds. A
 mosaic needs finer pictures; `workflow/bench/test_bench_wavefront.py` has it. Each case
-takes one to three minutes: CI runs the quick ones, and `pytest -m hard` the others.
+takes two to six minutes: CI runs two of them, and `pytest -m hard` the others.
 """
 
 from typing import NamedTuple
@@ -48,7 +48,7 @@ BARS = {
     "left_out": Bars(0.102, 0.021, 0.030, 0.110, 0.152),
 }
 
-QUICK = ("tiny_dots", "corner_clipped", "decentred", "single_focus")
+QUICK = ("tiny_dots", "single_focus")
 
 
 def cases():

@@ -121,8 +121,13 @@ def test_no_frame_compiles_what_the_first_frames_compiled(tmp_path, depth):
 
 
 @needs_statm
-@pytest.mark.slow
-@pytest.mark.parametrize(("depth", "frames"), [(False, 1000), (True, 300)])
+@pytest.mark.parametrize(
+    ("depth", "frames"),
+    [
+        pytest.param(False, 1000, marks=pytest.mark.hard),
+        pytest.param(True, 300, marks=pytest.mark.slow),
+    ],
+)
 def test_a_long_sequence_keeps_its_speed_and_memory(tmp_path, depth, frames):
     compiled, seconds, memory = run(tmp_path, frames, depth).T
     part = frames // 10

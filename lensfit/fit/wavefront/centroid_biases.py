@@ -1,8 +1,8 @@
 """Centroid bias of every dot: how far its mark lies from where its chief ray lands.
 
 Of a small hole a mark is the centroid of its light (`light_centroid`), of a broad dot
-where detection finds it on the modelled image (`mark`). Where the model has a mark
-farther out by so much, the chief ray lands farther in.
+or a checker corner where detection finds it on the modelled image (`mark`). Where the
+model has a mark farther out by so much, the chief ray lands farther in.
 """
 
 from collections.abc import Callable

@@ -8,7 +8,7 @@ have one shape and one compiled program serves them all.
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from lensfit.optics.sections import Sections
 
@@ -35,18 +35,25 @@ class Aperture(NamedTuple):
 
 
 class Broad(NamedTuple):
-    """Dots too wide for places of rays, which are drawn as discs (`waves`).
+    """Marks too wide for places of rays, which are drawn in waves (`waves`): dots as
+    discs, checker corners as the squares that meet there.
 
     Attributes
     ----------
-    disc_mm : From the unit disc to the image of each.
-    beside_mm : From each to those around it; NaN where there are fewer.
-    size_width : Standard deviation of the share by which they may be larger.
-    aperture : Of detection.
+    disc_mm : From the unit disc to the image of each; zero of corners.
+    beside_mm : From each to those around it; NaN where there are fewer, and of corners.
+    square_mm : Sides of the square that is bright ahead of a corner, in columns; zero
+        of dots.
+    window_cells : Half width of detection's window about a corner; 0 of dots.
+    size_width : Standard deviation of the share by which dots or bright squares may be
+        larger.
+    aperture : Of detection; of corners it means nothing.
     """
 
     disc_mm: Float[Numbers, "dots 2 2"]
     beside_mm: Float[Numbers, "dots neighbours 2"]
+    square_mm: Float[Numbers, "dots 2 2"]
+    window_cells: Float[Numbers, " dots"]
     size_width: Float[Numbers, " dots"]
     aperture: Aperture
 
@@ -89,6 +96,13 @@ class Dots(NamedTuple):
     cell_mm: Float[Numbers, "dots 2"]
     sections: Sections | None = None
     broad: Broad | None = None
+
+
+def are_corners(dots: Dots) -> Bool[np.ndarray, " dots"]:
+    """Which marks are checker corners."""
+    if dots.broad is None:
+        return np.zeros(len(dots.field_mm), bool)
+    return np.asarray(dots.broad.window_cells) > 0
 
 
 def hole_variance_mm2(dots: Dots) -> Float[Numbers, " dots"]:

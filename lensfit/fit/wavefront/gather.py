@@ -21,6 +21,7 @@ from lensfit.fit.wavefront.shown import (
     centroids_mm,
     diameters_mm,
     hole_cells,
+    shows_corners,
     usable_cells,
 )
 from lensfit.fit.wavefront.waves import Transfer, transfers_of
@@ -105,7 +106,10 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
         for n in f_numbers
     ]
     groups = tuple(dict.fromkeys(_group(s) for s in shown))
-    broad = any(hole_cells(one) > LARGEST_PLACED_CELLS for one in shown)
+    broad = any(
+        shows_corners(one.take) or hole_cells(one) > LARGEST_PLACED_CELLS
+        for one in shown
+    )
     rows = []
     for one in shown:
         stop = f_numbers.index(one.f_number)
@@ -144,7 +148,7 @@ def _valid(
 ) -> Bool[np.ndarray, "dots 3 rows columns"]:
     """Cells to use; none of broad dots that lie nearer to one which the frame cuts."""
     usable = usable_cells(shown.cutouts)
-    if broad is None:
+    if broad is None or shows_corners(shown.take):
         return usable
     return usable & own_cells(shown, broad.beside_mm)[:, None]
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from lensfit.batches import in_batches
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, windows_of
+from lensfit.detect.corner_fit import half_width_px
 from lensfit.fit.adjust import fitted_depths_mm
 from lensfit.fit.geometry import (
     Frame,
@@ -24,14 +25,16 @@ from lensfit.fit.geometry import (
     parts_of,
 )
 from lensfit.fit.parameters import Layout as GeometryLayout
-from lensfit.fit.wavefront.beside import beside_mm
+from lensfit.fit.wavefront.beside import NEIGHBOURS, beside_mm
 from lensfit.fit.wavefront.dots import Aperture, Broad, Dots
 from lensfit.fit.wavefront.hole import Hole, hole_of, no_hole, soft_hole
 from lensfit.fit.wavefront.shown import (
     Shown,
     diameters_mm,
     hole_radius_mm,
+    shows_corners,
 )
+from lensfit.fit.wavefront.squares import bright_ahead
 from lensfit.kernel.pixels import diffraction_variance_mm2
 from lensfit.optics.depth import ObjectShift, object_shift
 from lensfit.optics.distortion import Distortion, distorted_from_direction
@@ -40,7 +43,7 @@ from lensfit.optics.paraxial import FirstOrder
 from lensfit.optics.sections import Sections, log_squeeze, sections_of
 from lensfit.optics.spectrum import Bands, chromatic_coordinate, lateral_at
 
-_BATCH = 512
+_BATCH, _GREEN = 512, 1
 
 
 class Reference(NamedTuple):
@@ -111,7 +114,7 @@ def dots_of(
         filled_mm=hole.filled_mm,
         variance_mm2=hole.variance_mm2 + diffraction,
         cell_mm=np.tile(shown.take.pixel_mm * shown.cutouts.cell_px, (count, 1)),
-        broad=_discs(shown, disc_mm) if broad else None,
+        broad=_broad(shown, disc_mm, np.asarray(per_board)) if broad else None,
     )
     if not shown.take.anamorphic:
         return known
@@ -135,11 +138,53 @@ def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
     return jax.tree.map(np.asarray, found)
 
 
-def _discs(shown: Shown, disc_mm: Float[np.ndarray, "dots 2 2"]) -> Broad:
-    """Of dots that are drawn as discs."""
+def _broad(
+    shown: Shown,
+    disc_mm: Float[np.ndarray, "dots 2 2"],
+    per_board: Float[np.ndarray, "dots 2 2"],
+) -> Broad:
+    """Of marks that are drawn in waves."""
     width = np.full(len(disc_mm), shown.take.widths.diameter)
+    if shows_corners(shown.take):
+        return Broad(
+            np.zeros_like(disc_mm),
+            np.full((len(disc_mm), NEIGHBOURS, 2), np.nan),
+            _squares_mm(shown, per_board),
+            np.full(len(disc_mm), _window_cells(shown)),
+            width,
+            Aperture(
+                np.tile(np.eye(2), (len(disc_mm), 1, 1)),
+                *np.ones((3, len(disc_mm))),
+            ),
+        )
     beside = beside_mm(shown)
-    return Broad(disc_mm, beside, width, _aperture(shown, disc_mm, beside))
+    no_square = np.zeros_like(disc_mm), np.zeros(len(disc_mm))
+    aperture = _aperture(shown, disc_mm, beside)
+    return Broad(disc_mm, beside, *no_square, width, aperture)
+
+
+def _window_cells(shown: Shown) -> float:
+    """As detection has it."""
+    blur_px = shown.take.observations.edge_blur_px
+    assert blur_px is not None
+    return half_width_px(blur_px) / shown.cutouts.cell_px
+
+
+def _squares_mm(
+    shown: Shown, per_board: Float[np.ndarray, "dots 2 2"]
+) -> Float[np.ndarray, "dots 2 2"]:
+    """Sides of the square that is bright ahead of every corner, in columns."""
+    cut, pixel_mm = shown.cutouts, shown.take.pixel_mm
+    side_mm = per_board * np.asarray(shown.take.pitch_mm)
+    corner_px = shown.take.observations.points_px[cut.marks] - cut.corner_px
+    ahead = bright_ahead(
+        cut.light[:, _GREEN],
+        cut.valid[:, _GREEN],
+        corner_px / cut.cell_px,
+        side_mm / (pixel_mm * cut.cell_px)[:, None],
+    )
+    side_mm[~ahead, :, 0] *= -1
+    return side_mm
 
 
 def _aperture(

@@ -1,4 +1,5 @@
-"""Where detection finds the mark of a broad dot, on the image that the model draws.
+"""Where detection finds a broad mark, on the image that the model draws: of a dot here,
+of a checker corner by `corner_mark`.
 
 Detection (`detect.centroids`) takes the light around a dot off, and looks through an
 aperture about it: what blur carries farther than that moves no mark. A dark dot's depth
@@ -20,6 +21,7 @@ from jaxtyping import Array, Float
 
 from lensfit.detect.centroids import BAND_GAIN
 from lensfit.detect.cutouts import CELLS
+from lensfit.fit.wavefront.corner_mark import corner_of
 from lensfit.fit.wavefront.dots import Aperture, Dots
 from lensfit.fit.wavefront.parameters import Layout, Scale
 from lensfit.fit.wavefront.patch import pulled
@@ -118,8 +120,16 @@ def mark_of(
 
 
 def _mark_mm(image: Float[Array, "cells cells"], dot: Dots) -> Float[Array, "2"]:
-    assert dot.broad is not None
-    return mark_of(image, dot.broad.aperture) * dot.cell_mm
+    broad, cell_mm = dot.broad, dot.cell_mm
+    assert broad is not None
+
+    def corner(image: Array) -> Array:
+        return corner_of(image, broad.square_mm / cell_mm[:, None], broad.window_cells)
+
+    def disc(image: Array) -> Array:
+        return mark_of(image, broad.aperture)
+
+    return jax.lax.cond(broad.window_cells > 0, corner, disc, image) * cell_mm
 
 
 def _drawn(

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.fit.wavefront.dots import are_corners
 from lensfit.fit.wavefront.gather import Gathered
 from lensfit.fit.wavefront.parameters import Layout
 from lensfit.fit.wavefront.start import blurring_defocus_mm
@@ -128,7 +129,8 @@ def _distinct(
 
 
 def _moments_mm2(gathered: Gathered) -> Float[np.ndarray, "dots 2 2"]:
-    """Second moments of the green light of every dot, cells taken off."""
+    """Second moments of the green light of every dot, or of the blur of a corner's
+    edges, cells taken off."""
     light = np.where(gathered.valid, gathered.light, 0.0)[:, _GREEN]
     light = light - np.median(light, (-2, -1), keepdims=True)
     peak = light.max((-2, -1), keepdims=True)
@@ -143,4 +145,9 @@ def _moments_mm2(gathered: Gathered) -> Float[np.ndarray, "dots 2 2"]:
     mixed = np.einsum("drc,dr,dc->d", light, away[:, 1], away[:, 0])
     xx, yy = ((places * away**2).sum(-1) - 1 / 12).T
     square = np.stack([np.stack([xx, mixed], -1), np.stack([mixed, yy], -1)], -1)
-    return square * cell_mm[:, :, None] * cell_mm[:, None]
+    square_mm2 = square * cell_mm[:, :, None] * cell_mm[:, None]
+    # Edges that cross say how wide their blur is, and not which way.
+    corners = are_corners(gathered.dots)
+    even = (gathered.diameter_mm[corners] ** 2 / 16)[:, None, None] * np.eye(2)
+    square_mm2[corners] = even
+    return square_mm2

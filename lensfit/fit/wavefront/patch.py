@@ -7,7 +7,8 @@ patch, in closed form, and what the wavefront explains is judged by what they ca
 (variable projection, G. H. Golub and V. Pereyra, Inverse Problems 19 (2003) R1). Around
 broad dots, which may be dark ones on paper, the background may slope, as uneven light
 and fall-off make it; and their discs may be a little larger or smaller, as ink and
-tools leave them, by no more than the deviation that is known of it.
+tools leave them, by no more than the deviation that is known of it. Squares around a
+corner fill the patch: there uneven light slopes what is bright.
 """
 
 from functools import partial
@@ -78,7 +79,8 @@ def equations_of(
     if transfer is not None:
         resized = draw(transfer.change, waves).seen(image_of(spot, profile))
         slopes = _slopes(basis.cells, light.dtype)
-        parts = [nuisance_design, slopes, resized.reshape(-1, 1)]
+        uneven = transfer.squares * nuisance_design[:, :1] * slopes
+        parts = [nuisance_design, slopes, uneven, resized.reshape(-1, 1)]
         nuisance_design = jnp.concatenate(parts, -1)
     width = None if transfer is None else transfer.width
     nuisance = _best_nuisance(nuisance_design, target, w, width)

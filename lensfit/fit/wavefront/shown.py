@@ -41,6 +41,11 @@ def usable_cells(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
     return cutouts.valid & channels[None, :, None, None]
 
 
+def shows_corners(take: Take) -> bool:
+    """Whether its marks are the corners of plain squares."""
+    return take.observations.edge_blur_px is not None
+
+
 def hole_cells(shown: Shown) -> float:
     """Radius of the hole's image, in cells of its cutout.
 
@@ -67,11 +72,14 @@ def hole_radius_mm(shown: Shown) -> float:
 
 
 def diameters_mm(shown: Shown) -> Float[np.ndarray, " dots"]:
-    """Of the disc of each dot's second moment, the pixel's own taken off.
+    """Of the disc of each dot's second moment, or of the blur of a corner's edges, the
+    pixel's own taken off.
 
     A pixel adds a twelfth of its square to the second moment of each axis.
     """
-    diameter = shown.take.observations.diameter_px[shown.cutouts.marks]
+    seen = shown.take.observations
+    blur = seen.edge_blur_px
+    diameter = (seen.diameter_px if blur is None else 4 * blur)[shown.cutouts.marks]
     square = np.maximum(diameter**2 - 16 / 12, 0.0)
     return np.sqrt(square) * float(np.mean(shown.take.pixel_mm))
 

@@ -42,6 +42,7 @@ from scipy.special import j1, jv
 
 from lensfit.fit.wavefront.basis import Basis, Cells
 from lensfit.fit.wavefront.dots import Broad, Numbers
+from lensfit.fit.wavefront.squares import square_transfers
 from lensfit.kernel.pixels import FOOTPRINT, LEAST_SIGMA_PX, Profile
 from lensfit.kernel.spot import Spot
 
@@ -60,18 +61,21 @@ _TINY = 1e-9
 
 
 class Transfer(NamedTuple):
-    """What the discs of a dot and of those beside it make of a wave.
+    """What the discs of a dot and of those beside it, or the squares around a corner,
+    make of a wave.
 
     Attributes
     ----------
     disc : Down both ways and to the right.
     resized : Its change by the share that the discs are larger.
     width : Standard deviation of that share.
+    squares : 1 for the squares around a corner, 0 for discs.
     """
 
     disc: Complex[Numbers, "dots down right"]
     resized: Complex[Numbers, "dots down right"]
     width: Float[Numbers, " dots"]
+    squares: Float[Numbers, " dots"]
 
     def of_size(self, larger: Float[Array, ""]) -> "Transfer":
         """That of discs larger by this share."""
@@ -206,7 +210,13 @@ def transfers_of(
         for s in some
     ]
     disc, resized = (np.concatenate(each) for each in zip(*found, strict=True))
-    return Transfer(disc, resized, np.asarray(broad.size_width))
+    corners = np.asarray(broad.window_cells) > 0
+    square_cells = (broad.square_mm / cell_mm[:, :, None])[corners]
+    squares = square_transfers(square_cells, _period(cells), WAVES)
+    seen = _seen_by_cells(*_wave_numbers(cells, WAVES))
+    for part, drawn in zip((disc, resized), squares, strict=True):
+        part[corners] = drawn * seen
+    return Transfer(disc, resized, np.asarray(broad.size_width), corners.astype(float))
 
 
 def _transfers(
@@ -223,9 +233,7 @@ def _transfers(
     disc = (disc_mm / cell_mm[:, :, None])[..., None, None]
     x = [disc[:, 0, k] * right + disc[:, 1, k] * down[:, None] for k in (0, 1)]
     x = np.maximum(np.hypot(*x), _TINY)
-    # Waves to the left are not there: each to the right stands for both.
-    twice = np.where(right > 0, 2, 1) / period**2
-    box = np.sinc(right / (2 * np.pi)) * np.sinc(down / (2 * np.pi))[:, None] * twice
+    box = _seen_by_cells(down, right) / period**2
     beside = beside_mm / cell_mm[:, None]
     near = (np.abs(beside) < period / 2).all(-1)
     along_x = np.exp(-1j * np.nan_to_num(beside[..., :1]) * right)
@@ -234,6 +242,15 @@ def _transfers(
     each = 2 * j1(x) / x, -2 * jv(2, x)
     disc, resized = ((part * box * discs).astype(np.complex64) for part in each)
     return disc, resized
+
+
+def _seen_by_cells(
+    down: Float[np.ndarray, " down"], right: Float[np.ndarray, " right"]
+) -> Float[np.ndarray, "down right"]:
+    """What a cell sees of each wave; those to the left are not there, each to the right
+    stands for both."""
+    box = np.sinc(right / (2 * np.pi)) * np.sinc(down / (2 * np.pi))[:, None]
+    return box * np.where(right > 0, 2, 1)
 
 
 def _multiples(

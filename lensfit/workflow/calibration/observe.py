@@ -115,7 +115,8 @@ def _with_dot_diameters(results: list[Observed]) -> list[Observed]:
     takes = [one.take for one in results if one.take is not None]
     measured_mm: dict[str, list[float]] = {}
     for take in takes:
-        if take.mark_diameter_mm is None and take.cutouts is not None:
+        dots = np.isfinite(take.observations.diameter_px).any()
+        if dots and take.mark_diameter_mm is None and take.cutouts is not None:
             found = dot_diameter_mm(take.observations, take.cutouts, take.pitch_mm)
             if found is not None:
                 measured_mm.setdefault(take.target, []).append(found)

@@ -41,7 +41,9 @@ def seen_of(bright: bool, field_mm=FIELD_MM) -> tuple[Any, ...]:
     """A dot among others, as the fit has it."""
     disc_mm = np.eye(2)[None] * RADIUS_PX * PIXEL_MM
     beside_mm = STEPS[None] * SPACING_PX * PIXEL_MM
-    broad = Broad(disc_mm, beside_mm, np.full(1, 0.01), aperture_of(bright))
+    no_square = np.zeros((1, 2, 2)), np.zeros(1)
+    width = np.full(1, 0.01)
+    broad = Broad(disc_mm, beside_mm, *no_square, width, aperture_of(bright))
     dots = dots_at(field_mm[None], 0, 0, PIXEL_MM)._replace(
         broad=broad,
         lateral_mm=np.zeros((1, 3, 2, 2)),

@@ -26,7 +26,10 @@ def dot_of(disc_mm, beside_mm=NOBODY, size_width=1e-4):
     cell_mm = np.full((1, 2), PIXEL_MM)
     one = np.ones(1)
     aperture = Aperture(5 * np.eye(2)[None], 1.3 * one, 0.3 * one, 0 * one)
-    broad = Broad(disc_mm[None], beside_mm[None], size_width * one, aperture)
+    no_square = np.zeros((1, 2, 2)), 0 * one
+    broad = Broad(
+        disc_mm[None], beside_mm[None], *no_square, size_width * one, aperture
+    )
     transfer = transfers_of(broad, cell_mm, CELLS)
     dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)._replace(broad=broad)
     return jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))

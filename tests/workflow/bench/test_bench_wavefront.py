@@ -102,7 +102,7 @@ def test_a_traced_lens_is_calibrated_and_judged(tmp_path):
     assert np.isfinite(row["seconds"]["calibrate"])
 
 
-@pytest.mark.slow
+@pytest.mark.hard
 def test_a_stated_mosaic_is_not_taken_for_the_lens(tmp_path):
     subject = case_subject("bayer", (640, 480))
     result = bench_wavefront(

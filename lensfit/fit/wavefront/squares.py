@@ -1,0 +1,112 @@
+"""The squares that meet in a checker corner, as waves.
+
+In sides (a, b) of a square from the corner, the chart there is bright where
+
+    s(a) s(b) > 0,   s the square wave that changes sign at every integer,
+
+and what sides are in cells of the patch follows from the geometry of the view, to first
+order about the corner. The pattern is drawn on fractions of a cell, averaged over each
+along both axes, and transformed; it goes over into its mean before the slowest wave's
+period ends, since the waves repeat it. Ink that spreads takes as much from every bright
+square as it adds to the dark ones beside: of squares that are larger by a small share
+the pattern changes along all edges alike.
+
+Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1.
+"""
+
+import numpy as np
+import scipy.fft
+from jaxtyping import Bool, Complex, Float
+
+_PER_CELL = 4
+"""Samples; eight change images by less than a thousandth of the contrast."""
+_GOES_OVER = 4.0
+"""Cells along the edge of the period in which the pattern goes over into its mean."""
+
+
+def square_transfers(
+    square_cells: Float[np.ndarray, "corners 2 2"], period: int, most: int
+) -> tuple[
+    Complex[np.ndarray, "corners down right"], Complex[np.ndarray, "corners down right"]
+]:
+    """Amplitudes of the pattern about every corner, and their change per share by which
+    bright squares are larger; down both ways and to the right.
+
+    Parameters
+    ----------
+    square_cells : Sides of the square that is bright ahead, in columns; right, down.
+    period : Of the slowest wave, cells.
+    most : Waves besides the constant.
+    """
+    size = _PER_CELL * period
+    along = (np.arange(size) + 0.5) / _PER_CELL - period / 2
+    places = np.stack(np.meshgrid(along, along), -1).reshape(-1, 2).astype(np.float32)
+    kept = _goes_over(places, period).reshape(size, size)
+    drawn = np.zeros((2, len(square_cells), 2 * most + 1, most + 1), np.complex64)
+    for k, sides in enumerate(square_cells):
+        inverse = np.linalg.inv(sides)
+        # Half the width of a sample in sides: an edge's ramp is as wide.
+        ramp = np.hypot(*inverse.T) / (2 * _PER_CELL)
+        away = (places @ inverse.T.astype(np.float32)).reshape(size, size, 2)
+        wave, line = _across_edges(away, ramp)
+        bright = (1 + wave[..., 0] * wave[..., 1] * kept) / 2
+        edges = (line[..., 0] + line[..., 1]) * kept / 2
+        for part, picture in enumerate((bright, edges)):
+            drawn[part, k] = _amplitudes(picture, most)
+    return drawn[0], drawn[1]
+
+
+def bright_ahead(
+    light: Float[np.ndarray, "corners rows columns"],
+    use: Bool[np.ndarray, "corners rows columns"],
+    corner_cells: Float[np.ndarray, "corners 2"],
+    square_cells: Float[np.ndarray, "corners 2 2"],
+) -> Bool[np.ndarray, " corners"]:
+    """Whether the square ahead along both sides is a bright one.
+
+    Parameters
+    ----------
+    corner_cells : From the corner of the picture, right and down.
+    """
+    middle = np.arange(light.shape[-1]) + 0.5
+    places = np.stack(np.meshgrid(middle, middle), -1)
+    away = places[None] - corner_cells[:, None, None]
+    sides = np.einsum("nij,nrcj->nrci", np.linalg.inv(square_cells), away)
+    ahead = np.sign(np.sin(np.pi * sides)).prod(-1) * use
+    light = light - np.mean(light, (1, 2), keepdims=True)
+    return np.sum(ahead * light, (1, 2)) > 0
+
+
+def _goes_over(
+    places: Float[np.ndarray, "samples 2"], period: int
+) -> Float[np.ndarray, " samples"]:
+    """1 inside, 0 at the edge of the period."""
+    inside = (period / 2 - np.abs(places)) / _GOES_OVER
+    smooth = np.sin(np.pi / 2 * np.clip(inside, 0, 1)) ** 2
+    return smooth.prod(-1)
+
+
+def _across_edges(
+    sides: Float[np.ndarray, "*shape 2"], ramp: Float[np.ndarray, "2"]
+) -> tuple[Float[np.ndarray, "*shape 2"], Float[np.ndarray, "*shape 2"]]:
+    """Square wave along each side, and a line of area 1 along each of its edges."""
+    edge = np.round(sides)
+    off = sides - edge
+    even = 1 - 2 * np.abs(edge % 2)
+    wave = even * np.clip(off / ramp, -1, 1)
+    return wave, (np.abs(off) < ramp) / (2 * ramp)
+
+
+def _amplitudes(
+    picture: Float[np.ndarray, "size size"], most: int
+) -> Complex[np.ndarray, "down right"]:
+    """Of exp(i k x) about the picture's middle."""
+    size = len(picture)
+    found = np.asarray(scipy.fft.rfft2(picture.astype(np.float32)))
+    right, down = np.arange(most + 1), np.arange(-most, most + 1)
+    # Samples lie half a step from the edge, half a period from the middle, and are
+    # means over themselves.
+    at = [(-1.0) ** n * np.exp(-1j * np.pi * n / size) for n in (down, right)]
+    sampled = [np.sinc(n / size) for n in (down, right)]
+    shift = (at[0] / sampled[0])[:, None] * (at[1] / sampled[1])
+    return found[down][:, right] * shift / size**2
