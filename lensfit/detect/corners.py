@@ -262,4 +262,5 @@ def _as_observations(
         diameter_px=np.full(count, np.nan),
         image_size_px=photograph.size_px,
         candidates=corners.candidates,
+        bright=False,
     )

@@ -90,7 +90,7 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
     nearest = _nearest_is_own(marks.points_px, chosen, corner, cell)
     light, clipped = cells.light, cells.clipped
     usable = cells.measured & (cells.inside & nearest)[:, None]
-    if not marks.bright:
+    if not marks.bright and marks.edge_blur_px is None:
         usable = usable & ~clipped
         light, clipped = _light_taken(light, usable), np.zeros_like(clipped)
         pixels = -pixels
