@@ -34,6 +34,7 @@ class Take:
     f_number, focus_distance_mm, target_distance_mm : None where nobody said.
     squeeze : Nominal horizontal squeeze of an anamorphic lens.
     cutouts : Pictures of the dots, where their shape can be fitted.
+    rims : Of their rims, where these show finer cells.
     chief_rays : Whether marks are where chief rays land, not centroids.
     shared_moves_mm : How marks that were placed so move together, red, green and blue,
         by every independent error of what placed them, one standard deviation each.
@@ -52,6 +53,7 @@ class Take:
     target_distance_mm: float | None = None
     squeeze: float = 1.0
     cutouts: Cutouts | None = None
+    rims: Cutouts | None = None
     chief_rays: bool = False
     shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
     widths: Widths = ORDINARY_WIDTHS

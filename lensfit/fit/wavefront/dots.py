@@ -36,11 +36,14 @@ class Aperture(NamedTuple):
 
 class Broad(NamedTuple):
     """Marks too wide for places of rays, which are drawn in waves (`waves`): dots as
-    discs, checker corners as the squares that meet there.
+    discs, of large ones a part of the rim, checker corners as the squares that meet
+    there.
 
     Attributes
     ----------
     disc_mm : From the unit disc to the image of each; zero of corners.
+    rim_mm : From the rim that is shown to the middle of its dot; zero of whole dots and
+        of corners.
     beside_mm : From each to those around it; NaN where there are fewer, and of corners.
     square_mm : Sides of the square that is bright ahead of a corner, in columns; zero
         of dots.
@@ -51,6 +54,7 @@ class Broad(NamedTuple):
     """
 
     disc_mm: Float[Numbers, "dots 2 2"]
+    rim_mm: Float[Numbers, "dots 2"]
     beside_mm: Float[Numbers, "dots neighbours 2"]
     square_mm: Float[Numbers, "dots 2 2"]
     window_cells: Float[Numbers, " dots"]

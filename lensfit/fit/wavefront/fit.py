@@ -34,7 +34,7 @@ from lensfit.fit.wavefront.gather import (
 from lensfit.fit.wavefront.guessed import guessed_of
 from lensfit.fit.wavefront.misfit import Misfit, misfit_of
 from lensfit.fit.wavefront.parameters import Layout
-from lensfit.fit.wavefront.shown import Shown
+from lensfit.fit.wavefront.shown import Shown, with_rims
 from lensfit.fit.wavefront.stages import Stage, focus_stated, on_dots
 from lensfit.fit.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
 from lensfit.fit.wavefront.uncertainty import (
@@ -66,6 +66,8 @@ CYLINDER_COLOURS = two_mirror_terms(1)
 """What a lens with cylinders has besides."""
 _BEHIND_CYLINDERS = 2
 """Times as many dots in the fine stage: the field is not alike around the axis."""
+_RIMS_FOR_A_DOT = 2
+"""Times as many rims as dots: each shows one direction of the blur."""
 _GROUPS, _STOPS = 8, 4
 """Room for so many defocus values and f-numbers, so that one program serves most."""
 _HOPELESS, _VALLEYS = 1.2, 4
@@ -167,7 +169,8 @@ def fit_wavefront(
     fall_off : Measured at the widest f-number, or None.
     allowed : Names of the families that may be free (`families.SEIDEL`); None for all.
     """
-    every = gather(shown, spectrum or bands(3))
+    spectrum = spectrum or bands(3)
+    every = gather(shown, spectrum)
     layout = _layout_of(every)
     few = chosen(every, spread_over_takes(every, effort.coarse_dots(len(shown))))
     coarse = coarse_fit(few, layout, fall_off, allowed)
@@ -176,7 +179,7 @@ def fit_wavefront(
     progress("wavefront", 2, 4)
     times = _BEHIND_CYLINDERS if layout.anamorphic else 1
     fine_dots = times * effort.fine_dots(len(shown))
-    more = chosen(every, spread_over_takes(every, fine_dots))
+    more = _finest(every, shown, spectrum, fine_dots)
     stages = [focus_stated(on_dots(one.stage, more)) for one in middle]
     fine = [fine_fit(s, _families_at(s, allowed), effort.rounds) for s in stages]
     valleys = [valley_at(stage, fair_cost) for stage in fine]
@@ -205,6 +208,16 @@ def fit_wavefront(
         mirrored=mirrored,
         misfit=misfit,
     )
+
+
+def _finest(
+    every: Gathered, shown: list[Shown], spectrum: Bands, dots: int
+) -> Gathered:
+    """So many dots of each photograph, of large ones several rims."""
+    if all(one.take.rims is None for one in shown):
+        return chosen(every, spread_over_takes(every, dots))
+    rims = gather(with_rims(shown), spectrum)
+    return chosen(rims, spread_over_takes(rims, _RIMS_FOR_A_DOT * dots))
 
 
 def _side_is_settled(every: Gathered, valleys: list[Valley]) -> bool:

@@ -28,6 +28,8 @@ from lensfit.fit.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
 
+_NEAREST_FOCUS = 6.0
+"""In principal distances; at four a lens that is no macro lens ends."""
 WIDE_OPEN = 1.02
 """Up to this ratio to the widest f-number the blades are out of the way."""
 
@@ -125,7 +127,9 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
             [_valid(s, r.broad) for s, r in zip(shown, rows, strict=True)]
         ),
         clipped=np.concatenate([c.clipped for c in cut]),
-        observed_mm=np.concatenate([centroids_mm(s.take, s.cutouts) for s in shown]),
+        observed_mm=np.concatenate(
+            [_observed_mm(s, r.broad) for s, r in zip(shown, rows, strict=True)]
+        ),
         diameter_mm=np.concatenate([diameters_mm(s) for s in shown]),
         read_noise=np.repeat([c.read_noise for c in cut], counts, axis=0),
         take=np.repeat(np.arange(len(shown)), counts),
@@ -151,6 +155,12 @@ def _valid(
     if broad is None or shows_corners(shown.take):
         return usable
     return usable & own_cells(shown, broad.beside_mm)[:, None]
+
+
+def _observed_mm(shown: Shown, broad: Broad | None) -> Float[np.ndarray, "dots 3 2"]:
+    """Of every mark, or of the rim that is shown, from the corner of its cutout."""
+    observed_mm = centroids_mm(shown.take, shown.cutouts)
+    return observed_mm if broad is None else observed_mm - broad.rim_mm[:, None]
 
 
 def chosen(gathered: Gathered, rows: Int[np.ndarray, " some"]) -> Gathered:
@@ -196,10 +206,22 @@ def _reference(shown: list[Shown]) -> Reference:
     """The state nearest to being in focus, and the distance of its chart."""
     nearest = _nearest_to_focus(shown)
     offset = nearest.pupil_offset_mm
-    distance = nearest.take.target_distance_mm or _middle_distance_mm(nearest)
     c = float(nearest.distortion.principal_distance_mm)
+    farther = _farther(shown, c)
+    distance = nearest.take.target_distance_mm or (
+        farther * _depth_mm(nearest) + nearest.pupil_offset_mm
+    )
     thin = first_order_of(*(jnp.asarray(n) for n in (c, 1.0, offset, distance)))
-    return Reference(c, thin, distance)
+    return Reference(c, thin, distance, farther)
+
+
+def _farther(shown: list[Shown], principal_distance_mm: float) -> float:
+    """What depths are multiplied by so that every chart is as far away as lenses are
+    focused, where nobody stated how far it was."""
+    if any(one.take.target_distance_mm for one in shown):
+        return 1.0
+    nearest_mm = min(map(_depth_mm, shown))
+    return max(1.0, _NEAREST_FOCUS * principal_distance_mm / nearest_mm)
 
 
 def _nearest_to_focus(shown: list[Shown]) -> Shown:
@@ -218,7 +240,6 @@ def _group(shown: Shown) -> Group:
     return Group(take.focus_distance_mm, take.target_distance_mm, name)
 
 
-def _middle_distance_mm(shown: Shown) -> float:
-    """From the sensor, of a chart whose distance nobody stated."""
-    depths_mm = fitted_depths_mm(shown.geometry.adjustment)
-    return float(depths_mm[shown.index]) + shown.pupil_offset_mm
+def _depth_mm(shown: Shown) -> float:
+    """From the entrance pupil to the chart, as the geometry has it."""
+    return float(fitted_depths_mm(shown.geometry.adjustment)[shown.index])

@@ -27,6 +27,7 @@ from lensfit.fit.geometry import (
 from lensfit.fit.parameters import Layout as GeometryLayout
 from lensfit.fit.wavefront.beside import NEIGHBOURS, beside_mm
 from lensfit.fit.wavefront.dots import Aperture, Broad, Dots
+from lensfit.fit.wavefront.edges import bright_ahead
 from lensfit.fit.wavefront.hole import Hole, hole_of, no_hole, soft_hole
 from lensfit.fit.wavefront.shown import (
     Shown,
@@ -34,7 +35,6 @@ from lensfit.fit.wavefront.shown import (
     hole_radius_mm,
     shows_corners,
 )
-from lensfit.fit.wavefront.squares import bright_ahead
 from lensfit.kernel.pixels import diffraction_variance_mm2
 from lensfit.optics.depth import ObjectShift, object_shift
 from lensfit.optics.distortion import Distortion, distorted_from_direction
@@ -54,11 +54,14 @@ class Reference(NamedTuple):
     principal_distance_mm : Of the state nearest to being in focus.
     first_order : The thin lens with these chief rays.
     distance_mm : From the sensor, at which the aberrations hold.
+    farther : What depths of the geometry are multiplied by: 1, unless charts whose
+        distance nobody stated would be nearer than any lens is focused.
     """
 
     principal_distance_mm: float
     first_order: FirstOrder
     distance_mm: float
+    farther: float = 1.0
 
 
 def dots_of(
@@ -79,22 +82,17 @@ def dots_of(
     """
     adjustment, marks = shown.geometry.adjustment, shown.cutouts.marks
     count = len(marks)
-    shift, per_board = in_batches(
-        lambda board: _seen(
-            jnp.asarray(adjustment.parameters),
-            jnp.asarray(shown.index),
-            jnp.asarray(_depth_factor(shown)),
-            jnp.asarray(board),
-            adjustment.stack.view,
-            adjustment.layout,
-            adjustment.frame,
-            reference.first_order,
-            jnp.asarray(reference.distance_mm),
-        ),
-        adjustment.stack.board[shown.index][marks],
-        _BATCH,
-    )
-    observed = adjustment.stack.observed_mm[shown.index][marks]
+    board = adjustment.stack.board[shown.index][marks]
+    shift, per_board = _seen_at(board, shown, reference)
+    rim_mm = np.zeros((count, 2))
+    if shown.cutouts.towards_px is not None:
+        to_rim_mm = _to_rims_mm(shown, np.asarray(per_board))
+        half_mm = np.asarray(adjustment.stack.view.half_board_mm)[shown.index]
+        middle = np.asarray(per_board)
+        shift, per_board = _seen_at(board + to_rim_mm / half_mm, shown, reference)
+        between = (middle + np.asarray(per_board)) / 2
+        rim_mm = -np.einsum("dij,dj->di", between, to_rim_mm)
+    observed = adjustment.stack.observed_mm[shown.index][marks] - rim_mm
     distance = float(shown.distortion.principal_distance_mm)
     disc_mm = np.asarray(per_board) * hole_radius_mm(shown)
     hole = no_hole(disc_mm) if broad else _holes(shown, disc_mm)
@@ -114,11 +112,44 @@ def dots_of(
         filled_mm=hole.filled_mm,
         variance_mm2=hole.variance_mm2 + diffraction,
         cell_mm=np.tile(shown.take.pixel_mm * shown.cutouts.cell_px, (count, 1)),
-        broad=_broad(shown, disc_mm, np.asarray(per_board)) if broad else None,
+        broad=_broad(shown, disc_mm, np.asarray(per_board), rim_mm) if broad else None,
     )
     if not shown.take.anamorphic:
         return known
     return known._replace(sections=_sections(shift, shown.distortion))
+
+
+def _seen_at(
+    board: Float[np.ndarray, "dots 2"], shown: Shown, reference: Reference
+) -> tuple[ObjectShift, Float[np.ndarray, "dots 2 2"]]:
+    """`_seen` of places on the board of one photograph."""
+    adjustment = shown.geometry.adjustment
+    return in_batches(
+        lambda some: _seen(
+            jnp.asarray(adjustment.parameters),
+            jnp.asarray(shown.index),
+            jnp.asarray(_depth_factor(shown)),
+            jnp.asarray(some),
+            adjustment.stack.view,
+            adjustment.layout,
+            adjustment.frame,
+            reference.first_order,
+            jnp.asarray(reference.distance_mm),
+            jnp.asarray(reference.farther),
+        ),
+        board,
+        _BATCH,
+    )
+
+
+def _to_rims_mm(
+    shown: Shown, per_board: Float[np.ndarray, "dots 2 2"]
+) -> Float[np.ndarray, "dots 2"]:
+    """On the board, from the middle of every dot to the rim that is shown."""
+    assert shown.cutouts.towards_px is not None
+    towards_mm = shown.cutouts.towards_px * shown.take.pixel_mm
+    on_board = np.linalg.solve(per_board, towards_mm[..., None])[..., 0]
+    return hole_radius_mm(shown) * on_board / np.linalg.norm(on_board, axis=-1)[:, None]
 
 
 def _holes(shown: Shown, hole_mm: np.ndarray) -> Hole:
@@ -142,12 +173,14 @@ def _broad(
     shown: Shown,
     disc_mm: Float[np.ndarray, "dots 2 2"],
     per_board: Float[np.ndarray, "dots 2 2"],
+    rim_mm: Float[np.ndarray, "dots 2"],
 ) -> Broad:
     """Of marks that are drawn in waves."""
     width = np.full(len(disc_mm), shown.take.widths.diameter)
     if shows_corners(shown.take):
         return Broad(
             np.zeros_like(disc_mm),
+            rim_mm,
             np.full((len(disc_mm), NEIGHBOURS, 2), np.nan),
             _squares_mm(shown, per_board),
             np.full(len(disc_mm), _window_cells(shown)),
@@ -160,7 +193,7 @@ def _broad(
     beside = beside_mm(shown)
     no_square = np.zeros_like(disc_mm), np.zeros(len(disc_mm))
     aperture = _aperture(shown, disc_mm, beside)
-    return Broad(disc_mm, beside, *no_square, width, aperture)
+    return Broad(disc_mm, rim_mm, beside, *no_square, width, aperture)
 
 
 def _window_cells(shown: Shown) -> float:
@@ -282,6 +315,7 @@ def _seen(
     frame: Frame,
     first_order: FirstOrder,
     reference_mm: Array,
+    farther: Array,
 ) -> tuple[ObjectShift, Array]:
     """Of each mark: how far from the reference depth, and d sensor / d board mm.
 
@@ -308,7 +342,7 @@ def _seen(
         slope = slope_of(mark)
         per_slope = jax.jacfwd(landed)(slope)
         per_board = per_slope @ jax.jacfwd(slope_of)(mark) / view.half_board_mm[None]
-        distance = ahead(mark)[2] + first_order.entrance_pupil_offset_mm
+        distance = farther * ahead(mark)[2] + first_order.entrance_pupil_offset_mm
         shift = object_shift(slope, per_slope, first_order, reference_mm, distance)
         return shift, per_board
 

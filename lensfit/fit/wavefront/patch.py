@@ -8,7 +8,9 @@ patch, in closed form, and what the wavefront explains is judged by what they ca
 broad dots, which may be dark ones on paper, the background may slope, as uneven light
 and fall-off make it; and their discs may be a little larger or smaller, as ink and
 tools leave them, by no more than the deviation that is known of it. Squares around a
-corner fill the patch: there uneven light slopes what is bright.
+corner, and large dots of which a part of the rim is shown, fill the patch: there uneven
+light slopes what is bright. Along a rim a dot may go anywhere without a change: places
+are held to a cell of where they were.
 """
 
 from functools import partial
@@ -79,19 +81,25 @@ def equations_of(
     if transfer is not None:
         resized = draw(transfer.change, waves).seen(image_of(spot, profile))
         slopes = _slopes(basis.cells, light.dtype)
-        uneven = transfer.squares * nuisance_design[:, :1] * slopes
+        uneven = transfer.edges * nuisance_design[:, :1] * slopes
         parts = [nuisance_design, slopes, uneven, resized.reshape(-1, 1)]
         nuisance_design = jnp.concatenate(parts, -1)
-    width = None if transfer is None else transfer.width
-    nuisance = _best_nuisance(nuisance_design, target, w, width)
+    hold = None
+    if transfer is not None:
+        hold = _Hold(transfer.width, jnp.max(cell_mm))
+    nuisance = _best_nuisance(nuisance_design, target, w, hold)
     if transfer is not None:
         basis = draw(transfer.of_size(nuisance.larger), waves)
     values, bright = nuisance.values, nuisance.values[0]
     residual = target - nuisance_design @ values
     design = bright * _design(few, lean.profile(few.spot, variance_mm2), lean)
-    weighted = w[:, None] * design
-    coupling = nuisance_design.T @ weighted
-    matrix = design.T @ weighted - coupling.T @ _solved(nuisance.inner, coupling)
+    coupling = nuisance_design.T @ (w[:, None] * design)
+    follows = _solved(nuisance.inner, coupling)
+    # What the nuisance leaves of the design, not a difference of matrices: that would
+    # lose its smallest eigenvalues in single precision.
+    left = design - nuisance_design @ follows
+    matrix = left.T @ (w[:, None] * left)
+    matrix = matrix + follows.T @ (nuisance.held[:, None] * follows)
     pull = bright * (w * residual).reshape(light.shape)
     shift = values[2:4] / _not_zero(bright)
     return Patch(
@@ -109,40 +117,57 @@ class _Nuisance(NamedTuple):
     Attributes
     ----------
     inner : Its normal equations.
+    held : Of these, what holds it.
     values : In the order of the design.
     larger : Share by which the discs of a broad dot are larger.
     cost : Its square in standard deviations.
     """
 
     inner: Float[Array, "nuisance nuisance"]
+    held: Float[Array, " nuisance"]
     values: Float[Array, " nuisance"]
     larger: Float[Array, ""]
     cost: Float[Array, ""]
+
+
+class _Hold(NamedTuple):
+    """Standard deviations of nuisances that are not free.
+
+    Attributes
+    ----------
+    size : Of the share by which discs are larger, times the brightness the last of the
+        nuisance.
+    place_mm : Of both shifts.
+    """
+
+    size: Float[Array, ""]
+    place_mm: Float[Array, ""]
 
 
 def _best_nuisance(
     design: Float[Array, "cells2 nuisance"],
     target: Float[Array, " cells2"],
     w: Float[Array, " cells2"],
-    size_width: Float[Array, ""] | None,
+    hold: _Hold | None,
 ) -> _Nuisance:
     """By least squares.
 
     Parameters
     ----------
-    size_width : Standard deviation of the share by which discs are larger, times the
-        brightness the last of the nuisance; None where they have no size.
+    hold : Of broad marks; None of others, whose nuisance is free and has no size.
     """
     inner, seen = design.T @ (w[:, None] * design), design.T @ (w * target)
-    if size_width is None:
+    if hold is None:
         none = jnp.zeros((), w.dtype)
-        return _Nuisance(inner, _solved(inner, seen), none, none)
+        free = jnp.zeros(len(inner), w.dtype)
+        return _Nuisance(inner, free, _solved(inner, seen), none, none)
     bright = _solved(inner[:-1, :-1], seen[:-1])[0]
-    hold = 1 / jnp.maximum((bright * size_width) ** 2, _DARKEST)
-    inner = inner.at[-1, -1].add(hold)
+    by_size, by_place = (1 / jnp.maximum((bright * d) ** 2, _DARKEST) for d in hold)
+    held = jnp.zeros(len(inner), w.dtype).at[2:4].set(by_place).at[-1].set(by_size)
+    inner = inner + jnp.diag(held)
     values = _solved(inner, seen)
     larger = values[-1] / _not_zero(values[0])
-    return _Nuisance(inner, values, larger, hold * values[-1] ** 2)
+    return _Nuisance(inner, held, values, larger, jnp.sum(held * values**2))
 
 
 def _not_zero(bright: Array) -> Array:

@@ -46,6 +46,15 @@ def shows_corners(take: Take) -> bool:
     return take.observations.edge_blur_px is not None
 
 
+def with_rims(shown: list[Shown]) -> list[Shown]:
+    """The same with the rims of large dots in place of the dots, where these show finer
+    cells."""
+    return [
+        one if one.take.rims is None else one._replace(cutouts=one.take.rims)
+        for one in shown
+    ]
+
+
 def hole_cells(shown: Shown) -> float:
     """Radius of the hole's image, in cells of its cutout.
 

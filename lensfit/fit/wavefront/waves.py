@@ -42,7 +42,7 @@ from scipy.special import j1, jv
 
 from lensfit.fit.wavefront.basis import Basis, Cells
 from lensfit.fit.wavefront.dots import Broad, Numbers
-from lensfit.fit.wavefront.squares import square_transfers
+from lensfit.fit.wavefront.edges import rim_transfers, square_transfers
 from lensfit.kernel.pixels import FOOTPRINT, LEAST_SIGMA_PX, Profile
 from lensfit.kernel.spot import Spot
 
@@ -61,31 +61,32 @@ _TINY = 1e-9
 
 
 class Transfer(NamedTuple):
-    """What the discs of a dot and of those beside it, or the squares around a corner,
-    make of a wave.
+    """What the discs of a dot and of those beside it make of a wave, or the edges
+    around a corner or a rim.
 
     Attributes
     ----------
-    disc : Down both ways and to the right.
-    resized : Its change by the share that the discs are larger.
+    pattern : Down both ways and to the right.
+    resized : Its change by the share that discs or bright squares are larger; none of
+        rims, which may lie elsewhere.
     width : Standard deviation of that share.
-    squares : 1 for the squares around a corner, 0 for discs.
+    edges : 1 for the edges around a corner or a rim, 0 for whole discs.
     """
 
-    disc: Complex[Numbers, "dots down right"]
+    pattern: Complex[Numbers, "dots down right"]
     resized: Complex[Numbers, "dots down right"]
     width: Float[Numbers, " dots"]
-    squares: Float[Numbers, " dots"]
+    edges: Float[Numbers, " dots"]
 
     def of_size(self, larger: Float[Array, ""]) -> "Transfer":
         """That of discs larger by this share."""
         change = larger.astype(self.resized.dtype) * self.resized
-        return self._replace(disc=self.disc + change)
+        return self._replace(pattern=self.pattern + change)
 
     @property
     def change(self) -> "Transfer":
-        """That which has the change for its discs."""
-        return self._replace(disc=self.resized)
+        """That which has the change for its pattern."""
+        return self._replace(pattern=self.resized)
 
 
 class Waves(Basis):
@@ -179,7 +180,7 @@ def basis_of(
     if transfer is None:
         return Cells(corner_mm, cell_mm, cells)
     slow = slice(WAVES - waves, WAVES + waves + 1)
-    return Waves(corner_mm, cell_mm, cells, transfer.disc[slow, : waves + 1])
+    return Waves(corner_mm, cell_mm, cells, transfer.pattern[slow, : waves + 1])
 
 
 def waves_left(smoothing: float, cells: int) -> int:
@@ -198,28 +199,38 @@ def waves_left(smoothing: float, cells: int) -> int:
 def transfers_of(
     broad: Broad, cell_mm: Float[np.ndarray, "dots 2"], cells: int
 ) -> Transfer:
-    """Of every dot and those beside it, seen by cells; in single precision.
+    """Of every mark, seen by cells; in single precision.
 
     Parameters
     ----------
     cell_mm, cells : Of the patches.
     """
-    some = [slice(k, k + _AT_ONCE) for k in range(0, len(cell_mm), _AT_ONCE)]
-    found = [
-        _transfers(broad.disc_mm[s], broad.beside_mm[s], cell_mm[s], cells)
-        for s in some
-    ]
-    disc, resized = (np.concatenate(each) for each in zip(*found, strict=True))
     corners = np.asarray(broad.window_cells) > 0
-    square_cells = (broad.square_mm / cell_mm[:, :, None])[corners]
-    squares = square_transfers(square_cells, _period(cells), WAVES)
+    rims = np.any(broad.rim_mm != 0, -1)
+    whole = np.flatnonzero(~(corners | rims))
+    pattern = np.zeros((len(cell_mm), 2 * WAVES + 1, WAVES + 1), np.complex64)
+    resized = np.zeros_like(pattern)
+    for start in range(0, len(whole), _AT_ONCE):
+        s = whole[start : start + _AT_ONCE]
+        pattern[s], resized[s] = _of_discs(
+            broad.disc_mm[s], broad.beside_mm[s], cell_mm[s], cells
+        )
+    waves = _period(cells), WAVES
     seen = _seen_by_cells(*_wave_numbers(cells, WAVES))
-    for part, drawn in zip((disc, resized), squares, strict=True):
-        part[corners] = drawn * seen
-    return Transfer(disc, resized, np.asarray(broad.size_width), corners.astype(float))
+    square_cells = broad.square_mm / cell_mm[:, :, None]
+    squares = square_transfers(square_cells[corners], *waves)
+    pattern[corners], resized[corners] = (seen * part for part in squares)
+    disc_cells = broad.disc_mm / cell_mm[:, :, None]
+    to_middle_cells = broad.rim_mm / cell_mm
+    beside_cells = broad.beside_mm / cell_mm[:, None]
+    pattern[rims] = seen * rim_transfers(
+        disc_cells[rims], to_middle_cells[rims], beside_cells[rims], *waves
+    )
+    edges = (corners | rims).astype(float)
+    return Transfer(pattern, resized, np.asarray(broad.size_width), edges)
 
 
-def _transfers(
+def _of_discs(
     disc_mm: Float[np.ndarray, "dots 2 2"],
     beside_mm: Float[np.ndarray, "dots neighbours 2"],
     cell_mm: Float[np.ndarray, "dots 2"],

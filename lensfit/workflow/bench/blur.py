@@ -29,6 +29,7 @@ from lensfit.fit.wavefront.drawn import drawn
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.gather import Gathered, chosen
+from lensfit.fit.wavefront.stages import on_dots, settled
 from lensfit.fit.wavefront.waves import Transfer, basis_of
 from lensfit.kernel.pixels import image_of
 from lensfit.kernel.spot import Spot
@@ -124,7 +125,8 @@ def prediction_of(fitted: WavefrontFit) -> Prediction:
         raise LensfitError("its dots are too small to be predicted by their rims")
     rows = np.random.default_rng(_SEED).permutation(_unseen_rows(fitted))
     half = min(_DOTS, len(rows) // 2)
-    larger = float(np.median(stage.nuisance[:, _GREEN, _LARGER]))
+    whole = settled(on_dots(stage, chosen(every, rows[-half:])), 1)
+    larger = float(np.median(whole.nuisance[:, _GREEN, _LARGER]))
     test, train = (
         _resized(chosen(every, some), larger)
         for some in (rows[:half], rows[half : 2 * half])
@@ -138,11 +140,20 @@ def prediction_of(fitted: WavefrontFit) -> Prediction:
 
 def _unseen_rows(fitted: WavefrontFit) -> Int[np.ndarray, " rows"]:
     """Dots that the fit was not made from."""
-    gathered = fitted.stage.gathered, fitted.gathered
-    seen, every = (np.column_stack([g.dots.field_mm, g.take]) for g in gathered)
+    seen, every = (
+        np.round(np.column_stack([_middles_mm(g), g.take]), 6)
+        for g in (fitted.stage.gathered, fitted.gathered)
+    )
     known = {tuple(row) for row in seen.tolist()}
     rows = [k for k, row in enumerate(every.tolist()) if tuple(row) not in known]
     return np.array(rows, int)
+
+
+def _middles_mm(gathered: Gathered) -> Float[np.ndarray, "dots 2"]:
+    """Of the dots in the field, whichever part of them is shown."""
+    broad = gathered.dots.broad
+    assert broad is not None
+    return np.asarray(gathered.dots.field_mm + broad.rim_mm)
 
 
 def _fitted(name: str, data: Path, effort: Effort) -> WavefrontFit:

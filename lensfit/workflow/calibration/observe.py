@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lensfit.detect.cutouts import cut
+from lensfit.detect.cutouts import cut, cut_rims
 from lensfit.detect.dot_diameter import DIAMETER_WIDTH, dot_diameter_mm
 from lensfit.detect.find import observe
 from lensfit.detect.mosaic_seen import mosaic_seen
@@ -249,6 +249,7 @@ def _take_for_fit(
     marks: Observations,
     photograph: Photograph,
 ) -> Take:
+    cutouts = cut(photograph, marks)
     return Take(
         name=take.image,
         target=resolved.target.name,
@@ -261,7 +262,8 @@ def _take_for_fit(
         focus_distance_mm=resolved.focus_distance_mm,
         target_distance_mm=take.target_distance_mm,
         squeeze=take.anamorphic_squeeze or 1.0,
-        cutouts=cut(photograph, marks),
+        cutouts=cutouts,
+        rims=cut_rims(photograph, marks, cutouts),
     )
 
 

@@ -43,7 +43,9 @@ def seen_of(bright: bool, field_mm=FIELD_MM) -> tuple[Any, ...]:
     beside_mm = STEPS[None] * SPACING_PX * PIXEL_MM
     no_square = np.zeros((1, 2, 2)), np.zeros(1)
     width = np.full(1, 0.01)
-    broad = Broad(disc_mm, beside_mm, *no_square, width, aperture_of(bright))
+    broad = Broad(
+        disc_mm, np.zeros((1, 2)), beside_mm, *no_square, width, aperture_of(bright)
+    )
     dots = dots_at(field_mm[None], 0, 0, PIXEL_MM)._replace(
         broad=broad,
         lateral_mm=np.zeros((1, 3, 2, 2)),

@@ -28,7 +28,12 @@ def dot_of(disc_mm, beside_mm=NOBODY, size_width=1e-4):
     aperture = Aperture(5 * np.eye(2)[None], 1.3 * one, 0.3 * one, 0 * one)
     no_square = np.zeros((1, 2, 2)), 0 * one
     broad = Broad(
-        disc_mm[None], beside_mm[None], *no_square, size_width * one, aperture
+        disc_mm[None],
+        np.zeros((1, 2)),
+        beside_mm[None],
+        *no_square,
+        size_width * one,
+        aperture,
     )
     transfer = transfers_of(broad, cell_mm, CELLS)
     dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)._replace(broad=broad)

@@ -8,7 +8,11 @@ from scipy.ndimage import gaussian_filter
 
 from lensfit.detect.corner_fit import fit_corners, half_width_px
 from lensfit.fit.wavefront.corner_mark import corner_of
-from lensfit.fit.wavefront.squares import bright_ahead, square_transfers
+from lensfit.fit.wavefront.edges import (
+    bright_ahead,
+    rim_transfers,
+    square_transfers,
+)
 
 CELLS, PERIOD, MOST, AROUND = 24, 48, 40, 24
 SIDES = {
@@ -132,3 +136,31 @@ def test_a_modelled_corner_goes_with_its_image():
     slope = jax.jacfwd(at)(jnp.asarray(0.0))
     ends = [np.asarray(at(jnp.asarray(share))) for share in (0.02, -0.02)]
     np.testing.assert_allclose(slope, (ends[0] - ends[1]) / 0.04, atol=0.03)
+
+
+def dots_drawn(disc, to_middle, beside, blur_cells, fine=16):
+    """Means over cells of a dot and one beside it about a place on its rim."""
+    count = (CELLS + 2 * AROUND) * fine
+    along = (np.arange(count) + 0.5) / fine - (CELLS / 2 + AROUND)
+    places = np.stack(np.meshgrid(along, along), -1)
+    light = np.zeros((count, count))
+    for middle in (to_middle, to_middle + beside):
+        unit = (places - middle) @ np.linalg.inv(disc).T
+        light += np.hypot(unit[..., 0], unit[..., 1]) < 1
+    blurred = gaussian_filter(light, blur_cells * fine, truncate=6)
+    wide = CELLS + 2 * AROUND
+    cells = blurred.reshape(wide, fine, wide, fine).mean((1, 3))
+    return cells[AROUND:-AROUND, AROUND:-AROUND]
+
+
+@pytest.mark.parametrize("blur_cells", [0.5, 1.5, 3.0])
+@pytest.mark.parametrize("radius_cells", [10.0, 24.0, 60.0])
+def test_a_rim_is_as_the_dots_drawn_finely(radius_cells, blur_cells):
+    disc = radius_cells * np.array([[1.0, 0.1], [-0.05, 0.8]])
+    towards = np.array([0.6, -0.8])
+    to_middle, beside = -disc @ towards, disc @ np.array([2.3, -0.4])
+    drawn = rim_transfers(disc[None], to_middle[None], beside[None, None], PERIOD, MOST)
+    truth = dots_drawn(disc, to_middle, beside, blur_cells)
+    off = from_waves(drawn[0], blur_cells) - truth
+    assert np.abs(off).max() < 5e-3
+    assert np.sqrt(np.mean(off**2)) < 6e-4

@@ -1,4 +1,4 @@
-"""The squares that meet in a checker corner, as waves.
+"""Targets of which only edges are seen, as waves: checker corners, rims of large dots.
 
 In sides (a, b) of a square from the corner, the chart there is bright where
 
@@ -9,7 +9,8 @@ order about the corner. The pattern is drawn on fractions of a cell, averaged ov
 along both axes, and transformed; it goes over into its mean before the slowest wave's
 period ends, since the waves repeat it. Ink that spreads takes as much from every bright
 square as it adds to the dark ones beside: of squares that are larger by a small share
-the pattern changes along all edges alike.
+the pattern changes along all edges alike. The rim of a dot is the edge of its image, an
+ellipse to first order; the dots beside it are drawn as well.
 
 Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1.
 """
@@ -18,6 +19,7 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Bool, Complex, Float
 
+_HALF, _TINY = 0.5, 1e-6
 _PER_CELL = 4
 """Samples; eight change images by less than a thousandth of the contrast."""
 _GOES_OVER = 4.0
@@ -38,9 +40,7 @@ def square_transfers(
     period : Of the slowest wave, cells.
     most : Waves besides the constant.
     """
-    size = _PER_CELL * period
-    along = (np.arange(size) + 0.5) / _PER_CELL - period / 2
-    places = np.stack(np.meshgrid(along, along), -1).reshape(-1, 2).astype(np.float32)
+    size, places = _PER_CELL * period, _places(period)
     kept = _goes_over(places, period).reshape(size, size)
     drawn = np.zeros((2, len(square_cells), 2 * most + 1, most + 1), np.complex64)
     for k, sides in enumerate(square_cells):
@@ -49,11 +49,40 @@ def square_transfers(
         ramp = np.hypot(*inverse.T) / (2 * _PER_CELL)
         away = (places @ inverse.T.astype(np.float32)).reshape(size, size, 2)
         wave, line = _across_edges(away, ramp)
-        bright = (1 + wave[..., 0] * wave[..., 1] * kept) / 2
+        bright = _HALF + wave[..., 0] * wave[..., 1] * kept / 2
         edges = (line[..., 0] + line[..., 1]) * kept / 2
         for part, picture in enumerate((bright, edges)):
             drawn[part, k] = _amplitudes(picture, most)
     return drawn[0], drawn[1]
+
+
+def rim_transfers(
+    disc_cells: Float[np.ndarray, "rims 2 2"],
+    to_middle_cells: Float[np.ndarray, "rims 2"],
+    beside_cells: Float[np.ndarray, "rims neighbours 2"],
+    period: int,
+    most: int,
+) -> Complex[np.ndarray, "rims down right"]:
+    """Amplitudes of a dot about a place on its rim, down both ways and to the right.
+
+    Parameters
+    ----------
+    disc_cells : From the unit disc to the image of the dot.
+    to_middle_cells : From the rim to the middle of the dot.
+    beside_cells : From the middle to dots of the same size; NaN for none.
+    period, most : As for `square_transfers`.
+    """
+    size, places = _PER_CELL * period, _places(period)
+    kept = _goes_over(places, period).reshape(size, size)
+    drawn = np.zeros((len(disc_cells), 2 * most + 1, most + 1), np.complex64)
+    for k, disc in enumerate(disc_cells):
+        beside = beside_cells[k][np.isfinite(beside_cells[k]).all(-1)]
+        middles = to_middle_cells[k] + np.concatenate([np.zeros((1, 2)), beside])
+        near = np.linalg.norm(middles, axis=-1) < period + np.abs(disc).sum()
+        light = sum(_disc(places - middle, disc) for middle in middles[near])
+        picture = _HALF + (np.reshape(light, (size, size)) - _HALF) * kept
+        drawn[k] = _amplitudes(picture, most)
+    return drawn
 
 
 def bright_ahead(
@@ -75,6 +104,24 @@ def bright_ahead(
     ahead = np.sign(np.sin(np.pi * sides)).prod(-1) * use
     light = light - np.mean(light, (1, 2), keepdims=True)
     return np.sum(ahead * light, (1, 2)) > 0
+
+
+def _places(period: int) -> Float[np.ndarray, "samples 2"]:
+    """Of all samples, cells from the middle."""
+    along = (np.arange(_PER_CELL * period) + 0.5) / _PER_CELL - period / 2
+    return np.stack(np.meshgrid(along, along), -1).reshape(-1, 2).astype(np.float32)
+
+
+def _disc(
+    away: Float[np.ndarray, "samples 2"], disc: Float[np.ndarray, "2 2"]
+) -> Float[np.ndarray, " samples"]:
+    """1 inside the image of a dot about its middle, 0 outside."""
+    inverse = np.linalg.inv(disc)
+    unit = away @ inverse.T
+    reach = np.maximum(np.hypot(*unit.T), _TINY)
+    # Its slope by the place says how wide the ramp of a sample is.
+    slope = np.hypot(*(unit @ inverse).T) / reach
+    return np.clip((1 - reach) / slope * _PER_CELL + _HALF, 0, 1)
 
 
 def _goes_over(
