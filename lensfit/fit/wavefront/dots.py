@@ -109,6 +109,13 @@ def are_corners(dots: Dots) -> Bool[np.ndarray, " dots"]:
     return np.asarray(dots.broad.window_cells) > 0
 
 
+def show_edges(dots: Dots) -> Bool[np.ndarray, " dots"]:
+    """Which are corners, or rims of large dots."""
+    if dots.broad is None:
+        return np.zeros(len(dots.field_mm), bool)
+    return are_corners(dots) | np.any(np.asarray(dots.broad.rim_mm) != 0, -1)
+
+
 def hole_variance_mm2(dots: Dots) -> Float[Numbers, " dots"]:
     """Second moment of every dot's hole and Airy pattern, mean of x and y."""
     disc_mm = dots.filled_mm if dots.broad is None else dots.broad.disc_mm

@@ -206,7 +206,7 @@ def transfers_of(
     cell_mm, cells : Of the patches.
     """
     corners = np.asarray(broad.window_cells) > 0
-    rims = np.any(broad.rim_mm != 0, -1)
+    rims = np.any(np.asarray(broad.rim_mm) != 0, -1)
     whole = np.flatnonzero(~(corners | rims))
     pattern = np.zeros((len(cell_mm), 2 * WAVES + 1, WAVES + 1), np.complex64)
     resized = np.zeros_like(pattern)
