@@ -36,6 +36,9 @@ from lensfit.progress import Progress
 _TOO_LARGE = (
     "the dots themselves are too large: photograph dots less than 1.8 pixels wide"
 )
+_UNDETERMINED = (
+    "the marks leave the lens undetermined: photograph more of them, at two f-numbers"
+)
 _LEFT_OUT = "effort none leaves it out"
 _ENOUGH_OF_ONE_SETTING = 8
 _ASSUMED_F_NUMBER = 4.0
@@ -93,7 +96,9 @@ def fit_wavefronts(
             if fitted.gathered.of_one_setting:
                 fitted = keeping_centroids(fitted)
             found.fitted[focal_mm] = fitted
-        except (ValueError, np.linalg.LinAlgError) as error:
+        except np.linalg.LinAlgError:
+            found.without[focal_mm] = _UNDETERMINED
+        except ValueError as error:
             found.without[focal_mm] = f"the dots' shape could not be fitted ({error})"
     return found
 

@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
-_JITTER = 1e-12
+_JITTERS = 1e-12, 1e-9, 1e-7, 1e-5
+"""Shares of the diagonal, tried in this order."""
 
 
 class Statistics(NamedTuple):
@@ -61,9 +62,8 @@ class _Reduced(NamedTuple):
 
     def solution(self, chosen: np.ndarray) -> np.ndarray:
         """The z that costs least, prior included, with the others at zero."""
-        square = self.cost.square[np.ix_(chosen, chosen)].copy()
-        square[np.diag_indices_from(square)] *= 1 + _JITTER
-        return -cho_solve(cho_factor(square), self.cost.linear[chosen])
+        square = self.cost.square[np.ix_(chosen, chosen)]
+        return -cho_solve(_factor(square), self.cost.linear[chosen])
 
 
 class Trial:
@@ -141,6 +141,24 @@ def _with_stated(statistics: Statistics, stated: Statistics | None) -> Statistic
     )
 
 
+def _factor(square: Float[np.ndarray, "some some"]) -> tuple[np.ndarray, bool]:
+    """For `cho_solve`. Sums that single precision made may be a little less than
+    positive: as much is added along the diagonal as makes up for that.
+
+    Raises
+    ------
+    ValueError : Far more than rounding is missing, or something is no number.
+    """
+    for jitter in _JITTERS if np.isfinite(square).all() else ():
+        held = square.copy()
+        held[np.diag_indices_from(held)] *= 1 + jitter
+        try:
+            return cho_factor(held)
+        except np.linalg.LinAlgError:
+            continue
+    raise ValueError("the marks leave the model undetermined")
+
+
 def _reduced(
     statistics: Statistics,
     precision: np.ndarray,
@@ -156,8 +174,7 @@ def _reduced(
     matrix = statistics.matrix
     inner = matrix[np.ix_(always, always)].copy()
     inner[np.diag_indices_from(inner)] += precision[always]
-    inner[np.diag_indices_from(inner)] *= 1 + _JITTER
-    factor = cho_factor(inner)
+    factor = _factor(inner)
     rest = cho_solve(factor, matrix[np.ix_(always, tried)])
     origin, turn = home, np.zeros((len(offset), len(tried)))
     origin[always] = -cho_solve(factor, gradient[always])

@@ -213,8 +213,12 @@ def fit_wavefront(
 def _finest(
     every: Gathered, shown: list[Shown], spectrum: Bands, dots: int
 ) -> Gathered:
-    """So many dots of each photograph, of large ones several rims."""
-    if all(one.take.rims is None for one in shown):
+    """So many dots of each photograph, of large ones several rims.
+
+    A part of a rim leaves open where its dot is, a whole dot does not: of one setting,
+    where no other says how coma moves dots, whole ones are kept.
+    """
+    if every.of_one_setting or all(one.take.rims is None for one in shown):
         return chosen(every, spread_over_takes(every, dots))
     rims = gather(with_rims(shown), spectrum)
     return chosen(rims, spread_over_takes(rims, _RIMS_FOR_A_DOT * dots))
