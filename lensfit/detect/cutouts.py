@@ -12,7 +12,7 @@ there. Larger cells are an even number of pixels wide, so that each holds the ph
 of every channel at the same places, and their mean is the cell's light about those.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -28,12 +28,9 @@ CELLS = 24
 """Along each side of a cutout."""
 _REACH = 1.5
 """Half the cutout over the radius of a dot."""
-_BLURS = 3.0
-"""Half the cutout over the standard deviation of the blur of a corner's edges."""
-_RIMS_OF_A_DOT, _MOST_WITH_RIMS = 4, 400
-_GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-"""From dot to dot, so that rims of all directions are seen all over the frame."""
-_MARGIN_PX = 3.0
+BLURS = 3.0
+"""Half the cutout over the standard deviation of the blur of an edge."""
+MARGIN_PX = 3.0
 _AROUND = 0.9
 """Quantile of a cutout's light that is what surrounds a dark dot."""
 _LARGEST_CELL_PX = 16
@@ -80,63 +77,18 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
     chosen = np.flatnonzero(sized)
     if not len(chosen):
         return None
-    half = float(np.quantile(reach_px[chosen], 0.9)) + _MARGIN_PX
-    return _cutouts(photograph, marks, chosen, marks.points_px[chosen], _cell_px(half))
+    half = float(np.quantile(reach_px[chosen], 0.9)) + MARGIN_PX
+    return cutouts_about(
+        photograph, marks, chosen, marks.points_px[chosen], cell_px_of(half)
+    )
 
 
-def cut_rims(
-    photograph: Photograph, marks: Observations, whole: Cutouts | None
-) -> Cutouts | None:
-    """Cutouts along the rims of large dots, in finer cells than the whole dots need.
-
-    Parameters
-    ----------
-    whole : Of the same dots.
-
-    Returns
-    -------
-    None of other marks, and where blur reaches as far as the cells of whole dots do.
-    """
-    if whole is None or marks.edge_blur_px is not None or whole.cell_px == 1:
-        return None
-    cell = _cell_px(_BLURS * _rim_blur_px(marks, whole) + _MARGIN_PX)
-    if cell >= whole.cell_px:
-        return None
-    few = np.linspace(0, len(whole.marks) - 1, min(len(whole.marks), _MOST_WITH_RIMS))
-    chosen = np.repeat(whole.marks[np.unique(few.astype(int))], _RIMS_OF_A_DOT)
-    turn = np.arange(len(chosen)) * (2 * np.pi / _RIMS_OF_A_DOT)
-    turn = turn + _GOLDEN_ANGLE * (np.arange(len(chosen)) // _RIMS_OF_A_DOT)
-    radius_px = marks.diameter_px[chosen, None] / 2
-    towards_px = radius_px * np.stack([np.cos(turn), np.sin(turn)], -1)
-    middle_px = marks.points_px[chosen] + towards_px
-    found = _cutouts(photograph, marks, chosen, middle_px, cell)
-    return replace(found, towards_px=towards_px)
-
-
-def _cell_px(half_px: float) -> int:
+def cell_px_of(half_px: float) -> int:
     """Of cutouts that reach so far."""
     return min(max(int(np.ceil(2 * half_px / CELLS)), 1), _LARGEST_CELL_PX)
 
 
-def _rim_blur_px(marks: Observations, whole: Cutouts) -> float:
-    """Standard deviation of the blur across rims, median of the dots.
-
-    Across an edge of contrast c, blurred by a Gaussian of deviation s, the squares of
-    the slope add up to c^2 / (2 s sqrt(pi)) for every pixel along it.
-    """
-    light, use = whole.light[:, 1], whole.valid[:, 1]
-    down, right = np.gradient(light, axis=(1, 2))
-    inner = use[:, 1:-1, 1:-1] & use[:, 2:, 1:-1] & use[:, :-2, 1:-1]
-    square = (down**2 + right**2)[:, 1:-1, 1:-1]
-    square = np.sum(np.where(inner, square, 0.0), (1, 2))
-    high, low = np.quantile(light, [0.95, 0.05], axis=(1, 2))
-    along = np.pi * marks.diameter_px[whole.marks] / whole.cell_px
-    blur = (high - low) ** 2 * along / (2 * np.sqrt(np.pi) * np.maximum(square, 1e-12))
-    # A cell is as wide as its own mean and half that of the differences beside it.
-    return float(np.median(blur)) * whole.cell_px
-
-
-def _cutouts(
+def cutouts_about(
     photograph: Photograph,
     marks: Observations,
     chosen: Int[np.ndarray, " dots"],
@@ -178,7 +130,7 @@ def _cutouts(
 def _reaches_px(marks: Observations) -> Float[np.ndarray, " marks"]:
     """How far from each mark its light tells of the lens; NaN of those without size."""
     if marks.edge_blur_px is not None:
-        return _BLURS * marks.edge_blur_px
+        return BLURS * marks.edge_blur_px
     return _REACH * marks.diameter_px / 2
 
 

@@ -6,8 +6,10 @@ would be. The lattice cell around it is seen through the same distortion and
 perspective: the ratio of both areas is that on the chart.
 """
 
+from typing import NamedTuple
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from lensfit.detect.cutouts import CELLS, Cutouts
 from lensfit.detect.observations import Observations
@@ -37,18 +39,32 @@ def dot_diameter_mm(
     ----------
     pitch_mm : Of the chart, to the right and down.
     """
-    area_px2, usable = _areas_px2(marks, cutouts)
-    of_cell = area_px2 / _lattice_cells_px2(marks)[cutouts.marks]
-    of_cell = of_cell[usable & np.isfinite(of_cell)]
+    found = _measured(marks, cutouts)
+    of_cell = found.area_px2 / _lattice_cells_px2(marks)[cutouts.marks]
+    of_cell = of_cell[found.even & found.whole & np.isfinite(of_cell)]
     if len(of_cell) < _FEWEST:
         return None
     return float(np.sqrt(4 / np.pi * np.median(of_cell) * pitch_mm[0] * pitch_mm[1]))
 
 
-def _areas_px2(
+def even_in_the_middle(
     marks: Observations, cutouts: Cutouts
-) -> tuple[Float[np.ndarray, " dots"], Float[np.ndarray, " dots"]]:
-    """Of every dot in green, and whether it is broad, whole and even in its middle."""
+) -> Bool[np.ndarray, " dots"]:
+    """Whether a dot is broad and blur does not reach its middle, in green."""
+    return _measured(marks, cutouts).even
+
+
+class _Measured(NamedTuple):
+    """Area of every dot, whether it is broad and even in its middle, and whether all of
+    it is on its cutout."""
+
+    area_px2: Float[np.ndarray, " dots"]
+    even: Bool[np.ndarray, " dots"]
+    whole: Bool[np.ndarray, " dots"]
+
+
+def _measured(marks: Observations, cutouts: Cutouts) -> _Measured:
+    """In green."""
     light, cell = cutouts.light[:, 1], cutouts.cell_px
     valid = cutouts.valid[:, 1] & ~cutouts.clipped[:, 1]
     middle = (marks.points_px[cutouts.marks] - cutouts.corner_px) / cell
@@ -66,7 +82,7 @@ def _areas_px2(
     whole = (valid | ~within).all((1, 2))
     area = np.sum(lit * within, (1, 2)) / bright * cell**2
     broad = radius[:, 0, 0] >= _LEAST_RADIUS
-    return area, broad & whole & (ring > _EVEN * bright)
+    return _Measured(area, broad & (ring > _EVEN * bright), whole)
 
 
 def _median(

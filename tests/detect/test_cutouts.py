@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from found_marks import found_marks
+from scipy.ndimage import gaussian_filter
 
 from lensfit.detect.cutouts import CELLS, cut
 from lensfit.detect.observations import Observations
+from lensfit.detect.rims import cut_rims
 from lensfit.mosaic import MOSAICS, filled_in, photosites
 from lensfit.photograph import Photograph
 
@@ -226,3 +228,47 @@ def test_noise_around_dark_dots_is_that_of_the_white():
     )
     assert found is not None
     np.testing.assert_allclose(found.read_noise * found.cell_px, 0.022, rtol=0.1)
+
+
+def blurred_dot(centre, diameter: float, blur_px: float) -> np.ndarray:
+    return gaussian_filter(disc(centre, diameter), blur_px)
+
+
+@pytest.mark.parametrize(
+    ("diameter", "blur_px", "finer"),
+    [(30.0, 1.0, True), (60.0, 2.0, True), (8.0, 1.0, False), (20.0, 8.0, False)],
+)
+def test_rims_of_large_sharp_dots_are_cut_in_finer_cells(diameter, blur_px, finer):
+    centre = (203.3, 148.6)
+    photograph = photograph_of(blurred_dot(centre, diameter, blur_px))
+    marks = marks_at([centre], np.hypot(diameter, 4 * blur_px))
+    whole = cut(photograph, marks)
+    rims = cut_rims(photograph, marks, whole)
+    assert whole is not None
+    assert (rims is not None) == finer
+    if rims is None:
+        return
+    assert rims.cell_px < whole.cell_px
+    assert rims.towards_px is not None
+    np.testing.assert_array_equal(rims.marks, 0)
+    # Four sides of the dot, each with the edge through the middle of its picture.
+    angles = np.sort(np.arctan2(*rims.towards_px.T[::-1]))
+    np.testing.assert_allclose(np.diff(angles), np.pi / 2)
+    light = rims.light[:, 1]
+    lit = light.sum((1, 2))
+    assert np.all(light.max((1, 2)) > 0.9)
+    assert np.all(light.min((1, 2)) < 0.1)
+    assert np.all((lit > 0.2 * CELLS**2) & (lit < 0.6 * CELLS**2))
+
+
+def test_corners_are_cut_as_wide_as_their_edges_are_blurred():
+    points = np.array([[100.0, 100.0], [200.0, 150.0]])
+    picture = photograph_of(np.ones((SIZE[1], SIZE[0])))
+    for blur_px, cell in ((0.6, 1), (5.0, 2)):
+        seen = found_marks(points, SIZE, edge_blur_px=np.full(2, blur_px), bright=False)
+        found = cut(picture, seen)
+        assert found is not None
+        assert found.cell_px == cell
+        # They are not turned about, as dark dots are.
+        np.testing.assert_array_equal(found.light, 1.0)
+        assert cut_rims(picture, seen, found) is None

@@ -13,7 +13,13 @@ from lensfit.progress import silent
 
 
 def take(name="a", *, bright=True, diameter_px=4.0, f_number=2.0, hole_mm=0.5, **more):
-    seen = SimpleNamespace(bright=bright, diameter_px=np.full(9, diameter_px))
+    seen = SimpleNamespace(
+        bright=bright,
+        diameter_px=np.full(9, diameter_px),
+        edge_blur_px=more.get("edge_blur_px"),
+        points_px=more.get("points_px"),
+        image_size_px=(640, 480),
+    )
     return SimpleNamespace(
         name=name,
         observations=seen,
@@ -140,3 +146,34 @@ def test_small_dark_dots_of_one_setting_are_fitted(monkeypatch):
     takes = [take("one", bright=False, cutouts=object())]
     _, seen = fitted_of(takes, {"one": 0.5}, monkeypatch)
     assert seen == ["one"]
+
+
+def corners(name, **more):
+    return take(
+        name, hole_mm=None, cutouts=object(), edge_blur_px=np.full(9, 0.8), **more
+    )
+
+
+def test_checker_corners_are_fitted_where_there_are_no_small_holes(monkeypatch):
+    """And are never called dots that are too wide."""
+    takes = [corners("board"), take("broad", cutouts=object())]
+    found, seen = fitted_of(takes, {"board": 0.0, "broad": 5.0}, monkeypatch)
+    assert seen == ["broad", "board"]
+    takes = [corners("board"), take("holes", cutouts=object())]
+    found, seen = fitted_of(takes, {"board": 0.0, "holes": 0.5}, monkeypatch)
+    assert seen == ["holes"]
+    assert found.too_wide == {50.0: []}
+
+
+def test_of_many_photographs_of_one_setting_the_least_alike_are_fitted(monkeypatch):
+    """Two places, photographed twelve times and once: the one is among the eight."""
+    rng = np.random.default_rng(5)
+    takes = []
+    for k in range(13):
+        place = (600.0, 450.0) if k == 7 else (200.0, 200.0)
+        points = place + rng.normal(0, 15.0, (9, 2))
+        takes.append(corners(str(k), points_px=points))
+    _, seen = fitted_of(takes, {}, monkeypatch)
+    assert len(seen) == 8
+    assert "7" in seen
+    assert seen == sorted(seen, key=int)

@@ -54,3 +54,23 @@ def test_scores_are_those_of_a_fit_from_scratch(chosen):
 def test_a_parameter_of_every_model_cannot_be_tried():
     with pytest.raises(ValueError, match="every model"):
         Trial(FIRST, SECOND, PRECISION, OFFSET, ALWAYS, np.array([3, 6]))
+
+
+def test_what_rounding_takes_from_a_matrix_is_given_back():
+    """Of two columns that single precision cannot tell apart."""
+    rng = np.random.default_rng(8)
+    rows = rng.normal(size=(ROWS, SIZE))
+    rows[:, 4] = rows[:, 3] * (1 + 1e-7)
+    matrix = (rows.T @ rows).astype(np.float32).astype(float)
+    matrix[4, 4] -= 1e-6 * matrix[4, 4]
+    assert np.linalg.eigvalsh(matrix).min() < 0
+    values = rng.normal(size=ROWS)
+    half = Statistics(matrix, rows.T @ values, float(values @ values), ROWS)
+    trial = Trial(half, half, 1e-9 * PRECISION, 0 * OFFSET, ALWAYS, TRIED)
+    assert np.isfinite(trial.step(np.array([1]))).all()
+
+
+def test_what_no_number_is_said_to_leave_the_model_undetermined():
+    broken = FIRST._replace(matrix=np.full((SIZE, SIZE), np.nan))
+    with pytest.raises(ValueError, match="leave the model undetermined"):
+        Trial(broken, SECOND, PRECISION, OFFSET, ALWAYS, TRIED)

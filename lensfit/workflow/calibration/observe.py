@@ -15,13 +15,14 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lensfit.detect.cutouts import cut, cut_rims
+from lensfit.detect.cutouts import cut
 from lensfit.detect.dot_diameter import DIAMETER_WIDTH, dot_diameter_mm
 from lensfit.detect.find import observe
 from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.detect.observations import Observations
 from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
+from lensfit.detect.rims import cut_rims
 from lensfit.errors import DetectionError, ImageError, LensfitError
 from lensfit.fit.take import Take
 from lensfit.io.image import (
