@@ -63,6 +63,7 @@ class Shot:
         brightest half per mille of the picture at 0.75.
     rays_per_wavelength : Per dot, by brute force.
     from_maps : Dots are drawn from pupil maps in place of brute force.
+    pupil_points : Across the pupil, through each of which other charts are seen.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Shot:
     says_distance: bool = True
     rays_per_wavelength: int = 2048
     from_maps: bool = False
+    pupil_points: int = 7
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,10 @@ def _taken(lens: SetLens, camera: Camera, shot: Shot, seed: int) -> Taken:
         return Taken(image, dots, 0.0)
     # Where it is sharp, a pattern shows no more of a band than its mean and width.
     few = camera_bands(min(camera.wavelengths, 3))
-    image, misfit_px = expose_pattern(lens, shot.chart, shot.pose, camera.frame, few)
+    image, misfit_px = expose_pattern(
+        lens, shot.chart, shot.pose, camera.frame, few,
+        pupil_points_across=shot.pupil_points,
+    )  # fmt: skip
     return Taken(image, None, misfit_px)
 
 

@@ -150,6 +150,16 @@ CASES = {
         "8-bit sRGB JPEG", partial(_bundled, "biotar_50"), WavefrontPlan(form="jpg")
     ),
     "anamorphic": Case("squeeze 1.92", partial(_bundled, "schneider_31")),
+    "printed_dots": Case(
+        "black dots of 20 px, fitted along their rims",
+        partial(_bundled, "biotar_50"),
+        WavefrontPlan(hole_px=20.0, dark=True),
+    ),
+    "checkerboard": Case(
+        "a checkerboard in place of dots",
+        partial(_bundled, "biotar_50"),
+        WavefrontPlan(kind="checkerboard", with_lines=False),
+    ),
     "single_focus": Case(
         "no take is out of focus",
         partial(_bundled, "biotar_50"),

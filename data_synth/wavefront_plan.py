@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from data_synth.aim import tracer_from_object
-from data_synth.chart import Chart, Pose
+from data_synth.chart import Chart, ChartKind, Pose
 from data_synth.files import PictureFormat
 from data_synth.frame import Frame
 from data_synth.lens import set_lens
@@ -45,6 +45,10 @@ ALMOST_SQUARE = Pose(
 )
 """As well as a chart is set up by hand; shifts in pitches."""
 
+_PUPIL_POINTS = 17
+"""Across the pupil, of patterns that are out of focus: blur of 12 px without steps."""
+_NAMES = {"dot-grid": "dots", "checkerboard": "checkers", "line-grid": "lines"}
+
 FocusState = Literal["in", "near", "far"]
 FOCUS_STATES: tuple[FocusState, ...] = ("in", "near", "far")
 
@@ -66,6 +70,7 @@ class WavefrontPlan:
     with_tilted, with_lines, with_stopped_down : Whether those takes are there.
     form : Of the picture files.
     dark : Dots are black ones on white.
+    kind : Of the chart that is photographed in and out of focus.
     """
 
     hole_px: float = 1.6
@@ -79,6 +84,7 @@ class WavefrontPlan:
     with_stopped_down: bool = True
     form: PictureFormat = "exr"
     dark: bool = False
+    kind: ChartKind = "dot-grid"
 
 
 def wavefront_shots(
@@ -92,37 +98,53 @@ def wavefront_shots(
         sizes.pitch_mm,
         sizes.mm_per_px,
     )
-    reach_mm = None
-    if plan.reach is not None:
-        half_px = [
-            part * size / 2
-            for part, size in zip(plan.reach, frame.size_px, strict=True)
-        ]
-        reach_mm = (half_px[0] * mm_per_px, half_px[1] * mm_per_px)
-    dots = Chart(
-        "dot-grid", pitch_mm, handy(mm_per_px * plan.hole_px), reach_mm, plan.dark
-    )
+    reach_mm = _reach_mm(plan, frame, mm_per_px)
+    mark_mm = handy(mm_per_px * plan.hole_px)
+    chart = Chart(plan.kind, pitch_mm, mark_mm, reach_mm, plan.dark)
+    about = _NAMES[plan.kind]
     focus_mm = _focus_distances_mm(prescription, frame, sizes, plan.blur_in_pitches)
     widest = prescription.f_number
     stops = (widest, handy(2 * widest)) if plan.with_stopped_down else (widest,)
-    take = partial(Shot, form=plan.form, brightest=plan.brightest, from_maps=True)
+    take = partial(
+        Shot,
+        form=plan.form,
+        brightest=plan.brightest,
+        from_maps=True,
+        pupil_points=_PUPIL_POINTS,
+    )
     pose = _placed(plan.pose, distance_mm, pitch_mm)
     shots = [
-        take(named("dots", stop, state), dots, pose, stop, focus_mm[state])
+        take(named(about, stop, state), chart, pose, stop, focus_mm[state])
         for stop in stops
         for state in plan.focus_states
     ]
     if plan.with_tilted:
         far_mm, shift_mm = handy(1.004 * distance_mm, 4), (0.3 * pitch_mm, 0.0)
         tilted = Pose(far_mm, 7.0, -9.0, 4.0, shift_mm)
-        name = named("dots", widest, "tilt")
-        shots.append(take(name, dots, tilted, widest, distance_mm, says_distance=False))
+        name = named(about, widest, "tilt")
+        shots.append(
+            take(name, chart, tilted, widest, distance_mm, says_distance=False)
+        )
     if plan.with_lines:
         line_mm = handy(LINE_PX * mm_per_px)
         lines = Chart("line-grid", handy(1.5 * pitch_mm), line_mm, reach_mm)
         stop = max(LINES_F_NUMBER, handy(2 * widest))
-        shots.append(take(named("lines", stop), lines, pose, stop, distance_mm))
+        shot = take(named("lines", stop), lines, pose, stop, distance_mm)
+        shots.append(dataclasses.replace(shot, pupil_points=Shot.pupil_points))
     return shots
+
+
+def _reach_mm(
+    plan: WavefrontPlan, frame: Frame, mm_per_px: float
+) -> tuple[float, float] | None:
+    """Half-sides of the printed chart; None prints beyond the frame."""
+    if plan.reach is None:
+        return None
+    across, down = (
+        part * size / 2 * mm_per_px
+        for part, size in zip(plan.reach, frame.size_px, strict=True)
+    )
+    return across, down
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def _measured(marks: Observations, cutouts: Cutouts) -> _Measured:
     bright = _median(lit, valid & (r < _MIDDLE))
     bright = np.where(bright > 0, bright, np.nan)
     ring = _median(lit, valid & (r > _MIDDLE) & (r < _AROUND_MIDDLE))
-    whole = (valid | ~within).all((1, 2))
+    whole = np.asarray((valid | ~within).all((1, 2)))
     area = np.sum(lit * within, (1, 2)) / bright * cell**2
     broad = radius[:, 0, 0] >= _LEAST_RADIUS
     return _Measured(area, broad & (ring > _EVEN * bright), whole)

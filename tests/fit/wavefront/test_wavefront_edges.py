@@ -162,5 +162,6 @@ def test_a_rim_is_as_the_dots_drawn_finely(radius_cells, blur_cells):
     drawn = rim_transfers(disc[None], to_middle[None], beside[None, None], PERIOD, MOST)
     truth = dots_drawn(disc, to_middle, beside, blur_cells)
     off = from_waves(drawn[0], blur_cells) - truth
-    assert np.abs(off).max() < 5e-3
-    assert np.sqrt(np.mean(off**2)) < 6e-4
+    # Less than .8 % of the contrast where half a cell of blur is all there is.
+    assert np.abs(off).max() < (8e-3 if blur_cells < 1 else 3e-3)
+    assert np.sqrt(np.mean(off**2)) < 1e-3
