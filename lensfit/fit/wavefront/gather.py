@@ -28,8 +28,8 @@ from lensfit.fit.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
 
-_NEAREST_FOCUS = 6.0
-"""In principal distances; at four a lens that is no macro lens ends."""
+_NEAREST_FOCUS = 2.0
+"""In principal distances; there a thing is imaged as large as it is."""
 WIDE_OPEN = 1.02
 """Up to this ratio to the widest f-number the blades are out of the way."""
 

@@ -25,6 +25,7 @@ from scipy.interpolate import RBFInterpolator
 from lensfit.errors import LensfitError
 from lensfit.fit.lens_states import fit
 from lensfit.fit.wavefront.centroid_biases import centroid_biases_mm
+from lensfit.fit.wavefront.dots import show_edges
 from lensfit.fit.wavefront.drawn import drawn
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit
@@ -125,8 +126,10 @@ def prediction_of(fitted: WavefrontFit) -> Prediction:
         raise LensfitError("its dots are too small to be predicted by their rims")
     rows = np.random.default_rng(_SEED).permutation(_unseen_rows(fitted))
     half = min(_DOTS, len(rows) // 2)
-    whole = settled(on_dots(stage, chosen(every, rows[-half:])), 1)
-    larger = float(np.median(whole.nuisance[:, _GREEN, _LARGER]))
+    seen = stage
+    if show_edges(stage.gathered.dots).any():
+        seen = settled(on_dots(stage, chosen(every, rows[-half:])))
+    larger = float(np.median(seen.nuisance[:, _GREEN, _LARGER]))
     test, train = (
         _resized(chosen(every, some), larger)
         for some in (rows[:half], rows[half : 2 * half])
