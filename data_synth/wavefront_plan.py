@@ -105,16 +105,11 @@ def wavefront_shots(
     focus_mm = _focus_distances_mm(prescription, frame, sizes, plan.blur_in_pitches)
     widest = prescription.f_number
     stops = (widest, handy(2 * widest)) if plan.with_stopped_down else (widest,)
-    take = partial(
-        Shot,
-        form=plan.form,
-        brightest=plan.brightest,
-        from_maps=True,
-        pupil_points=_PUPIL_POINTS,
-    )
+    take = partial(Shot, form=plan.form, brightest=plan.brightest, from_maps=True)
+    blurred = partial(take, pupil_points=_PUPIL_POINTS)
     pose = _placed(plan.pose, distance_mm, pitch_mm)
     shots = [
-        take(named(about, stop, state), chart, pose, stop, focus_mm[state])
+        blurred(named(about, stop, state), chart, pose, stop, focus_mm[state])
         for stop in stops
         for state in plan.focus_states
     ]
@@ -123,14 +118,13 @@ def wavefront_shots(
         tilted = Pose(far_mm, 7.0, -9.0, 4.0, shift_mm)
         name = named(about, widest, "tilt")
         shots.append(
-            take(name, chart, tilted, widest, distance_mm, says_distance=False)
+            blurred(name, chart, tilted, widest, distance_mm, says_distance=False)
         )
     if plan.with_lines:
         line_mm = handy(LINE_PX * mm_per_px)
         lines = Chart("line-grid", handy(1.5 * pitch_mm), line_mm, reach_mm)
         stop = max(LINES_F_NUMBER, handy(2 * widest))
-        shot = take(named("lines", stop), lines, pose, stop, distance_mm)
-        shots.append(dataclasses.replace(shot, pupil_points=Shot.pupil_points))
+        shots.append(take(named("lines", stop), lines, pose, stop, distance_mm))
     return shots
 
 

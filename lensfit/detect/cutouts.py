@@ -51,7 +51,7 @@ class Cutouts:
     corner_px : Pixel corner of cell (0, 0): column, row.
     offset_px : Of each channel's middle of a cell from the cell's: column, row.
     cell_px : Pixels along a cell.
-    read_noise : Standard deviation of a cell beside the dots, per channel.
+    pixel_noise : Standard deviation of a measured pixel beside the dots, per channel.
     channels : 3, or 1 for a grey photograph.
     mosaic : Of the photograph, if each pixel measured one channel.
     towards_px : From the middle of a dot to the rim that is shown; None of whole dots.
@@ -64,10 +64,15 @@ class Cutouts:
     corner_px: Int[np.ndarray, "dots 2"]
     offset_px: Float[np.ndarray, "3 2"]
     cell_px: int
-    read_noise: Float[np.ndarray, " 3"]
+    pixel_noise: Float[np.ndarray, " 3"]
     channels: int
     mosaic: Mosaic | None = None
     towards_px: Float[np.ndarray, "dots 2"] | None = None
+
+    @property
+    def read_noise(self) -> Float[np.ndarray, " 3"]:
+        """Standard deviation of a cell beside the dots, per channel."""
+        return self.pixel_noise / _pixels_of_noise(self.mosaic, self.cell_px)
 
 
 def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
@@ -78,9 +83,10 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
     if not len(chosen):
         return None
     half = float(np.quantile(reach_px[chosen], 0.9)) + MARGIN_PX
-    return cutouts_about(
-        photograph, marks, chosen, marks.points_px[chosen], cell_px_of(half)
-    )
+    pixels, own = _of_three_channels(photograph), _measured(photograph)
+    noise = _pixel_noise(-pixels if marks.of_dark_dots else pixels, own)
+    middle_px = marks.points_px[chosen]
+    return cutouts_about(photograph, marks, chosen, middle_px, cell_px_of(half), noise)
 
 
 def cell_px_of(half_px: float) -> int:
@@ -94,12 +100,16 @@ def cutouts_about(
     chosen: Int[np.ndarray, " dots"],
     middle_px: Float[np.ndarray, "dots 2"],
     cell: int,
+    pixel_noise: Float[np.ndarray, " 3"],
 ) -> Cutouts:
-    """Of some of the marks, each about a place."""
-    pixels = photograph.pixels
-    if pixels.shape[2] == 1:
-        pixels = np.repeat(pixels, 3, axis=2)
-    own = _measured(photograph)
+    """Of some of the marks, each about a place.
+
+    Parameters
+    ----------
+    cell : Pixels along a cell, at least.
+    pixel_noise : As `Cutouts` has it.
+    """
+    pixels, own = _of_three_channels(photograph), _measured(photograph)
     align = 1
     if own is not None and cell > 1:
         cell, align = cell + cell % 2, 2
@@ -109,10 +119,9 @@ def cutouts_about(
     nearest = _nearest_is_own(marks.points_px, chosen, corner, cell)
     light, clipped = cells.light, cells.clipped
     usable = cells.measured & (cells.inside & nearest)[:, None]
-    if not marks.bright and marks.edge_blur_px is None:
+    if marks.of_dark_dots:
         usable = usable & ~clipped
         light, clipped = _light_taken(light, usable), np.zeros_like(clipped)
-        pixels = -pixels
     return Cutouts(
         marks=chosen,
         light=light,
@@ -121,7 +130,7 @@ def cutouts_about(
         corner_px=corner,
         offset_px=_offset_px(own, cell),
         cell_px=cell,
-        read_noise=_read_noise(pixels, own) / _pixels_of_noise(own, cell),
+        pixel_noise=pixel_noise,
         channels=photograph.pixels.shape[2],
         mosaic=None if own is None else photograph.mosaic,
     )
@@ -203,9 +212,15 @@ def _offset_px(own: np.ndarray | None, cell: int) -> np.ndarray:
     return np.stack(rows_columns)[:, ::-1] - 0.5
 
 
-def _pixels_of_noise(own: np.ndarray | None, cell: int) -> np.ndarray:
+def _of_three_channels(photograph: Photograph) -> np.ndarray:
+    """Its pixels; those of a grey one thrice."""
+    pixels = photograph.pixels
+    return np.repeat(pixels, 3, axis=2) if pixels.shape[2] == 1 else pixels
+
+
+def _pixels_of_noise(mosaic: Mosaic | None, cell: int) -> np.ndarray:
     """Root of how many measured values a cell is the mean of, for each channel."""
-    if own is None or cell == 1:
+    if mosaic is None or cell == 1:
         return np.full(3, float(cell))
     return cell / np.sqrt(PIXELS_PER_PHOTOSITE)
 
@@ -220,7 +235,7 @@ def _nearest_is_own(points_px, chosen, corner, cell) -> np.ndarray:
     return nearest == chosen[:, None, None]
 
 
-def _read_noise(pixels: np.ndarray, own: np.ndarray | None) -> np.ndarray:
+def _pixel_noise(pixels: np.ndarray, own: np.ndarray | None) -> np.ndarray:
     """Deviation of neighbouring pixels where it is darkest, per channel.
 
     The tails are left out, but not by a median: where black is recorded as 0 most

@@ -79,6 +79,16 @@ class Observations:
     def __len__(self) -> int:
         return len(self.points_px)
 
+    @property
+    def of_corners(self) -> bool:
+        """Whether marks are corners where plain squares meet."""
+        return self.edge_blur_px is not None
+
+    @property
+    def of_dark_dots(self) -> bool:
+        """Whether marks are dots, darker than their surround."""
+        return not (self.bright or self.of_corners)
+
 
 def only(found: Observations, kept: Bool[np.ndarray, " marks"]) -> Observations:
     """The record of some of the marks."""

@@ -22,7 +22,7 @@ from lensfit.photograph import Photograph
 
 _RIMS_OF_A_DOT, _MOST_WITH_RIMS = 4, 400
 _GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-_MOST = 0.5
+_LEAST_EVEN = 0.5
 """Share of the dots whose middle blur leaves even."""
 
 
@@ -39,10 +39,10 @@ def cut_rims(
     -------
     None of other marks, and where blur reaches the middle of dots or wants their cells.
     """
-    if whole is None or marks.edge_blur_px is not None or whole.cell_px == 1:
+    if whole is None or marks.of_corners or whole.cell_px == 1:
         return None
     cell = cell_px_of(BLURS * _rim_blur_px(marks, whole) + MARGIN_PX)
-    if cell >= whole.cell_px or np.mean(even_in_the_middle(marks, whole)) < _MOST:
+    if cell >= whole.cell_px or np.mean(even_in_the_middle(marks, whole)) < _LEAST_EVEN:
         return None
     few = np.linspace(0, len(whole.marks) - 1, min(len(whole.marks), _MOST_WITH_RIMS))
     chosen = np.repeat(whole.marks[np.unique(few.astype(int))], _RIMS_OF_A_DOT)
@@ -51,7 +51,7 @@ def cut_rims(
     radius_px = marks.diameter_px[chosen, None] / 2
     towards_px = radius_px * np.stack([np.cos(turn), np.sin(turn)], -1)
     middle_px = marks.points_px[chosen] + towards_px
-    found = cutouts_about(photograph, marks, chosen, middle_px, cell)
+    found = cutouts_about(photograph, marks, chosen, middle_px, cell, whole.pixel_noise)
     return replace(found, towards_px=towards_px)
 
 

@@ -1,8 +1,8 @@
 """The wavefront of every focal length, from the dots of all its focus states.
 
 Dots of known size show it, bright ones and dark, by their rims where they are wider
-than the blur. Broad dots take longer than small holes: they are fitted where there are
-no small holes.
+than the blur, and checker corners by the edges that cross there. Broad dots and corners
+take longer than small holes: they are fitted where there are no small holes.
 
 An f-number is the unit of the opening, and of defocus with it. Where all photographs
 lack it, one serves the setting that was photographed as well as another, as long as
@@ -25,8 +25,8 @@ from lensfit.fit.wavefront.shown import (
     LARGEST_HOLE_CELLS,
     LARGEST_PLACED_CELLS,
     Shown,
+    are_of_one_setting,
     hole_cells,
-    shows_corners,
 )
 from lensfit.fit.wavefront.start import sharp_f_number
 from lensfit.fit.wavefront.told_by_marks import keeping_centroids
@@ -83,7 +83,8 @@ def fit_wavefronts(
                 found.without[focal_mm] = why
             continue
         kept = {s.take.name for s in _telling(pictured)}
-        names = [s.take.name for s in pictured if not shows_corners(s.take)]
+        dots = [s.take for s in pictured if not s.take.observations.of_corners]
+        names = [take.name for take in dots]
         found.too_wide[focal_mm] = [name for name in names if name not in kept]
         try:
             fitted = fit_wavefront(
@@ -106,18 +107,18 @@ def fit_wavefronts(
 def _telling(pictured: list[Shown]) -> list[Shown]:
     """The photographs whose marks can be used: small holes; where there are none, broad
     dots and checker corners."""
-    corners = [one for one in pictured if shows_corners(one.take)]
-    dots = [one for one in pictured if not shows_corners(one.take)]
-    small = [one for one in dots if hole_cells(one) <= LARGEST_PLACED_CELLS]
-    broad = [one for one in dots if hole_cells(one) <= LARGEST_HOLE_CELLS]
+    corners = [one for one in pictured if one.take.observations.of_corners]
+    dots = [one for one in pictured if not one.take.observations.of_corners]
+    sized = [(one, hole_cells(one)) for one in dots]
+    small = [one for one, cells in sized if cells <= LARGEST_PLACED_CELLS]
+    broad = [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
     return small or [*broad, *corners]
 
 
 def _enough(shown: list[Shown]) -> list[Shown]:
     """Of many photographs of one setting those that look least alike: more of them
     say the same again."""
-    settings = {(one.f_number, one.take.focus_distance_mm) for one in shown}
-    if len(settings) > 1 or len(shown) <= _ENOUGH_OF_ONE_SETTING:
+    if len(shown) <= _ENOUGH_OF_ONE_SETTING or not are_of_one_setting(shown):
         return shown
     looks = np.array([_look_of(one.take) for one in shown])
     rows = spread_out(looks, np.arange(len(shown)), _ENOUGH_OF_ONE_SETTING)
@@ -163,7 +164,7 @@ def _shown_of(state: LensState, assumed_f_number: float | None) -> list[Shown]:
         )
         for k, take in enumerate(state.geometry.takes)
         if take.cutouts is not None
-        and (take.mark_diameter_mm is not None or shows_corners(take))
+        and (take.mark_diameter_mm is not None or take.observations.of_corners)
         if (f_number := take.f_number or assumed_f_number) is not None
     ]
 

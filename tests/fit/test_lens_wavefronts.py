@@ -16,7 +16,7 @@ def take(name="a", *, bright=True, diameter_px=4.0, f_number=2.0, hole_mm=0.5, *
     seen = SimpleNamespace(
         bright=bright,
         diameter_px=np.full(9, diameter_px),
-        edge_blur_px=more.get("edge_blur_px"),
+        of_corners=more.get("of_corners", False),
         points_px=more.get("points_px"),
         image_size_px=(640, 480),
     )
@@ -149,9 +149,7 @@ def test_small_dark_dots_of_one_setting_are_fitted(monkeypatch):
 
 
 def corners(name, **more):
-    return take(
-        name, hole_mm=None, cutouts=object(), edge_blur_px=np.full(9, 0.8), **more
-    )
+    return take(name, hole_mm=None, cutouts=object(), of_corners=True, **more)
 
 
 def test_checker_corners_are_fitted_where_there_are_no_small_holes(monkeypatch):

@@ -102,18 +102,21 @@ class Dots(NamedTuple):
     broad: Broad | None = None
 
 
-def are_corners(dots: Dots) -> Bool[np.ndarray, " dots"]:
+def are_corners(broad: Broad) -> Bool[np.ndarray, " dots"]:
     """Which marks are checker corners."""
-    if dots.broad is None:
-        return np.zeros(len(dots.field_mm), bool)
-    return np.asarray(dots.broad.window_cells) > 0
+    return np.asarray(broad.window_cells) > 0
+
+
+def are_rims(broad: Broad) -> Bool[np.ndarray, " dots"]:
+    """Which show a part of the rim of a large dot."""
+    return np.any(np.asarray(broad.rim_mm) != 0, -1)
 
 
 def show_edges(dots: Dots) -> Bool[np.ndarray, " dots"]:
-    """Which are corners, or rims of large dots."""
+    """Which are corners or rims."""
     if dots.broad is None:
         return np.zeros(len(dots.field_mm), bool)
-    return are_corners(dots) | np.any(np.asarray(dots.broad.rim_mm) != 0, -1)
+    return are_corners(dots.broad) | are_rims(dots.broad)
 
 
 def hole_variance_mm2(dots: Dots) -> Float[Numbers, " dots"]:

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Bool, Complex, Float
 
-_HALF, _TINY = 0.5, 1e-6
+_MEAN, _TINY = 0.5, 1e-6
 _PER_CELL = 4
 """Samples; eight change images by less than a thousandth of the contrast."""
 _GOES_OVER = 4.0
@@ -49,7 +49,7 @@ def square_transfers(
         ramp = np.hypot(*inverse.T) / (2 * _PER_CELL)
         away = (places @ inverse.T.astype(np.float32)).reshape(size, size, 2)
         wave, line = _across_edges(away, ramp)
-        bright = _HALF + wave[..., 0] * wave[..., 1] * kept / 2
+        bright = _MEAN + wave[..., 0] * wave[..., 1] * kept / 2
         edges = (line[..., 0] + line[..., 1]) * kept / 2
         for part, picture in enumerate((bright, edges)):
             drawn[part, k] = _amplitudes(picture, most)
@@ -80,7 +80,7 @@ def rim_transfers(
         middles = to_middle_cells[k] + np.concatenate([np.zeros((1, 2)), beside])
         near = np.linalg.norm(middles, axis=-1) < period + np.abs(disc).sum()
         light = sum(_disc(places - middle, disc) for middle in middles[near])
-        picture = _HALF + (np.reshape(light, (size, size)) - _HALF) * kept
+        picture = _MEAN + (np.reshape(light, (size, size)) - _MEAN) * kept
         drawn[k] = _amplitudes(picture, most)
     return drawn
 
@@ -121,7 +121,7 @@ def _disc(
     reach = np.maximum(np.hypot(*unit.T), _TINY)
     # Its slope by the place says how wide the ramp of a sample is.
     slope = np.hypot(*(unit @ inverse).T) / reach
-    return np.clip((1 - reach) / slope * _PER_CELL + _HALF, 0, 1)
+    return np.clip((1 - reach) / slope * _PER_CELL + 0.5, 0, 1)
 
 
 def _goes_over(

@@ -18,18 +18,18 @@ from lensfit.fit.wavefront.parameters import Scale
 from lensfit.fit.wavefront.shown import (
     LARGEST_PLACED_CELLS,
     Shown,
+    are_of_one_setting,
     centroids_mm,
     diameters_mm,
     hole_cells,
-    shows_corners,
     usable_cells,
 )
 from lensfit.fit.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
 
-_NEAREST_FOCUS = 2.0
-"""In principal distances; there a thing is imaged as large as it is."""
+_NEAREST_FOCUS, _USUAL_FOCUS = 2.0, 20.0
+"""In principal distances; at two a thing is imaged as large as it is."""
 WIDE_OPEN = 1.02
 """Up to this ratio to the widest f-number the blades are out of the way."""
 
@@ -87,8 +87,7 @@ class Gathered:
     @property
     def of_one_setting(self) -> bool:
         """Whether all photographs have one f-number and one focus distance."""
-        focus = {group.focus_distance_mm for group in self.groups}
-        return len(self.f_numbers) == 1 and len(focus) == 1
+        return are_of_one_setting(self.shown)
 
     @cached_property
     def transfer(self) -> Transfer | None:
@@ -109,7 +108,7 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
     ]
     groups = tuple(dict.fromkeys(_group(s) for s in shown))
     broad = any(
-        shows_corners(one.take) or hole_cells(one) > LARGEST_PLACED_CELLS
+        one.take.observations.of_corners or hole_cells(one) > LARGEST_PLACED_CELLS
         for one in shown
     )
     rows = []
@@ -152,7 +151,7 @@ def _valid(
 ) -> Bool[np.ndarray, "dots 3 rows columns"]:
     """Cells to use; none of broad dots that lie nearer to one which the frame cuts."""
     usable = usable_cells(shown.cutouts)
-    if broad is None or shows_corners(shown.take):
+    if broad is None or shown.take.observations.of_corners:
         return usable
     return usable & own_cells(shown, broad.beside_mm)[:, None]
 
@@ -208,20 +207,19 @@ def _reference(shown: list[Shown]) -> Reference:
     offset = nearest.pupil_offset_mm
     c = float(nearest.distortion.principal_distance_mm)
     farther = _farther(shown, c)
-    distance = nearest.take.target_distance_mm or (
-        farther * _depth_mm(nearest) + nearest.pupil_offset_mm
-    )
+    depth_mm = farther * _depth_mm(nearest)
+    distance = nearest.take.target_distance_mm or depth_mm + offset
     thin = first_order_of(*(jnp.asarray(n) for n in (c, 1.0, offset, distance)))
     return Reference(c, thin, distance, farther)
 
 
 def _farther(shown: list[Shown], principal_distance_mm: float) -> float:
-    """What depths are multiplied by so that every chart is as far away as lenses are
-    focused, where nobody stated how far it was."""
+    """What depths are multiplied by: where nobody stated a distance, and a chart would
+    be nearer than a lens can be focused, its pitch is no length in mm."""
     if any(one.take.target_distance_mm for one in shown):
         return 1.0
-    nearest_mm = min(map(_depth_mm, shown))
-    return max(1.0, _NEAREST_FOCUS * principal_distance_mm / nearest_mm)
+    nearest = min(map(_depth_mm, shown)) / principal_distance_mm
+    return 1.0 if nearest >= _NEAREST_FOCUS else _USUAL_FOCUS / nearest
 
 
 def _nearest_to_focus(shown: list[Shown]) -> Shown:

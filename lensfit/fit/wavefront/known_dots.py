@@ -33,7 +33,6 @@ from lensfit.fit.wavefront.shown import (
     Shown,
     diameters_mm,
     hole_radius_mm,
-    shows_corners,
 )
 from lensfit.kernel.pixels import diffraction_variance_mm2
 from lensfit.optics.depth import ObjectShift, object_shift
@@ -54,8 +53,7 @@ class Reference(NamedTuple):
     principal_distance_mm : Of the state nearest to being in focus.
     first_order : The thin lens with these chief rays.
     distance_mm : From the sensor, at which the aberrations hold.
-    farther : What depths of the geometry are multiplied by: 1, unless charts whose
-        distance nobody stated would be nearer than any lens is focused.
+    farther : What depths of the geometry are multiplied by (`gather`).
     """
 
     principal_distance_mm: float
@@ -86,15 +84,13 @@ def dots_of(
     shift, per_board = _seen_at(board, shown, reference)
     rim_mm = np.zeros((count, 2))
     if shown.cutouts.towards_px is not None:
-        to_rim_mm = _to_rims_mm(shown, np.asarray(per_board))
+        of_middle, to_rim_mm = per_board, _to_rims_mm(shown, per_board)
         half_mm = np.asarray(adjustment.stack.view.half_board_mm)[shown.index]
-        middle = np.asarray(per_board)
         shift, per_board = _seen_at(board + to_rim_mm / half_mm, shown, reference)
-        between = (middle + np.asarray(per_board)) / 2
-        rim_mm = -np.einsum("dij,dj->di", between, to_rim_mm)
+        rim_mm = -np.einsum("dij,dj->di", (of_middle + per_board) / 2, to_rim_mm)
     observed = adjustment.stack.observed_mm[shown.index][marks] - rim_mm
     distance = float(shown.distortion.principal_distance_mm)
-    disc_mm = np.asarray(per_board) * hole_radius_mm(shown)
+    disc_mm = per_board * hole_radius_mm(shown)
     hole = no_hole(disc_mm) if broad else _holes(shown, disc_mm)
     diffraction = float(diffraction_variance_mm2(jnp.asarray(shown.f_number)))
     known = Dots(
@@ -112,7 +108,7 @@ def dots_of(
         filled_mm=hole.filled_mm,
         variance_mm2=hole.variance_mm2 + diffraction,
         cell_mm=np.tile(shown.take.pixel_mm * shown.cutouts.cell_px, (count, 1)),
-        broad=_broad(shown, disc_mm, np.asarray(per_board), rim_mm) if broad else None,
+        broad=_broad(shown, per_board, rim_mm) if broad else None,
     )
     if not shown.take.anamorphic:
         return known
@@ -123,12 +119,12 @@ def _seen_at(
     board: Float[np.ndarray, "dots 2"], shown: Shown, reference: Reference
 ) -> tuple[ObjectShift, Float[np.ndarray, "dots 2 2"]]:
     """`_seen` of places on the board of one photograph."""
-    adjustment = shown.geometry.adjustment
+    adjustment, factor = shown.geometry.adjustment, jnp.asarray(_depth_factor(shown))
     return in_batches(
         lambda some: _seen(
             jnp.asarray(adjustment.parameters),
             jnp.asarray(shown.index),
-            jnp.asarray(_depth_factor(shown)),
+            factor,
             jnp.asarray(some),
             adjustment.stack.view,
             adjustment.layout,
@@ -171,13 +167,18 @@ def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
 
 def _broad(
     shown: Shown,
-    disc_mm: Float[np.ndarray, "dots 2 2"],
     per_board: Float[np.ndarray, "dots 2 2"],
     rim_mm: Float[np.ndarray, "dots 2"],
 ) -> Broad:
-    """Of marks that are drawn in waves."""
+    """Of marks that are drawn in waves.
+
+    Parameters
+    ----------
+    per_board : d sensor mm / d board mm.
+    """
+    disc_mm = per_board * hole_radius_mm(shown)
     width = np.full(len(disc_mm), shown.take.widths.diameter)
-    if shows_corners(shown.take):
+    if shown.take.observations.of_corners:
         return Broad(
             np.zeros_like(disc_mm),
             rim_mm,

@@ -124,7 +124,9 @@ def _mark_mm(image: Float[Array, "cells cells"], dot: Dots) -> Float[Array, "2"]
     assert broad is not None
 
     def corner(image: Array) -> Array:
-        return corner_of(image, broad.square_mm / cell_mm[:, None], broad.window_cells)
+        places = _places(image.shape[0], image.dtype)
+        side_cells = broad.square_mm / cell_mm[:, None]
+        return corner_of(image, places, side_cells, broad.window_cells)
 
     def disc(image: Array) -> Array:
         return mark_of(image, broad.aperture)

@@ -147,7 +147,8 @@ def _moments_mm2(gathered: Gathered) -> Float[np.ndarray, "dots 2 2"]:
     square = np.stack([np.stack([xx, mixed], -1), np.stack([mixed, yy], -1)], -1)
     square_mm2 = square * cell_mm[:, :, None] * cell_mm[:, None]
     # Edges that cross say how wide their blur is, and not which way.
-    corners = are_corners(gathered.dots)
-    even = (gathered.diameter_mm[corners] ** 2 / 16)[:, None, None] * np.eye(2)
-    square_mm2[corners] = even
+    if gathered.dots.broad is not None:
+        corners = are_corners(gathered.dots.broad)
+        even_mm2 = gathered.diameter_mm[corners] ** 2 / 16
+        square_mm2[corners] = even_mm2[:, None, None] * np.eye(2)
     return square_mm2

@@ -1,5 +1,6 @@
 """One photograph as the wavefront fit sees it: pictures of dots, and their geometry."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -35,15 +36,15 @@ class Shown(NamedTuple):
     """As on the barrel; the unit of the opening where nobody said it."""
 
 
+def are_of_one_setting(shown: Iterable[Shown]) -> bool:
+    """Whether all photographs have one f-number and one focus distance."""
+    return len({(one.f_number, one.take.focus_distance_mm) for one in shown}) == 1
+
+
 def usable_cells(cutouts: Cutouts) -> Bool[np.ndarray, "dots 3 rows columns"]:
     """Cells to use of each channel: a grey photograph has only green."""
     channels = np.array([cutouts.channels == 3, True, cutouts.channels == 3])
     return cutouts.valid & channels[None, :, None, None]
-
-
-def shows_corners(take: Take) -> bool:
-    """Whether its marks are the corners of plain squares."""
-    return take.observations.edge_blur_px is not None
 
 
 def with_rims(shown: list[Shown]) -> list[Shown]:

@@ -1,4 +1,4 @@
-"""Broad dots drawn in waves: the blur of a point, convolved with discs.
+"""Broad marks drawn in waves: the blur of a point, convolved with discs or edges.
 
 A hole narrower than a cell or two is a place for each ray (`hole`). A dot that is broad
 beside its rays' spacing is a disc with a sharp rim, an ellipse on the sensor. Its image
@@ -18,6 +18,9 @@ waves: of a ray at x, a Gaussian of variance v,
 along both axes, exact at any place and width. A period is longer than the patch, since
 broad dots reach into it from beyond. There are as many waves as the image has detail:
 few where photograph and model are smoothed.
+
+Of large dots a part of the rim is shown, of checkers the squares that meet in a corner:
+these are drawn and transformed (`edges`).
 
 Against discs drawn on sixteenths of a cell, the image of a point of light anywhere
 between cells is 5 % off at the worst for a radius of 1.5 cells, 3 % for 2, 1 % for 8;
@@ -41,7 +44,7 @@ from jaxtyping import Array, Complex, Float
 from scipy.special import j1, jv
 
 from lensfit.fit.wavefront.basis import Basis, Cells
-from lensfit.fit.wavefront.dots import Broad, Numbers
+from lensfit.fit.wavefront.dots import Broad, Numbers, are_corners, are_rims
 from lensfit.fit.wavefront.edges import rim_transfers, square_transfers
 from lensfit.kernel.pixels import FOOTPRINT, LEAST_SIGMA_PX, Profile
 from lensfit.kernel.spot import Spot
@@ -95,7 +98,7 @@ class Waves(Basis):
     Attributes
     ----------
     corner_mm, cell_mm, cells : Of the patch; cells along a side.
-    transfer : Of the discs, down both ways and to the right.
+    transfer : Of discs or edges, down both ways and to the right.
     """
 
     corner_mm: Float[Array, "2"]
@@ -127,7 +130,7 @@ class Waves(Basis):
     def seen(
         self, drawn: Float[Array, "*images size size"]
     ) -> Float[Array, "*images cells cells"]:
-        """Through the discs, and summed up at every cell."""
+        """Through discs or edges, and summed up at every cell."""
         waves = _complex_of(drawn)
         transfer = jnp.broadcast_to(self.transfer, waves.shape).astype(waves.dtype)
         down, right = self._at_cells(waves.dtype)
@@ -205,8 +208,7 @@ def transfers_of(
     ----------
     cell_mm, cells : Of the patches.
     """
-    corners = np.asarray(broad.window_cells) > 0
-    rims = np.any(np.asarray(broad.rim_mm) != 0, -1)
+    corners, rims = are_corners(broad), are_rims(broad)
     whole = np.flatnonzero(~(corners | rims))
     pattern = np.zeros((len(cell_mm), 2 * WAVES + 1, WAVES + 1), np.complex64)
     resized = np.zeros_like(pattern)

@@ -29,10 +29,8 @@ def first_weights(
     gathered: Gathered, share: float
 ) -> Float[np.ndarray, "dots 3 rows columns"]:
     """Before any fit: read noise and a share of every dot's peak."""
-    peak = _peak(gathered)
-    variance = gathered.read_noise**2 + (share * peak) ** 2
     usable = gathered.valid & ~gathered.clipped
-    return usable / variance[..., None, None]
+    return usable / _floor(gathered, share)[..., None, None]
 
 
 def weights_after(
@@ -44,8 +42,7 @@ def weights_after(
     """From what a fit leaves, photograph minus model."""
     modelled = gathered.light - residual
     signal = np.abs(modelled - background[..., None, None])
-    peak = _peak(gathered)
-    floor = gathered.read_noise**2 + (share * peak) ** 2
+    floor = _floor(gathered, share)
     variance = np.empty_like(signal)
     for k in range(len(gathered.shown)):
         mine = gathered.take == k
@@ -70,13 +67,14 @@ def relative_misfit(
     return np.sqrt(error / np.where(square > 0, square, np.nan))
 
 
-def _peak(gathered: Gathered) -> np.ndarray:
-    """Brightness of every dot over what surrounds it, (dots, 3); of edges the part that
-    the model misses as much of."""
+def _floor(gathered: Gathered, share: float) -> Float[np.ndarray, "dots 3"]:
+    """Variance of a cell without light: read noise, and what the model misses of the
+    brightness of a dot or an edge over what surrounds it."""
     flat = gathered.light.reshape(*gathered.light.shape[:2], -1)
     peak = np.abs(flat - np.median(flat, -1, keepdims=True)).max(-1)
-    peak = np.where(show_edges(gathered.dots)[:, None], _OF_EDGES * peak, peak)
-    return np.maximum(peak, _LEAST_SHARE * max(float(flat.max()), 1e-12))
+    missed = np.where(show_edges(gathered.dots), _OF_EDGES, 1.0)[:, None] * peak
+    missed = np.maximum(missed, _LEAST_SHARE * max(float(flat.max()), 1e-12))
+    return gathered.read_noise**2 + (share * missed) ** 2
 
 
 def _shot_factor(residual, signal, valid) -> float:

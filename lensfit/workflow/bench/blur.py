@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy.interpolate import RBFInterpolator
 
 from lensfit.errors import LensfitError
@@ -30,7 +30,7 @@ from lensfit.fit.wavefront.drawn import drawn
 from lensfit.fit.wavefront.effort import Effort
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.gather import Gathered, chosen
-from lensfit.fit.wavefront.stages import on_dots, settled
+from lensfit.fit.wavefront.stages import Stage, on_dots, settled
 from lensfit.fit.wavefront.waves import Transfer, basis_of
 from lensfit.kernel.pixels import image_of
 from lensfit.kernel.spot import Spot
@@ -126,19 +126,26 @@ def prediction_of(fitted: WavefrontFit) -> Prediction:
         raise LensfitError("its dots are too small to be predicted by their rims")
     rows = np.random.default_rng(_SEED).permutation(_unseen_rows(fitted))
     half = min(_DOTS, len(rows) // 2)
-    seen = stage
-    if show_edges(stage.gathered.dots).any():
-        seen = settled(on_dots(stage, chosen(every, rows[-half:])))
-    larger = float(np.median(seen.nuisance[:, _GREEN, _LARGER]))
+    larger = _larger(stage, chosen(every, rows[-half:]))
     test, train = (
         _resized(chosen(every, some), larger)
         for some in (rows[:half], rows[half : 2 * half])
     )
     place_mm = test.observed_mm - centroid_biases_mm(stage, test)
-    lens = drawn(stage, test, place_mm)[:, _GREEN]
+    lens, signal = drawn(stage, test, place_mm)[:, _GREEN], _signal(test)
     return Prediction(
-        _errors(test, lens), _errors_of_gaussians(train, test), _noise(test, lens)
+        _left_of(test, lens) / signal,
+        _errors_of_gaussians(train, test),
+        _grain_of(test, lens) / signal,
     )
+
+
+def _larger(stage: Stage, whole: Gathered) -> float:
+    """Share by which the discs are larger than stated, as the fit found it; of rims,
+    which do not say, by whole dots behind its blur."""
+    if show_edges(stage.gathered.dots).any():
+        stage = settled(on_dots(stage, whole))
+    return float(np.median(stage.nuisance[:, _GREEN, _LARGER]))
 
 
 def _unseen_rows(fitted: WavefrontFit) -> Int[np.ndarray, " rows"]:
@@ -200,8 +207,9 @@ def _errors_of_gaussians(
     train: Gathered, test: Gathered
 ) -> dict[str, Float[np.ndarray, " dots"]]:
     """Of Gaussians that were fitted to other dots."""
-    count = len(train.take)
-    each = np.stack([_errors_behind(train, np.full(count, s)) for s in _SIGMAS_CELLS])
+    count, signal = len(train.take), _signal(train)
+    each = [_left_of(train, _behind(train, np.full(count, s))) for s in _SIGMAS_CELLS]
+    each = np.stack(each) / signal
     one = _SIGMAS_CELLS[int(np.argmin(np.median(each, 1)))]
     varying = RBFInterpolator(
         _places(train),
@@ -210,10 +218,15 @@ def _errors_of_gaussians(
         smoothing=_SMOOTHING,
     )
     there = np.maximum(varying(_places(test)), 0.0)
+    sigmas_cells = {
+        "one Gaussian": np.full(len(test.take), one),
+        "a Gaussian over the field": there,
+        "no blur": np.zeros(len(test.take)),
+    }
+    signal = _signal(test)
     return {
-        "one Gaussian": _errors_behind(test, np.full(len(test.take), one)),
-        "a Gaussian over the field": _errors_behind(test, there),
-        "no blur": _errors_behind(test, np.zeros(len(test.take))),
+        name: _left_of(test, _behind(test, sigma_cells)) / signal
+        for name, sigma_cells in sigmas_cells.items()
     }
 
 
@@ -222,14 +235,21 @@ def _places(gathered: Gathered) -> Float[np.ndarray, "dots 3"]:
     return np.column_stack([gathered.dots.field_mm, _APART_MM * gathered.take])
 
 
-def _errors_behind(
+def _signal(gathered: Gathered) -> Float[np.ndarray, " dots"]:
+    """Norm of the light of every dot over what lies around a disc without blur: one for
+    all images, since a wide haze and the background that is found beside it make up for
+    each other, and its own would make any error small."""
+    return _over_background(gathered, _behind(gathered, np.zeros(len(gathered.take))))
+
+
+def _behind(
     gathered: Gathered, sigma_cells: Float[np.ndarray, " dots"]
-) -> Float[np.ndarray, " dots"]:
-    """Of discs at their centroids behind Gaussians."""
+) -> Float[np.ndarray, "dots rows columns"]:
+    """Images of discs at their centroids behind Gaussians."""
     place_mm = gathered.observed_mm[:, _GREEN]
     arrays = gathered.transfer, gathered.dots.cell_mm, place_mm, sigma_cells
     image = _discs(jax.tree.map(jnp.asarray, arrays), gathered.light.shape[-1])
-    return _errors(gathered, np.asarray(image))
+    return np.asarray(image)
 
 
 @partial(jax.jit, static_argnames="cells")
@@ -246,37 +266,57 @@ def _discs(arrays: tuple[Transfer, Array, Array, Array], cells: int) -> Array:
     return jax.lax.map(one, arrays)
 
 
-def _errors(
+class _Found(NamedTuple):
+    """Brightness and background found for every image.
+
+    Attributes
+    ----------
+    light, used : Of the cells, and where they tell both; no light elsewhere.
+    left : What the images leave of it.
+    background : Of every dot.
+    """
+
+    light: Float[np.ndarray, "dots rows columns"]
+    used: Bool[np.ndarray, "dots rows columns"]
+    left: Float[np.ndarray, "dots rows columns"]
+    background: Float[np.ndarray, " dots"]
+
+
+def _found(gathered: Gathered, image: Float[np.ndarray, "dots rows columns"]) -> _Found:
+    """By least squares."""
+    used = (gathered.valid & ~gathered.clipped)[:, _GREEN]
+    light = np.where(used, gathered.light[:, _GREEN], 0.0)
+    design = np.stack([image, np.ones_like(image)], -1) * used[..., None]
+    inner = np.einsum("drci,drcj->dij", design, design)
+    right = np.einsum("drci,drc->di", design, light)
+    found = np.linalg.solve(inner, right[..., None])[..., 0]
+    left = light - np.einsum("drci,di->drc", design, found)
+    return _Found(light, used, left, found[:, 1])
+
+
+def _over_background(
     gathered: Gathered, image: Float[np.ndarray, "dots rows columns"]
 ) -> Float[np.ndarray, " dots"]:
-    """Of images of dots."""
-    left, signal, _ = _left(gathered, image)
-    return np.linalg.norm(left, axis=(1, 2)) / np.linalg.norm(signal, axis=(1, 2))
+    """Norm of the light of dots over the background that is found beside images."""
+    found = _found(gathered, image)
+    over = (found.light - found.background[:, None, None]) * found.used
+    return np.linalg.norm(over, axis=(1, 2))
 
 
-def _left(
-    gathered: Gathered, image: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What images leave of dots, brightness and background found for each; the light of
-    the dots over that background; and where both are told."""
-    used = (gathered.valid & ~gathered.clipped)[:, _GREEN]
-    shape, flat = used.shape, (len(used), -1)
-    light = np.where(used, gathered.light[:, _GREEN], 0.0).reshape(flat)
-    w = used.reshape(flat).astype(float)
-    design = np.stack([image.reshape(flat), np.ones_like(w)], -1)
-    inner = np.einsum("dc,dci,dcj->dij", w, design, design)
-    right = np.einsum("dc,dci,dc->di", w, design, light)
-    found = np.linalg.solve(inner, right[..., None])[..., 0]
-    left = w * (light - np.einsum("dci,di->dc", design, found))
-    signal = w * (light - found[:, 1:])
-    return left.reshape(shape), signal.reshape(shape), used
+def _left_of(
+    gathered: Gathered, image: Float[np.ndarray, "dots rows columns"]
+) -> Float[np.ndarray, " dots"]:
+    """Norm of what images leave of dots."""
+    return np.linalg.norm(_found(gathered, image).left, axis=(1, 2))
 
 
-def _noise(gathered: Gathered, image: np.ndarray) -> Float[np.ndarray, " dots"]:
-    """What is left from one cell to the next: the grain that no image explains."""
-    left, signal, used = _left(gathered, image)
+def _grain_of(
+    gathered: Gathered, image: Float[np.ndarray, "dots rows columns"]
+) -> Float[np.ndarray, " dots"]:
+    """Norm of what is left from one cell to the next, which no image explains."""
+    found = _found(gathered, image)
+    used, left = found.used, found.left
     pair = used[..., 1:] & used[..., :-1]
     step = np.where(pair, left[..., 1:] - left[..., :-1], 0.0)
     grain = np.sqrt(np.sum(step**2, (1, 2)) / 2 / np.maximum(pair.sum((1, 2)), 1))
-    total = grain * np.sqrt(used.sum((1, 2)))
-    return total / np.linalg.norm(signal, axis=(1, 2))
+    return grain * np.sqrt(used.sum((1, 2)))

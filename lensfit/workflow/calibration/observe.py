@@ -116,9 +116,11 @@ def _with_dot_diameters(results: list[Observed]) -> list[Observed]:
     takes = [one.take for one in results if one.take is not None]
     measured_mm: dict[str, list[float]] = {}
     for take in takes:
-        dots = np.isfinite(take.observations.diameter_px).any()
-        if dots and take.mark_diameter_mm is None and take.cutouts is not None:
-            found = dot_diameter_mm(take.observations, take.cutouts, take.pitch_mm)
+        seen, cutouts = take.observations, take.cutouts
+        if seen.of_corners or cutouts is None:
+            continue
+        if take.mark_diameter_mm is None:
+            found = dot_diameter_mm(seen, cutouts, take.pitch_mm)
             if found is not None:
                 measured_mm.setdefault(take.target, []).append(found)
 

@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from lensfit.atomic import write_bytes_atomic
 from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.fit.wavefront.shown import shows_corners
 from lensfit.workflow.pictures.grey_tiles import png, sheet_of
 
 ENLARGED = 4
@@ -44,7 +43,7 @@ def write_dot_pictures(
             gathered.light[mine, _GREEN],
             residual[mine],
             background[mine],
-            dark=not (shown.take.observations.bright or shows_corners(shown.take)),
+            dark=shown.take.observations.of_dark_dots,
         )
         tiles = np.where(gathered.valid[mine, _GREEN], tiles, 0.5)
         name = f"blur/{stems[shown.take.name]}.png"

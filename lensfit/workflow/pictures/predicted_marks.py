@@ -17,7 +17,6 @@ from lensfit.fit.take import Take
 from lensfit.fit.wavefront.dots import hole_variance_mm2
 from lensfit.fit.wavefront.fit import WavefrontFit
 from lensfit.fit.wavefront.portray import Landings, portrayed
-from lensfit.fit.wavefront.shown import shows_corners
 from lensfit.workflow.pictures.dot_light import DotLight
 
 
@@ -84,7 +83,7 @@ def _with_light(
     with_light = {}
     for k, shown in enumerate(gathered.shown):
         predicted = found.get(shown.take.name)
-        if predicted is None or shows_corners(shown.take):
+        if predicted is None or shown.take.observations.of_corners:
             continue
         mine, marks = gathered.take == k, shown.cutouts.marks
         size_mm = shown.take.pixel_mm

@@ -27,7 +27,8 @@ def dots():
 
 def test_brightness_and_background_are_found_for_each(dots):
     seen, image = dots
-    np.testing.assert_allclose(blur._errors(seen, image), 0.0, atol=1e-9)
+    error = blur._left_of(seen, image) / blur._over_background(seen, image)
+    np.testing.assert_allclose(error, 0.0, atol=1e-9)
 
 
 def test_errors_are_relative_to_the_light_of_the_dot(dots):
@@ -40,8 +41,10 @@ def test_errors_are_relative_to_the_light_of_the_dot(dots):
     grain *= (0.1 * signal / size)[:, None, None]
     grain[:, :5] = 1e6
     noisy = SimpleNamespace(**{**vars(seen), "light": seen.light + grain[:, None]})
-    np.testing.assert_allclose(blur._errors(noisy, image), 0.1, rtol=0.03)
-    np.testing.assert_allclose(blur._noise(noisy, image), 0.1, rtol=0.1)
+    over = blur._over_background(noisy, image)
+    np.testing.assert_allclose(over, signal, rtol=0.02)
+    np.testing.assert_allclose(blur._left_of(noisy, image) / over, 0.1, rtol=0.03)
+    np.testing.assert_allclose(blur._grain_of(noisy, image) / over, 0.1, rtol=0.1)
 
 
 def test_a_set_of_lines_says_that_it_has_no_dots(monkeypatch):
