@@ -214,7 +214,7 @@ def test_every_take_gets_a_picture_of_its_own_dots(tmp_path):
     """Three tiles in a column for each dot: photograph, model, what is left."""
     light = np.zeros((5, 3, 24, 24))
     light[:, :, 10:14, 10:14] = 1.0
-    bright = SimpleNamespace(bright=True)
+    bright = SimpleNamespace(of_dark_dots=False)
     takes = [
         SimpleNamespace(take=SimpleNamespace(name=f"{n}.exr", observations=bright))
         for n in "ab"
