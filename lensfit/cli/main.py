@@ -5,6 +5,7 @@ its function, so that ``lensfit --help`` is instant.
 """
 
 import importlib
+from importlib.util import find_spec
 from typing import Annotated
 
 import typer
@@ -30,9 +31,9 @@ COMMANDS = (
     "submit",
     "plan",
     "preset",
-    "synth",
-    "bench",
 )
+MEASURING = ("synth", "bench")
+"""Commands of `data_synth`, where it is installed."""
 
 app = typer.Typer(
     name="lensfit",
@@ -68,9 +69,17 @@ def _options(
     pass
 
 
+def _doors() -> list[str]:
+    doors = [f"lensfit.cli.{name}" for name in COMMANDS]
+    if find_spec("data_synth") is not None:
+        doors += [f"data_synth.commands.{name}" for name in MEASURING]
+    return doors
+
+
 def _register() -> None:
-    for name in COMMANDS:
-        module = importlib.import_module(f"lensfit.cli.{name}")
+    for door in _doors():
+        module = importlib.import_module(door)
+        name = door.rpartition(".")[2]
         if hasattr(module, "app"):
             app.add_typer(module.app, name=name)
         else:

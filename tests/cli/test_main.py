@@ -149,7 +149,7 @@ def test_wrong_usage_is_exit_code_2():
         assert result.stdout == ""
 
 
-@pytest.mark.parametrize("command", main.COMMANDS)
+@pytest.mark.parametrize("command", main.COMMANDS + main.MEASURING)
 def test_every_command_has_help_with_an_example(command: str):
     result = runner.invoke(main.app, [command, "--help"], env={"COLUMNS": "200"})
     assert result.exit_code == 0

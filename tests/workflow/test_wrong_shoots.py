@@ -16,14 +16,14 @@ import pytest
 from traced_views import write_traced
 from typer.testing import CliRunner
 
+from data_synth.bench.verdict.benchmark import wrong_row
+from data_synth.bench.verdict.wrong_shoots import WRONG_SHOOTS, Wrong
+from data_synth.bench.verdict.wrong_shoots import WrongShoot as Spoilt
 from lensfit.cli.main import app
 from lensfit.errors import ShootError
 from lensfit.preset.store import load_preset
 from lensfit.preset.verdict import LEVELS
 from lensfit.progress import silent
-from lensfit.workflow.bench.verdict.benchmark import wrong_row
-from lensfit.workflow.bench.verdict.wrong_shoots import WRONG_SHOOTS, Wrong
-from lensfit.workflow.bench.verdict.wrong_shoots import WrongShoot as Spoilt
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.shoot.file import load_shoot
 from lensfit.workflow.statements.blur_statements import contradicted_f_numbers

@@ -1,0 +1,70 @@
+"""`lensfit bench exchange`: how near every format of other programs is to a lens."""
+
+import json
+from typing import Annotated
+
+import typer
+
+from data_synth.commands.bench.options import AsJson, JsonFolder
+from lensfit.cli._bars import progress_bars
+from lensfit.cli._sizes import size_px
+from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.exchange import FrameGroup, StateGroup
+from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
+
+
+@takes_groups
+def exchange(
+    preset: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    library: LibraryGroup,
+    state: StateGroup,
+    frame: FrameGroup,
+    out: JsonFolder = None,
+    as_json: AsJson = False,
+) -> None:
+    """Export a lens in every format, read it back, and print what is lost, in pixels.
+
+    Example: lensfit bench exchange takumar_50/preset.json
+    """
+    size = size_px(frame.size)
+    from data_synth.bench.exchange import bench_exchange
+    from lensfit.fit.exchange.samples import ExchangeFrame
+    from lensfit.workflow.exchange.export import WantedState
+
+    loaded = library.find(preset).preset
+    camera = loaded.camera
+    wanted = WantedState(state.focal_length_mm, state.f_number, state.focus_distance_mm)
+    pixels = ExchangeFrame(
+        size or (camera.image_width_px, camera.image_height_px),
+        frame.sensor_width_mm or camera.sensor_width_mm,
+        frame.overscan,
+    )
+    with progress_bars() as progress:
+        result = bench_exchange(loaded, wanted, pixels, out, progress=progress)
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    _print(result["formats"])
+
+
+def _print(rows: list[dict]) -> None:
+    from rich.table import Table
+
+    from lensfit.cli._console import console
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("format")
+    for name in ("landed, rms px", "worst", "straight, rms px", "worst"):
+        table.add_column(name, justify="right")
+    for name in ("imported, rms px", "worst"):
+        table.add_column(name, justify="right")
+    for row in rows:
+        if "error" in row:
+            table.add_row(row["format"], row["error"])
+            continue
+        parts = (row.get(name, ()) for name in ("landed", "straight", "imported"))
+        table.add_row(row["format"], *(f"{px:.2g}" for part in parts for px in part))
+        if "rays" in row:
+            rays = (f"{px:.2g}" for px in row["rays"])
+            table.add_row("  rays of the whole pupil", *rays)
+    console().print(table)

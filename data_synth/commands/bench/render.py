@@ -1,0 +1,60 @@
+"""`lensfit bench render`: error against time of the renderer, beside peers."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from data_synth.commands.bench.options import AsJson, JsonFolder, SmallFrames
+from data_synth.commands.bench.outcome import print_bars_and_curves, say_machine
+from lensfit.cli._bars import progress_bars
+from lensfit.cli._console import console
+
+
+def render(
+    data: Annotated[
+        Path, typer.Option("--data", help="Folder with plates/ and oracle/")
+    ],
+    preset: Annotated[
+        Path | None, typer.Option("--preset", help="Fitted preset with measured blur")
+    ] = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option(
+            "--scene", help="One more scene, photographed by the lens of --preset"
+        ),
+    ] = None,
+    out: JsonFolder = None,
+    quick: SmallFrames = False,
+    blender: Annotated[
+        str | None,
+        typer.Option("--blender", help="Python that has bpy, for Blender's Defocus"),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Render a path-traced scene and synthetic frames; error against time, bars, peers.
+
+    Falling short is no error.
+
+    Example: lensfit bench render --data data
+    """
+    from data_synth.bench.render.benchmark import bench_render
+
+    with progress_bars() as progress:
+        result = bench_render(
+            data,
+            out,
+            preset=preset,
+            scene=scene,
+            quick=quick,
+            blender=blender,
+            progress=progress,
+        )
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    say_machine(result)
+    print_bars_and_curves(result)
+    for note in result["notes"]:
+        console().print(note, markup=False)

@@ -1,0 +1,167 @@
+"""`lensfit bench verdict`: wrong shoots must not end green, right ones may."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from data_synth.commands.bench.options import AsJson
+from data_synth.commands.bench.outcome import fail_if_any, say_machine
+from lensfit.cli._bars import progress_bars
+from lensfit.cli._console import console
+from lensfit.cli._sizes import photograph_size_px
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from data_synth.bench.wavefront.benchmark import Trial
+    from lensfit.preset.schema import Preset
+
+SPOILT = "nikkor_28"
+SPOILT_SIZE_PX = (640, 480)
+
+
+def verdict(
+    shoots: Annotated[
+        int, typer.Option("--shoots", min=0, help="How many right shoots")
+    ] = 13,
+    wrong: Annotated[
+        bool, typer.Option("--wrong/--no-wrong", help="Try wrong shoots too")
+    ] = True,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for shoots and JSON")
+    ] = None,
+    size: Annotated[
+        str, typer.Option("--size", help="Of right shoots, WIDTHxHEIGHT px")
+    ] = "480x360",
+    seed: Annotated[int, typer.Option("--seed", help="Of lenses and noise")] = 0,
+    reuse: Annotated[
+        bool, typer.Option("--reuse", help="Keep photographs that lie in --out")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Calibrate wrong and right shoots of traced lenses, and judge their verdicts.
+
+    Wrong shoots are one shoot, spoilt in every way that is known; the table has the
+    first line that a reader sees. Right shoots are of published designs with the errors
+    of a workshop, every design once in a row; the trace says what each is good for.
+
+    Example: lensfit bench verdict --shoots 26 --out bench
+    """
+    from data_synth.bench.verdict.benchmark import bench_verdict
+    from data_synth.commands.bench.tables import bars_table
+
+    right = [_right_trial(k, seed, photograph_size_px(size)) for k in range(shoots)]
+    spoilt = _spoilt_trial(seed) if wrong else None
+    with progress_bars() as progress:
+        result = bench_verdict(
+            right, spoilt, chief_ray_error_px, out, reuse=reuse, progress=progress
+        )
+    if as_json:
+        typer.echo(json.dumps(result))
+    else:
+        say_machine(result)
+        for table in (_wrong_table(result["wrong"]), _right_table(result["right"])):
+            if table.row_count:
+                console().print(table)
+        console().print(bars_table(result["rows"]))
+    fail_if_any(result["errors"])
+
+
+def _right_trial(number: int, seed: int, size_px: tuple[int, int]) -> "Trial":
+    from data_synth.bench.wavefront.benchmark import Trial
+    from data_synth.wavefront_cases import random_subject
+
+    subject = random_subject(number, seed, size_px)
+
+    def write(folder: Path) -> None:
+        import numpy as np
+
+        from data_synth.right_shoot import right_shots
+        from data_synth.shoot import write_shoot
+
+        prescription, camera = subject.prescription, subject.camera
+        away = float(np.random.default_rng([seed, number]).uniform(30, 60))
+        shots = right_shots(
+            prescription, camera.frame, seed + number, distances=(away,)
+        )
+        write_shoot(folder, prescription, camera, shots, seed=seed + number)
+        _without_holes(folder / "shoot.toml")
+
+    return Trial(subject.name, subject.about, write)
+
+
+def _spoilt_trial(seed: int) -> "Trial":
+    from data_synth.bench.wavefront.benchmark import Trial
+    from data_synth.prescription import load_prescription
+    from data_synth.wavefront_cases import subject_of
+    from data_synth.wavefront_plan import WavefrontPlan
+
+    plan = WavefrontPlan(form="png16")
+    subject = subject_of(load_prescription(SPOILT), SPOILT_SIZE_PX, plan)
+
+    def write(folder: Path) -> None:
+        from data_synth.shoot import write_shoot
+
+        prescription, camera = subject.prescription, subject.camera
+        write_shoot(folder, prescription, camera, subject.shots(), seed=seed)
+
+    return Trial(f"spoilt_{SPOILT}", subject.about, write)
+
+
+def _without_holes(shoot_file: Path) -> None:
+    """Geometry alone: without the holes' diameter no blur is fitted."""
+    lines = shoot_file.read_text(encoding="utf-8").splitlines(keepends=True)
+    kept = [line for line in lines if not line.startswith("hole_diameter_mm")]
+    shoot_file.write_text("".join(kept), encoding="utf-8")
+
+
+def chief_ray_error_px(preset: "Preset", folder: Path) -> float:
+    """Largest rms of chief rays over the frame, of all focus distances."""
+    from data_synth.frame import Frame
+    from data_synth.judge_depths import depth_figures
+
+    camera = preset.camera
+    frame = Frame(
+        (camera.image_width_px, camera.image_height_px),
+        (camera.sensor_width_mm, camera.sensor_height_mm),
+    )
+
+    def lens_at(f_number: float, focus_mm: float):
+        focal_mm = preset.entries[0].focal_length_mm
+        return preset.at(
+            focal_length_mm=focal_mm, f_number=f_number, focus_distance_mm=focus_mm
+        )
+
+    figures = depth_figures(lens_at, folder, frame)
+    return max(figures["chief_ray_at_focus_px"].values())
+
+
+def _wrong_table(rows: list[dict[str, Any]]) -> "Table":
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("wrong shoot", "level", "named", "first line"):
+        table.add_column(name)
+    for row in rows:
+        level = f"{row['level']}, green" if row["green"] else row["level"]
+        named = "yes" if row["named"] else "[bold]no[/bold]"
+        table.add_row(row["kind"], level, named, row["first_line"])
+    return table
+
+
+def _right_table(rows: list[dict[str, Any]]) -> "Table":
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("right shoot", "about", "level", "trace says", "error px"):
+        table.add_column(name)
+    table.add_column("first line")
+    for row in rows:
+        level = f"[bold]{row['level']}[/bold]" if row["worse"] else row["level"]
+        error = "–" if row["error_px"] is None else f"{row['error_px']:.3f}"
+        true = row["true_level"] or "–"
+        first = row["first_line"] if row["worse"] or not row["true_level"] else ""
+        table.add_row(row["lens"], row["about"], level, true, error, first)
+    return table
