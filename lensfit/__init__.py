@@ -12,19 +12,27 @@ from lensfit._jax import configure_jax
 from lensfit.errors import LensfitError
 
 if TYPE_CHECKING:
+    from lensfit.fitting.lens_states import fit
+    from lensfit.fitting.take import Take as View
+    from lensfit.lens import Lens
     from lensfit.preset.schema import Preset
     from lensfit.preset.store import load_preset, save_preset
-    from lensfit.render.frame import render
+    from lensfit.rendering.frame import render
+    from lensfit.workflow.apply import apply as apply
     from lensfit.workflow.calibrate import calibrate
     from lensfit.workflow.shoot.file import Shoot, load_shoot
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Lens",
     "LensfitError",
     "Preset",
     "Shoot",
+    "View",
+    "apply",
     "calibrate",
+    "fit",
     "load_preset",
     "load_shoot",
     "render",
@@ -32,29 +40,32 @@ __all__ = [
 ]
 
 _HOME = {
-    "Preset": "lensfit.preset.schema",
-    "Shoot": "lensfit.workflow.shoot.file",
-    "calibrate": "lensfit.workflow.calibrate",
-    "load_preset": "lensfit.preset.store",
-    "load_shoot": "lensfit.workflow.shoot.file",
-    "save_preset": "lensfit.preset.store",
+    "Lens": ("lensfit.lens", "Lens"),
+    "Preset": ("lensfit.preset.schema", "Preset"),
+    "Shoot": ("lensfit.workflow.shoot.file", "Shoot"),
+    "View": ("lensfit.fitting.take", "Take"),
+    "apply": ("lensfit.workflow.apply", "apply"),
+    "calibrate": ("lensfit.workflow.calibrate", "calibrate"),
+    "fit": ("lensfit.fitting.lens_states", "fit"),
+    "load_preset": ("lensfit.preset.store", "load_preset"),
+    "load_shoot": ("lensfit.workflow.shoot.file", "load_shoot"),
+    "render": ("lensfit.rendering.frame", "render"),
+    "save_preset": ("lensfit.preset.store", "save_preset"),
 }
-_ROOMS = ("fit", "render")
-"""Rooms that are also verbs; `lensfit._callable` says how."""
+"""Module and name there of each public name."""
 
 configure_jax()
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for."""
-    if name in _ROOMS:
-        return importlib.import_module(f"lensfit.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'lensfit' has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOME[name]), name)
+    home, known_as = _HOME[name]
+    value = getattr(importlib.import_module(home), known_as)
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__, *_ROOMS])
+    return sorted({*globals(), *__all__})

@@ -13,7 +13,7 @@ from lensfit.preset.blocks import (
 )
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance
-from lensfit.render.stages import Switches
+from lensfit.rendering.stages import Switches
 from lensfit.workflow.apply_options import ApplyOptions
 
 DISPLAY = Window.of_size(96, 64)

@@ -26,7 +26,6 @@ FLOORS = {
     "private_folder": 0,
     "printable": -1,
     "_jax": 1,
-    "_callable": 0,
     "bounded": 1,
     "_strict": 2,
     "program_files": 2,
@@ -41,8 +40,8 @@ FLOORS = {
     "kernel": 4,
     "lens": 5,
     "preset": 6,
-    "render": 7,
-    "fit": 7,
+    "rendering": 7,
+    "fitting": 7,
     "workflow": 8,
     "cli": 9,
 }
@@ -154,12 +153,12 @@ def test_a_planted_cycle_of_rooms_is_caught():
 @pytest.mark.parametrize(
     ("source", "module", "is_package"),
     [
-        ("import lensfit.fit.solve", "lensfit.lens", False),
-        ("from lensfit.fit import solve", "lensfit.render.warp", False),
+        ("import lensfit.fitting.solve", "lensfit.lens", False),
+        ("from lensfit.fitting import solve", "lensfit.rendering.warp", False),
         ("from lensfit import workflow", "lensfit.io.exr", False),
-        ("from ..render import warp", "lensfit.fit.solve", False),
+        ("from ..rendering import warp", "lensfit.fitting.solve", False),
         ("from .. import cli", "lensfit.workflow.apply", False),
-        ("from ..render.frame import render", "lensfit.preset", True),
+        ("from ..rendering.frame import render", "lensfit.preset", True),
         ("def f():\n    from lensfit.io import exr", "lensfit.detect.dots", False),
         ("import data_synth.trace", "lensfit.lens", False),
     ],
@@ -171,7 +170,10 @@ def test_planted_violations_are_caught(source: str, module: str, is_package: boo
 @pytest.mark.parametrize(
     ("source", "module"),
     [
-        ("from lensfit.detect.observations import Observations", "lensfit.fit.solve"),
+        (
+            "from lensfit.detect.observations import Observations",
+            "lensfit.fitting.solve",
+        ),
         ("from lensfit.errors import FitError\nimport numpy", "lensfit.lens"),
         ("from .blocks import Distortion", "lensfit.preset.schema"),
     ],
@@ -181,7 +183,7 @@ def test_honest_imports_pass(source: str, module: str):
 
 
 def test_the_ray_tracer_shares_no_line_with_the_optics():
-    model = ("lensfit.optics", "lensfit.fit", "lensfit.render")
+    model = ("lensfit.optics", "lensfit.fitting", "lensfit.rendering")
     measuring = [ROOT / "data_synth" / room for room in ("bench", "commands")]
     paths = [
         path
@@ -201,7 +203,7 @@ def test_the_ray_tracer_shares_no_line_with_the_optics():
 
 
 @pytest.mark.parametrize(
-    "room", ["render", "optics", "kernel", "detect", "io", "preset"]
+    "room", ["rendering", "optics", "kernel", "detect", "io", "preset"]
 )
 def test_only_fit_optimises(room: str):
     for path in (PACKAGE / room).rglob("*.py"):

@@ -66,11 +66,15 @@ def test_a_preset_keeps_its_promised_method():
 
 
 @pytest.mark.parametrize(
-    "first", ["", "import lensfit.render.filters; ", "from lensfit.render import uv; "]
+    "first",
+    ["", "import lensfit.rendering.filters; ", "from lensfit.fitting import solve; "],
 )
-def test_render_is_a_verb_whatever_was_imported_before(first: str):
-    script = f"{first}import lensfit; print(callable(lensfit.render))"
-    assert output_of(script) == "True"
+def test_verbs_are_functions_whatever_was_imported_before(first: str):
+    verbs = "lensfit.fit, lensfit.render, lensfit.calibrate, lensfit.apply"
+    script = (
+        f"{first}import inspect, lensfit; print([*map(inspect.isfunction, [{verbs}])])"
+    )
+    assert output_of(script) == "[True, True, True, True]"
 
 
 @pytest.mark.parametrize(

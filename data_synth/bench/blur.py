@@ -27,15 +27,15 @@ from data_synth.bench.result import bench_result
 from data_synth.bench.rows import Row, as_tables
 from data_synth.bench.sets import chosen_sets, shoot_of
 from lensfit.errors import LensfitError
-from lensfit.fit.lens_states import fit
-from lensfit.fit.wavefront.centroid_biases import centroid_biases_mm
-from lensfit.fit.wavefront.dots import show_edges
-from lensfit.fit.wavefront.drawn import drawn
-from lensfit.fit.wavefront.effort import Effort
-from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.fit.wavefront.gather import Gathered, chosen
-from lensfit.fit.wavefront.stages import Stage, on_dots, settled
-from lensfit.fit.wavefront.waves import Transfer, basis_of
+from lensfit.fitting.lens_states import fit
+from lensfit.fitting.wavefront.centroid_biases import centroid_biases_mm
+from lensfit.fitting.wavefront.dots import show_edges
+from lensfit.fitting.wavefront.drawn import drawn
+from lensfit.fitting.wavefront.effort import Effort
+from lensfit.fitting.wavefront.fit import WavefrontFit
+from lensfit.fitting.wavefront.gather import Gathered, chosen
+from lensfit.fitting.wavefront.stages import Stage, on_dots, settled
+from lensfit.fitting.wavefront.waves import Transfer, basis_of
 from lensfit.kernel.pixels import image_of
 from lensfit.kernel.spot import Spot
 from lensfit.programs import forget_programs

@@ -16,7 +16,7 @@ from data_synth.bench.machine import machine
 from data_synth.bench.result import bench_result
 from lensfit.batches import in_batches
 from lensfit.errors import LensfitError
-from lensfit.fit.exchange.samples import ExchangeFrame
+from lensfit.fitting.exchange.samples import ExchangeFrame
 from lensfit.lens import Lens
 from lensfit.preset.exchange.foreign import ForeignState, Stated
 from lensfit.preset.schema import Preset

@@ -85,6 +85,6 @@ def _stage(frame: FrameType | None) -> str | None:
 
 
 def _named(path: PurePath) -> str:
-    """The file from the package on: `render/warp`."""
+    """The file from the package on: `rendering/warp`."""
     last = len(path.parts) - 1 - path.parts[::-1].index("lensfit")
     return "/".join(path.parts[last + 1 :]).removesuffix(".py")

@@ -18,7 +18,7 @@ _RUNS = 3
 def _fit(data: Path) -> Callable[[], Any]:
     from data_synth.bench.sets import chosen_sets, shoot_of
     from data_synth.bench.start import START_SET
-    from lensfit.fit.chief_ray import fit_chief_ray
+    from lensfit.fitting.chief_ray import fit_chief_ray
     from lensfit.progress import silent
     from lensfit.workflow.calibration.observe import observe_shoot
 

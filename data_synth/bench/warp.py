@@ -20,10 +20,10 @@ from data_synth.bench.rows import Row, as_tables
 from data_synth.bench.times import timed
 from lensfit.coords import Window
 from lensfit.progress import Progress, silent
-from lensfit.render.buffers import aligned_empty
-from lensfit.render.filters import Filter
-from lensfit.render.uv import SourceMap
-from lensfit.render.warp import warp
+from lensfit.rendering.buffers import aligned_empty
+from lensfit.rendering.filters import Filter
+from lensfit.rendering.uv import SourceMap
+from lensfit.rendering.warp import warp
 
 PICTURE = "error_against_time_warp.png"
 SIZES = {"HD": (1920, 1080), "UHD": (3840, 2160)}

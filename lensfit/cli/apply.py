@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class FilterName(StrEnum):
-    """Interpolating filters of `lensfit.render.filters`."""
+    """Interpolating filters of `lensfit.rendering.filters`."""
 
     cubic = "cubic"
     catmull_rom = "catmull-rom"
@@ -156,7 +156,7 @@ def apply(
         raise typer.BadParameter("goes without --overwrite", param_hint="--keep")
     if cores is not None:
         limit_cores(cores)
-    from lensfit.workflow.apply import apply_preset
+    from lensfit.workflow.apply import apply
 
     options = apply_options(
         output=output,
@@ -180,7 +180,7 @@ def apply(
         again=again,
     )
     with frame_progress(progress_as.value) as (progress, frame_done):
-        applied = apply_preset(
+        applied = apply(
             library.find(preset).preset,
             plates,
             out,

@@ -64,7 +64,7 @@ def export(
     size = size_px(frame.size)
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
-    from lensfit.fit.exchange.samples import ExchangeFrame
+    from lensfit.fitting.exchange.samples import ExchangeFrame
     from lensfit.workflow.exchange.export import (
         ExportRequest,
         WantedState,

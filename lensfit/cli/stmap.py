@@ -192,7 +192,7 @@ def _write_sequence(
     """A map for each frame of plates."""
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
-    from lensfit.render.stages import Switches
+    from lensfit.rendering.stages import Switches
     from lensfit.workflow.apply_options import ApplyOptions
     from lensfit.workflow.moving_stmaps import write_moving_stmaps
 

@@ -3,7 +3,7 @@
 An effect is off while its gain is 0, whatever else of it is set. Sizes are percent of
 the width of the frame, so that a proxy looks like the full plate; thresholds are
 scene-linear. What each effect does, and to the light as a whole, stands in
-`lensfit.render.look`.
+`lensfit.rendering.look`.
 """
 
 from typing import Annotated

@@ -1,6 +1,6 @@
 """How well the maps of a preset entry are known, for the lens that computes.
 
-The covariance of an entry counts as the fit does (`lensfit.fit.parameters`): the
+The covariance of an entry counts as the fit does (`lensfit.fitting.parameters`): the
 principal distance by its logarithm, the principal point in reference radii, all else as
 in the file. Of the free field, numbers along x come first, then as many along y. A
 number that is not named was held and does not move. Other parameters (errors of the

@@ -61,7 +61,7 @@ class Applied:
     seconds: float = 0.0
 
 
-def apply_preset(
+def apply(
     preset: Preset,
     plates: str | Path,
     out_dir: str | Path,

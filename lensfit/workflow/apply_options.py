@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Literal
 
 from lensfit.coords import Window
-from lensfit.render.filters import Filter, filter_for
-from lensfit.render.stages import DEFAULT_TOLERANCE, Switches
+from lensfit.rendering.filters import Filter, filter_for
+from lensfit.rendering.stages import DEFAULT_TOLERANCE, Switches
 from lensfit.workflow.camera.sources import CameraOptions, StateOverrides
 from lensfit.workflow.plate.depth import DepthOptions
 

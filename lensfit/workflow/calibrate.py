@@ -19,10 +19,10 @@ from threadpoolctl import threadpool_limits
 
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, FitError
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.lens_states import Fitted, fit
-from lensfit.fit.take import Take
-from lensfit.fit.wavefront.effort import Effort
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.lens_states import Fitted, fit
+from lensfit.fitting.take import Take
+from lensfit.fitting.wavefront.effort import Effort
 from lensfit.lens import Lens
 from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
@@ -108,7 +108,8 @@ def calibrate(
         )
 
 
-# As `lensfit.fit.lens_states.fit`: what is written is propagated by such matrices, too.
+# As `lensfit.fitting.lens_states.fit`: what is written is propagated by such matrices,
+# too.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def calibrate_observed(
     shoot: Shoot,

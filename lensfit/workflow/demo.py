@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from lensfit.errors import LensfitError
 from lensfit.preset.store import load_preset
 from lensfit.progress import Progress, silent
-from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.shoot.file import load_shoot
@@ -57,7 +57,7 @@ def run_demo(out_dir: Path, *, progress: Progress = silent) -> Demonstration:
         shoot = load_shoot(folder / "shoot.toml")
         report = calibrate(shoot, out_dir, progress=progress)
         preset = out_dir / "preset.json"
-        applied = apply_preset(
+        applied = apply(
             load_preset(preset),
             folder / PLATE,
             out_dir / "frames",

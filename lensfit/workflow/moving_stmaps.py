@@ -17,7 +17,7 @@ from lensfit.lens import Lens
 from lensfit.preset.exchange.nuke_stmap import MapSequence, nuke_stmap_text
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
-from lensfit.render.stages import lateral_colour_px
+from lensfit.rendering.stages import lateral_colour_px
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.frame.plate_views import plate_views
@@ -166,7 +166,7 @@ def _state(
 
 
 def _colour_px(one: _MapState) -> float:
-    from lensfit.render.uv import PlateGeometry
+    from lensfit.rendering.uv import PlateGeometry
 
     frame = one.frame
     spanned = frame.spanned_width_mm(one.lens)

@@ -17,15 +17,15 @@ from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
 from lensfit.preset.knobs import Knobs
 from lensfit.preset.schema import Preset
-from lensfit.render.circle import Circle
-from lensfit.render.filters import Filter
-from lensfit.render.overscan import (
+from lensfit.rendering.circle import Circle
+from lensfit.rendering.filters import Filter
+from lensfit.rendering.overscan import (
     CgCamera,
     Margins,
     cg_camera,
     margins_read,
 )
-from lensfit.render.uv import Channel, PlateGeometry, SpannedWidth, overscan_needed
+from lensfit.rendering.uv import Channel, PlateGeometry, SpannedWidth, overscan_needed
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
 from lensfit.workflow.camera.spanned_width import spanned_width_note
 from lensfit.workflow.plate.pixel_shape import SQUARE, pixel_shape

@@ -8,9 +8,9 @@ from lensfit.io.exr_deep import is_deep
 from lensfit.io.sequence import expand_frames
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
-from lensfit.render.frame import window_with_margin
-from lensfit.render.look.stack import light_spreads
-from lensfit.render.plan import Plan, plan_of
+from lensfit.rendering.frame import window_with_margin
+from lensfit.rendering.look.stack import light_spreads
+from lensfit.rendering.plan import Plan, plan_of
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.left_out_knobs import left_out_knobs
 from lensfit.workflow.frame.plate_in_depth import plate_in_depth

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from lensfit.coords import Window
 from lensfit.preset.schema import Preset
-from lensfit.render.overscan import Margins
-from lensfit.render.stages import Switches
+from lensfit.rendering.overscan import Margins
+from lensfit.rendering.stages import Switches
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.plate_state import BLUR
 from lensfit.workflow.camera.sources import StateOverrides

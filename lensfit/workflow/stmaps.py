@@ -21,13 +21,13 @@ from lensfit.errors import OutputError
 from lensfit.io.lens_attributes import lens_attributes
 from lensfit.io.stmap import write_channel_stmaps, write_stmap
 from lensfit.progress import Progress, silent
-from lensfit.render.overscan import (
+from lensfit.rendering.overscan import (
     Margins,
     cg_camera,
     margins_read,
     window_of_percent,
 )
-from lensfit.render.uv import (
+from lensfit.rendering.uv import (
     DEFAULT_TOLERANCE_PX,
     PlateGeometry,
     SourceMap,

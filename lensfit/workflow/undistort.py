@@ -15,7 +15,7 @@ from lensfit.io.exr_views import views_of
 from lensfit.io.sequence import frame_of
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
-from lensfit.workflow.apply import Applied, FrameDone, apply_preset
+from lensfit.workflow.apply import Applied, FrameDone, apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.straight_plate import PINHOLE
 
@@ -38,7 +38,7 @@ def undistort_plates(
     Parameters
     ----------
     options : With the output "undistorted".
-    plates, out_dir, frames, workers, progress, frame_done : As `apply_preset`.
+    plates, out_dir, frames, workers, progress, frame_done : As `apply`.
 
     Returns
     -------
@@ -46,12 +46,12 @@ def undistort_plates(
 
     Raises
     ------
-    LensfitError : As `apply_preset`.
+    LensfitError : As `apply`.
     ValueError : The options are for another output.
     """
     if options.output != "undistorted":
         raise ValueError(f"options for {options.output!r} straighten nothing")
-    applied = apply_preset(
+    applied = apply(
         preset,
         plates,
         out_dir,

@@ -28,7 +28,7 @@ def asked(monkeypatch):
             seconds=2.0 * len(calls.get("written", [])),
         )
 
-    monkeypatch.setattr(workflow, "apply_preset", note)
+    monkeypatch.setattr(workflow, "apply", note)
     monkeypatch.setattr(
         LibraryGroup, "find", lambda group, name: SimpleNamespace(preset=None)
     )

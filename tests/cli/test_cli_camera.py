@@ -26,7 +26,7 @@ def asked(monkeypatch):
         calls.update(options)
         return workflow.Applied()
 
-    monkeypatch.setattr(workflow, "apply_preset", note)
+    monkeypatch.setattr(workflow, "apply", note)
     monkeypatch.setattr(
         LibraryGroup, "find", lambda group, name: SimpleNamespace(preset=None)
     )

@@ -14,7 +14,7 @@ from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.io.stmap import read_stmap
 from lensfit.preset.exchange.nuke_text import read_nuke_nodes
 from lensfit.preset.store import save_preset
-from lensfit.render.uv import PlateGeometry
+from lensfit.rendering.uv import PlateGeometry
 
 FRAME = Window.of_size(192, 128)
 FOCAL = {1001: 24.0, 1002: 35.0, 1003: 35.0, 1004: 50.0}

@@ -14,8 +14,8 @@ from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.preset.store import save_preset
-from lensfit.render.circle import Circle
-from lensfit.render.uv import PlateGeometry
+from lensfit.rendering.circle import Circle
+from lensfit.rendering.uv import PlateGeometry
 from lensfit.workflow.frame.tight_window import is_tight, known_window
 
 ALL = {**CAMERA, **SENSOR}

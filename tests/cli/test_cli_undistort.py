@@ -15,7 +15,7 @@ from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.preset.store import save_preset
-from lensfit.render.uv import PlateGeometry
+from lensfit.rendering.uv import PlateGeometry
 
 FRAME = Window.of_size(240, 160)
 HEADER = {**CAMERA, **SENSOR}

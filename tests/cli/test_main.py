@@ -15,7 +15,7 @@ from lensfit.cli import main
 from lensfit.cli._door import DoorGroup
 from lensfit.cli._efforts import EFFORTS_OR_NONE
 from lensfit.errors import ShootError
-from lensfit.fit.wavefront.effort import Effort
+from lensfit.fitting.wavefront.effort import Effort
 
 runner = CliRunner()
 

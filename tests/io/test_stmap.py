@@ -14,7 +14,7 @@ from lensfit.io.stmap import (
     write_channel_stmaps,
     write_stmap,
 )
-from lensfit.render.uv import SourceMap
+from lensfit.rendering.uv import SourceMap
 
 FRAME = Window.of_size(2048, 1556)
 

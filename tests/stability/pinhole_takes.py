@@ -6,7 +6,7 @@ import numpy as np
 from found_marks import found_marks
 from scipy.spatial.transform import Rotation
 
-from lensfit.fit.take import Take
+from lensfit.fitting.take import Take
 
 SENSOR_MM, IMAGE_PX, MM_PER_PX = (24.0, 18.0), (2400, 1800), 0.01
 PITCH_MM, FOCAL_MM, K1 = 40.0, 30.0, -0.1

@@ -8,8 +8,8 @@ from pinhole_takes import LATTICE, Shoot, take_of
 
 from lensfit.detect.find import observe
 from lensfit.errors import DetectionError, FitError
-from lensfit.fit.chief_ray import fit_chief_ray
-from lensfit.fit.levenberg import Prior, Quadratic, minimise
+from lensfit.fitting.chief_ray import fit_chief_ray
+from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 from lensfit.photograph import Photograph
 
 

@@ -24,7 +24,7 @@ from lensfit.optics.distortion import (
 )
 from lensfit.optics.lateral import ChannelShift
 from lensfit.optics.radial import magnification, undistorted_radius
-from lensfit.render.uv import PlateGeometry, SourceMap, stmap_redistort
+from lensfit.rendering.uv import PlateGeometry, SourceMap, stmap_redistort
 
 RADII = jnp.linspace(0.0, 1.0, 2001)
 ONE = jnp.ones(())

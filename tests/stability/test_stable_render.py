@@ -19,11 +19,11 @@ from lensfit.optics.distortion import no_distortion
 from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import ChannelShift
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
-from lensfit.render.filters import Filter
-from lensfit.render.frame import render
-from lensfit.render.resample import resample
-from lensfit.render.uv import SourceMap, stmap_redistort
-from lensfit.render.warp import warp
+from lensfit.rendering.filters import Filter
+from lensfit.rendering.frame import render
+from lensfit.rendering.resample import resample
+from lensfit.rendering.uv import SourceMap, stmap_redistort
+from lensfit.rendering.warp import warp
 
 WIDTH, HEIGHT = 160, 112
 FOCUS_MM = 350.0

@@ -17,9 +17,9 @@ from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.stmap import write_stmap
-from lensfit.render.frame import render
-from lensfit.render.stages import Switches
-from lensfit.workflow.apply import apply_preset
+from lensfit.rendering.frame import render
+from lensfit.rendering.stages import Switches
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.sources import StateOverrides
 
@@ -33,7 +33,7 @@ def test_a_plate_comes_out_as_the_renderer_says(tmp_path):
     plate = write_plate(
         tmp_path / "plate.0001.exr", {**CAMERA, **SENSOR, "owner": "me"}
     )
-    applied = apply_preset(make_preset(), plate, tmp_path / "out", options=sharp())
+    applied = apply(make_preset(), plate, tmp_path / "out", options=sharp())
     assert applied.failures == []
     (part,) = read_exr(applied.written[0]).parts
     assert part.data_window == part.display_window == DISPLAY
@@ -63,7 +63,7 @@ def test_ids_depth_and_matte_keep_their_bits(tmp_path):
     plate = write_plate(tmp_path / "plate.exr", header, extra)
     for keep in (True, False):
         options = ApplyOptions(keep_overscan=keep, overwrite=True)
-        applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+        applied = apply(make_preset(), plate, tmp_path / "out", options=options)
         (part,) = read_exr(applied.written[0]).parts
         inside = np.s_[:, :] if keep else np.s_[6:70, 8:104]
         for name in list(extra)[:6]:
@@ -81,7 +81,7 @@ def test_only_named_layers_are_rendered(tmp_path):
     extra = {f"diffuse.{n}": rgb[..., i].copy() for i, n in enumerate("RGB")}
     plate = write_plate(tmp_path / "plate.exr", extra=extra)
     options = sharp(layers=["diffuse"], keep_overscan=True)
-    applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+    applied = apply(make_preset(), plate, tmp_path / "out", options=options)
     (part,) = read_exr(applied.written[0]).parts
     assert np.array_equal(part.channels["R"], rgb[..., 0])
     assert not np.array_equal(part.channels["diffuse.R"], rgb[..., 0])
@@ -98,7 +98,7 @@ def test_several_parts_are_each_kept(tmp_path):
     )
     depth = ExrPart({"Z": noise(np.float32, 7)}, DATA, DISPLAY, name="depth")
     write_exr(tmp_path / "plate.exr", ExrImage((depth, beauty)))
-    applied = apply_preset(make_preset(), tmp_path / "plate.exr", tmp_path / "out")
+    applied = apply(make_preset(), tmp_path / "plate.exr", tmp_path / "out")
     assert applied.failures == []
     first, second = read_exr(applied.written[0]).parts
     assert (first.name, second.name) == ("depth", "beauty")
@@ -111,7 +111,7 @@ def test_switches_off_and_cropped_is_a_plain_crop(tmp_path):
     plate = write_plate(tmp_path / "plate.exr")
     switches = Switches(False, False, False, False)
     options = ApplyOptions(switches=switches)
-    applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+    applied = apply(make_preset(), plate, tmp_path / "out", options=options)
     (part,) = read_exr(applied.written[0]).parts
     assert np.array_equal(part.channels["G"], scene(DATA)[6:70, 8:104, 1])
 
@@ -121,7 +121,7 @@ def test_a_sequence_goes_on_past_a_bad_frame_and_resumes(tmp_path):
         write_plate(tmp_path / f"plate.{number:04d}.exr")
     (tmp_path / "plate.0002.exr").write_bytes(b"no picture")
     told = []
-    applied = apply_preset(
+    applied = apply(
         make_preset(),
         tmp_path / "plate.####.exr",
         tmp_path / "out",
@@ -138,7 +138,7 @@ def test_a_sequence_goes_on_past_a_bad_frame_and_resumes(tmp_path):
 
     write_plate(tmp_path / "plate.0002.exr")
     before = applied.written[0].stat().st_mtime_ns
-    again = apply_preset(
+    again = apply(
         make_preset(), tmp_path / "plate.####.exr", tmp_path / "out", options=sharp()
     )
     assert [p.name for p in again.written] == ["plate.0002.exr"]
@@ -150,13 +150,13 @@ def test_frames_follow_their_own_metadata_and_overrides_count_more(tmp_path):
     preset = make_preset(35.0, 70.0)
     write_plate(tmp_path / "plate.0001.exr")
     write_plate(tmp_path / "plate.0002.exr", {**CAMERA, **SENSOR, "lens/focal": 70.0})
-    applied = apply_preset(
+    applied = apply(
         preset, tmp_path / "plate.####.exr", tmp_path / "out", options=sharp()
     )
     wide, long = (read_exr(p).parts[0].channels["G"] for p in applied.written)
     assert np.abs(wide - long).max() > 0.02
     options = sharp(overrides=StateOverrides(focal_length_mm=70.0))
-    stated = apply_preset(
+    stated = apply(
         preset, tmp_path / "plate.0001.exr", tmp_path / "stated", options=options
     )
     assert np.array_equal(read_exr(stated.written[0]).parts[0].channels["G"], long)
@@ -174,7 +174,7 @@ def test_a_missing_value_names_itself_the_frame_and_the_way_out(
 ):
     header = {k: v for k, v in {**CAMERA, **SENSOR}.items() if k != lacking}
     plate = write_plate(tmp_path / "plate.0007.exr", header)
-    (failure,) = apply_preset(preset, plate, tmp_path / "out").failures
+    (failure,) = apply(preset, plate, tmp_path / "out").failures
     assert "plate.0007.exr" in failure
     assert lacking in failure
     assert option in failure
@@ -184,7 +184,7 @@ def test_a_missing_value_names_itself_the_frame_and_the_way_out(
 def test_what_is_assumed_is_noted_once(tmp_path):
     for number in (1, 2):
         write_plate(tmp_path / f"plate.{number}.exr", CAMERA)
-    applied = apply_preset(
+    applied = apply(
         make_preset(), tmp_path / "plate.#.exr", tmp_path / "out", options=sharp()
     )
     (note,) = applied.notes
@@ -194,9 +194,7 @@ def test_what_is_assumed_is_noted_once(tmp_path):
 
 def test_a_lens_out_of_reach_is_told_with_the_frame(tmp_path):
     plate = write_plate(tmp_path / "p.exr", {**CAMERA, **SENSOR, "lens/focal": 85.0})
-    (failure,) = apply_preset(
-        make_preset(), plate, tmp_path / "out", options=sharp()
-    ).failures
+    (failure,) = apply(make_preset(), plate, tmp_path / "out", options=sharp()).failures
     assert "p.exr" in failure
     assert "85" in failure
 
@@ -204,17 +202,17 @@ def test_a_lens_out_of_reach_is_told_with_the_frame(tmp_path):
 def test_no_colour_and_no_frame_at_all(tmp_path):
     part = ExrPart({"Z": noise(np.float32, 1)}, DATA, DISPLAY, {**CAMERA, **SENSOR})
     write_exr(tmp_path / "z.exr", ExrImage((part,)))
-    applied = apply_preset(make_preset(), tmp_path / "z.exr", tmp_path / "out")
+    applied = apply(make_preset(), tmp_path / "z.exr", tmp_path / "out")
     assert "no R, G, B" in applied.failures[0]
     assert "a layer needs all three, or Y; its channels are Z" in applied.failures[0]
     with pytest.raises(ImageError, match="no frame exists"):
-        apply_preset(make_preset(), tmp_path / "none.####.exr", tmp_path / "out")
+        apply(make_preset(), tmp_path / "none.####.exr", tmp_path / "out")
 
 
 def test_a_result_never_replaces_its_plate(tmp_path):
     plate = write_plate(tmp_path / "plate.exr")
     before = plate.read_bytes()
-    applied = apply_preset(make_preset(), plate, tmp_path)
+    applied = apply(make_preset(), plate, tmp_path)
     assert "would replace its own source" in applied.failures[0]
     assert plate.read_bytes() == before
 
@@ -226,13 +224,11 @@ def test_an_external_map_replaces_the_distortion(tmp_path):
     write_stmap(tmp_path / "map.exr", uv.astype(np.float32), DISPLAY)
     switches = Switches(lateral_colour=False, falloff=False, defocus=False)
     options = ApplyOptions(switches=switches, stmap=tmp_path / "map.exr")
-    applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+    applied = apply(make_preset(), plate, tmp_path / "out", options=options)
     (part,) = read_exr(applied.written[0]).parts
     assert np.array_equal(part.channels["R"], scene(DATA)[5:69, 10:106, 0])
     kept = sharp(keep_overscan=True, stmap=tmp_path / "map.exr")
-    (failure,) = apply_preset(
-        make_preset(), plate, tmp_path / "kept", options=kept
-    ).failures
+    (failure,) = apply(make_preset(), plate, tmp_path / "kept", options=kept).failures
     assert "does not cover" in failure
 
 
@@ -242,12 +238,12 @@ def test_preset_errors_before_the_first_frame_are_raised(tmp_path):
     options = ApplyOptions(stmap=tmp_path / "none.exr")
     plate = write_plate(tmp_path / "plate.exr")
     with pytest.raises(ImageError):
-        apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+        apply(make_preset(), plate, tmp_path / "out", options=options)
 
 
 def test_the_path_traced_plate(tmp_path, data_dir):
     plate = data_dir / "plates" / "plate.0001.exr"
-    applied = apply_preset(make_preset(), plate, tmp_path)
+    applied = apply(make_preset(), plate, tmp_path)
     assert applied.failures == []
     (before,), (after,) = read_exr(plate).parts, read_exr(applied.written[0]).parts
     rows, columns = slice(27, 567), slice(48, 1008)
@@ -267,7 +263,7 @@ def test_borders_without_source_are_told_and_overscan_cures_them(tmp_path):
     write_plate(wide, window=Window(-30, -20, 125, 83))
     preset = make_preset()
     notes = [
-        apply_preset(preset, plate, tmp_path / "out", options=sharp()).notes
+        apply(preset, plate, tmp_path / "out", options=sharp()).notes
         for plate in (bare, wide)
     ]
     assert any("outside the plate" in note for note in notes[0])
@@ -279,7 +275,7 @@ def test_numbers_that_are_none_are_told(tmp_path):
     red[30, 40] = np.nan
     for frame in (1, 2, 3):
         write_plate(tmp_path / f"p.{frame}.exr", extra={"R": red} if frame > 1 else {})
-    applied = apply_preset(
+    applied = apply(
         make_preset(), tmp_path / "p.#.exr", tmp_path / "out", options=sharp()
     )
     (note,) = (note for note in applied.notes if "NaN" in note)
@@ -293,28 +289,26 @@ def test_an_undistort_map_is_refused(tmp_path):
     write_stmap(path, uv, DISPLAY, attributes={"lensfit/map": "undistort"})
     options = ApplyOptions(stmap=path)
     with pytest.raises(ImageError, match="undistort map"):
-        apply_preset(
-            make_preset(), tmp_path / "p.exr", tmp_path / "out", options=options
-        )
+        apply(make_preset(), tmp_path / "p.exr", tmp_path / "out", options=options)
 
 
 @pytest.mark.parametrize("kept_bytes", [0, 300, -40])
 def test_a_damaged_frame_is_no_finished_one(tmp_path, kept_bytes):
     plate, out = write_plate(tmp_path / "p.exr"), tmp_path / "out"
-    (target,) = apply_preset(make_preset(), plate, out, options=sharp()).written
+    (target,) = apply(make_preset(), plate, out, options=sharp()).written
     whole = target.read_bytes()
     target.write_bytes(whole[:kept_bytes])
-    again = apply_preset(make_preset(), plate, out, options=sharp())
+    again = apply(make_preset(), plate, out, options=sharp())
     assert again.written == [target]
     assert f"{target} was damaged and is rendered again" in again.notes
     assert target.read_bytes() == whole
-    assert apply_preset(make_preset(), plate, out, options=sharp()).skipped == [target]
+    assert apply(make_preset(), plate, out, options=sharp()).skipped == [target]
 
 
 def test_frames_of_a_single_plate_cannot_be_chosen(tmp_path):
     plate = write_plate(tmp_path / "p.1001.exr")
     with pytest.raises(ImageError, match="single picture"):
-        apply_preset(make_preset(), plate, tmp_path / "out", frames="1-9")
+        apply(make_preset(), plate, tmp_path / "out", frames="1-9")
 
 
 @pytest.mark.parametrize(
@@ -322,7 +316,7 @@ def test_frames_of_a_single_plate_cannot_be_chosen(tmp_path):
 )
 def test_a_sensor_in_another_unit_is_told(tmp_path, width_mm, told):
     plate = write_plate(tmp_path / "p.exr", {**CAMERA, "lens/aperture": width_mm})
-    notes = apply_preset(make_preset(), plate, tmp_path / "out", options=sharp()).notes
+    notes = apply(make_preset(), plate, tmp_path / "out", options=sharp()).notes
     assert any("make sure that this is in mm" in note for note in notes) == told
 
 
@@ -330,7 +324,7 @@ def test_a_sensor_in_another_unit_is_told(tmp_path, width_mm, told):
 def test_a_sensor_without_width_is_refused_in_one_line(tmp_path, width_mm):
     write_plate(tmp_path / "p.exr", CAMERA)
     options = ApplyOptions(overrides=StateOverrides(sensor_width_mm=width_mm))
-    applied = apply_preset(
+    applied = apply(
         make_preset(), tmp_path / "p.exr", tmp_path / "out", options=options
     )
     assert "--sensor-width-mm" in applied.failures[0]
@@ -338,6 +332,6 @@ def test_a_sensor_without_width_is_refused_in_one_line(tmp_path, width_mm):
 
 def test_a_cropped_frame_states_no_overscan(tmp_path):
     write_plate(tmp_path / "p.exr", {**CAMERA, **SENSOR, "lens/overscan": 8.0})
-    apply_preset(make_preset(), tmp_path / "p.exr", tmp_path / "out", options=sharp())
+    apply(make_preset(), tmp_path / "p.exr", tmp_path / "out", options=sharp())
     header = read_exr(tmp_path / "out" / "p.exr", header_only=True).parts[0].attributes
     assert header["lens/overscan"] == 0.0

@@ -9,10 +9,10 @@ from lensfit.coords import uv_from_px
 from lensfit.io.cryptomatte import object_id
 from lensfit.io.exr import read_exr
 from lensfit.io.stmap import write_stmap
-from lensfit.render.frame import render
-from lensfit.render.layer_stack import LayerStack, flattened
-from lensfit.render.stages import Switches
-from lensfit.workflow.apply import apply_preset
+from lensfit.rendering.frame import render
+from lensfit.rendering.layer_stack import LayerStack, flattened
+from lensfit.rendering.stages import Switches
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.plate.depth import DepthOptions
 
@@ -28,7 +28,7 @@ def near_and_far():
 
 
 def rendered(plate, out, **options):
-    applied = apply_preset(make_preset(), plate, out, options=ApplyOptions(**options))
+    applied = apply(make_preset(), plate, out, options=ApplyOptions(**options))
     assert applied.failures == []
     return read_exr(applied.written[0]).parts[0], applied.notes
 
@@ -57,7 +57,7 @@ def test_depth_reaches_the_renderer(tmp_path):
 
 def test_no_depth_and_no_defocus_are_the_same_picture(tmp_path):
     plain = write_plate(tmp_path / "plain.exr")
-    (failure,) = apply_preset(make_preset(), plain, tmp_path / "none").failures
+    (failure,) = apply(make_preset(), plain, tmp_path / "none").failures
     assert "no depth channel" in failure
     assert "--no-defocus" in failure
     deep = write_plate(tmp_path / "z.exr", extra={"Z": near_and_far()})
@@ -111,14 +111,12 @@ def test_an_edge_mask_changes_the_edge_and_ids_keep_their_bits(tmp_path):
         assert part.channels[name].tobytes() == own.tobytes()
     assert "left" in part.attributes["lensfit/applied"]
     options = ApplyOptions(edge_mask=("middle",))
-    applied = apply_preset(make_preset(), plate, tmp_path / "b", options=options)
+    applied = apply(make_preset(), plate, tmp_path / "b", options=options)
     (failure,) = applied.failures
     assert "no object 'middle'" in failure
     plain = write_plate(tmp_path / "q.exr", extra={"Z": near_and_far()})
     options = ApplyOptions(edge_mask=("left",))
-    (failure,) = apply_preset(
-        make_preset(), plain, tmp_path / "c", options=options
-    ).failures
+    (failure,) = apply(make_preset(), plain, tmp_path / "c", options=options).failures
     assert "no Cryptomatte" in failure
 
 
@@ -208,9 +206,7 @@ def test_an_edge_matte_of_nothing_changes_nothing_and_a_missing_one_is_named(tmp
     for name in "RGB":
         assert plain.channels[name] == pytest.approx(empty.channels[name], abs=1e-6)
     options = ApplyOptions(edge_matte="fence")
-    (failure,) = apply_preset(
-        make_preset(), plate, tmp_path / "c", options=options
-    ).failures
+    (failure,) = apply(make_preset(), plate, tmp_path / "c", options=options).failures
     assert "no channel 'fence'" in failure
     assert "empty" in failure
 
@@ -247,6 +243,6 @@ def test_a_deep_plate_is_returned_flat(tmp_path, alpha):
     detail = [np.std(p.channels["R"][inner]) for p in (part, blurred)]
     assert detail[1] <= detail[0] + 1e-4
     same = ApplyOptions(depth=METRES)
-    again = apply_preset(make_preset(), plate, tmp_path / "b", options=same)
+    again = apply(make_preset(), plate, tmp_path / "b", options=same)
     assert again.skipped
     assert again.failures == []

@@ -12,7 +12,7 @@ import pytest
 from plate_makers import make_preset, sharp, write_plate
 
 from lensfit.preset.store import save_preset
-from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply import apply
 
 SCRIPT = """
 import signal
@@ -39,10 +39,10 @@ def contents(folder):
 
 def test_workers_write_what_one_process_writes(sequence, tmp_path):
     told = []
-    alone = apply_preset(
+    alone = apply(
         make_preset(), sequence, tmp_path / "alone", frames="1-7", options=sharp()
     )
-    shared = apply_preset(
+    shared = apply(
         make_preset(),
         sequence,
         tmp_path / "shared",
@@ -60,7 +60,7 @@ def test_workers_write_what_one_process_writes(sequence, tmp_path):
     assert shared.notes == alone.notes
     assert told[0] == ("frames", 0, 7)
     assert told[-1] == ("frames", 7, 7)
-    again = apply_preset(
+    again = apply(
         make_preset(), sequence, tmp_path / "shared", workers=2, options=sharp()
     )
     assert len(again.skipped) == 5
@@ -69,7 +69,7 @@ def test_workers_write_what_one_process_writes(sequence, tmp_path):
 
 def test_no_worker_renders_nothing(sequence, tmp_path):
     with pytest.raises(ValueError, match="0 workers"):
-        apply_preset(make_preset(), sequence, tmp_path / "out", workers=0)
+        apply(make_preset(), sequence, tmp_path / "out", workers=0)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
@@ -96,10 +96,10 @@ def test_a_killed_job_run_again_ends_with_the_same_files(tmp_path):
 
     (out / f".plate.0007.{_machine()}-{ended}.abc.exr").write_bytes(b"half")
     (out / f".plate.0006.{_machine()}-{os.getpid()}0.abc.exr").touch()
-    applied = apply_preset(make_preset(), pattern, out, options=sharp())
+    applied = apply(make_preset(), pattern, out, options=sharp())
     assert applied.failures == []
     assert len(applied.written) + len(applied.skipped) == 8
-    apply_preset(make_preset(), pattern, tmp_path / "whole", options=sharp())
+    apply(make_preset(), pattern, tmp_path / "whole", options=sharp())
     assert contents(out) == contents(tmp_path / "whole")
 
 
@@ -116,7 +116,7 @@ def test_a_worker_that_dies_costs_the_frame_it_was_at(tmp_path, killed, most_los
                 child.kill()
                 child.join()
 
-    done = apply_preset(
+    done = apply(
         make_preset(),
         tmp_path / "plate.####.exr",
         tmp_path / "out",

@@ -7,15 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from lensfit.fit.entrance_pupil import EntrancePupil
-from lensfit.fit.select import Verdict
-from lensfit.fit.wavefront.dots import Dots
-from lensfit.fit.wavefront.families import FINE, Family
-from lensfit.fit.wavefront.gather import Group
-from lensfit.fit.wavefront.misfit import Misfit
-from lensfit.fit.wavefront.parameters import Layout, Scale
-from lensfit.fit.wavefront.rays import spot_seen
-from lensfit.fit.wavefront.shapes import Colour
+from lensfit.fitting.entrance_pupil import EntrancePupil
+from lensfit.fitting.select import Verdict
+from lensfit.fitting.wavefront.dots import Dots
+from lensfit.fitting.wavefront.families import FINE, Family
+from lensfit.fitting.wavefront.gather import Group
+from lensfit.fitting.wavefront.misfit import Misfit
+from lensfit.fitting.wavefront.parameters import Layout, Scale
+from lensfit.fitting.wavefront.rays import spot_seen
+from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.kernel.pixels import (
     diffraction_variance_mm2,
     image_of,

@@ -14,7 +14,7 @@ from plate_makers import DATA, DISPLAY, make_preset, sharp, write_plate
 from lensfit.coords import Window
 from lensfit.errors import CameraError, ImageError, SettingsError
 from lensfit.io.exr import read_exr
-from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
 from lensfit.workflow.camera.sources import (
@@ -220,7 +220,7 @@ def test_a_contradiction_is_told_once_a_run_of_whatever_frame(tmp_path):
         focal = {"effectiveFocalLength": 35 + frame / 1e5, "lens/focal": 28.0}
         write_plate(tmp_path / f"p.{frame}.exr", {**focal, "lens/aperture": 36.0})
     for workers in (1, 2):
-        done = apply_preset(
+        done = apply(
             make_preset(stops=()),
             tmp_path / "p.####.exr",
             tmp_path / f"out{workers}",
@@ -276,7 +276,7 @@ def test_options_travel_to_workers(tmp_path):
 def test_a_missing_value_names_where_it_was_looked_for(tmp_path):
     arri = files.arri(tmp_path, {"Lens Focal Length": "--"})
     plate = write_plate(tmp_path / "p.1001.exr", {})
-    applied = apply_preset(
+    applied = apply(
         make_preset(35.0, 70.0),
         plate,
         tmp_path / "out",
@@ -298,7 +298,7 @@ def test_a_row_that_is_missing_fails_its_frame_alone(tmp_path):
     for number in (1001, 1002, 1003):
         write_plate(tmp_path / f"p.{number}.exr", {})
     options = sharp(camera=CameraOptions((arri,), first_frame=1001))
-    applied = apply_preset(
+    applied = apply(
         make_preset(), tmp_path / "p.####.exr", tmp_path / "out", options=options
     )
     assert len(applied.written) == 2
@@ -315,10 +315,8 @@ def test_workers_read_the_same_sidecar(tmp_path):
         write_plate(tmp_path / f"p.{number}.exr", {})
     options = sharp(camera=CameraOptions((arri,), first_frame=1001))
     plates = tmp_path / "p.####.exr"
-    alone = apply_preset(make_preset(), plates, tmp_path / "a", options=options)
-    shared = apply_preset(
-        make_preset(), plates, tmp_path / "b", options=options, workers=2
-    )
+    alone = apply(make_preset(), plates, tmp_path / "a", options=options)
+    shared = apply(make_preset(), plates, tmp_path / "b", options=options, workers=2)
     assert len(alone.written) == 2
     assert alone.notes == shared.notes
     for one, other in zip(alone.written, shared.written, strict=True):
@@ -327,11 +325,11 @@ def test_workers_read_the_same_sidecar(tmp_path):
 
 def test_a_finished_frame_of_another_camera_is_told(tmp_path):
     plate, out = write_plate(tmp_path / "p.1001.exr"), tmp_path / "out"
-    apply_preset(make_preset(), plate, out, options=sharp())
-    same = apply_preset(make_preset(), plate, out, options=sharp())
+    apply(make_preset(), plate, out, options=sharp())
+    same = apply(make_preset(), plate, out, options=sharp())
     assert same.skipped
     (tmp_path / "lensfit.toml").write_text("[camera]\nfocus_distance_mm = 2500\n")
-    other = apply_preset(make_preset(), plate, out, options=sharp())
+    other = apply(make_preset(), plate, out, options=sharp())
     assert other.written
     assert any("other settings" in note for note in other.notes)
 
@@ -402,10 +400,10 @@ def test_of_deep_pixels_the_nearest_that_shows_is_picked(tmp_path, kind, factor)
 def test_a_resumed_frame_is_picked_from_the_same_depth(tmp_path):
     plate, out = plate_with_depth(tmp_path / "p.1001.exr"), tmp_path / "out"
     options = ApplyOptions(camera=CameraOptions(focus_at=(45.0, 30.0)))
-    made = apply_preset(make_preset(), plate, out, options=options)
+    made = apply(make_preset(), plate, out, options=options)
     said = read_exr(made.written[0], header_only=True).parts[0].attributes[SAID]
     assert "3050 mm focus" in str(said)
-    again = apply_preset(make_preset(), plate, out, options=options)
+    again = apply(make_preset(), plate, out, options=options)
     assert (len(again.skipped), again.failures) == (1, [])
     assert not any("other settings" in note for note in again.notes)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lensfit.io.cryptomatte import Ranks
-from lensfit.render.layer_stack import LayerStack, flattened
+from lensfit.rendering.layer_stack import LayerStack, flattened
 from lensfit.workflow.plate.cut_out import cut_out
 
 NEAR, FAR = np.float32(1000), np.float32(9000)

@@ -8,7 +8,7 @@ from lensfit.errors import ImageError
 from lensfit.io.depth import DepthMeaning
 from lensfit.io.exr import ExrPart
 from lensfit.io.exr_deep import DeepPart
-from lensfit.render.layer_stack import flattened
+from lensfit.rendering.layer_stack import flattened
 from lensfit.workflow.plate.deep_layers import deep_layers
 
 METRES = DepthMeaning(1000.0)

@@ -10,7 +10,7 @@ from plate_makers import CAMERA, SENSOR, make_preset, sharp, write_plate
 
 from lensfit.io.exr import read_exr
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, not_neutral, turned
-from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plan_plate import plan_plate
@@ -75,7 +75,7 @@ def test_all_knobs_stated_as_neutral_change_no_bit(plate, tmp_path):
     neutral = {name: field.default for name, field in KNOBS.items()}
     frames = []
     for folder, knobs in (("plain", {}), ("neutral", neutral)):
-        done = apply_preset(
+        done = apply(
             make_preset(), plate, tmp_path / folder, options=sharp(knobs=knobs)
         )
         assert not done.failures
@@ -88,7 +88,7 @@ def test_a_knob_that_turns_nothing_is_told_once_by_apply_and_by_plan(tmp_path):
         write_plate(tmp_path / f"plate.{number:04d}.exr")
     options = sharp(knobs={"coma_gain": 2.0, "lateral_red_gain": 2.0})
     plates = tmp_path / "plate.####.exr"
-    done = apply_preset(make_preset(), plates, tmp_path / "out", options=options)
+    done = apply(make_preset(), plates, tmp_path / "out", options=options)
     _, planned = plan_plate(make_preset(), tmp_path / "plate.0001.exr", options)
     for notes in (done.notes, planned):
         (told,) = [note for note in notes if "turns nothing" in note]

@@ -5,8 +5,8 @@ import pytest
 from plate_makers import DATA, DISPLAY, make_preset, write_plate
 
 from lensfit.io.exr import read_exr
-from lensfit.render.stages import Switches
-from lensfit.workflow.apply import apply_preset
+from lensfit.rendering.stages import Switches
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.plate.depth import DepthOptions
 
@@ -15,7 +15,7 @@ PLAIN = Switches(distortion=False, lateral_colour=False)
 
 def made(plate, out, output, **options):
     wanted = ApplyOptions(output=output, **options)
-    applied = apply_preset(make_preset(), plate, out, options=wanted)
+    applied = apply(make_preset(), plate, out, options=wanted)
     assert applied.failures == []
     return read_exr(applied.written[0]).parts[0]
 
@@ -52,7 +52,7 @@ def test_circle_of_confusion_lies_where_the_result_does(tmp_path):
 def test_no_depth_no_circle(tmp_path):
     plate = write_plate(tmp_path / "p.exr")
     options = ApplyOptions(output="circle-of-confusion", depth=DepthOptions())
-    applied = apply_preset(make_preset(), plate, tmp_path / "out", options=options)
+    applied = apply(make_preset(), plate, tmp_path / "out", options=options)
     assert "no depth" in applied.failures[0]
 
 

@@ -4,7 +4,7 @@ import camera_files as files
 import pytest
 from plate_makers import make_preset, write_plate
 
-from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.sources import (
     CameraOptions,
@@ -76,7 +76,7 @@ def test_a_run_is_told_once(tmp_path):
     for number in (1001, 1002, 1003):
         write_plate(tmp_path / f"p.{number}.exr", header)
     options = ApplyOptions(camera=CameraOptions(files=(table,), first_frame=1001))
-    applied = apply_preset(
+    applied = apply(
         make_preset(), tmp_path / "p.####.exr", tmp_path / "out", options=options
     )
     told = [n for n in applied.notes if "states no" in n]

@@ -19,7 +19,7 @@ from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import save_preset
-from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.outcome import apply_frame
 from lensfit.workflow.frame.renderer import FrameRenderer
@@ -142,15 +142,13 @@ def test_apply_follows_animated_focus_and_zoom(tmp_path):
     for number in range(5):
         write_frame(tmp_path / f"plate.{number:04d}.exr", number / 4, depth=False)
     preset = zoom_preset()
-    whole = apply_preset(
+    whole = apply(
         preset, tmp_path / "plate.####.exr", tmp_path / "whole", options=sharp()
     )
     assert whole.failures == []
     pictures = []
     for path in whole.written:
-        alone = apply_preset(
-            preset, tmp_path / path.name, tmp_path / "alone", options=sharp()
-        )
+        alone = apply(preset, tmp_path / path.name, tmp_path / "alone", options=sharp())
         assert path.read_bytes() == alone.written[0].read_bytes()
         pictures.append(read_exr(path).parts[0].channels["G"])
     steps = [np.abs(b - a).mean() for a, b in itertools.pairwise(pictures)]

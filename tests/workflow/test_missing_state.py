@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from lensfit.cli.main import app
 from lensfit.errors import ImageError
 from lensfit.preset.store import save_preset
-from lensfit.render.stages import Switches
-from lensfit.workflow.apply import apply_preset
+from lensfit.rendering.stages import Switches
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.sources import CameraOptions, StateOverrides
 from lensfit.workflow.frame.plate_lens import PlateLens
@@ -66,7 +66,7 @@ def test_what_the_frame_does_not_depend_on_is_not_missed(tmp_path):
 def test_it_is_told_once_a_run(tmp_path, workers):
     for frame in (1001, 1002, 1003):
         write_plate(tmp_path / f"p.{frame}.exr", without("focal_length_mm"))
-    done = apply_preset(
+    done = apply(
         make_preset(),
         tmp_path / "p.####.exr",
         tmp_path / "out",
@@ -84,7 +84,7 @@ def test_depth_of_field_is_never_guessed(tmp_path, lacking, stops):
     lacking = lacking or ("f_number", "focus_distance_mm")
     plate = write_plate(tmp_path / "p.1001.exr", without(*lacking), {"Z": Z})
     preset = make_preset(stops=stops)
-    (line,) = apply_preset(preset, plate, tmp_path / "out").failures
+    (line,) = apply(preset, plate, tmp_path / "out").failures
     for name in lacking:
         for part in (ENTRIES[name][0], ENTRIES[name][1], option(name)):
             assert part in line
@@ -95,17 +95,17 @@ def test_depth_of_field_is_never_guessed(tmp_path, lacking, stops):
     assert str(planned.value) == line
     # Either remedy works.
     flat = ApplyOptions(switches=Switches(defocus=False))
-    assert apply_preset(preset, plate, tmp_path / "flat", options=flat).failures == []
+    assert apply(preset, plate, tmp_path / "flat", options=flat).failures == []
     values = {"f_number": 2.8, "focus_distance_mm": 2000.0}
     stated = ApplyOptions(overrides=StateOverrides(**{n: values[n] for n in lacking}))
-    assert apply_preset(preset, plate, tmp_path / "s", options=stated).failures == []
+    assert apply(preset, plate, tmp_path / "s", options=stated).failures == []
 
 
 def test_a_deep_plate_needs_the_same(tmp_path):
     samples = {name: np.full(1, 0.5, np.float32) for name in "RGBA"}
     samples["Z"] = np.full(1, 4.0, np.float32)
     plate = write_deep(tmp_path / "p.1.exr", np.array([[1, 0]]), samples)
-    (line,) = apply_preset(make_preset(), plate, tmp_path / "out").failures
+    (line,) = apply(make_preset(), plate, tmp_path / "out").failures
     assert "no f-number and no focus distance, which depth of field needs" in line
 
 
@@ -114,7 +114,7 @@ def test_a_picture_of_the_blur_needs_the_same(tmp_path, output):
     plate = write_plate(tmp_path / "p.1.exr", without("f_number"))
     options = ApplyOptions(output=output)
     out = tmp_path / "out"
-    (line,) = apply_preset(make_preset(), plate, out, options=options).failures
+    (line,) = apply(make_preset(), plate, out, options=options).failures
     assert "no f-number, which this picture needs" in line
 
 

@@ -14,8 +14,8 @@ from lensfit.io.exr import read_exr
 from lensfit.preset.aberration_knobs import AberrationKnobs
 from lensfit.preset.knobs import Knobs
 from lensfit.preset.store import save_preset
-from lensfit.render.overscan import Margins, margins_read
-from lensfit.workflow.apply import apply_preset
+from lensfit.rendering.overscan import Margins, margins_read
+from lensfit.workflow.apply import apply
 from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
 from lensfit.workflow.stmaps import StmapFrame
 
@@ -38,7 +38,7 @@ def test_a_plate_with_the_data_window_it_states_has_no_black_border(tmp_path):
     wide, short = plan.camera.data_window, plan.camera.data_window.grown(-4, -4)
     for name, window in (("wide", wide), ("short", short)):
         plate = write_plate(tmp_path / f"{name}.exr", window=window)
-        applied = apply_preset(preset, plate, tmp_path / "out", options=sharp())
+        applied = apply(preset, plate, tmp_path / "out", options=sharp())
         black = any("lensfit overscan" in note for note in applied.notes)
         assert black == (name == "short")
         assert (border(applied.written[0]).min() < 0.1) == (name == "short")
@@ -187,9 +187,7 @@ def test_a_turned_lens_reads_as_far_as_its_plate_is_told(tmp_path):
         plate = write_plate(tmp_path / "plate.exr", header, window=window)
         result = run(tmp_path / "preset.json", "--plate", plate, "--json")
         said = json.loads(result.stdout)
-        applied = apply_preset(
-            preset, plate, tmp_path / "out", options=sharp(overwrite=True)
-        )
+        applied = apply(preset, plate, tmp_path / "out", options=sharp(overwrite=True))
         black = any("lensfit overscan" in note for note in applied.notes)
         assert said["plate"]["suffices"] == (margins == turned) == (not black)
         assert said["margins_px"] == turned._asdict()

@@ -10,7 +10,7 @@ from plate_makers import CAMERA, DATA, SENSOR, make_preset, write_plate
 from lensfit.errors import ImageError
 from lensfit.io.cryptomatte import object_id
 from lensfit.preset.knobs import NEUTRAL, turned
-from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.plate.depth import DepthOptions
 
@@ -35,7 +35,7 @@ def plate(tmp_path):
 
 
 def outcome(plate, out, options=PLAIN, preset=None):
-    done = apply_preset(preset or make_preset(), plate, out, options=options)
+    done = apply(preset or make_preset(), plate, out, options=options)
     return done.failures, len(done.skipped)
 
 

@@ -8,7 +8,7 @@ import pytest
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.render.uv import PlateGeometry
+from lensfit.rendering.uv import PlateGeometry
 from lensfit.workflow.plate.depth import DepthOptions, plate_depth
 
 DISPLAY = Window.of_size(36, 20)

@@ -7,7 +7,7 @@ from plate_makers import CAMERA, SENSOR, make_preset, sharp, write_plate
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.io.sequence import parse_frames
-from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply import apply
 from lensfit.workflow.farm.job import farm_job
 from lensfit.workflow.sequence_notes import gaps_note, sizes_note
 
@@ -68,13 +68,11 @@ def test_a_run_tells_of_its_holes_and_of_another_size_once(tmp_path):
     hole = f"{pattern}: frame 3 is missing between 1 and 5; --frames says which"
     size = "seq.0005.exr: the display window is 48 x 32 pixels, that of seq.0001.exr"
     for again in (False, True):  # the second time all frames are finished
-        applied = apply_preset(
-            make_preset(), pattern, tmp_path / "out", options=sharp()
-        )
+        applied = apply(make_preset(), pattern, tmp_path / "out", options=sharp())
         assert len(applied.skipped if again else applied.written) == 4
         assert [n.startswith(hole) for n in applied.notes].count(True) == 1
         assert [n.startswith(size) for n in applied.notes].count(True) == 1
-    chosen = apply_preset(
+    chosen = apply(
         make_preset(), pattern, tmp_path / "out", frames="1,2,4", options=sharp()
     )
     assert not any("missing" in n or "display window" in n for n in chosen.notes)

@@ -11,7 +11,7 @@ from lensfit.preset.blocks import ChannelShift, Distortion, LateralColour, Proje
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.lens_of_entry import lens_of_entry
 from lensfit.preset.schema import Camera
-from lensfit.render.uv import PlateGeometry
+from lensfit.rendering.uv import PlateGeometry
 from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
 from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 

@@ -26,8 +26,8 @@ from data_synth.bench.result import bench_result
 from data_synth.bench.rows import as_tables
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, LensfitError
-from lensfit.fit.lens_states import Fitted, fit
-from lensfit.fit.wavefront.effort import Effort
+from lensfit.fitting.lens_states import Fitted, fit
+from lensfit.fitting.wavefront.effort import Effort
 from lensfit.lens import Lens
 from lensfit.progress import Progress, silent
 from lensfit.workflow.calibrate import preset_of

@@ -30,9 +30,9 @@ from data_synth.bench.coverage.traced import (
     TracedSpots,
 )
 from lensfit.batches import in_batches
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.lens_states import Fitted
-from lensfit.fit.uncertainty import position_deviations_mm
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.lens_states import Fitted
+from lensfit.fitting.uncertainty import position_deviations_mm
 from lensfit.lens import Lens
 from lensfit.optics.distortion import Distortion, jacobian_at
 from lensfit.optics.many_points import displaced, distort, illuminate, undistort

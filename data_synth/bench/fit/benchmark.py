@@ -37,9 +37,9 @@ from data_synth.bench.sets import (
 )
 from data_synth.bench.start import START_SET, start_rows
 from lensfit.errors import DetectionError, LensfitError
-from lensfit.fit.chief_ray import ChiefRayFit, fit_chief_ray
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.lens_states import Fitted, fit
+from lensfit.fitting.chief_ray import ChiefRayFit, fit_chief_ray
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.lens_states import Fitted, fit
 from lensfit.lens import Lens
 from lensfit.preset.schema import Camera
 from lensfit.programs import forget_programs

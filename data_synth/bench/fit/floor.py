@@ -6,7 +6,7 @@ the board and the lens are not counted, so the ratio says what all of that costs
 """
 
 from data_synth.bench.floor import Floor, Rates, best_seconds
-from lensfit.fit.adjust import Adjustment, equations_at
+from lensfit.fitting.adjust import Adjustment, equations_at
 
 
 def pass_flops(marks: int, shared: int, local: int) -> float:

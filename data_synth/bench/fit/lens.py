@@ -15,12 +15,12 @@ from jaxtyping import Float
 from msgspec.structs import replace
 
 from lensfit.detect.observations import POINT
-from lensfit.fit.adjust import Adjustment
-from lensfit.fit.chief_ray import ChiefRayFit
-from lensfit.fit.geometry import distortion_of
-from lensfit.fit.held_out import HELD_OUT_SEEDS, fitted_to_half
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.views import line_numbers, observed_of
+from lensfit.fitting.adjust import Adjustment
+from lensfit.fitting.chief_ray import ChiefRayFit
+from lensfit.fitting.geometry import distortion_of
+from lensfit.fitting.held_out import HELD_OUT_SEEDS, fitted_to_half
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.views import line_numbers, observed_of
 from lensfit.lens import Channel, Lens
 from lensfit.preset.lens_of_entry import lens_of_entry
 from lensfit.preset.schema import Camera

@@ -1,7 +1,7 @@
 """What `cv2.calibrateCamera` makes of the very same marks.
 
-Both its five-parameter and its fourteen-parameter model, with the same random halves
-of every view that `lensfit.fit.chief_ray` holds out, and the time of one calibration
+Both its five-parameter and its fourteen-parameter model, with the same random halves of
+every view that `lensfit.fitting.chief_ray` holds out, and the time of one calibration
 with everything. OpenCV puts pixel centres at whole numbers.
 """
 
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lensfit.fit.adjust import Adjustment
-from lensfit.fit.chief_ray import ChiefRayFit
-from lensfit.fit.held_out import HELD_OUT_SEEDS
+from lensfit.fitting.adjust import Adjustment
+from lensfit.fitting.chief_ray import ChiefRayFit
+from lensfit.fitting.held_out import HELD_OUT_SEEDS
 from lensfit.workflow.stopwatch import stopwatch
 
 _MODELS = {

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lensfit.coords import mm_from_px
-from lensfit.fit.take import Take
-from lensfit.fit.wavefront.gather import spread_out
-from lensfit.fit.wavefront.shown import centroids_mm
+from lensfit.fitting.take import Take
+from lensfit.fitting.wavefront.gather import spread_out
+from lensfit.fitting.wavefront.shown import centroids_mm
 
 
 class PicturedDots(NamedTuple):

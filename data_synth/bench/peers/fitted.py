@@ -15,10 +15,10 @@ from data_synth.bench.peers.dots import pictured
 from data_synth.bench.peers.gaussian import GaussianLens, gaussian_fields
 from data_synth.bench.peers.spots import LensMaker
 from lensfit.errors import FitError
-from lensfit.fit.lens_states import fit
-from lensfit.fit.take import Take
-from lensfit.fit.wavefront.effort import Effort
-from lensfit.fit.wavefront.families import SEIDEL
+from lensfit.fitting.lens_states import fit
+from lensfit.fitting.take import Take
+from lensfit.fitting.wavefront.effort import Effort
+from lensfit.fitting.wavefront.families import SEIDEL
 from lensfit.preset.schema import Preset
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import Observed

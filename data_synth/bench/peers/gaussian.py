@@ -18,7 +18,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from data_synth.bench.peers.dots import PicturedDots
 from data_synth.bench.peers.thin_lens import blur_radius_mm
 from lensfit.batches import in_batches
-from lensfit.fit.levenberg import Prior, Quadratic, minimise
+from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 from lensfit.lens import Channel
 
 ORDER = 4

@@ -9,8 +9,8 @@ from data_synth.bench.floor import Floor, Rates, best_seconds
 from data_synth.bench.render.scenes import Scene
 from data_synth.bench.warp import WarpTask
 from lensfit.coords import Window
-from lensfit.render.uv import SourceMap
-from lensfit.render.warp import warp
+from lensfit.rendering.uv import SourceMap
+from lensfit.rendering.warp import warp
 
 _FLOAT_BYTES = 4
 

@@ -21,8 +21,8 @@ from lensfit.io.exr import read_exr
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
-from lensfit.render.frame import render
-from lensfit.render.layer_stack import LayerStack
+from lensfit.rendering.frame import render
+from lensfit.rendering.layer_stack import LayerStack
 from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.shoot.file import load_shoot
 

@@ -10,10 +10,10 @@ from data_synth.bench.rows import Row
 from lensfit.coords import Window
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
-from lensfit.render.circle import Circle
-from lensfit.render.frame import render
-from lensfit.render.stages import DEFAULT_TOLERANCE, Switches
-from lensfit.render.uv import PlateGeometry
+from lensfit.rendering.circle import Circle
+from lensfit.rendering.frame import render
+from lensfit.rendering.stages import DEFAULT_TOLERANCE, Switches
+from lensfit.rendering.uv import PlateGeometry
 
 _WIDTH, _HEIGHT = 768, 576
 _RADII_PX = (0.0, -6.0, 12.0)

@@ -13,11 +13,11 @@ from lensfit.errors import PresetError
 from lensfit.io.exr import read_exr
 from lensfit.preset.schema import Preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
-from lensfit.render.circle import Circle
-from lensfit.render.frame import render_stages, window_with_margin
-from lensfit.render.layer_stack import Mattes
-from lensfit.render.plan import plan_of
-from lensfit.render.stages import Stages, prepare_stages
+from lensfit.rendering.circle import Circle
+from lensfit.rendering.frame import render_stages, window_with_margin
+from lensfit.rendering.layer_stack import Mattes
+from lensfit.rendering.plan import plan_of
+from lensfit.rendering.stages import Stages, prepare_stages
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.plate_in_depth import plate_in_depth
 from lensfit.workflow.frame.plate_lens import PlateLens

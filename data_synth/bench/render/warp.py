@@ -6,9 +6,9 @@ import numpy as np
 from data_synth.bench.rows import Row
 from data_synth.bench.times import best
 from lensfit.coords import Window
-from lensfit.render.buffers import aligned_empty
-from lensfit.render.uv import SourceMap
-from lensfit.render.warp import warp
+from lensfit.rendering.buffers import aligned_empty
+from lensfit.rendering.uv import SourceMap
+from lensfit.rendering.warp import warp
 
 
 def warp_row(width: int, height: int) -> Row:

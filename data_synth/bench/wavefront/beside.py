@@ -16,8 +16,8 @@ from data_synth.bench.peers.fitted import (
 )
 from data_synth.bench.peers.spots import LensMaker
 from lensfit.errors import ShootError
-from lensfit.fit.take import Take
-from lensfit.fit.wavefront.effort import Effort
+from lensfit.fitting.take import Take
+from lensfit.fitting.wavefront.effort import Effort
 from lensfit.preset.schema import Preset
 from lensfit.progress import silent
 from lensfit.workflow.calibration.observe import Observed, observe_shoot

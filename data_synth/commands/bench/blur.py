@@ -30,7 +30,7 @@ def blur(
     Example: lensfit bench blur --data data --only dot_pattern_05
     """
     from data_synth.bench.blur import bench_blur
-    from lensfit.fit.wavefront.effort import Effort
+    from lensfit.fitting.wavefront.effort import Effort
 
     with progress_bars() as progress:
         result = bench_blur(

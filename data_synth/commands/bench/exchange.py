@@ -28,7 +28,7 @@ def exchange(
     """
     size = size_px(frame.size)
     from data_synth.bench.exchange import bench_exchange
-    from lensfit.fit.exchange.samples import ExchangeFrame
+    from lensfit.fitting.exchange.samples import ExchangeFrame
     from lensfit.workflow.exchange.export import WantedState
 
     loaded = library.find(preset).preset

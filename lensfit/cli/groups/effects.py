@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from lensfit.render.stages import Switches
+    from lensfit.rendering.stages import Switches
 
 _PANEL = "Effects"
 
@@ -28,7 +28,7 @@ class EffectsGroup:
 
     def switches(self) -> "Switches":
         """As plates are rendered with it."""
-        from lensfit.render.stages import Switches
+        from lensfit.rendering.stages import Switches
 
         return Switches(
             distortion=not self.no_distortion,

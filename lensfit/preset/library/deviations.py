@@ -1,7 +1,8 @@
 """Standard deviations that a preset states, by the key they belong to.
 
-The covariance of an entry is in the units of the fit (`lensfit.fit.parameters`): what
-counts in reference radii there, or in the logarithm of a length, is millimetres here.
+The covariance of an entry is in the units of the fit (`lensfit.fitting.parameters`):
+what counts in reference radii there, or in the logarithm of a length, is millimetres
+here.
 """
 
 import math

@@ -6,10 +6,10 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.fit.wavefront.gather import Gathered, Group
-from lensfit.fit.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.wavefront.fit import WavefrontFit
+from lensfit.fitting.wavefront.gather import Gathered, Group
+from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
 from lensfit.optics.aberration import Aberration
 from lensfit.optics.paraxial import (
     FirstOrder,

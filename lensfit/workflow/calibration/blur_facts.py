@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from lensfit.fit.wavefront.families import Family
-from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.fitting.wavefront.families import Family
+from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.workflow.calibration.defocus_facts import defocus_facts
 from lensfit.workflow.plain_numbers import plain
 

@@ -11,9 +11,9 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.fit.wavefront.uncertainty import parameter_moves
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.wavefront.fit import WavefrontFit
+from lensfit.fitting.wavefront.uncertainty import parameter_moves
 from lensfit.preset.blur_blocks import Blur, BlurUncertainty
 from lensfit.preset.blur_numbers import numbers_of
 from lensfit.workflow.calibration.blur_entries import blur_of

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.fit.wavefront.start import stated_defocus_mm
+from lensfit.fitting.wavefront.fit import WavefrontFit
+from lensfit.fitting.wavefront.start import stated_defocus_mm
 from lensfit.workflow.plain_numbers import plain, plain_distance
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from lensfit.fit.colour.channel_colour import ChannelColour
-from lensfit.fit.fall_off.fall_off_fit import FallOffFit
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.fitting.colour.channel_colour import ChannelColour
+from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.preset import blocks
 from lensfit.preset.covariance import Covariance, fall_off_names, lateral_names
 from lensfit.preset.entry import Entry, Quality, Term

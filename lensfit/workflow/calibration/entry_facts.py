@@ -12,13 +12,13 @@ import numpy as np
 
 from lensfit.batches import in_batches
 from lensfit.coords import Window
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.take import Take
-from lensfit.fit.uncertainty import position_deviation_mm
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.take import Take
+from lensfit.fitting.uncertainty import position_deviation_mm
 from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
 from lensfit.preset.schema import Camera
-from lensfit.render.overscan import cg_camera, margins_read
+from lensfit.rendering.overscan import cg_camera, margins_read
 from lensfit.workflow.calibration.map_curves import (
     RADII,
     distortion_grid,

@@ -24,7 +24,7 @@ from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
 from lensfit.detect.rims import cut_rims
 from lensfit.errors import DetectionError, ImageError, LensfitError
-from lensfit.fit.take import Take
+from lensfit.fitting.take import Take
 from lensfit.io.image import (
     camera_state_of,
     is_of_unknown_encoding,

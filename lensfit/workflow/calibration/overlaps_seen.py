@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfit.detect.observations import POINT
-from lensfit.fit.take import Take
+from lensfit.fitting.take import Take
 
 _FINER = 0.6, 0.82
 """Spacing against the others'. Stated distances count from the sensor and not from the

@@ -7,7 +7,7 @@ beyond three of them contradicts the photographs and what else was stated.
 from collections.abc import Iterable
 from typing import Any
 
-from lensfit.fit.lens_state import LensState
+from lensfit.fitting.lens_state import LensState
 from lensfit.workflow.plain_numbers import plain_distance
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from lensfit.fit.chief_ray import ChiefRayFit
-from lensfit.fit.held_out import rms, squared_px
-from lensfit.fit.lens_states import Fitted
+from lensfit.fitting.chief_ray import ChiefRayFit
+from lensfit.fitting.held_out import rms, squared_px
+from lensfit.fitting.lens_states import Fitted
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.plain_numbers import plain_distance, rounded
 

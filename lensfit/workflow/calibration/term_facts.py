@@ -5,9 +5,9 @@ Everything is plain numbers, ready for JSON.
 
 from typing import Any
 
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.select import Verdict
-from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.select import Verdict
+from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.workflow.calibration.blur_facts import blur_terms
 from lensfit.workflow.plain_numbers import plain_distance
 

@@ -14,8 +14,8 @@ import numpy as np
 from lensfit.errors import ImageError
 from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
 from lensfit.preset.schema import Preset
-from lensfit.render.look.white_balance import REC709, Chromaticities
-from lensfit.render.uv import SpannedWidth
+from lensfit.rendering.look.white_balance import REC709, Chromaticities
+from lensfit.rendering.uv import SpannedWidth
 from lensfit.workflow.camera.assumed import Assumed, assumed
 from lensfit.workflow.camera.f_number_doubt import f_number_doubt
 from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm

@@ -13,8 +13,8 @@ import numpy as np
 
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import ExchangeError
-from lensfit.fit.exchange.brown_fit import fit_opencv
-from lensfit.fit.exchange.samples import (
+from lensfit.fitting.exchange.brown_fit import fit_opencv
+from lensfit.fitting.exchange.samples import (
     FIT_COUNT,
     JUDGE_COUNT,
     ExchangeFrame,
@@ -23,7 +23,7 @@ from lensfit.fit.exchange.samples import (
     Samples,
     residual_of,
 )
-from lensfit.fit.exchange.tde4_fit import fit_tde4
+from lensfit.fitting.exchange.tde4_fit import fit_tde4
 from lensfit.lens import Lens
 from lensfit.preset.exchange.opencv import OpenCvMap
 from lensfit.preset.exchange.opencv_file import opencv_text

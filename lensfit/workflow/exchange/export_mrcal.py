@@ -1,8 +1,8 @@
 """mrcal's camera models: OpenCV's eight or twelve coefficients, or splines."""
 
 from lensfit.atomic import write_text_atomic
-from lensfit.fit.exchange.samples import Residual, residual_of
-from lensfit.fit.exchange.splined_fit import fit_splined
+from lensfit.fitting.exchange.samples import Residual, residual_of
+from lensfit.fitting.exchange.splined_fit import fit_splined
 from lensfit.lens import Lens
 from lensfit.preset.exchange.mrcal import SplinedMap, mrcal_text
 from lensfit.preset.exchange.opencv import OpenCvMap

@@ -2,7 +2,7 @@
 
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import ExchangeError
-from lensfit.fit.exchange.ray_series import fit_ray_series
+from lensfit.fitting.exchange.ray_series import fit_ray_series
 from lensfit.lens import Lens
 from lensfit.preset.exchange.cycles_osl import cycles_osl_text
 from lensfit.workflow.exchange.export import (

@@ -3,8 +3,8 @@
 import math
 
 from lensfit.atomic import write_text_atomic
-from lensfit.fit.exchange.radial_table_fit import fit_radial_table
-from lensfit.fit.exchange.samples import residual_of
+from lensfit.fitting.exchange.radial_table_fit import fit_radial_table
+from lensfit.fitting.exchange.samples import residual_of
 from lensfit.preset.exchange.syntheyes import LniNotes, syntheyes_text
 from lensfit.printable import printable
 from lensfit.workflow.exchange.export import (

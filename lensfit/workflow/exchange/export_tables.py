@@ -9,13 +9,13 @@ from jaxtyping import Array
 from lensfit.atomic import write_text_atomic
 from lensfit.batches import in_batches
 from lensfit.coords import Window
-from lensfit.fit.exchange.brown_fit import fit_brown
-from lensfit.fit.exchange.lensfun_fit import (
+from lensfit.fitting.exchange.brown_fit import fit_brown
+from lensfit.fitting.exchange.lensfun_fit import (
     fit_even_polynomial,
     fit_lensfun,
     fit_tca,
 )
-from lensfit.fit.exchange.samples import (
+from lensfit.fitting.exchange.samples import (
     ExchangeFrame,
     Samples,
     residual_from,
@@ -36,7 +36,7 @@ from lensfit.preset.exchange.lensfun_xml import (
 from lensfit.preset.exchange.opentrackio import opentrackio_text
 from lensfit.preset.exchange.opentrackio_sample import ColourShift, LensSample
 from lensfit.printable import printable
-from lensfit.render.uv import overscan_needed
+from lensfit.rendering.uv import overscan_needed
 from lensfit.units import m_from_mm
 from lensfit.workflow.exchange.export import (
     Exported,

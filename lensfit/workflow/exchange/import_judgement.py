@@ -8,7 +8,7 @@ was to explain has failed: the preset would be another lens.
 from pathlib import Path
 
 from lensfit.errors import ExchangeError
-from lensfit.fit.exchange.samples import Residual
+from lensfit.fitting.exchange.samples import Residual
 
 _VISIBLE_PX = 0.5
 _FAR_PX = 3.0

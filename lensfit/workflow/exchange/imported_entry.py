@@ -6,14 +6,14 @@ import msgspec
 import numpy as np
 
 from lensfit.errors import ExchangeError
-from lensfit.fit.exchange.preset_light import fit_channel_shift, fit_fall_off
-from lensfit.fit.exchange.preset_map import (
+from lensfit.fitting.exchange.preset_light import fit_channel_shift, fit_fall_off
+from lensfit.fitting.exchange.preset_map import (
     OnAxis,
     fit_distortion,
     on_axis,
     unfitted,
 )
-from lensfit.fit.exchange.samples import (
+from lensfit.fitting.exchange.samples import (
     JUDGE_COUNT,
     ExchangeFrame,
     LensMap,

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from lensfit.errors import ExchangeError
-from lensfit.fit.exchange.preset_map import OnAxis, box_of
-from lensfit.fit.exchange.samples import ExchangeFrame
+from lensfit.fitting.exchange.preset_map import OnAxis, box_of
+from lensfit.fitting.exchange.samples import ExchangeFrame
 from lensfit.preset.exchange.foreign import ForeignLens, Stated
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance, SourceImage
 from lensfit.progress import Progress, silent

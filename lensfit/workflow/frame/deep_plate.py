@@ -9,12 +9,12 @@ from lensfit.coords import Window
 from lensfit.io.depth import DepthMeaning, FoundDepth, ray_slant
 from lensfit.io.exr import ExrImage
 from lensfit.io.exr_deep import DeepPart, read_deep
-from lensfit.render.buffers import crop
-from lensfit.render.circle import Circle
-from lensfit.render.frame import render_stages
-from lensfit.render.layer_stack import LayerStack, flattened
-from lensfit.render.look.stack import light_spreads
-from lensfit.render.plate_defocus import DefocusBudget
+from lensfit.rendering.buffers import crop
+from lensfit.rendering.circle import Circle
+from lensfit.rendering.frame import render_stages
+from lensfit.rendering.layer_stack import LayerStack, flattened
+from lensfit.rendering.look.stack import light_spreads
+from lensfit.rendering.plate_defocus import DefocusBudget
 from lensfit.workflow.camera.plate_state import PlateState
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.frame.tight_window import (

@@ -18,9 +18,9 @@ from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_views import views_of
-from lensfit.render.circle import Circle
-from lensfit.render.lens_pictures import aberration_dots, kernel_mosaic
-from lensfit.render.nearest import nearest
+from lensfit.rendering.circle import Circle
+from lensfit.rendering.lens_pictures import aberration_dots, kernel_mosaic
+from lensfit.rendering.nearest import nearest
 from lensfit.workflow.camera.plate_state import BLUR
 from lensfit.workflow.frame.plate_in_depth import plate_in_depth
 from lensfit.workflow.frame.plate_lens import PlateLens

@@ -10,7 +10,7 @@ from pathlib import Path
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.stmap import Stmap, read_stmap
-from lensfit.render.uv import SourceMap
+from lensfit.rendering.uv import SourceMap
 
 
 @dataclass(frozen=True, eq=False)

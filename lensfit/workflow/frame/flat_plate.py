@@ -14,10 +14,10 @@ from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.exr_layers import with_channels
-from lensfit.render.buffers import aligned_empty, crop
-from lensfit.render.frame import render_stages
-from lensfit.render.look.stack import light_spreads
-from lensfit.render.stages import Stages
+from lensfit.rendering.buffers import aligned_empty, crop
+from lensfit.rendering.frame import render_stages
+from lensfit.rendering.look.stack import light_spreads
+from lensfit.rendering.stages import Stages
 from lensfit.workflow.camera.plate_state import PlateState
 from lensfit.workflow.frame.plate_in_depth import PlateInDepth, plate_in_depth
 from lensfit.workflow.frame.plate_lens import PlateLens

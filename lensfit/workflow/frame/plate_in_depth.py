@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.render.layer_stack import Mattes
+from lensfit.rendering.layer_stack import Mattes
 from lensfit.workflow.camera.plate_state import PlateState
 from lensfit.workflow.camera.scaled_look import UNSCALED
 from lensfit.workflow.frame.plate_lens import PlateLens

@@ -22,11 +22,11 @@ from lensfit.lens import Lens
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
 from lensfit.preset.schema import Preset
-from lensfit.render.circle import Circle
-from lensfit.render.frame import window_with_margin
-from lensfit.render.look.stack import light_spreads, look_of
-from lensfit.render.stages import Stages, prepare_stages
-from lensfit.render.uv import PlateGeometry
+from lensfit.rendering.circle import Circle
+from lensfit.rendering.frame import window_with_margin
+from lensfit.rendering.look.stack import light_spreads, look_of
+from lensfit.rendering.stages import Stages, prepare_stages
+from lensfit.rendering.uv import PlateGeometry
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.known import Known
 from lensfit.workflow.camera.plate_camera import PlateCamera

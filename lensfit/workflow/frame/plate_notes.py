@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.coords import Window
-from lensfit.render.stages import Stages
+from lensfit.rendering.stages import Stages
 from lensfit.workflow.notes import FrameNote
 
 _SEEN_PART = 1e-4

@@ -25,12 +25,12 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.exr_layers import with_channels
 from lensfit.lens import Lens
-from lensfit.render.falloff import apply_gain, illumination_gain
-from lensfit.render.filters import Filter
-from lensfit.render.overscan import window_of_percent
-from lensfit.render.stages import CHANNELS, Budget, lateral_colour_px
-from lensfit.render.uv import Channel, PlateGeometry, SourceMap, source_map
-from lensfit.render.warp import warp
+from lensfit.rendering.falloff import apply_gain, illumination_gain
+from lensfit.rendering.filters import Filter
+from lensfit.rendering.overscan import window_of_percent
+from lensfit.rendering.stages import CHANNELS, Budget, lateral_colour_px
+from lensfit.rendering.uv import Channel, PlateGeometry, SourceMap, source_map
+from lensfit.rendering.warp import warp
 from lensfit.workflow.camera.plate_state import PlateState
 from lensfit.workflow.frame.flat_plate import layers_to_render, stacked_channels
 from lensfit.workflow.frame.plate_lens import PlateLens

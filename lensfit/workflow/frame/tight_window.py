@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float32, Num
 
 from lensfit.coords import Window
-from lensfit.render.filters import Filter, first_tap
-from lensfit.render.layer_stack import LayerStack, Mattes
-from lensfit.render.stages import Stages
+from lensfit.rendering.filters import Filter, first_tap
+from lensfit.rendering.layer_stack import LayerStack, Mattes
+from lensfit.rendering.stages import Stages
 
 _FAR_PX = 1 << 30
 _UNSEEN = 1e-3

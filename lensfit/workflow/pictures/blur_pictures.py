@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.atomic import write_bytes_atomic
-from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.workflow.pictures.grey_tiles import png, sheet_of
 
 ENLARGED = 4

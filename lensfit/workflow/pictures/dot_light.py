@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from lensfit.fit.wavefront.portray import RINGS, Landings
+from lensfit.fitting.wavefront.portray import RINGS, Landings
 from lensfit.workflow.pictures.chart_shapes import discs
 
 _FINE_RINGS, _BETWEEN = 12, 3

@@ -16,7 +16,7 @@ from lensfit.atomic import write_bytes_atomic
 from lensfit.batches import in_batches
 from lensfit.coords import mm_from_px
 from lensfit.errors import LensfitError, OutputError
-from lensfit.fit.lens_states import Fitted
+from lensfit.fitting.lens_states import Fitted
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.workflow.calibration.observe import Observed

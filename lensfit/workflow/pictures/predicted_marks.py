@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fit.fall_off.brightness import area_stretch
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.lens_states import Fitted
-from lensfit.fit.take import Take
-from lensfit.fit.wavefront.dots import hole_variance_mm2
-from lensfit.fit.wavefront.fit import WavefrontFit
-from lensfit.fit.wavefront.portray import Landings, portrayed
+from lensfit.fitting.fall_off.brightness import area_stretch
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.lens_states import Fitted
+from lensfit.fitting.take import Take
+from lensfit.fitting.wavefront.dots import hole_variance_mm2
+from lensfit.fitting.wavefront.fit import WavefrontFit
+from lensfit.fitting.wavefront.portray import Landings, portrayed
 from lensfit.workflow.pictures.dot_light import DotLight
 
 

@@ -23,9 +23,9 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 
 from lensfit.io.cryptomatte import Ranks, coverage_of
-from lensfit.render.around import around
-from lensfit.render.layer_stack import LayerStack, Mattes
-from lensfit.render.nearest import nearest_pixels
+from lensfit.rendering.around import around
+from lensfit.rendering.layer_stack import LayerStack, Mattes
+from lensfit.rendering.nearest import nearest_pixels
 from lensfit.workflow.plate.own_pixels import LEAST_COVER, NOBODY, own_pixels
 from lensfit.workflow.plate.rest_of_plate import RANKS, rest_of_plate
 

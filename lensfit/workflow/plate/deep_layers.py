@@ -13,7 +13,7 @@ from jaxtyping import Float32, Int
 from lensfit.errors import ImageError
 from lensfit.io.depth import DepthMeaning, perpendicular_mm
 from lensfit.io.exr_deep import DeepPart
-from lensfit.render.layer_stack import LayerStack
+from lensfit.rendering.layer_stack import LayerStack
 
 Samples = tuple[
     Float32[np.ndarray, " samples"],

@@ -27,7 +27,7 @@ from lensfit.io.depth import (
     without_nan,
 )
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.render.uv import PlateGeometry
+from lensfit.rendering.uv import PlateGeometry
 from lensfit.units import MILLIMETRES_PER_METRE
 from lensfit.workflow.plate.header import header_entries
 

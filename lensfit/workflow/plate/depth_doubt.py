@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.io.depth import UNITS_MM
-from lensfit.render.circle import Circle
+from lensfit.rendering.circle import Circle
 
 _LEAST_PX = 0.5
 _PART_OF_WIDTH = 2e-3

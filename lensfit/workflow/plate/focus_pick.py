@@ -25,7 +25,7 @@ from lensfit.io.exr_deep import DeepPart, is_deep, read_deep
 from lensfit.workflow.plate.depth import DepthOptions, depth_meaning
 
 if TYPE_CHECKING:
-    from lensfit.render.uv import PlateGeometry
+    from lensfit.rendering.uv import PlateGeometry
 
 FOCUS_AT = "--focus-at"
 _REMEDY = "give --focus-at another pixel or region, or --focus-distance-mm"

@@ -17,7 +17,7 @@ from lensfit.io.cryptomatte import (
 )
 from lensfit.io.depth import over_window
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.render.layer_stack import Mattes
+from lensfit.rendering.layer_stack import Mattes
 from lensfit.workflow.plate.cut_out import CutOut, cut_out
 from lensfit.workflow.plate.rest_of_plate import RANKS
 

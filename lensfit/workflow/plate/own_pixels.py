@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Int
 
-from lensfit.render.nearest import nearest_pixels
+from lensfit.rendering.nearest import nearest_pixels
 
 LEAST_COVER = 1e-3
 NOBODY = -1

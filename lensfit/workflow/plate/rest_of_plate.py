@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt32
 
 from lensfit.io.cryptomatte import Ranks
-from lensfit.render.nearest import nearest_pixels
+from lensfit.rendering.nearest import nearest_pixels
 
 RANKS = 2
 """Objects of a pixel that the renderer tells apart."""

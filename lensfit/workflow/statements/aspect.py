@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from lensfit.detect.lattice_map import lattice_map
-from lensfit.fit.take import Take
+from lensfit.fitting.take import Take
 from lensfit.workflow.report.evidence import joined
 from lensfit.workflow.statements.contradiction import Contradiction
 

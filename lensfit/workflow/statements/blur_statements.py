@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lensfit.fit.take import Take
+from lensfit.fitting.take import Take
 from lensfit.units import dioptres_from_mm
 from lensfit.workflow.statements.contradiction import Contradiction
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from lensfit.fit.breathing import breathing_notes
-from lensfit.fit.lens_states import Fitted
-from lensfit.fit.take import Take
-from lensfit.fit.wavefront.fit import WavefrontFit
+from lensfit.fitting.breathing import breathing_notes
+from lensfit.fitting.lens_states import Fitted
+from lensfit.fitting.take import Take
+from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.preset.verdict import LEVELS
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.records import Shoot

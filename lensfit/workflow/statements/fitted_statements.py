@@ -1,7 +1,7 @@
 """Statements that the fit itself contradicts: priors whose residuals are large.
 
-Pitch, distance and focal length enter the fit as priors (`lensfit.fit.statements`). A
-residual beyond three widths contradicts the photographs and what else was stated. A
+Pitch, distance and focal length enter the fit as priors (`lensfit.fitting.statements`).
+A residual beyond three widths contradicts the photographs and what else was stated. A
 distance that several views of one target state was measured once, so it is their mean
 that counts; of one view among them twice as much is needed, as the centroids of blurred
 dots scatter by more than noise.
@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from lensfit.fit.lens_state import LensState
-from lensfit.fit.statements import CONTRADICTION, Statement
+from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.statements import CONTRADICTION, Statement
 from lensfit.workflow.statements.contradiction import Contradiction
 
 _ONE_OF_SEVERAL = 2 * CONTRADICTION

@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 
 from lensfit.detect.observations import POINT
 from lensfit.errors import FitError
-from lensfit.fit.start import pose_from_homography
-from lensfit.fit.take import Take
+from lensfit.fitting.start import pose_from_homography
+from lensfit.fitting.take import Take
 
 FOCAL_LENGTH_SD, BREATHING_SD, PITCH_SD = 0.03, 0.03, 0.002
 DISTANCE_SD_MM, DISTANCE_SD = 10.0, 0.005

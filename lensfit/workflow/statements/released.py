@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from lensfit.fit.take import Take
+from lensfit.fitting.take import Take
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.joint_model import (
     RELEASED_SD,

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lensfit.fit.take import Take
+from lensfit.fitting.take import Take
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.statements.contradiction import Contradiction
 

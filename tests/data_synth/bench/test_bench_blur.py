@@ -8,7 +8,7 @@ import pytest
 from data_synth.bench import blur
 from data_synth.bench.blur import bench_blur
 from lensfit.errors import LensfitError
-from lensfit.fit.wavefront.effort import Effort
+from lensfit.fitting.wavefront.effort import Effort
 
 
 @pytest.fixture

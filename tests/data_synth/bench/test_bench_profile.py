@@ -22,7 +22,7 @@ from data_synth.commands.bench.profiles import profile_tables
 from lensfit.cli._console import console
 from lensfit.errors import LensfitError
 from lensfit.preset.thin_lens import ThinCamera
-from lensfit.render.disc import disc_kernel
+from lensfit.rendering.disc import disc_kernel
 
 
 def test_a_profile_sums_to_the_time_and_names_the_file_at_work():
@@ -34,7 +34,7 @@ def test_a_profile_sums_to_the_time_and_names_the_file_at_work():
 
     (said, spent), seconds = sampled(work)
     assert said == "done"
-    assert next(iter(seconds)) == "render/disc"
+    assert next(iter(seconds)) == "rendering/disc"
     assert sum(seconds.values()) == pytest.approx(spent, rel=0.2)
 
 
@@ -113,7 +113,7 @@ def test_marks_are_compared_one_by_one(tmp_path):
 def test_tables_show_stages_and_distance():
     floor = Floor("copy", 2e9, "bytes", 1e9, 6.0).as_table() | {"set": "HD"}
     result = {
-        "profiles": {"a": {"render/warp": 9.0, "render/disc": 0.01}},
+        "profiles": {"a": {"rendering/warp": 9.0, "rendering/disc": 0.01}},
         "floors": [floor],
     }
     screen = console()
@@ -121,8 +121,8 @@ def test_tables_show_stages_and_distance():
         for table in profile_tables(result):
             screen.print(table)
     text = printed.get()
-    assert "render/warp" in text
-    assert "render/disc" not in text
+    assert "rendering/warp" in text
+    assert "rendering/disc" not in text
     assert "2e+09 bytes" in text
     assert profile_tables({"rows": []}) == []
 

@@ -17,8 +17,8 @@ from exchange_presets import SENSOR_MM, SIZE_PX, make_entry, make_preset
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
-from lensfit.fit.exchange.ray_series import fit_ray_series
-from lensfit.fit.exchange.samples import ExchangeFrame
+from lensfit.fitting.exchange.ray_series import fit_ray_series
+from lensfit.fitting.exchange.samples import ExchangeFrame
 from lensfit.preset.exchange.cycles_osl import cycles_osl_text
 from lensfit.preset.store import load_preset, save_preset
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lensfit.errors import ExchangeError
-from lensfit.fit.exchange.samples import Residual
+from lensfit.fitting.exchange.samples import Residual
 from lensfit.preset.exchange.foreign import ForeignLens, ForeignState
 from lensfit.workflow.exchange.import_judgement import refuse_failed_fit
 from lensfit.workflow.exchange.imports import Imported, preset_of_foreign

@@ -10,7 +10,7 @@ from exchange_presets import SENSOR_MM, SIZE_PX, make_entry, make_lopsided, make
 from lensfit.batches import in_batches
 from lensfit.coords import mm_from_px
 from lensfit.errors import ExchangeError, LensfitError
-from lensfit.fit.exchange.samples import ExchangeFrame
+from lensfit.fitting.exchange.samples import ExchangeFrame
 from lensfit.preset.exchange.foreign import Stated
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset, save_preset

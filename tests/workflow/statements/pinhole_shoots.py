@@ -11,7 +11,7 @@ import numpy as np
 from found_marks import found_marks
 from scipy.spatial.transform import Rotation
 
-from lensfit.fit.take import Take
+from lensfit.fitting.take import Take
 
 SIZE_PX = (1200, 900)
 FOCUS_STATES = (1.0, 0.72, 1.65)

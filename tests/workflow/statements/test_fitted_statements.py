@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from lensfit.fit.statements import Statement
+from lensfit.fitting.statements import Statement
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.fitted_statements import contradicted_by_fit
 

@@ -26,7 +26,7 @@ from lensfit.cli import main
 from lensfit.io.exr import ExrImage, read_exr, write_exr
 from lensfit.io.transfer import encode
 from lensfit.preset.store import load_preset
-from lensfit.workflow.apply import apply_preset
+from lensfit.workflow.apply import apply
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.camera.sources import StateOverrides
 from lensfit.workflow.view.turned import Started, Turned, command_line
@@ -41,7 +41,7 @@ def applied(plate: Path, out: Path) -> Path:
         overrides=StateOverrides(f_number=4.0, focus_distance_mm=1600.0),
         knobs={"blades": 6},
     )
-    made = apply_preset(thin_lens(), plate, out, options=options)
+    made = apply(thin_lens(), plate, out, options=options)
     assert made.failures == []
     return made.written[0]
 
@@ -107,7 +107,7 @@ def test_the_pixels_of_a_fitted_lens_are_those_of_apply_to_the_bit(tmp_path: Pat
     knobs = {"coma_gain": 2.0}
     width = {"sensor_width_mm": preset.camera.sensor_width_mm}
     options = ApplyOptions(overrides=StateOverrides(**stated, **width), knobs=knobs)
-    made = apply_preset(preset, plate, tmp_path / "out", options=options)
+    made = apply(preset, plate, tmp_path / "out", options=options)
     assert made.failures == []
     opened = ApplyOptions(overrides=StateOverrides(**width))
     viewed = ViewedPlate(preset, str(plate), opened)
@@ -177,7 +177,7 @@ def test_saved_to_the_shot_apply_makes_the_same_frame(client, plate, tmp_path: P
         "# the shot\n[camera]\nfocus_distance_mm = 1600\nf_number = 4  # a guess\n"
         "\n[knobs]\nblades = 6\n"
     )
-    made = apply_preset(thin_lens(), plate, tmp_path / "out")
+    made = apply(thin_lens(), plate, tmp_path / "out")
     assert made.failures == []
     other = tmp_path / "elsewhere"
     other.mkdir()

@@ -1,0 +1,275 @@
+"""Fit a model with given terms, robustly: solve, weigh, solve again.
+
+What the model leaves besides detection noise is estimated for every photograph from
+the median residual and added to the noise, so that weights stay fair while the model
+is still coarse. Marks far off their prediction lose weight (Cauchy), and the few that
+stay beyond reach are not used at all.
+"""
+
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike, Bool, Float
+
+from lensfit.fitting import normal, solve
+from lensfit.fitting.bias import centroid_shift_mm
+from lensfit.fitting.chunks import Marks
+from lensfit.fitting.geometry import Frame
+from lensfit.fitting.normal import Equations
+from lensfit.fitting.parameters import Layout, Prior
+from lensfit.fitting.statements import Statements
+from lensfit.fitting.views import Stack, noise_mm2, whitening_of
+from lensfit.programs import kept_program
+
+CAUCHY_SCALE = 3.0
+REJECT_BEYOND = 7.0
+TOLERANCE = 1e-3
+LITTLE_DAMPING = 1e-7
+VALLEY_DAMPING = 1e-5
+"""Where terms that nearly span each other are free together."""
+_MOST_STEPS = 12
+_MEDIAN_OF_CHI2 = {1: 0.6745, 2: 1.1774}
+"""Median length of a whitened residual of one and of two dimensions."""
+
+
+_predictions_mm = kept_program(static_argnames=("layout",))(normal.predictions_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class Adjustment:
+    """A fitted model and how the marks were weighed.
+
+    Attributes
+    ----------
+    parameters : All of them.
+    layout, frame, prior : What they mean, and which were free.
+    statements : What was stated of the lens and the boards; None for nothing.
+    stack : The photographs.
+    shift_mm : Predicted centroid minus image of the centre, for every mark.
+    model_variance_mm2 : What the model leaves, per photograph.
+    weight : Of every mark, 0 to 1.
+    converged : Whether the last solve met its tolerance.
+    steps : Passes over the marks in all solves.
+    """
+
+    parameters: Float[np.ndarray, " parameters"]
+    layout: Layout
+    frame: Frame
+    prior: Prior
+    stack: Stack
+    radius_mm: Float[np.ndarray, " views"]
+    shift_mm: Float[np.ndarray, "views marks 2"]
+    model_variance_mm2: Float[np.ndarray, " views"]
+    weight: Float[np.ndarray, "views marks"]
+    statements: Statements | None = None
+    converged: bool = False
+    steps: int = 0
+
+    @property
+    def used(self) -> Bool[np.ndarray, "views marks"]:
+        """Marks that take part."""
+        return self.stack.present & (self.weight > 0)
+
+    def filled_up(
+        self, values: Float[ArrayLike, " parameters"]
+    ) -> Float[np.ndarray, " room"]:
+        """Values of all parameters, and zeros for the places of `stack.filled_view`."""
+        room = self.layout.size(len(self.stack.filled_view.aperture))
+        known = np.asarray(values)
+        return np.concatenate([known, np.zeros(room - len(known))])
+
+    def marks(
+        self,
+        weight: Float[np.ndarray, "views marks"] | None = None,
+        chunks: int | None = None,
+    ) -> Marks:
+        """The marks in chunks, weighed (by default all, with the current weights)."""
+        weight = self.weight if weight is None else weight
+        whitening = whitening_of(self.stack, self.model_variance_mm2)
+        whitening = whitening * np.sqrt(weight)[..., None, None]
+        deal = self.stack.chunking
+        return Marks(
+            view=jnp.asarray(deal.view),
+            chunks=jnp.asarray(deal.count if chunks is None else chunks),
+            board=jnp.asarray(deal.cut(self.stack.board)),
+            observed_mm=jnp.asarray(deal.cut(self.stack.observed_mm - self.shift_mm)),
+            whitening=jnp.asarray(deal.cut(whitening) * deal.real[..., None, None]),
+        )
+
+    def predicted_mm(
+        self, board: Float[np.ndarray, "views marks 2"]
+    ) -> Float[np.ndarray, "views marks 2"]:
+        """Where points on the boards should be seen; zero for padding."""
+        deal = self.stack.chunking
+        predicted = _predictions_mm(
+            self.filled_up(self.parameters),
+            self.stack.filled_view,
+            deal.view,
+            deal.cut(board),
+            self.layout,
+            self.frame,
+        )
+        return deal.joined(np.asarray(predicted), board)
+
+    def residual_mm(self) -> Float[np.ndarray, "views marks 2"]:
+        """Predicted minus observed; of a line sample, across the line."""
+        stack = self.stack
+        seen = stack.observed_mm - self.shift_mm
+        residual = self.predicted_mm(stack.board) - seen
+        n = stack.normal
+        across = np.sum(np.nan_to_num(n) * residual, -1, keepdims=True) * n
+        residual = np.where(np.isfinite(n), across, residual)
+        return np.where(stack.present[..., None], residual, 0.0)
+
+
+def problem_of(
+    adjustment: Adjustment,
+    weight: Float[np.ndarray, "views marks"] | None = None,
+    chunks: int | None = None,
+) -> solve.Problem:
+    """The least-squares problem of all marks at the current weights, or of some."""
+    prior = adjustment.prior
+    deviation = np.where(prior.free, prior.standard_deviation, 1.0)
+    return solve.Problem(
+        views=adjustment.stack.view,
+        marks=adjustment.marks(weight, chunks),
+        frame=adjustment.frame,
+        prior_mean=jnp.asarray(prior.mean),
+        prior_precision=jnp.asarray(np.where(prior.free, deviation**-2.0, 0.0)),
+        free=jnp.asarray(prior.free.astype(float)),
+        stated=stated_equations(adjustment),
+    )
+
+
+def stated_equations(adjustment: Adjustment) -> solve.Stated:
+    """Of the statements; zeros where nothing is stated."""
+    statements, size = adjustment.statements, len(adjustment.parameters)
+    if statements is None:
+        return solve.Stated(*map(jnp.zeros, ((size, size), size, ())))
+    found = statements.matrix, statements.vector, statements.constant
+    return solve.Stated(*map(jnp.asarray, found))
+
+
+def adjust(
+    adjustment: Adjustment,
+    rounds: int = 2,
+    chunks: int | None = None,
+    damping: float = LITTLE_DAMPING,
+) -> Adjustment:
+    """Solve, weigh the marks anew, and repeat; `chunks` looks at some marks only."""
+    for _ in range(rounds):
+        problem = problem_of(adjustment, chunks=chunks)
+        adjustment = weigh(solved(adjustment, problem, damping=damping))
+    return with_centroid_shift(adjustment)
+
+
+def solved(
+    adjustment: Adjustment,
+    problem: solve.Problem,
+    most_steps: int = _MOST_STEPS,
+    damping: float = LITTLE_DAMPING,
+) -> Adjustment:
+    """The adjustment at the solution of a problem."""
+    found = _solve(adjustment, problem, most_steps, damping)
+    return replace(
+        adjustment,
+        parameters=np.asarray(found.parameters)[: len(adjustment.parameters)],
+        converged=bool(found.converged),
+        steps=adjustment.steps + int(found.steps),
+    )
+
+
+def equations_at(adjustment: Adjustment) -> Equations:
+    """The equations of both halves of the marks at the present parameters."""
+    found = _solve(adjustment, problem_of(adjustment), 1, LITTLE_DAMPING).equations
+    n = len(adjustment.parameters)
+    return Equations(
+        jnp.asarray(np.asarray(found.matrix)[:, :n, :n]),
+        jnp.asarray(np.asarray(found.gradient)[:, :n]),
+        found.chi_squared,
+    )
+
+
+def _solve(
+    adjustment: Adjustment, problem: solve.Problem, most_steps: int, damping: float
+) -> solve.Solution:
+    """The solution, of the parameters as `Adjustment.filled_up` has them."""
+    filled_up = adjustment.filled_up
+    roomy = problem._replace(
+        views=adjustment.stack.filled_view,
+        prior_mean=jnp.asarray(filled_up(problem.prior_mean)),
+        prior_precision=jnp.asarray(filled_up(problem.prior_precision)),
+        free=jnp.asarray(filled_up(problem.free)),
+        stated=_filled_up(problem.stated, adjustment),
+    )
+    start = jnp.asarray(filled_up(adjustment.parameters))
+    layout = adjustment.layout
+    return solve.solve(start, roomy, layout, TOLERANCE, most_steps, damping)
+
+
+def _filled_up(stated: solve.Stated, adjustment: Adjustment) -> solve.Stated:
+    """The same with zeros for the places of `stack.filled_view`."""
+    vector = adjustment.filled_up(stated.vector)
+    matrix = jnp.pad(stated.matrix, (0, len(vector) - stated.vector.size))
+    return solve.Stated(matrix, jnp.asarray(vector), stated.constant)
+
+
+def with_centroid_shift(adjustment: Adjustment) -> Adjustment:
+    """The same with the shift of every dot's centroid predicted anew."""
+    deal, views = adjustment.stack.chunking, adjustment.stack.filled_view
+    shift = centroid_shift_mm(
+        adjustment.filled_up(adjustment.parameters),
+        views,
+        deal.view,
+        deal.cut(adjustment.stack.board),
+        np.resize(adjustment.radius_mm, len(views.aperture)),
+        adjustment.layout,
+        adjustment.frame,
+    )
+    joined = deal.joined(np.asarray(shift), adjustment.shift_mm)
+    return replace(adjustment, shift_mm=joined)
+
+
+def weigh(adjustment: Adjustment) -> Adjustment:
+    """Model variance and robust weights at the current parameters, also of what is
+    stated."""
+    residual = adjustment.residual_mm()
+    variance = model_variance_mm2(adjustment.stack, residual)
+    whitening = whitening_of(adjustment.stack, variance)
+    whitened = np.einsum("vmij,vmj->vmi", whitening, residual)
+    distance = np.linalg.norm(whitened, axis=-1)
+    weight = 1 / (1 + (distance / CAUCHY_SCALE) ** 2)
+    weight = np.where(distance > REJECT_BEYOND, 0.0, weight)
+    weight = np.where(adjustment.stack.present, weight, 0.0)
+    stated = adjustment.statements
+    if stated is not None:
+        stated = stated.reweighted(adjustment.parameters)
+    return replace(
+        adjustment, model_variance_mm2=variance, weight=weight, statements=stated
+    )
+
+
+def model_variance_mm2(
+    stack: Stack, residual_mm: Float[np.ndarray, "views marks 2"]
+) -> Float[np.ndarray, " views"]:
+    """Per photograph: squared robust residual beyond what detection noise explains."""
+    length = np.linalg.norm(residual_mm, axis=-1)
+    noise = noise_mm2(stack)
+    variance = np.zeros(len(length))
+    for k in range(len(length)):
+        here = stack.present[k]
+        dimensions = 1 if np.isfinite(stack.normal[k][here]).any() else 2
+        scale = np.median(length[k][here]) / _MEDIAN_OF_CHI2[dimensions]
+        floor = (2e-3 * stack.mm_per_px[k]) ** 2
+        variance[k] = max(scale**2 - np.median(noise[k][here]), floor)
+    return variance
+
+
+def fitted_depths_mm(adjustment: Adjustment) -> Float[np.ndarray, " views"]:
+    """From the entrance pupil to the middle of every board, along the axis."""
+    layout = adjustment.layout
+    local = adjustment.parameters[layout.shared :].reshape(-1, layout.local)
+    nearer = local[:, layout.local_blocks["pose"]][:, 5]
+    start_mm = np.asarray(adjustment.stack.view.translation_mm)[: len(local), 2]
+    return start_mm * (1 + nearer)

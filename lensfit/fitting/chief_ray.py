@@ -1,0 +1,211 @@
+"""The geometric fit of one lens state: poses, focal length, distortion, board errors.
+
+Four stages, each starting from the one before:
+
+1. a compact model (pose, three radial terms; focal length if the views tilt) from
+   homographies, on the base projection that suits the marks best;
+2. the named terms the photographs ask for, chosen by evidence (`select`), twice;
+3. the free field, chosen on top of named terms that are held where they are, since it
+   spans them; then a few damped steps with everything free, along the curved valley
+   that this leaves;
+4. half of every photograph's marks predicting the other half, three times.
+"""
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from lensfit.errors import FitError
+from lensfit.fitting.adjust import Adjustment, adjust
+from lensfit.fitting.evidence import with_evidence
+from lensfit.fitting.held_out import held_out_error_px, squared_px
+from lensfit.fitting.out_of_centre import WORKSHOP, OutOfCentre
+from lensfit.fitting.parameters import PINHOLE, Layout, stated_blocks
+from lensfit.fitting.priors import (
+    fixed_prior,
+    loose_deviation,
+    release,
+    with_poses_free,
+)
+from lensfit.fitting.select import Verdict
+from lensfit.fitting.stage import Start, start_of
+from lensfit.fitting.stated_facts import Facts
+from lensfit.fitting.stated_scale import at_fitted_scale
+from lensfit.fitting.statements import Statement
+from lensfit.fitting.take import Take
+from lensfit.fitting.usual_lens import KnownPerspective
+from lensfit.optics.base import BASE_PROJECTIONS, BaseProjection
+from lensfit.progress import Progress, silent
+
+COMPACT_RADIAL_TERMS = 3
+_ODD_SQUEEZE = 1.05
+"""No spherical lens, and no photosite, differs as much between its axes."""
+_WIDE_RADIANS = 0.85
+_SAMPLE_PER_VIEW = 512
+
+
+@dataclass(frozen=True, eq=False)
+class ChiefRayFit:
+    """A fitted lens state, before colour and fall-off.
+
+    Attributes
+    ----------
+    takes : What was fitted, in the order of the arrays.
+    adjustment : The fit.
+    kept : Names of the blocks that are free.
+    verdicts : What came of every term that was tried.
+    focal_length_free : Whether the photographs determine the focal length.
+    held_out_rms_px : Mean over seeds, per take, and for all.
+    facts : What was stated.
+    """
+
+    takes: tuple[Take, ...]
+    adjustment: Adjustment
+    kept: tuple[str, ...]
+    verdicts: tuple[Verdict, ...]
+    focal_length_free: bool
+    held_out_rms_px: float
+    held_out_rms_px_of_take: tuple[float, ...]
+    notes: tuple[str, ...]
+    seconds: dict[str, float]
+    facts: Facts
+
+    @property
+    def tells_out_of_centre(self) -> bool:
+        """Whether these views say what elements out of centre do."""
+        return self.focal_length_free and WORKSHOP.keys() <= set(self.kept)
+
+    @property
+    def statements(self) -> tuple[Statement, ...]:
+        """Every number that was stated of this state, and what was fitted."""
+        stated = self.adjustment.statements
+        return () if stated is None else stated.table(self.adjustment.parameters)
+
+
+# Matrices of a few hundred rows gain nothing from several BLAS threads, which spin
+# while they wait: on a busy machine a fit took ten times longer.
+@threadpool_limits.wrap(limits=1, user_api="blas")
+def fit_chief_ray(
+    takes: list[Take],
+    progress: Progress = silent,
+    *,
+    shown: list[Take] | None = None,
+    base: BaseProjection | None = None,
+    perspective: KnownPerspective | None = None,
+    told: OutOfCentre | None = None,
+) -> ChiefRayFit:
+    """Fit one lens state (one focal length and focus) to its takes.
+
+    `shown` are the takes of all states of the lens: the box of the free field covers
+    them, so that states can be interpolated. `base` is the ideal projection to start
+    from; by default the one that suits the marks best. `perspective` is that which
+    another state told; by default that of usual lenses. `told` is what tilted
+    views at another focus say of elements out of centre.
+
+    Raises
+    ------
+    FitError : The marks do not determine a lens, or contradict what was stated.
+    """
+    clock = time.perf_counter
+    began = clock()
+    require_marks(takes)
+    start = start_of(takes, shown or takes, perspective)
+    compact = at_fitted_scale(_compact(start, base))
+    progress("fit", 1, 5)
+    after_compact = clock()
+    fitted, kept, verdicts = with_evidence(start, compact, progress, told)
+    after_selection = clock()
+    held_out, per_take = held_out_error_px(fitted)
+    progress("fit", 5, 5)
+    return ChiefRayFit(
+        takes=tuple(takes),
+        adjustment=fitted,
+        kept=kept,
+        verdicts=tuple(verdicts),
+        focal_length_free=start.focal_length_free,
+        held_out_rms_px=held_out,
+        held_out_rms_px_of_take=per_take,
+        notes=start.notes + _told(fitted),
+        seconds={
+            "fit_compact": after_compact - began,
+            "fit_select": after_selection - after_compact,
+            "fit_held_out": clock() - after_selection,
+        },
+        facts=start.facts,
+    )
+
+
+def _told(fitted: Adjustment) -> tuple[str, ...]:
+    """What the user should know of how the fit ended."""
+    notes = []
+    if not fitted.converged:
+        notes.append(
+            "the fit ended at its step limit: some terms are hardly determined, "
+            "see their standard deviations"
+        )
+    squeezed = fitted.parameters[fitted.layout.blocks["squeeze"]]
+    ratio = float(np.exp(np.hypot(*squeezed)))
+    if ratio > _ODD_SQUEEZE:
+        notes.append(
+            f"one axis of the picture is {100 * (ratio - 1):.0f} % longer than stated: "
+            "check pitch_mm (square marks have one pitch) and anamorphic_squeeze"
+        )
+    return tuple(notes)
+
+
+def _compact(start: Start, base: BaseProjection | None) -> Adjustment:
+    """Stage 1, on the given base projection or the one that leaves least."""
+    bases = BASE_PROJECTIONS[: 2 if start.half_angle_rad > _WIDE_RADIANS else 1]
+    bases = bases if base is None else (base,)
+    best = None
+    for base in bases:
+        fitted = _compact_on(start, replace(start.layout, base=base))
+        squared = squared_px(fitted)
+        score = float(np.median(squared[fitted.stack.present]))
+        if best is None or score < 0.95 * best[0]:
+            best = (score, fitted)
+    assert best is not None
+    return best[1]
+
+
+def _compact_on(start: Start, layout: Layout) -> Adjustment:
+    """A sample of the marks is enough to come near."""
+    chunks = start.stack.chunking.sample(_SAMPLE_PER_VIEW)
+    prior = with_poses_free(fixed_prior(start.parameters(layout)), layout)
+    first = layout.blocks["radial"].start
+    prior = release(prior, slice(first, first + COMPACT_RADIAL_TERMS), 0.3)
+    for name in stated_blocks(start.walk_free):
+        prior = release(prior, layout.blocks[name], loose_deviation(layout, name))
+    adjustment = start.adjustment(layout, prior)
+    adjustment = adjust(adjustment, rounds=2, chunks=chunks)
+    blocks = ["aperture_shift"]
+    if start.focal_length_free:
+        blocks += PINHOLE
+    for name in blocks:
+        prior = release(prior, layout.blocks[name], loose_deviation(layout, name))
+    return adjust(replace(adjustment, prior=prior), rounds=2, chunks=chunks)
+
+
+def require_marks(takes: list[Take], fewest: int = 12) -> None:
+    """Refuse takes with too few marks to fix a pose, or marks that are nowhere.
+
+    Raises
+    ------
+    FitError : Naming the take.
+    """
+    for take in takes:
+        nowhere = ~np.isfinite(take.observations.points_px).all(-1)
+        if nowhere.any():
+            raise FitError(
+                f"{nowhere.sum()} marks have a position that is no number",
+                where=take.name,
+                remedy="leave these marks out",
+            )
+        if len(take.observations) < fewest:
+            raise FitError(
+                f"only {len(take.observations)} marks, {fewest} are needed",
+                where=take.name,
+                remedy="photograph more of the target",
+            )

@@ -1,0 +1,122 @@
+"""Marks seen in one channel and in green: what lateral colour is measured with.
+
+Wide apertures add the colour of coma to a centroid. Of centroids those at the smallest
+aperture with enough marks are used, where it is least. Marks at chief rays
+(`wavefront.place`) are used at every aperture: what was taken off them carries errors
+of the wavefront, which move marks of all apertures and focus states together.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from lensfit.coords import mm_from_px
+from lensfit.detect.observations import POINT, Observations
+from lensfit.fitting.take import Take
+from lensfit.fitting.views import variance_of
+
+FEWEST_MARKS = 40
+
+LeftOut = Callable[[Observations], Bool[np.ndarray, " marks"]]
+"""Which marks a fit does without."""
+
+
+def touched_or_clipped(o: Observations) -> Bool[np.ndarray, " marks"]:
+    """What overlaps a neighbour or reached the end of the scale."""
+    return o.overlapping | o.saturated
+
+
+def touched(o: Observations) -> Bool[np.ndarray, " marks"]:
+    """What overlaps a neighbour."""
+    return o.overlapping
+
+
+class ColouredMarks(NamedTuple):
+    """Marks seen in one channel and in green.
+
+    Attributes
+    ----------
+    place_mm : From the principal point.
+    moved_mm : From where green is.
+    normal : Of lines; NaN for points.
+    variance_mm2 : Of the displacement; of a line, along its normal.
+    pixel_mm : Width of a pixel.
+    shared_mm : How displacements move together.
+    take : Which photograph each mark is on.
+    """
+
+    place_mm: Float[np.ndarray, "marks 2"]
+    moved_mm: Float[np.ndarray, "marks 2"]
+    normal: Float[np.ndarray, "marks 2"]
+    variance_mm2: Float[np.ndarray, " marks"]
+    pixel_mm: Float[np.ndarray, " marks"]
+    shared_mm: Float[np.ndarray, "marks moves 2"]
+    take: Int[np.ndarray, " marks"]
+
+
+def chosen(takes: tuple[Take, ...], left_out: LeftOut) -> list[Take]:
+    """The takes at the smallest aperture that has enough marks in colour, and all that
+    have marks at chief rays."""
+    coloured = [t for t in takes if np.isfinite(t.observations.channel_points_px).any()]
+    least = _at_smallest_aperture(coloured, left_out)
+    return [t for t in coloured if t.chief_rays or any(t is one for one in least)]
+
+
+def _at_smallest_aperture(coloured: list[Take], left_out: LeftOut) -> list[Take]:
+    for number in sorted({t.f_number or 0.0 for t in coloured}, reverse=True):
+        takes_there = [t for t in coloured if (t.f_number or 0.0) == number]
+        if sum(_usable(t.observations, left_out) for t in takes_there) >= FEWEST_MARKS:
+            return takes_there
+    return coloured
+
+
+def _usable(o: Observations, left_out: LeftOut) -> int:
+    """How many marks are seen in all three channels."""
+    seen = np.isfinite(o.channel_points_px).all((0, 2))
+    return int((seen & ~left_out(o)).sum())
+
+
+def marks_of(
+    take: Take, index: int, left_out: LeftOut, centre_mm: Float[np.ndarray, "2"]
+) -> ColouredMarks:
+    """Of the channel `index` in one take."""
+    o = take.observations
+    places = o.channel_points_px
+    keep = np.isfinite(places[index]).all(-1) & np.isfinite(places[1]).all(-1)
+    keep &= ~left_out(o)
+    mm_per_px = take.sensor_size_mm[0] / o.image_size_px[0]
+    moved = (places[index] - places[1])[keep] * mm_per_px
+    covariance = (o.channel_covariance_px2[index] + o.channel_covariance_px2[1])[keep]
+    normal = np.where((o.family != POINT)[:, None], o.normal, np.nan)[keep]
+    green = mm_from_px(places[1][keep], o.image_size_px, take.sensor_size_mm)
+    shared = np.zeros((len(moved), 0, 2))
+    if take.shared_moves_mm is not None:
+        by_channel = take.shared_moves_mm[:, :, keep]
+        shared = (by_channel[:, index] - by_channel[:, 1]).swapaxes(0, 1)
+    return ColouredMarks(
+        place_mm=green - centre_mm,
+        moved_mm=moved,
+        normal=normal,
+        variance_mm2=variance_of(covariance, normal) * mm_per_px**2,
+        pixel_mm=np.full(len(moved), mm_per_px),
+        shared_mm=shared,
+        take=np.zeros(len(moved), int),
+    )
+
+
+def joined(seen: list[ColouredMarks]) -> ColouredMarks:
+    """Of all takes; shared moves that a take lacks are zero there."""
+    most = max(marks.shared_mm.shape[1] for marks in seen)
+    alike = [
+        marks._replace(
+            shared_mm=np.pad(
+                marks.shared_mm,
+                [(0, 0), (0, most - marks.shared_mm.shape[1]), (0, 0)],
+            ),
+            take=np.full(len(marks.take), k),
+        )
+        for k, marks in enumerate(seen)
+    ]
+    return ColouredMarks(*(np.concatenate(parts) for parts in zip(*alike, strict=True)))

@@ -1,0 +1,113 @@
+"""How bright marks are, as the illumination of the sensor has it.
+
+A bright dot sends as much light wherever it is, spread over the area of its image: its
+flux divided by the magnification of that area is the illumination there. A line's
+flux per length is divided by its magnified width. The bright field around dark marks is
+proportional to the illumination times the light that fell on the chart.
+
+Where dots were photographed lines have no say: what is read of a line ends at the same
+distance everywhere, and a corner's blur goes beyond.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT, Observations
+from lensfit.fitting.adjust import Adjustment
+from lensfit.fitting.take import Take
+
+FEWEST_MARKS = 30
+_STEP = 1e-3
+"""Of differences, half boards."""
+
+
+def area_stretch(adjustment: Adjustment) -> Float[np.ndarray, "views marks 2 2"]:
+    """d sensor mm / d board mm at every mark.
+
+    Central differences over a thousandth of the half board, good to a millionth: the
+    program that predicts marks serves here too.
+    """
+    half_mm = np.asarray(adjustment.stack.view.half_board_mm)[:, None]
+    board = adjustment.stack.board
+    columns = [
+        (adjustment.predicted_mm(board + step) - adjustment.predicted_mm(board - step))
+        / (2 * _STEP)
+        for step in _STEP * np.eye(2)
+    ]
+    return np.stack(columns, -1) / half_mm[:, :, None]
+
+
+class Brightness(NamedTuple):
+    """Squared radius and log brightness of the marks of one take; `lines` if none is a
+    dot."""
+
+    squared_mm2: Float[np.ndarray, " marks"]
+    brightness: Float[np.ndarray, "marks 3"]
+    lines: bool
+
+
+class Joined(NamedTuple):
+    """Of all takes at one f-number, in one row."""
+
+    squared_mm2: Float[np.ndarray, " marks"]
+    brightness: Float[np.ndarray, "marks 3"]
+    take: Int[np.ndarray, " marks"]
+
+
+def brightness_of(
+    take: Take,
+    stretch: Float[np.ndarray, "most 2 2"],
+    radius_vector: Float[np.ndarray, "most 2"],
+    used: Bool[np.ndarray, " most"],
+) -> Brightness:
+    """Of the marks that were used.
+
+    Parameters
+    ----------
+    stretch : By `area_stretch`, of the take's marks and then of what fills the stack.
+    radius_vector : Of the marks from the principal point, mm.
+    """
+    o = take.observations
+    count = len(o)
+    matrix, keep = stretch[:count], used[:count] & ~o.saturated & ~o.overlapping
+    brightness = o.flux if o.flux.shape[1] == 3 else np.repeat(o.flux, 3, 1)
+    if o.bright:
+        brightness = brightness / _spread(matrix, o)[:, None]
+    keep &= np.all(brightness > 0, -1)
+    squared = np.sum(radius_vector[:count] ** 2, -1)
+    lines = bool(np.all(o.family != POINT))
+    return Brightness(squared[keep], np.log(brightness[keep]), lines)
+
+
+def _spread(
+    matrix: Float[np.ndarray, "marks 2 2"], o: Observations
+) -> Float[np.ndarray, " marks"]:
+    """Area a dot is magnified by; for a line sample, its width."""
+    area = np.abs(np.linalg.det(matrix))
+    across = np.where(
+        (o.family == LINE_OF_CONSTANT_I)[:, None], matrix[..., 0], matrix[..., 1]
+    )
+    width = np.abs(np.sum(across * np.nan_to_num(o.normal), -1))
+    return np.where(o.family == POINT, area, width)
+
+
+def best_told(rows: list[Brightness]) -> list[Brightness]:
+    """Those of dots, where there are enough."""
+    dots = [row for row in rows if not row.lines]
+    return dots if count_of(dots) >= FEWEST_MARKS else rows
+
+
+def joined(rows: list[Brightness]) -> Joined:
+    """Takes are counted in the order of `rows`."""
+    return Joined(
+        np.concatenate([row.squared_mm2 for row in rows]),
+        np.concatenate([row.brightness for row in rows]),
+        np.repeat(np.arange(len(rows)), [len(row.squared_mm2) for row in rows]),
+    )
+
+
+def count_of(rows: list[Brightness]) -> int:
+    """How many marks there are in all."""
+    return sum(len(row.squared_mm2) for row in rows)

@@ -1,0 +1,215 @@
+"""From a mark on the board to where it lands on the photograph.
+
+    board (flat, or bent and stretched) -> pose -> distortion -> sensor mm
+
+The entrance pupil is the centre of projection and the origin of camera axes (x right,
+y down, z into the scene). A board point is (X, Y) in half boards from the middle of
+what was seen of it. Poses are small rotations and shifts on top of a start value, so
+that no orientation is singular.
+
+Behind cylinders the entrance pupil lies elsewhere for x than for y, so that a lens has
+two centres of projection. That of y is the origin; x sees a point (X, Y, Z) from a gap
+g farther ahead, as X / (Z - g) times (Z0 - g) / Z0: at the distance Z0 of the boards,
+for which the chief-ray map is then made, both centres say the same. The pupil of other
+lenses walks along the axis with field angle (`optics.pupil_walk`).
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from lensfit.fitting.parameters import (
+    APERTURE_SHIFT_TERMS,
+    LOWEST_BEND_DEGREE,
+    Layout,
+    board_degrees,
+)
+from lensfit.optics import field
+from lensfit.optics.distortion import Distortion, distorted_from_direction
+from lensfit.optics.pupil_walk import PupilWalk, seen_at_chart
+
+Parts = dict[str, Array]
+"""Named blocks of the parameters: those of the lens, and of one photograph."""
+
+
+NAMED = ("decentering", "thin_prism", "anamorphic")
+"""Blocks of the coefficients of `field.named_basis`, in its order."""
+
+
+class Frame(NamedTuple):
+    """Constants that give the dimensionless parameters their scale; never fitted.
+
+    `board_distance_mm` is Z0, at which all of a pupil that is not one point agrees.
+    """
+
+    stated_focal_length_mm: Float[Array, ""]
+    reference_radius_mm: Float[Array, ""]
+    stated_squeeze: Float[Array, "2"]
+    valid_radius: Float[Array, ""]
+    box: Float[Array, "2 2"]
+    board_distance_mm: Float[Array, ""]
+
+
+class View(NamedTuple):
+    """One photograph's start pose and board; stacked over photographs for the fit.
+
+    `whole_board` is 1 where the photograph shows the board that `board_stretch`
+    describes, from edge to edge, and 0 elsewhere.
+    """
+
+    rotation: Float[Array, "3 3"]
+    translation_mm: Float[Array, "3"]
+    aperture: Int[Array, ""]
+    half_board_mm: Float[Array, "2"]
+    whole_board: Float[Array, ""]
+
+
+def parts_of(shared: Array, local: Array, layout: Layout) -> Parts:
+    """The blocks of the shared parameters and of one photograph's, by name."""
+    shared_parts = {name: shared[where] for name, where in layout.blocks.items()}
+    local_parts = {name: local[where] for name, where in layout.local_blocks.items()}
+    return shared_parts | local_parts
+
+
+def distortion_of(shared: Array, layout: Layout, frame: Frame) -> Distortion:
+    """The lens that the shared parameters describe."""
+    parts = {name: shared[where] for name, where in layout.blocks.items()}
+    return lens_of(parts, layout, frame)
+
+
+compiled_distortion_of = jax.jit(distortion_of, static_argnames=("layout",))
+"""The same as one program, for callers that are none."""
+
+
+def lens_of(parts: Parts, layout: Layout, frame: Frame) -> Distortion:
+    """The lens that the named blocks describe."""
+    return Distortion(
+        principal_distance_mm=frame.stated_focal_length_mm
+        * jnp.exp(parts["focal_length"][0]),
+        principal_point_mm=parts["principal_point"] * frame.reference_radius_mm,
+        radial=parts["radial"],
+        valid_radius=frame.valid_radius,
+        squeeze=frame.stated_squeeze + parts["squeeze"],
+        named=jnp.concatenate([parts[name] for name in NAMED]),
+        free=parts["free_field"].reshape(2, -1),
+        box=frame.box,
+        reference_radius_mm=frame.reference_radius_mm,
+        base=layout.base,
+        degree=layout.free_degree,
+    )
+
+
+def named_parts(named: Float[Array, " named"]) -> Parts:
+    """Coefficients (or slopes) of `field.named_basis` by the blocks they belong to."""
+    sizes = (field.DECENTERING_TERMS, field.PRISM_TERMS, field.ANAMORPHIC_TERMS)
+    ends = np.cumsum(sizes)
+    return {
+        name: named[end - size : end]
+        for name, size, end in zip(NAMED, sizes, ends.tolist(), strict=True)
+    }
+
+
+def predicted_mm(
+    board: Float[Array, "2"],
+    shared: Array,
+    local: Float[Array, " local"],
+    view: View,
+    layout: Layout,
+    frame: Frame,
+) -> Float[Array, "2"]:
+    """Sensor mm where the mark's chief ray lands, moved by its aperture's shift."""
+    parts = parts_of(shared, local, layout)
+    lens = lens_of(parts, layout, frame)
+    point = board_point_mm(board, parts, view, layout)
+    landed = distorted_from_direction(direction_of(point, parts, view, frame), lens)
+    return shifted_mm(landed, parts, view, lens, layout)
+
+
+def board_point_mm(
+    board: Float[Array, "2"], parts: Parts, view: View, layout: Layout
+) -> Float[Array, "3"]:
+    """The mark in board axes, mm: nominal place, plus stretch and bend."""
+    extent = jnp.max(view.half_board_mm)
+    stretch = parts["board_stretch"].reshape(2, -1)
+    moved = stretch @ board_basis(board, layout.stretch_degree) * view.whole_board
+    lifted = parts["board_bend"] @ board_basis(board, layout.bend_degree)
+    flat = board * view.half_board_mm + moved * extent
+    return jnp.concatenate([flat, (lifted * extent)[None]])
+
+
+def direction_of(
+    point_mm: Float[Array, "3"], parts: Parts, view: View, frame: Frame
+) -> Float[Array, "3"]:
+    """A board point seen from the entrance pupil, mm."""
+    pose = parts["pose"]
+    turned = rotation_from_vector(pose[:3]) @ (view.rotation @ point_mm)
+    seen = turned + view.translation_mm + pose[3:] * view.translation_mm[2]
+    if parts["pupil_walk"].size:
+        walk_mm = parts["pupil_walk"][0] * frame.stated_focal_length_mm
+        return seen_at_chart(seen, PupilWalk(walk_mm, frame.board_distance_mm))
+    gap_mm = parts["pupil_gap"][0] * frame.stated_focal_length_mm
+    at_board = 1 - gap_mm / frame.board_distance_mm
+    return seen.at[0].multiply(at_board / (1 - gap_mm / seen[2]))
+
+
+def shifted_mm(
+    landed: Float[Array, "2"],
+    parts: Parts,
+    view: View,
+    lens: Distortion,
+    layout: Layout,
+) -> Float[Array, "2"]:
+    """What the shutter and a wide aperture do to a landed mark.
+
+    A rolling shutter reads rows one after the other: a camera that moves meanwhile
+    shifts each by an amount proportional to its height on the sensor.
+
+    The chief ray belongs to the smallest aperture; at the others the blur is lopsided,
+    to first order radially and oddly in the field, from coma and clipping.
+    """
+    landed = landed + parts["row_drift"] * landed[1]
+    if not layout.apertures:
+        return landed
+    radius_mm = lens.reference_radius_mm
+    q = (landed - lens.principal_point_mm) / radius_mm
+    shifts = parts["aperture_shift"].reshape(layout.apertures, APERTURE_SHIFT_TERMS)
+    mine = jnp.concatenate([jnp.zeros((1, APERTURE_SHIFT_TERMS)), shifts])
+    terms = mine[view.aperture]
+    r2 = jnp.sum(q**2)
+    return landed + q * (terms[0] + r2 * (terms[1] + r2 * terms[2])) * radius_mm
+
+
+def rotation_from_vector(rotation_rad: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Rodrigues' formula, smooth at zero."""
+    x, y, z = rotation_rad[0], rotation_rad[1], rotation_rad[2]
+    zero = jnp.zeros_like(x)
+    cross = jnp.stack(
+        [
+            jnp.stack([zero, -z, y]),
+            jnp.stack([z, zero, -x]),
+            jnp.stack([-y, x, zero]),
+        ]
+    )
+    squared = jnp.sum(rotation_rad**2)
+    small = squared < 1e-8
+    angle = jnp.sqrt(jnp.where(small, 1.0, squared))
+    first = jnp.where(small, 1 - squared / 6, jnp.sin(angle) / angle)
+    half = jnp.sin(angle / 2) / angle
+    second = jnp.where(small, 0.5 - squared / 24, 2 * half * half)
+    return jnp.eye(3, dtype=cross.dtype) + first * cross + second * (cross @ cross)
+
+
+def board_basis(board: Float[Array, "2"], degree: int) -> Float[Array, " terms"]:
+    """Chebyshev products of degrees 2 and more; lower ones belong to the pose."""
+    if degree < LOWEST_BEND_DEGREE:
+        return jnp.zeros(0, board.dtype)
+    unit = jnp.clip(board, -1.2, 1.2)
+    rows = [jnp.ones_like(unit), unit]
+    for _ in range(2, degree + 1):
+        rows.append(2 * unit * rows[-1] - rows[-2])
+    chebyshev = jnp.stack(rows)
+    pairs = board_degrees(degree)
+    return chebyshev[pairs[:, 0], 0] * chebyshev[pairs[:, 1], 1]

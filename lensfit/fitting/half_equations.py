@@ -1,0 +1,55 @@
+"""Normal equations of two random halves of the marks, and what an effect is worth.
+
+Evidence and uncertainty are both told from them: a model is judged by the half that did
+not make it, and both halves together are the equations of all marks.
+"""
+
+import numpy as np
+
+from lensfit.fitting.adjust import Adjustment, equations_at, stated_equations
+from lensfit.fitting.select import LEAST_EFFECT_PX
+from lensfit.fitting.trial import Statistics
+from lensfit.fitting.views import noise_mm2, residuals_of
+
+
+def least_fall(adjustment: Adjustment) -> float:
+    """Of chi-squared by what the least effect explains for which a term is kept."""
+    return explained_by(LEAST_EFFECT_PX, adjustment)
+
+
+def explained_by(effect_px: float, adjustment: Adjustment) -> float:
+    """How far chi-squared falls by an effect of this root mean square over the
+    marks."""
+    variance = noise_mm2(adjustment.stack) + adjustment.model_variance_mm2[:, None]
+    mean_mm2 = np.mean(variance[adjustment.used])
+    px_per_deviation = float(np.sqrt(mean_mm2) / adjustment.stack.mm_per_px.mean())
+    return int(adjustment.used.sum()) * (effect_px / px_per_deviation) ** 2
+
+
+def stated_statistics(adjustment: Adjustment) -> Statistics:
+    """Equations of what is stated, at the present parameters; of no half."""
+    here = adjustment.parameters
+    matrix, vector, constant = map(np.asarray, stated_equations(adjustment))
+    turned = matrix @ here
+    squares = float(here @ (turned - 2 * vector) + constant)
+    return Statistics(matrix, turned - vector, squares, 0)
+
+
+def halves_of(adjustment: Adjustment) -> tuple[Statistics, Statistics]:
+    """Normal equations of the full model on two random halves of the marks."""
+    here = equations_at(adjustment)
+    matrix, gradient = np.asarray(here.matrix), np.asarray(here.gradient)
+    squares = np.asarray(here.chi_squared)
+    deal = adjustment.stack.chunking
+    residuals = residuals_of(adjustment.stack) * adjustment.used
+    counts = deal.cut(residuals) * deal.real
+    one, other = (
+        Statistics(
+            matrix[half],
+            gradient[half],
+            float(squares[half]),
+            int(counts[:, half::2].sum()),
+        )
+        for half in (0, 1)
+    )
+    return one, other

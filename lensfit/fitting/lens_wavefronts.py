@@ -1,0 +1,179 @@
+"""The wavefront of every focal length, from the dots of all its focus states.
+
+Dots of known size show it, bright ones and dark, by their rims where they are wider
+than the blur, and checker corners by the edges that cross there. Broad dots and corners
+take longer than small holes: they are fitted where there are no small holes.
+
+An f-number is the unit of the opening, and of defocus with it. Where all photographs
+lack it, one serves the setting that was photographed as well as another, as long as
+charts seen at a slant are not too deep for it; none is known for others.
+"""
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
+from lensfit.fitting.lens_state import LensState, by_focal_length
+from lensfit.fitting.take import Take
+from lensfit.fitting.wavefront.effort import Effort
+from lensfit.fitting.wavefront.fit import WavefrontFit, fit_wavefront
+from lensfit.fitting.wavefront.gather import gather, spread_out
+from lensfit.fitting.wavefront.shown import (
+    LARGEST_HOLE_CELLS,
+    LARGEST_PLACED_CELLS,
+    Shown,
+    are_of_one_setting,
+    hole_cells,
+)
+from lensfit.fitting.wavefront.start import sharp_f_number
+from lensfit.fitting.wavefront.told_by_marks import keeping_centroids
+from lensfit.optics.spectrum import bands
+from lensfit.progress import Progress
+
+_TOO_LARGE = (
+    "the dots themselves are too large: photograph dots less than 1.8 pixels wide"
+)
+_UNDETERMINED = (
+    "the marks leave the lens undetermined: photograph more of them, at two f-numbers"
+)
+_LEFT_OUT = "effort none leaves it out"
+_ENOUGH_OF_ONE_SETTING = 8
+_ASSUMED_F_NUMBER = 4.0
+"""The least, where nobody stated one."""
+
+
+class LensWavefronts(NamedTuple):
+    """Of every focal length (mm) whose dots were photographed.
+
+    Attributes
+    ----------
+    fitted : Where dots can be used.
+    without : Why they cannot be, elsewhere; what to do about it included.
+    too_wide : Takes whose dots were left out, where others were not.
+    """
+
+    fitted: dict[float, WavefrontFit]
+    without: dict[float, str]
+    too_wide: dict[float, list[str]]
+
+
+def fit_wavefronts(
+    states: list[LensState],
+    progress: Progress,
+    effort: Effort,
+    allowed: Collection[str] | None,
+) -> LensWavefronts:
+    """One for each focal length whose dots can be used."""
+    if effort is Effort.NONE:
+        return LensWavefronts({}, dict.fromkeys(by_focal_length(states), _LEFT_OUT), {})
+    found = LensWavefronts({}, {}, {})
+    for focal_mm, mine in by_focal_length(states).items():
+        known = any(t.f_number for state in mine for t in state.geometry.takes)
+        assumed = None if known else _ASSUMED_F_NUMBER
+        pictured = [s for state in mine for s in _shown_of(state, assumed)]
+        shown = _enough(_telling(pictured))
+        if shown and not known:
+            shown = _stopped_down(shown)
+        if not shown:
+            why = _TOO_LARGE if pictured else _unsaid(mine)
+            if why:
+                found.without[focal_mm] = why
+            continue
+        kept = {s.take.name for s in _telling(pictured)}
+        dots = [s.take for s in pictured if not s.take.observations.of_corners]
+        names = [take.name for take in dots]
+        found.too_wide[focal_mm] = [name for name in names if name not in kept]
+        try:
+            fitted = fit_wavefront(
+                shown,
+                _widest_fall_off(mine),
+                progress,
+                effort=effort,
+                allowed=allowed,
+            )
+            if fitted.gathered.of_one_setting:
+                fitted = keeping_centroids(fitted)
+            found.fitted[focal_mm] = fitted
+        except np.linalg.LinAlgError:
+            found.without[focal_mm] = _UNDETERMINED
+        except ValueError as error:
+            found.without[focal_mm] = f"the dots' shape could not be fitted ({error})"
+    return found
+
+
+def _telling(pictured: list[Shown]) -> list[Shown]:
+    """The photographs whose marks can be used: small holes; where there are none, broad
+    dots and checker corners."""
+    corners = [one for one in pictured if one.take.observations.of_corners]
+    dots = [one for one in pictured if not one.take.observations.of_corners]
+    sized = [(one, hole_cells(one)) for one in dots]
+    small = [one for one, cells in sized if cells <= LARGEST_PLACED_CELLS]
+    broad = [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
+    return small or [*broad, *corners]
+
+
+def _enough(shown: list[Shown]) -> list[Shown]:
+    """Of many photographs of one setting those that look least alike: more of them
+    say the same again."""
+    if len(shown) <= _ENOUGH_OF_ONE_SETTING or not are_of_one_setting(shown):
+        return shown
+    looks = np.array([_look_of(one.take) for one in shown])
+    rows = spread_out(looks, np.arange(len(shown)), _ENOUGH_OF_ONE_SETTING)
+    return [shown[k] for k in rows]
+
+
+def _look_of(take: Take) -> Float[np.ndarray, "4"]:
+    """Where its marks are and how far they reach, in parts of the frame."""
+    seen = take.observations.points_px / np.asarray(take.observations.image_size_px)
+    return np.concatenate([seen.mean(0), 2 * seen.std(0)])
+
+
+def _stopped_down(shown: list[Shown]) -> list[Shown]:
+    """Those whose f-number nobody stated, as far as their sharpness asks for it."""
+    f_number = round(sharp_f_number(gather(shown, bands(3))), 1)
+    return [one._replace(f_number=f_number) for one in shown]
+
+
+def _unsaid(states: list[LensState]) -> str:
+    """Why no dot's shape could be fitted, where dots were photographed."""
+    takes = [take for state in states for take in state.geometry.takes]
+    dots = [t for t in takes if np.isfinite(t.observations.diameter_px).any()]
+    if not dots:
+        return ""
+    return "state hole_diameter_mm of the dots, which are blurred to their middle"
+
+
+def _shown_of(state: LensState, assumed_f_number: float | None) -> list[Shown]:
+    """The photographs of a state whose dots show the lens' blur."""
+    colour = None
+    if state.colour:
+        colour = state.colour["r"].optics(), state.colour["b"].optics()
+    return [
+        Shown(
+            take,
+            take.cutouts,
+            state.geometry,
+            state.distortion,
+            colour,
+            k,
+            state.pupil.offset_mm,
+            f_number,
+        )
+        for k, take in enumerate(state.geometry.takes)
+        if take.cutouts is not None
+        and (take.mark_diameter_mm is not None or take.observations.of_corners)
+        if (f_number := take.f_number or assumed_f_number) is not None
+    ]
+
+
+def _widest_fall_off(states: list[LensState]) -> FallOffFit | None:
+    known = [
+        (fall_off.f_number, k, fall_off)
+        for k, state in enumerate(states)
+        for fall_off in state.fall_off
+        if fall_off.f_number is not None
+    ]
+    return min(known)[-1] if known else None

@@ -1,0 +1,211 @@
+"""Normal equations of the geometric fit, built from the structure of the problem.
+
+A mark depends on the shared parameters and on those of its own photograph only, so
+the products of its row are added to the shared corner of the matrix, to the square of
+its photograph, and to the rectangle that joins the two: cost grows with the marks, not
+with marks times photographs. One pass yields the equations of two random halves of the
+marks apart, because evidence for a term is judged on marks a solve has not seen.
+
+Parameters are scaled and carry priors, which keeps the matrix well within float64.
+"""
+
+from functools import partial
+from math import gcd
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from lensfit.fitting.chunks import Marks
+from lensfit.fitting.cores import (
+    SHARED,
+    cores,
+    on_every_core,
+    summed_over_cores,
+    this_core,
+)
+from lensfit.fitting.geometry import (
+    Frame,
+    Parts,
+    View,
+    distortion_of,
+    named_parts,
+    parts_of,
+    predicted_mm,
+)
+from lensfit.fitting.parameters import Layout
+from lensfit.fitting.rows import GUARDED, Mark, row
+from lensfit.optics import field
+from lensfit.optics.distortion import box_from_principal_point
+
+BATCH = 4
+"""Chunks in one turn of the loop: their rows stay in a processor's cache, no thread
+waits for another, and what is looked at besides the chunks in use is little."""
+
+
+class Equations(NamedTuple):
+    """J^T J, J^T r and r^T r of two halves of the marks.
+
+    Shared parameters come first, then each photograph's.
+    """
+
+    matrix: Float[Array, "2 parameters parameters"]
+    gradient: Float[Array, "2 parameters"]
+    chi_squared: Float[Array, "2"]
+
+
+class _Blocks(NamedTuple):
+    shared: Float[Array, "2 shared shared"]
+    own: Float[Array, "2 views row local"]
+    gradient: Float[Array, "2 views row"]
+    chi_squared: Float[Array, "2"]
+
+
+def split(parameters: Array, layout: Layout) -> tuple[Array, Array]:
+    """Shared parameters, and one row of local ones for each view."""
+    local = parameters[layout.shared :].reshape(-1, layout.local)
+    return parameters[: layout.shared], local
+
+
+def predictions_mm(
+    parameters: Float[Array, " parameters"],
+    views: View,
+    view_of_chunk: Int[Array, " chunks"],
+    board: Float[Array, "chunks marks 2"],
+    layout: Layout,
+    frame: Frame,
+) -> Float[Array, "chunks marks 2"]:
+    """Where points on the boards should be seen."""
+    shared, local = split(parameters, layout)
+    of_marks = jax.vmap(predicted_mm, (0, None, None, None, None, None))
+
+    def of_chunk(board, k):
+        view = jax.tree.map(lambda a: a[k], views)
+        return of_marks(board, shared, local[k], view, layout, frame)
+
+    return jax.vmap(of_chunk)(board, view_of_chunk)
+
+
+def equations(
+    parameters: Float[Array, " parameters"],
+    views: View,
+    marks: Marks,
+    layout: Layout,
+    frame: Frame,
+) -> Equations:
+    """Gathered over the chunks in use; a chunk's every other mark makes a half.
+
+    Quick where the number of chunks is a multiple of `BATCH`. Every core takes every so
+    many-th batch.
+    """
+    pass_of_core = partial(_on_core, layout=layout)
+    found = on_every_core(pass_of_core, takes=SHARED, gives=SHARED)
+    return found(parameters, views, marks, frame)
+
+
+def _on_core(
+    parameters: Array, views: View, marks: Marks, frame: Frame, layout: Layout
+) -> Equations:
+    """The equations, from what this core and the others find."""
+    shared, local = split(parameters, layout)
+    guarded, by_coefficient = _behind_guard(shared, layout, frame)
+    k, n = layout.shared, layout.shared + layout.local
+    count, batch = local.shape[0], gcd(BATCH, marks.view.shape[0])
+    of_marks = jax.vmap(row, (0, None, None, None, None))
+
+    def of_chunk(own, mark: Mark):
+        view = jax.tree.map(lambda a: a[own], views)
+        parts: Parts = parts_of(shared, local[own], layout) | guarded
+        rows, values = of_marks(mark, parts, view, layout, frame)
+        rows = jnp.swapaxes(rows.reshape(-1, 2, 2, n), 0, 1).reshape(2, -1, n)
+        return rows, jnp.swapaxes(values.reshape(-1, 2, 2), 0, 1).reshape(2, -1)
+
+    def add(i, sums: _Blocks) -> _Blocks:
+        own, mark = jax.tree.map(
+            lambda a: jax.lax.dynamic_slice_in_dim(a, i * batch, batch),
+            (marks.view, Mark(marks.board, marks.observed_mm, marks.whitening)),
+        )
+        rows, values = jax.vmap(of_chunk, out_axes=1)(own, mark)
+        flat = rows[..., :k].reshape(2, -1, k)
+        return _Blocks(
+            sums.shared + jnp.einsum("hra,hrb->hab", flat, flat),
+            sums.own.at[:, own].add(jnp.einsum("hcra,hcrb->hcab", rows, rows[..., k:])),
+            sums.gradient.at[:, own].add(jnp.einsum("hcra,hcr->hca", rows, values)),
+            sums.chi_squared + jnp.sum(values**2, (1, 2)),
+        )
+
+    empty = _Blocks(
+        jnp.zeros((2, k, k)),
+        jnp.zeros((2, count, n, layout.local)),
+        jnp.zeros((2, count, n)),
+        jnp.zeros(2),
+    )
+    batches = -(-marks.chunks // batch)
+    first = this_core().astype(batches.dtype)
+    mine = -((first - batches) // cores().size)
+    sums = jax.lax.fori_loop(
+        0, mine, lambda i, sums: add(first + i * cores().size, sums), empty
+    )
+    sums = _through_guard(summed_over_cores(sums), by_coefficient, layout)
+    return _assembled(sums, layout)
+
+
+def _behind_guard(
+    shared: Array, layout: Layout, frame: Frame
+) -> tuple[Parts, Float[Array, "guarded guarded"]]:
+    """Coefficients as they act, and their derivative by those that are fitted."""
+    where = _guarded_slice(layout)
+    box = box_from_principal_point(distortion_of(shared, layout, frame))
+    named = layout.blocks["free_field"].start - where.start
+
+    def acting(fitted):
+        return fitted * field.fold_guard(
+            fitted[:named],
+            fitted[named:].reshape(2, -1),
+            box,
+            layout.free_degree,
+        )
+
+    fitted = shared[where]
+    value, slope = acting(fitted), jax.jacrev(acting)(fitted)
+    return named_parts(value[:named]) | {"free_field": value[named:]}, slope
+
+
+def _through_guard(sums: _Blocks, by_coefficient: Array, layout: Layout) -> _Blocks:
+    """The same sums by the coefficients that are fitted: chain rule, once for all."""
+    where = _guarded_slice(layout)
+    turn = by_coefficient.T
+    rows = sums.shared.at[:, where].set(turn @ sums.shared[:, where])
+    both = rows.at[:, :, where].set(rows[:, :, where] @ by_coefficient)
+    own = sums.own.at[:, :, where].set(turn @ sums.own[:, :, where])
+    gradient = sums.gradient.at[..., where].set(
+        sums.gradient[..., where] @ by_coefficient
+    )
+    return _Blocks(both, own, gradient, sums.chi_squared)
+
+
+def _guarded_slice(layout: Layout) -> slice:
+    blocks = layout.blocks
+    return slice(blocks[GUARDED[0]].start, blocks[GUARDED[-1]].stop)
+
+
+def _assembled(sums: _Blocks, layout: Layout) -> Equations:
+    """The whole matrix: shared ones first, then each view's."""
+    k, local = layout.shared, layout.local
+    count = sums.own.shape[1]
+    n = k + local * count
+    rows = k + jnp.arange(local * count).reshape(count, local)
+    shared = jnp.arange(k)
+    across, within = sums.own[:, :, :k], sums.own[:, :, k:]
+    matrix = jnp.zeros((2, n, n)).at[:, :k, :k].set(sums.shared)
+    matrix = matrix.at[:, shared[None, :, None], rows[:, None, :]].set(across)
+    matrix = matrix.at[:, rows[:, :, None], shared[None, None, :]].set(
+        jnp.swapaxes(across, 2, 3)
+    )
+    matrix = matrix.at[:, rows[:, :, None], rows[:, None, :]].set(within)
+    local_gradient = sums.gradient[:, :, k:].reshape(2, -1)
+    gradient = jnp.concatenate(
+        [jnp.sum(sums.gradient[:, :, :k], 1), local_gradient], axis=1
+    )
+    return Equations(matrix, gradient, sums.chi_squared)

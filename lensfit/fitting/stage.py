@@ -1,0 +1,363 @@
+"""Before the first step: scales, start poses, and how large a model may become.
+
+The largest model that may be tried follows from the number of marks: a free field of
+degree nine has a hundred coefficients, which a hundred marks cannot carry. The arrays
+are laid out for the largest model of any state of the lens, so that one compiled
+program fits them all.
+"""
+
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from lensfit.fitting.adjust import Adjustment
+from lensfit.fitting.geometry import Frame
+from lensfit.fitting.parameters import Layout, Prior
+from lensfit.fitting.start import (
+    Pose,
+    focal_length_from_homographies,
+    pose_from_homography,
+)
+from lensfit.fitting.stated_facts import Facts, views_sharing
+from lensfit.fitting.stated_scale import stated_scale
+from lensfit.fitting.statements import statements_of
+from lensfit.fitting.take import Take, grouped
+from lensfit.fitting.usual_lens import (
+    KnownPerspective,
+    magnification_at,
+    usual_pupil,
+    usual_walk,
+)
+from lensfit.fitting.views import Stack, board_of, observed_of, stack_takes
+
+_TILT_RAD = 0.12
+"""Views that differ by less do not fix a focal length."""
+_ONE_PLANE_RAD, _ONE_PLANE_DEPTH = 0.01, 0.01
+"""Angle between boards, and share of their distance, of one that was not moved."""
+_BEND_TILT_RAD = 0.35
+"""Views that differ by less cannot tell a bent board from a distorting lens."""
+_BEND_VIEWS = 5
+_MARGIN = 1.05
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Everything the stages share.
+
+    Attributes
+    ----------
+    takes : In the order of the arrays.
+    stack : Their marks.
+    frame : Scales of the parameters.
+    largest : The model that these takes can carry.
+    layout : Room for the largest model of any state of the lens.
+    radius_mm : Of the dots of every take; 0 where marks are not dots.
+    focal_length_free : Whether views tilt enough to determine the focal length.
+    walk_free : Whether views can show how the entrance pupil walks.
+    half_angle_rad : From the axis to the furthest mark.
+    notes : One sentence for each thing that was assumed.
+    facts : What was stated.
+    """
+
+    takes: tuple[Take, ...]
+    stack: Stack
+    frame: Frame
+    largest: Layout
+    layout: Layout
+    radius_mm: np.ndarray
+    focal_length_free: bool
+    walk_free: bool
+    half_angle_rad: float
+    notes: tuple[str, ...]
+    facts: Facts
+
+    def adjustment(self, layout: Layout, prior: Prior) -> Adjustment:
+        """An adjustment of this model at its start."""
+        weight = self.stack.present.astype(float)
+        return Adjustment(
+            parameters=self.parameters(layout),
+            layout=layout,
+            frame=self.frame,
+            prior=prior,
+            stack=self.stack,
+            radius_mm=self.radius_mm,
+            shift_mm=np.zeros((*weight.shape, 2)),
+            model_variance_mm2=self.stack.mm_per_px**2,
+            weight=weight,
+            statements=statements_of(
+                self.facts,
+                layout,
+                float(self.frame.stated_focal_length_mm),
+                np.asarray(self.stack.view.translation_mm)[:, 2],
+            ),
+        )
+
+    def parameters(self, layout: Layout) -> np.ndarray:
+        """Zero, but for the pupil's walk, which may stay where it was known to be."""
+        parameters = np.zeros(layout.size(len(self.takes)))
+        known_mm = self.facts.perspective.walk.walk_mm
+        unit_mm = float(self.frame.stated_focal_length_mm)
+        parameters[layout.blocks["pupil_walk"]] = known_mm / unit_mm
+        return parameters
+
+
+def start_of(
+    takes: list[Take], shown: list[Take], perspective: KnownPerspective | None = None
+) -> Start:
+    """Scales and start poses of the takes of one lens state.
+
+    `shown` are the takes of all states of this lens, whose marks span the frame;
+    `perspective` is that which another state told, if one did.
+    """
+    focal_mm, facts, notes = _stated_focal_length(takes, perspective)
+    poses = [_pose(take, focal_mm) for take in takes]
+    ratio = stated_scale(facts, focal_mm, _depths_mm(poses)).ratio
+    focal_mm = focal_mm * ratio
+    poses = [_farther(pose, ratio) for pose in poses]
+    apertures = [_aperture(take, _apertures(takes)) for take in takes]
+    whole = _whole_boards(takes)
+    stack = stack_takes(takes, poses, apertures, whole)
+    radius = float(np.hypot(*takes[0].sensor_size_mm)) / 2
+    squeeze = np.log(takes[0].squeeze)
+    observed = np.concatenate([observed_of(take) for take in shown])
+    box = np.array([observed.min(0), observed.max(0)]) / radius * _MARGIN
+    furthest = float(np.hypot(*observed.T).max())
+    frame = Frame(
+        stated_focal_length_mm=jnp.asarray(focal_mm),
+        reference_radius_mm=jnp.asarray(radius),
+        stated_squeeze=jnp.asarray([squeeze, 0.0]),
+        valid_radius=jnp.asarray(furthest / radius * _MARGIN),
+        box=jnp.asarray(box * np.exp([squeeze / 2, -squeeze / 2])),
+        board_distance_mm=_board_distance_mm(takes, poses),
+    )
+    bend, stretch = _board_degrees(takes, any(whole), poses)
+    largest = replace(_lens_layout(takes), bend_degree=bend, stretch_degree=stretch)
+    return Start(
+        takes=tuple(takes),
+        stack=stack,
+        frame=frame,
+        largest=largest,
+        layout=_with_room(largest, grouped(shown)),
+        radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
+        focal_length_free=_views_tilt(poses),
+        walk_free=perspective is not None or _poses_differ(poses),
+        half_angle_rad=float(np.arctan(furthest / focal_mm)),
+        notes=tuple(notes),
+        facts=facts,
+    )
+
+
+def _stated_focal_length(
+    takes: list[Take], perspective: KnownPerspective | None
+) -> tuple[float, Facts, list[str]]:
+    """Principal distance to find poses with, what is stated, and notes."""
+    found = None
+    if len(takes) >= 3:
+        found = focal_length_from_homographies(
+            [board_of(t) for t in takes],
+            [_unsqueezed_mm(t) for t in takes],
+            takes[0].focal_length_mm,
+        )
+    facts, notes = _facts_meant(takes, perspective, found)
+    stated_mm = facts.focal_length_mm
+    ratio = found / stated_mm if found is not None else 1.0
+    if found is not None and 0.2 < ratio < 5 and abs(ratio - 1) > 0.3:
+        note = (
+            f"the photographs have a principal distance near {found:.3g} mm, "
+            f"not the stated {takes[0].focal_length_mm:g} mm"
+        )
+        return found, facts, [*notes, note]
+    return stated_mm, facts, notes
+
+
+def _facts_meant(
+    takes: list[Take], perspective: KnownPerspective | None, found: float | None
+) -> tuple[Facts, list[str]]:
+    """What is stated, with the focal length that contradicts the rest least.
+
+    Anamorphic lenses are engraved with the focal length of the axis that is not
+    squeezed; some sources state the geometric mean of both axes, or that of the
+    squeezed one. Tilted views (`found`) or measured distances tell which; without
+    either it is the engraving.
+    """
+    stated, squeeze = takes[0].focal_length_mm, takes[0].squeeze
+    root = max(squeeze, 1 / squeeze) ** 0.5
+    readings = [facts_of(takes, ratio, perspective) for ratio in (root, 1.0, 1 / root)]
+    measured = any(take.target_distance_mm for take in takes)
+    if not takes[0].anamorphic or (found is None and not measured):
+        return readings[0], []
+
+    def contradiction(facts: Facts) -> float:
+        focal_mm = facts.focal_length_mm
+        if found is not None:
+            return abs(np.log(found / focal_mm))
+        depths_mm = _depths_mm([_pose(take, focal_mm) for take in takes])
+        return stated_scale(facts, focal_mm, depths_mm).cost
+
+    meant = min(readings, key=contradiction)
+    if meant is not readings[2]:
+        return meant, []
+    return meant, [
+        f"focal_length_mm = {stated:g} is that of the squeezed axis: state "
+        f"{stated * root**2:.4g}, that of the axis that is not squeezed, which is "
+        "engraved on anamorphic lenses"
+    ]
+
+
+def facts_of(
+    takes: list[Take],
+    engraving: float = 1.0,
+    perspective: KnownPerspective | None = None,
+) -> Facts:
+    """What is stated of the takes of one lens state.
+
+    Parameters
+    ----------
+    engraving : The stated focal length over the geometric mean of both axes'.
+    perspective : As another state told it; None for that of usual lenses.
+    """
+    focal_mm = takes[0].focal_length_mm / engraving
+    distances = [take.target_distance_mm or np.nan for take in takes]
+    measured = [distance for distance in distances if np.isfinite(distance)]
+    focus_mm = takes[0].focus_distance_mm
+    if focus_mm is None:
+        focus_mm = float(np.median(measured)) if measured else np.inf
+    magnification = magnification_at(focal_mm, focus_mm)
+    # A walk is a length: without a scale nobody can say what it does to the marks.
+    stops = [take.f_number for take in takes if take.f_number and measured]
+    usual = KnownPerspective(
+        usual_pupil(focal_mm * (1 + magnification)),
+        usual_walk(focal_mm, min(stops, default=None)),
+    )
+    return Facts(
+        names=tuple(take.name for take in takes),
+        focal_length_mm=focal_mm,
+        engraving=engraving,
+        magnification=magnification,
+        target_distance_mm=np.array(distances, float),
+        shared=views_sharing([(t.target, t.target_distance_mm) for t in takes]),
+        perspective=perspective or usual,
+        widths=takes[0].widths,
+    )
+
+
+def _depths_mm(poses: list[Pose]) -> np.ndarray:
+    return np.array([float(pose.translation_mm[2]) for pose in poses])
+
+
+def _farther(pose: Pose, ratio: float) -> Pose:
+    """As far away as `ratio` times the principal distance puts it."""
+    return Pose(pose.rotation, pose.translation_mm * [1.0, 1.0, ratio])
+
+
+def _pose(take: Take, focal_mm: float) -> Pose:
+    return pose_from_homography(
+        board_of(take), _unsqueezed_mm(take), focal_mm, take.name
+    )
+
+
+def _unsqueezed_mm(take: Take) -> np.ndarray:
+    """Where the marks would be on a sensor behind a spherical lens."""
+    return observed_of(take) * np.sqrt([take.squeeze, 1 / take.squeeze])
+
+
+def _board_distance_mm(takes: list[Take], poses: list[Pose]) -> Array:
+    """From the entrance pupil, of the boards whose distance was measured, or of all."""
+    ahead = np.array([pose.translation_mm[2] for pose in poses])
+    measured = np.array([take.target_distance_mm is not None for take in takes])
+    return jnp.asarray(np.median(ahead[measured] if measured.any() else ahead))
+
+
+def _apertures(takes: list[Take]) -> list[float]:
+    """The f-numbers that are told apart, smallest aperture first.
+
+    None, where marks are chief rays, which no aperture shifts.
+    """
+    if any(t.chief_rays for t in takes):
+        return []
+    return sorted({t.f_number for t in takes if t.f_number}, reverse=True)[:4]
+
+
+def _aperture(take: Take, numbers: list[float]) -> int:
+    if take.f_number is None or not numbers:
+        return 0
+    return int(np.argmin([abs(take.f_number - n) for n in numbers]))
+
+
+def _whole_boards(takes: list[Take]) -> list[bool]:
+    """Takes whose lattice has the extent that most takes of that target have."""
+    extents = [
+        (t.target, *np.round(np.ptp(t.observations.lattice, axis=0)).astype(int))
+        for t in takes
+    ]
+    commonest = max(extents, key=extents.count)
+    if extents.count(commonest) < 3:
+        return [False] * len(takes)
+    return [extent == commonest for extent in extents]
+
+
+def _lens_layout(takes: list[Take]) -> Layout:
+    """The largest model of the lens, without errors of the board."""
+    marks = sum(len(t.observations) for t in takes)
+    degrees = ((10_000, 11), (1500, 9), (600, 7), (300, 5))
+    return Layout(
+        radial=6 if marks >= 200 else 3,
+        free_degree=next((d for n, d in degrees if marks >= n), 0),
+        apertures=max(len(_apertures(takes)) - 1, 0),
+        anamorphic=takes[0].anamorphic,
+    )
+
+
+def _board_degrees(
+    takes: list[Take], whole: bool, poses: list[Pose]
+) -> tuple[int, int]:
+    """Of the board's bend, and of its errors within its plane."""
+    each = sum(len(t.observations) for t in takes) / len(takes)
+    if len(takes) < _BEND_VIEWS or _tilt_rad(poses) <= _BEND_TILT_RAD:
+        return 0, 0
+    bend = next((d for n, d in ((200, 4), (40, 2)) if each >= n), 0)
+    return bend, 4 if whole and each >= 40 else 0
+
+
+def _with_room(layout: Layout, states: list[list[Take]]) -> Layout:
+    """A layout with room for the lens model of every state."""
+    all_of_them = [layout, *map(_lens_layout, states)]
+    return replace(
+        layout,
+        radial=max(one.radial for one in all_of_them),
+        free_degree=max(one.free_degree for one in all_of_them),
+        apertures=max(one.apertures for one in all_of_them),
+    )
+
+
+def _dot_radius_mm(take: Take) -> float:
+    """Stated, or else from the image: diameter over pitch, both in pixels."""
+    if take.mark_diameter_mm is not None:
+        return take.mark_diameter_mm / 2
+    diameter = take.observations.diameter_px
+    if not np.isfinite(diameter).any():
+        return 0.0
+    spread = np.sqrt(np.linalg.det(np.cov(take.observations.points_px.T)))
+    lattice = np.sqrt(np.linalg.det(np.cov(take.observations.lattice.T)))
+    pitch_px = np.sqrt(spread / lattice) if lattice > 0 else np.inf
+    return float(np.nanmedian(diameter) / pitch_px * np.mean(take.pitch_mm) / 2)
+
+
+def _views_tilt(poses: list[Pose]) -> bool:
+    return _tilt_rad(poses) > _TILT_RAD
+
+
+def _poses_differ(poses: list[Pose]) -> bool:
+    """Whether boards stand in more than one plane: of a single one the walk does what
+    a tilt and elements out of centre do."""
+    depths_mm = _depths_mm(poses)
+    farther = depths_mm.max() / depths_mm.min() - 1
+    return _tilt_rad(poses) > _ONE_PLANE_RAD or farther > _ONE_PLANE_DEPTH
+
+
+def _tilt_rad(poses: list[Pose]) -> float:
+    """Largest angle between two boards."""
+    normals = np.stack([pose.rotation[:, 2] for pose in poses])
+    return float(np.arccos(np.clip((normals @ normals.T).min(), -1, 1)))

@@ -1,0 +1,97 @@
+"""What the fit is given.
+
+A take is one photograph's marks together with what was known when it was made: the
+target's dimensions and the state of the lens. Distances count from the sensor plane.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from lensfit.detect.cutouts import Cutouts
+from lensfit.detect.observations import Observations
+from lensfit.fitting.stated_facts import ORDINARY_WIDTHS, Widths
+from lensfit.units import dioptres_from_mm
+
+_SAME_FOCUS_DIOPTRES = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """One photograph of one target.
+
+    Attributes
+    ----------
+    name : Of the photograph, for messages.
+    target : Name of the target; takes of one target share its errors.
+    observations : The marks.
+    pitch_mm : Distance of neighbouring marks, to the right and down on the target.
+    mark_diameter_mm : Diameter of a dot; None for lines, corners and dots whose size
+        is not known.
+    focal_length_mm : As on the barrel.
+    sensor_size_mm : Width and height that the photograph spans.
+    f_number, focus_distance_mm, target_distance_mm : None where nobody said.
+    squeeze : Nominal horizontal squeeze of an anamorphic lens.
+    cutouts : Pictures of the dots, where their shape can be fitted.
+    rims : Of their rims, where these show finer cells.
+    chief_rays : Whether marks are where chief rays land, not centroids.
+    shared_moves_mm : How marks that were placed so move together, red, green and blue,
+        by every independent error of what placed them, one standard deviation each.
+    widths : How well what is stated is known, and the diameter of dots.
+    """
+
+    name: str
+    target: str
+    observations: Observations
+    pitch_mm: tuple[float, float]
+    mark_diameter_mm: float | None
+    focal_length_mm: float
+    sensor_size_mm: tuple[float, float]
+    f_number: float | None = None
+    focus_distance_mm: float | None = None
+    target_distance_mm: float | None = None
+    squeeze: float = 1.0
+    cutouts: Cutouts | None = None
+    rims: Cutouts | None = None
+    chief_rays: bool = False
+    shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
+    widths: Widths = ORDINARY_WIDTHS
+
+    @property
+    def pixel_mm(self) -> Float[np.ndarray, "2"]:
+        """Width and height of a pixel on the sensor."""
+        size_px = np.asarray(self.observations.image_size_px)
+        return np.asarray(self.sensor_size_mm) / size_px
+
+    @property
+    def anamorphic(self) -> bool:
+        """Whether the lens is stated to squeeze one axis."""
+        return self.squeeze != 1.0
+
+
+def grouped(takes: list[Take]) -> list[list[Take]]:
+    """Takes of one focal length and focus distance together, in order.
+
+    Focus distances that no barrel tells apart (`_SAME_FOCUS_DIOPTRES`) are one.
+    """
+    groups: list[list[Take]] = []
+    for take in takes:
+        same = (group for group in groups if _same_state(group[0], take))
+        group = next(same, None)
+        if group is None:
+            groups.append([take])
+        else:
+            group.append(take)
+    return groups
+
+
+def _same_state(one: Take, other: Take) -> bool:
+    if one.focal_length_mm != other.focal_length_mm:
+        return False
+    if one.focus_distance_mm is None or other.focus_distance_mm is None:
+        return one.focus_distance_mm is other.focus_distance_mm
+    apart = dioptres_from_mm(one.focus_distance_mm) - dioptres_from_mm(
+        other.focus_distance_mm
+    )
+    return abs(apart) < _SAME_FOCUS_DIOPTRES

@@ -1,0 +1,180 @@
+"""Takes stacked into arrays: start poses, and the marks of all photographs.
+
+Marks are padded to the number of the photograph that has most; padding is not
+`present`. Programs are compiled for other shapes, of which there are few: marks go to
+them in chunks (`chunks`), and start poses filled up to a power of two.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from lensfit.coords import mm_from_px
+from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
+from lensfit.fitting.chunks import Chunking, chunking_of
+from lensfit.fitting.geometry import View
+from lensfit.fitting.start import Pose
+from lensfit.fitting.take import Take
+
+FEWEST_VIEWS = 4
+"""A state of a lens with fewer photographs runs the program of this many."""
+OVERLAP_DEVIATION_PX = 0.1
+"""Added to the noise of a mark whose blur touches its neighbour's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Takes as padded arrays.
+
+    Attributes
+    ----------
+    view : The stacked start poses.
+    chunking : How the marks are dealt into chunks.
+    board : Nominal place of every mark, half boards.
+    observed_mm : Where it was seen.
+    present : Which rows are marks.
+    covariance_mm2 : Of each mark; identity for padding.
+    normal : Unit vector across the line, NaN for points and padding.
+    mm_per_px : Size of a pixel.
+    """
+
+    view: View
+    chunking: Chunking
+    board: Float[np.ndarray, "views marks 2"]
+    observed_mm: Float[np.ndarray, "views marks 2"]
+    present: Bool[np.ndarray, "views marks"]
+    covariance_mm2: Float[np.ndarray, "views marks 2 2"]
+    normal: Float[np.ndarray, "views marks 2"]
+    mm_per_px: Float[np.ndarray, " views"]
+
+    @cached_property
+    def filled_view(self) -> View:
+        """The start poses, and copies of the first ones up to a power of two."""
+        count = len(self.present)
+        room = max(FEWEST_VIEWS, 1 << (count - 1).bit_length())
+        places = np.arange(room) % count
+        return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[places]), self.view)
+
+
+def board_of(take: Take) -> Float[np.ndarray, "marks 2"]:
+    """Nominal place of every mark, mm from the middle of the lattice that was seen."""
+    lattice = take.observations.lattice
+    middle = np.round((lattice.max(0) + lattice.min(0)) / 2)
+    return (lattice - middle) * np.asarray(take.pitch_mm)
+
+
+def observed_of(take: Take) -> Float[np.ndarray, "marks 2"]:
+    """Where every mark was seen, sensor mm."""
+    observations = take.observations
+    return mm_from_px(
+        observations.points_px, observations.image_size_px, take.sensor_size_mm
+    )
+
+
+def stack_takes(
+    takes: list[Take], poses: list[Pose], apertures: list[int], whole: list[bool]
+) -> Stack:
+    """Stack takes whose start poses are known."""
+    most = max(len(take.observations) for take in takes)
+    count = len(takes)
+    board = np.zeros((count, most, 2))
+    observed = np.zeros((count, most, 2))
+    covariance = np.tile(np.eye(2), (count, most, 1, 1))
+    normal = np.full((count, most, 2), np.nan)
+    present = np.zeros((count, most), bool)
+    half = np.zeros((count, 2))
+    mm_per_px = np.zeros(count)
+    for k, take in enumerate(takes):
+        n = len(take.observations)
+        board[k, :n] = board_of(take)
+        half[k] = np.maximum(np.abs(board[k, :n]).max(0), 1e-9)
+        observed[k, :n] = observed_of(take)
+        mm_per_px[k] = take.sensor_size_mm[0] / take.observations.image_size_px[0]
+        doubt = OVERLAP_DEVIATION_PX**2 * take.observations.overlapping[:, None, None]
+        noise = take.observations.covariance_px2 + doubt * np.eye(2)
+        covariance[k, :n] = noise * mm_per_px[k] ** 2
+        lines = take.observations.family != POINT
+        normal[k, :n][lines] = take.observations.normal[lines]
+        present[k, :n] = True
+    view = View(
+        rotation=jnp.asarray(np.stack([p.rotation for p in poses])),
+        translation_mm=jnp.asarray(np.stack([p.translation_mm for p in poses])),
+        aperture=jnp.asarray(apertures),
+        half_board_mm=jnp.asarray(half),
+        whole_board=jnp.asarray(np.asarray(whole, float)),
+    )
+    return Stack(
+        view=view,
+        chunking=chunking_of(present),
+        board=board / half[:, None],
+        observed_mm=observed,
+        present=present,
+        covariance_mm2=covariance,
+        normal=normal,
+        mm_per_px=mm_per_px,
+    )
+
+
+def whitening_of(
+    stack: Stack, model_variance_mm2: Float[np.ndarray, " views"]
+) -> Float[np.ndarray, "views marks 2 2"]:
+    """Matrices that turn residuals into standard deviations; zero for padding.
+
+    `model_variance_mm2` is what the model leaves besides detection noise, so that a
+    mark with little noise does not outvote its neighbours.
+    """
+    total = stack.covariance_mm2 + model_variance_mm2[:, None, None, None] * np.eye(2)
+    points = _inverse_root(total)
+    lines = np.isfinite(stack.normal[..., 0])
+    deviation = np.sqrt(variance_of(total, stack.normal))
+    rows = np.nan_to_num(stack.normal) / deviation[..., None]
+    one_row = np.stack([rows, np.zeros_like(rows)], -2)
+    whitening = np.where(lines[..., None, None], one_row, points)
+    return whitening * stack.present[..., None, None]
+
+
+def noise_mm2(stack: Stack) -> Float[np.ndarray, "views marks"]:
+    """Detection variance of one residual of every mark."""
+    return variance_of(stack.covariance_mm2, stack.normal)
+
+
+def variance_of(
+    covariance: Float[np.ndarray, "*marks 2 2"], normal: Float[np.ndarray, "*marks 2"]
+) -> Float[np.ndarray, "*marks"]:
+    """Variance of one residual of every mark.
+
+    Of a point (its normal is NaN) the mean over both axes; of a line sample across the
+    line, since along it nothing was measured.
+    """
+    n = np.nan_to_num(normal)
+    across = np.einsum("...i,...ij,...j->...", n, covariance, n)
+    mean = np.trace(covariance, axis1=-2, axis2=-1) / 2
+    return np.where(np.isfinite(normal[..., 0]), across, mean)
+
+
+def residuals_of(stack: Stack) -> Int[np.ndarray, "views marks"]:
+    """Number of residuals of every mark: two of a point, one of a line sample."""
+    return np.where(np.isfinite(stack.normal[..., 0]), 1, 2)
+
+
+def _inverse_root(
+    covariance: Float[np.ndarray, "... 2 2"],
+) -> Float[np.ndarray, "... 2 2"]:
+    """Inverse of the lower Cholesky factor; LAPACK is slow on tiny matrices."""
+    first = 1 / np.sqrt(covariance[..., 0, 0])
+    below = covariance[..., 1, 0] * first
+    second = 1 / np.sqrt(covariance[..., 1, 1] - below**2)
+    root = np.zeros_like(covariance)
+    root[..., 0, 0], root[..., 1, 1] = first, second
+    root[..., 1, 0] = -below * first * second
+    return root
+
+
+def line_numbers(family: np.ndarray, lattice: np.ndarray) -> np.ndarray:
+    """A number for every line of a lattice, so that lines can be told apart."""
+    across = np.where(family == LINE_OF_CONSTANT_I, lattice[:, 0], lattice[:, 1])
+    return np.round(across).astype(int)

@@ -1,0 +1,243 @@
+"""All dots of all photographs of one focal length, as arrays of the wavefront fit."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from lensfit.fitting.adjust import fitted_depths_mm
+from lensfit.fitting.stated_facts import Widths
+from lensfit.fitting.wavefront.beside import own_cells
+from lensfit.fitting.wavefront.dots import Broad, Dots
+from lensfit.fitting.wavefront.known_dots import Reference, dots_of
+from lensfit.fitting.wavefront.parameters import Scale
+from lensfit.fitting.wavefront.shown import (
+    LARGEST_PLACED_CELLS,
+    Shown,
+    are_of_one_setting,
+    centroids_mm,
+    diameters_mm,
+    hole_cells,
+    usable_cells,
+)
+from lensfit.fitting.wavefront.waves import Transfer, transfers_of
+from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
+from lensfit.optics.spectrum import Bands, chromatic_coordinate
+
+_NEAREST_FOCUS, _USUAL_FOCUS = 2.0, 20.0
+"""In principal distances; at two a thing is imaged as large as it is."""
+WIDE_OPEN = 1.02
+"""Up to this ratio to the widest f-number the blades are out of the way."""
+
+
+class Group(NamedTuple):
+    """Takes that share focus and chart, so that one defocus serves them."""
+
+    focus_distance_mm: float | None
+    target_distance_mm: float | None
+    take: str
+    """Name of the take, where nobody said how far the chart was; else empty."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """All dots of all photographs.
+
+    Attributes
+    ----------
+    dots : Constants of the model.
+    light, valid, clipped : As in `Cutouts`.
+    observed_mm : Centroid of each channel from the corner of its cutout.
+    diameter_mm : Of the disc of the same second moment, pixels taken off.
+    read_noise : Of a cell, per dot and channel.
+    take : Index into `shown`.
+    colour : Whether red and blue were photographed.
+    scale, chromatic : Constants of the model; chromatic coordinates of the channels.
+    groups, f_numbers : What `Dots.group` and `Dots.stop` count.
+    reference_distance_mm : For which the aberrations hold, from the sensor.
+    first_order : At the reference state.
+    """
+
+    shown: tuple[Shown, ...]
+    dots: Dots
+    light: Float[np.ndarray, "dots 3 rows columns"]
+    valid: Bool[np.ndarray, "dots 3 rows columns"]
+    clipped: Bool[np.ndarray, "dots 3 rows columns"]
+    observed_mm: Float[np.ndarray, "dots 3 2"]
+    diameter_mm: Float[np.ndarray, " dots"]
+    read_noise: Float[np.ndarray, "dots 3"]
+    take: Int[np.ndarray, " dots"]
+    colour: bool
+    scale: Scale
+    chromatic: Float[np.ndarray, "3 wavelengths"]
+    groups: tuple[Group, ...]
+    f_numbers: tuple[float, ...]
+    reference_distance_mm: float
+    first_order: FirstOrder
+
+    @property
+    def widths(self) -> Widths:
+        """How well what is stated of the shoot is known."""
+        return self.shown[0].take.widths
+
+    @property
+    def of_one_setting(self) -> bool:
+        """Whether all photographs have one f-number and one focus distance."""
+        return are_of_one_setting(self.shown)
+
+    @cached_property
+    def transfer(self) -> Transfer | None:
+        """What the discs of broad dots make of an image (`waves`); None of others."""
+        if self.dots.broad is None:
+            return None
+        return transfers_of(self.dots.broad, self.dots.cell_mm, self.light.shape[-1])
+
+
+def gather(shown: list[Shown], bands: Bands) -> Gathered:
+    """Arrays of all dots; every take states its f-number."""
+    known = _reference(shown)
+    distance_mm = jnp.asarray(known.distance_mm)
+    f_numbers = sorted({s.f_number for s in shown})
+    sines = [
+        float(rim_sine(known.first_order, jnp.asarray(n), distance_mm))
+        for n in f_numbers
+    ]
+    groups = tuple(dict.fromkeys(_group(s) for s in shown))
+    broad = any(
+        one.take.observations.of_corners or hole_cells(one) > LARGEST_PLACED_CELLS
+        for one in shown
+    )
+    rows = []
+    for one in shown:
+        stop = f_numbers.index(one.f_number)
+        radius, group = sines[stop] / sines[0], groups.index(_group(one))
+        rows.append(dots_of(one, group, stop, radius, known, bands, broad=broad))
+    cut = [s.cutouts for s in shown]
+    counts = [len(c.marks) for c in cut]
+    return Gathered(
+        shown=tuple(shown),
+        dots=jax.tree.map(lambda *parts: np.concatenate(parts), *rows),
+        light=np.concatenate([c.light for c in cut]),
+        valid=np.concatenate(
+            [_valid(s, r.broad) for s, r in zip(shown, rows, strict=True)]
+        ),
+        clipped=np.concatenate([c.clipped for c in cut]),
+        observed_mm=np.concatenate(
+            [_observed_mm(s, r.broad) for s, r in zip(shown, rows, strict=True)]
+        ),
+        diameter_mm=np.concatenate([diameters_mm(s) for s in shown]),
+        read_noise=np.repeat([c.read_noise for c in cut], counts, axis=0),
+        take=np.repeat(np.arange(len(shown)), counts),
+        colour=any(c.channels == 3 for c in cut),
+        scale=Scale(
+            jnp.asarray(np.hypot(*shown[0].take.sensor_size_mm) / 2),
+            jnp.asarray(sines[0]),
+            jnp.asarray(known.principal_distance_mm),
+        ),
+        chromatic=np.asarray(chromatic_coordinate(bands.wavelengths_nm)),
+        groups=groups,
+        f_numbers=tuple(f_numbers),
+        reference_distance_mm=known.distance_mm,
+        first_order=known.first_order,
+    )
+
+
+def _valid(
+    shown: Shown, broad: Broad | None
+) -> Bool[np.ndarray, "dots 3 rows columns"]:
+    """Cells to use; none of broad dots that lie nearer to one which the frame cuts."""
+    usable = usable_cells(shown.cutouts)
+    if broad is None or shown.take.observations.of_corners:
+        return usable
+    return usable & own_cells(shown, broad.beside_mm)[:, None]
+
+
+def _observed_mm(shown: Shown, broad: Broad | None) -> Float[np.ndarray, "dots 3 2"]:
+    """Of every mark, or of the rim that is shown, from the corner of its cutout."""
+    observed_mm = centroids_mm(shown.take, shown.cutouts)
+    return observed_mm if broad is None else observed_mm - broad.rim_mm[:, None]
+
+
+def chosen(gathered: Gathered, rows: Int[np.ndarray, " some"]) -> Gathered:
+    """Only some of the dots."""
+    parts = ("light", "valid", "clipped", "observed_mm", "diameter_mm")
+    parts += ("read_noise", "take")
+    return replace(
+        gathered,
+        dots=jax.tree.map(lambda a: a[rows], gathered.dots),
+        **{name: getattr(gathered, name)[rows] for name in parts},
+    )
+
+
+def spread_over_takes(gathered: Gathered, most: int) -> Int[np.ndarray, " rows"]:
+    """Rows of up to `most` dots of every take, as far from each other as can be."""
+    field_mm = np.asarray(gathered.dots.field_mm)
+    return np.concatenate(
+        [
+            spread_out(field_mm, np.flatnonzero(gathered.take == k), most)
+            for k in range(len(gathered.shown))
+        ]
+    )
+
+
+def spread_out(
+    points: Float[np.ndarray, "points 2"], among: Int[np.ndarray, " some"], most: int
+) -> Int[np.ndarray, " chosen"]:
+    """Up to `most` of `among`, each as far as can be from those before; sorted."""
+    points = points[among]
+    if len(points) <= most:
+        return among
+    first = int(np.argmax(np.sum((points - points.mean(0)) ** 2, -1)))
+    found = [first]
+    distance = np.sum((points - points[first]) ** 2, -1)
+    while len(found) < most:
+        found.append(int(np.argmax(distance)))
+        away = np.sum((points - points[found[-1]]) ** 2, -1)
+        distance = np.minimum(distance, away)
+    return among[np.sort(found)]
+
+
+def _reference(shown: list[Shown]) -> Reference:
+    """The state nearest to being in focus, and the distance of its chart."""
+    nearest = _nearest_to_focus(shown)
+    offset = nearest.pupil_offset_mm
+    c = float(nearest.distortion.principal_distance_mm)
+    farther = _farther(shown, c)
+    depth_mm = farther * _depth_mm(nearest)
+    distance = nearest.take.target_distance_mm or depth_mm + offset
+    thin = first_order_of(*(jnp.asarray(n) for n in (c, 1.0, offset, distance)))
+    return Reference(c, thin, distance, farther)
+
+
+def _farther(shown: list[Shown], principal_distance_mm: float) -> float:
+    """What depths are multiplied by: where nobody stated a distance, and a chart would
+    be nearer than a lens can be focused, its pitch is no length in mm."""
+    if any(one.take.target_distance_mm for one in shown):
+        return 1.0
+    nearest = min(map(_depth_mm, shown)) / principal_distance_mm
+    return 1.0 if nearest >= _NEAREST_FOCUS else _USUAL_FOCUS / nearest
+
+
+def _nearest_to_focus(shown: list[Shown]) -> Shown:
+    def dioptres_off(one: Shown) -> float:
+        take = one.take
+        if not take.target_distance_mm or not take.focus_distance_mm:
+            return np.inf
+        return abs(1 / take.target_distance_mm - 1 / take.focus_distance_mm)
+
+    return min(shown, key=lambda one: (dioptres_off(one), one.cutouts.cell_px))
+
+
+def _group(shown: Shown) -> Group:
+    take = shown.take
+    name = "" if take.target_distance_mm else take.name
+    return Group(take.focus_distance_mm, take.target_distance_mm, name)
+
+
+def _depth_mm(shown: Shown) -> float:
+    """From the entrance pupil to the chart, as the geometry has it."""
+    return float(fitted_depths_mm(shown.geometry.adjustment)[shown.index])

@@ -1,0 +1,104 @@
+"""Centroid of the light of a small hole, from where its chief ray lands.
+
+Few rays are enough: on rings and spokes, the same for every wavelength.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from lensfit.fitting.wavefront.dots import Dots
+from lensfit.fitting.wavefront.parameters import Layout, Scale
+from lensfit.fitting.wavefront.rays import (
+    SHARPNESS,
+    Through,
+    landed_of,
+    opening_seen,
+)
+from lensfit.fitting.wavefront.shapes import Colour
+from lensfit.optics.pupil import polar_nodes
+
+_RINGS_AND_SPOKES = 6, 48
+"""Of the rays that tell a centroid."""
+
+
+def centroids_mm(
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    chromatic: Float[Array, "3 wavelengths"],
+    layout: Layout,
+    scale: Scale,
+) -> Float[Array, "3 2"]:
+    """Centroid of each channel's light from where the chief ray lands."""
+
+    def channel(chromatic: Array, lateral_mm: Array) -> Array:
+        colour = Colour(chromatic, lateral_mm)
+        seen = (parameters, dot, colour, layout, scale)
+        landing, weight = polar_landings(*seen, _RINGS_AND_SPOKES)
+        return jnp.einsum("wk,wki->i", weight, landing)
+
+    return jax.vmap(channel)(chromatic, dot.lateral_mm)
+
+
+def centroid_slopes_mm(
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    chromatic: Float[Array, "3 wavelengths"],
+    layout: Layout,
+    scale: Scale,
+) -> Float[Array, "3 2 parameters"]:
+    """d `centroids_mm` / d parameter, the light that an area carries taken as it is."""
+
+    def channel(chromatic: Array, lateral_mm: Array) -> Array:
+        colour = Colour(chromatic, lateral_mm)
+
+        def opened(opening: Array) -> tuple[Array, Array]:
+            return _polar(opening, dot, len(chromatic), layout, scale)
+
+        (u, weight), to_opening = jax.vjp(opened, parameters[layout.opening])
+        seen = (parameters, dot, colour, layout, scale)
+        landed = landed_of(u, *seen)
+        rays = Through(u, landed, to_opening)
+        light = landed.light / jnp.sum(weight * landed.light)
+        share = (weight * light)[..., None]
+        off = landed.at_mm - jnp.sum(share * landed.at_mm, (0, 1), keepdims=True)
+
+        def along(axis: Array) -> Array:
+            by_landing = share * axis[None, None]
+            return rays.led_back(by_landing, light * (off @ axis), *seen)
+
+        return jax.vmap(along)(jnp.eye(2, dtype=u.dtype))
+
+    return jax.vmap(channel)(chromatic, dot.lateral_mm)
+
+
+def polar_landings(
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    colour: Colour,
+    layout: Layout,
+    scale: Scale,
+    rings_and_spokes: tuple[int, int],
+) -> tuple[Float[Array, "wavelengths rays 2"], Float[Array, "wavelengths rays"]]:
+    """Where rays on rings and spokes land, from the chief ray of their wavelength, and
+    the light of each, 1 in all; see `optics.pupil.polar_nodes`."""
+    opening, wavelengths = parameters[layout.opening], len(colour.chromatic)
+    u, weight = _polar(opening, dot, wavelengths, layout, scale, rings_and_spokes)
+    landed = landed_of(u, parameters, dot, colour, layout, scale)
+    light = weight * landed.light
+    return landed.at_mm, light / jnp.sum(light)
+
+
+def _polar(
+    opening: Array,
+    dot: Dots,
+    wavelengths: int,
+    layout: Layout,
+    scale: Scale,
+    rings_and_spokes: tuple[int, int] = _RINGS_AND_SPOKES,
+) -> tuple[Float[Array, "wavelengths rays 2"], Float[Array, "wavelengths rays"]]:
+    """Points of the opening, the same for every wavelength, and their weights."""
+    seen = opening_seen(opening, dot, layout, scale)
+    nodes = polar_nodes(*seen, *rings_and_spokes, SHARPNESS)
+    u = jnp.broadcast_to(nodes.u[None], (wavelengths, *nodes.u.shape))
+    return u, jnp.broadcast_to(nodes.weight[None], u.shape[:2])

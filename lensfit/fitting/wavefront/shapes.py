@@ -1,0 +1,166 @@
+"""Few shapes in which all parameters move the rays of one dot.
+
+At one field point many terms of the wavefront are one and the same mode of the pupil,
+and only one of all defocus values counts. So images need to be differentiated by fewer
+shapes than there are parameters:
+
+- the amplitude of every mode (Re or Im member, `optics.modes`), and its linear and
+  quadratic change with the chromatic coordinate where colour has that mode;
+- the dot's own defocus; behind cylinders also what x has beyond it;
+- where the exit pupil is, and the chief ray's bend;
+- the numbers of the opening, each its own shape (`rays`).
+
+`spread_of` says how every shape follows from the parameters. Rays have their axes last,
+which is the way the processor goes.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from lensfit.fitting.wavefront.dots import Dots
+from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of
+from lensfit.optics.aberration import chief_sine, tangents
+from lensfit.optics.modes import Mode, mode_gradients
+from lensfit.optics.sections import cylinder_mm
+from lensfit.optics.terms import Term, modes_of, term_amplitudes
+
+_MM_PER_UM = 1e-3
+
+
+class Colour(NamedTuple):
+    """The wavelengths of one channel, of equal weight.
+
+    Attributes
+    ----------
+    chromatic : Chromatic coordinates (`optics.spectrum`).
+    lateral_mm : Displacement of each wavelength's chief ray about their mean.
+    """
+
+    chromatic: Float[Array, " wavelengths"]
+    lateral_mm: Float[Array, "wavelengths 2"]
+
+
+def field_point(dot: Dots, scale: Scale) -> Float[Array, "2"]:
+    """In field radii of the dot's state."""
+    return dot.field_mm / (scale.field_radius_mm * dot.magnified)
+
+
+def mode_shapes_mm(
+    u: Float[Array, "wavelengths points 2"], layout: Layout
+) -> Float[Array, "members 2 wavelengths points"]:
+    """d landing / d amplitude (um) of every member of the modes, x and y."""
+    of_modes = mode_gradients(jnp.moveaxis(u, -1, 0), _modes(layout))
+    of_members = of_modes.reshape(-1, *of_modes.shape[2:])
+    return of_members[_members(layout)] * _MM_PER_UM
+
+
+def coloured(
+    by_mode: Float[Array, "members *some wavelengths points"],
+    chromatic: Float[Array, " wavelengths"],
+    layout: Layout,
+) -> Float[Array, "shapes *some wavelengths points"]:
+    """Of the modes, and of their linear and quadratic changes with colour."""
+    changing = by_mode[_coloured(layout)]
+    weight = chromatic.reshape(*[1] * (by_mode.ndim - 2), -1, 1)
+    return jnp.concatenate([by_mode, changing * weight, changing * weight**2])
+
+
+def state_shapes_mm(
+    u: Float[Array, "wavelengths points 2"],
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    layout: Layout,
+    scale: Scale,
+) -> Float[Array, "states 2 wavelengths points"]:
+    """d landing / d the dot's own defocus, what x has beyond it, and exit pupil."""
+    defocus = parameters[layout.blocks["defocus"]][dot.group]
+    p_x, p_y = u[..., 0] * scale.reference_sine, u[..., 1] * scale.reference_sine
+    where = layout.blocks["exit_pupil"]
+
+    def chief(exit_pupil: Array) -> Array:
+        changed = parameters.at[where].set(exit_pupil)
+        aberration = aberration_of(changed, layout, scale, dot.magnified)
+        return chief_sine(dot.field_mm, aberration)
+
+    def by_defocus(chief_x: Array, chief_y: Array) -> Array:
+        there, here = tangents(p_x + chief_x, p_y + chief_y), tangents(chief_x, chief_y)
+        return jnp.stack([a - b for a, b in zip(there, here, strict=True)])
+
+    at = tuple(chief(parameters[where]))
+    turned = jax.jacfwd(chief)(parameters[where])
+    by_exit_pupil = [
+        defocus * jax.jvp(by_defocus, at, tuple(towards))[1] for towards in turned.T
+    ]
+    own = by_defocus(*at)
+    if dot.sections is None:
+        return jnp.stack([own, *by_exit_pupil])
+    none, one = jnp.zeros((), own.dtype), jnp.ones((), own.dtype)
+    (a, b), (c, d) = cylinder_mm(none, one, dot.sections)
+    beyond = jnp.stack([a * p_x + b * p_y, c * p_x + d * p_y])
+    own = own + dot.sections.per_defocus * beyond
+    return jnp.stack([own, beyond, *by_exit_pupil])
+
+
+def spread_of(
+    dot: Dots, layout: Layout, scale: Scale
+) -> Float[Array, "shapes parameters"]:
+    """How the shapes follow from the parameters, at the place of a dot."""
+    h = field_point(dot, scale)
+    blocks = layout.blocks
+    of_terms = _amplitudes(h, layout.terms, layout)
+    of_colours = _amplitudes(h, layout.colour_terms, layout)[_coloured(layout)]
+    half = len(layout.colour_terms)
+    linear, quadratic = blocks["colour"].start, blocks["colour"].start + half
+    mine = jax.nn.one_hot(dot.group, layout.groups, dtype=h.dtype)[None]
+    placed = [
+        (blocks["coefficients"].start, of_terms),
+        (linear, of_colours),
+        (quadratic, of_colours),
+        (blocks["defocus"].start, mine),
+    ]
+    if layout.anamorphic:
+        placed.append((blocks["beyond"].start, mine))
+    rest = layout.size - blocks["exit_pupil"].start
+    placed.append((blocks["exit_pupil"].start, jnp.eye(rest, dtype=h.dtype)))
+    rows = [
+        jnp.pad(part, ((0, 0), (start, layout.size - start - part.shape[1])))
+        for start, part in placed
+    ]
+    return jnp.concatenate(rows)
+
+
+def _amplitudes(
+    h: Array, terms: tuple[Term, ...], layout: Layout
+) -> Float[Array, "members terms"]:
+    """Of every member of the modes, for a unit of each term."""
+    row, pair = term_amplitudes(h, terms)
+    modes = _modes(layout)
+    at = np.array([modes.index(mode) for mode in modes_of(terms)], int)[row]
+    column = np.arange(len(terms))
+    of_modes = jnp.zeros((len(modes), 2, len(terms)), h.dtype)
+    of_modes = of_modes.at[at, :, column].set(pair)
+    return of_modes.reshape(2 * len(modes), len(terms))[_members(layout)]
+
+
+def _modes(layout: Layout) -> tuple[Mode, ...]:
+    return modes_of(layout.terms + layout.colour_terms)
+
+
+@lru_cache(maxsize=8)
+def _members(layout: Layout) -> Int[np.ndarray, " members"]:
+    """Which of all Re and Im members of the modes there are: Im z^0 is none."""
+    is_one = [(True, mode.order > 0) for mode in _modes(layout)]
+    return np.flatnonzero(np.array(is_one))
+
+
+@lru_cache(maxsize=8)
+def _coloured(layout: Layout) -> Int[np.ndarray, " coloured"]:
+    """Which of the members change with colour."""
+    coloured = set(modes_of(layout.colour_terms))
+    modes = _modes(layout)
+    return np.flatnonzero([modes[k // 2] in coloured for k in _members(layout)])

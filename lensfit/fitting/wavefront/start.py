@@ -1,0 +1,214 @@
+"""Where the wavefront fit begins: defocus from what was said and seen, rims from light.
+
+The size of every defocus follows from the spread of the dots near the axis, its sign
+from focus and chart distance where both were stated. Rims begin where they explain the
+fall-off that the dots' brightness shows.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
+from lensfit.fitting.wavefront.dots import hole_variance_mm2
+from lensfit.fitting.wavefront.gather import Gathered
+from lensfit.fitting.wavefront.parameters import Layout
+from lensfit.kernel.pixels import AIRY_SIGMA, WAVELENGTH_MM
+from lensfit.optics.falloff import log_loss
+from lensfit.optics.paraxial import defocus_mm
+from lensfit.optics.pupil import clear_pupil, relative_illumination
+
+_NEAR_AXIS = 0.35
+IN_FOCUS_MM = 0.02
+"""Defocus that has no side worth telling."""
+_LEAST_BLUR_CELLS = 0.5
+"""Deviation of the narrowest blur that is told from a dot a little larger."""
+_RADII = 9
+_RIM_RADII = (1.02, 1.1, 1.2, 1.35, 1.6, 2.0)
+_RIM_SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
+
+
+def stated_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+    """What focus and chart distance say, in first-order optics; NaN where unsaid."""
+    return _focused_at_mm(gathered, _focus_distances_mm(gathered))
+
+
+def defocus_deviation_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+    """Of what focus distances say of each, by their width; NaN where unsaid."""
+    widths, said_mm = gathered.widths, _focus_distances_mm(gathered)
+    width_mm = np.hypot(widths.distance_mm, widths.distance * said_mm)
+    width_mm = np.where(np.isinf(said_mm), 0.0, width_mm)
+    moved_mm = _focused_at_mm(gathered, said_mm - width_mm)
+    return np.abs(moved_mm - _focused_at_mm(gathered, said_mm))
+
+
+def _focus_distances_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+    said_mm = [group.focus_distance_mm for group in gathered.groups]
+    return np.array([np.nan if one is None else one for one in said_mm])
+
+
+def _focused_at_mm(
+    gathered: Gathered, focus_mm: Float[np.ndarray, " groups"]
+) -> Float[np.ndarray, " groups"]:
+    """Defocus of every group if its lens was focused there."""
+    reference_mm = jnp.asarray(gathered.reference_distance_mm)
+    found = defocus_mm(gathered.first_order, jnp.asarray(focus_mm), reference_mm)
+    return np.asarray(found) * np.exp(_log_squeeze(gathered))
+
+
+def seen_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+    """Size of every group's defocus, from the spread of its dots near the axis."""
+    radius = np.hypot(*gathered.dots.field_mm.T)
+    limit = _NEAR_AXIS * float(gathered.scale.field_radius_mm)
+    central = radius <= max(limit, float(np.quantile(radius, 0.15)))
+    # The diameter is that of the disc of the same second moment.
+    size = blurring_defocus_mm(gathered, gathered.diameter_mm**2 / 16)
+    if gathered.dots.sections is not None:
+        # A disc along y, narrower along x: of both only the mean was seen.
+        narrow = 1 + np.asarray(gathered.dots.sections.per_defocus)
+        size = size / np.sqrt((1 + narrow**2) / 2)
+    found = []
+    for group in range(len(gathered.groups)):
+        mine = (gathered.dots.group == group) & np.isfinite(size)
+        near = mine & central if (mine & central).any() else mine
+        found.append(float(np.median(size[near])) if near.any() else 0.0)
+    return np.array(found)
+
+
+def _log_squeeze(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+    """Of every group's photographs; along y defocus counts s^2 times that along x."""
+    sections, groups = gathered.dots.sections, range(len(gathered.groups))
+    if sections is None:
+        return np.zeros(len(groups))
+    group, per_defocus = map(np.asarray, (gathered.dots.group, sections.per_defocus))
+    return np.array([-0.5 * np.log1p(per_defocus[group == k].mean()) for k in groups])
+
+
+def blurring_defocus_mm(
+    gathered: Gathered, variance_mm2: Float[np.ndarray, "*ways dots"]
+) -> Float[np.ndarray, "*ways dots"]:
+    """Size of the defocus whose disc, with the hole, has this variance along a line."""
+    sine = float(gathered.scale.reference_sine) * gathered.dots.stop_radius
+    tangent = sine / np.sqrt(1 - sine**2)
+    of_disc = np.maximum(variance_mm2 - hole_variance_mm2(gathered.dots), 0.0)
+    # A disc of radius R has the variance R^2 / 4.
+    return 2 * np.sqrt(of_disc) / tangent
+
+
+def sharp_f_number(gathered: Gathered) -> float:
+    """The smallest f-number at which a chart so deep can be as sharp as its dots are.
+
+    The depth of a slanted chart's image follows from first-order optics. The opening is
+    no wider than blurs its dots as much as is seen, and no smaller than diffracts half
+    as much. Blur has other causes too, so that the gathered f-number is the least.
+    """
+    optics, dots = gathered.first_order, gathered.dots
+    pupil_mm = float(optics.focal_length_mm / optics.pupil_magnification)
+    depth_mm = float(optics.focal_length_mm) ** 2 / (1 / dots.vergence - pupil_mm)
+    variance_mm2 = gathered.diameter_mm**2 / 16 - hole_variance_mm2(dots)
+    least_mm2 = (_LEAST_BLUR_CELLS * dots.cell_mm.mean(1)) ** 2
+    least = gathered.f_numbers[0]
+    asked = [least]
+    for take in range(len(gathered.shown)):
+        mine = gathered.take == take
+        across = depth_mm[mine].std() / 2
+        seen_mm2 = np.nanmedian(np.maximum(variance_mm2[mine], least_mm2[mine]))
+        seen_mm = float(np.sqrt(seen_mm2))
+        # Along a line a disc of radius R has the variance R^2 / 4.
+        by_depth = across / (2 * seen_mm)
+        asked.append(min(by_depth, seen_mm / 2 / (AIRY_SIGMA * WAVELENGTH_MM)))
+    return float(np.max(np.nan_to_num(asked, nan=least)))
+
+
+class FirstDefocus(NamedTuple):
+    """What is known of every group's defocus before anything is fitted.
+
+    Attributes
+    ----------
+    seen_mm : Its size, as `seen_defocus_mm` has it.
+    stated_mm : As `stated_defocus_mm` has it; NaN where nothing was said.
+    """
+
+    seen_mm: Float[np.ndarray, " groups"]
+    stated_mm: Float[np.ndarray, " groups"]
+
+    @property
+    def side_stated(self) -> Bool[np.ndarray, " groups"]:
+        """Where the sign was stated, or that the chart was in focus."""
+        return np.isfinite(self.stated_mm)
+
+    @property
+    def value_mm(self) -> Float[np.ndarray, " groups"]:
+        """Where to begin: the size that was seen on the side that was stated."""
+        side = np.where(self.side_stated, np.sign(self.stated_mm), 1.0)
+        in_focus = np.abs(self.stated_mm) <= IN_FOCUS_MM
+        return np.where(in_focus, self.stated_mm, side * self.seen_mm)
+
+
+def first_defocus(gathered: Gathered) -> FirstDefocus:
+    """As it was seen and as it was stated."""
+    return FirstDefocus(seen_defocus_mm(gathered), stated_defocus_mm(gathered))
+
+
+def first_rims(
+    fall_off: FallOffFit | None, field_radius_mm: float
+) -> Float[np.ndarray, "2"]:
+    """Radius and shift of two opposite rims that explain a fall-off best."""
+    if fall_off is None:
+        return np.array([1.35, 0.6])
+    radius_mm = np.linspace(0.1, 1.0, _RADII) * fall_off.valid_radius_mm
+    squared = jnp.asarray((radius_mm / fall_off.valid_radius_mm) ** 2)
+    control = jnp.asarray(fall_off.control[1])
+    seen = np.exp(-np.asarray(jax.vmap(log_loss, (0, None))(squared, control)))
+    grid = np.array([(r, a) for r in _RIM_RADII for a in _RIM_SHIFTS])
+    lit = np.asarray(_lit(jnp.asarray(grid), jnp.asarray(radius_mm / field_radius_mm)))
+    # Natural fall-off comes on top: a smooth loss that grows as the square.
+    loss = np.log(np.maximum(lit, 1e-3)) - np.log(seen)
+    shape = (radius_mm / radius_mm[-1]) ** 2
+    natural = np.maximum(loss @ shape / (shape @ shape), 0.0)
+    left = loss - natural[:, None] * shape[None]
+    return grid[int(np.argmin(np.sum(left**2, -1) + 1e-4 * natural**2))]
+
+
+@jax.jit
+def _lit(rims, h):
+    """Relative illumination of each pair of rims at each field height."""
+
+    def one(rim, height):
+        pupil = clear_pupil(2)
+        shift = jnp.array([[1.0, 0.0], [-1.0, 0.0]]) * rim[1]
+        radius = jnp.array([[1.0, 0.0], [1.0, 0.0]]) * rim[0]
+        opened = pupil.__class__(
+            rim_shift=shift,
+            rim_radius=radius,
+            stop_shift=pupil.stop_shift,
+            stretch=pupil.stretch,
+            squeeze=pupil.squeeze,
+            blade_rotation_rad=pupil.blade_rotation_rad,
+            blade_curvature=pupil.blade_curvature,
+        )
+        place = jnp.stack([height, jnp.zeros_like(height)])
+        return relative_illumination(place, jnp.ones(()), opened)
+
+    return jax.vmap(jax.vmap(one, (None, 0)), (0, None))(rims, h)
+
+
+def first_parameters(
+    gathered: Gathered,
+    layout: Layout,
+    fall_off: FallOffFit | None,
+    defocus_mm: Float[np.ndarray, " groups"],
+) -> Float[np.ndarray, " parameters"]:
+    """The whole vector: a perfect lens, so defocused and clipped as seen."""
+    blocks = layout.blocks
+    parameters = np.zeros(layout.size)
+    parameters[blocks["defocus"]][: len(defocus_mm)] = defocus_mm
+    radius, shift = first_rims(fall_off, float(gathered.scale.field_radius_mm))
+    parameters[blocks["rim_radius"]] = np.tile([radius, 0.0], layout.rims)
+    sides = np.resize([shift, 0.0, -shift, 0.0], 2 * layout.rims)
+    parameters[blocks["rim_shift"]] = sides
+    parameters[blocks["iris"]] = [0.0, 0.0, 0.1]
+    return parameters

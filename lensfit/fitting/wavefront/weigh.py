@@ -1,0 +1,109 @@
+"""How much each cell of a photograph counts.
+
+The variance of a cell is read noise, shot noise (proportional to light, its factor
+found from what a fit leaves), and a small share of the dot's own peak: what the model
+itself leaves. Without the last a bright, sharp dot would outvote every blurred one.
+A dot that the model misses by much more than its photograph's others loses weight
+(Cauchy). A clipped cell is at least as bright as recorded: it counts only where the
+model is darker than that.
+"""
+
+import itertools
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import nnls
+
+from lensfit.fitting.wavefront.dots import show_edges
+from lensfit.fitting.wavefront.gather import Gathered
+
+MODEL_SHARE = 0.02
+_OF_EDGES = 0.2
+"""Errors of a blur nearly cancel across an edge, which is the sum of many points."""
+_LEAST_SHARE = 1e-4
+_CAUCHY = 3.0
+_BINS = 12
+
+
+def first_weights(
+    gathered: Gathered, share: float
+) -> Float[np.ndarray, "dots 3 rows columns"]:
+    """Before any fit: read noise and a share of every dot's peak."""
+    usable = gathered.valid & ~gathered.clipped
+    return usable / _floor(gathered, share)[..., None, None]
+
+
+def weights_after(
+    gathered: Gathered,
+    residual: Float[np.ndarray, "dots 3 rows columns"],
+    background: Float[np.ndarray, "dots 3"],
+    share: float,
+) -> Float[np.ndarray, "dots 3 rows columns"]:
+    """From what a fit leaves, photograph minus model."""
+    modelled = gathered.light - residual
+    signal = np.abs(modelled - background[..., None, None])
+    floor = _floor(gathered, share)
+    variance = np.empty_like(signal)
+    for k in range(len(gathered.shown)):
+        mine = gathered.take == k
+        shot = _shot_factor(residual[mine], signal[mine], gathered.valid[mine])
+        variance[mine] = floor[mine][..., None, None] + shot * signal[mine]
+    dark = gathered.clipped & (residual > 0)
+    usable = gathered.valid & (~gathered.clipped | dark)
+    weight = usable / variance
+    return weight * _trust(gathered, residual, weight)[..., None, None]
+
+
+def relative_misfit(
+    gathered: Gathered,
+    residual: Float[np.ndarray, "dots 3 rows columns"],
+    background: Float[np.ndarray, "dots 3"],
+) -> Float[np.ndarray, "dots 3"]:
+    """Relative L2 error of every dot's image; NaN for a channel without cells."""
+    use = gathered.valid & ~gathered.clipped
+    signal = (gathered.light - background[..., None, None]) * use
+    square = np.sum(signal**2, (-2, -1))
+    error = np.sum((residual * use) ** 2, (-2, -1))
+    return np.sqrt(error / np.where(square > 0, square, np.nan))
+
+
+def _floor(gathered: Gathered, share: float) -> Float[np.ndarray, "dots 3"]:
+    """Variance of a cell without light: read noise, and what the model misses of the
+    brightness of a dot or an edge over what surrounds it."""
+    flat = gathered.light.reshape(*gathered.light.shape[:2], -1)
+    peak = np.abs(flat - np.median(flat, -1, keepdims=True)).max(-1)
+    missed = np.where(show_edges(gathered.dots), _OF_EDGES, 1.0)[:, None] * peak
+    missed = np.maximum(missed, _LEAST_SHARE * max(float(flat.max()), 1e-12))
+    return gathered.read_noise**2 + (share * missed) ** 2
+
+
+def _shot_factor(residual, signal, valid) -> float:
+    """Variance per unit of light, from medians of squares over bins of light."""
+    square, light = residual[valid] ** 2, signal[valid]
+    edges = np.quantile(light, np.linspace(0, 1, _BINS + 1))
+    rows = []
+    for low, high in itertools.pairwise(edges):
+        inside = (light >= low) & (light <= high)
+        if inside.sum() > 20:
+            rows.append((np.mean(light[inside]), np.median(square[inside]) / 0.455))
+    if len(rows) < 3:
+        return 0.0
+    mean, variance = np.array(rows).T
+    scale = max(float(variance.max()), 1e-30)
+    design = np.stack([np.ones_like(mean), mean, mean**2], -1)
+    size = np.maximum(np.abs(design).max(0), 1e-30)
+    found, _ = nnls(design / size, variance / scale)
+    return float(found[1] / size[1] * scale)
+
+
+def _trust(gathered: Gathered, residual, weight) -> np.ndarray:
+    """Weight of every dot and channel, from its misfit against its photograph's."""
+    count = np.maximum(np.sum(weight > 0, (-2, -1)), 1)
+    misfit = np.sqrt(np.sum(weight * residual**2, (-2, -1)) / count)
+    trust = np.ones_like(misfit)
+    for k in range(len(gathered.shown)):
+        mine = gathered.take == k
+        usual = np.median(misfit[mine], 0, keepdims=True)
+        ratio = misfit[mine] / np.maximum(usual, 1e-12)
+        trust[mine] = 1 / (1 + (np.maximum(ratio - 1, 0) / _CAUCHY) ** 2)
+    return trust

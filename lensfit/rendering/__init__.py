@@ -1,0 +1,1 @@
+"""Lens and plate to frame, forward only: `lensfit.render(rgb, depth_mm, lens)`."""

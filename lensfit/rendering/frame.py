@@ -1,0 +1,239 @@
+"""The order in which a lens acts on a plate.
+
+chief-ray warp      where each channel's light lands (distortion, lateral colour)
+depth of field      in the distorted picture, on the window with its margin, before any
+                    light is lost: each layer blurred by the lens' own kernels
+illumination        how much of it arrives
+looks               filters, reflections, glare, white balance (`look.stack`), on the
+                    window with its margin
+crop                the margin and the overscan go last
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from lensfit.coords import Window
+from lensfit.preset.look_knobs import LookKnobs
+from lensfit.rendering.buffers import crop
+from lensfit.rendering.defocus import blurred_layers, blurred_plate
+from lensfit.rendering.falloff import apply_gain
+from lensfit.rendering.filters import Filter, filter_for
+from lensfit.rendering.highlights import Highlights
+from lensfit.rendering.landing import landed, landed_flat, landed_layers
+from lensfit.rendering.layer_stack import LayerStack, Mattes, check_depth, flattened
+from lensfit.rendering.look.blur_of_light import SharpLayer
+from lensfit.rendering.look.sharp import sharp_layers
+from lensfit.rendering.look.stack import Arrival, light_spreads
+from lensfit.rendering.look.white_balance import Chromaticities
+from lensfit.rendering.stages import (
+    DEFAULT_TOLERANCE,
+    Stages,
+    Switches,
+    prepare_stages,
+)
+
+if TYPE_CHECKING:
+    from lensfit.lens import Lens
+
+
+def render(
+    rgb: Float[np.ndarray, "height width channels"] | LayerStack,
+    depth_mm: Float[np.ndarray, "height width"] | None,
+    lens: "Lens",
+    *,
+    tolerance: float = DEFAULT_TOLERANCE,
+    data_window: Window | None = None,
+    display_window: Window | None = None,
+    keep_overscan: bool = False,
+    sensor_width_mm: float | None = None,
+    switches: Switches | None = None,
+    method: Filter | None = None,
+    mattes: Mattes | None = None,
+    look: LookKnobs | None = None,
+    chromaticities: Chromaticities | None = None,
+    depth_levels: int | None = None,
+) -> Float32[np.ndarray, "out_height out_width channels"]:
+    """The plate as the lens would have photographed it.
+
+    Parameters
+    ----------
+    rgb : Undistorted plate, scene-linear: r, g, b, or r, g, b, alpha, premultiplied;
+        or the layers of a deep plate.
+    depth_mm : Perpendicular distance from the lens' entrance pupil (the pinhole of the
+        CG camera) of every pixel; infinite is allowed. None leaves defocus out.
+    lens : Lens at the camera state of the plate.
+    tolerance : Accepted error of the picture, display-referred.
+    data_window : Where the pixels of `rgb` lie; larger than the display window if
+        the plate has overscan. The display window if None.
+    display_window : The frame, which spans the sensor width; the whole of `rgb` if
+        None.
+    keep_overscan : Return the data window rather than the display window.
+    sensor_width_mm : Width that the display window spans; the lens' own if None.
+    switches : Effects of the lens that are wanted; all if None.
+    method : Interpolating filter; chosen by the tolerance if None.
+    mattes : Coverage of the objects that share a pixel, where the plate knows it.
+    look : Bloom, glints, filters, ghosts, white balance; none if None.
+    chromaticities : x and y of red, green, blue and white of the plate, for the white
+        balance; Rec. 709 if None.
+    depth_levels : Levels that depth is cut into; by the tolerance if None.
+
+    Returns
+    -------
+    The display window, or the data window; four channels for a deep plate.
+
+    Raises
+    ------
+    ValueError : Shapes do not fit, or a distance is not positive or NaN.
+    """
+    if isinstance(rgb, LayerStack):
+        pixels, (height, width) = rgb, rgb.depth_mm.shape[1:]
+    else:
+        pixels = np.asarray(rgb, np.float32)
+        if pixels.ndim != 3 or pixels.shape[2] not in (3, 4):
+            raise ValueError(f"a plate is (height, width, 3 or 4), not {pixels.shape}")
+        height, width = pixels.shape[:2]
+    if depth_mm is not None:
+        depth_mm = np.asarray(depth_mm, np.float32)
+    display_window = display_window or Window.of_size(width, height)
+    data_window = data_window or display_window
+    output = data_window if keep_overscan else display_window
+    has_depth = depth_mm is not None or isinstance(rgb, LayerStack)
+    spreads = has_depth or light_spreads(look)
+    stages = prepare_stages(
+        lens,
+        display_window,
+        window_with_margin(output, data_window) if spreads else output,
+        tolerance=tolerance,
+        switches=switches,
+        sensor_width_mm=sensor_width_mm,
+        look=look,
+        chromaticities=chromaticities,
+        depth_levels=depth_levels,
+    )
+    return render_stages(
+        pixels,
+        data_window,
+        stages,
+        output,
+        method=method or filter_for(tolerance),
+        depth_mm=depth_mm,
+        mattes=mattes,
+    )
+
+
+def window_with_margin(output_window: Window, data_window: Window) -> Window:
+    """The window to prepare stages for when there is depth, or a look that spreads
+    light: it comes from beside the output, as far as the plate has any."""
+    a, b = output_window, data_window
+    return Window(
+        min(a.x_min, b.x_min),
+        min(a.y_min, b.y_min),
+        max(a.x_max, b.x_max),
+        max(a.y_max, b.y_max),
+    )
+
+
+def render_stages(
+    pixels: Float32[np.ndarray, "height width channels"] | LayerStack,
+    data_window: Window,
+    stages: Stages,
+    output_window: Window,
+    *,
+    method: Filter = "catmull-rom",
+    depth_mm: Float32[np.ndarray, "height width"] | None = None,
+    mattes: Mattes | None = None,
+    in_front: LayerStack | None = None,
+) -> Float32[np.ndarray, "out_height out_width channels"]:
+    """`render` with everything about the lens prepared already.
+
+    Parameters
+    ----------
+    pixels : One grey channel, r g b, or r g b alpha; scene-linear, premultiplied; or
+        the layers of a deep plate, which are returned as r g b alpha.
+    data_window : Where they lie.
+    stages : What the lens does; its window holds `output_window` (for a plate with
+        depth, or a look that spreads light: `window_with_margin`).
+    output_window : Pixels to return.
+    method : Interpolating filter.
+    depth_mm : As in `render`; None leaves defocus out (of a flat plate).
+    mattes : As in `render`.
+    in_front : Layers cut out of a flat plate with depth, over the same window.
+    """
+    look = stages.look
+    whole = look is not None and look.spreads
+    window = stages.window if whole else output_window
+    if isinstance(pixels, LayerStack) and stages.defocus is not None:
+        layers, lights = landed_layers(pixels, data_window, stages, method)
+        seen = _with_lights(layers, lights) if stages.look else []
+        arrival = _arrival(stages, seen, list(layers.depth_mm))
+        blurred = blurred_layers(layers, stages.window, window, stages.defocus, lights)
+        picture = _lit(blurred, stages, window)
+    elif depth_mm is None or stages.defocus is None:
+        flat = flattened(pixels) if isinstance(pixels, LayerStack) else pixels
+        there = landed(flat, data_window, stages, method)
+        arrival = _arrival(stages, [there])
+        picture = crop(_lit(there, stages), stages.window, window)
+    else:
+        assert isinstance(pixels, np.ndarray)
+        check_depth(depth_mm, pixels.shape[:2])
+        front, front_lights = None, []
+        if in_front is not None:
+            front, front_lights = landed_layers(in_front, data_window, stages, method)
+        flat = landed_flat(pixels, depth_mm, data_window, stages, method, mattes, front)
+        colours, depths = [], []
+        if front is not None:
+            colours, depths = _with_lights(front, front_lights), front.depth_mm
+        seen = [*colours, flat.picture] if stages.look else []
+        arrival = _arrival(stages, seen, [*depths, flat.depth_mm])
+        blurred = blurred_plate(
+            flat, stages.window, window, stages.defocus, front, front_lights
+        )
+        picture = _lit(blurred, stages, window)[..., _CHANNELS_OF[pixels.shape[-1]]]
+    if look is None:
+        return picture
+    return crop(look.applied(picture, window, arrival), window, output_window)
+
+
+def _with_lights(
+    layers: LayerStack, lights: Sequence[Highlights | None]
+) -> list[Float32[np.ndarray, "height width 4"]]:
+    """Layers with the lights that were taken off them."""
+    seen = [rgba.copy() for rgba in layers.rgba]
+    for rgba, found in zip(seen, lights, strict=True):
+        if found is not None:
+            rgba[..., :3] += found.light
+    return seen
+
+
+_CHANNELS_OF = {1: slice(1, 2), 3: slice(0, 3), 4: slice(0, 4)}
+
+
+def _arrival(
+    stages: Stages,
+    rgba: Sequence[Float32[np.ndarray, "height width channels"]],
+    depth_mm: Sequence[Float32[np.ndarray, "height width"]] | None = None,
+) -> Arrival:
+    """What looks must know of the plate before it is blurred, layers front to back."""
+    look = stages.look
+    if look is None or not look.wants_arrival:
+        return Arrival(None, None)
+    if depth_mm is None or stages.defocus is None:
+        return look.arrival([SharpLayer(rgba[0][..., :3], None)])
+    return look.arrival(sharp_layers(rgba, depth_mm, stages.defocus.circle))
+
+
+def _lit(
+    pixels: Float32[np.ndarray, "height width channels"],
+    stages: Stages,
+    window: Window | None = None,
+) -> Float32[np.ndarray, "height width channels"]:
+    """Relative illumination; alpha is coverage, which does not dim."""
+    gains = [
+        gain if gain is None or window is None else crop(gain, stages.window, window)
+        for gain in stages.gains
+    ]
+    each = {1: gains[1:2], 3: gains, 4: [*gains, None]}
+    return apply_gain(pixels, each[pixels.shape[-1]])

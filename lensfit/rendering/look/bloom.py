@@ -1,0 +1,91 @@
+"""Bloom: highlights bleed into what surrounds them, the more the farther out of focus.
+
+A share of the light above a threshold is taken from its pixel and laid down as a halo
+that falls off as 1/r^3. The sum over the picture is kept in every channel. The halo's
+half-light radius b grows with the circle of confusion that the light arrives in,
+
+    b^2 = size^2 + (growth r)^2,
+
+r the circle's radius (`blur_of_light`); without depth r is 0. Sizes between two octaves
+are dealt to both, so that b is kept as a mean square.
+"""
+
+import math
+
+import numpy as np
+from jaxtyping import Float32
+
+from lensfit.rendering.look.blur_of_light import LEVEL
+from lensfit.rendering.look.halo import Halo, dealt, haloed, octaves_spread
+from lensfit.rendering.look.light import light_above, moved
+from lensfit.rendering.look.pyramid import (
+    Picture,
+    doubled,
+    halved,
+    level_of,
+    padded,
+    relevelled,
+)
+
+HALO = Halo((1.0, 0.5, 0.25, 0.125))
+_MOST_OCTAVES = 8
+
+Plane = Float32[np.ndarray, "height width"]
+
+
+def bloomed(
+    colour: Picture,
+    threshold: float,
+    share: float,
+    half_light_px: float,
+    least_px: float,
+    halo_radius_px: Plane | None = None,
+) -> Picture:
+    """A picture with its highlights in bloom.
+
+    Parameters
+    ----------
+    threshold : Scene-linear; see `light`.
+    share : Of the light above it that blooms, 0 to 1.
+    half_light_px : Within which half of it lands.
+    least_px : From `pyramid.least_sigma_px`.
+    halo_radius_px : How much farther it spreads, as the half-light radius that adds to
+        the other in quadrature; over the picture at any size. Nothing if None.
+    """
+    light = light_above(colour, threshold)
+    if light.max() <= 0:
+        return colour
+    if halo_radius_px is None or halo_radius_px.max() <= 0:
+        halo = haloed(light, HALO, half_light_px, least_px)
+    else:
+        halo = _growing(light, half_light_px, least_px, halo_radius_px)
+    return moved(colour, light, halo, share)
+
+
+def _growing(
+    light: Picture, half_light_px: float, least_px: float, more_px: Plane
+) -> Picture:
+    """`haloed`, with a size for each pixel."""
+    narrowest = half_light_px / HALO.half_light_radius
+    level = level_of(narrowest, least_px, light.shape)
+    small = halved(padded(light, level), level)
+    more = relevelled(more_px[..., None], LEVEL, level)
+    more = more[: small.shape[0], : small.shape[1]]
+    square = 1 + (more / np.float32(half_light_px)) ** 2
+    widest = math.ceil(math.log2(float(square.max())) / 2)
+    sizes = dealt(square, 1 + min(widest, _MOST_OCTAVES))
+    # The octave m of the halo of size n is octave m + n of all.
+    shares = [
+        sum(
+            (
+                np.float32(HALO.shares[m - n]) * size
+                for n, size in enumerate(sizes)
+                if 0 <= m - n < len(HALO.shares)
+            ),
+            np.zeros_like(square),
+        )
+        for m in range(len(sizes) + len(HALO.shares) - 1)
+    ]
+    sigmas = [narrowest * 2**m for m in range(len(shares))]
+    spread = octaves_spread(small, level, sigmas, shares, least_px)
+    return doubled(spread, level)[: light.shape[0], : light.shape[1]]

@@ -1,0 +1,176 @@
+"""The squares that meet in a checker corner, against a chart drawn on sixteenths."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from lensfit.detect.corner_fit import fit_corners, half_width_px
+from lensfit.fitting.wavefront.corner_mark import corner_of
+from lensfit.fitting.wavefront.edges import (
+    bright_ahead,
+    rim_transfers,
+    square_transfers,
+)
+
+CELLS, PERIOD, MOST, AROUND = 24, 48, 40, 24
+SIDES = {
+    "almost square on": [[30.0, 3.0], [-2.0, 28.0]],
+    "small, slanted": [[14.0, 6.0], [-5.0, 17.0]],
+    "turned": [[60.0, -20.0], [25.0, 55.0]],
+}
+
+
+def chart(sides, blur_cells, wider=0.0):
+    """Means over cells of the chart behind a Gaussian, its corner in the middle.
+
+    Parameters
+    ----------
+    wider : Share by which bright squares are wider than dark ones would have it.
+    """
+    whole = whole_chart(sides, blur_cells, wider)
+    return whole[AROUND:-AROUND, AROUND:-AROUND]
+
+
+def whole_chart(sides, blur_cells, wider=0.0, fine=16, around=AROUND):
+    """As far as what blurs into the middle."""
+    count = (CELLS + 2 * around) * fine
+    along = (np.arange(count) + 0.5) / fine - (CELLS / 2 + around)
+    places = np.stack(np.meshgrid(along, along), -1) @ np.linalg.inv(sides).T
+    square = np.floor(places)
+    off = np.abs(places - np.round(places)).min(-1)
+    bright = square.sum(-1) % 2 == 0
+    bright |= off < wider / 2
+    if wider < 0:
+        bright &= off >= -wider / 2
+    blurred = gaussian_filter(bright.astype(float), blur_cells * fine, truncate=6)
+    wide = CELLS + 2 * around
+    return blurred.reshape(wide, fine, wide, fine).mean((1, 3))
+
+
+def from_waves(amplitudes, blur_cells):
+    """Means over cells of waves behind a Gaussian."""
+    down = 2 * np.pi / PERIOD * np.arange(-MOST, MOST + 1)[:, None]
+    right = 2 * np.pi / PERIOD * np.arange(MOST + 1)
+    seen = np.exp(-(blur_cells**2) * (down**2 + right**2) / 2)
+    seen = seen * np.sinc(down / (2 * np.pi)) * np.sinc(right / (2 * np.pi))
+    seen = seen * np.where(right > 0, 2, 1)
+    middle = np.arange(CELLS) + 0.5 - CELLS / 2
+    columns = np.exp(1j * np.outer(middle, right))
+    return np.real(
+        np.exp(1j * np.outer(middle, down)) @ (amplitudes * seen) @ columns.T
+    )
+
+
+@pytest.mark.parametrize("blur_cells", [0.5, 1.5, 3.0])
+@pytest.mark.parametrize("sides", SIDES.values(), ids=SIDES.keys())
+def test_a_corner_is_as_the_chart_drawn_finely(sides, blur_cells):
+    drawn, _ = square_transfers(np.array([sides]), PERIOD, MOST)
+    off = from_waves(drawn[0], blur_cells) - chart(np.array(sides), blur_cells)
+    assert np.abs(off).max() < 3e-3
+    assert np.sqrt(np.mean(off**2)) < 6e-4
+
+
+@pytest.mark.parametrize("sides", SIDES.values(), ids=SIDES.keys())
+def test_larger_bright_squares_move_every_edge_alike(sides):
+    _, change = square_transfers(np.array([sides]), PERIOD, MOST)
+    larger, smaller = (chart(np.array(sides), 1.5, wider) for wider in (0.01, -0.01))
+    slope = (larger - smaller) / 0.02
+    off = from_waves(change[0], 1.5) - slope
+    # Where edges cross, both move: to first order their lines add up.
+    assert np.linalg.norm(off) < 0.05 * np.linalg.norm(slope)
+
+
+def test_the_bright_square_is_told_whichever_side_comes_first():
+    sides = np.array(SIDES["turned"])
+    flipped = sides * [-1.0, 1.0]
+    picture = chart(sides, 1.0)[None].repeat(2, 0)
+    middle = np.full((2, 2), CELLS / 2)
+    use = np.ones(picture.shape, bool)
+    found = bright_ahead(picture, use, middle, np.stack([sides, flipped]))
+    np.testing.assert_array_equal(found, [True, False])
+    np.testing.assert_array_equal(
+        bright_ahead(1 - picture, use, middle, np.stack([sides, flipped])), ~found
+    )
+
+
+LOPSIDED = ((0.5, 0.0, 0.0, 0.7), (0.3, 1.2, 0.4, 1.2), (0.2, 2.4, 0.8, 1.8))
+"""Weight, place right and down, and deviation of Gaussians: a blur like coma."""
+
+
+def lopsided(sides):
+    """The chart behind that blur, beyond the patch too."""
+    blurred = 0.0
+    for weight, right, down, deviation in LOPSIDED:
+        one = np.fft.fft2(whole_chart(sides, deviation))
+        ky, kx = (2 * np.pi * np.fft.fftfreq(n) for n in one.shape)
+        moved = one * np.exp(-1j * (ky[:, None] * down + kx * right))
+        blurred = blurred + weight * np.real(np.fft.ifft2(moved))
+    return blurred
+
+
+def places():
+    """Of the cells from the middle."""
+    along = np.arange(CELLS) + 0.5 - CELLS / 2
+    return jnp.asarray(np.stack(np.meshgrid(along, along), -1))
+
+
+@pytest.mark.parametrize("sides", list(SIDES.values())[:2], ids=list(SIDES)[:2])
+def test_the_modelled_corner_is_where_detection_finds_it(sides):
+    """On a picture whose edges are blurred to one side, which moves corners."""
+    sides = np.array(sides)
+    wide = lopsided(sides)
+    middle = np.array([wide.shape]) / 2
+    found = fit_corners(wide, middle, sides.T[None].copy())
+    off = (found.points_px - middle)[0]
+    assert np.hypot(*off) > 0.3
+    patch = jnp.asarray(wide[AROUND:-AROUND, AROUND:-AROUND])
+    window = jnp.asarray(float(half_width_px(found.blur_px)))
+    # In single precision, as the fit draws.
+    seen = patch, places(), jnp.asarray(sides), window
+    modelled = corner_of(*(part.astype(jnp.float32) for part in seen))
+    np.testing.assert_allclose(modelled, off, atol=2e-3)
+
+
+def test_a_modelled_corner_goes_with_its_image():
+    sides, window = np.array(SIDES["almost square on"]), jnp.asarray(7.0)
+    patch = jnp.asarray(chart(sides, 1.2))
+    change = jnp.roll(jnp.asarray(chart(sides, 1.6)), 1, 1) - patch
+
+    def at(share):
+        seen = patch + share * change
+        return corner_of(seen, places(), jnp.asarray(sides), window)
+
+    slope = jax.jacfwd(at)(jnp.asarray(0.0))
+    ends = [np.asarray(at(jnp.asarray(share))) for share in (0.02, -0.02)]
+    np.testing.assert_allclose(slope, (ends[0] - ends[1]) / 0.04, atol=0.03)
+
+
+def dots_drawn(disc, to_middle, beside, blur_cells, fine=16):
+    """Means over cells of a dot and one beside it about a place on its rim."""
+    count = (CELLS + 2 * AROUND) * fine
+    along = (np.arange(count) + 0.5) / fine - (CELLS / 2 + AROUND)
+    places = np.stack(np.meshgrid(along, along), -1)
+    light = np.zeros((count, count))
+    for middle in (to_middle, to_middle + beside):
+        unit = (places - middle) @ np.linalg.inv(disc).T
+        light += np.hypot(unit[..., 0], unit[..., 1]) < 1
+    blurred = gaussian_filter(light, blur_cells * fine, truncate=6)
+    wide = CELLS + 2 * AROUND
+    cells = blurred.reshape(wide, fine, wide, fine).mean((1, 3))
+    return cells[AROUND:-AROUND, AROUND:-AROUND]
+
+
+@pytest.mark.parametrize("blur_cells", [0.5, 1.5, 3.0])
+@pytest.mark.parametrize("radius_cells", [10.0, 24.0, 60.0])
+def test_a_rim_is_as_the_dots_drawn_finely(radius_cells, blur_cells):
+    disc = radius_cells * np.array([[1.0, 0.1], [-0.05, 0.8]])
+    towards = np.array([0.6, -0.8])
+    to_middle, beside = -disc @ towards, disc @ np.array([2.3, -0.4])
+    drawn = rim_transfers(disc[None], to_middle[None], beside[None, None], PERIOD, MOST)
+    truth = dots_drawn(disc, to_middle, beside, blur_cells)
+    off = from_waves(drawn[0], blur_cells) - truth
+    # Less than .8 % of the contrast where half a cell of blur is all there is.
+    assert np.abs(off).max() < (8e-3 if blur_cells < 1 else 3e-3)
+    assert np.sqrt(np.mean(off**2)) < 1e-3

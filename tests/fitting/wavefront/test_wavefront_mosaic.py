@@ -1,0 +1,82 @@
+"""Dots behind a mosaic: fitted to what was measured alone, they are what they are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_lens import LAYOUT, Seidel, Shot, photographed
+
+from lensfit.fitting.wavefront.families import FINE, deviation_of, families_of
+from lensfit.fitting.wavefront.stages import first_stage, freed, settled, solved
+from lensfit.fitting.wavefront.weigh import first_weights, weights_after
+from lensfit.mosaic import MOSAICS, photosites
+
+TRUE = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.3, -0.25, 0.12))
+NOISE = 0.02
+
+
+@pytest.fixture(scope="module")
+def whole():
+    shots = [Shot(0, 0, 1700.0), Shot(1, 0, 2500.0), Shot(2, 0, 1900.0)]
+    return photographed(TRUE, shots, noise=NOISE)
+
+
+def behind_mosaic(gathered):
+    """Every dot at another phase of a mosaic; what was not measured is black."""
+    cells = gathered.light.shape[-1]
+    own = np.stack(
+        [
+            np.moveaxis(photosites(MOSAICS[dot % 4], (cells, cells)), -1, 0)
+            for dot in range(len(gathered.take))
+        ]
+    )
+    light = np.where(own, gathered.light, 0.0)
+    return replace(gathered, light=light, valid=gathered.valid & own)
+
+
+def at_truth(gathered):
+    stage = first_stage(gathered, LAYOUT, TRUE.parameters())
+    return settled(replace(stage, weight=first_weights(gathered, 0.02)), 3)
+
+
+def test_others_photosites_have_no_weight(whole):
+    masked = behind_mosaic(whole)
+    own = masked.valid
+    assert not np.any(first_weights(masked, 0.02)[~own])
+    stage = at_truth(masked)
+    weight = weights_after(masked, stage.residual, stage.nuisance[..., 1], 0.02)
+    assert not np.any(weight[~own])
+    assert np.all(weight[own] > 0)
+
+
+def test_light_and_place_of_a_dot_are_those_without_a_mosaic(whole):
+    masked = behind_mosaic(whole)
+    used = whole.valid.any((2, 3))
+    every, some = at_truth(whole), at_truth(masked)
+    flux = some.nuisance[used][:, 0] / every.nuisance[used][:, 0]
+    assert np.sqrt(np.mean((flux - 1) ** 2)) < 0.07
+    cell_mm = float(whole.dots.cell_mm.mean())
+    apart = (some.corner_mm - every.corner_mm)[used] / cell_mm
+    assert np.abs(apart).max() < 0.15
+    assert np.sqrt(np.mean(apart**2)) < 0.05
+
+
+def found_from_near(gathered) -> np.ndarray:
+    """Third order and defocus, from four fifths of the truth."""
+    families = families_of(gathered, LAYOUT, np.array(TRUE.defocus_mm))
+    families = tuple(f for f in families if f.name in ("defocus", "third_order"))
+    deviation = deviation_of(families, LAYOUT, FINE)
+    start = np.where(deviation > 0, 0.8, 1.0) * TRUE.parameters()
+    stage = freed(first_stage(gathered, LAYOUT, start), deviation)
+    for _ in range(4):
+        stage = solved(stage)
+    return stage.parameters
+
+
+def test_the_lens_is_found_behind_a_mosaic(whole):
+    truth = TRUE.parameters()
+    coefficients, defocus = (LAYOUT.blocks[n] for n in ("coefficients", "defocus"))
+    for gathered in (whole, behind_mosaic(whole)):
+        found = found_from_near(gathered)
+        np.testing.assert_allclose(found[coefficients], truth[coefficients], atol=0.4)
+        np.testing.assert_allclose(found[defocus], truth[defocus], atol=0.004)

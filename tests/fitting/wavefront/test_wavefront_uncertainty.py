@@ -1,0 +1,91 @@
+"""Stated deviations against the scatter of many noisy photographs of one lens."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
+
+from lensfit.fitting.wavefront.families import FINE, Family, deviation_of, indices_of
+from lensfit.fitting.wavefront.stages import first_stage, freed, settled, solved
+from lensfit.fitting.wavefront.uncertainty import (
+    covariance_of,
+    parameter_moves,
+    unseen,
+    unshown_covariance_of,
+)
+
+LENS = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.2,))
+DRAWS = 30
+NOISE = 0.15
+COEFFICIENTS, DEFOCUS = LAYOUT.blocks["coefficients"], LAYOUT.blocks["defocus"]
+FREE = (
+    Family("defocus", (DEFOCUS.start,), (0.5,), FINE),
+    Family("third_order", tuple(range(1, 5)), (100.0,) * 4, FINE),
+)
+
+
+def started(gathered, families):
+    stage = first_stage(gathered, LAYOUT, LENS.parameters())
+    return settled(freed(stage, deviation_of(families, LAYOUT, FINE)))
+
+
+@pytest.mark.slow
+def test_deviations_are_the_scatter_of_the_fit():
+    places = [PLACES_MM, PLACES_MM[:, ::-1] * [-0.9, 0.8], -PLACES_MM, PLACES_MM * 0.6]
+    places = np.concatenate(places)
+    still = photographed(LENS, [Shot(0, 0)], noise=0.0, places_mm=places)
+    peak = still.light.max((2, 3), keepdims=True)
+    still = replace(still, read_noise=NOISE * peak[..., 0, 0])
+    found, told = [], []
+    which = [i for family in FREE for i in family.indices]
+    stage = solved(started(still, FREE), 8)
+    for seed in range(DRAWS):
+        noise = np.random.default_rng(seed).normal(0, NOISE, still.light.shape) * peak
+        noisy = replace(stage, gathered=replace(still, light=still.light + noise))
+        after = solved(solved(noisy, 8), 1)
+        found.append(after.parameters[which])
+        told.append(np.diag(covariance_of(after, FREE))[which])
+    ratio = np.sqrt(np.mean(told, 0)) / np.std(found, 0, ddof=1)
+    assert np.all((ratio > 0.6) & (ratio < 1.6)), ratio
+
+
+def test_what_nobody_photographed_is_called_unseen():
+    """A second group's defocus has no dots; its prior is all there is."""
+    gathered = photographed(LENS, [Shot(0, 0)], rays=20_000)
+    nobody = Family("other", (DEFOCUS.start + 1,), (0.5,), FINE)
+    families = (*FREE, nobody)
+    stage = solved(started(gathered, families), 6)
+    covariance = covariance_of(stage, families)
+    assert unseen(stage, families, covariance) == ("other",)
+    assert np.sqrt(covariance[nobody.indices[0]][nobody.indices[0]]) == (
+        pytest.approx(0.5, rel=1e-6)
+    )
+    np.testing.assert_array_equal(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12
+    fixed = LAYOUT.blocks["rim_shift"]
+    assert not np.any(covariance[fixed])
+    moves = parameter_moves(stage, covariance)
+    which = indices_of(families)
+    square = np.ix_(which, which)
+    assert len(moves) <= len(which)
+    deviation = np.sqrt(np.diag(covariance)[which])
+    apart = (moves.T @ moves - covariance)[square] / np.outer(deviation, deviation)
+    assert np.abs(apart).max() < 0.1
+
+
+@pytest.mark.parametrize("lean", [1.0, 4.0, 1e4])
+def test_what_is_stated_is_never_surer_than_the_lean_fit(lean):
+    """Nor is what is added of any direction negative, however unsure that fit was."""
+    gathered = photographed(LENS, [Shot(0, 0)], rays=20_000)
+    stage = solved(started(gathered, FREE), 6)
+    own = lean * covariance_of(stage, FREE[:1])
+    added = unshown_covariance_of(stage, FREE, own)
+    free = indices_of(FREE)
+    unit = np.sqrt(np.diag(added + own)[free])
+    assert np.all(unit > 0)
+    inside = added[np.ix_(free, free)] / np.outer(unit, unit)
+    np.testing.assert_allclose(inside, inside.T, atol=1e-12)
+    assert np.linalg.eigvalsh(inside).min() > -1e-9
+    # Astigmatism and the rest, which the lean fit held, are not known to be nothing.
+    assert np.all(np.diag(added)[free[1:]] > 0)

@@ -1,0 +1,141 @@
+"""Valleys of the misfit: a lens and its mirror image, and which valleys stay open."""
+
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from drawn_lens import LAYOUT, SCALE, dots_at
+
+from lensfit.errors import FitError
+from lensfit.fitting.wavefront import valleys
+from lensfit.fitting.wavefront.light_centroid import polar_landings
+from lensfit.fitting.wavefront.parameters import mirrored
+from lensfit.fitting.wavefront.shapes import Colour
+from lensfit.fitting.wavefront.valleys import (
+    Valley,
+    left_of,
+    runs_against_statements,
+    side_is_told,
+    still_open,
+)
+
+BLOCKS = LAYOUT.blocks
+ONE_COLOUR = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
+DEFOCUS = BLOCKS["defocus"]
+
+
+def some_lens():
+    """Every mode, both rims and the stop are in use."""
+    found = np.zeros(LAYOUT.size)
+    generator = np.random.default_rng(3)
+    found[BLOCKS["coefficients"]] = generator.normal(0, 5, len(LAYOUT.terms))
+    found[DEFOCUS] = 0.3
+    found[BLOCKS["rim_shift"]] = [0.5, 0.1, -0.6, 0.0]
+    found[BLOCKS["rim_radius"]] = [1.05, 0.0, 1.1, 0.0]
+    found[BLOCKS["stop_shift"]] = [0.05, -0.02]
+    return found
+
+
+def landings_mm(parameters, place):
+    """On spokes of which each has an opposite one."""
+    dots = dots_at(np.array([place]), 0, 0, 0.01)
+    dot = jax.tree.map(lambda a: jnp.asarray(a[0]), dots)
+    seen = jnp.asarray(parameters), dot, ONE_COLOUR, LAYOUT, SCALE
+    return np.asarray(polar_landings(*seen, (3, 8))[0][0])
+
+
+@pytest.mark.parametrize(("place", "within"), [((0.0, 0.0), 1e-12), ((9.0, -5.0), 0.1)])
+def test_a_mirrored_lens_sends_every_ray_where_the_opposite_one_went(place, within):
+    """Off the axis oblique cones tell the two apart, by a little."""
+    lens = some_lens()
+    here = landings_mm(lens, place)
+    there = landings_mm(mirrored(lens, LAYOUT), place)
+    apart = np.linalg.norm(here[:, None] - there[None], axis=-1).min(1)
+    assert apart.max() <= within * np.ptp(here)
+    assert not np.allclose(here, there)
+
+
+def test_the_mirror_image_of_the_mirror_image_is_the_lens():
+    lens = some_lens()
+    twice = mirrored(mirrored(lens, LAYOUT), LAYOUT)
+    twice[BLOCKS["iris"].start + 1] -= 2 * np.pi
+    np.testing.assert_allclose(twice, lens, atol=1e-12)
+
+
+def at(cost, *defocus_mm, off_mm=0.0, gathered=None):
+    parameters = np.zeros(LAYOUT.size)
+    parameters[DEFOCUS][: len(defocus_mm)] = defocus_mm
+    stage = SimpleNamespace(layout=LAYOUT, parameters=parameters, gathered=gathered)
+    return Valley(stage, cost, off_mm)
+
+
+def test_each_place_stays_open_once_and_no_hopeless_one():
+    near, same, other = at(1.0, 0.5, 0.4), at(1.01, 0.51, 0.4), at(1.3, 0.2, 0.1)
+    hopeless = at(1.6, 0.9, 0.8)
+    assert still_open([hopeless, other, same, near], 1.5, 3) == [near, other]
+
+
+def test_statements_rank_what_the_photographs_leave_open():
+    best, as_good = at(1.0, 0.5, off_mm=0.4), at(1.05, 0.2, off_mm=0.1)
+    worse = at(1.3, 0.1, off_mm=0.0)
+    assert still_open([best, as_good, worse], 1.5, 2) == [as_good, best]
+    assert still_open([best, worse], 1.5, 1) == [best]
+    # Of those that explain clearly less, the deeper ones go on, whatever was stated.
+    less = at(1.2, 0.35, off_mm=0.9)
+    assert still_open([worse, less, best], 1.5, 2) == [best, less]
+
+
+def test_the_best_one_across_focus_is_kept_where_the_side_is_open():
+    best, second, across = at(1.0, 0.5), at(1.05, 0.3), at(1.2, -0.5)
+    found = [across, second, best]
+    assert still_open(found, 1.5, 2, both_sides=True) == [best, across]
+    assert still_open(found, 1.5, 2) == [best, second]
+    assert still_open(found, 1.15, 2, both_sides=True) == [best, second]
+
+
+def test_starts_that_all_failed_are_told():
+    with pytest.raises(FitError, match="shape of the dots"):
+        still_open([at(np.inf, 0.3)], 1.5, 2)
+
+
+@pytest.mark.parametrize(("cost", "told"), [(1.05, False), (1.2, True)])
+def test_a_side_is_told_where_the_other_one_explains_clearly_less(cost, told):
+    best, like_it = at(1.0, 0.5), at(1.01, 0.2)
+    assert side_is_told([at(cost, -0.5), best, like_it]) is told
+    assert side_is_told([best, like_it])
+    # Takes in focus have no side.
+    assert side_is_told([at(1.0, 0.5, 0.01), at(1.01, 0.5, -0.01)])
+
+
+def test_what_was_left_comes_by_depth_without_failures():
+    best, second, third, failed = at(1.0, 0.5), at(2.0, 0.2), at(1.5, 0.1), at(np.inf)
+    left = left_of([failed, second, best, third], [best])
+    assert [one.cost for one in left] == [1.5, 2.0]
+
+
+STATED_MM = np.array([0.0, 0.33, -0.31])
+
+
+@pytest.mark.parametrize(
+    ("found_mm", "against"),
+    [
+        ((0.0, 0.33, -0.31), False),
+        ((0.5, 0.9, 0.3), False),  # all moved together
+        ((0.0, 0.1, -0.6), False),
+        ((0.0, -0.33, 0.31), True),
+        ((0.0, 0.33, 0.2), True),
+    ],
+)
+def test_takes_in_another_order_than_stated_run_against_it(
+    monkeypatch, found_mm, against
+):
+    monkeypatch.setattr(valleys, "stated_defocus_mm", lambda _: STATED_MM)
+    assert runs_against_statements(at(1.0, *found_mm).stage) == against
+
+
+def test_what_nobody_stated_runs_against_nothing(monkeypatch):
+    one_alone = np.array([0.33, np.nan, np.nan])
+    monkeypatch.setattr(valleys, "stated_defocus_mm", lambda _: one_alone)
+    assert not runs_against_statements(at(1.0, 0.1, 0.2, 0.3).stage)

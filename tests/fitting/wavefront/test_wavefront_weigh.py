@@ -1,0 +1,80 @@
+"""What each cell counts: noise is found, clipped cells and odd dots lose their say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_lens import Seidel, Shot, photographed
+
+from lensfit.fitting.wavefront.weigh import (
+    first_weights,
+    relative_misfit,
+    weights_after,
+)
+
+READ, SHOT = 1e-3, 5e-4
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    """Dots with read and shot noise, and what a perfect model of them leaves."""
+    clean = photographed(Seidel(), [Shot(0, 0), Shot(0, 1)], noise=0.0, rays=200_000)
+    background = np.full(clean.light.shape[:2], 0.01)
+    signal = np.clip(clean.light - background[..., None, None], 0, None)
+    deviation = np.sqrt(READ**2 + SHOT * signal)
+    residual = np.random.default_rng(1).normal(0, 1, signal.shape) * deviation
+    light = signal + background[..., None, None] + residual
+    read = np.full(clean.light.shape[:2], READ)
+    return replace(clean, light=light, read_noise=read), residual, background, deviation
+
+
+def test_weights_are_the_inverse_of_the_variance(noisy):
+    gathered, residual, background, deviation = noisy
+    weight = weights_after(gathered, residual, background, 0.0)[:, 1]
+    ratio = np.sqrt(weight) * deviation[:, 1]
+    bright = deviation[:, 1] > 3 * READ
+    assert bright.sum() > 100
+    np.testing.assert_allclose(np.median(ratio[bright]), 1.0, atol=0.12)
+    dark = deviation[:, 1] < 1.05 * READ
+    np.testing.assert_allclose(np.median(ratio[dark]), 1.0, atol=0.12)
+
+
+def test_a_dot_that_is_missed_loses_its_say(noisy):
+    gathered, residual, background, _ = noisy
+    usual = weights_after(gathered, residual, background, 0.02)[:, 1]
+    odd = residual.copy()
+    odd[2] *= 12.0
+    weight = weights_after(gathered, odd, background, 0.02)[:, 1]
+    total, before = weight.sum((1, 2)), usual.sum((1, 2))
+    assert total[2] < 0.2 * before[2]
+    np.testing.assert_allclose(np.median(total / before), 1.0, atol=0.1)
+
+
+def test_a_clipped_cell_counts_only_where_the_model_is_darker(noisy):
+    gathered, residual, background, _ = noisy
+    clipped = np.zeros_like(gathered.clipped)
+    clipped[0, 1, 10:14, 10:14] = True
+    marked = replace(gathered, clipped=clipped)
+    weight = weights_after(marked, residual, background, 0.02)
+    np.testing.assert_array_equal(
+        weight[0, 1, 10:14, 10:14] > 0, residual[0, 1, 10:14, 10:14] > 0
+    )
+    assert not np.any(first_weights(marked, 0.02)[clipped])
+
+
+def test_masked_cells_never_count(noisy):
+    gathered, residual, background, _ = noisy
+    for weight in (
+        first_weights(gathered, 0.02),
+        weights_after(gathered, residual, background, 0.02),
+    ):
+        assert not np.any(weight[~gathered.valid])
+        assert np.all(weight[gathered.valid] > 0)
+
+
+def test_the_misfit_is_relative_to_the_dot(noisy):
+    gathered, _, background, _ = noisy
+    signal = gathered.light - background[..., None, None]
+    misfit = relative_misfit(gathered, 0.1 * signal, background)
+    np.testing.assert_allclose(misfit[:, 1], 0.1, rtol=1e-9)
+    assert np.isnan(misfit[:, 0]).all()
