@@ -42,7 +42,7 @@ from data_synth.psf_truth import (
 )
 from data_synth.sensor import MOSAIC, Sensor, digitise
 from lensfit.atomic import write_text_atomic
-from lensfit.together import together
+from lensfit.atomic_set import together
 
 SHOOT_FILE = "shoot.toml"
 BRIGHTEST = 0.75

@@ -19,7 +19,7 @@ FLOORS = {
     "units": 0,
     "atomic": 1,
     "exchanged_folder": 2,
-    "together": 3,
+    "atomic_set": 3,
     "batches": 0,
     "progress": 0,
     "cores": 0,

@@ -36,11 +36,11 @@ from data_synth.scene.plates import (
     pixel_samples,
 )
 from data_synth.scene.sampling import Sampling
+from lensfit.atomic_set import together
 from lensfit.coords import Window
 from lensfit.errors import LensfitError
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.io.exr_deep import DeepPart, write_deep
-from lensfit.together import together
 
 SCENE_FILE = "scene.json"
 BLADES, BLADE_ROTATION_DEG = 7, 10.0

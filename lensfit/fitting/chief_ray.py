@@ -19,9 +19,8 @@ from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
 from lensfit.fitting.adjust import Adjustment, adjust
-from lensfit.fitting.evidence import with_evidence
+from lensfit.fitting.decentring import WORKSHOP, OutOfCentre
 from lensfit.fitting.held_out import held_out_error_px, squared_px
-from lensfit.fitting.out_of_centre import WORKSHOP, OutOfCentre
 from lensfit.fitting.parameters import PINHOLE, Layout, stated_blocks
 from lensfit.fitting.priors import (
     fixed_prior,
@@ -35,6 +34,7 @@ from lensfit.fitting.stated_facts import Facts
 from lensfit.fitting.stated_scale import at_fitted_scale
 from lensfit.fitting.statements import Statement
 from lensfit.fitting.take import Take
+from lensfit.fitting.term_selection import with_evidence
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.base import BASE_PROJECTIONS, BaseProjection
 from lensfit.progress import Progress, silent

@@ -12,6 +12,7 @@ import numpy as np
 from lensfit.fitting.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fitting.colour.channel_colour import ChannelColour
 from lensfit.fitting.colour.lateral_colour import Views, fit_colours
+from lensfit.fitting.decentring import OutOfCentre
 from lensfit.fitting.entrance_pupil import (
     EntrancePupil,
     FittedWalk,
@@ -21,7 +22,6 @@ from lensfit.fitting.entrance_pupil import (
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.fall_off.illumination import fit_illumination
 from lensfit.fitting.geometry import compiled_distortion_of
-from lensfit.fitting.out_of_centre import OutOfCentre
 from lensfit.fitting.take import Take
 from lensfit.fitting.uncertainty import Uncertainty, uncertainty_of
 from lensfit.fitting.usual_lens import KnownPerspective

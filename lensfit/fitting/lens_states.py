@@ -3,7 +3,7 @@
 States of one focal length share the entrance pupil that any of them measured, and the
 wavefront, which is fitted to the shape of their dots. It says where chief rays land, as
 opposed to centroids; once the marks themselves have had their say of that
-(`reconcile`), geometry and colour are fitted again to those.
+(`joint_adjustment`), geometry and colour are fitted again to those.
 """
 
 import time
@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
 from lensfit.fitting.breathing import breathing_notes
+from lensfit.fitting.joint_adjustment import amounts_of
 from lensfit.fitting.lens_state import (
     LensState,
     better_told,
@@ -23,17 +24,16 @@ from lensfit.fitting.lens_state import (
     with_colour,
 )
 from lensfit.fitting.lens_wavefronts import fit_wavefronts
-from lensfit.fitting.reconcile import amounts_of
-from lensfit.fitting.shared_glass import fit_sharing_glass
+from lensfit.fitting.shared_parameters import fit_sharing_glass
 from lensfit.fitting.take import Take
-from lensfit.fitting.wavefront.effort import Effort
-from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.told_by_marks import (
+from lensfit.fitting.wavefront.adjusted_wavefront import (
     at_chief_rays,
     errors_of,
     moved_by,
     told_by_marks,
 )
+from lensfit.fitting.wavefront.effort import Effort
+from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.progress import Progress, silent
 
 

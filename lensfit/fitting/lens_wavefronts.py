@@ -18,18 +18,18 @@ from jaxtyping import Float
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.lens_state import LensState, by_focal_length
 from lensfit.fitting.take import Take
-from lensfit.fitting.wavefront.effort import Effort
-from lensfit.fitting.wavefront.fit import WavefrontFit, fit_wavefront
-from lensfit.fitting.wavefront.gather import gather, spread_out
-from lensfit.fitting.wavefront.shown import (
+from lensfit.fitting.wavefront.adjusted_wavefront import keeping_centroids
+from lensfit.fitting.wavefront.dot_patches import (
     LARGEST_HOLE_CELLS,
     LARGEST_PLACED_CELLS,
     Shown,
     are_of_one_setting,
     hole_cells,
 )
+from lensfit.fitting.wavefront.effort import Effort
+from lensfit.fitting.wavefront.fit import WavefrontFit, fit_wavefront
+from lensfit.fitting.wavefront.gather import gather, spread_out
 from lensfit.fitting.wavefront.start import sharp_f_number
-from lensfit.fitting.wavefront.told_by_marks import keeping_centroids
 from lensfit.optics.spectrum import bands
 from lensfit.progress import Progress
 

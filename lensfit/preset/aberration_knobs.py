@@ -2,7 +2,7 @@
 
 A gain multiplies what the preset says: 1 leaves it, 0 turns it off. A value with a unit
 takes its place (None leaves it), its higher orders in proportion, and gains multiply
-that too. `lensfit.preset.turned_lens` says what each does to the lens.
+that too. `lensfit.preset.adjusted_lens` says what each does to the lens.
 
 - ``_um`` of a blur: rms radius of the spot that this aberration alone makes, at the
   place of the field where that is largest and at the widest aperture (of an ideal lens:

@@ -23,17 +23,17 @@ from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import ChannelShift
 from lensfit.optics.pupil_walk import PupilWalk
 from lensfit.preset import blocks
+from lensfit.preset.adjusted_lens import turned_lens
 from lensfit.preset.blur_numbers import with_moves
 from lensfit.preset.blur_of_block import blur_block as blur_block
 from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
-from lensfit.preset.idle_knobs import idle_knobs
+from lensfit.preset.inactive_overrides import idle_knobs
 from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.map_covariances import map_covariances
 from lensfit.preset.schema import Camera
 from lensfit.preset.select import Selection
 from lensfit.preset.stops import beyond_photographed
-from lensfit.preset.turned_lens import turned_lens
 
 NO_BLUR = "blur was not measured; a perfect lens stands in for it"
 """Note of a preset without a measured blur."""

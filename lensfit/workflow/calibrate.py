@@ -4,7 +4,7 @@
 
 One photograph that cannot be used does not stop the others; it is in the report with
 its reason. Everything appears together when the last of it is whole, in place of what
-an earlier run wrote (`results_together`).
+an earlier run wrote (`results_set`).
 """
 
 import json
@@ -44,7 +44,7 @@ from lensfit.workflow.pictures.blur_pictures import write_dot_pictures
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
 from lensfit.workflow.report.verdict import verdict_of
 from lensfit.workflow.report.write import write_report
-from lensfit.workflow.results_together import REPORT, results_together
+from lensfit.workflow.results_set import REPORT, results_together
 from lensfit.workflow.shoot.charts_seen import with_charts_read
 from lensfit.workflow.shoot.records import Shoot
 from lensfit.workflow.statements.contradiction import Contradiction

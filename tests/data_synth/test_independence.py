@@ -10,7 +10,7 @@ ALLOWED = {
     "lensfit.io.exr",
     "lensfit.io.exr_deep",
     "lensfit.errors",
-    "lensfit.together",
+    "lensfit.atomic_set",
 }
 """Writing files, and where a window's pixels are: no optics."""
 

@@ -13,8 +13,8 @@ from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from lensfit.detect.observations import only
 from lensfit.fitting.entrance_pupil import FittedWalk, perspective_with_walk
+from lensfit.fitting.joint_adjustment import walk_with_shared_errors
 from lensfit.fitting.lens_states import fit
-from lensfit.fitting.reconcile import walk_with_shared_errors
 from lensfit.fitting.take import Take
 from lensfit.fitting.usual_lens import usual_walk
 from lensfit.fitting.views import board_of, observed_of

@@ -10,12 +10,12 @@ import pytest
 from lensfit.fitting.entrance_pupil import EntrancePupil
 from lensfit.fitting.select import Verdict
 from lensfit.fitting.wavefront.dots import Dots
-from lensfit.fitting.wavefront.families import FINE, Family
 from lensfit.fitting.wavefront.gather import Group
 from lensfit.fitting.wavefront.misfit import Misfit
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import spot_seen
 from lensfit.fitting.wavefront.shapes import Colour
+from lensfit.fitting.wavefront.term_groups import FINE, Family
 from lensfit.kernel.pixels import (
     diffraction_variance_mm2,
     image_of,

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float
 
 from lensfit.coords import mm_from_px
 from lensfit.fitting.take import Take
+from lensfit.fitting.wavefront.dot_patches import centroids_mm
 from lensfit.fitting.wavefront.gather import spread_out
-from lensfit.fitting.wavefront.shown import centroids_mm
 
 
 class PicturedDots(NamedTuple):

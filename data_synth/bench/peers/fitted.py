@@ -18,7 +18,7 @@ from lensfit.errors import FitError
 from lensfit.fitting.lens_states import fit
 from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.effort import Effort
-from lensfit.fitting.wavefront.families import SEIDEL
+from lensfit.fitting.wavefront.term_groups import SEIDEL
 from lensfit.preset.schema import Preset
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import Observed

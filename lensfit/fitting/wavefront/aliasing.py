@@ -16,11 +16,11 @@ from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
 from lensfit.detect.cutouts import Cutouts
+from lensfit.fitting.wavefront.dot_patches import Shown
+from lensfit.fitting.wavefront.dot_weights import MODEL_SHARE, first_weights
 from lensfit.fitting.wavefront.drawn import drawn
 from lensfit.fitting.wavefront.gather import Gathered, chosen
-from lensfit.fitting.wavefront.shown import Shown
 from lensfit.fitting.wavefront.stages import Stage, first_stage, settled
-from lensfit.fitting.wavefront.weigh import MODEL_SHARE, first_weights
 from lensfit.mosaic import photosites_at
 
 _ROUNDS = 4

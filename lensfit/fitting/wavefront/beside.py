@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from lensfit.detect.observations import Observations
-from lensfit.fitting.wavefront.shown import Shown
+from lensfit.fitting.wavefront.dot_patches import Shown
 
 NEIGHBOURS = 8
 _CUT_DIAMETERS = 1.0

@@ -4,7 +4,7 @@ How far all takes lie from focus together is badly known before the fit: a curve
 or spherical aberration moves the best focus, and their valleys are walled off from each
 other once blur is larger than a dot. So are those of a field that is curved to the
 other side, and the side of focus where nobody stated it.
-All starts run on a few dots, the promising ones on more (`valleys`).
+All starts run on a few dots, the promising ones on more (`multistart`).
 """
 
 import itertools
@@ -15,13 +15,20 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
-from lensfit.fitting.wavefront.families import COARSE, Family, deviation_of, families_of
 from lensfit.fitting.wavefront.gather import Gathered, chosen, spread_over_takes
 from lensfit.fitting.wavefront.moments import (
     Focus,
     dot_widths_mm,
     likely_focus,
     set_focus,
+)
+from lensfit.fitting.wavefront.multistart import (
+    Valley,
+    deepest,
+    left_of,
+    other_side,
+    still_open,
+    valley_at,
 )
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.stages import (
@@ -38,13 +45,11 @@ from lensfit.fitting.wavefront.start import (
     first_defocus,
     first_parameters,
 )
-from lensfit.fitting.wavefront.valleys import (
-    Valley,
-    deepest,
-    left_of,
-    other_side,
-    still_open,
-    valley_at,
+from lensfit.fitting.wavefront.term_groups import (
+    COARSE,
+    Family,
+    deviation_of,
+    families_of,
 )
 
 _SMOOTHING = 3.0

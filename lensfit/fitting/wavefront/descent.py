@@ -16,8 +16,8 @@ import numpy as np
 
 from lensfit.fitting.select import Verdict
 from lensfit.fitting.wavefront.blades import EVIDENTLY, with_blades
-from lensfit.fitting.wavefront.evidence import choose
-from lensfit.fitting.wavefront.families import FINE, LAST, MIDDLE, Family, deviation_of
+from lensfit.fitting.wavefront.dot_weights import MODEL_SHARE, first_weights
+from lensfit.fitting.wavefront.multistart import DECISIVE, other_side, valley_at
 from lensfit.fitting.wavefront.normal import Points
 from lensfit.fitting.wavefront.stages import (
     Stage,
@@ -29,8 +29,14 @@ from lensfit.fitting.wavefront.stages import (
     smoothed_by,
     solved,
 )
-from lensfit.fitting.wavefront.valleys import DECISIVE, other_side, valley_at
-from lensfit.fitting.wavefront.weigh import MODEL_SHARE, first_weights
+from lensfit.fitting.wavefront.term_group_selection import choose
+from lensfit.fitting.wavefront.term_groups import (
+    FINE,
+    LAST,
+    MIDDLE,
+    Family,
+    deviation_of,
+)
 
 _BETWEEN = 5
 """Passes between two findings of weights."""

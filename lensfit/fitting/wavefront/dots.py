@@ -76,7 +76,7 @@ class Dots(NamedTuple):
     slope, pupil_per_sine_mm, vergence, reference : The chart's distance at this dot
         (`optics.depth.ObjectShift`).
     lateral_mm : Displacement of the wavelengths of each channel about their mean.
-    filled_mm : From the unit disc to the ellipse that rays leave from (`hole`).
+    filled_mm : From the unit disc to the ellipse that rays leave from (`dot_aperture`).
     variance_mm2 : Along x and y, of the Gaussian that stands for what that leaves of
         the hole, and for the Airy pattern.
     cell_mm : Width and height of a cell.

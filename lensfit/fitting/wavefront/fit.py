@@ -1,9 +1,9 @@
 """The wavefront of a lens at one focal length, from all its dot photographs at once.
 
-The fit goes down as `descent` says, in every valley that is open yet (`valleys`); what
-was learnt comes with its uncertainty. Takes of other focus distances share everything
-but defocus: the lens only moves against the sensor (unit focusing), so the same ray
-lands further out by the ratio of the principal distances.
+The fit goes down as `descent` says, in every valley that is open yet (`multistart`);
+what was learnt comes with its uncertainty. Takes of other focus distances share
+everything but defocus: the lens only moves against the sensor (unit focusing), so the
+same ray lands further out by the ratio of the principal distances.
 """
 
 from collections.abc import Collection
@@ -23,32 +23,32 @@ from lensfit.fitting.wavefront.descent import (
     middle_fit,
     suits_other_side,
 )
+from lensfit.fitting.wavefront.dot_patches import Shown, with_rims
 from lensfit.fitting.wavefront.effort import Effort
-from lensfit.fitting.wavefront.families import Family, families_of
+from lensfit.fitting.wavefront.extrapolated import guessed_of
 from lensfit.fitting.wavefront.gather import (
     Gathered,
     chosen,
     gather,
     spread_over_takes,
 )
-from lensfit.fitting.wavefront.guessed import guessed_of
 from lensfit.fitting.wavefront.misfit import Misfit, misfit_of
-from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.fitting.wavefront.shown import Shown, with_rims
-from lensfit.fitting.wavefront.stages import Stage, focus_stated, on_dots
-from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
-from lensfit.fitting.wavefront.uncertainty import (
-    covariance_of,
-    unseen,
-    unshown_covariance_of,
-)
-from lensfit.fitting.wavefront.valleys import (
+from lensfit.fitting.wavefront.multistart import (
     Valley,
     deepest,
     runs_against_statements,
     side_is_told,
     still_open,
     valley_at,
+)
+from lensfit.fitting.wavefront.parameters import Layout
+from lensfit.fitting.wavefront.stages import Stage, focus_stated, on_dots
+from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
+from lensfit.fitting.wavefront.term_groups import Family, families_of
+from lensfit.fitting.wavefront.uncertainty import (
+    covariance_of,
+    unseen,
+    unshown_covariance_of,
 )
 from lensfit.kernel.blur_quality import ROUGH_BLUR
 from lensfit.optics.spectrum import Bands, bands

@@ -12,10 +12,7 @@ from jaxtyping import Bool, Float, Int
 from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.stated_facts import Widths
 from lensfit.fitting.wavefront.beside import own_cells
-from lensfit.fitting.wavefront.dots import Broad, Dots
-from lensfit.fitting.wavefront.known_dots import Reference, dots_of
-from lensfit.fitting.wavefront.parameters import Scale
-from lensfit.fitting.wavefront.shown import (
+from lensfit.fitting.wavefront.dot_patches import (
     LARGEST_PLACED_CELLS,
     Shown,
     are_of_one_setting,
@@ -24,6 +21,9 @@ from lensfit.fitting.wavefront.shown import (
     hole_cells,
     usable_cells,
 )
+from lensfit.fitting.wavefront.dots import Broad, Dots
+from lensfit.fitting.wavefront.known_dots import Reference, dots_of
+from lensfit.fitting.wavefront.parameters import Scale
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
@@ -54,7 +54,7 @@ class Gathered:
     observed_mm : Centroid of each channel from the corner of its cutout.
     diameter_mm : Of the disc of the same second moment, pixels taken off.
     read_noise : Of a cell, per dot and channel.
-    take : Index into `shown`.
+    take : Index into `dot_patches`.
     colour : Whether red and blue were photographed.
     scale, chromatic : Constants of the model; chromatic coordinates of the channels.
     groups, f_numbers : What `Dots.group` and `Dots.stop` count.

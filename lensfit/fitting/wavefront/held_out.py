@@ -6,9 +6,9 @@ From the normal equations where it ended, in retrospect (`fit.trial`).
 import numpy as np
 from jaxtyping import Bool
 
-from lensfit.fitting.wavefront.evidence import trial_of
-from lensfit.fitting.wavefront.families import Family, indices_of
 from lensfit.fitting.wavefront.stages import Stage
+from lensfit.fitting.wavefront.term_group_selection import trial_of
+from lensfit.fitting.wavefront.term_groups import Family, indices_of
 
 
 def held_out_take(

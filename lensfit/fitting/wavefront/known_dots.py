@@ -26,14 +26,14 @@ from lensfit.fitting.geometry import (
 )
 from lensfit.fitting.parameters import Layout as GeometryLayout
 from lensfit.fitting.wavefront.beside import NEIGHBOURS, beside_mm
-from lensfit.fitting.wavefront.dots import Aperture, Broad, Dots
-from lensfit.fitting.wavefront.edges import bright_ahead
-from lensfit.fitting.wavefront.hole import Hole, hole_of, no_hole, soft_hole
-from lensfit.fitting.wavefront.shown import (
+from lensfit.fitting.wavefront.dot_aperture import Hole, hole_of, no_hole, soft_hole
+from lensfit.fitting.wavefront.dot_patches import (
     Shown,
     diameters_mm,
     hole_radius_mm,
 )
+from lensfit.fitting.wavefront.dots import Aperture, Broad, Dots
+from lensfit.fitting.wavefront.edges import bright_ahead
 from lensfit.kernel.pixels import diffraction_variance_mm2
 from lensfit.optics.depth import ObjectShift, object_shift
 from lensfit.optics.distortion import Distortion, distorted_from_direction
@@ -74,9 +74,8 @@ def dots_of(
 ) -> Dots:
     """Constants of the dots of one photograph; see `Dots`.
 
-    Parameters
-    ----------
-    broad : Whether dots are discs (`waves`) rather than places of rays (`hole`).
+    Parameters ---------- broad : Whether dots are discs (`waves`) rather than places of
+    rays (`dot_aperture`).
     """
     adjustment, marks = shown.geometry.adjustment, shown.cutouts.marks
     count = len(marks)

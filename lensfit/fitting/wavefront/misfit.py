@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fitting.wavefront.families import Family
+from lensfit.fitting.wavefront.dot_weights import relative_misfit
 from lensfit.fitting.wavefront.held_out import held_out_dots, held_out_take
 from lensfit.fitting.wavefront.stages import Stage
-from lensfit.fitting.wavefront.weigh import relative_misfit
+from lensfit.fitting.wavefront.term_groups import Family
 
 
 class Misfit(NamedTuple):

@@ -16,8 +16,8 @@ from jaxtyping import Float
 from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.aliasing import Aliasing, aliasing_of
 from lensfit.fitting.wavefront.centroid_biases import smooth_centroid_biases_mm
+from lensfit.fitting.wavefront.dot_patches import Shown
 from lensfit.fitting.wavefront.gather import Gathered
-from lensfit.fitting.wavefront.shown import Shown
 from lensfit.fitting.wavefront.stages import Stage
 
 _UNSURE = 0.05

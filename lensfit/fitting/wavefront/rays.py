@@ -7,10 +7,10 @@ parameter (`rays_of`), of few rays. Both are closed forms for the wavefront, in
 which landing points are linear (`shapes`); the handful of numbers of the opening, which
 moves the rays that fill it, are left to JAX.
 
-The place where a ray leaves the hole of the dot (`hole`) is given, and moves it. The
-width of a ray's Gaussian (`kernel.spot`) is taken as it is in all derivatives: it only
-stands for rays in between, and vanishes as rays get many. So is the light that an area
-of the pupil carries (`optics.etendue`), which varies by a few percent.
+The place where a ray leaves the hole of the dot (`dot_aperture`) is given, and moves
+it. The width of a ray's Gaussian (`kernel.spot`) is taken as it is in all derivatives:
+it only stands for rays in between, and vanishes as rays get many. So is the light that
+an area of the pupil carries (`optics.etendue`), which varies by a few percent.
 """
 
 from collections.abc import Callable
@@ -21,8 +21,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from lensfit.fitting.wavefront.dot_aperture import left_from_mm
 from lensfit.fitting.wavefront.dots import Dots
-from lensfit.fitting.wavefront.hole import left_from_mm
 from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
 from lensfit.fitting.wavefront.shapes import (
     Colour,

@@ -16,7 +16,11 @@ from scipy.ndimage import gaussian_filter
 from lensfit.fitting.cores import cores
 from lensfit.fitting.levenberg import Prior
 from lensfit.fitting.trial import Statistics
-from lensfit.fitting.wavefront.deal import Deal, dealt
+from lensfit.fitting.wavefront.dot_weights import (
+    MODEL_SHARE,
+    first_weights,
+    weights_after,
+)
 from lensfit.fitting.wavefront.dots import Dots, Pixels
 from lensfit.fitting.wavefront.gather import WIDE_OPEN, Gathered
 from lensfit.fitting.wavefront.normal import (
@@ -27,6 +31,7 @@ from lensfit.fitting.wavefront.normal import (
     Points,
 )
 from lensfit.fitting.wavefront.parameters import Layout
+from lensfit.fitting.wavefront.sharding import Deal, dealt
 from lensfit.fitting.wavefront.solve import Solution, solve
 from lensfit.fitting.wavefront.stated import (
     Stated,
@@ -35,7 +40,6 @@ from lensfit.fitting.wavefront.stated import (
     stated_opening_and_focus,
 )
 from lensfit.fitting.wavefront.waves import waves_left
-from lensfit.fitting.wavefront.weigh import MODEL_SHARE, first_weights, weights_after
 
 COARSE_SHARE = 0.05
 _FEWEST_DOTS = 256

@@ -23,14 +23,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fitting.systematic import covariance_nearest, systematic_covariance
-from lensfit.fitting.wavefront.evidence import CELLS_PER_DOT
-from lensfit.fitting.wavefront.families import (
+from lensfit.fitting.wavefront.stages import Stage
+from lensfit.fitting.wavefront.term_group_selection import CELLS_PER_DOT
+from lensfit.fitting.wavefront.term_groups import (
     LAST,
     Family,
     deviation_of,
     indices_of,
 )
-from lensfit.fitting.wavefront.stages import Stage
 
 SYSTEMATIC = 0.008
 """Share of a dot's image, in L2. With it the errors of point-spread functions that are

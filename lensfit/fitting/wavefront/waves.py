@@ -1,8 +1,8 @@
 """Broad marks drawn in waves: the blur of a point, convolved with discs or edges.
 
-A hole narrower than a cell or two is a place for each ray (`hole`). A dot that is broad
-beside its rays' spacing is a disc with a sharp rim, an ellipse on the sensor. Its image
-is the blur of a point convolved with it,
+A hole narrower than a cell or two is a place for each ray (`dot_aperture`). A dot that
+is broad beside its rays' spacing is a disc with a sharp rim, an ellipse on the sensor.
+Its image is the blur of a point convolved with it,
 
     image^(k) = blur^(k) 2 J1(|A'k|) / |A'k|,
 

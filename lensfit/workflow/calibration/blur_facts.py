@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from lensfit.fitting.wavefront.families import Family
 from lensfit.fitting.wavefront.fit import WavefrontFit
+from lensfit.fitting.wavefront.term_groups import Family
 from lensfit.workflow.calibration.defocus_facts import defocus_facts
 from lensfit.workflow.plain_numbers import plain
 

@@ -22,8 +22,8 @@ from lensfit.errors import ImageError, OutputError
 from lensfit.io.depth import unit_in_mm
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
+from lensfit.preset.adjusted_pupil import filter_at_all_sizes
 from lensfit.preset.schema import Preset
-from lensfit.preset.turned_pupil import filter_at_all_sizes
 from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.deep_plate import render_deep
 from lensfit.workflow.frame.explaining_picture import explaining_picture

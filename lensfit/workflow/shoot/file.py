@@ -22,7 +22,6 @@ from lensfit.errors import ShootError
 from lensfit.io.transfer import ENCODINGS
 from lensfit.workflow.shoot.crew_notation import plain_form
 from lensfit.workflow.shoot.focal_length import check_focal_length
-from lensfit.workflow.shoot.left_to_check import keys_left_to_check, notes_of_draft
 from lensfit.workflow.shoot.records import (
     Camera,
     LensName,
@@ -31,6 +30,7 @@ from lensfit.workflow.shoot.records import (
     Take,
     Target,
 )
+from lensfit.workflow.shoot.unconfirmed_fields import keys_left_to_check, notes_of_draft
 
 __all__ = ["Camera", "LensName", "Shoot", "Take", "Target", "load_shoot"]
 

@@ -13,8 +13,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, final
 
+from lensfit.atomic_set import remove_unfinished
 from lensfit.errors import LensfitError, sentence_of
-from lensfit.together import remove_unfinished
 from lensfit.workflow.frame.end_with_parent import end_with_parent
 
 _NICE = 5

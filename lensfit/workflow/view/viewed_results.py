@@ -11,7 +11,7 @@ from lensfit.errors import ImageError
 from lensfit.workflow.calibration.results_folder import PRESET
 from lensfit.workflow.report.read import read_report
 from lensfit.workflow.report.write import is_inside
-from lensfit.workflow.results_together import REPORT
+from lensfit.workflow.results_set import REPORT
 
 PAGE = "report.html"
 _LARGEST_BYTES = 64 * 2**20

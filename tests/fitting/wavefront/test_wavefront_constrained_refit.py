@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
-from lensfit.fitting.reconcile import Amounts
+from lensfit.fitting.joint_adjustment import Amounts
+from lensfit.fitting.wavefront.adjusted_wavefront import (
+    errors_of,
+    keeping_centroids,
+    told_by_marks,
+)
 from lensfit.fitting.wavefront.centroid_biases import centroid_biases_mm
 from lensfit.fitting.wavefront.constrained_refit import reshaped, undoing
-from lensfit.fitting.wavefront.families import FINE, Family
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.misfit import misfit_of
 from lensfit.fitting.wavefront.stages import (
@@ -19,11 +23,7 @@ from lensfit.fitting.wavefront.stages import (
     freed,
     settled,
 )
-from lensfit.fitting.wavefront.told_by_marks import (
-    errors_of,
-    keeping_centroids,
-    told_by_marks,
-)
+from lensfit.fitting.wavefront.term_groups import FINE, Family
 
 PIXEL_MM = 0.01
 LENS = Seidel(4.0, -3.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
@@ -129,7 +129,7 @@ def test_a_move_that_fails_leaves_the_wavefront(wavefront, monkeypatch):
     nowhere = np.full((1, LAYOUT.size), np.nan)
     nothing = Amounts(np.ones(1), np.zeros((1, 1)))
     assert told_by_marks(wavefront, nowhere, nothing) is None
-    where = "lensfit.fitting.wavefront.told_by_marks.undoing"
+    where = "lensfit.fitting.wavefront.adjusted_wavefront.undoing"
     monkeypatch.setattr(where, lambda *_: nowhere[0])
     assert keeping_centroids(wavefront) is wavefront
 

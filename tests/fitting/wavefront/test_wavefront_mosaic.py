@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.families import FINE, deviation_of, families_of
+from lensfit.fitting.wavefront.dot_weights import first_weights, weights_after
 from lensfit.fitting.wavefront.stages import first_stage, freed, settled, solved
-from lensfit.fitting.wavefront.weigh import first_weights, weights_after
+from lensfit.fitting.wavefront.term_groups import FINE, deviation_of, families_of
 from lensfit.mosaic import MOSAICS, photosites
 
 TRUE = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.3, -0.25, 0.12))

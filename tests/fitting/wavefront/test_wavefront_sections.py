@@ -11,11 +11,11 @@ from drawn_lens import LAYOUT, SCALE, Seidel, Shot, dots_at, photographed
 from ray_moves import by_parameters
 
 from lensfit.fitting.wavefront.dots import hole_variance_mm2
-from lensfit.fitting.wavefront.families import FINE, deviation_of, families_of
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.rays import rays_of, spot_seen
 from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.fitting.wavefront.start import seen_defocus_mm
+from lensfit.fitting.wavefront.term_groups import FINE, deviation_of, families_of
 from lensfit.kernel.spot import Spot
 from lensfit.optics.sections import Sections
 from lensfit.optics.terms import rotational_terms, two_mirror_terms

@@ -9,8 +9,8 @@ from drawn_lens import LAYOUT, Seidel, Shot, photographed
 from lensfit.fitting.wavefront import descent
 from lensfit.fitting.wavefront.coarse import coarse_fit
 from lensfit.fitting.wavefront.descent import asked_for, fine_fit, last_fit, middle_fit
-from lensfit.fitting.wavefront.evidence import choose
-from lensfit.fitting.wavefront.families import LAST, deviation_of, families_of
+from lensfit.fitting.wavefront.dot_weights import relative_misfit
+from lensfit.fitting.wavefront.multistart import deepest, side_is_told
 from lensfit.fitting.wavefront.stages import (
     chi_squared,
     first_stage,
@@ -18,8 +18,8 @@ from lensfit.fitting.wavefront.stages import (
     on_dots,
     solved,
 )
-from lensfit.fitting.wavefront.valleys import deepest, side_is_told
-from lensfit.fitting.wavefront.weigh import relative_misfit
+from lensfit.fitting.wavefront.term_group_selection import choose
+from lensfit.fitting.wavefront.term_groups import LAST, deviation_of, families_of
 
 BLOCKS = LAYOUT.blocks
 NOISE = 0.02

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, REFERENCE_MM, Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.families import FINE, deviation_of, families_of
 from lensfit.fitting.wavefront.stages import first_stage, focus_stated, freed, solved
 from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
 from lensfit.fitting.wavefront.stated import (
@@ -16,6 +15,7 @@ from lensfit.fitting.wavefront.stated import (
     stated_opening,
     stated_opening_and_focus,
 )
+from lensfit.fitting.wavefront.term_groups import FINE, deviation_of, families_of
 
 NEAR_MM, FAR_MM = 1600.0, 2600.0
 DEFOCUS = LAYOUT.blocks["defocus"]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.families import families_of, stops_shown
+from lensfit.fitting.wavefront.term_groups import families_of, stops_shown
 from lensfit.fitting.wavefront.uncertainty import held_stops
 
 DEFOCUS_MM = np.array([0.3, -0.25, 0.0])

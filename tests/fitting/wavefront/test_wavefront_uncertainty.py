@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.families import FINE, Family, deviation_of, indices_of
 from lensfit.fitting.wavefront.stages import first_stage, freed, settled, solved
+from lensfit.fitting.wavefront.term_groups import FINE, Family, deviation_of, indices_of
 from lensfit.fitting.wavefront.uncertainty import (
     covariance_of,
     parameter_moves,

@@ -4,10 +4,10 @@ import jax
 import msgspec
 import numpy as np
 import pytest
+from adjusted_lenses import CORNER_MM, TERMS, ideal, measured, measured_preset
 from preset_makers import make_entry, make_preset
-from turned_lenses import CORNER_MM, TERMS, ideal, measured, measured_preset
 
-from lensfit.preset.idle_knobs import stating
+from lensfit.preset.inactive_overrides import stating
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, turned
 
 GAINS = sorted(n for n in GROUP_OF if n.endswith("_gain") and GROUP_OF[n] != "look")

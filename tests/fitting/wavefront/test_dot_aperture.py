@@ -7,7 +7,7 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, SINE, Seidel, dots_at
 from scipy.special import j1
 
-from lensfit.fitting.wavefront.hole import (
+from lensfit.fitting.wavefront.dot_aperture import (
     hole_of,
     left_from_mm,
     places_in_disc,

@@ -1,9 +1,9 @@
 """The results of a calibration, in place of those of the one before.
 
-Everything is made in a hidden folder and appears at the end (`lensfit.together`): a map
-beside a preset, or an overlay in a report, is always of the same run. Files that the
-earlier report names and the new run did not write are removed; nothing else is, as a
-folder of results may hold its owner's files too.
+Everything is made in a hidden folder and appears at the end (`lensfit.atomic_set`): a
+map beside a preset, or an overlay in a report, is always of the same run. Files that
+the earlier report names and the new run did not write are removed; nothing else is, as
+a folder of results may hold its owner's files too.
 
 A run that fails leaves the earlier results alone. The marks that it found show why it
 failed, so their pictures are kept in a folder whose name says so, and the error names
@@ -16,8 +16,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from lensfit.atomic_set import move_all, taken_back_if_empty, together
 from lensfit.errors import LensfitError
-from lensfit.together import move_all, taken_back_if_empty, together
 from lensfit.workflow.calibration.results_folder import (
     FAILED,
     FOLDERS,

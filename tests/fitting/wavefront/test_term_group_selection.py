@@ -8,15 +8,6 @@ import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
 from lensfit.fitting.trial import Scores
-from lensfit.fitting.wavefront import evidence
-from lensfit.fitting.wavefront.evidence import choose
-from lensfit.fitting.wavefront.families import (
-    LAST,
-    SEIDEL,
-    deviation_of,
-    families_of,
-    indices_of,
-)
 from lensfit.fitting.wavefront.fit import _notes
 from lensfit.fitting.wavefront.held_out import held_out_dots, held_out_take
 from lensfit.fitting.wavefront.stages import (
@@ -25,6 +16,14 @@ from lensfit.fitting.wavefront.stages import (
     freed,
     settled,
     solved,
+)
+from lensfit.fitting.wavefront.term_group_selection import choose
+from lensfit.fitting.wavefront.term_groups import (
+    LAST,
+    SEIDEL,
+    deviation_of,
+    families_of,
+    indices_of,
 )
 
 LENS = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.15, -0.12))

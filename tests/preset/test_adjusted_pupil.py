@@ -4,7 +4,7 @@ import cv2
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from turned_lenses import (
+from adjusted_lenses import (
     CORNER_MM,
     FOCUS_MM,
     ideal,

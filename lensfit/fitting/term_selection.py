@@ -4,7 +4,7 @@ The named terms are chosen first, twice, then what bends boards, then the free f
 top of named terms that are held where they are, since it spans them. A few damped
 steps with everything free follow, along the curved valley that this leaves. Terms
 of elements out of centre enter together where the lens' axis is free
-(`out_of_centre`).
+(`decentring`).
 """
 
 from dataclasses import replace
@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from lensfit.fitting.adjust import VALLEY_DAMPING, Adjustment, adjust
-from lensfit.fitting.half_equations import halves_of, least_fall, stated_statistics
-from lensfit.fitting.out_of_centre import (
+from lensfit.fitting.decentring import (
     WHY,
     WORKSHOP,
     OutOfCentre,
     asks_for_all,
     with_elements_out_of_centre,
 )
+from lensfit.fitting.half_equations import halves_of, least_fall, stated_statistics
 from lensfit.fitting.parameters import PINHOLE, Layout, Prior, stated_blocks
 from lensfit.fitting.priors import loose_prior
 from lensfit.fitting.select import (

@@ -9,17 +9,16 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, dots_at
 
 from lensfit.errors import FitError
-from lensfit.fitting.wavefront import valleys
 from lensfit.fitting.wavefront.light_centroid import polar_landings
-from lensfit.fitting.wavefront.parameters import mirrored
-from lensfit.fitting.wavefront.shapes import Colour
-from lensfit.fitting.wavefront.valleys import (
+from lensfit.fitting.wavefront.multistart import (
     Valley,
     left_of,
     runs_against_statements,
     side_is_told,
     still_open,
 )
+from lensfit.fitting.wavefront.parameters import mirrored
+from lensfit.fitting.wavefront.shapes import Colour
 
 BLOCKS = LAYOUT.blocks
 ONE_COLOUR = Colour(jnp.zeros(1), jnp.zeros((1, 2)))

@@ -14,9 +14,9 @@ import numpy as np
 from lensfit.lens import Lens
 from lensfit.optics.lateral import ChannelShift
 from lensfit.preset.aberration_knobs import BLUR_FAMILIES, AberrationKnobs
+from lensfit.preset.adjusted_aberration import family_of
+from lensfit.preset.adjusted_vignetting import photographed_parts
 from lensfit.preset.bokeh_knobs import LEAST_BLADES, BokehKnobs
-from lensfit.preset.turned_aberration import family_of
-from lensfit.preset.turned_vignetting import photographed_parts
 
 _GAIN = "_gain"
 _UNITS = {"distortion": "_percent", "vignetting": "_stops"}

@@ -13,8 +13,8 @@ from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift
 
 LARGEST_PLACED_CELLS = 0.9
-"""Of a hole's radius. In larger ones some hundreds of rays leave gaps (`hole`): these
-are drawn as discs (`waves`)."""
+"""Of a hole's radius. In larger ones some hundreds of rays leave gaps (`dot_aperture`):
+these are drawn as discs (`waves`)."""
 LARGEST_HOLE_CELLS = 8.5
 """Of a dot's radius: its rim has to be on its cutout, whose cells grow with it."""
 

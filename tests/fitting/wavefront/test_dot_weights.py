@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawn_lens import Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.weigh import (
+from lensfit.fitting.wavefront.dot_weights import (
     first_weights,
     relative_misfit,
     weights_after,

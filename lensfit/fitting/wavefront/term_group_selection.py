@@ -19,9 +19,9 @@ from jaxtyping import Int
 
 from lensfit.fitting.select import Verdict
 from lensfit.fitting.trial import Statistics, Trial
-from lensfit.fitting.wavefront.families import Family, indices_of
 from lensfit.fitting.wavefront.normal import Equations
 from lensfit.fitting.wavefront.stages import Stage
+from lensfit.fitting.wavefront.term_groups import Family, indices_of
 
 CELLS_PER_DOT = 60
 _LEAST_BIC_GAIN = 6.0

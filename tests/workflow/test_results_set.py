@@ -7,7 +7,7 @@ import pytest
 from report_samples import barrel_report
 
 from lensfit.errors import FitError
-from lensfit.workflow.results_together import files_of_report, results_together
+from lensfit.workflow.results_set import files_of_report, results_together
 from lensfit.workflow.shoot.records import Camera, LensName, Shoot, Take
 
 SHOOT = Shoot(

@@ -6,9 +6,8 @@ from types import SimpleNamespace
 import pytest
 
 from lensfit.errors import FitError
-from lensfit.fitting import shared_glass
 from lensfit.fitting.entrance_pupil import EntrancePupil
-from lensfit.fitting.shared_glass import fit_sharing_glass
+from lensfit.fitting.shared_parameters import fit_sharing_glass
 from lensfit.fitting.usual_lens import KnownPerspective, KnownPupil, KnownWalk
 from lensfit.progress import silent
 

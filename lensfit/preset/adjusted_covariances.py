@@ -13,7 +13,7 @@ from lensfit.optics.map_covariances import MapCovariances
 from lensfit.optics.object_deviation import PERSPECTIVE_NUMBERS
 from lensfit.optics.position_deviation import gain_of_numbers
 from lensfit.preset.aberration_knobs import AberrationKnobs
-from lensfit.preset.turned_chief_rays import lateral_gains
+from lensfit.preset.adjusted_chief_rays import lateral_gains
 
 Matrix = Float[np.ndarray, "numbers numbers"]
 

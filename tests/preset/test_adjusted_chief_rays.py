@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from turned_lenses import CORNER_MM, ideal, measured
+from adjusted_lenses import CORNER_MM, ideal, measured
 
 POINTS = np.stack(np.meshgrid([-12.0, -5.0, 0.3, 8.0, 12.4], [-9.0, 1.0, 9.3]), -1)
 POINTS = POINTS.reshape(-1, 2)

@@ -88,7 +88,7 @@ def taken_back_if_empty(folder: Path) -> Iterator[None]:
 def move_all(
     made: Path, folder: Path, *, last: Sequence[str] = (), replaces: Iterable[Path] = ()
 ) -> None:
-    """Move every file below `made` to its place below `folder`; see `together`.
+    """Move every file below `made` to its place below `folder`; see `atomic_set`.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fitting.reconcile import Amounts
+from lensfit.fitting.joint_adjustment import Amounts
 from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.centroid_biases import (
     moves_of_marks_mm,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from turned_lenses import CORNER_MM, ideal, measured, measured_preset, plain
+from adjusted_lenses import CORNER_MM, ideal, measured, measured_preset, plain
 
 import lensfit
 from lensfit.preset.blocks import FallOff

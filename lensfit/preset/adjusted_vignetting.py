@@ -10,7 +10,7 @@ they add up, the photographed loss is parted by what is known of the lens:
 
 No part is larger than what the ones before it leave of the photographed loss, so that
 none is ever negative and a lens that shows no loss has none. Rims that were turned
-(`lensfit.preset.turned_pupil`) hide more or less by their own shape.
+(`lensfit.preset.adjusted_pupil`) hide more or less by their own shape.
 
 A stated loss is the same in all colours: it takes the shape of green's part, or, where
 that is too faint to have one, the foreshortening, the second or the third power of the

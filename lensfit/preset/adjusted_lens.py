@@ -4,11 +4,11 @@ Every knob acts on the part of the lens that it is named after, before anything 
 rendered, so that a picture, a point-spread function and a map show the same. Neutral
 knobs return the lens itself, and parts that no knob touches stay the same objects.
 
-- `lensfit.preset.turned_aberration`: focal surfaces, coma, spherical, colour of these;
-- `lensfit.preset.turned_chief_rays`: distortion and lateral colour;
-- `lensfit.preset.turned_vignetting`: the parts of the fall-off;
-- `lensfit.preset.turned_pupil`: blades, oval, cat's eye, ring, filter;
-- `lensfit.preset.turned_covariances`: how well the maps are known then.
+- `lensfit.preset.adjusted_aberration`: focal surfaces, coma, spherical, colour of
+these; - `lensfit.preset.adjusted_chief_rays`: distortion and lateral colour; -
+`lensfit.preset.adjusted_vignetting`: the parts of the fall-off; -
+`lensfit.preset.adjusted_pupil`: blades, oval, cat's eye, ring, filter; -
+`lensfit.preset.adjusted_covariances`: how well the maps are known then.
 
 A lens whose blur was not measured is perfect; what needs an opening or a wavefront to
 be turned is turned on that of the perfect lens of its f-number.
@@ -21,12 +21,12 @@ from lensfit.kernel.lens_blur import LensBlur
 from lensfit.lens import Lens
 from lensfit.optics.lateral import LateralColour, no_lateral_colour
 from lensfit.preset.aberration_knobs import BLUR_FAMILIES, AberrationKnobs
+from lensfit.preset.adjusted_aberration import turned_aberration
+from lensfit.preset.adjusted_chief_rays import turned_distortion, turned_lateral
+from lensfit.preset.adjusted_covariances import turned_covariances
+from lensfit.preset.adjusted_pupil import turned_opening, turned_rims
+from lensfit.preset.adjusted_vignetting import turned_illumination
 from lensfit.preset.bokeh_knobs import LEAST_BLADES, BokehKnobs
-from lensfit.preset.turned_aberration import turned_aberration
-from lensfit.preset.turned_chief_rays import turned_distortion, turned_lateral
-from lensfit.preset.turned_covariances import turned_covariances
-from lensfit.preset.turned_pupil import turned_opening, turned_rims
-from lensfit.preset.turned_vignetting import turned_illumination
 
 
 def turned_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> Lens:

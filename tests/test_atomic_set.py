@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from lensfit import together as module
+from lensfit import atomic_set as module
+from lensfit.atomic_set import together
 from lensfit.errors import OutputError
-from lensfit.together import together
 
 
 def write(folder: Path, **texts: str) -> None:
@@ -161,7 +161,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from lensfit import exchanged_folder
-from lensfit.together import together
+from lensfit.atomic_set import together
 
 folder, last = Path(sys.argv[1]), int(sys.argv[2])
 calls = 0

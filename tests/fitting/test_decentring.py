@@ -13,9 +13,9 @@ from data_synth.bands import camera_bands
 from data_synth.lens import set_lens
 from data_synth.spots import band_chiefs_mm
 from data_synth.wavefront_cases import random_subject
+from lensfit.fitting.decentring import WORKSHOP
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import fit
-from lensfit.fitting.out_of_centre import WORKSHOP
 from lensfit.fitting.take import Take
 from lensfit.optics.many_points import distort
 

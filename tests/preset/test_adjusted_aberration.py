@@ -4,7 +4,7 @@ nothing else."""
 import jax
 import numpy as np
 import pytest
-from turned_lenses import (
+from adjusted_lenses import (
     CORNER_MM,
     FOCAL_TERMS,
     TERMS,

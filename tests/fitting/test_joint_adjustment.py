@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pinhole_shoot import IMAGE_PX, MM_PER_PX, Camera, observations, take_of
 
+from lensfit.fitting.joint_adjustment import amounts_of
 from lensfit.fitting.lens_state import left_px
-from lensfit.fitting.reconcile import amounts_of
-from lensfit.fitting.shared_glass import fit_sharing_glass
+from lensfit.fitting.shared_parameters import fit_sharing_glass
 from lensfit.progress import silent
 
 NOISE_PX, DRAG_PX = 0.02, 0.6

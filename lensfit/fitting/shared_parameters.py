@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 
 from lensfit.errors import FitError
+from lensfit.fitting.decentring import OutOfCentre, told_by
 from lensfit.fitting.entrance_pupil import (
     perspective_at_other_focus,
     perspective_with_walk,
 )
+from lensfit.fitting.joint_adjustment import walk_with_shared_errors
 from lensfit.fitting.lens_state import LensState, by_focal_length, fit_state
-from lensfit.fitting.out_of_centre import OutOfCentre, told_by
-from lensfit.fitting.reconcile import walk_with_shared_errors
 from lensfit.fitting.take import Take, grouped
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.base import BaseProjection
@@ -81,7 +81,7 @@ def _with_surer_walk(
     states: list[LensState], progress: Progress, takes: list[Take]
 ) -> list[LensState]:
     """With those refitted that would tell others a walk of the pupil which errors that
-    their marks share have made (`reconcile`)."""
+    their marks share have made (`joint_adjustment`)."""
     found = []
     for mine in by_focal_length(states).values():
         surest = _surest(mine)
