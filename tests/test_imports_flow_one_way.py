@@ -42,8 +42,9 @@ FLOORS = {
     "preset": 6,
     "rendering": 7,
     "fitting": 7,
-    "workflow": 8,
-    "cli": 9,
+    "exchange": 8,
+    "workflow": 9,
+    "cli": 10,
 }
 WORKFLOW_FLOORS = {
     "plate": 0,
@@ -54,7 +55,6 @@ WORKFLOW_FLOORS = {
     "calibration": 1,
     "pictures": 2,
     "report": 3,
-    "exchange": 3,
     "check": 4,
     "statements": 4,
     "kit": 5,

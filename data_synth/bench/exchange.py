@@ -16,19 +16,15 @@ from data_synth.bench.machine import machine
 from data_synth.bench.result import bench_result
 from lensfit.batches import in_batches
 from lensfit.errors import LensfitError
-from lensfit.fitting.exchange.samples import ExchangeFrame
+from lensfit.exchange.export import FORMATS, export_preset
+from lensfit.exchange.export_request import ExportRequest, WantedState
+from lensfit.exchange.foreign import ForeignState, Stated
+from lensfit.exchange.foreign_file import read_foreign
+from lensfit.exchange.imports import preset_of_foreign
+from lensfit.exchange.samples import ExchangeFrame
 from lensfit.lens import Lens
-from lensfit.preset.exchange.foreign import ForeignState, Stated
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
-from lensfit.workflow.exchange.export import (
-    FORMATS,
-    ExportRequest,
-    WantedState,
-    export_preset,
-)
-from lensfit.workflow.exchange.foreign_file import read_foreign
-from lensfit.workflow.exchange.imports import preset_of_foreign
 
 _POINTS = 41
 _SUFFIX = {

@@ -13,11 +13,11 @@ from lensfit.cli.groups.exchange import FrameGroup, StateGroup
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 
 if TYPE_CHECKING:
-    from lensfit.workflow.exchange.export import Exported
+    from lensfit.exchange.export_request import Exported
 
 
 class ExportFormat(StrEnum):
-    """As in `lensfit.workflow.exchange.export.FORMATS`."""
+    """As in `lensfit.exchange.export.FORMATS`."""
 
     nuke_radial = "nuke-radial"
     nuke_anamorphic = "nuke-anamorphic"
@@ -64,12 +64,9 @@ def export(
     size = size_px(frame.size)
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
-    from lensfit.fitting.exchange.samples import ExchangeFrame
-    from lensfit.workflow.exchange.export import (
-        ExportRequest,
-        WantedState,
-        export_preset,
-    )
+    from lensfit.exchange.export import export_preset
+    from lensfit.exchange.export_request import ExportRequest, WantedState
+    from lensfit.exchange.samples import ExchangeFrame
 
     loaded = library.find(preset).preset
     camera = loaded.camera

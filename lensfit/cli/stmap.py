@@ -139,8 +139,8 @@ def _write_one(
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
     from lensfit.coords import Window
+    from lensfit.exchange.stmaps import StmapFrame, file_stem, write_stmaps
     from lensfit.workflow.plate.pixel_shape import SQUARE, pixel_shape
-    from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 
     overscan, map_width, direction, per_channel, tolerance_px = chosen
     state = (camera.focal_length_mm, None, camera.focus_distance_mm)

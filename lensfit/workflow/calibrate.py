@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, FitError
+from lensfit.exchange.stmaps import StmapFrame, file_stem, write_stmaps
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import Fitted, fit
 from lensfit.fitting.take import Take
@@ -56,7 +57,6 @@ from lensfit.workflow.statements.contradictions import (
 )
 from lensfit.workflow.statements.fitted_statements import contradicted_by_fit
 from lensfit.workflow.statements.repeated import counted_once
-from lensfit.workflow.stmaps import StmapFrame, file_stem, write_stmaps
 from lensfit.workflow.stopwatch import stopwatch
 
 MAP_OVERSCAN_PERCENT = 10.0

@@ -12,9 +12,16 @@ from pathlib import Path
 
 from lensfit.atomic import atomic_path, write_text_atomic
 from lensfit.errors import ImageError
+from lensfit.exchange.nuke_stmap import MapSequence, nuke_stmap_text
+from lensfit.exchange.stmaps import (
+    Direction,
+    StmapFrame,
+    file_stem,
+    frame_digits,
+    write_stmaps,
+)
 from lensfit.io.sequence import expand_frames, frame_of
 from lensfit.lens import Lens
-from lensfit.preset.exchange.nuke_stmap import MapSequence, nuke_stmap_text
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.rendering.stages import lateral_colour_px
@@ -22,13 +29,6 @@ from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.frame.plate_views import plate_views
 from lensfit.workflow.plate.header import plate_header
-from lensfit.workflow.stmaps import (
-    Direction,
-    StmapFrame,
-    file_stem,
-    frame_digits,
-    write_stmaps,
-)
 
 UNSEEN_COLOUR_PX = 0.02
 """Lateral colour that needs no maps of its own."""

@@ -15,8 +15,10 @@ import numpy as np
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
+from lensfit.exchange.stmaps import LARGEST_SIDE_PX
 from lensfit.preset.knobs import Knobs
 from lensfit.preset.schema import Preset
+from lensfit.preset.spanned_width import spanned_width_note
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.filters import Filter
 from lensfit.rendering.overscan import (
@@ -27,9 +29,7 @@ from lensfit.rendering.overscan import (
 )
 from lensfit.rendering.uv import Channel, PlateGeometry, SpannedWidth, overscan_needed
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
-from lensfit.workflow.camera.spanned_width import spanned_width_note
 from lensfit.workflow.plate.pixel_shape import SQUARE, pixel_shape
-from lensfit.workflow.stmaps import LARGEST_SIDE_PX
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens

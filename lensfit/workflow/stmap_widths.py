@@ -16,8 +16,8 @@ from scipy.sparse import csr_array
 
 from lensfit.batches import in_batches
 from lensfit.coords import px_from_uv
+from lensfit.exchange.stmaps import StmapFrame, channel_uv
 from lensfit.rendering.uv import PlateGeometry
-from lensfit.workflow.stmaps import StmapFrame, channel_uv
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens

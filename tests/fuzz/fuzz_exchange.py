@@ -9,38 +9,41 @@ from pathlib import Path
 
 import numpy as np
 
-from lensfit.preset.exchange.brown_conrady import D_U, U_D, BrownMap
-from lensfit.preset.exchange.foreign import ForeignLens, Stated
-from lensfit.preset.exchange.lensfun_lens import lens_of_lensfun
-from lensfit.preset.exchange.lensfun_xml import read_lensfun
-from lensfit.preset.exchange.mrcal import (
+from lensfit.exchange.brown_conrady import D_U, U_D, BrownMap
+from lensfit.exchange.foreign import ForeignLens, Stated
+from lensfit.exchange.lensfun_lens import lens_of_lensfun
+from lensfit.exchange.lensfun_xml import read_lensfun
+from lensfit.exchange.mrcal import (
     SplinedMap,
     SplineGrid,
     mrcal_text,
     read_mrcal,
 )
-from lensfit.preset.exchange.opencv import OpenCvMap
-from lensfit.preset.exchange.opencv_file import (
+from lensfit.exchange.opencv import (
+    OpenCvMap,
     lens_of_opencv,
     opencv_text,
     read_opencv,
 )
-from lensfit.preset.exchange.opentrackio import opentrackio_text, read_opentrackio
-from lensfit.preset.exchange.opentrackio_lens import lens_of_opentrackio
-from lensfit.preset.exchange.opentrackio_sample import ColourShift, LensSample
-from lensfit.preset.exchange.syntheyes import (
+from lensfit.exchange.opentrackio import opentrackio_text, read_opentrackio
+from lensfit.exchange.opentrackio_lens import (
+    ColourShift,
+    LensSample,
+    lens_of_opentrackio,
+)
+from lensfit.exchange.syntheyes import (
     LniNotes,
     RadialTable,
     read_syntheyes,
     syntheyes_text,
 )
-from lensfit.preset.exchange.tde4 import KNOBS, Tde4Map
-from lensfit.preset.exchange.tde4_node import (
+from lensfit.exchange.tde4 import KNOBS, Tde4Map
+from lensfit.exchange.tde4_node import (
     lens_of_tde4,
     read_tde4_nodes,
     tde4_node_text,
 )
-from lensfit.preset.exchange.unreal import UnrealState, read_unreal, unreal_text
+from lensfit.exchange.unreal import UnrealState, read_unreal, unreal_text
 
 _STATED = Stated(sensor_width_mm=24.0)
 _MATRIX = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])

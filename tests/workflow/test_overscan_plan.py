@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
+from lensfit.exchange.stmaps import StmapFrame
 from lensfit.io.exr import read_exr
 from lensfit.preset.aberration_knobs import AberrationKnobs
 from lensfit.preset.knobs import Knobs
@@ -17,7 +18,6 @@ from lensfit.preset.store import save_preset
 from lensfit.rendering.overscan import Margins, margins_read
 from lensfit.workflow.apply import apply
 from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
-from lensfit.workflow.stmaps import StmapFrame
 
 SIZE = (96, 64)
 """Of the plates."""

@@ -28,8 +28,8 @@ def exchange(
     """
     size = size_px(frame.size)
     from data_synth.bench.exchange import bench_exchange
-    from lensfit.fitting.exchange.samples import ExchangeFrame
-    from lensfit.workflow.exchange.export import WantedState
+    from lensfit.exchange.export_request import WantedState
+    from lensfit.exchange.samples import ExchangeFrame
 
     loaded = library.find(preset).preset
     camera = loaded.camera

@@ -12,11 +12,11 @@ from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.exchange import StateGroup
 
 if TYPE_CHECKING:
-    from lensfit.workflow.exchange.imports import Imported
+    from lensfit.exchange.imports import Imported
 
 
 class ImportFormat(StrEnum):
-    """As in `lensfit.workflow.exchange.foreign_file.FOREIGN_FORMATS`."""
+    """As in `lensfit.exchange.foreign_file.FOREIGN_FORMATS`."""
 
     opencv = "opencv"
     lensfun = "lensfun"
@@ -82,9 +82,9 @@ def import_lens(
     wanted = size_px(size)
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
-    from lensfit.preset.exchange.foreign import Stated
+    from lensfit.exchange.foreign import Stated
+    from lensfit.exchange.imports import import_preset
     from lensfit.preset.store import save_preset
-    from lensfit.workflow.exchange.imports import import_preset
 
     with progress_bars() as progress:
         found = import_preset(

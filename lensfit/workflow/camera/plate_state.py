@@ -14,6 +14,7 @@ import numpy as np
 from lensfit.errors import ImageError
 from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
 from lensfit.preset.schema import Preset
+from lensfit.preset.spanned_width import spanned_width_note
 from lensfit.rendering.look.white_balance import REC709, Chromaticities
 from lensfit.rendering.uv import SpannedWidth
 from lensfit.workflow.camera.assumed import Assumed, assumed
@@ -22,7 +23,6 @@ from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
 from lensfit.workflow.camera.knob_sources import knobs_of_plate
 from lensfit.workflow.camera.plate_camera import PlateCamera
 from lensfit.workflow.camera.scaled_look import UNSCALED, ScaledLook
-from lensfit.workflow.camera.spanned_width import spanned_width_note
 from lensfit.workflow.camera.spelling import SPELT, option_of
 from lensfit.workflow.notes import FrameNote
 

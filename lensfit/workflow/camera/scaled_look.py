@@ -14,7 +14,7 @@ Diffraction scales with the rest, as if light's wavelength did.
 
 from typing import NamedTuple
 
-from lensfit.workflow.camera.spanned_width import SCALING_OPTION, check_width
+from lensfit.preset.spanned_width import SCALING_OPTION, check_width
 
 _SAME = 1e-6
 

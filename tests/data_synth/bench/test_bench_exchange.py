@@ -9,8 +9,8 @@ from plate_makers import make_preset
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
+from lensfit.exchange.export import FORMATS
 from lensfit.preset.store import save_preset
-from lensfit.workflow.exchange.export import FORMATS
 
 
 @pytest.mark.slow

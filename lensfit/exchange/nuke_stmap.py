@@ -1,0 +1,182 @@
+"""A Nuke script that loads the two UV maps of a lens and applies them.
+
+Each map is read raw and given to an STMap node on its second input; the first is left
+for the plate. A map that is coarser than the frame is enlarged by a Reformat, which
+keeps what lies beyond the frame. With maps for each colour three STMap nodes follow one
+another, each of which moves one channel by its own layer of the file.
+
+Nodes of a script stand on a stack: the input 0 of a node is what was pushed last; `set`
+names what lies on top and `push` lays it there again.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from lensfit.atomic import write_text_atomic
+from lensfit.exchange.export_request import Exported, ExportRequest, described, exported
+from lensfit.exchange.nuke_text import node_text, quoted
+from lensfit.exchange.stmaps import StmapFrame, WrittenStmaps, file_stem, write_stmaps
+
+_CHANNELS = {"r": "{rgba.red}", "g": "{rgba.green rgba.alpha}", "b": "{rgba.blue}"}
+_LAYER = "stmap_{}"
+"""As `lensfit.io.stmap` names them."""
+
+
+class MapSequence(NamedTuple):
+    """Files of a map.
+
+    Attributes
+    ----------
+    file : One file, or the pattern of a sequence as Nuke reads it (``%04d``).
+    span : First and last frame of a sequence; None for one file.
+    """
+
+    file: Path
+    span: tuple[int, int] | None = None
+
+
+def nuke_stmap_text(
+    maps: Mapping[Literal["undistort", "redistort"], MapSequence],
+    display_px: tuple[int, int],
+    label: str,
+    *,
+    per_channel: bool = False,
+    map_px: tuple[int, int] | None = None,
+) -> str:
+    """Script text: for each direction a map, a place for the plate and an STMap.
+
+    Parameters
+    ----------
+    maps : Files by direction, "undistort" and "redistort".
+    display_px : Format of the plates.
+    label : What they are, in lines.
+    per_channel : The files hold a layer for each of red, green and blue.
+    map_px : Format of the maps; that of the plates if None.
+    """
+    found = "".join(f"# {line}\n" for line in label.splitlines())
+    if per_channel:
+        for channel in _CHANNELS:
+            layer = _LAYER.format(channel)
+            found += f"add_layer {{{layer} {layer}.red {layer}.green {layer}.blue}}\n"
+    for column, (direction, files) in enumerate(maps.items()):
+        x = 220 * column
+        found += node_text(
+            "Read", _read(files, direction, map_px or display_px, label, x)
+        )
+        if map_px is not None and map_px != display_px:
+            found += node_text("Reformat", _enlarge(direction, display_px, x))
+        plate = {
+            "inputs": "0",
+            "name": f"plate_to_{direction}",
+            "label": quoted("connect the plate here"),
+            "xpos": f"{x}",
+            "ypos": "60",
+        }
+        if per_channel:
+            found += f"set Map{column} [stack 0]\n"
+        found += node_text("NoOp", plate)
+        found += "".join(
+            _stmaps_of_channels(direction, column, x)
+            if per_channel
+            else [node_text("STMap", _stmap(direction, "all", "rgb", x, 120))]
+        )
+    return found
+
+
+def _read(
+    files: MapSequence, direction: str, size: tuple[int, int], label: str, x: int
+) -> dict[str, str]:
+    width, height = size
+    found = {
+        "inputs": "0",
+        "file_type": "exr",
+        "file": quoted(files.file.absolute().as_posix()),
+        "format": f'"{width} {height} 0 0 {width} {height} 1 "',
+        "raw": "true",
+        "name": f"map_{direction}",
+        "label": quoted(label),
+        "xpos": f"{x + 110}",
+        "ypos": "0",
+    }
+    if files.span is not None:
+        first, last = (str(n) for n in files.span)
+        found |= {"first": first, "last": last}
+        found |= {"origfirst": first, "origlast": last, "origset": "true"}
+    return found
+
+
+def _enlarge(direction: str, size: tuple[int, int], x: int) -> dict[str, str]:
+    """Keys' cubic reproduces ramps, which Nuke's own default does not."""
+    width, height = size
+    return {
+        "format": f'"{width} {height} 0 0 {width} {height} 1 "',
+        "resize": "distort",
+        "filter": "Keys",
+        "pbb": "true",
+        "name": f"enlarge_{direction}",
+        "xpos": f"{x + 110}",
+        "ypos": "30",
+    }
+
+
+def _stmap(
+    direction: str, channels: str, layer: str, x: int, y: int, ending: str = ""
+) -> dict[str, str]:
+    return {
+        "inputs": "2",
+        "channels": channels,
+        "uv": layer,
+        "name": f"STMap_{direction}{ending}",
+        "xpos": f"{x}",
+        "ypos": f"{y}",
+    }
+
+
+def _stmaps_of_channels(direction: str, column: int, x: int) -> Iterator[str]:
+    """Three nodes, one behind the other; the plate lies on the stack."""
+    for row, (channel, moved) in enumerate(_CHANNELS.items()):
+        yield f"set Picture{column}{row} [stack 0]\npush $Map{column}\n"
+        yield f"push $Picture{column}{row}\n"
+        layer = _LAYER.format(channel)
+        y = 120 + 40 * row
+        yield node_text("STMap", _stmap(direction, moved, layer, x, y, f"_{channel}"))
+
+
+def export_stmaps(request: ExportRequest) -> Exported:
+    """Both UV maps in the folder `request.out`, as `lensfit stmap` writes them."""
+    written = _maps(request, request.out)
+    return _exported(request, written, written.paths)
+
+
+def export_nuke_maps(request: ExportRequest) -> Exported:
+    """A Nuke script, and beside it the maps that it loads."""
+    written = _maps(request, request.out.absolute().parent)
+    label = f"{described(request, request.lens())}\nexact: UV maps, {request.frame}"
+    files = map(MapSequence, written.paths)
+    maps = dict(zip(("undistort", "redistort"), files, strict=True))
+    text = nuke_stmap_text(
+        maps, request.frame.size_px, label, per_channel=request.per_channel
+    )
+    write_text_atomic(request.out, text)
+    return _exported(request, written, (request.out, *written.paths))
+
+
+def _maps(request: ExportRequest, folder) -> WrittenStmaps:
+    lens, frame = request.lens(), request.frame
+    return write_stmaps(
+        lens,
+        StmapFrame(frame.size_px, frame.overscan_percent, frame.sensor_width_mm),
+        folder,
+        file_stem(request.preset.lens.name, lens),
+        per_channel=request.per_channel,
+        progress=request.progress,
+    )
+
+
+def _exported(request: ExportRequest, written: WrittenStmaps, paths) -> Exported:
+    found = exported(
+        request, request.lens(), (), has_colour=request.per_channel, paths=paths
+    )
+    needed = f"CG plates need {written.overscan_percent:.4f} % overscan in total"
+    return Exported(found.paths, found.nearness, (*found.notes, *written.notes, needed))

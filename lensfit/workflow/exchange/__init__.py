@@ -1,1 +1,0 @@
-"""A preset handed to other programs, and their lenses as presets."""
