@@ -4,6 +4,7 @@ import numpy as np
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
+from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.blocks import (
     ChannelShift,
     Distortion,
@@ -14,7 +15,6 @@ from lensfit.preset.blocks import (
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance
 from lensfit.rendering.stages import Switches
-from lensfit.workflow.apply_options import ApplyOptions
 
 DISPLAY = Window.of_size(96, 64)
 DATA = Window(-8, -6, 103, 69)

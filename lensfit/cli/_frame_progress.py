@@ -22,8 +22,8 @@ from lensfit.printable import printable
 from lensfit.progress import Progress, silent
 
 if TYPE_CHECKING:
+    from lensfit.plate.frame.outcome import FrameOutcome
     from lensfit.workflow.apply import FrameDone
-    from lensfit.workflow.frame.outcome import FrameOutcome
 
 
 @contextmanager

@@ -8,8 +8,8 @@ from rich.table import Table
 from rich.text import Text
 
 from lensfit.printable import printable
-from lensfit.workflow.report.markup import number
-from lensfit.workflow.report.verdict import verdict_of, verdict_scope
+from lensfit.report.markup import number
+from lensfit.report.verdict import verdict_of, verdict_scope
 
 Report = dict[str, Any]
 

@@ -25,8 +25,8 @@ from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
 
 if TYPE_CHECKING:
+    from lensfit.plate.apply_options import ApplyOptions
     from lensfit.workflow.apply import Applied
-    from lensfit.workflow.apply_options import ApplyOptions
 
 
 class FilterName(StrEnum):
@@ -48,7 +48,7 @@ class ProgressName(StrEnum):
 
 
 class OutputName(StrEnum):
-    """What is written, as in `lensfit.workflow.frame.explaining_picture`."""
+    """What is written, as in `lensfit.plate.frame.explaining_picture`."""
 
     result = "result"
     circle_of_confusion = "circle-of-confusion"
@@ -224,7 +224,7 @@ def apply_options(
     ----------
     others : Those that say nothing of it.
     """
-    from lensfit.workflow.apply_options import ApplyOptions
+    from lensfit.plate.apply_options import ApplyOptions
 
     return ApplyOptions(
         overrides=camera.overrides(),

@@ -50,9 +50,9 @@ def inspect(
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_error, say_note
     from lensfit.io.camera.slates import read_slates
-    from lensfit.workflow.camera.sources import CameraSources
+    from lensfit.plate.camera.sources import CameraSources
+    from lensfit.plate.notes import not_said
     from lensfit.workflow.inspect import as_json, inspect_images
-    from lensfit.workflow.notes import not_said
     from lensfit.workflow.shoot.draft import write_draft_shoot
 
     sources = CameraSources(camera.sources(), camera.overrides())

@@ -83,8 +83,8 @@ def overscan(
 
     Example: lensfit overscan takumar/preset.json --size 4096x3072 --f-number 2
     """
+    from lensfit.plate.camera.sources import StateOverrides
     from lensfit.preset.knobs import turned
-    from lensfit.workflow.camera.sources import StateOverrides
     from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
     from lensfit.workflow.plate_overscan import overscan_of_plate
 

@@ -52,7 +52,7 @@ def plan(
     """
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
-    from lensfit.workflow.apply_options import ApplyOptions
+    from lensfit.plate.apply_options import ApplyOptions
     from lensfit.workflow.plan_plate import plan_plate
 
     options = ApplyOptions(

@@ -34,15 +34,15 @@ def report(
     Example: lensfit report takumar_50
     """
     path = results / "report.json" if results.is_dir() else results
-    from lensfit.workflow.report.read import read_report
+    from lensfit.report.read import read_report
 
     tables = read_report(path)
 
     import msgspec
 
     from lensfit.cli._summary import print_files, print_summary
-    from lensfit.workflow.report.verdict import verdict_of
-    from lensfit.workflow.report.write import write_report
+    from lensfit.report.verdict import verdict_of
+    from lensfit.report.write import write_report
 
     try:
         judged = msgspec.to_builtins(verdict_of(tables))

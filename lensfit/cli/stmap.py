@@ -140,7 +140,7 @@ def _write_one(
     from lensfit.cli._door import say_note
     from lensfit.coords import Window
     from lensfit.exchange.stmaps import StmapFrame, file_stem, write_stmaps
-    from lensfit.workflow.plate.pixel_shape import SQUARE, pixel_shape
+    from lensfit.plate.pixel_shape import SQUARE, pixel_shape
 
     overscan, map_width, direction, per_channel, tolerance_px = chosen
     state = (camera.focal_length_mm, None, camera.focus_distance_mm)
@@ -192,8 +192,8 @@ def _write_sequence(
     """A map for each frame of plates."""
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
+    from lensfit.plate.apply_options import ApplyOptions
     from lensfit.rendering.stages import Switches
-    from lensfit.workflow.apply_options import ApplyOptions
     from lensfit.workflow.moving_stmaps import write_moving_stmaps
 
     overscan, map_width, direction, per_channel, tolerance_px = chosen

@@ -15,7 +15,7 @@ from lensfit.cli.apply import apply, apply_options
 from lensfit.cli.groups import in_groups, takes_groups
 from lensfit.cli.groups.handed_on import hands_on
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
-from lensfit.workflow.farm.job import (
+from lensfit.plate.farm.job import (
     FarmJob,
     HandedOption,
     HostNeeds,
@@ -186,12 +186,12 @@ def _say(
 def _written(job: FarmJob, to: Farm, path: Path) -> tuple[list[Path], list[str]]:
     """The files of the job, and the command that runs or submits it."""
     if to is Farm.opencue:
-        from lensfit.workflow.farm.opencue_outline import write_outline
+        from lensfit.plate.farm.opencue_outline import write_outline
 
         write_outline(job, path)
         return [path], ["pycuerun", str(path)]
     from lensfit.atomic import write_text_atomic
-    from lensfit.workflow.farm.openjd_template import openjd_template
+    from lensfit.plate.farm.openjd_template import openjd_template
 
     template, paths = openjd_template(job)
     beside = path.with_name(f"{path.stem}.parameters.json")

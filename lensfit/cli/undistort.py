@@ -100,7 +100,7 @@ def undistort(
         raise typer.BadParameter("goes without --overwrite", param_hint="--keep")
     if cores is not None:
         limit_cores(cores)
-    from lensfit.workflow.apply_options import ApplyOptions
+    from lensfit.plate.apply_options import ApplyOptions
     from lensfit.workflow.undistort import undistort_plates
 
     options = ApplyOptions(

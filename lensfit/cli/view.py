@@ -10,10 +10,10 @@ from lensfit.cli.apply import OutputName, apply, apply_options
 from lensfit.cli.groups import in_groups, takes_groups
 from lensfit.cli.groups.handed_on import hands_on
 from lensfit.cli.groups.library import LibraryGroup
-from lensfit.workflow.farm.job import HandedOption
+from lensfit.plate.farm.job import HandedOption
 
 if TYPE_CHECKING:
-    from lensfit.workflow.apply_options import ApplyOptions
+    from lensfit.plate.apply_options import ApplyOptions
     from lensfit.workflow.view.lens_server import LensServer
     from lensfit.workflow.view.plate_server import PlateServer
     from lensfit.workflow.view.shoot_server import ShootServer

@@ -22,14 +22,14 @@ from lensfit.io.sequence import (
     parse_frames,
     split_pattern,
 )
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.frame.outcome import FrameOutcome, apply_frame, error_line
+from lensfit.plate.frame.renderer import FrameRenderer
+from lensfit.plate.frame.workers import worker_outcomes
+from lensfit.plate.notes import not_said
+from lensfit.plate.sequence_notes import gaps_note, sizes_note
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.frame.outcome import FrameOutcome, apply_frame, error_line
-from lensfit.workflow.frame.renderer import FrameRenderer
-from lensfit.workflow.frame.workers import worker_outcomes
-from lensfit.workflow.notes import not_said
-from lensfit.workflow.sequence_notes import gaps_note, sizes_note
 
 
 class FrameDone(Protocol):

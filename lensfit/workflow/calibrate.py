@@ -28,6 +28,9 @@ from lensfit.lens import Lens
 from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent
+from lensfit.report.blur_pictures import write_dot_pictures
+from lensfit.report.verdict import verdict_of
+from lensfit.report.write import write_report
 from lensfit.workflow.calibration.blur_facts import blur_facts
 from lensfit.workflow.calibration.entries import (
     camera_of,
@@ -41,10 +44,7 @@ from lensfit.workflow.calibration.results_folder import PRESET
 from lensfit.workflow.calibration.statement_facts import statement_facts
 from lensfit.workflow.calibration.take_facts import take_facts
 from lensfit.workflow.calibration.term_facts import terms_of
-from lensfit.workflow.pictures.blur_pictures import write_dot_pictures
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
-from lensfit.workflow.report.verdict import verdict_of
-from lensfit.workflow.report.write import write_report
 from lensfit.workflow.results_set import REPORT, results_together
 from lensfit.workflow.shoot.charts_seen import with_charts_read
 from lensfit.workflow.shoot.records import Shoot

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lensfit.errors import LensfitError
+from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.store import load_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.apply import apply
-from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.shoot.file import load_shoot
 

@@ -24,15 +24,15 @@ from lensfit.io.metadata import CameraState
 from lensfit.io.sequence import expand_frames
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
-from lensfit.progress import Progress, silent
-from lensfit.workflow.camera.facts import (
+from lensfit.plate.camera.facts import (
     CameraFacts,
     camera_facts,
     camera_record,
     camera_rows,
 )
-from lensfit.workflow.camera.sources import CameraSources
-from lensfit.workflow.plate.header import header_entries, plate_header
+from lensfit.plate.camera.sources import CameraSources
+from lensfit.plate.header import header_entries, plate_header
+from lensfit.progress import Progress, silent
 
 if TYPE_CHECKING:
     from lensfit.preset.schema import Preset

@@ -1,7 +1,7 @@
 """UV maps of a shot in which focus, zoom or breathing move: a map for each frame.
 
 The camera state of a frame is that of its plate, from the same sources as `lensfit
-apply` (`lensfit.workflow.camera.sources`); of a plate its header alone is read. Frames
+apply` (`lensfit.plate.camera.sources`); of a plate its header alone is read. Frames
 at the same state have the same map, which is made once and copied. Beside the maps lies
 a Nuke script that reads both sequences.
 """
@@ -22,13 +22,13 @@ from lensfit.exchange.stmaps import (
 )
 from lensfit.io.sequence import expand_frames, frame_of
 from lensfit.lens import Lens
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.frame.plate_lens import PlateLens
+from lensfit.plate.frame.plate_views import plate_views
+from lensfit.plate.header import plate_header
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.rendering.stages import lateral_colour_px
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.frame.plate_lens import PlateLens
-from lensfit.workflow.frame.plate_views import plate_views
-from lensfit.workflow.plate.header import plate_header
 
 UNSEEN_COLOUR_PX = 0.02
 """Lateral colour that needs no maps of its own."""

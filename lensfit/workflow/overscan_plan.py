@@ -16,6 +16,7 @@ import numpy as np
 from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
 from lensfit.exchange.stmaps import LARGEST_SIDE_PX
+from lensfit.plate.pixel_shape import SQUARE, pixel_shape
 from lensfit.preset.knobs import Knobs
 from lensfit.preset.schema import Preset
 from lensfit.preset.spanned_width import spanned_width_note
@@ -29,7 +30,6 @@ from lensfit.rendering.overscan import (
 )
 from lensfit.rendering.uv import Channel, PlateGeometry, SpannedWidth, overscan_needed
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
-from lensfit.workflow.plate.pixel_shape import SQUARE, pixel_shape
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens

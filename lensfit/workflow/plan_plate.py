@@ -6,17 +6,17 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.io.sequence import expand_frames
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.channels import colour_layers
+from lensfit.plate.frame.left_out_knobs import left_out_knobs
+from lensfit.plate.frame.plate_in_depth import plate_in_depth
+from lensfit.plate.frame.plate_lens import PlateLens
+from lensfit.plate.frame.plate_views import plate_views
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.rendering.frame import window_with_margin
 from lensfit.rendering.look.stack import light_spreads
 from lensfit.rendering.plan import Plan, plan_of
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.frame.left_out_knobs import left_out_knobs
-from lensfit.workflow.frame.plate_in_depth import plate_in_depth
-from lensfit.workflow.frame.plate_lens import PlateLens
-from lensfit.workflow.frame.plate_views import plate_views
-from lensfit.workflow.plate.channels import colour_layers
 
 _STEPS = 3
 """Reading, maps, blur."""

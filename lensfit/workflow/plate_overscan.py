@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lensfit.coords import Window
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.plate_state import BLUR
+from lensfit.plate.camera.sources import StateOverrides
+from lensfit.plate.camera.spelling import SPELT
+from lensfit.plate.frame.plate_lens import PlateLens
+from lensfit.plate.header import plate_header
+from lensfit.plate.pixel_shape import SQUARE
 from lensfit.preset.schema import Preset
 from lensfit.rendering.overscan import Margins
 from lensfit.rendering.stages import Switches
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera.plate_state import BLUR
-from lensfit.workflow.camera.sources import StateOverrides
-from lensfit.workflow.camera.spelling import SPELT
-from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.overscan_plan import OverscanQuestion
-from lensfit.workflow.plate.header import plate_header
-from lensfit.workflow.plate.pixel_shape import SQUARE
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from typing import Any
 
 from lensfit.atomic_set import move_all, taken_back_if_empty, together
 from lensfit.errors import LensfitError
+from lensfit.report.wipe import MODEL_PICTURES
 from lensfit.workflow.calibration.results_folder import (
     FAILED,
     FOLDERS,
@@ -25,7 +26,6 @@ from lensfit.workflow.calibration.results_folder import (
     PRESET,
     results_folder,
 )
-from lensfit.workflow.report.wipe import MODEL_PICTURES
 from lensfit.workflow.shoot.records import Shoot
 
 REPORT = "report.json"

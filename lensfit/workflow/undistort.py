@@ -2,7 +2,7 @@
 
 The run is that of `lensfit.workflow.apply`: frames stand alone, appear whole or not at
 all, and are skipped where they are finished. Beside them lies one JSON file with the
-pinhole camera of every frame (`lensfit.workflow.frame.straight_plate.Pinhole`), read
+pinhole camera of every frame (`lensfit.plate.frame.straight_plate.Pinhole`), read
 from the headers of the results, so that a run that was resumed has all of them.
 """
 
@@ -13,11 +13,11 @@ from lensfit.atomic import write_text_atomic
 from lensfit.io.exr import read_exr
 from lensfit.io.exr_views import views_of
 from lensfit.io.sequence import frame_of
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.frame.straight_plate import PINHOLE
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.apply import Applied, FrameDone, apply
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.frame.straight_plate import PINHOLE
 
 CAMERA_SUFFIX = ".camera.json"
 

@@ -10,8 +10,8 @@ from wrong_usage import unboxed
 
 from lensfit.cli.groups.library import LibraryGroup
 from lensfit.cli.main import app
+from lensfit.plate.depth import DepthOptions
 from lensfit.workflow import apply as workflow
-from lensfit.workflow.plate.depth import DepthOptions
 
 
 @pytest.fixture

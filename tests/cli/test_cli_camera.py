@@ -13,8 +13,8 @@ from lensfit.cli.groups.library import LibraryGroup
 from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
+from lensfit.plate.camera.sources import CameraOptions
 from lensfit.workflow import apply as workflow
-from lensfit.workflow.camera.sources import CameraOptions
 
 
 @pytest.fixture

@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
+from lensfit.plate.frame.tight_window import is_tight, known_window
 from lensfit.preset.store import save_preset
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.uv import PlateGeometry
-from lensfit.workflow.frame.tight_window import is_tight, known_window
 
 ALL = {**CAMERA, **SENSOR}
 ELEMENT = Window(20, 15, 49, 40)

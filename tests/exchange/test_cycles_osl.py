@@ -22,7 +22,7 @@ from lensfit.exchange.ray_series import fit_ray_series
 from lensfit.exchange.samples import ExchangeFrame
 from lensfit.preset.store import load_preset, save_preset
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 PRIME = ROOT / "presets" / "prime_50" / "preset.json"
 FRAME = ExchangeFrame(SIZE_PX, SENSOR_MM[0])
 BPY = os.environ.get("LENSFIT_BPY_PYTHON", sys.executable)

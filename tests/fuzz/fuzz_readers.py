@@ -36,13 +36,13 @@ from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.io.metadata import camera_state_from
 from lensfit.io.raster import tiff_header
 from lensfit.io.stmap import read_stmap
+from lensfit.plate.camera import settings as settings_module
+from lensfit.plate.camera.settings import load_settings
+from lensfit.plate.camera.sources import CameraOptions, CameraSources
 from lensfit.preset.library.catalogue import catalogue, validated
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.resolve import find_preset
 from lensfit.preset.store import load_preset, preset_text
-from lensfit.workflow.camera import settings as settings_module
-from lensfit.workflow.camera.settings import load_settings
-from lensfit.workflow.camera.sources import CameraOptions, CameraSources
 from lensfit.workflow.inspect import as_json, facts, inspect_images
 from lensfit.workflow.shoot.file import load_shoot
 

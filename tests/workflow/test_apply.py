@@ -17,11 +17,11 @@ from lensfit.coords import Window
 from lensfit.errors import ImageError, PresetError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.stmap import write_stmap
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.sources import StateOverrides
 from lensfit.rendering.frame import render
 from lensfit.rendering.stages import Switches
 from lensfit.workflow.apply import apply
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera.sources import StateOverrides
 
 
 def noise(dtype, seed):

@@ -174,7 +174,7 @@ def test_a_run_with_workers_that_is_killed_has_nothing_to_clean_up(tmp_path, how
 def test_options_travel_to_processes(sequence):
     import pickle
 
-    from lensfit.workflow.apply_options import ApplyOptions
+    from lensfit.plate.apply_options import ApplyOptions
 
     preset = make_preset(35.0, 70.0)
     again = pickle.loads(pickle.dumps((preset, ApplyOptions(edge_mask=("a",)))))

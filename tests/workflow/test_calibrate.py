@@ -14,10 +14,10 @@ from lensfit.coords import mm_from_px
 from lensfit.errors import DetectionError, FitError
 from lensfit.io.stmap import read_stmap
 from lensfit.preset.store import load_preset
+from lensfit.report.verdict import verdict
 from lensfit.workflow import calibrate as job
 from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.calibration.entry_facts import is_of_lighting_too
-from lensfit.workflow.report.verdict import verdict
 from lensfit.workflow.shoot.file import load_shoot
 
 

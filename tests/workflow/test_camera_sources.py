@@ -14,20 +14,20 @@ from plate_makers import DATA, DISPLAY, make_preset, sharp, write_plate
 from lensfit.coords import Window
 from lensfit.errors import CameraError, ImageError, SettingsError
 from lensfit.io.exr import read_exr
-from lensfit.workflow.apply import apply
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera.focus_from_pupil import from_sensor_mm
-from lensfit.workflow.camera.sources import (
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.focus_from_pupil import from_sensor_mm
+from lensfit.plate.camera.sources import (
     CameraOptions,
     CameraSources,
     StateOverrides,
 )
-from lensfit.workflow.frame.plate_lens import PlateLens
-from lensfit.workflow.frame.signature import SAID
+from lensfit.plate.depth import DepthOptions
+from lensfit.plate.focus_pick import picked_region
+from lensfit.plate.frame.plate_lens import PlateLens
+from lensfit.plate.frame.signature import SAID
+from lensfit.plate.header import plate_header
+from lensfit.workflow.apply import apply
 from lensfit.workflow.inspect import as_json, facts, inspect_images
-from lensfit.workflow.plate.depth import DepthOptions
-from lensfit.workflow.plate.focus_pick import picked_region
-from lensfit.workflow.plate.header import plate_header
 
 PRIME = {"Lens Focal Length": "35.0"}
 """As the preset's."""

@@ -9,10 +9,10 @@ import pytest
 from plate_makers import CAMERA, SENSOR, make_preset, sharp, write_plate
 
 from lensfit.io.exr import read_exr
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, not_neutral, turned
 from lensfit.workflow.apply import apply
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plan_plate import plan_plate
 
 KNOBS = {

@@ -5,10 +5,10 @@ import pytest
 from plate_makers import DATA, DISPLAY, make_preset, write_plate
 
 from lensfit.io.exr import read_exr
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.depth import DepthOptions
 from lensfit.rendering.stages import Switches
 from lensfit.workflow.apply import apply
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.plate.depth import DepthOptions
 
 PLAIN = Switches(distortion=False, lateral_colour=False)
 

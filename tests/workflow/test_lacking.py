@@ -4,13 +4,13 @@ import camera_files as files
 import pytest
 from plate_makers import make_preset, write_plate
 
-from lensfit.workflow.apply import apply
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera.sources import (
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.sources import (
     CameraOptions,
     CameraSources,
     StateOverrides,
 )
+from lensfit.workflow.apply import apply
 
 HEADER = {"lens/focal": 50.0, "lens/fstop": 5.6, "lens/focus": 3.0, "lens/aperture": 36}
 FOCAL = {"Lens Focal Length": "n.a."}

@@ -17,12 +17,12 @@ from plate_makers import make_preset, sharp
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.frame.outcome import apply_frame
+from lensfit.plate.frame.renderer import FrameRenderer
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import save_preset
 from lensfit.workflow.apply import apply
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.frame.outcome import apply_frame
-from lensfit.workflow.frame.renderer import FrameRenderer
 
 DISPLAY = Window.of_size(160, 90)
 DATA = DISPLAY.grown(24, 14)

@@ -10,14 +10,14 @@ from typer.testing import CliRunner
 
 from lensfit.cli.main import app
 from lensfit.errors import ImageError
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.sources import CameraOptions, StateOverrides
+from lensfit.plate.frame.plate_lens import PlateLens
+from lensfit.plate.header import plate_header
 from lensfit.preset.store import save_preset
 from lensfit.rendering.stages import Switches
 from lensfit.workflow.apply import apply
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera.sources import CameraOptions, StateOverrides
-from lensfit.workflow.frame.plate_lens import PlateLens
 from lensfit.workflow.plan_plate import plan_plate
-from lensfit.workflow.plate.header import plate_header
 
 ALL = {**CAMERA, **SENSOR}
 ENTRIES = {

@@ -9,10 +9,10 @@ from plate_makers import CAMERA, DATA, SENSOR, make_preset, write_plate
 
 from lensfit.errors import ImageError
 from lensfit.io.cryptomatte import object_id
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.depth import DepthOptions
 from lensfit.preset.knobs import NEUTRAL, turned
 from lensfit.workflow.apply import apply
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.plate.depth import DepthOptions
 
 PLAIN = ApplyOptions()
 

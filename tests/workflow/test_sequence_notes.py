@@ -7,9 +7,9 @@ from plate_makers import CAMERA, SENSOR, make_preset, sharp, write_plate
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.io.sequence import parse_frames
+from lensfit.plate.farm.job import farm_job
+from lensfit.plate.sequence_notes import gaps_note, sizes_note
 from lensfit.workflow.apply import apply
-from lensfit.workflow.farm.job import farm_job
-from lensfit.workflow.sequence_notes import gaps_note, sizes_note
 
 ALL = {**CAMERA, **SENSOR}
 

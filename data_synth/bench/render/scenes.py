@@ -11,6 +11,9 @@ from lensfit._strict import convert_strictly, read_json_object
 from lensfit.coords import Window
 from lensfit.errors import PresetError
 from lensfit.io.exr import read_exr
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.frame.plate_in_depth import plate_in_depth
+from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.preset.schema import Preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.rendering.circle import Circle
@@ -18,9 +21,6 @@ from lensfit.rendering.frame import render_stages, window_with_margin
 from lensfit.rendering.layer_stack import Mattes
 from lensfit.rendering.plan import plan_of
 from lensfit.rendering.stages import Stages, prepare_stages
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.frame.plate_in_depth import plate_in_depth
-from lensfit.workflow.frame.plate_lens import PlateLens
 
 _CHECKER_PX = 24
 

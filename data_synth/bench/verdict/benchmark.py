@@ -26,9 +26,9 @@ from lensfit.preset.store import load_preset
 from lensfit.preset.verdict import LEVELS, Level
 from lensfit.programs import make_room_for_programs
 from lensfit.progress import Progress, silent
+from lensfit.report.evidence import GOOD_PX, ROUGH_PX
+from lensfit.report.verdict import PRECISE_PX
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.report.evidence import GOOD_PX, ROUGH_PX
-from lensfit.workflow.report.verdict import PRECISE_PX
 from lensfit.workflow.shoot.file import load_shoot
 
 Table = dict[str, Any]

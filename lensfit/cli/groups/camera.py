@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from lensfit.workflow.camera.sources import CameraOptions, StateOverrides
+    from lensfit.plate.camera.sources import CameraOptions, StateOverrides
 
 _PANEL = "Camera"
 _UNITS = ("mm", "cm", "m", "in", "ft")
@@ -90,7 +90,7 @@ class CameraGroup:
 
     def overrides(self) -> "StateOverrides":
         """What is stated outright."""
-        from lensfit.workflow.camera.sources import StateOverrides
+        from lensfit.plate.camera.sources import StateOverrides
 
         return StateOverrides(
             self.focal_length_mm,
@@ -110,7 +110,7 @@ class CameraGroup:
         ------
         typer.BadParameter : Focus is both stated and picked, or a word is no unit.
         """
-        from lensfit.workflow.camera.sources import CameraOptions
+        from lensfit.plate.camera.sources import CameraOptions
 
         if self.camera_unit is not None and self.camera_unit not in _UNITS:
             raise typer.BadParameter(

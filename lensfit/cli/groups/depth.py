@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from lensfit.workflow.plate.depth import DepthOptions
+    from lensfit.plate.depth import DepthOptions
 
 _PANEL = "Depth"
 
@@ -78,7 +78,7 @@ class DepthGroup:
 
     def options(self) -> "DepthOptions":
         """As plates are rendered with it."""
-        from lensfit.workflow.plate.depth import DepthOptions
+        from lensfit.plate.depth import DepthOptions
 
         return DepthOptions(
             self.depth_channel,

@@ -13,7 +13,7 @@ from typing import Any
 
 import typer
 
-from lensfit.workflow.farm.job import HandedOption
+from lensfit.plate.farm.job import HandedOption
 
 
 def hands_on(

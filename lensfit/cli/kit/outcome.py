@@ -26,8 +26,8 @@ def show_kit(
     ----------
     only : Folders of the lenses that were asked for; None for all.
     """
+    from lensfit.report.markup import number
     from lensfit.workflow.kit.page import summary
-    from lensfit.workflow.report.markup import number
 
     lenses = table["lenses"]
     if as_json:

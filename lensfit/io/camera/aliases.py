@@ -2,7 +2,7 @@
 
 For each quantity the entries that are understood, the most trustworthy first, with the
 factor to lensfit's unit. A project adds its own under ``[aliases]`` of its settings
-file (`lensfit.workflow.camera.settings`); they count before these.
+file (`lensfit.plate.camera.settings`); they count before these.
 
 OpenEXR 3.2   the standard's lens attributes; ``focus`` is metres
 CG headers    ``lens/focal``, ``lens/fstop``, ``lens/focus`` (metres), ``lens/aperture``

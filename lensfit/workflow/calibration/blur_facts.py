@@ -10,8 +10,8 @@ import numpy as np
 
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.term_groups import Family
+from lensfit.report.plain_numbers import plain
 from lensfit.workflow.calibration.defocus_facts import defocus_facts
-from lensfit.workflow.plain_numbers import plain
 
 _UNITS = {
     "defocus": "mm",

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.start import stated_defocus_mm
-from lensfit.workflow.plain_numbers import plain, plain_distance
+from lensfit.report.plain_numbers import plain, plain_distance
 
 
 def defocus_facts(wavefront: WavefrontFit) -> list[dict[str, Any]]:

@@ -1,6 +1,6 @@
 """Figures of a fitted state for the report: curves and grids over the frame.
 
-Everything is plain numbers, ready for JSON; `lensfit.workflow.report` draws them.
+Everything is plain numbers, ready for JSON; `lensfit.report` draws them.
 """
 
 from collections.abc import Iterable
@@ -19,6 +19,7 @@ from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
 from lensfit.preset.schema import Camera
 from lensfit.rendering.overscan import cg_camera, margins_read
+from lensfit.report.plain_numbers import plain_distance, rounded
 from lensfit.workflow.calibration.map_curves import (
     RADII,
     distortion_grid,
@@ -26,7 +27,6 @@ from lensfit.workflow.calibration.map_curves import (
     radial_profile,
     uncertainty_grid,
 )
-from lensfit.workflow.plain_numbers import plain_distance, rounded
 
 
 def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Distortion of a lens as curves and grids over the frame, with how well it is known.
 
-Everything is plain numbers, ready for JSON; `lensfit.workflow.report` draws them.
+Everything is plain numbers, ready for JSON; `lensfit.report` draws them.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from lensfit.batches import in_batches
 from lensfit.lens import Lens
 from lensfit.optics.position_deviation import FRAME_GRID
-from lensfit.workflow.plain_numbers import rounded
+from lensfit.report.plain_numbers import rounded
 
 RADII = 40
 Deviation = Callable[[Float[np.ndarray, "points 2"]], Float[np.ndarray, " points"]]

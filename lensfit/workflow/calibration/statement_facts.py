@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from lensfit.fitting.lens_state import LensState
-from lensfit.workflow.plain_numbers import plain_distance
+from lensfit.report.plain_numbers import plain_distance
 
 
 def statement_facts(states: Iterable[LensState]) -> list[dict[str, Any]]:

@@ -11,8 +11,8 @@ import numpy as np
 from lensfit.fitting.chief_ray import ChiefRayFit
 from lensfit.fitting.held_out import rms, squared_px
 from lensfit.fitting.lens_states import Fitted
+from lensfit.report.plain_numbers import plain_distance, rounded
 from lensfit.workflow.calibration.observe import Observed
-from lensfit.workflow.plain_numbers import plain_distance, rounded
 
 _MOST_RESIDUALS = 3000
 

@@ -8,8 +8,8 @@ from typing import Any
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.select import Verdict
 from lensfit.fitting.wavefront.fit import WavefrontFit
+from lensfit.report.plain_numbers import plain_distance
 from lensfit.workflow.calibration.blur_facts import blur_terms
-from lensfit.workflow.plain_numbers import plain_distance
 
 
 def terms_of(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
+from lensfit.report.evidence import joined
 from lensfit.workflow.check.figures import CORNERS
 from lensfit.workflow.check.planned_views import PlannedView
 from lensfit.workflow.check.records import (
@@ -11,7 +12,6 @@ from lensfit.workflow.check.records import (
     FocusSide,
     Sharpness,
 )
-from lensfit.workflow.report.evidence import joined
 
 _MOST_NAMES = 6
 

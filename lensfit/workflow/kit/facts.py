@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from lensfit.report.plain_numbers import distance_of, plain
+from lensfit.report.verdict import verdict_of
 from lensfit.workflow.kit.focus_scale import focus_scale
 from lensfit.workflow.kit.records import KitLens
-from lensfit.workflow.plain_numbers import distance_of, plain
-from lensfit.workflow.report.verdict import verdict_of
 
 Facts = dict[str, Any]
 

@@ -9,8 +9,8 @@ fails and a farm lets the last step wait for ever.
 from pathlib import Path
 from typing import Any
 
-from lensfit.workflow.farm.job import absolute
-from lensfit.workflow.farm.openjd_template import (
+from lensfit.plate.farm.job import absolute
+from lensfit.plate.farm.openjd_template import (
     checked_template,
     path_parameter,
     text_parameter,

@@ -10,8 +10,8 @@ import math
 from typing import Any
 
 from lensfit.chart.camera import object_distance_mm
+from lensfit.report.plain_numbers import distance_of, plain_distance
 from lensfit.workflow.kit.records import FocusMark, KitLens
-from lensfit.workflow.plain_numbers import distance_of, plain_distance
 
 _SAME_MM = 0.5
 

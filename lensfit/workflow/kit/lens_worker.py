@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from lensfit.workflow.frame.end_with_parent import end_with_parent
+from lensfit.plate.frame.end_with_parent import end_with_parent
 from lensfit.workflow.kit.file import load_kit
 
 Job = tuple[Path, str, Path, str, str]

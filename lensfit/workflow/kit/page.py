@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from lensfit.preset.verdict import LEVELS
+from lensfit.report.evidence import joined
+from lensfit.report.markup import NOTHING, Markup, number, stated, tag
+from lensfit.report.plain_numbers import distance_of
+from lensfit.report.sections import distance_text, table_row
 from lensfit.workflow.kit.checklist import style
-from lensfit.workflow.plain_numbers import distance_of
-from lensfit.workflow.report.evidence import joined
-from lensfit.workflow.report.markup import NOTHING, Markup, number, stated, tag
-from lensfit.workflow.report.sections import distance_text, table_row
 
 Row = dict[str, Any]
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"

@@ -19,11 +19,11 @@ from lensfit.errors import LensfitError, OutputError
 from lensfit.fitting.lens_states import Fitted
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
+from lensfit.report.round_number import round_up
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.pictures.chart_drawing import drawing_of
 from lensfit.workflow.pictures.modelled_light import modelled_light
 from lensfit.workflow.pictures.predicted_marks import PredictedMarks, predicted_marks
-from lensfit.workflow.round_number import round_up
 
 FOLDER = "model"
 TOTAL_BYTES = 1_900_000

@@ -14,7 +14,7 @@ import numpy as np
 
 from lensfit.detect.lattice_map import lattice_map
 from lensfit.fitting.take import Take
-from lensfit.workflow.report.evidence import joined
+from lensfit.report.evidence import joined
 from lensfit.workflow.statements.contradiction import Contradiction
 
 _LEAST_LOG = 0.12

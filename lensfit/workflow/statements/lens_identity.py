@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from lensfit.detect.lattice_map import lattice_map
 from lensfit.detect.observations import POINT
 from lensfit.fitting.take import Take
-from lensfit.workflow.report.evidence import joined, plural
+from lensfit.report.evidence import joined, plural
 from lensfit.workflow.statements.contradiction import Contradiction
 
 _AT = 0.8

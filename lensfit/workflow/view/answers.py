@@ -98,7 +98,7 @@ def page_routes(page_files: Mapping[str, str]) -> list[Route]:
     """
     found = []
     for path, name in page_files.items():
-        content = files("lensfit.workflow").joinpath(name).read_bytes()
+        content = files("lensfit").joinpath(name).read_bytes()
         kind = _KINDS[name.rpartition(".")[2]]
         found.append(Route(f"/{path}", _constant(content, kind), methods=["GET"]))
     return found

@@ -15,7 +15,7 @@ from typing import Any, final
 
 from lensfit.atomic_set import remove_unfinished
 from lensfit.errors import LensfitError, sentence_of
-from lensfit.workflow.frame.end_with_parent import end_with_parent
+from lensfit.plate.frame.end_with_parent import end_with_parent
 
 _NICE = 5
 _DIED = "the calibration's process died; memory may have run out"

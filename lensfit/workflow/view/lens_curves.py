@@ -14,6 +14,7 @@ from jaxtyping import Float
 from lensfit.errors import LensfitError
 from lensfit.lens import Channel, Lens
 from lensfit.preset.schema import Camera, Preset
+from lensfit.report.plain_numbers import rounded
 from lensfit.units import dioptres_from_mm, mm_from_dioptres
 from lensfit.workflow.calibration.map_curves import (
     RADII,
@@ -22,14 +23,13 @@ from lensfit.workflow.calibration.map_curves import (
     radial_profile,
     uncertainty_grid,
 )
-from lensfit.workflow.plain_numbers import rounded
 
 Facts = dict[str, Any]
 _FOCUSES = 17
 
 
 def lens_facts(lens: Lens, stops: list[Lens], camera: Camera) -> Facts:
-    """What `lensfit.workflow.report.plots.entry_figures` draws.
+    """What `lensfit.report.plots.entry_figures` draws.
 
     Parameters
     ----------

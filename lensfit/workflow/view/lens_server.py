@@ -35,12 +35,12 @@ from lensfit.workflow.view.viewed_lens import OfLens, ViewedLens
 from lensfit.workflow.view.viewed_results import ViewedResults
 
 PAGE_FILES = {
-    "": "view/lens.html",
-    "view.css": "view/view.css",
+    "": "workflow/view/lens.html",
+    "view.css": "workflow/view/view.css",
     "figures.css": "report/figures.css",
-    "lens.js": "view/lens.js",
-    "controls.js": "view/controls.js",
-    "asker.js": "view/asker.js",
+    "lens.js": "workflow/view/lens.js",
+    "controls.js": "workflow/view/controls.js",
+    "asker.js": "workflow/view/asker.js",
 }
 REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; img-src data:; "

@@ -52,12 +52,12 @@ from lensfit.workflow.view.view_transform import (
 from lensfit.workflow.view.viewed_plate import Quality, ViewedPlate
 
 PAGE_FILES = {
-    "": "view/plate.html",
-    "view.css": "view/view.css",
-    "plate.js": "view/plate.js",
-    "controls.js": "view/controls.js",
-    "colours.js": "view/colours.js",
-    "asker.js": "view/asker.js",
+    "": "workflow/view/plate.html",
+    "view.css": "workflow/view/view.css",
+    "plate.js": "workflow/view/plate.js",
+    "controls.js": "workflow/view/controls.js",
+    "colours.js": "workflow/view/colours.js",
+    "asker.js": "workflow/view/asker.js",
 }
 Stops = Annotated[float, Meta(ge=-20, le=20)]
 

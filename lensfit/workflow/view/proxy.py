@@ -12,7 +12,7 @@ import numpy as np
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.workflow.plate.channels import colour_layers
+from lensfit.plate.channels import colour_layers
 
 MOST_PIXELS, MOST_PIXELS_OF_RAYS = 140_000, 60_000
 """Of an ideal lens, and of one whose blur is made of rays, which costs six times as

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import SettingsError
-from lensfit.workflow.camera.settings import load_settings
+from lensfit.plate.camera.settings import load_settings
 from lensfit.workflow.shoot.toml_lines import with_keys
 from lensfit.workflow.view.turned import number_text, whole_if_it_is
 

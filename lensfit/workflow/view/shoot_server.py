@@ -44,10 +44,10 @@ from lensfit.workflow.view.uploaded import (
 from lensfit.workflow.view.viewed_shoot import ViewedShoot
 
 PAGE_FILES = {
-    "": "view/shoot.html",
-    "view.css": "view/view.css",
-    "shoot.js": "view/shoot.js",
-    "asker.js": "view/asker.js",
+    "": "workflow/view/shoot.html",
+    "view.css": "workflow/view/view.css",
+    "shoot.js": "workflow/view/shoot.js",
+    "asker.js": "workflow/view/asker.js",
 }
 _LARGEST_PICTURE_BYTES = 64 * 2**20
 _Name = Annotated[str, Meta(max_length=60)]

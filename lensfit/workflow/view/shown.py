@@ -14,7 +14,7 @@ from jaxtyping import Float32, UInt8
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.transfer import encode
 from lensfit.io.windows import over_another
-from lensfit.workflow.plate.channels import ColourLayer, colour_layers
+from lensfit.plate.channels import ColourLayer, colour_layers
 from lensfit.workflow.view.view_transform import ViewTransform, view_codes
 
 _QUICK = [cv2.IMWRITE_PNG_COMPRESSION, 1]

@@ -14,10 +14,10 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from lensfit.errors import SettingsError
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.spelling import option_of
 from lensfit.preset.knobs import GROUP_OF, turned
 from lensfit.preset.schema import Preset
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera.spelling import option_of
 
 CAMERA = ("focal_length_mm", "f_number", "focus_distance_mm")
 _Positive = Annotated[float, Meta(gt=0, le=1e9)]

@@ -18,7 +18,7 @@ from jaxtyping import Float32, UInt8
 from msgspec import Meta, Struct
 
 from lensfit.errors import LensfitError, SettingsError
-from lensfit.workflow.camera.settings import file_stamp
+from lensfit.plate.camera.settings import file_stamp
 
 ENVIRONMENT = "$OCIO"
 SCENE_LINEAR = "scene_linear"

@@ -18,19 +18,19 @@ from lensfit.lens import Lens
 from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import not_neutral, turned
 from lensfit.preset.schema import Preset
-from lensfit.workflow.pictures.grey_tiles import png, sheet_of
-from lensfit.workflow.plain_numbers import distance_of, plain, plain_distance
-from lensfit.workflow.report.breathing import breathing
-from lensfit.workflow.report.kernels import (
+from lensfit.report.breathing import breathing
+from lensfit.report.grey_tiles import png, sheet_of
+from lensfit.report.kernels import (
     GAMMA,
     expected_errors,
     field_tiles,
     width_of_blur_mm,
 )
-from lensfit.workflow.report.pictures import png_address
-from lensfit.workflow.report.plots import entry_figures
-from lensfit.workflow.report.svg import Figure
-from lensfit.workflow.report.through import (
+from lensfit.report.pictures import png_address
+from lensfit.report.plain_numbers import distance_of, plain, plain_distance
+from lensfit.report.plots import entry_figures
+from lensfit.report.svg import Figure
+from lensfit.report.through import (
     BEYOND,
     defocus_of,
     f_numbers_of,

@@ -23,17 +23,17 @@ from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr import ExrImage, read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.io.sequence import expand_frames
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.plate_state import PlateState
+from lensfit.plate.camera.settings import NAME as SETTINGS_NAME
+from lensfit.plate.camera.settings import file_stamp, settings_beside
+from lensfit.plate.frame.error import at_frame
+from lensfit.plate.frame.outcome import apply_frame
+from lensfit.plate.frame.plate_lens import PlateLens
+from lensfit.plate.frame.plate_views import plate_views
+from lensfit.plate.frame.renderer import FrameRenderer
 from lensfit.preset.knobs import not_neutral
 from lensfit.preset.schema import Preset
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera.plate_state import PlateState
-from lensfit.workflow.camera.settings import NAME as SETTINGS_NAME
-from lensfit.workflow.camera.settings import file_stamp, settings_beside
-from lensfit.workflow.frame.error import at_frame
-from lensfit.workflow.frame.outcome import apply_frame
-from lensfit.workflow.frame.plate_lens import PlateLens
-from lensfit.workflow.frame.plate_views import plate_views
-from lensfit.workflow.frame.renderer import FrameRenderer
 from lensfit.workflow.plan_plate import plan_plate
 from lensfit.workflow.view.proxy import (
     MOST_PIXELS,

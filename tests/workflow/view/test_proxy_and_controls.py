@@ -7,8 +7,8 @@ from view_makers import thin_lens, write_depth_plate
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart
+from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, Knobs
-from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.view.controls import knob_controls
 from lensfit.workflow.view.proxy import MOST_PIXELS, proxy_factor, proxy_of
 from lensfit.workflow.view.turned import FILES, Turned

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from view_makers import Client, served, thin_lens, write_depth_plate
 
+from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.resolve import find_preset
 from lensfit.preset.library.save import keep_preset
-from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.view.plate_server import PlateServer
 from lensfit.workflow.view.saved_edit import Shelved
 from lensfit.workflow.view.turned import Started

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from view_makers import Client, served, thin_lens
 
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.sources import StateOverrides
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera.sources import StateOverrides
-from lensfit.workflow.report.kernels import GAMMA
+from lensfit.report.kernels import GAMMA
 from lensfit.workflow.view.lens_curves import breathing_facts
 from lensfit.workflow.view.lens_server import LensServer
 from lensfit.workflow.view.turned import Turned, opened_at

@@ -25,10 +25,10 @@ from view_makers import (
 from lensfit.cli import main
 from lensfit.io.exr import ExrImage, read_exr, write_exr
 from lensfit.io.transfer import encode
+from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.sources import StateOverrides
 from lensfit.preset.store import load_preset
 from lensfit.workflow.apply import apply
-from lensfit.workflow.apply_options import ApplyOptions
-from lensfit.workflow.camera.sources import StateOverrides
 from lensfit.workflow.view.turned import Started, Turned, command_line
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 

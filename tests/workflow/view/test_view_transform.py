@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from view_makers import Answer, Client, thin_lens
 
-from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.plate.apply_options import ApplyOptions
 from lensfit.workflow.view import view_transform
 from lensfit.workflow.view.turned import Turned
 from lensfit.workflow.view.view_transform import (

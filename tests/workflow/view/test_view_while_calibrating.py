@@ -9,7 +9,7 @@ import pytest
 from bundled_shoot import demo_in_focus
 from view_makers import Client, plate_client, thin_lens, write_depth_plate
 
-from lensfit.workflow.apply_options import ApplyOptions
+from lensfit.plate.apply_options import ApplyOptions
 from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.view.shown import screen_png
 from lensfit.workflow.view.turned import Turned

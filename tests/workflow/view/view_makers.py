@@ -15,10 +15,10 @@ from browser import Browser
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
+from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import save_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
-from lensfit.workflow.apply_options import ApplyOptions
 from lensfit.workflow.view.listening import listening
 from lensfit.workflow.view.plate_server import PlateServer
 from lensfit.workflow.view.turned import Started

@@ -1,0 +1,1 @@
+"""A plate, from its header to the finished frame: camera, layers, frame, farm."""

@@ -1,0 +1,96 @@
+"""All that the sources know of one plate's camera, before a preset is asked."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from lensfit.errors import ImageError
+from lensfit.io.metadata import CameraState
+from lensfit.plate.camera.known import Known
+from lensfit.plate.camera.settings import Settings
+
+_DECIDING = (
+    "focal_length_mm",
+    "f_number",
+    "t_number",
+    "focus_distance_mm",
+    "sensor_width_mm",
+)
+"""Quantities that a frame depends on."""
+
+
+class BadEntry(NamedTuple):
+    """A header entry that holds what it cannot.
+
+    Attributes
+    ----------
+    error : Which it is, and which option gives the value in its place.
+    entry : Its name.
+    counts : Nothing better tells the quantity.
+    """
+
+    error: ImageError
+    entry: str
+    counts: bool
+
+
+@dataclass(frozen=True)
+class PlateCamera:
+    """All that is known of a plate's camera.
+
+    Attributes
+    ----------
+    known : By quantity, what counts.
+    overruled : By quantity, what does not, in the order in which it would.
+    bad : By quantity, the impossible entries of the header; a quantity of which one of
+        them counts is not known.
+    plate : The plate.
+    notes : One sentence for each thing that was assumed.
+    asked : The files beside the header, for saying where something was not found.
+    settings : The settings that hold for the plate.
+    """
+
+    known: Mapping[str, Known]
+    overruled: Mapping[str, tuple[Known, ...]] = field(default_factory=dict)
+    bad: Mapping[str, tuple[BadEntry, ...]] = field(default_factory=dict)
+    plate: Path = Path()
+    notes: tuple[str, ...] = ()
+    asked: tuple[str, ...] = ()
+    settings: Settings = field(default_factory=Settings)
+
+    def number(self, name: str) -> float | None:
+        """The value of a quantity that is a number."""
+        found = self.known.get(name)
+        return None if found is None else float(found.value)
+
+    def checked(self) -> "PlateCamera":
+        """The same.
+
+        Raises
+        ------
+        ImageError : An impossible entry stands where something would count on which a
+            frame depends.
+        """
+        needed = [*_DECIDING]
+        if "vertical_fov_deg" in self.known:
+            needed.append("sensor_height_mm")
+        for name in needed:
+            for entry in self.bad.get(name, ()):
+                if entry.counts:
+                    raise entry.error
+        return self
+
+    def focused(self, distance: Known) -> "PlateCamera":
+        """The same, focused at a distance that the user picked."""
+        known = {**self.known, "focus_distance_mm": distance}
+        return replace(self, known=known)
+
+    @property
+    def state(self) -> CameraState:
+        """As a header would say it; a focus distance from the pinhole is not in it."""
+        names = CameraState.__dataclass_fields__.keys() - {"sources"}
+        kept = {n: k for n, k in self.known.items() if n in names and not k.from_pupil}
+        values = {name: known.value for name, known in kept.items()}
+        sources = {name: known.source for name, known in kept.items()}
+        return CameraState(**values, sources=sources)  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,244 @@
+"""The camera state of a plate: what its sources say, and what the preset needs.
+
+`lensfit.plate.camera.sources` has the sources, and which of them counts.
+
+A value that is missing is an error where the answer depends on it. Where the preset
+leaves no choice, as of a prime's focal length, its value is used and a note says so.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from lensfit.errors import ImageError
+from lensfit.plate.camera.assumed import Assumed, assumed
+from lensfit.plate.camera.f_number_doubt import f_number_doubt
+from lensfit.plate.camera.focus_from_pupil import from_sensor_mm
+from lensfit.plate.camera.knob_sources import knobs_of_plate
+from lensfit.plate.camera.plate_camera import PlateCamera
+from lensfit.plate.camera.scaled_look import UNSCALED, ScaledLook
+from lensfit.plate.camera.spelling import SPELT, option_of
+from lensfit.plate.notes import FrameNote
+from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
+from lensfit.preset.schema import Preset
+from lensfit.preset.spanned_width import spanned_width_note
+from lensfit.rendering.look.white_balance import REC709, Chromaticities
+from lensfit.rendering.uv import SpannedWidth
+
+BLUR = ("f_number", "focus_distance_mm")
+"""What blur depends on."""
+
+
+class PlateState(NamedTuple):
+    """The state a plate is rendered at.
+
+    Attributes
+    ----------
+    lens_key : focal_length_mm, f_number and focus_distance_mm, as `Preset.at` takes
+        them; None where the preset decides.
+    sensor_width_mm : Width that the display window spans.
+    scaled : How the plate's camera was scaled to that.
+    notes : One sentence for each thing that was assumed.
+    knobs : As turned by the preset, the header and the user, the last one first.
+    chromaticities : x and y of red, green, blue and white of the plate; None where its
+        header does not say.
+    camera : What the sources of the plate know.
+    assumed : What none of them knows, and the preset has one of.
+    pixel_shape : Width of a pixel over its height, on the sensor
+        (`lensfit.plate.pixel_shape`).
+    """
+
+    lens_key: tuple[float | None, float | None, float | None]
+    sensor_width_mm: float
+    notes: tuple[str, ...]
+    knobs: Knobs = NEUTRAL
+    chromaticities: Chromaticities | None = None
+    camera: PlateCamera = PlateCamera({})
+    assumed: tuple[Assumed, ...] = ()
+    pixel_shape: float = 1.0
+    scaled: ScaledLook = UNSCALED
+
+    @property
+    def spanned_width_mm(self) -> SpannedWidth:
+        """Width that the display window spans, with the shape of its pixels."""
+        return SpannedWidth(self.sensor_width_mm, self.pixel_shape)
+
+    def applied(self, name: str) -> float | None:
+        """A quantity of `lens_key` as it counts: known, or taken from the preset; None
+        where nothing depends on it."""
+        known = self.lens_key[list(_ENTRIES).index(name)]
+        taken = (one.value for one in self.assumed if one.name == name)
+        return next(taken, None) if known is None else known
+
+    def require_blur(self) -> None:
+        """Refuse a plate without the f-number and focus of its depth of field.
+
+        Raises
+        ------
+        ImageError : As `require` says.
+        """
+        remedy = "leave depth of field out with --no-defocus"
+        self.require(*BLUR, use="depth of field", remedy=remedy)
+
+    def require(self, *names: str, use: str, remedy: str | None = None) -> None:
+        """Refuse a plate of which some source should know more.
+
+        Parameters
+        ----------
+        names : Quantities among those of `lens_key`.
+        use : What they are for, such as "depth of field".
+        remedy : What else could be done.
+
+        Raises
+        ------
+        ImageError : One of them is not known; the line names it, the plate, where it
+            was looked for and the option that gives it.
+        """
+        values = dict(zip(_ENTRIES, self.lens_key, strict=True))
+        missing = [name for name in names if values[name] is None]
+        if missing:
+            raise _missing(missing, self.camera, f", which {use} needs", remedy)
+
+
+_ENTRIES = {
+    "focal_length_mm": "pinholeFocalLength or lens/focal",
+    "f_number": "aperture or lens/fstop",
+    "focus_distance_mm": "focus or lens/focus",
+}
+"""Quantities of a lens' state, and where the header might have them."""
+
+
+def plate_state(
+    preset: Preset,
+    camera: PlateCamera,
+    attributes: Mapping[str, object],
+    *,
+    falloff: bool = True,
+    knobs: Mapping[str, object] | None = None,
+    scale_to_sensor: bool = False,
+) -> PlateState:
+    """The state of one plate.
+
+    Parameters
+    ----------
+    preset : The lens, which decides what must be known.
+    camera : What is known of the plate's camera.
+    attributes : Header of the plate.
+    falloff : Whether the fall-off, and so the f-number, matters.
+    knobs : What the user turned, by name.
+    scale_to_sensor : Take the look as it is for a camera that it was not measured on.
+
+    Raises
+    ------
+    ImageError : The sensor has no width or one that the lens is not known over, or a
+        value is missing that the preset cannot do without; the line names it, where it
+        was looked for and the option that gives it.
+    PresetError : The preset does not reach the state.
+    """
+    scaled = _scaled(preset, camera) if scale_to_sensor else UNSCALED
+    key = _lens_key(preset, camera, scaled)
+    needed = _needed(preset, falloff)
+    lacking = [n for n, v in zip(_ENTRIES, key, strict=True) if v is None]
+    if missing := [name for name in lacking if name in needed]:
+        raise _missing(missing, camera)
+    chosen = preset.select(*key)
+    taken = tuple(assumed(preset, camera, chosen, falloff=falloff))
+    width, note = _width_mm(preset, camera, scaled)
+    turned = knobs_of_plate(preset.knobs, attributes, camera.settings, knobs or {})
+    notes = [*camera.notes, *chosen.notes, *(one.note(camera) for one in taken)]
+    notes += [*([note] if note else []), *slips_in(attributes)]
+    if (doubt := f_number_doubt(camera)) is not None:
+        notes.append(FrameNote(doubt, "doubtful f-number"))
+    for name, said in turned.notes:
+        notes.append(FrameNote(f"{camera.plate.name}: {said}", f"contradiction {name}"))
+    colours = _chromaticities(attributes)
+    return PlateState(
+        key,
+        width,
+        tuple(notes),
+        turned.checked(),
+        colours,
+        camera,
+        taken,
+        scaled=scaled,
+    )
+
+
+def _chromaticities(attributes: Mapping[str, object]) -> Chromaticities | None:
+    """The standard attribute; one that is not eight numbers says nothing."""
+    try:
+        numbers = np.asarray(attributes.get("chromaticities"), float).ravel()
+    except (TypeError, ValueError):
+        return None
+    if numbers.size != len(REC709) or not np.isfinite(numbers).all():
+        return None
+    return tuple(numbers.tolist())
+
+
+def _scaled(preset: Preset, camera: PlateCamera) -> ScaledLook:
+    """A prime's own focal length and the photographed sensor stand for unstated ones;
+    which focal length of a zoom is meant must be known."""
+    measured = [entry.focal_length_mm for entry in preset.entries]
+    focal = camera.number("focal_length_mm")
+    if focal is None and len(set(measured)) > 1:
+        return UNSCALED
+    own_mm = preset.camera.sensor_width_mm
+    return ScaledLook.of(
+        measured[0] if focal is None else focal,
+        camera.number("sensor_width_mm") or own_mm,
+        measured,
+        own_mm,
+    )
+
+
+def _lens_key(
+    preset: Preset, camera: PlateCamera, scaled: ScaledLook
+) -> tuple[float | None, float | None, float | None]:
+    focal, stop, focus = map(camera.number, _ENTRIES)
+    if scaled != UNSCALED:
+        focal = scaled.measured_focal_length_mm
+        focus = None if focus is None else focus / scaled.distances
+    if focus is not None and camera.known["focus_distance_mm"].from_pupil:
+        focus = from_sensor_mm(focus, lambda guess: preset.at(focal, stop, guess))
+    return focal, stop, focus
+
+
+def _width_mm(
+    preset: Preset, camera: PlateCamera, scaled: ScaledLook
+) -> tuple[float, str | None]:
+    """The width that the display window spans, and what is to be said of it."""
+    if scaled != UNSCALED:
+        note = FrameNote(f"{camera.plate.name}: {scaled.note}", "scaled look")
+        return scaled.measured_width_mm, note
+    width, measured = camera.number("sensor_width_mm"), preset.camera.sensor_width_mm
+    if width is None:
+        return measured, None  # as `assumed` says
+    return width, spanned_width_note(width, measured)
+
+
+def _needed(preset: Preset, falloff: bool) -> list[str]:
+    """What the preset cannot decide by itself."""
+    needed = []
+    focal_lengths = [entry.focal_length_mm for entry in preset.entries]
+    if len(set(focal_lengths)) > 1:
+        needed.append("focal_length_mm")
+    if len(set(focal_lengths)) < len(focal_lengths):
+        needed.append("focus_distance_mm")
+    if falloff and any(len(entry.fall_off) > 1 for entry in preset.entries):
+        needed.append("f_number")
+    return needed
+
+
+def _missing(
+    names: list[str], camera: PlateCamera, use: str = "", remedy: str | None = None
+) -> ImageError:
+    words = " and no ".join(SPELT[name] for name in names)
+    entries = ", ".join(_ENTRIES[name] for name in names)
+    places = ", ".join([f"{entries} in the header", *camera.asked])
+    options = " and ".join(map(option_of, names))
+    return ImageError(
+        f"states no {words}{use} (looked for {places})",
+        where=camera.plate,
+        remedy=f"give it with {options}" + (f", or {remedy}" if remedy else ""),
+    )

@@ -1,0 +1,189 @@
+"""Named objects cut out of a flat plate: a layer of their own over what they hide.
+
+A pixel that an object shares holds
+
+    pixel = c W + (1 - c) B
+
+with the object's share c, which a Cryptomatte knows, its colour W and that of the rest,
+B. The pixels without the object around suggest B: those on both sides of a wire. The
+nearest pixel that is wholly the object's suggests W; where there is none, as on a wire
+thinner than a pixel, the W that explains the pixels around best (least squares). Of all
+colours that add up to the pixel those nearest to both are taken. The layer is c W with
+alpha c, so that it gives the plate again over B.
+
+W is bounded: what is brighter than white and the object is a light behind it. Where
+the rest stands in front of the object, the pixel is left in the plate.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, Int
+
+from lensfit.io.cryptomatte import Ranks, coverage_of
+from lensfit.plate.own_pixels import LEAST_COVER, NOBODY, own_pixels
+from lensfit.plate.rest_of_plate import RANKS, rest_of_plate
+from lensfit.rendering.around import around
+from lensfit.rendering.layer_stack import LayerStack, Mattes
+from lensfit.rendering.nearest import nearest_pixels
+
+_BRIGHTER = 2.0
+"""Than white and the object, or than white and the surroundings: a light."""
+_LIGHT_PX = 9
+_LEAST_REST = 0.02
+_BESIDE_SIGMA_PX = 1.0
+"""Of the weights of pixels without the object: the nearest of each side count most."""
+_ALONG_SIGMA_PX = 2.0
+"""Over which a thin object is of one colour."""
+_LEAST_WEIGHT = 1e-3
+"""Of the pixels around; where they have less, the nearest one stands for them."""
+_LEAST_SQUARE = 1e-9
+_AROUND_PX = 3
+"""Reach of the warp's filter, over which the layer's alpha spreads."""
+
+Plane = Float32[np.ndarray, "height width"]
+Picture = Float32[np.ndarray, "height width channels"]
+
+
+@dataclass(frozen=True, eq=False)
+class CutOut:
+    """Where objects are cut out of a plate, and what is behind them.
+
+    Attributes
+    ----------
+    coverage : Their share of each pixel; 0 where they are left in the plate.
+    depth_mm : Theirs, and a little beyond.
+    lender : Flat index of the pixel that is wholly theirs; `NOBODY` where none is near.
+    rest_depth_mm, rest_mattes : The plate without them.
+    """
+
+    coverage: Plane
+    depth_mm: Plane
+    lender: Int[np.ndarray, "height width"]
+    rest_depth_mm: Plane
+    rest_mattes: Mattes
+
+    @property
+    def seen_depth_mm(self) -> Plane:
+        """Of the nearest thing in each pixel."""
+        return np.where(self.coverage > 0, self.depth_mm, self.rest_depth_mm)
+
+    def cut(self, pixels: Picture) -> tuple[Picture, LayerStack]:
+        """The plate without the objects, and their layer.
+
+        Parameters
+        ----------
+        pixels : Grey, or r g b, or r g b alpha, premultiplied.
+        """
+        touched = self.coverage > 0
+        layer = np.zeros((1, *touched.shape, 4), np.float32)
+        rest = pixels.copy()
+        free = ~touched & ~_lights(pixels) & np.isfinite(pixels).all(-1)
+        if touched.any() and free.any():
+            behind = _behind(pixels, free, touched)
+            own, c = self._own(pixels, behind), self.coverage[touched][:, None]
+            own, behind = _parted(pixels[touched], c, own, behind[touched])
+            rest[touched] = behind
+            layer[0, touched, :3] = own[:, :3]
+            layer[0, touched, 3:] = own[:, 3:] if own.shape[1] == 4 else c
+        return rest, LayerStack(layer, self.depth_mm[None])
+
+    def _own(
+        self, pixels: Picture, behind: Picture
+    ) -> Float32[np.ndarray, "n channels"]:
+        """The objects' colour in the pixels that they touch."""
+        touched, thin = self.coverage > 0, self.lender == NOBODY
+        own = pixels.reshape(-1, pixels.shape[-1])[self.lender[touched]]
+        lone = thin[touched]
+        if lone.any():
+            tells = touched & thin & np.isfinite(pixels).all(-1)
+            told = _thin_colour(pixels, behind, np.where(tells, self.coverage, 0))
+            own[lone] = told[touched][lone]
+        return own
+
+
+def _behind(
+    pixels: Picture,
+    free: Bool[np.ndarray, "height width"],
+    touched: Bool[np.ndarray, "height width"],
+) -> Picture:
+    """What pixels without the object suggest behind it."""
+    behind, weight = around(pixels, free, _BESIDE_SIGMA_PX)
+    lone = touched & (weight < _LEAST_WEIGHT)
+    if lone.any():
+        flat = pixels.reshape(-1, pixels.shape[-1])
+        behind[lone] = flat[nearest_pixels(free, lone)[0]]
+    return behind
+
+
+def _thin_colour(pixels: Picture, behind: Picture, coverage: Plane) -> Picture:
+    """The W that makes c W + (1 - c) B nearest to the pixels around."""
+    c = coverage[..., None]
+    shown = np.where(c > 0, pixels - (1 - c) * behind, np.float32(0))
+    products = cv2.GaussianBlur(c * shown, (0, 0), _ALONG_SIGMA_PX)
+    squares = cv2.GaussianBlur(coverage**2, (0, 0), _ALONG_SIGMA_PX)[..., None]
+    told = products.reshape(pixels.shape) / np.maximum(squares, _LEAST_SQUARE)
+    return np.maximum(told, 0)
+
+
+def _parted(
+    pixel: Float32[np.ndarray, "n channels"],
+    c: Float32[np.ndarray, "n 1"],
+    own: Float32[np.ndarray, "n channels"],
+    behind: Float32[np.ndarray, "n channels"],
+) -> tuple[np.ndarray, np.ndarray]:
+    """c W and B of pixels, from what W and B should be like."""
+    r = 1 - c
+    off = (pixel - c * own - r * behind) / (c * c + r * r)
+    behind = np.maximum(behind + r * off, 0)
+    most = _BRIGHTER * c * np.maximum(own, 1)
+    share = np.clip(pixel - r * behind, 0, most)
+    left = np.maximum(pixel - share - r * behind, 0)
+    return share, behind + left / np.maximum(r, _LEAST_REST)
+
+
+def _lights(pixels: Picture) -> Bool[np.ndarray, "height width"]:
+    """Small bright spots, which do not go on behind an object."""
+    brightest = np.nan_to_num(pixels[..., :3].max(-1))
+    around = cv2.morphologyEx(
+        brightest, cv2.MORPH_OPEN, np.ones((_LIGHT_PX, _LIGHT_PX), np.uint8)
+    )
+    return brightest > _BRIGHTER * np.maximum(around, 1)
+
+
+def cut_out(depth_mm: Plane, ranks: Ranks, objects: Sequence[int]) -> CutOut:
+    """Cut objects out of a plate.
+
+    Parameters
+    ----------
+    depth_mm : Of the plate; positive, may be infinite.
+    ranks : Every rank of its Cryptomatte, without NaN.
+    objects : Their ids.
+    """
+    coverage, most = np.zeros_like(depth_mm), np.zeros_like(depth_mm)
+    own_mm, lender = depth_mm.copy(), np.full(depth_mm.shape, NOBODY)
+    for each in objects:
+        cover = coverage_of(ranks, [each])
+        mm, lends = own_pixels(depth_mm, cover)
+        leads = (cover > LEAST_COVER) & (cover > most)
+        own_mm[leads], lender[leads], most[leads] = (
+            mm[leads],
+            lends[leads],
+            cover[leads],
+        )
+        coverage += np.where(cover > LEAST_COVER, cover, np.float32(0))
+    np.minimum(coverage, 1, out=coverage)
+    ids = np.array(objects, np.uint32)
+    rest_mm, rest = rest_of_plate(depth_mm, own_mm, coverage > 0, ranks, ids)
+    stays = (coverage > 0) & (rest_mm < own_mm)
+    coverage[stays], rest_mm[stays] = 0, depth_mm[stays]
+    for left, was in zip(rest, ranks, strict=True):
+        left[:, stays] = was[:RANKS, stays]
+    around = np.ones((2 * _AROUND_PX + 1,) * 2, np.uint8)
+    touched = coverage > 0
+    ring = (cv2.dilate(touched.astype(np.uint8), around) > 0) & ~touched
+    if ring.any():
+        own_mm[ring] = own_mm.ravel()[nearest_pixels(touched, ring)[0]]
+    return CutOut(coverage, own_mm, lender, rest_mm, Mattes(*rest))

@@ -1,0 +1,50 @@
+"""What the user of a rendered plate should know, and nobody sees at first glance.
+
+Borders that stay black because a plate has too little overscan, and pixels that are not
+numbers and spread to their neighbours.
+"""
+
+import numpy as np
+from jaxtyping import Float32
+
+from lensfit.coords import Window
+from lensfit.plate.notes import FrameNote
+from lensfit.rendering.stages import Stages
+
+_SEEN_PART = 1e-4
+"""Of the pixels; less is a rounding of the border."""
+
+
+def border_note(stages: Stages, window: Window, source: Window) -> str | None:
+    """Whether the lens looks beyond the pixels that the plate has.
+
+    Parameters
+    ----------
+    stages : Maps, over the rendered window or more.
+    window : Pixels that are written.
+    source : Data window of the plate.
+    """
+    x, y = np.moveaxis(stages.maps[1].cropped(window).positions_px(), -1, 0)
+    outside = (x < source.x_min) | (x > source.x_max + 1)
+    outside |= (y < source.y_min) | (y > source.y_max + 1)
+    part = float(np.mean(outside))
+    if part < _SEEN_PART:
+        return None
+    return (
+        f"{100 * part:.3g} % of the frame lies outside the plate and is black: render "
+        "the CG with more overscan (`lensfit overscan` says how much)"
+    )
+
+
+def number_note(
+    pixels: Float32[np.ndarray, "height width channels"], name: str
+) -> FrameNote | None:
+    """Whether the plate of that name holds NaN or infinity."""
+    if np.isfinite(pixels).all():
+        return None
+    return FrameNote(
+        f"{name} holds NaN or infinite pixels, which spread to their neighbours, and "
+        "turn black where depth of field is put on: mend them in the plate, and look "
+        "at the others",
+        "numbers",
+    )

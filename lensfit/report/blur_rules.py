@@ -1,0 +1,134 @@
+"""The finding on the blur: what it is good for, or which photographs would tell."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from lensfit.kernel.blur_quality import GOOD_BLUR, ROUGH_BLUR
+from lensfit.report.coverage import numbers
+from lensfit.report.evidence import Finding, joined, used_takes, value_of
+from lensfit.report.markup import number, stated
+
+_FAR_WORSE = 3.0
+"""Times the misfit of the median take, from which on one is named."""
+
+
+def blur_findings(report: dict) -> Iterator[Finding]:
+    """What it is good for; the worst focal length speaks for all. Then what would mend
+    it."""
+    if not report.get("entries"):
+        return
+    known = [one for one in report.get("blur") or [] if _blur_error(one)[0] >= 0]
+    if not known:
+        yield Finding("note", f"Blur was not measured: {_why_not(report)}.")
+        return
+    worst = max(known, key=lambda one: _blur_error(one)[0])
+    error, whose = _blur_error(worst)
+    place = (
+        f" at {stated(worst.get('focal_length_mm'), 'mm')}" if len(known) > 1 else ""
+    )
+    said = f"the images of dots {whose} match to {number(100 * error, '%', 2)}{place}"
+    yield _use(known, error, said)
+    yield from _unsaid(report, known)
+    yield from _outstanding(report, known)
+
+
+def _use(known: list[dict], error: float, said: str) -> Finding:
+    """What the blur is good for."""
+    guessed = [one for blur in known for one in blur.get("guessed") or []]
+    if any(one.get("converged") is False for one in known):
+        return Finding(
+            "caution",
+            f"The blur is not to be relied on, its fit did not converge: {said}.",
+        )
+    if any(one.get("mirrored") for one in known):
+        return Finding(
+            "caution",
+            "The blur is not to be relied on: the dots look as if they lay on the "
+            "other side of focus than was stated. Were focus_distance_mm of near and "
+            "far takes swapped?",
+        )
+    if any(one.get("sign_known") is False for one in known):
+        return Finding(
+            "caution",
+            f"The blur is usable only where it was photographed: {said}, but on which "
+            "side of focus is not known. State focus_distance_mm and "
+            "target_distance_mm, or add a take on the other side.",
+        )
+    if error > ROUGH_BLUR:
+        return Finding(
+            "caution",
+            f"The blur is not usable: {said}. Use small bright holes, more f-numbers "
+            "and both sides of focus.",
+        )
+    if guessed:
+        why = "; ".join(dict.fromkeys(guessed))
+        return Finding(
+            "caution",
+            f"The blur is usable only where it was photographed: {said}; {why}.",
+        )
+    if error <= GOOD_BLUR:
+        return Finding("good", f"The blur is usable: {said} (median).")
+    return Finding("caution", f"The blur is usable for soft backgrounds: {said}.")
+
+
+def _unsaid(report: dict, known: list[dict]) -> Iterator[Finding]:
+    """Distances that nobody stated, without which takes of one focus are not known
+    from those of another."""
+    shown = {take.get("image") for blur in known for take in blur.get("takes") or []}
+    takes = [take for take in used_takes(report) if take.get("image") in shown]
+    for key in ("focus_distance_mm", "target_distance_mm"):
+        # Of some it may be unknown: a tilted chart has no one distance.
+        if takes and all(take.get(key) is None for take in takes):
+            yield Finding(
+                "caution",
+                f"No take states {key}: state it, or the blur at one focus is taken "
+                "for that at another.",
+            )
+
+
+def _outstanding(report: dict, known: list[dict]) -> Iterator[Finding]:
+    """Takes whose dots are far worse explained than those of the others."""
+    named = {take.get("image"): take for take in report.get("takes") or []}
+    for blur in known:
+        takes = blur.get("takes") or []
+        misfit = numbers([value_of(take.get("misfit")) for take in takes])
+        if np.isfinite(misfit).sum() < 3:
+            continue
+        usual = float(np.nanmedian(misfit))
+        bad = (misfit > _FAR_WORSE * usual) & (misfit > GOOD_BLUR)
+        names = [
+            _stopped(named.get(take.get("image"), take))
+            for take, worse in zip(takes, bad, strict=True)
+            if worse
+        ]
+        if names:
+            yield Finding(
+                "caution",
+                f"The dots of {joined(names)} are not those of this lens (misfit of "
+                f"{100 * float(np.nanmax(misfit)):.0f} %, of the others "
+                f"{100 * usual:.0f} %): check the stated f_number and focus.",
+            )
+
+
+def _stopped(take: dict) -> str:
+    name = take.get("name") or take.get("image") or "a take"
+    return f"“{name}” (f/{value_of(take.get('f_number')):g})"
+
+
+def _why_not(report: dict) -> str:
+    """What the fit said of the dots; where there were none, what to photograph."""
+    said = [str(one.get("reason")) for one in report.get("blur_not_measured") or []]
+    ask = "photograph the dots at two f-numbers and on both sides of focus"
+    return "; ".join(dict.fromkeys(said)) or ask
+
+
+def _blur_error(blur: dict) -> tuple[float, str]:
+    """Held-out misfit, else the largest of the takes', else NaN."""
+    held_out = value_of(blur.get("held_out_misfit"))
+    if not math.isnan(held_out):
+        return held_out, "that the fit never saw"
+    each = [value_of(take.get("misfit")) for take in blur.get("takes") or []]
+    known = [misfit for misfit in each if not math.isnan(misfit)]
+    return max(known, default=math.nan), "in the worst take"

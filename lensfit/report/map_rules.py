@@ -1,0 +1,156 @@
+"""Findings on the map: folds, coverage, corners, and errors that neighbours share."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from lensfit.report.coverage import (
+    empty_places,
+    image_size_px,
+    numbers,
+    pattern_px,
+    residuals_of,
+)
+from lensfit.report.evidence import (
+    ROUGH_PX,
+    Finding,
+    corner_deviation_px,
+    counts_by_focal,
+    covered_share,
+    error_px,
+    extrapolated_corner_px,
+    joined,
+    photographed_corner_px,
+    takes_by_focal,
+    value_of,
+)
+from lensfit.report.markup import number, stated
+
+ROUND_TRIP_PX = 1e-3
+WEAK_CORNER_PX = 0.3
+
+
+def map_findings(report: dict) -> Iterator[Finding]:
+    """The distortion folds, or does not invert."""
+    for entry in report.get("entries") or []:
+        place = f"At {stated(entry.get('focal_length_mm'), 'mm')}"
+        if entry.get("monotone") is False:
+            yield Finding(
+                "bad",
+                f"{place} the distortion folds: two scene points share one pixel. "
+                "Shoot the chart out to the frame's edges.",
+            )
+        loss = value_of(entry.get("round_trip_max_px"))
+        if loss > ROUND_TRIP_PX:
+            yield Finding(
+                "caution",
+                f"{place} undistorting and redistorting loses up to "
+                f"{number(loss, 'px', 2)}.",
+            )
+
+
+def overfit_findings(report: dict) -> Iterator[Finding]:
+    """Unseen points do worse than fitted ones."""
+    fitted, held_out = (value_of(report.get(k)) for k in ("rms_px", "held_out_rms_px"))
+    if held_out > 1.25 * fitted and held_out - fitted > 0.01:
+        yield Finding(
+            "caution",
+            f"Unseen points do {held_out / fitted:.1f} times worse than fitted ones: "
+            "more points or more takes are needed to hold the model.",
+        )
+
+
+def coverage_findings(report: dict) -> Iterator[Finding]:
+    """Where the frame has no points."""
+    several = len(takes_by_focal(report)) > 1
+    for focal, counts in counts_by_focal(report):
+        covered, places = covered_share(counts), empty_places(counts)
+        if covered >= 0.9 and not places:
+            continue
+        place = f" at {stated(focal, 'mm')}" if several and focal else ""
+        where = f", with gaps {_in_places(places)}" if places else ""
+        yield Finding(
+            "caution",
+            f"Points cover {covered:.0%} of the frame{place}{where}. The map is a "
+            "guess there: move the chart until it fills the frame.",
+        )
+
+
+def sound_findings(report: dict) -> Iterator[Finding]:
+    """The good news about coverage and corners, which backs the grade."""
+    corners = [corner_deviation_px(entry) for entry in report.get("entries") or []]
+    known = [corner for corner in corners if not math.isnan(corner)]
+    if known and max(known) <= WEAK_CORNER_PX and not list(coverage_findings(report)):
+        yield Finding(
+            "good",
+            "The points reach all of the frame; the map is known to "
+            f"{number(max(known), 'px', 2)} (1σ) in its worst corner. Noise and what "
+            "such models usually miss are in it; a chart other than stated is not.",
+        )
+
+
+def _in_places(places: list[str]) -> str:
+    """Where on the frame, with three empty ninths along an edge said as that side."""
+    edges = ("left", "right", "top", "bottom")
+    sides = [edge for edge in edges if sum(edge in p.split() for p in places) == 3]
+    if len(sides) == 4:
+        return "all around the rim"
+    corners = [p for p in places if " " in p and not set(p.split()) & set(sides)]
+    if sides:
+        return f"at the {joined([f'{side} side' for side in sides] + corners)}"
+    return f"at the {joined(places)}"
+
+
+def corner_findings(report: dict) -> Iterator[Finding]:
+    """Corners known less well than the rest: photographed ones, then extrapolated."""
+    for entry in report.get("entries") or []:
+        place = stated(entry.get("focal_length_mm"), "mm")
+        corner = photographed_corner_px(report, entry)
+        if corner > WEAK_CORNER_PX:
+            grid = numbers(entry["uncertainty_grid"]["sd_px"])
+            yield Finding(
+                "caution" if corner <= ROUGH_PX else "bad",
+                f"In the corners at {place} the map is known to "
+                f"{number(corner, 'px', 2)} (1σ), against "
+                f"{number(float(np.nanmedian(grid)), 'px', 2)} over the frame: shoot "
+                "the chart in the corners.",
+            )
+        beyond = extrapolated_corner_px(report, entry)
+        if beyond > WEAK_CORNER_PX:
+            yield Finding(
+                "caution",
+                f"Corners at {place} without any point are extrapolated, to "
+                f"{number(beyond, 'px', 2)} (1σ); this is no error of the rest: shoot "
+                "the chart in the corners.",
+                kind="extrapolation",
+            )
+
+
+def pattern_findings(report: dict) -> Iterator[Finding]:
+    """Errors that neighbours share: in all takes it is the lens, in each the chart."""
+    size = image_size_px(report)
+    if not all(size):
+        return
+    least = max(0.05, 0.5 * error_px(report)[0])
+    groups = takes_by_focal(report)
+    for focal, takes in groups.items():
+        place = f" at {stated(focal, 'mm')}" if len(groups) > 1 and focal else ""
+        shared = pattern_px(residuals_of(takes), size)
+        each = [pattern_px(residuals_of([take]), size) for take in takes]
+        known = [pattern for pattern in each if not math.isnan(pattern)]
+        own = float(np.median(known)) if known else math.nan
+        if shared > least:
+            yield Finding(
+                "caution",
+                f"Neighbouring points{place} err alike by {number(shared, 'px', 2)} "
+                "rms: the lens does something the model does not, or the chart is "
+                "bent.",
+            )
+        elif own > least:
+            yield Finding(
+                "caution",
+                f"Each take{place} has its own pattern of errors, "
+                f"{number(own, 'px', 2)} rms: the chart is probably bent, or "
+                "moved during the exposure. Glue it to something flat.",
+            )

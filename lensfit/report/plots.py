@@ -1,0 +1,215 @@
+"""Figures of the lens itself, one entry (focal length and focus distance) at a time.
+
+What each shows: the distortion as a bent grid (exaggerated when small, and said so),
+as percent of the radius with its 1-sigma band, lateral colour of red and blue against
+green, fall-off at each f-number, and how well the map is known over the frame.
+Colours are those of Okabe and Ito ("Color Universal Design", 2008), which stay apart
+to colour-blind eyes.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from lensfit.report.axes import Axes, Frame, sensor_frame
+from lensfit.report.coverage import numbers
+from lensfit.report.heatmap import fall_off_surface, uncertainty
+from lensfit.report.markup import Markup, number, stated
+from lensfit.report.round_number import round_up
+from lensfit.report.svg import Figure, drawing, path
+
+
+def entry_figures(entry: dict, camera: dict) -> list[Figure]:
+    """The figures of one entry; those without data are left out."""
+    makers: tuple[Callable[[dict, dict], Figure | None], ...] = (
+        distortion_grid, radial_profile, lateral_colour, fall_off, fall_off_surface,
+        uncertainty,
+    )  # fmt: skip
+    return [figure for make in makers if (figure := make(entry, camera)) is not None]
+
+
+def distortion_grid(entry: dict, camera: dict) -> Figure | None:
+    """The image of a straight grid through the lens."""
+    grid = entry.get("distortion_grid") or {}
+    x, y, dx, dy = (numbers(grid.get(k)) for k in ("x_mm", "y_mm", "dx_mm", "dy_mm"))
+    if dx.ndim != 2 or dx.shape != (y.size, x.size) or dy.shape != dx.shape:
+        return None
+    frame = sensor_frame(camera, x, y)
+    largest = float(np.nanmax(np.hypot(dx, dy), initial=0.0))
+    factor = _exaggeration(largest, frame.high[0] - frame.low[0])
+    flat_x, flat_y = np.meshgrid(x, y)
+    shapes = [_net(frame, flat_x, flat_y, "faint")]
+    shapes.append(_net(frame, flat_x + factor * dx, flat_y + factor * dy, "strong"))
+    centre = entry.get("distortion_centre_mm")
+    if centre:
+        shapes.append(_cross(frame, *centre))
+    times = "true to scale" if factor == 1 else f"drawn {factor:g} times too strong"
+    moved = number(largest, "mm", 2) + _in_pixels(largest, camera)
+    caption = f"A straight grid (pale) as the lens images it, {times}. The farthest "
+    caption += f"point moves by {moved}. The cross is the centre of distortion."
+    picture = drawing("Distortion grid", *shapes, frame.border(), height=frame.height)
+    return Figure("distortion-grid", "Distortion", picture, caption)
+
+
+def radial_profile(entry: dict, camera: dict) -> Figure | None:
+    """Distortion in percent of the radius, with its error band."""
+    profile = entry.get("radial_profile") or {}
+    radius = numbers(profile.get("radius_mm"))
+    percent = numbers(profile.get("distortion_percent"))
+    if radius.size < 2 or percent.shape != radius.shape:
+        return None
+    sd = _same_size(profile.get("standard_deviation_percent"), radius)
+    axes = Axes(span(radius, zero=True), span(percent, sd, zero=True))
+    shapes = [axes.furniture("radius on the sensor (mm)", "distortion (%)")]
+    shapes += _corner_mark(axes, camera)
+    shapes.append(axes.band(radius, percent - sd, percent + sd, "s1"))
+    shapes.append(axes.line(radius, percent, "s1"))
+    at_end = f"{number(percent[-1], '%')} at {number(radius[-1], 'mm')}"
+    known = f", known to {number(float(sd[-1]), '%', 2)} (1σ)" if sd[-1] > 0 else ""
+    kind = "barrel" if percent[-1] < 0 else "pincushion"
+    caption = f"{at_end} ({kind}){known}. The band is one standard deviation."
+    picture = drawing("Radial distortion", *shapes)
+    return Figure("radial-profile", "Distortion along the radius", picture, caption)
+
+
+def lateral_colour(entry: dict, camera: dict) -> Figure | None:
+    """Radial shift of red and blue against green."""
+    colour = entry.get("lateral_colour") or {}
+    radius = numbers(colour.get("radius_mm"))
+    curves = {c: numbers(colour.get(f"{c}_px")) for c in ("r", "b")}
+    curves = {c: shift for c, shift in curves.items() if shift.shape == radius.shape}
+    if radius.size < 2 or not curves:
+        return None
+    deviations = {c: _same_size(colour.get(f"{c}_sd_px"), radius) for c in curves}
+    values = np.concatenate(list(curves.values()))
+    spread = np.concatenate(list(deviations.values()))
+    axes = Axes(_radii(radius), span(values, spread, zero=True))
+    shapes = [axes.furniture("radius on the sensor (mm)", "shift against green (px)")]
+    shapes += _corner_mark(axes, camera)
+    names = {"r": "red", "b": "blue"}
+    for channel, shift in curves.items():
+        sd = deviations[channel]
+        shapes.append(axes.band(radius, shift - sd, shift + sd, names[channel]))
+        shapes.append(axes.line(radius, shift, names[channel]))
+    ends = [(radius[-1], v[-1], names[c], names[c]) for c, v in curves.items()]
+    shapes += axes.labels(ends)
+    said = [f"{names[c]} {number(shift[-1], 'px', 2)}" for c, shift in curves.items()]
+    caption = f"At the outermost radius: {', '.join(said)}; outward is positive."
+    picture = drawing("Lateral colour", *shapes)
+    return Figure("lateral-colour", "Lateral colour", picture, caption)
+
+
+def fall_off(entry: dict, camera: dict) -> Figure | None:
+    """Relative illumination against radius, a family of curves over f-number."""
+    stops = [one for one in entry.get("fall_off") or [] if _is_whole(one)]
+    stops.sort(key=lambda one: one.get("f_number") or 0.0)
+    if not stops:
+        return None
+    radii = np.concatenate([numbers(one["radius_mm"]) for one in stops])
+    top = max(1.0, *(float(np.nanmax(_green(one))) for one in stops))
+    axes = Axes(_radii(radii), (0.0, 1.02 * top))
+    shapes = [axes.furniture("radius on the sensor (mm)", "relative illumination")]
+    shapes += _corner_mark(axes, camera)
+    losses, ends = [], []
+    for index, one in enumerate(stops):
+        shapes += _fall_off_curves(axes, one, f"s{index % 5 + 1}")
+        loss = -np.log2(max(float(_green(one)[-1]), 1e-6))
+        losses.append(f"{_stop_name(one)} {round(loss, 2) + 0.0:.2f} stops")
+        class_ = f"s{index % 5 + 1}"
+        ends.append((one["radius_mm"][-1], _green(one)[-1], _stop_name(one), class_))
+    shapes += axes.labels(ends)
+    caption = f"Lost at the outermost radius: {', '.join(losses)}. Solid green, dotted "
+    caption += "red and blue channel."
+    if any(one.get("lighting_too") for one in stops):
+        caption += " Of lens and lighting together: the chart was lit from its front."
+    return Figure("fall-off", "Fall-off", drawing("Fall-off", *shapes), caption)
+
+
+def _exaggeration(largest_mm: float, width_mm: float) -> float:
+    """1 when the distortion is plain to see, else a round factor that makes it so."""
+    wanted = 0.02 * width_mm / largest_mm if largest_mm > 0 else 1.0
+    return 1.0 if wanted <= 1.0 else min(round_up(wanted), 1000.0)
+
+
+def _net(frame: Frame, x: np.ndarray, y: np.ndarray, class_: str) -> Markup:
+    """Lines along the rows and columns of a grid, as one path."""
+    gap_row, gap_column = (
+        np.full((x.shape[0], 1), np.nan),
+        np.full((x.shape[1], 1), np.nan),
+    )
+    flat = [
+        np.concatenate(
+            [np.hstack([c, gap_row]).ravel(), np.hstack([c.T, gap_column]).ravel()]
+        )
+        for c in (x, y)
+    ]
+    return path(*frame.place(flat[0], flat[1]), class_=f"net {class_}")
+
+
+def _cross(frame: Frame, x_mm: float, y_mm: float) -> Markup:
+    x, y = frame.place(np.array([x_mm]), np.array([y_mm]))
+    arm = np.array([-7.0, 7.0, np.nan, 0.0, 0.0])
+    return path(x[0] + arm, y[0] + np.array([0.0, 0.0, np.nan, -7.0, 7.0]), "cross")
+
+
+def _in_pixels(length_mm: float, camera: dict) -> str:
+    width_mm, width_px = camera.get("sensor_width_mm"), camera.get("image_width_px")
+    if not width_mm or not width_px:
+        return ""
+    return f" ({number(length_mm / width_mm * width_px, 'px', 3)})"
+
+
+def _same_size(values: list | None, like: np.ndarray) -> np.ndarray:
+    array = numbers(values)
+    return np.nan_to_num(array) if array.shape == like.shape else np.zeros_like(like)
+
+
+def span(
+    values: np.ndarray, spread: np.ndarray | float = 0.0, zero: bool = False
+) -> tuple[float, float]:
+    """A range that holds all values with their spread, and zero when asked."""
+    low = float(np.nanmin(values - spread, initial=np.inf))
+    high = float(np.nanmax(values + spread, initial=-np.inf))
+    if zero:
+        low, high = min(low, 0.0), max(high, 0.0)
+    if not high > low:
+        return low - 0.5, low + 0.5
+    room = 0.06 * (high - low)
+    return (low if low == 0 else low - room), (high if high == 0 else high + room)
+
+
+def _radii(radius_mm: np.ndarray) -> tuple[float, float]:
+    """From the centre to the last radius, with room for the names of the curves."""
+    return 0.0, 1.12 * float(np.nanmax(radius_mm))
+
+
+def _corner_mark(axes: Axes, camera: dict) -> list[Markup]:
+    width, height = camera.get("sensor_width_mm"), camera.get("sensor_height_mm")
+    corner = np.hypot(width or 0.0, height or 0.0) / 2
+    inside = axes.x_range[0] < corner < axes.x_range[1]
+    return [axes.mark(float(corner), "frame corner")] if inside else []
+
+
+def _is_whole(one: dict) -> bool:
+    radius = numbers(one.get("radius_mm"))
+    return radius.size >= 2 and _green(one).shape == radius.shape
+
+
+def _green(one: dict) -> np.ndarray:
+    return numbers(one.get("g") or one.get("r") or one.get("b") or [1.0])
+
+
+def _fall_off_curves(axes: Axes, one: dict, class_: str) -> list[Markup]:
+    radius, green = numbers(one["radius_mm"]), _green(one)
+    sd = _same_size(one.get("sd"), radius)
+    shapes = [axes.band(radius, green - sd, green + sd, class_)]
+    for channel in ("r", "b"):
+        values = numbers(one.get(channel))
+        if values.shape == radius.shape:
+            shapes.append(axes.line(radius, values, f"{class_} dotted"))
+    return [*shapes, axes.line(radius, green, class_)]
+
+
+def _stop_name(one: dict) -> str:
+    stop = one.get("f_number")
+    return f"f/{stated(round(stop, 1))}" if stop else "f-number not stated"

@@ -1,1 +1,0 @@
-"""What a plate holds, without a lens: header, channels, depth, mattes, layers."""
