@@ -19,8 +19,7 @@ from lensfit.errors import LensfitError
 from lensfit.exchange.export import FORMATS, export_preset
 from lensfit.exchange.export_request import ExportRequest, WantedState
 from lensfit.exchange.foreign import ForeignState, Stated
-from lensfit.exchange.foreign_file import read_foreign
-from lensfit.exchange.imports import preset_of_foreign
+from lensfit.exchange.imports import preset_of_foreign, read_foreign
 from lensfit.exchange.samples import ExchangeFrame
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset

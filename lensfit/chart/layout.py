@@ -5,6 +5,9 @@ ruler and, where there is room, the code strip again; the pattern is centred bet
 All of it keeps clear of the pattern: by at least three quarters of a pitch, beyond what
 a detector measures around a dot, and by more than one pitch of a line grid, so that
 nothing printed lies where one more line might be looked for.
+
+Captions are outlines, so that a chart looks the same wherever it is opened: DejaVu
+Sans, which comes with matplotlib.
 """
 
 import math
@@ -12,10 +15,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
 
 from lensfit.chart.code import STRIP_MODULES, marker_cells, marker_ids
 from lensfit.chart.drawing import BLACK, WHITE, Drawing, Layer, Outline
-from lensfit.chart.lettering import lettered, width_per_em
 from lensfit.chart.marks import pattern_layers
 from lensfit.chart.pattern import (
     LINE_END,
@@ -27,6 +31,33 @@ from lensfit.chart.pattern import (
 )
 from lensfit.chart.sheet import Sheet
 from lensfit.errors import ChartError
+
+_FONT = FontProperties(family="DejaVu Sans")
+_EM = 100.0
+
+
+def lettered(
+    text: str, left_mm: float, baseline_mm: float, size_mm: float, *, align: float = 0.0
+) -> Outline:
+    """A line of text.
+
+    Parameters
+    ----------
+    size_mm : Height of the font's em.
+    align : Part of the text's width that lies left of `left_mm`: 0, 0.5 or 1.
+    """
+    path = TextPath((0, 0), text, size=_EM, prop=_FONT)
+    points = np.asarray(path.vertices, float) * [1.0, -1.0] * (size_mm / _EM)
+    points[:, 0] -= align * width_per_em(text) * size_mm
+    codes = np.asarray(path.codes, int)
+    return Outline(points + np.array([left_mm, baseline_mm]), codes)
+
+
+def width_per_em(text: str) -> float:
+    """Width of a line of text, in heights of the font's em."""
+    path = TextPath((0, 0), text, size=_EM, prop=_FONT)
+    return float(np.asarray(path.vertices)[:, 0].max()) / _EM
+
 
 CLEAR_PITCHES = 0.75
 LINE_CLEAR_PITCHES = 1.5

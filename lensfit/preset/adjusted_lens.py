@@ -4,29 +4,78 @@ Every knob acts on the part of the lens that it is named after, before anything 
 rendered, so that a picture, a point-spread function and a map show the same. Neutral
 knobs return the lens itself, and parts that no knob touches stay the same objects.
 
-- `lensfit.preset.adjusted_aberration`: focal surfaces, coma, spherical, colour of
-these; - `lensfit.preset.adjusted_chief_rays`: distortion and lateral colour; -
-`lensfit.preset.adjusted_vignetting`: the parts of the fall-off; -
-`lensfit.preset.adjusted_pupil`: blades, oval, cat's eye, ring, filter; -
-`lensfit.preset.adjusted_covariances`: how well the maps are known then.
+- `lensfit.preset.adjusted_aberration`: focal surfaces, coma, spherical, their colour;
+- `lensfit.preset.adjusted_chief_rays`: distortion and lateral colour;
+- `lensfit.preset.adjusted_vignetting`: the parts of the fall-off;
+- `lensfit.preset.adjusted_pupil`: blades, oval, cat's eye, ring, filter.
 
 A lens whose blur was not measured is perfect; what needs an opening or a wavefront to
 be turned is turned on that of the perfect lens of its f-number.
+
+A gain multiplies the numbers that were measured, and so their deviations. An amount
+that somebody stated was not measured, and fall-off is turned by its parts, which no
+photograph shows by themselves: how well these are known nobody can say.
 """
 
 import math
 from dataclasses import replace
 
+import numpy as np
+from jaxtyping import Float
+
 from lensfit.kernel.lens_blur import LensBlur
 from lensfit.lens import Lens
 from lensfit.optics.lateral import LateralColour, no_lateral_colour
+from lensfit.optics.map_covariances import MapCovariances
+from lensfit.optics.object_deviation import PERSPECTIVE_NUMBERS
+from lensfit.optics.position_deviation import gain_of_numbers
 from lensfit.preset.aberration_knobs import BLUR_FAMILIES, AberrationKnobs
 from lensfit.preset.adjusted_aberration import turned_aberration
-from lensfit.preset.adjusted_chief_rays import turned_distortion, turned_lateral
-from lensfit.preset.adjusted_covariances import turned_covariances
+from lensfit.preset.adjusted_chief_rays import (
+    lateral_gains,
+    turned_distortion,
+    turned_lateral,
+)
 from lensfit.preset.adjusted_pupil import turned_opening, turned_rims
 from lensfit.preset.adjusted_vignetting import turned_illumination
 from lensfit.preset.bokeh_knobs import LEAST_BLADES, BokehKnobs
+
+Matrix = Float[np.ndarray, "numbers numbers"]
+
+
+def turned_covariances(
+    lens: Lens, turned: Lens, knobs: AberrationKnobs
+) -> MapCovariances:
+    """Of the maps of a lens as it was turned.
+
+    Parameters
+    ----------
+    lens : As it was measured.
+    turned : The same with its maps turned.
+    """
+    known = lens.covariances
+    of_numbers = gain_of_numbers(lens.distortion, knobs.distortion_gain)
+    with_pupil = np.append(of_numbers, np.ones(PERSPECTIVE_NUMBERS))
+    is_stated = knobs.distortion_percent is not None
+    red_gain, blue_gain = lateral_gains(knobs)
+    light_stays = turned.illumination is lens.illumination
+    return MapCovariances(
+        distortion=None if is_stated else _grown(known.distortion, of_numbers),
+        perspective=None if is_stated else _grown(known.perspective, with_pupil),
+        red=None if knobs.lateral_red_um is not None else _grown(known.red, red_gain),
+        blue=None
+        if knobs.lateral_blue_um is not None
+        else _grown(known.blue, blue_gain),
+        fall_off=known.fall_off if light_stays else None,
+    )
+
+
+def _grown(covariance: Matrix | None, gain: np.ndarray | float) -> Matrix | None:
+    """Of numbers that are multiplied: all of them by one gain, or each by its own."""
+    if covariance is None:
+        return None
+    each = np.broadcast_to(gain, len(covariance))
+    return covariance * np.outer(each, each)
 
 
 def turned_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> Lens:

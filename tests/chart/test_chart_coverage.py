@@ -5,7 +5,7 @@ import pytest
 
 from lensfit.chart.coverage import disc_area, paint
 from lensfit.chart.drawing import BLACK, WHITE, Drawing, Layer
-from lensfit.chart.lettering import lettered, width_per_em
+from lensfit.chart.layout import lettered, width_per_em
 
 
 def drawing(*layers: Layer) -> Drawing:

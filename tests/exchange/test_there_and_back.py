@@ -13,8 +13,7 @@ from lensfit.errors import ExchangeError, LensfitError
 from lensfit.exchange.export import FORMATS, export_preset
 from lensfit.exchange.export_request import ExportRequest, WantedState
 from lensfit.exchange.foreign import Stated
-from lensfit.exchange.foreign_file import read_foreign
-from lensfit.exchange.imports import import_preset
+from lensfit.exchange.imports import import_preset, read_foreign
 from lensfit.exchange.samples import ExchangeFrame
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset, save_preset

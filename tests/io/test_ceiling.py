@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfit.io.ceiling import ceiling_of
+from lensfit.io.image import ceiling_of
 
 RNG = np.random.default_rng(7)
 SPOTS = np.hypot(*(np.mgrid[:120, :160] % 20 - 10.0)) < 5

@@ -15,7 +15,7 @@ from lensfit.coords import Window
 from lensfit.errors import CameraError, ImageError, SettingsError
 from lensfit.io.exr import read_exr
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.camera.focus_from_pupil import from_sensor_mm
+from lensfit.plate.camera.plate_state import from_sensor_mm
 from lensfit.plate.camera.sources import (
     CameraOptions,
     CameraSources,

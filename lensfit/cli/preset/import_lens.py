@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class ImportFormat(StrEnum):
-    """As in `lensfit.exchange.foreign_file.FOREIGN_FORMATS`."""
+    """As in `lensfit.exchange.imports.FOREIGN_FORMATS`."""
 
     opencv = "opencv"
     lensfun = "lensfun"

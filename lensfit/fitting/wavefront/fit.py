@@ -4,6 +4,10 @@ The fit goes down as `descent` says, in every valley that is open yet (`multista
 what was learnt comes with its uncertainty. Takes of other focus distances share
 everything but defocus: the lens only moves against the sensor (unit focusing), so the
 same ray lands further out by the ratio of the principal distances.
+
+A wavefront that explains its photographs says little of others where all were taken at
+one f-number or on one side of focus: aberrations and defocus make up for each other
+there, and part elsewhere.
 """
 
 from collections.abc import Collection
@@ -25,7 +29,6 @@ from lensfit.fitting.wavefront.descent import (
 )
 from lensfit.fitting.wavefront.dot_patches import Shown, with_rims
 from lensfit.fitting.wavefront.effort import Effort
-from lensfit.fitting.wavefront.extrapolated import guessed_of
 from lensfit.fitting.wavefront.gather import (
     Gathered,
     chosen,
@@ -58,6 +61,46 @@ from lensfit.optics.terms import (
     two_mirror_terms,
 )
 from lensfit.progress import Progress, silent
+
+
+def guessed_of(gathered: Gathered) -> tuple[str, ...]:
+    """One sentence for each kind of setting that nobody photographed."""
+    return (*_at_other_stops(gathered), *_beyond_focus(gathered))
+
+
+def _at_other_stops(gathered: Gathered) -> tuple[str, ...]:
+    widest, *others = gathered.f_numbers
+    if others:
+        return ()
+    if all(one.take.f_number is None for one in gathered.shown):
+        return (
+            "the blur holds for the stop that was photographed, which the preset calls "
+            f"f/{widest:g} since nobody stated it: state f_number of each take",
+        )
+    return (
+        f"the blur was photographed at f/{widest:g} alone and is guessed at other "
+        "stops: photograph the dots at a second f-number",
+    )
+
+
+def _beyond_focus(gathered: Gathered) -> tuple[str, ...]:
+    """By what was stated; where nothing was, the side of focus is in doubt itself."""
+    stated_mm = stated_defocus_mm(gathered)
+    if not np.isfinite(stated_mm).all():
+        return ()
+    near, far = np.any(stated_mm > IN_FOCUS_MM), np.any(stated_mm < -IN_FOCUS_MM)
+    if near and far:
+        return ()
+    if not (near or far):
+        return (
+            "the blur was photographed in focus alone and is guessed out of focus: add "
+            "takes focused nearer and farther than the chart",
+        )
+    return (
+        "the blur was photographed on one side of focus alone and is guessed on the "
+        "other: add takes focused on the other side of the chart",
+    )
+
 
 TERMS = rotational_terms(9) + decentring_terms()
 COLOUR_TERMS = rotational_terms(5)

@@ -2,17 +2,70 @@
 
 Relative errors of a dot's image: the root of the squares of what is left over that of
 the image's own, so that 0.05 is an error of a twentieth.
+
+How well a fit predicts dots and views that it left out follows from the normal
+equations where it ended (`lensfit.fitting.trial`).
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from lensfit.fitting.wavefront.dot_weights import relative_misfit
-from lensfit.fitting.wavefront.held_out import held_out_dots, held_out_take
 from lensfit.fitting.wavefront.stages import Stage
-from lensfit.fitting.wavefront.term_groups import Family
+from lensfit.fitting.wavefront.term_group_selection import trial_of
+from lensfit.fitting.wavefront.term_groups import Family, indices_of
+
+
+def held_out_take(
+    stage: Stage, families: tuple[Family, ...], take: int
+) -> float | None:
+    """Misfit of a take that the fit did not see over its misfit now; in retrospect.
+
+    Its own defocus, where no other take shares it, is taken as known. None where the
+    prediction is worthless: the other takes do not determine the fit.
+    """
+    free = indices_of(families)
+    matrix, gradient, chi_squared = stage.equations
+    left = [f % len(chi_squared) for f in (2 * take, 2 * take + 1)]
+    # Of very many takes some share their folds, and are left out together.
+    mine = np.isin(2 * stage.gathered.take % len(chi_squared), left)
+    free = free[~np.isin(free, _own_defocus(stage, mine))]
+    rest = np.setdiff1d(np.arange(len(chi_squared)), left)
+    precision = stage.precision[free]
+    square = np.ix_(free, free)
+    inner = matrix[rest].sum(0)[square] + stage.prior_matrix(free, precision**-0.5)
+    slope = gradient[rest].sum(0)[free] + stage.stated_equations.gradient[free]
+    slope = slope + precision * (stage.parameters - stage.mean)[free]
+    of_take = matrix[left].sum(0)[square]
+    pull = gradient[left].sum(0)[free]
+
+    def misfit(step: np.ndarray) -> float:
+        """Of the take, to second order."""
+        return float(chi_squared[left].sum() + 2 * pull @ step + step @ of_take @ step)
+
+    # A solve ends when nothing is to be gained, a little before its minimum: both are
+    # taken at their own, so that a take never does better for being left out.
+    now = misfit(-np.linalg.solve(inner + of_take, slope + pull))
+    then = misfit(-np.linalg.solve(inner, slope))
+    return float(np.sqrt(then / max(now, 1e-300))) if then > 0 else None
+
+
+def _own_defocus(stage: Stage, mine: Bool[np.ndarray, " dots"]) -> list[int]:
+    """Parameters of the defocus that no other dots share."""
+    group, blocks = stage.gathered.dots.group, stage.layout.blocks
+    own = np.setdiff1d(group[mine], group[~mine])
+    starts = [blocks[name].start for name in ("defocus", "beyond") if name in blocks]
+    return [start + int(g) for start in starts for g in own]
+
+
+def held_out_dots(stage: Stage, families: tuple[Family, ...]) -> float:
+    """Misfit of the half of the dots that a fit did not see over the misfit of all."""
+    free = indices_of(families)
+    trial = trial_of(stage, free, np.array([], int))
+    total = float(np.sum(stage.equations.chi_squared))
+    return float(np.sqrt(trial.scores(np.array([], int)).held_out / max(total, 1e-300)))
 
 
 class Misfit(NamedTuple):

@@ -2,10 +2,13 @@
 
 Where a dot lies is not asked of the model: after every solve patches are moved to where
 the dots turned out to be. Which stages there are says `descent`.
+
+Dots are sharded over the cores: each takes every so many-th.
 """
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,7 +34,6 @@ from lensfit.fitting.wavefront.normal import (
     Points,
 )
 from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.fitting.wavefront.sharding import Deal, dealt
 from lensfit.fitting.wavefront.solve import Solution, solve
 from lensfit.fitting.wavefront.stated import (
     Stated,
@@ -40,6 +42,37 @@ from lensfit.fitting.wavefront.stated import (
     stated_opening_and_focus,
 )
 from lensfit.fitting.wavefront.waves import waves_left
+
+
+class Deal(NamedTuple):
+    """Which dot lies where in the arrays of a pass.
+
+    Attributes
+    ----------
+    rows : Of every place the dot; places that are left over repeat a dot.
+    places : Of every dot the place where it is in use.
+    counts : Places in use of each core's share; they come first in it.
+    """
+
+    rows: Int[np.ndarray, " room"]
+    places: Int[np.ndarray, " dots"]
+    counts: Int[np.ndarray, " cores"]
+
+
+def dealt(dots: int, room: int, hands: int) -> Deal:
+    """Every dot to one of so many hands, as evenly as can be.
+
+    Parameters
+    ----------
+    room : Places of all hands together, a multiple of `hands`.
+    """
+    space = room // hands
+    dot = np.arange(dots)
+    places = dot % hands * space + dot // hands
+    rows = np.zeros(room, int)
+    rows[places] = dot
+    return Deal(rows, places, np.bincount(dot % hands, minlength=hands))
+
 
 COARSE_SHARE = 0.05
 _FEWEST_DOTS = 256

@@ -4,7 +4,22 @@
 
 A value that is missing is an error where the answer depends on it. Where the preset
 leaves no choice, as of a prime's focal length, its value is used and a note says so.
+
+The standard attribute ``aperture`` is the f-number, and renderers write the width of
+the film back under that name. A photographic lens closes to f/22 or f/32 at most, and
+none in air is faster than f/0.5, the limit that the sine condition sets.
+
+Depth and some focus distances are measured from the pinhole of the CG camera, which is
+the lens' entrance pupil; the distance that lenses are focused by, from the sensor.
+Between them lies the pupil's offset, which may itself change with focus.
 """
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from lensfit.lens import Lens
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -13,8 +28,6 @@ import numpy as np
 
 from lensfit.errors import ImageError
 from lensfit.plate.camera.assumed import Assumed, assumed
-from lensfit.plate.camera.f_number_doubt import f_number_doubt
-from lensfit.plate.camera.focus_from_pupil import from_sensor_mm
 from lensfit.plate.camera.knob_sources import knobs_of_plate
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.scaled_look import UNSCALED, ScaledLook
@@ -25,6 +38,50 @@ from lensfit.preset.schema import Preset
 from lensfit.preset.spanned_width import spanned_width_note
 from lensfit.rendering.look.white_balance import REC709, Chromaticities
 from lensfit.rendering.uv import SpannedWidth
+
+_ROUNDS = 4
+
+
+def from_sensor_mm(
+    depth_mm: float, lens_focused_at: Callable[[float | None], "Lens"]
+) -> float:
+    """Focus distance from the sensor of what is `depth_mm` from the entrance pupil.
+
+    Parameters
+    ----------
+    lens_focused_at : The lens at a focus distance.
+    """
+    if math.isinf(depth_mm):
+        return depth_mm
+    focus_mm = depth_mm
+    for _ in range(_ROUNDS):
+        lens = lens_focused_at(focus_mm)
+        closer = depth_mm + float(lens.entrance_pupil_offset_mm)
+        if abs(closer - focus_mm) < 1e-6:
+            break
+        focus_mm = closer
+    return float(f"{focus_mm:.7g}")
+
+
+LARGEST = 22.7
+"""f/22 is f/22.63; cinema lenses end there."""
+FASTEST = 0.5
+
+
+def f_number_doubt(camera: PlateCamera) -> str | None:
+    """What is to be said of the f-number; None if nothing is, or the user stated it."""
+    known = camera.known.get("f_number")
+    if known is None or known.source.startswith("--"):
+        return None
+    value = float(known.value)
+    if FASTEST <= value <= LARGEST:
+        return None
+    looks = "a film back in mm" if value > LARGEST else "another quantity"
+    return (
+        f"{camera.plate.name}: the f-number is {value:g} ({known.source}), which looks "
+        f"like {looks} (--f-number states another)"
+    )
+
 
 BLUR = ("f_number", "focus_distance_mm")
 """What blur depends on."""

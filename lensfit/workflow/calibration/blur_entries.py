@@ -59,7 +59,7 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     )
 
 
-# Uncertainties write the block some hundred times over (`blur_uncertainty`): programs,
+# Uncertainties write the block some hundred times over (`entries`): programs,
 # since operations sent one by one would take most of that time.
 @partial(jax.jit, static_argnames="layout")
 def _optics_of(

@@ -1,6 +1,14 @@
-"""What was measured, as it is kept: preset entries, camera and provenance."""
+"""What was measured, as it is kept: preset entries, camera and provenance.
+
+The blur block's covariance comes from that of the fit. The fit's parameters and the
+block's numbers are not the same: a focus offset is a mean of defocus values less what
+the barrel says, the exit pupil stands in two places. So every independent move of the
+parameters is made, a little, and the block written again; what changed is the move of
+its numbers.
+"""
 
 import hashlib
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
@@ -12,17 +20,55 @@ from lensfit.fitting.colour.channel_colour import ChannelColour
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.wavefront.fit import WavefrontFit
+from lensfit.fitting.wavefront.uncertainty import parameter_moves
 from lensfit.preset import blocks
+from lensfit.preset.blur_blocks import Blur, BlurUncertainty
+from lensfit.preset.blur_numbers import numbers_of
 from lensfit.preset.covariance import Covariance, fall_off_names, lateral_names
 from lensfit.preset.entry import Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block
 from lensfit.preset.predicted_fall_off import with_predicted_fall_off
 from lensfit.preset.schema import Camera, Preset, Provenance, SourceImage
-from lensfit.workflow.calibration.blur_uncertainty import known_blur_of
+from lensfit.workflow.calibration.blur_entries import blur_of
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.calibration.take_facts import errors_of
 from lensfit.workflow.calibration.term_facts import terms_of
 from lensfit.workflow.shoot.records import Shoot
+
+_STEP = 0.05
+_DIGITS = 5
+
+
+def known_blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
+    """`blur_of`, with its uncertainty."""
+    blur = blur_of(state, wavefront)
+    moves = parameter_moves(wavefront.stage, wavefront.stated_covariance)
+    changes = [_change(move, state, wavefront) for move in moves]
+    names = [n for n in numbers_of(blur) if any(c.get(n) for c in changes)]
+    known = BlurUncertainty(
+        tuple(names),
+        tuple(tuple(_short(change[n]) for n in names) for change in changes),
+    )
+    return msgspec.structs.replace(blur, uncertainty=known)
+
+
+def _change(
+    move: np.ndarray, state: LensState, wavefront: WavefrontFit
+) -> dict[str, float]:
+    """What a move of the parameters changes in the block, to first order."""
+
+    def numbers(share: float) -> dict[str, float]:
+        stage = wavefront.stage
+        moved = replace(stage, parameters=stage.parameters + share * move)
+        return numbers_of(blur_of(state, replace(wavefront, stage=moved)))
+
+    forth, back = numbers(_STEP), numbers(-_STEP)
+    return {name: (forth[name] - back[name]) / (2 * _STEP) for name in forth}
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
+
 
 _LIBRARIES = ("jax", "optimistix", "equinox", "numpy", "opencv-contrib-python-headless")
 _LEAST_VISIBLE_PX = 0.01

@@ -4,8 +4,10 @@ The overlay of `lensfit calibrate` on a reduced photograph, with a strip above i
 says the level and every problem, and the width of the blur written into each ninth.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
@@ -14,7 +16,29 @@ from lensfit.detect.observations import Observations
 from lensfit.detect.overlay import overlay_picture
 from lensfit.photograph import Photograph
 from lensfit.workflow.check.records import Check
-from lensfit.workflow.check.reduced import reduced
+
+
+def reduced(
+    photograph: Photograph, found: Observations, widest_px: int
+) -> tuple[Photograph, Observations]:
+    """Both, no wider than `widest_px`; as they are if they are no wider."""
+    width, height = photograph.size_px
+    if width <= widest_px:
+        return photograph, found
+    size = widest_px, max(1, round(height * widest_px / width))
+    pixels = cv2.resize(photograph.pixels, size, interpolation=cv2.INTER_AREA)
+    scale = widest_px / width
+    small = replace(
+        photograph, pixels=pixels.reshape(size[1], size[0], -1), mosaic=None
+    )
+    detections = replace(
+        found,
+        points_px=found.points_px * scale,
+        diameter_px=found.diameter_px * scale,
+        image_size_px=size,
+    )
+    return small, detections
+
 
 _WIDEST_PX = 1600
 _TONES = {"good": (96, 190, 120), "caution": (232, 178, 60), "bad": (235, 92, 80)}

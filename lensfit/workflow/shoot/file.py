@@ -4,9 +4,14 @@ A shoot file (TOML) names one lens, one camera, the targets and the takes
 (`lensfit.workflow.shoot.records` lists the keys). Everything that can be wrong with it
 before a picture is opened is found here; what picture headers know need not be in it,
 and `lensfit.workflow.shoot.resolve` joins the two.
+
+The draft of `lensfit inspect --write-shoot` is valid as it stands, and marks what only
+the photographer knows by a comment: an unconfirmed field still says TODO. Readers of
+TOML drop comments, so the text itself is looked at.
 """
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +35,48 @@ from lensfit.workflow.shoot.records import (
     Take,
     Target,
 )
-from lensfit.workflow.shoot.unconfirmed_fields import keys_left_to_check, notes_of_draft
+
+_TABLE = re.compile(r"\s*\[+\s*([A-Za-z_]+)\s*\]+")
+_KEY = re.compile(r"\s*([A-Za-z_]+)\s*=(.*)")
+_QUOTED = re.compile(r"\"(?:\\.|[^\"\\])*\"|'[^']*'")
+_LISTED: tuple[str, ...] = ("target", "take")
+
+
+def keys_left_to_check(text: str) -> tuple[str, ...]:
+    """The keys in use whose comment still says TODO, as "[[target]] 1, pitch_mm"
+    or "lens.name".
+
+    Parameters
+    ----------
+    text : A shoot file that was read without complaint.
+    """
+    found: list[str] = []
+    table = ""
+    counts: dict[str, int] = dict.fromkeys(_LISTED, 0)
+    for line in text.splitlines():
+        header, key = _TABLE.match(line), _KEY.match(line)
+        if header:
+            table = f"{header[1]}."
+            if header[1] in counts:
+                counts[header[1]] += 1
+                table = f"[[{header[1]}]] {counts[header[1]]}, "
+        elif key:
+            _, _, comment = _QUOTED.sub("", key[2]).partition("#")
+            if "TODO" in comment:
+                found.append(table + key[1])
+    return tuple(found)
+
+
+def notes_of_draft(keys: tuple[str, ...]) -> tuple[str, ...]:
+    """One sentence that names the unconfirmed keys; nothing if there are none."""
+    if not keys:
+        return ()
+    named = "; ".join(keys)
+    return (
+        f"taken as drafted, as their lines still say TODO: {named}. Put in what is "
+        "true and remove the TODO",
+    )
+
 
 __all__ = ["Camera", "LensName", "Shoot", "Take", "Target", "load_shoot"]
 

@@ -13,9 +13,15 @@
 ``POST api/cancel``          end it; earlier results stay
 ``GET  report``              the report at the end
 ===========================  ======================================================
+
+The name of a photograph that a page hands over is a plain file name of a photograph;
+nothing is ever replaced; a file appears when the last of it is there.
 """
 
-from collections.abc import Callable
+import os
+import tempfile
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, final
 
 from msgspec import Meta, Struct
@@ -24,7 +30,8 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from lensfit.bounded import read_bounded
-from lensfit.errors import ImageError, LensfitError
+from lensfit.errors import ImageError, LensfitError, OutputError
+from lensfit.workflow.check.watched_folder import SUFFIXES
 from lensfit.workflow.view.answers import (
     Answer,
     InTurn,
@@ -36,12 +43,59 @@ from lensfit.workflow.view.answers import (
 )
 from lensfit.workflow.view.lens_server import report_answer
 from lensfit.workflow.view.shoot_form import Place, place_of_error
-from lensfit.workflow.view.uploaded import (
-    LARGEST_BYTES,
-    keep_photograph,
-    photograph_path,
-)
 from lensfit.workflow.view.viewed_shoot import ViewedShoot
+
+LARGEST_BYTES = 2**30
+_LONGEST_NAME = 200
+
+
+def photograph_path(folder: Path, name: str) -> Path:
+    """Where a photograph of that name will lie.
+
+    Raises
+    ------
+    ImageError : That is no name of a photograph, or there is one already.
+    """
+    is_plain = name == Path(name).name and "\\" not in name and name.isprintable()
+    if not is_plain or name.startswith(".") or len(name) > _LONGEST_NAME:
+        raise ImageError(f"{name[:80]!r} is no plain file name")
+    if Path(name).suffix.lower() not in SUFFIXES:
+        known = ", ".join(sorted(SUFFIXES))
+        raise ImageError("is no photograph", where=name, remedy=f"give one of {known}")
+    path = folder / name
+    if path.exists():
+        raise ImageError(
+            "is there already", where=path, remedy="give the photograph another name"
+        )
+    return path
+
+
+async def keep_photograph(path: Path, content: AsyncIterator[bytes]) -> None:
+    """Write what arrives; nothing of it stays where it ends before its time.
+
+    Raises
+    ------
+    OutputError : It cannot be written.
+    """
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".arriving.")
+    except OSError as error:
+        raise _cannot(path, error) from error
+    try:
+        with os.fdopen(handle, "wb") as file:
+            async for piece in content:
+                file.write(piece)
+        os.chmod(temporary, 0o644)
+        os.link(temporary, path)  # never in place of another
+    except OSError as error:
+        raise _cannot(path, error) from error
+    finally:
+        os.unlink(temporary)
+
+
+def _cannot(path: Path, error: OSError) -> OutputError:
+    return OutputError(f"cannot be written ({error.strerror})", where=path)
+
 
 PAGE_FILES = {
     "": "workflow/view/shoot.html",

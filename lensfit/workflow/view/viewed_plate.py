@@ -3,13 +3,16 @@
 Everything is made by the code of `lensfit apply` and `lensfit plan`, from an
 `ApplyOptions` of what is turned, so that a picture at full quality is the frame that
 `apply` writes. A proxy is a smaller plate at a coarser tolerance through the same code.
+
+Knobs are saved into a settings file without touching the rest of it; a file written in
+a way that `lensfit.workflow.shoot.toml_lines` does not understand is left alone.
 """
 
 import math
 import tempfile
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -19,14 +22,15 @@ import msgspec
 import numpy as np
 from jaxtyping import Float32
 
-from lensfit.errors import ImageError, LensfitError
+from lensfit.atomic import write_text_atomic
+from lensfit.errors import ImageError, LensfitError, SettingsError
 from lensfit.io.exr import ExrImage, read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.io.sequence import expand_frames
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.camera.settings import NAME as SETTINGS_NAME
-from lensfit.plate.camera.settings import file_stamp, settings_beside
+from lensfit.plate.camera.settings import file_stamp, load_settings, settings_beside
 from lensfit.plate.frame.error import at_frame
 from lensfit.plate.frame.outcome import apply_frame
 from lensfit.plate.frame.plate_lens import PlateLens
@@ -35,15 +39,70 @@ from lensfit.plate.frame.renderer import FrameRenderer
 from lensfit.preset.knobs import not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.workflow.plan_plate import plan_plate
+from lensfit.workflow.shoot.toml_lines import with_keys
 from lensfit.workflow.view.proxy import (
     MOST_PIXELS,
     MOST_PIXELS_OF_RAYS,
     proxy_factor,
     proxy_of,
 )
-from lensfit.workflow.view.saved_settings import save_settings
 from lensfit.workflow.view.shown import first_layer, frame_pixels
-from lensfit.workflow.view.turned import CAMERA, Turned, changes_of, turned_options
+from lensfit.workflow.view.turned import (
+    CAMERA,
+    Turned,
+    changes_of,
+    number_text,
+    turned_options,
+    whole_if_it_is,
+)
+
+Tables = Mapping[str, Mapping[str, float]]
+
+
+def save_settings(path: Path, changes: Tables) -> None:
+    """Set keys of a settings file, which is made if it is not there; whole or not.
+
+    Parameters
+    ----------
+    changes : Table, key and value.
+
+    Raises
+    ------
+    SettingsError : The file is malformed, or is written so that its keys cannot be set.
+    OutputError : It cannot be written.
+    """
+    old = ""
+    if path.is_file():
+        load_settings(path)  # what is malformed is refused in its own words
+        old = path.read_text(encoding="utf-8")
+    write_text_atomic(path, changed_text(old, changes, path))
+
+
+def changed_text(old: str, changes: Tables, path: Path) -> str:
+    """The text of a settings file with other values.
+
+    Raises
+    ------
+    SettingsError : Its keys cannot be set line by line.
+    """
+    text = old
+    for table, values in changes.items():
+        plain = {key: whole_if_it_is(value) for key, value in values.items()}
+        changed = with_keys(text, table, plain)
+        if changed is None:
+            lines = "; ".join(
+                f"{k} = {number_text(v)}"
+                for t in changes.values()
+                for k, v in t.items()
+            )
+            raise SettingsError(
+                "is written so that its keys cannot be set one by one",
+                where=path,
+                remedy=f"set them by hand: {lines}",
+            )
+        text = changed
+    return text
+
 
 Quality = Literal["proxy", "full"]
 PROXY_TOLERANCE = 1e-2

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.special import comb
 
-from lensfit.fitting.fall_off.beyond_marks import NOTHING_BEYOND
 from lensfit.fitting.fall_off.brightness import Brightness, best_told, joined
 from lensfit.fitting.fall_off.illumination import (
+    NOTHING_BEYOND,
     SYSTEMATIC,
     TERMS,
     fit_brightness,

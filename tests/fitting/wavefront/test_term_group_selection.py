@@ -9,7 +9,7 @@ from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
 from lensfit.fitting.trial import Scores
 from lensfit.fitting.wavefront.fit import _notes
-from lensfit.fitting.wavefront.held_out import held_out_dots, held_out_take
+from lensfit.fitting.wavefront.misfit import held_out_dots, held_out_take
 from lensfit.fitting.wavefront.stages import (
     chi_squared,
     first_stage,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lensfit.fitting.cores import cores
-from lensfit.fitting.wavefront.sharding import dealt
+from lensfit.fitting.wavefront.stages import dealt
 
 
 @pytest.mark.parametrize("dots", [1, 2, 7, 255, 256])

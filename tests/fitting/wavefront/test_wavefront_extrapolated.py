@@ -3,7 +3,7 @@
 import pytest
 from drawn_lens import Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.extrapolated import guessed_of
+from lensfit.fitting.wavefront.fit import guessed_of
 
 STATED_MM = {"in focus": 2000.0, "near": 1500.0, "far": 3500.0}
 """Of a chart at 2000 mm."""

@@ -10,13 +10,13 @@ from found_marks import found_marks
 
 from lensfit.detect.observations import Observations
 from lensfit.fitting.take import Take
+from lensfit.fitting.wavefront.adjusted_wavefront import moving_together, placed
 from lensfit.fitting.wavefront.centroid_biases import (
     moves_of_marks_mm,
     slight_moves_of_marks_mm,
 )
 from lensfit.fitting.wavefront.constrained_refit import undoing
 from lensfit.fitting.wavefront.gather import Gathered
-from lensfit.fitting.wavefront.place import moving_together, placed
 from lensfit.fitting.wavefront.stages import Stage, first_stage, freed, solved
 
 LENS = Seidel(0.0, 0.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))

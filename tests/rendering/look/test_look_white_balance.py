@@ -5,11 +5,13 @@ import pytest
 from look_makers import grey, looked, noise
 
 from lensfit.errors import LensfitError
-from lensfit.rendering.look.illuminant import daylight_xy, planckian_xy, white_xyz
 from lensfit.rendering.look.white_balance import (
     REC709,
     balance_matrix,
     balanced,
+    daylight_xy,
+    planckian_xy,
+    white_xyz,
     xyz_from_rgb,
 )
 

@@ -8,8 +8,11 @@ import pytest
 from browser import CHROMIUM, Browser
 
 from lensfit.workflow.kit.blur_widths import width_px
-from lensfit.workflow.kit.facts import breathing_percent
-from lensfit.workflow.kit.focus_scale import focus_scale, measured_distance_mm
+from lensfit.workflow.kit.facts import (
+    breathing_percent,
+    focus_scale,
+    measured_distance_mm,
+)
 from lensfit.workflow.kit.match import matches
 from lensfit.workflow.kit.page import kit_page, summary
 from lensfit.workflow.kit.records import FocusMark, KitLens

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from lensfit.workflow.view.latest_wins import LatestWins, Superseded
+from lensfit.workflow.view.answers import LatestWins, Superseded
 
 
 class Held:

@@ -22,8 +22,7 @@ from view_makers import (
 )
 
 from lensfit.workflow.view.guard import MOST_BYTES
-from lensfit.workflow.view.shoot_server import ShootServer
-from lensfit.workflow.view.uploaded import LARGEST_BYTES
+from lensfit.workflow.view.shoot_server import LARGEST_BYTES, ShootServer
 from lensfit.workflow.view.viewed_shoot import ViewedShoot
 
 REQUESTS = 2_000

@@ -13,8 +13,7 @@ from view_makers import Client, served
 from lensfit.workflow.check.session import CheckSession
 from lensfit.workflow.shoot.file import load_shoot
 from lensfit.workflow.view.guard import MOST_BYTES
-from lensfit.workflow.view.shoot_server import ShootServer
-from lensfit.workflow.view.uploaded import LARGEST_BYTES
+from lensfit.workflow.view.shoot_server import LARGEST_BYTES, ShootServer
 from lensfit.workflow.view.viewed_shoot import ViewedShoot
 
 PATIENCE_S = 120.0
