@@ -42,7 +42,7 @@ from data_synth.psf_truth import (
 )
 from data_synth.sensor import MOSAIC, Sensor, digitise
 from lensfit.atomic import write_text_atomic
-from lensfit.atomic_set import together
+from lensfit.atomic_set import atomic_output_set
 
 SHOOT_FILE = "shoot.toml"
 BRIGHTEST = 0.75
@@ -188,7 +188,7 @@ def write_shoot(
         `data_synth.noise_draws`).
     progress : Told the name of each shot before it is taken.
     """
-    with together(folder, last=(SHOOT_FILE,)) as made:
+    with atomic_output_set(folder, last=(SHOOT_FILE,)) as made:
 
         def photograph(number: int, shot: Shot) -> tuple[str, SetLens]:
             progress(shot.name)

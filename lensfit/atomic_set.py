@@ -34,7 +34,7 @@ _NAME = "unfinished"
 
 
 @contextmanager
-def together(
+def atomic_output_set(
     folder: str | Path, *, last: Sequence[str] = (), replaces: Iterable[Path] = ()
 ) -> Iterator[Path]:
     """A hidden folder to write to, whose files move to `folder` if the block ends well.

@@ -12,7 +12,7 @@ from pictures import frame_within, halved_plate, shown
 from PIL import Image
 
 import lensfit
-from lensfit.preset.knobs import NEUTRAL, turned
+from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 
 HERE = Path(__file__).parent
 PRESET = HERE / "prime_50" / "preset.json"
@@ -61,7 +61,7 @@ def main() -> None:
             focal_length_mm=50.0,
             f_number=2.0,
             focus_distance_mm=FOCUS_MM,
-            knobs=turned(NEUTRAL, knobs),
+            knobs=adjusted_knobs(NEUTRAL, knobs),
         )
         frame = lensfit.render(
             rgb,
@@ -70,7 +70,7 @@ def main() -> None:
             tolerance=3e-3,
             data_window=window,
             display_window=frame_within(lens),
-            look=turned(NEUTRAL, knobs).look,
+            look=adjusted_knobs(NEUTRAL, knobs).look,
         )
         height, width = frame.shape[:2]
         top, bottom, left, right = CROP

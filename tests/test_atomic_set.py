@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from lensfit import atomic_set as module
-from lensfit.atomic_set import together
+from lensfit.atomic_set import atomic_output_set
 from lensfit.errors import OutputError
 
 
@@ -36,7 +36,7 @@ def one_by_one(monkeypatch):
 
 def test_nothing_is_there_before_the_end(tmp_path):
     write(tmp_path, report="old", other="of the user")
-    with together(tmp_path) as made:
+    with atomic_output_set(tmp_path) as made:
         write(made, report="new", maps__a="new")
         assert contents(tmp_path)["report.txt"] == "old"
         assert not (tmp_path / "maps").exists()
@@ -55,7 +55,7 @@ def test_a_run_that_stops_changes_nothing(tmp_path, stop):
     write(old, report="old", maps__a="old")
 
     def stopped(folder: Path) -> None:
-        with together(folder, replaces=[Path("maps/a.txt")]) as made:
+        with atomic_output_set(folder, replaces=[Path("maps/a.txt")]) as made:
             write(made, report="new", maps__b="new")
             raise stop
 
@@ -76,7 +76,7 @@ def test_an_interrupt_waits_for_the_moves(tmp_path, monkeypatch):
         move(made, path)
 
     def run() -> None:
-        with together(tmp_path, replaces=[Path("old.txt")]) as made:
+        with atomic_output_set(tmp_path, replaces=[Path("old.txt")]) as made:
             write(made, a="new", b="new", maps__c="new")
 
     write(tmp_path, old="old")
@@ -100,7 +100,7 @@ def test_the_last_names_are_given_last(tmp_path, monkeypatch):
         move(made, path)
 
     monkeypatch.setattr(module, "_move", noted_move)
-    with together(tmp_path, last=("b.txt", "never.txt", "a.txt")) as made:
+    with atomic_output_set(tmp_path, last=("b.txt", "never.txt", "a.txt")) as made:
         write(made, a="", b="", c="", maps__d="")
     assert moved == ["c.txt", "d.txt", "b.txt", "a.txt"]
 
@@ -108,7 +108,7 @@ def test_the_last_names_are_given_last(tmp_path, monkeypatch):
 def test_what_is_not_written_again_is_removed_and_nothing_else(tmp_path):
     write(tmp_path, maps__a="old", maps__b="old", maps__mine="mine", blur__a="old")
     earlier = [Path(name) for name in ("maps/A.txt", "maps/b.txt", "blur/a.txt")]
-    with together(tmp_path, replaces=[*earlier, Path("gone/a.txt")]) as made:
+    with atomic_output_set(tmp_path, replaces=[*earlier, Path("gone/a.txt")]) as made:
         write(made, maps__a="new")
     assert contents(tmp_path) == {"maps/a.txt": "new", "maps/mine.txt": "mine"}
     assert os.listdir(tmp_path) == ["maps"]
@@ -124,7 +124,7 @@ def test_a_subfolder_may_be_a_link_to_another_disk(tmp_path, monkeypatch):
         replace(source, target)
 
     monkeypatch.setattr(os, "replace", within_a_folder)
-    with together(tmp_path) as made:
+    with atomic_output_set(tmp_path) as made:
         write(made, maps__a="new")
     assert contents(tmp_path) == {"maps/a.txt": "new"}
 
@@ -132,11 +132,11 @@ def test_a_subfolder_may_be_a_link_to_another_disk(tmp_path, monkeypatch):
 def test_what_is_in_the_way_is_said(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="is a file; give a folder"):
-        together(tmp_path / "file").__enter__()
+        atomic_output_set(tmp_path / "file").__enter__()
     (tmp_path / "a.txt").mkdir()
 
     def run() -> None:
-        with together(tmp_path) as made:
+        with atomic_output_set(tmp_path) as made:
             write(made, a="new")
 
     with pytest.raises(OutputError, match=r"a\.txt: cannot be written"):
@@ -146,11 +146,11 @@ def test_what_is_in_the_way_is_said(tmp_path):
 def test_the_hidden_folder_of_a_killed_run_is_removed(tmp_path):
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    with together(tmp_path) as mine:
+    with atomic_output_set(tmp_path) as mine:
         dead = mine.with_name(mine.name.replace(f"-{os.getpid()}.", f"-{ended.pid}."))
         dead.mkdir()
         write(dead, maps__a="half")
-        with together(tmp_path) as another:
+        with atomic_output_set(tmp_path) as another:
             assert not dead.exists()
             assert mine.exists()
             write(another, a="new")
@@ -161,7 +161,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from lensfit import exchanged_folder
-from lensfit.atomic_set import together
+from lensfit.atomic_set import atomic_output_set
 
 folder, last = Path(sys.argv[1]), int(sys.argv[2])
 calls = 0
@@ -177,7 +177,7 @@ def dying(function):
     return call
 
 
-with together(folder, replaces=[Path("maps/gone.txt")]) as made:
+with atomic_output_set(folder, replaces=[Path("maps/gone.txt")]) as made:
     (made / "maps").mkdir()
     for number in range(3):
         (made / f"{number}.txt").write_text("new")
@@ -213,7 +213,7 @@ def test_a_run_killed_at_any_moment_leaves_all_old_files_or_all_new(tmp_path):
     assert run.returncode == 0, run.stderr
     assert outcomes == sorted(outcomes)
     assert outcomes.count(False) > 5
-    with together(folder) as made:
+    with atomic_output_set(folder) as made:
         write(made, again="new")
     assert os.listdir(tmp_path) == ["results"]
 
@@ -226,7 +226,7 @@ def test_what_somebody_keeps_in_the_folder_stays_the_same_file(tmp_path):
     (folder / "empty").mkdir()
     (folder / "link").symlink_to("notes/a.txt")
     kept, mode = (folder / "notes" / "a.txt").stat().st_ino, folder.stat().st_mode
-    with together(folder) as made:
+    with atomic_output_set(folder) as made:
         write(made, report="new")
         write(folder, late="mine")
     assert contents(folder)["report.txt"] == "new"
@@ -241,7 +241,7 @@ def test_what_somebody_keeps_in_the_folder_stays_the_same_file(tmp_path):
 def test_a_folder_that_one_works_in_stays_the_same_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     before = tmp_path.stat().st_ino
-    with together(tmp_path) as made:
+    with atomic_output_set(tmp_path) as made:
         write(made, report="new")
     assert tmp_path.stat().st_ino == before
     assert contents(Path()) == {"report.txt": "new"}

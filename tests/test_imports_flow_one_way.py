@@ -146,7 +146,7 @@ def test_a_planted_cycle_of_rooms_is_caught():
         "def f():\n    from lensfit.workflow.pictures.chart_drawing import drawing_of"
     )
     assert uphill_rooms(source, "lensfit.workflow.calibration.observe") == ["pictures"]
-    assert uphill_rooms(source, "lensfit.workflow.view.shown") == []
+    assert uphill_rooms(source, "lensfit.workflow.view.screen_picture") == []
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ from data_synth.scene.plates import (
     pixel_samples,
 )
 from data_synth.scene.sampling import Sampling
-from lensfit.atomic_set import together
+from lensfit.atomic_set import atomic_output_set
 from lensfit.coords import Window
 from lensfit.errors import LensfitError
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
@@ -126,7 +126,7 @@ def write_scene(
     """
     sampling = sampling or Sampling()
     scene, camera = sitting.scene, sitting.camera
-    with together(folder, last=(SCENE_FILE,)) as made:
+    with atomic_output_set(folder, last=(SCENE_FILE,)) as made:
         progress("plates")
         samples = pixel_samples(camera, scene, sampling.plate_rays_per_pixel, seed)
         flat = flat_plate(camera, scene, samples)

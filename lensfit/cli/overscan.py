@@ -84,7 +84,7 @@ def overscan(
     Example: lensfit overscan takumar/preset.json --size 4096x3072 --f-number 2
     """
     from lensfit.plate.camera.sources import StateOverrides
-    from lensfit.preset.knobs import turned
+    from lensfit.preset.knobs import adjusted_knobs
     from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
     from lensfit.workflow.plate_overscan import overscan_of_plate
 
@@ -97,7 +97,7 @@ def overscan(
     if plate is None:
         own = None
         size_of_all = camera.image_width_px, camera.image_height_px
-        known = OverscanQuestion(size_of_all, knobs=turned(loaded.knobs, knobs))
+        known = OverscanQuestion(size_of_all, knobs=adjusted_knobs(loaded.knobs, knobs))
     else:
         overrides = StateOverrides(
             focal and focal[0], f_number, focus and focus[0], sensor_width_mm

@@ -110,8 +110,8 @@ def _plate_server(
     handed: tuple[HandedOption, ...],
 ) -> "PlateServer":
     server = _part("plate_server")
+    from lensfit.workflow.view.lens_adjustments import Started
     from lensfit.workflow.view.saved_edit import Shelved
-    from lensfit.workflow.view.turned import Started
     from lensfit.workflow.view.viewed_plate import ViewedPlate
 
     found = library.find(preset)
@@ -137,14 +137,14 @@ def _lens_server(
     what: str, beside: str | None, library: LibraryGroup, options: "ApplyOptions"
 ) -> "LensServer":
     server = _part("lens_server")
-    from lensfit.workflow.view.turned import opened_at
+    from lensfit.workflow.view.lens_adjustments import adjustments_of_options
     from lensfit.workflow.view.viewed_lens import ViewedLens
     from lensfit.workflow.view.viewed_results import ViewedResults
 
     results = ViewedResults(Path(what)) if Path(what).is_dir() else None
     first = what if results is None else str(results.preset)
     lenses = [
-        ViewedLens(library.find(name).preset, name, opened_at(options))
+        ViewedLens(library.find(name).preset, name, adjustments_of_options(options))
         for name in (first, beside)
         if name is not None
     ]

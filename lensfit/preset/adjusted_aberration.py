@@ -66,7 +66,7 @@ def scale_of(knobs: AberrationKnobs, name: str) -> Scale:
     return Scale(getattr(knobs, f"{name}_gain"), getattr(knobs, f"{name}_um"))
 
 
-def turned_aberration(
+def adjusted_aberration(
     aberration: Aberration, edge_mm: float, bands: Bands, knobs: AberrationKnobs
 ) -> Aberration:
     """The aberrations as they were turned.
@@ -79,8 +79,8 @@ def turned_aberration(
     for name, is_in, seed in _FAMILIES:
         family = {t: um for t, um in terms.items() if is_in(t)}
         terms |= scaled(family, scale_of(knobs, name), {seed: _ONE}, edge)
-    terms |= _turned_focus(terms, edge, knobs)
-    terms |= _turned_axial(terms, bands, scale_of(knobs, "axial_colour"))
+    terms |= _adjusted_focal_surfaces(terms, edge, knobs)
+    terms |= _adjusted_axial_colour(terms, bands, scale_of(knobs, "axial_colour"))
     by_colour = np.array([1.0, knobs.chromatic_gain, knobs.chromatic_gain])
     return _with_terms(aberration, {t: um * by_colour for t, um in terms.items()})
 
@@ -157,7 +157,9 @@ def _amplitude(h: np.ndarray, term: Term) -> np.ndarray:
     return eta if term.part == "re" else 1j * eta
 
 
-def _turned_focus(terms: Terms, edge: float, knobs: AberrationKnobs) -> Terms:
+def _adjusted_focal_surfaces(
+    terms: Terms, edge: float, knobs: AberrationKnobs
+) -> Terms:
     """Terms of focus and astigmatism, by the gains of the three surfaces."""
     curved = scale_of(knobs, "field_curvature")
     along, across = (
@@ -224,7 +226,7 @@ def _on_axis(focus: Terms) -> np.ndarray:
     return np.sum([np.zeros(3), *own], 0)
 
 
-def _turned_axial(terms: Terms, bands: Bands, scale: Scale) -> Terms:
+def _adjusted_axial_colour(terms: Terms, bands: Bands, scale: Scale) -> Terms:
     """Terms of focus, by what they change with colour."""
     if scale.is_neutral:
         return {}

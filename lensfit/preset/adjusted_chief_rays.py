@@ -26,7 +26,7 @@ _STEEPEST = 30.0
 _RADII = 24
 
 
-def turned_distortion(
+def adjusted_distortion(
     distortion: Distortion, edge_mm: float, knobs: AberrationKnobs
 ) -> Distortion:
     """The chief-ray map as it was turned.
@@ -80,7 +80,7 @@ _magnification = jax.jit(radial.magnification)
 _SHARES = jnp.asarray(np.linspace(0, 1, 17))
 
 
-def turned_lateral(
+def adjusted_lateral_colour(
     lateral: LateralColour,
     distortion: Distortion,
     edge_mm: float,
@@ -102,7 +102,7 @@ def turned_lateral(
         lateral = no_lateral_colour()
     reference_mm = float(distortion.reference_radius_mm)
     red, blue = (
-        _turned_shift(shift, reference_mm, edge_mm / reference_mm, gain, um)
+        _adjusted_shift(shift, reference_mm, edge_mm / reference_mm, gain, um)
         for shift, gain, um in zip(lateral, gains, stated, strict=True)
     )
     return red, blue
@@ -114,7 +114,7 @@ def lateral_gains(knobs: AberrationKnobs) -> tuple[float, float]:
     return knobs.lateral_red_gain * every, knobs.lateral_blue_gain * every
 
 
-def _turned_shift(
+def _adjusted_shift(
     shift: ChannelShift, reference_mm: float, edge: float, gain: float, um: float | None
 ) -> ChannelShift:
     factor = gain

@@ -30,20 +30,20 @@ from lensfit.optics.map_covariances import MapCovariances
 from lensfit.optics.object_deviation import PERSPECTIVE_NUMBERS
 from lensfit.optics.position_deviation import gain_of_numbers
 from lensfit.preset.aberration_knobs import BLUR_FAMILIES, AberrationKnobs
-from lensfit.preset.adjusted_aberration import turned_aberration
+from lensfit.preset.adjusted_aberration import adjusted_aberration
 from lensfit.preset.adjusted_chief_rays import (
+    adjusted_distortion,
+    adjusted_lateral_colour,
     lateral_gains,
-    turned_distortion,
-    turned_lateral,
 )
-from lensfit.preset.adjusted_pupil import turned_opening, turned_rims
-from lensfit.preset.adjusted_vignetting import turned_illumination
+from lensfit.preset.adjusted_pupil import blur_with_adjusted_pupil, with_adjusted_rims
+from lensfit.preset.adjusted_vignetting import adjusted_illumination
 from lensfit.preset.bokeh_knobs import LEAST_BLADES, BokehKnobs
 
 Matrix = Float[np.ndarray, "numbers numbers"]
 
 
-def turned_covariances(
+def adjusted_covariances(
     lens: Lens, turned: Lens, knobs: AberrationKnobs
 ) -> MapCovariances:
     """Of the maps of a lens as it was turned.
@@ -78,7 +78,7 @@ def _grown(covariance: Matrix | None, gain: np.ndarray | float) -> Matrix | None
     return covariance * np.outer(each, each)
 
 
-def turned_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> Lens:
+def adjusted_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> Lens:
     """The lens as it was turned; the same object where nothing was.
 
     Raises
@@ -88,11 +88,11 @@ def turned_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> L
     if aberration == AberrationKnobs() and bokeh == BokehKnobs():
         return lens
     edge_mm = math.hypot(*lens.sensor_size_mm) / 2
-    distortion = turned_distortion(lens.distortion, edge_mm, aberration)
+    distortion = adjusted_distortion(lens.distortion, edge_mm, aberration)
     turned = replace(
         lens,
         distortion=distortion,
-        lateral_colour=turned_lateral(
+        lateral_colour=adjusted_lateral_colour(
             lens.lateral_colour, lens.distortion, edge_mm, aberration
         ),
         largest_blur_mm=_largest_blur_mm(lens, bokeh),
@@ -104,14 +104,14 @@ def turned_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> L
     if blur is not None:
         if bokeh.cat_eye_gain != 1 or bokeh.cat_eye_percent is not None:
             corner = edge_mm / float(blur.aberration.field_radius_mm)
-            rims = turned_rims(blur, corner, bokeh)
-        blur_turned = _turned_blur(blur, edge_mm, aberration, bokeh)
+            rims = with_adjusted_rims(blur, corner, bokeh)
+        blur_turned = _adjusted_blur(blur, edge_mm, aberration, bokeh)
         parted = _measured_lateral(lens, turned, edge_mm, aberration)
         turned = replace(turned, blur=replace(blur_turned, measured_lateral=parted))
     measured = replace(lens, blur=blur)
-    illumination = turned_illumination(measured, edge_mm, rims, aberration)
+    illumination = adjusted_illumination(measured, edge_mm, rims, aberration)
     turned = replace(turned, illumination=illumination)
-    return replace(turned, covariances=turned_covariances(lens, turned, aberration))
+    return replace(turned, covariances=adjusted_covariances(lens, turned, aberration))
 
 
 def _measured_lateral(
@@ -122,19 +122,21 @@ def _measured_lateral(
     if turned.lateral_colour is lens.lateral_colour:
         return None
     gain = AberrationKnobs(chromatic_gain=aberration.chromatic_gain)
-    measured = turned_lateral(lens.lateral_colour, lens.distortion, edge_mm, gain)
+    measured = adjusted_lateral_colour(
+        lens.lateral_colour, lens.distortion, edge_mm, gain
+    )
     return measured or no_lateral_colour()
 
 
-def _turned_blur(
+def _adjusted_blur(
     blur: LensBlur, edge_mm: float, aberration: AberrationKnobs, bokeh: BokehKnobs
 ) -> LensBlur:
     if aberration != AberrationKnobs():
-        turned = turned_aberration(blur.aberration, edge_mm, blur.bands, aberration)
+        turned = adjusted_aberration(blur.aberration, edge_mm, blur.bands, aberration)
         ideal = blur.is_ideal and not turned.terms and not turned.colour_terms
         blur = replace(blur, aberration=turned, is_ideal=ideal)
     if bokeh != BokehKnobs():
-        blur = turned_opening(blur, edge_mm, bokeh)
+        blur = blur_with_adjusted_pupil(blur, edge_mm, bokeh)
     return blur
 
 

@@ -37,7 +37,9 @@ _SLIVER, _GAINS = 0.4, 65
 """Least overlap of two discs over the smaller radius; gains that are tried."""
 
 
-def turned_opening(blur: LensBlur, corner_mm: float, knobs: BokehKnobs) -> LensBlur:
+def blur_with_adjusted_pupil(
+    blur: LensBlur, corner_mm: float, knobs: BokehKnobs
+) -> LensBlur:
     """The blur through the opening as it was turned.
 
     Parameters
@@ -50,7 +52,7 @@ def turned_opening(blur: LensBlur, corner_mm: float, knobs: BokehKnobs) -> LensB
     ImageError : The filter image cannot be read, or lets no light through.
     """
     corner = corner_mm / float(blur.aberration.field_radius_mm)
-    pupil = _turned_blades(turned_rims(blur, corner, knobs), knobs)
+    pupil = _with_adjusted_blades(with_adjusted_rims(blur, corner, knobs), knobs)
     opens = pupil.rim_shift is not blur.pupil.rim_shift or knobs.blades is not None
     known = opens and bool(blur.aberration.terms)
     oval = None
@@ -67,7 +69,7 @@ def turned_opening(blur: LensBlur, corner_mm: float, knobs: BokehKnobs) -> LensB
     )
 
 
-def turned_rims(blur: LensBlur, corner: float, knobs: BokehKnobs) -> Pupil:
+def with_adjusted_rims(blur: LensBlur, corner: float, knobs: BokehKnobs) -> Pupil:
     """The pupil with its rims as they were turned.
 
     Parameters
@@ -125,7 +127,7 @@ def _shift_that_hides(share: float) -> float:
     return float(brentq(too_much, 0.0, 2.0))  # pyright: ignore[reportArgumentType]
 
 
-def _turned_blades(pupil: Pupil, knobs: BokehKnobs) -> Pupil:
+def _with_adjusted_blades(pupil: Pupil, knobs: BokehKnobs) -> Pupil:
     blades = pupil.blades
     if knobs.blades is not None:
         blades = jnp.asarray(knobs.blades, float)

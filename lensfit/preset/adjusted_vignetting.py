@@ -56,7 +56,7 @@ class Parts(NamedTuple):
     mechanical: Loss
 
 
-def turned_illumination(
+def adjusted_illumination(
     lens: Lens, edge_mm: float, rims: Pupil | None, knobs: AberrationKnobs
 ) -> Illumination | None:
     """The fall-off of a lens as it was turned; the same object where nothing was.

@@ -22,7 +22,7 @@ class Covariance(Struct, frozen=True, forbid_unknown_fields=True):
     correlation: tuple[tuple[float, ...], ...]
 
     @classmethod
-    def of_matrix(
+    def from_matrix(
         cls,
         parameters: tuple[str, ...],
         matrix: Float[np.ndarray, "parameters parameters"],

@@ -40,7 +40,7 @@ _CALLED = {
 }
 
 
-class IdleKnob(NamedTuple):
+class InactiveOverride(NamedTuple):
     """A knob that turns nothing.
 
     Attributes
@@ -60,13 +60,13 @@ class IdleKnob(NamedTuple):
         return f"{self.name} turns nothing: {self.lacking}; {options} puts some in"
 
 
-def idle_knobs(
+def inactive_overrides(
     lens: Lens,
     aberration: AberrationKnobs,
     bokeh: BokehKnobs,
     *,
     blur_is_known: bool = True,
-) -> tuple[IdleKnob, ...]:
+) -> tuple[InactiveOverride, ...]:
     """Knobs that this lens has nothing for.
 
     Parameters
@@ -82,11 +82,17 @@ def idle_knobs(
         has |= _has_aberrations(lens, aberration)
         has["chromatic"] = _is_in(lens, "chromatic") or any(map(has.get, _CHROMATIC))
     found = [
-        IdleKnob(f"{name}{_GAIN}", f"the preset has no {_CALLED[name]}", stating(name))
+        InactiveOverride(
+            f"{name}{_GAIN}", f"the preset has no {_CALLED[name]}", stating(name)
+        )
         for name, is_there in has.items()
-        if not is_there and _is_turned(aberration, f"{name}{_GAIN}")
+        if not is_there and _is_adjusted(aberration, f"{name}{_GAIN}")
     ]
-    return (*found, *_idle_of_opening(lens, bokeh)) if blur_is_known else tuple(found)
+    return (
+        (*found, *_inactive_pupil_overrides(lens, bokeh))
+        if blur_is_known
+        else tuple(found)
+    )
 
 
 def stating(name: str) -> tuple[str, ...]:
@@ -97,7 +103,7 @@ def stating(name: str) -> tuple[str, ...]:
     return (name + unit,)
 
 
-def _is_turned(knobs: AberrationKnobs | BokehKnobs, name: str) -> bool:
+def _is_adjusted(knobs: AberrationKnobs | BokehKnobs, name: str) -> bool:
     return getattr(knobs, name) not in (0, 1)
 
 
@@ -127,7 +133,7 @@ def _has_parts(
     lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs
 ) -> dict[str, bool]:
     """Parts of the fall-off that are asked for; a stated rim hides light by itself."""
-    if not any(_is_turned(aberration, f"{part}{_GAIN}") for part in _PARTS):
+    if not any(_is_adjusted(aberration, f"{part}{_GAIN}") for part in _PARTS):
         return {}
     return {
         part: photographed
@@ -145,7 +151,9 @@ def _is_in(lens: Lens, name: str) -> bool:
     return lens.blur is not None and bool(family_of(lens.blur.aberration, name))
 
 
-def _idle_of_opening(lens: Lens, knobs: BokehKnobs) -> Iterator[IdleKnob]:
+def _inactive_pupil_overrides(
+    lens: Lens, knobs: BokehKnobs
+) -> Iterator[InactiveOverride]:
     pupil = None if lens.blur is None else lens.blur.pupil
     blades = knobs.blades or 0
     if knobs.blades is None and knobs.filter_image is None and pupil is not None:
@@ -153,14 +161,16 @@ def _idle_of_opening(lens: Lens, knobs: BokehKnobs) -> Iterator[IdleKnob]:
     if blades < LEAST_BLADES:
         clause = "the opening has no blades"
         if knobs.blade_rotation_deg != 0 and knobs.filter_image is None:
-            yield IdleKnob("blade_rotation_deg", clause, ("blades", "filter_image"))
+            yield InactiveOverride(
+                "blade_rotation_deg", clause, ("blades", "filter_image")
+            )
         if knobs.roundness is not None:
-            yield IdleKnob("roundness", clause, ("blades",))
+            yield InactiveOverride("roundness", clause, ("blades",))
     has_rims = pupil is not None and pupil.rim_shift.size > 0
     if (
-        _is_turned(knobs, "cat_eye_gain")
+        _is_adjusted(knobs, "cat_eye_gain")
         and not has_rims
         and knobs.cat_eye_percent is None
     ):
         clause = "the preset has no rims that clip lights"
-        yield IdleKnob("cat_eye_gain", clause, ("cat_eye_percent",))
+        yield InactiveOverride("cat_eye_gain", clause, ("cat_eye_percent",))

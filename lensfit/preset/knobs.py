@@ -46,7 +46,7 @@ GROUP_OF: dict[str, str] = {
 """The group of every knob, by name."""
 
 
-def turned(
+def adjusted_knobs(
     knobs: Knobs,
     values: Mapping[str, object],
     *,

@@ -23,12 +23,12 @@ from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import ChannelShift
 from lensfit.optics.pupil_walk import PupilWalk
 from lensfit.preset import blocks
-from lensfit.preset.adjusted_lens import turned_lens
+from lensfit.preset.adjusted_lens import adjusted_lens
 from lensfit.preset.blur_numbers import with_moves
 from lensfit.preset.blur_of_block import blur_block as blur_block
 from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
-from lensfit.preset.inactive_overrides import idle_knobs
+from lensfit.preset.inactive_overrides import inactive_overrides
 from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.map_covariances import map_covariances
 from lensfit.preset.schema import Camera
@@ -48,8 +48,8 @@ def lens_of_selection(
     ------
     ImageError : The filter image of the knobs cannot be read, or lets no light through.
     """
-    lens, block = _unturned(chosen, camera), chosen.entry.blur
-    idle = idle_knobs(
+    lens, block = _measured_lens(chosen, camera), chosen.entry.blur
+    idle = inactive_overrides(
         lens,
         knobs.aberration,
         knobs.bokeh,
@@ -57,13 +57,13 @@ def lens_of_selection(
     )
     if idle:
         lens = replace(lens, notes=(*lens.notes, *map(str, idle)))
-    turned = turned_lens(lens, knobs.aberration, knobs.bokeh)
+    turned = adjusted_lens(lens, knobs.aberration, knobs.bokeh)
     if lens.blur is None or block is None or block.uncertainty is None:
         return turned
-    return replace(turned, moved_blurs=partial(_moved_blurs, chosen, lens, knobs))
+    return replace(turned, moved_blurs=partial(_perturbed_blurs, chosen, lens, knobs))
 
 
-def _unturned(chosen: Selection, camera: Camera) -> Lens:
+def _measured_lens(chosen: Selection, camera: Camera) -> Lens:
     """The lens as it was measured."""
     entry, f_number, blur = chosen.entry, chosen.f_number, None
     notes = chosen.notes + (NO_BLUR,) * (entry.blur is None)
@@ -87,7 +87,7 @@ def _unturned(chosen: Selection, camera: Camera) -> Lens:
     )
 
 
-def _moved_blurs(
+def _perturbed_blurs(
     chosen: Selection, lens: Lens, knobs: Knobs, draws: int | None
 ) -> Iterator[tuple[LensBlur, LensBlur]]:
     """The blur at that state for every move of the block's uncertainty, or for so many
@@ -104,7 +104,7 @@ def _moved_blurs(
         moved = msgspec.structs.replace(with_moves(block, steps), uncertainty=None)
         entry = msgspec.structs.replace(chosen.entry, blur=moved)
         blur = lens_blur(entry, f_number, chosen.measured_focus_mm)
-        turned = turned_lens(replace(lens, blur=blur), knobs.aberration, knobs.bokeh)
+        turned = adjusted_lens(replace(lens, blur=blur), knobs.aberration, knobs.bokeh)
         assert turned.blur is not None
         return turned.blur
 

@@ -154,7 +154,7 @@ def _at_focus(
     """One entry, from those of one focal length."""
     if len(entries) == 1:
         only = _at_f_number(entries[0], f_number, notes)
-        return _asked_focus(only, focus_distance_mm, notes)
+        return _entry_at_focus(only, focus_distance_mm, notes)
     if focus_distance_mm is None:
         known = sorted(e.focus_distance_mm for e in entries if e.focus_distance_mm)
         raise PresetError(
@@ -174,11 +174,11 @@ def _at_focus(
         _at_f_number(by_focus[d], f_number, notes) for d in dict.fromkeys((low, high))
     ]
     if low == high:
-        return _asked_focus(beside[0], focus_distance_mm, notes)
+        return _entry_at_focus(beside[0], focus_distance_mm, notes)
     return between_focus(beside[0], beside[1], focus_distance_mm)
 
 
-def _asked_focus(entry: Entry, asked_mm: float | None, notes: list[str]) -> Entry:
+def _entry_at_focus(entry: Entry, asked_mm: float | None, notes: list[str]) -> Entry:
     """`entry`, with a note where it was measured at another focus."""
     measured_mm = entry.focus_distance_mm
     if asked_mm is None or asked_mm == measured_mm:

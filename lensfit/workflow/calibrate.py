@@ -21,7 +21,7 @@ from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, FitError
 from lensfit.exchange.stmaps import StmapFrame, file_stem, write_stmaps
 from lensfit.fitting.lens_state import LensState
-from lensfit.fitting.lens_states import Fitted, fit
+from lensfit.fitting.lens_states import FittedLens, fit
 from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.lens import Lens
@@ -45,7 +45,7 @@ from lensfit.workflow.calibration.statement_facts import statement_facts
 from lensfit.workflow.calibration.take_facts import take_facts
 from lensfit.workflow.calibration.term_facts import terms_of
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
-from lensfit.workflow.results_set import REPORT, results_together
+from lensfit.workflow.results_set import REPORT, atomic_results
 from lensfit.workflow.shoot.charts_seen import with_charts_read
 from lensfit.workflow.shoot.records import Shoot
 from lensfit.workflow.statements.contradiction import Contradiction
@@ -94,7 +94,7 @@ def calibrate(
     LensfitError : No photograph could be used, or the folder cannot be written or holds
         the calibration of another lens.
     """
-    with results_together(out_dir, shoot) as folder:
+    with atomic_results(out_dir, shoot) as folder:
         with stopwatch() as seeing:
             shoot = with_charts_read(shoot, progress)
             observed = observe_shoot(shoot, folder, progress)
@@ -172,7 +172,7 @@ def _fitted(
     contradictions: list[Contradiction],
     progress: Progress,
     effort: str,
-) -> Fitted:
+) -> FittedLens:
     """The fit; one that fails names the contradiction, if there is one.
 
     Raises
@@ -180,7 +180,7 @@ def _fitted(
     FitError : No state could be fitted.
     """
     try:
-        return fit(takes, progress, effort=Effort.named(effort))
+        return fit(takes, progress, effort=Effort.from_name(effort))
     except FitError as error:
         if not contradictions:
             raise
@@ -196,7 +196,7 @@ def lens_of_state(preset: Preset, state: LensState) -> Lens:
     )
 
 
-def preset_of(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> Preset:
+def preset_of(shoot: Shoot, observed: list[Observed], fitted: FittedLens) -> Preset:
     """What was fitted to the takes of a shoot, as it is kept."""
     return Preset(
         lens=LensName(shoot.lens.name, shoot.lens.serial),
@@ -234,7 +234,7 @@ def _write_maps(preset: Preset, folder: Path, progress: Progress) -> list[str]:
 def _report(
     shoot: Shoot,
     observed: list[Observed],
-    fitted: Fitted,
+    fitted: FittedLens,
     preset: Preset,
     folder: Path,
 ) -> dict[str, Any]:
@@ -274,7 +274,7 @@ def _report(
         ],
         "blur_not_measured": [
             {"focal_length_mm": focal_mm, "reason": reason}
-            for focal_mm, reason in fitted.without_shape.items()
+            for focal_mm, reason in fitted.unmeasured_blur.items()
         ],
         "comparison": None,
         "files": {
@@ -290,7 +290,7 @@ def _pooled(takes: list[dict[str, Any]], key: str) -> float:
     return float(np.sqrt(sum(squares) / max(sum(t["points_used"] for t in takes), 1)))
 
 
-def _notes(shoot: Shoot, observed: list[Observed], fitted: Fitted) -> list[str]:
+def _notes(shoot: Shoot, observed: list[Observed], fitted: FittedLens) -> list[str]:
     notes = list(shoot.notes) + list(fitted.notes)
     for state in fitted.states:
         notes += state.geometry.notes
@@ -322,7 +322,7 @@ def _others(observed: list[Observed]) -> str | None:
     return f"{others} more photographs failed too" if others else None
 
 
-def _seconds(observed: list[Observed], fitted: Fitted) -> dict[str, float]:
+def _seconds(observed: list[Observed], fitted: FittedLens) -> dict[str, float]:
     total: dict[str, float] = {}
     parts = [o.seconds for o in observed]
     parts += [state.geometry.seconds for state in fitted.states]

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from lensfit.atomic_set import move_all, taken_back_if_empty, together
+from lensfit.atomic_set import atomic_output_set, move_all, taken_back_if_empty
 from lensfit.errors import LensfitError
 from lensfit.report.wipe import MODEL_PICTURES
 from lensfit.workflow.calibration.results_folder import (
@@ -33,7 +33,7 @@ _LAST = (PRESET, "report.html", REPORT)
 
 
 @contextmanager
-def results_together(out_dir: str | Path, shoot: Shoot) -> Iterator[Path]:
+def atomic_results(out_dir: str | Path, shoot: Shoot) -> Iterator[Path]:
     """A folder to write the results of a shoot to; they move on if the block ends well.
 
     If it ends in a `LensfitError`, overlays move to ``out_dir/overlays_failed``; if in
@@ -51,7 +51,7 @@ def results_together(out_dir: str | Path, shoot: Shoot) -> Iterator[Path]:
     with taken_back_if_empty(Path(out_dir)):
         folder = results_folder(out_dir, shoot)
         replaces = [*files_of_report(folder / REPORT), *_failed_overlays(folder)]
-        with together(folder, last=_LAST, replaces=replaces) as made:
+        with atomic_output_set(folder, last=_LAST, replaces=replaces) as made:
             try:
                 yield made
             except LensfitError as error:

@@ -14,7 +14,7 @@ from lensfit.plate.camera.knob_sources import KnobWord, knobs_of_plate
 from lensfit.plate.camera.settings import Settings, load_settings
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.header import plate_header
-from lensfit.preset.knobs import NEUTRAL, turned
+from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.preset.store import save_preset
 
 ALL = {**CAMERA, **SENSOR}
@@ -28,7 +28,7 @@ def inspected(*words):
 def test_each_source_is_overruled_by_the_one_before_it(tmp_path):
     path = tmp_path / "s.toml"
     path.write_text("[knobs]\ncoma_gain = 0.5\n")
-    preset = turned(NEUTRAL, {"coma_gain": 3.0, "blades": 6})
+    preset = adjusted_knobs(NEUTRAL, {"coma_gain": 3.0, "blades": 6})
     header = {"exr/lensfit/coma_gain": "0.25"}
     found = knobs_of_plate(preset, header, load_settings(path), {"coma_gain": 2.0})
     assert found.known["coma_gain"] == KnobWord(2.0, "--coma-gain")
@@ -99,7 +99,7 @@ def test_inspect_shows_knobs_with_their_sources(tmp_path):
     (other,) = record["overruled"]["coma_gain"]
     assert other == {"value": 0.25, "source": "lensfit/coma_gain"}
     preset = msgspec.structs.replace(
-        make_preset(), knobs=turned(NEUTRAL, {"bloom_gain": 0.3, "blades": 7})
+        make_preset(), knobs=adjusted_knobs(NEUTRAL, {"bloom_gain": 0.3, "blades": 7})
     )
     save_preset(preset, tmp_path / "preset.json")
     _, record = inspected(plate, "--preset", tmp_path / "preset.json")

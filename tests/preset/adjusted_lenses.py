@@ -12,7 +12,7 @@ from lensfit.lens import Lens
 from lensfit.optics.aberration import landing_and_jacobian_mm, local_wavefront
 from lensfit.preset.blocks import ChannelShift, Distortion, LateralColour, Projection
 from lensfit.preset.blur_blocks import AberrationTerm, Pupil, Rim
-from lensfit.preset.knobs import NEUTRAL, turned
+from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 
 CORNER_MM = float(np.hypot(24.89, 18.6675)) / 2
@@ -71,14 +71,14 @@ def measured_preset(*terms: AberrationTerm, **changes: Any):
 def measured(preset=None, f_number: float = 1.4, **knobs: Any) -> Lens:
     """The measured lens as it was turned."""
     chosen = preset or measured_preset()
-    return chosen.at(50.0, f_number, knobs=turned(NEUTRAL, knobs))
+    return chosen.at(50.0, f_number, knobs=adjusted_knobs(NEUTRAL, knobs))
 
 
 def ideal(f_number: float = 2.0, **knobs: Any) -> Lens:
     """A thin lens as it was turned, focused at 2 m."""
     camera = ThinCamera(50.0, f_number, FOCUS_MM / 1000, 24.89, 2048, 1536)
     preset = thin_lens_preset(camera)
-    return preset.at(50.0, f_number, FOCUS_MM, knobs=turned(NEUTRAL, knobs))
+    return preset.at(50.0, f_number, FOCUS_MM, knobs=adjusted_knobs(NEUTRAL, knobs))
 
 
 def plain(preset, **changes: Any):

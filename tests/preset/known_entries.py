@@ -32,7 +32,7 @@ def covariance_of(names: tuple[str, ...], size: float, seed: int) -> Covariance:
     """Of numbers that move together."""
     mix = np.random.default_rng(seed).normal(size=(len(names), len(names)))
     mix += 2 * np.eye(len(names))
-    return Covariance.of_matrix(names, size**2 * mix @ mix.T)
+    return Covariance.from_matrix(names, size**2 * mix @ mix.T)
 
 
 def known_entry(**changes) -> Entry:

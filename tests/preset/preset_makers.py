@@ -48,7 +48,7 @@ def make_entry(**changes: Any) -> Entry:
             Term("radial a1", True, -0.1, 1e-5, "", "held-out error fell by 0.2 px"),
             Term("thin prism", False, None, None, "", "BIC rose by 12"),
         ),
-        covariance=Covariance.of_matrix(
+        covariance=Covariance.from_matrix(
             ("a1", "a2"), np.array([[4e-10, 1e-10], [1e-10, 9e-10]])
         ),
         quality=Quality(0.021, 0.023, 1900, 1890, 4, 0.03, 1e-11),

@@ -9,7 +9,7 @@ from adjusted_lenses import CORNER_MM, ideal, measured, measured_preset, plain
 import lensfit
 from lensfit.preset.blocks import FallOff
 from lensfit.preset.blur_blocks import Pupil
-from lensfit.preset.knobs import NEUTRAL, turned
+from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 
 PRESETS = Path(__file__).parents[2] / "presets"
 PARTS = ("natural", "optical", "mechanical")
@@ -61,7 +61,7 @@ def test_a_stated_loss_has_no_colour(name, part):
     lens = preset.at(
         focal_length_mm=entry.focal_length_mm,
         focus_distance_mm=entry.focus_distance_mm,
-        knobs=turned(NEUTRAL, knobs),
+        knobs=adjusted_knobs(NEUTRAL, knobs),
     )
     corner = np.linspace(0, 1, 12)[:, None] * np.asarray(lens.sensor_size_mm) / 2
     red, green, blue = (

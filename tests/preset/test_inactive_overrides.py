@@ -8,7 +8,7 @@ from adjusted_lenses import CORNER_MM, TERMS, ideal, measured, measured_preset
 from preset_makers import make_entry, make_preset
 
 from lensfit.preset.inactive_overrides import stating
-from lensfit.preset.knobs import GROUP_OF, NEUTRAL, turned
+from lensfit.preset.knobs import GROUP_OF, NEUTRAL, adjusted_knobs
 
 GAINS = sorted(n for n in GROUP_OF if n.endswith("_gain") and GROUP_OF[n] != "look")
 SIZES = {"cat_eye_gain": ("cat_eye_percent",)}
@@ -83,7 +83,7 @@ def test_of_a_blur_at_an_f_number_that_nobody_knows_nothing_is_claimed():
     entry = measured_preset().entries[0]
     fall_off = (msgspec.structs.replace(entry.fall_off[0], f_number=None),)
     preset = make_preset(msgspec.structs.replace(entry, fall_off=fall_off))
-    knobs = turned(NEUTRAL, {"coma_gain": 2.0, "roundness": 0.5})
+    knobs = adjusted_knobs(NEUTRAL, {"coma_gain": 2.0, "roundness": 0.5})
     assert idle(preset.at(50.0, knobs=knobs)) == []
 
 

@@ -9,10 +9,10 @@ from lensfit.preset.knobs import (
     GROUP_OF,
     NEUTRAL,
     Knobs,
+    adjusted_knobs,
     knob_entries,
     not_neutral,
     slips_in,
-    turned,
 )
 from lensfit.preset.store import load_preset, save_preset
 
@@ -35,10 +35,10 @@ def test_every_knob_says_what_it_is_and_where_it_ends():
 
 
 def test_the_last_word_counts_and_text_is_a_number():
-    once = turned(NEUTRAL, {"coma_gain": "0.5", "blades": "7"})
-    twice = turned(once, {"coma_gain": 2})
+    once = adjusted_knobs(NEUTRAL, {"coma_gain": "0.5", "blades": "7"})
+    twice = adjusted_knobs(once, {"coma_gain": 2})
     assert not_neutral(twice) == {"coma_gain": 2.0, "blades": 7}
-    assert not_neutral(turned(twice, {"coma_gain": 1.0, "blades": None})) == {}
+    assert not_neutral(adjusted_knobs(twice, {"coma_gain": 1.0, "blades": None})) == {}
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_the_last_word_counts_and_text_is_a_number():
 )
 def test_what_cannot_be_set_is_said(values, said):
     with pytest.raises(PresetError, match="knobs: ") as caught:
-        turned(NEUTRAL, values)
+        adjusted_knobs(NEUTRAL, values)
     assert said in str(caught.value)
 
 
@@ -87,7 +87,7 @@ def test_a_slip_in_a_header_is_told_and_lensfits_own_entries_are_none(name):
 
 
 def test_a_preset_keeps_its_knobs(tmp_path):
-    knobs = turned(NEUTRAL, {"coma_gain": 0.25})
+    knobs = adjusted_knobs(NEUTRAL, {"coma_gain": 0.25})
     preset = msgspec.structs.replace(make_preset(), knobs=knobs)
     save_preset(preset, tmp_path / "preset.json")
     assert '"coma_gain": 0.25' in (tmp_path / "preset.json").read_text()
@@ -97,7 +97,9 @@ def test_a_preset_keeps_its_knobs(tmp_path):
 def test_a_preset_with_two_blades_is_refused_by_name(tmp_path):
     path = tmp_path / "preset.json"
     save_preset(
-        msgspec.structs.replace(make_preset(), knobs=turned(NEUTRAL, {"blades": 3})),
+        msgspec.structs.replace(
+            make_preset(), knobs=adjusted_knobs(NEUTRAL, {"blades": 3})
+        ),
         path,
     )
     assert load_preset(path).knobs.bokeh.blades == 3

@@ -9,7 +9,7 @@ from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.preset.covariance import Covariance
 from lensfit.preset.entry import Entry
-from lensfit.preset.knobs import turned
+from lensfit.preset.knobs import adjusted_knobs
 from lensfit.preset.library.deviations import deviations_of
 from lensfit.preset.library.diff import differences
 from lensfit.preset.library.key_path import MISSING
@@ -25,7 +25,7 @@ def with_distortion(entry: Entry, **changes: object) -> Entry:
 def known(**deviations: float) -> Covariance:
     """Independent parameters; `radial_0` is radial[0]."""
     names = tuple(f"{n[:-2]}[{n[-1]}]" for n in deviations)
-    return Covariance.of_matrix(names, np.diag(list(deviations.values())) ** 2)
+    return Covariance.from_matrix(names, np.diag(list(deviations.values())) ** 2)
 
 
 def test_a_preset_does_not_differ_from_itself():
@@ -57,7 +57,7 @@ def test_numbers_are_told_relative_and_in_deviations():
 
 def test_what_appears_and_what_cannot_be_relative():
     plain = make_preset()
-    knobs = turned(plain.knobs, {"bloom_gain": 0.25})
+    knobs = adjusted_knobs(plain.knobs, {"bloom_gain": 0.25})
     glowing = msgspec.structs.replace(plain, knobs=knobs)
     (found,) = differences(plain, glowing)
     assert found == ("knobs.look.bloom_gain", 0.0, 0.25, None, None)
@@ -91,7 +91,7 @@ def test_the_squeeze_has_the_deviation_of_many_draws():
     """Draws of e = ln s (cos 2a, sin 2a) around the fitted one."""
     matrix = np.array([[4e-6, 1e-6], [1e-6, 2e-6]])
     entry = make_entry(
-        covariance=Covariance.of_matrix(("squeeze[0]", "squeeze[1]"), matrix)
+        covariance=Covariance.from_matrix(("squeeze[0]", "squeeze[1]"), matrix)
     )
     size, angle = math.log(1.9), 0.02
     mean = size * np.array([math.cos(angle), math.sin(angle)])

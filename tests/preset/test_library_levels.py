@@ -9,7 +9,7 @@ from library_makers import ENTRY, SLUG, SQUEEZE, change, keep, make_show
 from preset_makers import make_entry, make_preset
 
 from lensfit.errors import PresetError
-from lensfit.preset.knobs import NEUTRAL, turned
+from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.preset.library.edit import Author, Wish, edit_preset
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.resolve import find_preset
@@ -210,7 +210,7 @@ def test_what_is_taken_out_is_whole_and_says_where_from(tmp_path: Path):
 def test_a_version_is_that_of_the_nearest_level_which_has_one(tmp_path: Path):
     show, sequence, shot = make_show(tmp_path)
     for gain in (0.7, 0.8, 0.9):
-        knobs = turned(NEUTRAL, {"coma_gain": gain})
+        knobs = adjusted_knobs(NEUTRAL, {"coma_gain": gain})
         keep(show, msgspec.structs.replace(make_preset(make_entry()), knobs=knobs))
     change(sequence, "bloom_gain", 0.2)
     change(sequence, "bloom_gain", 0.3)

@@ -130,7 +130,7 @@ def test_the_covariance_matrix_survives(tmp_path: Path):
     root = np.random.default_rng(3).normal(size=(6, 6))
     matrix = root @ root.T * 1e-8
     names = tuple("abcdef")
-    entry = make_entry(covariance=Covariance.of_matrix(names, matrix))
+    entry = make_entry(covariance=Covariance.from_matrix(names, matrix))
     save_preset(make_preset(entry), tmp_path / "p.json")
     loaded = load_preset(tmp_path / "p.json").entries[0].covariance
     assert loaded is not None

@@ -6,7 +6,7 @@ import pytest
 from ideal_lens import FOCUS_MM, HEIGHT, WIDTH, depth_of, depth_plane, noise
 
 from lensfit.coords import Window
-from lensfit.preset.knobs import NEUTRAL, turned
+from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import render
@@ -20,7 +20,7 @@ FRAME = Window.of_size(WIDTH, HEIGHT)
 def lens_of(**knobs):
     camera = ThinCamera(50.0, 2.0, FOCUS_MM / 1000, 36.0, WIDTH, HEIGHT)
     preset = thin_lens_preset(camera)
-    return preset.at(focus_distance_mm=FOCUS_MM, knobs=turned(NEUTRAL, knobs))
+    return preset.at(focus_distance_mm=FOCUS_MM, knobs=adjusted_knobs(NEUTRAL, knobs))
 
 
 @pytest.fixture(scope="module")

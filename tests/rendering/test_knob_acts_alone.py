@@ -13,7 +13,7 @@ from ideal_lens import HEIGHT, WIDTH, depth_of
 
 import lensfit
 from lensfit.coords import Window
-from lensfit.preset.knobs import NEUTRAL, turned
+from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.rendering.frame import render
 from lensfit.rendering.stages import Switches
@@ -28,7 +28,7 @@ INNER = np.s_[20:-20, 20:-20]
 def thin(**knobs):
     camera = ThinCamera(50.0, 2.0, 0.35, 36.0, WIDTH, HEIGHT)
     return thin_lens_preset(camera).at(
-        focus_distance_mm=350.0, knobs=turned(NEUTRAL, knobs)
+        focus_distance_mm=350.0, knobs=adjusted_knobs(NEUTRAL, knobs)
     )
 
 
@@ -42,7 +42,7 @@ def fitted(**knobs):
         focal_length_mm=prime().entries[0].focal_length_mm,
         f_number=1.4,
         focus_distance_mm=FOCUS_MM,
-        knobs=turned(NEUTRAL, knobs),
+        knobs=adjusted_knobs(NEUTRAL, knobs),
     )
 
 

@@ -12,7 +12,7 @@ import pytest
 
 import lensfit
 from lensfit.coords import Window
-from lensfit.preset.knobs import NEUTRAL, turned
+from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.rendering.frame import render
 from lensfit.rendering.highlights import Highlights, spots
 from lensfit.rendering.stages import Switches
@@ -30,7 +30,7 @@ def lens_of(gain):
         focal_length_mm=50.0,
         f_number=2.0,
         focus_distance_mm=FOCUS_MM,
-        knobs=turned(NEUTRAL, knobs),
+        knobs=adjusted_knobs(NEUTRAL, knobs),
     )
 
 

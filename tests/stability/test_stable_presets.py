@@ -59,7 +59,7 @@ def entries(draw) -> Entry:
         lateral_colour=None,
         fall_off=(FallOff(draw(f_number), draw(positive), *[tuple(control)] * 3),),
         terms=(),
-        covariance=Covariance.of_matrix(names, matrix),
+        covariance=Covariance.from_matrix(names, matrix),
         quality=Quality(0.0, None, 0, 0, 0),
     )
 

@@ -11,7 +11,7 @@ from plate_makers import CAMERA, SENSOR, make_preset, sharp, write_plate
 from lensfit.io.exr import read_exr
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.preset.knobs import GROUP_OF, NEUTRAL, not_neutral, turned
+from lensfit.preset.knobs import GROUP_OF, NEUTRAL, adjusted_knobs, not_neutral
 from lensfit.workflow.apply import apply
 from lensfit.workflow.plan_plate import plan_plate
 
@@ -47,7 +47,9 @@ def plate(tmp_path_factory):
 def test_a_knob_arrives_from_everywhere_and_alone(name, plate, tmp_path):
     value = other_than_neutral(name)
     preset = make_preset()
-    by_preset = msgspec.structs.replace(preset, knobs=turned(NEUTRAL, {name: value}))
+    by_preset = msgspec.structs.replace(
+        preset, knobs=adjusted_knobs(NEUTRAL, {name: value})
+    )
     folder = tmp_path / "shot"
     folder.mkdir()
     stated = f'"{value}"' if isinstance(value, str) else value

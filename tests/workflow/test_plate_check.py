@@ -11,7 +11,7 @@ from lensfit.errors import ImageError
 from lensfit.io.cryptomatte import object_id
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.depth import DepthOptions
-from lensfit.preset.knobs import NEUTRAL, turned
+from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.workflow.apply import apply
 
 PLAIN = ApplyOptions()
@@ -102,7 +102,7 @@ def test_what_no_plate_can_change_is_said_once_for_all(
 
 def test_a_filter_image_of_the_preset_is_looked_at_too(plate, tmp_path):
     preset = msgspec.structs.replace(
-        make_preset(), knobs=turned(NEUTRAL, {"filter_image": "gone.png"})
+        make_preset(), knobs=adjusted_knobs(NEUTRAL, {"filter_image": "gone.png"})
     )
     outcome(plate, tmp_path / "out")
     (failure,), skipped = outcome(plate, tmp_path / "out", preset=preset)

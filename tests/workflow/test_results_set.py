@@ -7,7 +7,7 @@ import pytest
 from report_samples import barrel_report
 
 from lensfit.errors import FitError
-from lensfit.workflow.results_set import files_of_report, results_together
+from lensfit.workflow.results_set import atomic_results, files_of_report
 from lensfit.workflow.shoot.records import Camera, LensName, Shoot, Take
 
 SHOOT = Shoot(
@@ -49,7 +49,7 @@ def contents(folder: Path) -> dict[str, str]:
 @pytest.fixture
 def held(tmp_path):
     """Two takes were calibrated, and their owner keeps files beside the results."""
-    with results_together(tmp_path, SHOOT) as folder:
+    with atomic_results(tmp_path, SHOOT) as folder:
         write_results(folder, "one", "two")
     for name in ("stmaps/own_undistort.exr", "overlays/own.png", "own.txt"):
         (tmp_path / name).write_text("own")
@@ -67,7 +67,7 @@ def test_every_file_that_a_report_names_is_known(held):
 
 
 def test_a_second_run_of_fewer_takes_leaves_nothing_of_the_first(held):
-    with results_together(held, SHOOT) as folder:
+    with atomic_results(held, SHOOT) as folder:
         write_results(folder, "two")
     found = contents(held)
     del found["report.json"]
@@ -80,7 +80,7 @@ def test_a_second_run_of_fewer_takes_leaves_nothing_of_the_first(held):
 
 
 def test_a_folder_that_only_the_first_run_filled_goes(held):
-    with results_together(held, SHOOT) as folder:
+    with atomic_results(held, SHOOT) as folder:
         report = report_of("one") | {"blur": []}
         (folder / "report.json").write_text(json.dumps(report))
     assert not (held / "blur").exists()
@@ -91,7 +91,7 @@ def test_a_folder_that_only_the_first_run_filled_goes(held):
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
 def test_an_interrupted_run_changes_nothing(held, tmp_path, stop):
     def interrupted(out_dir: Path) -> None:
-        with results_together(out_dir, SHOOT) as folder:
+        with atomic_results(out_dir, SHOOT) as folder:
             write_results(folder, "two", "three")
             raise stop
 
@@ -105,7 +105,7 @@ def test_an_interrupted_run_changes_nothing(held, tmp_path, stop):
 
 def failed(out_dir: Path, *stems: str, remedy: str | None = None) -> str:
     def run() -> None:
-        with results_together(out_dir, SHOOT) as folder:
+        with atomic_results(out_dir, SHOOT) as folder:
             for stem in stems:
                 (folder / "overlays").mkdir(exist_ok=True)
                 (folder / f"overlays/{stem}.png").write_text("failed")
@@ -130,7 +130,7 @@ def test_a_run_that_fails_keeps_its_overlays_apart(held):
 def test_an_error_names_a_file_where_it_would_have_been(tmp_path):
     with (
         pytest.raises(FitError, match=r"preset\.json") as raised,
-        results_together(tmp_path / "out", SHOOT) as folder,
+        atomic_results(tmp_path / "out", SHOOT) as folder,
     ):
         raise FitError("is not a number", where=folder / "preset.json")
     assert str(raised.value.where) == str(tmp_path / "out" / "preset.json")
@@ -143,7 +143,7 @@ def test_the_next_run_replaces_the_overlays_of_one_that_failed(held):
     names = sorted(path.name for path in (held / "overlays_failed").iterdir())
     assert names == ["own.txt", "two.png"]
     (held / "overlays_failed" / "own.txt").unlink()
-    with results_together(held, SHOOT) as folder:
+    with atomic_results(held, SHOOT) as folder:
         write_results(folder, "one")
     assert not (held / "overlays_failed").exists()
 

@@ -23,9 +23,9 @@ from lensfit.preset.knobs import (
     NEUTRAL,
     Knobs,
     Value,
+    adjusted_knobs,
     knob_entries,
     not_neutral,
-    turned,
 )
 
 
@@ -95,7 +95,7 @@ def knobs_of_plate(
     problems: dict[str, LensfitError] = {}
     for said in [*_stated(stated), *_of_settings(settings), *_of_header(header)]:
         try:
-            alone = turned(
+            alone = adjusted_knobs(
                 NEUTRAL, {said.name: said.value}, error=said.error, where=said.where
             )
         except LensfitError as error:
@@ -111,7 +111,7 @@ def knobs_of_plate(
     known = {n: found[0] for n, found in words.items() if n not in problems}
     first = {name: int(name in known) for name in words}
     return TurnedKnobs(
-        turned(preset, {name: word.value for name, word in known.items()}),
+        adjusted_knobs(preset, {name: word.value for name, word in known.items()}),
         known,
         {n: tuple(w[first[n] :]) for n, w in words.items() if w[first[n] :]},
         tuple(problems.values()),

@@ -5,7 +5,7 @@ from pathlib import Path
 from lensfit.errors import LensfitError
 
 
-def at_frame(error: LensfitError, path: Path) -> LensfitError:
+def error_at_frame(error: LensfitError, path: Path) -> LensfitError:
     """The error, named after the frame; it keeps its kind where it had no other place.
 
     Parameters

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from lensfit.errors import ImageError, LensfitError, sentence_of
 from lensfit.io.exr import ExrPart, write_exr
-from lensfit.plate.frame.error import at_frame
+from lensfit.plate.frame.error import error_at_frame
 from lensfit.plate.frame.fingerprint import Fingerprint
 from lensfit.plate.frame.renderer import FrameRenderer, with_fingerprint
 
@@ -63,4 +63,4 @@ def error_line(error: Exception, path: Path) -> str:
     """The error as one line, with the frame it happened at."""
     if not isinstance(error, LensfitError):
         return str(ImageError(sentence_of(error), where=path))
-    return str(at_frame(error, path))
+    return str(error_at_frame(error, path))

@@ -26,7 +26,7 @@ from lensfit.plate.camera.plate_state import PlateState, plate_state
 from lensfit.plate.camera.sources import CameraSources
 from lensfit.plate.depth_doubt import depth_doubt
 from lensfit.plate.focus_pick import FOCUS_AT, picked_depth_mm
-from lensfit.plate.frame.error import at_frame
+from lensfit.plate.frame.error import error_at_frame
 from lensfit.plate.frame.external_map import ExternalMap
 from lensfit.plate.frame.fingerprint import Fingerprint, fingerprint
 from lensfit.plate.frame.plate_notes import border_note
@@ -114,7 +114,7 @@ class PlateLens:
                 refuse_again(image.parts)
             return self._state_of(image, path)
         except LensfitError as error:
-            raise at_frame(error, path) from error
+            raise error_at_frame(error, path) from error
 
     def _state_of(self, image: ExrImage, path: Path) -> PlateState:
         camera = self._camera(image, path)

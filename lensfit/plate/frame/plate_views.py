@@ -13,7 +13,7 @@ from lensfit.errors import LensfitError
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.exr_views import View, joined_views, views_of
 from lensfit.io.metadata import camera_words
-from lensfit.plate.frame.error import at_frame
+from lensfit.plate.frame.error import error_at_frame
 from lensfit.plate.header import header_entries
 from lensfit.plate.notes import FrameNote
 
@@ -42,7 +42,7 @@ class PlateView(NamedTuple):
                 raise
             what = f"view {self.view.name!r} {error.what}"
             inner = type(error)(what, where=error.where, remedy=error.remedy)
-            raise at_frame(inner, path) from error
+            raise error_at_frame(inner, path) from error
 
 
 def plate_views(image: ExrImage, path: Path) -> list[PlateView]:

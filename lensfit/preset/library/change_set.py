@@ -78,7 +78,7 @@ class ChangeSet(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     continues: str | None
     changes: Annotated[tuple[Change, ...], Meta(min_length=1)]
 
-    def in_effect(self) -> dict[str, Change]:
+    def effective_changes(self) -> dict[str, Change]:
         """The last change of every key that is still changed, in the order made."""
         last: dict[str, Change] = {}
         for change in self.changes:

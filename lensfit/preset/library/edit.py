@@ -175,7 +175,7 @@ def _changed(
         if wish.drop:
             check_lock(wish.key, steps_of(wish.key), unlocked=unlock)
             key = _own_key(before, wish.key, shelves[0].level.label)
-            before = _with(before, _dropped(before.in_effect()[key], author))
+            before = _with(before, _dropped(before.effective_changes()[key], author))
     found = looked_at(before)
     for wish in wishes:
         if not wish.drop:
@@ -184,7 +184,7 @@ def _changed(
             found = looked_at(_with(before, change))
             # As it is kept: a whole number where a length belongs becomes 50.0.
             kept = value_at(complete_tables(found.preset), steps_of(change.key))
-            own = before.in_effect().get(change.key)
+            own = before.effective_changes().get(change.key)
             if own is not None and kept == own.value:
                 raise PresetError(f"{change.key}: is {value_text(kept)} already")
             before = _with(before, msgspec.structs.replace(change, value=kept))
@@ -194,9 +194,9 @@ def _changed(
 def _own_key(changes: ChangeSet, key: str, level: str) -> str:
     """The key as the level's changes spell it."""
     meant = steps_of(key)
-    own = [k for k in changes.in_effect() if steps_of(k) == meant]
+    own = [k for k in changes.effective_changes() if steps_of(k) == meant]
     if not own:
-        here = ", ".join(changes.in_effect()) or "nothing"
+        here = ", ".join(changes.effective_changes()) or "nothing"
         raise PresetError(
             f"{key}: is not changed at {level}", remedy=f"changed is {here}"
         )

@@ -159,7 +159,7 @@ def _changed(
         for change in changes.changes:
             first.setdefault(change.key, change)
         below = tables
-        for key, change in changes.in_effect().items():
+        for key, change in changes.effective_changes().items():
             beneath = _value_at(below, key, part)
             if _is_other(beneath, first[key].before):
                 notes.append(

@@ -40,7 +40,7 @@ def _plain_words(text: str) -> str:
     return f"{words[:_LONGEST]}-{digits}".lstrip("-")
 
 
-def asked_slug(name: str) -> str:
+def requested_slug(name: str) -> str:
     """The folder that a person means by a lens' name, or by a folder's."""
     return name if is_slug(name) else _plain_words(name)
 
@@ -63,7 +63,7 @@ def version_number(name: str) -> int | None:
     return int(match[1])
 
 
-def asked_version(text: str) -> int:
+def requested_version(text: str) -> int:
     """The number that a person means by v002, v2 or 2.
 
     Raises

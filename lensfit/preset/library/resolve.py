@@ -20,8 +20,8 @@ from lensfit.preset.library.found import Found
 from lensfit.preset.library.layers import put_together
 from lensfit.preset.library.levels import LENSES, Level, levels_of
 from lensfit.preset.library.names import (
-    asked_slug,
-    asked_version,
+    requested_slug,
+    requested_version,
     version_name,
     version_number,
 )
@@ -60,7 +60,7 @@ def _of_name(text: str, levels: tuple[Level, ...]) -> Found:
     label, colon, rest = text.rpartition(":")
     labels = [level.label for level in levels]
     if not colon or label not in labels:
-        if colon and asked_slug(rest.partition("@")[0]) in known_slugs(levels):
+        if colon and requested_slug(rest.partition("@")[0]) in known_slugs(levels):
             raise PresetError(
                 f"{label[:80]!r} is no level here",
                 where=levels[0].folder,
@@ -93,7 +93,7 @@ def _of_nearest(shelves: list[Shelf], asked: str) -> Found:
     that is noted."""
     if asked in ("", "latest", "default"):
         return put_together(shelves, shelves[0].number(asked or None))
-    number = asked_version(asked)
+    number = requested_version(asked)
     at, *others = [n for n, s in enumerate(shelves) if number in s.numbers] or [0]
     found = put_together(shelves[at:], shelves[at].existing(number))
     if not at and not others:
@@ -124,7 +124,7 @@ def lens_in(levels: tuple[Level, ...], name: str) -> str:
     ------
     PresetError : There is none, or there are several.
     """
-    slug, known = asked_slug(name), known_slugs(levels)
+    slug, known = requested_slug(name), known_slugs(levels)
     if slug in known and slug:
         return slug
     meant = [one for one in known if slug and one.startswith(f"{slug}_")]

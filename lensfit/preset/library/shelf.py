@@ -18,7 +18,7 @@ from lensfit.preset.library.default_mark import (
 )
 from lensfit.preset.library.levels import Level, check_inside
 from lensfit.preset.library.names import (
-    asked_version,
+    requested_version,
     version_name,
     version_number,
 )
@@ -77,7 +77,7 @@ class Shelf:
                     remedy=f"mark one: lensfit preset default {self.slug}@v001",
                 )
             return self.in_use()
-        return self.existing(asked_version(asked))
+        return self.existing(requested_version(asked))
 
     def existing(self, number: int) -> int:
         """The number, if there is such a version.

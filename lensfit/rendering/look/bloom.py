@@ -17,7 +17,7 @@ from jaxtyping import Float32
 
 from lensfit.rendering.look.blur_of_light import LEVEL
 from lensfit.rendering.look.halo import Halo, dealt, haloed, octaves_spread
-from lensfit.rendering.look.light import light_above, moved
+from lensfit.rendering.look.light import light_above, picture_with_halo
 from lensfit.rendering.look.pyramid import (
     Picture,
     doubled,
@@ -59,7 +59,7 @@ def bloomed(
         halo = haloed(light, HALO, half_light_px, least_px)
     else:
         halo = _growing(light, half_light_px, least_px, halo_radius_px)
-    return moved(colour, light, halo, share)
+    return picture_with_halo(colour, light, halo, share)
 
 
 def _growing(

@@ -6,7 +6,7 @@ sum over the picture is kept in every channel. Placed as `pro_mist`.
 """
 
 from lensfit.rendering.look.halo import Halo, haloed
-from lensfit.rendering.look.light import all_light, moved
+from lensfit.rendering.look.light import all_light, picture_with_halo
 from lensfit.rendering.look.pyramid import Picture
 
 HALO = Halo((1.0,) * 3)
@@ -18,4 +18,4 @@ def diffused(
     """A picture through a diffusion filter; parameters as `pro_mist.misted`."""
     light = all_light(colour)
     halo = haloed(light, HALO, half_light_px, least_px)
-    return moved(colour, light, halo, share)
+    return picture_with_halo(colour, light, halo, share)

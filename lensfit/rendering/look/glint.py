@@ -22,7 +22,11 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.optics.spectrum import CENTRES_NM, REFERENCE_NM
-from lensfit.rendering.look.light import brightest_channel, light_above, moved
+from lensfit.rendering.look.light import (
+    brightest_channel,
+    light_above,
+    picture_with_halo,
+)
 from lensfit.rendering.look.pyramid import (
     Picture,
     doubled,
@@ -96,7 +100,7 @@ def glinted(
         for length in star.lengths_px(light.shape[2])
     ]
     spread = doubled(_convolved(small, kernels), level)
-    return moved(colour, light, spread[rim:, rim:][:height, :width], share)
+    return picture_with_halo(colour, light, spread[rim:, rim:][:height, :width], share)
 
 
 def star_kernel(

@@ -71,7 +71,9 @@ def _above(brightest: Plane, threshold: float) -> Plane:
     return over
 
 
-def moved(colour: Picture, light: Picture, halo: Picture, share: float) -> Picture:
+def picture_with_halo(
+    colour: Picture, light: Picture, halo: Picture, share: float
+) -> Picture:
     """The picture with a share of some light taken away and laid down as its halo."""
     result = halo - light
     result *= np.float32(share)

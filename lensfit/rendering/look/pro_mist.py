@@ -10,7 +10,7 @@ lens, which of a smooth halo shows little.
 """
 
 from lensfit.rendering.look.halo import Halo, haloed
-from lensfit.rendering.look.light import all_light, moved
+from lensfit.rendering.look.light import all_light, picture_with_halo
 from lensfit.rendering.look.pyramid import Picture
 
 HALO = Halo((1.0,) * 6)
@@ -29,4 +29,4 @@ def misted(
     """
     light = all_light(colour)
     halo = haloed(light, HALO, half_light_px, least_px)
-    return moved(colour, light, halo, share)
+    return picture_with_halo(colour, light, halo, share)

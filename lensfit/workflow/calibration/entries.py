@@ -42,7 +42,7 @@ _DIGITS = 5
 def known_blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     """`blur_of`, with its uncertainty."""
     blur = blur_of(state, wavefront)
-    moves = parameter_moves(wavefront.stage, wavefront.stated_covariance)
+    moves = parameter_moves(wavefront.stage, wavefront.total_covariance)
     changes = [_change(move, state, wavefront) for move in moves]
     names = [n for n in numbers_of(blur) if any(c.get(n) for c in changes)]
     known = BlurUncertainty(
@@ -233,7 +233,9 @@ def _colour_covariance(colour: ChannelColour, reference_radius_mm: float) -> Cov
     unit = np.where(np.arange(len(names)) < 2, reference_radius_mm, 1.0)
     matrix = colour.covariance * np.outer(unit, unit)
     kept = np.flatnonzero(np.diag(matrix))
-    return Covariance.of_matrix(tuple(names[kept].tolist()), matrix[np.ix_(kept, kept)])
+    return Covariance.from_matrix(
+        tuple(names[kept].tolist()), matrix[np.ix_(kept, kept)]
+    )
 
 
 def _of_known_stops(measured: list[FallOffFit]) -> list[FallOffFit]:
@@ -245,7 +247,7 @@ def _of_known_stops(measured: list[FallOffFit]) -> list[FallOffFit]:
 def _fall_off(fall_off: FallOffFit) -> blocks.FallOff:
     r, g, b = (tuple(row.tolist()) for row in fall_off.control)
     known = [
-        Covariance.of_matrix(tuple(fall_off_names(channel, len(matrix))), matrix)
+        Covariance.from_matrix(tuple(fall_off_names(channel, len(matrix))), matrix)
         for channel, matrix in zip("rgb", fall_off.covariance, strict=True)
     ]
     return blocks.FallOff(
@@ -288,4 +290,4 @@ def _covariance(state: LensState) -> Covariance:
         names += [f"{block}[{k}]" for k in numbers]
         rows += (where.start + places).tolist()
     known = known * np.outer(unit, unit)
-    return Covariance.of_matrix(tuple(names), known[np.ix_(rows, rows)])
+    return Covariance.from_matrix(tuple(names), known[np.ix_(rows, rows)])

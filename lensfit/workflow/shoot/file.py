@@ -42,7 +42,7 @@ _QUOTED = re.compile(r"\"(?:\\.|[^\"\\])*\"|'[^']*'")
 _LISTED: tuple[str, ...] = ("target", "take")
 
 
-def keys_left_to_check(text: str) -> tuple[str, ...]:
+def unconfirmed_fields(text: str) -> tuple[str, ...]:
     """The keys in use whose comment still says TODO, as "[[target]] 1, pitch_mm"
     or "lens.name".
 
@@ -139,7 +139,7 @@ def shoot_of(
     tables = convert_strictly(
         data, ShootFile, error=ShootError, where=path, place=_place
     )
-    unconfirmed = keys_left_to_check(text)
+    unconfirmed = unconfirmed_fields(text)
     targets = _by_name(tables.target, path)
     _check_takes(tables.take, targets, tables.camera, path)
     return Shoot(

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, Knobs
-from lensfit.workflow.view.turned import FILES
+from lensfit.workflow.view.lens_adjustments import FILES
 
 _TITLES = {"aberration": "Aberrations", "bokeh": "Bokeh", "look": "Look"}
 _NAMED = {"f_number": "f-number", "roi": "Region [x0, y0, x1, y1] (px)"}

@@ -30,7 +30,7 @@ from lensfit.workflow.view.answers import (
     png_answer,
 )
 from lensfit.workflow.view.controls import knob_controls
-from lensfit.workflow.view.turned import check_turned
+from lensfit.workflow.view.lens_adjustments import require_valid_adjustments
 from lensfit.workflow.view.viewed_lens import OfLens, ViewedLens
 from lensfit.workflow.view.viewed_results import ViewedResults
 
@@ -127,7 +127,7 @@ class LensServer:
             if wanted.lens >= len(self.lenses):
                 raise LensfitError("there is one lens here", remedy="leave lens out")
             viewed = self.lenses[wanted.lens]
-            check_turned(viewed.preset, wanted)
+            require_valid_adjustments(viewed.preset, wanted)
 
             def found() -> Any:
                 return getattr(viewed, name)(wanted)

@@ -12,7 +12,7 @@
 ``POST api/edit``        knobs as a version of the lens in its library (who, why)
 =======================  ==========================================================
 
-A body is JSON: what is turned (`Turned`) and what is asked of it.
+A body is JSON: what is turned (`LensAdjustments`) and what is asked of it.
 """
 
 import math
@@ -35,14 +35,14 @@ from lensfit.workflow.view.answers import (
     png_answer,
 )
 from lensfit.workflow.view.controls import knob_controls
-from lensfit.workflow.view.saved_edit import Shelved, save_edit
-from lensfit.workflow.view.shown import screen_png
-from lensfit.workflow.view.turned import (
+from lensfit.workflow.view.lens_adjustments import (
+    LensAdjustments,
     Started,
-    Turned,
-    check_turned,
     command_line,
+    require_valid_adjustments,
 )
+from lensfit.workflow.view.saved_edit import Shelved, save_edit
+from lensfit.workflow.view.screen_picture import screen_png
 from lensfit.workflow.view.view_transform import (
     ENVIRONMENT,
     ViewTransform,
@@ -62,7 +62,7 @@ PAGE_FILES = {
 Stops = Annotated[float, Meta(ge=-20, le=20)]
 
 
-class Render(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Render(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A frame that is wanted."""
 
     quality: Literal["proxy", "full"] = "full"
@@ -72,7 +72,7 @@ class Render(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
     newest: bool = False
 
 
-class Query(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Query(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Anything else about what is turned."""
 
     exposure_stops: Stops = 0.0
@@ -86,14 +86,14 @@ class Config(Struct, frozen=True, forbid_unknown_fields=True):
     config: Annotated[str, Meta(max_length=200)]
 
 
-class Edit(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Edit(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What is turned, to go on record."""
 
     who: Annotated[str, Meta(max_length=200)]
     why: Annotated[str, Meta(max_length=2000)]
 
 
-class Focus(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Focus(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A pixel of the frame, from its upper left corner."""
 
     x: Annotated[float, Meta(ge=0, le=1e6)]
@@ -124,7 +124,9 @@ class PlateServer:
     def begin(self) -> None:
         """Make the first picture while the browser starts, which asks for it then."""
         quality: Quality = "full" if self.viewed.plate(0).proxy is None else "proxy"
-        self._in_turn.begin(quality, lambda: self.viewed.pixels(Turned(), quality))
+        self._in_turn.begin(
+            quality, lambda: self.viewed.pixels(LensAdjustments(), quality)
+        )
 
     @property
     def routes(self) -> list[Route]:
@@ -205,12 +207,12 @@ class PlateServer:
 
     async def command(self, request: Request) -> Response:
         """The command line."""
-        query = await self._read(request, Turned)
+        query = await self._read(request, LensAdjustments)
         return JSONResponse({"command": command_line(self.started, query)})
 
     async def save(self, request: Request) -> Response:
         """The settings file."""
-        query = await self._read(request, Turned)
+        query = await self._read(request, LensAdjustments)
         notes = await self._in_turn.done(lambda: self.viewed.save(query))
         return JSONResponse({"path": str(self.viewed.settings_path), "notes": notes})
 
@@ -222,7 +224,9 @@ class PlateServer:
         return JSONResponse({"version": name})
 
     async def _read(self, request: Request, record: type) -> Any:
-        return check_turned(self.viewed.preset, await message_of(request, record))
+        return require_valid_adjustments(
+            self.viewed.preset, await message_of(request, record)
+        )
 
     async def _in_lane(self, newest: bool, lane: str, job: Callable[[], Any]) -> Any:
         if newest:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from lensfit.errors import PresetError
 from lensfit.preset.library.edit import Author, Wish, edit_preset
-from lensfit.workflow.view.turned import Turned, whole_if_it_is
+from lensfit.workflow.view.lens_adjustments import LensAdjustments, whole_if_it_is
 
 
 class Shelved(NamedTuple):
@@ -21,7 +21,7 @@ class Shelved(NamedTuple):
     library: Path | None
 
 
-def save_edit(shelved: Shelved | None, wanted: Turned, author: Author) -> str:
+def save_edit(shelved: Shelved | None, wanted: LensAdjustments, author: Author) -> str:
     """The full name of the version that the knobs are saved as.
 
     Parameters

@@ -16,7 +16,7 @@ from msgspec import Meta
 from lensfit.errors import LensfitError
 from lensfit.lens import Lens
 from lensfit.preset.entry import Entry
-from lensfit.preset.knobs import not_neutral, turned
+from lensfit.preset.knobs import adjusted_knobs, not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.report.breathing import breathing
 from lensfit.report.grey_tiles import png, sheet_of
@@ -37,8 +37,8 @@ from lensfit.report.through import (
     through_tiles,
     usual_defocus,
 )
+from lensfit.workflow.view.lens_adjustments import CAMERA, Distance, LensAdjustments
 from lensfit.workflow.view.lens_curves import breathing_facts, lens_facts
-from lensfit.workflow.view.turned import CAMERA, Distance, Turned
 from lensfit.workflow.view.viewed_plate import lens_ranges
 
 _MOST_STOPS = 5
@@ -48,7 +48,7 @@ _DRAWS = 12
 _Share = Annotated[float, Meta(ge=-1, le=1)]
 
 
-class OfLens(Turned, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class OfLens(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A state of a lens, an object and a point of the frame.
 
     Attributes
@@ -77,7 +77,7 @@ class ViewedLens:
     opened : What the command states of the camera and of knobs.
     """
 
-    def __init__(self, preset: Preset, name: str, opened: Turned):
+    def __init__(self, preset: Preset, name: str, opened: LensAdjustments):
         self.preset, self.name = preset, name
         self._opened = opened
         camera = preset.camera
@@ -87,7 +87,7 @@ class ViewedLens:
     def start(self) -> dict[str, Any]:
         """Name, verdict, the state it is opened at, and ranges."""
         preset, verdict = self.preset, self.preset.verdict
-        knobs = not_neutral(turned(preset.knobs, self._opened.knobs))
+        knobs = not_neutral(adjusted_knobs(preset.knobs, self._opened.knobs))
         return {
             "lens": preset.lens.name,
             "serial": preset.lens.serial,
@@ -99,7 +99,7 @@ class ViewedLens:
             "ranges": lens_ranges(preset),
         }
 
-    def lens(self, wanted: Turned, f_number: float | None = None) -> Lens:
+    def lens(self, wanted: LensAdjustments, f_number: float | None = None) -> Lens:
         """The lens as it is turned, maybe at another f-number.
 
         Raises
@@ -109,7 +109,9 @@ class ViewedLens:
         camera = self._start | wanted.camera
         if f_number is not None:
             camera["f_number"] = f_number
-        knobs = turned(self.preset.knobs, {**self._opened.knobs, **wanted.knobs})
+        knobs = adjusted_knobs(
+            self.preset.knobs, {**self._opened.knobs, **wanted.knobs}
+        )
         return self.preset.at(**camera, knobs=knobs)
 
     def field(self, wanted: OfLens) -> dict[str, Any]:
@@ -225,7 +227,7 @@ class ViewedLens:
         return sorted(kept)
 
 
-def _start_camera(preset: Preset, opened: Turned) -> dict[str, float | None]:
+def _start_camera(preset: Preset, opened: LensAdjustments) -> dict[str, float | None]:
     """What is stated, else the first entry, as wide open as was measured."""
     camera: dict[str, float | None] = dict.fromkeys(CAMERA) | opened.camera
     focal = camera["focal_length_mm"]

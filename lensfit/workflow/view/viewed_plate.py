@@ -31,7 +31,7 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.camera.settings import NAME as SETTINGS_NAME
 from lensfit.plate.camera.settings import file_stamp, load_settings, settings_beside
-from lensfit.plate.frame.error import at_frame
+from lensfit.plate.frame.error import error_at_frame
 from lensfit.plate.frame.outcome import apply_frame
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_views import plate_views
@@ -40,21 +40,21 @@ from lensfit.preset.knobs import not_neutral
 from lensfit.preset.schema import Preset
 from lensfit.workflow.plan_plate import plan_plate
 from lensfit.workflow.shoot.toml_lines import with_keys
+from lensfit.workflow.view.lens_adjustments import (
+    CAMERA,
+    LensAdjustments,
+    adjusted_options,
+    number_text,
+    settings_tables,
+    whole_if_it_is,
+)
 from lensfit.workflow.view.proxy import (
     MOST_PIXELS,
     MOST_PIXELS_OF_RAYS,
     proxy_factor,
     proxy_of,
 )
-from lensfit.workflow.view.shown import first_layer, frame_pixels
-from lensfit.workflow.view.turned import (
-    CAMERA,
-    Turned,
-    changes_of,
-    number_text,
-    turned_options,
-    whole_if_it_is,
-)
+from lensfit.workflow.view.screen_picture import first_layer, frame_pixels
 
 Tables = Mapping[str, Mapping[str, float]]
 
@@ -184,7 +184,7 @@ class ViewedPlate:
             return self._plate[1]
 
     def pixels(
-        self, wanted: Turned, quality: Quality
+        self, wanted: LensAdjustments, quality: Quality
     ) -> Float32[np.ndarray, "height width 3"]:
         """The frame through the lens, scene-linear, over the display window.
 
@@ -207,10 +207,12 @@ class ViewedPlate:
                     self._made.popitem(last=False)
         return found
 
-    def _rendered(self, wanted: Turned, quality: Quality) -> np.ndarray:
+    def _rendered(self, wanted: LensAdjustments, quality: Quality) -> np.ndarray:
         plate = self.plate(wanted.frame)
         options = replace(
-            turned_options(self.options, wanted), layers=[plate.layer], output="result"
+            adjusted_options(self.options, wanted),
+            layers=[plate.layer],
+            output="result",
         )
         image = plate.image
         if quality == "proxy" and plate.proxy is not None:
@@ -226,7 +228,7 @@ class ViewedPlate:
         plate = self.plate(frame)
         return frame_pixels(plate.image, plate.layer)
 
-    def frame_exr(self, wanted: Turned) -> bytes:
+    def frame_exr(self, wanted: LensAdjustments) -> bytes:
         """The file that `lensfit apply` writes.
 
         Raises
@@ -234,7 +236,7 @@ class ViewedPlate:
         LensfitError : It cannot be rendered so.
         """
         path = self.path(wanted.frame)
-        renderer = FrameRenderer(self.preset, turned_options(self.options, wanted))
+        renderer = FrameRenderer(self.preset, adjusted_options(self.options, wanted))
         with tempfile.TemporaryDirectory() as folder:
             target = Path(folder) / path.name
             outcome = apply_frame(renderer, path, target)
@@ -242,19 +244,19 @@ class ViewedPlate:
                 raise LensfitError(outcome.failure)
             return target.read_bytes()
 
-    def plan(self, wanted: Turned) -> dict[str, Any]:
+    def plan(self, wanted: LensAdjustments) -> dict[str, Any]:
         """What a frame needs and costs, as `lensfit plan` says it.
 
         Raises
         ------
         LensfitError : It cannot be rendered so.
         """
-        path, options = self.path(wanted.frame), turned_options(self.options, wanted)
+        path, options = self.path(wanted.frame), adjusted_options(self.options, wanted)
         with _at(path):
             plan, notes = plan_plate(self.preset, path, options)
         return plan.facts() | {"notes": notes}
 
-    def focus_distance_mm(self, wanted: Turned, x: float, y: float) -> float:
+    def focus_distance_mm(self, wanted: LensAdjustments, x: float, y: float) -> float:
         """The focus distance that is sharp at a pixel of the frame, from the sensor.
 
         Parameters
@@ -265,11 +267,11 @@ class ViewedPlate:
         ------
         ImageError : The plate has no depth there.
         """
-        free = Turned(
+        free = LensAdjustments(
             frame=wanted.frame, focal_length_mm=wanted.focal_length_mm,
             f_number=wanted.f_number,
         )  # fmt: skip
-        options = turned_options(self.options, free)
+        options = adjusted_options(self.options, free)
         options = replace(options, camera=replace(options.camera, focus_at=(x, y)))
         options = replace(
             options, overrides=replace(options.overrides, focus_distance_mm=None)
@@ -315,15 +317,15 @@ class ViewedPlate:
         """The settings file that belongs to the plate."""
         return self.options.camera.settings or self.path(0).parent / SETTINGS_NAME
 
-    def save(self, wanted: Turned) -> list[str]:
+    def save(self, wanted: LensAdjustments) -> list[str]:
         """Write what is turned to the settings file; remarks, if it does not suffice.
 
         Raises
         ------
         LensfitError : The file cannot be changed.
         """
-        save_settings(self.settings_path, changes_of(wanted))
-        turned = turned_options(self.options, wanted)
+        save_settings(self.settings_path, settings_tables(wanted))
+        turned = adjusted_options(self.options, wanted)
         plate = self.plate(wanted.frame)
         now, then = self._state(self.options, plate), self._state(turned, plate)
         if (now.lens_key, now.knobs) == (then.lens_key, then.knobs):
@@ -382,9 +384,9 @@ def lens_ranges(preset: Preset) -> dict[str, Any]:
     }
 
 
-def _bare(wanted: Turned) -> bytes:
+def _bare(wanted: LensAdjustments) -> bytes:
     """What is turned alone, whatever a message adds to it."""
-    values = {name: getattr(wanted, name) for name in Turned.__struct_fields__}
+    values = {name: getattr(wanted, name) for name in LensAdjustments.__struct_fields__}
     return msgspec.json.encode(values, order="sorted")
 
 
@@ -398,4 +400,4 @@ def _at(path: Path) -> Iterator[None]:
     try:
         yield
     except LensfitError as error:
-        raise at_frame(error, path) from error
+        raise error_at_frame(error, path) from error

@@ -7,7 +7,6 @@ from lensfit.rendering.look.light import (
     all_light,
     brightness_above,
     light_above,
-    moved,
 )
 
 
@@ -56,7 +55,11 @@ def test_negative_light_is_none_and_stays_in_the_picture():
     colour = np.array([[[-0.5, 4.0, 0.0]]], np.float32)
     light = light_above(colour, 1.0)
     assert light[0, 0].tolist() == [0.0, 3.0, 0.0]
-    assert moved(colour, light, 0 * light, 1.0)[0, 0].tolist() == [-0.5, 1.0, 0.0]
+    assert picture_with_halo(colour, light, 0 * light, 1.0)[0, 0].tolist() == [
+        -0.5,
+        1.0,
+        0.0,
+    ]
 
 
 def test_one_channel_is_as_good_as_three():

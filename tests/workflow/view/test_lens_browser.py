@@ -16,8 +16,8 @@ from view_makers import (
 )
 
 from lensfit.preset.store import load_preset
+from lensfit.workflow.view.lens_adjustments import LensAdjustments
 from lensfit.workflow.view.lens_server import LensServer
-from lensfit.workflow.view.turned import Turned
 from lensfit.workflow.view.viewed_lens import ViewedLens
 
 pytestmark = [
@@ -34,7 +34,7 @@ DRAWN = """['point', 'field', 'through', 'figures'].every((name) =>
 @pytest.fixture(scope="module")
 def client() -> Iterator[Client]:
     prime = load_preset(PRESETS / "prime_50" / "preset.json")
-    with served(LensServer([ViewedLens(prime, "prime", Turned())])) as asked:
+    with served(LensServer([ViewedLens(prime, "prime", LensAdjustments())])) as asked:
         yield asked
 
 
@@ -100,7 +100,7 @@ def test_it_is_named_fits_a_tablet_and_asks_nobody_else(
 
 def test_two_lenses_stand_side_by_side(tmp_path: Path):
     lenses = [
-        ViewedLens(load_preset(PRESETS / name / "preset.json"), name, Turned())
+        ViewedLens(load_preset(PRESETS / name / "preset.json"), name, LensAdjustments())
         for name in ("prime_50", "vintage_50")
     ]
     with served(LensServer(lenses)) as client, Browser(tmp_path) as browser:

@@ -10,8 +10,8 @@ from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, Knobs
 from lensfit.workflow.view.controls import knob_controls
+from lensfit.workflow.view.lens_adjustments import FILES, LensAdjustments
 from lensfit.workflow.view.proxy import MOST_PIXELS, proxy_factor, proxy_of
-from lensfit.workflow.view.turned import FILES, Turned
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
 
@@ -72,7 +72,7 @@ def test_a_proxy_s_blur_is_the_frame_s(tmp_path):
     plate = write_depth_plate(tmp_path / "plate.exr", 640, 360)
     viewed = ViewedPlate(thin_lens(640, 360), str(plate), ApplyOptions())
     # Focus at infinity blurs by many pixels: what is left varies slowly.
-    wanted = Turned(focus_distance_mm="inf")
+    wanted = LensAdjustments(focus_distance_mm="inf")
     small, full = (viewed.pixels(wanted, q) for q in ("proxy", "full"))
     means = full.reshape(180, 2, 320, 2, 3).mean(axis=(1, 3))
     assert small.shape == means.shape

@@ -9,9 +9,9 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.resolve import find_preset
 from lensfit.preset.library.save import keep_preset
+from lensfit.workflow.view.lens_adjustments import Started
 from lensfit.workflow.view.plate_server import PlateServer
 from lensfit.workflow.view.saved_edit import Shelved
-from lensfit.workflow.view.turned import Started
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
 AUTHOR = {"who": "Ada", "why": "softer on faces"}

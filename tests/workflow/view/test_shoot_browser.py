@@ -12,9 +12,9 @@ from view_makers import UNNAMED, Client, page_in_browser, served, until
 
 from lensfit.preset.store import load_preset
 from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.view.lens_adjustments import LensAdjustments
 from lensfit.workflow.view.lens_server import LensServer
 from lensfit.workflow.view.shoot_server import ShootServer
-from lensfit.workflow.view.turned import Turned
 from lensfit.workflow.view.viewed_lens import ViewedLens
 from lensfit.workflow.view.viewed_results import ViewedResults
 from lensfit.workflow.view.viewed_shoot import ViewedShoot
@@ -135,7 +135,7 @@ def test_a_calibration_is_cancelled_without_loss_then_ends_in_its_report(
 
 def test_results_are_looked_at_with_their_report(folder: Path, tmp_path: Path):
     results = ViewedResults(folder / "results")
-    lens = ViewedLens(load_preset(results.preset), "results", Turned())
+    lens = ViewedLens(load_preset(results.preset), "results", LensAdjustments())
     with served(LensServer([lens], results)) as client, Browser(tmp_path) as browser:
         browser.open(client.address)
         until(browser, "document.getElementById('report').hidden", False)

@@ -14,9 +14,12 @@ from lensfit.plate.camera.sources import StateOverrides
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.report.kernels import GAMMA
+from lensfit.workflow.view.lens_adjustments import (
+    LensAdjustments,
+    adjustments_of_options,
+)
 from lensfit.workflow.view.lens_curves import breathing_facts
 from lensfit.workflow.view.lens_server import LensServer
-from lensfit.workflow.view.turned import Turned, opened_at
 from lensfit.workflow.view.viewed_lens import ViewedLens
 
 PRESETS = Path(__file__).parents[3] / "presets"
@@ -30,8 +33,8 @@ def preset() -> Preset:
 @pytest.fixture(scope="module")
 def client(preset: Preset) -> Iterator[Client]:
     lenses = [
-        ViewedLens(preset, "prime", Turned()),
-        ViewedLens(thin_lens(), "thin", Turned()),
+        ViewedLens(preset, "prime", LensAdjustments()),
+        ViewedLens(thin_lens(), "thin", LensAdjustments()),
     ]
     with served(LensServer(lenses)) as asked:
         yield asked
@@ -148,13 +151,13 @@ def test_it_is_opened_at_what_the_command_states(preset: Preset):
     options = ApplyOptions(
         overrides=StateOverrides(f_number=8.0), knobs={"coma_gain": 2.0}
     )
-    viewed = ViewedLens(preset, "prime", opened_at(options))
+    viewed = ViewedLens(preset, "prime", adjustments_of_options(options))
     start = viewed.start()
     assert start["camera"] == {
         "focal_length_mm": 50.0, "f_number": 8.0, "focus_distance_mm": 2000.0,
     }  # fmt: skip
     assert start["knobs"] == {"coma_gain": 2.0}
     plain = preset.at(50, 8, 2000).blur
-    assert viewed.lens(Turned()).f_number == 8
-    assert viewed.lens(Turned()).blur is not None
+    assert viewed.lens(LensAdjustments()).f_number == 8
+    assert viewed.lens(LensAdjustments()).blur is not None
     assert plain is not None

@@ -29,7 +29,11 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.sources import StateOverrides
 from lensfit.preset.store import load_preset
 from lensfit.workflow.apply import apply
-from lensfit.workflow.view.turned import Started, Turned, command_line
+from lensfit.workflow.view.lens_adjustments import (
+    LensAdjustments,
+    Started,
+    command_line,
+)
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
 PRIME = Path(__file__).parents[3] / "presets" / "prime_50" / "preset.json"
@@ -91,10 +95,12 @@ def test_the_full_picture_is_that_frame_in_srgb(client, plate: Path, tmp_path: P
 
 def test_the_pixels_are_those_of_apply_to_the_bit(plate: Path, tmp_path: Path):
     viewed = ViewedPlate(thin_lens(), str(plate), ApplyOptions())
-    wanted = Turned(f_number=4.0, focus_distance_mm=1600.0, knobs={"blades": 6})
+    wanted = LensAdjustments(
+        f_number=4.0, focus_distance_mm=1600.0, knobs={"blades": 6}
+    )
     made = frame_of(applied(plate, tmp_path / "out"))
     np.testing.assert_array_equal(viewed.pixels(wanted, "full"), made)
-    neutral = viewed.pixels(Turned(), "full")
+    neutral = viewed.pixels(LensAdjustments(), "full")
     assert np.abs(neutral - made).max() > 1e-2
     np.testing.assert_array_equal(viewed.pixels(wanted, "full"), made)
 
@@ -111,7 +117,7 @@ def test_the_pixels_of_a_fitted_lens_are_those_of_apply_to_the_bit(tmp_path: Pat
     assert made.failures == []
     opened = ApplyOptions(overrides=StateOverrides(**width))
     viewed = ViewedPlate(preset, str(plate), opened)
-    seen = viewed.pixels(Turned(**stated, knobs=knobs), "full")
+    seen = viewed.pixels(LensAdjustments(**stated, knobs=knobs), "full")
     np.testing.assert_array_equal(seen, frame_of(made.written[0]))
     assert np.abs(seen - viewed.plate_pixels(0)).max() > 1e-2
 
@@ -149,7 +155,9 @@ def test_the_command_line_makes_the_same_frame(client, plate: Path, tmp_path: Pa
     run = CliRunner().invoke(main.app, words[1:])
     assert run.exit_code == 0, run.output
     viewed = ViewedPlate(thin_lens(), str(plate), ApplyOptions(tolerance=0.01))
-    wanted = Turned(f_number=4.0, focus_distance_mm=1600.0, knobs={"blades": 6})
+    wanted = LensAdjustments(
+        f_number=4.0, focus_distance_mm=1600.0, knobs={"blades": 6}
+    )
     np.testing.assert_array_equal(
         frame_of(tmp_path / "out" / plate.name), viewed.pixels(wanted, "full")
     )
@@ -158,7 +166,7 @@ def test_the_command_line_makes_the_same_frame(client, plate: Path, tmp_path: Pa
 def test_what_the_page_turns_takes_the_place_of_the_command_s():
     given = (("--focus-at", "1,2"), ("--f-number", "8.0"), ("--no-falloff",))
     started = Started("lens.json", "p.exr", given)
-    wanted = Turned(
+    wanted = LensAdjustments(
         f_number=2.8, focus_distance_mm="inf", knobs={"ring_brightness": -0.5}
     )
     assert command_line(started, wanted) == (
@@ -227,12 +235,12 @@ def test_what_the_plate_lacks_is_said_and_can_be_stated(tmp_path: Path):
 def test_pictures_from_many_threads_are_each_their_own(plate: Path):
     viewed = ViewedPlate(thin_lens(), str(plate), ApplyOptions())
     stops = [2.0, 2.8, 4.0, 5.6]
-    alone = {n: viewed.pixels(Turned(f_number=n), "full") for n in stops}
+    alone = {n: viewed.pixels(LensAdjustments(f_number=n), "full") for n in stops}
     viewed = ViewedPlate(thin_lens(), str(plate), ApplyOptions())
     wrong: list[float] = []
 
     def look(stop: float) -> None:
-        seen = viewed.pixels(Turned(f_number=stop), "full")
+        seen = viewed.pixels(LensAdjustments(f_number=stop), "full")
         if not np.array_equal(seen, alone[stop]):
             wrong.append(stop)
 

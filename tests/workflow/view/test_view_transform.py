@@ -10,7 +10,7 @@ from view_makers import Answer, Client, thin_lens
 
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.workflow.view import view_transform
-from lensfit.workflow.view.turned import Turned
+from lensfit.workflow.view.lens_adjustments import LensAdjustments
 from lensfit.workflow.view.view_transform import (
     ENVIRONMENT,
     SCENE_LINEAR,
@@ -58,7 +58,7 @@ def by_opencolorio(
 
 def test_pictures_are_those_of_opencolorio_s_processor(client: Client, plate: Path):
     viewed = ViewedPlate(thin_lens(), str(plate), ApplyOptions())
-    light = 2 * viewed.pixels(Turned(f_number=4.0), "full")
+    light = 2 * viewed.pixels(LensAdjustments(f_number=4.0), "full")
     offered = config_choices(CONFIG)
     for display, views in offered["displays"].items():
         for view in views:

@@ -11,8 +11,8 @@ from view_makers import Client, plate_client, thin_lens, write_depth_plate
 
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.view.shown import screen_png
-from lensfit.workflow.view.turned import Turned
+from lensfit.workflow.view.lens_adjustments import LensAdjustments
+from lensfit.workflow.view.screen_picture import screen_png
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
 MOVES, HANDS = 200, 4
@@ -55,7 +55,9 @@ def test_slider_moves_while_a_calibration_runs(tmp_path: Path):
     shoot = demo_in_focus()
     calibrate(shoot, tmp_path / "first")  # programs are compiled, and kept in memory
     still = ViewedPlate(preset, str(plate), ApplyOptions())
-    pictures = [screen_png(still.pixels(Turned(**one), "full")) for one in STATES]
+    pictures = [
+        screen_png(still.pixels(LensAdjustments(**one), "full")) for one in STATES
+    ]
     assert len({*pictures}) == len(STATES)
     before, failed = memory_bytes(), list[BaseException]()
     is_over = threading.Event()

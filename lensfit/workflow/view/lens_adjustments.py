@@ -16,7 +16,7 @@ from msgspec import Meta, Struct
 from lensfit.errors import SettingsError
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.spelling import option_of
-from lensfit.preset.knobs import GROUP_OF, turned
+from lensfit.preset.knobs import GROUP_OF, adjusted_knobs
 from lensfit.preset.schema import Preset
 
 CAMERA = ("focal_length_mm", "f_number", "focus_distance_mm")
@@ -26,7 +26,7 @@ FILES = tuple(name for name in GROUP_OF if name.endswith("_image"))
 """Knobs that name files, which no page may."""
 
 
-class Turned(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class LensAdjustments(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What is turned; what is left out stays as the plate and the preset have it.
 
     Attributes
@@ -49,14 +49,16 @@ class Turned(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return {name: float(v) for name, v in values.items() if v is not None}
 
 
-def opened_at(options: ApplyOptions) -> Turned:
+def adjustments_of_options(options: ApplyOptions) -> LensAdjustments:
     """What options of `apply` state of the camera and of knobs."""
     stated = {name: getattr(options.overrides, name) for name in CAMERA}
     knobs = {n: v for n, v in options.knobs.items() if isinstance(v, int | float)}
-    return Turned(**stated, knobs=knobs)
+    return LensAdjustments(**stated, knobs=knobs)
 
 
-def check_turned(preset: Preset, wanted: Turned) -> Turned:
+def require_valid_adjustments(
+    preset: Preset, wanted: LensAdjustments
+) -> LensAdjustments:
     """The same, if every knob is one and has a value that it can have.
 
     Raises
@@ -72,11 +74,11 @@ def check_turned(preset: Preset, wanted: Turned) -> Turned:
         # Not isfinite: a whole number may be beyond any float.
         if not abs(value) <= sys.float_info.max:
             raise SettingsError(f"{name} is no finite number")
-    turned(preset.knobs, wanted.knobs, error=SettingsError, where="knobs")
+    adjusted_knobs(preset.knobs, wanted.knobs, error=SettingsError, where="knobs")
     return wanted
 
 
-def turned_options(base: ApplyOptions, wanted: Turned) -> ApplyOptions:
+def adjusted_options(base: ApplyOptions, wanted: LensAdjustments) -> ApplyOptions:
     """The options of `apply` that render what is turned.
 
     Parameters
@@ -108,7 +110,7 @@ class Started(Struct, frozen=True):
     options: tuple[tuple[str, ...], ...] = ()
 
 
-def command_line(started: Started, wanted: Turned) -> str:
+def command_line(started: Started, wanted: LensAdjustments) -> str:
     """The command that renders what is turned, for a shell."""
     values: Mapping[str, float] = wanted.camera | wanted.knobs
     stated = {option_of(name): number_text(value) for name, value in values.items()}
@@ -139,7 +141,7 @@ def number_text(value: float) -> str:
     return repr(whole_if_it_is(value))
 
 
-def changes_of(wanted: Turned) -> dict[str, dict[str, float]]:
+def settings_tables(wanted: LensAdjustments) -> dict[str, dict[str, float]]:
     """What is turned as tables of a settings file."""
     tables = {"camera": wanted.camera, "knobs": dict(wanted.knobs)}
     return {name: table for name, table in tables.items() if table}
