@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lensfit.rendering.frame import render
     from lensfit.workflow.apply import apply as apply
     from lensfit.workflow.calibrate import calibrate
-    from lensfit.workflow.shoot.file import Shoot, load_shoot
+    from lensfit.workflow.shoot.shoot_file import Shoot, load_shoot
 
 __version__ = "0.1.0"
 
@@ -42,13 +42,13 @@ __all__ = [
 _HOME = {
     "Lens": ("lensfit.lens", "Lens"),
     "Preset": ("lensfit.preset.schema", "Preset"),
-    "Shoot": ("lensfit.workflow.shoot.file", "Shoot"),
+    "Shoot": ("lensfit.workflow.shoot.shoot_file", "Shoot"),
     "View": ("lensfit.fitting.take", "Take"),
     "apply": ("lensfit.workflow.apply", "apply"),
     "calibrate": ("lensfit.workflow.calibrate", "calibrate"),
     "fit": ("lensfit.fitting.lens_states", "fit"),
     "load_preset": ("lensfit.preset.store", "load_preset"),
-    "load_shoot": ("lensfit.workflow.shoot.file", "load_shoot"),
+    "load_shoot": ("lensfit.workflow.shoot.shoot_file", "load_shoot"),
     "render": ("lensfit.rendering.frame", "render"),
     "save_preset": ("lensfit.preset.store", "save_preset"),
 }

@@ -122,7 +122,7 @@ class KeptProgram(Generic[_R]):
         self, call: _Call, arrays: dict[str, Any]
     ) -> Callable[..., Any] | None:
         """The kept program, or one compiled now and kept; None where none can be."""
-        folder, told = program_folder(), _told(call)
+        folder, told = program_folder(), _program_key(call)
         if folder is None or told is None:
             return None
         name = f"{self._function.__module__}.{self._function.__qualname__}"
@@ -180,7 +180,7 @@ def _is_plain(leaf: Any) -> bool:
     return isinstance(leaf, (np.ndarray, np.generic, bool, int, float))
 
 
-def _told(call: _Call) -> str | None:
+def _program_key(call: _Call) -> str | None:
     """The same text in every process for the same call; None where there is no such."""
     arrays = [(k.shape, str(k.dtype), k.weak_type) for k in call.kinds]
     static = [(name, _name_of(value)) for name, value in call.static]

@@ -32,7 +32,7 @@ from data_synth.wavefront_cases import frame_for, subject_of
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset, save_preset
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 HERE = Path(__file__).parent
 SEED = 0

@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 
 from data_synth.make_demo import FOCUS_MM
-from lensfit.workflow.shoot.file import load_shoot
-from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
+from lensfit.workflow.shoot.shoot_records import Shoot
 
 DEMO = Path(str(files("data_synth") / "demo"))
 PHOTOGRAPHS = [DEMO / take.image for take in load_shoot(DEMO / "shoot.toml").takes]

@@ -14,7 +14,7 @@ from lensfit.preset.blocks import (
 )
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.schema import Camera, LensName, Preset, Provenance
-from lensfit.rendering.stages import Switches
+from lensfit.rendering.render_stages import Switches
 
 DISPLAY = Window.of_size(96, 64)
 DATA = Window(-8, -6, 103, 69)

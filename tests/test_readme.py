@@ -10,9 +10,9 @@ import typer
 from documents import EVERYTHING, GUIDE, PAGES, README, README_PATH, ROOT, section
 
 from lensfit.cli.main import COMMANDS, MEASURING, app
-from lensfit.workflow.kit.file import load_kit
-from lensfit.workflow.kit.plan import kit_plan
-from lensfit.workflow.shoot.records import Camera, LensName, Take, Target
+from lensfit.workflow.kit.kit_file import load_kit
+from lensfit.workflow.kit.kit_plan import kit_plan
+from lensfit.workflow.shoot.shoot_records import Camera, LensName, Take, Target
 
 LONGEST_README = 300
 RECORDS = {"lens": LensName, "camera": Camera, "target": Target, "take": Take}

@@ -27,7 +27,7 @@ from lensfit.errors import LensfitError
 from lensfit.io.image import read_photograph
 from lensfit.progress import Progress, silent
 from lensfit.workflow.calibration.observe import observe_shoot
-from lensfit.workflow.shoot.file import Shoot
+from lensfit.workflow.shoot.shoot_file import Shoot
 
 
 def bench_detect(

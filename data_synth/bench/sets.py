@@ -14,7 +14,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from lensfit.errors import LensfitError, ShootError
-from lensfit.workflow.shoot.file import Shoot, load_shoot
+from lensfit.workflow.shoot.shoot_file import Shoot, load_shoot
 
 LEAST_PART_OF_MARKS = 0.99
 MOST_ROUND_TRIP_PX = 1e-3

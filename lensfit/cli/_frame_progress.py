@@ -22,7 +22,7 @@ from lensfit.printable import printable
 from lensfit.progress import Progress, silent
 
 if TYPE_CHECKING:
-    from lensfit.plate.frame.outcome import FrameOutcome
+    from lensfit.plate.frame.frame_outcome import FrameOutcome
     from lensfit.workflow.apply import FrameDone
 
 

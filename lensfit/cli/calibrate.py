@@ -50,7 +50,7 @@ def calibrate(
 
     Example: lensfit calibrate shoot.toml --out takumar_50
     """
-    from lensfit.workflow.shoot.file import load_shoot
+    from lensfit.workflow.shoot.shoot_file import load_shoot
 
     described = load_shoot(shoot, images)
     for note in described.notes:

@@ -9,7 +9,7 @@ import typer
 from lensfit.cli._console import say_line
 
 if TYPE_CHECKING:
-    from lensfit.workflow.check.records import Check
+    from lensfit.workflow.check.check_records import Check
     from lensfit.workflow.check.session import CheckSession
 
 
@@ -45,7 +45,7 @@ def check(
     if not images and shoot is None and watch is None:
         raise typer.BadParameter("give photographs, --shoot or --watch")
     from lensfit.workflow.check.session import CheckSession
-    from lensfit.workflow.shoot.file import load_shoot
+    from lensfit.workflow.shoot.shoot_file import load_shoot
 
     described = None if shoot is None else load_shoot(shoot)
     session = CheckSession(described, out)

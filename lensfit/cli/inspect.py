@@ -51,7 +51,7 @@ def inspect(
     from lensfit.cli._door import say_error, say_note
     from lensfit.io.camera.slates import read_slates
     from lensfit.plate.camera.sources import CameraSources
-    from lensfit.plate.notes import not_said
+    from lensfit.plate.notes import notes_of_new_topics
     from lensfit.workflow.inspect import as_json, inspect_images
     from lensfit.workflow.shoot.draft import write_draft_shoot
 
@@ -69,7 +69,9 @@ def inspect(
     else:
         for inspection in inspections:
             _print_table(inspection)
-    for note in not_said((n for found in inspections for n in found.camera.notes), ()):
+    for note in notes_of_new_topics(
+        (n for found in inspections for n in found.camera.notes), ()
+    ):
         say_note(note)
     failures = [f"{i.path}: {said}" for i in inspections for said in i.camera.problems]
     failures += map(str, errors)

@@ -200,7 +200,7 @@ def _need(margins, camera) -> dict:
 
 def _lines(plan, per_channel: bool) -> list[str]:
     lines = [
-        *_said(plan.margins, plan.camera),
+        *_margin_lines(plan.margins, plan.camera),
         f"OpenLensIO overscan {plan.factor:.6f}",
     ]
     if per_channel:
@@ -209,13 +209,15 @@ def _lines(plan, per_channel: bool) -> list[str]:
         lines.append(
             f"With depth of field, blur of up to {plan.blur_px:.1f} px radius:"
         )
-        lines += [f"  {line}" for line in _said(plan.with_blur, plan.blur_camera)]
+        lines += [
+            f"  {line}" for line in _margin_lines(plan.with_blur, plan.blur_camera)
+        ]
     if plan.states > 1:
         lines.append(f"The largest of {plan.states} states of the lens")
     return lines
 
 
-def _said(margins, camera) -> list[str]:
+def _margin_lines(margins, camera) -> list[str]:
     width, height = camera.render_px
     window = camera.data_window
     return [

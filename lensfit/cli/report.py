@@ -34,7 +34,7 @@ def report(
     Example: lensfit report takumar_50
     """
     path = results / "report.json" if results.is_dir() else results
-    from lensfit.report.read import read_report
+    from lensfit.report.read_report import read_report
 
     tables = read_report(path)
 
@@ -42,7 +42,7 @@ def report(
 
     from lensfit.cli._summary import print_files, print_summary
     from lensfit.report.verdict import verdict_of
-    from lensfit.report.write import write_report
+    from lensfit.report.write_report import write_report
 
     try:
         judged = msgspec.to_builtins(verdict_of(tables))

@@ -193,7 +193,7 @@ def _write_sequence(
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
     from lensfit.plate.apply_options import ApplyOptions
-    from lensfit.rendering.stages import Switches
+    from lensfit.rendering.render_stages import Switches
     from lensfit.workflow.moving_stmaps import write_moving_stmaps
 
     overscan, map_width, direction, per_channel, tolerance_px = chosen

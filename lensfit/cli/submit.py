@@ -12,8 +12,8 @@ import typer
 
 from lensfit.cli._console import say_line
 from lensfit.cli.apply import apply, apply_options
-from lensfit.cli.groups import in_groups, takes_groups
-from lensfit.cli.groups.handed_on import hands_on
+from lensfit.cli.groups import options_in_groups, takes_groups
+from lensfit.cli.groups.forwarded_options import hands_on
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.plate.farm.job import (
     FarmJob,
@@ -148,7 +148,7 @@ def _needs(
         return HostNeeds(cores, memory_gib), []
     from lensfit.workflow.plan_plate import plan_plate
 
-    options = apply_options(**in_groups(apply, taken))
+    options = apply_options(**options_in_groups(apply, taken))
     try:
         found, _ = plan_plate(
             preset(), job.plates, options, cores=max(1, cores // workers)

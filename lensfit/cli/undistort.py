@@ -14,7 +14,7 @@ from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
 
 if TYPE_CHECKING:
-    from lensfit.rendering.stages import Switches
+    from lensfit.rendering.render_stages import Switches
 
 
 @takes_groups
@@ -135,6 +135,6 @@ def undistort(
 
 def _switches(lateral_colour: bool, falloff: bool) -> "Switches":
     """What is taken off; nothing of the blur can be."""
-    from lensfit.rendering.stages import Switches
+    from lensfit.rendering.render_stages import Switches
 
     return Switches(lateral_colour=lateral_colour, falloff=falloff, defocus=False)

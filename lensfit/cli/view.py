@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lensfit.cli.apply import OutputName, apply, apply_options
-from lensfit.cli.groups import in_groups, takes_groups
-from lensfit.cli.groups.handed_on import hands_on
+from lensfit.cli.groups import options_in_groups, takes_groups
+from lensfit.cli.groups.forwarded_options import hands_on
 from lensfit.cli.groups.library import LibraryGroup
 from lensfit.plate.farm.job import HandedOption
 
@@ -83,8 +83,8 @@ def view(
 
         limit_cores(taken["cores"])
     given = dict(taken, output=OutputName.result, overwrite=False, keep=False)
-    options = apply_options(**in_groups(apply, given))
-    listening = _part("listening").listening
+    options = apply_options(**options_in_groups(apply, given))
+    listening = _part("loopback_server").listening
     if what is None or what.endswith(".toml"):
         server = _shoot_server(Path(what or "shoot.toml"), images, out)
     elif plates is None:

@@ -8,12 +8,12 @@ import numpy as np
 from lensfit.errors import ExchangeError
 from lensfit.exchange.foreign import ForeignLens, ForeignState
 from lensfit.exchange.preset_map import (
-    OnAxis,
+    MapAlignedOnAxis,
     fit_channel_shift,
     fit_distortion,
     fit_fall_off,
-    on_axis,
-    unfitted,
+    map_aligned_on_axis,
+    residual_without_fit,
 )
 from lensfit.exchange.samples import (
     JUDGE_COUNT,
@@ -42,24 +42,24 @@ class StateFit(NamedTuple):
     worst_light: float | None
 
 
-class SeenState(NamedTuple):
+class SampledState(NamedTuple):
     """A state over the frame, and its overscan where the file knows that."""
 
     state: ForeignState
-    axis: OnAxis
+    axis: MapAlignedOnAxis
     frame: ExchangeFrame
     fit: Samples
     judge: Samples
 
     @classmethod
-    def of(cls, state: ForeignState, frame: ExchangeFrame) -> "SeenState":
+    def of(cls, state: ForeignState, frame: ExchangeFrame) -> "SampledState":
         """With as much of the frame's overscan as the state's map reaches.
 
         Raises
         ------
         ExchangeError : It does not even reach all of the frame.
         """
-        axis = on_axis(state.map, state.principal_point_mm, frame.radius_mm)
+        axis = map_aligned_on_axis(state.map, state.principal_point_mm, frame.radius_mm)
         failure = None
         for overscan in (frame.overscan_percent, 0.0, _INSIDE_PERCENT):
             own = ExchangeFrame(frame.size_px, frame.sensor_width_mm, overscan)
@@ -79,11 +79,11 @@ class SeenState(NamedTuple):
     def without_distortion(self) -> Residual:
         """How far a lens that has but the squeeze on the axis is off."""
         point = self.axis.principal_point_mm
-        return unfitted(self.judge, self.principal_distance_mm, point)
+        return residual_without_fit(self.judge, self.principal_distance_mm, point)
 
 
 def entry_of_state(
-    seen: SeenState, lens: ForeignLens, camera: Camera, box: np.ndarray
+    seen: SampledState, lens: ForeignLens, camera: Camera, box: np.ndarray
 ) -> tuple[Entry, StateFit]:
     """lensfit's terms fitted to a state, and how near they are to it.
 

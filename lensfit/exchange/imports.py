@@ -17,7 +17,7 @@ import numpy as np
 from lensfit.errors import ExchangeError
 from lensfit.exchange.foreign import ForeignLens, Stated
 from lensfit.exchange.imported_entry import (
-    SeenState,
+    SampledState,
     StateFit,
     entry_of_state,
 )
@@ -27,7 +27,7 @@ from lensfit.exchange.mrcal import read_mrcal
 from lensfit.exchange.opencv import lens_of_opencv, read_opencv
 from lensfit.exchange.opentrackio import read_opentrackio
 from lensfit.exchange.opentrackio_lens import lens_of_opentrackio
-from lensfit.exchange.preset_map import OnAxis, box_of
+from lensfit.exchange.preset_map import MapAlignedOnAxis, box_of
 from lensfit.exchange.samples import ExchangeFrame, Residual
 from lensfit.exchange.syntheyes import read_syntheyes
 from lensfit.exchange.tde4_node import lens_of_tde4, read_tde4_nodes
@@ -227,7 +227,7 @@ def preset_of_foreign(
     frame = ExchangeFrame(lens.size_px, lens.sensor_size_mm[0], _OVERSCAN_PERCENT)
     _check(lens, path)
     try:
-        seen = [SeenState.of(state, frame) for state in lens.states]
+        seen = [SampledState.of(state, frame) for state in lens.states]
     except ExchangeError as error:
         raise ExchangeError(error.what, where=path, remedy=error.remedy) from error
     boxes = np.stack([box_of(s.fit, s.axis.principal_point_mm) for s in seen])
@@ -287,7 +287,7 @@ def _provenance(lens: ForeignLens, path: Path) -> Provenance:
     )
 
 
-def _notes(axis: OnAxis, frame: ExchangeFrame) -> list[str]:
+def _notes(axis: MapAlignedOnAxis, frame: ExchangeFrame) -> list[str]:
     notes = []
     if abs(axis.magnification - 1) > _NOTICED:
         notes.append(

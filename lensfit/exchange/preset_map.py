@@ -109,7 +109,7 @@ _STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class OnAxis:
+class MapAlignedOnAxis:
     """Another program's map with its undistorted picture as lensfit has it.
 
     Attributes
@@ -141,7 +141,9 @@ class OnAxis:
         return float(np.hypot(*np.subtract(self.principal_point_mm, self.axis_mm)))
 
 
-def on_axis(mapping: PointMap, axis_mm: tuple[float, float], unit_mm: float) -> OnAxis:
+def map_aligned_on_axis(
+    mapping: PointMap, axis_mm: tuple[float, float], unit_mm: float
+) -> MapAlignedOnAxis:
     """`mapping` with scale and shift of lensfit's undistorted picture.
 
     Parameters
@@ -166,7 +168,9 @@ def on_axis(mapping: PointMap, axis_mm: tuple[float, float], unit_mm: float) -> 
         )
     x, y = landed.tolist()
     scale = float(np.sqrt(area))
-    return OnAxis(mapping, axis_mm, (x, y), 1.0 if abs(scale - 1) < 1e-9 else scale)
+    return MapAlignedOnAxis(
+        mapping, axis_mm, (x, y), 1.0 if abs(scale - 1) < 1e-9 else scale
+    )
 
 
 # Matrices this small gain nothing from several BLAS threads, which spin as they wait.
@@ -181,7 +185,7 @@ def fit_distortion(
 
     Parameters
     ----------
-    samples : Of an `OnAxis` map.
+    samples : Of an `MapAlignedOnAxis` map.
     box : Low and high corner of the free field, as `box_of`; that of the samples if
         None. States that are to be interpolated need the same.
     """
@@ -209,7 +213,7 @@ def box_of(
     return np.asarray(_start(samples, 1.0, principal_point_mm).box)
 
 
-def unfitted(
+def residual_without_fit(
     samples: Samples,
     principal_distance_mm: float,
     principal_point_mm: tuple[float, float],

@@ -74,7 +74,7 @@ class StmapFrame:
     margin_px: int = 0
 
     @property
-    def of_map(self) -> "StmapFrame":
+    def map_frame(self) -> "StmapFrame":
         """The pixels of the map itself, which span the same area of the sensor."""
         width = self.map_width_px
         if width is None:
@@ -157,7 +157,7 @@ def write_stmaps(
     ImageError : The sensor has no width, or one that the lens is not known over.
     """
     _check(frame, Path(out_dir))
-    pixels = frame.of_map
+    pixels = frame.map_frame
     ending = "" if frame_number is None else f".{frame_digits(frame_number)}"
     measured_mm, width_mm = lens.sensor_size_mm[0], frame.sensor_width_mm
     note = None if width_mm is None else spanned_width_note(width_mm, measured_mm)
@@ -256,7 +256,7 @@ def _metres(distance_mm: float | None) -> float | None:
 
 
 def _check(frame: StmapFrame, out_dir: Path) -> None:
-    size_px = frame.size_px if frame.map_width_px is None else frame.of_map.size_px
+    size_px = frame.size_px if frame.map_width_px is None else frame.map_frame.size_px
     if not all(0 < n <= LARGEST_SIDE_PX for n in (*frame.size_px, *size_px)):
         raise OutputError(
             f"a map of {size_px[0]} x {size_px[1]} cannot be made",

@@ -18,9 +18,9 @@ import OpenEXR
 from lensfit.atomic import atomic_path
 from lensfit.coords import Window
 from lensfit.errors import ImageError, OutputError
-from lensfit.io.chatter import without_chatter
 from lensfit.io.exr_attributes import attributes_for_writing
 from lensfit.io.exr_header import check_exr
+from lensfit.io.library_output import silenced_libraries
 
 LOSSLESS = ("no", "rle", "zips", "zip", "piz")
 """Compressions that keep every sample; whatever else a file had is written as zip."""
@@ -103,7 +103,7 @@ def read_exr(path: str | Path, *, header_only: bool = False) -> ExrImage:
     path = Path(path)
     headers = check_exr(path)
     try:
-        with without_chatter():
+        with silenced_libraries():
             file = OpenEXR.File(
                 str(path), separate_channels=True, header_only=header_only
             )

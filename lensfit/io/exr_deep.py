@@ -17,10 +17,10 @@ from jaxtyping import Int
 from lensfit.atomic import atomic_path
 from lensfit.coords import Window
 from lensfit.errors import ImageError, OutputError
-from lensfit.io.chatter import without_chatter
 from lensfit.io.exr import ExrPart, part_without_channels, unreadable
 from lensfit.io.exr_attributes import attributes_for_writing
 from lensfit.io.exr_header import check_exr
+from lensfit.io.library_output import silenced_libraries
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def read_deep(path: str | Path) -> DeepPart:
     path = Path(path)
     check_exr(path, deep=True)
     try:
-        with without_chatter():
+        with silenced_libraries():
             file = OpenEXR.File(str(path), separate_channels=True)
         deep = (OpenEXR.deepscanline, OpenEXR.deeptile)
         parts = [p for p in file.parts if p.header.get("type") in deep and p.channels]

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.io.windows import over_another
+from lensfit.io.windows import pixels_over_window
 
 _VIEW, _VIEWS = "view", "multiView"
 
@@ -110,7 +110,7 @@ def _over_one_window(a: ExrPart, b: ExrPart) -> tuple[ExrPart, ExrPart]:
 
 def _over(part: ExrPart, window: Window) -> ExrPart:
     channels = {
-        name: over_another(samples, part.data_window, window)
+        name: pixels_over_window(samples, part.data_window, window)
         for name, samples in part.channels.items()
     }
     return replace(part, channels=channels, data_window=window)

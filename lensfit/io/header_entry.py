@@ -1,4 +1,4 @@
-"""One entry of a header: whether a name means it, and the number that it holds.
+"""One entry of a header: whether a name matches it, and the number that it holds.
 
 Numbers may be strings. Names with a slash may have any prefix (Nuke shows
 ``exr/lens/focal``), others only ``exr/``, so that a renderer's own ``aperture`` is not
@@ -16,7 +16,7 @@ _MAY_BE_ZERO = ("overscan_percent",)
 _MAY_BE_INFINITE = ("focus_distance_mm",)
 
 
-def means(key: str, alias: str) -> bool:
+def is_entry_of_alias(key: str, alias: str) -> bool:
     """Whether a header's `key` is the entry called `alias`."""
     if key == alias:
         return True
@@ -31,12 +31,12 @@ def is_exif(key: str) -> bool:
     return key[0].isupper()
 
 
-def text_in(value: object) -> str | None:
+def entry_text(value: object) -> str | None:
     """What an entry says in words; None where it says nothing."""
     return str(value).split("\0")[0].strip() or None
 
 
-def quantity_in(name: str, key: str, value: object, alias: Alias) -> float | None:
+def entry_quantity(name: str, key: str, value: object, alias: Alias) -> float | None:
     """An entry as the quantity called `name`, in its unit; None where it is missing.
 
     Raises
@@ -51,9 +51,9 @@ def quantity_in(name: str, key: str, value: object, alias: Alias) -> float | Non
             return None
     too_small = number < 0 or (number == 0 and name not in _MAY_BE_ZERO)
     if math.isnan(number) or too_small:
-        raise impossible(key, value, "a number above zero")
+        raise impossible_value_error(key, value, "a number above zero")
     if math.isinf(number) and name not in _MAY_BE_INFINITE:
-        raise impossible(key, value, "a finite number")
+        raise impossible_value_error(key, value, "a finite number")
     # Single-precision headers: 1.4 is stored as 1.39999998.
     return float(f"{number * alias.factor:.7g}")
 
@@ -70,10 +70,10 @@ def number_in(key: str, value: object) -> float:
     except ZeroDivisionError:
         return math.nan
     except (TypeError, ValueError, OverflowError):
-        raise impossible(key, value, "a number") from None
+        raise impossible_value_error(key, value, "a number") from None
 
 
-def impossible(key: str, value: object, expected: str) -> ImageError:
+def impossible_value_error(key: str, value: object, expected: str) -> ImageError:
     """An entry that holds what it cannot be."""
     shown = " ".join(str(value).split())[:40]
     return ImageError(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfit.errors import ImageError
-from lensfit.io.header_entry import impossible, number_in
+from lensfit.io.header_entry import impossible_value_error, number_in
 from lensfit.units import MILLIMETRES_PER_INCH
 
 _DIAGONAL_35MM_MM = math.hypot(36.0, 24.0)
@@ -44,9 +44,13 @@ def recorded_sizes(header: Mapping[str, object]) -> list[SensorSize]:
     overall = "sensorOverallDimensions"
     found = []
     if {pitch, box} <= header.keys():
-        found.append(_told(f"{pitch} x {box}", _from_photosites, header, (pitch, box)))
+        found.append(
+            _size_of_entries(f"{pitch} x {box}", _from_photosites, header, (pitch, box))
+        )
     if overall in header:
-        found.append(_told(overall, _from_overall_dimensions, header, (overall,)))
+        found.append(
+            _size_of_entries(overall, _from_overall_dimensions, header, (overall,))
+        )
     return found
 
 
@@ -76,7 +80,7 @@ def exif_sizes(
     return [candidate for candidate in candidates if candidate is not None]
 
 
-def _told(
+def _size_of_entries(
     source: str,
     read: Callable[..., tuple[float, float]],
     header: Mapping[str, object],
@@ -85,7 +89,9 @@ def _told(
     try:
         width, height = read(header, *keys)
         if not all(0 < side < math.inf for side in (width, height)):
-            raise impossible(source, (width, height), "two lengths above zero")
+            raise impossible_value_error(
+                source, (width, height), "two lengths above zero"
+            )
     except ImageError as error:
         return SensorSize(error, source)
     return SensorSize((float(f"{width:.7g}"), float(f"{height:.7g}")), source)
@@ -99,7 +105,7 @@ def _from_photosites(
         (x_min, y_min), (x_max, y_max) = header[box]  # pyright: ignore
         size = (int(x_max) - int(x_min) + 1, int(y_max) - int(y_min) + 1)
     except (TypeError, ValueError, OverflowError):
-        raise impossible(box, header[box], "a box of photosites") from None
+        raise impossible_value_error(box, header[box], "a box of photosites") from None
     return pitch_mm * size[0], pitch_mm * size[1]
 
 
@@ -110,7 +116,7 @@ def _from_overall_dimensions(
         width, height = np.asarray(header[key], float)
         return float(width), float(height)
     except (TypeError, ValueError, OverflowError):
-        raise impossible(key, header[key], "a width and a height") from None
+        raise impossible_value_error(key, header[key], "a width and a height") from None
 
 
 def _from_focal_plane_resolution(

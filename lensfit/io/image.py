@@ -35,7 +35,7 @@ from lensfit.io.metadata import CameraState, camera_state_from
 from lensfit.io.raster import Raster, read_raster, tiff_header, upright
 from lensfit.io.raw import RAW_SUFFIXES, read_raw
 from lensfit.io.transfer import decode, encode, transfer_of
-from lensfit.io.windows import over_another
+from lensfit.io.windows import pixels_over_window
 from lensfit.mosaic import Mosaic, filled_in, letters_of, mosaic_of
 from lensfit.photograph import Photograph
 
@@ -184,7 +184,7 @@ def _from_exr(path: Path, data: bytes, encoding: str) -> Photograph:
     part = image.parts[index]
     stored = stack_channels(part, names)
     pixels = np.ascontiguousarray(
-        over_another(stored, part.data_window, part.display_window)
+        pixels_over_window(stored, part.data_window, part.display_window)
     )
     if encoding != "linear":
         pixels = decode(pixels, encoding).astype(np.float32)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from lensfit.errors import ImageError
 from lensfit.io.camera.aliases import ALIASES, Alias
 from lensfit.io.camera.quantity import TEXTS
-from lensfit.io.header_entry import means, quantity_in, text_in
+from lensfit.io.header_entry import entry_quantity, entry_text, is_entry_of_alias
 from lensfit.io.header_sensor import SensorSize, exif_sizes, recorded_sizes
 
 
@@ -82,14 +82,16 @@ def camera_words(
     """
     own = aliases or {}
     words = {
-        name: _told(header, name, (*own.get(name, ()), *built_in))
+        name: _values_of_entries(header, name, (*own.get(name, ()), *built_in))
         for name, built_in in ALIASES.items()
     }
     focal = next((w.value for w in words["focal_length_mm"] if _is_good(w)), None)
     exif = exif_sizes(header, size_px, focal if isinstance(focal, float) else None)
     sizes = [*recorded_sizes(header), *exif]
     widths = words["sensor_width_mm"]
-    stated = len(_told(header, "sensor_width_mm", own.get("sensor_width_mm", ())))
+    stated = len(
+        _values_of_entries(header, "sensor_width_mm", own.get("sensor_width_mm", ()))
+    )
     middle = len(sizes) - len(exif)
     words["sensor_width_mm"] = [
         *widths[:stated],
@@ -138,18 +140,22 @@ def _is_good(word: HeaderWord) -> bool:
     return not isinstance(word.value, ImageError)
 
 
-def _told(
+def _values_of_entries(
     header: Mapping[str, object], name: str, aliases: Iterable[Alias]
 ) -> list[HeaderWord]:
-    """Every entry that one of the aliases means; none of them twice."""
+    """Every entry that one of the aliases is_entry_of_alias; none of them twice."""
     found: dict[str, HeaderWord] = {}
     for alias in aliases:
         for key, value in header.items():
-            if key in found or not means(key, alias.key):
+            if key in found or not is_entry_of_alias(key, alias.key):
                 continue
             try:
                 text = name in TEXTS
-                known = text_in(value) if text else quantity_in(name, key, value, alias)
+                known = (
+                    entry_text(value)
+                    if text
+                    else entry_quantity(name, key, value, alias)
+                )
             except ImageError as error:
                 known = error
             if known is not None:

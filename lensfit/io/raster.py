@@ -18,8 +18,8 @@ import tifffile
 from PIL import ExifTags, Image
 
 from lensfit.errors import ImageError
-from lensfit.io.chatter import without_chatter
 from lensfit.io.decoded_size import refuse_oversize
+from lensfit.io.library_output import silenced_libraries
 
 # It logs every odd tag; who reads its log may still listen.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
@@ -128,7 +128,7 @@ def _read_jpeg(data: bytes) -> Raster:
 def _read_png(data: bytes) -> Raster:
     _check_png(data)
     try:
-        with without_chatter():
+        with silenced_libraries():
             codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise _damaged("PNG", error) from error
@@ -220,7 +220,7 @@ def _tiff_codes(page, data: bytes) -> np.ndarray:
 
 def _tiff_by_opencv(data: bytes) -> np.ndarray:
     """Decode LZW, JPEG and the like, which tifffile leaves to another package."""
-    with without_chatter():
+    with silenced_libraries():
         codes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if codes is None:
         raise _damaged("TIFF", "its pixels cannot be decoded")

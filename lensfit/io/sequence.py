@@ -139,7 +139,7 @@ def frame_of(path: str | Path) -> int | None:
     return None if match is None else int(match[1])
 
 
-def in_frames(text: str, number: int) -> bool:
+def is_in_frames(text: str, number: int) -> bool:
     """Whether a range such as ``1001-1050x2,1100`` has a frame.
 
     Raises

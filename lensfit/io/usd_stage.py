@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lensfit.errors import LensfitError
-from lensfit.io.chatter import without_chatter
+from lensfit.io.library_output import silenced_libraries
 from lensfit.units import MILLIMETRES_PER_METRE
 
 STARTS = (b"#usda", b"PXR-USDC")
@@ -49,7 +49,7 @@ def open_stage(path: Path, error: type[LensfitError]) -> Any:
             remedy="export the camera alone",
         )
     try:
-        with without_chatter():
+        with silenced_libraries():
             return usd.Stage.Open(str(path), usd.Stage.LoadNone)
     except tf.ErrorException as failure:
         raise error(

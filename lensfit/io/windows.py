@@ -6,7 +6,7 @@ from jaxtyping import Num
 from lensfit.coords import Window
 
 
-def over_another(
+def pixels_over_window(
     samples: Num[np.ndarray, "height width *channels"],
     own: Window,
     wanted: Window,

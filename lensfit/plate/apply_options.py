@@ -7,9 +7,9 @@ from typing import Literal
 
 from lensfit.coords import Window
 from lensfit.plate.camera.sources import CameraOptions, StateOverrides
-from lensfit.plate.depth import DepthOptions
+from lensfit.plate.plate_depth import DepthOptions
 from lensfit.rendering.filters import Filter, filter_for
-from lensfit.rendering.stages import DEFAULT_TOLERANCE, Switches
+from lensfit.rendering.render_stages import DEFAULT_TOLERANCE, Switches
 
 Output = Literal[
     "result", "circle-of-confusion", "aberration-dots", "filter", "undistorted"

@@ -15,7 +15,7 @@ import numpy as np
 from lensfit.coords import Window
 from lensfit.io.exr import ExrPart
 from lensfit.io.exr_layers import colour_channels, layer_names
-from lensfit.io.windows import over_another
+from lensfit.io.windows import pixels_over_window
 
 _CRYPTOMATTE_NAME = re.compile(r"(?:.*/)?cryptomatte/[^/]+/name")
 _ALPHA = ("A", "a", "alpha")
@@ -81,7 +81,7 @@ def resized_channels(part: ExrPart, window: Window) -> ExrPart:
     if window == old:
         return part
     channels = {
-        name: over_another(samples, old, window)
+        name: pixels_over_window(samples, old, window)
         for name, samples in part.channels.items()
     }
     corners = np.asarray(old, np.int32)

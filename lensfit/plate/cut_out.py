@@ -25,9 +25,9 @@ from jaxtyping import Bool, Float32, Int
 from lensfit.io.cryptomatte import Ranks, coverage_of
 from lensfit.plate.own_pixels import LEAST_COVER, NOBODY, own_pixels
 from lensfit.plate.rest_of_plate import RANKS, rest_of_plate
-from lensfit.rendering.around import around
 from lensfit.rendering.layer_stack import LayerStack, Mattes
 from lensfit.rendering.nearest import nearest_pixels
+from lensfit.rendering.neighbourhood_mean import neighbourhood_mean
 
 _BRIGHTER = 2.0
 """Than white and the object, or than white and the surroundings: a light."""
@@ -110,7 +110,7 @@ def _behind(
     touched: Bool[np.ndarray, "height width"],
 ) -> Picture:
     """What pixels without the object suggest behind it."""
-    behind, weight = around(pixels, free, _BESIDE_SIGMA_PX)
+    behind, weight = neighbourhood_mean(pixels, free, _BESIDE_SIGMA_PX)
     lone = touched & (weight < _LEAST_WEIGHT)
     if lone.any():
         flat = pixels.reshape(-1, pixels.shape[-1])

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float32, Int
 
 from lensfit.errors import ImageError
-from lensfit.io.depth import DepthMeaning, perpendicular_mm
+from lensfit.io.depth_channel import DepthMeaning, perpendicular_mm
 from lensfit.io.exr_deep import DeepPart
 from lensfit.rendering.layer_stack import LayerStack
 

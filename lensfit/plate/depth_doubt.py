@@ -8,7 +8,7 @@ A single element of a composite may be out of focus as a whole, so this is a rem
 import numpy as np
 from jaxtyping import Float32
 
-from lensfit.io.depth import UNITS_MM
+from lensfit.io.depth_channel import UNITS_MM
 from lensfit.rendering.circle import Circle
 
 _LEAST_PX = 0.5

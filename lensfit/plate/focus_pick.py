@@ -13,16 +13,16 @@ from jaxtyping import Float32
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError
-from lensfit.io.depth import (
+from lensfit.io.depth_channel import (
     FoundDepth,
+    depth_over_window,
     find_depth,
-    over_window,
     perpendicular_mm,
     ray_slant,
 )
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import DeepPart, is_deep, read_deep
-from lensfit.plate.depth import DepthOptions, depth_meaning
+from lensfit.plate.plate_depth import DepthOptions, depth_meaning
 
 if TYPE_CHECKING:
     from lensfit.rendering.uv import PlateGeometry
@@ -99,7 +99,7 @@ def picked_depth_mm(
         )
     region = picked_region(pick, beside.display_window)
     meaning, notes = depth_meaning(image, found, options)
-    samples = over_window(_cut(found, region), found.name, region)
+    samples = depth_over_window(_cut(found, region), found.name, region)
     slant = 1.0
     if meaning.kind == "ray":
         slant = ray_slant(geometry.mm(region.pixel_centres()), focal_length_mm)

@@ -31,7 +31,7 @@ def topic_of(note: str) -> str:
     return note.topic if isinstance(note, FrameNote) else note
 
 
-def not_said(notes: Iterable[str], said: Iterable[str]) -> list[str]:
+def notes_of_new_topics(notes: Iterable[str], said: Iterable[str]) -> list[str]:
     """The remarks whose topics are new, one of each."""
     topics = {topic_of(note) for note in said}
     found = []
@@ -56,4 +56,4 @@ class Notes:
 
     def add(self, *notes: str | None) -> None:
         """Say these too; None is nothing to say."""
-        self.said += not_said(filter(None, notes), self.said)
+        self.said += notes_of_new_topics(filter(None, notes), self.said)

@@ -1,8 +1,8 @@
-"""Knobs of the aberrations that were measured: more of one, less, none, or another.
+"""Knobs that scale, remove or replace the measured aberrations.
 
-A gain multiplies what the preset says: 1 leaves it, 0 turns it off. A value with a unit
-takes its place (None leaves it), its higher orders in proportion, and gains multiply
-that too. `lensfit.preset.adjusted_lens` says what each does to the lens.
+A gain multiplies the measured amount: 1 leaves it, 0 turns it off. A value with a unit
+replaces it (None leaves it), with higher orders in proportion; gains multiply that too.
+`lensfit.preset.adjusted_lens` describes the effect of each knob.
 
 - ``_um`` of a blur: rms radius of the spot that this aberration alone makes, at the
   place of the field where that is largest and at the widest aperture (of an ideal lens:

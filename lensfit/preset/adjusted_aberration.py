@@ -1,18 +1,19 @@
-"""The aberration function with its families turned up, down, off, or to a stated size.
+"""The aberration function with its groups of terms scaled or set to a stated size.
 
-The terms of `lensfit.optics.terms` are parted by their pupil mode z^m: m = 1 is coma,
+The terms of `lensfit.optics.terms` are grouped by their pupil mode z^m: m = 1 is coma,
 m = 0 from the fourth degree on spherical aberration (balanced with focus over the
 widest aperture, as its modes are), the modes of the second degree are focus and
-astigmatism, and the rest are "other". A family's coefficients are multiplied together,
-at all orders and colours, so that its shape over field and pupil stays.
+astigmatism, and the rest are "other". All coefficients of a group are multiplied by the
+same factor, at all orders and colours, so that its shape over field and pupil stays.
 
 Focus and astigmatism make two focal surfaces. In the wavefront of a point off the axis,
 
     E = (f P + a Re[conj(eta) z^2]) / sqrt(2)
       = ((f + a) x^2 + (f - a) y^2) / sqrt(2)      (x along the field direction),
 
-a tangential fan is in focus where defocus undoes f + a, a sagittal one where it undoes
-f - a. With f the medial surface and T, S the gains of the two departures from it,
+a tangential fan is in focus where defocus cancels f + a, a sagittal one where it
+cancels f - a. With f the medial surface and T, S the gains of the two departures from
+it,
 
     f' = f(0) + F (f - f(0)) + (T - S) a / 2,      a' = (T + S) a / 2,
 
@@ -20,7 +21,7 @@ which stays a sum of terms: the radial polynomial of a, R_k^2, is a sum of R_0^0
 R_k^0. Astigmatism without field symmetry (decentred elements) has no radial direction,
 and is multiplied by (T + S) / 2.
 
-How large a family is: the rms spot radius that it makes in green at the place of the
+The size of a group is the rms spot radius that it makes in green at the place of the
 field where that is largest (the amplitudes of its modes, squared and summed), with the
 sign of its lowest mode there.
 """

@@ -1,11 +1,11 @@
-"""Distortion and lateral colour as they were turned.
+"""Distortion and lateral colour after the knobs are applied.
 
 A gain of distortion multiplies every coefficient of `lensfit.optics.distortion`: radial
-slopes, named terms, free field. The displacement follows it to first order, is none at
-0 and the measured one at 1, and the map keeps an inverse at any gain, since each of its
-factors has one whatever its coefficients are. The ideal projection (a fisheye's too),
-the anamorphic squeeze and the principal point stay. Lateral colour is a small
-displacement, and is multiplied itself.
+slopes, named terms, free field. The displacement is proportional to the gain to first
+order, zero at 0 and the measured one at 1. The map keeps an inverse at any gain, since
+each of its factors has one whatever its coefficients are. The ideal projection (a
+fisheye's too), the anamorphic squeeze and the principal point stay. Lateral colour is a
+small displacement, which the gain multiplies directly.
 """
 
 from dataclasses import replace

@@ -1,20 +1,20 @@
-"""The lens as it was turned: what the knobs do to the one that was measured.
+"""Apply the knobs to a measured lens.
 
-Every knob acts on the part of the lens that it is named after, before anything is
-rendered, so that a picture, a point-spread function and a map show the same. Neutral
-knobs return the lens itself, and parts that no knob touches stay the same objects.
+Every knob changes the part of the lens that it is named after, before anything is
+rendered, so that a picture, a point-spread function and a map agree. Neutral knobs
+return the lens itself, and parts that no knob touches stay the same objects.
 
 - `lensfit.preset.adjusted_aberration`: focal surfaces, coma, spherical, their colour;
 - `lensfit.preset.adjusted_chief_rays`: distortion and lateral colour;
 - `lensfit.preset.adjusted_vignetting`: the parts of the fall-off;
 - `lensfit.preset.adjusted_pupil`: blades, oval, cat's eye, ring, filter.
 
-A lens whose blur was not measured is perfect; what needs an opening or a wavefront to
-be turned is turned on that of the perfect lens of its f-number.
+A lens whose blur was not measured counts as perfect: a knob that needs a pupil or a
+wavefront changes that of the perfect lens of its f-number.
 
-A gain multiplies the numbers that were measured, and so their deviations. An amount
-that somebody stated was not measured, and fall-off is turned by its parts, which no
-photograph shows by themselves: how well these are known nobody can say.
+A gain multiplies the measured numbers and their standard deviations. A stated amount
+was not measured, and fall-off is adjusted by parts that no photograph shows separately:
+the standard deviations of these are unknown.
 """
 
 import math

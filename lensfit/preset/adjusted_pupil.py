@@ -1,20 +1,19 @@
-"""The opening as it was turned: blades, roundness, oval, rims, and what the stop lets
-through.
+"""The pupil after the knobs are applied: blades, roundness, oval, rims, transmission.
 
 Blades, rotation and roundness replace or change numbers of `lensfit.optics.pupil`; ring
-brightness and filter image are a `lensfit.optics.transmission`. The squeeze draws out
-where rays land, in focus and out of it. Where a turned opening lets rays through that
-nobody measured, in the corners of blades and beyond the rims, they are aberrated as the
-nearest that was.
+brightness and filter image are a `lensfit.optics.transmission`. The squeeze stretches
+the landing points of the rays, in focus and out of it. Where an adjusted pupil passes
+rays that were not measured (in the corners of blades and beyond the rims), they take
+the aberration of the nearest measured ray.
 
-The rims move against the stop with the field point h, as h (a0 + a1 |h|^2), and their
-radius is r0 + r1 |h|^2; a gain g of the cat's eye lets every point see them as the
-point g h does:
+The rims are clipping apertures. They move against the stop with the field point h, as
+h (a0 + a1 |h|^2), and their radius is r0 + r1 |h|^2. A gain g of the cat's eye gives
+every field point h the rims of the field point g h:
 
     a0 -> g a0,   a1 -> g^3 a1,   r1 -> g^2 r1,
 
-no farther than leaves the corner a sliver of light. A stated cat's eye is one rim as
-large as the widest opening, whose shift d at the corner hides a given share of it: two
+limited so that the corner keeps a sliver of light. A stated cat's eye is one rim as
+large as the widest stop, whose shift d at the corner hides a given share of it: two
 discs of radius 1 share the area 2 acos(d / 2) - (d / 2) sqrt(4 - d^2).
 """
 

@@ -1,22 +1,22 @@
-"""Fall-off as it was turned: its natural, optical and mechanical part by themselves.
+"""Fall-off after the knobs are applied: natural, optical and mechanical parts.
 
-A photograph shows them together (`lensfit.optics.falloff`). In -ln(illumination), where
-they add up, the photographed loss is parted by what is known of the lens:
+A photograph shows only their product (`lensfit.optics.falloff`). In -ln(illumination),
+where they add up, the photographed loss is divided by what is known of the lens:
 
 - natural: the foreshortening of the pupil that was measured (`optics.pupil`), or the
   fourth power of the cosine of the field angle where no pupil was;
 - optical: what the measured rims hide beyond that;
 - mechanical: the rest.
 
-No part is larger than what the ones before it leave of the photographed loss, so that
-none is ever negative and a lens that shows no loss has none. Rims that were turned
+No part is larger than what the parts before it leave of the photographed loss, so that
+none is negative and a lens that shows no loss has none. Adjusted rims
 (`lensfit.preset.adjusted_pupil`) hide more or less by their own shape.
 
 A stated loss is the same in all colours: it takes the shape of green's part, or, where
 that is too faint to have one, the foreshortening, the second or the third power of the
-squared radius. The sum is written down as fall-off is, a
-Bernstein polynomial of a degree that holds the photographed one exactly, by least
-squares over control values that never fall.
+squared radius. The sum is stored as measured fall-off is: a Bernstein polynomial of a
+degree that represents the photographed one exactly, by least squares over control
+values that never fall.
 """
 
 import math

@@ -3,14 +3,14 @@
 Numbers are interpolated linearly, focus distances as dioptres. Coefficients of a term
 that one neighbour lacks are zero there, so that a term fades in; what defines the terms
 (base projection, reference radius, degree and box of a free field) must agree.
-Fall-offs are first brought to one degree and radius. What was photographed, beyond
-which the terms go on in a simpler way, moves from one to the other like a number: with
-the smaller of both, the map would jump where a sequence leaves an entry. The squeeze is
-interpolated as the logarithmic strain of `lensfit.optics.distortion`, which knows no
-jump where its axis turns around. Blur that one neighbour lacks is the other's
-(`lensfit.preset.blend_blur` has the rules for the rest). What describes the measurement
-(terms, quality) comes from the nearer neighbour; how well numbers are known is left
-open, since nobody knows by how much a lens is off between two of its states.
+Fall-offs are first brought to one degree and radius. The photographed radius, beyond
+which terms are extrapolated more simply, is interpolated like a number: with the
+smaller of both, the map would jump where a sequence leaves an entry. The squeeze is
+interpolated as the logarithmic strain of `lensfit.optics.distortion`, which has no jump
+where its axis turns by half a turn. Blur that one neighbour lacks is the other's
+(`lensfit.preset.blend_blur` has the rules for the rest). Descriptions of the
+measurement (terms, quality) come from the nearer neighbour. Standard deviations are
+left out, since the error between two measured states is unknown.
 """
 
 import math
@@ -24,7 +24,7 @@ from lensfit.preset.blend_blur import blended_blur
 from lensfit.preset.blend_numbers import blended_distance_mm
 from lensfit.preset.blocks import Distortion, FallOff
 from lensfit.preset.blur_blocks import Blur
-from lensfit.preset.common_fall_off import on_common_footing
+from lensfit.preset.common_fall_off import matched_fall_offs
 
 Block = TypeVar("Block", bound=msgspec.Struct)
 
@@ -49,7 +49,7 @@ def blend(first: Block, second: Block, weight: float) -> Block:
     if isinstance(first, Blur) and isinstance(second, Blur):
         return blended_blur(first, second, weight)
     if isinstance(first, FallOff) and isinstance(second, FallOff):
-        first, second = on_common_footing(first, second, weight)
+        first, second = matched_fall_offs(first, second, weight)
     changes = {
         name: _value(name, getattr(first, name), getattr(second, name), weight)
         for name in first.__struct_fields__

@@ -1,11 +1,12 @@
 """Weighted mean of the blurs of two lens states.
 
-Terms of the aberration function are matched by what they are; one that a neighbour
+Terms of the aberration function are matched by their identity; one that a neighbour
 lacks is zero there, and so fades in. Rims are matched by their order; one that a
 neighbour lacks is too wide to clip there. The pupil's squeeze is interpolated by its
 logarithm, the reference distance in dioptres, stops as functions of the f-number, all
-other numbers linearly. Blades, and what is said to be assumed, come from the nearer
-neighbour; blades of one number turn and bend smoothly.
+other numbers linearly. Blades, and the list of assumed values, come from the nearer
+neighbour; if both have the same number of blades, their rotation and roundness are
+interpolated.
 """
 
 from itertools import zip_longest
@@ -15,7 +16,7 @@ import msgspec
 from lensfit.preset.blend_numbers import blended, blended_distance_mm, blended_ratio
 from lensfit.preset.blocks import Pair
 from lensfit.preset.blur_blocks import AberrationTerm, Blur, Pupil, Rim
-from lensfit.preset.stops import blended_stops
+from lensfit.preset.photographed_stops import blended_stops
 
 _LINEAR = (
     "field_radius_mm",

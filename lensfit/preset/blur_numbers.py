@@ -1,8 +1,8 @@
-"""The numbers of a blur block by name, so that any of them can be moved.
+"""The numbers of a blur block by name, so that any of them can be changed.
 
-A name is the path to the number in the file, but for lists whose order means nothing:
-a term of the aberration function is named by what it is (part, degree, order, field
-degree and field order), a stop by its f-number:
+A name is the path to the number in the file. In lists whose order means nothing, a
+member is named by its identity: a term of the aberration function by part, degree,
+order, field degree and field order, a stop by its f-number:
 
     focus_offset_mm
     pupil.rims[0].shift[1]

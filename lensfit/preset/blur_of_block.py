@@ -1,13 +1,13 @@
-"""From a preset's blur block to the optics, and back.
+"""Convert a preset's blur block to the optics, and back.
 
 The file lists each term of the aberration function with its change by colour, and the
 pupil's squeeze as a ratio; the optics keep arrays in the order of their terms, colour
-apart, and the logarithm of the squeeze. Nothing else changes on the way.
+apart, and the logarithm of the squeeze. Nothing else is converted.
 
 `lens_blur` then sets f-number and focus. The radius of a stop that was not photographed
-follows its f-number, corrected as the stops beside it were. A focus distance that was
-not photographed is reached by first-order optics: the sensor moves to where it is
-sharp, as if the whole lens did (unit focusing).
+follows its f-number, corrected by interpolation between the photographed stops. A focus
+distance that was not photographed is reached by first-order optics: the image plane
+moves as if the whole lens did (unit focusing).
 """
 
 import math
@@ -28,7 +28,7 @@ from lensfit.optics.spectrum import CENTRES_NM, WIDTHS_NM, bands
 from lensfit.optics.terms import Term
 from lensfit.preset import blur_blocks as blocks
 from lensfit.preset.entry import Entry
-from lensfit.preset.stops import radius_ratio
+from lensfit.preset.photographed_stops import radius_ratio
 
 ROUND_SLACK = 1.02
 """Blades show above this times the widest round f-number."""

@@ -1,7 +1,7 @@
-"""Knobs of the opening, and so of the shape of lights out of focus.
+"""Knobs of the pupil, which shapes lights out of focus.
 
 They act alike on a measured lens and on an ideal one; `lensfit.preset.adjusted_pupil`
-says what each does. Light is kept: a light out of focus has the same energy whatever
+describes each. Energy is conserved: a light out of focus has the same energy whatever
 its shape.
 """
 

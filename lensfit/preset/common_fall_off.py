@@ -1,12 +1,12 @@
-"""Fall-off polynomials on a common footing, so that they can be averaged.
+"""Convert fall-off polynomials to a common degree and radius for averaging.
 
 A fall-off is a Bernstein polynomial of the squared radius with b_0 = 0
 (`lensfit.optics.falloff`), over the radius it is stated for. Raising its degree
 and cutting its interval short are exact, and neither makes rising control values fall
-(G. Farin, Curves and Surfaces for CAGD, 2002, on Bezier curves). The common radius
-moves from one to the other with the weight, so that nothing jumps where a sequence
-leaves an entry; the one whose radius is smaller is followed beyond it, where it goes on
-with its last slope, by a polynomial through enough of its values.
+(G. Farin, Curves and Surfaces for CAGD, 2002, on Bezier curves). The common radius is
+interpolated with the weight, so that nothing jumps where a sequence leaves an entry.
+The fall-off with the smaller radius is extended beyond it with its last slope, and
+interpolated there by a polynomial through enough of its values.
 """
 
 from functools import cache
@@ -25,7 +25,7 @@ _DEGREE_BEYOND = 8
 """Of the polynomial that follows a fall-off over the bend at its radius."""
 
 
-def on_common_footing(
+def matched_fall_offs(
     first: FallOff, second: FallOff, weight: float
 ) -> tuple[FallOff, FallOff]:
     """Both over a radius between theirs, and of one degree.

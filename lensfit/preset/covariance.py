@@ -1,4 +1,4 @@
-"""How well fitted numbers are known, and how they move together, in a preset file."""
+"""Standard deviations and correlations of fitted numbers in a preset file."""
 
 from collections.abc import Sequence
 

@@ -1,7 +1,7 @@
 """One entry of a preset: the lens at one focal length and focus distance.
 
-An entry holds the blocks that make the lens, which terms were tried and why each was
-kept or left, the covariance of the fitted parameters and the quality of the fit.
+An entry holds the blocks that make the lens, the decision on every candidate term with
+its reason, the covariance of the fitted parameters and the quality of the fit.
 """
 
 import math

@@ -1,9 +1,9 @@
-"""Knobs that were turned and have nothing to turn, told in a sentence each.
+"""Inactive overrides: knobs that have no effect on this lens, one sentence each.
 
-A gain multiplies what was measured. Of a lens that has none of it (an ideal lens, one
-that was never photographed for its blur, an imported one) nothing is left to multiply,
-and the picture stays as it is. The knob that states an amount, or adds what is lacking,
-is named with it. A gain of zero asks for nothing and gets it, and is not told.
+A gain multiplies what was measured. If the lens has none of it (an ideal lens, one
+whose blur was not photographed, an imported one) there is nothing to multiply, and the
+picture stays as it is. The sentence names the knob that states an amount, or adds what
+is lacking. A gain of zero has its full effect and is not reported.
 """
 
 from collections.abc import Iterator
@@ -83,7 +83,9 @@ def inactive_overrides(
         has["chromatic"] = _is_in(lens, "chromatic") or any(map(has.get, _CHROMATIC))
     found = [
         InactiveOverride(
-            f"{name}{_GAIN}", f"the preset has no {_CALLED[name]}", stating(name)
+            f"{name}{_GAIN}",
+            f"the preset has no {_CALLED[name]}",
+            knobs_that_state(name),
         )
         for name, is_there in has.items()
         if not is_there and _is_adjusted(aberration, f"{name}{_GAIN}")
@@ -95,10 +97,10 @@ def inactive_overrides(
     )
 
 
-def stating(name: str) -> tuple[str, ...]:
+def knobs_that_state(name: str) -> tuple[str, ...]:
     """Knobs that state how much there is of an aberration."""
     if name == "chromatic":
-        return tuple(knob for one in _CHROMATIC for knob in stating(one))
+        return tuple(knob for one in _CHROMATIC for knob in knobs_that_state(one))
     unit = next((u for end, u in _UNITS.items() if name.endswith(end)), "_um")
     return (name + unit,)
 
@@ -109,7 +111,7 @@ def _is_adjusted(knobs: AberrationKnobs | BokehKnobs, name: str) -> bool:
 
 def _is_stated(knobs: AberrationKnobs, name: str) -> bool:
     """Whether an amount is stated, even of none: a gain multiplies that."""
-    return any(getattr(knobs, knob) is not None for knob in stating(name))
+    return any(getattr(knobs, knob) is not None for knob in knobs_that_state(name))
 
 
 def _has_chief_rays(lens: Lens, knobs: AberrationKnobs) -> dict[str, bool]:

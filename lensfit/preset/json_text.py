@@ -1,8 +1,8 @@
-"""Preset JSON as people read it, with every bit of every number kept.
+"""Preset JSON laid out for readers, with every number kept to the bit.
 
 Numbers are written as the shortest decimal that reads back as the same float64. Lists
 of plain values stay on one line, as do short objects; longer lists are filled lines,
-so that a change shows where it is. Keys keep the order of the schema. JSON has no
+so that a diff shows where a change is. Keys keep the order of the schema. JSON has no
 infinity, so an infinite distance is the text "inf".
 """
 

@@ -1,9 +1,9 @@
-"""Everything an artist may turn on a lens beyond what was measured.
+"""All adjustments that an artist may make to a measured lens.
 
 A knob has one name everywhere: in a preset (the block "knobs", only what is not
 neutral), on the command line (``--coma-gain``), in the header of a plate
-(``lensfit/coma_gain``, with any prefix) and in a settings file (``[knobs]``). Every
-knob is neutral as a preset comes from calibration, and neutral knobs change no bit.
+(``lensfit/coma_gain``, with any prefix) and in a settings file (``[knobs]``). A preset
+from calibration has neutral knobs, and neutral knobs change no bit.
 """
 
 import difflib
@@ -83,7 +83,7 @@ def _is_not_finite(value: str | float) -> bool:
         return False
 
 
-def not_neutral(knobs: Knobs) -> dict[str, Value]:
+def active_knobs(knobs: Knobs) -> dict[str, Value]:
     """Name and value of every knob that changes something."""
     return {
         name: getattr(getattr(knobs, group), name)
@@ -98,7 +98,7 @@ def knob_entries(attributes: Mapping[str, object]) -> list[tuple[str, str, objec
     return [entry for entry in _named(attributes) if entry[1] in GROUP_OF]
 
 
-def slips_in(attributes: Mapping[str, object]) -> tuple[str, ...]:
+def misspelt_knob_notes(attributes: Mapping[str, object]) -> tuple[str, ...]:
     """One sentence for each header entry that looks like a knob and is none.
 
     Headers travel through many programs, and lensfit's own entries stand under the same

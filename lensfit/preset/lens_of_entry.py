@@ -1,8 +1,8 @@
-"""From the numbers of a preset entry to the lens that computes, and back.
+"""Convert the numbers of a preset entry to a lens, and back.
 
-The file states a squeeze as ratio and azimuth, as people speak of it; the optics keep
+The file states a squeeze as ratio and azimuth, which is common usage; the optics keep
 the logarithmic strain, which is smooth where there is no squeeze
-(`lensfit.optics.distortion`). Nothing else changes on the way.
+(`lensfit.optics.distortion`). Nothing else is converted.
 """
 
 import math
@@ -31,9 +31,9 @@ from lensfit.preset.entry import Entry
 from lensfit.preset.inactive_overrides import inactive_overrides
 from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.map_covariances import map_covariances
+from lensfit.preset.photographed_stops import unphotographed_f_number_note
 from lensfit.preset.schema import Camera
-from lensfit.preset.select import Selection
-from lensfit.preset.stops import beyond_photographed
+from lensfit.preset.select_entry import Selection
 
 NO_BLUR = "blur was not measured; a perfect lens stands in for it"
 """Note of a preset without a measured blur."""
@@ -70,7 +70,7 @@ def _measured_lens(chosen: Selection, camera: Camera) -> Lens:
     distortion = _optics_of(entry.projection, entry.distortion)
     if entry.blur is not None and f_number is not None:
         blur = lens_blur(entry, f_number, chosen.measured_focus_mm)
-        notes += beyond_photographed(entry.blur.stops, f_number)
+        notes += unphotographed_f_number_note(entry.blur.stops, f_number)
     return Lens(
         distortion=distortion,
         lateral_colour=_lateral_of(entry.lateral_colour),

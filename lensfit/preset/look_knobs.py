@@ -1,9 +1,8 @@
-"""Knobs of the looks that no photograph of a grid shows: filters, glass, white balance.
+"""Knobs of effects that no chart photograph shows: filters, glass, white balance.
 
 An effect is off while its gain is 0, whatever else of it is set. Sizes are percent of
 the width of the frame, so that a proxy looks like the full plate; thresholds are
-scene-linear. What each effect does, and to the light as a whole, stands in
-`lensfit.rendering.look`.
+scene-linear. `lensfit.rendering.look` describes each effect and its energy balance.
 """
 
 from typing import Annotated

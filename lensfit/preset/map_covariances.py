@@ -1,10 +1,10 @@
-"""How well the maps of a preset entry are known, for the lens that computes.
+"""Covariances of the maps of a preset entry, in the parameters of the optics.
 
-The covariance of an entry counts as the fit does (`lensfit.fitting.parameters`): the
-principal distance by its logarithm, the principal point in reference radii, all else as
-in the file. Of the free field, numbers along x come first, then as many along y. A
-number that is not named was held and does not move. Other parameters (errors of the
-chart, shifts of wide apertures) move no chief ray.
+The covariance of an entry is in the fit's parameters (`lensfit.fitting.parameters`):
+the principal distance by its logarithm, the principal point in reference radii, all
+else as in the file. Of the free field, numbers along x come first, then as many along
+y. A number that is not named was fixed and has no variance. Other parameters (errors of
+the chart, shifts of wide apertures) change no chief ray.
 """
 
 import numpy as np
@@ -81,8 +81,10 @@ def _of_fall_off(
 def _of_distortion(
     covariance: Covariance | None, distortion: Distortion
 ) -> Float[np.ndarray, "numbers numbers"] | None:
-    """Of the numbers of `lensfit.optics.position_deviation.moved`; None where one is
-    known of which the file does not say what it multiplies."""
+    """Of the numbers of `lensfit.optics.position_deviation.changed_distortion`.
+
+    None if the file does not state what one of them multiplies.
+    """
     return _of_numbers(covariance, distortion, {})
 
 

@@ -1,10 +1,10 @@
-"""Fall-off at f-numbers that nobody photographed, from the shape of the pupil.
+"""Fall-off at f-numbers that were not photographed, from the shape of the pupil.
 
-The area of the opening, in direction cosines, over that on the axis is the relative
-illumination (`lensfit.optics.pupil`): rims that clip at a wide stop let a smaller one
-through whole. What is left then is natural fall-off, which hardly shows in the shape
-of dots: so fall-off that was measured at the nearest f-number is changed by what the
-pupil says from that one to the other. It is written down as measured fall-off is
+The area of the pupil, in direction cosines, over that on the axis is the relative
+illumination (`lensfit.optics.pupil`): rims that clip at a wide stop do not clip a
+smaller one. The remaining loss is natural fall-off, which hardly shows in the shape of
+dots. So the fall-off measured at the nearest f-number is multiplied by the ratio that
+the pupil predicts between the two f-numbers. It is stored as measured fall-off is
 (`lensfit.optics.falloff`): a Bernstein polynomial of the squared radius whose control
 values never fall, by least squares with non-negative steps, for the mean over all
 azimuths.
@@ -22,7 +22,7 @@ from lensfit.preset.blocks import FallOff
 from lensfit.preset.blur_of_block import lens_blur
 from lensfit.preset.entry import Entry
 from lensfit.preset.fall_off_control import control_of, pupil_loss, squared_radii
-from lensfit.preset.stops import SAME_STOP
+from lensfit.preset.photographed_stops import SAME_STOP
 
 TERMS = 7
 """Control values: enough for the kink where a rim begins to clip."""

@@ -1,8 +1,8 @@
 """A preset: one lens on one camera, an entry per focal length and focus distance.
 
-The file is JSON, schema "lensfit.preset.1", every key with its unit, readable by a
-person. Whatever changes the meaning of a key raises the number in the schema and
-adds a step to `lensfit.preset.upgrade`. Reading and checking a preset needs no JAX.
+The file is JSON, schema "lensfit.preset.1"; every key names its unit. A change of the
+meaning of a key raises the number in the schema and adds a step to
+`lensfit.preset.upgrade`. Reading and checking a preset needs no JAX.
 """
 
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,7 +12,7 @@ from msgspec import Meta, Struct
 from lensfit.preset.blocks import PositiveFloat
 from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import NEUTRAL, Knobs
-from lensfit.preset.select import Selection, select
+from lensfit.preset.select_entry import Selection, select
 from lensfit.preset.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     ) -> Selection:
         """The entry at a lens state, and what its user should know about it.
 
-        See `lensfit.preset.select.select` for the rules of interpolation.
+        See `lensfit.preset.select_entry.select` for the rules of interpolation.
         """
         return select(
             self.entries,

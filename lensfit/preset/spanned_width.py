@@ -1,7 +1,8 @@
-"""The width of sensor that a plate spans, against that which was photographed.
+"""Compare the sensor width that a plate spans with the one that was photographed.
 
-A map continues beyond what was measured as its terms happen to. A little of that is a
-remark; much of it is a number in another unit, or of another camera, and no picture.
+Beyond the photographed width the map is extrapolated by its terms. A small
+extrapolation is noted; a large one means a wrong unit or another camera, and is
+refused.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Presets on disk: read strictly, written whole, and never written unreadable."""
+"""Read presets strictly; write them whole, after a check that they read back."""
 
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,12 @@ from lensfit._strict import (
 )
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import PresetError
-from lensfit.preset.check import check_preset
 from lensfit.preset.json_text import (
     infinities_from_text,
     infinities_to_text,
     to_json_text,
 )
+from lensfit.preset.preset_faults import check_preset
 from lensfit.preset.schema import Preset
 from lensfit.preset.upgrade import upgrade
 

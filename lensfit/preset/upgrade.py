@@ -1,8 +1,8 @@
-"""Older presets, brought up to the present schema one version at a time.
+"""Upgrade older presets to the present schema, one version at a time.
 
 Each step takes the plain tables of version n and returns those of version n + 1; it
-sets the schema itself. A preset never loses what a later version cannot hold: the step
-then refuses, with a `PresetError` that says why.
+sets the schema itself. A step that cannot keep some content of the older version raises
+a `PresetError` with the reason.
 """
 
 import re

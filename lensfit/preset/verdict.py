@@ -1,4 +1,4 @@
-"""What a lens was judged to be good for, as its calibration found it.
+"""The use that a lens is good enough for, as judged by its calibration.
 
 Levels are ordered; each includes those before it: "unusable" for nothing, "look" for
 soft or moving CG, "undistortion" where the stated focal length will do,

@@ -1,4 +1,4 @@
-"""Pixels in memory: what JAX on a CPU can use in place, and parts of a window.
+"""Aligned arrays that JAX on a CPU uses without a copy, and crops of a window.
 
 JAX copies an array that does not start on a 64-byte boundary, which numpy's seldom do;
 for a frame of eight million pixels the copy costs as much as half a warp.

@@ -1,16 +1,16 @@
-"""The circle of confusion: how large a plain thin lens makes the blur of a distance.
+"""The circle of confusion: blur radius of a thin lens as a function of distance.
 
-It does not make the picture (the lens' own rays do), but it orders what there is: how
-thick a slab of depth may be, where two neighbouring pixels belong to different
-surfaces, how far light can reach.
+It does not make the picture (the lens' own rays do). It sets the thickness of a slab of
+depth, tells where two neighbouring pixels belong to different surfaces, and bounds how
+far light can spread.
 
 In pixels, with the aperture's diameter A = f/N, the principal distance c and the pixel
 pitch q, the signed radius of an object at vergence v = 1/z is
 
     r = A c (v - v_focus) / 2 q,
 
-positive in front of the focus distance. It is linear in vergence, so everything here
-counts in vergence: the sky is an ordinary 0.
+positive in front of the focus distance. It is linear in vergence, so everything here is
+in vergence, where the sky is an ordinary 0.
 
 References
 ----------

@@ -1,13 +1,13 @@
 """Depth of field: surfaces seen through every point of the pupil, and small lights.
 
-    surfaces    what the plate shows and what it hides (`surfaces`)
-    gather      each pixel the mean of its rays through them (`gather`)
-    lights      taken off beforehand, laid down as meshes, cut by what stands before
+    surfaces    the visible surfaces and the inpainted background (`surfaces`)
+    gather      each pixel is the mean of its rays through them (`pupil_gather`)
+    lights      removed beforehand, added as meshes, occluded by what stands before
                 them (`light_mesh`)
 
-The picture is made in large tiles, each with a margin as wide as rays are led, so that
-memory does not grow with the picture. A picture in which no ray is led visibly comes
-back bit for bit.
+The picture is made in large tiles, each with a margin as wide as the largest ray
+displacement, so that memory does not grow with the picture. A picture in which no ray
+is visibly displaced comes back bit for bit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,13 +23,13 @@ from lensfit.coords import Window
 from lensfit.cores import available_cores
 from lensfit.rendering.buffers import crop
 from lensfit.rendering.flat_plate import FlatPlate
-from lensfit.rendering.gather import TILE, PackedSurfaces, gather
 from lensfit.rendering.highlights import Highlights, Spot, spots
 from lensfit.rendering.layer_stack import LayerStack, flattened
 from lensfit.rendering.light_mesh import light_kernel
-from lensfit.rendering.mattes import shared_pixels
-from lensfit.rendering.packed import packed
+from lensfit.rendering.packed_surfaces import packed_surfaces
 from lensfit.rendering.plate_defocus import Defocus, Rays
+from lensfit.rendering.pupil_gather import TILE, PackedSurfaces, gather
+from lensfit.rendering.shared_pixels import shared_pixels
 from lensfit.rendering.surfaces import (
     Slabs,
     Surface,
@@ -204,7 +204,9 @@ class _Frame:
         laid_down = workers.submit(_laid_down, lights, surfaces, rays, region, window)
         strips = []
         if surfaces:
-            packing = workers.submit(packed, surfaces, rays.many, self.cubic_px)
+            packing = workers.submit(
+                packed_surfaces, surfaces, rays.many, self.cubic_px
+            )
             target = crop(self.picture, self.output_window, tile)
             sharp = crop(self.pinhole, window, tile)
             strip = partial(
@@ -311,7 +313,7 @@ def _laid_down(
     window, and colours."""
     if not mine:
         return []
-    before: PackedSurfaces = packed(surfaces, rays.many, smooth=False)
+    before: PackedSurfaces = packed_surfaces(surfaces, rays.many, smooth=False)
     offset = region.y_min - window.y_min, region.x_min - window.x_min
     found = []
     for spot in mine:

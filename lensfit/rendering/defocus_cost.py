@@ -1,9 +1,9 @@
-"""What depth of field costs on a plate: seconds and memory, from its depth alone.
+"""Time and memory of depth of field on a plate, predicted from its depth alone.
 
-What the renderer will do is counted in cells of the frame, the squares of its loop over
-rays: pixels that are continued behind each slab of depth, parts of the frame where that
-is done, surfaces that rays meet before one hides the rest. Each has its time on one
-core, measured on traced and path-traced scenes.
+The work of the renderer is counted in cells of the frame, the squares of its loop over
+rays: pixels that are inpainted behind each slab of depth, parts of the frame where that
+is done, surfaces that rays meet before one hides the rest. The time of each on one core
+was measured on traced and path-traced scenes.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ from jaxtyping import Float32
 from lensfit.coords import Window
 from lensfit.cores import available_cores
 from lensfit.rendering.defocus import grown, tiles_of
-from lensfit.rendering.gather import TILE, points_along, step_for
-from lensfit.rendering.hidden import NOWHERE, joined_in_cells, sight_of_cells_px
+from lensfit.rendering.inpainting import NOWHERE, joined_in_cells, sight_of_cells_px
 from lensfit.rendering.nearest import nearest_pixels
 from lensfit.rendering.plate_defocus import Defocus, Rays
+from lensfit.rendering.pupil_gather import TILE, points_along, step_for
 from lensfit.rendering.surfaces import EVEN_PX
 
 _RAY_S, _TILE_S = 6.5e-9, 1e-4

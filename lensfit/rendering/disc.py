@@ -1,4 +1,4 @@
-"""The kernel of a lens whose blur nobody measured: a thin lens' disc, in closed form.
+"""The kernel of a lens without measured blur: a thin lens' disc, in closed form.
 
 Such a lens counts as perfect (`lensfit.kernel.lens_blur.perfect_blur`); its blur is one
 disc all over the frame, to some 3 % of `Lens.psf`, and costs no rays. Diffraction is

@@ -1,4 +1,4 @@
-"""Interpolating filters of the warp, and what each costs and gives.
+"""Interpolating filters of the warp, with their cost and error.
 
 RMS error of a shifted sine of unit amplitude, by its frequency in cycles/px:
 
@@ -11,13 +11,14 @@ RMS error of a shifted sine of unit amplitude, by its frequency in cycles/px:
     lanczos3        36   3.8e-3   4.4e-3   1.7e-2   1.6e-2   2.5e-1    0
     spline          16+  1.7e-5   2.9e-4   6.3e-3   4.9e-2   2.4e-1    4
 
-OpenCV's cubic (a = -0.75) does not even reproduce a ramp; `cubic` is the same kernel,
-read at the fraction where it does, and so lets OpenCV do the work (`render.remap`). On
-a picture with the spectrum of nature (amplitude as 1/f) it is as good as catmull-rom;
-on a smooth one the others gain. A prefiltered cubic spline is the most accurate for its
-taps, but its prefilter rings over a dozen pixels, which a highlight of a thousand times
-its surroundings makes visible; all filters here have compact support and leave sample
-positions untouched, and catmull-rom and keys-6 reproduce quadratics and cubics.
+OpenCV's cubic (a = -0.75) does not reproduce a ramp; `cubic` is the same kernel, read
+at the fraction where it does, so that OpenCV can do the work (`rendering.remap`). On a
+picture with a natural spectrum (amplitude as 1/f) it is as good as catmull-rom; on a
+smooth picture the others are better. A prefiltered cubic spline is the most accurate
+for its taps, but its prefilter rings over a dozen pixels, which a highlight of a
+thousand times its surroundings makes visible. All filters here have compact support and
+leave sample positions untouched, and catmull-rom and keys-6 reproduce quadratics and
+cubics.
 
 Reference: R. G. Keys, IEEE Trans. ASSP 29 (1981) 1153-1160.
 """

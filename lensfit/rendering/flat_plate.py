@@ -1,4 +1,4 @@
-"""A flat plate with depth, as it lies on the sensor before it is blurred."""
+"""A flat plate with depth, after the warp and before it is blurred."""
 
 from dataclasses import dataclass
 

@@ -1,12 +1,12 @@
 """The order in which a lens acts on a plate.
 
-chief-ray warp      where each channel's light lands (distortion, lateral colour)
+chief-ray warp      distortion and lateral colour, for each channel
 depth of field      in the distorted picture, on the window with its margin, before any
                     light is lost: each layer blurred by the lens' own kernels
-illumination        how much of it arrives
+illumination        relative illumination as a gain
 looks               filters, reflections, glare, white balance (`look.stack`), on the
                     window with its margin
-crop                the margin and the overscan go last
+crop                the margin and the overscan are removed last
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ from lensfit.rendering.defocus import blurred_layers, blurred_plate
 from lensfit.rendering.falloff import apply_gain
 from lensfit.rendering.filters import Filter, filter_for
 from lensfit.rendering.highlights import Highlights
-from lensfit.rendering.landing import landed, landed_flat, landed_layers
 from lensfit.rendering.layer_stack import LayerStack, Mattes, check_depth, flattened
 from lensfit.rendering.look.blur_of_light import SharpLayer
-from lensfit.rendering.look.sharp import sharp_layers
 from lensfit.rendering.look.stack import Arrival, light_spreads
+from lensfit.rendering.look.unblurred_plate import sharp_layers
 from lensfit.rendering.look.white_balance import Chromaticities
-from lensfit.rendering.stages import (
+from lensfit.rendering.plate_warp import warped_flat_plate, warped_layers, warped_plate
+from lensfit.rendering.render_stages import (
     DEFAULT_TOLERANCE,
     Stages,
     Switches,
@@ -166,14 +166,14 @@ def render_stages(
     whole = look is not None and look.spreads
     window = stages.window if whole else output_window
     if isinstance(pixels, LayerStack) and stages.defocus is not None:
-        layers, lights = landed_layers(pixels, data_window, stages, method)
+        layers, lights = warped_layers(pixels, data_window, stages, method)
         seen = _with_lights(layers, lights) if stages.look else []
         arrival = _arrival(stages, seen, list(layers.depth_mm))
         blurred = blurred_layers(layers, stages.window, window, stages.defocus, lights)
         picture = _lit(blurred, stages, window)
     elif depth_mm is None or stages.defocus is None:
         flat = flattened(pixels) if isinstance(pixels, LayerStack) else pixels
-        there = landed(flat, data_window, stages, method)
+        there = warped_plate(flat, data_window, stages, method)
         arrival = _arrival(stages, [there])
         picture = crop(_lit(there, stages), stages.window, window)
     else:
@@ -181,8 +181,10 @@ def render_stages(
         check_depth(depth_mm, pixels.shape[:2])
         front, front_lights = None, []
         if in_front is not None:
-            front, front_lights = landed_layers(in_front, data_window, stages, method)
-        flat = landed_flat(pixels, depth_mm, data_window, stages, method, mattes, front)
+            front, front_lights = warped_layers(in_front, data_window, stages, method)
+        flat = warped_flat_plate(
+            pixels, depth_mm, data_window, stages, method, mattes, front
+        )
         colours, depths = [], []
         if front is not None:
             colours, depths = _with_lights(front, front_lights), front.depth_mm

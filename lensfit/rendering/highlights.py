@@ -1,16 +1,15 @@
 """Small lights far brighter than white: each blurred by its own kernel, exactly.
 
-They are found on the plate as it was rendered, where colours lie on one another and on
-their depth, and each colour then lands by its own map: what red does on the sensor
-decides nothing about green.
+They are detected on the plate before the warp, where all colours and the depth are
+aligned. Each colour is then warped by its own map, and none affects another.
 
-A light of hundreds times white, out of focus, is a disc whose rim the eye sees sharp:
-what the rest of the picture can do without (a radius true to a hundredth of a pixel, a
-kernel of that very place) matters there. So small bright spots are taken off the
-plate, each with the one depth that most of its light has, and their light is spread
+A light of hundreds times white, out of focus, is a disc with a visibly sharp rim. It
+needs precision that the rest of the picture does not: a radius true to a hundredth of a
+pixel and the kernel of its exact position. So small bright spots are removed from the
+plate, each gets the one depth that most of its light has, and their light is spread
 pixel by pixel.
 
-A light that fills several pixels has been through the pixel filter of whoever rendered
+A light that fills several pixels has been through the pixel filter of the renderer of
 the plate, and its kernel is not filtered by a pixel again: it is sampled three times
 finer instead. A light in a single pixel is a point, and its image is the lens' kernel.
 """
@@ -22,8 +21,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
-from lensfit.rendering.around import around
 from lensfit.rendering.nearest import nearest_pixels
+from lensfit.rendering.neighbourhood_mean import neighbourhood_mean
 
 _WHITE = 1.0
 _ABOVE = 2.0
@@ -180,7 +179,7 @@ def _closed(
     if kept.any():  # a mean of two distances is that of neither
         source, _ = nearest_pixels(kept, ~kept)
         radius[~kept] = radius_px.ravel()[source]
-    return around(rgba, kept, _SMOOTH_PX).mean, radius
+    return neighbourhood_mean(rgba, kept, _SMOOTH_PX).mean, radius
 
 
 def _one_depth_each(

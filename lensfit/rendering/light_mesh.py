@@ -1,14 +1,14 @@
 """Small bright lights: the image of a point as a mesh of pupil triangles.
 
-What the rest of a picture can do without, a light of hundreds times white shows: the
+A light of hundreds times white shows details that the rest of a picture does not: the
 rim of its disc, caustics where the wavefront folds, blades, coloured edges. So the
-pupil is cut into triangles; each lands as a triangle of the image, with the light of
-its part of the pupil, whatever its area there. A triangle is laid down in pieces
-smaller than a pixel, and each piece is seen or hidden by what stands before the light
-on its ray: half a disc behind a column, a line where a wire crosses.
+pupil is divided into triangles. Each is imaged as a triangle that holds the light of
+its part of the pupil, whatever its area in the image. A triangle is rasterised in
+pieces smaller than a pixel, and each piece is visible or occluded by what stands before
+the light on its ray: half a disc behind a column, a line where a wire crosses.
 
-The mesh stands at the nodes of a grid over the frame, at three radii of blur, for every
-wavelength of every channel; between them it is interpolated as rays are
+The meshes are computed at the nodes of a grid over the frame, at three radii of blur,
+for every wavelength of every channel. Between them they are interpolated as rays are
 (`lensfit.rendering.ray_field`), with
 
     landing = place + f0 + f1 r + f2 r^2.
@@ -24,7 +24,8 @@ from jaxtyping import Float, Float32, Int32
 
 from lensfit.coords import Window
 from lensfit.rendering.circle import Circle
-from lensfit.rendering.gather import (
+from lensfit.rendering.outlines import STEP_GROWTH, STEP_PX
+from lensfit.rendering.pupil_gather import (
     HEIGHT,
     LEFT,
     MIDDLE,
@@ -36,7 +37,6 @@ from lensfit.rendering.gather import (
     PackedSurfaces,
     counted,
 )
-from lensfit.rendering.outlines import STEP_GROWTH, STEP_PX
 from lensfit.rendering.ray_field import DepthNodes, landed_rays
 from lensfit.rendering.uv import PlateGeometry
 

@@ -1,5 +1,6 @@
-"""Planes read through a map without a filter that swings: depth, ids, coverage by the
-nearest sample, lights on black by linear weights."""
+"""Read planes through a map without overshoot: depth, ids and coverage by the nearest
+sample, lights on black by linear weights.
+"""
 
 import cv2
 import numpy as np

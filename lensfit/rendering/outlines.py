@@ -1,12 +1,12 @@
-"""Pixels along the outline of a near surface, which show both of its sides.
+"""Pixels along the outline of a near surface, which mix both of its sides.
 
 With F and B the colours of both sides nearby, such a pixel is
 
     pixel = a F + (1 - a) B,
 
-where the share a follows from the pixel's colour, leaning on the shape that the depth
-draws where F and B look alike. The near surface gets what is left of the pixel when
-(1 - a) B is taken away, so nothing is lost.
+where the share a follows from the pixel's colour, regularised towards the coverage that
+the depth suggests where F and B look alike. The near surface gets the pixel minus
+(1 - a) B, so nothing is lost.
 """
 
 from typing import NamedTuple
@@ -53,7 +53,7 @@ def outline_between(radius_px: Plane, front: Bool[np.ndarray, "h w"]) -> Outline
     return Outline(both, near)
 
 
-def taken_apart(
+def separated_near_surface(
     rgba: Colour,
     radius_px: Plane,
     front: Bool[np.ndarray, "height width"],

@@ -1,16 +1,15 @@
 """How much more than the frame a CG camera must render, to the pixel.
 
 The lens looks beyond the frame of an undistorted plate where its distortion pulls
-outside points in. What the finished frame reads is the filter's reach about the
-undistorted positions of its pixels, in all three channels; a plate that holds those
-pixels has no black border, and no pixel beyond them changes the frame. Depth of field
-reads further: light from beside the frame spreads into it, from as far as the blur is
-wide.
+outside points in. The finished frame reads the filter's support around the undistorted
+positions of its pixels, in all three channels. A plate that holds those pixels has no
+black border, and no pixel beyond them changes the frame. Depth of field reads further,
+by the radius of the blur, since light from beside the frame spreads into it.
 
 Overscan is stated in four ways that must agree: pixels on each side (the data window),
 `lens/overscan` in percent of the size in total on both axes alike, the wider film back
-of the CG camera at the same focal length, and the factor of OpenLensIO, which knows no
-pixels (1 + percent/100 of the frame's own border).
+of the CG camera at the same focal length, and the factor of OpenLensIO, which is
+relative (1 + percent/100 of the frame's own border).
 
 References
 ----------

@@ -1,4 +1,4 @@
-"""A lens on a plate, ready to blur it: its rays, and what a tolerance asks of them.
+"""A lens prepared to blur a plate: its rays, and the density that a tolerance needs.
 
 Rays are made once for a window and a range of depth, and kept while the camera stays.
 """

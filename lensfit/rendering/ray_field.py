@@ -1,6 +1,6 @@
-"""Rays of a lens over a plate: what each point of the pupil reads, and its share.
+"""Rays of a lens over a plate: the place that each pupil point sees, and its weight.
 
-A ray is known by the pixel that it reaches on the sensor and by the place where it
+A ray is identified by the pixel that it reaches on the sensor and by the place where it
 passed the pupil. Followed back into the scene it is a straight line, and the place of
 the plate that it crosses at some distance moves in proportion to vergence: on the
 plate, to the signed radius r of the circle of confusion (`lensfit.rendering.circle`).
@@ -8,14 +8,14 @@ So
 
     place = pixel + c0 + c1 r + c2 r^2
 
-with c0 what the lens' aberrations do in focus, c1 the place in the pupil, and c2 the
-little by which aberrations change with distance. The same ray serves all distances:
-what hides what is settled along it.
+with c0 the displacement by the lens' aberrations in focus, c1 the place in the pupil,
+and c2 the small change of the aberrations with distance. The same ray serves all
+distances, and occlusion is decided along it.
 
-The c vary slowly over the frame. They are computed at the nodes of a grid and taken
-linearly between nodes; places and pixels are distorted ones, from chief ray to chief
-ray of each colour, since the maps of `lensfit.rendering.stages` hold those. A pixel
-that no light reaches takes the rays of the nearest node that some does.
+The c vary slowly over the frame. They are computed at the nodes of a grid and
+interpolated linearly. Places and pixels are distorted positions relative to the chief
+ray of each colour, since the maps of `lensfit.rendering.render_stages` hold those. A
+fully vignetted pixel takes the rays of the nearest node that receives light.
 
 References: W. R. Hamilton's characteristic functions as in H. A. Buchdahl, An
 Introduction to Hamiltonian Optics (1970): area in the pupil and area on the sensor

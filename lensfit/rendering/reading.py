@@ -1,9 +1,10 @@
-"""What rays read of a surface where they cross it: colours and coverage, added up.
+"""Add the colours and coverage that rays read from a surface where they cross it.
 
 `light` holds red, green, blue and the coverage of each; `crossed` the place x and y of
-each point's ray, in pixels of the surface, and what is still to be seen of it. Each
-function adds what the surface shows of every ray and leaves what it lets through. The
-loops have no branches, so that the compiler takes eight points at a time.
+each point's ray, in pixels of the surface, and the remaining visibility behind the
+surfaces before. Each function adds what the surface shows of every ray and returns what
+it lets through. The loops have no branches, so that the compiler takes eight points at
+a time.
 """
 
 import numba as nb

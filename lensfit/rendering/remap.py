@@ -1,9 +1,9 @@
-"""OpenCV's cubic warp as an engine: nothing on a CPU reads a picture faster.
+"""OpenCV's cubic warp, the fastest on a CPU.
 
-Since version 5, `cv2.remap` weighs samples by the exact fraction of a float32 position;
+Since version 5, `cv2.remap` weights samples by the exact fraction of a position;
 before, by the nearest thirty-second of a pixel. Positions here are moved to where its
-kernel reproduces a ramp (`filters.ramp_fraction`). In absolute pixels, float32 knows
-a position of UHD to 1.2e-4 px.
+kernel reproduces a ramp (`filters.ramp_fraction`). In absolute pixels, float32 has a
+resolution of 1.2e-4 px at UHD.
 """
 
 from concurrent.futures import ThreadPoolExecutor

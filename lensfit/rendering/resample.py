@@ -1,4 +1,4 @@
-"""One reading per output pixel: filter, limit, edge. Pure JAX functions.
+"""One sample per output pixel: filter, overshoot limit, edge. Pure JAX functions.
 
 `resample` reads anywhere and runs on any device. `resample_tiles` reads small tiles
 whose samples were laid side by side before, so that a CPU loads them in rows: a tile's
@@ -6,12 +6,13 @@ whole displacements differ by a few pixels at most, and every pixel is a sum ove
 same samples with weights that are zero beyond its own taps. Both give the same
 values to rounding.
 
-Limit: a cubic swings below zero beside a light a thousand times its surroundings. Where
-a sample above `WHITE` or below zero is read, the result is held within one stop of the
-four nearest samples (half the darkest, twice the brightest), which ordinary detail
-never reaches, and nearer than that where another sample that is read is more than
-`ORDINARY_CONTRAST` times the brightest of the four. Elsewhere the swing is a part
-of the display range, and the result only stays above zero. Alpha does not exceed 1.
+Limit: a cubic undershoots below zero beside a light a thousand times its surroundings.
+Where a sample above `WHITE` or below zero is read, the result is limited to within one
+stop of the four nearest samples (half the darkest, twice the brightest), which ordinary
+detail never reaches, and to a narrower range where another sample that is read is more
+than `ORDINARY_CONTRAST` times the brightest of the four. Elsewhere the overshoot is a
+part of the display range, and the result is only kept above zero. Alpha does not exceed
+1.
 """
 
 from functools import partial

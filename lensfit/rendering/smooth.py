@@ -1,11 +1,11 @@
-"""Evaluate a smooth function at every pixel without evaluating it at every pixel.
+"""Evaluate a smooth function at every pixel by Chebyshev interpolation in blocks.
 
 A lens map is analytic almost everywhere, so a block of picture is described by its
 values at a few Chebyshev nodes; the interpolant is then two small matrix products.
 Every block is checked at points between its nodes. A block that misses the tolerance,
-or that crosses the edge of what the lens can invert (NaN), is cut in four and
-tried again, and a block of a few pixels is evaluated directly. A lens without surprises
-needs some thousand evaluations for a frame of eight million pixels.
+or that crosses the edge of what the lens can invert (NaN), is divided into four and
+tried again, and a block of a few pixels is evaluated directly. A smooth lens map needs
+some thousand evaluations for a frame of eight million pixels.
 
 Reference: L. N. Trefethen, Approximation Theory and Approximation Practice (2013),
 chapters 5 (barycentric interpolation) and 8 (geometric convergence).

@@ -1,15 +1,15 @@
-"""A plate as surfaces, front to back: what it shows, and what that hides.
+"""Decompose a plate into surfaces, front to back, and continue what each one hides.
 
-Depth is cut where the plate has least of it, into slabs that blur nearly alike; what
-lies in one slab is one surface, with a distance of its own at every pixel, so that a
-floor stays a floor however many slabs it crosses. Slabs overlap a little: beyond the
-cut the surface goes on with its own pixels, so that no seam shows.
+The depth range is cut where the plate has the fewest pixels, into slabs that blur
+nearly alike. The pixels of one slab form one surface with its own distance at every
+pixel, so that a floor stays a floor however many slabs it crosses. Slabs overlap a
+little: beyond the cut the surface continues with its own pixels, so that no seam shows.
 
-What a slab hides is continued from its surroundings: slab by slab from the nearest, the
-front is taken off the plate and the hole filled (`lensfit.rendering.hidden`). Pixels
-that show both sides of an outline are taken apart (`lensfit.rendering.outlines`).
+The background behind a slab is inpainted: slab by slab from the nearest, the front is
+removed from the plate and the hole filled (`lensfit.rendering.inpainting`). Pixels that
+show both sides of an outline are separated (`lensfit.rendering.outlines`).
 
-Everything here counts in signed radius of blur: depths that blur alike are one.
+All depths here are signed blur radii: depths that blur alike are one.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,13 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from lensfit.rendering.hidden import continued, farthest_sight_px, sight_px
-from lensfit.rendering.mattes import SharedPixels
-from lensfit.rendering.outlines import outline_between, taken_apart
+from lensfit.rendering.inpainting import (
+    farthest_sight_px,
+    inpainted_background,
+    sight_px,
+)
+from lensfit.rendering.outlines import outline_between, separated_near_surface
+from lensfit.rendering.shared_pixels import SharedPixels
 
 Plane = Float32[np.ndarray, "height width"]
 Colour = Float32[np.ndarray, "height width 4"]
@@ -213,7 +217,7 @@ class _Behind:
         hidden = front & ~_going_on(radius_px <= going_on_px, front, outline.pixels)
         hidden |= outline.pixels
         source &= ~outline.pixels
-        filled, filled_px, unknown = continued(
+        filled, filled_px, unknown = inpainted_background(
             pictures, radius_px, source, hidden, sight
         )
         rgba, beneath = (_colours(p, 0) for p in (pictures, filled))
@@ -224,7 +228,9 @@ class _Behind:
         guides = None
         if pictures.shape[-1] > 4:
             guides = _colours(pictures, 4), _colours(filled, 4)
-        shown, shown_px = taken_apart(rgba, radius_px, front, outline, beneath, guides)
+        shown, shown_px = separated_near_surface(
+            rgba, radius_px, front, outline, beneath, guides
+        )
         if shared is not None:
             rest = (1 - shared.share)[:, None] * beneath[of]
             shown[of] = np.maximum(rgba[of] - rest, 0)

@@ -1,10 +1,10 @@
-"""How a map is read in tiles of 8 x 16 pixels: sorted out once per map.
+"""Sort the tiles of 8 x 16 pixels of a map by how they are read, once per map.
 
 Within a tile a lens map is nearly a shift: its whole displacements differ by a few
 pixels at most, the *levels* of the tile. Tiles of the same levels are read by the same
 program from patches of the same size. Tiles with a position on a sample (which is
-then copied), and tiles that a map tears apart, are of no class; neither are tiles
-at the edge of the source or with positions that are NaN.
+then copied), tiles across a discontinuity of the map, tiles at the edge of the source
+and tiles with positions that are NaN belong to no class.
 """
 
 from dataclasses import dataclass

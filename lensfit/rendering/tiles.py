@@ -1,8 +1,8 @@
 """A warp on a CPU, tile by tile: samples are copied in rows, not looked up one by one.
 
 The samples of some hundred tiles at a time are laid side by side by numpy and read
-by `resample_tiles`, on two threads. OpenCV reads the ordinary tiles where its filter
-is asked for. What a `TilePlan` puts in no class, and tiles that read infinity or NaN,
+by `resample_tiles`, on two threads. OpenCV reads the ordinary tiles if its filter is
+chosen. Tiles that a `TilePlan` puts in no class, and tiles that read infinity or NaN,
 are left to `resample`.
 """
 

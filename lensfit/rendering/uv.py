@@ -1,16 +1,17 @@
-"""Chief-ray maps of a lens over a window: where each output pixel reads its source.
+"""Chief-ray maps of a lens over a window: the source position of each output pixel.
 
 Maps are named by what applying them does: `stmap_redistort` turns an undistorted CG
 plate into the distorted picture, so its values are *undistorted* positions;
-`stmap_undistort` turns a photograph straight, so its values are *distorted* ones.
+`stmap_undistort` straightens a photograph, so its values are *distorted* ones.
 The display window spans the sensor width and is centred on it, with pixels that are
 square there unless their shape is stated (a plate of another aspect shows a centred
 band of the sensor, or beyond); the window of the map may be larger (overscan).
 Positions are NaN where the lens has no inverse.
 
-Inside lensfit a map is a displacement in pixels, float32: a displacement keeps
-a millionth of a pixel where an absolute position of UHD would keep a ten-thousandth,
-and the identity is exactly zero. `SourceMap.uv` is the form that goes to files.
+Inside lensfit a map is a displacement in pixels, float32: a displacement has a
+resolution of a millionth of a pixel where an absolute position of UHD has a
+ten-thousandth, and the identity is exactly zero. `SourceMap.uv` converts it to the form
+of files.
 """
 
 from dataclasses import dataclass

@@ -6,13 +6,13 @@
   the reading pixel's square that lies on it ("black": premultiplied colour and alpha
   fade together over exactly one pixel), or simply continued ("clamp"). Positions
   that are NaN read as 0 in either case.
-- Highlights: a cubic swings below zero beside a light; what holds it is told in
-  `lensfit.rendering.resample`. Radiance that was not negative stays so, a highlight
-  gets no rings, and alpha does not exceed 1.
+- Highlights: a cubic undershoots below zero by a light; `lensfit.rendering.resample`
+  describes the limit. Radiance that was not negative stays so, a highlight gets no
+  rings, and alpha does not exceed 1.
 - Minification: where the map steps by more than `UNFILTERED_STRETCH` source pixels per
   output pixel, the reading is averaged over a parallelogram that grows with the
   stretch from zero size, so that detail fades instead of aliasing. A step of more than
-  `JUMP_PX` is none: there two parts of a map meet, and each is read as it is.
+  `JUMP_PX` is a discontinuity between two parts of a map, and is not averaged.
 
 On a CPU most of the picture is read in tiles (`lensfit.rendering.tiles`), on a GPU
 pixel by pixel; the values are the same to rounding.

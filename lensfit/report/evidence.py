@@ -10,7 +10,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from lensfit.report.coverage import (
+from lensfit.report.frame_coverage import (
     cell_counts,
     image_size_px,
     numbers,

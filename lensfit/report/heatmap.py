@@ -16,7 +16,7 @@ from jaxtyping import Float
 from skimage.measure import find_contours
 
 from lensfit.report.axes import Frame, sensor_frame, tick_text, ticks
-from lensfit.report.coverage import numbers
+from lensfit.report.frame_coverage import numbers
 from lensfit.report.markup import Markup, number, stated, tag
 from lensfit.report.pictures import png_address
 from lensfit.report.svg import WIDTH, Figure, drawing, path, words

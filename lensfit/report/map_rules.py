@@ -5,13 +5,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lensfit.report.coverage import (
-    empty_places,
-    image_size_px,
-    numbers,
-    pattern_px,
-    residuals_of,
-)
 from lensfit.report.evidence import (
     ROUGH_PX,
     Finding,
@@ -24,6 +17,13 @@ from lensfit.report.evidence import (
     photographed_corner_px,
     takes_by_focal,
     value_of,
+)
+from lensfit.report.frame_coverage import (
+    empty_places,
+    image_size_px,
+    numbers,
+    pattern_px,
+    residuals_of,
 )
 from lensfit.report.markup import number, stated
 

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from lensfit.io.chatter import without_chatter
+from lensfit.io.library_output import silenced_libraries
 
 _JPEG = b"\xff\xd8"
 TOTAL_BYTES = 1_900_000
@@ -71,7 +71,7 @@ def _data_address(path: Path, budget_bytes: int) -> str | None:
 def _read(path: Path) -> UInt8[np.ndarray, "height width 3"] | None:
     try:
         data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-        with without_chatter():
+        with silenced_libraries():
             return cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     except (OSError, ValueError, cv2.error):
         return None

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from lensfit.report.axes import Axes, Frame, sensor_frame
-from lensfit.report.coverage import numbers
+from lensfit.report.frame_coverage import numbers
 from lensfit.report.heatmap import fall_off_surface, uncertainty
 from lensfit.report.markup import Markup, number, stated
 from lensfit.report.round_number import round_up

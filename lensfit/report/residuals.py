@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.report.axes import Axes, Frame
-from lensfit.report.coverage import (
+from lensfit.report.frame_coverage import (
     COLUMNS,
     ROWS,
     Residuals,

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lensfit.report.coverage import numbers
 from lensfit.report.evidence import (
     Finding,
     Tone,
@@ -16,6 +15,7 @@ from lensfit.report.evidence import (
     used_takes,
     value_of,
 )
+from lensfit.report.frame_coverage import numbers
 from lensfit.report.markup import number, stated
 
 _MOST_REASONS = 3

@@ -3,7 +3,7 @@
 from lensfit.report.kernels import GAMMA
 from lensfit.report.markup import Markup, number, tag
 from lensfit.report.pictures import png_address
-from lensfit.report.sections import distance_text, figure_html, stop_text
+from lensfit.report.report_sections import distance_text, figure_html, stop_text
 from lensfit.report.svg import WIDTH, Figure, drawing, words
 from lensfit.report.through import HEIGHTS, ThroughSheet
 

@@ -16,7 +16,6 @@ from typing import final
 
 from lensfit.preset.verdict import LEVELS, Level, Reason, Verdict
 from lensfit.report.blur_rules import blur_findings
-from lensfit.report.coverage import empty_places
 from lensfit.report.evidence import (
     GOOD_PX,
     ROUGH_PX,
@@ -31,6 +30,7 @@ from lensfit.report.evidence import (
     unmeasured_focals,
     used_takes,
 )
+from lensfit.report.frame_coverage import empty_places
 from lensfit.report.map_rules import (
     corner_findings,
     coverage_findings,

@@ -23,10 +23,10 @@ from lensfit.io.sequence import (
     split_pattern,
 )
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.frame.outcome import FrameOutcome, apply_frame, error_line
+from lensfit.plate.frame.frame_outcome import FrameOutcome, apply_frame, error_line
 from lensfit.plate.frame.renderer import FrameRenderer
 from lensfit.plate.frame.workers import worker_outcomes
-from lensfit.plate.notes import not_said
+from lensfit.plate.notes import notes_of_new_topics
 from lensfit.plate.sequence_notes import gaps_note, sizes_note
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
@@ -151,7 +151,7 @@ def _gather(applied: Applied, outcome: FrameOutcome) -> None:
         applied.failures.append(outcome.failure)
     elif outcome.target is not None:
         (applied.skipped if outcome.skipped else applied.written).append(outcome.target)
-    applied.notes += not_said(outcome.notes, applied.notes)
+    applied.notes += notes_of_new_topics(outcome.notes, applied.notes)
 
 
 def _pictures(plates: str | Path, frames: str | None) -> tuple[list[Path], list[str]]:

@@ -30,7 +30,7 @@ from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent
 from lensfit.report.blur_pictures import write_dot_pictures
 from lensfit.report.verdict import verdict_of
-from lensfit.report.write import write_report
+from lensfit.report.write_report import write_report
 from lensfit.workflow.calibration.blur_facts import blur_facts
 from lensfit.workflow.calibration.entries import (
     camera_of,
@@ -46,8 +46,8 @@ from lensfit.workflow.calibration.take_facts import take_facts
 from lensfit.workflow.calibration.term_facts import terms_of
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
 from lensfit.workflow.results_set import REPORT, atomic_results
-from lensfit.workflow.shoot.charts_seen import with_charts_read
-from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.identified_charts import with_identified_charts
+from lensfit.workflow.shoot.shoot_records import Shoot
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.contradictions import (
     contradictions_of_fit,
@@ -56,7 +56,7 @@ from lensfit.workflow.statements.contradictions import (
     in_order,
 )
 from lensfit.workflow.statements.fitted_statements import contradicted_by_fit
-from lensfit.workflow.statements.repeated import counted_once
+from lensfit.workflow.statements.repeated_exposures import without_repeated_exposures
 from lensfit.workflow.stopwatch import stopwatch
 
 MAP_OVERSCAN_PERCENT = 10.0
@@ -77,7 +77,7 @@ def calibrate(
 
     Parameters
     ----------
-    shoot : From `lensfit.workflow.shoot.file.load_shoot`.
+    shoot : From `lensfit.workflow.shoot.shoot_file.load_shoot`.
     out_dir : Folder for preset.json, stmaps, overlays, model, blur, report.json and
         report.html.
     progress : Told how far it is.
@@ -96,7 +96,7 @@ def calibrate(
     """
     with atomic_results(out_dir, shoot) as folder:
         with stopwatch() as seeing:
-            shoot = with_charts_read(shoot, progress)
+            shoot = with_identified_charts(shoot, progress)
             observed = observe_shoot(shoot, folder, progress)
         return calibrate_observed(
             shoot,
@@ -124,7 +124,7 @@ def calibrate_observed(
 
     Parameters
     ----------
-    shoot : Its charts read, as `with_charts_read` does it.
+    shoot : Its charts read, as `with_identified_charts` does it.
     observed : By `observe_shoot`, into the same folder.
     seen_in_s : Seconds that finding them took, which count in the whole.
 
@@ -132,7 +132,7 @@ def calibrate_observed(
     ------
     LensfitError : No photograph could be used, or the folder cannot be written.
     """
-    observed, contradictions = counted_once(observed)
+    observed, contradictions = without_repeated_exposures(observed)
     takes = [o.take for o in observed if o.take is not None]
     if not takes:
         raise DetectionError(

@@ -14,7 +14,7 @@ from lensfit.preset.store import load_preset
 from lensfit.progress import Progress, silent
 from lensfit.workflow.apply import apply
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 PLATE = "plate.0001.exr"
 

@@ -24,7 +24,7 @@ from lensfit.io.metadata import CameraState
 from lensfit.io.sequence import expand_frames
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
-from lensfit.plate.camera.facts import (
+from lensfit.plate.camera.camera_facts import (
     CameraFacts,
     camera_facts,
     camera_record,

@@ -28,7 +28,7 @@ from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.header import plate_header
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
-from lensfit.rendering.stages import lateral_colour_px
+from lensfit.rendering.render_stages import lateral_colour_px
 
 UNSEEN_COLOUR_PX = 0.02
 """Lateral colour that needs no maps of its own."""
@@ -221,5 +221,5 @@ def _script(
         frame.size_px,
         f"lensfit: {preset.lens.name}, UV maps of {len(states)} frames",
         per_channel=written.per_channel,
-        map_px=replace(frame).of_map.size_px,
+        map_px=replace(frame).map_frame.size_px,
     )

@@ -16,7 +16,7 @@ from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.rendering.frame import window_with_margin
 from lensfit.rendering.look.stack import light_spreads
-from lensfit.rendering.plan import Plan, plan_of
+from lensfit.rendering.render_plan import Plan, plan_of
 
 _STEPS = 3
 """Reading, maps, blur."""

@@ -17,7 +17,7 @@ from lensfit.plate.header import plate_header
 from lensfit.plate.pixel_shape import SQUARE
 from lensfit.preset.schema import Preset
 from lensfit.rendering.overscan import Margins
-from lensfit.rendering.stages import Switches
+from lensfit.rendering.render_stages import Switches
 from lensfit.workflow.overscan_plan import OverscanQuestion
 
 

@@ -26,7 +26,7 @@ from lensfit.workflow.calibration.results_folder import (
     PRESET,
     results_folder,
 )
-from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.shoot_records import Shoot
 
 REPORT = "report.json"
 _LAST = (PRESET, "report.html", REPORT)

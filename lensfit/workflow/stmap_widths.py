@@ -98,7 +98,7 @@ def _error(
     pixels: tuple[np.ndarray, np.ndarray],
     tolerance_px: float,
 ) -> WidthError:
-    coarse = replace(frame, overscan_percent=0.0, map_width_px=width).of_map
+    coarse = replace(frame, overscan_percent=0.0, map_width_px=width).map_frame
     # What is an error of a pixel of the frame is less of a coarse one.
     tolerance_px *= width / frame.size_px[0]
     found: dict[int, list[np.ndarray]] = {2: [], 4: []}

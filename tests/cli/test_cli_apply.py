@@ -10,7 +10,7 @@ from wrong_usage import unboxed
 
 from lensfit.cli.groups.library import LibraryGroup
 from lensfit.cli.main import app
-from lensfit.plate.depth import DepthOptions
+from lensfit.plate.plate_depth import DepthOptions
 from lensfit.workflow import apply as workflow
 
 

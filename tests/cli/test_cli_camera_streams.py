@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from lensfit.cli.main import app
 from lensfit.coords import Window
-from lensfit.io.camera.read import read_camera_file
+from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import FrameKey
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 

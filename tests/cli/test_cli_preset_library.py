@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
-from lensfit.preset.knobs import not_neutral
+from lensfit.preset.knobs import active_knobs
 from lensfit.preset.store import load_preset
 
 PRESET = Path(__file__).parent / "tiny_preset.json"
@@ -197,7 +197,7 @@ def test_later_edits_change_no_frame_of_a_farm_job(show: Path, named: bool):
     paths = json.loads(Path("o/apply.openjd.parameters.json").read_text())
     handed = load_preset(paths["Preset"])
     assert Path(paths["Preset"]).name == "apply.openjd.preset.json"
-    assert not_neutral(handed.knobs) == {"coma_gain": 0.5}
+    assert active_knobs(handed.knobs) == {"coma_gain": 0.5}
     assert handed.saved is not None
     assert "sh0020 v001 on project v001" in (handed.saved.origin or "")
 

@@ -9,7 +9,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 runner = CliRunner()
 REPORT = """File,Lens,T-Stop,Focus,Chart Distance,Focal Length

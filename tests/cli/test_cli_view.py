@@ -66,7 +66,9 @@ def test_a_port_that_is_taken_is_named(lens, plate):
 
 
 def test_without_the_extra_it_says_what_to_install(lens, plate, monkeypatch):
-    monkeypatch.delitem(sys.modules, "lensfit.workflow.view.listening", raising=False)
+    monkeypatch.delitem(
+        sys.modules, "lensfit.workflow.view.loopback_server", raising=False
+    )
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     assert "pip install 'lensfit[view]'" in refused(lens, plate)
 

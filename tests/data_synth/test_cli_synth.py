@@ -12,7 +12,7 @@ from data_synth.plan import planned_shots
 from data_synth.prescription import load_prescription, prescription_names
 from lensfit.cli.main import app
 from lensfit.io.exr import read_exr
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 
 def run(*words: str):

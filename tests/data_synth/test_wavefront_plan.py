@@ -17,7 +17,7 @@ from data_synth.wavefront_plan import (
     wavefront_shots,
 )
 from lensfit.io.exr import read_exr
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 SIZE = (1024, 768)
 

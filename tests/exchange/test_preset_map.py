@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lensfit.exchange.lensfun import LensfunMap
-from lensfit.exchange.preset_map import fit_distortion, unfitted
+from lensfit.exchange.preset_map import fit_distortion, residual_without_fit
 from lensfit.exchange.samples import ExchangeFrame, Samples
 from lensfit.optics import distortion as chief_ray
 
@@ -31,7 +31,7 @@ def barrel(stretch: float) -> Samples:
 def test_a_squeeze_of_mere_rounding_does_not_end_the_fit(stretch: float):
     """The first trust radius must not be as small as the start."""
     samples = barrel(stretch)
-    assert unfitted(samples, DISTANCE_MM, CENTRE_MM).worst_px > 5
+    assert residual_without_fit(samples, DISTANCE_MM, CENTRE_MM).worst_px > 5
     lens = fit_distortion(samples, DISTANCE_MM, CENTRE_MM)
     land = jax.vmap(chief_ray.distorted_from_undistorted, (0, None))
     landed = np.asarray(land(jnp.asarray(samples.undistorted_mm), lens))

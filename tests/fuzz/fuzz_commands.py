@@ -27,7 +27,7 @@ from typer.testing import CliRunner, Result
 from lensfit.cli.main import app
 from lensfit.io.exr import read_exr
 from lensfit.preset.store import load_preset
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 MOST_ADDRESSES = 12 << 30
 _RAW = re.compile(r"\b[A-Z]\w*(?:Error|Exception|Interrupt)\b|Traceback|--debug")

@@ -25,10 +25,10 @@ from mutations import BYTES, JSON, TEXT, XML, Mutation
 from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.read import read_camera_file
+from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import FrameKey
 from lensfit.io.cryptomatte import find_cryptomattes, read_ranks
-from lensfit.io.depth import find_depth, over_window
+from lensfit.io.depth_channel import depth_over_window, find_depth
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.exr_deep import is_deep, read_deep
 from lensfit.io.exr_layers import find_colour, stack_channels
@@ -41,10 +41,10 @@ from lensfit.plate.camera.settings import load_settings
 from lensfit.plate.camera.sources import CameraOptions, CameraSources
 from lensfit.preset.library.catalogue import catalogue, validated
 from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.resolve import find_preset
+from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.store import load_preset, preset_text
 from lensfit.workflow.inspect import as_json, facts, inspect_images
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 Seeds = Callable[[Path], list[Path]]
 
@@ -82,7 +82,7 @@ def _plate(path: Path) -> None:
     part = image.parts[index]
     stack_channels(part, names)
     if found := find_depth(image, beside=part):
-        over_window(found.part, found.name, part.data_window)
+        depth_over_window(found.part, found.name, part.data_window)
     CameraSources().of_plate(path, part.attributes, (27, 20), 36.0)
 
 

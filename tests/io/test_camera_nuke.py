@@ -6,7 +6,7 @@ import pytest
 from lensfit.errors import CameraError
 from lensfit.io.camera.chan import read_chan
 from lensfit.io.camera.nuke_camera import read_nuke_camera
-from lensfit.io.camera.read import read_camera_file
+from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import FrameKey
 
 

@@ -9,10 +9,10 @@ from lensfit.errors import CameraError
 from lensfit.io.camera.arri import read_arri
 from lensfit.io.camera.blackmagic import read_blackmagic
 from lensfit.io.camera.canon import read_canon
-from lensfit.io.camera.read import read_camera_file
+from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.red import read_red_frames, read_red_static
 from lensfit.io.camera.sony import read_sony
-from lensfit.io.camera.stops import from_linear_iris, stop
+from lensfit.io.camera.stop_text import stop, stop_of_linear_iris
 from lensfit.io.camera.table import FrameKey, plain_timecode
 
 
@@ -72,10 +72,12 @@ def test_stops_close_by_the_root_of_two():
     assert stop("T 2 3/10", "x") == ("T", pytest.approx(2 * 2**0.15))
     assert stop("F5.6", "x") == ("F", 5.6)
     assert stop("2 10/10", "x")[1] == pytest.approx(2 * math.sqrt(2))
-    assert from_linear_iris(1000) == 1.0
-    assert from_linear_iris(3000) == pytest.approx(2.0)
+    assert stop_of_linear_iris(1000) == 1.0
+    assert stop_of_linear_iris(3000) == pytest.approx(2.0)
     # The label is rounded to a tenth of a stop, the linear iris is not.
-    assert from_linear_iris(2667) == pytest.approx(stop("1.4 + 7/10", "")[1], rel=0.02)
+    assert stop_of_linear_iris(2667) == pytest.approx(
+        stop("1.4 + 7/10", "")[1], rel=0.02
+    )
 
 
 @pytest.mark.parametrize("text", ["wide", "T", "2 3/0", "--2", "2 + + 3/10", "9" * 99])

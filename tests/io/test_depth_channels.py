@@ -5,10 +5,10 @@ import pytest
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError
-from lensfit.io.depth import (
+from lensfit.io.depth_channel import (
     DepthMeaning,
+    depth_over_window,
     find_depth,
-    over_window,
     perpendicular_mm,
     ray_slant,
     unit_in_mm,
@@ -87,7 +87,7 @@ def test_the_sky_is_infinitely_far(kind, sky):
 
 
 def test_half_floats_end_in_the_sky():
-    plane = over_window(part(Z=65504, dtype=np.float16), "Z", WINDOW)
+    plane = depth_over_window(part(Z=65504, dtype=np.float16), "Z", WINDOW)
     assert np.isposinf(plane).all()
     assert plane.dtype == np.float32
 
@@ -100,7 +100,7 @@ def test_nan_takes_the_nearest_distance():
 
 def test_another_data_window_is_brought_over():
     small = part(window=Window(1, 1, 2, 2), Z=7.0)
-    plane = over_window(small, "Z", WINDOW)
+    plane = depth_over_window(small, "Z", WINDOW)
     assert plane[1:3, 1:3].tolist() == [[7, 7], [7, 7]]
     assert np.isnan(plane).sum() == 8
 

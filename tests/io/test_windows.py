@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lensfit.coords import Window
-from lensfit.io.windows import over_another
+from lensfit.io.windows import pixels_over_window
 
 OWN = Window(-2, 3, 5, 8)
 
@@ -28,7 +28,7 @@ def numbered(window):
     ids=["same", "inside", "around", "overlapping", "apart"],
 )
 def test_every_pixel_keeps_its_value_and_the_others_are_missing(wanted):
-    found = over_another(numbered(OWN), OWN, wanted, np.nan)
+    found = pixels_over_window(numbered(OWN), OWN, wanted, np.nan)
     exact = numbered(wanted)
     x, y = exact[..., 1], (exact[..., 0] - exact[..., 1]) / 100
     inside = (x >= OWN.x_min) & (x <= OWN.x_max) & (y >= OWN.y_min) & (y <= OWN.y_max)
@@ -39,5 +39,7 @@ def test_every_pixel_keeps_its_value_and_the_others_are_missing(wanted):
 
 def test_a_part_is_a_view_and_not_a_second_copy():
     samples = numbered(OWN)
-    assert np.shares_memory(over_another(samples, OWN, Window(0, 4, 3, 6)), samples)
-    assert not over_another(samples, OWN, Window(6, 9, 7, 9)).any()
+    assert np.shares_memory(
+        pixels_over_window(samples, OWN, Window(0, 4, 3, 6)), samples
+    )
+    assert not pixels_over_window(samples, OWN, Window(6, 9, 7, 9)).any()

@@ -5,7 +5,7 @@ import pytest
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError
-from lensfit.io.depth import DepthMeaning
+from lensfit.io.depth_channel import DepthMeaning
 from lensfit.io.exr import ExrPart
 from lensfit.io.exr_deep import DeepPart
 from lensfit.plate.deep_layers import deep_layers

@@ -8,7 +8,7 @@ import pytest
 from lensfit.coords import Window
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.plate.depth import DepthOptions, plate_depth
+from lensfit.plate.plate_depth import DepthOptions, plate_depth
 from lensfit.rendering.uv import PlateGeometry
 
 DISPLAY = Window.of_size(36, 20)

@@ -12,7 +12,7 @@ from lensfit.preset.blend_blur import blended_blur
 from lensfit.preset.blocks import Distortion, Projection
 from lensfit.preset.blur_blocks import AberrationTerm, Blur, Stop
 from lensfit.preset.entry import Entry
-from lensfit.preset.stops import blended_stops, radius_ratio
+from lensfit.preset.photographed_stops import blended_stops, radius_ratio
 
 COMA = AberrationTerm(3, 1, 1, 1, "re", 6.0)
 NEAR = make_blur(

@@ -7,7 +7,7 @@ import pytest
 from adjusted_lenses import CORNER_MM, TERMS, ideal, measured, measured_preset
 from preset_makers import make_entry, make_preset
 
-from lensfit.preset.inactive_overrides import stating
+from lensfit.preset.inactive_overrides import knobs_that_state
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, adjusted_knobs
 
 GAINS = sorted(n for n in GROUP_OF if n.endswith("_gain") and GROUP_OF[n] != "look")
@@ -29,7 +29,7 @@ def seen(lens):
 
 
 def stated_by(gain):
-    return SIZES.get(gain) or stating(gain.removesuffix("_gain"))
+    return SIZES.get(gain) or knobs_that_state(gain.removesuffix("_gain"))
 
 
 @pytest.mark.parametrize("gain", GAINS)

@@ -9,10 +9,10 @@ from lensfit.preset.knobs import (
     GROUP_OF,
     NEUTRAL,
     Knobs,
+    active_knobs,
     adjusted_knobs,
     knob_entries,
-    not_neutral,
-    slips_in,
+    misspelt_knob_notes,
 )
 from lensfit.preset.store import load_preset, save_preset
 
@@ -37,8 +37,8 @@ def test_every_knob_says_what_it_is_and_where_it_ends():
 def test_the_last_word_counts_and_text_is_a_number():
     once = adjusted_knobs(NEUTRAL, {"coma_gain": "0.5", "blades": "7"})
     twice = adjusted_knobs(once, {"coma_gain": 2})
-    assert not_neutral(twice) == {"coma_gain": 2.0, "blades": 7}
-    assert not_neutral(adjusted_knobs(twice, {"coma_gain": 1.0, "blades": None})) == {}
+    assert active_knobs(twice) == {"coma_gain": 2.0, "blades": 7}
+    assert active_knobs(adjusted_knobs(twice, {"coma_gain": 1.0, "blades": None})) == {}
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_a_header_may_have_any_prefix_and_other_entries():
         ("exr/lensfit/coma_gain", "coma_gain", "2"),
         ("lensfit/blades", "blades", 5),
     ]
-    assert slips_in(attributes) == ()
+    assert misspelt_knob_notes(attributes) == ()
 
 
 @pytest.mark.parametrize(
@@ -80,8 +80,8 @@ def test_a_header_may_have_any_prefix_and_other_entries():
 )
 def test_a_slip_in_a_header_is_told_and_lensfits_own_entries_are_none(name):
     own = ("applied", "map", "lens", "version", "undefinedUV")
-    assert slips_in({f"lensfit/{n}": 1 for n in own}) == ()
-    (slip,) = slips_in({f"exr/lensfit/{name}": 0.2, f"other{name}": 0.2})
+    assert misspelt_knob_notes({f"lensfit/{n}": 1 for n in own}) == ()
+    (slip,) = misspelt_knob_notes({f"exr/lensfit/{name}": 0.2, f"other{name}": 0.2})
     assert f'"lensfit/{name}" is no knob' in slip
     assert 'did you mean "bloom_gain"?' in slip
 

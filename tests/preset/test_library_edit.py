@@ -18,7 +18,7 @@ from lensfit.preset.library.history import history
 from lensfit.preset.library.key_path import complete_tables, key_of, steps_of
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.locks import lock_of
-from lensfit.preset.library.resolve import find_preset
+from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.library.shelf import read_version, shelves_of
 
 HERE = Path(__file__).parent

@@ -12,7 +12,7 @@ from lensfit.errors import PresetError
 from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.preset.library.edit import Author, Wish, edit_preset
 from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.resolve import find_preset
+from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.library.save import mark_default
 from lensfit.preset.library.shelf import Shelf
 from lensfit.preset.store import load_preset, save_preset

@@ -16,7 +16,7 @@ from lensfit.errors import LensfitError, PresetError
 from lensfit.preset.library.catalogue import catalogue, validated
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.names import slug_of
-from lensfit.preset.library.resolve import find_preset
+from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.library.shelf import read_version
 from lensfit.preset.store import load_preset, preset_tables, save_preset
 

@@ -8,7 +8,7 @@ import lensfit
 from lensfit.coords import Window
 from lensfit.rendering.falloff import illumination_gain
 from lensfit.rendering.frame import crop, render
-from lensfit.rendering.stages import Switches, prepare_stages
+from lensfit.rendering.render_stages import Switches, prepare_stages
 from lensfit.rendering.uv import PlateGeometry, SourceMap
 
 DISPLAY = Window.of_size(240, 160)

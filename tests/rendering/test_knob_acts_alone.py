@@ -16,7 +16,7 @@ from lensfit.coords import Window
 from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.rendering.frame import render
-from lensfit.rendering.stages import Switches
+from lensfit.rendering.render_stages import Switches
 from lensfit.rendering.uv import PlateGeometry
 
 PRIME = Path(__file__).parents[2] / "presets" / "prime_50" / "preset.json"

@@ -15,7 +15,7 @@ from lensfit.coords import Window
 from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.rendering.frame import render
 from lensfit.rendering.highlights import Highlights, spots
-from lensfit.rendering.stages import Switches
+from lensfit.rendering.render_stages import Switches
 from lensfit.rendering.uv import PlateGeometry
 
 PRIME = Path(__file__).parents[2] / "presets" / "prime_50" / "preset.json"

@@ -14,7 +14,7 @@ from lensfit.rendering.overscan import (
     margins_read,
     window_of_percent,
 )
-from lensfit.rendering.stages import Switches
+from lensfit.rendering.render_stages import Switches
 from lensfit.rendering.uv import PlateGeometry
 
 DISPLAY = Window.of_size(180, 120)

@@ -11,7 +11,7 @@ import lensfit
 from lensfit.coords import Window
 from lensfit.rendering.frame import render
 from lensfit.rendering.layer_stack import LayerStack
-from lensfit.rendering.stages import Switches
+from lensfit.rendering.render_stages import Switches
 from lensfit.rendering.uv import PlateGeometry
 
 LENS = ideal_lens()

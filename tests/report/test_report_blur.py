@@ -23,7 +23,7 @@ from lensfit.report.kernels import (
     reach_share,
 )
 from lensfit.report.plain_numbers import distance_of, plain, plain_distance
-from lensfit.report.write import write_report
+from lensfit.report.write_report import write_report
 
 
 def entry_of(focus_distance_mm: float, radial: tuple[float, ...]) -> Entry:
@@ -214,7 +214,7 @@ def test_every_take_gets_a_picture_of_its_own_dots(tmp_path):
     """Three tiles in a column for each dot: photograph, model, what is left."""
     light = np.zeros((5, 3, 24, 24))
     light[:, :, 10:14, 10:14] = 1.0
-    bright = SimpleNamespace(of_dark_dots=False)
+    bright = SimpleNamespace(are_dark_dots=False)
     takes = [
         SimpleNamespace(take=SimpleNamespace(name=f"{n}.exr", observations=bright))
         for n in "ab"

@@ -13,7 +13,7 @@ from lensfit.report.through import (
     f_numbers_of,
     through_sheets,
 )
-from lensfit.report.write import write_report
+from lensfit.report.write_report import write_report
 
 
 @pytest.mark.parametrize(

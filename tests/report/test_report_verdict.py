@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from report_samples import barrel_report, failed_take
 
-from lensfit.report.coverage import (
+from lensfit.report.evidence import photographed_corner_px
+from lensfit.report.frame_coverage import (
     Residuals,
     cell_counts,
     empty_places,
     pattern_px,
 )
-from lensfit.report.evidence import photographed_corner_px
 from lensfit.report.verdict import findings, verdict, verdict_of
 
 SIZE_PX = (2000.0, 1500.0)

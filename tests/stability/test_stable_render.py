@@ -13,7 +13,7 @@ from hypothesis import given
 
 from lensfit.coords import Window
 from lensfit.errors import LensfitError
-from lensfit.io.depth import DepthMeaning, perpendicular_mm, without_nan
+from lensfit.io.depth_channel import DepthMeaning, perpendicular_mm, without_nan
 from lensfit.lens import Lens
 from lensfit.optics.distortion import no_distortion
 from lensfit.optics.falloff import Illumination

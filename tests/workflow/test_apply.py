@@ -20,7 +20,7 @@ from lensfit.io.stmap import write_stmap
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.sources import StateOverrides
 from lensfit.rendering.frame import render
-from lensfit.rendering.stages import Switches
+from lensfit.rendering.render_stages import Switches
 from lensfit.workflow.apply import apply
 
 

@@ -10,10 +10,10 @@ from lensfit.io.cryptomatte import object_id
 from lensfit.io.exr import read_exr
 from lensfit.io.stmap import write_stmap
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.depth import DepthOptions
+from lensfit.plate.plate_depth import DepthOptions
 from lensfit.rendering.frame import render
 from lensfit.rendering.layer_stack import LayerStack, flattened
-from lensfit.rendering.stages import Switches
+from lensfit.rendering.render_stages import Switches
 from lensfit.workflow.apply import apply
 
 STATE = (35.0, 2.8, 2000.0)

@@ -18,7 +18,7 @@ from lensfit.report.verdict import verdict
 from lensfit.workflow import calibrate as job
 from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.calibration.entry_facts import is_of_lighting_too
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 
 @pytest.fixture(scope="module")

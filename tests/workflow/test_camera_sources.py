@@ -15,17 +15,17 @@ from lensfit.coords import Window
 from lensfit.errors import CameraError, ImageError, SettingsError
 from lensfit.io.exr import read_exr
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.camera.plate_state import from_sensor_mm
+from lensfit.plate.camera.plate_state import focus_distance_from_sensor_mm
 from lensfit.plate.camera.sources import (
     CameraOptions,
     CameraSources,
     StateOverrides,
 )
-from lensfit.plate.depth import DepthOptions
 from lensfit.plate.focus_pick import picked_region
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.signature import SAID
 from lensfit.plate.header import plate_header
+from lensfit.plate.plate_depth import DepthOptions
 from lensfit.workflow.apply import apply
 from lensfit.workflow.inspect import as_json, facts, inspect_images
 
@@ -422,8 +422,10 @@ def test_the_pupils_offset_may_change_with_focus():
             self.entrance_pupil_offset_mm = 50 + 0.001 * focus_mm
 
     # focus = 1000 + 50 + 0.001 focus
-    assert from_sensor_mm(1000.0, Breathing) == pytest.approx(1050 / 0.999, rel=1e-6)  # pyright: ignore[reportArgumentType]
-    assert from_sensor_mm(math.inf, Breathing) == math.inf  # pyright: ignore[reportArgumentType]
+    assert focus_distance_from_sensor_mm(1000.0, Breathing) == pytest.approx(
+        1050 / 0.999, rel=1e-6
+    )  # pyright: ignore[reportArgumentType]
+    assert focus_distance_from_sensor_mm(math.inf, Breathing) == math.inf  # pyright: ignore[reportArgumentType]
 
 
 def test_focal_point_counts_from_the_pinhole(tmp_path):

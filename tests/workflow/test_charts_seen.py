@@ -15,9 +15,12 @@ from lensfit.errors import ShootError
 from lensfit.io.drawing_picture import write_tones_exr
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.inspect import facts, inspect_images
-from lensfit.workflow.shoot.charts_seen import pattern_of_target, with_charts_read
 from lensfit.workflow.shoot.draft import write_draft_shoot
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.identified_charts import (
+    pattern_of_target,
+    with_identified_charts,
+)
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 HEAD = """
 [lens]
@@ -71,7 +74,7 @@ def marks_of(shoot) -> list[Observations]:
 
 def test_one_sharp_take_names_the_target_of_all(folder: Path):
     shoot = shoot_of(folder, "dot-grid.exr", "turned.exr", "soft.exr")
-    read = with_charts_read(shoot)
+    read = with_identified_charts(shoot)
     assert {take.target for take in read.takes} == {"dot-grid"}
     target = read.targets["dot-grid"]
     assert (target.pitch_mm, target.hole_diameter_mm) == (16.0, 4.0)
@@ -88,7 +91,7 @@ def test_one_sharp_take_names_the_target_of_all(folder: Path):
 
 def test_two_charts_are_told_apart_and_an_unreadable_take_says_so(folder: Path):
     shoot = shoot_of(folder, "dot-grid.exr", "line-grid.exr", "soft.exr")
-    read = with_charts_read(shoot)
+    read = with_identified_charts(shoot)
     assert [t.target for t in read.takes] == ["dot-grid", "line-grid", None]
     assert read.targets["line-grid"].line_width_mm == pytest.approx(0.96)
     with pytest.raises(ShootError, match=r"soft\.exr.*no chart's code can be read"):
@@ -112,7 +115,7 @@ def test_a_stated_target_counts_and_needs_no_code(folder: Path):
     text = HEAD + stated + TAKE.format("soft.exr") + 'target = "mine"\n'
     (folder / "stated.toml").write_text(text)
     shoot = load_shoot(folder / "stated.toml")
-    assert with_charts_read(shoot) is shoot
+    assert with_identified_charts(shoot) is shoot
     (marks,) = marks_of(shoot)
     assert marks.lattice.min() == 0
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from lensfit.errors import ShootError
-from lensfit.workflow.shoot.file import load_shoot
 from lensfit.workflow.shoot.lengths import length_mm
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 CREW = """
 [lens]

@@ -11,7 +11,7 @@ from plate_makers import CAMERA, SENSOR, make_preset, sharp, write_plate
 from lensfit.io.exr import read_exr
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.preset.knobs import GROUP_OF, NEUTRAL, adjusted_knobs, not_neutral
+from lensfit.preset.knobs import GROUP_OF, NEUTRAL, active_knobs, adjusted_knobs
 from lensfit.workflow.apply import apply
 from lensfit.workflow.plan_plate import plan_plate
 
@@ -68,7 +68,7 @@ def test_a_knob_arrives_from_everywhere_and_alone(name, plate, tmp_path):
     ]
     lenses = [PlateLens(preset, ApplyOptions()).signature(state) for state in states]
     for state, said in zip(states, lenses, strict=True):
-        assert not_neutral(state.knobs) == {name: pytest.approx(value)}
+        assert active_knobs(state.knobs) == {name: pytest.approx(value)}
         assert name in said
     assert len(set(lenses)) == 1
 

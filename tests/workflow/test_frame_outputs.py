@@ -6,8 +6,8 @@ from plate_makers import DATA, DISPLAY, make_preset, write_plate
 
 from lensfit.io.exr import read_exr
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.depth import DepthOptions
-from lensfit.rendering.stages import Switches
+from lensfit.plate.plate_depth import DepthOptions
+from lensfit.rendering.render_stages import Switches
 from lensfit.workflow.apply import apply
 
 PLAIN = Switches(distortion=False, lateral_colour=False)

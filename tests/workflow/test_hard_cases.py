@@ -15,7 +15,7 @@ from data_synth.judge import judge
 from data_synth.wavefront_cases import CASES, case_subject
 from lensfit.preset.store import load_preset
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 SIZE = (400, 300)
 

@@ -18,7 +18,7 @@ from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.mosaic import filled_in
 from lensfit.workflow.inspect import as_json, facts, inspect_images
 from lensfit.workflow.shoot.draft import draft_shoot, write_draft_shoot
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 OVERSCAN = Window(-4, -3, 43, 32)
 FRAME = Window.of_size(40, 30)

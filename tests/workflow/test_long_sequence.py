@@ -18,7 +18,7 @@ from plate_makers import make_preset, sharp
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.frame.outcome import apply_frame
+from lensfit.plate.frame.frame_outcome import apply_frame
 from lensfit.plate.frame.renderer import FrameRenderer
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import save_preset

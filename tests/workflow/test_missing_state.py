@@ -15,7 +15,7 @@ from lensfit.plate.camera.sources import CameraOptions, StateOverrides
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.header import plate_header
 from lensfit.preset.store import save_preset
-from lensfit.rendering.stages import Switches
+from lensfit.rendering.render_stages import Switches
 from lensfit.workflow.apply import apply
 from lensfit.workflow.plan_plate import plan_plate
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lensfit.detect.observations import POINT
-from lensfit.workflow.calibration.overlaps_seen import why_overlaps
+from lensfit.workflow.calibration.overlapping_blur import overlapping_blur_reasons
 
 PIXEL_MM = np.array([0.05, 0.05])
 LATTICE = np.stack(np.meshgrid(np.arange(6.0), np.arange(5.0)), -1).reshape(-1, 2)
@@ -47,7 +47,7 @@ CROSSINGS = take(2000.0, 0.5**0.5, 45.0, focus_distance_mm=800.0)
 
 
 def test_a_lattice_of_crossings_is_found_out():
-    found = why_overlaps([*GOOD, CROSSINGS])
+    found = overlapping_blur_reasons([*GOOD, CROSSINGS])
     assert found[:3] == [None] * 3
     assert "bright crossings were taken for dots" in found[3]
 
@@ -62,7 +62,7 @@ def test_a_lattice_of_crossings_is_found_out():
     ],
 )
 def test_other_photographs_are_not_taken_for_overlaps(honest):
-    assert why_overlaps([*GOOD, honest]) == [None] * 4
+    assert overlapping_blur_reasons([*GOOD, honest]) == [None] * 4
 
 
 @pytest.mark.parametrize(
@@ -76,8 +76,8 @@ def test_other_photographs_are_not_taken_for_overlaps(honest):
 )
 def test_only_dots_of_the_same_kind_at_stated_distances_have_a_say(without_a_say):
     odd = SimpleNamespace(**vars(CROSSINGS) | without_a_say)
-    assert why_overlaps([*GOOD, odd]) == [None] * 4
+    assert overlapping_blur_reasons([*GOOD, odd]) == [None] * 4
 
 
 def test_one_other_photograph_is_not_enough():
-    assert why_overlaps([GOOD[0], None, CROSSINGS]) == [None] * 3
+    assert overlapping_blur_reasons([GOOD[0], None, CROSSINGS]) == [None] * 3

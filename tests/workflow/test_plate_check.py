@@ -10,7 +10,7 @@ from plate_makers import CAMERA, DATA, SENSOR, make_preset, write_plate
 from lensfit.errors import ImageError
 from lensfit.io.cryptomatte import object_id
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.depth import DepthOptions
+from lensfit.plate.plate_depth import DepthOptions
 from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
 from lensfit.workflow.apply import apply
 

@@ -7,8 +7,8 @@ import pytest
 
 from lensfit.errors import ShootError
 from lensfit.io.metadata import CameraState
-from lensfit.workflow.shoot.records import Camera, LensName, Shoot, Take, Target
-from lensfit.workflow.shoot.resolve import resolve_take
+from lensfit.workflow.shoot.resolve_take import resolve_take
+from lensfit.workflow.shoot.shoot_records import Camera, LensName, Shoot, Take, Target
 
 SIZE = (2048, 1536)
 

@@ -11,7 +11,7 @@ from lensfit.errors import OutputError
 from lensfit.preset.store import save_preset
 from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.calibration.results_folder import results_folder
-from lensfit.workflow.shoot.records import Camera, LensName, Shoot, Take
+from lensfit.workflow.shoot.shoot_records import Camera, LensName, Shoot, Take
 
 TAKE = Take(image="never_opened.exr", target="dots")
 

@@ -8,7 +8,7 @@ from report_samples import barrel_report
 
 from lensfit.errors import FitError
 from lensfit.workflow.results_set import atomic_results, files_of_report
-from lensfit.workflow.shoot.records import Camera, LensName, Shoot, Take
+from lensfit.workflow.shoot.shoot_records import Camera, LensName, Shoot, Take
 
 SHOOT = Shoot(
     path=Path("shoot.toml"),

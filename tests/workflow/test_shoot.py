@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lensfit.errors import ShootError
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 GOOD = """
 [lens]

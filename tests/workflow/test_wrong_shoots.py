@@ -25,14 +25,14 @@ from lensfit.preset.store import load_preset
 from lensfit.preset.verdict import LEVELS
 from lensfit.progress import silent
 from lensfit.workflow.calibration.observe import observe_shoot
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 from lensfit.workflow.statements.blur_statements import contradicted_f_numbers
 from lensfit.workflow.statements.contradictions import (
     contradictions_of_report,
     contradictions_of_views,
     in_order,
 )
-from lensfit.workflow.statements.repeated import counted_once
+from lensfit.workflow.statements.repeated_exposures import without_repeated_exposures
 
 runner = CliRunner()
 pytestmark = pytest.mark.slow
@@ -242,7 +242,7 @@ def named_by_views(shoot_file: Path) -> list[str]:
         described = load_shoot(shoot_file)
     except ShootError as error:
         return [str(error)]
-    observed, found = counted_once(observe_shoot(described, None, silent))
+    observed, found = without_repeated_exposures(observe_shoot(described, None, silent))
     takes = [one.take for one in observed if one.take is not None]
     found += contradictions_of_views(takes)
     found += contradicted_f_numbers(takes)

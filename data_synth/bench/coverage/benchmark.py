@@ -26,13 +26,13 @@ from data_synth.bench.result import bench_result
 from data_synth.bench.rows import as_tables
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, LensfitError
-from lensfit.fitting.lens_states import Fitted, fit
+from lensfit.fitting.lens_states import FittedLens, fit
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.lens import Lens
 from lensfit.progress import Progress, silent
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import observe_shoot
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 from lensfit.workflow.stopwatch import stopwatch
 
 _DIGITS = 7
@@ -135,8 +135,8 @@ def _calibrated(folder: Path, effort: str, traced: Traced) -> dict[str, Predicti
     failed = [one.failed for one in observed if one.failed]
     if failed:
         raise DetectionError(failed[0])
-    fitted: Fitted = fit(
-        [one.take for one in observed if one.take], effort=Effort.named(effort)
+    fitted: FittedLens = fit(
+        [one.take for one in observed if one.take], effort=Effort.from_name(effort)
     )
     preset = preset_of(shoot, observed, fitted)
 

@@ -22,7 +22,7 @@ from lensfit.fitting.wavefront.term_groups import SEIDEL
 from lensfit.preset.schema import Preset
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import Observed
-from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.shoot_records import Shoot
 from lensfit.workflow.stopwatch import stopwatch
 
 GAUSSIANS, DISC, SEIDEL_ONLY = "gaussians", "disc and mask", "Seidel only"

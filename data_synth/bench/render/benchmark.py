@@ -41,7 +41,7 @@ from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.progress import Progress, silent
-from lensfit.rendering.stages import DEFAULT_TOLERANCE
+from lensfit.rendering.render_stages import DEFAULT_TOLERANCE
 
 TOLERANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 _UHD_TOLERANCES = (1e-3, 2e-3, 5e-3, 1e-2, 3e-2)

@@ -24,7 +24,7 @@ from lensfit.preset.store import load_preset
 from lensfit.rendering.frame import render
 from lensfit.rendering.layer_stack import LayerStack
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 _MEAN = 4
 

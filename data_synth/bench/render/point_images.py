@@ -12,7 +12,7 @@ from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import render
-from lensfit.rendering.stages import DEFAULT_TOLERANCE, Switches
+from lensfit.rendering.render_stages import DEFAULT_TOLERANCE, Switches
 from lensfit.rendering.uv import PlateGeometry
 
 _WIDTH, _HEIGHT = 768, 576

@@ -19,8 +19,8 @@ from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import render_stages, window_with_margin
 from lensfit.rendering.layer_stack import Mattes
-from lensfit.rendering.plan import plan_of
-from lensfit.rendering.stages import Stages, prepare_stages
+from lensfit.rendering.render_plan import plan_of
+from lensfit.rendering.render_stages import Stages, prepare_stages
 
 _CHECKER_PX = 24
 

@@ -29,7 +29,7 @@ from lensfit.progress import Progress, silent
 from lensfit.report.evidence import GOOD_PX, ROUGH_PX
 from lensfit.report.verdict import PRECISE_PX
 from lensfit.workflow.calibrate import calibrate
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 Table = dict[str, Any]
 JudgePx = Callable[[Preset, Path], float]

@@ -21,8 +21,8 @@ from lensfit.fitting.wavefront.effort import Effort
 from lensfit.preset.schema import Preset
 from lensfit.progress import silent
 from lensfit.workflow.calibration.observe import Observed, observe_shoot
-from lensfit.workflow.shoot.charts_seen import with_charts_read
-from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.identified_charts import with_identified_charts
+from lensfit.workflow.shoot.shoot_records import Shoot
 
 EACH = "each"
 Setting = tuple[float, float, float]
@@ -48,7 +48,7 @@ class Seen(NamedTuple):
     @classmethod
     def of(cls, shoot: Shoot, out_dir: Path) -> "Seen":
         """Photographs are searched and drawn as `calibrate` does it."""
-        read = with_charts_read(shoot, silent)
+        read = with_identified_charts(shoot, silent)
         return cls(read, observe_shoot(read, out_dir, silent))
 
 
@@ -100,7 +100,7 @@ def add_figures(
     if beside.efforts:
         found["efforts"] = {}
         for effort in beside.efforts:
-            peer = refitted(*seen, effort=Effort.named(effort))
+            peer = refitted(*seen, effort=Effort.from_name(effort))
             found["efforts"][effort] = judged(peer)
     if images:
         found["left_out"] = {}
@@ -132,7 +132,7 @@ def _without(
 
 def _setting(take: Take) -> Setting | None:
     stated = take.f_number, take.focus_distance_mm, take.target_distance_mm
-    if take.cutouts is None or None in stated:
+    if take.dot_images is None or None in stated:
         return None
     return stated  # pyright: ignore[reportReturnType]
 

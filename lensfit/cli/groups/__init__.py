@@ -27,7 +27,7 @@ def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
 
     @functools.wraps(command)
     def run(**given: Any) -> None:
-        command(**in_groups(command, given))
+        command(**options_in_groups(command, given))
 
     # typer reads the one, and the types of the other
     run.__signature__ = inspect.Signature(options)  # pyright: ignore[reportAttributeAccessIssue]
@@ -35,7 +35,9 @@ def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def in_groups(command: Callable[..., None], given: Mapping[str, Any]) -> dict[str, Any]:
+def options_in_groups(
+    command: Callable[..., None], given: Mapping[str, Any]
+) -> dict[str, Any]:
     """Values of the options of a command, with those of a group put into the group.
 
     Parameters

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from lensfit.plate.depth import DepthOptions
+    from lensfit.plate.plate_depth import DepthOptions
 
 _PANEL = "Depth"
 
 
 class KindName(StrEnum):
-    """How depth is measured, as in `lensfit.io.depth`."""
+    """How depth is measured, as in `lensfit.io.depth_channel`."""
 
     perpendicular = "perpendicular"
     ray = "ray"
@@ -78,7 +78,7 @@ class DepthGroup:
 
     def options(self) -> "DepthOptions":
         """As plates are rendered with it."""
-        from lensfit.plate.depth import DepthOptions
+        from lensfit.plate.plate_depth import DepthOptions
 
         return DepthOptions(
             self.depth_channel,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from lensfit.rendering.stages import Switches
+    from lensfit.rendering.render_stages import Switches
 
 _PANEL = "Effects"
 
@@ -28,7 +28,7 @@ class EffectsGroup:
 
     def switches(self) -> "Switches":
         """As plates are rendered with it."""
-        from lensfit.rendering.stages import Switches
+        from lensfit.rendering.render_stages import Switches
 
         return Switches(
             distortion=not self.no_distortion,

@@ -48,7 +48,7 @@ def calibrate(
     Example: lensfit kit calibrate kit.toml --out results
     """
     from lensfit.workflow.kit.calibrate import calibrate_kit, chosen_lenses
-    from lensfit.workflow.kit.file import load_kit
+    from lensfit.workflow.kit.kit_file import load_kit
 
     described = load_kit(kit)
     with progress_bars() as progress:

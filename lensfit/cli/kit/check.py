@@ -32,7 +32,7 @@ def check(
     Example: lensfit kit check kit.toml
     """
     from lensfit.workflow.kit.calibrate import chosen_lenses
-    from lensfit.workflow.kit.file import load_kit
+    from lensfit.workflow.kit.kit_file import load_kit
     from lensfit.workflow.kit.lens_shoot import lens_shoot
 
     described = load_kit(kit)

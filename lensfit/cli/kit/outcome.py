@@ -27,7 +27,7 @@ def show_kit(
     only : Folders of the lenses that were asked for; None for all.
     """
     from lensfit.report.markup import number
-    from lensfit.workflow.kit.page import summary
+    from lensfit.workflow.kit.kit_page import summary
 
     lenses = table["lenses"]
     if as_json:

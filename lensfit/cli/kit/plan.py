@@ -26,8 +26,8 @@ def plan(
     Example: lensfit kit plan kit.toml --out takes.html
     """
     from lensfit.workflow.kit.checklist import checklist, duration_text
-    from lensfit.workflow.kit.file import load_kit
-    from lensfit.workflow.kit.plan import kit_plan, plan_as_json
+    from lensfit.workflow.kit.kit_file import load_kit
+    from lensfit.workflow.kit.kit_plan import kit_plan, plan_as_json
 
     described = load_kit(kit)
     plans = kit_plan(described)

@@ -38,7 +38,7 @@ def submit(
     from lensfit.atomic import write_text_atomic
     from lensfit.workflow.kit.calibrate import chosen_lenses
     from lensfit.workflow.kit.farm import kit_template
-    from lensfit.workflow.kit.file import load_kit
+    from lensfit.workflow.kit.kit_file import load_kit
 
     described = load_kit(kit)
     lenses = chosen_lenses(described, lens or [])

@@ -22,7 +22,7 @@ def default(
     """
     from lensfit.errors import PresetError
     from lensfit.preset.library.names import version_name
-    from lensfit.preset.library.resolve import lens_in
+    from lensfit.preset.library.resolve_preset import lens_in
     from lensfit.preset.library.save import mark_default
     from lensfit.preset.library.shelf import Shelf
 

@@ -23,7 +23,7 @@ def history(
     Example: lensfit preset history zeiss-50 --library show/sq010/sh0020
     """
     from lensfit.preset.library.history import history as events_of
-    from lensfit.preset.library.resolve import lens_in
+    from lensfit.preset.library.resolve_preset import lens_in
     from lensfit.preset.library.shelf import shelves_of
 
     levels = library.levels()

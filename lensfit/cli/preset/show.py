@@ -48,13 +48,13 @@ def show(
 
 def _origins(found: "Found") -> list[str]:
     """The versions, and each changed key with the level that decided it."""
-    from lensfit.preset.knobs import not_neutral
+    from lensfit.preset.knobs import active_knobs
 
     lines = [f"{p.level} {p.version}: {p.path}" for p in found.parts]
     changed = [f"changed: {override}" for override in found.overrides]
     if not changed and found.preset.saved is not None:
         changed = [f"changed: {edit}" for edit in found.preset.saved.edits]
-    knobs = [f"knob: {n} = {v}" for n, v in not_neutral(found.preset.knobs).items()]
+    knobs = [f"knob: {n} = {v}" for n, v in active_knobs(found.preset.knobs).items()]
     lines += changed + knobs
     return ["", *lines] if lines else []
 

@@ -9,8 +9,8 @@ both are T-stops. Recorded widths of the ALEXA LF: 8.25 um photosites, 3840 of t
 from pathlib import Path
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import at_line, unit_mm
-from lensfit.io.camera.stops import from_linear_iris, stop
+from lensfit.io.camera.quantity import error_at_line, unit_mm
+from lensfit.io.camera.stop_text import stop, stop_of_linear_iris
 from lensfit.io.camera.table import (
     CameraTable,
     Gathered,
@@ -61,13 +61,13 @@ def _row(path: Path, sheet: Sheet, line: int, cells: list[str]) -> Row:
             found.put("focus_distance_mm", distance * unit, _FOCUS)
         linear, iris = number(_LINEAR), sheet.cell(cells, "Lens Iris")
         if linear:
-            found.put("t_number", from_linear_iris(linear), _LINEAR)
+            found.put("t_number", stop_of_linear_iris(linear), _LINEAR)
         elif iris is not None:
             found.put("t_number", stop(iris, "Lens Iris")[1], "Lens Iris")
     except CameraError as error:
         if error.where is not None:
             raise
-        raise at_line(error, path, line) from None
+        raise error_at_line(error, path, line) from None
     family = sheet.cell(cells, "Camera Family") or ""
     width = sheet.cell(cells, "Image Width") or ""
     found.put(

@@ -8,8 +8,8 @@ import re
 from pathlib import Path
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import at_line, is_missing, number, unit_mm
-from lensfit.io.camera.stops import stop
+from lensfit.io.camera.quantity import error_at_line, is_missing, number, unit_mm
+from lensfit.io.camera.stop_text import stop
 from lensfit.io.camera.table import CameraTable, Gathered, Row, shared
 from lensfit.io.camera.text import MOST_ROWS, read_lines
 
@@ -52,7 +52,7 @@ def read_blackmagic(path: str | Path) -> CameraTable:
         except CameraError as error:
             if error.where is not None:
                 raise
-            raise at_line(error, path, line) from None
+            raise error_at_line(error, path, line) from None
     return CameraTable(path, KIND, shared(rows))
 
 

@@ -73,7 +73,7 @@ def unit_mm(text: str, entry: str) -> float:
     unit = LENGTHS_MM.get(_SPELT.get(word, word))
     if unit is None:
         raise CameraError(
-            f"{entry} is {_shown(text)}, which is no known unit of length",
+            f"{entry} is {_quoted_text(text)}, which is no known unit of length",
             remedy=f"lensfit knows {', '.join(LENGTHS_MM)}",
         )
     return unit
@@ -92,7 +92,9 @@ def number(text: str, entry: str) -> float:
             raise ValueError
         value = float(Fraction(word)) if "/" in word else float(word)
     except (ValueError, ArithmeticError):
-        raise CameraError(f"{entry} is {_shown(text)} and should be a number") from None
+        raise CameraError(
+            f"{entry} is {_quoted_text(text)} and should be a number"
+        ) from None
     if math.isnan(value):
         raise CameraError(f"{entry} is NaN and should be a number")
     return value
@@ -124,11 +126,11 @@ def spelt(name: str) -> str:
     return f"{' '.join(words[:-1])} in {words[-1]}"
 
 
-def at_line(error: CameraError, path: Path, line: int | str) -> CameraError:
+def error_at_line(error: CameraError, path: Path, line: int | str) -> CameraError:
     """The error with the place in its file."""
     place = f"line {line}" if isinstance(line, int) else line
     return CameraError(f"{place}: {error.what}", where=path, remedy=error.remedy)
 
 
-def _shown(text: str) -> str:
+def _quoted_text(text: str) -> str:
     return repr(" ".join(text.split())[:40])

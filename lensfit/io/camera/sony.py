@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import LENGTHS_MM, at_line
-from lensfit.io.camera.stops import stop
+from lensfit.io.camera.quantity import LENGTHS_MM, error_at_line
+from lensfit.io.camera.stop_text import stop
 from lensfit.io.camera.table import (
     CameraTable,
     Gathered,
@@ -47,7 +47,7 @@ def _row(path: Path, sheet: Sheet, line: int, cells: list[str]) -> Row:
         try:
             kind, value = stop(aperture, "Aperture")
         except CameraError as error:
-            raise at_line(error, path, line) from None
+            raise error_at_line(error, path, line) from None
         found.put("f_number" if kind == "F" else "t_number", value, "Aperture")
     found.put("camera_model", sheet.cell(cells, "Camera Model"), "Camera Model")
     found.put("lens_model", sheet.cell(cells, "Lens Model"), "Lens Model")

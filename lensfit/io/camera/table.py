@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple, final
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import Reading, at_line, checked, number
+from lensfit.io.camera.quantity import Reading, checked, error_at_line, number
 
 Readings = Mapping[str, Reading]
 
@@ -95,7 +95,7 @@ class CameraTable(CameraFile):
             raise CameraError(f"is a {kind} without rows", where=path)
         self.path, self.kind, self.notes = path, kind, tuple(notes)
         self.rows = tuple(rows)
-        self._told = _told(row.readings for row in rows)
+        self._quantities = _known_quantities(row.readings for row in rows)
         self._alike = all(row.readings == rows[0].readings for row in rows)
         self._by_number = {row.number: row for row in rows if row.number is not None}
         self._by_timecode: dict[str, list[Row]] = {}
@@ -110,7 +110,9 @@ class CameraTable(CameraFile):
 
     def lacks(self, frame: FrameKey, first_frame: int | None) -> frozenset[str]:
         """Quantities that other rows tell, and this one marks as unknown."""
-        return self._told - _told([self._row(frame, first_frame).readings])
+        return self._quantities - _known_quantities(
+            [self._row(frame, first_frame).readings]
+        )
 
     def _row(self, frame: FrameKey, first_frame: int | None) -> Row:
         if self._by_number:
@@ -174,7 +176,7 @@ class CameraTable(CameraFile):
         raise CameraError(what, where=self.path, remedy=remedy)
 
 
-def _told(rows: Iterable[Readings]) -> frozenset[str]:
+def _known_quantities(rows: Iterable[Readings]) -> frozenset[str]:
     """Quantities that any row tells; a T-stop stands for the f-number."""
     names = frozenset(name for readings in rows for name in readings)
     return names | {"f_number"} if "t_number" in names else names
@@ -195,7 +197,7 @@ class Gathered(dict[str, Reading]):
             try:
                 known = checked(name, value, entry)
             except CameraError as error:
-                raise at_line(error, self.path, self.line) from None
+                raise error_at_line(error, self.path, self.line) from None
             if known is not None:
                 self[name] = Reading(known, entry)
 
@@ -206,7 +208,7 @@ class Gathered(dict[str, Reading]):
         try:
             return number(text, entry)
         except CameraError as error:
-            raise at_line(error, self.path, self.line) from None
+            raise error_at_line(error, self.path, self.line) from None
 
 
 def shared(rows: Iterable[Row]) -> list[Row]:

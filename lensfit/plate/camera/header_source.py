@@ -4,8 +4,8 @@ from collections.abc import Collection, Mapping, Sequence
 
 from lensfit.errors import ImageError
 from lensfit.io.metadata import HeaderWord
-from lensfit.plate.camera.known import Known
 from lensfit.plate.camera.plate_camera import BadEntry
+from lensfit.plate.camera.sourced_value import SourcedValue
 
 HEADER = 1_000_000
 """Its rank; there are fewer files."""
@@ -20,7 +20,7 @@ _OPTIONS = {
 
 
 def add_header(
-    words: dict[str, list[Known]],
+    words: dict[str, list[SourcedValue]],
     told: Mapping[str, Sequence[HeaderWord]],
     better: Collection[str],
 ) -> dict[str, tuple[BadEntry, ...]]:
@@ -38,7 +38,7 @@ def add_header(
         known = name in better
         for value, key in entries:
             if not isinstance(value, ImageError):
-                words.setdefault(name, []).append(Known(value, key, rank=HEADER))
+                words.setdefault(name, []).append(SourcedValue(value, key, rank=HEADER))
                 known = True
                 continue
             remedy = _OPTIONS.get(name, "take it out of the header")

@@ -23,9 +23,9 @@ from lensfit.preset.knobs import (
     NEUTRAL,
     Knobs,
     Value,
+    active_knobs,
     adjusted_knobs,
     knob_entries,
-    not_neutral,
 )
 
 
@@ -37,7 +37,7 @@ class KnobWord(NamedTuple):
 
 
 @dataclass(frozen=True)
-class TurnedKnobs:
+class AdjustedKnobs:
     """How the knobs stand, and by whom they were turned.
 
     Attributes
@@ -81,7 +81,7 @@ def knobs_of_plate(
     header: Mapping[str, object],
     settings: Settings,
     stated: Mapping[str, object],
-) -> TurnedKnobs:
+) -> AdjustedKnobs:
     """The knobs of one plate.
 
     Parameters
@@ -106,11 +106,11 @@ def knobs_of_plate(
             continue
         value = getattr(getattr(alone, GROUP_OF[said.name]), said.name)
         words.setdefault(said.name, []).append(KnobWord(value, said.source))
-    for name, value in not_neutral(preset).items():
+    for name, value in active_knobs(preset).items():
         words.setdefault(name, []).append(KnobWord(value, "preset"))
     known = {n: found[0] for n, found in words.items() if n not in problems}
     first = {name: int(name in known) for name in words}
-    return TurnedKnobs(
+    return AdjustedKnobs(
         adjusted_knobs(preset, {name: word.value for name, word in known.items()}),
         known,
         {n: tuple(w[first[n] :]) for n, w in words.items() if w[first[n] :]},

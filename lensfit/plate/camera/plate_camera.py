@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from lensfit.errors import ImageError
 from lensfit.io.metadata import CameraState
-from lensfit.plate.camera.known import Known
 from lensfit.plate.camera.settings import Settings
+from lensfit.plate.camera.sourced_value import SourcedValue
 
 _DECIDING = (
     "focal_length_mm",
@@ -51,8 +51,8 @@ class PlateCamera:
     settings : The settings that hold for the plate.
     """
 
-    known: Mapping[str, Known]
-    overruled: Mapping[str, tuple[Known, ...]] = field(default_factory=dict)
+    known: Mapping[str, SourcedValue]
+    overruled: Mapping[str, tuple[SourcedValue, ...]] = field(default_factory=dict)
     bad: Mapping[str, tuple[BadEntry, ...]] = field(default_factory=dict)
     plate: Path = Path()
     notes: tuple[str, ...] = ()
@@ -81,7 +81,7 @@ class PlateCamera:
                     raise entry.error
         return self
 
-    def focused(self, distance: Known) -> "PlateCamera":
+    def focused(self, distance: SourcedValue) -> "PlateCamera":
         """The same, focused at a distance that the user picked."""
         known = {**self.known, "focus_distance_mm": distance}
         return replace(self, known=known)

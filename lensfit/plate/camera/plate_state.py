@@ -27,13 +27,13 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfit.errors import ImageError
-from lensfit.plate.camera.assumed import Assumed, assumed
+from lensfit.plate.camera.assumed_values import AssumedValue, assumed_values
 from lensfit.plate.camera.knob_sources import knobs_of_plate
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.scaled_look import UNSCALED, ScaledLook
 from lensfit.plate.camera.spelling import SPELT, option_of
 from lensfit.plate.notes import FrameNote
-from lensfit.preset.knobs import NEUTRAL, Knobs, slips_in
+from lensfit.preset.knobs import NEUTRAL, Knobs, misspelt_knob_notes
 from lensfit.preset.schema import Preset
 from lensfit.preset.spanned_width import spanned_width_note
 from lensfit.rendering.look.white_balance import REC709, Chromaticities
@@ -42,7 +42,7 @@ from lensfit.rendering.uv import SpannedWidth
 _ROUNDS = 4
 
 
-def from_sensor_mm(
+def focus_distance_from_sensor_mm(
     depth_mm: float, lens_focused_at: Callable[[float | None], "Lens"]
 ) -> float:
     """Focus distance from the sensor of what is `depth_mm` from the entrance pupil.
@@ -112,7 +112,7 @@ class PlateState(NamedTuple):
     knobs: Knobs = NEUTRAL
     chromaticities: Chromaticities | None = None
     camera: PlateCamera = PlateCamera({})
-    assumed: tuple[Assumed, ...] = ()
+    assumed: tuple[AssumedValue, ...] = ()
     pixel_shape: float = 1.0
     scaled: ScaledLook = UNSCALED
 
@@ -200,11 +200,11 @@ def plate_state(
     if missing := [name for name in lacking if name in needed]:
         raise _missing(missing, camera)
     chosen = preset.select(*key)
-    taken = tuple(assumed(preset, camera, chosen, falloff=falloff))
+    taken = tuple(assumed_values(preset, camera, chosen, falloff=falloff))
     width, note = _width_mm(preset, camera, scaled)
     turned = knobs_of_plate(preset.knobs, attributes, camera.settings, knobs or {})
     notes = [*camera.notes, *chosen.notes, *(one.note(camera) for one in taken)]
-    notes += [*([note] if note else []), *slips_in(attributes)]
+    notes += [*([note] if note else []), *misspelt_knob_notes(attributes)]
     if (doubt := f_number_doubt(camera)) is not None:
         notes.append(FrameNote(doubt, "doubtful f-number"))
     for name, said in turned.notes:
@@ -257,7 +257,9 @@ def _lens_key(
         focal = scaled.measured_focal_length_mm
         focus = None if focus is None else focus / scaled.distances
     if focus is not None and camera.known["focus_distance_mm"].from_pupil:
-        focus = from_sensor_mm(focus, lambda guess: preset.at(focal, stop, guess))
+        focus = focus_distance_from_sensor_mm(
+            focus, lambda guess: preset.at(focal, stop, guess)
+        )
     return focal, stop, focus
 
 

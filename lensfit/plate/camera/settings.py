@@ -26,7 +26,7 @@ from lensfit._strict import convert_strictly, read_toml_tables
 from lensfit.errors import SettingsError
 from lensfit.io.camera.aliases import Alias
 from lensfit.io.camera.quantity import Reading
-from lensfit.io.sequence import in_frames
+from lensfit.io.sequence import is_in_frames
 from lensfit.plate.camera.settings_records import (
     QUANTITIES,
     FrameValues,
@@ -157,7 +157,7 @@ def _place(key: str) -> str:
 
 def _has(values: FrameValues, frame: int) -> bool:
     if values.range is not None:
-        return in_frames(values.range, frame)
+        return is_in_frames(values.range, frame)
     keys = values.at or [math.inf]
     return keys[0] <= frame <= keys[-1]
 

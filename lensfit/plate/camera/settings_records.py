@@ -10,7 +10,7 @@ from lensfit._strict import did_you_mean
 from lensfit.errors import CameraError, ImageError, SettingsError
 from lensfit.io.camera.aliases import ALIASES, Alias
 from lensfit.io.camera.quantity import LENGTHS_MM, TEXTS, checked
-from lensfit.io.sequence import in_frames
+from lensfit.io.sequence import is_in_frames
 
 QUANTITIES = (
     "focal_length_mm",
@@ -131,7 +131,7 @@ def _check_frames(values: FrameValues, path: Path, place: str) -> None:
         )
     if values.range is not None:
         try:
-            in_frames(values.range, 0)
+            is_in_frames(values.range, 0)
         except ImageError as error:
             raise SettingsError(
                 f"{place}: {error.what}", where=path, remedy=error.remedy

@@ -27,22 +27,22 @@ from pathlib import Path
 from typing import final
 
 from lensfit.io.camera.quantity import unit_mm
-from lensfit.io.camera.read import read_camera_file
+from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
 from lensfit.io.metadata import camera_words
 from lensfit.io.sequence import frame_of
-from lensfit.plate.camera.contradictions import contradictions
+from lensfit.plate.camera.header_contradictions import contradictions
 from lensfit.plate.camera.header_source import HEADER, add_header
-from lensfit.plate.camera.known import Known
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.settings import Settings, load_settings, settings_beside
+from lensfit.plate.camera.sourced_value import SourcedValue
 from lensfit.plate.camera.spelling import SPELT, option_of
 from lensfit.plate.notes import FrameNote
 
 
 def lacking_notes(
     files: Sequence[tuple[int, CameraFile, Collection[str]]],
-    words: Mapping[str, Sequence[Known]],
+    words: Mapping[str, Sequence[SourcedValue]],
     frame: FrameKey,
     plate: Path,
 ) -> Iterator[FrameNote]:
@@ -62,13 +62,13 @@ def lacking_notes(
                 continue
             yield FrameNote(
                 f"{file.path.name} states no {spelt} for {which}, as it does for "
-                f"others; {_shown(name, known[0])} is used ({option_of(name)} states "
-                "another)",
+                f"others; {_value_text(name, known[0])} is used ({option_of(name)} "
+                "states another)",
                 f"lacking {name}",
             )
 
 
-def _shown(name: str, known: Known) -> str:
+def _value_text(name: str, known: SourcedValue) -> str:
     value = known.value
     number = f"{value:g}" if isinstance(value, float) else str(value)
     unit = " mm" if name.endswith("_mm") else ""
@@ -192,7 +192,7 @@ class CameraSources:
         plate = Path(plate)
         frame = FrameKey(frame_of(plate), _timecode(header))
         settings = self.settings_of(plate)
-        words: dict[str, list[Known]] = {}
+        words: dict[str, list[SourcedValue]] = {}
         for name, known in self._beside_header(frame, settings):
             words.setdefault(name, []).append(known)
         better = words.keys() | {_SAME_AS[name] for name in words.keys() & _SAME_AS}
@@ -226,26 +226,26 @@ class CameraSources:
 
     def _beside_header(
         self, frame: FrameKey, settings: Settings
-    ) -> Iterator[tuple[str, Known]]:
+    ) -> Iterator[tuple[str, SourcedValue]]:
         """Every word of the sources but the header, the one that counts most first."""
         for name, value in vars(self.overrides).items():
             if value is not None:
-                yield name, Known(value, option_of(name))
+                yield name, SourcedValue(value, option_of(name))
         of_settings = list(settings.camera_at(frame.number))
         if self._stated is not None:
             for name, reading in of_settings:
-                yield name, Known(*reading, rank=_STATED_SETTINGS)
+                yield name, SourcedValue(*reading, rank=_STATED_SETTINGS)
         for rank, file in enumerate(self._files, _FIRST_FILE):
             readings, place = file.at(frame, self.options.first_frame)
             for name, (value, entry) in readings.items():
                 source = f"{file.path} {place}, {entry}"
-                yield name, Known(value, source, name == _FROM_PUPIL, rank)
+                yield name, SourcedValue(value, source, name == _FROM_PUPIL, rank)
         if self._stated is None:
             for name, reading in of_settings:
-                yield name, Known(*reading, rank=_FOUND_SETTINGS)
+                yield name, SourcedValue(*reading, rank=_FOUND_SETTINGS)
 
     def _lacking(
-        self, plate: Path, frame: FrameKey, words: Mapping[str, list[Known]]
+        self, plate: Path, frame: FrameKey, words: Mapping[str, list[SourcedValue]]
     ) -> Iterator[FrameNote]:
         """Where the files leave out a frame's quantity and a worse source tells it."""
         picked = {"focus_distance_mm"} if self.options.focus_at is not None else set()
@@ -273,7 +273,7 @@ def _timecode(header: Mapping[str, object]) -> str | None:
     return None
 
 
-def _join_focus(words: dict[str, list[Known]]) -> None:
+def _join_focus(words: dict[str, list[SourcedValue]]) -> None:
     """Focus distances from either end are one quantity."""
     from_pupil = words.pop(_FROM_PUPIL, [])
     if from_pupil:
@@ -282,7 +282,7 @@ def _join_focus(words: dict[str, list[Known]]) -> None:
 
 
 def _join_field_of_view(
-    words: dict[str, list[Known]],
+    words: dict[str, list[SourcedValue]],
     size_px: tuple[int, int] | None,
     preset_width_mm: float | None,
 ) -> None:
@@ -295,7 +295,7 @@ def _join_field_of_view(
         return
     height_mm, whose = height
     found = [
-        Known(
+        SourcedValue(
             float(f"{height_mm / 2 / math.tan(math.radians(float(v.value)) / 2):.9g}"),
             f"{v.source} {v.value:g} degrees over {height_mm:g} mm ({whose})",
             rank=v.rank,
@@ -307,7 +307,7 @@ def _join_field_of_view(
 
 
 def _height_mm(
-    words: dict[str, list[Known]],
+    words: dict[str, list[SourcedValue]],
     size_px: tuple[int, int] | None,
     preset_width_mm: float | None,
 ) -> tuple[float, str] | None:
@@ -326,7 +326,7 @@ def _height_mm(
     return None
 
 
-def _stop_notes(words: dict[str, list[Known]]) -> Iterator[str]:
+def _stop_notes(words: dict[str, list[SourcedValue]]) -> Iterator[str]:
     """Let a T-stop stand for the f-number where nothing better is known."""
     if not words.get("t_number"):
         return
@@ -334,7 +334,7 @@ def _stop_notes(words: dict[str, list[Known]]) -> Iterator[str]:
     whose = _file_of(stop.source)
     if "f_number" not in words:
         words["f_number"] = [
-            Known(stop.value, f"{stop.source}, a T-stop", rank=stop.rank)
+            SourcedValue(stop.value, f"{stop.source}, a T-stop", rank=stop.rank)
         ]
         yield (
             f"the T-stop of {whose} is used as the f-number, which no source knows "
@@ -350,7 +350,9 @@ def _file_of(source: str) -> str:
     return source.split(" line ")[0]
 
 
-def _settings_notes(words: dict[str, list[Known]], settings: Settings) -> Iterator[str]:
+def _settings_notes(
+    words: dict[str, list[SourcedValue]], settings: Settings
+) -> Iterator[str]:
     for path in settings.paths:
         if any(found[0].source.startswith(f"{path} [") for found in words.values()):
             yield f"the camera is as {path} says, where it does"

@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from lensfit.coords import Window
-from lensfit.io.depth import DepthMeaning, FoundDepth, ray_slant
+from lensfit.io.depth_channel import DepthMeaning, FoundDepth, ray_slant
 from lensfit.io.exr import ExrImage
 from lensfit.io.exr_deep import DeepPart, read_deep
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.deep_layers import deep_layers
-from lensfit.plate.depth import depth_meaning
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.tight_window import (
     EmptyRing,
@@ -19,6 +18,7 @@ from lensfit.plate.frame.tight_window import (
     is_tight,
     known_window,
 )
+from lensfit.plate.plate_depth import depth_meaning
 from lensfit.rendering.buffers import crop
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import render_stages

@@ -17,7 +17,7 @@ from lensfit.errors import ImageError
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.camera.scaled_look import UNSCALED
-from lensfit.preset.knobs import not_neutral
+from lensfit.preset.knobs import active_knobs
 
 FINGERPRINT = "lensfit/fingerprint"
 """Header entry that holds it."""
@@ -105,7 +105,7 @@ def file_digest(path: Path) -> str:
 
 
 def _state(state: PlateState) -> tuple:
-    turned: dict[str, object] = dict(not_neutral(state.knobs))
+    turned: dict[str, object] = dict(active_knobs(state.knobs))
     if (picture := turned.get("filter_image")) is not None:
         turned["filter_image"] = _content(Path(str(picture)))
     spanned = (state.sensor_width_mm, state.pixel_shape)

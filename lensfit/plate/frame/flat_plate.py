@@ -28,7 +28,7 @@ from lensfit.plate.frame.tight_window import (
 from lensfit.rendering.buffers import aligned_empty, crop
 from lensfit.rendering.frame import render_stages
 from lensfit.rendering.look.stack import light_spreads
-from lensfit.rendering.stages import Stages
+from lensfit.rendering.render_stages import Stages
 
 Pixels = Float32[np.ndarray, "height width channels"]
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from lensfit.rendering.stages import Switches
+from lensfit.rendering.render_stages import Switches
 
 _KNOBS = {
     "distortion": ("--no-distortion", ("distortion",)),

@@ -20,15 +20,15 @@ from lensfit.io.exr_deep import is_deep
 from lensfit.io.lens_attributes import lens_attributes
 from lensfit.lens import Lens
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.camera.known import Known
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.plate_state import PlateState, plate_state
+from lensfit.plate.camera.sourced_value import SourcedValue
 from lensfit.plate.camera.sources import CameraSources
 from lensfit.plate.depth_doubt import depth_doubt
 from lensfit.plate.focus_pick import FOCUS_AT, picked_depth_mm
-from lensfit.plate.frame.error import error_at_frame
 from lensfit.plate.frame.external_map import ExternalMap
 from lensfit.plate.frame.fingerprint import Fingerprint, fingerprint
+from lensfit.plate.frame.frame_error import error_at_frame
 from lensfit.plate.frame.plate_notes import border_note
 from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.frame.signature import (
@@ -48,7 +48,7 @@ from lensfit.preset.schema import Preset
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import window_with_margin
 from lensfit.rendering.look.stack import light_spreads, look_of
-from lensfit.rendering.stages import Stages, prepare_stages
+from lensfit.rendering.render_stages import Stages, prepare_stages
 from lensfit.rendering.uv import PlateGeometry
 
 _NEAREST_FOCAL_LENGTHS = 1.5
@@ -126,11 +126,11 @@ class PlateLens:
 
     def _picked(
         self, camera: PlateCamera, image: ExrImage, path: Path
-    ) -> tuple[Known, tuple[str, ...]]:
+    ) -> tuple[SourcedValue, tuple[str, ...]]:
         """What the user picked to be in focus; until it is known, the sky is."""
         pick = self.options.camera.focus_at
         assert pick is not None
-        state = self._state(camera.focused(Known(math.inf, FOCUS_AT)), image)
+        state = self._state(camera.focused(SourcedValue(math.inf, FOCUS_AT)), image)
         depth_mm, notes = picked_depth_mm(
             image,
             path,
@@ -139,7 +139,7 @@ class PlateLens:
             self.geometry(state, image.parts[0].display_window),
             self.cg_focal_length_mm(state),
         )
-        return Known(depth_mm, FOCUS_AT, from_pupil=True), notes
+        return SourcedValue(depth_mm, FOCUS_AT, from_pupil=True), notes
 
     def _camera(self, image: ExrImage, path: Path) -> PlateCamera:
         display = image.parts[0].display_window

@@ -9,7 +9,7 @@ from jaxtyping import Float32
 
 from lensfit.coords import Window
 from lensfit.plate.notes import FrameNote
-from lensfit.rendering.stages import Stages
+from lensfit.rendering.render_stages import Stages
 
 _SEEN_PART = 1e-4
 """Of the pixels; less is a rounding of the border."""

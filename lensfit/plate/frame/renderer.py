@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import final
 
 from lensfit.errors import ImageError, OutputError
-from lensfit.io.depth import unit_in_mm
+from lensfit.io.depth_channel import unit_in_mm
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.plate.apply_options import ApplyOptions

@@ -19,7 +19,7 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.camera.scaled_look import UNSCALED
 from lensfit.plate.frame.fingerprint import FINGERPRINT
-from lensfit.preset.knobs import NEUTRAL, not_neutral
+from lensfit.preset.knobs import NEUTRAL, active_knobs
 from lensfit.preset.schema import Preset
 
 SAID = "lensfit/applied"
@@ -38,7 +38,7 @@ def preset_digest(preset: Preset) -> str:
     # A preset that travelled to a worker encodes its neutral knobs, which are no longer
     # the defaults themselves.
     plain = msgspec.structs.replace(preset, knobs=NEUTRAL)
-    told = msgspec.json.encode((plain, not_neutral(preset.knobs)))
+    told = msgspec.json.encode((plain, active_knobs(preset.knobs)))
     return hashlib.sha256(told).hexdigest()
 
 
@@ -58,7 +58,7 @@ def signature(
         at += [f"for {scaled.focal_length_mm:g} mm on {scaled.sensor_width_mm:g} mm"]
     lens = ", ".join([f"{lens_name} ({digest[:8]})", *at])
     done = ", ".join(_effects(options)) or "nothing"
-    turned = [f"{name} {value}" for name, value in not_neutral(state.knobs).items()]
+    turned = [f"{name} {value}" for name, value in active_knobs(state.knobs).items()]
     turned += _filter_digest(state)
     settings = _settings(options) + ([", ".join(turned)] if turned else [])
     return "; ".join([f"lensfit {__version__}: {lens}", done, *settings])

@@ -33,7 +33,7 @@ from lensfit.plate.frame.signature import UNDISTORTED, signed
 from lensfit.rendering.falloff import apply_gain, illumination_gain
 from lensfit.rendering.filters import Filter
 from lensfit.rendering.overscan import window_of_percent
-from lensfit.rendering.stages import CHANNELS, Budget, lateral_colour_px
+from lensfit.rendering.render_stages import CHANNELS, Budget, lateral_colour_px
 from lensfit.rendering.uv import Channel, PlateGeometry, SourceMap, source_map
 from lensfit.rendering.warp import warp
 

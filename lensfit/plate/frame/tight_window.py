@@ -16,7 +16,7 @@ from jaxtyping import Float32, Num
 from lensfit.coords import Window
 from lensfit.rendering.filters import Filter, first_tap
 from lensfit.rendering.layer_stack import LayerStack, Mattes
-from lensfit.rendering.stages import Stages
+from lensfit.rendering.render_stages import Stages
 
 _FAR_PX = 1 << 30
 _UNSEEN = 1e-3

@@ -25,7 +25,7 @@ from lensfit.cores import available_cores, limit_cores
 from lensfit.errors import ImageError
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.end_with_parent import end_with_parent
-from lensfit.plate.frame.outcome import FrameOutcome, apply_frame
+from lensfit.plate.frame.frame_outcome import FrameOutcome, apply_frame
 from lensfit.plate.frame.renderer import FrameRenderer
 from lensfit.preset.schema import Preset
 

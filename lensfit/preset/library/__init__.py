@@ -1,1 +1,1 @@
-"""Presets kept by name: numbered versions, levels of a project, edits on record."""
+"""Presets kept by name: numbered versions, levels of a project, recorded edits."""

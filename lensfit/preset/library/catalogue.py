@@ -1,4 +1,4 @@
-"""What a library holds, and whether all of it can be used."""
+"""The content of a library, and whether all of it can be used."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ from lensfit.preset.library.change_set import is_change_set
 from lensfit.preset.library.layers import put_together
 from lensfit.preset.library.levels import LENSES, Level, levels_of
 from lensfit.preset.library.names import version_name
-from lensfit.preset.library.resolve import find_preset
+from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.library.shelf import Shelf, shelves_of
 from lensfit.preset.library.versions import version_path, versions_in
 from lensfit.preset.store import load_preset

@@ -1,8 +1,9 @@
-"""A change set: what is different at one level, key by key, on top of a whole one.
+"""A change set: the keys that one level changes on top of a whole preset.
 
 The file is JSON, schema "lensfit.change_set.1", one version among those of its lens.
-It holds every edit made at its level since the preset it stands on, in order; of each
-key the last counts. Who, when, why and what stood there before are part of the edit.
+It holds every edit made at its level since the preset it is based on, in order; of
+several edits of a key the last counts. An edit records author, time, reason and the
+previous value.
 """
 
 from datetime import datetime

@@ -1,8 +1,8 @@
-"""Which version of a lens is used when none is named: the latest, or a marked one.
+"""The version of a lens that is used when none is named: the latest, or a marked one.
 
-The mark is a small file beside the versions. An edit of the marked version is in use
-too, if it was made after the mark was set: who edits a lens means it to be seen. To
-go back, the earlier version is marked again.
+The mark is a small file beside the versions. A later edit of the marked version is used
+in its place, since whoever edits a lens wants the edit to take effect. To go back, mark
+the earlier version again.
 """
 
 from collections.abc import Callable, Sequence

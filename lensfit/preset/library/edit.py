@@ -1,7 +1,7 @@
-"""Edits: a new version with one more change, and who made it, when and why.
+"""Edits: a new version with one more change, and its author, time and reason.
 
 An edit is made to the version in use at the named level, or to one that is named. Where
-the level has none of its own, its first change set stands on the next level outwards.
+the level has none of its own, its first change set is based on the next level outwards.
 Nothing is overwritten: of two edits at once, the second is made anew on the first.
 """
 
@@ -33,7 +33,7 @@ from lensfit.preset.library.layers import put_beneath, put_together, with_layer
 from lensfit.preset.library.levels import levels_of, now
 from lensfit.preset.library.locks import check_lock, lock_of
 from lensfit.preset.library.names import version_name
-from lensfit.preset.library.resolve import lens_in
+from lensfit.preset.library.resolve_preset import lens_in
 from lensfit.preset.library.shelf import Shelf, shelves_of
 from lensfit.preset.library.versions import claim_version, next_number
 from lensfit.preset.schema import Preset

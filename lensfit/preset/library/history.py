@@ -1,4 +1,4 @@
-"""What happened to a lens: every version at every level, who made it, when and why."""
+"""The history of a lens: every version at every level, with author, time and reason."""
 
 from typing import NamedTuple
 
@@ -61,12 +61,12 @@ def _of_preset(preset: Preset, shelf: Shelf) -> tuple[str, str, tuple[str, ...]]
 
 
 def _of_changes(changes: ChangeSet, shelf: Shelf) -> tuple[str, str, tuple[str, ...]]:
-    new = changes.changes[_told_before(changes, shelf) :]
+    new = changes.changes[_changes_already_told(changes, shelf) :]
     last = changes.changes[-1]
-    return last.who, last.when, tuple(_told(change) for change in new)
+    return last.who, last.when, tuple(_change_sentence(change) for change in new)
 
 
-def _told_before(changes: ChangeSet, shelf: Shelf) -> int:
+def _changes_already_told(changes: ChangeSet, shelf: Shelf) -> int:
     """How many of the changes an earlier version holds already."""
     number = version_number(changes.continues or "")
     if number is None or number not in shelf.numbers:
@@ -81,7 +81,7 @@ def _told_before(changes: ChangeSet, shelf: Shelf) -> int:
     return count if changes.changes[:count] == before.changes else 0
 
 
-def _told(change: Change) -> str:
+def _change_sentence(change: Change) -> str:
     unlocked = " (unlocked)" if change.unlocked else ""
     if change.dropped:
         done = f"{change.key}: {value_text(change.before)} dropped"

@@ -1,9 +1,10 @@
-"""Change sets laid on a whole preset, outermost first, so that the nearest level wins.
+"""Apply change sets to a whole preset, outermost first, so that the nearest level wins.
 
-A change set stands on a version of its own level or on whatever the next level outwards
-says, and so on until a whole preset is met, which hides what lies further out.
+A change set is based on a version of its own level or on the result of the next level
+outwards, and so on until a whole preset is met, which hides what lies further out.
 
-Deviations that an edit makes untrue go: a number set by hand was not measured.
+An edit drops the standard deviations of the numbers it changes: a number set by hand
+was not measured.
 """
 
 from typing import Any, NamedTuple

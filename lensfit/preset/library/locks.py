@@ -1,9 +1,8 @@
-"""Which keys of a preset may be changed: knobs freely, measured values unlocked only.
+"""Which keys of a preset may be changed: knobs always, measured values if unlocked.
 
-What was measured is locked, so that a number in a preset is the one that photographs
-gave unless somebody said why not. Records of the measurement (where it came from, how
-good it was, which state an entry is) cannot be changed at all: to change them would
-make them untrue.
+Measured values are locked, so that a number in a preset is the measured one unless an
+edit records why not. Records of the measurement (provenance, quality, the state of an
+entry) cannot be changed at all: changing them would make them false.
 """
 
 from typing import Literal

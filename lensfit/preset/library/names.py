@@ -1,8 +1,8 @@
-"""How lenses and their versions are called in a library.
+"""Names of lenses and versions in a library.
 
 A lens is a folder, named in lower-case ASCII after the lens and, behind an underscore,
 its serial number: two copies of one lens are two lenses. A version is v001, v002 and
-so on to v999999. No name from outside becomes a path before it has passed here.
+so on to v999999. A name from outside becomes a path only after it is checked here.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""One lens at one level: its versions, and which of them is meant."""
+"""One lens at one level: its versions, and the one in use."""
 
 from dataclasses import dataclass
 from functools import cached_property

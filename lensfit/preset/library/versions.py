@@ -2,8 +2,8 @@
 
 Any number of writers on any number of machines may save at once: each number is
 claimed by one of them (`lensfit.atomic.claim`), and its file is whole from the first
-moment. Nothing is locked, so that a writer that dies blocks nobody. A number that was
-given out is not given out again, not even when its file is deleted.
+moment. There are no locks, so that a writer that dies blocks nobody. A number is never
+reused, not even when its file is deleted.
 """
 
 import os

@@ -1,13 +1,13 @@
-"""Bloom: highlights bleed into what surrounds them, the more the farther out of focus.
+"""Bloom: a glow around highlights that widens with defocus.
 
-A share of the light above a threshold is taken from its pixel and laid down as a halo
-that falls off as 1/r^3. The sum over the picture is kept in every channel. The halo's
-half-light radius b grows with the circle of confusion that the light arrives in,
+A share of the light above a threshold is taken from its pixel and spread as a halo that
+falls off as 1/r^3. The sum over the picture is kept in every channel. The halo's
+half-light radius b grows with the circle of confusion of the light,
 
     b^2 = size^2 + (growth r)^2,
 
 r the circle's radius (`blur_of_light`); without depth r is 0. Sizes between two octaves
-are dealt to both, so that b is kept as a mean square.
+are divided between both, so that b is kept as a mean square.
 """
 
 import math

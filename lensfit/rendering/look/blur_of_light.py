@@ -1,12 +1,12 @@
-"""How far out of focus the light arrives that a picture shows, weighted by that light.
+"""Defocus of the light at each pixel of a picture, weighted by that light.
 
 A light's own distance is known where it stands in the plate, but its disc lies over
-pixels of other distances. So highlights and the radius of their discs are spread alike,
-each by a Gaussian as wide as its disc, and divided:
+pixels of other distances. So highlights, and highlights times the radius of their
+discs, are each spread by a Gaussian as wide as the disc, and divided:
 
     r = sum of (light radius) spread / sum of light spread.
 
-A measure of size, not a picture: it is made at a small size.
+This only scales other effects, so it is computed at a small size.
 """
 
 from collections.abc import Sequence

@@ -1,15 +1,14 @@
 """Ghosts: highlights reflected between glass, on the other side of the centre.
 
 The n-th of N ghosts of a light at p lies at c - reach (n / N) (p - c), with c the
-optical centre (the principal point), and is drawn with the shape of the opening that
-the light came through, n / N of the size of the last. Each holds the same light. All
-together hold `share` of the light above the threshold, *added* to the picture: what a
-lens loses by reflections it has lost of everything alike, and exposure makes up for
-it. What falls beside the plate is gone. The tint keeps the luminance: 1 is green, -1
-magenta, as coatings are.
+optical centre (the principal point), and is drawn with the shape of the pupil at that
+field point, n / N of the size of the last. Each holds the same light. All together hold
+`share` of the light above the threshold, *added* to the picture: a lens loses light by
+reflections everywhere alike, and exposure compensates that. What falls beside the plate
+is lost. The tint keeps the luminance: 1 is green, -1 magenta, as coatings are.
 
 Ghosts are those of the plate before the lens blurs it: a light throws the same ghost
-whether it is in focus or not. Light from beyond the plate is unknown, and throws none.
+whether it is in focus or not. Light from beyond the plate is unknown, and makes none.
 """
 
 from dataclasses import dataclass
@@ -18,8 +17,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32
 
+from lensfit.rendering.look.aperture_shape import ApertureShape, shrunk
 from lensfit.rendering.look.light import brightest_channel
-from lensfit.rendering.look.opening import Opening, shrunk
 from lensfit.rendering.look.pyramid import Picture, doubled, halved, padded
 
 LEVEL = 1
@@ -52,7 +51,7 @@ def ghosts_of(
     shape: tuple[int, int],
     centre_px: Float[np.ndarray, "2"],
     ghosts: Ghosts,
-    opening: Opening,
+    opening: ApertureShape,
     least_px: float,
     luminance: tuple[float, float, float],
 ) -> Picture:
@@ -125,7 +124,7 @@ def _drawn(
     place: float,
     centre: Float[np.ndarray, "2"],
     diameter_px: float,
-    opening: Opening,
+    opening: ApertureShape,
     pixel: int,
 ) -> Picture:
     """Every light at its place, in the shape of the opening."""

@@ -1,4 +1,4 @@
-"""The light that an effect acts on: all of a picture's, or what is above a threshold.
+"""The light that an effect acts on: that of the whole picture, or above a threshold.
 
 A threshold has a soft knee, so that nothing pops as a light crosses it. With m the
 brightest of the three channels and T the threshold, the light above it is

@@ -1,12 +1,12 @@
 """Pro-mist: a filter whose specks scatter a share of all light into a wide halo.
 
-There is no threshold, as a filter knows none: highlights glow, and the black level
-lifts by the share of the mean of what is around, up to the width of the frame. The halo
-falls off as 1/r^2 over six octaves. The sum over the picture is kept in every channel.
+There is no threshold: highlights glow, and the black level lifts by the share of the
+mean of the surroundings, up to the width of the frame. The halo falls off as 1/r^2 over
+six octaves. The sum over the picture is kept in every channel.
 
-The filter stands in front of the lens. Here it acts behind it, on the blurred and
-distorted picture: the halo is neither distorted nor dimmed towards the corners with the
-lens, which of a smooth halo shows little.
+The real filter is in front of the lens. Here it acts after the lens, on the blurred and
+distorted picture: the halo is neither distorted nor dimmed towards the corners, which
+is hardly visible of a smooth halo.
 """
 
 from lensfit.rendering.look.halo import Halo, haloed

@@ -1,19 +1,19 @@
 """The order in which looks act on a picture.
 
-pro-mist, diffusion   filters in front of the lens, but put on behind it
+pro-mist, diffusion   filters in front of the lens, but applied after it
 ghosting              reflections in the lens, of lights as they stand in the plate
 glint                 diffraction where the light passes the stop
 bloom                 glare on the way to the sensor
 white balance         the camera, which comes last, so that it moves no threshold
 
 All act after depth of field and fall-off, in the distorted picture and on the window
-with its overscan; then that is cropped. Each takes the picture that the one before
-left. They are scene-linear and touch colour alone: alpha is coverage, which glare does
-not change, so that a halo over nothing is light without coverage. Negative values stay,
-and so do pixels that are NaN or infinite, which give no light to others.
+with its overscan; then that is cropped. Each takes the picture of the one before. They
+are scene-linear and change colour alone: alpha is coverage, which glare does not
+change, so that a halo over nothing is light without coverage. Negative values stay, and
+so do pixels that are NaN or infinite, which give no light to others.
 
 Sizes are shares of the width of the display window, so that a proxy shows the look of
-the full plate. An effect that is neutral is not run, and all neutral is no stage.
+the full plate. A neutral effect is not run, and if all are neutral there is no stage.
 """
 
 from collections.abc import Sequence
@@ -26,13 +26,13 @@ from jaxtyping import Float32
 
 from lensfit.coords import Window
 from lensfit.preset.look_knobs import LookKnobs
+from lensfit.rendering.look.aperture_shape import ApertureShape
 from lensfit.rendering.look.bloom import bloomed
 from lensfit.rendering.look.blur_of_light import SharpLayer, blur_of_light
 from lensfit.rendering.look.diffusion import diffused
 from lensfit.rendering.look.ghosting import LEVEL, Ghosts, ghosts_of
 from lensfit.rendering.look.glint import WIDTH_SHARE, Star, glinted
 from lensfit.rendering.look.light import light_above
-from lensfit.rendering.look.opening import Opening
 from lensfit.rendering.look.pro_mist import misted
 from lensfit.rendering.look.pyramid import Picture, halved, least_sigma_px, padded
 from lensfit.rendering.look.white_balance import (
@@ -83,7 +83,7 @@ class Look:
     geometry: PlateGeometry
     tolerance: float
     chromaticities: Chromaticities = REC709
-    _openings: dict[Window, Opening] = field(default_factory=dict)
+    _openings: dict[Window, ApertureShape] = field(default_factory=dict)
 
     @property
     def runs(self) -> tuple[str, ...]:
@@ -190,7 +190,7 @@ class Look:
     def _ghosts(self, lights: Picture, window: Window, shape: tuple) -> Picture:
         knobs = self.knobs
         if window not in self._openings:
-            self._openings[window] = Opening.of(self.lens, self.geometry, window)
+            self._openings[window] = ApertureShape.of(self.lens, self.geometry, window)
         corner = np.array(window[:2], float)
         return ghosts_of(
             lights,

@@ -1,12 +1,11 @@
-"""White balance: the picture of a camera that takes another light for white.
+"""White balance: a change of the white that the camera is balanced for.
 
 Set to T kelvin and a tint, the camera shows light of that white (`white_balance`) as it
 showed light of 6500 K before: a higher temperature makes the picture warmer, a positive
 tint more magenta. The gain is von Kries', in the cone responses of Bradford, between
-the two whites, put on in the plate's own primaries (its attribute `chromaticities`, or
-Rec. 709 with D65), and scaled so that the luminance of a grey is kept: it neither makes
-nor takes light from a grey. 6500 K and tint 0 are neutral. One-channel plates have no
-colour, and stay.
+the two whites, applied in the plate's own primaries (its attribute `chromaticities`, or
+Rec. 709 with D65), and scaled so that the luminance of a grey is kept. 6500 K and tint
+0 are neutral. One-channel plates have no colour, and are not changed.
 
 References
 ----------
@@ -18,8 +17,8 @@ The white that a camera is balanced for: colour temperature and tint to chromati
 From 5000 K on the CIE daylight locus, up to 4000 K the Planckian one, and between them
 a mixture of both at equal luminance, by the temperature, as TM-30 has its reference
 illuminant. The tint lies across, along the normal of the Planckian locus in the CIE
-1960 diagram: 3000 to a unit of u, v; a positive one is a greenish light, which a camera
-balanced for it answers with magenta.
+1960 diagram: 3000 to a unit of u, v; a positive one is a greenish light, for which a
+balanced camera compensates with magenta.
 
 References
 ----------

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.gather import Gathered, Group
+from lensfit.fitting.wavefront.gather import DotData, FocusGroup
 from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
 from lensfit.optics.aberration import Aberration
 from lensfit.optics.paraxial import (
@@ -30,24 +30,24 @@ _EQUAL_PUPILS = 1.0
 def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     """The blur block of one state; states of a focal length share their wavefront."""
     stage = wavefront.stage
-    gathered, layout, parameters = stage.gathered, stage.layout, stage.parameters
-    magnified = _magnified(state, gathered)
+    dot_data, layout, parameters = stage.dot_data, stage.layout, stage.parameters
+    principal_distance_ratio = _principal_distance_ratio(state, dot_data)
     optics = _optics_of(
-        parameters, layout, gathered.scale, magnified, 1.0 * stage.blades
+        parameters, layout, dot_data.scale, principal_distance_ratio, 1.0 * stage.blades
     )
     aberration, pupil = jax.device_get(optics)
     ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
-    numbers = gathered.f_numbers
+    numbers = dot_data.f_numbers
     seen = wavefront.has("exit_pupil")
     beyond = None
     if layout.anamorphic:
-        found = parameters[layout.blocks["beyond"]][: len(gathered.groups)]
+        found = parameters[layout.blocks["beyond"]][: len(dot_data.groups)]
         beyond = _of_state(found, state, wavefront)
     return blur_block(
         aberration,
         pupil,
         pupil_magnification=_pupil_magnification(state, wavefront),
-        reference_distance_mm=gathered.reference_distance_mm,
+        reference_distance_mm=dot_data.reference_distance_mm,
         focus_offset_mm=_focus_offset_mm(state, wavefront),
         stops=[
             Stop(number, float(ratio) * _nominal_ratio(number, state, wavefront))
@@ -66,11 +66,11 @@ def _optics_of(
     parameters: Float[Array, " parameters"],
     layout: Layout,
     scale: Scale,
-    magnified: Float[Array, ""],
+    principal_distance_ratio: Float[Array, ""],
     blades: Float[Array, ""],
 ) -> tuple[Aberration, Pupil]:
-    aberration = aberration_of(parameters, layout, scale, magnified)
-    return aberration, pupil_of(parameters[layout.opening], layout, blades)
+    aberration = aberration_of(parameters, layout, scale, principal_distance_ratio)
+    return aberration, pupil_of(parameters[layout.pupil_parameters], layout, blades)
 
 
 @jax.jit
@@ -85,7 +85,7 @@ _first_order_of = jax.jit(first_order_of)
 _defocus_mm = jax.jit(defocus_mm)
 
 
-def _magnified(state: LensState, gathered: Gathered) -> float:
+def _principal_distance_ratio(state: LensState, dot_data: DotData) -> float:
     """Principal distance of the state over that of the reference, both as the fit of
     the blur had them.
 
@@ -93,13 +93,13 @@ def _magnified(state: LensState, gathered: Gathered) -> float:
     the sensor, which is what was fitted.
     """
     own = [
-        shown.distortion
-        for shown in gathered.shown
-        if shown.take.focus_distance_mm == state.focus_distance_mm
+        photograph.distortion
+        for photograph in dot_data.photographs
+        if photograph.take.focus_distance_mm == state.focus_distance_mm
     ]
     distortion = own[0] if own else state.distortion
     distance_mm = float(distortion.principal_distance_mm)
-    return distance_mm / float(gathered.scale.principal_distance_mm)
+    return distance_mm / float(dot_data.scale.principal_distance_mm)
 
 
 def _pupil_magnification(state: LensState, wavefront: WavefrontFit) -> float:
@@ -115,22 +115,22 @@ def _pupil_magnification(state: LensState, wavefront: WavefrontFit) -> float:
 
 def _focus_offset_mm(state: LensState, wavefront: WavefrontFit) -> float:
     """What the photographs of this state say beyond the barrel; else what all say."""
-    gathered = wavefront.stage.gathered
+    dot_data = wavefront.stage.dot_data
     where = wavefront.stage.layout.blocks["defocus"]
-    found = wavefront.stage.parameters[where][: len(gathered.groups)]
+    found = wavefront.stage.parameters[where][: len(dot_data.groups)]
     along_y = 1.0
     if wavefront.stage.layout.anamorphic:
         along_y = float(np.exp(log_squeeze(state.distortion)))
     offsets = [
         value
         - along_y
-        * _said_mm(
+        * _first_order_defocus_mm(
             group.focus_distance_mm,
             state,
-            gathered.reference_distance_mm,
+            dot_data.reference_distance_mm,
             _pupil_magnification(state, wavefront),
         )
-        for value, group in zip(found, gathered.groups, strict=True)
+        for value, group in zip(found, dot_data.groups, strict=True)
     ]
     return _of_state(np.array(offsets), state, wavefront)
 
@@ -139,29 +139,29 @@ def _of_state(
     of_groups: Float[np.ndarray, " groups"], state: LensState, wavefront: WavefrontFit
 ) -> float:
     """Mean over the groups of this state of measured distance, or else over others."""
-    gathered = wavefront.stage.gathered
-    measured = [not group.take for group in gathered.groups]
-    mine = [_same_focus(group, state) for group in gathered.groups]
+    dot_data = wavefront.stage.dot_data
+    measured = [not group.take for group in dot_data.groups]
+    mine = [_same_focus(group, state) for group in dot_data.groups]
     for wanted in (np.array(mine) & measured, np.array(mine), np.array(measured)):
         if wanted.any():
             return float(np.mean(of_groups[wanted]))
     return float(np.mean(of_groups))
 
 
-def _same_focus(group: Group, state: LensState) -> bool:
+def _same_focus(group: FocusGroup, state: LensState) -> bool:
     return group.focus_distance_mm == state.focus_distance_mm
 
 
 def _nominal_ratio(f_number: float, state: LensState, wavefront: WavefrontFit) -> float:
     """The stop that the fit took an f-number for, over what `Lens.psf` takes it for."""
-    gathered = wavefront.gathered
-    reference_mm = gathered.reference_distance_mm
+    dot_data = wavefront.dot_data
+    reference_mm = dot_data.reference_distance_mm
     focus_mm = state.focus_distance_mm or reference_mm
     mine = _focused(state, _pupil_magnification(state, wavefront), focus_mm)
-    return float(_sine_ratio(gathered.first_order, mine, f_number, reference_mm))
+    return float(_sine_ratio(dot_data.first_order, mine, f_number, reference_mm))
 
 
-def _said_mm(
+def _first_order_defocus_mm(
     focus_distance_mm: float | None,
     state: LensState,
     reference_mm: float,

@@ -33,7 +33,7 @@ from lensfit.workflow.calibration.blur_entries import blur_of
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.calibration.take_facts import errors_of
 from lensfit.workflow.calibration.term_facts import terms_of
-from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.shoot_records import Shoot
 
 _STEP = 0.05
 _DIGITS = 5

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lensfit.detect.cutouts import cut
+from lensfit.detect.cutouts import cut_dot_images
 from lensfit.detect.dot_diameter import DIAMETER_WIDTH, dot_diameter_mm
 from lensfit.detect.find import observe
 from lensfit.detect.mosaic_seen import mosaic_seen
@@ -33,13 +33,13 @@ from lensfit.io.image import (
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
-from lensfit.workflow.calibration.overlaps_seen import why_overlaps
+from lensfit.workflow.calibration.overlapping_blur import overlapping_blur_reasons
 from lensfit.workflow.calibration.results_folder import OVERLAYS
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
-from lensfit.workflow.shoot.charts_seen import pattern_of_target
-from lensfit.workflow.shoot.records import Shoot, Target
-from lensfit.workflow.shoot.records import Take as ShootTake
-from lensfit.workflow.shoot.resolve import ResolvedTake, resolve_take
+from lensfit.workflow.shoot.identified_charts import pattern_of_target
+from lensfit.workflow.shoot.resolve_take import ResolvedTake, resolve_take
+from lensfit.workflow.shoot.shoot_records import Shoot, Target
+from lensfit.workflow.shoot.shoot_records import Take as ShootTake
 from lensfit.workflow.stopwatch import stopwatch
 
 _THREADS = 2
@@ -116,11 +116,11 @@ def _with_dot_diameters(results: list[Observed]) -> list[Observed]:
     takes = [one.take for one in results if one.take is not None]
     measured_mm: dict[str, list[float]] = {}
     for take in takes:
-        seen, cutouts = take.observations, take.cutouts
-        if seen.of_corners or cutouts is None:
+        seen, dot_images = take.observations, take.dot_images
+        if seen.are_corners or dot_images is None:
             continue
         if take.mark_diameter_mm is None:
-            found = dot_diameter_mm(seen, cutouts, take.pitch_mm)
+            found = dot_diameter_mm(seen, dot_images, take.pitch_mm)
             if found is not None:
                 measured_mm.setdefault(take.target, []).append(found)
 
@@ -136,7 +136,7 @@ def _with_dot_diameters(results: list[Observed]) -> list[Observed]:
 
 def _without_overlaps(results: list[Observed]) -> list[Observed]:
     """Photographs of overlapping blur set aside with their reason."""
-    reasons = why_overlaps([one.take for one in results])
+    reasons = overlapping_blur_reasons([one.take for one in results])
     return [
         one if why is None else replace(one, take=None, failed=f"{one.image}: {why}")
         for one, why in zip(results, reasons, strict=True)
@@ -252,7 +252,7 @@ def _take_for_fit(
     marks: Observations,
     photograph: Photograph,
 ) -> Take:
-    cutouts = cut(photograph, marks)
+    dot_images = cut_dot_images(photograph, marks)
     return Take(
         name=take.image,
         target=resolved.target.name,
@@ -265,8 +265,8 @@ def _take_for_fit(
         focus_distance_mm=resolved.focus_distance_mm,
         target_distance_mm=take.target_distance_mm,
         squeeze=take.anamorphic_squeeze or 1.0,
-        cutouts=cutouts,
-        rims=cut_rims(photograph, marks, cutouts),
+        dot_images=dot_images,
+        rims=cut_rims(photograph, marks, dot_images),
     )
 
 

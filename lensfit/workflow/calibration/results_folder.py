@@ -10,7 +10,7 @@ from pathlib import Path
 from lensfit.errors import OutputError, PresetError
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
-from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.shoot_records import Shoot
 
 PRESET = "preset.json"
 OVERLAYS = "overlays"

@@ -8,8 +8,8 @@ from lensfit.detect.blobs import noise_of
 from lensfit.detect.directional_blur import DirectionalBlur
 from lensfit.detect.observations import Observations
 from lensfit.photograph import Photograph
-from lensfit.report.coverage import cell_counts, empty_places
-from lensfit.workflow.check.records import Coverage, Exposure, Sharpness
+from lensfit.report.frame_coverage import cell_counts, empty_places
+from lensfit.workflow.check.check_records import Coverage, Exposure, Sharpness
 
 CORNERS = ("top left", "top right", "bottom left", "bottom right")
 _ZONES = (0.0, 0.4, 0.75, 1.01)

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.units import dioptres_from_mm
-from lensfit.workflow.check.records import FocusSide
+from lensfit.workflow.check.check_records import FocusSide
 
 _SAME_POSE = 2e-3
 """Largest difference of the two matrices once they are of one size."""

@@ -15,7 +15,7 @@ from lensfit.atomic import atomic_path
 from lensfit.detect.observations import Observations
 from lensfit.detect.overlay import overlay_picture
 from lensfit.photograph import Photograph
-from lensfit.workflow.check.records import Check
+from lensfit.workflow.check.check_records import Check
 
 
 def reduced(

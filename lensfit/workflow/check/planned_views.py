@@ -12,8 +12,8 @@ from typing import Literal, final
 
 from lensfit.io.metadata import CameraState
 from lensfit.units import dioptres_from_mm
-from lensfit.workflow.check.records import Level
-from lensfit.workflow.shoot.records import Shoot, Take
+from lensfit.workflow.check.check_records import Level
+from lensfit.workflow.shoot.shoot_records import Shoot, Take
 
 ViewState = Literal["done", "again", "missing"]
 _STOP_RATIO = 1.09

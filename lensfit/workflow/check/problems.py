@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator
 
-from lensfit.workflow.check.motion import Motion
-from lensfit.workflow.check.records import (
+from lensfit.workflow.check.check_records import (
     Coverage,
     Exposure,
     FocusSide,
     Problem,
     Sharpness,
 )
+from lensfit.workflow.check.motion import Motion
 
 _LITTLE_COVERED = 0.5
 _CLOSE_TO_CLIPPING_STOPS = 0.1

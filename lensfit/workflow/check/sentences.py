@@ -3,15 +3,15 @@
 from collections.abc import Iterator, Sequence
 
 from lensfit.report.evidence import joined
-from lensfit.workflow.check.figures import CORNERS
-from lensfit.workflow.check.planned_views import PlannedView
-from lensfit.workflow.check.records import (
+from lensfit.workflow.check.check_records import (
     Check,
     Coverage,
     Exposure,
     FocusSide,
     Sharpness,
 )
+from lensfit.workflow.check.figures import CORNERS
+from lensfit.workflow.check.planned_views import PlannedView
 
 _MOST_NAMES = 6
 

@@ -24,6 +24,7 @@ from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.io.metadata import CameraState
 from lensfit.photograph import Photograph
 from lensfit.workflow.calibration.observe import detections_of
+from lensfit.workflow.check.check_records import Check, Level, Problem, worst_level
 from lensfit.workflow.check.figures import coverage_of, exposure_of, sharpness_of
 from lensfit.workflow.check.focus_side import View, blurrier_in_focus, focus_side
 from lensfit.workflow.check.motion import motion_of
@@ -39,9 +40,8 @@ from lensfit.workflow.check.problems import (
     focus_problems,
     motion_problems,
 )
-from lensfit.workflow.check.records import Check, Level, Problem, worst_level
-from lensfit.workflow.shoot.charts_seen import target_of_pattern
-from lensfit.workflow.shoot.records import Shoot, Take, Target
+from lensfit.workflow.shoot.identified_charts import target_of_pattern
+from lensfit.workflow.shoot.shoot_records import Shoot, Take, Target
 
 _UNSTATED_KINDS = ("dot-grid", "checkerboard", "line-grid")
 """Kinds that are tried where neither a shoot file nor the chart says which."""

@@ -17,11 +17,11 @@ from typing import Any
 from lensfit._strict import did_you_mean
 from lensfit.errors import LensfitError, OutputError, ShootError
 from lensfit.progress import Progress, silent
+from lensfit.workflow.kit.kit_records import Kit
+from lensfit.workflow.kit.lens_record import fingerprint, is_done, write_record
 from lensfit.workflow.kit.lens_shoot import lens_shoot
-from lensfit.workflow.kit.lens_state import fingerprint, is_done, write_record
 from lensfit.workflow.kit.lens_worker import Job, work
-from lensfit.workflow.kit.records import Kit
-from lensfit.workflow.kit.write import write_kit
+from lensfit.workflow.kit.write_kit import write_kit
 
 _STAGE = "lenses"
 _Worker = tuple[BaseProcess, Connection]

@@ -6,10 +6,10 @@ One HTML file without any outside resource, made to be printed.
 from importlib.resources import files
 
 from lensfit.report.markup import NOTHING, Markup, stated, tag
-from lensfit.report.page import style_sheet
-from lensfit.report.sections import distance_text, table_row
-from lensfit.workflow.kit.plan import TILT_DEG, KitView, LensPlan
-from lensfit.workflow.kit.records import Kit
+from lensfit.report.report_page import style_sheet
+from lensfit.report.report_sections import distance_text, table_row
+from lensfit.workflow.kit.kit_plan import TILT_DEG, KitView, LensPlan
+from lensfit.workflow.kit.kit_records import Kit
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 _COLUMNS = (

@@ -15,7 +15,7 @@ from lensfit.plate.farm.openjd_template import (
     path_parameter,
     text_parameter,
 )
-from lensfit.workflow.kit.records import Kit
+from lensfit.workflow.kit.kit_records import Kit
 
 
 def kit_template(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lensfit.plate.frame.end_with_parent import end_with_parent
-from lensfit.workflow.kit.file import load_kit
+from lensfit.workflow.kit.kit_file import load_kit
 
 Job = tuple[Path, str, Path, str, str]
 """Kit file, folder of the lens, folder of its results, fingerprint, effort."""
@@ -41,7 +41,7 @@ def calibrated(
 ) -> str | None:
     """Calibrate one lens, keep what became of it, and say why it failed, if it did."""
     from lensfit.errors import LensfitError, sentence_of
-    from lensfit.workflow.kit.lens_state import write_record
+    from lensfit.workflow.kit.lens_record import write_record
 
     try:
         facts = _facts(kit_file, folder, out, effort)
@@ -63,7 +63,7 @@ def _facts(kit_file: Path, folder: str, out: Path, effort: str) -> dict[str, Any
     from lensfit.workflow.calibrate import calibrate
     from lensfit.workflow.calibration.results_folder import PRESET
     from lensfit.workflow.kit.blur_widths import blur_widths
-    from lensfit.workflow.kit.facts import lens_facts
+    from lensfit.workflow.kit.lens_facts import lens_facts
     from lensfit.workflow.kit.lens_shoot import lens_shoot
 
     kit = load_kit(kit_file)

@@ -16,7 +16,7 @@ from typing import Any
 from lensfit._strict import did_you_mean
 from lensfit.errors import ShootError
 from lensfit.workflow.shoot.lengths import length_mm
-from lensfit.workflow.shoot.records import Take
+from lensfit.workflow.shoot.shoot_records import Take
 
 Tables = dict[str, Any]
 _TAKE_LENGTHS = ("focal_length_mm", "focus_distance_mm", "target_distance_mm")

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from lensfit.fitting.breathing import breathing_notes
-from lensfit.fitting.lens_states import Fitted
+from lensfit.fitting.lens_states import FittedLens
 from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.preset.verdict import LEVELS
 from lensfit.workflow.calibration.observe import Observed
-from lensfit.workflow.shoot.records import Shoot
-from lensfit.workflow.statements.aspect import wrong_shapes
+from lensfit.workflow.shoot.shoot_records import Shoot
+from lensfit.workflow.statements.aspect_contradictions import aspect_contradictions
 from lensfit.workflow.statements.blur_statements import (
     blurred_views,
     contradicted_f_numbers,
@@ -25,7 +25,7 @@ from lensfit.workflow.statements.blur_statements import (
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.encoding import assumed_encodings, impossible_fall_off
 from lensfit.workflow.statements.lens_identity import mixed_lenses
-from lensfit.workflow.statements.released import contradicted_statements
+from lensfit.workflow.statements.released_statements import contradicted_statements
 
 _ORDER = (
     "aspect", "photograph_size", "lens_identity", "focal_length", "pitch",
@@ -39,7 +39,7 @@ _STOP_RATIO_LOG = 0.12
 def contradictions_of_views(takes: Sequence[Take]) -> list[Contradiction]:
     """Those that the detected points of the views show, before anything is fitted."""
     # A cause that others follow from is looked for first.
-    for causes in (wrong_shapes, mixed_lenses, contradicted_statements):
+    for causes in (aspect_contradictions, mixed_lenses, contradicted_statements):
         found = list(causes(takes))
         if found:
             break
@@ -47,7 +47,7 @@ def contradictions_of_views(takes: Sequence[Take]) -> list[Contradiction]:
 
 
 def contradictions_of_fit(
-    takes: Sequence[Take], fitted: Fitted
+    takes: Sequence[Take], fitted: FittedLens
 ) -> Iterator[Contradiction]:
     """Those that the fitted lens shows."""
     for note in breathing_notes(fitted.states):
@@ -125,7 +125,7 @@ def _f_numbers_of(
     """Stops whose size beside the widest the dots' shape shows otherwise."""
     if not wavefront.has("stop_ratios"):
         return
-    stops = [float(one) for one in wavefront.gathered.f_numbers]
+    stops = [float(one) for one in wavefront.dot_data.f_numbers]
     where = wavefront.stage.layout.blocks["stop_ratio"]
     ratios = np.asarray(wavefront.stage.parameters[where])[: len(stops) - 1]
     for stop, ratio in zip(stops[1:], ratios.tolist(), strict=False):

@@ -137,7 +137,7 @@ def calibrate_and_tell(
     if hasattr(os, "nice"):
         os.nice(_NICE)  # the page comes first
     from lensfit.workflow.calibrate import calibrate
-    from lensfit.workflow.shoot.file import load_shoot
+    from lensfit.workflow.shoot.shoot_file import load_shoot
 
     def progress(stage: str, done: int, total: int) -> None:
         pipe.send(("stage", (stage, done, total)))

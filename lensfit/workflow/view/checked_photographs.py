@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any, NamedTuple, final
 
 from lensfit.errors import LensfitError, sentence_of
-from lensfit.workflow.check.records import Check
+from lensfit.workflow.check.check_records import Check
 from lensfit.workflow.check.sentences import plan_sentence, sentences
 from lensfit.workflow.check.session import CheckSession
 from lensfit.workflow.check.watched_folder import new_photographs
-from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.shoot_records import Shoot
 
 
 class Checked(NamedTuple):

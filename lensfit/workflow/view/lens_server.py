@@ -10,7 +10,7 @@
 ``GET  report``          the report of a folder of results
 =======================  ==========================================================
 
-A body is JSON: `OfLens`. Pictures are ``data:`` addresses of PNG.
+A body is JSON: `LensQuery`. Pictures are ``data:`` addresses of PNG.
 """
 
 from typing import Any, ClassVar, final
@@ -31,7 +31,7 @@ from lensfit.workflow.view.answers import (
 )
 from lensfit.workflow.view.controls import knob_controls
 from lensfit.workflow.view.lens_adjustments import require_valid_adjustments
-from lensfit.workflow.view.viewed_lens import OfLens, ViewedLens
+from lensfit.workflow.view.viewed_lens import LensQuery, ViewedLens
 from lensfit.workflow.view.viewed_results import ViewedResults
 
 PAGE_FILES = {
@@ -123,7 +123,7 @@ class LensServer:
 
     def _answer(self, name: str) -> Answer:
         async def answer(request: Request) -> Response:
-            wanted: OfLens = await message_of(request, OfLens)
+            wanted: LensQuery = await message_of(request, LensQuery)
             if wanted.lens >= len(self.lenses):
                 raise LensfitError("there is one lens here", remedy="leave lens out")
             viewed = self.lenses[wanted.lens]

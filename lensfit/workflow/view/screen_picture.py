@@ -13,7 +13,7 @@ from jaxtyping import Float32, UInt8
 
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.transfer import encode
-from lensfit.io.windows import over_another
+from lensfit.io.windows import pixels_over_window
 from lensfit.plate.channels import ColourLayer, colour_layers
 from lensfit.workflow.view.view_transform import ViewTransform, view_codes
 
@@ -33,7 +33,7 @@ def frame_pixels(image: ExrImage, layer: str) -> Float32[np.ndarray, "height wid
     part, found = _part_with(image, layer)
     names = found.names[:3] if len(found.names) >= 3 else found.names[:1] * 3
     planes = [
-        over_another(part.channels[name], part.data_window, part.display_window)
+        pixels_over_window(part.channels[name], part.data_window, part.display_window)
         for name in names
     ]
     return np.stack(planes, axis=-1).astype(np.float32)

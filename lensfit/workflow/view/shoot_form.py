@@ -15,8 +15,8 @@ import msgspec
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import LensfitError, ShootError
 from lensfit.workflow.shoot.crew_notation import plain_form
-from lensfit.workflow.shoot.file import load_shoot, shoot_of
-from lensfit.workflow.shoot.records import Camera, LensName, Shoot, Take, Target
+from lensfit.workflow.shoot.shoot_file import load_shoot, shoot_of
+from lensfit.workflow.shoot.shoot_records import Camera, LensName, Shoot, Take, Target
 from lensfit.workflow.shoot.toml_lines import (
     toml_value,
     with_keys,
@@ -105,8 +105,8 @@ def _table(
         {
             "key": key,
             "label": label_of(key),
-            "value": "" if key not in own else _shown(own[key]),
-            "beneath": "" if beneath.get(key) is None else _shown(beneath[key]),
+            "value": "" if key not in own else _value_text(own[key]),
+            "beneath": "" if beneath.get(key) is None else _value_text(beneath[key]),
             "choices": _choices(properties[key]),
             "needed": key in needed,
         }
@@ -116,7 +116,7 @@ def _table(
     others = [key for key in own if key not in properties]
     fields += [
         {
-            "key": key, "label": label_of(key), "value": _shown(own[key]),
+            "key": key, "label": label_of(key), "value": _value_text(own[key]),
             "beneath": "", "choices": [], "needed": False,
         }
         for key in others
@@ -129,7 +129,7 @@ def _choices(schema: dict[str, Any]) -> list[str]:
     return [c for one in options for c in one.get("enum", ()) if isinstance(c, str)]
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     return value if isinstance(value, str) else toml_value(value)
 
 

@@ -16,9 +16,9 @@ from msgspec import Meta
 from lensfit.errors import LensfitError
 from lensfit.lens import Lens
 from lensfit.preset.entry import Entry
-from lensfit.preset.knobs import adjusted_knobs, not_neutral
+from lensfit.preset.knobs import active_knobs, adjusted_knobs
 from lensfit.preset.schema import Preset
-from lensfit.report.breathing import breathing
+from lensfit.report.breathing_figure import breathing
 from lensfit.report.grey_tiles import png, sheet_of
 from lensfit.report.kernels import (
     GAMMA,
@@ -48,7 +48,7 @@ _DRAWS = 12
 _Share = Annotated[float, Meta(ge=-1, le=1)]
 
 
-class OfLens(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class LensQuery(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A state of a lens, an object and a point of the frame.
 
     Attributes
@@ -87,7 +87,7 @@ class ViewedLens:
     def start(self) -> dict[str, Any]:
         """Name, verdict, the state it is opened at, and ranges."""
         preset, verdict = self.preset, self.preset.verdict
-        knobs = not_neutral(adjusted_knobs(preset.knobs, self._opened.knobs))
+        knobs = active_knobs(adjusted_knobs(preset.knobs, self._opened.knobs))
         return {
             "lens": preset.lens.name,
             "serial": preset.lens.serial,
@@ -114,7 +114,7 @@ class ViewedLens:
         )
         return self.preset.at(**camera, knobs=knobs)
 
-    def field(self, wanted: OfLens) -> dict[str, Any]:
+    def field(self, wanted: LensQuery) -> dict[str, Any]:
         """Point-spread functions over the field, and how well they are known.
 
         Raises
@@ -131,7 +131,7 @@ class ViewedLens:
             "notes": lens.notes,
         }
 
-    def point(self, wanted: OfLens) -> dict[str, Any]:
+    def point(self, wanted: LensQuery) -> dict[str, Any]:
         """The point-spread function of one point in colour, and its deviation in green.
 
         Raises
@@ -163,7 +163,7 @@ class ViewedLens:
             found["error"] = plain(float(known.relative_error()[0]))
         return found
 
-    def through(self, wanted: OfLens) -> dict[str, Any]:
+    def through(self, wanted: LensQuery) -> dict[str, Any]:
         """The point through focus (across) and through the aperture (down).
 
         Raises
@@ -197,7 +197,7 @@ class ViewedLens:
             )
         return f_numbers_of(sorted(known or {lens.f_number or 0.0}))
 
-    def figures(self, wanted: OfLens) -> list[dict[str, str]]:
+    def figures(self, wanted: LensQuery) -> list[dict[str, str]]:
         """Distortion, lateral colour, fall-off, breathing, each with its deviation.
 
         Raises
@@ -256,7 +256,7 @@ def _through_focus(defocus: float, usual: float, farthest: float) -> tuple[float
     return defocus_of([max(-ends, farthest), defocus, ends], usual, farthest)
 
 
-def _object_distance_mm(lens: Lens, wanted: OfLens) -> float:
+def _object_distance_mm(lens: Lens, wanted: LensQuery) -> float:
     stated = distance_of(wanted.object_distance_mm)
     found = lens.focus_distance_mm if stated is None else stated
     if found is None and lens.blur is not None:
@@ -264,7 +264,7 @@ def _object_distance_mm(lens: Lens, wanted: OfLens) -> float:
     return math.inf if found is None else found
 
 
-def _point_mm(lens: Lens, wanted: OfLens) -> Float[np.ndarray, "1 2"]:
+def _point_mm(lens: Lens, wanted: LensQuery) -> Float[np.ndarray, "1 2"]:
     return np.array([[wanted.x, wanted.y]]) * np.asarray(lens.sensor_size_mm) / 2
 
 

@@ -31,12 +31,12 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.camera.settings import NAME as SETTINGS_NAME
 from lensfit.plate.camera.settings import file_stamp, load_settings, settings_beside
-from lensfit.plate.frame.error import error_at_frame
-from lensfit.plate.frame.outcome import apply_frame
+from lensfit.plate.frame.frame_error import error_at_frame
+from lensfit.plate.frame.frame_outcome import apply_frame
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.frame.renderer import FrameRenderer
-from lensfit.preset.knobs import not_neutral
+from lensfit.preset.knobs import active_knobs
 from lensfit.preset.schema import Preset
 from lensfit.workflow.plan_plate import plan_plate
 from lensfit.workflow.shoot.toml_lines import with_keys
@@ -289,7 +289,7 @@ class ViewedPlate:
         try:
             state = self._state(self.options, plate)
             camera = {name: state.applied(name) for name in CAMERA}
-            knobs = not_neutral(state.knobs)
+            knobs = active_knobs(state.knobs)
         except LensfitError as error:
             said = str(error)
         return {

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple, final
 
 from lensfit.bounded import read_bounded
 from lensfit.errors import ImageError
-from lensfit.report.read import read_report
-from lensfit.report.write import is_inside
+from lensfit.report.read_report import read_report
+from lensfit.report.write_report import is_inside
 from lensfit.workflow.calibration.results_folder import PRESET
 from lensfit.workflow.results_set import REPORT
 

@@ -9,7 +9,7 @@ from typing import Any, final
 from lensfit.errors import LensfitError, ShootError
 from lensfit.workflow.inspect import inspect_images
 from lensfit.workflow.shoot.draft import drafted_take, write_draft_shoot
-from lensfit.workflow.shoot.records import Shoot
+from lensfit.workflow.shoot.shoot_records import Shoot
 from lensfit.workflow.view.calibration_run import CalibrationRun
 from lensfit.workflow.view.checked_photographs import CheckedPhotographs
 from lensfit.workflow.view.shoot_form import (

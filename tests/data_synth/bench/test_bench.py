@@ -12,7 +12,7 @@ from data_synth.bench.rows import Row, as_tables
 from data_synth.bench.sets import SETS, chosen_sets, shoot_of
 from lensfit.cli.main import app
 from lensfit.errors import LensfitError, ShootError
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 SHOOTS = Path(__file__).parents[3] / "data_synth" / "shoots"
 

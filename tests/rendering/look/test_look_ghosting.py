@@ -14,8 +14,8 @@ from look_makers import (
     with_light,
 )
 
+from lensfit.rendering.look.aperture_shape import ApertureShape, diameter_of, shrunk
 from lensfit.rendering.look.ghosting import tint_of
-from lensfit.rendering.look.opening import Opening, diameter_of, shrunk
 from lensfit.rendering.uv import PlateGeometry
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
@@ -98,7 +98,9 @@ def test_the_tint_keeps_the_luminance(tint):
 
 
 def test_a_disc_has_its_own_diameter_at_any_size():
-    opening = Opening.of(ideal_lens(), PlateGeometry.of(ideal_lens(), FRAME), FRAME)
+    opening = ApertureShape.of(
+        ideal_lens(), PlateGeometry.of(ideal_lens(), FRAME), FRAME
+    )
     assert opening.diameter_px == pytest.approx(96, rel=0.01)
     for factor in (0.1, 0.37, 1.0, 1.6):
         small = shrunk(opening.shapes[0], factor)
@@ -111,7 +113,7 @@ def test_a_disc_has_its_own_diameter_at_any_size():
 
 def test_lights_are_dealt_to_the_nodes_around_them():
     shapes = np.zeros((9, 3, 3), np.float32)
-    opening = Opening(shapes, (200, 100), 1.0)
+    opening = ApertureShape(shapes, (200, 100), 1.0)
     points = np.array([[0.0, 0.0], [100.0, 50.0], [150.0, 25.0], [230.0, 120.0]])
     weights = np.stack([weights for weights, _ in opening.dealt(points)])
     assert weights.sum(0) == pytest.approx(1)

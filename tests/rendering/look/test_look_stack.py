@@ -21,8 +21,8 @@ from lensfit.preset.look_knobs import LookKnobs
 from lensfit.rendering.frame import render, render_stages
 from lensfit.rendering.layer_stack import LayerStack
 from lensfit.rendering.look.stack import EFFECTS, light_spreads, look_of
-from lensfit.rendering.plan import plan_of
-from lensfit.rendering.stages import prepare_stages
+from lensfit.rendering.render_plan import plan_of
+from lensfit.rendering.render_stages import prepare_stages
 from lensfit.rendering.uv import PlateGeometry
 
 ON = {

@@ -15,7 +15,7 @@ from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.check import session as module
 from lensfit.workflow.check.session import CheckSession
 from lensfit.workflow.check.watched_folder import new_photographs
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 HEAD = """
 [lens]

@@ -10,7 +10,7 @@ import tifffile
 from drawn_views import noisy
 
 from lensfit.workflow.check.session import CheckSession
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 
 SIZE_PX = (3648, 2736)
 PITCH_PX = 96

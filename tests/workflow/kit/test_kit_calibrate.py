@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 
 from lensfit.cli.main import app
 from lensfit.io.exr import ExrImage, read_exr, write_exr
-from lensfit.workflow.kit.file import load_kit
+from lensfit.workflow.kit.kit_file import load_kit
+from lensfit.workflow.kit.lens_record import fingerprint
 from lensfit.workflow.kit.lens_shoot import lens_shoot
-from lensfit.workflow.kit.lens_state import fingerprint
 
 runner = CliRunner()
 LOST = """

@@ -8,14 +8,14 @@ import pytest
 from browser import CHROMIUM, Browser
 
 from lensfit.workflow.kit.blur_widths import width_px
-from lensfit.workflow.kit.facts import (
+from lensfit.workflow.kit.kit_page import kit_page, summary
+from lensfit.workflow.kit.kit_records import FocusMark, KitLens
+from lensfit.workflow.kit.lens_facts import (
     breathing_percent,
     focus_scale,
     measured_distance_mm,
 )
 from lensfit.workflow.kit.match import matches
-from lensfit.workflow.kit.page import kit_page, summary
-from lensfit.workflow.kit.records import FocusMark, KitLens
 
 
 def lens_row(folder: str, focal_mm: float, distortion: float, **changes) -> dict:

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from lensfit.cli.main import app
 from lensfit.errors import ShootError
-from lensfit.workflow.kit.file import load_kit
-from lensfit.workflow.kit.plan import kit_plan
+from lensfit.workflow.kit.kit_file import load_kit
+from lensfit.workflow.kit.kit_plan import kit_plan
 
 runner = CliRunner()
 

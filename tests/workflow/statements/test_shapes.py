@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from pinhole_shoots import SIZE_PX, drawn, right_shoot, stated_otherwise
 
-from lensfit.workflow.statements.aspect import log_stretch, wrong_shapes
+from lensfit.workflow.statements.aspect_contradictions import (
+    aspect_contradictions,
+    log_stretch,
+)
 from lensfit.workflow.statements.contradictions import contradictions_of_views
 
 SEEDS = range(8)
@@ -29,7 +32,7 @@ def scaled(take, across: float, down: float, name: str | None = None):
 def test_right_shoots_are_square(seed: int):
     """Also tilted by 14 and -11 degrees, as one view of each is."""
     takes = right(seed)
-    assert list(wrong_shapes(takes)) == []
+    assert list(aspect_contradictions(takes)) == []
     assert abs(np.median([log_stretch(take) or 0.0 for take in takes])) < 0.02
 
 
@@ -42,20 +45,20 @@ def test_a_squeeze_that_nobody_stated_is_named_with_its_value(squeeze: float):
         seen = take.observations
         narrow = (seen.points_px - middle) / [squeeze, 1.0] + middle
         takes.append(replace(take, observations=replace(seen, points_px=narrow)))
-    (found,) = wrong_shapes(takes)
+    (found,) = aspect_contradictions(takes)
     assert found.statement == "anamorphic_squeeze"
     assert f"anamorphic_squeeze = {squeeze:.2f}" in found.text
     told = stated_otherwise(takes, squeeze=lambda _: squeeze)
-    assert list(wrong_shapes(told)) == []
+    assert list(aspect_contradictions(told)) == []
 
 
 def test_sides_of_the_sensor_and_of_the_pitch_are_told_apart():
     swapped = stated_otherwise(right(), sensor_size_mm=lambda t: t.sensor_size_mm[::-1])
-    assert next(wrong_shapes(swapped)).statement == "sensor_width_mm"
+    assert next(aspect_contradictions(swapped)).statement == "sensor_width_mm"
     pitch = stated_otherwise(
         right(), "dots", pitch_mm=lambda t: (t.pitch_mm[0], 1.5 * t.pitch_mm[1])
     )
-    (found,) = wrong_shapes(pitch)
+    (found,) = aspect_contradictions(pitch)
     assert found.statement == "pitch_mm"
     assert '"dots"' in found.text
 
@@ -68,7 +71,7 @@ def test_views_of_another_size_are_named_before_what_follows_from_them():
     assert found.images == ("small.png",)
     assert "900 x 675 px, the others 1200 x 900 px" in found.text
     alike = [scaled(take, 0.75, 0.75) for take in takes]
-    assert list(wrong_shapes(alike)) == []
+    assert list(aspect_contradictions(alike)) == []
 
 
 def test_a_photograph_turned_by_a_quarter_is_said_to_be():
@@ -76,6 +79,8 @@ def test_a_photograph_turned_by_a_quarter_is_said_to_be():
     seen = takes[2].observations
     points = seen.points_px[:, ::-1] * [1.0, -1.0] + [0.0, SIZE_PX[0]]
     turned = replace(seen, points_px=points, image_size_px=SIZE_PX[::-1])
-    (found,) = wrong_shapes([*takes[:2], replace(takes[2], observations=turned)])
+    (found,) = aspect_contradictions(
+        [*takes[:2], replace(takes[2], observations=turned)]
+    )
     assert "probably turned by a quarter" in found.text
     assert found.limit == "look"

@@ -14,7 +14,7 @@ from lensfit.workflow.statements.blur_statements import (
 )
 from lensfit.workflow.statements.encoding import impossible_fall_off
 from lensfit.workflow.statements.lens_identity import mixed_lenses
-from lensfit.workflow.statements.repeated import counted_once
+from lensfit.workflow.statements.repeated_exposures import without_repeated_exposures
 
 
 def right(seed: int = 1):
@@ -108,7 +108,7 @@ def test_one_exposure_is_counted_once_whatever_its_file():
         observed(replace(first, name="second.png", observations=again), "c"),
         observed(takes[3], "d"),
     ]
-    kept, found = counted_once(views)
+    kept, found = without_repeated_exposures(views)
     assert [one.image for one in kept if one.take is not None] == [
         "view_0.png",
         "second.png",

@@ -7,7 +7,7 @@ from view_makers import Client, served, thin_lens, write_depth_plate
 
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.library.levels import levels_of
-from lensfit.preset.library.resolve import find_preset
+from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.library.save import keep_preset
 from lensfit.workflow.view.lens_adjustments import Started
 from lensfit.workflow.view.plate_server import PlateServer

@@ -11,7 +11,7 @@ from bundled_shoot import DEMO, shoot_text_without_blur
 from view_makers import UNNAMED, Client, page_in_browser, served, until
 
 from lensfit.preset.store import load_preset
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 from lensfit.workflow.view.lens_adjustments import LensAdjustments
 from lensfit.workflow.view.lens_server import LensServer
 from lensfit.workflow.view.shoot_server import ShootServer

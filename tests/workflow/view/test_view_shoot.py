@@ -11,7 +11,7 @@ from bundled_shoot import DEMO
 from view_makers import Client, served
 
 from lensfit.workflow.check.session import CheckSession
-from lensfit.workflow.shoot.file import load_shoot
+from lensfit.workflow.shoot.shoot_file import load_shoot
 from lensfit.workflow.view.guard import MOST_BYTES
 from lensfit.workflow.view.shoot_server import LARGEST_BYTES, ShootServer
 from lensfit.workflow.view.viewed_shoot import ViewedShoot

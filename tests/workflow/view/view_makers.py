@@ -20,7 +20,7 @@ from lensfit.preset.schema import Preset
 from lensfit.preset.store import save_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.workflow.view.lens_adjustments import Started
-from lensfit.workflow.view.listening import listening
+from lensfit.workflow.view.loopback_server import listening
 from lensfit.workflow.view.plate_server import PlateServer
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 

@@ -1,0 +1,21 @@
+"""A value and where it came from: one word about one quantity."""
+
+from typing import NamedTuple
+
+
+class SourcedValue(NamedTuple):
+    """A value and its source.
+
+    Attributes
+    ----------
+    value : In the unit of its quantity.
+    source : The option, file or header entry, for people.
+    from_pupil : A focus distance from the pinhole of the CG camera, which is the
+        entrance pupil, rather than from the sensor.
+    rank : Place among the sources; less counts more.
+    """
+
+    value: float | str
+    source: str
+    from_pupil: bool = False
+    rank: int = 0

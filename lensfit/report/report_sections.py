@@ -1,0 +1,222 @@
+"""The parts of the report that are about the lens and its takes.
+
+Each function turns one part of the report's dictionary into HTML, and gives nothing
+when that part is absent: an old or partial report still makes a page.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from lensfit.report.evidence import takes_by_focal
+from lensfit.report.frame_coverage import image_size_px
+from lensfit.report.markup import (
+    NOTHING,
+    Markup,
+    number,
+    stated,
+    tag,
+)
+from lensfit.report.plots import entry_figures
+from lensfit.report.residuals import coverage, take_figures
+from lensfit.report.svg import Figure
+from lensfit.report.wipe import wipe_figures
+
+
+def lens_section(report: dict) -> Markup:
+    """Every entry of the preset with its figures."""
+    entries = report.get("entries") or []
+    if not entries:
+        return Markup("")
+    camera = report.get("camera") or {}
+    blocks = [_entry_block(entry, camera) for entry in entries]
+    return tag("section", tag("h2", "The lens"), *blocks, id="lens")
+
+
+def coverage_section(report: dict) -> Markup:
+    """Where the points were, one pair of figures for each focal length."""
+    groups = takes_by_focal(report)
+    blocks = []
+    for focal, takes in groups.items():
+        figures = coverage(takes, image_size_px(report))
+        if not figures:
+            continue
+        title = tag("h3", _focal_name(focal)) if len(groups) > 1 else None
+        head = tag("header", title) if title else None
+        blocks.append(tag("div", head, _figure_grid(figures), class_="block"))
+    if not blocks:
+        return Markup("")
+    return tag("section", tag("h2", "The evidence"), *blocks, id="evidence")
+
+
+def takes_section(report: dict, pictures: Mapping[str, str | None]) -> Markup:
+    """A table of all takes, then each with its overlay and residuals.
+
+    Parameters
+    ----------
+    report : the report's dictionary.
+    pictures : ``data:`` address of each overlay, by the path the report names.
+    """
+    takes = report.get("takes") or []
+    if not takes:
+        return Markup("")
+    size_px = image_size_px(report)
+    blocks = [
+        _take_block(index, take, size_px, pictures) for index, take in enumerate(takes)
+    ]
+    title = tag("h2", "Take by take")
+    return tag("section", title, _takes_table(takes), *blocks, id="takes")
+
+
+def figure_html(figure: Figure) -> Markup:
+    """A figure with its title and caption."""
+    return tag(
+        "figure",
+        tag("h4", figure.title),
+        figure.svg,
+        tag("figcaption", figure.caption) if figure.caption else None,
+        data_figure=figure.key,
+    )
+
+
+def _figure_grid(figures: list[Figure]) -> Markup:
+    return tag("div", *map(figure_html, figures), class_="figures")
+
+
+def _focal_name(focal_length_mm: float | None) -> str:
+    return (
+        "Focal length not stated"
+        if focal_length_mm is None
+        else stated(focal_length_mm, "mm")
+    )
+
+
+def _entry_block(entry: dict, camera: dict) -> Markup:
+    focus = entry.get("focus_distance_mm")
+    name = stated(entry.get("focal_length_mm"), "mm")
+    if focus is not None:
+        name += f", focused at {distance_text(float(focus))}"
+    figures = entry_figures(entry, camera)
+    header = tag(
+        "header", tag("h3", name), tag("p", _entry_facts(entry), class_="facts")
+    )
+    return tag("div", header, _figure_grid(figures), class_="block entry")
+
+
+def _entry_facts(entry: dict) -> str:
+    facts = []
+    if entry.get("principal_distance_mm") is not None:
+        distance = number(entry["principal_distance_mm"], "mm", 5)
+        facts.append(f"principal distance {distance}")
+    for key, name in (
+        ("principal_point_mm", "principal point"),
+        ("distortion_centre_mm", "distortion centre"),
+    ):
+        if entry.get(key):
+            x, y = entry[key]
+            facts.append(f"{name} ({number(x, digits=2)}, {number(y, digits=2)}) mm")
+    if entry.get("monotone") is not None:
+        facts.append("invertible" if entry["monotone"] else "folds")
+    if entry.get("round_trip_max_px") is not None:
+        facts.append(f"round trip {number(entry['round_trip_max_px'], 'px', 2)}")
+    if entry.get("overscan_percent") is not None:
+        facts.append(f"overscan {number(entry['overscan_percent'], '%', 4)}")
+    return " · ".join(facts)
+
+
+def distance_text(distance_mm: float) -> str:
+    """A distance in millimetres, or in metres from one metre on."""
+    if math.isinf(distance_mm):
+        return number(distance_mm)
+    if distance_mm >= 1000:
+        return stated(distance_mm / 1000, "m")
+    return stated(distance_mm, "mm")
+
+
+def table_row(
+    cell: str, values: list[Any], numeric: int = 99, class_: str = ""
+) -> Markup:
+    """A table's row of `cell` elements; from column `numeric` on they are numbers."""
+    cells = [
+        tag(cell, value, class_="n" if index >= numeric else None)
+        for index, value in enumerate(values)
+    ]
+    return tag("tr", *cells, class_=class_ or None)
+
+
+def _takes_table(takes: list[dict]) -> Markup:
+    names = ["Take", "Target", "Focal", "Stop", "Focus", "Chart at", "Used / found"]
+    head = table_row("th", [*names, "Rms", "Held out"], numeric=2)
+    rows = [_take_row(index, take) for index, take in enumerate(takes)]
+    table = tag("table", tag("thead", head), tag("tbody", *rows), class_="takes")
+    return tag("div", table, class_="scroll")
+
+
+def _take_row(index: int, take: dict) -> Markup:
+    link = tag("a", _take_name(take), href=f"#take-{index + 1}")
+    if take.get("failed"):
+        reason = tag("td", f"left out: {take['failed']}", colspan=8, class_="failure")
+        return tag("tr", tag("td", link), reason)
+    state = [stated(take.get("focal_length_mm"), "mm"), stop_text(take)]
+    for key in ("focus_distance_mm", "target_distance_mm"):
+        state.append(
+            NOTHING if take.get(key) is None else distance_text(float(take[key]))
+        )
+    used = f"{number(take.get('points_used'))} / {number(take.get('points_detected'))}"
+    errors = [number(take.get(k), "px") for k in ("rms_px", "held_out_rms_px")]
+    return table_row("td", [link, take.get("target"), *state, used, *errors], numeric=2)
+
+
+def _take_name(take: dict) -> str:
+    return str(take.get("name") or take.get("image") or "unnamed take")
+
+
+def stop_text(take: dict) -> str:
+    """The f-number of a take."""
+    stop = take.get("f_number")
+    return NOTHING if stop is None else f"f/{stated(round(stop, 1))}"
+
+
+def _take_block(
+    index: int,
+    take: dict,
+    size_px: tuple[float, float],
+    pictures: Mapping[str, str | None],
+) -> Markup:
+    figures = [figure_html(figure) for figure in take_figures(take, size_px)]
+    overlay = _overlay(take, pictures)
+    notes = [tag("p", note) for note in take.get("notes") or []]
+    if take.get("failed"):
+        notes.insert(0, tag("p", f"Left out: {take['failed']}", class_="failure"))
+    facts = [str(take["image"])] if take.get("image") else []
+    if take.get("rms_px") is not None:
+        facts.append(f"{number(take['rms_px'], 'px')} rms")
+    header = tag(
+        "header",
+        tag("h3", _take_name(take)),
+        tag("p", " · ".join(facts), class_="facts"),
+    )
+    grid = tag("div", overlay, *figures, class_="figures")
+    wipe = wipe_figures(take, _take_name(take), pictures)
+    parts = [header, *notes, wipe, grid]
+    return tag("div", *parts, class_="block take", id=f"take-{index + 1}")
+
+
+def _overlay(take: dict, pictures: Mapping[str, str | None]) -> Markup:
+    named = take.get("overlay")
+    if not named:
+        return Markup("")
+    address = pictures.get(named)
+    if address is None:
+        return tag("p", f"The overlay {named} could not be read.", class_="facts")
+    name = _take_name(take)
+    picture = tag("img", src=address, alt=f"What was found on {name}")
+    label = f"Enlarge the overlay of {name}"
+    button = tag("button", picture, type="button", class_="zoom", aria_label=label)
+    return tag(
+        "figure",
+        tag("h4", "What was found"),
+        button,
+        tag("figcaption", "Detected points drawn on the photograph; click to enlarge."),
+        data_figure="overlay",
+    )

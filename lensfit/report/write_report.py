@@ -1,0 +1,58 @@
+"""Writes ``report.html`` beside the ``report.json`` that a calibration made.
+
+The report dictionary (schema ``lensfit.report.1``) is all that is read, with the
+pictures that it names relative to the folder of results and, for the point-spread
+functions, the preset there. A picture that is gone is said to be gone; nothing else in
+the page can fail to load, as nothing is outside the file.
+"""
+
+from pathlib import Path
+
+from lensfit.atomic import write_text_atomic
+from lensfit.report.kernels import kernel_sheets
+from lensfit.report.pictures import data_addresses, jpeg_address
+from lensfit.report.report_page import page
+from lensfit.report.through import through_sheets
+from lensfit.report.wipe import MODEL_PICTURES
+
+
+def write_report(report: dict, out_dir: Path) -> Path:
+    """Write the self-contained page of a calibration.
+
+    Parameters
+    ----------
+    report : what ``calibrate`` writes as ``report.json``.
+    out_dir : the folder of results; paths in the report start from it.
+
+    Returns
+    -------
+    Path of the page, ``out_dir/report.html``.
+    """
+    takes = report.get("takes") or []
+    blurred = [t for blur in report.get("blur") or [] for t in blur.get("takes") or []]
+    addresses = _addresses([take.get("overlay") for take in takes], out_dir)
+    addresses |= _addresses([take.get("picture") for take in blurred], out_dir)
+    for said in [take.get("modelled") or {} for take in takes]:
+        names = [said.get(key) for key in MODEL_PICTURES]
+        named = [name for name in names if name and is_inside(out_dir, name)]
+        addresses |= {name: jpeg_address(out_dir / name) for name in named}
+    preset = out_dir / "preset.json"
+    kernels, through = kernel_sheets(report, preset), through_sheets(report, preset)
+    text = page(report, addresses, kernels, through)
+    target = out_dir / "report.html"
+    write_text_atomic(target, text)
+    return target
+
+
+def is_inside(folder: Path, name: str) -> bool:
+    """Whether a report that came from elsewhere names a picture of its own folder."""
+    try:
+        return (folder / name).resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError):
+        return False
+
+
+def _addresses(names: list[str | None], out_dir: Path) -> dict[str, str | None]:
+    named = [name for name in names if name and is_inside(out_dir, name)]
+    found = data_addresses([out_dir / name for name in named])
+    return dict(zip(named, found, strict=True))

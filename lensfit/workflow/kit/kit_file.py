@@ -1,0 +1,213 @@
+"""The kit file (TOML), read strictly: every complaint names its key and a remedy."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from lensfit._strict import (
+    convert_strictly,
+    did_you_mean,
+    non_finite_numbers,
+    read_toml_tables,
+)
+from lensfit.errors import ShootError
+from lensfit.io.transfer import ENCODINGS
+from lensfit.preset.library.names import slug_of
+from lensfit.workflow.kit.kit_records import Kit, KitFile, KitLens
+from lensfit.workflow.shoot.focal_length import check_focal_length
+from lensfit.workflow.shoot.lengths import length_mm
+from lensfit.workflow.shoot.shoot_records import Target
+
+_SOURCE = "give a kit file in TOML, as notebooks/guide/kit.md describes"
+_OF_ONE_LENS = ("name", "serial", "folder")
+_TARGET_LENGTHS = ("pitch_mm", "hole_diameter_mm", "line_width_mm")
+
+
+def load_kit(path: str | Path) -> Kit:
+    """Read and check a kit file; no photograph is opened.
+
+    Raises
+    ------
+    ShootError : The file cannot be read, is not TOML, has an unknown key or a value out
+        of range, or contradicts itself. The sentence names the key.
+    """
+    path = Path(path)
+    data = read_toml_tables(path, error=ShootError, source=_SOURCE, mend=_SOURCE)
+    data = _plain_form(data, path)
+    for key, value in non_finite_numbers(data):
+        if not key.endswith(".distance_mm"):
+            raise ShootError(f"{_place(key)}: {value} is no finite number", where=path)
+    tables = convert_strictly(data, KitFile, error=ShootError, where=path, place=_place)
+    targets = _named_targets(tables.target, path)
+    lenses: dict[str, KitLens] = {}
+    for number, lens in enumerate(tables.lens, 1):
+        where = f"{path}: [[lens]] {number} ({lens.name})"
+        folder = lens.folder or slug_of(lens.name, lens.serial)
+        _check_folder(folder, lenses, where)
+        _check_lens(lens, targets, tables.camera.sensor_width_mm, where)
+        lenses[folder] = lens
+    return Kit(
+        path=path,
+        name=tables.name,
+        camera=tables.camera,
+        targets=targets,
+        lenses=lenses,
+        exposure=tables.exposure,
+        pace=tables.pace,
+    )
+
+
+def _plain_form(data: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Defaults put into every lens, and lengths as millimetres."""
+    data = dict(data)
+    defaults = data.pop("defaults", {})
+    if not isinstance(defaults, Mapping):
+        raise ShootError("should be a table", where=f"{path}: [defaults]")
+    for key in _OF_ONE_LENS:
+        if key in defaults:
+            raise ShootError(f"{key} belongs to one lens", where=f"{path}: [defaults]")
+    lenses = data.get("lens")
+    if isinstance(lenses, list) and all(isinstance(one, Mapping) for one in lenses):
+        data["lens"] = [
+            _plain_lens(_without_rivals(defaults, one) | one, f"{path}: [[lens]] {k}")
+            for k, one in enumerate(lenses, 1)
+        ]
+    targets = data.get("target")
+    if isinstance(targets, list) and all(isinstance(one, Mapping) for one in targets):
+        data["target"] = [
+            _with_lengths(dict(one), _TARGET_LENGTHS, f"{path}: [[target]] {k}")
+            for k, one in enumerate(targets, 1)
+        ]
+    return data
+
+
+def _without_rivals(defaults: Mapping[str, Any], lens: Mapping[str, Any]) -> dict:
+    """The defaults without what the lens says under another key."""
+    rivals = [
+        ("focal_length_mm", "focal_lengths_mm"),
+        ("target_distance", "target_distance_mm"),
+    ]
+    said = {key for pair in rivals if set(pair) & lens.keys() for key in pair}
+    return {key: value for key, value in defaults.items() if key not in said}
+
+
+def _plain_lens(lens: dict[str, Any], where: str) -> dict[str, Any]:
+    lens = _with_lengths(lens, ("target_distance_mm",), where)
+    if "focal_length_mm" in lens:
+        if "focal_lengths_mm" in lens:
+            raise ShootError(
+                "states both focal_length_mm and focal_lengths_mm", where=where
+            )
+        lens["focal_lengths_mm"] = [lens.pop("focal_length_mm")]
+    marks = lens.get("focus_marks")
+    if isinstance(marks, list):
+        lens["focus_marks"] = [_focus_mark(one, where) for one in marks]
+    return lens
+
+
+def _focus_mark(engraved: Any, where: str) -> dict[str, Any]:
+    if not isinstance(engraved, str):
+        raise ShootError(
+            f"focus mark {engraved!r} names no unit",
+            where=where,
+            remedy='write them as engraved: "4\'11\\"", "1.5 m", "inf"',
+        )
+    distance_mm = length_mm(engraved, "focus_marks", where)
+    return {"engraved": engraved, "distance_mm": distance_mm}
+
+
+def _with_lengths(table: dict[str, Any], keys: tuple[str, ...], where: str) -> dict:
+    """Lengths that were written with their unit, in millimetres."""
+    for key in keys:
+        short = key.removesuffix("_mm")
+        if short in table:
+            if key in table:
+                raise ShootError(f"states both {short} and {key}", where=where)
+            if not isinstance(table[short], str):
+                raise ShootError(
+                    f"{short} = {table[short]!r} names no unit",
+                    where=where,
+                    remedy=f'write {short} = "1.5 m" or {key} = 1500',
+                )
+            table[key] = table.pop(short)
+        if isinstance(table.get(key), str):
+            table[key] = length_mm(table[key], key, where)
+    return table
+
+
+def _place(key: str) -> str:
+    """ "lens[2].f_numbers[0]" as its reader finds it: "[[lens]] 3, f_numbers[0]"."""
+    table, bracket, rest = key.partition("[")
+    if not bracket or "." in table:
+        return key
+    index, _, inner = rest.partition("]")
+    name = inner.lstrip(".")
+    number = int(index) + 1 if index.isdigit() else index
+    return f"[[{table}]] {number}" + (f", {name}" if name else "")
+
+
+def _named_targets(targets: list[Target], path: Path) -> dict[str, Target]:
+    named: dict[str, Target] = {}
+    for target in targets:
+        if target.name in named:
+            raise ShootError(
+                f'a second target is named "{target.name}"',
+                where=path,
+                remedy="give every target a name of its own",
+            )
+        named[target.name] = target
+    if not named:
+        raise ShootError(
+            "names no chart", where=path, remedy="add [[target]], as in a shoot file"
+        )
+    return named
+
+
+def _check_folder(folder: str, taken: Mapping[str, KitLens], where: str) -> None:
+    pure = PurePosixPath(folder)
+    if pure.is_absolute() or ".." in pure.parts or "\\" in folder:
+        raise ShootError(
+            f'folder = "{folder}" leaves the folder of the kit file',
+            where=where,
+            remedy="name a folder beside the kit file",
+        )
+    if folder.casefold() in {one.casefold() for one in taken}:
+        raise ShootError(
+            f'has the folder "{folder}" of another lens',
+            where=where,
+            remedy="state serial, or a folder of its own",
+        )
+
+
+def _check_lens(
+    lens: KitLens, targets: Mapping[str, Target], sensor_width_mm: float, where: str
+) -> None:
+    if lens.target is None and len(targets) > 1:
+        raise ShootError(
+            "does not say which chart is photographed",
+            where=where,
+            remedy=f"state target: {', '.join(targets)}",
+        )
+    if lens.target is not None and lens.target not in targets:
+        raise ShootError(
+            f'no target is named "{lens.target}"',
+            where=where,
+            remedy=did_you_mean(lens.target, list(targets)),
+        )
+    if lens.encoding is not None and lens.encoding not in ENCODINGS:
+        raise ShootError(
+            f'encoding "{lens.encoding}" is unknown',
+            where=where,
+            remedy=did_you_mean(lens.encoding, list(ENCODINGS)),
+        )
+    for focal_mm in lens.focal_lengths_mm:
+        check_focal_length(focal_mm, sensor_width_mm, where)
+        distances = [mark.distance_mm for mark in lens.focus_marks]
+        nearest = min([*distances, lens.target_distance_mm or math.inf])
+        if nearest <= 4 * focal_mm:
+            raise ShootError(
+                f"{nearest:g} mm is nearer than a lens of {focal_mm:g} mm focuses",
+                where=where,
+                remedy="distances are from the sensor: at least four focal lengths",
+            )

@@ -1,0 +1,208 @@
+"""What a kit's page says of one calibrated lens, from its report.
+
+Everything is plain numbers, ready for JSON. A figure that nobody measured is None.
+
+The fit of the blur measures how far behind its sharp image the sensor lay in each
+photograph, besides what all photographs have in common. With v the distance of the
+sharp image from the lens, a mark that is engraved D but focuses at D' shows the
+difference ``v(D') - v(D)``, and of a thin lens ``1/f = 1/(D - v) + 1/v``.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from lensfit.chart.camera import object_distance_mm
+from lensfit.report.plain_numbers import distance_of, plain, plain_distance
+from lensfit.report.verdict import verdict_of
+from lensfit.workflow.kit.kit_records import FocusMark, KitLens
+
+_SAME_MM = 0.5
+
+
+def focus_scale(lens: KitLens, report: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row for each focal length and mark that the blur was measured at.
+
+    Returns
+    -------
+    Each "engraved", "engraved_mm", "measured_mm" and "standard_deviation_mm" ("inf"
+    where infinite), and "off_mm" of the image behind the lens, in which marks compare.
+    Anamorphic lenses focus twice, and have none.
+    """
+    if (lens.anamorphic_squeeze or 1.0) != 1.0:
+        return []
+    rows = []
+    for blur in report.get("blur") or []:
+        for mark in lens.focus_marks:
+            row = _row(float(blur["focal_length_mm"]), mark, blur)
+            if row is not None:
+                rows.append(row)
+    return rows
+
+
+def measured_distance_mm(
+    focal_length_mm: float, engraved_mm: float, off_mm: float
+) -> float:
+    """Where a mark focuses whose sharp image lies `off_mm` farther from the lens.
+
+    Raises
+    ------
+    ChartError : The mark is nearer than four focal lengths.
+    """
+    image_mm = _image_distance_mm(focal_length_mm, engraved_mm) + off_mm
+    if image_mm <= focal_length_mm:
+        return math.inf
+    return image_mm + 1 / (1 / focal_length_mm - 1 / image_mm)
+
+
+def _image_distance_mm(focal_length_mm: float, distance_mm: float) -> float:
+    if math.isinf(distance_mm):
+        return focal_length_mm
+    return distance_mm - object_distance_mm(focal_length_mm, distance_mm)
+
+
+def _row(focal_mm: float, mark: FocusMark, blur: dict) -> dict[str, Any] | None:
+    """Weighted over the photographs at the mark; None where none tells."""
+    weights, sums = 0.0, 0.0
+    for group in blur.get("defocus") or []:
+        told = group.get("from_stated") or {}
+        focus, target = (
+            distance_of(group.get(key))
+            for key in ("focus_distance_mm", "target_distance_mm")
+        )
+        value, deviation = told.get("defocus_mm"), told.get("standard_deviation_mm")
+        if focus is None or target is None or value is None or not deviation:
+            continue
+        same = focus == mark.distance_mm or abs(focus - mark.distance_mm) < _SAME_MM
+        if not same:
+            continue
+        stated = _image_distance_mm(focal_mm, focus)
+        stated -= _image_distance_mm(focal_mm, target)
+        weights += 1 / deviation**2
+        sums += (value - stated) / deviation**2
+    if not weights:
+        return None
+    off_mm, deviation_mm = sums / weights, weights**-0.5
+    measured = measured_distance_mm(focal_mm, mark.distance_mm, off_mm)
+    beside = measured_distance_mm(focal_mm, mark.distance_mm, off_mm + deviation_mm)
+    spread = abs(measured - beside) if math.isfinite(measured + beside) else math.inf
+    return {
+        "focal_length_mm": focal_mm,
+        "engraved": mark.engraved,
+        "engraved_mm": plain_distance(mark.distance_mm),
+        "measured_mm": plain_distance(measured),
+        "standard_deviation_mm": plain_distance(spread),
+        "off_mm": off_mm,
+        "off_deviation_mm": deviation_mm,
+    }
+
+
+Facts = dict[str, Any]
+
+
+def lens_facts(lens: KitLens, report: Facts) -> Facts:
+    """Verdict and figures of a lens.
+
+    Parameters
+    ----------
+    report : As in ``report.json``.
+
+    Returns
+    -------
+    "verdict" (level, headline, accuracy_px, remedy), "focal_lengths" (a row for each:
+    breathing, distortion, lateral colour, fall-off) and "focus_scale".
+    """
+    judged = verdict_of(report)
+    first = judged.reasons[0]
+    entries = report.get("entries") or []
+    focals = list(dict.fromkeys(entry.get("focal_length_mm") for entry in entries))
+    return {
+        "verdict": {
+            "level": judged.level,
+            "headline": judged.headline,
+            "accuracy_px": judged.accuracy_px,
+            "tone": first.tone,
+            "remedy": first.remedy,
+        },
+        "views_used": sum(not t.get("failed") for t in report.get("takes") or []),
+        "seconds": (report.get("seconds") or {}).get("whole"),
+        "focal_lengths": [
+            _focal_facts(focal, [e for e in entries if e["focal_length_mm"] == focal],
+                         report)
+            for focal in focals
+        ],
+        "focus_scale": focus_scale(lens, report),
+    }  # fmt: skip
+
+
+def _focal_facts(focal_mm: float, entries: list[Facts], report: Facts) -> Facts:
+    far = max(entries, key=_focus_order)
+    fitted = [
+        s
+        for s in report.get("statements") or []
+        if s["quantity"] == "focal_length" and s["focal_length_mm"] == focal_mm
+    ]
+    distortion = _of_corner(far, "distortion_percent")
+    return {
+        "focal_length_mm": focal_mm,
+        "fitted_focal_length_mm": plain(_mean([s["fitted"] for s in fitted])),
+        "breathing_percent": breathing_percent(entries),
+        "distortion_percent": distortion,
+        "lateral_colour_px": _lateral_px(entries),
+        "fall_off": list(_fall_off(entries)),
+    }
+
+
+def breathing_percent(entries: list[Facts]) -> float | None:
+    """How much larger the lens draws at its nearest mark than at its farthest."""
+    known = sorted(
+        (one for one in entries if one.get("focus_distance_mm") is not None),
+        key=_focus_order,
+    )
+    if len(known) < 2:
+        return None
+    near, far = (float(one["principal_distance_mm"]) for one in (known[0], known[-1]))
+    return round(100 * (near / far - 1), 4)
+
+
+def _focus_order(entry: Facts) -> float:
+    focus = distance_of(entry.get("focus_distance_mm"))
+    return math.inf if focus is None else focus
+
+
+def _of_corner(entry: Facts, key: str) -> float | None:
+    """The last value of the radial profile, at the frame's corner."""
+    values = (entry.get("radial_profile") or {}).get(key) or []
+    known = [value for value in values if value is not None]
+    return float(known[-1]) if known else None
+
+
+def _lateral_px(entries: list[Facts]) -> float | None:
+    """The largest displacement of red or blue against green."""
+    curves = [entry.get("lateral_colour") or {} for entry in entries]
+    values = [
+        abs(value)
+        for curve in curves
+        for key in ("r_px", "b_px")
+        for value in curve.get(key) or []
+        if value is not None
+    ]
+    return max(values) if values else None
+
+
+def _fall_off(entries: list[Facts]) -> Iterator[Facts]:
+    """Stops of light that the corner loses at each f-number, the mean of all marks."""
+    lost: dict[float, list[float]] = {}
+    for entry in entries:
+        for curve in entry.get("fall_off") or []:
+            light = curve["g"][-1] if curve.get("g") else None
+            if curve.get("f_number") and light:
+                lost.setdefault(curve["f_number"], []).append(-math.log2(light))
+    for stop, values in sorted(lost.items()):
+        yield {"f_number": stop, "corner_stops": round(float(np.mean(values)), 4)}
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values)) if values else math.nan

@@ -1,0 +1,113 @@
+"""Photographs whose shape contradicts the chart's: stretched, turned, or of other size.
+
+A square cell of a chart that stands square to the axis is imaged square, however it is
+rolled: with J the cell's two sides on the sensor, ``J J^T`` is a multiple of the unit
+matrix, or ``diag(1, s^2)`` through an anamorphic lens of squeeze s. A tilt of the chart
+changes that by its cosine, which no tenth comes of below 25 degrees, and differently in
+each view.
+"""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from lensfit.detect.lattice_map import lattice_map
+from lensfit.fitting.take import Take
+from lensfit.report.evidence import joined
+from lensfit.workflow.statements.contradiction import Contradiction
+
+_LEAST_LOG = 0.12
+_ALIKE_LOG = 0.04
+_MOST_NAMES = 3
+
+
+def aspect_contradictions(takes: Sequence[Take]) -> Iterator[Contradiction]:
+    """Of all views of a shoot, the sizes first, then the stretch of each target."""
+    sizes = Counter(take.observations.image_size_px for take in takes)
+    if len(sizes) > 1:
+        yield _sizes(takes, sizes)
+        return
+    for target in dict.fromkeys(take.target for take in takes):
+        mine = [take for take in takes if take.target == target]
+        found = [one for one in map(log_stretch, mine) if one is not None]
+        if len(found) < 2:
+            continue
+        middle = float(np.median(found))
+        alike = np.mean(np.abs(np.array(found) - middle) < _ALIKE_LOG)
+        if abs(middle) > _LEAST_LOG and alike > 0.5:
+            yield _stretched(mine, float(np.exp(middle)))
+            return
+
+
+def log_stretch(take: Take) -> float | None:
+    """Logarithm of how much wider than high a square of the target is imaged, besides
+    the squeeze that is stated; None where the middle of the frame is empty."""
+    mapped = lattice_map(take.observations)
+    if mapped is None:
+        return None
+    middle = np.asarray(take.observations.image_size_px, float) / 2
+    cell = mapped.jacobians_px(mapped.lattice_at(middle)[None])[0]
+    cell = cell * np.asarray(take.pixel_mm)[:, None] / np.asarray(take.pitch_mm)
+    across, down = np.linalg.norm(cell, axis=1)
+    return float(np.log(across / down * take.squeeze))
+
+
+def _sizes(takes: Sequence[Take], sizes: Counter) -> Contradiction:
+    (usual, _), *_ = sizes.most_common()
+    others = [take for take in takes if take.observations.image_size_px != usual]
+    size = others[0].observations.image_size_px
+    names = joined([take.name for take in others[:_MOST_NAMES]])
+    more = len(others) - _MOST_NAMES
+    names += f" and {more} more" * (more > 0)
+    verb = "is" if len(others) == 1 else "are"
+    text = f"photographs differ in size: {names} {verb} {size[0]} x {size[1]} px, "
+    text += f"the others {usual[0]} x {usual[1]} px"
+    if size == usual[::-1]:
+        text += ": probably turned by a quarter"
+    else:
+        text += ": scaled, or of another sensor mode"
+    return Contradiction(
+        kind="photograph_size",
+        limit="undistortion" if size != usual[::-1] else "look",
+        text=text,
+        remedy="give all photographs as the camera wrote them, in one mode and the "
+        "same way up",
+        statement="sensor_width_mm",
+        images=tuple(take.name for take in others),
+    )
+
+
+def _stretched(takes: Sequence[Take], stretch: float) -> Contradiction:
+    first = takes[0]
+    width_mm, height_mm = first.sensor_size_mm
+    columns, rows = first.observations.image_size_px
+    pixels = (width_mm / columns) / (height_mm / rows)
+    pitch = first.pitch_mm[0] / first.pitch_mm[1]
+    text = f'squares of target "{first.target}" are imaged {stretch:.2f} times as wide '
+    text += "as high: "
+    if abs(np.log(pixels)) > _LEAST_LOG:
+        statement = "sensor_width_mm"
+        text += f"sensor_width_mm = {width_mm:g} and sensor_height_mm = {height_mm:g} "
+        text += f"do not go with photographs of {columns} x {rows} px"
+        remedy = "check sensor_width_mm and sensor_height_mm"
+    elif abs(np.log(pitch)) > _LEAST_LOG:
+        statement = "pitch_mm"
+        text += f"pitch_mm = [{first.pitch_mm[0]:g}, {first.pitch_mm[1]:g}] is wrong "
+        text += "along one side"
+        remedy = "check pitch_mm, which is [across, down]"
+    else:
+        statement = "anamorphic_squeeze"
+        squeeze = first.squeeze / stretch
+        text += "the photographs are stretched, or were taken through "
+        text += f"anamorphic_squeeze = {squeeze:.2f}"
+        remedy = "give photographs as the camera wrote them, and state "
+        remedy += "anamorphic_squeeze of an anamorphic lens"
+    return Contradiction(
+        kind="aspect",
+        limit="look",
+        text=text,
+        remedy=remedy,
+        statement=statement,
+        images=tuple(take.name for take in takes),
+    )

@@ -1,0 +1,79 @@
+"""The statement that is wrong is named with its value; right shoots are left alone."""
+
+import numpy as np
+import pytest
+from pinhole_shoots import drawn, right_shoot, stated_otherwise
+
+from lensfit.workflow.statements.contradictions import contradictions_of_views
+from lensfit.workflow.statements.released_statements import contradicted_statements
+
+SEEDS = range(6)
+MANY = range(60)
+
+
+def shoot_of(seed: int):
+    rng = np.random.default_rng(seed)
+    truth = drawn(rng)
+    return truth, right_shoot(truth, rng)
+
+
+@pytest.mark.parametrize(
+    "seeds", [SEEDS, pytest.param(MANY, marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_no_right_shoot_is_accused(seeds):
+    accused = {}
+    for seed in seeds:
+        found = contradictions_of_views(shoot_of(seed)[1])
+        if found:
+            accused[seed] = [one.text for one in found]
+    assert accused == {}
+
+
+@pytest.mark.parametrize("factor", [1.1, 0.9])
+def test_a_wrong_pitch_beside_a_right_one_is_named(factor):
+    named = 0
+    for seed in SEEDS:
+        _, takes = shoot_of(seed)
+        wrong = stated_otherwise(
+            takes, "dots", pitch_mm=lambda t: (factor * t.pitch_mm[0],) * 2
+        )
+        found = list(contradicted_statements(wrong))
+        assert found, seed
+        right = found[0].kind == "pitch" and '"dots"' in str(found[0].statement)
+        named += right or ('"lines"' in found[0].text)
+        if right:
+            assert found[0].agrees_with == pytest.approx(takes[0].pitch_mm[0], rel=0.02)
+    # Of two pitches that disagree, distances must say which is wrong.
+    assert named >= 0.8 * len(SEEDS)
+
+
+@pytest.mark.parametrize("factor", [1.25, 0.8])
+def test_a_wrong_focal_length_is_named_with_the_right_one(factor):
+    """In at least five of six shoots; a long lens far from its target hides it."""
+    named = 0
+    for seed in SEEDS:
+        truth, takes = shoot_of(seed)
+        wrong = stated_otherwise(
+            takes, focal_length_mm=lambda t: round(factor * t.focal_length_mm, 1)
+        )
+        for one in list(contradicted_statements(wrong))[:1]:
+            assert one.kind == "focal_length", (seed, one.text)
+            right = pytest.approx(truth.focal_length_mm, rel=0.06)
+            assert one.agrees_with == right
+            named += 1
+    assert named >= len(SEEDS) - 1
+
+
+def test_a_target_that_was_moved_is_named_with_its_place():
+    """To a seventh: it is the only view of its focus distance, which breathes."""
+    for seed in SEEDS:
+        truth, takes = shoot_of(seed)
+        wrong = list(takes)
+        wrong[1:2] = stated_otherwise(
+            takes[1:2], target_distance_mm=lambda t: 1.25 * t.target_distance_mm
+        )
+        found = list(contradicted_statements(wrong))
+        assert found, seed
+        assert found[0].kind == "target_distance", (seed, found[0].text)
+        assert found[0].images == ("view_1.png",)
+        assert found[0].agrees_with == pytest.approx(truth.distance_mm, rel=0.15)
