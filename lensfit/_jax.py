@@ -1,22 +1,22 @@
 """The one place that configures JAX: double precision and a compilation cache.
 
 A lens is fitted to hundredths of a pixel over thousands of points, so lensfit computes
-in float64, and JAX defaults to float32. The choice must be made before the first
-array, and no entrance may forget it, so `lensfit/__init__.py` makes it when any
-part of lensfit is imported. It costs nothing there: a JAX that is not loaded yet is
-told through its environment variables, one that is loaded through its configuration.
-It holds for the whole process: arrays of other libraries made afterwards default
-to float64 too (give their dtype where that matters).
+in float64, and JAX defaults to float32. The choice must be made before the first array,
+so `lensfit/__init__.py` makes it when any part of lensfit is imported. It costs nothing
+there: a JAX that is not loaded yet is configured through its environment variables, one
+that is loaded through its configuration. It holds for the whole process: arrays of
+other libraries made afterwards default to float64 too (give their dtype where that
+matters).
 
 Compiled programs are kept in the user's cache folder, so that only the first run on a
-machine pays for compilation. The environment variable LENSFIT_CACHE_DIR names
-another folder; when it is empty nothing is kept. In it each user has a folder that
-nobody else can write; where that cannot be had nothing is kept either. A cache already
-chosen through JAX's own settings is left alone.
+machine compiles them. The environment variable LENSFIT_CACHE_DIR names another folder;
+when it is empty nothing is kept. In it each user has a folder that nobody else can
+write; where that is impossible nothing is kept either. A cache already chosen through
+JAX's own settings is left alone.
 
-A fit deals its dots among the cores of the processor, and JAX counts these as devices
-only if it is told before it starts. The renderer is better off with one: its programs
-are large, and several run at a time.
+A fit is sharded over the cores of the processor, and JAX counts these as devices only
+if that is set before it starts. The renderer uses one device: its programs are large,
+and several run at a time.
 """
 
 import hashlib

@@ -1,8 +1,8 @@
-"""Strict reading of hand-written files: every complaint names its key and a remedy.
+"""Strict reading of hand-written files: every error names its key and a remedy.
 
 `msgspec` checks types, ranges and unknown keys of nested tables in one pass; this
-module turns its complaint into lensfit's one sentence, with the path of the key,
-plain words for the types and, for an unknown key, the known one most like it.
+module turns its error into lensfit's one sentence, with the path of the key, plain
+words for the types and, for an unknown key, the known one most like it.
 """
 
 import difflib

@@ -1,9 +1,9 @@
-"""Outputs appear whole or not at all.
+"""Write outputs whole or not at all.
 
 Everything lensfit writes goes first to a temporary file in the *same folder* and
 is then renamed over its final name, which POSIX and Windows do in one step. A killed
-job leaves the old file, or nothing, never half of a new one; the temporary file that it
-may leave behind says whose it is, and `remove_abandoned` takes it away.
+job leaves the old file, or nothing, never half of a new one; the name of the temporary
+file that it may leave behind holds its owner, and `remove_abandoned` removes it.
 
 A file that must never replace another (a numbered version) is linked to its name
 instead: of many writers, on many machines, the file system lets exactly one succeed.

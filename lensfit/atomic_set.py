@@ -1,12 +1,12 @@
-"""The outputs of one run appear together, or none of them.
+"""Atomic output sets: the outputs of one run appear all at once, or none of them.
 
-Files that say the same (a preset beside UV maps and a report of one fit) are made in a
-hidden folder within the folder that they belong to. When the last of them is whole, a
-folder with them and with whatever else lay there changes places with the old one in one
-step of the system (`lensfit.exchanged_folder`): a run that is killed at any moment
-leaves all of the old files or all of the new. Where that cannot be done they get their
-names one after the other. What stops the run before that, Ctrl-C included, leaves the
-folder as it was. What an earlier run wrote and this one did not is removed.
+Files that belong together (a preset beside UV maps and a report of one fit) are made in
+a hidden folder within their final folder. When the last of them is whole, a folder with
+them and with the other files of the final folder is exchanged with it in one step of
+the system (`lensfit.exchanged_folder`): a run that is killed at any moment leaves all
+of the old files or all of the new. Where that is impossible the files are renamed one
+after the other. An earlier stop of the run, Ctrl-C included, leaves the folder as it
+was. Files of an earlier run that this one did not write are removed.
 
 The hidden folder of a killed process is removed by the next run on its machine.
 """

@@ -1,4 +1,4 @@
-"""Many rows through a compiled function, in batches of one size.
+"""Apply a compiled function to many rows, in batches of one size.
 
 A program is compiled for the shapes of its arrays: a function that is always called
 with the same number of rows is compiled once, whatever number of them is wanted.

@@ -1,8 +1,8 @@
-"""Files of unknown origin, read within bounds.
+"""Read files of unknown origin within bounds.
 
 A file comes from another program, a card reader, a mail or a typing error: what is no
-ordinary file, is larger than any of its kind or is no text is refused before anything
-is made of it, so that it costs one error line, not the machine.
+ordinary file, is larger than any of its kind or is no text is refused before it is
+parsed, so that it costs one error line, not the machine.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""How many processor cores this process may use, counted in one place.
+"""The number of processor cores that this process may use, counted in one place.
 
 These are the cores that the system grants it, and no more than ``LENSFIT_CORES`` where
 that is set: a task of a farm that was granted four cores of a host shares the others.

@@ -1,7 +1,7 @@
-"""What lensfit says when it cannot go on, and which error says it.
+"""The errors of lensfit, and when each is raised.
 
 - Static misuse by a programmer (a wrong shape, an unknown channel): ``ValueError``.
-- Something a user can mend (a file, a photograph, a shoot, a preset): a
+- A fault that a user can correct (a file, a photograph, a shoot, a preset): a
   `LensfitError`. Its text is one sentence in three parts: what is wrong, where,
   and what to do. The command line prints that line and exits with code 1.
 - Values inside compiled code never raise: they come back as NaN or as a flag, and the

@@ -1,13 +1,13 @@
-"""New files in a folder, all in one step: the folder changes places with another.
+"""Replace files in a folder in one step, by exchanging it with another folder.
 
 The other folder lies beside it and holds the new files and, as second names of the same
 files (hard links), all that the old one keeps. Linux exchanges two names at once
 (``renameat2`` with ``RENAME_EXCHANGE``), so that nobody ever sees some of the new files
 among old ones.
 
-The folder is then another one under the same name. Where that would be felt (this
-process works in it) or cannot be (a link, a mount, a file system without hard links,
-another system), nothing is done.
+The folder is then another one under the same name. Where that would be noticed (this
+process works in it) or is impossible (a link, a mount, a file system without hard
+links, another system), nothing is done.
 """
 
 import ctypes

@@ -3,8 +3,8 @@
 A word of four letters names the colours of the top left 2 x 2 photosites, row by row
 ("rggb": red, green; green, blue), and the pattern repeats over the picture (B. E.
 Bayer, US patent 3971065, 1976). A picture interpolated from a mosaic keeps what was
-measured; the other two values of each pixel are a guess from neighbours, which widens
-spots of one or two pixels and has noise of its own.
+measured; the other two values of each pixel are interpolated from neighbours, which
+widens spots of one or two pixels and has noise of its own.
 """
 
 from typing import Literal, get_args

@@ -1,13 +1,14 @@
 """Compiled programs as files in the user's cache folder.
 
 A program fits one source code of lensfit, one version of each library that traces or
-compiles it, and one kind of processor; together a world. Each world has a folder of its
-own, and those of the worlds used last are kept. Every file opens with a checksum.
+compiles it, and one kind of processor; this combination is called a world. Each world
+has a folder of its own, and those of the worlds used last are kept. Every file opens
+with a checksum.
 
 Format: what `jax.experimental.serialize_executable` writes, pickled. To load it is to
-run code, and no other format would change that: what is kept is the processor's own
-code. So a file is read only from a folder that belongs to the user and that nobody else
-can write or replace (`lensfit.private_folder`).
+run code, and no other format would change that: the content is machine code. So a file
+is read only from a folder that belongs to the user and that nobody else can write or
+replace (`lensfit.private_folder`).
 """
 
 import functools

@@ -1,16 +1,16 @@
 """Compiled programs that the next process runs at once.
 
-JAX's own cache spares the next process the compilation, but not the way there: to know
-which program it looks for, JAX traces the Python code and lowers what it traced, which
-for the large programs of a fit takes seconds each. Here a program is kept under what
-decides it before any tracing: lensfit's source code and the libraries' versions
-(`program_files`), JAX's settings, the static arguments, and shape and type of every
-array. What else a function read while it was traced, an environment variable say, would
-not be seen, so it must read nothing else.
+JAX's own cache spares the next process the compilation, but not tracing and lowering:
+to find the key of a program, JAX traces the Python code and lowers the result, which
+for the large programs of a fit takes seconds each. Here the key is known before any
+tracing: lensfit's source code and the libraries' versions (`program_files`), JAX's
+settings, the static arguments, and shape and type of every array. Any other input to
+the traced function, such as an environment variable, would not change the key, so a
+function must read nothing else.
 
-What cannot be kept (calls from within other programs, arrays dealt over devices, static
-arguments without a lasting name) runs as under `jax.jit`. A file that does not run here
-costs its time and nothing else.
+What cannot be kept (calls from within other programs, arrays sharded over devices,
+static arguments without a lasting name) runs as under `jax.jit`. A file that does not
+run here costs its time and nothing else.
 """
 
 import functools

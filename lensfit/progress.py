@@ -1,4 +1,4 @@
-"""How long work tells its caller where it is.
+"""Report the progress of long work to its caller.
 
 The library never prints: whoever calls a long workflow may pass a `Progress`, and the
 command line passes one that draws bars on a terminal.

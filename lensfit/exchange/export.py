@@ -1,7 +1,7 @@
-"""Write a preset as another program's lens, and say how near that is.
+"""Write a preset as another program's lens, and report the residual.
 
 One entry point, `export_preset`; formats that have tables (lensfun, OpenTrackIO) get
-every entry unless one is asked for.
+every entry unless one is requested.
 """
 
 from collections.abc import Callable

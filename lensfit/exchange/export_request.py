@@ -1,7 +1,7 @@
-"""What is to be exported, and what came of it: files, their nearness, what is lost.
+"""The request of an export and its result: files, residuals, what is lost.
 
 Every format fits its own model to samples of the lens over a frame, and is judged by
-others (`samples_pair`); nearness is in pixels of the frame.
+others (`samples_pair`); residuals are in pixels of the frame.
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,10 @@
-"""Another program's lens as a preset.
+"""Convert another program's lens to a preset.
 
-lensfit's own terms are fitted to what was read of a file in one of the known formats.
-It is said how near they are, pixel by pixel on the photograph, and what the file does
-not know. Half a pixel is what a compositor begins to see between plate and CG. A fit
-that is several pixels off and leaves the half of what there was to explain has failed:
-the preset would be another lens.
+lensfit's own terms are fitted to the lens of a file in one of the known formats. The
+residuals are reported in pixels of the photograph, with what the file does not contain.
+Half a pixel is what a compositor begins to see between plate and CG. A fit that is
+several pixels off and leaves half of the distortion unexplained has failed: the preset
+would be another lens.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""The other direction of a map that has a closed form in one direction only.
+"""The numerical inverse of a map that has a closed form in one direction only.
 
 Newton's method with central differences, halved where a step does not help, from the
 target itself: lens distortion is near the identity. What does not converge, or

@@ -1,11 +1,11 @@
-"""Rays of a lens as sums of Chebyshev's polynomials, for a camera of a path tracer.
+"""Rays of a lens as sums of Chebyshev polynomials, for a camera of a path tracer.
 
-The lens says where the ray of an object point through a place of the stop lands. Here
-that is turned round: of a position on the sensor and a place in the stop, which objects
-at three distances does the ray meet? They lie on a straight line to within what first
-order leaves out of a change of distance; the line nearest to all three is taken, its
-tangent and its crossing of the entrance pupil's plane being functions of position and
-place. `lensfit.exchange.cycles_osl` says what they are made of.
+The lens computes where the ray of an object point through a place of the stop lands.
+Here that is inverted: for a position on the sensor and a place in the stop, the objects
+that the ray meets at three distances are found. They lie on a straight line but for
+what first order neglects of a change of distance; the line nearest to all three is
+taken, its tangent and its crossing of the entrance pupil's plane being functions of
+position and place. `lensfit.exchange.cycles_osl` describes the sums.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
-"""Text of other programs, read with bounds: a wrong file is a sentence, not a crash.
+"""Read text files of other programs within bounds; a wrong file is one error line.
 
 A lens file is kilobytes. What is larger than `LARGEST_BYTES`, no ordinary file, or no
-text is refused before anything is made of it; numbers must be finite.
+text is refused before it is parsed; numbers must be finite.
 """
 
 import math

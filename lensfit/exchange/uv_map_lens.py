@@ -1,7 +1,7 @@
-"""A UV map of another program (or of lensfit) as a lens: what it does to the picture.
+"""A UV map of another program (or of lensfit) as a lens: its effect on the picture.
 
-A map says nothing of the lens behind it: its picture is taken to span the stated sensor
-width, and the axis to meet its centre.
+A map does not describe the lens behind it: its picture is taken to span the stated
+sensor width, with the axis at its centre.
 """
 
 from dataclasses import dataclass, field

@@ -1,7 +1,7 @@
-"""XML of other programs as a plain tree, with no way out of the file.
+"""Read XML of other programs as a plain tree, without access to anything else.
 
 The standard library's expat parses; nothing outside the file is ever loaded. A document
-type is passed over when it only names a file, as those of lensfun do; one that declares
+type is ignored when it only names a file, as those of lensfun do; one that declares
 anything (entities that multiply, attributes) is refused, and so are deep or endless
 trees.
 """

@@ -1,8 +1,9 @@
-"""How large a photograph may become when it is decoded.
+"""A limit on the decoded size of a photograph.
 
 A compressed file of a few hundred kilobytes can claim gigabytes of one value. Sensors
-have noise: a photograph never compresses that far, so beyond a size that every camera
-stays below without compression to speak of, what is claimed must stand in the file.
+have noise, so a photograph never compresses that far. Beyond a size that uncompressed
+photographs of every camera stay below, the file must be large enough for the claimed
+size.
 """
 
 from lensfit.errors import ImageError

@@ -1,4 +1,4 @@
-"""Depth channels as renderers write them, brought to one meaning.
+"""Depth channels as renderers write them, converted to one definition.
 
 Distances come in any unit, measured along the optical axis (*perpendicular*) or along
 the ray through the pixel (*ray*), inverted (1/z), or normalised between two planes.

@@ -1,9 +1,10 @@
-"""The header of an OpenEXR file, read and doubted before any pixel is.
+"""Read and check the header of an OpenEXR file before any pixel is read.
 
-The OpenEXR library believes a header's sizes and allocates what they claim, and it
+The OpenEXR library trusts a header's sizes and allocates what they claim, and it
 reports damaged pixels on standard error while returning what it has. So the few header
 fields that decide about size are read here first, and the table of chunk offsets is
-compared with the length of the file: what passes is whole and needs the memory it asks.
+compared with the length of the file: a file that passes is whole and does not claim
+more memory than it holds.
 Layout: OpenEXR, "File Layout", https://openexr.com/en/latest/OpenEXRFileLayout.html
 """
 

@@ -1,9 +1,9 @@
-"""The sensor's size, from header entries that tell both its sides.
+"""The sensor's size, from header entries that give both its sides.
 
-``sensorPhotositePitch`` and ``sensorAcquisitionRectangle`` (OpenEXR 3.2) tell the area
-that was recorded, ``sensorOverallDimensions`` all there is. EXIF tells the pixels per
-unit on the sensor, or only the focal length that has the same diagonal angle on 36 x 24
-mm (CIPA DCG-001), in whole millimetres. Sizes are millimetres, width first.
+``sensorPhotositePitch`` and ``sensorAcquisitionRectangle`` (OpenEXR 3.2) give the area
+that was recorded, ``sensorOverallDimensions`` the whole sensor. EXIF gives the pixels
+per unit on the sensor, or only the focal length that has the same diagonal angle on 36
+x 24 mm (CIPA DCG-001), in whole millimetres. Sizes are millimetres, width first.
 """
 
 import math

@@ -1,9 +1,9 @@
-"""What libraries print while they decode a damaged picture, kept from the terminal.
+"""Keep the output of libraries that decode a damaged picture off the terminal.
 
 OpenEXR, OpenJPH, libpng and OpenCV write to the standard streams of the process, and
-OpenEXR's binding to Python's own output, where ``--json`` results go. lensfit says
-itself what is wrong, in one line. Whatever else is printed meanwhile, by another
-thread, is passed on when the last picture is decoded.
+OpenEXR's binding to Python's own output, where ``--json`` results go. lensfit reports
+the fault itself, in one line. Whatever else is printed meanwhile, by another thread, is
+passed on when the last picture is decoded.
 """
 
 import ctypes

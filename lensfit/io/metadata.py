@@ -1,8 +1,8 @@
-"""What a header says about the camera: focal length, stop, focus, sensor.
+"""The camera state in a header: focal length, stop, focus, sensor.
 
 `lensfit.io.camera.aliases` names every header entry that is understood, and a settings
-file may name more. A header may tell a quantity twice; the better entry counts, and the
-others are kept, since they may contradict it.
+file may name more. A header may state a quantity twice; the better entry counts, and
+the others are kept, since they may contradict it.
 
 Focus distances in headers are metres, for the standard ``focus`` and for ``lens/focus``
 alike. ``lens/aperture`` is the horizontal sensor size; the standard ``aperture`` is the

@@ -1,4 +1,4 @@
-"""Samples over one data window, wanted over another, as OpenEXR frames them."""
+"""Resample the extent of pixels from one OpenEXR data window to another."""
 
 import numpy as np
 from jaxtyping import Num

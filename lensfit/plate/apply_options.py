@@ -1,4 +1,4 @@
-"""How plates are to be rendered: everything that `lensfit apply` can be told."""
+"""Options of rendering plates: everything that `lensfit apply` accepts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Which channels of a plate are colour, and the others brought to another window.
+"""The colour channels of a plate, and the other channels over another window.
 
 A layer is colour when it has red, green and blue, or the grey channel Y. Cryptomatte
 is not, although its channels are called r, g, b and a: its values are ids and

@@ -1,18 +1,18 @@
-"""Named objects cut out of a flat plate: a layer of their own over what they hide.
+"""Separate named objects of a flat plate into a layer of their own over the background.
 
 A pixel that an object shares holds
 
     pixel = c W + (1 - c) B
 
-with the object's share c, which a Cryptomatte knows, its colour W and that of the rest,
-B. The pixels without the object around suggest B: those on both sides of a wire. The
-nearest pixel that is wholly the object's suggests W; where there is none, as on a wire
-thinner than a pixel, the W that explains the pixels around best (least squares). Of all
-colours that add up to the pixel those nearest to both are taken. The layer is c W with
-alpha c, so that it gives the plate again over B.
+with the object's share c from a Cryptomatte, its colour W and the background's, B. B is
+estimated from the pixels without the object around: those on both sides of a wire. W is
+estimated from the nearest pixel that the object fills; where there is none, as on a
+wire thinner than a pixel, it is the W that explains the pixels around best (least
+squares). Of all colours that add up to the pixel, those nearest to both estimates are
+taken. The layer is c W with alpha c, so that over B it gives the plate again.
 
-W is bounded: what is brighter than white and the object is a light behind it. Where
-the rest stands in front of the object, the pixel is left in the plate.
+W is bounded: what is brighter than white and the object is a light behind it. Where the
+background stands in front of the object, the pixel is left in the plate.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
-"""A deep plate as layers, front to back: every sample that blurs by itself is kept.
+"""A deep plate as layers, front to back: every sample that blurs separately is kept.
 
-Samples of a pixel that blur alike are one: they are laid over one another, at the mean
-of their inverse distances weighed by what each shows. The k-th layer then holds the
-k-th of what is left of every pixel.
+Samples of a pixel that blur alike are merged: they are composited, at the mean of their
+inverse distances weighted by visible coverage. The k-th layer then holds the k-th
+remaining sample of every pixel.
 """
 
 from collections.abc import Callable

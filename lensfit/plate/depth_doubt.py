@@ -1,8 +1,8 @@
-"""Depth in the wrong unit, told by its blur: nothing of the plate is in focus.
+"""Detect depth in the wrong unit: nothing of the plate is in focus.
 
 A plate that was lit and framed for a focus distance shows something near it. Where all
 of its depth is far out of focus, and would not be in another unit, that unit is named.
-A single element of a composite may be out of focus as a whole, so this is a remark.
+A single element of a composite may be out of focus as a whole, so this is a note.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
-"""Focus on what lies at a pixel of the plate, as a focus puller would.
+"""Focus on the object at a pixel of the plate.
 
 The depth of a plate is measured from the pinhole of the CG camera
-(`lensfit.plate.camera.plate_state` makes a focus distance of it).
+(`lensfit.plate.camera.plate_state` converts it to a focus distance).
 """
 
 import math

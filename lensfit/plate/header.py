@@ -1,4 +1,4 @@
-"""What a plate says about itself, whatever kind of file it is."""
+"""The header of a plate of any kind: flat or deep."""
 
 from pathlib import Path
 

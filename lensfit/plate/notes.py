@@ -1,7 +1,7 @@
-"""Remarks on frames for the user, each said once.
+"""Notes on frames for the user, each given once.
 
-The same is true of many frames of a sequence, with other numbers perhaps, and is worth
-one line: remarks of one topic are one remark, whatever frame and process they are from.
+The same often holds for many frames of a sequence, perhaps with other numbers, and
+deserves one line: notes of one topic are one note, from any frame and process.
 """
 
 from collections.abc import Iterable

@@ -1,9 +1,9 @@
-"""The pixels that are an object's own, and its distance over every pixel it touches.
+"""The pixels that an object fills, and its distance over every pixel it touches.
 
 Renderers write one distance for a pixel that two objects share, and for a thin or soft
-object it is often the background's. Pixels that the object fills know its distance and
-its colour, and lend them to their neighbours. Where none is near, as on a wire thinner
-than a pixel, the most covered pixels lend the least distance around them.
+object it is often the background's. Pixels that the object fills have its distance and
+its colour, and their neighbours take both from them. Where none is near, as on a wire
+thinner than a pixel, the most covered pixels take the least distance around them.
 """
 
 import cv2

@@ -1,14 +1,13 @@
-"""How wide a plate's pixels are on the sensor, over their height.
+"""The width of a plate's pixels on the sensor, over their height.
 
-The header's ``pixelAspectRatio`` tells how a pixel is displayed. Behind a spherical
+The header's ``pixelAspectRatio`` states how a pixel is displayed. Behind a spherical
 lens that is its shape on the sensor too. An anamorphic lens squeezes the scene, so that
 a plate comes in two forms: *squeezed*, with the sensor's own square pixels, displayed
 as wide as the lens squeezes; and *desqueezed*, displayed square, whose pixels are
-narrow on the sensor. Writers that do not care leave the ratio at 1 in both: then the
-plate is squeezed if the other form would be taller than the sensor.
+narrow on the sensor. Some writers leave the ratio at 1 in both cases: then the plate
+counts as squeezed if the other form would be taller than the sensor.
 
-Desqueezing goes by the lens' engraved squeeze; the nearest of those that lenses are
-made with stands for it.
+Desqueezing uses the lens' engraved squeeze: the nearest of the standard squeezes.
 """
 
 import math

@@ -1,9 +1,9 @@
-"""The depth of a plate: which channel, in which unit, measured how.
+"""The depth of a plate: its channel, its unit, and how it is measured.
 
 Options count most, then the plate's header, then the assumption that a channel holds
-perpendicular metres; whatever is assumed is said in a note. Header entries that are
-understood (with any prefix): ``depth/unit`` (mm, cm, m, in, ft, or millimetres as a
-number), ``depth/kind``, ``depth/near``, ``depth/far``, and USD's ``metersPerUnit``.
+perpendicular metres; every assumption is noted. Header entries that are read (with any
+prefix): ``depth/unit`` (mm, cm, m, in, ft, or millimetres as a number), ``depth/kind``,
+``depth/near``, ``depth/far``, and USD's ``metersPerUnit``.
 """
 
 from collections.abc import Mapping

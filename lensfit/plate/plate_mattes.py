@@ -1,4 +1,4 @@
-"""What mattes know of a plate: who shares a pixel, and where an object is."""
+"""Mattes of a plate: the objects that share a pixel, and the coverage of one object."""
 
 from collections.abc import Sequence
 from pathlib import Path

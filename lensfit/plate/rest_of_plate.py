@@ -1,9 +1,9 @@
-"""A plate without some of its objects: what stands behind them, and how far away.
+"""A plate without some of its objects: the background and its distance.
 
-A shared pixel holds the rest's distance or the object's, whichever the renderer chose.
-The rest's is that of the nearest free pixel (one that none of the objects touches) of
-whatever else the Cryptomatte says is there. Behind pixels that the objects fill, the
-nearest free pixel goes on.
+A shared pixel holds the background's distance or the object's, whichever the renderer
+chose. The background's is that of the nearest free pixel (one that none of the objects
+touches) of the other object that the Cryptomatte states there. Behind pixels that the
+objects fill, the nearest free pixel is continued.
 """
 
 from typing import NamedTuple

@@ -1,7 +1,7 @@
-"""What is odd about a sequence as a whole, and no single frame can know.
+"""Notes on a sequence as a whole, which no single frame shows.
 
 Frames that are missing between others are likelier lost than left out, and a frame of
-another size is likelier from another render; both are rendered as they are, and told.
+another size is likelier from another render; both are rendered as they are, and noted.
 """
 
 import itertools

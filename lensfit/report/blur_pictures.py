@@ -1,7 +1,7 @@
-"""Pictures of fitted dots: photograph, model and what is left, for every take.
+"""Pictures of fitted dots: photograph, model and residual, for every take.
 
 Green channel. Every dot is shown against its own brightness, from the middle of the
-field (left) outward; what is left is drawn `ENLARGED` times stronger about mid-grey.
+field (left) outward; the residual is drawn `ENLARGED` times stronger about mid-grey.
 Cells that the fit does not use, such as a neighbour's, are mid-grey too.
 """
 
@@ -34,21 +34,21 @@ def write_dot_pictures(
     The paths, relative to `folder`, by the take's name.
     """
     stage = wavefront.stage
-    gathered, residual = stage.gathered, stage.residual[:, _GREEN]
+    dot_data, residual = stage.dot_data, stage.residual[:, _GREEN]
     background = stage.nuisance[:, _GREEN, 1]
     names = {}
-    for k, shown in enumerate(gathered.shown):
-        mine = _from_the_middle(gathered.dots.field_mm, gathered.take == k)
+    for k, photograph in enumerate(dot_data.photographs):
+        mine = _from_the_middle(dot_data.dots.field_mm, dot_data.take == k)
         tiles = dot_tiles(
-            gathered.light[mine, _GREEN],
+            dot_data.light[mine, _GREEN],
             residual[mine],
             background[mine],
-            dark=shown.take.observations.of_dark_dots,
+            dark=photograph.take.observations.are_dark_dots,
         )
-        tiles = np.where(gathered.valid[mine, _GREEN], tiles, 0.5)
-        name = f"blur/{stems[shown.take.name]}.png"
+        tiles = np.where(dot_data.valid[mine, _GREEN], tiles, 0.5)
+        name = f"blur/{stems[photograph.take.name]}.png"
         write_bytes_atomic(folder / name, png(sheet_of(tiles, enlarged=2)))
-        names[shown.take.name] = name
+        names[photograph.take.name] = name
     return names
 
 

@@ -1,4 +1,4 @@
-"""The finding on the blur: what it is good for, or which photographs would tell."""
+"""The finding on the blur: its use, or the photographs that are needed for it."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Figure of breathing: how much larger a lens draws as it is focused nearer."""
+"""Figure of breathing: the image magnification as a function of the focus distance."""
 
 import numpy as np
 

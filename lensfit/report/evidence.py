@@ -1,4 +1,4 @@
-"""What the verdict looks at: findings, takes, errors and coverage of a report.
+"""The evidence of the verdict: findings, takes, errors and coverage of a report.
 
 A report may be old or partial: what is absent is NaN, or nothing.
 """

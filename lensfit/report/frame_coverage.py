@@ -1,8 +1,8 @@
-"""Where on the frame the points were, and what the fit left there.
+"""Coverage of the frame by points, and the residuals there.
 
-The frame is cut into cells; a cell without any point is a place where the map is an
-extrapolation. Counts come from the residual lists of the report, which may be thinned
-to a few thousand points per take: emptiness survives thinning, totals do not.
+The frame is divided into cells; in a cell without any point the map is extrapolated.
+Counts come from the residual lists of the report, which may be thinned to a few
+thousand points per take: empty cells stay empty under thinning, totals change.
 Pixels as everywhere in lensfit: (0, 0) is the outer corner of the top left pixel.
 """
 

@@ -3,7 +3,7 @@
 Tiles lie as their points do on the frame: at the middle, half way and near the edge.
 Each shows the light to the power `GAMMA`, against its own brightest pixel, since the
 skirt of a spot is what differs from lens to lens. All tiles of a sheet have the same
-width, found by looking at the blur coarsely first and then more closely.
+width, found from coarse kernels first and then from finer ones.
 """
 
 from concurrent.futures import ThreadPoolExecutor

@@ -1,4 +1,4 @@
-"""HTML that cannot forget to escape, and numbers as a person writes them.
+"""HTML that escapes by default, and numbers rounded for readers.
 
 `tag` escapes every string it is given unless that string is already `Markup`, so a
 lens called ``<script>`` is text wherever it appears. Numbers keep three significant

@@ -1,4 +1,4 @@
-"""Numbers as JSON can hold them: no NaN, and "inf" for what is infinitely far."""
+"""Convert numbers for JSON: NaN to null, and an infinite distance to "inf"."""
 
 import math
 

@@ -1,10 +1,10 @@
 """Figures of the lens itself, one entry (focal length and focus distance) at a time.
 
-What each shows: the distortion as a bent grid (exaggerated when small, and said so),
-as percent of the radius with its 1-sigma band, lateral colour of red and blue against
-green, fall-off at each f-number, and how well the map is known over the frame.
-Colours are those of Okabe and Ito ("Color Universal Design", 2008), which stay apart
-to colour-blind eyes.
+They show the distortion as a bent grid (exaggerated when small, with the factor
+stated) and as percent of the radius with its 1-sigma band, lateral colour of red and
+blue against green, fall-off at each f-number, and the standard deviation of the map
+over the frame. Colours are those of Okabe and Ito ("Color Universal Design", 2008),
+which are distinct to colour-blind eyes.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The report.json of a calibration, read as the work of another program."""
+"""Read the report.json of a calibration, without trusting its content."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""The page: verdict, key numbers, the lens, the evidence, and where it came from.
+"""The page: verdict, key numbers, the lens, the evidence, and the provenance.
 
 One HTML file without any outside resource: style sheet and script are inlined, figures
 are SVG, pictures are ``data:`` addresses, and a content security policy forbids the

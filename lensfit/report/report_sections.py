@@ -1,4 +1,4 @@
-"""The parts of the report that are about the lens and its takes.
+"""The sections of the report on the lens and its takes.
 
 Each function turns one part of the report's dictionary into HTML, and gives nothing
 when that part is absent: an old or partial report still makes a page.

@@ -1,4 +1,4 @@
-"""Figures of what the fit left over: arrows, histogram, and coverage of the frame.
+"""Figures of the residuals: arrows, histogram, and coverage of the frame.
 
 A residual is the observed minus the predicted position, in image pixels. Arrows are
 enlarged by a stated factor and thinned to one per cell of a fine mesh (the point

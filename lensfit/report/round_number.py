@@ -1,4 +1,4 @@
-"""Round numbers, as scales are marked and magnified by."""
+"""Round numbers for scale bars and enlargements."""
 
 import math
 

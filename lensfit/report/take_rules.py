@@ -1,4 +1,4 @@
-"""Findings on the takes: too few, failed, worse than others, and what none shows."""
+"""Findings on the takes: too few, failed, worse than others, what is not measured."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The report's table of terms: what was modelled, what was left out, and why.
+"""The report's table of candidate terms: kept or left out, and why.
 
 A term that several states of the lens have is one row, with a line for each state in
 which its value or its reason differs.

@@ -1,9 +1,9 @@
 """Point-spread functions through focus and through the aperture, for the report.
 
-Of one focus distance, that of the photograph that was sharpest: a point of light at
-several distances, at several f-numbers, at three places of the frame. What was
-photographed with the lens focused elsewhere counts as photographed here too, at the
-distance that is as far out of focus (the same vergence from the plane of focus).
+They are of one focus distance, that of the sharpest photograph: a point of light at
+several distances, at several f-numbers, at three places of the frame. A photograph with
+the lens focused elsewhere counts as photographed here too, at the distance that is as
+far out of focus (the same vergence from the plane of focus).
 """
 
 from dataclasses import dataclass

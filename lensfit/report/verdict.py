@@ -1,13 +1,14 @@
-"""What a calibration is good for, said in plain words before any number.
+"""The verdict of a calibration: the use it is good for, in plain words.
 
-Each rule looks at one kind of evidence and gives at most a few findings. The first
-finding grades the whole: the worse of the error on points that the fit never saw (it
-holds detection noise too, so it never flatters) and of the predicted standard deviation
+Each rule judges one kind of evidence and gives at most a few findings. The first
+finding grades the whole: the worse of the error on held-out points (which includes
+detection noise, so it is never too small) and of the predicted standard deviation
 of the map in its worst corner. Half a pixel is where a locked-off match-move begins
-to show; a tenth is where set measurement stops caring; and both take the focal length
-for measured, which it is only where views from several sides tell it from the chart's
-distance. The rest say what is weak and which photograph would mend it. Residuals of
-fitted points alone are no evidence (mrcal, "tour of uncertainty and cross-validation").
+to show; a tenth is negligible for set measurement; and both assume that the focal
+length was measured, which needs views from several sides to separate it from the
+chart's distance. The other findings name what is weak and which photograph would
+improve it. Residuals of fitted points alone are no evidence (mrcal, "tour of
+uncertainty and cross-validation").
 """
 
 import math

@@ -1,8 +1,8 @@
-"""The photograph of a take beside the model's, with a wipe, and what is left.
+"""The photograph of a take beside the model's, with a wipe, and the residual.
 
 Without a script both lie side by side; with it the model lies over the photograph and a
-slider (or a finger on the picture) wipes one away from the other. Paper gets three
-pictures in a row.
+slider (or a finger on the picture) wipes one away from the other. On paper there are
+three pictures in a row.
 """
 
 from collections.abc import Mapping

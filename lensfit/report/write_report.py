@@ -1,8 +1,8 @@
-"""Writes ``report.html`` beside the ``report.json`` that a calibration made.
+"""Write ``report.html`` beside the ``report.json`` that a calibration made.
 
 The report dictionary (schema ``lensfit.report.1``) is all that is read, with the
 pictures that it names relative to the folder of results and, for the point-spread
-functions, the preset there. A picture that is gone is said to be gone; nothing else in
+functions, the preset there. A missing picture is reported as missing; nothing else in
 the page can fail to load, as nothing is outside the file.
 """
 

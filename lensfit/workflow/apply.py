@@ -1,9 +1,9 @@
-"""Put a lens on CG plates, frame after frame.
+"""Apply a lens to CG plates, frame after frame.
 
-Each frame stands alone: its camera state comes from its own header, results appear
-whole or not at all, those that are finished as they would be rendered now are skipped,
-and a frame that fails is reported while the others go on. `frame.renderer` says what
-happens to a frame.
+Each frame is independent: its camera state comes from its own header, and its result
+appears whole or not at all. Frames that are finished as they would be rendered now are
+skipped, and a frame that fails is reported while the others go on. `frame.renderer`
+describes the rendering of a frame.
 """
 
 import time

@@ -1,10 +1,10 @@
-"""From a shoot to a preset: detect, fit, write.
+"""Calibrate a lens from a shoot: detect, fit, write.
 
-    photographs -> marks -> lens states -> preset, UV maps, report
+    photographs -> detected points -> lens states -> preset, UV maps, report
 
-One photograph that cannot be used does not stop the others; it is in the report with
-its reason. Everything appears together when the last of it is whole, in place of what
-an earlier run wrote (`results_set`).
+A photograph that cannot be used does not stop the others; the report lists it with the
+reason. The outputs are an atomic output set (`results_set`): they replace those of an
+earlier run, all at once.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""A chart from a wish to files: lay out, draw, write in each format asked for."""
+"""Make a chart: lay out, draw, write in each requested format."""
 
 import math
 from collections.abc import Sequence

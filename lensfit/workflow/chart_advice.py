@@ -1,4 +1,4 @@
-"""Which chart at which distance: what will land on the frame, before it is printed.
+"""Choose a chart and its distance: what the photograph will show, before it is printed.
 
 A model of k numbers fitted to d dots errs by ``scatter sqrt(k / d)`` pixels rms over
 the frame. `lensfit.chart.camera` has the optics, `lensfit.chart.scatter` the scatter of

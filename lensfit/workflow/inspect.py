@@ -1,9 +1,8 @@
-"""What pictures say of themselves, before anything is fitted to them.
+"""Describe pictures from their headers and samples, before anything is fitted to them.
 
-Size, channels, encoding and windows; the camera state with the source that each value
-came from, and those that it overruled; and how much of the picture is clipped, since a
-clipped dot has no centre. `lensfit.workflow.shoot.draft` turns the same facts into a
-shoot file.
+Size, channels, encoding and windows; the camera state with the source of each value and
+the values that it overrides; and the clipped share of the picture, since a clipped dot
+has no centre. `lensfit.workflow.shoot.draft` turns the same facts into a shoot file.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""UV maps of a shot in which focus, zoom or breathing move: a map for each frame.
+"""UV maps of a shot in which focus, zoom or breathing change: a map for each frame.
 
 The camera state of a frame is that of its plate, from the same sources as `lensfit
 apply` (`lensfit.plate.camera.sources`); of a plate its header alone is read. Frames

@@ -1,8 +1,8 @@
-"""Overscan for a shot: the largest that any state of the lens in a range asks for.
+"""Overscan for a shot: the largest that any state of the lens in a range needs.
 
 Between measured states the lens is interpolated, so that the largest need may lie
-between them: each range is tried at its ends, at what was measured inside and at steps
-between.
+between them: each range is evaluated at its ends, at the measured states inside and at
+steps between.
 """
 
 import math

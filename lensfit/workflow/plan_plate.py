@@ -1,4 +1,4 @@
-"""What `lensfit apply` would do to a plate, and at what cost; nothing is rendered."""
+"""The stages that `lensfit apply` would run on a plate, with their cost."""
 
 from pathlib import Path
 

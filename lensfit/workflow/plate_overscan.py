@@ -1,4 +1,4 @@
-"""The overscan that a plate was given, and the question of what it needs.
+"""The overscan that a plate has, and the overscan that it needs.
 
 Both are read from its own header, as `apply` reads its camera.
 """

@@ -1,13 +1,13 @@
-"""The results of a calibration, in place of those of the one before.
+"""Write the results of a calibration in place of those of the previous one.
 
-Everything is made in a hidden folder and appears at the end (`lensfit.atomic_set`): a
-map beside a preset, or an overlay in a report, is always of the same run. Files that
-the earlier report names and the new run did not write are removed; nothing else is, as
-a folder of results may hold its owner's files too.
+The results are an atomic output set (`lensfit.atomic_set`): a map beside a preset, or
+an overlay in a report, is always of the same run. Files that the earlier report names
+and the new run did not write are removed; nothing else is, since a folder of results
+may hold its owner's files too.
 
-A run that fails leaves the earlier results alone. The marks that it found show why it
-failed, so their pictures are kept in a folder whose name says so, and the error names
-it; the next run replaces them.
+A run that fails leaves the earlier results alone. Pictures of the points that it
+detected show why it failed, so they are kept in a folder whose name says so, and the
+error names it; the next run replaces them.
 """
 
 import json

@@ -1,10 +1,10 @@
-"""How wrong a map is that is coarser than its frame and enlarged where it is used.
+"""The error of a UV map that is coarser than its frame and enlarged where it is used.
 
 UV maps of a lens are smooth, so that a map of an eighth of the width is often as good
-as the whole one; how coarse it may be depends on the lens. Here a coarse map is made
-large as compositing programs do it, with pixel centres aligned: linearly, or by the
-cubic of Keys (a = -1/2; "Keys" in Nuke's Reformat). Both reproduce ramps, so that of an
-ideal lens every width is exact.
+as the whole one; how coarse it may be depends on the lens. Here a coarse map is
+enlarged as compositing programs do it, with pixel centres aligned: linearly, or by the
+cubic of Keys (a = -1/2; "Keys" in Nuke's Reformat). Both reproduce ramps, so that for
+an ideal lens every width is exact.
 """
 
 from dataclasses import replace

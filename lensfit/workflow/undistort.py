@@ -1,7 +1,7 @@
-"""Take a lens off photographed plates, frame after frame, and say what camera is left.
+"""Remove a lens from photographed plates, and write the remaining pinhole camera.
 
-The run is that of `lensfit.workflow.apply`: frames stand alone, appear whole or not at
-all, and are skipped where they are finished. Beside them lies one JSON file with the
+The run is that of `lensfit.workflow.apply`: frames are independent, appear whole or not
+at all, and are skipped where they are finished. Beside them lies one JSON file with the
 pinhole camera of every frame (`lensfit.plate.frame.straight_plate.Pinhole`), read
 from the headers of the results, so that a run that was resumed has all of them.
 """

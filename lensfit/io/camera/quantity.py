@@ -1,4 +1,4 @@
-"""What can be known of a camera, and which numbers are none.
+"""The quantities of a camera, and the numbers that stand for an unknown value.
 
 Every quantity carries its unit in its name. Sidecars write 0 for what they do not know,
 or one of a few marks; both count as unknown here.

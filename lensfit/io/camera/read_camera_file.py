@@ -1,4 +1,4 @@
-"""Which reader a camera file is for, told by its name and its beginning."""
+"""Choose the reader of a camera file by its name and its beginning."""
 
 import re
 from collections.abc import Callable, Iterable

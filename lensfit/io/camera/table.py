@@ -1,8 +1,8 @@
-"""What a camera file says about a frame: a row of its table, or a point of its curves.
+"""The values of a camera file at a frame: a row of its table, or a point of its curves.
 
 The rows of a sidecar belong to frames by timecode, or by counting from a stated first
 frame; those of a match-moved camera carry the plate's own frame numbers. A table whose
-rows are all alike, like that of a prime nobody touched, needs neither.
+rows are all alike, such as that of an untouched prime, needs neither.
 """
 
 import re

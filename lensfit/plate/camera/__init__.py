@@ -1,1 +1,1 @@
-"""What is known of a plate's camera and its knobs, and which source counts."""
+"""The camera and the knobs of a plate, with all their sources and their priority."""

@@ -1,9 +1,9 @@
-"""What is taken from the preset because no source states it, and said to be.
+"""Values that are taken from the preset because no source states them; each is noted.
 
 A preset with one focal length, one focus distance or one fall-off leaves no choice: the
-frame can only be rendered by it. Depth of field leaves one: a lens that was measured at
-one focus distance and f-number is refocused and stopped down, so that whoever wants it
-states both (`lensfit.plate.frame.plate_lens`).
+frame can only be rendered with it. Depth of field does leave a choice: a lens that was
+measured at one focus distance and f-number can be refocused and stopped down, so both
+must be stated (`lensfit.plate.frame.plate_lens`).
 """
 
 from collections.abc import Iterator

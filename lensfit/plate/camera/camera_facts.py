@@ -1,7 +1,7 @@
-"""What is known of a picture's camera and knobs, as `lensfit inspect` shows it.
+"""A picture's camera and knobs with their sources, as `lensfit inspect` shows them.
 
-Every value with its source and with those that it overruled, what is wrong with the
-header, and, where a preset is named, what would be taken from it.
+Every value with its source and with those that it overrides, faults of the header, and,
+if a preset is named, the values that would be taken from it.
 """
 
 import math

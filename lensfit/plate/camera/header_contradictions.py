@@ -1,7 +1,7 @@
-"""Entries of one header that tell a quantity differently.
+"""Entries of one header that state different values of a quantity.
 
-The better entry counts (`lensfit.io.camera.aliases` has the order), and whoever renders
-by it is told of the others. Entries that mean different things may differ:
+The better entry counts (`lensfit.io.camera.aliases` has the order), and a note names
+the others. Entries that mean different things may differ:
 
 - the standard's focal lengths: of the barrel (nominal), of the lens (effective) and of
   the pinhole, which is the principal distance and grows with focusing

@@ -1,4 +1,4 @@
-"""Where the knobs of a plate come from, and which word counts.
+"""Sources of the knobs of a plate, and their priority.
 
 Sources, the one that counts most first:
 
@@ -7,7 +7,7 @@ Sources, the one that counts most first:
 3. the plate's header (``lensfit/coma_gain``, with any prefix)
 4. the preset
 
-Each knob is decided by itself; a word that no knob can have hurts only where it counts.
+Each knob is decided separately; an invalid value is an error only where it counts.
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""All that the sources know of one plate's camera, before a preset is asked."""
+"""One plate's camera from all sources, before the preset is applied."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

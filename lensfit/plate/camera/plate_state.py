@@ -1,17 +1,17 @@
-"""The camera state of a plate: what its sources say, and what the preset needs.
+"""The camera state of a plate, from its sources and the preset.
 
-`lensfit.plate.camera.sources` has the sources, and which of them counts.
+`lensfit.plate.camera.sources` lists the sources and their priority.
 
-A value that is missing is an error where the answer depends on it. Where the preset
-leaves no choice, as of a prime's focal length, its value is used and a note says so.
+A missing value is an error where the result depends on it. Where the preset leaves no
+choice, as of a prime's focal length, its value is used, with a note.
 
-The standard attribute ``aperture`` is the f-number, and renderers write the width of
+The standard attribute ``aperture`` is the f-number, but renderers write the width of
 the film back under that name. A photographic lens closes to f/22 or f/32 at most, and
 none in air is faster than f/0.5, the limit that the sine condition sets.
 
 Depth and some focus distances are measured from the pinhole of the CG camera, which is
-the lens' entrance pupil; the distance that lenses are focused by, from the sensor.
-Between them lies the pupil's offset, which may itself change with focus.
+the lens' entrance pupil; focus distances on the barrel from the sensor. The difference
+is the pupil's offset, which may itself change with focus.
 """
 
 import math

@@ -1,15 +1,15 @@
-"""A measured look on a focal length or sensor that it was not measured at.
+"""Scale a measured lens to a focal length or sensor that it was not measured at.
 
 A lens made k times as large images a scene k times as large onto a sensor k times as
 wide in the same picture: its distortion and aberrations keep their field angles, and
 their share of the frame. So the plate's camera is divided by its focal length over the
 measured one, with its distances. Where its frame sees wider angles than were
-photographed, its whole width stands for the whole photographed one: the look then keeps
-its places in the frame. The one passes into the other without a step. Distances are
-divided by what leaves the circle of confusion its share of the frame, as the CG
-camera's own focal length, f-number and sensor have it.
+photographed, its whole width is mapped to the whole photographed one: the look then
+keeps its places in the frame. The transition between both is continuous. Distances are
+divided so that the circle of confusion keeps its share of the frame, as the CG camera's
+own focal length, f-number and sensor give it.
 
-Diffraction scales with the rest, as if light's wavelength did.
+Diffraction scales with the rest, as if the wavelength did.
 """
 
 from typing import NamedTuple

@@ -1,17 +1,17 @@
 """Settings of a project, a sequence or a shot: `lensfit.toml` beside the plates.
 
 The file is looked for in the plate's folder and every folder above it. Each key counts
-from the nearest file that has it, so that a shot states what is its own and the project
+from the nearest file that has it, so that a shot states its own values and the project
 the rest. A file that is named with ``--settings`` stands alone. Tables:
 
 ``[camera]``   values for all frames: focal_length_mm, f_number, t_number,
                focus_distance_mm, sensor_width_mm, sensor_height_mm
 ``[[frames]]`` the same for a ``range``; of several that have a frame the last counts.
                Between key frames (``at = [1001, 1050]``, in place of a range) values
-               may be lists of the same length: focal length and stops go linearly from
-               key to key, focus in dioptres.
+               may be lists of the same length: focal length and stops are interpolated
+               linearly from key to key, focus in dioptres.
 ``[aliases]``  header entries of other renderers, by quantity
-``[knobs]``    knobs by name; whoever turns the preset checks them
+``[knobs]``    knobs by name; they are checked where they are applied to the preset
 """
 
 import math

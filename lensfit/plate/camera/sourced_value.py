@@ -1,4 +1,4 @@
-"""A value and where it came from: one word about one quantity."""
+"""A value of one quantity and its source."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Where the camera state of a plate comes from, and which word counts.
+"""Sources of the camera state of a plate, and their priority.
 
 Sources, the one that counts most first:
 
@@ -8,16 +8,15 @@ Sources, the one that counts most first:
 4. ``lensfit.toml`` beside and above the plate, the nearest first: ``[[frames]]`` of all
    of them, then ``[camera]``
 5. the plate's header
-6. what the preset knows (`lensfit.plate.camera.plate_state`)
+6. the preset (`lensfit.plate.camera.plate_state`)
 
-What is named on the command line counts before what is found. Each quantity is decided
-by itself. A T-stop stands for the f-number only where no source knows an f-number, and
-a note says so; so does one where the entries of a header contradict each other and one
-of them counts.
+Sources named on the command line count before those that are found. Each quantity is
+decided separately. A T-stop is used as f-number only where no source states an
+f-number, with a note; a note also names entries of a header that contradict each other
+if one of them counts.
 
 A table of a sidecar marks single rows as unknown where the lens was not read. The next
-source counts there, and the frame jumps against its neighbours: whoever renders is
-told.
+source counts there, and the frame jumps against its neighbours, which is noted.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""How quantities of a camera are spelt: in sentences, and as options."""
+"""Spelling of camera quantities: in sentences, and as options."""
 
 SPELT = {
     "focal_length_mm": "focal length",

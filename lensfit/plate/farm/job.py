@@ -1,8 +1,8 @@
 """A sequence as a job of a render farm: the same command on chunks of its frames.
 
-The command is `lensfit apply` with every option it was given. What a farm may find at
-another place on another machine (preset, plates, results, files among the options) is
-kept apart from plain words and numbers. Nothing here is ever read by a shell.
+The command is `lensfit apply` with every option it was given. Paths that a farm may map
+to other places on another machine (preset, plates, results, files among the options)
+are kept apart from plain words and numbers. Nothing here is ever read by a shell.
 """
 
 import itertools

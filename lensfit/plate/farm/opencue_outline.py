@@ -1,8 +1,7 @@
 """A farm job as an outline of OpenCue: one layer, a list of commands.
 
-The outline is a script, as ``pycuerun`` submits it. Its commands are lists of words,
-which PyOutline runs without a shell. PyOutline itself reads the script back before it
-is called done.
+The outline is a script for ``pycuerun``. Its commands are lists of words, which
+PyOutline runs without a shell. The script is read back by PyOutline as a check.
 """
 
 import re

@@ -1,12 +1,11 @@
 """A farm job as an Open Job Description template (``jobtemplate-2023-09``).
 
 Preset, plates, results and files among the options are PATH parameters, so that a farm
-may map them to where they lie on a machine; the specification keeps their values out of
-the template (a default may not leave the template's folder), which is why they stand in
-a file of their own. Options are INT, FLOAT and STRING parameters with the values given
-as defaults; where they are more than the specification allows, numbers stand in the
-command itself. Every text of a user is the value of a parameter: neither a shell nor
-the template's format strings read it.
+may map them to their place on a machine. Their values stand in a separate file, since
+the specification forbids a default that leaves the template's folder. Options are INT,
+FLOAT and STRING parameters with the values given as defaults; where they are more than
+the specification allows, numbers stand in the command itself. Every text of a user is
+the value of a parameter: neither a shell nor the template's format strings read it.
 
 What a task needs of its host stands in ``hostRequirements``: memory in MiB.
 

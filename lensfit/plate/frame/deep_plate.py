@@ -1,4 +1,4 @@
-"""A deep plate through the lens, returned flat; its samples tell what hides behind."""
+"""Render a deep plate to a flat frame, with the background that its samples hold."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,8 +1,8 @@
-"""A process that ends when the one that started it ends, however that happens.
+"""End a process when the one that started it ends, however that happens.
 
-A pool whose owner is killed, by a farm's cancel say, would otherwise wait for work for
-ever: every worker holds both ends of the queue, so that no death closes it. What a
-worker was writing then stays a temporary file, which the next run takes away.
+A pool whose owner is killed, for instance by a farm's cancel, would otherwise wait for
+work for ever: every worker holds both ends of the queue, so that no death closes it.
+The file that a worker was writing stays a temporary file, which the next run removes.
 """
 
 import multiprocessing

@@ -1,8 +1,8 @@
 """Pictures that explain a result: blur in pixels, the lens' dots, its kernels.
 
 - ``circle-of-confusion``: signed diameter in pixels of the blur of each pixel, positive
-  in front of the focus distance, as a plain thin lens of this focal length and stop
-  would make it; in channel Y, where the result has its pixels.
+  in front of the focus distance, for a thin lens of this focal length and stop; in
+  channel Y, where the result has its pixels.
 - ``aberration-dots``: the dot grid at the focus distance, as this lens would photograph
   it, at the plate's size.
 - ``filter``: the kernels over a grid of field points, at the plate's pixels, for a

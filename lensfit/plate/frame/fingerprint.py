@@ -1,9 +1,9 @@
-"""What a finished frame was made of, kept in its header: the frame's fingerprint.
+"""The fingerprint of a finished frame, kept in its header: digests of all its inputs.
 
-A digest each of the plate's bytes, of the preset, and of the settings (camera state,
-knobs, options and the pictures and maps they name), beside the version of lensfit. A
-frame whose fingerprint is that of a rendering made now has the same pixels, wherever
-its files lie; one with another fingerprint is told by what differs.
+It holds a digest each of the plate's bytes, of the preset, and of the settings (camera
+state, knobs, options and the pictures and maps they name), and the version of lensfit.
+A frame whose fingerprint equals that of a rendering made now has the same pixels,
+wherever its files lie; for another one, a note names what differs.
 """
 
 import hashlib

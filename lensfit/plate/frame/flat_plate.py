@@ -1,4 +1,4 @@
-"""A flat plate through the lens: its colour layers, blurred by its depth channel.
+"""Render a flat plate: its colour layers, blurred by its depth channel.
 
 Every other channel, and Cryptomatte whatever its channels are called, keeps its bits:
 ids and depths must not be mixed, so they still describe the *undistorted* plate.

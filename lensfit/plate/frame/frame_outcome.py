@@ -1,4 +1,4 @@
-"""One frame of a batch: rendered, skipped or failed, and never an exception."""
+"""The outcome of one frame of a batch: rendered, skipped or failed; never raises."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Knobs that turn an effect of the lens which is left out altogether."""
+"""Notes on knobs of an effect of the lens that is switched off."""
 
 from collections.abc import Iterator, Mapping
 

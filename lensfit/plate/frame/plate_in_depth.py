@@ -1,4 +1,4 @@
-"""A plate as it stands in depth: its distances, its objects, what is cut out of it."""
+"""A plate with its depth: distances, objects, and the objects separated from it."""
 
 from pathlib import Path
 from typing import NamedTuple

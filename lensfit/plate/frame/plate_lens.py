@@ -1,7 +1,7 @@
-"""The lens as a plate meets it: at its camera state, over its windows.
+"""The lens for a plate: at its camera state, over its windows.
 
-Knows for a plate which state the lens has, how the frame lies on the sensor and which
-stages prepare it; keeps the stages while neither camera nor windows change.
+Computes for a plate the state of the lens, the position of the frame on the sensor and
+the stages; keeps the stages while neither camera nor windows change.
 """
 
 import math

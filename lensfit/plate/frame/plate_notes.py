@@ -1,4 +1,4 @@
-"""What the user of a rendered plate should know, and nobody sees at first glance.
+"""Notes on a rendered plate that are not obvious from the picture.
 
 Borders that stay black because a plate has too little overscan, and pixels that are not
 numbers and spread to their neighbours.

@@ -1,16 +1,16 @@
-"""One plate through a lens, from file to finished frame: the order of operations.
+"""Render one plate through a lens, from file to finished frame, in this order.
 
-views               of a stereo plate, each by itself (`plate_views`)
+views               of a stereo plate, each separately (`plate_views`)
 kind of plate       a flat one (`flat_plate`), a deep one, which is returned flat
                     (`deep_plate`), or a picture that explains (`explaining_picture`)
 camera state        from all its sources (`camera.sources`, `camera.plate_state`)
-depth, objects      of the plate, if it has any (`plate.depth`, `plate.mattes`)
+depth, objects      of the plate, if it has any (`plate_depth`, `plate_mattes`)
 maps, gains, blur   of the lens, kept while the camera stays (`plate_lens`)
-colour layers       rendered, or made straight (`straight_plate`); every other channel
+colour layers       rendered, or straightened (`straight_plate`); every other channel
                     keeps its bits
 window              a plate may have overscan (a data window larger than the display
                     window); the display window is written, unless it is kept
-header              says what was done (`signature`), and what the frame is made of
+header              a line on the operations (`signature`) and digests of the inputs
                     (`fingerprint`)
 """
 

@@ -1,8 +1,8 @@
-"""What the header of a finished frame says was done to it.
+"""The line in the header of a finished frame that describes how it was made.
 
-One line names the version, the lens with a digest of its preset, the camera state and
-the effects. It is for people; `frame.fingerprint` is what a later run compares. A plate
-whose header has that line carries a lens already.
+It names the version, the lens with a digest of its preset, the camera state and the
+effects. It is for people; `frame.fingerprint` is what a later run compares. A plate
+whose header has that line has been through a lens already.
 """
 
 import hashlib

@@ -1,13 +1,13 @@
-"""A photographed plate made straight: the inverse of what `flat_plate` puts on.
+"""Straighten a photographed plate: the inverse of `flat_plate`.
 
-Each pixel of the straight picture reads the photograph where the lens would have put
-it; distortion grows the picture or shrinks it, so the data window becomes that of the
-whole photograph, straightened, with `SPARE_PX` pixels of the photograph's own border
-continued about it, so that the filter of a later distortion finds what it reads. If
-wanted, each channel reads by its own map (lateral colour goes) and the photograph is
-divided by its fall-off first (light lost on the sensor belongs to where it landed).
+Each pixel of the straight picture reads the photograph where the lens images it.
+Distortion makes the picture larger or smaller, so the data window becomes that of the
+whole photograph, straightened, with a margin of `SPARE_PX` pixels continued from the
+photograph's own border for the filter of a later distortion. If wanted, each channel
+reads by its own map (which removes lateral colour) and the photograph is divided by its
+fall-off first (light lost on the sensor belongs to where it landed).
 
-What is left is a pinhole picture. Its camera stands in the header (`Pinhole`).
+The result is a pinhole picture. Its camera stands in the header (`Pinhole`).
 """
 
 import json

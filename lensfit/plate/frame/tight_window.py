@@ -2,8 +2,8 @@
 
 Outside a data window a picture is empty, not unknown (OpenEXR, "Technical
 Introduction"). So an element needs no overscan on the sides where its window ends
-inside the frame, and its result is no larger than its light: the window where the lens
-puts its pixels, grown by their blur.
+inside the frame, and its result is no larger than its light: the warped window of its
+pixels, grown by their blur.
 """
 
 import math

@@ -1,13 +1,13 @@
-"""Frames on several processes, each with its own lens, its own JAX and its own cores.
+"""Render frames in several processes, each with its own lens, JAX and cores.
 
 Processes are started afresh (a forked JAX hangs). Where the system allows, each is
 bound to its share of the cores, which bounds the threads of JAX, OpenCV and OpenEXR.
-A process that dies, killed for memory say, costs the frame it was at a failure, and the
-others take over its share; when the whole run is killed, none of them stays.
+If a process dies, for instance killed for memory, its present frame fails and the
+others take over its share; if the whole run is killed, none of them stays.
 
-Each process is spoken to through a pipe of its own. The queues of a process pool need
-named semaphores of the system, which a killed run leaves behind: Python then takes them
-away, with a warning that looks like a failure.
+Each process has a pipe of its own. The queues of a process pool need named semaphores
+of the system, which a killed run leaves behind: Python then removes them, with a
+warning that looks like a failure.
 """
 
 import multiprocessing

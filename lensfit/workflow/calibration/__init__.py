@@ -1,1 +1,1 @@
-"""What a calibration finds on photographs, and what is kept and reported of the fit."""
+"""Observations of a calibration, and its results in preset and report."""

@@ -3,8 +3,8 @@
 Everything is plain numbers, ready for JSON.
 
 The wavefront's defocus of all takes may be moved by the same amount: curvature and
-spherical aberration make up for it, and no barrel is exact. So what is told is defocus
-besides that: less what all takes have in common against the distances that were stated.
+spherical aberration compensate it, and no focus scale is exact. So the reported defocus
+is relative: less what all takes have in common against the distances that were stated.
 Positive is on the side of a lens that is focused nearer than the chart.
 """
 
@@ -16,19 +16,19 @@ from jaxtyping import Float
 
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.start import stated_defocus_mm
-from lensfit.fitting.wavefront.term_groups import Family
+from lensfit.fitting.wavefront.term_groups import TermGroup
 from lensfit.report.plain_numbers import plain, plain_distance
 
 
 def defocus_facts(wavefront: WavefrontFit) -> list[dict[str, Any]]:
     """Of every group of photographs, as it was fitted (`defocus_mm`) and besides what
     all have in common (`from_stated`; None where no distance was stated)."""
-    gathered, stage = wavefront.gathered, wavefront.stage
+    dot_data, stage = wavefront.dot_data, wavefront.stage
     where = stage.layout.blocks["defocus"]
-    count = len(gathered.groups)
+    count = len(dot_data.groups)
     found = stage.parameters[where][:count]
-    covariance = wavefront.stated_covariance[where, where][:count, :count]
-    besides = _besides_common(found, covariance, stated_defocus_mm(gathered))
+    covariance = wavefront.total_covariance[where, where][:count, :count]
+    besides = _besides_common(found, covariance, stated_defocus_mm(dot_data))
     return [
         {
             "focus_distance_mm": plain_distance(group.focus_distance_mm),
@@ -38,7 +38,7 @@ def defocus_facts(wavefront: WavefrontFit) -> list[dict[str, Any]]:
             "standard_deviation_mm": float(np.sqrt(covariance[k, k])),
             "from_stated": besides and {key: plain(v[k]) for key, v in besides.items()},
         }
-        for k, group in enumerate(gathered.groups)
+        for k, group in enumerate(dot_data.groups)
     ]
 
 
@@ -81,15 +81,17 @@ _UNITS = {
 
 def blur_terms(wavefront: WavefrontFit) -> list[dict[str, Any]]:
     """Every family of parameters: kept or left, value, deviation, reason."""
-    kept = {family.name: family for family in wavefront.families}
-    tried = {verdict.name: verdict for verdict in wavefront.verdicts}
+    kept = {term_group.name: term_group for term_group in wavefront.term_groups}
+    tried = {
+        term_decision.name: term_decision for term_decision in wavefront.term_decisions
+    }
     terms = []
     for name in dict.fromkeys((*kept, *tried)):
         value, deviation = None, None
         if name in kept:
             value, deviation = _numbers(kept[name], wavefront)
         reason = tried[name].reason if name in tried else "part of every lens"
-        if name in wavefront.unseen:
+        if name in wavefront.undetermined_term_groups:
             reason += "; the photographs hardly show it"
         terms.append(
             {
@@ -112,17 +114,17 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
     wavefront : The fit.
     pictures : Of the dots, by the take's name; see `blur_pictures`.
     """
-    gathered, stage = wavefront.gathered, wavefront.stage
+    dot_data, stage = wavefront.dot_data, wavefront.stage
     misfit = wavefront.misfit
     takes = []
-    for k, shown in enumerate(gathered.shown):
+    for k, photograph in enumerate(dot_data.photographs):
         takes.append(
             {
-                "image": shown.take.name,
-                "dots": int(np.sum(stage.gathered.take == k)),
-                "misfit": plain(misfit.of_take[k]),
+                "image": photograph.take.name,
+                "dots": int(np.sum(stage.dot_data.take == k)),
+                "misfit": plain(misfit.take_misfits[k]),
                 "held_out_misfit": plain(misfit.held_out_take[k]),
-                "picture": pictures.get(shown.take.name),
+                "picture": pictures.get(photograph.take.name),
             }
         )
     return {
@@ -132,13 +134,13 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
         "blades": stage.blades,
         "sign_known": wavefront.sign_known,
         "mirrored": wavefront.mirrored,
-        "guessed": list(wavefront.guessed),
+        "guessed": list(wavefront.extrapolation_notes),
         "converged": wavefront.converged,
-        "not_seen": list(wavefront.unseen),
+        "not_seen": list(wavefront.undetermined_term_groups),
     }
 
 
-def _numbers(family: Family, wavefront: WavefrontFit) -> tuple[list, list]:
-    rows = list(family.indices)
-    deviation = np.sqrt(np.diag(wavefront.stated_covariance))[rows]
+def _numbers(term_group: TermGroup, wavefront: WavefrontFit) -> tuple[list, list]:
+    rows = list(term_group.indices)
+    deviation = np.sqrt(np.diag(wavefront.total_covariance))[rows]
     return wavefront.stage.parameters[rows].tolist(), deviation.tolist()

@@ -1,10 +1,10 @@
-"""What was measured, as it is kept: preset entries, camera and provenance.
+"""Convert fitted states to preset entries, with camera and provenance.
 
 The blur block's covariance comes from that of the fit. The fit's parameters and the
-block's numbers are not the same: a focus offset is a mean of defocus values less what
-the barrel says, the exit pupil stands in two places. So every independent move of the
-parameters is made, a little, and the block written again; what changed is the move of
-its numbers.
+block's numbers are not the same: a focus offset is a mean of defocus values minus the
+defocus of the focus scale, the exit pupil stands in two places. So the covariance is
+propagated by finite differences: every independent error of the parameters is applied
+at a small size, and the change of the block's numbers is the error of the block.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""Distortion of a lens as curves and grids over the frame, with how well it is known.
+"""Distortion over the frame as curves and grids, with standard deviations.
 
 Everything is plain numbers, ready for JSON; `lensfit.report` draws them.
 """

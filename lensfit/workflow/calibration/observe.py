@@ -1,4 +1,4 @@
-"""From the takes of a shoot to marks, photograph by photograph.
+"""Detect the points of a shoot's takes, photograph by photograph.
 
 Photographs are read and searched on two threads; a photograph that cannot be used is
 set aside with its reason while the others go on.

@@ -1,9 +1,9 @@
-"""Photographs in which the crossings of overlapping blur were taken for dots.
+"""Detect photographs in which crossings of overlapping blur were taken for dots.
 
 Where discs of blur overlap, the bright lenses between them lie on a lattice of their
 own: half way between neighbours, so finer by the square root of two than that of the
-dots, and turned by 45 degrees. Nothing on that photograph gives it away, but the others
-of the same chart do, and the distances that were stated.
+dots, and turned by 45 degrees. That photograph alone does not show the error, but a
+comparison with the others of the same chart and with the stated distances does.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The folder that a calibration writes to: of one lens, and found writable beforehand.
+"""The folder of a calibration's results: checked to be writable and of the same lens.
 
 Everything of one lens lies together, and a second run replaces it. The results of two
 lenses in one folder would be the preset of one beside UV maps and overlays of both.

@@ -1,9 +1,9 @@
-"""The green light of a photograph, reduced to what a page can show.
+"""The green light of a photograph, reduced to the size of a page.
 
-Kept while the lens is fitted, so that the photograph need not be read again to be shown
-beside the model's. Light is scene-linear, averaged over the area of each small pixel,
-in units of its own highlights; half precision (three digits) is more than a page shows.
-Row 0 on top; small pixel (column 0, row 0) covers [0, 1) x [0, 1).
+It is kept while the lens is fitted, so that the photograph need not be read again to be
+shown beside the model's. Light is scene-linear, averaged over the area of each small
+pixel, in units of its own highlights; half precision (three digits) is more than a page
+shows. Row 0 on top; small pixel (column 0, row 0) covers [0, 1) x [0, 1).
 """
 
 from dataclasses import dataclass

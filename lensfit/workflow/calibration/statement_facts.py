@@ -1,7 +1,7 @@
-"""What was stated, as the report has it: value, width, what was fitted.
+"""Statements of the shoot file for the report: value, width, fitted value.
 
-Everything is plain numbers, ready for JSON. Residuals count in widths; a statement
-beyond three of them contradicts the photographs and what else was stated.
+Everything is plain numbers, ready for JSON. Residuals are in widths; beyond three of
+them a statement contradicts the photographs and the other statements.
 """
 
 from collections.abc import Iterable

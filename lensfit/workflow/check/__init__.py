@@ -1,1 +1,1 @@
-"""One photograph judged within seconds, while the camera still stands there."""
+"""Check one photograph within seconds, while the camera still stands there."""

@@ -1,6 +1,6 @@
-"""What a check says of one photograph: figures, and problems with what to do.
+"""Records of a check of one photograph: figures, and problems with what to do.
 
-Every record is plain numbers and words, so that a terminal, JSON and the picture say
+Every record is plain numbers and words, so that a terminal, JSON and the picture show
 the same.
 """
 

@@ -1,11 +1,10 @@
-"""On which side of focus a view is, by its statements and by how the image grows.
+"""The side of focus of a view, from its statements and from the change of image size.
 
 Turning the focus ring changes the size of the image (breathing), steadily with the
 vergence 1/D of the focus distance D. Of views of one target from one place, those
 focused nearer than it are therefore all imaged larger than the one in focus, or all
-smaller, and those focused beyond it the opposite: which of the two, the lens' design
-decides. A view whose image changed as those of the *other* side is not where its
-statement has it.
+smaller, and those focused beyond it the opposite; the lens' design decides which. A
+view whose image changed as those of the *other* side contradicts its statement.
 
 Only views of the same standing target can be compared: the matrix of pixels per pitch
 at the middle of the frame must agree but for its size.

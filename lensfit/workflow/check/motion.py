@@ -1,4 +1,4 @@
-"""Camera or chart that moved during the exposure: blur that is the same everywhere.
+"""Detect motion of camera or chart during the exposure, as blur uniform in the frame.
 
 A uniform motion of L pixels along a unit vector u adds ``L^2/12 u u'`` to the second
 moments of every point's image. The lens' own blur changes with the field and is, for a

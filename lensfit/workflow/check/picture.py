@@ -1,7 +1,7 @@
-"""The picture of a check: what was found, how sharp each ninth of the frame is.
+"""The picture of a check: detected points, and the sharpness in each ninth.
 
-The overlay of `lensfit calibrate` on a reduced photograph, with a strip above it that
-says the level and every problem, and the width of the blur written into each ninth.
+It is the overlay of `lensfit calibrate` on a reduced photograph, with the level and
+every problem on a strip above it, and the width of the blur written into each ninth.
 """
 
 from dataclasses import replace

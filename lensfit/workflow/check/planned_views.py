@@ -1,4 +1,4 @@
-"""Which views of a plan are photographed, and which photograph is which view.
+"""Match photographs to the views of a plan, and list which views are done.
 
 The plan is a shoot file: each `[[take]]` is a view, named by its image. A photograph is
 the view of its own name; else, as cameras number their files themselves, the first view

@@ -1,4 +1,4 @@
-"""What is wrong with a photograph, from its figures: text and the one thing to do."""
+"""Problems of a photograph, from its figures: text and the one thing to do."""
 
 from collections.abc import Iterator
 

@@ -1,8 +1,8 @@
 """Photographs of one lens, checked one after the other as they are taken.
 
 Each is read and searched exactly as `lensfit calibrate` will (`detections_of`), so what
-is found here is what will be fitted. A session remembers the views before, to which the
-side of focus is compared, and which views of the plan they are.
+is found here is what will be fitted. A session remembers the earlier views, with which
+the side of focus is compared, and which views of the plan they are.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""New photographs in a folder, as a tethered camera drops them there."""
+"""Watch a folder for new photographs of a tethered camera."""
 
 import time
 from collections.abc import Callable, Iterator

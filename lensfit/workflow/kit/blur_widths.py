@@ -1,4 +1,4 @@
-"""How wide a point is drawn in focus, over the frame: for the table of a kit.
+"""Width of a point's image in focus, over the frame, for the table of a kit.
 
 The width is the diameter of the disc of the same second moments, ``4 sqrt(variance)``
 with the mean variance of both directions, as everywhere in lensfit.

@@ -1,8 +1,8 @@
-"""Every lens of a kit calibrated: as many at once as there are cores, resumable.
+"""Calibrate every lens of a kit, as many at once as there are cores, resumably.
 
-Each lens' results appear at once when they are whole, and what became of it is kept
-beside them. A run that is killed anywhere loses the lenses it was at and no other; run
-again, it goes on with those. The kit's page is made again after every lens.
+Each lens' results are an atomic output set, with a record of the outcome beside them. A
+run that is killed loses only the lenses that it was working on; the next run goes on
+with those. The kit's page is made again after every lens.
 """
 
 import multiprocessing

@@ -1,9 +1,9 @@
 """A kit as a job of a render farm: a task for each lens, then the kit's page.
 
-An Open Job Description template, as `lensfit submit` writes one: the folder of the kit
-file and that of the results are PATH parameters, so that a farm may map them. Every
-task writes the page with what is done by then, so that it is there even where a lens
-fails and a farm lets the last step wait for ever.
+It is an Open Job Description template, as `lensfit submit` writes one: the folder of
+the kit file and that of the results are PATH parameters, so that a farm may map them.
+Every task writes the page with the results so far, so that it exists even if a lens
+fails and the farm never starts the last step.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The kit file (TOML), read strictly: every complaint names its key and a remedy."""
+"""Read a kit file (TOML) strictly: every error names its key and a remedy."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What to photograph of a kit: every view with its slate, exposure and expected blur.
+"""The plan of a kit's photographs: every view with slate, exposure and expected blur.
 
 The chart stands still; at every focus mark each stop is photographed, and at the end of
 each focal length the chart is tilted. So distortion and breathing are measured at every

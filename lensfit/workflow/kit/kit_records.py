@@ -1,7 +1,7 @@
 """The records of a kit file: camera, charts, and lenses with their stops and marks.
 
-Lengths are millimetres; distances are from the sensor plane, as on the barrel. What is
-said under `[defaults]` holds for every lens that does not say it itself.
+Lengths are millimetres; distances are from the sensor plane, as on the barrel. Values
+under `[defaults]` hold for every lens that does not state them itself.
 """
 
 from pathlib import Path

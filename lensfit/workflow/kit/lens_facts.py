@@ -1,6 +1,6 @@
-"""What a kit's page says of one calibrated lens, from its report.
+"""Figures of one calibrated lens for a kit's page, from its report.
 
-Everything is plain numbers, ready for JSON. A figure that nobody measured is None.
+Everything is plain numbers, ready for JSON. A figure that was not measured is None.
 
 The fit of the blur measures how far behind its sharp image the sensor lay in each
 photograph, besides what all photographs have in common. With v the distance of the

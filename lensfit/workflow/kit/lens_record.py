@@ -1,8 +1,8 @@
-"""What became of each lens of a kit, kept beside its results so that a run resumes.
+"""The record of each lens of a kit beside its results, by which a run resumes.
 
-The record holds a fingerprint of all that a calibration reads. A lens whose record is
-of the same fingerprint, and whose results are there, is done; one that failed is tried
-again, as its reason may be gone.
+The record holds a fingerprint of all that a calibration reads. A lens whose record has
+the same fingerprint, and whose results exist, is done; one that failed is tried again,
+since the cause may be gone.
 """
 
 import hashlib

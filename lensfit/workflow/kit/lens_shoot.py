@@ -1,7 +1,7 @@
-"""The shoot of a lens of a kit: its planned views, and the photographs that are them.
+"""The shoot of a lens of a kit: its planned views, with the photographs found for them.
 
-A folder with its own ``shoot.toml`` is taken as that says. Elsewhere photographs are
-the views of their own slate; as cameras number their files themselves, those with other
+In a folder with its own ``shoot.toml`` that file counts. Elsewhere photographs are the
+views of their own slate; as cameras number their files themselves, those with other
 names are the first view still missing whose lens settings are in their headers.
 """
 

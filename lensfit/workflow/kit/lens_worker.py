@@ -1,8 +1,8 @@
 """A process that calibrates lenses of a kit, one after the other, on its own core.
 
 Processes are started afresh (a forked JAX hangs), and bound to their share of the cores
-where the system allows it. One that dies, killed for memory say, costs the lens it was
-at; when the whole run is killed, none of them stays.
+where the system allows it. If one dies, for instance killed for memory, its present
+lens fails; if the whole run is killed, none of them stays.
 """
 
 import os

@@ -1,7 +1,7 @@
 """How well the lenses of a set match: each figure against the median of the set.
 
-Lenses of several focal lengths differ by design, so only what a cutter or a compositor
-sees change between them is compared, and the one farthest from the median is named.
+Lenses of several focal lengths differ by design, so only differences that are visible
+in a cut or a composite are compared, and the lens farthest from the median is named.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Writes kit.json and kit.html from what became of every lens."""
+"""Write kit.json and kit.html from the record of every lens."""
 
 import json
 from pathlib import Path

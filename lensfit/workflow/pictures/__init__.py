@@ -1,1 +1,1 @@
-"""Pictures of takes: the photograph, the same as the model has it, what is left."""
+"""Pictures of takes: the photograph, the model's rendering of it, and the residual."""

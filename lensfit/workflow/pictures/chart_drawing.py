@@ -1,9 +1,9 @@
 """The chart as the fitted lens would photograph it, drawn on small pixels.
 
-Only marks that were found are drawn, each where the model puts it. A drawing says how
-much of every small pixel the marks cover (discs, lines, squares; smoothly at their
-edges), or how much light falls there (dots whose blur was measured). Small pixels are
-those of `small_photograph`.
+Only marks that were detected are drawn, each where the model predicts it. A drawing
+holds how much of every small pixel the marks cover (discs, lines, squares; smoothly at
+their edges), or how much light falls there (dots whose blur was measured). Small pixels
+are those of `small_photograph`.
 """
 
 from typing import NamedTuple

@@ -1,7 +1,7 @@
-"""Discs, lines and squares on small pixels: how much of every pixel they cover.
+"""Coverage of small pixels by discs, lines and squares.
 
-Pixel (column 0, row 0) covers [0, 1) x [0, 1). Edges are smooth: what a pixel holds is
-counted on finer ones, or on points set off from each other.
+Pixel (column 0, row 0) covers [0, 1) x [0, 1). Edges are smooth: coverage is counted on
+finer pixels, or on jittered points.
 """
 
 import numpy as np

@@ -1,11 +1,11 @@
 """The light of photographed dots, drawn from the rays of the measured wavefront.
 
 Few rays are traced; between them landing points are interpolated (a polynomial along
-each spoke of the opening, straight lines from spoke to spoke) and dealt to the pixels
-they fall on. Rings are set off from spoke to spoke and wavelength to wavelength, so
-that none shows. Hole and diffraction soften all dots of a photograph alike: a small
-hole by a Gaussian, of the picture, or where that is too narrow every ray is set off by
-a step; a broad dot by a disc, with a rim.
+each spoke of the pupil, straight lines from spoke to spoke) and added to the pixels
+they fall on. Rings are offset from spoke to spoke and wavelength to wavelength, so
+that none shows. Dot aperture and diffraction blur all dots of a photograph alike: a
+small aperture by a Gaussian of the picture, or, where that is too narrow, by a random
+step of every ray; a broad dot by a disc, with a rim.
 """
 
 from dataclasses import dataclass, replace

@@ -1,7 +1,7 @@
-"""Pictures of every fitted take: the photograph, the model's, and what is left.
+"""Pictures of every fitted take: the photograph, the model's, and the residual.
 
-Green light. Photograph and model are shown with one exposure and the sRGB curve; what
-is left, photograph minus model, in colour: orange where the photograph is brighter,
+Green light. Photograph and model are shown with one exposure and the sRGB curve; the
+residual, photograph minus model, in colour: orange where the photograph is brighter,
 blue where it is darker, pale where they agree or where there are no marks.
 """
 
@@ -16,7 +16,7 @@ from lensfit.atomic import write_bytes_atomic
 from lensfit.batches import in_batches
 from lensfit.coords import mm_from_px
 from lensfit.errors import LensfitError, OutputError
-from lensfit.fitting.lens_states import Fitted
+from lensfit.fitting.lens_states import FittedLens
 from lensfit.lens import Lens
 from lensfit.preset.schema import Preset
 from lensfit.report.round_number import round_up
@@ -62,7 +62,7 @@ class Pictures(NamedTuple):
 
 
 def write_model_pictures(
-    observed: list[Observed], fitted: Fitted, preset: Preset, folder: Path
+    observed: list[Observed], fitted: FittedLens, preset: Preset, folder: Path
 ) -> dict[str, dict[str, Any]]:
     """Write ``folder/model/NAME_{photograph,model,left}.jpg`` of every fitted take.
 

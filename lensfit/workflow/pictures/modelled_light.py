@@ -1,15 +1,14 @@
-"""A photograph as the model has it: how bright a drawing of its marks is.
+"""The brightness of a photograph as the model predicts it from a drawing of its marks.
 
     light = base + (field + contrast * marks) * fall-off
 
-The lens says where marks lie, how they are blurred (if it was measured) and how light
-falls off; how bright the chart was is for the photograph to say: base, field and
-contrast are found by least squares over the pixels among the marks, twice, the second
-time without those that the first leaves off by more than half a mark (dirt, print,
-fingers). Where marks are dark the field between them shows how unevenly the chart was
-lit, which no lens can answer for: field and contrast are then quadratic over the frame.
-Where blur was not measured the drawing is softened by one Gaussian for all marks, the
-one that suits best.
+The lens determines where marks lie, how they are blurred (if it was measured) and how
+light falls off. Base, field and contrast depend on the chart's brightness: they are
+found by least squares over the pixels among the marks, twice, the second time without
+pixels whose residual in the first exceeds half a mark (dirt, print, fingers). Where
+marks are dark the field between them shows uneven lighting of the chart, which the lens
+does not explain: field and contrast are then quadratic over the frame. Where blur was
+not measured the drawing is blurred by one Gaussian for all marks, the best-fitting one.
 """
 
 from typing import NamedTuple

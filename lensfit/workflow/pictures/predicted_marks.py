@@ -1,4 +1,4 @@
-"""Where the fitted lens puts the marks of every photograph, for drawing them.
+"""Positions of the marks in every photograph as the fitted lens predicts them.
 
 A dot's mark is its centroid and, where its blur was measured, the image of light that
 the model expects around the chief ray; a line's is a sample of its middle; a corner's
@@ -12,11 +12,11 @@ from jaxtyping import Float
 
 from lensfit.fitting.fall_off.brightness import area_stretch
 from lensfit.fitting.lens_state import LensState
-from lensfit.fitting.lens_states import Fitted
+from lensfit.fitting.lens_states import FittedLens
 from lensfit.fitting.take import Take
-from lensfit.fitting.wavefront.dots import hole_variance_mm2
+from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.portray import Landings, portrayed
+from lensfit.fitting.wavefront.portray import Landings, green_landings
 from lensfit.workflow.pictures.dot_light import DotLight
 
 
@@ -42,7 +42,7 @@ class PredictedMarks:
     light: DotLight | None = None
 
 
-def predicted_marks(fitted: Fitted, takes: list[Take]) -> dict[str, PredictedMarks]:
+def predicted_marks(fitted: FittedLens, takes: list[Take]) -> dict[str, PredictedMarks]:
     """Every photograph that was fitted, by name.
 
     Parameters
@@ -74,19 +74,19 @@ def _with_light(
     wavefront: WavefrontFit, found: dict[str, PredictedMarks]
 ) -> dict[str, PredictedMarks]:
     """The photographs whose dots show the blur, with the light of these."""
-    gathered = wavefront.gathered
-    landings = portrayed(wavefront.stage, gathered)
-    dots, broad = gathered.dots, gathered.dots.broad
+    dot_data = wavefront.dot_data
+    landings = green_landings(wavefront.stage, dot_data)
+    dots, broad = dot_data.dots, dot_data.dots.broad
     gaussian_mm2 = (
-        hole_variance_mm2(dots) if broad is None else dots.variance_mm2.mean(-1)
+        dot_aperture_variance_mm2(dots) if broad is None else dots.variance_mm2.mean(-1)
     )
     with_light = {}
-    for k, shown in enumerate(gathered.shown):
-        predicted = found.get(shown.take.name)
-        if predicted is None or shown.take.observations.of_corners:
+    for k, photograph in enumerate(dot_data.photographs):
+        predicted = found.get(photograph.take.name)
+        if predicted is None or photograph.take.observations.are_corners:
             continue
-        mine, marks = gathered.take == k, shown.cutouts.marks
-        size_mm = shown.take.pixel_mm
+        mine, marks = dot_data.take == k, photograph.dot_images.marks
+        size_mm = photograph.take.pixel_mm
         variance_mm2 = float(np.median(gaussian_mm2[mine]))
         light = DotLight(
             landings=Landings(*(part[mine] for part in landings)),
@@ -99,5 +99,5 @@ def _with_light(
             if broad is None
             else np.median(broad.disc_mm[mine], 0) / size_mm[:, None],
         )
-        with_light[shown.take.name] = replace(predicted, light=light)
+        with_light[photograph.take.name] = replace(predicted, light=light)
     return with_light

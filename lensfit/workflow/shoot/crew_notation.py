@@ -1,12 +1,12 @@
-"""A shoot file as a crew writes it, put into the plain form that is read strictly.
+"""Convert a shoot file as a crew writes it to the plain form that is read strictly.
 
-What is said once is said for all it holds for, the nearest word counting:
+A value holds for everything below its table, and the nearest table counts:
 
     a [[take]], its [[group]], `takes` of its [[target]], [defaults]
 
 A length may be text with its unit, under the key of the plain form or under one without
-"_mm"; focus may be named after `[focus_marks]`; a T-stop stands for the f-number where
-none is stated, and a note says so, as it is larger by what the glass absorbs.
+"_mm"; focus may be named after `[focus_marks]`; a T-stop is used as f-number where none
+is stated, with a note, since it is larger by what the glass absorbs.
 """
 
 from collections.abc import Mapping

@@ -1,12 +1,12 @@
-"""A first shoot file from photographs: what their headers know, and what to fill in.
+"""Draft a shoot file from photographs: values of their headers, and keys to fill in.
 
-The draft is valid as it stands. Values that a header gave say which entry they came
-from; what only the photographer knows is a comment that starts with TODO.
+The draft is valid as it stands. Values from a header name the entry they came from;
+what only the photographer knows is a comment that starts with TODO.
 
 A cell of a camera report is text that a person typed: ``T2.8``, ``50mm``, ``4'11"``. A
 stop with a T in front of it is a T-stop in whatever column it stands, and one with an f
 is none. A bare number is a focal length in millimetres, but no distance: feet, metres
-and millimetres are all usual, so its unit must be said.
+and millimetres are all usual, so its unit must be stated.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Whether a focal length can be one, beside the width of the sensor it is used on.
+"""Check whether a focal length is possible for the width of its sensor.
 
 The shortest fisheyes are a twentieth as long as their sensor is wide, the longest
 telescopes a few hundred times as long. What lies beyond is in metres, or a slip.

@@ -1,8 +1,8 @@
-"""Targets that need not be stated: charts that say on the photographs what they are.
+"""Targets that need not be stated: charts that are identified by their printed code.
 
 A take without a target is searched for the code of a lensfit chart. One sharp take is
 enough: takes that name no target and show no code, because they are out of focus or
-leave the code out of the frame, are of the chart that the others show, if it is one.
+leave the code out of the frame, take the chart of the others, if those show only one.
 """
 
 from collections.abc import Container

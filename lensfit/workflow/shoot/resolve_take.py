@@ -1,8 +1,9 @@
-"""A take as it is calibrated: what the shoot file says, and what the header adds.
+"""Join the values of a take: those of the shoot file, completed by the header.
 
-The shoot file wins, as the person who wrote it could read the header, and the lens'
-own scales are often truer than its electronics; where the two differ by more than 2 %
-a note says so. What neither knows is an error only if the fit cannot do without.
+The shoot file counts first, since the person who wrote it could read the header, and
+the lens' own scales are often more accurate than its electronics; where the two differ
+by more than 2 % there is a note. A value in neither is an error only if the fit needs
+it.
 """
 
 import math

@@ -1,7 +1,7 @@
 """The records of a shoot: lens, camera, targets, takes, each key with its unit.
 
 Lengths are millimetres; `focus_distance_mm` and `target_distance_mm` are from the
-sensor plane, as on the barrel. None means: not said, look elsewhere.
+sensor plane, as on the barrel. None means that the value is not stated.
 """
 
 from pathlib import Path

@@ -1,8 +1,8 @@
-"""Keys of a TOML file set line by line, without touching the rest of it.
+"""Set keys of a TOML file line by line, without changing the rest of it.
 
-Lines of the file stay as they are, comments too: a key that is there gets another
-value, others are added below the head of their table. The new text is read back, and
-only taken if it says the old file with these changes and nothing else.
+Lines of the file stay as they are, comments too: an existing key gets another value,
+others are added below the head of their table. The new text is parsed, and only taken
+if it equals the old file with these changes and nothing else.
 """
 
 import copy

@@ -1,1 +1,1 @@
-"""What was stated of a shoot, held against what its photographs show."""
+"""Compare the statements of a shoot with its photographs."""

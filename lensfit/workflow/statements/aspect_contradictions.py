@@ -3,8 +3,8 @@
 A square cell of a chart that stands square to the axis is imaged square, however it is
 rolled: with J the cell's two sides on the sensor, ``J J^T`` is a multiple of the unit
 matrix, or ``diag(1, s^2)`` through an anamorphic lens of squeeze s. A tilt of the chart
-changes that by its cosine, which no tenth comes of below 25 degrees, and differently in
-each view.
+changes that by its cosine, which stays below a tenth up to 25 degrees, and differently
+in each view.
 """
 
 from collections import Counter

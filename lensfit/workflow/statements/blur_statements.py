@@ -1,9 +1,9 @@
 """Statements that the width of dots contradicts: a blurred view, a wrong f-number.
 
 `diameter_px` of a dot is that of the disc of the same second moments V: D^2 = 16 V.
-The moments of hole, lens and defocus add. Of two views of one target from one place at
-one focus, the one stopped further down cannot be wider, but by motion or by a focus
-ring that was turned. Of two f-numbers at one focus the parts that defocus adds are as
+The moments of dot aperture, lens and defocus add. Of two views of one target from one
+place at one focus, the one stopped further down can only be wider through motion or a
+turned focus ring. Of two f-numbers at one focus the parts that defocus adds are as
 1/N^2, so the ratio of f-numbers follows from the widths in and out of focus; aberration
 mixes in with opposite signs on the two sides of focus, so both are averaged.
 """

@@ -1,7 +1,7 @@
 """A statement of a shoot that its photographs contradict.
 
-The record that reports and verdicts read. Whoever computes a better residual of a
-statement (the fit itself, say, with statements as priors) hands on the same record.
+The record that reports and verdicts read. A module with a better residual of a
+statement (the fit itself, with statements as priors) uses the same record.
 """
 
 from dataclasses import asdict, dataclass

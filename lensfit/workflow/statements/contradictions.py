@@ -1,7 +1,7 @@
 """Every contradiction of a shoot, the gravest first.
 
-Each kind is found by its own small model. What cannot be judged from the photographs (a
-field that nobody confirmed, an encoding that was assumed) is told after what can.
+Each kind is found by its own small model. What cannot be judged from the photographs
+(an unconfirmed field, an encoding that was assumed) comes last.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,11 +1,11 @@
 """Encodings that were assumed, and fall-off that no encoding of light can have.
 
-Integer TIFF and 16-bit PNG files hold linear samples as often as sRGB ones, and say
-nothing of it: their encoding has to be stated. Read with the wrong one, light becomes a
+Integer TIFF and 16-bit PNG files hold linear samples as often as sRGB ones, and do not
+record which: their encoding has to be stated. Read with the wrong one, light becomes a
 power of itself. A stopped-down lens that nothing clips falls off by the fourth power
 of the cosine of the field angle at most, but for the pupil's aberration, which makes it
-less in wide lenses; what falls off far more was decoded wrongly, or lit unevenly. And
-defocus moves light but takes none away: at one stop a dot's light, summed, falls off
+less in wide lenses; a far larger fall-off was decoded wrongly, or lit unevenly. And
+defocus moves light but absorbs none: at one stop a dot's light, summed, falls off
 alike in focus and out of it. A power or a logarithm of light does not keep its sum, so
 that fall-off then changes with focus, and is less than any lens has.
 """

@@ -1,10 +1,10 @@
 """Statements that the fit itself contradicts: priors whose residuals are large.
 
 Pitch, distance and focal length enter the fit as priors (`lensfit.fitting.statements`).
-A residual beyond three widths contradicts the photographs and what else was stated. A
-distance that several views of one target state was measured once, so it is their mean
-that counts; of one view among them twice as much is needed, as the centroids of blurred
-dots scatter by more than noise.
+A residual beyond three widths contradicts the photographs and the other statements. A
+distance that several views of one target state was measured once, so the mean of their
+residuals is tested; the residual of a single view among them must be twice as large, as
+the centroids of blurred dots scatter by more than noise.
 """
 
 from collections.abc import Iterator, Sequence

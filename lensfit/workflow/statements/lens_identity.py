@@ -1,10 +1,10 @@
-"""Whether all views of a focal length are of one lens at one setting.
+"""Check whether all views of a focal length are of one lens at one setting.
 
 Where distances are stated, the size of the image implies a focal length; two lenses
 make two groups of it with a gap between them. And each view by itself shows how far
-points near the edge of the frame are moved against its middle: a homography and two
-radial terms are fitted to it, and compared where the frame's circle has `_AT` half
-diagonals. Views of one lens agree in that, whatever pose and pitch; focusing changes it
+points near the edge of the frame are displaced against its middle: a homography and two
+radial terms are fitted to it, and compared at `_AT` half diagonals of the frame's
+circle. Views of one lens agree in that, whatever pose and pitch; focusing changes it
 little.
 """
 

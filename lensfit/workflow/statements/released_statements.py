@@ -1,8 +1,8 @@
-"""Which statement is wrong: each is released in turn, and the misfit compared.
+"""Find the wrong statement: each is released in turn, and the misfit compared.
 
-Where statements, targets and views agree, every residual of a statement is about its
-own width. Where they do not, the misfit of the joint model is large, and releasing the
-one wrong statement takes it away, while releasing a right one leaves it. The one whose
+If statements, targets and views agree, every residual of a statement is about its own
+width. If they do not, the misfit of the joint model is large, and releasing the one
+wrong statement removes it, while releasing a right one does not. The statement whose
 release explains most is named, with the value that it would have.
 """
 

@@ -1,12 +1,12 @@
-"""How a page is answered: one request after the other, and what fails in a sentence.
+"""Answer the requests of a page: one after the other, with errors as a sentence.
 
-A request that says ``"newest": true`` waits in a lane of one: a newer one takes its
-place, and it is answered 204. All others are answered in turn. What cannot be done
-comes back as ``{"error": sentence}`` with status 422.
+A request with ``"newest": true`` waits in a lane of one: a newer one takes its place,
+and the older is answered 204. All others are answered in turn. A request that cannot be
+fulfilled is answered ``{"error": sentence}`` with status 422.
 
-While a picture is made others may be asked for; each takes the place of the one that
-waited before it, which is given up. So there is never more than one picture behind the
-one in work, and the last one asked for is always made.
+While a picture is made others may be requested; each replaces the one that waited
+before it, which is dropped. So at most one picture waits behind the one in work, and
+the last one requested is always made.
 """
 
 import asyncio

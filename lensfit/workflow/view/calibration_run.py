@@ -1,7 +1,7 @@
 """A calibration in a process of its own, which can be ended at any moment.
 
-Its results appear together when the last of them is whole, so that nothing is lost when
-it is ended: what an earlier run wrote stays. The page goes on meanwhile.
+Its results are an atomic output set, so that ending it loses nothing: the results of an
+earlier run stay. The page goes on meanwhile.
 """
 
 import multiprocessing

@@ -1,4 +1,4 @@
-"""The controls of knobs, read from where the knobs are defined.
+"""The controls of knobs, derived from the definitions of the knobs.
 
 A knob added to `lensfit.preset.knobs` appears in the page by itself, with the limits,
 the text and the group that it has there.

@@ -1,15 +1,15 @@
-"""Who may ask: this machine's browser on the page that was opened, and nobody else.
+"""Accept requests of this machine's browser on the page that was opened, and no others.
 
 The server listens to the loopback address, which every program and every page in any
 browser of this machine can reach. So every request must
 
 - lie under a path that begins with a random token, which only the opened address has;
-- name this very address as its ``Host``, so that no name that was bent to 127.0.0.1
-  (DNS rebinding) serves another page;
-- come from no other page: an ``Origin`` or ``Sec-Fetch-Site`` that is there is our own;
+- name this very address as its ``Host``, so that no other name that resolves to
+  127.0.0.1 (DNS rebinding) serves another page;
+- come from no other page: an ``Origin`` or ``Sec-Fetch-Site``, if present, is our own;
 - be small.
 
-What is refused is refused before anything of it is read.
+A request is refused before any of its body is read.
 """
 
 import hmac

@@ -1,8 +1,8 @@
-"""What a page turned on a lens, and the same said in other words.
+"""The adjustments that a page makes to a lens, and their equivalents.
 
-A turned lens is an `ApplyOptions`: those that the command was started with, with some
-quantities of the camera and some knobs in their place. The words of a command line are
-those of `lensfit apply`, so that what was seen can be rendered without the page.
+An adjusted lens is an `ApplyOptions`: those that the command was started with, with
+some quantities of the camera and some knobs replaced. The equivalent command line is
+one of `lensfit apply`, so that the same picture can be rendered without the page.
 """
 
 import shlex

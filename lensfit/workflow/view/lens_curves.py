@@ -1,4 +1,4 @@
-"""Curves of a lens at one state and how well they are known, for the report's figures.
+"""Curves of a lens at one state with standard deviations, for the report's figures.
 
 Distortion, lateral colour, fall-off and breathing of a preset alone: what the report of
 a calibration draws from the fit, computed from the lens and its covariances.

@@ -1,9 +1,9 @@
-"""A plate made smaller, for a first look through the lens.
+"""A smaller plate, for a quick look through the lens.
 
 Blocks of pixels become one: colours are averaged, and of everything that may not be
 mixed (depth, ids) the middle sample is taken. Blocks are counted from the corner of the
-display window; those that are not whole at its right and lower border are left out, so
-that the frame may lose a part of a proxy's pixel there.
+display window; incomplete blocks at its right and lower border are left out, so that
+the frame may lose a part of a proxy's pixel there.
 """
 
 from dataclasses import replace

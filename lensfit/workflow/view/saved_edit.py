@@ -1,4 +1,4 @@
-"""Knobs that were turned, as an edit of a lens of the library: who, when and why."""
+"""Save adjusted knobs as an edit of a lens of the library: who, when and why."""
 
 from pathlib import Path
 from typing import NamedTuple

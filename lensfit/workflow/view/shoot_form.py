@@ -1,7 +1,7 @@
-"""A shoot file as a form: its fields, and what is wrong with which of them.
+"""A shoot file as a form: its fields, and the error of each field.
 
 Fields are those of the shoot's records. A value is set in the file itself, line by
-line; one that the file's own reader refuses is not taken, and its sentence belongs to
+line; a value that the file's own reader refuses is not taken, and the error is shown at
 its field.
 """
 

@@ -1,7 +1,7 @@
-"""A preset alone, as it is looked at: point-spread functions, maps and their errors.
+"""Data of the page of a preset: point-spread functions, maps and their errors.
 
-Everything is computed by the lens of the preset at the state that is turned to, and
-drawn by the code of the report.
+Everything is computed by the lens of the preset at the adjusted state, and drawn by the
+code of the report.
 """
 
 import math

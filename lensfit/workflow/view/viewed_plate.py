@@ -1,10 +1,10 @@
-"""A preset on a plate, as it is looked at: pictures, plan, focus and start values.
+"""Data of the page of a preset on a plate: pictures, plan, focus and start values.
 
-Everything is made by the code of `lensfit apply` and `lensfit plan`, from an
-`ApplyOptions` of what is turned, so that a picture at full quality is the frame that
-`apply` writes. A proxy is a smaller plate at a coarser tolerance through the same code.
+Everything is made by the code of `lensfit apply` and `lensfit plan`, from the adjusted
+`ApplyOptions`, so that a picture at full quality is the frame that `apply` writes. A
+proxy is a smaller plate at a coarser tolerance through the same code.
 
-Knobs are saved into a settings file without touching the rest of it; a file written in
+Knobs are saved into a settings file without changing the rest of it; a file written in
 a way that `lensfit.workflow.shoot.toml_lines` does not understand is left alone.
 """
 

@@ -1,4 +1,4 @@
-"""A folder of results, as it is looked at: dots beside their model, and the report.
+"""Data of the page of a folder of results: dots beside their model, and the report.
 
 A report names pictures; only those inside its folder are shown, and only under numbers.
 """

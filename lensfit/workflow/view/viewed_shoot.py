@@ -1,4 +1,4 @@
-"""A shoot, as it is looked at: its photographs, its file, its calibration."""
+"""Data of the page of a shoot: its photographs, its file, its calibration."""
 
 import tempfile
 import threading
