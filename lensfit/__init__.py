@@ -58,7 +58,7 @@ configure_jax()
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
+    """Import a public name on first use."""
     if name not in _HOME:
         raise AttributeError(f"module 'lensfit' has no attribute {name!r}")
     home, known_as = _HOME[name]

@@ -54,7 +54,7 @@ class ImageError(LensfitError):
 
 
 class OutputError(LensfitError):
-    """A result that cannot be written where it was asked for."""
+    """A result that cannot be written where it was requested."""
 
 
 class CameraError(LensfitError):
@@ -74,7 +74,7 @@ class ShootError(LensfitError):
 
 
 class ChartError(LensfitError):
-    """A chart that cannot be made as it was asked for."""
+    """A chart that cannot be made as it was requested."""
 
 
 class FitError(LensfitError):

@@ -37,13 +37,13 @@ class Lens(AbstractChiefRays):
     distortion, lateral_colour, illumination, entrance_pupil_offset_mm, sensor_size_mm,
     pupil_walk, covariances : As in `AbstractChiefRays`.
     focal_length_mm, f_number, focus_distance_mm : The state; None where unknown.
-    notes : How the preset was stretched to reach this state, and which knobs found
-        nothing to turn; one sentence each.
+    notes : Extrapolations of the preset to reach this state, and inactive overrides;
+        one sentence each.
     blur : Aberrations and pupil, or None when they were not measured (then the lens
         counts as perfect).
-    moved_blurs : Makes the blur as moved by each independent error it may have, or by
-        so many random ones that stand for all (`lensfit.kernel.psf_deviation`); None
-        when nobody knows these.
+    moved_blurs : Makes the blur as changed by each independent error of its numbers, or
+        by so many random ones that represent all (`lensfit.kernel.psf_deviation`); None
+        if these errors are unknown.
     largest_blur_mm : No object counts as farther out of focus than a thin lens blurs to
         this radius; None for no limit.
     """
@@ -179,7 +179,7 @@ class Lens(AbstractChiefRays):
 
         Raises
         ------
-        LensfitError : The preset does not say how well its blur is known; or as `psf`.
+        LensfitError : The preset lacks the deviation of its blur; or as `psf`.
         ValueError : As `psf`.
         """
         point = jnp.asarray(image_point_mm, jnp.float64)
@@ -298,7 +298,7 @@ class Lens(AbstractChiefRays):
         number, mm^2, times what the vergence of its object (1/mm, from the entrance
         pupil) has beyond the second, that of the focus distance.
 
-        Zeros where nobody knows the f-number.
+        Zeros if the f-number is unknown.
         """
         if self.f_number is None:
             return 0.0, 0.0
@@ -329,7 +329,7 @@ class Lens(AbstractChiefRays):
 def _raster(
     pixel_pitch_mm: float | tuple[float, float], tolerance: float, size_px: int
 ) -> Raster:
-    """The pixels that are asked for.
+    """The pixels that are requested.
 
     Raises
     ------

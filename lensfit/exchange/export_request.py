@@ -84,17 +84,17 @@ class ExportRequest:
 
     @property
     def one_state(self) -> bool:
-        """Whether one entry is asked for, or there is only one."""
+        """Whether one entry is requested, or there is only one."""
         asked = (self.state.focal_length_mm, self.state.focus_distance_mm)
         return asked != (None, None) or len(self.preset.entries) == 1
 
     def lens(self) -> Lens:
-        """The lens at the state asked for."""
+        """The lens at the state requested."""
         return self.preset.at(*self.state)
 
 
 def states_of(request: ExportRequest) -> list[WantedState]:
-    """The one asked for, or those of all entries, by focal length and focus."""
+    """The one requested, or those of all entries, by focal length and focus."""
     if request.one_state:
         return [request.state]
     entries = sorted(

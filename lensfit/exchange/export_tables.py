@@ -56,7 +56,7 @@ _FAR_M = 1000.0
 
 
 def export_opentrackio(request: ExportRequest) -> Exported:
-    """A sample for each entry, or for the one asked for."""
+    """A sample for each entry, or for the one requested."""
     samples, nearness, lens = [], [], None
     for state in states_of(request):
         one = replace(request, state=state)
@@ -261,7 +261,7 @@ def _tca(lens: Lens, judge: Samples, channel, half_short_mm: float):
 def _lensfun_light(
     request: ExportRequest,
 ) -> tuple[list[LensfunVignetting], list[Nearness]]:
-    """Of every f-number measured at this state, or of the one asked for."""
+    """Of every f-number measured at this state, or of the one requested."""
     entry = request.preset.select(*request.state).entry
     stops = [request.state.f_number]
     if stops == [None]:

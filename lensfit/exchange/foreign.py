@@ -101,7 +101,7 @@ class Stated(NamedTuple):
 
         Raises
         ------
-        ExchangeError : Nobody says how wide the sensor is.
+        ExchangeError : The sensor width is not stated.
         """
         if self.sensor_width_mm is None:
             raise ExchangeError(
@@ -129,8 +129,8 @@ class ForeignState:
     map : Distortion of green.
     channels : Where "r" and "b" land, of where green lands; empty when unknown.
     focal_length_mm : Nominal, as on the barrel.
-    focus_distance_mm : None when nobody said.
-    entrance_pupil_offset_mm : None when nobody said.
+    focus_distance_mm : None if not stated.
+    entrance_pupil_offset_mm : None if not stated.
     assumed : Names of the values that were not in the file.
     """
 

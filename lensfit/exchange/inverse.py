@@ -29,7 +29,7 @@ def inverted(
     ----------
     function : The closed form, row by row.
     unit : Size of the picture in the unit of the points: steps and errors count in it.
-    start : First guess; the target if None.
+    start : Start value; the target if None.
     """
     target = np.asarray(target, float)
     points = np.array(target if start is None else start, float)

@@ -181,7 +181,7 @@ def read_mrcal(path: str | Path, stated: Stated) -> ForeignLens:
     Raises
     ------
     ExchangeError : It is no camera model, of a lens model that is not read, or does not
-        fit what is stated; or nobody says how wide the sensor is.
+        fit what is stated; or the sensor width is not stated.
     """
     path = Path(path)
     found = _dictionary(path)

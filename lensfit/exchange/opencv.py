@@ -135,7 +135,7 @@ _FISHEYE = re.compile(r"fisheye|equidistant|kannala|omni|\bmei\b", re.IGNORECASE
 
 @dataclass(frozen=True, eq=False)
 class OpenCvFile:
-    """What a calibration file holds; `size_px` is None when it does not say."""
+    """What a calibration file holds; `size_px` is None if not stated."""
 
     matrix: Float[np.ndarray, "3 3"]
     coefficients: Float[np.ndarray, "14"]

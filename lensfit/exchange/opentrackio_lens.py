@@ -77,7 +77,7 @@ def lens_of_opentrackio(
 
     Raises
     ------
-    ExchangeError : Nobody says the size of the sensor.
+    ExchangeError : The sensor size is not stated.
     """
     first = samples[0]
     sensor = first.sensor_size_mm

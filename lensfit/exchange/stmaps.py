@@ -149,7 +149,7 @@ def write_stmaps(
     tolerance_px : Largest error of the interpolation between exact evaluations, px of
         the map.
     frame_number : Of a sequence: ``NAME_undistort.1001.exr``.
-    progress : Told about each file.
+    progress : Called after each file.
 
     Raises
     ------

@@ -82,7 +82,7 @@ class RadialTable:
 
 @dataclass(frozen=True)
 class LniNotes:
-    """What the table leaves out; None where nobody says."""
+    """What the table leaves out; None if not stated."""
 
     focal_length_mm: float | None = None
     principal_distance_mm: float | None = None

@@ -322,7 +322,7 @@ _PUPIL = "entrancePupilOffsetMm"
 
 
 def export_unreal(request: ExportRequest) -> Exported:
-    """A row for each entry, or for the one asked for."""
+    """A row for each entry, or for the one requested."""
     states, nearness, pupils, lens = [], [], [], None
     for state in states_of(request):
         lens = replace(request, state=state).lens()

@@ -51,9 +51,9 @@ class UsdCamera(NamedTuple):
     Attributes
     ----------
     map : The lens, over a picture of known size and width.
-    f_number : None where nobody says.
-    focus_distance_mm : From the sensor; None where nobody says, or infinite.
-    entrance_pupil_offset_mm : None where nobody says.
+    f_number : None if not stated.
+    focus_distance_mm : From the sensor; None if not stated, or infinite.
+    entrance_pupil_offset_mm : None if not stated.
     name : Of the lens.
     """
 

@@ -36,11 +36,11 @@ class ApplyOptions:
     keep : Refuse to replace a finished frame that was made otherwise than it would be
         made now; otherwise it is rendered again.
     again : Render a plate that carries a lens already.
-    depth : What the user says about the depth channel.
+    depth : What the user states about the depth channel.
     edge_mask : Objects of the Cryptomatte that are cut out of the plate and blurred as
         layers of their own (see `plate.cut_out`).
     edge_matte : A channel with their coverage, in place of their names.
-    knobs : What the user turned, by name (see `lensfit.preset.knobs`).
+    knobs : Knobs that the user set, by name (see `lensfit.preset.knobs`).
     output : The result, a picture that explains it (see `frame.explaining_picture`), or
         the inverse: a photographed plate made straight (see `frame.straight_plate`), of
         which `switches` say what else is taken off.

@@ -81,7 +81,7 @@ def picked_depth_mm(
     ----------
     image : The plate; read again if it is its header alone.
     path : Its file; a deep one is seen from the front.
-    options : What the user says about depth.
+    options : What the user states about depth.
     geometry, focal_length_mm : Of the plate and its CG camera, for ray distance.
 
     Raises

@@ -34,7 +34,7 @@ from lensfit.units import MILLIMETRES_PER_METRE
 
 @dataclass(frozen=True)
 class DepthOptions:
-    """What the user says about depth; None leaves it to the plate.
+    """What the user states about depth; None leaves it to the plate.
 
     Attributes
     ----------

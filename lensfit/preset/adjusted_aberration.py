@@ -70,7 +70,7 @@ def scale_of(knobs: AberrationKnobs, name: str) -> Scale:
 def adjusted_aberration(
     aberration: Aberration, edge_mm: float, bands: Bands, knobs: AberrationKnobs
 ) -> Aberration:
-    """The aberrations as they were turned.
+    """The aberrations after the knobs are applied.
 
     Parameters
     ----------
@@ -146,8 +146,8 @@ def size_um(family: Terms, edge: float) -> float:
     size = np.sqrt(np.sum([np.abs(a) ** 2 for a in modes.values()], 0))
     largest = int(np.argmax(size - 1e-9 * size.max() * np.arange(size.size)))
     (_, order), lowest = min(modes.items())
-    turned = lowest[largest] * np.exp(-1j * order * np.angle(h[largest]))
-    return float(size[largest] * (-1 if turned.real < 0 else 1))
+    rotated = lowest[largest] * np.exp(-1j * order * np.angle(h[largest]))
+    return float(size[largest] * (-1 if rotated.real < 0 else 1))
 
 
 def _amplitude(h: np.ndarray, term: Term) -> np.ndarray:
@@ -183,15 +183,15 @@ def _adjusted_focal_surfaces(
     sagittal = scaled(astigmatism, negative, seed, edge)
     half = {t: um / 2 for t, um in tangential.items()}
     other = {t: um / 2 for t, um in sagittal.items()}
-    turned: Terms = {}
-    _add(turned, half)
-    _add(turned, other)
+    adjusted: Terms = {}
+    _add(adjusted, half)
+    _add(adjusted, other)
     medial = half
     _add(medial, {t: -um for t, um in other.items()})
     for term, um in medial.items():
         if _is_centred(term) and np.any(um):
             _add(focus, _as_focus(term, um))
-    return focus | turned
+    return focus | adjusted
 
 
 def _is_focus(term: Term) -> bool:

@@ -29,7 +29,7 @@ _RADII = 24
 def adjusted_distortion(
     distortion: Distortion, edge_mm: float, knobs: AberrationKnobs
 ) -> Distortion:
-    """The chief-ray map as it was turned.
+    """The chief-ray map after the knobs are applied.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def adjusted_lateral_colour(
     edge_mm: float,
     knobs: AberrationKnobs,
 ) -> LateralColour:
-    """Where red and blue land, as it was turned; the same object where nothing was.
+    """Lateral colour after the knobs; the same object if none applies.
 
     Parameters
     ----------

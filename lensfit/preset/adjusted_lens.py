@@ -44,21 +44,21 @@ Matrix = Float[np.ndarray, "numbers numbers"]
 
 
 def adjusted_covariances(
-    lens: Lens, turned: Lens, knobs: AberrationKnobs
+    lens: Lens, adjusted: Lens, knobs: AberrationKnobs
 ) -> MapCovariances:
-    """Of the maps of a lens as it was turned.
+    """Covariances of the maps of an adjusted lens.
 
     Parameters
     ----------
     lens : As it was measured.
-    turned : The same with its maps turned.
+    adjusted : The same with its maps adjusted.
     """
     known = lens.covariances
     of_numbers = gain_of_numbers(lens.distortion, knobs.distortion_gain)
     with_pupil = np.append(of_numbers, np.ones(PERSPECTIVE_NUMBERS))
     is_stated = knobs.distortion_percent is not None
     red_gain, blue_gain = lateral_gains(knobs)
-    light_stays = turned.illumination is lens.illumination
+    light_stays = adjusted.illumination is lens.illumination
     return MapCovariances(
         distortion=None if is_stated else _grown(known.distortion, of_numbers),
         perspective=None if is_stated else _grown(known.perspective, with_pupil),
@@ -79,7 +79,7 @@ def _grown(covariance: Matrix | None, gain: np.ndarray | float) -> Matrix | None
 
 
 def adjusted_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) -> Lens:
-    """The lens as it was turned; the same object where nothing was.
+    """The lens with its knobs applied; the same object if none applies.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def adjusted_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) ->
         return lens
     edge_mm = math.hypot(*lens.sensor_size_mm) / 2
     distortion = adjusted_distortion(lens.distortion, edge_mm, aberration)
-    turned = replace(
+    adjusted = replace(
         lens,
         distortion=distortion,
         lateral_colour=adjusted_lateral_colour(
@@ -97,29 +97,33 @@ def adjusted_lens(lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs) ->
         ),
         largest_blur_mm=_largest_blur_mm(lens, bokeh),
     )
-    blur = turned.blur
-    if blur is None and _needs_blur(turned, aberration, bokeh):
-        blur = turned.perfect_blur()
+    blur = adjusted.blur
+    if blur is None and _needs_blur(adjusted, aberration, bokeh):
+        blur = adjusted.perfect_blur()
     rims = None
     if blur is not None:
         if bokeh.cat_eye_gain != 1 or bokeh.cat_eye_percent is not None:
             corner = edge_mm / float(blur.aberration.field_radius_mm)
             rims = with_adjusted_rims(blur, corner, bokeh)
-        blur_turned = _adjusted_blur(blur, edge_mm, aberration, bokeh)
-        parted = _measured_lateral(lens, turned, edge_mm, aberration)
-        turned = replace(turned, blur=replace(blur_turned, measured_lateral=parted))
+        adjusted_blur = _adjusted_blur(blur, edge_mm, aberration, bokeh)
+        parted = _measured_lateral(lens, adjusted, edge_mm, aberration)
+        adjusted = replace(
+            adjusted, blur=replace(adjusted_blur, measured_lateral=parted)
+        )
     measured = replace(lens, blur=blur)
     illumination = adjusted_illumination(measured, edge_mm, rims, aberration)
-    turned = replace(turned, illumination=illumination)
-    return replace(turned, covariances=adjusted_covariances(lens, turned, aberration))
+    adjusted = replace(adjusted, illumination=illumination)
+    return replace(
+        adjusted, covariances=adjusted_covariances(lens, adjusted, aberration)
+    )
 
 
 def _measured_lateral(
-    lens: Lens, turned: Lens, edge_mm: float, aberration: AberrationKnobs
+    lens: Lens, adjusted: Lens, edge_mm: float, aberration: AberrationKnobs
 ) -> LateralColour:
     """By which wavelengths of a channel part: red and blue that are moved take nothing
-    with them; None where that is the turned lens' own."""
-    if turned.lateral_colour is lens.lateral_colour:
+    with them; None where that is the adjusted lens' own."""
+    if adjusted.lateral_colour is lens.lateral_colour:
         return None
     gain = AberrationKnobs(chromatic_gain=aberration.chromatic_gain)
     measured = adjusted_lateral_colour(
@@ -132,9 +136,9 @@ def _adjusted_blur(
     blur: LensBlur, edge_mm: float, aberration: AberrationKnobs, bokeh: BokehKnobs
 ) -> LensBlur:
     if aberration != AberrationKnobs():
-        turned = adjusted_aberration(blur.aberration, edge_mm, blur.bands, aberration)
-        ideal = blur.is_ideal and not turned.terms and not turned.colour_terms
-        blur = replace(blur, aberration=turned, is_ideal=ideal)
+        adjusted = adjusted_aberration(blur.aberration, edge_mm, blur.bands, aberration)
+        ideal = blur.is_ideal and not adjusted.terms and not adjusted.colour_terms
+        blur = replace(blur, aberration=adjusted, is_ideal=ideal)
     if bokeh != BokehKnobs():
         blur = blur_with_adjusted_pupil(blur, edge_mm, bokeh)
     return blur

@@ -39,7 +39,7 @@ _SLIVER, _GAINS = 0.4, 65
 def blur_with_adjusted_pupil(
     blur: LensBlur, corner_mm: float, knobs: BokehKnobs
 ) -> LensBlur:
-    """The blur through the opening as it was turned.
+    """The blur through the adjusted pupil.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def blur_with_adjusted_pupil(
 
 
 def with_adjusted_rims(blur: LensBlur, corner: float, knobs: BokehKnobs) -> Pupil:
-    """The pupil with its rims as they were turned.
+    """The pupil with its rims adjusted.
 
     Parameters
     ----------

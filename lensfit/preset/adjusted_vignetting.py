@@ -59,13 +59,13 @@ class Parts(NamedTuple):
 def adjusted_illumination(
     lens: Lens, edge_mm: float, rims: Pupil | None, knobs: AberrationKnobs
 ) -> Illumination | None:
-    """The fall-off of a lens as it was turned; the same object where nothing was.
+    """The adjusted fall-off; the same object if no knob applies.
 
     Parameters
     ----------
     lens : As it was measured.
     edge_mm : Edge of the field, from the principal point.
-    rims : Its pupil with turned rims; None where they are as measured.
+    rims : Its pupil with adjusted rims; None if they are as measured.
     """
     stated = _stated(knobs)
     if rims is None and stated == _NEUTRAL:

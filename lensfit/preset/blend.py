@@ -100,7 +100,7 @@ def _agreed(name: str, first: Any, second: Any) -> Any:
         raise PresetError(
             f"neighbouring entries differ in {name} ({first} and {second}) and cannot "
             "be interpolated",
-            remedy="calibrate them together, or ask for a measured state",
+            remedy="calibrate them in one run, or request a measured state",
         )
     return first
 

@@ -43,7 +43,7 @@ class Projection(Struct, frozen=True, forbid_unknown_fields=True):
     entrance_pupil_offset_mm : Position of the entrance pupil in front of the sensor
         plane, positive towards the scene.
     assumed : Names of the values above that were stated or assumed, not measured.
-    pupil_walk : How the pupil moves with field angle; None where nobody knows.
+    pupil_walk : How the pupil moves with field angle; None if unknown.
     """
 
     principal_distance_mm: PositiveFloat
@@ -133,7 +133,7 @@ class LateralColour(
     Attributes
     ----------
     r, b : Of each channel.
-    covariance : Of their numbers, each in its own unit; None where nobody knows it.
+    covariance : Of their numbers, each in its own unit; None if unknown.
     """
 
     r: ChannelShift
@@ -155,13 +155,13 @@ class FallOff(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
 
     Attributes
     ----------
-    f_number : As on the barrel; None when nobody said.
+    f_number : As on the barrel; None if not stated.
     valid_radius_mm : Where the control values end: the farthest corner of the
         photographs, or somewhat beyond the outermost mark.
     r, g, b : Control values b_1 ... b_n of -ln(illumination) as a Bernstein polynomial
         of the squared radius; they never fall.
     predicted : Whether it follows from the pupil's shape, measured at other f-numbers.
-    covariance : Of the control values; None where nobody knows it.
+    covariance : Of the control values; None if unknown.
     """
 
     f_number: PositiveFloat | None

@@ -97,7 +97,7 @@ class Stop(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class BlurUncertainty(Struct, frozen=True, forbid_unknown_fields=True):
-    """How well the numbers of a blur block are known, and how they move together.
+    """How well the numbers of a blur block are known, and how they correlate.
 
     Their covariance is the sum of the outer products of the moves.
 
@@ -137,7 +137,7 @@ class Blur(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     round_f_number : At this f-number (within 2 %) and wider ones the opening is round;
         the blades show when it is stopped down further.
     assumed : Names of the values above that were stated or assumed, not measured.
-    uncertainty : Of all these numbers; None when nobody knows it.
+    uncertainty : Of all these numbers; None if unknown.
     beyond_offset_mm : Of an anamorphic lens: how much farther its section along x is
         out of focus than its section along y, beyond what makes both sharp at one
         distance (`lensfit.optics.sections`); `focus_offset_mm` is then that of y. Null

@@ -90,7 +90,7 @@ class BokehKnobs(
             Meta(
                 ge=0,
                 le=90,
-                description="Part of the opening that a rim hides from the corner, "
+                description="Part of the pupil that a rim hides from the corner, "
                 "in place of the measured, percent",
             ),
         ]
@@ -134,6 +134,6 @@ class BokehKnobs(
         """
         if self.blades is not None and 0 < self.blades < LEAST_BLADES:
             raise ValueError(
-                f"blades is {self.blades}; an opening has no blades (0) or at least "
+                f"blades is {self.blades}; an aperture has no blades (0) or at least "
                 f"{LEAST_BLADES}"
             )

@@ -8,7 +8,7 @@ from msgspec import Struct
 
 
 class Covariance(Struct, frozen=True, forbid_unknown_fields=True):
-    """How well the fitted parameters are known, and how they move together.
+    """How well the fitted parameters are known, and how they correlate.
 
     Attributes
     ----------

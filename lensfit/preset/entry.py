@@ -74,7 +74,7 @@ class Entry(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True)
     lateral_colour : None when none was measured or none is visible.
     fall_off : One for each f-number that was measured, widest first; may be empty.
     covariance : Of the free numbers of the chief-ray fit, named and counted as in
-        `lensfit.preset.map_covariances`; None where nobody knows it.
+        `lensfit.preset.map_covariances`; None if unknown.
     blur : None when it was not measured.
     """
 

@@ -41,13 +41,13 @@ _CALLED = {
 
 
 class InactiveOverride(NamedTuple):
-    """A knob that turns nothing.
+    """A knob that has no effect.
 
     Attributes
     ----------
     name : Of the knob.
     lacking : What is not there, as a clause.
-    remedies : Knobs that would put some in.
+    remedies : Knobs that would add some.
     """
 
     name: str
@@ -57,7 +57,7 @@ class InactiveOverride(NamedTuple):
     def __str__(self) -> str:
         *first, last = (f"--{name.replace('_', '-')}" for name in self.remedies)
         options = f"{', '.join(first)} or {last}" if first else last
-        return f"{self.name} turns nothing: {self.lacking}; {options} puts some in"
+        return f"{self.name} has no effect: {self.lacking}; {options} adds some"
 
 
 def inactive_overrides(
@@ -67,13 +67,13 @@ def inactive_overrides(
     *,
     blur_is_known: bool = True,
 ) -> tuple[InactiveOverride, ...]:
-    """Knobs that this lens has nothing for.
+    """Knobs that have no effect on this lens.
 
     Parameters
     ----------
     lens : As it was measured.
     blur_is_known : False for a lens whose blur was measured, at an f-number that nobody
-        knows: of its aberrations and its opening nothing is told then.
+        knows: its aberrations and its pupil are then not checked.
     """
     if aberration == AberrationKnobs() and bokeh == BokehKnobs():
         return ()
@@ -134,7 +134,7 @@ def _moves(shift: ChannelShift | None) -> bool:
 def _has_parts(
     lens: Lens, aberration: AberrationKnobs, bokeh: BokehKnobs
 ) -> dict[str, bool]:
-    """Parts of the fall-off that are asked for; a stated rim hides light by itself."""
+    """Parts of the fall-off that are requested; a stated rim hides light by itself."""
     if not any(_is_adjusted(aberration, f"{part}{_GAIN}") for part in _PARTS):
         return {}
     return {
@@ -161,7 +161,7 @@ def _inactive_pupil_overrides(
     if knobs.blades is None and knobs.filter_image is None and pupil is not None:
         blades = float(pupil.blades)
     if blades < LEAST_BLADES:
-        clause = "the opening has no blades"
+        clause = "the pupil has no blades"
         if knobs.blade_rotation_deg != 0 and knobs.filter_image is None:
             yield InactiveOverride(
                 "blade_rotation_deg", clause, ("blades", "filter_image")

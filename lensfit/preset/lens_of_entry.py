@@ -42,25 +42,25 @@ NO_BLUR = "blur was not measured; a perfect lens stands in for it"
 def lens_of_selection(
     chosen: Selection, camera: Camera, knobs: Knobs = NEUTRAL
 ) -> Lens:
-    """The lens at a state that may lie beyond what was measured, as it was turned.
+    """The adjusted lens at a state that may lie beyond what was measured.
 
     Raises
     ------
     ImageError : The filter image of the knobs cannot be read, or lets no light through.
     """
     lens, block = _measured_lens(chosen, camera), chosen.entry.blur
-    idle = inactive_overrides(
+    inactive = inactive_overrides(
         lens,
         knobs.aberration,
         knobs.bokeh,
         blur_is_known=lens.blur is not None or block is None,
     )
-    if idle:
-        lens = replace(lens, notes=(*lens.notes, *map(str, idle)))
-    turned = adjusted_lens(lens, knobs.aberration, knobs.bokeh)
+    if inactive:
+        lens = replace(lens, notes=(*lens.notes, *map(str, inactive)))
+    adjusted = adjusted_lens(lens, knobs.aberration, knobs.bokeh)
     if lens.blur is None or block is None or block.uncertainty is None:
-        return turned
-    return replace(turned, moved_blurs=partial(_perturbed_blurs, chosen, lens, knobs))
+        return adjusted
+    return replace(adjusted, moved_blurs=partial(_perturbed_blurs, chosen, lens, knobs))
 
 
 def _measured_lens(chosen: Selection, camera: Camera) -> Lens:
@@ -91,8 +91,8 @@ def _perturbed_blurs(
     chosen: Selection, lens: Lens, knobs: Knobs, draws: int | None
 ) -> Iterator[tuple[LensBlur, LensBlur]]:
     """The blur at that state for every move of the block's uncertainty, or for so many
-    that stand for all, turned alike; see `lensfit.kernel.psf_deviation`. `lens` is not
-    turned yet."""
+    that stand for all, adjusted alike; see `lensfit.kernel.psf_deviation`. `lens` is
+    not adjusted yet."""
     block, f_number = chosen.entry.blur, chosen.f_number
     assert block is not None
     assert block.uncertainty is not None
@@ -104,9 +104,11 @@ def _perturbed_blurs(
         moved = msgspec.structs.replace(with_moves(block, steps), uncertainty=None)
         entry = msgspec.structs.replace(chosen.entry, blur=moved)
         blur = lens_blur(entry, f_number, chosen.measured_focus_mm)
-        turned = adjusted_lens(replace(lens, blur=blur), knobs.aberration, knobs.bokeh)
-        assert turned.blur is not None
-        return turned.blur
+        adjusted = adjusted_lens(
+            replace(lens, blur=blur), knobs.aberration, knobs.bokeh
+        )
+        assert adjusted.blur is not None
+        return adjusted.blur
 
     moves = known.moves if draws is None else fewer_moves(known.moves, draws)
     for move in moves:

@@ -34,7 +34,7 @@ def unphotographed_f_number_note(
     """What to note of blur at an f-number outside those that it was photographed at.
 
     Nothing between them or at them, up to a stop farther down, or where none is known.
-    The sentence is the same for every f-number, so that a pulled stop says it once.
+    The sentence is the same for every f-number, so that a pulled stop gives one note.
     """
     known = sorted(stop.f_number for stop in stops)
     if known and f_number * SAME_STOP < known[0]:
@@ -44,7 +44,7 @@ def unphotographed_f_number_note(
         )
     if known and f_number > _ONE_STOP * SAME_STOP * known[-1]:
         return (
-            f"the blur more than a stop beyond f/{known[-1]:.3g}, the smallest opening "
+            f"the blur more than a stop beyond f/{known[-1]:.3g}, the narrowest stop "
             "it was photographed at, is the model's prediction",
         )
     return ()

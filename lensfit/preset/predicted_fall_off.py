@@ -37,7 +37,7 @@ def predicted_fall_off(
     Parameters
     ----------
     entry : Only its blur, projection, focus and measured fall-off are read; without the
-        last, the pupil says it all.
+        last, the pupil alone determines it.
     valid_radius_mm : From the principal point, where the control values end; that of
         the measured fall-off, or of the measured distortion, when left out.
 

@@ -130,7 +130,7 @@ def _correlation_faults(covariance: Covariance) -> Iterator[tuple[str, str]]:
     elif any(abs(row[-1] - 1) > _ROUNDING for row in covariance.correlation):
         yield "correlation", "a row does not end with 1"
     elif every and np.linalg.eigvalsh(covariance.correlations())[0] < -_ROUNDING:
-        yield "correlation", "is of no numbers that could vary together"
+        yield "correlation", "is no possible correlation matrix"
 
 
 _LONGEST = {"decentering": 4, "thin_prism": 4, "anamorphic": 8}

@@ -94,9 +94,9 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     Attributes
     ----------
-    knobs : What was turned on it since; neutral knobs are not written.
+    knobs : Adjustments made since; neutral knobs are not written.
     saved : How it came into a library or out of it; None before.
-    verdict : What its calibration was judged to be good for; None where nobody did.
+    verdict : What its calibration was judged to be good for; None if not judged.
     """
 
     schema: Literal["lensfit.preset.1"] = SCHEMA
@@ -115,7 +115,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         f_number: float | None = None,
         focus_distance_mm: float | None = None,
     ) -> Selection:
-        """The entry at a lens state, and what its user should know about it.
+        """The entry at a lens state, and notes for its user.
 
         See `lensfit.preset.select_entry.select` for the rules of interpolation.
         """

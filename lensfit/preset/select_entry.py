@@ -38,8 +38,8 @@ class Selection(NamedTuple):
 
     Attributes
     ----------
-    entry : At the state asked for; its `fall_off` has at most one member.
-    f_number : The one asked for, or the widest measured; None when neither is known.
+    entry : At the state requested; its `fall_off` has at most one member.
+    f_number : The one requested, or the widest measured; None when neither is known.
     measured_focus_mm : Focus distance that the entry's numbers hold for; None when
         nobody said.
     notes : One sentence for each way in which the preset was stretched.
@@ -226,7 +226,7 @@ def _dioptres(entry: Entry) -> float:
 
 
 def _at_f_number(entry: Entry, f_number: float | None, notes: list[str]) -> Entry:
-    """`entry` with one fall-off, at that f-number; the widest when none is asked."""
+    """`entry` with one fall-off, at that f-number; the widest if none is requested."""
     by_stop = {one.f_number: one for one in entry.fall_off if one.f_number is not None}
     measured = sorted(by_stop)
     if not measured:

@@ -35,7 +35,7 @@ def check_width(width_mm: float) -> None:
 
 
 def spanned_width_note(width_mm: float, measured_mm: float) -> str | None:
-    """What is to be said of the width that a frame spans; None if nothing is.
+    """A note on the width that a frame spans; None if none is needed.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ def preset_text(preset: Preset, where: str | Path) -> str:
 
 
 def preset_tables(preset: Preset) -> dict[str, Any]:
-    """The preset as it stands in a file; knobs only if one was turned."""
+    """The preset as it stands in a file; knobs only if one is not neutral."""
     tables = infinities_to_text(msgspec.to_builtins(preset))
     for key in ("knobs", "saved", "verdict"):
         if not tables[key]:

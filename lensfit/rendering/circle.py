@@ -50,7 +50,7 @@ class Circle:
 
     @classmethod
     def of(cls, lens: "Lens", geometry: PlateGeometry) -> "Circle":
-        """Of a lens on a plate; zero everywhere where nobody knows the f-number."""
+        """Of a lens on a plate; zero everywhere if the f-number is unknown."""
         pitch_mm = geometry.area_mm[0] / geometry.size_px[0]
         per_vergence, focus = lens.blur_per_vergence()
         most_mm = lens.largest_blur_mm

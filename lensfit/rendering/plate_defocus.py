@@ -177,7 +177,7 @@ class Defocus:
 
 @dataclass(eq=False)
 class Rays:
-    """Rays of a lens over a window and a range of depth, made when first asked for.
+    """Rays of a lens over a window and a range of depth, made on first use.
 
     Attributes
     ----------

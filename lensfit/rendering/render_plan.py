@@ -57,7 +57,7 @@ class Plan(NamedTuple):
 
     Attributes
     ----------
-    tolerance : That was asked for.
+    tolerance : As requested.
     stages : One for each.
     first_s : What the first frame costs besides: the rays of a lens, kept for the next.
     gib : Of memory that the process takes at most.

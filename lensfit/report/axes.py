@@ -180,7 +180,7 @@ class Frame:
 
 
 def sensor_frame(camera: dict, x: np.ndarray, y: np.ndarray) -> Frame:
-    """The sensor, or the extent of a grid when the camera does not say."""
+    """The sensor, or the extent of a grid if the sensor size is not stated."""
     width = camera.get("sensor_width_mm") or float(np.ptp(x)) or 1.0
     height = camera.get("sensor_height_mm") or float(np.ptp(y)) or 1.0
     return Frame((-width / 2, -height / 2), (width / 2, height / 2))

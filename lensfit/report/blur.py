@@ -138,7 +138,7 @@ def _facts(blur: dict) -> str:
     facts = [f"side of focus {side}"]
     if blur.get("blades") is not None:
         count = blur["blades"]
-        facts.append(f"{count} blades" if count else "opening taken as round")
+        facts.append(f"{count} blades" if count else "pupil assumed to be round")
     if blur.get("held_out_misfit") is not None:
         facts.append(f"{_percent(blur['held_out_misfit'])} on dots held out")
     if blur.get("converged") is False:
@@ -223,7 +223,7 @@ def _kernel_figure(sheet: KernelSheet) -> Markup:
 
 
 def _expected_errors(sheet: KernelSheet) -> Markup:
-    """A small table that lies as the frame does; nothing where nobody knows."""
+    """A small table that lies as the frame does; nothing if unknown."""
     if sheet.expected_error is None:
         return Markup("")
     rows = [

@@ -101,7 +101,7 @@ def photographed_corner_px(report: dict, entry: dict) -> float:
 
 def _corners_reached(report: dict, entry: dict) -> np.ndarray | None:
     """How far points of the focal length reach into each corner, along x and along y,
-    mm from the sensor's centre (4, 2); None where the report does not say."""
+    mm from the sensor's centre (4, 2); None where the report does not state it."""
     camera, size = report.get("camera") or {}, image_size_px(report)
     sides = camera.get("sensor_width_mm"), camera.get("sensor_height_mm")
     takes = takes_by_focal(report).get(entry.get("focal_length_mm")) or []

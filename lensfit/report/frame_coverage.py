@@ -53,7 +53,7 @@ def residuals_of(takes: Sequence[dict]) -> Residuals:
 
 
 def image_size_px(report: dict) -> tuple[float, float]:
-    """Width and height of the frame, pixels; (0, 0) when the report does not say."""
+    """Width and height of the frame, pixels; (0, 0) if not stated."""
     camera = report.get("camera") or {}
     width, height = camera.get("image_width_px"), camera.get("image_height_px")
     return (float(width), float(height)) if width and height else (0.0, 0.0)

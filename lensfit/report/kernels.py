@@ -65,7 +65,7 @@ class KernelSheet:
     width_px, bar_px : Of one tile and of the bar below, in pixels of the camera.
     expected_error : Relative (L2, one standard deviation) of the kernels at the middle
         of the frame and near its edges and corners, rows as they lie; None when the
-        preset does not say.
+        preset does not state it.
     """
 
     state: KernelState
@@ -76,7 +76,7 @@ class KernelSheet:
 
 
 def kernel_sheets(report: dict, preset_path: Path) -> list[KernelSheet]:
-    """Sheets of the states in a report's blur; none when the preset cannot say."""
+    """Sheets of the states in a report's blur; none if the preset lacks the data."""
     pixel_mm = pixel_of_blur_mm(report)
     if pixel_mm is None:
         return []
@@ -103,7 +103,7 @@ def lenses_at(preset: Preset, states: list[KernelState]) -> list[Lens]:
 
     Raises
     ------
-    LensfitError : The preset cannot say.
+    LensfitError : The preset lacks the data.
     """
     return _of_one_program(
         [
@@ -193,7 +193,7 @@ def expected_errors(
     lens: Lens, distance_mm: float, width_mm: float
 ) -> tuple[tuple[float, ...], ...] | None:
     """Expected relative error of point-spread functions at the middle of the frame and
-    near its edges and corners; None where the preset does not say."""
+    near its edges and corners; None where the preset does not state it."""
     if lens.moved_blurs is None:
         return None
     half_mm = np.asarray(lens.sensor_size_mm) / 2

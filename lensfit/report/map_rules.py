@@ -72,8 +72,8 @@ def coverage_findings(report: dict) -> Iterator[Finding]:
         where = f", with gaps {_in_places(places)}" if places else ""
         yield Finding(
             "caution",
-            f"Points cover {covered:.0%} of the frame{place}{where}. The map is a "
-            "guess there: move the chart until it fills the frame.",
+            f"Points cover {covered:.0%} of the frame{place}{where}. The map is "
+            "extrapolated in the gaps: move the chart until it fills the frame.",
         )
 
 

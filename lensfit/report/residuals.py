@@ -114,7 +114,9 @@ def _covered(
     share = float(np.mean(counts > 0))
     views = "one take" if take_count == 1 else f"{take_count} takes"
     caption = f"Points of {views} reach {share:.0%} of the frame's {counts.size} cells."
-    caption += "" if share == 1 else " Shaded: no point at all, the map is a guess."
+    caption += (
+        "" if share == 1 else " Shaded: no point at all, the map is extrapolated."
+    )
     return Figure("coverage", "Where the points were", picture, caption)
 
 

@@ -70,7 +70,7 @@ def outstanding_findings(report: dict) -> Iterator[Finding]:
 
 
 def rejected_findings(report: dict) -> Iterator[Finding]:
-    """Points of takes that were used, found and yet not used themselves."""
+    """Detected points of used takes that were rejected."""
     takes = used_takes(report)
     found, used = (
         sum(take.get(key) or 0 for take in takes)

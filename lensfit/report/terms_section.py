@@ -19,8 +19,8 @@ from lensfit.report.report_sections import distance_text, table_row
 _MOST_VALUES = 6
 """Of one term; of more the largest is shown, all are in the JSON."""
 _ABOUT = (
-    "A term enters only when held-out error and evidence (BIC) say so, and its effect "
-    "is larger than the photographs' noise."
+    "A term is kept only if it improves held-out error and BIC, and its effect is "
+    "larger than the photographs' noise."
 )
 
 

@@ -127,7 +127,7 @@ def _plan(states: list[KernelState], lenses: list[Lens], pixel_mm: float) -> _Pl
 
 
 def usual_defocus(lens: Lens, pixel_mm: float) -> float:
-    """How far out of focus to go on a side that nobody photographed, 1/mm."""
+    """How far out of focus to go on a side that was not photographed, 1/mm."""
     per_vergence, _ = lens.blur_per_vergence()
     return _USUAL_RADIUS_PX * pixel_mm / per_vergence if per_vergence > 0 else 1e-4
 
@@ -153,7 +153,7 @@ def defocus_of(
     Parameters
     ----------
     photographed : Vergence of the object less that of the plane of focus, 1/mm.
-    usual : How far to go on a side that nobody photographed.
+    usual : How far to go on a side that was not photographed.
     farthest : Defocus of an object at infinity.
     """
     values = sorted(set(photographed))

@@ -256,7 +256,7 @@ def _grade(report: dict) -> _Grade:
 
 
 def _of_part(report: dict, said: str) -> _Grade | None:
-    """Where most photographs, or much of the frame, had no say."""
+    """Where most photographs, or much of the frame, were not used."""
     used, shot = len(used_takes(report)), len(report.get("takes") or [])
     if 2 * used < shot:
         few = (
@@ -267,8 +267,8 @@ def _of_part(report: dict, said: str) -> _Grade | None:
     covered = least_coverage(report)
     if covered < WHOLE_COVERAGE:
         part = (
-            f"Usable where the points are, {covered:.0%} of the frame, and a guess "
-            f"elsewhere: {said}"
+            f"Usable where the points are, {covered:.0%} of the frame, and "
+            f"extrapolated elsewhere: {said}"
         )
         return _graded("undistortion", "caution", part, said)
     return None

@@ -75,7 +75,7 @@ def _wipe(name: str, photograph: str, model: str, caption: str) -> Markup:
 
 def _caption(said: dict) -> str:
     where = _WITH_BLUR if said.get("blur_measured") else _WITHOUT
-    text = f"The marks that were found, {where}; green light."
+    text = f"The detected points, {where}; green light."
     if said.get("lighting_fitted"):
         text += " How unevenly the chart was lit is not the lens' and was fitted."
     if said.get("explained") is not None:

@@ -83,8 +83,8 @@ def apply(
     options : How; the defaults if None.
     workers : Processes that render frames, each in memory of its own; 1 renders in
         this one.
-    progress : Told about each finished frame.
-    frame_done : Told what became of each frame.
+    progress : Called after each finished frame.
+    frame_done : Called with the outcome of each frame.
 
     Raises
     ------

@@ -80,7 +80,7 @@ def calibrate(
     shoot : From `lensfit.workflow.shoot.shoot_file.load_shoot`.
     out_dir : Folder for preset.json, stmaps, overlays, model, blur, report.json and
         report.html.
-    progress : Told how far it is.
+    progress : Receives the progress.
     effort : Speed against error of the blur: "fastest", "fast", "normal", "best"; or
         "none", which measures no blur.
 

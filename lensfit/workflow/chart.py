@@ -25,7 +25,7 @@ DEFAULT_DPI = 300.0
 
 @dataclass(frozen=True)
 class SheetWish:
-    """What to draw on, as it is asked for.
+    """What to draw on, as requested.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class SheetWish:
 
         Raises
         ------
-        ChartError : It cannot be had, or paper and screen are both asked for.
+        ChartError : It cannot be had, or paper and screen are both requested.
         """
         if self.screen is None:
             if self.pixel_pitch_mm is not None:

@@ -40,7 +40,7 @@ def run_demo(out_dir: Path, *, progress: Progress = silent) -> Demonstration:
     Parameters
     ----------
     out_dir : Folder for everything; results of an earlier run are replaced.
-    progress : Told how far it is.
+    progress : Receives the progress.
 
     Raises
     ------

@@ -91,7 +91,7 @@ def write_moving_stmaps(
     map_width_px : Width of the maps; that of the plates if None.
     per_channel : A map for each colour; where they lie apart visibly if None.
     tolerance_px : Largest error of the interpolation between exact evaluations.
-    progress : Told about each frame.
+    progress : Called after each frame.
 
     Raises
     ------

@@ -52,7 +52,7 @@ class OverscanQuestion:
     f_number : For depth of field; None leaves it out.
     nearest_mm : Nearest object from the sensor; None counts what lies beyond focus.
     method : Filter of the warp.
-    knobs : As the lens is turned; None leaves it as the preset has it.
+    knobs : Adjustments of the lens; None keeps those of the preset.
     pixel_aspect : As pixels are displayed, where the user or a header states it.
     """
 
@@ -94,7 +94,7 @@ class OverscanPlan:
 
 
 def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
-    """The overscan that a render needs, over all states asked for.
+    """The overscan that a render needs, over all states requested.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def _camera(margins: Margins, display: Window, spanned_mm: SpannedWidth) -> CgCa
 
 
 def _focus_notes(preset: Preset, question: OverscanQuestion) -> Iterator[str]:
-    """That depth of field is told for one focus distance, which nobody asked for."""
+    """A note that the preset's only focus distance is used for depth of field."""
     if question.f_number is None or question.focus_distance_mm is not None:
         return
     measured = {entry.focus_distance_mm for entry in preset.entries}

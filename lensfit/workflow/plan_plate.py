@@ -37,7 +37,7 @@ def plan_plate(
     plates : An EXR file, or a pattern such as ``plate.####.exr``, of which the first
         frame is planned.
     cores : That render it; those of this process if None.
-    progress : Told of the plate, its maps and its blur, in this order.
+    progress : Called for the plate, its maps and its blur, in this order.
 
     Raises
     ------

@@ -64,12 +64,12 @@ def overscan_of_plate(
     overrides: StateOverrides | None = None,
     knobs: Mapping[str, object] | None = None,
 ) -> PlateOverscan:
-    """The question that a plate's own header asks, and the overscan it was given.
+    """The overscan that a plate needs by its own header, and the one it has.
 
     Parameters
     ----------
     overrides : Camera state that counts in place of the header's.
-    knobs : What the user turned, by name.
+    knobs : Knobs that the user set, by name.
 
     Raises
     ------

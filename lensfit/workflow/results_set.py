@@ -57,7 +57,7 @@ def atomic_results(out_dir: str | Path, shoot: Shoot) -> Iterator[Path]:
             except LensfitError as error:
                 remedy = error.remedy
                 if _keep_overlays(made, folder):
-                    seen = f"the marks that were found are drawn in {folder / FAILED}"
+                    seen = f"the detected points are drawn in {folder / FAILED}"
                     remedy = f"{remedy}; {seen}" if remedy else seen
                 where = _where_it_belongs(error.where, made, folder)
                 raise type(error)(error.what, where=where, remedy=remedy) from error

@@ -121,8 +121,8 @@ def test_knobs_and_what_is_disabled_reach_the_workflow(asked):
         ("--disable lateral_rod", 'did you mean "lateral-red"?'),
         ("--disable ,", "names no aberration"),
         ("--blades 17", "17 is not from 0 to 16"),
-        ("--blades 1", "blades is 1; an opening has no blades (0) or at least 3"),
-        ("--blades 2", "blades is 2; an opening has no blades (0) or at least 3"),
+        ("--blades 1", "blades is 1; an aperture has no blades (0) or at least 3"),
+        ("--blades 2", "blades is 2; an aperture has no blades (0) or at least 3"),
         ("--edge-mask a --edge-matte b", "goes without --edge-matte"),
     ],
 )

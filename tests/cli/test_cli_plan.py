@@ -88,5 +88,5 @@ def test_a_knob_of_what_is_left_out_is_told(plate: list[str], command: str):
     found = runner.invoke(app, [command, *plate, *out, *left_out, *knobs])
     assert found.exit_code == 0, found.output
     assert found.stderr.count("leaves its effect out") == 1
-    said = "--distortion-percent turns nothing: --no-distortion leaves"
+    said = "--distortion-percent has no effect: --no-distortion leaves"
     assert said in found.stderr

@@ -58,7 +58,7 @@ def test_a_bad_word_hurts_only_where_it_counts(tmp_path):
 
 @pytest.mark.parametrize("blades", [1, 2])
 def test_too_few_blades_are_refused_wherever_they_are_stated(blades, tmp_path):
-    said = f"blades is {blades}; an opening has no blades .0. or at least 3"
+    said = f"blades is {blades}; an aperture has no blades .0. or at least 3"
     with pytest.raises(ImageError, match=said):
         knobs_of_plate(NEUTRAL, {"lensfit/blades": blades}, Settings(), {}).checked()
     with pytest.raises(PresetError, match=said):

@@ -16,7 +16,7 @@ AMOUNT = 8.0
 
 
 def idle(lens):
-    return [note for note in lens.notes if "turns nothing" in note]
+    return [note for note in lens.notes if "has no effect" in note]
 
 
 def seen(lens):
@@ -36,7 +36,7 @@ def stated_by(gain):
 def test_of_an_ideal_lens_no_gain_turns_anything_and_each_says_what_would(gain):
     lens = ideal(**{gain: 2.0})
     (note,) = idle(lens)
-    assert note.startswith(f"{gain} turns nothing: ")
+    assert note.startswith(f"{gain} has no effect: ")
     assert np.array_equal(seen(lens), seen(ideal()))
     for knob in stated_by(gain):
         assert f"--{knob.replace('_', '-')}" in note

@@ -29,7 +29,7 @@ WIDER = (
     "photographed at"
 )
 FARTHER = (
-    "the blur more than a stop beyond f/2.8, the smallest opening it was photographed "
+    "the blur more than a stop beyond f/2.8, the narrowest stop it was photographed "
     "at, is the model's prediction"
 )
 

@@ -120,7 +120,7 @@ def test_a_run_that_fails_keeps_its_overlays_apart(held):
     before = contents(held)
     said = failed(held, "one", "two", remedy="look at the overlays")
     assert said == (
-        "dots: nothing fits; look at the overlays; the marks that were found are drawn "
+        "dots: nothing fits; look at the overlays; the detected points are drawn "
         f"in {held / 'overlays_failed'}"
     )
     kept = {f"overlays_failed/{stem}.png": "failed" for stem in ("one", "two")}

@@ -41,7 +41,7 @@ class CameraFile(ABC):
     ----------
     path : The file.
     kind : What it is, in words.
-    notes : What its user should know of how it is read.
+    notes : Notes on how it is read.
     """
 
     path: Path

@@ -76,7 +76,7 @@ class Sheet(NamedTuple):
     Attributes
     ----------
     columns : Places of each name; the same name may stand over several columns.
-    rows : Line number and cells of each row, read as they are asked for.
+    rows : Line number and cells of each row, read when requested.
     """
 
     columns: dict[str, list[int]]
@@ -96,7 +96,7 @@ def read_sheet(path: str | Path, delimiter: str) -> Sheet:
     Raises
     ------
     CameraError : The file cannot be read as text, has no row, or more rows or columns
-        than any camera writes; the rows' own are raised when they are asked for.
+        than any camera writes; the rows' own are raised when they are requested.
     """
     path = Path(path)
     lines = _within_bounds(io.StringIO(read_text(path), newline=""), delimiter, path)

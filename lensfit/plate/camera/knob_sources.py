@@ -38,7 +38,7 @@ class KnobWord(NamedTuple):
 
 @dataclass(frozen=True)
 class AdjustedKnobs:
-    """How the knobs stand, and by whom they were turned.
+    """The knobs and the source of each value.
 
     Attributes
     ----------

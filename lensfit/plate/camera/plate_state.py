@@ -69,7 +69,7 @@ FASTEST = 0.5
 
 
 def f_number_doubt(camera: PlateCamera) -> str | None:
-    """What is to be said of the f-number; None if nothing is, or the user stated it."""
+    """A note on a doubtful f-number; None if it is plausible or the user stated it."""
     known = camera.known.get("f_number")
     if known is None or known.source.startswith("--"):
         return None
@@ -97,9 +97,9 @@ class PlateState(NamedTuple):
     sensor_width_mm : Width that the display window spans.
     scaled : How the plate's camera was scaled to that.
     notes : One sentence for each thing that was assumed.
-    knobs : As turned by the preset, the header and the user, the last one first.
+    knobs : From the user, the header and the preset, in this order of priority.
     chromaticities : x and y of red, green, blue and white of the plate; None where its
-        header does not say.
+        header does not state it.
     camera : What the sources of the plate know.
     assumed : What none of them knows, and the preset has one of.
     pixel_shape : Width of a pixel over its height, on the sensor
@@ -183,7 +183,7 @@ def plate_state(
     camera : What is known of the plate's camera.
     attributes : Header of the plate.
     falloff : Whether the fall-off, and so the f-number, matters.
-    knobs : What the user turned, by name.
+    knobs : Knobs that the user set, by name.
     scale_to_sensor : Take the look as it is for a camera that it was not measured on.
 
     Raises
@@ -202,19 +202,19 @@ def plate_state(
     chosen = preset.select(*key)
     taken = tuple(assumed_values(preset, camera, chosen, falloff=falloff))
     width, note = _width_mm(preset, camera, scaled)
-    turned = knobs_of_plate(preset.knobs, attributes, camera.settings, knobs or {})
+    plate_knobs = knobs_of_plate(preset.knobs, attributes, camera.settings, knobs or {})
     notes = [*camera.notes, *chosen.notes, *(one.note(camera) for one in taken)]
     notes += [*([note] if note else []), *misspelt_knob_notes(attributes)]
     if (doubt := f_number_doubt(camera)) is not None:
         notes.append(FrameNote(doubt, "doubtful f-number"))
-    for name, said in turned.notes:
+    for name, said in plate_knobs.notes:
         notes.append(FrameNote(f"{camera.plate.name}: {said}", f"contradiction {name}"))
     colours = _chromaticities(attributes)
     return PlateState(
         key,
         width,
         tuple(notes),
-        turned.checked(),
+        plate_knobs.checked(),
         colours,
         camera,
         taken,
@@ -266,7 +266,7 @@ def _lens_key(
 def _width_mm(
     preset: Preset, camera: PlateCamera, scaled: ScaledLook
 ) -> tuple[float, str | None]:
-    """The width that the display window spans, and what is to be said of it."""
+    """The width that the display window spans, and a note on it."""
     if scaled != UNSCALED:
         note = FrameNote(f"{camera.plate.name}: {scaled.note}", "scaled look")
         return scaled.measured_width_mm, note

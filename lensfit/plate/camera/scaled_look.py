@@ -82,7 +82,7 @@ class ScaledLook(NamedTuple):
 
     @property
     def note(self) -> str:
-        """What is to be said of it."""
+        """A note on it."""
         look = (
             f"the look of {self.measured_focal_length_mm:g} mm on "
             f"{self.measured_width_mm:.4g} mm of the photographed sensor is put on "

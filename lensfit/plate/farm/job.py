@@ -70,9 +70,9 @@ class FarmJob:
     out : Folder of the results.
     chunks : Ranges of frames, one for each task; empty for a single plate.
     options : Of ``lensfit apply``, in order.
-    missing : Frames that are asked for and do not exist (yet).
+    missing : Frames that are requested and do not exist (yet).
     needs : Of each task, if anything is known of it.
-    gaps : A sentence where nothing was asked for, and some lack between those found.
+    gaps : A sentence where nothing was requested, and some lack between those found.
     """
 
     preset: Path

@@ -105,12 +105,12 @@ def file_digest(path: Path) -> str:
 
 
 def _state(state: PlateState) -> tuple:
-    turned: dict[str, object] = dict(active_knobs(state.knobs))
-    if (picture := turned.get("filter_image")) is not None:
-        turned["filter_image"] = _content(Path(str(picture)))
+    active: dict[str, object] = dict(active_knobs(state.knobs))
+    if (picture := active.get("filter_image")) is not None:
+        active["filter_image"] = _content(Path(str(picture)))
     spanned = (state.sensor_width_mm, state.pixel_shape)
     scaled = () if state.scaled == UNSCALED else tuple(state.scaled)
-    return (state.lens_key, spanned, sorted(turned.items()), *scaled)
+    return (state.lens_key, spanned, sorted(active.items()), *scaled)
 
 
 def _options(options: ApplyOptions) -> list[tuple[str, object]]:

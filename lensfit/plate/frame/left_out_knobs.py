@@ -16,11 +16,11 @@ _KNOBS = {
 
 
 def left_out_knobs(switches: Switches, knobs: Mapping[str, object]) -> Iterator[str]:
-    """One sentence for each knob that turns what is left out.
+    """One sentence for each knob of an effect that is switched off.
 
     Parameters
     ----------
-    knobs : What the user turned, by name; turned to nothing, it says the same as the
+    knobs : Those that the user set, by name; a knob set to no effect agrees with the
         switch.
     """
     for switch, (option, aberrations) in _KNOBS.items():
@@ -29,4 +29,4 @@ def left_out_knobs(switches: Switches, knobs: Mapping[str, object]) -> Iterator[
         for name, value in knobs.items():
             if name.startswith(aberrations) and value not in (None, 0):
                 knob = f"--{name.replace('_', '-')}"
-                yield f"{knob} turns nothing: {option} leaves its effect out"
+                yield f"{knob} has no effect: {option} leaves its effect out"

@@ -171,7 +171,7 @@ class PlateLens:
         return state._replace(pixel_shape=shape.ratio, notes=notes)
 
     def lens_at(self, state: PlateState) -> Lens:
-        """The lens at the state of a plate, as it was turned; kept for the next."""
+        """The adjusted lens at the state of a plate; kept for the next."""
         key = (state.lens_key, state.knobs.aberration, state.knobs.bokeh)
         if self._lens is None or key != self._lens_key:
             self._lens = self.preset.at(*state.lens_key, knobs=state.knobs)
@@ -179,7 +179,7 @@ class PlateLens:
         return self._lens
 
     def noted_state(self, image: ExrImage, path: Path) -> PlateState:
-        """The camera state of a plate; notes what was assumed, and idle knobs."""
+        """The camera state of a plate; notes assumptions and inactive overrides."""
         state = self.state_of(image, path)
         self.notes.add(*state.notes)
         # That blur was not measured matters only where depth of field is put on.
@@ -249,9 +249,9 @@ class PlateLens:
         """Maps and gains; made anew only when the camera or the windows change."""
         _refuse_beyond_the_warp(window)
         # Looks may change from frame to frame and need none of the maps anew.
-        turned = msgspec.structs.replace(state.knobs, look=NEUTRAL.look)
+        without_look = msgspec.structs.replace(state.knobs, look=NEUTRAL.look)
         spanned = (state.sensor_width_mm, state.pixel_shape)
-        key = (state.lens_key, turned, spanned, display, window)
+        key = (state.lens_key, without_look, spanned, display, window)
         if self._stages is None or key != self._key:
             self._stages = None  # two sets need not be held in memory at once
             external = self._map

@@ -58,9 +58,9 @@ def signature(
         at += [f"for {scaled.focal_length_mm:g} mm on {scaled.sensor_width_mm:g} mm"]
     lens = ", ".join([f"{lens_name} ({digest[:8]})", *at])
     done = ", ".join(_effects(options)) or "nothing"
-    turned = [f"{name} {value}" for name, value in active_knobs(state.knobs).items()]
-    turned += _filter_digest(state)
-    settings = _settings(options) + ([", ".join(turned)] if turned else [])
+    active = [f"{name} {value}" for name, value in active_knobs(state.knobs).items()]
+    active += _filter_digest(state)
+    settings = _settings(options) + ([", ".join(active)] if active else [])
     return "; ".join([f"lensfit {__version__}: {lens}", done, *settings])
 
 
@@ -73,7 +73,7 @@ def _filter_digest(state: PlateState) -> list[str]:
 
 
 def _settings(options: ApplyOptions) -> list[str]:
-    """What else was asked for that changes pixels."""
+    """What else was requested that changes pixels."""
     found = [f"tolerance {options.tolerance:g}", options.filter]
     depth = [
         f"{name} {value}"

@@ -148,7 +148,7 @@ def _splatted(
     points_px: Float[np.ndarray, "lights 2"],
     shape: tuple[int, ...],
 ) -> Picture:
-    """Lights dealt to the four pixels around each, which keeps their sum and place."""
+    """Lights divided among the four pixels around each, keeping sum and place."""
     height, width, channels = shape
     corner = np.floor(points_px - 0.5).astype(int)
     fx, fy = np.moveaxis(points_px - 0.5 - corner, -1, 0)

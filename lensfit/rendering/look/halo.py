@@ -165,7 +165,7 @@ def _mirrors(length: int, side: int, rim: int) -> list[tuple[slice, slice]]:
 
 
 def dealt(square: Plane, count: int) -> list[Plane]:
-    """Sizes dealt to octaves so that each keeps its mean square.
+    """Sizes divided among octaves so that each keeps its mean square.
 
     Parameters
     ----------

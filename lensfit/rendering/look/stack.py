@@ -72,7 +72,7 @@ class Look:
 
     Attributes
     ----------
-    knobs : Of which at least one is turned.
+    knobs : At least one is not neutral.
     lens, geometry : Whose opening, and how pixels lie on the sensor.
     tolerance : Accepted error of the picture, display-referred.
     chromaticities : Of the plate's colours.

@@ -55,7 +55,7 @@ def radial_profile(
 
     Parameters
     ----------
-    deviation : None where nobody knows.
+    deviation : None if unknown.
     """
     centre = np.asarray(lens.distortion.principal_point_mm)
     radius = np.linspace(0, np.hypot(*size_mm) / 2, RADII)[1:]

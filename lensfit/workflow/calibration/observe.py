@@ -59,9 +59,9 @@ class Observed:
     notes : What its photographer should know.
     sha256 : Hash of the photograph; empty if it could not be read.
     seconds : Reading, detection and drawing.
-    mosaic_seen : The mosaic that the noise shows and nobody stated.
+    mosaic_seen : The mosaic that the noise shows and is not stated.
     assumed_encoding : How a file was decoded that may as well hold linear samples,
-        where nobody stated it.
+        if not stated.
     target_not_found : Kind of the stated target, where the photograph shows none.
     """
 

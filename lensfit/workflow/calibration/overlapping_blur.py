@@ -38,8 +38,8 @@ class _Grid(NamedTuple):
 def overlapping_blur_reasons(takes: Sequence[Take | None]) -> list[str | None]:
     """For each photograph why its marks are crossings; None where they are not.
 
-    Only dots at a stated distance have a say, those of each target and focal length by
-    themselves.
+    Only dots at a stated distance are compared, separately for each target and focal
+    length.
     """
     grids = [_grid(take) for take in takes]
     kinds = [take and (take.target, take.focal_length_mm) for take in takes]

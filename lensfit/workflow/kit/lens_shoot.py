@@ -45,7 +45,7 @@ class LensShoot:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Views that nobody photographed."""
+        """Views that were not photographed."""
         names = (take.image for take in self.planned.takes)
         return tuple(name for name in names if name not in self.photographs)
 

@@ -20,7 +20,7 @@ class Quantity:
     Attributes
     ----------
     visible : Difference from which it shows between two shots.
-    value : Of one focal length of a lens; None where nobody measured it.
+    value : Of one focal length of a lens; None if not measured.
     """
 
     key: str

@@ -77,7 +77,7 @@ def squares(
 def _ribbon(
     points: np.ndarray, normals: np.ndarray, width_px: float, shape: tuple[int, int]
 ) -> np.ndarray:
-    """A line through points, of dealt points set off from place to place."""
+    """A line through points, of points jittered from place to place."""
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     count = max(2, round(float(length[-1]) * _PER_PX))
     at = (np.arange(count) + 0.5) / count * length[-1]

@@ -31,7 +31,7 @@ class ResolvedTake:
     take, target : As the shoot file has them.
     image_path : Where the photograph lies.
     focal_length_mm : As on the barrel.
-    f_number, focus_distance_mm : As on the barrel; None when nobody said.
+    f_number, focus_distance_mm : As on the barrel; None if not stated.
     sensor_size_mm : Width and height of what the photograph spans.
     notes : One sentence for each disagreement.
     """

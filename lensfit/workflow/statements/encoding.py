@@ -30,7 +30,7 @@ _MOST_NAMES = 3
 
 
 def assumed_encodings(observed: Sequence[Observed]) -> Iterator[Contradiction]:
-    """Files that may be linear or sRGB, of which nobody said which."""
+    """Files that may be linear or sRGB, with no encoding stated."""
     names = [one.image for one in observed if one.assumed_encoding and one.take]
     if not names:
         return
@@ -121,7 +121,7 @@ def _below_the_law(entries: Sequence[dict[str, Any]]) -> Iterator[Contradiction]
             if low < lawful < high and stops < _LEAST_PART * lawful:
                 yield _nonlinear(
                     f"the light falls off by {stops:.2f} stops only at f/{stop:g}, "
-                    f"where the cosine-fourth law asks for {lawful:.2f}",
+                    f"where the cosine-fourth law gives {lawful:.2f}",
                     stops,
                     lawful,
                 )

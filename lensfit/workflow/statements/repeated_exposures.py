@@ -25,7 +25,7 @@ _FAR_PX = 2.0
 def without_repeated_exposures(
     observed: Sequence[Observed],
 ) -> tuple[list[Observed], list[Contradiction]]:
-    """The photographs with repetitions set aside, and what is said of those."""
+    """The photographs without repetitions, and a contradiction for each of these."""
     kept: list[Observed] = []
     result: list[Observed] = []
     repeats: dict[str, list[str]] = {}

@@ -103,7 +103,7 @@ class InTurn:
         return await asyncio.wrap_future(self._lane(lane).ask(job))
 
     def begin(self, lane: str, job: Callable[[], Any]) -> None:
-        """A job that nobody waits for, before those of the lane."""
+        """A background job, before those of the lane."""
         self._lane(lane).ask(job)
 
     def _lane(self, name: str) -> LatestWins:

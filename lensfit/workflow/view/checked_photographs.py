@@ -14,7 +14,7 @@ from lensfit.workflow.shoot.shoot_records import Shoot
 
 
 class Checked(NamedTuple):
-    """A photograph and what was said of it.
+    """A photograph and its check.
 
     Attributes
     ----------

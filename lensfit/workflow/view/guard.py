@@ -43,7 +43,7 @@ _HEADERS = {
 
 @final
 class Guard:
-    """An application that is asked only what may be asked.
+    """An application that receives only permitted requests.
 
     Parameters
     ----------

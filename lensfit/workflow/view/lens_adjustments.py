@@ -27,7 +27,7 @@ FILES = tuple(name for name in GROUP_OF if name.endswith("_image"))
 
 
 class LensAdjustments(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is turned; what is left out stays as the plate and the preset have it.
+    """Adjustments; what is left out stays as the plate and the preset have it.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class LensAdjustments(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     @property
     def camera(self) -> dict[str, float]:
-        """Quantities of the camera that are turned, by name."""
+        """Adjusted quantities of the camera, by name."""
         values = {name: getattr(self, name) for name in CAMERA}
         return {name: float(v) for name, v in values.items() if v is not None}
 
@@ -79,7 +79,7 @@ def require_valid_adjustments(
 
 
 def adjusted_options(base: ApplyOptions, wanted: LensAdjustments) -> ApplyOptions:
-    """The options of `apply` that render what is turned.
+    """The options of `apply` that render the adjusted lens.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class Started(Struct, frozen=True):
 
 
 def command_line(started: Started, wanted: LensAdjustments) -> str:
-    """The command that renders what is turned, for a shell."""
+    """The command that renders the adjusted lens, for a shell."""
     values: Mapping[str, float] = wanted.camera | wanted.knobs
     stated = {option_of(name): number_text(value) for name, value in values.items()}
     dropped = {*stated} | ({"--focus-at"} if wanted.focus_distance_mm else set())
@@ -142,6 +142,6 @@ def number_text(value: float) -> str:
 
 
 def settings_tables(wanted: LensAdjustments) -> dict[str, dict[str, float]]:
-    """What is turned as tables of a settings file."""
+    """The adjustments as tables of a settings file."""
     tables = {"camera": wanted.camera, "knobs": dict(wanted.knobs)}
     return {name: table for name, table in tables.items() if table}

@@ -149,7 +149,7 @@ def _principal_distance_mm(preset: Preset, focal_mm: float, focus_mm: float) -> 
 
 
 def _relative_deviation(preset: Preset, focal_mm: float, focus_mm: float) -> float:
-    """Of the principal distance; NaN where nobody knows, as between photographs, or
+    """Of the principal distance; NaN if unknown, as between photographs, or
     where it follows from what was stated."""
     known = preset.at(focal_mm, None, focus_mm).covariances.distortion
     variance = 0.0 if known is None else known[0, 0]

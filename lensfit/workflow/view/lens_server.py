@@ -73,7 +73,7 @@ class LensServer:
     uploads: ClassVar[dict[str, int]] = {}
 
     def begin(self) -> None:
-        """What the page shows first is quick enough when it is asked for."""
+        """What the page shows first is quick enough when it is requested."""
 
     def end(self) -> None:
         """Nothing goes on by itself."""

@@ -43,7 +43,7 @@ def loopback_socket(port: int) -> socket.socket:
 
 
 class Listening(NamedTuple):
-    """A server that has its address and answers nobody yet.
+    """A server that has its address and does not answer yet.
 
     Attributes
     ----------

@@ -73,7 +73,7 @@ class Render(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 class Query(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Anything else about what is turned."""
+    """A query about the adjusted lens."""
 
     exposure_stops: Stops = 0.0
     view: ViewTransform | None = None
@@ -87,7 +87,7 @@ class Config(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Edit(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is turned, to go on record."""
+    """Adjustments to be recorded."""
 
     who: Annotated[str, Meta(max_length=200)]
     why: Annotated[str, Meta(max_length=2000)]

@@ -30,7 +30,7 @@ def save_edit(shelved: Shelved | None, wanted: LensAdjustments, author: Author) 
 
     Raises
     ------
-    PresetError : It is in no library, no knob is turned, or the edit cannot be made.
+    PresetError : It is in no library, no knob is adjusted, or the edit cannot be made.
     OutputError : The level cannot be written.
     """
     if shelved is None:
@@ -41,7 +41,7 @@ def save_edit(shelved: Shelved | None, wanted: LensAdjustments, author: Author) 
     wishes = [Wish(name, whole_if_it_is(v)) for name, v in wanted.knobs.items()]
     if not wishes:
         raise PresetError(
-            "no knob is turned; f-number and focus are of the shot, not of the lens",
+            "no knob is adjusted; f-number and focus are of the shot, not of the lens",
             remedy="save these to the shot",
         )
     return edit_preset(shelved.name, wishes, author, library=shelved.library).full_name

@@ -131,7 +131,7 @@ class Calibrate(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Nothing(Struct, frozen=True, forbid_unknown_fields=True):
-    """A message that says all by its address."""
+    """A message without content; its address is enough."""
 
 
 @final
@@ -165,7 +165,7 @@ class ShootServer:
         ]
 
     def begin(self) -> None:
-        """What the page shows first is quick enough when it is asked for."""
+        """What the page shows first is quick enough when it is requested."""
 
     def end(self) -> None:
         """End what goes on."""

@@ -100,7 +100,7 @@ class ViewedLens:
         }
 
     def lens(self, wanted: LensAdjustments, f_number: float | None = None) -> Lens:
-        """The lens as it is turned, maybe at another f-number.
+        """The adjusted lens, maybe at another f-number.
 
         Raises
         ------
@@ -214,7 +214,7 @@ class ViewedLens:
         return [_figure(one) for one in (*found, *([figure] if figure else ()))]
 
     def _fall_off_stops(self, lens: Lens) -> list[float]:
-        """Some that were photographed, and the one that is turned to."""
+        """Some that were photographed, and the one that is adjusted to."""
         known = {
             f.f_number for e in self.preset.entries for f in e.fall_off if f.f_number
         }

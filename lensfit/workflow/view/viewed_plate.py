@@ -135,7 +135,7 @@ class ViewedPlate:
     Parameters
     ----------
     plates : An EXR file, or a pattern such as ``plate.####.exr``.
-    options : How plates are rendered before anything is turned.
+    options : How plates are rendered before any adjustment.
 
     Raises
     ------
@@ -280,7 +280,7 @@ class ViewedPlate:
         return math.inf if found is None else float(f"{found:.{_DIGITS}g}")
 
     def start(self, frame: int) -> dict[str, Any]:
-        """What the lens and the plate say before anything is turned: the camera, knobs
+        """What the lens and the plate state before any adjustment: the camera, knobs
         that are not neutral, and ranges; a sentence where the camera is not known."""
         plate = self.plate(frame)
         display = plate.image.parts[0].display_window
@@ -318,16 +318,16 @@ class ViewedPlate:
         return self.options.camera.settings or self.path(0).parent / SETTINGS_NAME
 
     def save(self, wanted: LensAdjustments) -> list[str]:
-        """Write what is turned to the settings file; remarks, if it does not suffice.
+        """Write the adjustments to the settings file; notes, if that does not suffice.
 
         Raises
         ------
         LensfitError : The file cannot be changed.
         """
         save_settings(self.settings_path, settings_tables(wanted))
-        turned = adjusted_options(self.options, wanted)
+        adjusted = adjusted_options(self.options, wanted)
         plate = self.plate(wanted.frame)
-        now, then = self._state(self.options, plate), self._state(turned, plate)
+        now, then = self._state(self.options, plate), self._state(adjusted, plate)
         if (now.lens_key, now.knobs) == (then.lens_key, then.knobs):
             return []
         return [
@@ -385,7 +385,7 @@ def lens_ranges(preset: Preset) -> dict[str, Any]:
 
 
 def _bare(wanted: LensAdjustments) -> bytes:
-    """What is turned alone, whatever a message adds to it."""
+    """The adjustments alone, without what a message adds to them."""
     values = {name: getattr(wanted, name) for name in LensAdjustments.__struct_fields__}
     return msgspec.json.encode(values, order="sorted")
 
