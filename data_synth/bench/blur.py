@@ -30,11 +30,11 @@ from lensfit.errors import LensfitError
 from lensfit.fitting.lens_states import fit
 from lensfit.fitting.wavefront.centroid_biases import centroid_biases_mm
 from lensfit.fitting.wavefront.dots import show_edges
-from lensfit.fitting.wavefront.drawn import drawn
+from lensfit.fitting.wavefront.drawn import model_images
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.gather import Gathered, chosen
-from lensfit.fitting.wavefront.stages import Stage, on_dots, settled
+from lensfit.fitting.wavefront.gather import DotData, select_dots
+from lensfit.fitting.wavefront.stages import Stage, recentre_patches, stage_on_dots
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
 from lensfit.kernel.pixels import image_of
 from lensfit.kernel.spot import Spot
@@ -121,18 +121,18 @@ def prediction_of(fitted: WavefrontFit) -> Prediction:
     ------
     LensfitError : Dots are small holes, whose rims nobody sees.
     """
-    stage, every = fitted.stage, fitted.gathered
+    stage, every = fitted.stage, fitted.dot_data
     if every.dots.broad is None:
         raise LensfitError("its dots are too small to be predicted by their rims")
     rows = np.random.default_rng(_SEED).permutation(_unseen_rows(fitted))
     half = min(_DOTS, len(rows) // 2)
-    larger = _larger(stage, chosen(every, rows[-half:]))
+    larger = _larger(stage, select_dots(every, rows[-half:]))
     test, train = (
-        _resized(chosen(every, some), larger)
+        _resized(select_dots(every, some), larger)
         for some in (rows[:half], rows[half : 2 * half])
     )
     place_mm = test.observed_mm - centroid_biases_mm(stage, test)
-    lens, signal = drawn(stage, test, place_mm)[:, _GREEN], _signal(test)
+    lens, signal = model_images(stage, test, place_mm)[:, _GREEN], _signal(test)
     return Prediction(
         _left_of(test, lens) / signal,
         _errors_of_gaussians(train, test),
@@ -140,11 +140,11 @@ def prediction_of(fitted: WavefrontFit) -> Prediction:
     )
 
 
-def _larger(stage: Stage, whole: Gathered) -> float:
+def _larger(stage: Stage, whole: DotData) -> float:
     """Share by which the discs are larger than stated, as the fit found it; of rims,
     which do not say, by whole dots behind its blur."""
-    if show_edges(stage.gathered.dots).any():
-        stage = settled(on_dots(stage, whole))
+    if show_edges(stage.dot_data.dots).any():
+        stage = recentre_patches(stage_on_dots(stage, whole))
     return float(np.median(stage.nuisance[:, _GREEN, _LARGER]))
 
 
@@ -152,18 +152,18 @@ def _unseen_rows(fitted: WavefrontFit) -> Int[np.ndarray, " rows"]:
     """Dots that the fit was not made from."""
     seen, every = (
         np.round(np.column_stack([_middles_mm(g), g.take]), 6)
-        for g in (fitted.stage.gathered, fitted.gathered)
+        for g in (fitted.stage.dot_data, fitted.dot_data)
     )
     known = {tuple(row) for row in seen.tolist()}
     rows = [k for k, row in enumerate(every.tolist()) if tuple(row) not in known]
     return np.array(rows, int)
 
 
-def _middles_mm(gathered: Gathered) -> Float[np.ndarray, "dots 2"]:
+def _middles_mm(dot_data: DotData) -> Float[np.ndarray, "dots 2"]:
     """Of the dots in the field, whichever part of them is shown."""
-    broad = gathered.dots.broad
+    broad = dot_data.dots.broad
     assert broad is not None
-    return np.asarray(gathered.dots.field_mm + broad.rim_mm)
+    return np.asarray(dot_data.dots.field_mm + broad.rim_mm)
 
 
 def _fitted(name: str, data: Path, effort: Effort) -> WavefrontFit:
@@ -172,7 +172,7 @@ def _fitted(name: str, data: Path, effort: Effort) -> WavefrontFit:
     takes = [o.take for o in observed if o.take is not None]
     fitted = fit(takes, effort=effort)
     if not fitted.wavefronts:
-        why = "; ".join(fitted.without_shape.values()) or "its marks are no dots"
+        why = "; ".join(fitted.unmeasured_blur.values()) or "its marks are no dots"
         raise LensfitError(f"no blur was measured: {why}")
     return next(iter(fitted.wavefronts.values()))
 
@@ -195,16 +195,16 @@ def _rows(name: str, found: Prediction) -> list[Row]:
     return rows
 
 
-def _resized(gathered: Gathered, larger: float) -> Gathered:
+def _resized(dot_data: DotData, larger: float) -> DotData:
     """With discs as large as the fit found them."""
-    broad = gathered.dots.broad
+    broad = dot_data.dots.broad
     assert broad is not None
     broad = broad._replace(disc_mm=(1 + larger) * broad.disc_mm)
-    return replace(gathered, dots=gathered.dots._replace(broad=broad))
+    return replace(dot_data, dots=dot_data.dots._replace(broad=broad))
 
 
 def _errors_of_gaussians(
-    train: Gathered, test: Gathered
+    train: DotData, test: DotData
 ) -> dict[str, Float[np.ndarray, " dots"]]:
     """Of Gaussians that were fitted to other dots."""
     count, signal = len(train.take), _signal(train)
@@ -230,25 +230,25 @@ def _errors_of_gaussians(
     }
 
 
-def _places(gathered: Gathered) -> Float[np.ndarray, "dots 3"]:
+def _places(dot_data: DotData) -> Float[np.ndarray, "dots 3"]:
     """In the field, photographs far from each other."""
-    return np.column_stack([gathered.dots.field_mm, _APART_MM * gathered.take])
+    return np.column_stack([dot_data.dots.field_mm, _APART_MM * dot_data.take])
 
 
-def _signal(gathered: Gathered) -> Float[np.ndarray, " dots"]:
+def _signal(dot_data: DotData) -> Float[np.ndarray, " dots"]:
     """Norm of the light of every dot over what lies around a disc without blur: one for
     all images, since a wide haze and the background that is found beside it make up for
     each other, and its own would make any error small."""
-    return _over_background(gathered, _behind(gathered, np.zeros(len(gathered.take))))
+    return _over_background(dot_data, _behind(dot_data, np.zeros(len(dot_data.take))))
 
 
 def _behind(
-    gathered: Gathered, sigma_cells: Float[np.ndarray, " dots"]
+    dot_data: DotData, sigma_cells: Float[np.ndarray, " dots"]
 ) -> Float[np.ndarray, "dots rows columns"]:
     """Images of discs at their centroids behind Gaussians."""
-    place_mm = gathered.observed_mm[:, _GREEN]
-    arrays = gathered.transfer, gathered.dots.cell_mm, place_mm, sigma_cells
-    image = _discs(jax.tree.map(jnp.asarray, arrays), gathered.light.shape[-1])
+    place_mm = dot_data.observed_mm[:, _GREEN]
+    arrays = dot_data.transfer, dot_data.dots.cell_mm, place_mm, sigma_cells
+    image = _discs(jax.tree.map(jnp.asarray, arrays), dot_data.light.shape[-1])
     return np.asarray(image)
 
 
@@ -261,7 +261,7 @@ def _discs(arrays: tuple[Transfer, Array, Array, Array], cells: int) -> Array:
         basis = basis_of(-place_mm, cell_mm, cells, transfer)
         ray = Spot(jnp.zeros((1, 2)), jnp.ones(1), jnp.zeros(1))
         profile = basis.profile(ray, (sigma_cells * cell_mm) ** 2)
-        return basis.seen(image_of(ray, profile))
+        return basis.cell_light(image_of(ray, profile))
 
     return jax.lax.map(one, arrays)
 
@@ -282,10 +282,10 @@ class _Found(NamedTuple):
     background: Float[np.ndarray, " dots"]
 
 
-def _found(gathered: Gathered, image: Float[np.ndarray, "dots rows columns"]) -> _Found:
+def _found(dot_data: DotData, image: Float[np.ndarray, "dots rows columns"]) -> _Found:
     """By least squares."""
-    used = (gathered.valid & ~gathered.clipped)[:, _GREEN]
-    light = np.where(used, gathered.light[:, _GREEN], 0.0)
+    used = (dot_data.valid & ~dot_data.clipped)[:, _GREEN]
+    light = np.where(used, dot_data.light[:, _GREEN], 0.0)
     design = np.stack([image, np.ones_like(image)], -1) * used[..., None]
     inner = np.einsum("drci,drcj->dij", design, design)
     right = np.einsum("drci,drc->di", design, light)
@@ -295,26 +295,26 @@ def _found(gathered: Gathered, image: Float[np.ndarray, "dots rows columns"]) ->
 
 
 def _over_background(
-    gathered: Gathered, image: Float[np.ndarray, "dots rows columns"]
+    dot_data: DotData, image: Float[np.ndarray, "dots rows columns"]
 ) -> Float[np.ndarray, " dots"]:
     """Norm of the light of dots over the background that is found beside images."""
-    found = _found(gathered, image)
+    found = _found(dot_data, image)
     over = (found.light - found.background[:, None, None]) * found.used
     return np.linalg.norm(over, axis=(1, 2))
 
 
 def _left_of(
-    gathered: Gathered, image: Float[np.ndarray, "dots rows columns"]
+    dot_data: DotData, image: Float[np.ndarray, "dots rows columns"]
 ) -> Float[np.ndarray, " dots"]:
     """Norm of what images leave of dots."""
-    return np.linalg.norm(_found(gathered, image).left, axis=(1, 2))
+    return np.linalg.norm(_found(dot_data, image).left, axis=(1, 2))
 
 
 def _grain_of(
-    gathered: Gathered, image: Float[np.ndarray, "dots rows columns"]
+    dot_data: DotData, image: Float[np.ndarray, "dots rows columns"]
 ) -> Float[np.ndarray, " dots"]:
     """Norm of what is left from one cell to the next, which no image explains."""
-    found = _found(gathered, image)
+    found = _found(dot_data, image)
     used, left = found.used, found.left
     pair = used[..., 1:] & used[..., :-1]
     step = np.where(pair, left[..., 1:] - left[..., :-1], 0.0)

@@ -1,9 +1,16 @@
-"""All states of a lens: one fit per focal length and focus distance (`lens_state`).
+"""The fit of a lens: all its states, a state being a focal length and a focus distance.
 
-States of one focal length share the entrance pupil that any of them measured, and the
-wavefront, which is fitted to the shape of their dots. It says where chief rays land, as
-opposed to centroids; once the marks themselves have had their say of that
-(`joint_adjustment`), geometry and colour are fitted again to those.
+1. Geometry, fall-off and lateral colour of every state are fitted to the centroids of
+   the detections (`lens_state`). States of one focal length share the entrance pupil
+   and the decentring that one of them determines (`shared_parameters`).
+2. For each focal length a wavefront is fitted to the images of the dots
+   (`lens_wavefronts`). It predicts the centroid bias: centroid minus chief ray.
+3. The biases are subtracted, and geometry and colour are fitted again, now to chief
+   rays.
+4. Where these states fit worse than those of the centroids, or where a mosaic hides the
+   shape of the dots, a joint adjustment of geometry and wavefront corrects the
+   wavefront (`joint_adjustment`), and step 3 is repeated. The result is used where it
+   has the smaller held-out error.
 """
 
 import time
@@ -15,22 +22,22 @@ from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
 from lensfit.fitting.breathing import breathing_notes
-from lensfit.fitting.joint_adjustment import amounts_of
+from lensfit.fitting.joint_adjustment import error_amplitudes
 from lensfit.fitting.lens_state import (
     LensState,
-    better_told,
     by_focal_length,
-    left_px,
+    mean_held_out_rms_px,
+    more_accurate_state,
     with_colour,
 )
 from lensfit.fitting.lens_wavefronts import fit_wavefronts
-from lensfit.fitting.shared_parameters import fit_sharing_glass
+from lensfit.fitting.shared_parameters import fit_states_with_shared_parameters
 from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.adjusted_wavefront import (
-    at_chief_rays,
-    errors_of,
-    moved_by,
-    told_by_marks,
+    adjust_wavefront,
+    chief_ray_takes_with_shared_moves,
+    takes_with_error_moves,
+    wavefront_errors,
 )
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.fit import WavefrontFit
@@ -38,25 +45,26 @@ from lensfit.progress import Progress, silent
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
-    """What came of all takes.
+class FittedLens:
+    """The result of a fit.
 
     Attributes
     ----------
-    states : Those that could be fitted.
-    failed : Why others could not, by take name.
-    wavefronts : Of the dots' shape, by focal length.
-    without_shape : Why others were not fitted though dots were photographed, by focal
-        length; what to do about it included.
-    too_wide : Takes whose dots were left out of a wavefront, by focal length.
-    seconds : Of the fits of shape.
+    states : The states that were fitted.
+    failed : Why the other takes were not, by take name.
+    wavefronts : Wavefronts, by focal length.
+    unmeasured_blur : Why a focal length has no wavefront though dots were photographed,
+        and the remedy.
+    takes_with_wide_dots : Takes whose dots were too wide for the wavefront, by focal
+        length.
+    seconds : Duration of the wavefront fits.
     """
 
     states: tuple[LensState, ...]
     failed: dict[str, FitError]
     wavefronts: dict[float, WavefrontFit] = field(default_factory=dict)
-    without_shape: dict[float, str] = field(default_factory=dict)
-    too_wide: dict[float, list[str]] = field(default_factory=dict)
+    unmeasured_blur: dict[float, str] = field(default_factory=dict)
+    takes_with_wide_dots: dict[float, list[str]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -64,12 +72,12 @@ class Fitted:
         """One sentence for each thing the photographer should know."""
         unmeasured = tuple(
             f"the blur at {focal_mm:g} mm was not measured: {reason}"
-            for focal_mm, reason in self.without_shape.items()
+            for focal_mm, reason in self.unmeasured_blur.items()
         )
-        too_wide = (
+        takes_with_wide_dots = (
             f"the dots of {', '.join(names)} are too wide and were left out of the "
             f"blur at {focal_mm:g} mm: photograph holes less than 1.8 pixels wide"
-            for focal_mm, names in self.too_wide.items()
+            for focal_mm, names in self.takes_with_wide_dots.items()
             if names
         )
         contradicted = (
@@ -81,7 +89,7 @@ class Fitted:
         return (
             *contradicted,
             *unmeasured,
-            *too_wide,
+            *takes_with_wide_dots,
             *breathing_notes(self.states),
         )
 
@@ -95,43 +103,57 @@ def fit(
     *,
     effort: Effort = Effort.NORMAL,
     allowed: Collection[str] | None = None,
-) -> Fitted:
+) -> FittedLens:
     """Fit a lens to the marks of its photographs.
 
     Parameters
     ----------
     takes : One for each photograph; any number of focal lengths, focus distances and
         f-numbers of one lens.
-    progress : Told how far it is.
-    effort : Speed against error of the fit of the dots' shape.
-    allowed : Families of the wavefront that may be free (`fit_wavefront`).
+    progress : Called with the progress of each stage.
+    effort : Trade-off between speed and accuracy of the wavefront fit.
+    allowed : Term groups of the wavefront that may be free (`fit_wavefront`).
 
     Raises
     ------
-    FitError : No state could be fitted; otherwise failures come back with the rest.
-        Or some takes of a focal length state their focus distance and others do not.
+    FitError : No state could be fitted (single failures are returned in `failed`), or
+        only some takes of a focal length state their focus distance.
     """
-    _require_like_focus(takes)
-    states, failed = fit_sharing_glass(takes, progress)
+    _require_consistent_focus(takes)
+    states, failed = fit_states_with_shared_parameters(takes, progress)
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
     states = with_colour(states)
     began = time.perf_counter()
-    wavefronts, without, too_wide = fit_wavefronts(states, progress, effort, allowed)
+    wavefronts, without, takes_with_wide_dots = fit_wavefronts(
+        states, progress, effort, allowed
+    )
     if not wavefronts:
-        return Fitted(tuple(states), failed, without_shape=without)
+        return FittedLens(tuple(states), failed, unmeasured_blur=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
     first = _fit_at_chief_rays(takes, wavefronts, progress)
-    told = _told_by_marks(states, first)
-    last = _kept_where_closer(takes, first, told, progress)
-    states = [better_told(state, states) for state in last.states]
-    return Fitted(
-        tuple(states), last.failed, last.wavefronts, without, too_wide, seconds
+    corrected = _jointly_corrected_wavefronts(states, first)
+    last = _fit_with_corrected_wavefronts(takes, first, corrected, progress)
+    states = [more_accurate_state(state, states) for state in last.states]
+    return FittedLens(
+        tuple(states),
+        last.failed,
+        last.wavefronts,
+        without,
+        takes_with_wide_dots,
+        seconds,
     )
 
 
-class _AtChiefRays(NamedTuple):
-    """States of marks where wavefronts say that chief rays land (`takes`)."""
+class _ChiefRayStates(NamedTuple):
+    """States fitted to chief rays.
+
+    Attributes
+    ----------
+    wavefronts : From which the centroid biases were predicted, by focal length.
+    takes : With detections moved from centroids to chief rays, by focal length.
+    states, failed : As of `FittedLens`.
+    """
 
     wavefronts: dict[float, WavefrontFit]
     takes: dict[float, list[Take]]
@@ -141,72 +163,81 @@ class _AtChiefRays(NamedTuple):
 
 def _fit_at_chief_rays(
     takes: list[Take], wavefronts: dict[float, WavefrontFit], progress: Progress
-) -> _AtChiefRays:
-    there = {focal_mm: at_chief_rays(found) for focal_mm, found in wavefronts.items()}
-    moved = {take.name: take for mine in there.values() for take in mine}
-    placed = [moved.get(take.name, take) for take in takes]
-    states, failed = fit_sharing_glass(placed, progress)
-    return _AtChiefRays(wavefronts, there, with_colour(states), failed)
+) -> _ChiefRayStates:
+    by_focal = {
+        focal_mm: chief_ray_takes_with_shared_moves(found)
+        for focal_mm, found in wavefronts.items()
+    }
+    by_name = {take.name: take for mine in by_focal.values() for take in mine}
+    chief_ray_takes = [by_name.get(take.name, take) for take in takes]
+    states, failed = fit_states_with_shared_parameters(chief_ray_takes, progress)
+    return _ChiefRayStates(wavefronts, by_focal, with_colour(states), failed)
 
 
-def _kept_where_closer(
+def _fit_with_corrected_wavefronts(
     takes: list[Take],
-    first: _AtChiefRays,
-    told: dict[float, WavefrontFit],
+    first: _ChiefRayStates,
+    corrected: dict[float, WavefrontFit],
     progress: Progress,
-) -> _AtChiefRays:
-    """With those of the told wavefronts that leave less of marks held out."""
-    while told:
-        found = _fit_at_chief_rays(takes, first.wavefronts | told, progress)
+) -> _ChiefRayStates:
+    """States fitted with the corrected wavefronts of those focal lengths whose held-out
+    error they reduce, and with the wavefronts of `first` otherwise."""
+    while corrected:
+        found = _fit_at_chief_rays(takes, first.wavefronts | corrected, progress)
         if found.failed.keys() != first.failed.keys():
             break
-        closer = _closer(found.states, first.states)
-        if told.keys() <= closer:
+        better = _focal_lengths_with_smaller_error(found.states, first.states)
+        if corrected.keys() <= better:
             return found
-        told = {focal_mm: told[focal_mm] for focal_mm in told.keys() & closer}
+        corrected = {mm: corrected[mm] for mm in corrected.keys() & better}
     return first
 
 
-def _told_by_marks(
-    states: list[LensState], first: _AtChiefRays
+def _jointly_corrected_wavefronts(
+    states: list[LensState], first: _ChiefRayStates
 ) -> dict[float, WavefrontFit]:
-    """The wavefronts that marks have had their say of: they are asked where moved marks
-    fit one lens worse than centroids do (`states`), and behind a mosaic, which hides
-    more of a dot's shape than of its place."""
-    told = {}
+    """Wavefronts corrected by a joint adjustment with the geometry, by focal length.
+
+    They are computed where the fit to chief rays (`first`) has a larger held-out error
+    than the fit to centroids (`states`), and behind a mosaic, which disturbs the shape
+    of a dot's image more than its position.
+    """
+    corrected = {}
     centroids = by_focal_length(states)
-    worse = _closer(states, first.states)
+    worse = _focal_lengths_with_smaller_error(states, first.states)
     for focal_mm, found in first.wavefronts.items():
         if not (found.behind_mosaic or focal_mm in worse):
             continue
-        errors = errors_of(found)
-        moving = moved_by(first.takes[focal_mm], found, errors)
-        said = amounts_of(centroids[focal_mm], moving)
-        # What takes list besides is of their photographs, not of the wavefront.
-        better = told_by_marks(found, errors, said.of_first(len(errors)))
-        if better is not None:
-            told[focal_mm] = better
-    return told
+        errors = wavefront_errors(found)
+        moved = takes_with_error_moves(first.takes[focal_mm], found, errors)
+        amplitudes = error_amplitudes(centroids[focal_mm], moved)
+        # The takes list further errors, of their photographs and not of the wavefront.
+        adjusted = adjust_wavefront(found, errors, amplitudes.leading(len(errors)))
+        if adjusted is not None:
+            corrected[focal_mm] = adjusted
+    return corrected
 
 
-def _closer(some: list[LensState], others: list[LensState]) -> set[float]:
-    """Focal lengths of which some states leave less of their marks than others do."""
-    mine, theirs = by_focal_length(some), by_focal_length(others)
+def _focal_lengths_with_smaller_error(
+    states: list[LensState], others: list[LensState]
+) -> set[float]:
+    """Focal lengths at which `states` have a smaller held-out error than `others`."""
+    mine, theirs = by_focal_length(states), by_focal_length(others)
     return {
         focal_mm
         for focal_mm in mine.keys() & theirs.keys()
-        if left_px(mine[focal_mm]) < left_px(theirs[focal_mm])
+        if mean_held_out_rms_px(mine[focal_mm]) < mean_held_out_rms_px(theirs[focal_mm])
     }
 
 
-def _require_like_focus(takes: list[Take]) -> None:
+def _require_consistent_focus(takes: list[Take]) -> None:
     for focal_mm in sorted({take.focal_length_mm for take in takes}):
         mine = [take for take in takes if take.focal_length_mm == focal_mm]
-        silent_ones = [take for take in mine if take.focus_distance_mm is None]
-        if silent_ones and len(silent_ones) < len(mine):
+        unstated = [take for take in mine if take.focus_distance_mm is None]
+        if unstated and len(unstated) < len(mine):
             raise FitError(
                 f"no focus distance is stated, but other takes at {focal_mm:g} mm "
                 "state theirs",
-                where=silent_ones[0].name,
+                where=unstated[0].name,
                 remedy="add focus_distance_mm to every take of that focal length",
             )

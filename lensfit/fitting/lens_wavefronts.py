@@ -18,17 +18,17 @@ from jaxtyping import Float
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.lens_state import LensState, by_focal_length
 from lensfit.fitting.take import Take
-from lensfit.fitting.wavefront.adjusted_wavefront import keeping_centroids
+from lensfit.fitting.wavefront.adjusted_wavefront import refit_without_centroid_bias
 from lensfit.fitting.wavefront.dot_patches import (
-    LARGEST_HOLE_CELLS,
-    LARGEST_PLACED_CELLS,
-    Shown,
+    LARGEST_DOT_APERTURE_CELLS,
+    LARGEST_RAY_SAMPLED_CELLS,
+    DotPhotograph,
     are_of_one_setting,
-    hole_cells,
+    dot_aperture_radius_cells,
 )
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.fit import WavefrontFit, fit_wavefront
-from lensfit.fitting.wavefront.gather import gather, spread_out
+from lensfit.fitting.wavefront.gather import farthest_point_rows, gather
 from lensfit.fitting.wavefront.start import sharp_f_number
 from lensfit.optics.spectrum import bands
 from lensfit.progress import Progress
@@ -52,12 +52,12 @@ class LensWavefronts(NamedTuple):
     ----------
     fitted : Where dots can be used.
     without : Why they cannot be, elsewhere; what to do about it included.
-    too_wide : Takes whose dots were left out, where others were not.
+    takes_with_wide_dots : Takes whose dots were left out, where others were not.
     """
 
     fitted: dict[float, WavefrontFit]
     without: dict[float, str]
-    too_wide: dict[float, list[str]]
+    takes_with_wide_dots: dict[float, list[str]]
 
 
 def fit_wavefronts(
@@ -74,28 +74,30 @@ def fit_wavefronts(
         known = any(t.f_number for state in mine for t in state.geometry.takes)
         assumed = None if known else _ASSUMED_F_NUMBER
         pictured = [s for state in mine for s in _shown_of(state, assumed)]
-        shown = _enough(_telling(pictured))
-        if shown and not known:
-            shown = _stopped_down(shown)
-        if not shown:
+        photographs = _enough(_telling(pictured))
+        if photographs and not known:
+            photographs = _stopped_down(photographs)
+        if not photographs:
             why = _TOO_LARGE if pictured else _unsaid(mine)
             if why:
                 found.without[focal_mm] = why
             continue
         kept = {s.take.name for s in _telling(pictured)}
-        dots = [s.take for s in pictured if not s.take.observations.of_corners]
+        dots = [s.take for s in pictured if not s.take.observations.are_corners]
         names = [take.name for take in dots]
-        found.too_wide[focal_mm] = [name for name in names if name not in kept]
+        found.takes_with_wide_dots[focal_mm] = [
+            name for name in names if name not in kept
+        ]
         try:
             fitted = fit_wavefront(
-                shown,
+                photographs,
                 _widest_fall_off(mine),
                 progress,
                 effort=effort,
                 allowed=allowed,
             )
-            if fitted.gathered.of_one_setting:
-                fitted = keeping_centroids(fitted)
+            if fitted.dot_data.of_one_setting:
+                fitted = refit_without_centroid_bias(fitted)
             found.fitted[focal_mm] = fitted
         except np.linalg.LinAlgError:
             found.without[focal_mm] = _UNDETERMINED
@@ -104,25 +106,29 @@ def fit_wavefronts(
     return found
 
 
-def _telling(pictured: list[Shown]) -> list[Shown]:
+def _telling(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
     """The photographs whose marks can be used: small holes; where there are none, broad
     dots and checker corners."""
-    corners = [one for one in pictured if one.take.observations.of_corners]
-    dots = [one for one in pictured if not one.take.observations.of_corners]
-    sized = [(one, hole_cells(one)) for one in dots]
-    small = [one for one, cells in sized if cells <= LARGEST_PLACED_CELLS]
-    broad = [one for one, cells in sized if cells <= LARGEST_HOLE_CELLS]
+    corners = [one for one in pictured if one.take.observations.are_corners]
+    dots = [one for one in pictured if not one.take.observations.are_corners]
+    sized = [(one, dot_aperture_radius_cells(one)) for one in dots]
+    small = [one for one, cells in sized if cells <= LARGEST_RAY_SAMPLED_CELLS]
+    broad = [one for one, cells in sized if cells <= LARGEST_DOT_APERTURE_CELLS]
     return small or [*broad, *corners]
 
 
-def _enough(shown: list[Shown]) -> list[Shown]:
+def _enough(photographs: list[DotPhotograph]) -> list[DotPhotograph]:
     """Of many photographs of one setting those that look least alike: more of them
     say the same again."""
-    if len(shown) <= _ENOUGH_OF_ONE_SETTING or not are_of_one_setting(shown):
-        return shown
-    looks = np.array([_look_of(one.take) for one in shown])
-    rows = spread_out(looks, np.arange(len(shown)), _ENOUGH_OF_ONE_SETTING)
-    return [shown[k] for k in rows]
+    if len(photographs) <= _ENOUGH_OF_ONE_SETTING or not are_of_one_setting(
+        photographs
+    ):
+        return photographs
+    looks = np.array([_look_of(one.take) for one in photographs])
+    rows = farthest_point_rows(
+        looks, np.arange(len(photographs)), _ENOUGH_OF_ONE_SETTING
+    )
+    return [photographs[k] for k in rows]
 
 
 def _look_of(take: Take) -> Float[np.ndarray, "4"]:
@@ -131,10 +137,10 @@ def _look_of(take: Take) -> Float[np.ndarray, "4"]:
     return np.concatenate([seen.mean(0), 2 * seen.std(0)])
 
 
-def _stopped_down(shown: list[Shown]) -> list[Shown]:
+def _stopped_down(photographs: list[DotPhotograph]) -> list[DotPhotograph]:
     """Those whose f-number nobody stated, as far as their sharpness asks for it."""
-    f_number = round(sharp_f_number(gather(shown, bands(3))), 1)
-    return [one._replace(f_number=f_number) for one in shown]
+    f_number = round(sharp_f_number(gather(photographs, bands(3))), 1)
+    return [one._replace(f_number=f_number) for one in photographs]
 
 
 def _unsaid(states: list[LensState]) -> str:
@@ -146,15 +152,15 @@ def _unsaid(states: list[LensState]) -> str:
     return "state hole_diameter_mm of the dots, which are blurred to their middle"
 
 
-def _shown_of(state: LensState, assumed_f_number: float | None) -> list[Shown]:
+def _shown_of(state: LensState, assumed_f_number: float | None) -> list[DotPhotograph]:
     """The photographs of a state whose dots show the lens' blur."""
     colour = None
     if state.colour:
         colour = state.colour["r"].optics(), state.colour["b"].optics()
     return [
-        Shown(
+        DotPhotograph(
             take,
-            take.cutouts,
+            take.dot_images,
             state.geometry,
             state.distortion,
             colour,
@@ -163,8 +169,8 @@ def _shown_of(state: LensState, assumed_f_number: float | None) -> list[Shown]:
             f_number,
         )
         for k, take in enumerate(state.geometry.takes)
-        if take.cutouts is not None
-        and (take.mark_diameter_mm is not None or take.observations.of_corners)
+        if take.dot_images is not None
+        and (take.mark_diameter_mm is not None or take.observations.are_corners)
         if (f_number := take.f_number or assumed_f_number) is not None
     ]
 

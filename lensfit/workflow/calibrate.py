@@ -53,7 +53,7 @@ from lensfit.workflow.statements.contradictions import (
     contradictions_of_fit,
     contradictions_of_report,
     contradictions_of_views,
-    in_order,
+    gravest_first,
 )
 from lensfit.workflow.statements.fitted_statements import contradicted_by_fit
 from lensfit.workflow.statements.repeated_exposures import without_repeated_exposures
@@ -150,7 +150,7 @@ def calibrate_observed(
         report = _report(shoot, observed, fitted, preset, folder)
         entries = report["entries"]
         contradictions += contradictions_of_report(shoot, observed, entries)
-        report["contradictions"] = [c.as_json() for c in in_order(contradictions)]
+        report["contradictions"] = [c.as_json() for c in gravest_first(contradictions)]
         judged = verdict_of(report)
         report["verdict"] = msgspec.to_builtins(judged)
         preset = replace(with_quality(preset, entries), verdict=judged)
@@ -184,7 +184,7 @@ def _fitted(
     except FitError as error:
         if not contradictions:
             raise
-        first = in_order(contradictions)[0]
+        first = gravest_first(contradictions)[0]
         raise FitError(first.text, where=error.where, remedy=first.remedy) from error
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lensfit.fitting import lens_wavefronts
-from lensfit.fitting.lens_states import Fitted
+from lensfit.fitting.lens_states import FittedLens
 from lensfit.fitting.lens_wavefronts import fit_wavefronts
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.progress import silent
@@ -16,7 +16,7 @@ def take(name="a", *, bright=True, diameter_px=4.0, f_number=2.0, hole_mm=0.5, *
     seen = SimpleNamespace(
         bright=bright,
         diameter_px=np.full(9, diameter_px),
-        of_corners=more.get("of_corners", False),
+        are_corners=more.get("are_corners", False),
         points_px=more.get("points_px"),
         image_size_px=(640, 480),
     )
@@ -25,7 +25,7 @@ def take(name="a", *, bright=True, diameter_px=4.0, f_number=2.0, hole_mm=0.5, *
         observations=seen,
         f_number=f_number,
         mark_diameter_mm=hole_mm,
-        cutouts=more.get("cutouts"),
+        dot_images=more.get("dot_images"),
         target_distance_mm=None,
         focus_distance_mm=more.get("focus_mm", 2000.0),
     )
@@ -64,13 +64,15 @@ def test_what_nobody_stated_of_the_dots_is_asked_for(one, said):
 def noted(shown, seen):
     """In place of a fit."""
     seen.extend(shown)
-    return SimpleNamespace(gathered=SimpleNamespace(of_one_setting=False))
+    return SimpleNamespace(dot_data=SimpleNamespace(of_one_setting=False))
 
 
 def fitted_of(takes, wide_cells, monkeypatch):
     """What was made of takes with dots of these radii, and which were fitted."""
     monkeypatch.setattr(
-        lens_wavefronts, "hole_cells", lambda one: wide_cells[one.take.name]
+        lens_wavefronts,
+        "dot_aperture_radius_cells",
+        lambda one: wide_cells[one.take.name],
     )
     seen = []
     monkeypatch.setattr(
@@ -83,13 +85,15 @@ def fitted_of(takes, wide_cells, monkeypatch):
 def test_takes_whose_dots_are_too_wide_are_named(monkeypatch):
     """The others are fitted."""
     wide_cells = {"near": 1.2, "in focus": 0.8, "far": 1.2}
-    takes = [take(name, cutouts=object()) for name in wide_cells]
+    takes = [take(name, dot_images=object()) for name in wide_cells]
     found, seen = fitted_of(takes, wide_cells, monkeypatch)
     assert seen == ["in focus"]
-    assert found.too_wide == {50.0: ["near", "far"]}
-    (note,) = Fitted((state(*takes),), {}, too_wide=found.too_wide).notes
+    assert found.takes_with_wide_dots == {50.0: ["near", "far"]}
+    (note,) = FittedLens(
+        (state(*takes),), {}, takes_with_wide_dots=found.takes_with_wide_dots
+    ).notes
     assert note.startswith("the dots of near, far are too wide")
-    assert not Fitted((state(*takes),), {}, too_wide={50.0: []}).notes
+    assert not FittedLens((state(*takes),), {}, takes_with_wide_dots={50.0: []}).notes
 
 
 @pytest.mark.parametrize(
@@ -98,21 +102,23 @@ def test_takes_whose_dots_are_too_wide_are_named(monkeypatch):
 @pytest.mark.parametrize("bright", [True, False], ids=["bright", "dark"])
 def test_wide_dots_of_two_settings_are_fitted(bright, other, monkeypatch):
     wide_cells = {"one": 5.0, "other": 8.0}
-    takes = [take("one", bright=bright, cutouts=object())]
-    takes += [take("other", bright=bright, cutouts=object(), **other)]
+    takes = [take("one", bright=bright, dot_images=object())]
+    takes += [take("other", bright=bright, dot_images=object(), **other)]
     found, seen = fitted_of(takes, wide_cells, monkeypatch)
     assert seen == ["one", "other"]
     assert not found.without
 
 
 def test_wide_dots_of_one_setting_are_fitted(monkeypatch):
-    takes = [take("one", cutouts=object()), take("other", cutouts=object())]
+    takes = [take("one", dot_images=object()), take("other", dot_images=object())]
     _, seen = fitted_of(takes, {"one": 5.0, "other": 5.0}, monkeypatch)
     assert seen == ["one", "other"]
 
 
 def test_dots_that_leave_no_rim_on_their_picture_are_too_large(monkeypatch):
-    found, seen = fitted_of([take("one", cutouts=object())], {"one": 9.5}, monkeypatch)
+    found, seen = fitted_of(
+        [take("one", dot_images=object())], {"one": 9.5}, monkeypatch
+    )
     assert not seen
     assert "the dots themselves are too large" in found.without[50.0]
 
@@ -123,13 +129,13 @@ def test_dots_that_leave_no_rim_on_their_picture_are_too_large(monkeypatch):
 def test_an_f_number_that_no_take_states_is_the_unit(stated, used, monkeypatch):
     """One beside takes that state theirs is another one, and unknown."""
     takes = [
-        take(name, f_number=number, cutouts=object())
+        take(name, f_number=number, dot_images=object())
         for name, number in zip("ab", stated, strict=True)
     ]
     seen = []
     monkeypatch.setattr(lens_wavefronts, "gather", lambda *_: None)
     monkeypatch.setattr(lens_wavefronts, "sharp_f_number", lambda _: 5.6)
-    monkeypatch.setattr(lens_wavefronts, "hole_cells", lambda _: 0.5)
+    monkeypatch.setattr(lens_wavefronts, "dot_aperture_radius_cells", lambda _: 0.5)
     monkeypatch.setattr(
         lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: noted(shown, seen)
     )
@@ -143,24 +149,24 @@ def test_no_effort_leaves_the_blur_out():
 
 
 def test_small_dark_dots_of_one_setting_are_fitted(monkeypatch):
-    takes = [take("one", bright=False, cutouts=object())]
+    takes = [take("one", bright=False, dot_images=object())]
     _, seen = fitted_of(takes, {"one": 0.5}, monkeypatch)
     assert seen == ["one"]
 
 
 def corners(name, **more):
-    return take(name, hole_mm=None, cutouts=object(), of_corners=True, **more)
+    return take(name, hole_mm=None, dot_images=object(), are_corners=True, **more)
 
 
 def test_checker_corners_are_fitted_where_there_are_no_small_holes(monkeypatch):
     """And are never called dots that are too wide."""
-    takes = [corners("board"), take("broad", cutouts=object())]
+    takes = [corners("board"), take("broad", dot_images=object())]
     found, seen = fitted_of(takes, {"board": 0.0, "broad": 5.0}, monkeypatch)
     assert seen == ["broad", "board"]
-    takes = [corners("board"), take("holes", cutouts=object())]
+    takes = [corners("board"), take("holes", dot_images=object())]
     found, seen = fitted_of(takes, {"board": 0.0, "holes": 0.5}, monkeypatch)
     assert seen == ["holes"]
-    assert found.too_wide == {50.0: []}
+    assert found.takes_with_wide_dots == {50.0: []}
 
 
 def test_of_many_photographs_of_one_setting_the_least_alike_are_fitted(monkeypatch):

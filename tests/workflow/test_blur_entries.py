@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from lensfit.fitting.entrance_pupil import EntrancePupil
-from lensfit.fitting.select import Verdict
+from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.dots import Dots
-from lensfit.fitting.wavefront.gather import Group
+from lensfit.fitting.wavefront.gather import FocusGroup
 from lensfit.fitting.wavefront.misfit import Misfit
 from lensfit.fitting.wavefront.parameters import Layout, Scale
-from lensfit.fitting.wavefront.rays import spot_seen
+from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
-from lensfit.fitting.wavefront.term_groups import FINE, Family
+from lensfit.fitting.wavefront.term_groups import FINE, TermGroup
 from lensfit.kernel.pixels import (
     diffraction_variance_mm2,
     image_of,
@@ -79,10 +79,10 @@ def fit_of(
     sine = rim_sine(first, jnp.asarray(F_NUMBERS[0]), jnp.asarray(REFERENCE_MM))
     stated = focus_mm[0] is not None
     groups = tuple(
-        Group(f, REFERENCE_MM if stated else None, "" if stated else f"take {k}")
+        FocusGroup(f, REFERENCE_MM if stated else None, "" if stated else f"take {k}")
         for k, f in enumerate(focus_mm)
     )
-    shown = tuple(
+    photographs = tuple(
         SimpleNamespace(
             take=SimpleNamespace(
                 name=f"take {k}", focus_distance_mm=focus_mm[min(k, len(focus_mm) - 1)]
@@ -91,42 +91,42 @@ def fit_of(
         )
         for k in range(3)
     )
-    gathered = SimpleNamespace(
+    dot_data = SimpleNamespace(
         dots=SimpleNamespace(sections=None),
         scale=Scale(jnp.asarray(18.0), sine, jnp.asarray(PRINCIPAL_MM)),
         groups=groups,
         f_numbers=F_NUMBERS,
         reference_distance_mm=REFERENCE_MM,
         first_order=first,
-        shown=shown,
+        photographs=photographs,
         take=np.repeat(np.arange(3), 4),
     )
     numbers = parameters()
     if not exit_pupil:
         numbers[BLOCKS["exit_pupil"]] = 0.0
     stage = SimpleNamespace(
-        gathered=gathered, layout=LAYOUT, parameters=numbers, blades=7
+        dot_data=dot_data, layout=LAYOUT, parameters=numbers, blades=7
     )
     named = [("defocus", "defocus"), ("third_order", "coefficients")]
     named += [("exit_pupil", "exit_pupil")] * exit_pupil
-    families = tuple(
-        Family(name, tuple(range(BLOCKS[b].start, BLOCKS[b].stop)), (), FINE)
+    term_groups = tuple(
+        TermGroup(name, tuple(range(BLOCKS[b].start, BLOCKS[b].stop)), (), FINE)
         for name, b in named
     )
     return SimpleNamespace(
-        gathered=gathered,
+        dot_data=dot_data,
         stage=stage,
-        families=families,
-        has=lambda name: any(one.name == name for one in families),
-        verdicts=(
-            Verdict("exit_pupil", exit_pupil, 30.0, 0.1),
-            Verdict("fifth_order", False, -8.0, 0.0),
+        term_groups=term_groups,
+        has=lambda name: any(one.name == name for one in term_groups),
+        term_decisions=(
+            TermDecision("exit_pupil", exit_pupil, 30.0, 0.1),
+            TermDecision("fifth_order", False, -8.0, 0.0),
         ),
-        stated_covariance=np.diag(np.full(LAYOUT.size, 0.25)),
-        unseen=("third_order",),
+        total_covariance=np.diag(np.full(LAYOUT.size, 0.25)),
+        undetermined_term_groups=("third_order",),
         sign_known=True,
         mirrored=False,
-        guessed=("at f/2 alone",),
+        extrapolation_notes=("at f/2 alone",),
         misfit=Misfit(np.array([0.02, 0.03, 0.04]), 0.035, (0.03, 0.04, None)),
         converged=True,
     )
@@ -134,7 +134,7 @@ def fit_of(
 
 def lens_psf(wavefront, group: int, f_number: float, principal_mm: float) -> np.ndarray:
     """Of the preset's lens at the state of a group: (3, rows, columns)."""
-    focus_mm = wavefront.gathered.groups[group].focus_distance_mm
+    focus_mm = wavefront.dot_data.groups[group].focus_distance_mm
     state = SimpleNamespace(
         distortion=no_distortion(principal_mm, 18.0),
         pupil=EntrancePupil(principal_mm, measured=False),
@@ -170,13 +170,15 @@ def _spots(numbers, dot, colours):
     """Of all channels."""
 
     def one(colour):
-        return spot_seen(numbers, dot, colour, LAYOUT, _spots_scale(), 3 * 4096)[0]
+        return spot_and_pullback(
+            numbers, dot, colour, LAYOUT, _spots_scale(), 3 * 4096
+        )[0]
 
     return jax.vmap(one)(colours)
 
 
 def _spots_scale() -> Scale:
-    return fit_of((1400.0, 1600.0, 1500.0)).gathered.scale
+    return fit_of((1400.0, 1600.0, 1500.0)).dot_data.scale
 
 
 def fitted_image(wavefront, group: int, stop: int, principal_mm: float) -> np.ndarray:
@@ -184,7 +186,7 @@ def fitted_image(wavefront, group: int, stop: int, principal_mm: float) -> np.nd
     vergence = jnp.asarray(1 / (REFERENCE_MM - PRINCIPAL_MM))
     dot = Dots(
         field_mm=jnp.asarray(POINT),
-        magnified=jnp.asarray(principal_mm / PRINCIPAL_MM),
+        principal_distance_ratio=jnp.asarray(principal_mm / PRINCIPAL_MM),
         group=jnp.asarray(group),
         stop=jnp.asarray(stop),
         stop_radius=jnp.asarray(F_NUMBERS[0] / F_NUMBERS[stop]),
@@ -194,7 +196,7 @@ def fitted_image(wavefront, group: int, stop: int, principal_mm: float) -> np.nd
         vergence=vergence,
         reference=vergence,
         lateral_mm=jnp.zeros((3, 3, 2)),
-        filled_mm=jnp.zeros((2, 2)),
+        sampled_ellipse_mm=jnp.zeros((2, 2)),
         variance_mm2=jnp.zeros(2),
         cell_mm=jnp.full(2, PITCH_MM),
     )
@@ -234,7 +236,10 @@ def test_every_state_has_its_own_defocus_and_magnification():
     wavefront = fit_of((1400.0, 1650.0, 1480.0), principal_mm=(50.2, 49.8))
     for group, principal_mm in ((0, 50.2), (1, 49.8)):
         shown = lens_psf(wavefront, group, 2.0, principal_mm)
-        assert far_from(shown, fitted_image(wavefront, group, 0, principal_mm)) < 0.05
+        assert (
+            far_from(shown, fitted_image(wavefront, group, 0, principal_mm))
+            < 0.05
+        )
         other = fitted_image(wavefront, 1 - group, 0, principal_mm)
         assert far_from(shown, other) > 0.3
 

@@ -31,7 +31,7 @@ from data_synth.bench.coverage.traced import (
 )
 from lensfit.batches import in_batches
 from lensfit.fitting.lens_state import LensState
-from lensfit.fitting.lens_states import Fitted
+from lensfit.fitting.lens_states import FittedLens
 from lensfit.fitting.uncertainty import position_deviations_mm
 from lensfit.lens import Lens
 from lensfit.optics.distortion import Distortion, jacobian_at
@@ -52,7 +52,7 @@ class Prediction(NamedTuple):
 
 
 def predictions(
-    fitted: Fitted, lens_at: Callable[[float, float], Lens], traced: Traced
+    fitted: FittedLens, lens_at: Callable[[float, float], Lens], traced: Traced
 ) -> dict[str, Prediction]:
     """Every quantity of a calibration.
 
@@ -170,13 +170,13 @@ def _illumination(state: LensState, traced: TracedLight) -> list[Prediction]:
     return found
 
 
-def _defocus(fitted: Fitted) -> Prediction:
+def _defocus(fitted: FittedLens) -> Prediction:
     values, deviations = [], []
     for wavefront in fitted.wavefronts.values():
         where = wavefront.stage.layout.blocks["defocus"]
-        count = len(wavefront.gathered.groups)
+        count = len(wavefront.dot_data.groups)
         values += list(1000 * wavefront.stage.parameters[where][:count])
-        deviation = np.sqrt(np.diag(wavefront.stated_covariance))[where][:count]
+        deviation = np.sqrt(np.diag(wavefront.total_covariance))[where][:count]
         deviations += list(1000 * deviation)
     nobody = np.full(len(values), np.nan)
     return Prediction(np.array(values), np.array(deviations), nobody)

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from lensfit.coords import mm_from_px
 from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.dot_patches import centroids_mm
-from lensfit.fitting.wavefront.gather import spread_out
+from lensfit.fitting.wavefront.gather import farthest_point_rows
 
 
 class PicturedDots(NamedTuple):
@@ -48,7 +48,7 @@ def pictured(takes: list[Take]) -> list[PicturedDots]:
     return [
         _dots_of(take)
         for take in takes
-        if take.cutouts is not None
+        if take.dot_images is not None
         and take.f_number is not None
         and take.focus_distance_mm is not None
         and take.target_distance_mm is not None
@@ -57,13 +57,13 @@ def pictured(takes: list[Take]) -> list[PicturedDots]:
 
 def some_of(dots: PicturedDots, most: int) -> PicturedDots:
     """Up to `most` of them, as far from each other as can be."""
-    rows = spread_out(dots.place_mm, np.arange(len(dots.place_mm)), most)
+    rows = farthest_point_rows(dots.place_mm, np.arange(len(dots.place_mm)), most)
     parts = ("place_mm", "light", "use", "centre_cells")
     return dots._replace(**{name: getattr(dots, name)[rows] for name in parts})
 
 
 def _dots_of(take: Take) -> PicturedDots:
-    cut, marks = take.cutouts, take.observations
+    cut, marks = take.dot_images, take.observations
     assert cut is not None
     assert None not in (take.f_number, take.focus_distance_mm, take.target_distance_mm)
     cell_mm = take.pixel_mm * cut.cell_px

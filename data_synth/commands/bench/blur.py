@@ -34,7 +34,7 @@ def blur(
 
     with progress_bars() as progress:
         result = bench_blur(
-            data, out, only=only, effort=Effort.named(effort), progress=progress
+            data, out, only=only, effort=Effort.from_name(effort), progress=progress
         )
     if as_json:
         typer.echo(json.dumps(result))

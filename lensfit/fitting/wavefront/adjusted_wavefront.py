@@ -1,17 +1,17 @@
-"""The wavefront once marks have said how large its errors were.
+"""The wavefront after the joint adjustment, and takes whose points are chief rays.
 
-Marks hardly speak of the shape of dots. So the wavefront goes along the errors that its
-own fit left open, which change the photographs least, and keeps of its doubt what the
-marks leave. One error is added to those that the scatter of dots shows, since what the
-model misses is alike in all dots: that all its centroid biases are wrong (`undoing`).
-Then the shape of dots is fitted anew as far as that leaves the biases where marks put
-them.
-
-Where chief rays land: every dot's centroid, less what blur does to it.
+Detected points constrain the shape of dots only weakly. So the joint adjustment moves
+the wavefront along the errors that its own fit left undetermined, which change the
+photographs least, and reduces its covariance to what the detected points leave. One
+error is added to those that the scatter over dots shows, since what the model misses is
+alike in all dots: that all centroid biases are wrong (`bias_cancelling_move`). Then the
+shape of dots is fitted again with the centroid biases fixed where the joint adjustment
+put them.
 
 A centroid is not where the chief ray lands: coma and clipping move it, differently at
-every f-number, focus and colour. The wavefront gives that bias (`centroid_biases`), and
-geometry and lateral colour can be fitted to chief rays.
+every f-number, focus and colour. The wavefront gives that bias (`centroid_biases`). The
+position of the chief ray is the centroid minus the bias, and geometry and lateral
+colour are fitted to these positions.
 
 (The place at which the modelled image suits the photograph best is the same in theory;
 in practice it carries the noise of the rays that the image is made of.)
@@ -22,92 +22,95 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fitting.joint_adjustment import Amounts
+from lensfit.fitting.joint_adjustment import ErrorAmplitudes
 from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.aliasing import Aliasing, aliasing_of
 from lensfit.fitting.wavefront.centroid_biases import (
-    moves_of_marks_mm,
-    slight_moves_of_marks_mm,
+    detected_point_moves_mm,
+    linear_detected_point_moves_mm,
     smooth_centroid_biases_mm,
 )
-from lensfit.fitting.wavefront.constrained_refit import reshaped, undoing
-from lensfit.fitting.wavefront.dot_patches import Shown
+from lensfit.fitting.wavefront.constrained_refit import (
+    bias_cancelling_move,
+    refit_with_fixed_biases,
+)
+from lensfit.fitting.wavefront.dot_patches import DotPhotograph
 from lensfit.fitting.wavefront.fit import WavefrontFit
-from lensfit.fitting.wavefront.gather import Gathered
+from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.misfit import misfit_of
-from lensfit.fitting.wavefront.stages import Stage, settled
+from lensfit.fitting.wavefront.stages import Stage, recentre_patches
 from lensfit.fitting.wavefront.uncertainty import parameter_moves
 
-_UNSURE = 0.05
-"""Share of a bias that the model may get wrong: where it is small, a photograph counts
-for more."""
+_BIAS_UNCERTAINTY = 0.05
+"""Standard deviation of a bias, as a share of it: where biases are small, a photograph
+counts for more."""
 
 
-def placed(stage: Stage, gathered: Gathered) -> list[Take]:
-    """The takes with marks where the chief rays land, in the order of `gathered.shown`.
+def chief_ray_takes(stage: Stage, dot_data: DotData) -> list[Take]:
+    """The takes with points where the chief rays land, ordered as `photographs`.
 
-    Marks whose size is unknown stay where they are.
+    Detected points whose size is unknown stay where they are.
     """
-    bias_mm = smooth_centroid_biases_mm(stage, gathered)
-    aliasing = aliasing_of(stage, gathered)
+    bias_mm = smooth_centroid_biases_mm(stage, dot_data)
+    aliasing = aliasing_of(stage, dot_data)
     takes = []
-    for k, shown in enumerate(gathered.shown):
-        mine = gathered.take == k
+    for k, photograph in enumerate(dot_data.photographs):
+        mine = dot_data.take == k
         of_take = Aliasing(*(part[mine] for part in aliasing))
-        takes.append(_moved(shown, bias_mm[mine], of_take))
+        takes.append(_take_at_chief_rays(photograph, bias_mm[mine], of_take))
     return takes
 
 
-def moving_together(
+def takes_with_shared_moves(
     takes: list[Take],
     stage: Stage,
-    gathered: Gathered,
+    dot_data: DotData,
     moves_mm: Float[np.ndarray, "dots moves 3 2"],
 ) -> list[Take]:
-    """Placed takes that say how their marks move together (`shared_moves_mm`): as
-    given, and by the share of the bias that the model may get wrong, alike in all takes
-    of one f-number and focus.
+    """Takes with `shared_moves_mm`, the common errors of their points: the given moves,
+    and a share of the bias (the model's error), alike in all takes of one f-number and
+    focus.
 
     Parameters
     ----------
-    takes : As `placed` has them.
-    moves_mm : How independent errors of the wavefront move every dot's mark
+    takes : From `chief_ray_takes`.
+    moves_mm : How independent errors of the wavefront move every detected point
         (`centroid_biases`).
     """
-    bias_mm = smooth_centroid_biases_mm(stage, gathered)
+    bias_mm = smooth_centroid_biases_mm(stage, dot_data)
     settings = [(take.f_number, take.focus_distance_mm) for take in takes]
     distinct = list(dict.fromkeys(settings))
     moves = moves_mm.shape[1]
     found = []
     for k, take in enumerate(takes):
-        mine = gathered.take == k
+        mine = dot_data.take == k
         shared = np.zeros((moves + len(distinct), 3, len(take.observations), 2))
-        rows = gathered.shown[k].cutouts.marks
+        rows = dot_data.photographs[k].dot_images.marks
         shared[:moves, :, rows] = moves_mm[mine].transpose(1, 2, 0, 3)
         alike = moves + distinct.index(settings[k])
-        shared[alike, :, rows] = _UNSURE * bias_mm[mine]
+        shared[alike, :, rows] = _BIAS_UNCERTAINTY * bias_mm[mine]
         found.append(replace(take, shared_moves_mm=shared))
     return found
 
 
-def _moved(
-    shown: Shown,
+def _take_at_chief_rays(
+    photograph: DotPhotograph,
     bias_mm: Float[np.ndarray, "dots 3 2"],
     aliasing: Aliasing,
 ) -> Take:
-    """The take with its marks at the chief rays, and the light that dots sent."""
-    take, rows = shown.take, shown.cutouts.marks
+    """The take with its points at the chief rays, and dots' light free of aliasing."""
+    take, rows = photograph.take, photograph.dot_images.marks
     observations = take.observations
     bias_px = bias_mm / take.pixel_mm
-    apart = bias_px + aliasing.moved_mm / take.pixel_mm
+    apart = bias_px + aliasing.centroid_error_mm / take.pixel_mm
     points = observations.points_px.copy()
     points[rows] -= apart[:, 1]
     channels = observations.channel_points_px.copy()
     channels[:, rows] -= apart.transpose(1, 0, 2)
     flux = observations.flux.copy()
-    green = flux[rows, flux.shape[1] // 2, None] / aliasing.brightened[:, None]
+    green = flux[rows, flux.shape[1] // 2, None] / aliasing.brightness_ratio[:, None]
     flux[rows] = np.where(aliasing.green_alone[:, None], green, flux[rows])
-    unsure = _UNSURE**2 * np.einsum("kci,kcj->ckij", bias_px, bias_px)
+    unsure = _BIAS_UNCERTAINTY**2 * np.einsum("kci,kcj->ckij", bias_px, bias_px)
     covariance = observations.covariance_px2.copy()
     covariance[rows] += unsure[1]
     of_channels = observations.channel_covariance_px2.copy()
@@ -123,78 +126,83 @@ def _moved(
     return replace(take, chief_rays=True, observations=corrected)
 
 
-_AS_GOOD = 1.1
-"""How much worse the shape of dots may be explained."""
+_LARGEST_MISFIT_RATIO = 1.1
+"""Largest ratio of the misfit of dots' shape after the adjustment to that before."""
 
 
-def at_chief_rays(found: WavefrontFit) -> list[Take]:
-    """The takes with marks where chief rays land, and how its errors move them."""
-    stage, gathered = found.stage, found.gathered
-    moves = parameter_moves(stage, found.stated_covariance)
-    moves_mm = slight_moves_of_marks_mm(stage, gathered, moves)
-    return moving_together(placed(stage, gathered), stage, gathered, moves_mm)
+def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[Take]:
+    """The takes with points where chief rays land, and how errors of the wavefront
+    move them."""
+    stage, dot_data = found.stage, found.dot_data
+    moves = parameter_moves(stage, found.total_covariance)
+    moves_mm = linear_detected_point_moves_mm(stage, dot_data, moves)
+    return takes_with_shared_moves(
+        chief_ray_takes(stage, dot_data), stage, dot_data, moves_mm
+    )
 
 
-def moved_by(
+def takes_with_error_moves(
     takes: list[Take],
     found: WavefrontFit,
     errors: Float[np.ndarray, "errors parameters"],
 ) -> list[Take]:
-    """The same (`takes`) with how these errors, of whatever size, move every mark."""
-    stage, gathered = found.stage, found.gathered
-    moves_mm = moves_of_marks_mm(stage, gathered, errors)
-    return moving_together(takes, stage, gathered, moves_mm)
+    """The same takes with how these errors, of any size, move every point."""
+    stage, dot_data = found.stage, found.dot_data
+    moves_mm = detected_point_moves_mm(stage, dot_data, errors)
+    return takes_with_shared_moves(takes, stage, dot_data, moves_mm)
 
 
-def errors_of(found: WavefrontFit) -> Float[np.ndarray, "errors parameters"]:
-    """That all centroid biases are wrong, and then its independent errors."""
-    whole = undoing(found.stage, found.gathered)
+def wavefront_errors(found: WavefrontFit) -> Float[np.ndarray, "errors parameters"]:
+    """Moves of the parameters: first the one that cancels all centroid biases, then the
+    independent errors of one standard deviation each."""
+    whole = bias_cancelling_move(found.stage, found.dot_data)
     return np.concatenate([whole[None], parameter_moves(found.stage, found.covariance)])
 
 
-def keeping_centroids(found: WavefrontFit) -> WavefrontFit:
-    """The wavefront of one setting with centroids where chief rays land, where dots are
-    explained as well so.
+def refit_without_centroid_bias(found: WavefrontFit) -> WavefrontFit:
+    """The wavefront of one setting with centroid biases cancelled, if that explains the
+    dots as well.
 
-    Marks of other settings would show how far coma moves a centroid: those of one lie
-    on a smooth map wherever it moves them. The map without it is what was measured.
+    Detected points of other settings would determine how far coma moves a centroid.
+    Those of one setting lie on a smooth map whatever the bias, and the map without bias
+    is the one that was measured.
     """
-    whole = undoing(found.stage, found.gathered)[None]
-    kept = told_by_marks(found, whole, Amounts(np.ones(1), np.zeros((1, 1))))
+    whole = bias_cancelling_move(found.stage, found.dot_data)[None]
+    kept = adjust_wavefront(found, whole, ErrorAmplitudes(np.ones(1), np.zeros((1, 1))))
     return found if kept is None else kept
 
 
-def told_by_marks(
+def adjust_wavefront(
     found: WavefrontFit,
     errors: Float[np.ndarray, "errors parameters"],
-    said: Amounts,
+    amounts: ErrorAmplitudes,
 ) -> WavefrontFit | None:
-    """The wavefront with so much of each error in it; None where that spoils how well
-    it explains the shape of dots.
+    """The wavefront with these amounts of the errors added and the dots' shape
+    refitted; None where the misfit of dots grows by more than a tenth.
 
     Parameters
     ----------
-    errors : As `errors_of` has them.
-    said : How much of each.
+    errors : From `wavefront_errors`.
+    amounts : Amount of each error.
     """
     stage = found.stage
-    told = replace(stage, parameters=stage.parameters + said.value @ errors)
-    stage = reshaped(settled(told), found.gathered)
-    # A move too far leads where rays miss the patches, and nothing is defined.
+    told = replace(stage, parameters=stage.parameters + amounts.value @ errors)
+    stage = refit_with_fixed_biases(recentre_patches(told), found.dot_data)
+    # After too large a move rays miss the patches, and the solve is undefined.
     numbers = (stage.parameters, *stage.equations)
     if not all(np.isfinite(part).all() for part in numbers):
         return None
-    misfit = misfit_of(stage, found.families)
+    misfit = misfit_of(stage, found.term_groups)
     worse = misfit.median / found.misfit.median
-    if not worse <= _AS_GOOD:
+    if not worse <= _LARGEST_MISFIT_RATIO:
         return None
-    # In retrospect the halves of a fit go to minima of their own, which fixed biases
-    # forbid: what dots that it did not see cost it is what it was.
+    # The held-out misfit is computed at the minima of both halves, which fixed biases
+    # do not reach: so it is scaled from the value before.
     misfit = misfit._replace(held_out_dots=worse * found.misfit.held_out_dots)
     before = np.diag([0.0, *np.ones(len(errors) - 1)])
     return replace(
         found,
         stage=stage,
-        covariance=found.covariance + errors.T @ (said.covariance - before) @ errors,
+        covariance=found.covariance + errors.T @ (amounts.covariance - before) @ errors,
         misfit=misfit,
     )

@@ -1,9 +1,10 @@
-"""What the rays of a dot are drawn in, and how the cells of its patch see that.
+"""The basis functions in which images of a dot are drawn, and their light on cells.
 
-An image is a sum over rays of a product: what a ray is along rows times what it is
-along columns (`kernel.pixels.Profile`). Small holes are drawn in the cells themselves,
-of which a ray has its share; broad dots in waves (`waves`), which a disc passes on one
-by one. The patch is right and down from its corner, in sensor mm.
+An image is a sum over rays of a product: the amplitude of a ray along rows times its
+amplitude along columns (`kernel.pixels.Profile`). Small dot apertures are drawn in the
+cells themselves, where a ray's amplitude is its share of the cell; broad dots in waves
+(`waves`), each of which a disc multiplies by a number of its own. The patch is measured
+right and down from its corner, in sensor mm.
 """
 
 import abc
@@ -16,7 +17,7 @@ from lensfit.kernel.spot import Spot
 
 
 class Basis(eqx.Module):
-    """Functions along one axis, the same along the other, that images are made of."""
+    """Functions along one axis, the same along the other, of which images are sums."""
 
     corner_mm: eqx.AbstractVar[Float[Array, "2"]]
     cell_mm: eqx.AbstractVar[Float[Array, "2"]]
@@ -29,19 +30,20 @@ class Basis(eqx.Module):
 
     @abc.abstractmethod
     def profile(self, spot: Spot, variance_mm2: Float[Array, "*axes"]) -> Profile:
-        """Of rays that are Gaussians of this variance, besides their own width."""
+        """Amplitudes of rays that are Gaussians of this variance plus their own
+        width."""
 
     @abc.abstractmethod
-    def seen(
-        self, drawn: Float[Array, "*images size size"]
+    def cell_light(
+        self, amplitudes: Float[Array, "*images size size"]
     ) -> Float[Array, "*images cells cells"]:
-        """Light of the cells of images that were drawn."""
+        """Light on the cells, from amplitudes of the functions."""
 
     @abc.abstractmethod
-    def traced_back(
-        self, pull: Float[Array, "cells cells"]
+    def cell_light_transpose(
+        self, cotangent: Float[Array, "cells cells"]
     ) -> Float[Array, "size size"]:
-        """A derivative by the light of cells as one by what was drawn."""
+        """The derivative by the amplitudes, from that by the light of cells."""
 
 
 class Cells(Basis):
@@ -58,21 +60,21 @@ class Cells(Basis):
 
     @property
     def size(self) -> int:
-        """As many as cells."""
+        """The number of cells."""
         return self.cells
 
     def profile(self, spot: Spot, variance_mm2: Float[Array, "*axes"]) -> Profile:
         """`kernel.pixels.profile_of`."""
         return profile_of(spot, self.corner_mm, self.cell_mm, self.cells, variance_mm2)
 
-    def seen(
-        self, drawn: Float[Array, "*images size size"]
+    def cell_light(
+        self, amplitudes: Float[Array, "*images size size"]
     ) -> Float[Array, "*images cells cells"]:
         """The same."""
-        return drawn
+        return amplitudes
 
-    def traced_back(
-        self, pull: Float[Array, "cells cells"]
+    def cell_light_transpose(
+        self, cotangent: Float[Array, "cells cells"]
     ) -> Float[Array, "size size"]:
         """The same."""
-        return pull
+        return cotangent

@@ -1,8 +1,8 @@
-"""The dots beside a dot: those that were found, and those that the frame cuts.
+"""Neighbours of a dot: those that were detected, and those that the frame cuts.
 
-A broad dot's neighbours reach into its picture, and where blur is wide into its light.
-One that lies across the frame's edge is not found, yet sends light: it is where the dot
-on the other side says, as far away as that one.
+A broad dot's neighbours reach into its patch, and where blur is wide into its light. A
+dot that lies across the frame's edge is not detected, yet sends light. It is assumed to
+lie opposite the detected neighbour on the other side, at the same distance.
 """
 
 import numpy as np
@@ -10,23 +10,27 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from lensfit.detect.observations import Observations
-from lensfit.fitting.wavefront.dot_patches import Shown
+from lensfit.fitting.wavefront.dot_patches import DotPhotograph
 
 NEIGHBOURS = 8
 _CUT_DIAMETERS = 1.0
-"""From the frame's edge, within which a dot may have been cut and not found."""
+"""Distance from the frame's edge within which a dot may be cut and not detected."""
 
 
-def beside_mm(shown: Shown) -> Float[np.ndarray, "dots neighbours 2"]:
-    """From every dot with a cutout to those around it; NaN where there is none."""
-    found = beside_px(shown.take.observations, shown.cutouts.marks)
-    return found * shown.take.pixel_mm
+def neighbour_offsets_mm(
+    photograph: DotPhotograph,
+) -> Float[np.ndarray, "dots neighbours 2"]:
+    """From every dot with a patch to those around it; NaN where there is none."""
+    found = neighbour_offsets_px(
+        photograph.take.observations, photograph.dot_images.marks
+    )
+    return found * photograph.take.pixel_mm
 
 
-def beside_px(
+def neighbour_offsets_px(
     marks: Observations, rows: Int[np.ndarray, " dots"]
 ) -> Float[np.ndarray, "dots neighbours 2"]:
-    """From some of the marks to those around each; NaN where there is none."""
+    """From some of the detected dots to those around each; NaN where there is none."""
     seen = np.isfinite(marks.diameter_px)
     steps = _steps(marks.lattice[seen])
     here, lattice = marks.points_px[rows][:, None], marks.lattice[rows][:, None]
@@ -39,18 +43,21 @@ def beside_px(
 
 
 def own_cells(
-    shown: Shown, beside_mm: Float[np.ndarray, "dots neighbours 2"]
+    photograph: DotPhotograph,
+    neighbour_offsets_mm: Float[np.ndarray, "dots neighbours 2"],
 ) -> Bool[np.ndarray, "dots rows columns"]:
     """Cells of every cutout nearer to its dot than to any beside it."""
-    cutouts, pixel_mm = shown.cutouts, shown.take.pixel_mm
-    centre_px = shown.take.observations.points_px[cutouts.marks]
-    middle_px = (np.arange(cutouts.light.shape[-1]) + 0.5) * cutouts.cell_px
-    x, y = (cutouts.corner_px - centre_px).T[..., None] + middle_px
-    beside_px = beside_mm / pixel_mm
-    towards = np.einsum("dn,dc->dnc", beside_px[..., 0], x)[:, :, None]
-    towards = towards + np.einsum("dn,dr->dnr", beside_px[..., 1], y)[..., None]
-    half = np.sum(beside_px**2, -1)[..., None, None] / 2
-    # One that is not there, NaN, has no cells.
+    dot_images, pixel_mm = photograph.dot_images, photograph.take.pixel_mm
+    centre_px = photograph.take.observations.points_px[dot_images.marks]
+    middle_px = (np.arange(dot_images.light.shape[-1]) + 0.5) * dot_images.cell_px
+    x, y = (dot_images.corner_px - centre_px).T[..., None] + middle_px
+    neighbour_offsets_px = neighbour_offsets_mm / pixel_mm
+    towards = np.einsum("dn,dc->dnc", neighbour_offsets_px[..., 0], x)[:, :, None]
+    towards = (
+        towards + np.einsum("dn,dr->dnr", neighbour_offsets_px[..., 1], y)[..., None]
+    )
+    half = np.sum(neighbour_offsets_px**2, -1)[..., None, None] / 2
+    # A neighbour that does not exist, NaN, has no cells.
     return ~np.any(towards > half, 1)
 
 
@@ -66,7 +73,7 @@ def _steps(lattice: Float[np.ndarray, "dots 2"]) -> Float[np.ndarray, "neighbour
 def _points_at(
     marks: Observations, lattice: Float[np.ndarray, "*shape 2"]
 ) -> Float[np.ndarray, "*shape 2"]:
-    """Where marks of these coordinates were found; NaN where none was."""
+    """Detected points at these lattice coordinates; NaN where there is none."""
     away, nearest = KDTree(marks.lattice).query(lattice)
     found = np.asarray(away) < 0.1
     return np.where(found[..., None], marks.points_px[np.asarray(nearest)], np.nan)
@@ -75,6 +82,6 @@ def _points_at(
 def _is_within(
     points_px: Float[np.ndarray, "*shape 2"], size_px: tuple[int, int], reach_px: float
 ) -> Bool[np.ndarray, "*shape"]:
-    """Whether points lie in the frame, by so much; not those that are NaN."""
+    """Whether points lie in the frame by this distance; true where they are NaN."""
     inside = (points_px >= reach_px) & (points_px <= np.array(size_px) - reach_px)
     return np.asarray(inside.all(-1) | np.isnan(points_px).any(-1))

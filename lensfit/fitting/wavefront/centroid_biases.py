@@ -1,8 +1,9 @@
-"""Centroid bias of every dot: how far its mark lies from where its chief ray lands.
+"""Centroid bias of every dot: its detected point minus where its chief ray lands.
 
-Of a small hole a mark is the centroid of its light (`light_centroid`), of a broad dot
-or a checker corner where detection finds it on the modelled image (`mark`). Where the
-model has a mark farther out by so much, the chief ray lands farther in.
+The detected point of a small dot is the centroid of its light (`light_centroid`). That
+of a broad dot or a checker corner is where detection finds it on the modelled image
+(`mark`). Where the model has the detected point farther out by some amount, the chief
+ray lands farther in by the same amount.
 """
 
 from collections.abc import Callable
@@ -16,9 +17,16 @@ from jaxtyping import Array, Float
 from scipy.interpolate import RBFInterpolator
 
 from lensfit.batches import in_batches
-from lensfit.fitting.wavefront.gather import Gathered, chosen, spread_over_takes
+from lensfit.fitting.wavefront.gather import (
+    DotData,
+    rows_spread_over_takes,
+    select_dots,
+)
 from lensfit.fitting.wavefront.light_centroid import centroid_slopes_mm, centroids_mm
-from lensfit.fitting.wavefront.mark import mark_offset_slopes_mm, mark_offsets_mm
+from lensfit.fitting.wavefront.mark import (
+    detected_point_offset_slopes_mm,
+    detected_point_offsets_mm,
+)
 from lensfit.fitting.wavefront.normal import as_float32
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.stages import Stage, with_iris
@@ -27,89 +35,91 @@ from lensfit.programs import kept_program
 _BATCH, _BROAD_BATCH, _SLOPES_BATCH = 512, 32, 32
 """Dots that go through a program at a time."""
 _SAMPLED, _SAMPLED_FOR_ALL = 12, 40
-"""Dots of a take at which it is computed how errors of the wavefront move marks, and
-how the wavefront itself does."""
+"""Dots of a take at which moves of detected points by errors of the wavefront are
+computed, and at which biases themselves are."""
 
 
 def centroid_biases_mm(
-    stage: Stage, gathered: Gathered
+    stage: Stage, dot_data: DotData
 ) -> Float[np.ndarray, "dots 3 2"]:
-    """Mark of every dot and channel from where its chief ray lands."""
-    if gathered.dots.broad is None:
-        return _of_dots(centroids_mm, stage, gathered, _BATCH)
-    return _of_dots(mark_offsets_mm, stage, gathered, _BROAD_BATCH)
+    """Detected point of every dot and channel from where its chief ray lands."""
+    if dot_data.dots.broad is None:
+        return _evaluate_on_dots(centroids_mm, stage, dot_data, _BATCH)
+    return _evaluate_on_dots(detected_point_offsets_mm, stage, dot_data, _BROAD_BATCH)
 
 
 def smooth_centroid_biases_mm(
-    stage: Stage, gathered: Gathered
+    stage: Stage, dot_data: DotData
 ) -> Float[np.ndarray, "dots 3 2"]:
-    """The same; between a few broad dots, which take a drawing each, interpolated."""
-    if gathered.dots.broad is None:
-        return centroid_biases_mm(stage, gathered)
-    few = chosen(gathered, spread_over_takes(gathered, _SAMPLED_FOR_ALL))
+    """The same; of broad dots, which are costly to draw, computed at a few and
+    interpolated."""
+    if dot_data.dots.broad is None:
+        return centroid_biases_mm(stage, dot_data)
+    few = select_dots(dot_data, rows_spread_over_takes(dot_data, _SAMPLED_FOR_ALL))
     of_few_mm = centroid_biases_mm(stage, few)[:, None]
-    return _interpolated_to_all(of_few_mm, few, gathered)[:, 0]
+    return _interpolated_to_all(of_few_mm, few, dot_data)[:, 0]
 
 
 def centroid_bias_slopes_mm(
-    stage: Stage, gathered: Gathered
+    stage: Stage, dot_data: DotData
 ) -> Float[np.ndarray, "dots 3 2 parameters"]:
     """d `centroid_biases_mm` / d parameter; it costs ten times as much."""
-    broad = gathered.dots.broad is not None
-    slopes = mark_offset_slopes_mm if broad else centroid_slopes_mm
-    return _of_dots(slopes, stage, gathered, _SLOPES_BATCH)
+    broad = dot_data.dots.broad is not None
+    slopes = detected_point_offset_slopes_mm if broad else centroid_slopes_mm
+    return _evaluate_on_dots(slopes, stage, dot_data, _SLOPES_BATCH)
 
 
-def sampled_dots(gathered: Gathered) -> Gathered:
+def sampled_dots(dot_data: DotData) -> DotData:
     """A few of every take, between which the bias is smooth."""
-    return chosen(gathered, spread_over_takes(gathered, _SAMPLED))
+    return select_dots(dot_data, rows_spread_over_takes(dot_data, _SAMPLED))
 
 
-def moves_of_marks_mm(
-    stage: Stage, gathered: Gathered, moves: Float[np.ndarray, "moves parameters"]
+def detected_point_moves_mm(
+    stage: Stage, dot_data: DotData, moves: Float[np.ndarray, "moves parameters"]
 ) -> Float[np.ndarray, "dots moves 3 2"]:
-    """How marks go as the parameters move: moves of any size."""
-    few = sampled_dots(gathered)
+    """How detected points move with the parameters, for moves of any size."""
+    few = sampled_dots(dot_data)
     still = centroid_biases_mm(stage, few)
     against = np.zeros((len(still), len(moves), *still.shape[1:]))
     for k, move in enumerate(moves):
         moved = replace(stage, parameters=stage.parameters + move)
         against[:, k] = still - centroid_biases_mm(moved, few)
-    return _interpolated_to_all(against, few, gathered)
+    return _interpolated_to_all(against, few, dot_data)
 
 
-def slight_moves_of_marks_mm(
-    stage: Stage, gathered: Gathered, moves: Float[np.ndarray, "moves parameters"]
+def linear_detected_point_moves_mm(
+    stage: Stage, dot_data: DotData, moves: Float[np.ndarray, "moves parameters"]
 ) -> Float[np.ndarray, "dots moves 3 2"]:
     """The same, linear in the moves and within a tenth."""
     if not len(moves):
-        return np.zeros((len(gathered.take), 0, 3, 2))
-    few = sampled_dots(gathered)
+        return np.zeros((len(dot_data.take), 0, 3, 2))
+    few = sampled_dots(dot_data)
     against = -np.einsum("dcip,mp->dmci", centroid_bias_slopes_mm(stage, few), moves)
-    return _interpolated_to_all(against, few, gathered)
+    return _interpolated_to_all(against, few, dot_data)
 
 
 def _interpolated_to_all(
-    against_mm: Float[np.ndarray, "few moves 3 2"], few: Gathered, gathered: Gathered
+    against_mm: Float[np.ndarray, "few moves 3 2"], few: DotData, dot_data: DotData
 ) -> Float[np.ndarray, "dots moves 3 2"]:
-    """By a thin plate through a few dots of every take."""
-    field_mm, known_mm = (np.asarray(g.dots.field_mm) for g in (gathered, few))
+    """By a thin-plate spline through a few dots of every take."""
+    field_mm, known_mm = (np.asarray(g.dots.field_mm) for g in (dot_data, few))
     found = np.zeros((len(field_mm), *against_mm.shape[1:]))
-    for k in range(len(gathered.shown)):
-        mine, known = gathered.take == k, few.take == k
+    for k in range(len(dot_data.photographs)):
+        mine, known = dot_data.take == k, few.take == k
         values = against_mm[known].reshape(known.sum(), -1)
         plate = RBFInterpolator(known_mm[known], values, kernel="thin_plate_spline")
         found[mine] = plate(field_mm[mine]).reshape(mine.sum(), *found.shape[1:])
     return found
 
 
-def _of_dots(
-    function: Callable[..., Array], stage: Stage, gathered: Gathered, batch: int
+def _evaluate_on_dots(
+    function: Callable[..., Array], stage: Stage, dot_data: DotData, batch: int
 ) -> Float[np.ndarray, "dots 3 2 *shape"]:
-    """What a function such as `mark_offsets_mm` finds at the parameters of the fit."""
-    dots, transfer = with_iris(gathered, stage.blades), gathered.transfer
+    """Values of a function of one dot, such as `detected_point_offsets_mm`, for all
+    dots at the parameters of the fit."""
+    dots, transfer = with_iris(dot_data, stage.blades), dot_data.transfer
     is_broad = transfer is not None
-    numbers = stage.parameters, gathered.chromatic, gathered.scale
+    numbers = stage.parameters, dot_data.chromatic, dot_data.scale
     parameters, chromatic, scale = jax.tree.map(jnp.asarray, numbers)
 
     def found(part: tuple[Any, ...]) -> Array:
@@ -117,14 +127,14 @@ def _of_dots(
         seen = parameters, part, chromatic, scale
         if is_broad:  # in single precision, as the fit draws them
             seen = jax.tree.map(as_float32, seen)
-        return _one_by_one(function, stage.layout, *seen)
+        return _map_over_dots(function, stage.layout, *seen)
 
     rows = (dots, transfer) if is_broad else (dots,)
     return in_batches(found, rows, batch).astype(float)
 
 
 @kept_program(static_argnames=("function", "layout"))
-def _one_by_one(
+def _map_over_dots(
     function: Callable[..., Array],
     layout: Layout,
     parameters: Array,

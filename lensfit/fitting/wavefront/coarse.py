@@ -1,9 +1,9 @@
-"""The first solve: third order on smoothed dots, from every start that is left open.
+"""The first solve: third order on smoothed dots, from every start still possible.
 
-How far all takes lie from focus together is badly known before the fit: a curved field
-or spherical aberration moves the best focus, and their valleys are walled off from each
-other once blur is larger than a dot. So are those of a field that is curved to the
-other side, and the side of focus where nobody stated it.
+The defocus common to all takes is poorly known before the fit, since a curved field or
+spherical aberration moves the best focus. Once blur is larger than a dot, the solve
+cannot cross from one such local minimum to another. The same holds for a field that is
+curved to the other side, and for the side of focus where nobody stated it.
 All starts run on a few dots, the promising ones on more (`multistart`).
 """
 
@@ -15,7 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
-from lensfit.fitting.wavefront.gather import Gathered, chosen, spread_over_takes
+from lensfit.fitting.wavefront.gather import (
+    DotData,
+    rows_spread_over_takes,
+    select_dots,
+)
 from lensfit.fitting.wavefront.moments import (
     Focus,
     dot_widths_mm,
@@ -23,21 +27,21 @@ from lensfit.fitting.wavefront.moments import (
     set_focus,
 )
 from lensfit.fitting.wavefront.multistart import (
-    Valley,
-    deepest,
-    left_of,
-    other_side,
-    still_open,
-    valley_at,
+    Candidate,
+    best_candidate,
+    candidate_at,
+    mirrored_candidate,
+    open_candidates,
+    rejected_candidates,
 )
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.stages import (
     first_stage,
-    freed,
-    on_dots,
-    settled,
-    smoothed_by,
-    solved,
+    recentre_patches,
+    set_priors,
+    smooth_stage,
+    solve_stage,
+    stage_on_dots,
 )
 from lensfit.fitting.wavefront.start import (
     IN_FOCUS_MM,
@@ -47,21 +51,21 @@ from lensfit.fitting.wavefront.start import (
 )
 from lensfit.fitting.wavefront.term_groups import (
     COARSE,
-    Family,
+    TermGroup,
+    candidate_term_groups,
     deviation_of,
-    families_of,
 )
 
 _SMOOTHING = 3.0
 _MOST_SIGNS = 3
 _HOPELESS_START, _HOPELESS = 3.0, 1.5
-"""How much worse than the best a start may be after one short solve on few dots, where
-some are still on their way; and at the end."""
+"""Largest cost over the best one's: after one short solve on few dots, where some
+starts have not converged yet; and at the end."""
 _FEW_DOTS = 4
-"""Of each take, while there are many starts of known sign; a few would tell a lens from
-its mirror image by where they happen to be."""
+"""Of each take, for the many starts of known sign. With unknown signs so few dots would
+decide between a lens and its mirror image by their positions."""
 _FINALISTS = 4
-"""How many are solved with all dots; the next stage, as cheap, may have them all."""
+"""How many are solved with all dots; the next stage, as cheap, may use them all."""
 
 
 class _Tries(NamedTuple):
@@ -69,8 +73,8 @@ class _Tries(NamedTuple):
 
     Attributes
     ----------
-    from_seen, from_stated : Defocus common to all takes, in the largest that is seen,
-        beyond what is seen of each take and beyond what was stated of it.
+    from_seen, from_stated : Defocus common to all takes, in units of the largest
+        measured one: added to the measured defocus of each take, and to the stated one.
     curved : Number of curved fields (`moments`).
     """
 
@@ -84,83 +88,87 @@ _TRIES = (
     _Tries((0.0,), (0.0, -1.0, 1.0), 2),
     _Tries((0.0,), (), 1),
 )
-"""By the number of signs that are open: none, one, more. Each doubles the starts."""
+"""By the number of unknown signs: none, one, more. Each doubles the starts."""
 
 
-class Coarse(NamedTuple):
-    """What the first solve found.
+class CoarseFit(NamedTuple):
+    """Result of the first solve.
 
     Attributes
     ----------
-    valleys : Where starts led that the photographs leave open, as statements rank them.
-    others : Where the other starts had led when they were left, the deepest first.
-    side_stated : Whether statements settle the side of focus: those of every take; that
-        the chart was in focus does not.
-    families : What is free in this stage and the next.
+    candidates : Local minima that the photographs do not exclude, ranked by
+        statements.
+    rejected : The other candidates where they were rejected, lowest cost first.
+    side_stated : Whether statements determine the side of focus: those of every take;
+        a statement that the chart was in focus does not.
+    term_groups : Term groups that are free in this stage and the next.
     """
 
-    valleys: list[Valley]
-    others: list[Valley]
+    candidates: list[Candidate]
+    rejected: list[Candidate]
     side_stated: bool
-    families: tuple[Family, ...]
+    term_groups: tuple[TermGroup, ...]
 
 
 def coarse_fit(
-    gathered: Gathered,
+    dot_data: DotData,
     layout: Layout,
     fall_off: FallOffFit | None,
     allowed: Collection[str] | None = None,
-) -> Coarse:
-    """Third order, from the starts that suit the photographs best."""
-    first = first_defocus(gathered)
-    families = families_of(gathered, layout, first.value_mm, allowed)
-    deviation = deviation_of(families, layout, COARSE)
-    perfect = first_parameters(gathered, layout, fall_off, first.value_mm)
+) -> CoarseFit:
+    """Third order, from the starts that fit the photographs best."""
+    first = first_defocus(dot_data)
+    term_groups = candidate_term_groups(dot_data, layout, first.value_mm, allowed)
+    deviation = deviation_of(term_groups, layout, COARSE)
+    perfect = first_parameters(dot_data, layout, fall_off, first.value_mm)
     all_stated = bool(first.side_stated.all())
     side_stated = all_stated and bool(np.any(np.abs(first.value_mm) > IN_FOCUS_MM))
-    some = gathered
+    some = dot_data
     if all_stated:
-        some = chosen(gathered, spread_over_takes(gathered, _FEW_DOTS))
+        some = select_dots(dot_data, rows_spread_over_takes(dot_data, _FEW_DOTS))
     tries = []
-    sine = float(gathered.scale.reference_sine)
-    for focus in _focus_to_try(gathered, first, curved=not layout.anamorphic):
+    sine = float(dot_data.scale.reference_sine)
+    for focus in _start_foci(dot_data, first, curved=not layout.anamorphic):
         lens = set_focus(perfect, layout, focus, sine)
-        # What is not free here stays as a perfect lens has it.
+        # Parameters that are not free here keep the values of a perfect lens.
         parameters = np.where(deviation > 0, lens, perfect)
-        stage = smoothed_by(first_stage(some, layout, parameters), _SMOOTHING)
-        # Most starts lead nowhere: one look where the dots lie is enough for them.
-        tries.append(valley_at(solved(settled(freed(stage, deviation), 1))))
-    valleys, others = _finalists(tries, gathered, side_stated)
-    return Coarse(valleys, others, side_stated, families)
+        stage = smooth_stage(first_stage(some, layout, parameters), _SMOOTHING)
+        # Most starts fail: recentring their patches once is enough.
+        tries.append(
+            candidate_at(solve_stage(recentre_patches(set_priors(stage, deviation), 1)))
+        )
+    candidates, rejected = _finalists(tries, dot_data, side_stated)
+    return CoarseFit(candidates, rejected, side_stated, term_groups)
 
 
-def with_all_dots(one: Valley, gathered: Gathered) -> Valley:
-    """The valley of some dots, solved with all."""
-    return valley_at(solved(settled(on_dots(one.stage, gathered))))
+def solve_on_all_dots(one: Candidate, dot_data: DotData) -> Candidate:
+    """The candidate of some dots, solved with all."""
+    return candidate_at(
+        solve_stage(recentre_patches(stage_on_dots(one.stage, dot_data)))
+    )
 
 
 def _finalists(
-    tries: list[Valley], gathered: Gathered, side_stated: bool
-) -> tuple[list[Valley], list[Valley]]:
-    """The promising ones, on all dots; and the rest."""
+    tries: list[Candidate], dot_data: DotData, side_stated: bool
+) -> tuple[list[Candidate], list[Candidate]]:
+    """Promising candidates, on all dots; and the rejected ones."""
     both_sides = not side_stated
-    begun = still_open(tries, _HOPELESS_START, _FINALISTS, both_sides=both_sides)
-    ended = [with_all_dots(one, gathered) for one in begun]
+    begun = open_candidates(tries, _HOPELESS_START, _FINALISTS, both_sides=both_sides)
+    ended = [solve_on_all_dots(one, dot_data) for one in begun]
     if both_sides:
-        ended.append(other_side(deepest(ended)))
-    kept = still_open(ended, _HOPELESS, _FINALISTS, both_sides=both_sides)
-    return kept, [*left_of(ended, kept), *left_of(tries, begun)]
+        ended.append(mirrored_candidate(best_candidate(ended)))
+    kept = open_candidates(ended, _HOPELESS, _FINALISTS, both_sides=both_sides)
+    return kept, [*rejected_candidates(ended, kept), *rejected_candidates(tries, begun)]
 
 
-def _focus_to_try(
-    gathered: Gathered, first: FirstDefocus, *, curved: bool
-) -> list[Focus]:
-    """As defocus is seen; and as it was stated, since aberrations widen what is seen,
-    with all takes moved by the same, or with curved fields: those at the end."""
-    patterns = _signs(first)
+def _start_foci(dot_data: DotData, first: FirstDefocus, *, curved: bool) -> list[Focus]:
+    """Starts at the measured defocus; and at the stated one, since aberrations widen
+    dots, with all takes shifted by the same amount, or with curved fields: those
+    last."""
+    patterns = _sign_patterns(first)
     open_signs = (len(patterns) - 1).bit_length()
     tries = _TRIES[min(open_signs, len(_TRIES) - 1)]
-    unit_mm = float(np.max(first.seen_mm))
+    unit_mm = float(np.max(first.size_mm))
     as_stated_mm = np.where(first.side_stated, first.stated_mm, first.value_mm)
     begun = (first.value_mm, tries.from_seen), (as_stated_mm, tries.from_stated)
     flat = [
@@ -171,19 +179,19 @@ def _focus_to_try(
     ]
     if not curved:
         return flat
-    widths_mm = dot_widths_mm(gathered)
+    widths_mm = dot_widths_mm(dot_data)
     bent = [
         focus
         for signs in patterns
         for focus in likely_focus(
-            gathered, widths_mm, as_stated_mm * signs, tries.curved
+            dot_data, widths_mm, as_stated_mm * signs, tries.curved
         )
     ]
     return flat + bent
 
 
-def _signs(first: FirstDefocus) -> list[Float[np.ndarray, " groups"]]:
-    """Signs to try: every combination for the largest few defocus values that nobody
+def _sign_patterns(first: FirstDefocus) -> list[Float[np.ndarray, " groups"]]:
+    """Signs to try: every combination for the few largest defocus values that nobody
     stated; others stay as they are."""
     unknown = np.flatnonzero(~first.side_stated)
     unknown = unknown[np.argsort(-np.abs(first.value_mm[unknown]))][:_MOST_SIGNS]

@@ -1,9 +1,9 @@
-"""Steps of the fit with centroid biases fixed: the shape of dots is fitted within that.
+"""Steps of the fit with centroid biases fixed: a constrained refit of the dots' shape.
 
-Where blur is a pixel wide, orders of coma that undo each other but for a shift look
-like nothing: from the photographs the bias follows weakly, and wrongly by what the
-model misses of them. Biases that come from elsewhere are fixed to a thousandth of a
-pixel, as observations in the normal equations of a pass.
+Where blur is a pixel wide, orders of coma that cancel each other but for a shift hardly
+change the image. The photographs then determine the bias only weakly, and with an
+error due to what the model misses. Here the biases are known from elsewhere. They are
+fixed to a thousandth of a pixel, as observations in the normal equations.
 """
 
 from dataclasses import replace
@@ -16,39 +16,41 @@ from lensfit.fitting.wavefront.centroid_biases import (
     centroid_biases_mm,
     sampled_dots,
 )
-from lensfit.fitting.wavefront.gather import Gathered
-from lensfit.fitting.wavefront.stages import Stage, chi_squared, settled
+from lensfit.fitting.wavefront.gather import DotData
+from lensfit.fitting.wavefront.stages import Stage, chi_squared, recentre_patches
 
-_HELD_PX = 0.001
-_UNDONE = 0.25
-"""Share of the squares of biases that may be left of them."""
+_BIAS_TOLERANCE_PX = 0.001
+_LARGEST_SHARE_LEFT = 0.25
+"""Largest share of the sum of squared biases that may remain."""
 _ROUNDS = 3
 _GREEN, _ALL = slice(1, 2), slice(None)
 
 
-def undoing(stage: Stage, gathered: Gathered) -> Float[np.ndarray, " parameters"]:
-    """The move of the parameters that takes green's biases away, to first order, and
-    changes the photographs least. No move where they are too large for that.
+def bias_cancelling_move(
+    stage: Stage, dot_data: DotData
+) -> Float[np.ndarray, " parameters"]:
+    """The move of the parameters that cancels green's biases, to first order, and
+    changes the photographs least. Zero where they are too large for that.
     """
-    few = sampled_dots(gathered)
+    few = sampled_dots(dot_data)
     slopes, value = _slopes(stage, few, _GREEN), _value(stage, few, _GREEN)
     move = _least_move(stage, slopes, slopes.T @ value)
     undone = replace(stage, parameters=stage.parameters + move)
     left = _value(undone, few, _GREEN)
-    fully = np.sum(left**2) < _UNDONE * np.sum(value**2)
+    fully = np.sum(left**2) < _LARGEST_SHARE_LEFT * np.sum(value**2)
     return move if fully else np.zeros_like(move)
 
 
-def reshaped(stage: Stage, gathered: Gathered) -> Stage:
-    """The shape of dots fitted anew while that helps, the biases of all channels fixed
-    where they are."""
-    few = sampled_dots(gathered)
+def refit_with_fixed_biases(stage: Stage, dot_data: DotData) -> Stage:
+    """The shape of dots fitted again while the cost falls, with the centroid biases of
+    all channels fixed at their present values."""
+    few = sampled_dots(dot_data)
     held = _value(stage, few, _ALL)
     off, cost = np.zeros_like(held), _cost(stage)
     for _ in range(_ROUNDS):
         slopes = _slopes(stage, few, _ALL)
         move = _least_move(stage, slopes, stage.slope + slopes.T @ off)
-        after = settled(replace(stage, parameters=stage.parameters + move))
+        after = recentre_patches(replace(stage, parameters=stage.parameters + move))
         off = _value(after, few, _ALL) - held
         cost_after = _cost(after) + float(np.sum(off**2))
         if not cost_after < cost:
@@ -57,24 +59,22 @@ def reshaped(stage: Stage, gathered: Gathered) -> Stage:
     return stage
 
 
-def _value(
-    stage: Stage, few: Gathered, channels: slice
-) -> Float[np.ndarray, " biases"]:
-    """Biases in units of `_HELD_PX`."""
+def _value(stage: Stage, few: DotData, channels: slice) -> Float[np.ndarray, " biases"]:
+    """Biases in units of `_BIAS_TOLERANCE_PX`."""
     return (centroid_biases_mm(stage, few)[:, channels] / _unit_mm(few)).ravel()
 
 
 def _slopes(
-    stage: Stage, few: Gathered, channels: slice
+    stage: Stage, few: DotData, channels: slice
 ) -> Float[np.ndarray, "biases parameters"]:
     """d `_value` / d parameter."""
     slopes = centroid_bias_slopes_mm(stage, few)[:, channels] / _unit_mm(few)[..., None]
     return slopes.reshape(-1, slopes.shape[-1])
 
 
-def _unit_mm(few: Gathered) -> Float[np.ndarray, "dots 1 2"]:
-    pixel_mm = np.array([shown.take.pixel_mm for shown in few.shown])
-    return _HELD_PX * pixel_mm[few.take][:, None]
+def _unit_mm(few: DotData) -> Float[np.ndarray, "dots 1 2"]:
+    pixel_mm = np.array([photograph.take.pixel_mm for photograph in few.photographs])
+    return _BIAS_TOLERANCE_PX * pixel_mm[few.take][:, None]
 
 
 def _least_move(
@@ -82,7 +82,7 @@ def _least_move(
     held: Float[np.ndarray, "biases parameters"],
     slope: Float[np.ndarray, " parameters"],
 ) -> Float[np.ndarray, " parameters"]:
-    """A Gauss-Newton step of all observations, biases of these slopes among them.
+    """A Gauss-Newton step with biases of these slopes as further observations.
 
     Parameters
     ----------

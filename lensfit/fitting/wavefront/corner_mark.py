@@ -1,10 +1,10 @@
-"""Where detection finds a checker corner, on the image that the model draws.
+"""Where detection finds a checker corner on the image that the model draws.
 
 Detection (`detect.corner_fit`) fits two edges that cross, each a step that is blurred
 evenly to both sides, on uneven light. Coma blurs edges to one side: the place that fits
-best is neither the centroid of the blur nor where the chief ray lands, and follows from
-the same fit. How it moves with the image follows from the normal equations where the
-fit ended.
+best is neither the centroid of the blur nor where the chief ray lands. It is computed
+here by the same fit. Its derivative by the image follows from the normal equations at
+the solution.
 
 Places are cells from the middle of the patch, right and down. Nine numbers describe the
 edges: place (2), directions (2), log blur, light and its slopes (3), contrast.
@@ -25,7 +25,7 @@ _TOLERANCE, _MOST_STEPS, _FIRST_DAMPING = 1e-9, 20, 1e-3
 _LEAST = 1e-9
 
 
-def corner_of(
+def detected_corner(
     image: Float[Array, "cells cells"],
     places: Float[Array, "cells cells 2"],
     side_cells: Float[Array, "2 2"],
@@ -37,7 +37,7 @@ def corner_of(
     ----------
     places : Of the cells.
     side_cells : Sides of a square from the corner, in columns.
-    half_width_cells : Of detection's window at most.
+    half_width_cells : Largest half width of detection's window.
     """
     given = image.reshape(-1), places.reshape(-1, 2), side_cells, half_width_cells
     light, places, side_cells, half_width_cells = (part.astype(float) for part in given)
@@ -55,7 +55,7 @@ def corner_of(
     ended = minimise(
         equations, start, free, _TOLERANCE, _MOST_STEPS, _FIRST_DAMPING
     ).parameters
-    # One step more, which says how the corner follows the image.
+    # One more Newton step, which carries the derivative by the image.
     here = _equations(ended, light, weight, places)
     step = -jnp.linalg.solve(here.matrix, here.gradient)
     return (ended + step)[:2].astype(image.dtype)

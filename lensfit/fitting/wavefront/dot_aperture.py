@@ -1,16 +1,17 @@
-"""The hole of a dot, as its image has it: every ray leaves from a place of its own.
+"""The dot aperture in the image: every ray starts from its own point of it.
 
 A dot is a disc on the chart, an ellipse on the sensor, and its image is the blur of a
-point smeared over that. Where blur is no wider than the hole, the hole's rim shows: a
-Gaussian in its place misses a tenth of the image, and other aberrations make up for it.
-So the places that rays leave the hole from are spread over it as evenly as those where
-they pass the opening, and independently of these: no ray is added. In a wide blur rays
-lie too far apart for that, and there the rim does not show: so the wider the blur, the
-smaller the ellipse that places fill, and each ray is a Gaussian that makes up for it.
-The second moments along x and y are always those of the hole.
+point convolved with that ellipse. Where blur is no wider than the dot aperture, the
+edge of the aperture is visible: a Gaussian in its place misses a tenth of the image,
+and other aberrations compensate for it. So the points from which rays start are spread
+over the aperture as evenly as the points where they cross the pupil, and independently
+of these: no ray is added. In a wide blur rays lie too far apart for that, and there the
+edge is not visible. So the wider the blur, the smaller the ellipse that the points
+fill; each ray is a Gaussian that supplies the missing variance. The second moments
+along x and y are always those of the dot aperture.
 
 Reference: H. Niederreiter, Random Number Generation and Quasi-Monte Carlo Methods
-(1992), chapter 3, on sequences of multiples, as the places are.
+(1992), chapter 3, on sequences of multiples, as the points are.
 """
 
 from functools import cache
@@ -21,90 +22,104 @@ import numpy as np
 from jaxtyping import Array, Float
 
 _AS_WIDE, _STEEP = 3.5, 4
-"""Radius of the blur over that of the hole at which places have half the variance, and
-how fast that goes: between what is best for an even disc (2.5) and for the bright core
-of a caustic (8), against images of very many rays, for holes of .45 to 1.6 pixels and
-images of 768 or 1536 rays. More, and rays of a wide blur leave gaps, which showed in
-the lateral colour of fits; less, and rims are soft.
+"""Radius of the blur over that of the dot aperture at which the points carry half the
+variance, and how steeply that share falls: between what is best for an even disc (2.5)
+and for the bright core of a caustic (8), against images of very many rays, for dot
+apertures of .45 to 1.6 pixels and images of 768 or 1536 rays. With a larger radius the
+rays of a wide blur leave gaps, which appeared in the lateral colour of fits; with a
+smaller one edges are soft.
 """
 _MULTIPLES = 0.0842482705314127, 0.8975713809549175
 """Of radius and azimuth, with which images of 384 to 3072 rays were nearest to those of
 very many, of 1200 pairs: a sixth of the error of the plastic number's powers, which
-with the golden angle of the opening leave gaps."""
+with the golden angle of the pupil leave gaps."""
 
 
-class Hole(NamedTuple):
-    """Of every dot, in two parts.
+class DotAperture(NamedTuple):
+    """Dot apertures of all dots: an ellipse that points sample, and a Gaussian.
 
     Attributes
     ----------
-    filled_mm : From the unit disc to the ellipse on the sensor that places fill.
-    variance_mm2 : Of the Gaussian that makes up for the rest, along x and y.
+    sampled_ellipse_mm : Matrix from the unit disc to the ellipse on the
+        sensor that the points fill.
+    variance_mm2 : Of the Gaussian with the remaining variance, along x and y.
     """
 
-    filled_mm: Float[np.ndarray, "dots 2 2"]
+    sampled_ellipse_mm: Float[np.ndarray, "dots 2 2"]
     variance_mm2: Float[np.ndarray, "dots 2"]
 
 
-def hole_of(
-    hole_mm: Float[np.ndarray, "dots 2 2"], diameter_mm: Float[np.ndarray, " dots"]
-) -> Hole:
-    """The parts that suit the blur.
+def dot_aperture_of(
+    dot_aperture_mm: Float[np.ndarray, "dots 2 2"],
+    diameter_mm: Float[np.ndarray, " dots"],
+) -> DotAperture:
+    """Both parts, chosen by the width of the blur.
 
     Parameters
     ----------
-    hole_mm : From the unit disc to the image of the hole.
+    dot_aperture_mm : From the unit disc to the image of the dot aperture.
     diameter_mm : Of the disc of the dot's second moment, as photographed.
     """
-    hole_radius_mm2 = np.sum(hole_mm**2, (-2, -1)) / 2
-    blur_radius_mm2 = np.maximum(diameter_mm**2 / 4 - hole_radius_mm2, 0.0)
-    as_wide = np.sqrt(blur_radius_mm2 / hole_radius_mm2)
-    return _of_share(1 / (1 + (as_wide / _AS_WIDE) ** _STEEP), hole_mm)
+    aperture_radius_mm2 = np.sum(dot_aperture_mm**2, (-2, -1)) / 2
+    blur_radius_mm2 = np.maximum(diameter_mm**2 / 4 - aperture_radius_mm2, 0.0)
+    as_wide = np.sqrt(blur_radius_mm2 / aperture_radius_mm2)
+    return _with_sampled_share(
+        1 / (1 + (as_wide / _AS_WIDE) ** _STEEP), dot_aperture_mm
+    )
 
 
-def no_hole(hole_mm: Float[np.ndarray, "dots 2 2"]) -> Hole:
-    """Of a broad dot, which is drawn otherwise (`waves`).
+def no_dot_aperture(dot_aperture_mm: Float[np.ndarray, "dots 2 2"]) -> DotAperture:
+    """Zero in both parts: of broad dots, which are drawn in waves (`waves`).
 
     Parameters
     ----------
-    hole_mm : As for `hole_of`.
+    dot_aperture_mm : As for `dot_aperture_of`.
     """
-    return Hole(np.zeros_like(hole_mm), np.zeros(hole_mm.shape[:2]))
+    return DotAperture(
+        np.zeros_like(dot_aperture_mm), np.zeros(dot_aperture_mm.shape[:2])
+    )
 
 
-def soft_hole(hole_mm: Float[np.ndarray, "dots 2 2"]) -> Hole:
-    """A Gaussian alone, for who cannot see rims.
+def gaussian_dot_aperture(
+    dot_aperture_mm: Float[np.ndarray, "dots 2 2"],
+) -> DotAperture:
+    """A Gaussian alone, where edges cannot be resolved.
 
     Parameters
     ----------
-    hole_mm : As for `hole_of`.
+    dot_aperture_mm : As for `dot_aperture_of`.
     """
-    return _of_share(np.zeros(len(hole_mm)), hole_mm)
+    return _with_sampled_share(np.zeros(len(dot_aperture_mm)), dot_aperture_mm)
 
 
-def _of_share(
-    share: Float[np.ndarray, " dots"], hole_mm: Float[np.ndarray, "dots 2 2"]
-) -> Hole:
-    """With so much of the variance in the places."""
-    moments_mm2 = np.sum(hole_mm**2, -1) / 4
-    filled_mm = np.sqrt(share)[:, None, None] * hole_mm
-    return Hole(filled_mm, (1 - share)[:, None] * moments_mm2)
+def _with_sampled_share(
+    share: Float[np.ndarray, " dots"], dot_aperture_mm: Float[np.ndarray, "dots 2 2"]
+) -> DotAperture:
+    """With this share of the variance in the points."""
+    moments_mm2 = np.sum(dot_aperture_mm**2, -1) / 4
+    sampled_ellipse_mm = np.sqrt(share)[:, None, None] * dot_aperture_mm
+    return DotAperture(sampled_ellipse_mm, (1 - share)[:, None] * moments_mm2)
 
 
-def left_from_mm(filled_mm: Float[Array, "2 2"], count: int) -> Float[Array, "count 2"]:
-    """Where on the sensor the places lie that rays leave from, from the hole's middle.
+def ray_origins_mm(
+    sampled_ellipse_mm: Float[Array, "2 2"], count: int
+) -> Float[Array, "count 2"]:
+    """Points that rays start from, on the sensor, from the dot aperture's middle.
 
     Parameters
     ----------
-    filled_mm : Of one dot.
+    sampled_ellipse_mm : Of one dot.
     count : Of rays (static).
     """
-    return jnp.asarray(places_in_disc(count), filled_mm.dtype) @ filled_mm.T
+    return (
+        jnp.asarray(places_in_disc(count), sampled_ellipse_mm.dtype)
+        @ sampled_ellipse_mm.T
+    )
 
 
 @cache
 def places_in_disc(count: int) -> Float[np.ndarray, "count 2"]:
-    """Evenly over the unit disc, about their middle; in an order of their own."""
+    """Points evenly over the unit disc, zero mean, in quasi-random order."""
     share, turn = np.outer(_MULTIPLES, np.arange(count) + 0.5) % 1.0
     angle = 2 * np.pi * turn
     places = np.sqrt(share)[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)

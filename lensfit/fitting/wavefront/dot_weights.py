@@ -1,11 +1,11 @@
-"""How much each cell of a photograph counts.
+"""Weights of the cells of a photograph: inverse variance times a robust weight.
 
 The variance of a cell is read noise, shot noise (proportional to light, its factor
-found from what a fit leaves), and a small share of the dot's own peak: what the model
-itself leaves. Without the last a bright, sharp dot would outvote every blurred one.
-A dot that the model misses by much more than its photograph's others loses weight
-(Cauchy). A clipped cell is at least as bright as recorded: it counts only where the
-model is darker than that.
+estimated from the residuals of a fit), and a small share of the dot's own peak, which
+stands for the model's own error. Without the last a bright, sharp dot would dominate
+every blurred one. A dot whose misfit is much larger than that of the others in its
+photograph loses weight (IRLS with Cauchy's loss). A clipped cell is at least as bright
+as recorded: it counts only where the model is darker than that.
 """
 
 import itertools
@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy.optimize import nnls
 
 from lensfit.fitting.wavefront.dots import show_edges
-from lensfit.fitting.wavefront.gather import Gathered
+from lensfit.fitting.wavefront.gather import DotData
 
 MODEL_SHARE = 0.02
 _OF_EDGES = 0.2
@@ -25,56 +25,56 @@ _CAUCHY = 3.0
 _BINS = 12
 
 
-def first_weights(
-    gathered: Gathered, share: float
+def initial_weights(
+    dot_data: DotData, share: float
 ) -> Float[np.ndarray, "dots 3 rows columns"]:
     """Before any fit: read noise and a share of every dot's peak."""
-    usable = gathered.valid & ~gathered.clipped
-    return usable / _floor(gathered, share)[..., None, None]
+    usable = dot_data.valid & ~dot_data.clipped
+    return usable / _floor(dot_data, share)[..., None, None]
 
 
-def weights_after(
-    gathered: Gathered,
+def robust_weights(
+    dot_data: DotData,
     residual: Float[np.ndarray, "dots 3 rows columns"],
     background: Float[np.ndarray, "dots 3"],
     share: float,
 ) -> Float[np.ndarray, "dots 3 rows columns"]:
-    """From what a fit leaves, photograph minus model."""
-    modelled = gathered.light - residual
+    """Weights from the residuals of a fit, photograph minus model."""
+    modelled = dot_data.light - residual
     signal = np.abs(modelled - background[..., None, None])
-    floor = _floor(gathered, share)
+    floor = _floor(dot_data, share)
     variance = np.empty_like(signal)
-    for k in range(len(gathered.shown)):
-        mine = gathered.take == k
-        shot = _shot_factor(residual[mine], signal[mine], gathered.valid[mine])
+    for k in range(len(dot_data.photographs)):
+        mine = dot_data.take == k
+        shot = _shot_factor(residual[mine], signal[mine], dot_data.valid[mine])
         variance[mine] = floor[mine][..., None, None] + shot * signal[mine]
-    dark = gathered.clipped & (residual > 0)
-    usable = gathered.valid & (~gathered.clipped | dark)
+    dark = dot_data.clipped & (residual > 0)
+    usable = dot_data.valid & (~dot_data.clipped | dark)
     weight = usable / variance
-    return weight * _trust(gathered, residual, weight)[..., None, None]
+    return weight * _cauchy_weight(dot_data, residual, weight)[..., None, None]
 
 
 def relative_misfit(
-    gathered: Gathered,
+    dot_data: DotData,
     residual: Float[np.ndarray, "dots 3 rows columns"],
     background: Float[np.ndarray, "dots 3"],
 ) -> Float[np.ndarray, "dots 3"]:
     """Relative L2 error of every dot's image; NaN for a channel without cells."""
-    use = gathered.valid & ~gathered.clipped
-    signal = (gathered.light - background[..., None, None]) * use
+    use = dot_data.valid & ~dot_data.clipped
+    signal = (dot_data.light - background[..., None, None]) * use
     square = np.sum(signal**2, (-2, -1))
     error = np.sum((residual * use) ** 2, (-2, -1))
     return np.sqrt(error / np.where(square > 0, square, np.nan))
 
 
-def _floor(gathered: Gathered, share: float) -> Float[np.ndarray, "dots 3"]:
-    """Variance of a cell without light: read noise, and what the model misses of the
-    brightness of a dot or an edge over what surrounds it."""
-    flat = gathered.light.reshape(*gathered.light.shape[:2], -1)
+def _floor(dot_data: DotData, share: float) -> Float[np.ndarray, "dots 3"]:
+    """Variance of a cell without light: read noise, and the model's error, a share of
+    the contrast of a dot or an edge."""
+    flat = dot_data.light.reshape(*dot_data.light.shape[:2], -1)
     peak = np.abs(flat - np.median(flat, -1, keepdims=True)).max(-1)
-    missed = np.where(show_edges(gathered.dots), _OF_EDGES, 1.0)[:, None] * peak
+    missed = np.where(show_edges(dot_data.dots), _OF_EDGES, 1.0)[:, None] * peak
     missed = np.maximum(missed, _LEAST_SHARE * max(float(flat.max()), 1e-12))
-    return gathered.read_noise**2 + (share * missed) ** 2
+    return dot_data.read_noise**2 + (share * missed) ** 2
 
 
 def _shot_factor(residual, signal, valid) -> float:
@@ -96,14 +96,14 @@ def _shot_factor(residual, signal, valid) -> float:
     return float(found[1] / size[1] * scale)
 
 
-def _trust(gathered: Gathered, residual, weight) -> np.ndarray:
-    """Weight of every dot and channel, from its misfit against its photograph's."""
+def _cauchy_weight(dot_data: DotData, residual, weight) -> np.ndarray:
+    """Robust weight of every dot and channel: misfit over its photograph's median."""
     count = np.maximum(np.sum(weight > 0, (-2, -1)), 1)
     misfit = np.sqrt(np.sum(weight * residual**2, (-2, -1)) / count)
-    trust = np.ones_like(misfit)
-    for k in range(len(gathered.shown)):
-        mine = gathered.take == k
+    cauchy_weight = np.ones_like(misfit)
+    for k in range(len(dot_data.photographs)):
+        mine = dot_data.take == k
         usual = np.median(misfit[mine], 0, keepdims=True)
         ratio = misfit[mine] / np.maximum(usual, 1e-12)
-        trust[mine] = 1 / (1 + (np.maximum(ratio - 1, 0) / _CAUCHY) ** 2)
-    return trust
+        cauchy_weight[mine] = 1 / (1 + (np.maximum(ratio - 1, 0) / _CAUCHY) ** 2)
+    return cauchy_weight

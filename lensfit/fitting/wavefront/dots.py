@@ -16,14 +16,14 @@ Numbers = Any
 """NumPy's arrays while dots are gathered and chosen, JAX's in the fit."""
 
 
-class Aperture(NamedTuple):
-    """Through which detection measures where a broad dot is (`mark`).
+class DetectionAperture(NamedTuple):
+    """The aperture through which detection measures a broad dot's position (`mark`).
 
     Attributes
     ----------
     to_edge : From the unit disc to the edge of the aperture, cells.
-    ring, core : Outer edge of the ring that tells the background, and of what tells the
-        dot's own level, in apertures.
+    ring, core : Outer edge of the ring from which the background is estimated, and
+        of the core from which the dot's own level is, in apertures.
     smoothing : Standard deviation, cells, by which the picture of a dark dot is
         smoothed; 0 of a bright one.
     """
@@ -35,8 +35,8 @@ class Aperture(NamedTuple):
 
 
 class Broad(NamedTuple):
-    """Marks too wide for places of rays, which are drawn in waves (`waves`): dots as
-    discs, of large ones a part of the rim, checker corners as the squares that meet
+    """Targets too wide to be sampled by rays, which are drawn in waves (`waves`): dots
+    as discs, of large ones a part of the rim, checker corners as the squares that meet
     there.
 
     Attributes
@@ -44,7 +44,8 @@ class Broad(NamedTuple):
     disc_mm : From the unit disc to the image of each; zero of corners.
     rim_mm : From the rim that is shown to the middle of its dot; zero of whole dots and
         of corners.
-    beside_mm : From each to those around it; NaN where there are fewer, and of corners.
+    neighbour_offsets_mm : From each to those around it; NaN where there are fewer, and
+        of corners.
     square_mm : Sides of the square that is bright ahead of a corner, in columns; zero
         of dots.
     window_cells : Half width of detection's window about a corner; 0 of dots.
@@ -55,11 +56,11 @@ class Broad(NamedTuple):
 
     disc_mm: Float[Numbers, "dots 2 2"]
     rim_mm: Float[Numbers, "dots 2"]
-    beside_mm: Float[Numbers, "dots neighbours 2"]
+    neighbour_offsets_mm: Float[Numbers, "dots neighbours 2"]
     square_mm: Float[Numbers, "dots 2 2"]
     window_cells: Float[Numbers, " dots"]
     size_width: Float[Numbers, " dots"]
-    aperture: Aperture
+    aperture: DetectionAperture
 
 
 class Dots(NamedTuple):
@@ -68,24 +69,26 @@ class Dots(NamedTuple):
     Attributes
     ----------
     field_mm : Where the chief ray lands, from the principal point.
-    magnified : Principal distance of the dot's state over the reference state's.
+    principal_distance_ratio : Principal distance of the dot's state over the reference
+        state's.
     group : Which defocus.
     stop : Which f-number; 0 is the widest.
     stop_radius : Nominal, in radii of the widest stop.
-    blades : Of the iris; 0 where it is wide open and out of the way.
+    blades : Of the iris; 0 where it is wide open.
     slope, pupil_per_sine_mm, vergence, reference : The chart's distance at this dot
         (`optics.depth.ObjectShift`).
     lateral_mm : Displacement of the wavelengths of each channel about their mean.
-    filled_mm : From the unit disc to the ellipse that rays leave from (`dot_aperture`).
-    variance_mm2 : Along x and y, of the Gaussian that stands for what that leaves of
-        the hole, and for the Airy pattern.
+    sampled_ellipse_mm : From the unit disc to the ellipse that rays start from
+        (`dot_aperture`).
+    variance_mm2 : Along x and y, of the Gaussian that stands for the rest of the dot
+        aperture, and for the Airy pattern.
     cell_mm : Width and height of a cell.
     sections : Of an anamorphic lens, for a chart at this dot; None for others.
-    broad : Of dots that are drawn as discs; None where rays leave from places.
+    broad : Of dots that are drawn as discs; None where rays sample the dot aperture.
     """
 
     field_mm: Float[Numbers, "dots 2"]
-    magnified: Float[Numbers, " dots"]
+    principal_distance_ratio: Float[Numbers, " dots"]
     group: Int[Numbers, " dots"]
     stop: Int[Numbers, " dots"]
     stop_radius: Float[Numbers, " dots"]
@@ -95,7 +98,7 @@ class Dots(NamedTuple):
     vergence: Float[Numbers, " dots"]
     reference: Float[Numbers, " dots"]
     lateral_mm: Float[Numbers, "dots 3 wavelengths 2"]
-    filled_mm: Float[Numbers, "dots 2 2"]
+    sampled_ellipse_mm: Float[Numbers, "dots 2 2"]
     variance_mm2: Float[Numbers, "dots 2"]
     cell_mm: Float[Numbers, "dots 2"]
     sections: Sections | None = None
@@ -103,7 +106,7 @@ class Dots(NamedTuple):
 
 
 def are_corners(broad: Broad) -> Bool[np.ndarray, " dots"]:
-    """Which marks are checker corners."""
+    """Which targets are checker corners."""
     return np.asarray(broad.window_cells) > 0
 
 
@@ -119,21 +122,21 @@ def show_edges(dots: Dots) -> Bool[np.ndarray, " dots"]:
     return are_corners(dots.broad) | are_rims(dots.broad)
 
 
-def hole_variance_mm2(dots: Dots) -> Float[Numbers, " dots"]:
-    """Second moment of every dot's hole and Airy pattern, mean of x and y."""
-    disc_mm = dots.filled_mm if dots.broad is None else dots.broad.disc_mm
+def dot_aperture_variance_mm2(dots: Dots) -> Float[Numbers, " dots"]:
+    """Second moment of every dot's aperture and Airy pattern, mean of x and y."""
+    disc_mm = dots.sampled_ellipse_mm if dots.broad is None else dots.broad.disc_mm
     return (dots.variance_mm2 + np.sum(disc_mm**2, -1) / 4).mean(-1)
 
 
 class Pixels(NamedTuple):
-    """What was photographed, and how it is weighed.
+    """What was photographed, and its weights.
 
     Attributes
     ----------
     light : Mean of the pixels of each cell, scene-linear.
     weight : Inverse variance; 0 where a cell is masked, saturated or outside.
     corner_mm : Corner of cell (0, 0) minus where the chief ray is thought to land.
-    fold : Two for each take, for evidence (`normal.Equations`).
+    fold : Two for each take, for model selection (`normal.Equations`).
     """
 
     light: Float[Numbers, "dots 3 rows columns"]

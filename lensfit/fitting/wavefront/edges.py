@@ -1,16 +1,16 @@
-"""Targets of which only edges are seen, as waves: checker corners, rims of large dots.
+"""Targets of which only edges are visible, in waves: checker corners, rims of dots.
 
 In sides (a, b) of a square from the corner, the chart there is bright where
 
     s(a) s(b) > 0,   s the square wave that changes sign at every integer,
 
-and what sides are in cells of the patch follows from the geometry of the view, to first
-order about the corner. The pattern is drawn on fractions of a cell, averaged over each
-along both axes, and transformed; it goes over into its mean before the slowest wave's
-period ends, since the waves repeat it. Ink that spreads takes as much from every bright
-square as it adds to the dark ones beside: of squares that are larger by a small share
-the pattern changes along all edges alike. The rim of a dot is the edge of its image, an
-ellipse to first order; the dots beside it are drawn as well.
+and the sides in cells of the patch follow from the geometry of the view, to first order
+about the corner. The pattern is drawn on fractions of a cell, averaged over each along
+both axes, and transformed. It is tapered to its mean before the slowest wave's period
+ends, since the waves repeat it. Ink that spreads takes as much from every bright square
+as it adds to the dark ones beside: if squares are larger by a small share, the pattern
+changes equally along all edges. The rim of a large dot is the edge of its image, an
+ellipse to first order; the neighbouring dots are drawn as well.
 
 Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1.
 """
@@ -22,8 +22,8 @@ from jaxtyping import Bool, Complex, Float
 _MEAN, _TINY = 0.5, 1e-6
 _PER_CELL = 4
 """Samples; eight change images by less than a thousandth of the contrast."""
-_GOES_OVER = 4.0
-"""Cells along the edge of the period in which the pattern goes over into its mean."""
+_TAPER_CELLS = 4.0
+"""Cells along the edge of the period in which the pattern is tapered to its mean."""
 
 
 def square_transfers(
@@ -41,7 +41,7 @@ def square_transfers(
     most : Waves besides the constant.
     """
     size, places = _PER_CELL * period, _places(period)
-    kept = _goes_over(places, period).reshape(size, size)
+    kept = _taper(places, period).reshape(size, size)
     drawn = np.zeros((2, len(square_cells), 2 * most + 1, most + 1), np.complex64)
     for k, sides in enumerate(square_cells):
         inverse = np.linalg.inv(sides)
@@ -59,7 +59,7 @@ def square_transfers(
 def rim_transfers(
     disc_cells: Float[np.ndarray, "rims 2 2"],
     to_middle_cells: Float[np.ndarray, "rims 2"],
-    beside_cells: Float[np.ndarray, "rims neighbours 2"],
+    neighbour_offsets_cells: Float[np.ndarray, "rims neighbours 2"],
     period: int,
     most: int,
 ) -> Complex[np.ndarray, "rims down right"]:
@@ -69,14 +69,16 @@ def rim_transfers(
     ----------
     disc_cells : From the unit disc to the image of the dot.
     to_middle_cells : From the rim to the middle of the dot.
-    beside_cells : From the middle to dots of the same size; NaN for none.
+    neighbour_offsets_cells : From the middle to dots of the same size; NaN for none.
     period, most : As for `square_transfers`.
     """
     size, places = _PER_CELL * period, _places(period)
-    kept = _goes_over(places, period).reshape(size, size)
+    kept = _taper(places, period).reshape(size, size)
     drawn = np.zeros((len(disc_cells), 2 * most + 1, most + 1), np.complex64)
     for k, disc in enumerate(disc_cells):
-        beside = beside_cells[k][np.isfinite(beside_cells[k]).all(-1)]
+        beside = neighbour_offsets_cells[k][
+            np.isfinite(neighbour_offsets_cells[k]).all(-1)
+        ]
         middles = to_middle_cells[k] + np.concatenate([np.zeros((1, 2)), beside])
         near = np.linalg.norm(middles, axis=-1) < period + np.abs(disc).sum()
         light = sum(_disc(places - middle, disc) for middle in middles[near])
@@ -85,7 +87,7 @@ def rim_transfers(
     return drawn
 
 
-def bright_ahead(
+def is_square_ahead_bright(
     light: Float[np.ndarray, "corners rows columns"],
     use: Bool[np.ndarray, "corners rows columns"],
     corner_cells: Float[np.ndarray, "corners 2"],
@@ -119,16 +121,16 @@ def _disc(
     inverse = np.linalg.inv(disc)
     unit = away @ inverse.T
     reach = np.maximum(np.hypot(*unit.T), _TINY)
-    # Its slope by the place says how wide the ramp of a sample is.
+    # Its slope by the place gives the width of the ramp of a sample.
     slope = np.hypot(*(unit @ inverse).T) / reach
     return np.clip((1 - reach) / slope * _PER_CELL + 0.5, 0, 1)
 
 
-def _goes_over(
+def _taper(
     places: Float[np.ndarray, "samples 2"], period: int
 ) -> Float[np.ndarray, " samples"]:
     """1 inside, 0 at the edge of the period."""
-    inside = (period / 2 - np.abs(places)) / _GOES_OVER
+    inside = (period / 2 - np.abs(places)) / _TAPER_CELLS
     smooth = np.sin(np.pi / 2 * np.clip(inside, 0, 1)) ** 2
     return smooth.prod(-1)
 

@@ -1,4 +1,4 @@
-"""How much work the wavefront fit may be: speed against error."""
+"""Effort of the wavefront fit: speed against error."""
 
 import math
 from enum import Enum
@@ -9,8 +9,8 @@ _USUAL_TAKES = 7
 
 class Effort(Enum):
     """Speed against error: dots of each of seven takes in the coarse and in the fine
-    stages, and rounds of the fine one with weights found anew between them. None leaves
-    the wavefront out."""
+    stages, and rounds of the fine one with robust weights updated between them. NONE
+    leaves the wavefront out."""
 
     NONE = (0, 0, 0)
     FASTEST = (6, 6, 1)
@@ -25,15 +25,15 @@ class Effort(Enum):
 
     def coarse_dots(self, takes: int) -> int:
         """Of each of so many takes, in the coarse stages."""
-        return _of_each(self._coarse_dots, takes)
+        return _dots_per_take(self._coarse_dots, takes)
 
     def fine_dots(self, takes: int) -> int:
         """Of each of so many takes, in the fine stages."""
-        return _of_each(self._fine_dots, takes)
+        return _dots_per_take(self._fine_dots, takes)
 
     @classmethod
-    def named(cls, name: str) -> "Effort":
-        """That of a setting: "none", "fastest", "fast", "normal" or "best".
+    def from_name(cls, name: str) -> "Effort":
+        """The effort called "none", "fastest", "fast", "normal" or "best".
 
         Raises
         ------
@@ -42,6 +42,6 @@ class Effort(Enum):
         return cls[name.upper()]
 
 
-def _of_each(dots: int, takes: int) -> int:
+def _dots_per_take(dots: int, takes: int) -> int:
     """More where there are few takes."""
     return max(dots, math.ceil(dots * _USUAL_TAKES / takes))

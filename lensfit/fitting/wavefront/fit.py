@@ -1,13 +1,13 @@
 """The wavefront of a lens at one focal length, from all its dot photographs at once.
 
-The fit goes down as `descent` says, in every valley that is open yet (`multistart`);
-what was learnt comes with its uncertainty. Takes of other focus distances share
-everything but defocus: the lens only moves against the sensor (unit focusing), so the
-same ray lands further out by the ratio of the principal distances.
+The fit passes through the stages of `descent`, from every multistart candidate that is
+still open (`multistart`), and its result has an uncertainty. Takes of other focus
+distances share everything but defocus: the lens only moves against the sensor (unit
+focusing), so the same ray lands further out by the principal-distance ratio.
 
-A wavefront that explains its photographs says little of others where all were taken at
-one f-number or on one side of focus: aberrations and defocus make up for each other
-there, and part elsewhere.
+Where all photographs were taken at one f-number or on one side of focus, a wavefront
+that explains them predicts other settings poorly: aberrations and defocus compensate
+each other there, and not elsewhere.
 """
 
 from collections.abc import Collection
@@ -17,41 +17,41 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
-from lensfit.fitting.select import Verdict
-from lensfit.fitting.wavefront.coarse import Coarse, coarse_fit, with_all_dots
+from lensfit.fitting.select import TermDecision
+from lensfit.fitting.wavefront.coarse import CoarseFit, coarse_fit, solve_on_all_dots
 from lensfit.fitting.wavefront.descent import (
-    asked_for,
-    fair_cost,
+    cost_at_initial_weights,
     fine_fit,
+    fit_selected_term_groups,
+    fits_other_side_better,
     last_fit,
     middle_fit,
-    suits_other_side,
 )
-from lensfit.fitting.wavefront.dot_patches import Shown, with_rims
+from lensfit.fitting.wavefront.dot_patches import DotPhotograph, rim_patches
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.gather import (
-    Gathered,
-    chosen,
+    DotData,
     gather,
-    spread_over_takes,
+    rows_spread_over_takes,
+    select_dots,
 )
 from lensfit.fitting.wavefront.misfit import Misfit, misfit_of
 from lensfit.fitting.wavefront.multistart import (
-    Valley,
-    deepest,
+    Candidate,
+    best_candidate,
+    candidate_at,
+    is_side_determined,
+    open_candidates,
     runs_against_statements,
-    side_is_told,
-    still_open,
-    valley_at,
 )
 from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.fitting.wavefront.stages import Stage, focus_stated, on_dots
+from lensfit.fitting.wavefront.stages import Stage, add_focus_statements, stage_on_dots
 from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
-from lensfit.fitting.wavefront.term_groups import Family, families_of
+from lensfit.fitting.wavefront.term_groups import TermGroup, candidate_term_groups
 from lensfit.fitting.wavefront.uncertainty import (
     covariance_of,
-    unseen,
-    unshown_covariance_of,
+    model_error_covariance_of,
+    undetermined_term_groups,
 )
 from lensfit.kernel.blur_quality import ROUGH_BLUR
 from lensfit.optics.spectrum import Bands, bands
@@ -63,29 +63,29 @@ from lensfit.optics.terms import (
 from lensfit.progress import Progress, silent
 
 
-def guessed_of(gathered: Gathered) -> tuple[str, ...]:
-    """One sentence for each kind of setting that nobody photographed."""
-    return (*_at_other_stops(gathered), *_beyond_focus(gathered))
+def extrapolation_notes(dot_data: DotData) -> tuple[str, ...]:
+    """One sentence for each kind of setting to which the blur is extrapolated."""
+    return (*_stop_extrapolation(dot_data), *_focus_extrapolation(dot_data))
 
 
-def _at_other_stops(gathered: Gathered) -> tuple[str, ...]:
-    widest, *others = gathered.f_numbers
+def _stop_extrapolation(dot_data: DotData) -> tuple[str, ...]:
+    widest, *others = dot_data.f_numbers
     if others:
         return ()
-    if all(one.take.f_number is None for one in gathered.shown):
+    if all(one.take.f_number is None for one in dot_data.photographs):
         return (
             "the blur holds for the stop that was photographed, which the preset calls "
             f"f/{widest:g} since nobody stated it: state f_number of each take",
         )
     return (
-        f"the blur was photographed at f/{widest:g} alone and is guessed at other "
+        f"the blur was photographed at f/{widest:g} alone and is extrapolated to other "
         "stops: photograph the dots at a second f-number",
     )
 
 
-def _beyond_focus(gathered: Gathered) -> tuple[str, ...]:
-    """By what was stated; where nothing was, the side of focus is in doubt itself."""
-    stated_mm = stated_defocus_mm(gathered)
+def _focus_extrapolation(dot_data: DotData) -> tuple[str, ...]:
+    """By stated distances; without any, the side of focus is itself unknown."""
+    stated_mm = stated_defocus_mm(dot_data)
     if not np.isfinite(stated_mm).all():
         return ()
     near, far = np.any(stated_mm > IN_FOCUS_MM), np.any(stated_mm < -IN_FOCUS_MM)
@@ -93,12 +93,12 @@ def _beyond_focus(gathered: Gathered) -> tuple[str, ...]:
         return ()
     if not (near or far):
         return (
-            "the blur was photographed in focus alone and is guessed out of focus: add "
-            "takes focused nearer and farther than the chart",
+            "the blur was photographed in focus alone and is extrapolated out of "
+            "focus: add takes focused nearer and farther than the chart",
         )
     return (
-        "the blur was photographed on one side of focus alone and is guessed on the "
-        "other: add takes focused on the other side of the chart",
+        "the blur was photographed on one side of focus alone and is extrapolated to "
+        "the other: add takes focused on the other side of the chart",
     )
 
 
@@ -106,22 +106,22 @@ TERMS = rotational_terms(9) + decentring_terms()
 COLOUR_TERMS = rotational_terms(5)
 CYLINDER_TERMS = tuple(t for t in two_mirror_terms(5) if t not in TERMS)
 CYLINDER_COLOURS = two_mirror_terms(1)
-"""What a lens with cylinders has besides."""
-_BEHIND_CYLINDERS = 2
-"""Times as many dots in the fine stage: the field is not alike around the axis."""
-_RIMS_FOR_A_DOT = 2
-"""Times as many rims as dots: each shows one direction of the blur."""
+"""Further terms of a lens with cylinders."""
+_DOTS_FACTOR_ANAMORPHIC = 2
+"""Factor on the dots of the fine stage: the field is not symmetric about the axis."""
+_RIMS_PER_DOT = 2
+"""Each rim determines one direction of the blur."""
 _GROUPS, _STOPS = 8, 4
 """Room for so many defocus values and f-numbers, so that one program serves most."""
-_HOPELESS, _VALLEYS = 1.2, 4
-"""How much worse than the best a valley may be and go on to full pixels, and how many:
-each takes as long as all that came before."""
-_OTHERS_OF_ONE_SETTING = 2
-"""Starts that have their turn after the promising ones where all photographs have one
-setting: lenses that draw it alike are alike to whoever photographs there again."""
+_HOPELESS, _MOST_CANDIDATES = 1.2, 4
+"""Largest cost over the best one's of candidates that go on to full pixels, and how
+many: each takes as long as all stages before."""
+_REJECTED_OF_ONE_SETTING = 2
+"""Rejected candidates that are tried after the promising ones where all photographs
+have one setting: lenses that draw it alike are equivalent at that setting."""
 _SUSPECT = 0.08
-"""Share of a dot's image, held out, from which on the other side of focus is tried:
-where it was stated rightly a third of this is usual."""
+"""Held-out misfit, as a share of a dot's image, above which the other side of focus is
+tried: where the side was stated correctly a third of this is usual."""
 _EXPLAINED = 4.0
 """Cost of a dot and channel, smoothed, up to which no other start is tried: a residual
 of a tenth of the peak on one cell, or of a twentieth on four."""
@@ -129,31 +129,32 @@ of a tenth of the peak on one cell, or of a twentieth on four."""
 
 @dataclass(frozen=True, eq=False)
 class WavefrontFit:
-    """What the photographs say about the wavefront.
+    """The wavefront that explains the photographs, and how well it is known.
 
     Attributes
     ----------
-    gathered : Every dot.
+    dot_data : Every dot.
     stage : The fit, on the dots it was made from.
-    families : What is free.
-    verdicts : What came of every family that was tried.
-    covariance : Of all parameters that are free, as the scatter of dots has it.
-    unshown_covariance : What is added to it in all that is stated: of what was left
-        out, and of errors that no dot shows.
-    unseen : Families that the photographs do not see.
-    sign_known : Whether stated distances or the photographs settle the sign of defocus.
-    mirrored : Whether the dots look as if they lay on the other side of focus than was
-        stated; looked at only where they are ill explained.
+    term_groups : Term groups that are free.
+    term_decisions : The decision on every candidate term group.
+    covariance : Of all parameters that are free, from the scatter over dots.
+    model_error_covariance : What is added to it in reports: for what was left out, and
+        for errors that no dot shows.
+    undetermined_term_groups : Term groups that the photographs do not determine.
+    sign_known : Whether stated distances or the photographs determine the sign of
+        defocus.
+    mirrored : Whether the dots are explained decisively better on the other side of
+        focus than was stated; tested only where their misfit is large.
     misfit : How far the images of dots are from those photographed.
     """
 
-    gathered: Gathered
+    dot_data: DotData
     stage: Stage
-    families: tuple[Family, ...]
-    verdicts: tuple[Verdict, ...]
+    term_groups: tuple[TermGroup, ...]
+    term_decisions: tuple[TermDecision, ...]
     covariance: Float[np.ndarray, "parameters parameters"]
-    unshown_covariance: Float[np.ndarray, "parameters parameters"]
-    unseen: tuple[str, ...]
+    model_error_covariance: Float[np.ndarray, "parameters parameters"]
+    undetermined_term_groups: tuple[str, ...]
     sign_known: bool
     mirrored: bool
     misfit: Misfit
@@ -164,14 +165,14 @@ class WavefrontFit:
         return self.stage.converged
 
     @property
-    def stated_covariance(self) -> Float[np.ndarray, "parameters parameters"]:
+    def total_covariance(self) -> Float[np.ndarray, "parameters parameters"]:
         """Of all parameters."""
-        return self.covariance + self.unshown_covariance
+        return self.covariance + self.model_error_covariance
 
     @property
     def behind_mosaic(self) -> bool:
-        """Whether photosites of one colour alone saw the shape of some dots."""
-        return any(s.cutouts.mosaic is not None for s in self.gathered.shown)
+        """Whether the shape of some dots was recorded behind a colour mosaic."""
+        return any(s.dot_images.mosaic is not None for s in self.dot_data.photographs)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -183,20 +184,20 @@ class WavefrontFit:
             against=runs_against_statements(self.stage),
             mirrored=self.mirrored,
         )
-        return (*said, *self.guessed)
+        return (*said, *self.extrapolation_notes)
 
     @property
-    def guessed(self) -> tuple[str, ...]:
-        """Which settings nobody photographed, in a sentence each."""
-        return guessed_of(self.gathered)
+    def extrapolation_notes(self) -> tuple[str, ...]:
+        """Settings to which the blur is extrapolated, in a sentence each."""
+        return extrapolation_notes(self.dot_data)
 
-    def has(self, family: str) -> bool:
-        """Whether a family of parameters was fitted and kept."""
-        return any(one.name == family for one in self.families)
+    def has(self, term_group: str) -> bool:
+        """Whether a term group was fitted and kept."""
+        return any(one.name == term_group for one in self.term_groups)
 
 
 def fit_wavefront(
-    shown: list[Shown],
+    photographs: list[DotPhotograph],
     fall_off: FallOffFit | None,
     progress: Progress = silent,
     *,
@@ -208,103 +209,114 @@ def fit_wavefront(
 
     Parameters
     ----------
-    shown : Photographs whose f-number is known.
+    photographs : Photographs whose f-number is known.
     fall_off : Measured at the widest f-number, or None.
-    allowed : Names of the families that may be free (`families.SEIDEL`); None for all.
+    allowed : Names of the term groups that may be free (`term_groups.SEIDEL`); None for
+        all.
     """
     spectrum = spectrum or bands(3)
-    every = gather(shown, spectrum)
+    every = gather(photographs, spectrum)
     layout = _layout_of(every)
-    few = chosen(every, spread_over_takes(every, effort.coarse_dots(len(shown))))
+    few = select_dots(
+        every, rows_spread_over_takes(every, effort.coarse_dots(len(photographs)))
+    )
     coarse = coarse_fit(few, layout, fall_off, allowed)
     progress("wavefront", 1, 4)
-    middle = _open_after_middle(coarse, few)
+    middle = _candidates_after_middle(coarse, few)
     progress("wavefront", 2, 4)
-    times = _BEHIND_CYLINDERS if layout.anamorphic else 1
-    fine_dots = times * effort.fine_dots(len(shown))
-    more = _finest(every, shown, spectrum, fine_dots)
-    stages = [focus_stated(on_dots(one.stage, more)) for one in middle]
-    fine = [fine_fit(s, _families_at(s, allowed), effort.rounds) for s in stages]
-    valleys = [valley_at(stage, fair_cost) for stage in fine]
+    times = _DOTS_FACTOR_ANAMORPHIC if layout.anamorphic else 1
+    fine_dots = times * effort.fine_dots(len(photographs))
+    more = _fine_dots(every, photographs, spectrum, fine_dots)
+    stages = [add_focus_statements(stage_on_dots(one.stage, more)) for one in middle]
+    fine = [fine_fit(s, _term_groups_at(s, allowed), effort.rounds) for s in stages]
+    candidates = [candidate_at(stage, cost_at_initial_weights) for stage in fine]
     progress("wavefront", 3, 4)
-    best = deepest(valleys).stage
-    chosen_fit, families, verdicts = asked_for(best, _families_at(best, allowed))
-    final = last_fit(chosen_fit, families)
+    best = best_candidate(candidates).stage
+    chosen_fit, term_groups, term_decisions = fit_selected_term_groups(
+        best, _term_groups_at(best, allowed)
+    )
+    final = last_fit(chosen_fit, term_groups)
     progress("wavefront", 4, 4)
-    misfit = misfit_of(final, families)
+    misfit = misfit_of(final, term_groups)
     suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT
-    mirrored = suspect and suits_other_side(best)
+    mirrored = suspect and fits_other_side_better(best)
     against = mirrored or runs_against_statements(final)
-    settled = coarse.side_stated or _side_is_settled(every, valleys)
-    covariance = covariance_of(final, families)
+    settled = coarse.side_stated or _is_side_settled(every, candidates)
+    covariance = covariance_of(final, term_groups)
     return WavefrontFit(
-        gathered=every,
+        dot_data=every,
         stage=final,
-        families=families,
-        verdicts=verdicts,
+        term_groups=term_groups,
+        term_decisions=term_decisions,
         covariance=covariance,
-        unshown_covariance=unshown_covariance_of(
-            final, _families_at(final, allowed), covariance
+        model_error_covariance=model_error_covariance_of(
+            final, _term_groups_at(final, allowed), covariance
         ),
-        unseen=unseen(final, families, covariance),
+        undetermined_term_groups=undetermined_term_groups(
+            final, term_groups, covariance
+        ),
         sign_known=settled and not against,
         mirrored=mirrored,
         misfit=misfit,
     )
 
 
-def _finest(
-    every: Gathered, shown: list[Shown], spectrum: Bands, dots: int
-) -> Gathered:
+def _fine_dots(
+    every: DotData, photographs: list[DotPhotograph], spectrum: Bands, dots: int
+) -> DotData:
     """So many dots of each photograph, of large ones several rims.
 
-    A part of a rim leaves open where its dot is, a whole dot does not: of one setting,
-    where no other says how coma moves dots, whole ones are kept.
+    A part of a rim does not determine the position of its dot, a whole dot does: of one
+    setting, where no other determines how coma moves dots, whole ones are kept.
     """
-    if every.of_one_setting or all(one.take.rims is None for one in shown):
-        return chosen(every, spread_over_takes(every, dots))
-    rims = gather(with_rims(shown), spectrum)
-    return chosen(rims, spread_over_takes(rims, _RIMS_FOR_A_DOT * dots))
+    if every.of_one_setting or all(one.take.rims is None for one in photographs):
+        return select_dots(every, rows_spread_over_takes(every, dots))
+    rims = gather(rim_patches(photographs), spectrum)
+    return select_dots(rims, rows_spread_over_takes(rims, _RIMS_PER_DOT * dots))
 
 
-def _side_is_settled(every: Gathered, valleys: list[Valley]) -> bool:
-    """Whether it is known on which side of focus the chart was, where statements leave
-    that open: dots of one setting do not tell it, and it is none if all were stated to
-    be in focus."""
+def _is_side_settled(every: DotData, candidates: list[Candidate]) -> bool:
+    """Whether the side of focus of the chart is determined where statements do not
+    determine it. Dots of one setting do not; and there is none if all takes were stated
+    to be in focus."""
     if not every.of_one_setting:
-        return side_is_told(valleys)
+        return is_side_determined(candidates)
     return bool(np.all(np.abs(stated_defocus_mm(every)) <= IN_FOCUS_MM))
 
 
-def _open_after_middle(coarse: Coarse, few: Gathered) -> list[Valley]:
-    """The valleys that smoothed dots leave open.
+def _candidates_after_middle(coarse: CoarseFit, few: DotData) -> list[Candidate]:
+    """The candidates that smoothed dots do not exclude.
 
-    Where higher orders shape the dots, third order does not tell which start is the
-    best: those that it put behind have their turn until one explains the dots.
+    Where higher orders shape the dots, third order does not determine which start is
+    the best: the candidates that it rejected are tried in turn until one explains the
+    dots.
     """
     found = [
-        valley_at(middle_fit(one.stage, coarse.families)) for one in coarse.valleys
+        candidate_at(middle_fit(one.stage, coarse.term_groups))
+        for one in coarse.candidates
     ]
     enough = _EXPLAINED * len(few.take) * (3 if few.colour else 1)
-    most = _OTHERS_OF_ONE_SETTING if few.of_one_setting else None
-    for one in coarse.others[:most]:
-        if min(valley.cost for valley in found) <= enough:
+    most = _REJECTED_OF_ONE_SETTING if few.of_one_setting else None
+    for one in coarse.rejected[:most]:
+        if min(candidate.cost for candidate in found) <= enough:
             break
-        stage = with_all_dots(one, few).stage
-        found.append(valley_at(middle_fit(stage, coarse.families)))
+        stage = solve_on_all_dots(one, few).stage
+        found.append(candidate_at(middle_fit(stage, coarse.term_groups)))
     if few.of_one_setting:
-        return still_open(found, _HOPELESS, 1)
+        return open_candidates(found, _HOPELESS, 1)
     both_sides = not coarse.side_stated
-    return still_open(found, _HOPELESS, _VALLEYS, both_sides=both_sides)
+    return open_candidates(found, _HOPELESS, _MOST_CANDIDATES, both_sides=both_sides)
 
 
-def _families_at(stage: Stage, allowed: Collection[str] | None) -> tuple[Family, ...]:
-    """All that may be free; priors of defocus depend on where the fit began."""
+def _term_groups_at(
+    stage: Stage, allowed: Collection[str] | None
+) -> tuple[TermGroup, ...]:
+    """All term groups that may be free; priors of defocus depend on the start."""
     begun_mm = stage.mean[stage.layout.blocks["defocus"]]
-    return families_of(stage.gathered, stage.layout, begun_mm, allowed)
+    return candidate_term_groups(stage.dot_data, stage.layout, begun_mm, allowed)
 
 
-def _layout_of(every: Gathered) -> Layout:
+def _layout_of(every: DotData) -> Layout:
     cylinders = every.dots.sections is not None
     return Layout(
         TERMS + CYLINDER_TERMS if cylinders else TERMS,

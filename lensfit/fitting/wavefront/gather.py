@@ -13,12 +13,12 @@ from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.stated_facts import Widths
 from lensfit.fitting.wavefront.beside import own_cells
 from lensfit.fitting.wavefront.dot_patches import (
-    LARGEST_PLACED_CELLS,
-    Shown,
+    LARGEST_RAY_SAMPLED_CELLS,
+    DotPhotograph,
     are_of_one_setting,
     centroids_mm,
     diameters_mm,
-    hole_cells,
+    dot_aperture_radius_cells,
     usable_cells,
 )
 from lensfit.fitting.wavefront.dots import Broad, Dots
@@ -29,32 +29,32 @@ from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
 
 _NEAREST_FOCUS, _USUAL_FOCUS = 2.0, 20.0
-"""In principal distances; at two a thing is imaged as large as it is."""
+"""In principal distances; at two an object is imaged at its own size."""
 WIDE_OPEN = 1.02
-"""Up to this ratio to the widest f-number the blades are out of the way."""
+"""Up to this ratio to the widest f-number the blades do not cut the pupil."""
 
 
-class Group(NamedTuple):
+class FocusGroup(NamedTuple):
     """Takes that share focus and chart, so that one defocus serves them."""
 
     focus_distance_mm: float | None
     target_distance_mm: float | None
     take: str
-    """Name of the take, where nobody said how far the chart was; else empty."""
+    """Name of the take, where nobody stated how far the chart was; else empty."""
 
 
 @dataclass(frozen=True, eq=False)
-class Gathered:
+class DotData:
     """All dots of all photographs.
 
     Attributes
     ----------
     dots : Constants of the model.
-    light, valid, clipped : As in `Cutouts`.
-    observed_mm : Centroid of each channel from the corner of its cutout.
+    light, valid, clipped : As in `DotImages`.
+    observed_mm : Centroid of each channel from the corner of its patch.
     diameter_mm : Of the disc of the same second moment, pixels taken off.
     read_noise : Of a cell, per dot and channel.
-    take : Index into `dot_patches`.
+    take : Index into `photographs`.
     colour : Whether red and blue were photographed.
     scale, chromatic : Constants of the model; chromatic coordinates of the channels.
     groups, f_numbers : What `Dots.group` and `Dots.stop` count.
@@ -62,7 +62,7 @@ class Gathered:
     first_order : At the reference state.
     """
 
-    shown: tuple[Shown, ...]
+    photographs: tuple[DotPhotograph, ...]
     dots: Dots
     light: Float[np.ndarray, "dots 3 rows columns"]
     valid: Bool[np.ndarray, "dots 3 rows columns"]
@@ -74,67 +74,68 @@ class Gathered:
     colour: bool
     scale: Scale
     chromatic: Float[np.ndarray, "3 wavelengths"]
-    groups: tuple[Group, ...]
+    groups: tuple[FocusGroup, ...]
     f_numbers: tuple[float, ...]
     reference_distance_mm: float
     first_order: FirstOrder
 
     @property
     def widths(self) -> Widths:
-        """How well what is stated of the shoot is known."""
-        return self.shown[0].take.widths
+        """Standard deviations of what is stated about the shoot."""
+        return self.photographs[0].take.widths
 
     @property
     def of_one_setting(self) -> bool:
         """Whether all photographs have one f-number and one focus distance."""
-        return are_of_one_setting(self.shown)
+        return are_of_one_setting(self.photographs)
 
     @cached_property
     def transfer(self) -> Transfer | None:
-        """What the discs of broad dots make of an image (`waves`); None of others."""
+        """Transfer functions of the discs of broad dots (`waves`); None for others."""
         if self.dots.broad is None:
             return None
         return transfers_of(self.dots.broad, self.dots.cell_mm, self.light.shape[-1])
 
 
-def gather(shown: list[Shown], bands: Bands) -> Gathered:
+def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
     """Arrays of all dots; every take states its f-number."""
-    known = _reference(shown)
+    known = _reference(photographs)
     distance_mm = jnp.asarray(known.distance_mm)
-    f_numbers = sorted({s.f_number for s in shown})
+    f_numbers = sorted({s.f_number for s in photographs})
     sines = [
         float(rim_sine(known.first_order, jnp.asarray(n), distance_mm))
         for n in f_numbers
     ]
-    groups = tuple(dict.fromkeys(_group(s) for s in shown))
+    groups = tuple(dict.fromkeys(_group(s) for s in photographs))
     broad = any(
-        one.take.observations.of_corners or hole_cells(one) > LARGEST_PLACED_CELLS
-        for one in shown
+        one.take.observations.are_corners
+        or dot_aperture_radius_cells(one) > LARGEST_RAY_SAMPLED_CELLS
+        for one in photographs
     )
     rows = []
-    for one in shown:
+    for one in photographs:
         stop = f_numbers.index(one.f_number)
         radius, group = sines[stop] / sines[0], groups.index(_group(one))
         rows.append(dots_of(one, group, stop, radius, known, bands, broad=broad))
-    cut = [s.cutouts for s in shown]
+    cut = [s.dot_images for s in photographs]
     counts = [len(c.marks) for c in cut]
-    return Gathered(
-        shown=tuple(shown),
+    return DotData(
+        photographs=tuple(photographs),
         dots=jax.tree.map(lambda *parts: np.concatenate(parts), *rows),
         light=np.concatenate([c.light for c in cut]),
         valid=np.concatenate(
-            [_valid(s, r.broad) for s, r in zip(shown, rows, strict=True)]
+            [_valid(s, r.broad) for s, r in zip(photographs, rows, strict=True)]
         ),
         clipped=np.concatenate([c.clipped for c in cut]),
         observed_mm=np.concatenate(
-            [_observed_mm(s, r.broad) for s, r in zip(shown, rows, strict=True)]
+            [_observed_mm(s, r.broad) for s, r in zip(photographs, rows, strict=True)]
         ),
-        diameter_mm=np.concatenate([diameters_mm(s) for s in shown]),
+        diameter_mm=np.concatenate([diameters_mm(s) for s in photographs]),
         read_noise=np.repeat([c.read_noise for c in cut], counts, axis=0),
-        take=np.repeat(np.arange(len(shown)), counts),
+        take=np.repeat(np.arange(len(photographs)), counts),
         colour=any(c.channels == 3 for c in cut),
         scale=Scale(
-            jnp.asarray(np.hypot(*shown[0].take.sensor_size_mm) / 2),
+            jnp.asarray(np.hypot(*photographs[0].take.sensor_size_mm) / 2),
             jnp.asarray(sines[0]),
             jnp.asarray(known.principal_distance_mm),
         ),
@@ -147,47 +148,49 @@ def gather(shown: list[Shown], bands: Bands) -> Gathered:
 
 
 def _valid(
-    shown: Shown, broad: Broad | None
+    photograph: DotPhotograph, broad: Broad | None
 ) -> Bool[np.ndarray, "dots 3 rows columns"]:
-    """Cells to use; none of broad dots that lie nearer to one which the frame cuts."""
-    usable = usable_cells(shown.cutouts)
-    if broad is None or shown.take.observations.of_corners:
+    """Cells to use; of broad dots none that lie nearer to a neighbouring dot."""
+    usable = usable_cells(photograph.dot_images)
+    if broad is None or photograph.take.observations.are_corners:
         return usable
-    return usable & own_cells(shown, broad.beside_mm)[:, None]
+    return usable & own_cells(photograph, broad.neighbour_offsets_mm)[:, None]
 
 
-def _observed_mm(shown: Shown, broad: Broad | None) -> Float[np.ndarray, "dots 3 2"]:
-    """Of every mark, or of the rim that is shown, from the corner of its cutout."""
-    observed_mm = centroids_mm(shown.take, shown.cutouts)
+def _observed_mm(
+    photograph: DotPhotograph, broad: Broad | None
+) -> Float[np.ndarray, "dots 3 2"]:
+    """Of every detected point, or of the rim that is shown, from the patch's corner."""
+    observed_mm = centroids_mm(photograph.take, photograph.dot_images)
     return observed_mm if broad is None else observed_mm - broad.rim_mm[:, None]
 
 
-def chosen(gathered: Gathered, rows: Int[np.ndarray, " some"]) -> Gathered:
+def select_dots(dot_data: DotData, rows: Int[np.ndarray, " some"]) -> DotData:
     """Only some of the dots."""
     parts = ("light", "valid", "clipped", "observed_mm", "diameter_mm")
     parts += ("read_noise", "take")
     return replace(
-        gathered,
-        dots=jax.tree.map(lambda a: a[rows], gathered.dots),
-        **{name: getattr(gathered, name)[rows] for name in parts},
+        dot_data,
+        dots=jax.tree.map(lambda a: a[rows], dot_data.dots),
+        **{name: getattr(dot_data, name)[rows] for name in parts},
     )
 
 
-def spread_over_takes(gathered: Gathered, most: int) -> Int[np.ndarray, " rows"]:
-    """Rows of up to `most` dots of every take, as far from each other as can be."""
-    field_mm = np.asarray(gathered.dots.field_mm)
+def rows_spread_over_takes(dot_data: DotData, most: int) -> Int[np.ndarray, " rows"]:
+    """Rows of up to `most` dots of every take, as far apart as possible."""
+    field_mm = np.asarray(dot_data.dots.field_mm)
     return np.concatenate(
         [
-            spread_out(field_mm, np.flatnonzero(gathered.take == k), most)
-            for k in range(len(gathered.shown))
+            farthest_point_rows(field_mm, np.flatnonzero(dot_data.take == k), most)
+            for k in range(len(dot_data.photographs))
         ]
     )
 
 
-def spread_out(
+def farthest_point_rows(
     points: Float[np.ndarray, "points 2"], among: Int[np.ndarray, " some"], most: int
 ) -> Int[np.ndarray, " chosen"]:
-    """Up to `most` of `among`, each as far as can be from those before; sorted."""
+    """Up to `most` of `among`, each as far as possible from those before; sorted."""
     points = points[among]
     if len(points) <= most:
         return among
@@ -201,43 +204,45 @@ def spread_out(
     return among[np.sort(found)]
 
 
-def _reference(shown: list[Shown]) -> Reference:
+def _reference(photographs: list[DotPhotograph]) -> Reference:
     """The state nearest to being in focus, and the distance of its chart."""
-    nearest = _nearest_to_focus(shown)
+    nearest = _nearest_to_focus(photographs)
     offset = nearest.pupil_offset_mm
     c = float(nearest.distortion.principal_distance_mm)
-    farther = _farther(shown, c)
-    depth_mm = farther * _depth_mm(nearest)
+    depth_scale = _depth_scale(photographs, c)
+    depth_mm = depth_scale * _depth_mm(nearest)
     distance = nearest.take.target_distance_mm or depth_mm + offset
     thin = first_order_of(*(jnp.asarray(n) for n in (c, 1.0, offset, distance)))
-    return Reference(c, thin, distance, farther)
+    return Reference(c, thin, distance, depth_scale)
 
 
-def _farther(shown: list[Shown], principal_distance_mm: float) -> float:
-    """What depths are multiplied by: where nobody stated a distance, and a chart would
-    be nearer than a lens can be focused, its pitch is no length in mm."""
-    if any(one.take.target_distance_mm for one in shown):
+def _depth_scale(
+    photographs: list[DotPhotograph], principal_distance_mm: float
+) -> float:
+    """Factor on all depths: where nobody stated a distance, and a chart would be nearer
+    than a lens can be focused, its pitch is not a length in mm."""
+    if any(one.take.target_distance_mm for one in photographs):
         return 1.0
-    nearest = min(map(_depth_mm, shown)) / principal_distance_mm
+    nearest = min(map(_depth_mm, photographs)) / principal_distance_mm
     return 1.0 if nearest >= _NEAREST_FOCUS else _USUAL_FOCUS / nearest
 
 
-def _nearest_to_focus(shown: list[Shown]) -> Shown:
-    def dioptres_off(one: Shown) -> float:
+def _nearest_to_focus(photographs: list[DotPhotograph]) -> DotPhotograph:
+    def dioptres_off(one: DotPhotograph) -> float:
         take = one.take
         if not take.target_distance_mm or not take.focus_distance_mm:
             return np.inf
         return abs(1 / take.target_distance_mm - 1 / take.focus_distance_mm)
 
-    return min(shown, key=lambda one: (dioptres_off(one), one.cutouts.cell_px))
+    return min(photographs, key=lambda one: (dioptres_off(one), one.dot_images.cell_px))
 
 
-def _group(shown: Shown) -> Group:
-    take = shown.take
+def _group(photograph: DotPhotograph) -> FocusGroup:
+    take = photograph.take
     name = "" if take.target_distance_mm else take.name
-    return Group(take.focus_distance_mm, take.target_distance_mm, name)
+    return FocusGroup(take.focus_distance_mm, take.target_distance_mm, name)
 
 
-def _depth_mm(shown: Shown) -> float:
+def _depth_mm(photograph: DotPhotograph) -> float:
     """From the entrance pupil to the chart, as the geometry has it."""
-    return float(fitted_depths_mm(shown.geometry.adjustment)[shown.index])
+    return float(fitted_depths_mm(photograph.geometry.adjustment)[photograph.index])

@@ -1,7 +1,8 @@
 """What is known of the dots of one photograph before the wavefront fit.
 
-The geometry says where on the lens' field every dot is, how large its hole is imaged,
-and how far from the lens that part of the chart is; all of this is taken as known.
+The geometry gives the field point of every dot, the size of the image of its dot
+aperture, and how far from the lens that part of the chart is. All of this is taken as
+known.
 """
 
 from functools import partial
@@ -25,15 +26,20 @@ from lensfit.fitting.geometry import (
     parts_of,
 )
 from lensfit.fitting.parameters import Layout as GeometryLayout
-from lensfit.fitting.wavefront.beside import NEIGHBOURS, beside_mm
-from lensfit.fitting.wavefront.dot_aperture import Hole, hole_of, no_hole, soft_hole
-from lensfit.fitting.wavefront.dot_patches import (
-    Shown,
-    diameters_mm,
-    hole_radius_mm,
+from lensfit.fitting.wavefront.beside import NEIGHBOURS, neighbour_offsets_mm
+from lensfit.fitting.wavefront.dot_aperture import (
+    DotAperture,
+    dot_aperture_of,
+    gaussian_dot_aperture,
+    no_dot_aperture,
 )
-from lensfit.fitting.wavefront.dots import Aperture, Broad, Dots
-from lensfit.fitting.wavefront.edges import bright_ahead
+from lensfit.fitting.wavefront.dot_patches import (
+    DotPhotograph,
+    diameters_mm,
+    dot_aperture_radius_mm,
+)
+from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots
+from lensfit.fitting.wavefront.edges import is_square_ahead_bright
 from lensfit.kernel.pixels import diffraction_variance_mm2
 from lensfit.optics.depth import ObjectShift, object_shift
 from lensfit.optics.distortion import Distortion, distorted_from_direction
@@ -53,17 +59,17 @@ class Reference(NamedTuple):
     principal_distance_mm : Of the state nearest to being in focus.
     first_order : The thin lens with these chief rays.
     distance_mm : From the sensor, at which the aberrations hold.
-    farther : What depths of the geometry are multiplied by (`gather`).
+    depth_scale : Factor on the depths of the geometry (`gather`).
     """
 
     principal_distance_mm: float
     first_order: FirstOrder
     distance_mm: float
-    farther: float = 1.0
+    depth_scale: float = 1.0
 
 
 def dots_of(
-    shown: Shown,
+    photograph: DotPhotograph,
     group: int,
     stop: int,
     stop_radius: float,
@@ -74,27 +80,35 @@ def dots_of(
 ) -> Dots:
     """Constants of the dots of one photograph; see `Dots`.
 
-    Parameters ---------- broad : Whether dots are discs (`waves`) rather than places of
-    rays (`dot_aperture`).
+    Parameters
+    ----------
+    broad : Whether dots are discs (`waves`) rather than sampled by rays
+        (`dot_aperture`).
     """
-    adjustment, marks = shown.geometry.adjustment, shown.cutouts.marks
+    adjustment, marks = photograph.geometry.adjustment, photograph.dot_images.marks
     count = len(marks)
-    board = adjustment.stack.board[shown.index][marks]
-    shift, per_board = _seen_at(board, shown, reference)
+    board = adjustment.stack.board[photograph.index][marks]
+    shift, per_board = _object_shifts_and_jacobians(board, photograph, reference)
     rim_mm = np.zeros((count, 2))
-    if shown.cutouts.towards_px is not None:
-        of_middle, to_rim_mm = per_board, _to_rims_mm(shown, per_board)
-        half_mm = np.asarray(adjustment.stack.view.half_board_mm)[shown.index]
-        shift, per_board = _seen_at(board + to_rim_mm / half_mm, shown, reference)
+    if photograph.dot_images.towards_px is not None:
+        of_middle, to_rim_mm = per_board, _to_rims_mm(photograph, per_board)
+        half_mm = np.asarray(adjustment.stack.view.half_board_mm)[photograph.index]
+        shift, per_board = _object_shifts_and_jacobians(
+            board + to_rim_mm / half_mm, photograph, reference
+        )
         rim_mm = -np.einsum("dij,dj->di", (of_middle + per_board) / 2, to_rim_mm)
-    observed = adjustment.stack.observed_mm[shown.index][marks] - rim_mm
-    distance = float(shown.distortion.principal_distance_mm)
-    disc_mm = per_board * hole_radius_mm(shown)
-    hole = no_hole(disc_mm) if broad else _holes(shown, disc_mm)
-    diffraction = float(diffraction_variance_mm2(jnp.asarray(shown.f_number)))
+    observed = adjustment.stack.observed_mm[photograph.index][marks] - rim_mm
+    distance = float(photograph.distortion.principal_distance_mm)
+    disc_mm = per_board * dot_aperture_radius_mm(photograph)
+    dot_aperture = (
+        no_dot_aperture(disc_mm) if broad else _dot_apertures(photograph, disc_mm)
+    )
+    diffraction = float(diffraction_variance_mm2(jnp.asarray(photograph.f_number)))
     known = Dots(
-        field_mm=observed - np.asarray(shown.distortion.principal_point_mm),
-        magnified=np.full(count, distance / reference.principal_distance_mm),
+        field_mm=observed - np.asarray(photograph.distortion.principal_point_mm),
+        principal_distance_ratio=np.full(
+            count, distance / reference.principal_distance_mm
+        ),
         group=np.full(count, group),
         stop=np.full(count, stop),
         stop_radius=np.full(count, stop_radius),
@@ -103,26 +117,31 @@ def dots_of(
         pupil_per_sine_mm=shift.pupil_per_sine_mm,
         vergence=shift.vergence_per_mm,
         reference=shift.reference_per_mm,
-        lateral_mm=_within_bands_mm(shown, observed, bands),
-        filled_mm=hole.filled_mm,
-        variance_mm2=hole.variance_mm2 + diffraction,
-        cell_mm=np.tile(shown.take.pixel_mm * shown.cutouts.cell_px, (count, 1)),
-        broad=_broad(shown, per_board, rim_mm) if broad else None,
+        lateral_mm=_lateral_within_bands_mm(photograph, observed, bands),
+        sampled_ellipse_mm=dot_aperture.sampled_ellipse_mm,
+        variance_mm2=dot_aperture.variance_mm2 + diffraction,
+        cell_mm=np.tile(
+            photograph.take.pixel_mm * photograph.dot_images.cell_px, (count, 1)
+        ),
+        broad=_broad(photograph, per_board, rim_mm) if broad else None,
     )
-    if not shown.take.anamorphic:
+    if not photograph.take.anamorphic:
         return known
-    return known._replace(sections=_sections(shift, shown.distortion))
+    return known._replace(sections=_sections(shift, photograph.distortion))
 
 
-def _seen_at(
-    board: Float[np.ndarray, "dots 2"], shown: Shown, reference: Reference
+def _object_shifts_and_jacobians(
+    board: Float[np.ndarray, "dots 2"], photograph: DotPhotograph, reference: Reference
 ) -> tuple[ObjectShift, Float[np.ndarray, "dots 2 2"]]:
-    """`_seen` of places on the board of one photograph."""
-    adjustment, factor = shown.geometry.adjustment, jnp.asarray(_depth_factor(shown))
+    """`_object_shift_and_jacobian` of places on the board of one photograph."""
+    adjustment, factor = (
+        photograph.geometry.adjustment,
+        jnp.asarray(_depth_factor(photograph)),
+    )
     return in_batches(
-        lambda some: _seen(
+        lambda some: _object_shift_and_jacobian(
             jnp.asarray(adjustment.parameters),
-            jnp.asarray(shown.index),
+            jnp.asarray(photograph.index),
             factor,
             jnp.asarray(some),
             adjustment.stack.view,
@@ -130,7 +149,7 @@ def _seen_at(
             adjustment.frame,
             reference.first_order,
             jnp.asarray(reference.distance_mm),
-            jnp.asarray(reference.farther),
+            jnp.asarray(reference.depth_scale),
         ),
         board,
         _BATCH,
@@ -138,22 +157,28 @@ def _seen_at(
 
 
 def _to_rims_mm(
-    shown: Shown, per_board: Float[np.ndarray, "dots 2 2"]
+    photograph: DotPhotograph, per_board: Float[np.ndarray, "dots 2 2"]
 ) -> Float[np.ndarray, "dots 2"]:
     """On the board, from the middle of every dot to the rim that is shown."""
-    assert shown.cutouts.towards_px is not None
-    towards_mm = shown.cutouts.towards_px * shown.take.pixel_mm
+    assert photograph.dot_images.towards_px is not None
+    towards_mm = photograph.dot_images.towards_px * photograph.take.pixel_mm
     on_board = np.linalg.solve(per_board, towards_mm[..., None])[..., 0]
-    return hole_radius_mm(shown) * on_board / np.linalg.norm(on_board, axis=-1)[:, None]
+    return (
+        dot_aperture_radius_mm(photograph)
+        * on_board
+        / np.linalg.norm(on_board, axis=-1)[:, None]
+    )
 
 
-def _holes(shown: Shown, hole_mm: np.ndarray) -> Hole:
+def _dot_apertures(
+    photograph: DotPhotograph, dot_aperture_mm: np.ndarray
+) -> DotAperture:
     """Of all dots of a photograph."""
-    # Behind a mosaic sharp rims fall between the photosites of a colour, and lead to
-    # valleys where no lens is.
-    if shown.cutouts.mosaic is not None:
-        return soft_hole(hole_mm)
-    return hole_of(hole_mm, diameters_mm(shown))
+    # Behind a mosaic sharp edges fall between the photosites of a colour, and cause
+    # spurious local minima.
+    if photograph.dot_images.mosaic is not None:
+        return gaussian_dot_aperture(dot_aperture_mm)
+    return dot_aperture_of(dot_aperture_mm, diameters_mm(photograph))
 
 
 def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
@@ -165,52 +190,52 @@ def _sections(shift: ObjectShift, distortion: Distortion) -> Sections:
 
 
 def _broad(
-    shown: Shown,
+    photograph: DotPhotograph,
     per_board: Float[np.ndarray, "dots 2 2"],
     rim_mm: Float[np.ndarray, "dots 2"],
 ) -> Broad:
-    """Of marks that are drawn in waves.
+    """The targets that are drawn in waves.
 
     Parameters
     ----------
     per_board : d sensor mm / d board mm.
     """
-    disc_mm = per_board * hole_radius_mm(shown)
-    width = np.full(len(disc_mm), shown.take.widths.diameter)
-    if shown.take.observations.of_corners:
+    disc_mm = per_board * dot_aperture_radius_mm(photograph)
+    width = np.full(len(disc_mm), photograph.take.widths.diameter)
+    if photograph.take.observations.are_corners:
         return Broad(
             np.zeros_like(disc_mm),
             rim_mm,
             np.full((len(disc_mm), NEIGHBOURS, 2), np.nan),
-            _squares_mm(shown, per_board),
-            np.full(len(disc_mm), _window_cells(shown)),
+            _squares_mm(photograph, per_board),
+            np.full(len(disc_mm), _window_cells(photograph)),
             width,
-            Aperture(
+            DetectionAperture(
                 np.tile(np.eye(2), (len(disc_mm), 1, 1)),
                 *np.ones((3, len(disc_mm))),
             ),
         )
-    beside = beside_mm(shown)
+    beside = neighbour_offsets_mm(photograph)
     no_square = np.zeros_like(disc_mm), np.zeros(len(disc_mm))
-    aperture = _aperture(shown, disc_mm, beside)
+    aperture = _aperture(photograph, disc_mm, beside)
     return Broad(disc_mm, rim_mm, beside, *no_square, width, aperture)
 
 
-def _window_cells(shown: Shown) -> float:
+def _window_cells(photograph: DotPhotograph) -> float:
     """As detection has it."""
-    blur_px = shown.take.observations.edge_blur_px
+    blur_px = photograph.take.observations.edge_blur_px
     assert blur_px is not None
-    return half_width_px(blur_px) / shown.cutouts.cell_px
+    return half_width_px(blur_px) / photograph.dot_images.cell_px
 
 
 def _squares_mm(
-    shown: Shown, per_board: Float[np.ndarray, "dots 2 2"]
+    photograph: DotPhotograph, per_board: Float[np.ndarray, "dots 2 2"]
 ) -> Float[np.ndarray, "dots 2 2"]:
     """Sides of the square that is bright ahead of every corner, in columns."""
-    cut, pixel_mm = shown.cutouts, shown.take.pixel_mm
-    side_mm = per_board * np.asarray(shown.take.pitch_mm)
-    corner_px = shown.take.observations.points_px[cut.marks] - cut.corner_px
-    ahead = bright_ahead(
+    cut, pixel_mm = photograph.dot_images, photograph.take.pixel_mm
+    side_mm = per_board * np.asarray(photograph.take.pitch_mm)
+    corner_px = photograph.take.observations.points_px[cut.marks] - cut.corner_px
+    ahead = is_square_ahead_bright(
         cut.light[:, _GREEN],
         cut.valid[:, _GREEN],
         corner_px / cut.cell_px,
@@ -221,24 +246,24 @@ def _squares_mm(
 
 
 def _aperture(
-    shown: Shown,
+    photograph: DotPhotograph,
     disc_mm: Float[np.ndarray, "dots 2 2"],
-    beside_mm: Float[np.ndarray, "dots neighbours 2"],
-) -> Aperture:
-    """As detection has it for discs blurred to the diameters that were seen."""
-    pixel_mm, cell_px = shown.take.pixel_mm, shown.cutouts.cell_px
+    neighbour_offsets_mm: Float[np.ndarray, "dots neighbours 2"],
+) -> DetectionAperture:
+    """As detection has it for discs blurred to the measured diameters."""
+    pixel_mm, cell_px = photograph.take.pixel_mm, photograph.dot_images.cell_px
     disc_px = disc_mm / pixel_mm[:, None]
     area = np.abs(np.linalg.det(disc_px))[:, None, None]
-    radius_px = diameters_mm(shown) / 2 / float(np.mean(pixel_mm))
+    radius_px = diameters_mm(photograph) / 2 / float(np.mean(pixel_mm))
     moment_px2 = disc_px @ disc_px.mT / 4 * radius_px[:, None, None] ** 2 / area
-    apart_px = np.linalg.norm(beside_mm / pixel_mm, axis=-1)
+    apart_px = np.linalg.norm(neighbour_offsets_mm / pixel_mm, axis=-1)
     nearest_px = np.nan_to_num(apart_px, nan=np.inf).min(1)
     alone = ~np.isfinite(nearest_px)
-    nearest_px[alone] = shown.cutouts.light.shape[-1] * cell_px
-    bright = shown.take.observations.bright
+    nearest_px[alone] = photograph.dot_images.light.shape[-1] * cell_px
+    bright = photograph.take.observations.bright
     windows = windows_of(moment_px2, nearest_px, bright=bright)
     smoothing = 0.0 if bright else SMOOTHING_DARK_PX / cell_px
-    return Aperture(
+    return DetectionAperture(
         np.linalg.cholesky(windows.shape_px2) / cell_px,
         windows.ring,
         windows.core,
@@ -246,34 +271,36 @@ def _aperture(
     )
 
 
-def _depth_factor(shown: Shown) -> float:
-    """What corrects the geometry's depths.
+def _depth_factor(photograph: DotPhotograph) -> float:
+    """Correction factor of the geometry's depths.
 
     Blur moves centroids outward at some f-numbers (`aperture_shift`), which looks like
-    a nearer board; the takes of that state and f-number whose distance was measured say
-    by how much.
+    a nearer board. The factor is the median ratio of measured distance to fitted depth
+    over the takes of that state and f-number.
     """
     ratios = [
-        (take.target_distance_mm - shown.pupil_offset_mm) / depth_mm
+        (take.target_distance_mm - photograph.pupil_offset_mm) / depth_mm
         for take, depth_mm in zip(
-            shown.geometry.takes,
-            fitted_depths_mm(shown.geometry.adjustment),
+            photograph.geometry.takes,
+            fitted_depths_mm(photograph.geometry.adjustment),
             strict=True,
         )
-        if take.target_distance_mm and take.f_number == shown.take.f_number
+        if take.target_distance_mm and take.f_number == photograph.take.f_number
     ]
     return float(np.median(ratios)) if ratios else 1.0
 
 
-def _within_bands_mm(shown: Shown, observed_mm: np.ndarray, bands: Bands) -> np.ndarray:
+def _lateral_within_bands_mm(
+    photograph: DotPhotograph, observed_mm: np.ndarray, bands: Bands
+) -> np.ndarray:
     """Wavelengths about their band's mean: (dots, 3, wavelengths, 2)."""
     wavelengths = bands.wavelengths_nm.shape[1]
-    if shown.colour is None:
+    if photograph.colour is None:
         return np.zeros((len(observed_mm), 3, wavelengths, 2))
-    centre = shown.distortion.principal_point_mm
-    radius = shown.distortion.reference_radius_mm
+    centre = photograph.distortion.principal_point_mm
+    radius = photograph.distortion.reference_radius_mm
     chromatic = chromatic_coordinate(bands.wavelengths_nm)
-    red, blue = shown.colour
+    red, blue = photograph.colour
     return in_batches(
         lambda points: _lateral_mm(
             jnp.asarray(points), red, blue, centre, radius, chromatic
@@ -305,7 +332,7 @@ def _lateral_mm(
 
 
 @partial(jax.jit, static_argnames=("layout",))
-def _seen(
+def _object_shift_and_jacobian(
     parameters: Array,
     index: Array,
     factor: Array,
@@ -315,9 +342,10 @@ def _seen(
     frame: Frame,
     first_order: FirstOrder,
     reference_mm: Array,
-    farther: Array,
+    depth_scale: Array,
 ) -> tuple[ObjectShift, Array]:
-    """Of each mark: how far from the reference depth, and d sensor / d board mm.
+    """Of each detected point: shift from the reference depth, and d sensor / d board
+    mm.
 
     `factor` corrects depths (`_depth_factor`).
     """
@@ -342,7 +370,7 @@ def _seen(
         slope = slope_of(mark)
         per_slope = jax.jacfwd(landed)(slope)
         per_board = per_slope @ jax.jacfwd(slope_of)(mark) / view.half_board_mm[None]
-        distance = farther * ahead(mark)[2] + first_order.entrance_pupil_offset_mm
+        distance = depth_scale * ahead(mark)[2] + first_order.entrance_pupil_offset_mm
         shift = object_shift(slope, per_slope, first_order, reference_mm, distance)
         return shift, per_board
 

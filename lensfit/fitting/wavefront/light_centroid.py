@@ -1,4 +1,4 @@
-"""Centroid of the light of a small hole, from where its chief ray lands.
+"""Centroid of the light of a small dot, from where its chief ray lands.
 
 Few rays are enough: on rings and spokes, the same for every wavelength.
 """
@@ -11,15 +11,15 @@ from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import (
     SHARPNESS,
-    Through,
+    PupilRays,
     landed_of,
-    opening_seen,
+    pupil_at_dot,
 )
 from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.optics.pupil import polar_nodes
 
 _RINGS_AND_SPOKES = 6, 48
-"""Of the rays that tell a centroid."""
+"""Of the rays that a centroid is computed from."""
 
 
 def centroids_mm(
@@ -47,25 +47,27 @@ def centroid_slopes_mm(
     layout: Layout,
     scale: Scale,
 ) -> Float[Array, "3 2 parameters"]:
-    """d `centroids_mm` / d parameter, the light that an area carries taken as it is."""
+    """d `centroids_mm` / d parameter, the light that an area carries held constant."""
 
     def channel(chromatic: Array, lateral_mm: Array) -> Array:
         colour = Colour(chromatic, lateral_mm)
 
-        def opened(opening: Array) -> tuple[Array, Array]:
-            return _polar(opening, dot, len(chromatic), layout, scale)
+        def opened(pupil_parameters: Array) -> tuple[Array, Array]:
+            return _polar(pupil_parameters, dot, len(chromatic), layout, scale)
 
-        (u, weight), to_opening = jax.vjp(opened, parameters[layout.opening])
+        (u, weight), to_pupil_parameters = jax.vjp(
+            opened, parameters[layout.pupil_parameters]
+        )
         seen = (parameters, dot, colour, layout, scale)
         landed = landed_of(u, *seen)
-        rays = Through(u, landed, to_opening)
+        rays = PupilRays(u, landed, to_pupil_parameters)
         light = landed.light / jnp.sum(weight * landed.light)
         share = (weight * light)[..., None]
         off = landed.at_mm - jnp.sum(share * landed.at_mm, (0, 1), keepdims=True)
 
         def along(axis: Array) -> Array:
             by_landing = share * axis[None, None]
-            return rays.led_back(by_landing, light * (off @ axis), *seen)
+            return rays.pullback(by_landing, light * (off @ axis), *seen)
 
         return jax.vmap(along)(jnp.eye(2, dtype=u.dtype))
 
@@ -82,23 +84,28 @@ def polar_landings(
 ) -> tuple[Float[Array, "wavelengths rays 2"], Float[Array, "wavelengths rays"]]:
     """Where rays on rings and spokes land, from the chief ray of their wavelength, and
     the light of each, 1 in all; see `optics.pupil.polar_nodes`."""
-    opening, wavelengths = parameters[layout.opening], len(colour.chromatic)
-    u, weight = _polar(opening, dot, wavelengths, layout, scale, rings_and_spokes)
+    pupil_parameters, wavelengths = (
+        parameters[layout.pupil_parameters],
+        len(colour.chromatic),
+    )
+    u, weight = _polar(
+        pupil_parameters, dot, wavelengths, layout, scale, rings_and_spokes
+    )
     landed = landed_of(u, parameters, dot, colour, layout, scale)
     light = weight * landed.light
     return landed.at_mm, light / jnp.sum(light)
 
 
 def _polar(
-    opening: Array,
+    pupil_parameters: Array,
     dot: Dots,
     wavelengths: int,
     layout: Layout,
     scale: Scale,
     rings_and_spokes: tuple[int, int] = _RINGS_AND_SPOKES,
 ) -> tuple[Float[Array, "wavelengths rays 2"], Float[Array, "wavelengths rays"]]:
-    """Points of the opening, the same for every wavelength, and their weights."""
-    seen = opening_seen(opening, dot, layout, scale)
+    """Points of the pupil, the same for every wavelength, and their weights."""
+    seen = pupil_at_dot(pupil_parameters, dot, layout, scale)
     nodes = polar_nodes(*seen, *rings_and_spokes, SHARPNESS)
     u = jnp.broadcast_to(nodes.u[None], (wavelengths, *nodes.u.shape))
     return u, jnp.broadcast_to(nodes.weight[None], u.shape[:2])

@@ -1,14 +1,14 @@
-"""Where detection finds a broad mark, on the image that the model draws: of a dot here,
-of a checker corner by `corner_mark`.
+"""The detected point of a broad dot or checker corner, on the image that the model
+draws: of a dot here, of a corner by `corner_mark`.
 
-Detection (`detect.centroids`) takes the light around a dot off, and looks through an
-aperture about it: what blur carries farther than that moves no mark. A dark dot's depth
-it clips besides to a band about half-level, which keeps the rim alone, so that a mark
-is the middle of the rim rather than of the light. Coma moves the two by different
-amounts, and only the first is photographed.
+Detection (`detect.centroids`) subtracts the light around a dot, and takes the centroid
+within an aperture about it: light that blur carries farther than that has no effect.
+The depth of a dark dot is also clipped to a band about half-level, which keeps the rim
+alone, so that the detected point is the middle of the rim rather than of the light.
+Coma moves the two by different amounts, and only the first is photographed.
 
-Images here are of light, whichever is darker. Places are cells from the middle of the
-patch, right and down.
+Images here are of light, whether the dot is brighter or darker than what surrounds it.
+Places are cells from the middle of the patch, right and down.
 """
 
 from collections.abc import Callable
@@ -21,11 +21,11 @@ from jaxtyping import Array, Float
 
 from lensfit.detect.centroids import BAND_GAIN
 from lensfit.detect.cutouts import CELLS
-from lensfit.fitting.wavefront.corner_mark import corner_of
-from lensfit.fitting.wavefront.dots import Aperture, Dots
+from lensfit.fitting.wavefront.corner_mark import detected_corner
+from lensfit.fitting.wavefront.dots import DetectionAperture, Dots
 from lensfit.fitting.wavefront.parameters import Layout, Scale
-from lensfit.fitting.wavefront.patch import pulled
-from lensfit.fitting.wavefront.rays import spot_seen
+from lensfit.fitting.wavefront.patch import spot_gradient_of
+from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
 from lensfit.kernel.pixels import image_of
@@ -33,7 +33,7 @@ from lensfit.kernel.pixels import image_of
 _RAYS, _WAVES = 192, 20
 """Of an image, for a centroid bias within 1 %: apertures and rims need no detail."""
 _ROUNDS = 2
-"""Of putting the aperture where the mark was found."""
+"""Of moving the aperture to the detected point."""
 _SOFT_CELLS = 0.5
 _LEAST = 1e-6
 
@@ -43,14 +43,14 @@ class _Drawn(NamedTuple):
 
     Attributes
     ----------
-    pulled_back : From a derivative by the light of cells to one by the parameters.
+    image_pullback : From a derivative by the light of cells to one by the parameters.
     """
 
     image: Float[Array, "cells cells"]
-    pulled_back: Callable[[Array], Array]
+    image_pullback: Callable[[Array], Array]
 
 
-def mark_offsets_mm(
+def detected_point_offsets_mm(
     parameters: Float[Array, " parameters"],
     dot: Dots,
     transfer: Transfer,
@@ -58,7 +58,7 @@ def mark_offsets_mm(
     layout: Layout,
     scale: Scale,
 ) -> Float[Array, "3 2"]:
-    """From where each channel's chief ray lands to its mark.
+    """From where each channel's chief ray lands to its detected point.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def mark_offsets_mm(
     return jax.vmap(channel)(chromatic, dot.lateral_mm)
 
 
-def mark_offset_slopes_mm(
+def detected_point_offset_slopes_mm(
     parameters: Float[Array, " parameters"],
     dot: Dots,
     transfer: Transfer,
@@ -81,7 +81,7 @@ def mark_offset_slopes_mm(
     layout: Layout,
     scale: Scale,
 ) -> Float[Array, "3 2 parameters"]:
-    """d `mark_offsets_mm` / d parameter."""
+    """d `detected_point_offsets_mm` / d parameter."""
 
     def channel(chromatic: Array, lateral_mm: Array) -> Array:
         colour = Colour(chromatic, lateral_mm)
@@ -90,17 +90,17 @@ def mark_offset_slopes_mm(
 
         def along(axis: Array) -> Array:
             (by_image,) = to_image(axis)
-            return drawn.pulled_back(by_image)
+            return drawn.image_pullback(by_image)
 
         return jax.vmap(along)(jnp.eye(2, dtype=drawn.image.dtype))
 
     return jax.vmap(channel)(chromatic, dot.lateral_mm)
 
 
-def mark_of(
-    image: Float[Array, "cells cells"], aperture: Aperture
+def detected_dot_centre(
+    image: Float[Array, "cells cells"], aperture: DetectionAperture
 ) -> Float[Array, "2"]:
-    """Place of the mark on an image of light about the middle.
+    """Detected centre of a dot on an image of light, from the middle.
 
     Parameters
     ----------
@@ -126,10 +126,10 @@ def _mark_mm(image: Float[Array, "cells cells"], dot: Dots) -> Float[Array, "2"]
     def corner(image: Array) -> Array:
         places = _places(image.shape[0], image.dtype)
         side_cells = broad.square_mm / cell_mm[:, None]
-        return corner_of(image, places, side_cells, broad.window_cells)
+        return detected_corner(image, places, side_cells, broad.window_cells)
 
     def disc(image: Array) -> Array:
-        return mark_of(image, broad.aperture)
+        return detected_dot_centre(image, broad.aperture)
 
     return jax.lax.cond(broad.window_cells > 0, corner, disc, image) * cell_mm
 
@@ -142,15 +142,17 @@ def _drawn(
     layout: Layout,
     scale: Scale,
 ) -> _Drawn:
-    spot, led_back = spot_seen(parameters, dot, colour, layout, scale, _RAYS)
+    spot, pullback = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
     corner_mm = -dot.cell_mm * CELLS / 2
     basis = basis_of(corner_mm, dot.cell_mm, CELLS, transfer, _WAVES)
     profile = basis.profile(spot, dot.variance_mm2)
 
-    def pulled_back(by_image: Array) -> Array:
-        return led_back(pulled(spot, profile, basis.traced_back(by_image)))
+    def image_pullback(by_image: Array) -> Array:
+        return pullback(
+            spot_gradient_of(spot, profile, basis.cell_light_transpose(by_image))
+        )
 
-    return _Drawn(basis.seen(image_of(spot, profile)), pulled_back)
+    return _Drawn(basis.cell_light(image_of(spot, profile)), image_pullback)
 
 
 def _places(cells: int, dtype) -> Float[Array, "cells cells 2"]:
@@ -159,7 +161,7 @@ def _places(cells: int, dtype) -> Float[Array, "cells cells 2"]:
     return jnp.asarray(np.stack([x, y], -1).astype(dtype))
 
 
-def _away(places: Array, aperture: Aperture) -> Float[Array, "cells cells"]:
+def _away(places: Array, aperture: DetectionAperture) -> Float[Array, "cells cells"]:
     """In apertures from the middle."""
     inverse = jnp.linalg.inv(aperture.to_edge)
     square = jnp.sum(jnp.einsum("ij,rcj->rci", inverse, places) ** 2, -1)
@@ -167,7 +169,7 @@ def _away(places: Array, aperture: Aperture) -> Float[Array, "cells cells"]:
 
 
 def _background(
-    image: Array, places: Array, aperture: Aperture, radius_cells: Array
+    image: Array, places: Array, aperture: DetectionAperture, radius_cells: Array
 ) -> Float[Array, "cells cells"]:
     """A plane through the ring around the aperture."""
     away = _away(places, aperture)
@@ -181,9 +183,9 @@ def _background(
 
 
 def _rim_alone(
-    image: Array, places: Array, aperture: Aperture
+    image: Array, places: Array, aperture: DetectionAperture
 ) -> Float[Array, "cells cells"]:
-    """Smoothed, and clipped to a band about half the level of the core."""
+    """The rim: the image smoothed and clipped to a band about half the core's level."""
     along = places[0, :, 0]
     sigma = jnp.maximum(aperture.smoothing, _LEAST)
     blur = jnp.exp(-((along[:, None] - along[None]) ** 2) / (2 * sigma**2))

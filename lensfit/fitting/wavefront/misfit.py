@@ -1,7 +1,7 @@
-"""How far the images of dots are from those photographed, seen by the fit or not.
+"""Misfit of the images of dots, for dots in the fit and for dots left out of it.
 
-Relative errors of a dot's image: the root of the squares of what is left over that of
-the image's own, so that 0.05 is an error of a twentieth.
+Relative errors of a dot's image: the root of the sum of squared residuals over that of
+the image's own squares, so that 0.05 is an error of a twentieth.
 
 How well a fit predicts dots and views that it left out follows from the normal
 equations where it ended (`lensfit.fitting.trial`).
@@ -15,22 +15,22 @@ from jaxtyping import Bool, Float
 from lensfit.fitting.wavefront.dot_weights import relative_misfit
 from lensfit.fitting.wavefront.stages import Stage
 from lensfit.fitting.wavefront.term_group_selection import trial_of
-from lensfit.fitting.wavefront.term_groups import Family, indices_of
+from lensfit.fitting.wavefront.term_groups import TermGroup, indices_of
 
 
 def held_out_take(
-    stage: Stage, families: tuple[Family, ...], take: int
+    stage: Stage, term_groups: tuple[TermGroup, ...], take: int
 ) -> float | None:
-    """Misfit of a take that the fit did not see over its misfit now; in retrospect.
+    """Misfit of a take if it were held out, over its misfit now; without a new fit.
 
     Its own defocus, where no other take shares it, is taken as known. None where the
-    prediction is worthless: the other takes do not determine the fit.
+    prediction is meaningless: the other takes do not determine the fit.
     """
-    free = indices_of(families)
+    free = indices_of(term_groups)
     matrix, gradient, chi_squared = stage.equations
     left = [f % len(chi_squared) for f in (2 * take, 2 * take + 1)]
     # Of very many takes some share their folds, and are left out together.
-    mine = np.isin(2 * stage.gathered.take % len(chi_squared), left)
+    mine = np.isin(2 * stage.dot_data.take % len(chi_squared), left)
     free = free[~np.isin(free, _own_defocus(stage, mine))]
     rest = np.setdiff1d(np.arange(len(chi_squared)), left)
     precision = stage.precision[free]
@@ -45,8 +45,8 @@ def held_out_take(
         """Of the take, to second order."""
         return float(chi_squared[left].sum() + 2 * pull @ step + step @ of_take @ step)
 
-    # A solve ends when nothing is to be gained, a little before its minimum: both are
-    # taken at their own, so that a take never does better for being left out.
+    # A solve ends a little before its minimum: both misfits are taken at their own
+    # minima, so that holding a take out never lowers its misfit.
     now = misfit(-np.linalg.solve(inner + of_take, slope + pull))
     then = misfit(-np.linalg.solve(inner, slope))
     return float(np.sqrt(then / max(now, 1e-300))) if then > 0 else None
@@ -54,15 +54,15 @@ def held_out_take(
 
 def _own_defocus(stage: Stage, mine: Bool[np.ndarray, " dots"]) -> list[int]:
     """Parameters of the defocus that no other dots share."""
-    group, blocks = stage.gathered.dots.group, stage.layout.blocks
+    group, blocks = stage.dot_data.dots.group, stage.layout.blocks
     own = np.setdiff1d(group[mine], group[~mine])
     starts = [blocks[name].start for name in ("defocus", "beyond") if name in blocks]
     return [start + int(g) for start in starts for g in own]
 
 
-def held_out_dots(stage: Stage, families: tuple[Family, ...]) -> float:
-    """Misfit of the half of the dots that a fit did not see over the misfit of all."""
-    free = indices_of(families)
+def held_out_dots(stage: Stage, term_groups: tuple[TermGroup, ...]) -> float:
+    """Misfit of each half of the dots held out, over the misfit of all."""
+    free = indices_of(term_groups)
     trial = trial_of(stage, free, np.array([], int))
     total = float(np.sum(stage.equations.chi_squared))
     return float(np.sqrt(trial.scores(np.array([], int)).held_out / max(total, 1e-300)))
@@ -73,35 +73,37 @@ class Misfit(NamedTuple):
 
     Attributes
     ----------
-    of_take : Median of each take.
-    held_out_dots : Median of takes, for dots the fit did not see.
-    held_out_take : Of each take if the fit had not seen it; None where the other takes
+    take_misfits : Median of each take.
+    held_out_dots : Median of takes, for dots that were held out.
+    held_out_take : Of each take if it were held out; None where the other takes
         do not determine the fit.
     """
 
-    of_take: Float[np.ndarray, " takes"]
+    take_misfits: Float[np.ndarray, " takes"]
     held_out_dots: float
     held_out_take: tuple[float | None, ...]
 
     @property
     def median(self) -> float:
         """Of the takes."""
-        return float(np.median(self.of_take))
+        return float(np.median(self.take_misfits))
 
 
-def misfit_of(stage: Stage, families: tuple[Family, ...]) -> Misfit:
-    """Where a solve ended, in retrospect."""
-    each = relative_misfit(stage.gathered, stage.residual, stage.nuisance[..., 1])
-    takes = range(len(stage.gathered.shown))
-    of_take = np.array([np.nanmedian(each[stage.gathered.take == k]) for k in takes])
+def misfit_of(stage: Stage, term_groups: tuple[TermGroup, ...]) -> Misfit:
+    """Misfit where a solve ended."""
+    each = relative_misfit(stage.dot_data, stage.residual, stage.nuisance[..., 1])
+    takes = range(len(stage.dot_data.photographs))
+    take_misfits = np.array(
+        [np.nanmedian(each[stage.dot_data.take == k]) for k in takes]
+    )
     ratios = [
-        held_out_take(stage, families, k) if len(takes) > 1 else None for k in takes
+        held_out_take(stage, term_groups, k) if len(takes) > 1 else None for k in takes
     ]
     return Misfit(
-        of_take,
-        float(np.median(of_take)) * held_out_dots(stage, families),
+        take_misfits,
+        float(np.median(take_misfits)) * held_out_dots(stage, term_groups),
         tuple(
             None if ratio is None else ratio * float(now)
-            for ratio, now in zip(ratios, of_take, strict=True)
+            for ratio, now in zip(ratios, take_misfits, strict=True)
         ),
     )

@@ -1,15 +1,16 @@
-"""Curvature and astigmatism from how wide the dots are, before anything is traced.
+"""Curvature and astigmatism from the widths of the dots, before rays are traced.
 
 Out of focus by d a lens draws a disc of radius |d| tan a. Where the field is curved and
-astigmatic, d is another one along the radius of the field than across, and grows as the
-square of the field height h,
+astigmatic, d along the radius of the field differs from d across it, and both grow as
+the square of the field height h,
 
     d_along = d + o + a h^2,    d_across = d + o + b h^2,
 
 d being that of the take and o common to all. Both widths of every dot follow from its
-second moments, so each pair (o, a) and (o, b) is judged by all dots at once, and the
-solves that see whole pictures begin where the pairs suit best. From a flat field they
-may end with the astigmatism of the wrong side, which suits each photograph alone.
+second moments. So the misfit of each pair (o, a) and (o, b) is computed over all dots
+at once, and the solves that fit whole images start from the pairs with the smallest
+misfit. From a flat field they may end with the astigmatism of the wrong side, which
+fits each photograph alone.
 
 Reference: W. T. Welford, Aberrations of Optical Systems (1986), on Coddington's
 equations.
@@ -21,9 +22,9 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.fitting.wavefront.dots import are_corners
-from lensfit.fitting.wavefront.gather import Gathered
+from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.fitting.wavefront.start import blurring_defocus_mm
+from lensfit.fitting.wavefront.start import defocus_size_of_variance_mm
 from lensfit.optics.terms import Term
 
 _GREEN = 1
@@ -31,55 +32,56 @@ _FOOT = 0.1
 """Share of a dot's peak below which light is noise, or the tail of coma."""
 _COMMON = np.linspace(-1.5, 1.5, 31)
 _CURVED = np.linspace(-6.0, 6.0, 121)
-"""Tried, in the largest defocus that was stated or seen."""
+"""Values tried, in units of the largest stated or measured defocus."""
 _APART = 0.5
-"""Closer than this two choices are one."""
+"""Two choices closer than this are the same."""
 _CURVATURE, _ASTIGMATISM = Term(2, 0, 2, 0), Term(2, 2, 2, 2)
 _SLOPE_MM_PER_UM = np.sqrt(2.0) * 1e-3
 """Of a mode of degree 2 at the rim, in terms of its coefficient."""
 
 
 class Focus(NamedTuple):
-    """Where a lens is sharp: defocus of the axis, and what the edge of the field adds
-    along its radius and across."""
+    """Where a lens is sharp: defocus on the axis, and the change at the edge of the
+    field along its radius and across."""
 
     axis_mm: Float[np.ndarray, " groups"]
     along_mm: float = 0.0
     across_mm: float = 0.0
 
 
-def dot_widths_mm(gathered: Gathered) -> Float[np.ndarray, "dots 2"]:
-    """Size of the defocus that would make dots as wide as they are, along the radius of
+def dot_widths_mm(dot_data: DotData) -> Float[np.ndarray, "dots 2"]:
+    """Size of the defocus that gives dots their measured widths, along the radius of
     the field and across."""
-    field_mm = np.asarray(gathered.dots.field_mm)
+    field_mm = np.asarray(dot_data.dots.field_mm)
     radius_mm = np.maximum(np.hypot(*field_mm.T), 1e-9)[:, None]
     along = field_mm / radius_mm
     ways = np.stack([along, along[:, ::-1] * [-1.0, 1.0]])
-    variance = np.einsum("wdi,dij,wdj->wd", ways, _moments_mm2(gathered), ways)
-    return blurring_defocus_mm(gathered, variance).T
+    variance = np.einsum("wdi,dij,wdj->wd", ways, _moments_mm2(dot_data), ways)
+    return defocus_size_of_variance_mm(dot_data, variance).T
 
 
 def likely_focus(
-    gathered: Gathered,
+    dot_data: DotData,
     widths_mm: Float[np.ndarray, "dots 2"],
-    said_mm: Float[np.ndarray, " groups"],
+    stated_mm: Float[np.ndarray, " groups"],
     most: int,
 ) -> list[Focus]:
-    """The choices that suit the widths of the dots best, the best first.
+    """The choices with the smallest misfit to the widths of the dots, best first.
 
     Parameters
     ----------
-    widths_mm : As `dot_widths_mm` has them.
-    said_mm : Defocus of every group but for what is common; NaN leaves its dots out.
+    widths_mm : From `dot_widths_mm`.
+    stated_mm : Defocus of every group without the common offset; NaN leaves its dots
+        out.
     most : How many.
     """
-    of_dot_mm = said_mm[gathered.dots.group]
+    of_dot_mm = stated_mm[dot_data.dots.group]
     seen = np.isfinite(of_dot_mm) & np.isfinite(widths_mm).all(-1)
     if not seen.any():
         return []
-    height = np.hypot(*np.asarray(gathered.dots.field_mm).T)
-    square = (height / float(gathered.scale.field_radius_mm))[seen] ** 2
-    unit_mm = float(np.nanmax(np.abs(said_mm)))
+    height = np.hypot(*np.asarray(dot_data.dots.field_mm).T)
+    square = (height / float(dot_data.scale.field_radius_mm))[seen] ** 2
+    unit_mm = float(np.nanmax(np.abs(stated_mm)))
     unit_mm = max(unit_mm, float(np.median(widths_mm[seen])))
     common_mm, curved_mm = unit_mm * _COMMON, unit_mm * _CURVED
     axis_mm = of_dot_mm[seen] + common_mm[:, None]
@@ -90,7 +92,7 @@ def likely_focus(
         np.meshgrid(common_mm, curved_mm, curved_mm, indexing="ij"), -1
     ).reshape(-1, 3)
     best = _distinct(places, total.reshape(-1), _APART * unit_mm, most)
-    return [Focus(said_mm + o, float(a), float(b)) for o, a, b in best]
+    return [Focus(stated_mm + o, float(a), float(b)) for o, a, b in best]
 
 
 def set_focus(
@@ -128,14 +130,14 @@ def _distinct(
     return found
 
 
-def _moments_mm2(gathered: Gathered) -> Float[np.ndarray, "dots 2 2"]:
+def _moments_mm2(dot_data: DotData) -> Float[np.ndarray, "dots 2 2"]:
     """Second moments of the green light of every dot, or of the blur of a corner's
     edges, cells taken off."""
-    light = np.where(gathered.valid, gathered.light, 0.0)[:, _GREEN]
+    light = np.where(dot_data.valid, dot_data.light, 0.0)[:, _GREEN]
     light = light - np.median(light, (-2, -1), keepdims=True)
     peak = light.max((-2, -1), keepdims=True)
     light = np.where(light > _FOOT * peak, light, 0.0)
-    cell_mm = np.asarray(gathered.dots.cell_mm)
+    cell_mm = np.asarray(dot_data.dots.cell_mm)
     steps = np.arange(light.shape[-1])
     with np.errstate(divide="ignore", invalid="ignore"):
         light = light / light.sum((-2, -1), keepdims=True)
@@ -146,9 +148,9 @@ def _moments_mm2(gathered: Gathered) -> Float[np.ndarray, "dots 2 2"]:
     xx, yy = ((places * away**2).sum(-1) - 1 / 12).T
     square = np.stack([np.stack([xx, mixed], -1), np.stack([mixed, yy], -1)], -1)
     square_mm2 = square * cell_mm[:, :, None] * cell_mm[:, None]
-    # Edges that cross say how wide their blur is, and not which way.
-    if gathered.dots.broad is not None:
-        corners = are_corners(gathered.dots.broad)
-        even_mm2 = gathered.diameter_mm[corners] ** 2 / 16
+    # Edges that cross determine the width of their blur, but not its direction.
+    if dot_data.dots.broad is not None:
+        corners = are_corners(dot_data.dots.broad)
+        even_mm2 = dot_data.diameter_mm[corners] ** 2 / 16
         square_mm2[corners] = even_mm2[:, None, None] * np.eye(2)
     return square_mm2

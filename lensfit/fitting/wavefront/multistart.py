@@ -1,15 +1,16 @@
-"""Valleys of the misfit, each followed until the photographs tell them apart.
+"""Candidates (local minima of the misfit), followed until the photographs decide.
 
-Smoothed photographs of small blurs suit many lenses: with defocus of all takes moved
-together, or mirrored through focus, other aberrations make up for it. Which of them it
-was shows on full pixels, where the fit no longer gets from one valley to another. So
-every valley that is still open goes on to the next stage.
+Smoothed photographs of small blurs are explained by many lenses: with the defocus of
+all takes shifted by the same amount, or mirrored through focus, other aberrations
+compensate. Full pixels show which of them is right, but there the solve no longer gets
+from one local minimum to another. So every candidate that is still possible goes on to
+the next stage.
 
-What the photographs leave open, statements rank: of valleys that explain as much, those
-go on that agree best with the stated distances.
+Candidates that explain the photographs equally well are ranked by their agreement with
+the stated distances.
 
-Valleys are known by defocus alone: what else differs between two that agree in it, the
-fit finds its way through.
+Candidates are told apart by defocus alone: if two agree in it, the fit finds its way
+from one to the other.
 """
 
 from collections.abc import Callable
@@ -21,57 +22,60 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.errors import FitError
-from lensfit.fitting.wavefront.parameters import mirrored
-from lensfit.fitting.wavefront.stages import Stage, chi_squared, solved
+from lensfit.fitting.wavefront.parameters import mirror_through_focus
+from lensfit.fitting.wavefront.stages import Stage, chi_squared, solve_stage
 from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
-from lensfit.fitting.wavefront.stated import stated_opening
+from lensfit.fitting.wavefront.stated import f_number_statement
 
 DECISIVE = 1.1
-"""How much better one must explain the photographs to be preferred for it."""
+"""Ratio of costs above which the candidate of lower cost is preferred."""
 _SAME = 0.2
-"""Apart by less than this share of the largest defocus, valleys are one."""
+"""Candidates closer than this share of the largest defocus are the same."""
 _FAR_APART = 0.4
-"""Of the distance of the farthest two takes: most shoots lie in focus, nearer and
-farther by about half of it, and neighbours are to count."""
+"""Share of the distance of the farthest two takes, above which pairs count: most shoots
+lie in focus, nearer and farther by about half of it, and neighbours must count."""
 _COST = attrgetter("cost")
 
 
-class Valley(NamedTuple):
-    """A place that the fit was led to.
+class Candidate(NamedTuple):
+    """A multistart candidate: a local minimum of the misfit.
 
     Attributes
     ----------
     stage : The fit there.
-    cost : How badly it explains the photographs.
-    off_mm : Its defocus against what was stated, rms; 0 where nothing was.
+    cost : Weighted sum of squared residuals.
+    defocus_misfit_mm : Its defocus against what was stated, rms; 0 where nothing was.
     """
 
     stage: Stage
     cost: float
-    off_mm: float
+    defocus_misfit_mm: float
 
 
-def valley_at(stage: Stage, cost: Callable[[Stage], float] = chi_squared) -> Valley:
-    """The one where a solve ended; one that failed costs without bound."""
+def candidate_at(
+    stage: Stage, cost: Callable[[Stage], float] = chi_squared
+) -> Candidate:
+    """The candidate where a solve ended; a failed solve has infinite cost."""
     found = float(np.nan_to_num(cost(stage), nan=np.inf, posinf=np.inf))
-    return Valley(stage, found, _off_mm(stage))
+    return Candidate(stage, found, _defocus_misfit_mm(stage))
 
 
-def other_side(one: Valley) -> Valley:
-    """The valley that the photographs can hardly tell from this one (`mirrored`)."""
+def mirrored_candidate(one: Candidate) -> Candidate:
+    """The candidate mirrored through focus, which photographs hardly distinguish from
+    this one (`mirror_through_focus`)."""
     stage = one.stage
     start = replace(
         stage,
-        parameters=mirrored(stage.parameters, stage.layout),
-        mean=mirrored(stage.mean, stage.layout),
-        # Distances say on which side it is: here they are in question.
-        stated=stated_opening(stage.layout),
+        parameters=mirror_through_focus(stage.parameters, stage.layout),
+        mean=mirror_through_focus(stage.mean, stage.layout),
+        # Stated distances determine the side of focus: here that is in question.
+        statements=f_number_statement(stage.layout),
     )
-    return valley_at(solved(start))
+    return candidate_at(solve_stage(start))
 
 
-def deepest(found: list[Valley]) -> Valley:
-    """The one that explains the photographs best.
+def best_candidate(found: list[Candidate]) -> Candidate:
+    """The candidate that explains the photographs best.
 
     Raises
     ------
@@ -86,22 +90,22 @@ def deepest(found: list[Valley]) -> Valley:
     return best
 
 
-def still_open(
-    found: list[Valley], hopeless: float, most: int, *, both_sides: bool = False
-) -> list[Valley]:
-    """Those that may yet be the lens, each place once.
+def open_candidates(
+    found: list[Candidate], hopeless: float, most: int, *, both_sides: bool = False
+) -> list[Candidate]:
+    """The candidates that may yet be the lens, each local minimum once.
 
     Parameters
     ----------
-    hopeless : How much worse than the best is beyond hope.
+    hopeless : Cost over the best one's above which candidates are rejected.
     most : How many.
-    both_sides : Whether the best one on the other side of focus is to be among them.
+    both_sides : Whether to keep the best one on the other side of focus.
 
     Raises
     ------
-    FitError : As `deepest` does.
+    FitError : As `best_candidate` does.
     """
-    best = deepest(found)
+    best = best_candidate(found)
     apart = _each_once([one for one in found if one.cost <= hopeless * best.cost])
     decisive = DECISIVE * best.cost
     alike = [one for one in apart if one.cost <= decisive]
@@ -113,15 +117,17 @@ def still_open(
     return kept
 
 
-def left_of(found: list[Valley], kept: list[Valley]) -> list[Valley]:
-    """Those that were not kept, the deepest first; none that failed."""
-    left = [one for one in found if all(one is not other for other in kept)]
-    return sorted((one for one in left if np.isfinite(one.cost)), key=_COST)
+def rejected_candidates(
+    found: list[Candidate], kept: list[Candidate]
+) -> list[Candidate]:
+    """Candidates that were not kept, lowest cost first; none that failed."""
+    rejected = [one for one in found if all(one is not other for other in kept)]
+    return sorted((one for one in rejected if np.isfinite(one.cost)), key=_COST)
 
 
-def side_is_told(found: list[Valley]) -> bool:
+def is_side_determined(found: list[Candidate]) -> bool:
     """Whether the photographs prefer one side of focus."""
-    best = deepest(found)
+    best = best_candidate(found)
     rival = _rival(best, found)
     return rival is None or rival.cost > DECISIVE * best.cost
 
@@ -129,48 +135,51 @@ def side_is_told(found: list[Valley]) -> bool:
 def runs_against_statements(stage: Stage) -> bool:
     """Whether takes lie in another order along the axis than was stated.
 
-    All may be moved together, as a curved field or a barrel's scale does it; but not a
-    far focus before a near one. Only pairs that are far apart for this shoot count.
+    All may be shifted together, as by a curved field or the scale of a barrel; but a
+    far focus cannot come before a near one. Only pairs that are far apart in this shoot
+    count.
     """
-    stated_mm = stated_defocus_mm(stage.gathered)
+    stated_mm = stated_defocus_mm(stage.dot_data)
     defocus_mm = stage.parameters[stage.layout.blocks["defocus"]][: len(stated_mm)]
-    told = np.isfinite(stated_mm)
-    if not told.any():
+    known = np.isfinite(stated_mm)
+    if not known.any():
         return False
-    apart_mm = np.subtract.outer(stated_mm[told], stated_mm[told])
-    found_mm = np.subtract.outer(defocus_mm[told], defocus_mm[told])
+    apart_mm = np.subtract.outer(stated_mm[known], stated_mm[known])
+    found_mm = np.subtract.outer(defocus_mm[known], defocus_mm[known])
     least_mm = max(_FAR_APART * np.abs(apart_mm).max(), IN_FOCUS_MM)
     return bool(np.any(found_mm[apart_mm > least_mm] < 0))
 
 
-def _off_mm(stage: Stage) -> float:
-    stated_mm = stated_defocus_mm(stage.gathered)
+def _defocus_misfit_mm(stage: Stage) -> float:
+    stated_mm = stated_defocus_mm(stage.dot_data)
     defocus_mm = stage.parameters[stage.layout.blocks["defocus"]][: len(stated_mm)]
-    off_mm = (defocus_mm - stated_mm)[np.isfinite(stated_mm)]
-    return float(np.sqrt(np.mean(off_mm**2))) if off_mm.size else 0.0
+    defocus_misfit_mm = (defocus_mm - stated_mm)[np.isfinite(stated_mm)]
+    return (
+        float(np.sqrt(np.mean(defocus_misfit_mm**2))) if defocus_misfit_mm.size else 0.0
+    )
 
 
-def _each_once(found: list[Valley]) -> list[Valley]:
-    """The deepest of those that are one."""
-    apart: list[Valley] = []
+def _each_once(found: list[Candidate]) -> list[Candidate]:
+    """The candidate of lowest cost of each local minimum."""
+    apart: list[Candidate] = []
     for one in sorted(found, key=_COST):
         if not any(_is_same(one, other) for other in apart):
             apart.append(one)
     return apart
 
 
-def _rival(best: Valley, found: list[Valley]) -> Valley | None:
-    """The deepest one on the other side of focus."""
+def _rival(best: Candidate, found: list[Candidate]) -> Candidate | None:
+    """The candidate of lowest cost on the other side of focus."""
     across = [one for one in found if _is_across(one, best)]
     return min(across, key=_COST, default=None)
 
 
-def _is_same(one: Valley, other: Valley) -> bool:
+def _is_same(one: Candidate, other: Candidate) -> bool:
     mine, theirs, least = _compared(one, other)
     return bool(np.abs(mine - theirs).max() <= least)
 
 
-def _is_across(one: Valley, other: Valley) -> bool:
+def _is_across(one: Candidate, other: Candidate) -> bool:
     """Whether some take lies on the other side of focus."""
     mine, theirs, least = _compared(one, other)
     opposite = np.sign(mine) != np.sign(theirs)
@@ -178,9 +187,9 @@ def _is_across(one: Valley, other: Valley) -> bool:
 
 
 def _compared(
-    one: Valley, other: Valley
+    one: Candidate, other: Candidate
 ) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"], float]:
-    """Defocus of both, and what of it makes no difference."""
+    """Defocus of both, and the difference that does not count."""
     where = one.stage.layout.blocks["defocus"]
     mine, theirs = one.stage.parameters[where], other.stage.parameters[where]
     size = max(np.abs(mine).max(), np.abs(theirs).max())

@@ -1,6 +1,6 @@
 """Normal equations of all dots: one pass over the patches, float32 within each.
 
-Every core of the processor passes over its share of them.
+Dots are sharded over the cores of the processor.
 
 Single precision is enough for light on cells, which a photograph knows to
 three digits; sums over patches are float64.
@@ -16,8 +16,8 @@ from lensfit.fitting.cores import DEALT, SHARED, on_every_core, summed_over_core
 from lensfit.fitting.wavefront.dots import Dots, Pixels
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import Patch, equations_of
-from lensfit.fitting.wavefront.rays import rays_of, spot_seen
-from lensfit.fitting.wavefront.shapes import Colour, spread_of
+from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
+from lensfit.fitting.wavefront.shapes import Colour, shape_jacobian
 from lensfit.fitting.wavefront.waves import WAVES, Transfer
 
 FOLDS = 32
@@ -25,14 +25,14 @@ FOLDS = 32
 
 
 class Points(NamedTuple):
-    """Rays through the opening, multiples of three: speed against error.
+    """Rays through the pupil, multiples of three: speed against error.
 
     Attributes
     ----------
     image : For the light on the cells, and the gradient: 768 are 1 to 4 % wrong, 1536
         half of that.
-    design : For the matrix, which only leads the way.
-    waves : That broad dots are drawn in (`waves`).
+    design : For the Gauss-Newton matrix, which needs less accuracy.
+    waves : Number of waves that broad dots are drawn in (`waves`).
     """
 
     image: int = 768
@@ -44,10 +44,10 @@ DEFAULT_POINTS = Points()
 
 
 class Equations(NamedTuple):
-    """Of every fold of the dots, without priors.
+    """Normal equations of every fold of the dots, without priors.
 
-    Two folds for each take, so that any half of the dots, and any take, can be left
-    out of a fit in retrospect.
+    Two folds for each take, so that half of the dots, or any take, can be held out
+    without a new fit.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Equations(NamedTuple):
 
 
 class PerDot(NamedTuple):
-    """What came of every patch.
+    """Results of every patch.
 
     Attributes
     ----------
@@ -95,13 +95,13 @@ class Model(NamedTuple):
     count: Int[Array, " cores"]
 
 
-def pass_over(
+def normal_equations(
     parameters: Float[Array, " parameters"],
     model: Model,
     layout: Layout,
     points: Points,
 ) -> tuple[Equations, PerDot]:
-    """Equations of the dots in use at these parameters."""
+    """Normal equations of the dots in use at these parameters, and results per dot."""
 
     def share(parameters: Array, model: Model) -> tuple[Equations, PerDot]:
         found, per_dot = _pass_of_core(parameters, model, layout, points)
@@ -141,8 +141,8 @@ def _pass_of_core(
             numbers, dot, pixels, transfer, single, layout, points
         )
         fold = pixels.fold
-        spread = spread_of(dot, layout, single.scale)
-        matrix = spread.T @ jnp.sum(found.matrix, 0) @ spread
+        jacobian = shape_jacobian(dot, layout, single.scale)
+        matrix = jacobian.T @ jnp.sum(found.matrix, 0) @ jacobian
         equations = Equations(
             equations.matrix.at[fold].add(matrix.astype(jnp.float64)),
             equations.gradient.at[fold].add(_total(gradient)),
@@ -196,7 +196,7 @@ def _of_dot(
     def channel(chromatic, lateral, light, weight, corner):
         seen = (dot, Colour(chromatic, lateral), layout, model.scale)
         few = rays_of(parameters, *seen, points.design)
-        spot, led_back = spot_seen(parameters, *seen, points.image)
+        spot, pullback = spot_and_pullback(parameters, *seen, points.image)
         patch = equations_of(
             spot,
             few,
@@ -208,7 +208,7 @@ def _of_dot(
             transfer,
             points.waves,
         )
-        return patch, led_back(patch.pull)
+        return patch, pullback(patch.spot_gradient)
 
     return jax.vmap(channel)(
         model.chromatic, dot.lateral_mm, pixels.light, pixels.weight, pixels.corner_mm

@@ -1,4 +1,4 @@
-"""What the wavefront fit may change: one flat vector of named blocks.
+"""Parameters of the wavefront fit: one flat vector of named blocks.
 
 Coefficients are micrometres of rms spot, defocus is millimetres on the sensor, the rest
 plain numbers. Blocks:
@@ -6,18 +6,18 @@ plain numbers. Blocks:
 - `coefficients`, `colour`: of the aberration function (`optics.aberration`);
 - `defocus`: how far the sensor lies behind the sharp image of the chart, one for each
   group of takes that share focus and chart distance;
-- `beyond`: how much farther than along y an anamorphic lens is out of focus along x,
-  beyond what makes it sharp along both at one distance (`optics.sections`), one for
-  each group too; other lenses have no such block;
+- `beyond`: astigmatic defocus offset of an anamorphic lens: its defocus along x minus
+  the one at which x and y are sharp at one distance (`optics.sections`), one for each
+  group too; other lenses have no such block;
 - `exit_pupil`: logarithm of its distance over the principal distance, and the chief
   ray's bend;
-- `rim_shift`, `rim_radius`, `stop_shift`, `stretch`, `iris`: the opening
-  (`optics.pupil`); `iris` holds squeeze, rotation and curvature of the blades;
-- `stop_ratio`: logarithm of each stop's radius over the one its f-number says.
+- `rim_shift`, `rim_radius`, `stop_shift`, `stretch`, `iris`: clipping apertures and
+  pupil (`optics.pupil`); `iris` holds squeeze, rotation and curvature of the blades;
+- `stop_ratio`: logarithm of each stop's radius over the one its f-number gives.
 
-The coefficient of constant defocus is the sum of all `defocus` over again: it stays
-fixed (a gauge). A block is fixed or freed by its prior: a standard deviation of zero
-fixes it.
+The coefficient of constant defocus has the same effect as all `defocus` values
+together: it stays fixed (a gauge). A block is fixed or freed by its prior: a standard
+deviation of zero fixes it.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Layout:
     groups : Number of defocus values.
     stops : Number of f-numbers besides the widest.
     rims : Number of rims that clip.
-    anamorphic : Whether x and y are focused each by itself.
+    anamorphic : Whether x and y have separate defocus.
     """
 
     terms: tuple[Term, ...]
@@ -81,8 +81,8 @@ class Layout:
         return self.blocks["stop_ratio"].stop
 
     @property
-    def opening(self) -> slice:
-        """All blocks of rims and stop, which lie side by side at the end."""
+    def pupil_parameters(self) -> slice:
+        """All blocks of rims and stop, which are adjacent at the end."""
         return slice(self.blocks["rim_shift"].start, self.size)
 
 
@@ -105,23 +105,23 @@ def aberration_of(
     parameters: Float[Array, " parameters"],
     layout: Layout,
     scale: Scale,
-    magnified: Float[Array, ""] | float = 1.0,
+    principal_distance_ratio: Float[Array, ""] | float = 1.0,
 ) -> Aberration:
     """The aberration function the parameters describe.
 
     Parameters
     ----------
-    magnified : Principal distance of a state over that of the reference state: the same
-        ray lands further out where the sensor lies further back.
+    principal_distance_ratio : Principal distance of a state over that of the reference
+        state: the same ray lands further out where the sensor lies further back.
     """
     part = {name: parameters[where] for name, where in layout.blocks.items()}
     distance = scale.principal_distance_mm * jnp.exp(part["exit_pupil"][0])
     return Aberration(
         coefficients_um=part["coefficients"],
         colour_um=part["colour"].reshape(2, -1),
-        field_radius_mm=scale.field_radius_mm * magnified,
+        field_radius_mm=scale.field_radius_mm * principal_distance_ratio,
         reference_sine=scale.reference_sine,
-        exit_pupil_distance_mm=distance * magnified,
+        exit_pupil_distance_mm=distance * principal_distance_ratio,
         chief_bend=part["exit_pupil"][1],
         terms=layout.terms,
         colour_terms=layout.colour_terms,
@@ -129,21 +129,21 @@ def aberration_of(
 
 
 def pupil_of(
-    opening: Float[Array, " opening"],
+    pupil_parameters: Float[Array, " pupil"],
     layout: Layout,
     blades: Float[Array, ""],
 ) -> Pupil:
-    """Rims and stop, from the numbers in `Layout.opening`.
+    """Rims and stop, from the numbers in `Layout.pupil_parameters`.
 
-    `blades` is 0 where the stop is wide open, its blades out of the way.
+    `blades` is 0 where the stop is wide open.
     """
     rims = 2 * layout.rims
-    iris = opening[2 * rims + 6 : 2 * rims + 9]
+    iris = pupil_parameters[2 * rims + 6 : 2 * rims + 9]
     return Pupil(
-        rim_shift=opening[:rims].reshape(layout.rims, 2),
-        rim_radius=opening[rims : 2 * rims].reshape(layout.rims, 2),
-        stop_shift=opening[2 * rims : 2 * rims + 2],
-        stretch=opening[2 * rims + 2 : 2 * rims + 6].reshape(2, 2),
+        rim_shift=pupil_parameters[:rims].reshape(layout.rims, 2),
+        rim_radius=pupil_parameters[rims : 2 * rims].reshape(layout.rims, 2),
+        stop_shift=pupil_parameters[2 * rims : 2 * rims + 2],
+        stretch=pupil_parameters[2 * rims + 2 : 2 * rims + 6].reshape(2, 2),
         squeeze=iris[0],
         blade_rotation_rad=iris[1],
         blade_curvature=iris[2],
@@ -151,14 +151,14 @@ def pupil_of(
     )
 
 
-def mirrored(
+def mirror_through_focus(
     parameters: Float[np.ndarray, " parameters"], layout: Layout
 ) -> Float[np.ndarray, " parameters"]:
-    """The lens that shows the same through the other side of focus.
+    """The lens that draws nearly the same images from the other side of focus.
 
-    Every ray lands where the one through the opposite point of the opening did. What
-    tells the two apart is small: oblique cones, the light over the pupil and depth are
-    not the same on both sides of focus.
+    Every ray lands where the one through the opposite point of the pupil did. The two
+    differ only slightly: oblique cones, the light over the pupil and depth are not the
+    same on both sides of focus.
     """
     blocks = layout.blocks
     found = parameters.copy()

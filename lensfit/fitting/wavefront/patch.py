@@ -1,16 +1,15 @@
 """The image of one dot on a patch of cells, with its derivatives.
 
 Light is a sum of Gaussians, one for each ray, integrated over each cell exactly
-(`kernel.pixels`). How much light a dot sends, what lies under it and where it lies are
-not asked of the model: brightness, background and both shifts are solved for in every
-patch, in closed form, and what the wavefront explains is judged by what they cannot
-(variable projection, G. H. Golub and V. Pereyra, Inverse Problems 19 (2003) R1). Around
-broad dots, which may be dark ones on paper, the background may slope, as uneven light
-and fall-off make it; and their discs may be a little larger or smaller, as ink and
-tools leave them, by no more than the deviation that is known of it. Squares around a
-corner, and large dots of which a part of the rim is shown, fill the patch: there uneven
-light slopes what is bright. Along a rim a dot may go anywhere without a change: places
-are held to a cell of where they were.
+(`kernel.pixels`). Brightness, background and position of a dot are nuisance parameters:
+brightness, background and both shifts are solved for in every patch, in closed form, so
+that the wavefront has to explain only what they cannot (variable projection, G. H.
+Golub and V. Pereyra, Inverse Problems 19 (2003) R1). Around broad dots, which may be
+dark ones on paper, the background may slope, as uneven light and fall-off make it.
+Their discs may be a little larger or smaller, as ink and tools leave them, within the
+known standard deviation. Squares around a corner, and large dots of which a part of the
+rim is shown, fill the patch: there uneven light slopes what is bright. Moving a dot
+along its rim changes nothing: a prior of one cell keeps the shifts near their values.
 """
 
 from functools import partial
@@ -22,7 +21,7 @@ from jaxtyping import Array, Float
 
 from lensfit.fitting.wavefront.basis import Basis
 from lensfit.fitting.wavefront.rays import Rays
-from lensfit.fitting.wavefront.waves import LEADING, WAVES, Transfer, basis_of
+from lensfit.fitting.wavefront.waves import DESIGN_WAVES, WAVES, Transfer, basis_of
 from lensfit.kernel.pixels import Profile, image_of
 from lensfit.kernel.spot import Spot
 
@@ -32,13 +31,13 @@ _DARKEST = 1e-30
 
 
 class Patch(NamedTuple):
-    """What one patch says about the parameters.
+    """Contribution of one patch to the normal equations.
 
     Attributes
     ----------
     matrix, chi_squared : Half the second derivative of the sum of weighted squares, by
         shapes, and itself, nuisance solved for.
-    pull : Half its derivative with respect to the spot.
+    spot_gradient : Half its derivative with respect to the spot.
     nuisance : Brightness, background, shift right and down, mm, and the share by which
         a broad dot is larger.
     residual : Photograph minus model, of every cell.
@@ -46,14 +45,14 @@ class Patch(NamedTuple):
 
     matrix: Float[Array, "shapes shapes"]
     chi_squared: Float[Array, ""]
-    pull: Spot
+    spot_gradient: Spot
     nuisance: Float[Array, "5"]
     residual: Float[Array, " cells"]
 
 
 def equations_of(
     spot: Spot,
-    few: Rays,
+    design_rays: Rays,
     light: Float[Array, "cells cells"],
     weight: Float[Array, "cells cells"],
     corner_mm: Float[Array, "2"],
@@ -66,72 +65,79 @@ def equations_of(
 
     Parameters
     ----------
-    spot : What the image is made of, and the gradient: one from other rays than the
-        image's is 0 elsewhere than where the image suits best.
-    few : What the matrix is made of: it only leads the way.
+    spot : What the image is made of, and the gradient: a gradient from other rays than
+        the image's would vanish elsewhere than at the best fit.
+    design_rays : Rays of the Gauss-Newton matrix, which needs less accuracy.
     variance_mm2 : As for `profile_of`.
-    transfer : Of a broad dot's disc and of those beside it.
+    transfer : Of a broad dot's disc and of its neighbours'.
     waves : As for `basis_of`; the matrix is made of fewer.
     """
     draw = partial(basis_of, corner_mm, cell_mm, light.shape[0])
-    basis, lean = draw(transfer, waves), draw(transfer, min(waves, LEADING))
+    basis, design_basis = (
+        draw(transfer, waves),
+        draw(transfer, min(waves, DESIGN_WAVES)),
+    )
     profile = basis.profile(spot, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile, basis)
     target, w = light.reshape(-1), weight.reshape(-1)
     if transfer is not None:
-        resized = draw(transfer.change, waves).seen(image_of(spot, profile))
+        size_slope = draw(transfer.as_size_slope, waves).cell_light(
+            image_of(spot, profile)
+        )
         slopes = _slopes(basis.cells, light.dtype)
         uneven = transfer.edges * nuisance_design[:, :1] * slopes
-        parts = [nuisance_design, slopes, uneven, resized.reshape(-1, 1)]
+        parts = [nuisance_design, slopes, uneven, size_slope.reshape(-1, 1)]
         nuisance_design = jnp.concatenate(parts, -1)
-    hold = None
+    nuisance_prior = None
     if transfer is not None:
-        hold = _Hold(transfer.width, jnp.max(cell_mm))
-    nuisance = _best_nuisance(nuisance_design, target, w, hold)
+        nuisance_prior = _NuisancePrior(transfer.width, jnp.max(cell_mm))
+    nuisance = _best_nuisance(nuisance_design, target, w, nuisance_prior)
     if transfer is not None:
-        basis = draw(transfer.of_size(nuisance.larger), waves)
+        basis = draw(transfer.with_size_excess(nuisance.size_excess), waves)
     values, bright = nuisance.values, nuisance.values[0]
     residual = target - nuisance_design @ values
-    design = bright * _design(few, lean.profile(few.spot, variance_mm2), lean)
+    design = bright * _design(
+        design_rays, design_basis.profile(design_rays.spot, variance_mm2), design_basis
+    )
     coupling = nuisance_design.T @ (w[:, None] * design)
     follows = _solved(nuisance.inner, coupling)
-    # What the nuisance leaves of the design, not a difference of matrices: that would
+    # The design projected off the nuisance, not a difference of matrices: that would
     # lose its smallest eigenvalues in single precision.
-    left = design - nuisance_design @ follows
-    matrix = left.T @ (w[:, None] * left)
-    matrix = matrix + follows.T @ (nuisance.held[:, None] * follows)
+    projected = design - nuisance_design @ follows
+    matrix = projected.T @ (w[:, None] * projected)
+    matrix = matrix + follows.T @ (nuisance.precision[:, None] * follows)
     pull = bright * (w * residual).reshape(light.shape)
     shift = values[2:4] / _not_zero(bright)
     return Patch(
         matrix,
         jnp.sum(w * residual**2) + nuisance.cost,
-        pulled(spot, profile, -basis.traced_back(pull)),
-        jnp.concatenate([values[:2], shift, nuisance.larger[None]]),
+        spot_gradient_of(spot, profile, -basis.cell_light_transpose(pull)),
+        jnp.concatenate([values[:2], shift, nuisance.size_excess[None]]),
         residual,
     )
 
 
 class _Nuisance(NamedTuple):
-    """The best nuisance of a patch.
+    """Nuisance parameters of a patch at their best fit.
 
     Attributes
     ----------
     inner : Its normal equations.
-    held : Of these, what holds it.
+    precision : The part of these that the prior adds.
     values : In the order of the design.
-    larger : Share by which the discs of a broad dot are larger.
+    size_excess : Share by which the discs of a broad dot are larger.
     cost : Its square in standard deviations.
     """
 
     inner: Float[Array, "nuisance nuisance"]
-    held: Float[Array, " nuisance"]
+    precision: Float[Array, " nuisance"]
     values: Float[Array, " nuisance"]
-    larger: Float[Array, ""]
+    size_excess: Float[Array, ""]
     cost: Float[Array, ""]
 
 
-class _Hold(NamedTuple):
-    """Standard deviations of nuisances that are not free.
+class _NuisancePrior(NamedTuple):
+    """Prior standard deviations of nuisance parameters.
 
     Attributes
     ----------
@@ -148,37 +154,42 @@ def _best_nuisance(
     design: Float[Array, "cells2 nuisance"],
     target: Float[Array, " cells2"],
     w: Float[Array, " cells2"],
-    hold: _Hold | None,
+    nuisance_prior: _NuisancePrior | None,
 ) -> _Nuisance:
     """By least squares.
 
     Parameters
     ----------
-    hold : Of broad marks; None of others, whose nuisance is free and has no size.
+    nuisance_prior : Of broad targets; None for others, whose nuisance is free and has
+        no size.
     """
     inner, seen = design.T @ (w[:, None] * design), design.T @ (w * target)
-    if hold is None:
+    if nuisance_prior is None:
         none = jnp.zeros((), w.dtype)
         free = jnp.zeros(len(inner), w.dtype)
         return _Nuisance(inner, free, _solved(inner, seen), none, none)
     bright = _solved(inner[:-1, :-1], seen[:-1])[0]
-    by_size, by_place = (1 / jnp.maximum((bright * d) ** 2, _DARKEST) for d in hold)
-    held = jnp.zeros(len(inner), w.dtype).at[2:4].set(by_place).at[-1].set(by_size)
-    inner = inner + jnp.diag(held)
+    by_size, by_place = (
+        1 / jnp.maximum((bright * d) ** 2, _DARKEST) for d in nuisance_prior
+    )
+    precision = jnp.zeros(len(inner), w.dtype).at[2:4].set(by_place).at[-1].set(by_size)
+    inner = inner + jnp.diag(precision)
     values = _solved(inner, seen)
-    larger = values[-1] / _not_zero(values[0])
-    return _Nuisance(inner, held, values, larger, jnp.sum(held * values**2))
+    size_excess = values[-1] / _not_zero(values[0])
+    return _Nuisance(
+        inner, precision, values, size_excess, jnp.sum(precision * values**2)
+    )
 
 
 def _not_zero(bright: Array) -> Array:
-    """Of a dot without light any brightness will do."""
+    """1 in place of 0: for a dot without light any brightness will do."""
     return jnp.where(bright == 0, 1.0, bright)
 
 
 def _nuisance_design(spot: Spot, profile: Profile, basis: Basis) -> Array:
     """d light / d brightness, background and both shifts: (cells^2, 4)."""
     drawn = jnp.stack([image_of(spot, profile), *_shifted(spot, profile)])
-    image, across, down = basis.seen(drawn).reshape(3, -1)
+    image, across, down = basis.cell_light(drawn).reshape(3, -1)
     return jnp.stack([image, jnp.ones_like(image), across, down], -1)
 
 
@@ -197,19 +208,23 @@ def _design(
     across = _products(profile.rows, profile.columns_moved * weight)
     down = _products(profile.rows_moved, profile.columns * weight)
     light = _products(profile.rows, profile.columns)
-    moved = across @ rays.moved_mm[:, 0].T + down @ rays.moved_mm[:, 1].T
-    of_others = moved.shape[1] - len(rays.brightened)
-    drawn = moved + jnp.pad(light @ rays.brightened.T, ((0, 0), (of_others, 0)))
+    moved = (
+        across @ rays.landing_slopes_mm[:, 0].T + down @ rays.landing_slopes_mm[:, 1].T
+    )
+    of_others = moved.shape[1] - len(rays.weight_slopes)
+    drawn = moved + jnp.pad(light @ rays.weight_slopes.T, ((0, 0), (of_others, 0)))
     shapes = drawn.T.reshape(-1, basis.size, basis.size)
-    return basis.seen(shapes).reshape(len(shapes), -1).T
+    return basis.cell_light(shapes).reshape(len(shapes), -1).T
 
 
 def _products(rows: Array, columns: Array) -> Float[Array, "size2 rays"]:
-    """What every ray is in every pair of functions."""
+    """Amplitude of every ray in every pair of functions."""
     return (rows[:, None] * columns[None]).reshape(-1, rows.shape[-1])
 
 
-def pulled(spot: Spot, profile: Profile, pull: Float[Array, "size size"]) -> Spot:
+def spot_gradient_of(
+    spot: Spot, profile: Profile, pull: Float[Array, "size size"]
+) -> Spot:
     """Sum of `pull` times d drawn / d spot."""
     light = pull @ profile.columns
     across = jnp.sum(profile.rows * (pull @ profile.columns_moved), 0)

@@ -1,8 +1,8 @@
-"""Where green rays of every dot land as the fit has it, for pictures of photographs.
+"""Where green rays of every dot land according to the fit, for drawing photographs.
 
 Of all dots, also of those that the fit was not made from. Rays lie on spokes and rings
-of the opening, few enough to be quick; between them landing points are smooth, and
-whoever draws may interpolate (`RINGS` are Gauss's nodes in the square of the reach).
+of the pupil, few enough to be quick; between them landing points are smooth and can be
+interpolated (`RINGS` are Gauss's nodes in the square of the reach).
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from lensfit.batches import in_batches
 from lensfit.fitting.wavefront.dots import Dots, Numbers
-from lensfit.fitting.wavefront.gather import Gathered
+from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.light_centroid import polar_landings
 from lensfit.fitting.wavefront.normal import as_float32
 from lensfit.fitting.wavefront.parameters import Layout, Scale
@@ -39,11 +39,11 @@ class Landings(NamedTuple):
     weight: Float[Numbers, "dots spokes"]
 
 
-def portrayed(stage: Stage, gathered: Gathered) -> Landings:
-    """Green rays of all dots of `gathered` at the parameters of the fit."""
+def green_landings(stage: Stage, dot_data: DotData) -> Landings:
+    """Green rays of all dots of `dot_data` at the parameters of the fit."""
     parameters = as_float32(jnp.asarray(stage.parameters))
-    chromatic = as_float32(jnp.asarray(gathered.chromatic[_GREEN]))
-    scale = jax.tree.map(as_float32, gathered.scale)
+    chromatic = as_float32(jnp.asarray(dot_data.chromatic[_GREEN]))
+    scale = jax.tree.map(as_float32, dot_data.scale)
     return in_batches(
         lambda dots: _landings(
             parameters,
@@ -52,7 +52,7 @@ def portrayed(stage: Stage, gathered: Gathered) -> Landings:
             stage.layout,
             scale,
         ),
-        with_iris(gathered, stage.blades),
+        with_iris(dot_data, stage.blades),
         _BATCH,
     )
 

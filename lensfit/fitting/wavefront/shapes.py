@@ -6,12 +6,12 @@ shapes than there are parameters:
 
 - the amplitude of every mode (Re or Im member, `optics.modes`), and its linear and
   quadratic change with the chromatic coordinate where colour has that mode;
-- the dot's own defocus; behind cylinders also what x has beyond it;
+- the dot's own defocus; behind cylinders also the astigmatic defocus offset of x;
 - where the exit pupil is, and the chief ray's bend;
-- the numbers of the opening, each its own shape (`rays`).
+- the parameters of the pupil, each its own shape (`rays`).
 
-`spread_of` says how every shape follows from the parameters. Rays have their axes last,
-which is the way the processor goes.
+`shape_jacobian` is the derivative of the shapes by the parameters. Arrays have rays on
+their last axis, the order in which memory is read.
 """
 
 from functools import lru_cache
@@ -47,7 +47,7 @@ class Colour(NamedTuple):
 
 def field_point(dot: Dots, scale: Scale) -> Float[Array, "2"]:
     """In field radii of the dot's state."""
-    return dot.field_mm / (scale.field_radius_mm * dot.magnified)
+    return dot.field_mm / (scale.field_radius_mm * dot.principal_distance_ratio)
 
 
 def mode_shapes_mm(
@@ -59,13 +59,14 @@ def mode_shapes_mm(
     return of_members[_members(layout)] * _MM_PER_UM
 
 
-def coloured(
+def chromatic_shapes(
     by_mode: Float[Array, "members *some wavelengths points"],
     chromatic: Float[Array, " wavelengths"],
     layout: Layout,
 ) -> Float[Array, "shapes *some wavelengths points"]:
-    """Of the modes, and of their linear and quadratic changes with colour."""
-    changing = by_mode[_coloured(layout)]
+    """Derivatives by the modes, and by their linear and quadratic changes with
+    colour."""
+    changing = by_mode[_chromatic_members(layout)]
     weight = chromatic.reshape(*[1] * (by_mode.ndim - 2), -1, 1)
     return jnp.concatenate([by_mode, changing * weight, changing * weight**2])
 
@@ -77,14 +78,15 @@ def state_shapes_mm(
     layout: Layout,
     scale: Scale,
 ) -> Float[Array, "states 2 wavelengths points"]:
-    """d landing / d the dot's own defocus, what x has beyond it, and exit pupil."""
+    """d landing / d the dot's own defocus, its astigmatic offset, and the exit
+    pupil."""
     defocus = parameters[layout.blocks["defocus"]][dot.group]
     p_x, p_y = u[..., 0] * scale.reference_sine, u[..., 1] * scale.reference_sine
     where = layout.blocks["exit_pupil"]
 
     def chief(exit_pupil: Array) -> Array:
         changed = parameters.at[where].set(exit_pupil)
-        aberration = aberration_of(changed, layout, scale, dot.magnified)
+        aberration = aberration_of(changed, layout, scale, dot.principal_distance_ratio)
         return chief_sine(dot.field_mm, aberration)
 
     def by_defocus(chief_x: Array, chief_y: Array) -> Array:
@@ -106,14 +108,14 @@ def state_shapes_mm(
     return jnp.stack([own, beyond, *by_exit_pupil])
 
 
-def spread_of(
+def shape_jacobian(
     dot: Dots, layout: Layout, scale: Scale
 ) -> Float[Array, "shapes parameters"]:
-    """How the shapes follow from the parameters, at the place of a dot."""
+    """d shape / d parameter, at the place of a dot."""
     h = field_point(dot, scale)
     blocks = layout.blocks
     of_terms = _amplitudes(h, layout.terms, layout)
-    of_colours = _amplitudes(h, layout.colour_terms, layout)[_coloured(layout)]
+    of_colours = _amplitudes(h, layout.colour_terms, layout)[_chromatic_members(layout)]
     half = len(layout.colour_terms)
     linear, quadratic = blocks["colour"].start, blocks["colour"].start + half
     mine = jax.nn.one_hot(dot.group, layout.groups, dtype=h.dtype)[None]
@@ -159,8 +161,8 @@ def _members(layout: Layout) -> Int[np.ndarray, " members"]:
 
 
 @lru_cache(maxsize=8)
-def _coloured(layout: Layout) -> Int[np.ndarray, " coloured"]:
+def _chromatic_members(layout: Layout) -> Int[np.ndarray, " coloured"]:
     """Which of the members change with colour."""
-    coloured = set(modes_of(layout.colour_terms))
+    chromatic_shapes = set(modes_of(layout.colour_terms))
     modes = _modes(layout)
-    return np.flatnonzero([modes[k // 2] in coloured for k in _members(layout)])
+    return np.flatnonzero([modes[k // 2] in chromatic_shapes for k in _members(layout)])

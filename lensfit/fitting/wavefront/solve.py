@@ -1,4 +1,4 @@
-"""The solve of the wavefront fit: dots, statements and priors, by `fit.levenberg`."""
+"""The solve of the wavefront fit (`fitting.levenberg`): dots, statements and priors."""
 
 from typing import NamedTuple
 
@@ -7,9 +7,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from lensfit.fitting.levenberg import Prior, Quadratic, minimise
-from lensfit.fitting.wavefront.normal import Equations, Model, PerDot, Points, pass_over
+from lensfit.fitting.wavefront.normal import (
+    Equations,
+    Model,
+    PerDot,
+    Points,
+    normal_equations,
+)
 from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.fitting.wavefront.stated import Stated, stated_equations
+from lensfit.fitting.wavefront.stated import Statements, stated_equations
 from lensfit.programs import kept_program
 
 
@@ -36,7 +42,7 @@ def solve(
     start: Float[Array, " parameters"],
     model: Model,
     prior: Prior,
-    stated: Stated,
+    statements: Statements,
     layout: Layout,
     points: Points,
     tolerance: float,
@@ -49,9 +55,9 @@ def solve(
     """
 
     def equations(parameters: Array) -> tuple[Quadratic, tuple[Equations, PerDot]]:
-        found, per_dot = pass_over(parameters, model, layout, points)
+        found, per_dot = normal_equations(parameters, model, layout, points)
         of_dots = Quadratic(*(jnp.sum(part, 0) for part in found))
-        of_stated = stated_equations(parameters, stated, layout)
+        of_stated = stated_equations(parameters, statements, layout)
         return jax.tree.map(jnp.add, of_dots, of_stated), (found, per_dot)
 
     found = minimise(equations, start, prior, tolerance, most_steps, first_damping)

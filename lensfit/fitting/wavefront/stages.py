@@ -1,7 +1,7 @@
-"""The fit at one point, and how it goes on from there: freed, solved, weighed anew.
+"""The fit at one point, and the steps that follow: free parameters, solve, reweight.
 
-Where a dot lies is not asked of the model: after every solve patches are moved to where
-the dots turned out to be. Which stages there are says `descent`.
+Where a dot lies is not predicted by the model: after every solve the patches are moved
+to where the dots were found. The order of the stages is that of `descent`.
 
 Dots are sharded over the cores: each takes every so many-th.
 """
@@ -21,11 +21,11 @@ from lensfit.fitting.levenberg import Prior
 from lensfit.fitting.trial import Statistics
 from lensfit.fitting.wavefront.dot_weights import (
     MODEL_SHARE,
-    first_weights,
-    weights_after,
+    initial_weights,
+    robust_weights,
 )
 from lensfit.fitting.wavefront.dots import Dots, Pixels
-from lensfit.fitting.wavefront.gather import WIDE_OPEN, Gathered
+from lensfit.fitting.wavefront.gather import WIDE_OPEN, DotData
 from lensfit.fitting.wavefront.normal import (
     DEFAULT_POINTS,
     FOLDS,
@@ -36,21 +36,21 @@ from lensfit.fitting.wavefront.normal import (
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.solve import Solution, solve
 from lensfit.fitting.wavefront.stated import (
-    Stated,
+    Statements,
+    f_number_and_focus_statements,
+    f_number_statement,
     stated_equations,
-    stated_opening,
-    stated_opening_and_focus,
 )
-from lensfit.fitting.wavefront.waves import waves_left
+from lensfit.fitting.wavefront.waves import waves_after_smoothing
 
 
-class Deal(NamedTuple):
-    """Which dot lies where in the arrays of a pass.
+class DotSharding(NamedTuple):
+    """How the dots of a pass are sharded over the cores.
 
     Attributes
     ----------
-    rows : Of every place the dot; places that are left over repeat a dot.
-    places : Of every dot the place where it is in use.
+    rows : The dot at every place; unused places repeat a dot.
+    places : The place of every dot.
     counts : Places in use of each core's share; they come first in it.
     """
 
@@ -59,19 +59,19 @@ class Deal(NamedTuple):
     counts: Int[np.ndarray, " cores"]
 
 
-def dealt(dots: int, room: int, hands: int) -> Deal:
-    """Every dot to one of so many hands, as evenly as can be.
+def shard_dots(dots: int, room: int, shards: int) -> DotSharding:
+    """Every dot in one of so many shards, as evenly as possible.
 
     Parameters
     ----------
-    room : Places of all hands together, a multiple of `hands`.
+    room : Places of all shards together, a multiple of `shards`.
     """
-    space = room // hands
+    space = room // shards
     dot = np.arange(dots)
-    places = dot % hands * space + dot // hands
+    places = dot % shards * space + dot // shards
     rows = np.zeros(room, int)
     rows[places] = dot
-    return Deal(rows, places, np.bincount(dot % hands, minlength=hands))
+    return DotSharding(rows, places, np.bincount(dot % shards, minlength=shards))
 
 
 COARSE_SHARE = 0.05
@@ -90,27 +90,27 @@ class Stage:
 
     Attributes
     ----------
-    gathered, layout : What is fitted.
+    dot_data, layout : What is fitted.
     parameters : Present values.
     mean, deviation : Of the prior; a deviation of zero fixes a parameter.
     corner_mm : Corner of every patch from where its chief ray is thought to land.
     weight : Of every cell.
-    stated : What counts beside the dots.
+    statements : Statements that are observations beside the dots.
     smoothing : Standard deviation, cells, by which photograph and model are smoothed.
-    points : Rays through the opening.
+    points : Rays through the pupil.
     solution : Of the last solve.
-    converged : Whether it met its tolerance; `settled` does not count as one.
+    converged : Whether it met its tolerance; `recentre_patches` does not count as one.
     blades : Of the iris when stopped down.
     """
 
-    gathered: Gathered
+    dot_data: DotData
     layout: Layout
     parameters: Float[np.ndarray, " parameters"]
     mean: Float[np.ndarray, " parameters"]
     deviation: Float[np.ndarray, " parameters"]
     corner_mm: Float[np.ndarray, "dots 3 2"]
     weight: Float[np.ndarray, "dots 3 rows columns"]
-    stated: Stated
+    statements: Statements
     smoothing: float = 0.0
     points: Points = DEFAULT_POINTS
     solution: Solution | None = None
@@ -142,14 +142,14 @@ class Stage:
     ) -> Float[np.ndarray, "free free"]:
         """Half the second derivative of priors of these deviations and of what was
         stated, by some of the parameters."""
-        stated = self.stated_equations.matrix[np.ix_(free, free)]
-        return np.diag(deviation**-2.0) + stated
+        statements = self.stated_equations.matrix[np.ix_(free, free)]
+        return np.diag(deviation**-2.0) + statements
 
     @cached_property
     def stated_equations(self) -> Statistics:
         """Of what was stated, at the present values."""
         parameters = jnp.asarray(self.parameters)
-        found = stated_equations(parameters, self.stated, self.layout)
+        found = stated_equations(parameters, self.statements, self.layout)
         matrix, gradient = np.asarray(found.matrix), np.asarray(found.gradient)
         return Statistics(matrix, gradient, float(found.chi_squared), 0)
 
@@ -158,7 +158,7 @@ class Stage:
         """Photograph minus model at the last pass."""
         assert self.solution is not None
         found = np.asarray(self.solution.per_dot.residual)
-        return found.reshape(self.gathered.light.shape)
+        return found.reshape(self.dot_data.light.shape)
 
     @property
     def nuisance(self) -> Float[np.ndarray, "dots 3 5"]:
@@ -167,117 +167,118 @@ class Stage:
         return np.asarray(self.solution.per_dot.nuisance)
 
 
-def first_stage(gathered: Gathered, layout: Layout, parameters: np.ndarray) -> Stage:
+def first_stage(dot_data: DotData, layout: Layout, parameters: np.ndarray) -> Stage:
     """Everything fixed, patches where the centroids were found."""
     return Stage(
-        gathered=gathered,
+        dot_data=dot_data,
         layout=layout,
         parameters=parameters,
         mean=parameters.copy(),
         deviation=np.zeros(layout.size),
-        corner_mm=-gathered.observed_mm,
-        weight=first_weights(gathered, COARSE_SHARE),
-        stated=stated_opening(layout),
+        corner_mm=-dot_data.observed_mm,
+        weight=initial_weights(dot_data, COARSE_SHARE),
+        statements=f_number_statement(layout),
     )
 
 
-def focus_stated(stage: Stage) -> Stage:
-    """The same with stated distances as evidence, as far as they suit its defocus."""
+def add_focus_statements(stage: Stage) -> Stage:
+    """The same with stated distances as observations, weighted by how well they agree
+    with its defocus."""
     defocus_mm = stage.parameters[stage.layout.blocks["defocus"]]
-    stated = stated_opening_and_focus(stage.gathered, stage.layout, defocus_mm)
-    return replace(stage, stated=stated)
+    statements = f_number_and_focus_statements(stage.dot_data, stage.layout, defocus_mm)
+    return replace(stage, statements=statements)
 
 
-def smoothed_by(stage: Stage, cells: float) -> Stage:
-    """The same with photograph and model smoothed by a Gaussian; of broad dots no more
-    is drawn than that leaves."""
+def smooth_stage(stage: Stage, cells: float) -> Stage:
+    """The same with photograph and model smoothed by a Gaussian; broad dots are drawn
+    with only the waves that this leaves."""
     points = DEFAULT_POINTS
-    if stage.gathered.dots.broad is not None and cells:
-        waves = waves_left(cells, stage.gathered.light.shape[-1])
+    if stage.dot_data.dots.broad is not None and cells:
+        waves = waves_after_smoothing(cells, stage.dot_data.light.shape[-1])
         points = Points(image=_BROAD_RAYS, waves=waves)
     return replace(stage, smoothing=cells, points=points)
 
 
-def on_dots(stage: Stage, gathered: Gathered) -> Stage:
+def stage_on_dots(stage: Stage, dot_data: DotData) -> Stage:
     """The same on other dots, whose patches are where the centroids were found."""
     return replace(
         stage,
-        gathered=gathered,
-        corner_mm=-gathered.observed_mm,
-        weight=first_weights(gathered, COARSE_SHARE),
+        dot_data=dot_data,
+        corner_mm=-dot_data.observed_mm,
+        weight=initial_weights(dot_data, COARSE_SHARE),
         solution=None,
         converged=False,
     )
 
 
-def model_of(stage: Stage, deal: Deal) -> Model:
+def model_of(stage: Stage, sharding: DotSharding) -> Model:
     """Arrays of a pass, every dot at its core's place, in single precision."""
-    gathered = stage.gathered
-    light = smoothed(gathered.light, stage.smoothing)
-    pixels = Pixels(light, stage.weight, stage.corner_mm, folds_of(gathered))
+    dot_data = stage.dot_data
+    light = smooth_patches(dot_data.light, stage.smoothing)
+    pixels = Pixels(light, stage.weight, stage.corner_mm, folds_of(dot_data))
 
     def at_places(array: np.ndarray) -> jax.Array:
-        rows = np.asarray(array)[deal.rows]
+        rows = np.asarray(array)[sharding.rows]
         floating = np.issubdtype(rows.dtype, np.floating)
         return jnp.asarray(rows.astype(np.float32) if floating else rows)
 
     return Model(
-        dots=jax.tree.map(at_places, with_iris(gathered, stage.blades)),
+        dots=jax.tree.map(at_places, with_iris(dot_data, stage.blades)),
         pixels=jax.tree.map(at_places, pixels),
-        transfer=jax.tree.map(at_places, gathered.transfer),
-        scale=gathered.scale,
-        chromatic=jnp.asarray(gathered.chromatic),
+        transfer=jax.tree.map(at_places, dot_data.transfer),
+        scale=dot_data.scale,
+        chromatic=jnp.asarray(dot_data.chromatic),
         smoothing=jnp.asarray(stage.smoothing**2),
-        count=jnp.asarray(deal.counts),
+        count=jnp.asarray(sharding.counts),
     )
 
 
-def with_iris(gathered: Gathered, blades: int) -> Dots:
+def with_iris(dot_data: DotData, blades: int) -> Dots:
     """The dots' constants, with blades where the iris is stopped down."""
-    stopped = gathered.dots.stop_radius < 1 / WIDE_OPEN
-    return gathered.dots._replace(blades=blades * stopped.astype(float))
+    stopped = dot_data.dots.stop_radius < 1 / WIDE_OPEN
+    return dot_data.dots._replace(blades=blades * stopped.astype(float))
 
 
-def folds_of(gathered: Gathered) -> np.ndarray:
+def folds_of(dot_data: DotData) -> np.ndarray:
     """Two folds for each take: every other dot of it."""
-    fold = np.empty(len(gathered.take), int)
-    for k in range(len(gathered.shown)):
-        mine = np.flatnonzero(gathered.take == k)
+    fold = np.empty(len(dot_data.take), int)
+    for k in range(len(dot_data.photographs)):
+        mine = np.flatnonzero(dot_data.take == k)
         fold[mine] = 2 * (k % (FOLDS // 2)) + np.arange(len(mine)) % 2
     return fold
 
 
-def smoothed(light: np.ndarray, cells: float) -> np.ndarray:
+def smooth_patches(light: np.ndarray, cells: float) -> np.ndarray:
     """Every patch smoothed by a Gaussian."""
     if not cells:
         return light
     return gaussian_filter(light, (0, 0, cells, cells), mode="nearest")
 
 
-def freed(stage: Stage, deviation: Float[np.ndarray, " parameters"]) -> Stage:
-    """The same with other priors; parameters that become fixed stay where they are."""
+def set_priors(stage: Stage, deviation: Float[np.ndarray, " parameters"]) -> Stage:
+    """The same with other priors; parameters that become fixed keep their values."""
     mean = np.where(deviation > 0, stage.mean, stage.parameters)
     return replace(stage, mean=mean, deviation=deviation)
 
 
-def solved(
+def solve_stage(
     stage: Stage, most_steps: int = _MOST_STEPS, tolerance: float = _TOLERANCE
 ) -> Stage:
-    """After a solve, patches moved to where the dots are."""
+    """The stage after a solve, patches moved to where the dots are."""
     free = stage.deviation > 0
     prior = Prior(
         jnp.asarray(stage.mean),
         jnp.asarray(stage.precision),
         jnp.asarray(free.astype(float)),
     )
-    count = len(stage.gathered.take)
+    count = len(stage.dot_data.take)
     room = max(_FEWEST_DOTS, 1 << (count - 1).bit_length())
-    deal = dealt(count, room, cores().size)
+    sharding = shard_dots(count, room, cores().size)
     found = solve(
         jnp.asarray(stage.parameters),
-        model_of(stage, deal),
+        model_of(stage, sharding),
         prior,
-        stage.stated,
+        stage.statements,
         stage.layout,
         stage.points,
         tolerance,
@@ -285,7 +286,7 @@ def solved(
         _DAMPING,
     )
     found = jax.tree.map(np.asarray, found)
-    in_order = jax.tree.map(lambda part: part[deal.places], found.per_dot)
+    in_order = jax.tree.map(lambda part: part[sharding.places], found.per_dot)
     found = found._replace(per_dot=in_order)
     after = replace(
         stage,
@@ -293,29 +294,29 @@ def solved(
         solution=found,
         converged=bool(found.converged),
     )
-    return replace(after, corner_mm=_moved(after))
+    return replace(after, corner_mm=_shifted_corners_mm(after))
 
 
-def settled(stage: Stage, rounds: int = 2) -> Stage:
+def recentre_patches(stage: Stage, rounds: int = 2) -> Stage:
     """Patches moved to where the dots are, nothing else."""
     converged = stage.converged
     for _ in range(rounds):
-        stage = solved(stage, 1)
+        stage = solve_stage(stage, 1)
     return replace(stage, converged=converged)
 
 
-def _moved(stage: Stage) -> np.ndarray:
+def _shifted_corners_mm(stage: Stage) -> np.ndarray:
     """Corners after the shifts of the last pass, by no more than a cell."""
     shift = stage.nuisance[..., 2:4]
-    limit = stage.gathered.dots.cell_mm[:, None]
+    limit = stage.dot_data.dots.cell_mm[:, None]
     shift = np.where(np.isfinite(shift), np.clip(shift, -limit, limit), 0.0)
     return stage.corner_mm - shift
 
 
-def reweighed(stage: Stage, share: float = MODEL_SHARE) -> Stage:
-    """Weights from what the last solve left."""
-    weight = weights_after(
-        stage.gathered, stage.residual, stage.nuisance[..., 1], share
+def update_robust_weights(stage: Stage, share: float = MODEL_SHARE) -> Stage:
+    """The same with robust weights from the residuals of the last solve."""
+    weight = robust_weights(
+        stage.dot_data, stage.residual, stage.nuisance[..., 1], share
     )
     return replace(stage, weight=weight)
 
@@ -326,5 +327,5 @@ def chi_squared(stage: Stage) -> float:
 
 
 def best_of(stages: list[Stage]) -> Stage:
-    """The one that explains the photographs best."""
+    """The stage that explains the photographs best."""
     return min(stages, key=lambda s: np.nan_to_num(chi_squared(s), nan=np.inf))

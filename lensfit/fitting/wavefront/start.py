@@ -1,8 +1,8 @@
-"""Where the wavefront fit begins: defocus from what was said and seen, rims from light.
+"""Where the wavefront fit starts: defocus from statements and blur, rims from light.
 
 The size of every defocus follows from the spread of the dots near the axis, its sign
-from focus and chart distance where both were stated. Rims begin where they explain the
-fall-off that the dots' brightness shows.
+from focus and chart distance where both were stated. Clipping apertures start where
+they explain the fall-off of the dots' brightness.
 """
 
 from typing import NamedTuple
@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
-from lensfit.fitting.wavefront.dots import hole_variance_mm2
-from lensfit.fitting.wavefront.gather import Gathered
+from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
+from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.kernel.pixels import AIRY_SIGMA, WAVELENGTH_MM
 from lensfit.optics.falloff import log_loss
@@ -23,103 +23,107 @@ from lensfit.optics.pupil import clear_pupil, relative_illumination
 
 _NEAR_AXIS = 0.35
 IN_FOCUS_MM = 0.02
-"""Defocus that has no side worth telling."""
+"""Defocus too small to have a side."""
 _LEAST_BLUR_CELLS = 0.5
-"""Deviation of the narrowest blur that is told from a dot a little larger."""
+"""Standard deviation of the narrowest blur that differs from a slightly larger dot."""
 _RADII = 9
 _RIM_RADII = (1.02, 1.1, 1.2, 1.35, 1.6, 2.0)
 _RIM_SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
 
 
-def stated_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
-    """What focus and chart distance say, in first-order optics; NaN where unsaid."""
-    return _focused_at_mm(gathered, _focus_distances_mm(gathered))
+def stated_defocus_mm(dot_data: DotData) -> Float[np.ndarray, " groups"]:
+    """Defocus from stated focus and chart distance, by first-order optics; NaN where
+    nothing was stated."""
+    return _focused_at_mm(dot_data, _focus_distances_mm(dot_data))
 
 
-def defocus_deviation_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
-    """Of what focus distances say of each, by their width; NaN where unsaid."""
-    widths, said_mm = gathered.widths, _focus_distances_mm(gathered)
-    width_mm = np.hypot(widths.distance_mm, widths.distance * said_mm)
-    width_mm = np.where(np.isinf(said_mm), 0.0, width_mm)
-    moved_mm = _focused_at_mm(gathered, said_mm - width_mm)
-    return np.abs(moved_mm - _focused_at_mm(gathered, said_mm))
+def defocus_deviation_mm(dot_data: DotData) -> Float[np.ndarray, " groups"]:
+    """Standard deviation of each stated defocus, from that of the focus distance; NaN
+    where nothing was stated."""
+    widths, stated_mm = dot_data.widths, _focus_distances_mm(dot_data)
+    width_mm = np.hypot(widths.distance_mm, widths.distance * stated_mm)
+    width_mm = np.where(np.isinf(stated_mm), 0.0, width_mm)
+    moved_mm = _focused_at_mm(dot_data, stated_mm - width_mm)
+    return np.abs(moved_mm - _focused_at_mm(dot_data, stated_mm))
 
 
-def _focus_distances_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
-    said_mm = [group.focus_distance_mm for group in gathered.groups]
-    return np.array([np.nan if one is None else one for one in said_mm])
+def _focus_distances_mm(dot_data: DotData) -> Float[np.ndarray, " groups"]:
+    stated_mm = [group.focus_distance_mm for group in dot_data.groups]
+    return np.array([np.nan if one is None else one for one in stated_mm])
 
 
 def _focused_at_mm(
-    gathered: Gathered, focus_mm: Float[np.ndarray, " groups"]
+    dot_data: DotData, focus_mm: Float[np.ndarray, " groups"]
 ) -> Float[np.ndarray, " groups"]:
     """Defocus of every group if its lens was focused there."""
-    reference_mm = jnp.asarray(gathered.reference_distance_mm)
-    found = defocus_mm(gathered.first_order, jnp.asarray(focus_mm), reference_mm)
-    return np.asarray(found) * np.exp(_log_squeeze(gathered))
+    reference_mm = jnp.asarray(dot_data.reference_distance_mm)
+    found = defocus_mm(dot_data.first_order, jnp.asarray(focus_mm), reference_mm)
+    return np.asarray(found) * np.exp(_log_squeeze(dot_data))
 
 
-def seen_defocus_mm(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+def defocus_size_mm(dot_data: DotData) -> Float[np.ndarray, " groups"]:
     """Size of every group's defocus, from the spread of its dots near the axis."""
-    radius = np.hypot(*gathered.dots.field_mm.T)
-    limit = _NEAR_AXIS * float(gathered.scale.field_radius_mm)
+    radius = np.hypot(*dot_data.dots.field_mm.T)
+    limit = _NEAR_AXIS * float(dot_data.scale.field_radius_mm)
     central = radius <= max(limit, float(np.quantile(radius, 0.15)))
     # The diameter is that of the disc of the same second moment.
-    size = blurring_defocus_mm(gathered, gathered.diameter_mm**2 / 16)
-    if gathered.dots.sections is not None:
-        # A disc along y, narrower along x: of both only the mean was seen.
-        narrow = 1 + np.asarray(gathered.dots.sections.per_defocus)
+    size = defocus_size_of_variance_mm(dot_data, dot_data.diameter_mm**2 / 16)
+    if dot_data.dots.sections is not None:
+        # A disc along y, narrower along x: only the mean of both was measured.
+        narrow = 1 + np.asarray(dot_data.dots.sections.per_defocus)
         size = size / np.sqrt((1 + narrow**2) / 2)
     found = []
-    for group in range(len(gathered.groups)):
-        mine = (gathered.dots.group == group) & np.isfinite(size)
+    for group in range(len(dot_data.groups)):
+        mine = (dot_data.dots.group == group) & np.isfinite(size)
         near = mine & central if (mine & central).any() else mine
         found.append(float(np.median(size[near])) if near.any() else 0.0)
     return np.array(found)
 
 
-def _log_squeeze(gathered: Gathered) -> Float[np.ndarray, " groups"]:
+def _log_squeeze(dot_data: DotData) -> Float[np.ndarray, " groups"]:
     """Of every group's photographs; along y defocus counts s^2 times that along x."""
-    sections, groups = gathered.dots.sections, range(len(gathered.groups))
+    sections, groups = dot_data.dots.sections, range(len(dot_data.groups))
     if sections is None:
         return np.zeros(len(groups))
-    group, per_defocus = map(np.asarray, (gathered.dots.group, sections.per_defocus))
+    group, per_defocus = map(np.asarray, (dot_data.dots.group, sections.per_defocus))
     return np.array([-0.5 * np.log1p(per_defocus[group == k].mean()) for k in groups])
 
 
-def blurring_defocus_mm(
-    gathered: Gathered, variance_mm2: Float[np.ndarray, "*ways dots"]
+def defocus_size_of_variance_mm(
+    dot_data: DotData, variance_mm2: Float[np.ndarray, "*ways dots"]
 ) -> Float[np.ndarray, "*ways dots"]:
-    """Size of the defocus whose disc, with the hole, has this variance along a line."""
-    sine = float(gathered.scale.reference_sine) * gathered.dots.stop_radius
+    """Size of the defocus whose disc, with the dot aperture, has this variance along a
+    line."""
+    sine = float(dot_data.scale.reference_sine) * dot_data.dots.stop_radius
     tangent = sine / np.sqrt(1 - sine**2)
-    of_disc = np.maximum(variance_mm2 - hole_variance_mm2(gathered.dots), 0.0)
+    of_disc = np.maximum(variance_mm2 - dot_aperture_variance_mm2(dot_data.dots), 0.0)
     # A disc of radius R has the variance R^2 / 4.
     return 2 * np.sqrt(of_disc) / tangent
 
 
-def sharp_f_number(gathered: Gathered) -> float:
+def sharp_f_number(dot_data: DotData) -> float:
     """The smallest f-number at which a chart so deep can be as sharp as its dots are.
 
-    The depth of a slanted chart's image follows from first-order optics. The opening is
-    no wider than blurs its dots as much as is seen, and no smaller than diffracts half
-    as much. Blur has other causes too, so that the gathered f-number is the least.
+    The depth of a slanted chart's image follows from first-order optics. The pupil is
+    at most so wide that defocus gives the measured blur, and at least so wide that
+    diffraction gives half of it. Blur has other causes too, so that the gathered
+    f-number is the least.
     """
-    optics, dots = gathered.first_order, gathered.dots
+    optics, dots = dot_data.first_order, dot_data.dots
     pupil_mm = float(optics.focal_length_mm / optics.pupil_magnification)
     depth_mm = float(optics.focal_length_mm) ** 2 / (1 / dots.vergence - pupil_mm)
-    variance_mm2 = gathered.diameter_mm**2 / 16 - hole_variance_mm2(dots)
+    variance_mm2 = dot_data.diameter_mm**2 / 16 - dot_aperture_variance_mm2(dots)
     least_mm2 = (_LEAST_BLUR_CELLS * dots.cell_mm.mean(1)) ** 2
-    least = gathered.f_numbers[0]
+    least = dot_data.f_numbers[0]
     asked = [least]
-    for take in range(len(gathered.shown)):
-        mine = gathered.take == take
+    for take in range(len(dot_data.photographs)):
+        mine = dot_data.take == take
         across = depth_mm[mine].std() / 2
         seen_mm2 = np.nanmedian(np.maximum(variance_mm2[mine], least_mm2[mine]))
-        seen_mm = float(np.sqrt(seen_mm2))
+        size_mm = float(np.sqrt(seen_mm2))
         # Along a line a disc of radius R has the variance R^2 / 4.
-        by_depth = across / (2 * seen_mm)
-        asked.append(min(by_depth, seen_mm / 2 / (AIRY_SIGMA * WAVELENGTH_MM)))
+        by_depth = across / (2 * size_mm)
+        asked.append(min(by_depth, size_mm / 2 / (AIRY_SIGMA * WAVELENGTH_MM)))
     return float(np.max(np.nan_to_num(asked, nan=least)))
 
 
@@ -128,11 +132,11 @@ class FirstDefocus(NamedTuple):
 
     Attributes
     ----------
-    seen_mm : Its size, as `seen_defocus_mm` has it.
-    stated_mm : As `stated_defocus_mm` has it; NaN where nothing was said.
+    size_mm : Its size, from `defocus_size_mm`.
+    stated_mm : From `stated_defocus_mm`; NaN where nothing was stated.
     """
 
-    seen_mm: Float[np.ndarray, " groups"]
+    size_mm: Float[np.ndarray, " groups"]
     stated_mm: Float[np.ndarray, " groups"]
 
     @property
@@ -142,15 +146,15 @@ class FirstDefocus(NamedTuple):
 
     @property
     def value_mm(self) -> Float[np.ndarray, " groups"]:
-        """Where to begin: the size that was seen on the side that was stated."""
+        """Where to start: the measured size on the stated side."""
         side = np.where(self.side_stated, np.sign(self.stated_mm), 1.0)
         in_focus = np.abs(self.stated_mm) <= IN_FOCUS_MM
-        return np.where(in_focus, self.stated_mm, side * self.seen_mm)
+        return np.where(in_focus, self.stated_mm, side * self.size_mm)
 
 
-def first_defocus(gathered: Gathered) -> FirstDefocus:
-    """As it was seen and as it was stated."""
-    return FirstDefocus(seen_defocus_mm(gathered), stated_defocus_mm(gathered))
+def first_defocus(dot_data: DotData) -> FirstDefocus:
+    """Measured and stated defocus."""
+    return FirstDefocus(defocus_size_mm(dot_data), stated_defocus_mm(dot_data))
 
 
 def first_rims(
@@ -197,16 +201,16 @@ def _lit(rims, h):
 
 
 def first_parameters(
-    gathered: Gathered,
+    dot_data: DotData,
     layout: Layout,
     fall_off: FallOffFit | None,
     defocus_mm: Float[np.ndarray, " groups"],
 ) -> Float[np.ndarray, " parameters"]:
-    """The whole vector: a perfect lens, so defocused and clipped as seen."""
+    """The whole vector: a perfect lens with the measured defocus and clipping."""
     blocks = layout.blocks
     parameters = np.zeros(layout.size)
     parameters[blocks["defocus"]][: len(defocus_mm)] = defocus_mm
-    radius, shift = first_rims(fall_off, float(gathered.scale.field_radius_mm))
+    radius, shift = first_rims(fall_off, float(dot_data.scale.field_radius_mm))
     parameters[blocks["rim_radius"]] = np.tile([radius, 0.0], layout.rims)
     sides = np.resize([shift, 0.0, -shift, 0.0], 2 * layout.rims)
     parameters[blocks["rim_shift"]] = sides

@@ -1,18 +1,19 @@
-"""What was stated of a shoot, as evidence of the wavefront beside its dots.
+"""Statements about a shoot as observations of the wavefront beside its dots.
 
-A disc says how wide it is, not whether a wide opening or a far focus made it so: opened
-by a tenth less, a lens that is out of focus by a tenth more draws the same dots. Two
-statements tell the two apart:
+The width of a disc does not determine whether a wide pupil or a large defocus made it
+so: with a pupil smaller by a tenth, a lens that is out of focus by a tenth more draws
+the same dots. Two statements separate the two:
 
-- the widest f-number says how wide the beam on the axis is. That is the unit of the
-  opening, so no rim cuts that beam; what the f-number is wrong by is borne by defocus;
-- focus and chart distances say how far the photographs of a shoot lie apart along the
-  axis. They err each by itself, as distances do, and all in proportion, as the square
-  of the focal length and the f-number do; a lens whose field curves, or whose marks are
-  off, has all moved together by an amount that nobody knows.
+- the widest f-number gives the width of the beam on the axis. That is the unit of the
+  pupil, so no clipping aperture cuts that beam; an error of the f-number goes into
+  defocus;
+- focus and chart distances give how far the photographs of a shoot lie apart along the
+  axis. Each has an error of its own, and all have one in proportion, as the square of
+  the focal length and the f-number do; a lens whose field curves, or whose focus scale
+  is off, shifts all by a common unknown amount.
 
-Both are residuals in units of their own deviations. Distances that contradict the dots
-are mistaken, not inaccurate: they lose weight as 1 / (1 + (r / 3)^2), r rms.
+Both are residuals in units of their own standard deviations. Distances that contradict
+the dots are mistaken, not inaccurate: they lose weight as 1 / (1 + (r / 3)^2), r rms.
 """
 
 from typing import NamedTuple
@@ -23,19 +24,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.fitting.levenberg import Quadratic
-from lensfit.fitting.wavefront.gather import Gathered
+from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
 
 _TOGETHER = 0.5
-"""Deviation of what all are moved by, in the largest defocus."""
+"""Standard deviation of the common shift, in units of the largest defocus."""
 _CAUCHY_SCALE = 3.0
 _CUT = 0.01
-"""Of the opening's radius that a rim may take on the axis: small, and yet a slope that
-a solve can follow."""
+"""Share of the pupil's radius that a rim may cut on the axis: small, but with a slope
+that a solve can follow."""
 
 
-class Stated(NamedTuple):
+class Statements(NamedTuple):
     """Statements, ready for a solve.
 
     Attributes
@@ -49,25 +50,26 @@ class Stated(NamedTuple):
     rows: Float[Array, "groups groups"]
 
 
-def stated_opening(layout: Layout) -> Stated:
+def f_number_statement(layout: Layout) -> Statements:
     """The f-number alone."""
     nothing = jnp.zeros((layout.groups, layout.groups))
-    return Stated(jnp.zeros(layout.groups), nothing)
+    return Statements(jnp.zeros(layout.groups), nothing)
 
 
-def stated_opening_and_focus(
-    gathered: Gathered, layout: Layout, defocus_mm: Float[np.ndarray, " groups"]
-) -> Stated:
-    """The f-number, and distances as far as they suit a defocus that dots showed."""
-    found = stated_opening(layout)
-    stated_mm = stated_defocus_mm(gathered)
+def f_number_and_focus_statements(
+    dot_data: DotData, layout: Layout, defocus_mm: Float[np.ndarray, " groups"]
+) -> Statements:
+    """The f-number, and distances weighted by how well they agree with a defocus that
+    was fitted to dots."""
+    found = f_number_statement(layout)
+    stated_mm = stated_defocus_mm(dot_data)
     known = np.flatnonzero(np.isfinite(stated_mm))
     if len(known) < 2:
         return found
-    known_mm, widths = stated_mm[known], gathered.widths
+    known_mm, widths = stated_mm[known], dot_data.widths
     in_proportion = np.hypot(2 * widths.focal_length, widths.f_number)
     covariance = (
-        np.diag(defocus_deviation_mm(gathered)[known] ** 2)
+        np.diag(defocus_deviation_mm(dot_data)[known] ** 2)
         + in_proportion**2 * np.outer(known_mm, known_mm)
         + (_TOGETHER * np.abs(known_mm).max()) ** 2
     )
@@ -82,13 +84,13 @@ def stated_opening_and_focus(
 
 
 def stated_equations(
-    parameters: Float[Array, " parameters"], stated: Stated, layout: Layout
+    parameters: Float[Array, " parameters"], statements: Statements, layout: Layout
 ) -> Quadratic:
     """Of all statements, at these parameters."""
 
     def residual(parameters: Array) -> Array:
         part = {name: parameters[where] for name, where in layout.blocks.items()}
-        off = stated.rows @ (part["defocus"] - stated.defocus_mm)
+        off = statements.rows @ (part["defocus"] - statements.defocus_mm)
         cut = jnp.minimum(part["rim_radius"][::2] - 1, 0.0) / _CUT
         return jnp.concatenate([off, cut])
 

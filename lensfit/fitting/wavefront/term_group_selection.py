@@ -1,12 +1,13 @@
-"""Which families the photographs ask for.
+"""Model selection: which term groups the photographs support.
 
-All from the normal equations of the largest model, in retrospect (`fit.trial`): a
-family stays if the Bayesian information criterion improves by it and dots that the fit
-did not see are predicted better. The highest orders are asked first, and what a family
-that stays refines stays with it: a lens whose axial colour was left out, while the
-colour of its third order stood for it, had red .02 px from where it lands.
+All from the normal equations of the largest model, without a new fit
+(`fitting.trial`): a term group stays if the Bayesian information criterion improves by
+it and dots that were held out are predicted better. The highest orders are tried first.
+If a term group stays, the one that it refines stays too: a lens whose axial colour was
+left out, while the colour of its third order stood for it, had red .02 px from where it
+lands.
 
-Cells of one dot share what the model misses of it, so they do not count as so many
+Cells of one dot share the model's error of that dot, so they do not count as so many
 observations: `CELLS_PER_DOT` of each dot and channel do.
 
 Reference: J. A. Nelder, J. R. Statist. Soc. A 140 (1977) 48, on marginality.
@@ -17,15 +18,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from lensfit.fitting.select import Verdict
+from lensfit.fitting.select import TermDecision
 from lensfit.fitting.trial import Statistics, Trial
 from lensfit.fitting.wavefront.normal import Equations
 from lensfit.fitting.wavefront.stages import Stage
-from lensfit.fitting.wavefront.term_groups import Family, indices_of
+from lensfit.fitting.wavefront.term_groups import TermGroup, indices_of
 
 CELLS_PER_DOT = 60
 _LEAST_BIC_GAIN = 6.0
-_ASKED_FIRST = (
+_REMOVAL_ORDER = (
     "ninth_order",
     "seventh_order",
     "colour_of_third_order_curved",
@@ -52,57 +53,63 @@ _REFINES = {
     "colour_of_third_order_curved": "axial_colour",
     "colour_of_fifth_order": "axial_colour",
 }
-"""The next terms of a series, and what they come after: every colour is in focus
-somewhere before its aberrations differ."""
+"""The next terms of a series, and the term group before them: axial colour comes before
+the colour of aberrations."""
 
 
-class FamilyChoice(NamedTuple):
-    """Which families the photographs ask for.
+class TermGroupSelection(NamedTuple):
+    """Result of the selection of term groups.
 
     Attributes
     ----------
-    families : To keep.
-    verdicts : What came of each that was tried.
-    chi_squared : Foreseen of a fit with only these.
+    term_groups : To keep.
+    term_decisions : The decision on each candidate.
+    chi_squared : Predicted for a fit with only these.
     """
 
-    families: tuple[Family, ...]
-    verdicts: tuple[Verdict, ...]
+    term_groups: tuple[TermGroup, ...]
+    term_decisions: tuple[TermDecision, ...]
     chi_squared: float
 
 
-def choose(stage: Stage, families: tuple[Family, ...]) -> FamilyChoice:
-    """Leave out, one after the other, what the photographs do not ask for."""
-    always = indices_of(tuple(f for f in families if not f.tried))
+def select_term_groups(
+    stage: Stage, term_groups: tuple[TermGroup, ...]
+) -> TermGroupSelection:
+    """Remove, one after the other, the term groups that the photographs do not
+    support."""
+    always = indices_of(tuple(f for f in term_groups if not f.optional))
     always = always[stage.deviation[always] > 0]  # some are freed later
-    tried = tuple(f for f in families if f.tried)
+    tried = tuple(f for f in term_groups if f.optional)
     trial = trial_of(stage, always, indices_of(tried))
-    kept = sorted(tried, key=lambda f: _ASKED_FIRST.index(f.name))
-    verdicts = {}
-    for family in list(kept):
-        without = [f for f in kept if f is not family]
+    kept = sorted(tried, key=lambda f: _REMOVAL_ORDER.index(f.name))
+    term_decisions = {}
+    for term_group in list(kept):
+        without = [f for f in kept if f is not term_group]
         full, less = (trial.scores(indices_of(tuple(m))) for m in (kept, without))
         gain = less.bic - full.bic
         held_out = 1 - full.held_out / max(less.held_out, 1e-300)
         asked = gain > _LEAST_BIC_GAIN and held_out > 0
-        refined = any(_REFINES.get(other.name) == family.name for other in without)
-        verdict = Verdict(family.name, asked, gain, held_out)
+        refined = any(_REFINES.get(other.name) == term_group.name for other in without)
+        term_decision = TermDecision(term_group.name, asked, gain, held_out)
         if refined:
-            verdict = verdict.kept_all_the_same("terms that refine it are asked for")
-        verdicts[family.name] = verdict
-        if not verdict.kept:
+            term_decision = term_decision.with_override(
+                "terms that refine it are asked for"
+            )
+        term_decisions[term_group.name] = term_decision
+        if not term_decision.kept:
             kept = without
-    order = [f.name for f in families]
-    chosen = tuple(f for f in families if not f.tried or f in kept)
-    told = sorted(verdicts.values(), key=lambda v: order.index(v.name))
+    order = [f.name for f in term_groups]
+    chosen = tuple(f for f in term_groups if not f.optional or f in kept)
+    told = sorted(term_decisions.values(), key=lambda v: order.index(v.name))
     foreseen = trial.scores(indices_of(tuple(kept))).sum_of_squares
-    return FamilyChoice(chosen, tuple(told), foreseen)
+    return TermGroupSelection(chosen, tuple(told), foreseen)
 
 
 def trial_of(
     stage: Stage, always: Int[np.ndarray, " always"], tried: Int[np.ndarray, " tried"]
 ) -> Trial:
-    """Both halves of the dots, with what is in every model and what may be."""
+    """Statistics of both halves of the dots, with the parameters of every model and
+    those of the candidates."""
     deviation = np.where(stage.deviation > 0, stage.deviation, 1.0)
     return Trial(
         *_halves(stage.equations, stage),

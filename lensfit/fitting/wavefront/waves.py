@@ -1,17 +1,17 @@
-"""Broad marks drawn in waves: the blur of a point, convolved with discs or edges.
+"""Broad dots drawn in waves: the blur of a point, convolved with discs or edges.
 
-A hole narrower than a cell or two is a place for each ray (`dot_aperture`). A dot that
-is broad beside its rays' spacing is a disc with a sharp rim, an ellipse on the sensor.
-Its image is the blur of a point convolved with it,
+A dot aperture narrower than a cell or two is sampled by one point for each ray
+(`dot_aperture`). A dot that is broad beside its rays' spacing is a disc with a sharp
+rim, an ellipse on the sensor. Its image is the blur of a point convolved with it,
 
     image^(k) = blur^(k) 2 J1(|A'k|) / |A'k|,
 
-where A leads from the unit disc to the ellipse. Ink spreads and holes are cut to a
-tolerance: of a disc that is larger by a small share the transform changes by -2 J2 of
-the same number. Broad dots stand close, and where blur
-is wide they reach into each other's pictures: the lens blurs a neighbour as it does the
-dot itself, so that the discs beside belong to what is convolved. So rays are drawn as
-waves: of a ray at x, a Gaussian of variance v,
+where A maps the unit disc to the ellipse. Ink spreads and dot apertures are cut to a
+tolerance: if a disc is larger by a small share, the transform changes by -2 J2 of the
+same number per share. Broad dots stand close, and where blur is wide they reach into
+each other's patches: the lens blurs a neighbour as it does the dot itself, so the
+neighbouring discs are part of the pattern that is convolved. Rays are drawn as waves: a
+ray at x, a Gaussian of variance v, has the amplitudes
 
     cos(k x) exp(-k^2 v / 2)   and   sin(k x) exp(-k^2 v / 2)
 
@@ -49,47 +49,47 @@ from lensfit.fitting.wavefront.edges import rim_transfers, square_transfers
 from lensfit.kernel.pixels import FOOTPRINT, LEAST_SIGMA_PX, Profile
 from lensfit.kernel.spot import Spot
 
-AROUND = 12
+MARGIN_CELLS = 12
 """Cells on each side of the patch from which broad dots reach into it."""
 WAVES = 40
 """From the slowest on, whose period is patch and surroundings, besides the constant:
 on 24 cells up to five periods in six cells."""
-LEADING = 14
-"""Of the matrix, which only leads the way."""
+DESIGN_WAVES = 14
+"""Of the Gauss-Newton matrix, which needs less accuracy."""
 _CUTOFF = 3.5
 """Wave number times the deviation of a Gaussian that leaves 0.2 % of the wave."""
 _AT_ONCE = 256
-"""Dots whose transfers are made together, against memory."""
+"""Dots whose transfer functions are computed together, limited by memory."""
 _TINY = 1e-9
 
 
 class Transfer(NamedTuple):
-    """What the discs of a dot and of those beside it make of a wave, or the edges
+    """Transfer function of the discs of a dot and its neighbours, or of the edges
     around a corner or a rim.
 
     Attributes
     ----------
     pattern : Down both ways and to the right.
-    resized : Its change by the share that discs or bright squares are larger; none of
-        rims, which may lie elsewhere.
+    size_slope : Its derivative by the share by which discs or bright squares are
+        larger; zero for rims, whose position is free.
     width : Standard deviation of that share.
     edges : 1 for the edges around a corner or a rim, 0 for whole discs.
     """
 
     pattern: Complex[Numbers, "dots down right"]
-    resized: Complex[Numbers, "dots down right"]
+    size_slope: Complex[Numbers, "dots down right"]
     width: Float[Numbers, " dots"]
     edges: Float[Numbers, " dots"]
 
-    def of_size(self, larger: Float[Array, ""]) -> "Transfer":
+    def with_size_excess(self, size_excess: Float[Array, ""]) -> "Transfer":
         """That of discs larger by this share."""
-        change = larger.astype(self.resized.dtype) * self.resized
-        return self._replace(pattern=self.pattern + change)
+        as_size_slope = size_excess.astype(self.size_slope.dtype) * self.size_slope
+        return self._replace(pattern=self.pattern + as_size_slope)
 
     @property
-    def change(self) -> "Transfer":
-        """That which has the change for its pattern."""
-        return self._replace(pattern=self.resized)
+    def as_size_slope(self) -> "Transfer":
+        """The transfer function with the derivative by size as its pattern."""
+        return self._replace(pattern=self.size_slope)
 
 
 class Waves(Basis):
@@ -127,20 +127,20 @@ class Waves(Basis):
             rows, columns, rows_moved / self.cell_mm[1], columns_moved / self.cell_mm[0]
         )
 
-    def seen(
+    def cell_light(
         self, drawn: Float[Array, "*images size size"]
     ) -> Float[Array, "*images cells cells"]:
-        """Through discs or edges, and summed up at every cell."""
+        """Light of every cell: the waves times the transfer function, summed."""
         waves = _complex_of(drawn)
         transfer = jnp.broadcast_to(self.transfer, waves.shape).astype(waves.dtype)
         down, right = self._at_cells(waves.dtype)
         return jnp.real(down @ (waves * transfer) @ right.T)
 
-    def traced_back(
-        self, pull: Float[Array, "cells cells"]
+    def cell_light_transpose(
+        self, cotangent: Float[Array, "cells cells"]
     ) -> Float[Array, "size size"]:
-        """The transpose of `seen`."""
-        waves = lax.complex(pull, jnp.zeros_like(pull))
+        """The transpose of `cell_light`."""
+        waves = lax.complex(cotangent, jnp.zeros_like(cotangent))
         down, right = self._at_cells(waves.dtype)
         waves = down.T @ waves @ right
         return _real_of(waves * self.transfer.astype(waves.dtype))
@@ -157,7 +157,7 @@ class Waves(Basis):
         return jnp.concatenate([even, odd]), jnp.concatenate([-k * odd, k * even])
 
     def _at_cells(self, dtype: DTypeLike) -> tuple[Array, Array]:
-        """What the middle of every cell sees of the waves down and to the right."""
+        """Values of the waves at the middle of every cell, down and to the right."""
         middle = np.arange(self.cells) + 0.5 - self.cells / 2
         numbers = _wave_numbers(self.cells, self.transfer.shape[1] - 1)
         down, right = (np.exp(1j * middle[:, None] * k) for k in numbers)
@@ -177,7 +177,7 @@ def basis_of(
     ----------
     corner_mm, cell_mm : Of the patch.
     cells : Along its side (static).
-    transfer : Of one dot; None where rays leave from places.
+    transfer : Of one dot; None where rays sample the dot aperture.
     waves : Of them, up to `WAVES` (static).
     """
     if transfer is None:
@@ -186,7 +186,7 @@ def basis_of(
     return Waves(corner_mm, cell_mm, cells, transfer.pattern[slow, : waves + 1])
 
 
-def waves_left(smoothing: float, cells: int) -> int:
+def waves_after_smoothing(smoothing: float, cells: int) -> int:
     """How many waves smoothing leaves.
 
     Parameters
@@ -202,7 +202,7 @@ def waves_left(smoothing: float, cells: int) -> int:
 def transfers_of(
     broad: Broad, cell_mm: Float[np.ndarray, "dots 2"], cells: int
 ) -> Transfer:
-    """Of every mark, seen by cells; in single precision.
+    """Transfer functions of all targets, integrated over cells; in single precision.
 
     Parameters
     ----------
@@ -211,30 +211,30 @@ def transfers_of(
     corners, rims = are_corners(broad), are_rims(broad)
     whole = np.flatnonzero(~(corners | rims))
     pattern = np.zeros((len(cell_mm), 2 * WAVES + 1, WAVES + 1), np.complex64)
-    resized = np.zeros_like(pattern)
+    size_slope = np.zeros_like(pattern)
     for start in range(0, len(whole), _AT_ONCE):
         s = whole[start : start + _AT_ONCE]
-        pattern[s], resized[s] = _of_discs(
-            broad.disc_mm[s], broad.beside_mm[s], cell_mm[s], cells
+        pattern[s], size_slope[s] = _of_discs(
+            broad.disc_mm[s], broad.neighbour_offsets_mm[s], cell_mm[s], cells
         )
     waves = _period(cells), WAVES
-    seen = _seen_by_cells(*_wave_numbers(cells, WAVES))
+    seen = _cell_response(*_wave_numbers(cells, WAVES))
     square_cells = broad.square_mm / cell_mm[:, :, None]
     squares = square_transfers(square_cells[corners], *waves)
-    pattern[corners], resized[corners] = (seen * part for part in squares)
+    pattern[corners], size_slope[corners] = (seen * part for part in squares)
     disc_cells = broad.disc_mm / cell_mm[:, :, None]
     to_middle_cells = broad.rim_mm / cell_mm
-    beside_cells = broad.beside_mm / cell_mm[:, None]
+    neighbour_offsets_cells = broad.neighbour_offsets_mm / cell_mm[:, None]
     pattern[rims] = seen * rim_transfers(
-        disc_cells[rims], to_middle_cells[rims], beside_cells[rims], *waves
+        disc_cells[rims], to_middle_cells[rims], neighbour_offsets_cells[rims], *waves
     )
     edges = (corners | rims).astype(float)
-    return Transfer(pattern, resized, np.asarray(broad.size_width), edges)
+    return Transfer(pattern, size_slope, np.asarray(broad.size_width), edges)
 
 
 def _of_discs(
     disc_mm: Float[np.ndarray, "dots 2 2"],
-    beside_mm: Float[np.ndarray, "dots neighbours 2"],
+    neighbour_offsets_mm: Float[np.ndarray, "dots neighbours 2"],
     cell_mm: Float[np.ndarray, "dots 2"],
     cells: int,
 ) -> tuple[
@@ -246,22 +246,22 @@ def _of_discs(
     disc = (disc_mm / cell_mm[:, :, None])[..., None, None]
     x = [disc[:, 0, k] * right + disc[:, 1, k] * down[:, None] for k in (0, 1)]
     x = np.maximum(np.hypot(*x), _TINY)
-    box = _seen_by_cells(down, right) / period**2
-    beside = beside_mm / cell_mm[:, None]
+    box = _cell_response(down, right) / period**2
+    beside = neighbour_offsets_mm / cell_mm[:, None]
     near = (np.abs(beside) < period / 2).all(-1)
     along_x = np.exp(-1j * np.nan_to_num(beside[..., :1]) * right)
     along_y = np.exp(-1j * np.nan_to_num(beside[..., 1:]) * down)
     discs = 1 + np.einsum("dn,dnr,dnc->drc", near, along_y, along_x, optimize=True)
     each = 2 * j1(x) / x, -2 * jv(2, x)
-    disc, resized = ((part * box * discs).astype(np.complex64) for part in each)
-    return disc, resized
+    disc, size_slope = ((part * box * discs).astype(np.complex64) for part in each)
+    return disc, size_slope
 
 
-def _seen_by_cells(
+def _cell_response(
     down: Float[np.ndarray, " down"], right: Float[np.ndarray, " right"]
 ) -> Float[np.ndarray, "down right"]:
-    """What a cell sees of each wave; those to the left are not there, each to the right
-    stands for both."""
+    """Response of a cell to each wave; waves to the left are omitted, each to the right
+    counts twice."""
     box = np.sinc(right / (2 * np.pi)) * np.sinc(down / (2 * np.pi))[:, None]
     return box * np.where(right > 0, 2, 1)
 
@@ -293,10 +293,10 @@ def _complex_of(
     return jnp.concatenate([back[..., :0:-1, :], on], -2)
 
 
-def _real_of(pull: Complex[Array, "down right"]) -> Float[Array, "size size"]:
+def _real_of(cotangent: Complex[Array, "down right"]) -> Float[Array, "size size"]:
     """The transpose of `_complex_of`: a derivative by cosines and sines."""
-    n = pull.shape[1]
-    on, back = pull[n - 1 :], jnp.pad(pull[: n - 1][::-1], ((1, 0), (0, 0)))
+    n = cotangent.shape[1]
+    on, back = cotangent[n - 1 :], jnp.pad(cotangent[: n - 1][::-1], ((1, 0), (0, 0)))
     real, imaginary = jnp.real(on + back), jnp.imag(on + back)
     return jnp.block([[real, imaginary], [jnp.imag(on - back), jnp.real(back - on)]])
 
@@ -315,4 +315,4 @@ def _slowest(cells: int) -> float:
 
 def _period(cells: int) -> int:
     """Of the slowest wave, cells."""
-    return cells + 2 * AROUND
+    return cells + 2 * MARGIN_CELLS

@@ -110,7 +110,7 @@ def _targets_not_found(observed: Sequence[Observed]) -> Iterator[Contradiction]:
     )
 
 
-def in_order(found: Sequence[Contradiction]) -> list[Contradiction]:
+def gravest_first(found: Sequence[Contradiction]) -> list[Contradiction]:
     """The one that limits most first; of those alike the most specific cause."""
     unique = {(one.kind, one.text): one for one in found}
     return sorted(

@@ -19,7 +19,7 @@ import numpy as np
 from lensfit.detect.cutouts import CELLS
 from lensfit.fitting.stated_facts import ORDINARY_WIDTHS
 from lensfit.fitting.wavefront.dots import Dots
-from lensfit.fitting.wavefront.gather import Gathered, Group
+from lensfit.fitting.wavefront.gather import DotData, FocusGroup
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.optics.paraxial import FirstOrder
 from lensfit.optics.terms import decentring_terms, rotational_terms
@@ -147,7 +147,7 @@ def dots_at(places_mm: np.ndarray, group: int, stop: int, cell_mm: float) -> Dot
     count = len(places_mm)
     return Dots(
         field_mm=np.asarray(places_mm, float),
-        magnified=np.ones(count),
+        principal_distance_ratio=np.ones(count),
         group=np.full(count, group),
         stop=np.full(count, stop),
         stop_radius=np.full(count, F_NUMBERS[0] / F_NUMBERS[stop]),
@@ -157,7 +157,7 @@ def dots_at(places_mm: np.ndarray, group: int, stop: int, cell_mm: float) -> Dot
         vergence=np.full(count, 1 / (REFERENCE_MM - PRINCIPAL_MM)),
         reference=np.full(count, 1 / (REFERENCE_MM - PRINCIPAL_MM)),
         lateral_mm=np.zeros((count, 3, 1, 2)),
-        filled_mm=np.zeros((count, 2, 2)),
+        sampled_ellipse_mm=np.zeros((count, 2, 2)),
         variance_mm2=np.full((count, 2), HOLE_VARIANCE_MM2),
         cell_mm=np.full((count, 2), cell_mm),
     )
@@ -171,7 +171,7 @@ def photographed(
     rays: int = 60_000,
     places_mm: np.ndarray = PLACES_MM,
     seed: int = 0,
-) -> Gathered:
+) -> DotData:
     """Every dot of every shot, in grey, with noise as a share of its peak.
 
     Each has its own brightness and background, and lies anywhere within its cells.
@@ -196,21 +196,21 @@ def photographed(
             light.append(one + rng.uniform(0, 0.02) + grain)
             centroid.append(x.mean(0) - corner)
             diameter.append(4 * np.sqrt(x.var(0).sum() / 2))
-    return _gathered(shots, rows, *map(np.array, (light, centroid, diameter, spread)))
+    return _dot_data(shots, rows, *map(np.array, (light, centroid, diameter, spread)))
 
 
-def _gathered(shots, rows, light, centroid, diameter, spread) -> Gathered:
+def _dot_data(shots, rows, light, centroid, diameter, spread) -> DotData:
     count = len(light)
-    groups: dict[int, Group] = {}
+    groups: dict[int, FocusGroup] = {}
     for shot in shots:
         name = "" if shot.focus_mm else f"group {shot.group}"
-        groups[shot.group] = Group(shot.focus_mm, REFERENCE_MM, name)
+        groups[shot.group] = FocusGroup(shot.focus_mm, REFERENCE_MM, name)
     valid = np.zeros((count, 3, CELLS, CELLS), bool)
     valid[:, 1] = True
     focal = 1 / (1 / PRINCIPAL_MM + 1 / (REFERENCE_MM - PRINCIPAL_MM))
     each = len(rows[0].group)
-    return Gathered(
-        shown=tuple(
+    return DotData(
+        photographs=tuple(
             SimpleNamespace(
                 take=SimpleNamespace(
                     widths=ORDINARY_WIDTHS, f_number=F_NUMBERS[shot.stop]

@@ -4,23 +4,25 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from lensfit.fitting.wavefront.shapes import spread_of
+from lensfit.fitting.wavefront.shapes import shape_jacobian
 
 
 class Moves(NamedTuple):
     """Last axis: parameters."""
 
     spot: object
-    moved_mm: jnp.ndarray
-    brightened: jnp.ndarray
+    landing_slopes_mm: jnp.ndarray
+    weight_slopes: jnp.ndarray
 
 
 def by_parameters(rays, dot, layout, scale) -> Moves:
     """Of `rays.Rays` before a dot."""
-    spread = spread_of(dot, layout, scale)
-    of_opening = spread[len(spread) - len(rays.brightened) :]
+    jacobian = shape_jacobian(dot, layout, scale)
+    of_opening = jacobian[len(jacobian) - len(rays.weight_slopes) :]
     return Moves(
         rays.spot,
-        jnp.einsum("sir,sp->rip", rays.moved_mm, spread),
-        jnp.einsum("or,op->rp", rays.brightened, of_opening)[:, layout.opening],
+        jnp.einsum("sir,sp->rip", rays.landing_slopes_mm, jacobian),
+        jnp.einsum("or,op->rp", rays.weight_slopes, of_opening)[
+            :, layout.pupil_parameters
+        ],
     )

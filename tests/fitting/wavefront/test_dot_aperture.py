@@ -8,12 +8,12 @@ from drawn_lens import LAYOUT, SCALE, SINE, Seidel, dots_at
 from scipy.special import j1
 
 from lensfit.fitting.wavefront.dot_aperture import (
-    hole_of,
-    left_from_mm,
+    dot_aperture_of,
+    gaussian_dot_aperture,
     places_in_disc,
-    soft_hole,
+    ray_origins_mm,
 )
-from lensfit.fitting.wavefront.rays import spot_seen
+from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.kernel.pixels import image_of, profile_of
 
@@ -38,23 +38,23 @@ def test_places_fill_a_disc(count, off):
 @pytest.mark.parametrize("blur_mm", [0.0, 0.01, 0.05, 0.5])
 def test_second_moments_are_those_of_the_hole(blur_mm):
     diameter = 2 * np.sqrt(np.sum(OVAL**2) / 2 + blur_mm**2)
-    hole = hole_of(OVAL[None], np.array([diameter]))
-    places = np.asarray(left_from_mm(jnp.asarray(hole.filled_mm[0]), 4096))
+    hole = dot_aperture_of(OVAL[None], np.array([diameter]))
+    places = np.asarray(ray_origins_mm(jnp.asarray(hole.sampled_ellipse_mm[0]), 4096))
     found = places.var(0) + hole.variance_mm2[0]
     np.testing.assert_allclose(found, np.sum(OVAL**2, 1) / 4, rtol=5e-3)
 
 
 def test_places_have_all_of_a_hole_in_focus_and_nothing_of_one_in_a_wide_blur():
     whole = np.tile(0.01 * np.eye(2), (2, 1, 1))
-    hole = hole_of(whole, np.array([0.02, 2.0]))
-    np.testing.assert_allclose(hole.filled_mm[0], whole[0])
+    hole = dot_aperture_of(whole, np.array([0.02, 2.0]))
+    np.testing.assert_allclose(hole.sampled_ellipse_mm[0], whole[0])
     assert not hole.variance_mm2[0].any()
-    assert np.abs(hole.filled_mm[1]).max() < 0.05 * whole.max()
+    assert np.abs(hole.sampled_ellipse_mm[1]).max() < 0.05 * whole.max()
 
 
 def test_a_soft_hole_is_a_gaussian_of_the_same_second_moments():
-    hole = soft_hole(OVAL[None])
-    assert not hole.filled_mm.any()
+    hole = gaussian_dot_aperture(OVAL[None])
+    assert not hole.sampled_ellipse_mm.any()
     np.testing.assert_allclose(hole.variance_mm2[0], np.sum(OVAL**2, 1) / 4)
 
 
@@ -64,8 +64,10 @@ def _image(defocus_mm, hole_mm, place_mm):
     cone_mm = abs(defocus_mm) * SINE
     dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)
     diameter = 2 * np.hypot(cone_mm, np.sqrt(np.sum(hole_mm**2) / 2))
-    hole = hole_of(hole_mm[None], np.array([diameter]))
-    dots = dots._replace(filled_mm=hole.filled_mm, variance_mm2=hole.variance_mm2)
+    hole = dot_aperture_of(hole_mm[None], np.array([diameter]))
+    dots = dots._replace(
+        sampled_ellipse_mm=hole.sampled_ellipse_mm, variance_mm2=hole.variance_mm2
+    )
     dot = type(dots)(*(a if a is None else jnp.asarray(a[0]) for a in dots))
     numbers = jnp.asarray(lens.parameters())
     found = _fitted_image(numbers, dot, place_mm)
@@ -74,7 +76,7 @@ def _image(defocus_mm, hole_mm, place_mm):
 
 @jax.jit
 def _fitted_image(numbers, dot, place_mm):
-    spot, _ = spot_seen(numbers, dot, GREY, LAYOUT, SCALE, RAYS)
+    spot, _ = spot_and_pullback(numbers, dot, GREY, LAYOUT, SCALE, RAYS)
     profile = profile_of(spot, -place_mm, dot.cell_mm, CELLS, dot.variance_mm2)
     return image_of(spot, profile)
 

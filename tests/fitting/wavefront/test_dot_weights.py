@@ -7,9 +7,9 @@ import pytest
 from drawn_lens import Seidel, Shot, photographed
 
 from lensfit.fitting.wavefront.dot_weights import (
-    first_weights,
+    initial_weights,
     relative_misfit,
-    weights_after,
+    robust_weights,
 )
 
 READ, SHOT = 1e-3, 5e-4
@@ -29,8 +29,8 @@ def noisy():
 
 
 def test_weights_are_the_inverse_of_the_variance(noisy):
-    gathered, residual, background, deviation = noisy
-    weight = weights_after(gathered, residual, background, 0.0)[:, 1]
+    dot_data, residual, background, deviation = noisy
+    weight = robust_weights(dot_data, residual, background, 0.0)[:, 1]
     ratio = np.sqrt(weight) * deviation[:, 1]
     bright = deviation[:, 1] > 3 * READ
     assert bright.sum() > 100
@@ -40,41 +40,41 @@ def test_weights_are_the_inverse_of_the_variance(noisy):
 
 
 def test_a_dot_that_is_missed_loses_its_say(noisy):
-    gathered, residual, background, _ = noisy
-    usual = weights_after(gathered, residual, background, 0.02)[:, 1]
+    dot_data, residual, background, _ = noisy
+    usual = robust_weights(dot_data, residual, background, 0.02)[:, 1]
     odd = residual.copy()
     odd[2] *= 12.0
-    weight = weights_after(gathered, odd, background, 0.02)[:, 1]
+    weight = robust_weights(dot_data, odd, background, 0.02)[:, 1]
     total, before = weight.sum((1, 2)), usual.sum((1, 2))
     assert total[2] < 0.2 * before[2]
     np.testing.assert_allclose(np.median(total / before), 1.0, atol=0.1)
 
 
 def test_a_clipped_cell_counts_only_where_the_model_is_darker(noisy):
-    gathered, residual, background, _ = noisy
-    clipped = np.zeros_like(gathered.clipped)
+    dot_data, residual, background, _ = noisy
+    clipped = np.zeros_like(dot_data.clipped)
     clipped[0, 1, 10:14, 10:14] = True
-    marked = replace(gathered, clipped=clipped)
-    weight = weights_after(marked, residual, background, 0.02)
+    marked = replace(dot_data, clipped=clipped)
+    weight = robust_weights(marked, residual, background, 0.02)
     np.testing.assert_array_equal(
         weight[0, 1, 10:14, 10:14] > 0, residual[0, 1, 10:14, 10:14] > 0
     )
-    assert not np.any(first_weights(marked, 0.02)[clipped])
+    assert not np.any(initial_weights(marked, 0.02)[clipped])
 
 
 def test_masked_cells_never_count(noisy):
-    gathered, residual, background, _ = noisy
+    dot_data, residual, background, _ = noisy
     for weight in (
-        first_weights(gathered, 0.02),
-        weights_after(gathered, residual, background, 0.02),
+        initial_weights(dot_data, 0.02),
+        robust_weights(dot_data, residual, background, 0.02),
     ):
-        assert not np.any(weight[~gathered.valid])
-        assert np.all(weight[gathered.valid] > 0)
+        assert not np.any(weight[~dot_data.valid])
+        assert np.all(weight[dot_data.valid] > 0)
 
 
 def test_the_misfit_is_relative_to_the_dot(noisy):
-    gathered, _, background, _ = noisy
-    signal = gathered.light - background[..., None, None]
-    misfit = relative_misfit(gathered, 0.1 * signal, background)
+    dot_data, _, background, _ = noisy
+    signal = dot_data.light - background[..., None, None]
+    misfit = relative_misfit(dot_data, 0.1 * signal, background)
     np.testing.assert_allclose(misfit[:, 1], 0.1, rtol=1e-9)
     assert np.isnan(misfit[:, 0]).all()

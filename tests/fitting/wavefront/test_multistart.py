@@ -9,15 +9,16 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, dots_at
 
 from lensfit.errors import FitError
+from lensfit.fitting.wavefront import multistart
 from lensfit.fitting.wavefront.light_centroid import polar_landings
 from lensfit.fitting.wavefront.multistart import (
-    Valley,
-    left_of,
+    Candidate,
+    is_side_determined,
+    open_candidates,
+    rejected_candidates,
     runs_against_statements,
-    side_is_told,
-    still_open,
 )
-from lensfit.fitting.wavefront.parameters import mirrored
+from lensfit.fitting.wavefront.parameters import mirror_through_focus
 from lensfit.fitting.wavefront.shapes import Colour
 
 BLOCKS = LAYOUT.blocks
@@ -50,7 +51,7 @@ def test_a_mirrored_lens_sends_every_ray_where_the_opposite_one_went(place, with
     """Off the axis oblique cones tell the two apart, by a little."""
     lens = some_lens()
     here = landings_mm(lens, place)
-    there = landings_mm(mirrored(lens, LAYOUT), place)
+    there = landings_mm(mirror_through_focus(lens, LAYOUT), place)
     apart = np.linalg.norm(here[:, None] - there[None], axis=-1).min(1)
     assert apart.max() <= within * np.ptp(here)
     assert not np.allclose(here, there)
@@ -58,59 +59,62 @@ def test_a_mirrored_lens_sends_every_ray_where_the_opposite_one_went(place, with
 
 def test_the_mirror_image_of_the_mirror_image_is_the_lens():
     lens = some_lens()
-    twice = mirrored(mirrored(lens, LAYOUT), LAYOUT)
+    twice = mirror_through_focus(mirror_through_focus(lens, LAYOUT), LAYOUT)
     twice[BLOCKS["iris"].start + 1] -= 2 * np.pi
     np.testing.assert_allclose(twice, lens, atol=1e-12)
 
 
-def at(cost, *defocus_mm, off_mm=0.0, gathered=None):
+def at(cost, *defocus_mm, defocus_misfit_mm=0.0, dot_data=None):
     parameters = np.zeros(LAYOUT.size)
     parameters[DEFOCUS][: len(defocus_mm)] = defocus_mm
-    stage = SimpleNamespace(layout=LAYOUT, parameters=parameters, gathered=gathered)
-    return Valley(stage, cost, off_mm)
+    stage = SimpleNamespace(layout=LAYOUT, parameters=parameters, dot_data=dot_data)
+    return Candidate(stage, cost, defocus_misfit_mm)
 
 
 def test_each_place_stays_open_once_and_no_hopeless_one():
     near, same, other = at(1.0, 0.5, 0.4), at(1.01, 0.51, 0.4), at(1.3, 0.2, 0.1)
     hopeless = at(1.6, 0.9, 0.8)
-    assert still_open([hopeless, other, same, near], 1.5, 3) == [near, other]
+    assert open_candidates([hopeless, other, same, near], 1.5, 3) == [near, other]
 
 
 def test_statements_rank_what_the_photographs_leave_open():
-    best, as_good = at(1.0, 0.5, off_mm=0.4), at(1.05, 0.2, off_mm=0.1)
-    worse = at(1.3, 0.1, off_mm=0.0)
-    assert still_open([best, as_good, worse], 1.5, 2) == [as_good, best]
-    assert still_open([best, worse], 1.5, 1) == [best]
+    best, as_good = (
+        at(1.0, 0.5, defocus_misfit_mm=0.4),
+        at(1.05, 0.2, defocus_misfit_mm=0.1),
+    )
+    worse = at(1.3, 0.1, defocus_misfit_mm=0.0)
+    assert open_candidates([best, as_good, worse], 1.5, 2) == [as_good, best]
+    assert open_candidates([best, worse], 1.5, 1) == [best]
     # Of those that explain clearly less, the deeper ones go on, whatever was stated.
-    less = at(1.2, 0.35, off_mm=0.9)
-    assert still_open([worse, less, best], 1.5, 2) == [best, less]
+    less = at(1.2, 0.35, defocus_misfit_mm=0.9)
+    assert open_candidates([worse, less, best], 1.5, 2) == [best, less]
 
 
 def test_the_best_one_across_focus_is_kept_where_the_side_is_open():
     best, second, across = at(1.0, 0.5), at(1.05, 0.3), at(1.2, -0.5)
     found = [across, second, best]
-    assert still_open(found, 1.5, 2, both_sides=True) == [best, across]
-    assert still_open(found, 1.5, 2) == [best, second]
-    assert still_open(found, 1.15, 2, both_sides=True) == [best, second]
+    assert open_candidates(found, 1.5, 2, both_sides=True) == [best, across]
+    assert open_candidates(found, 1.5, 2) == [best, second]
+    assert open_candidates(found, 1.15, 2, both_sides=True) == [best, second]
 
 
 def test_starts_that_all_failed_are_told():
     with pytest.raises(FitError, match="shape of the dots"):
-        still_open([at(np.inf, 0.3)], 1.5, 2)
+        open_candidates([at(np.inf, 0.3)], 1.5, 2)
 
 
 @pytest.mark.parametrize(("cost", "told"), [(1.05, False), (1.2, True)])
 def test_a_side_is_told_where_the_other_one_explains_clearly_less(cost, told):
     best, like_it = at(1.0, 0.5), at(1.01, 0.2)
-    assert side_is_told([at(cost, -0.5), best, like_it]) is told
-    assert side_is_told([best, like_it])
+    assert is_side_determined([at(cost, -0.5), best, like_it]) is told
+    assert is_side_determined([best, like_it])
     # Takes in focus have no side.
-    assert side_is_told([at(1.0, 0.5, 0.01), at(1.01, 0.5, -0.01)])
+    assert is_side_determined([at(1.0, 0.5, 0.01), at(1.01, 0.5, -0.01)])
 
 
 def test_what_was_left_comes_by_depth_without_failures():
     best, second, third, failed = at(1.0, 0.5), at(2.0, 0.2), at(1.5, 0.1), at(np.inf)
-    left = left_of([failed, second, best, third], [best])
+    left = rejected_candidates([failed, second, best, third], [best])
     assert [one.cost for one in left] == [1.5, 2.0]
 
 
@@ -130,11 +134,11 @@ STATED_MM = np.array([0.0, 0.33, -0.31])
 def test_takes_in_another_order_than_stated_run_against_it(
     monkeypatch, found_mm, against
 ):
-    monkeypatch.setattr(valleys, "stated_defocus_mm", lambda _: STATED_MM)
+    monkeypatch.setattr(multistart, "stated_defocus_mm", lambda _: STATED_MM)
     assert runs_against_statements(at(1.0, *found_mm).stage) == against
 
 
 def test_what_nobody_stated_runs_against_nothing(monkeypatch):
     one_alone = np.array([0.33, np.nan, np.nan])
-    monkeypatch.setattr(valleys, "stated_defocus_mm", lambda _: one_alone)
+    monkeypatch.setattr(multistart, "stated_defocus_mm", lambda _: one_alone)
     assert not runs_against_statements(at(1.0, 0.1, 0.2, 0.3).stage)

@@ -8,21 +8,22 @@ import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
 from lensfit.fitting.trial import Scores
+from lensfit.fitting.wavefront import term_group_selection
 from lensfit.fitting.wavefront.fit import _notes
 from lensfit.fitting.wavefront.misfit import held_out_dots, held_out_take
 from lensfit.fitting.wavefront.stages import (
     chi_squared,
     first_stage,
-    freed,
-    settled,
-    solved,
+    recentre_patches,
+    set_priors,
+    solve_stage,
 )
-from lensfit.fitting.wavefront.term_group_selection import choose
+from lensfit.fitting.wavefront.term_group_selection import select_term_groups
 from lensfit.fitting.wavefront.term_groups import (
     LAST,
     SEIDEL,
+    candidate_term_groups,
     deviation_of,
-    families_of,
     indices_of,
 )
 
@@ -34,13 +35,13 @@ DEFOCUS = LAYOUT.blocks["defocus"]
 def fitted(lens: Seidel, allowed=None):
     """Everything free, from a start without what decentring adds."""
     places = np.concatenate([PLACES_MM, -PLACES_MM[1:] + [1.0, 2.0]])
-    gathered = photographed(lens, SHOTS, places_mm=places, seed=3)
+    dot_data = photographed(lens, SHOTS, places_mm=places, seed=3)
     start = replace(lens, constant_coma_um=0.0).parameters()
-    families = families_of(gathered, LAYOUT, start[DEFOCUS], allowed)
-    stage = freed(
-        first_stage(gathered, LAYOUT, start), deviation_of(families, LAYOUT, LAST)
+    term_groups = candidate_term_groups(dot_data, LAYOUT, start[DEFOCUS], allowed)
+    stage = set_priors(
+        first_stage(dot_data, LAYOUT, start), deviation_of(term_groups, LAYOUT, LAST)
     )
-    return solved(solved(settled(stage), 8), 8), families
+    return solve_stage(solve_stage(recentre_patches(stage), 8), 8), term_groups
 
 
 @pytest.fixture(scope="module")
@@ -49,12 +50,16 @@ def centred():
 
 
 def test_decentring_that_is_there_is_kept():
-    choice = choose(*fitted(replace(LENS, constant_coma_um=5.0)))
-    assert "decentred_elements" in {family.name for family in choice.families}
-    verdict = next(v for v in choice.verdicts if v.name == "decentred_elements")
-    assert verdict.kept
-    assert verdict.bic_gain > 100
-    assert verdict.held_out_gain > 0.05
+    choice = select_term_groups(*fitted(replace(LENS, constant_coma_um=5.0)))
+    assert "decentred_elements" in {
+        term_group.name for term_group in choice.term_groups
+    }
+    term_decision = next(
+        v for v in choice.term_decisions if v.name == "decentred_elements"
+    )
+    assert term_decision.kept
+    assert term_decision.bic_gain > 100
+    assert term_decision.held_out_gain > 0.05
 
 
 def test_a_gain_is_a_share_of_what_was_left_without_the_term(centred, monkeypatch):
@@ -64,44 +69,51 @@ def test_a_gain_is_a_share_of_what_was_left_without_the_term(centred, monkeypatc
         return Scores(1.0, -100.0 * len(indices), 4.0 ** -len(indices))
 
     fake = SimpleNamespace(scores=scores)
-    monkeypatch.setattr(evidence, "trial_of", lambda *_: fake)
-    stage, families = centred
-    numbers = {f.name: len(indices_of((f,))) for f in families}
-    verdicts = choose(stage, families).verdicts
-    assert verdicts
-    for verdict in verdicts:
-        expected = 1 - 4.0 ** -numbers[verdict.name]
-        assert verdict.held_out_gain == pytest.approx(expected, rel=1e-12)
+    monkeypatch.setattr(term_group_selection, "trial_of", lambda *_: fake)
+    stage, term_groups = centred
+    numbers = {f.name: len(indices_of((f,))) for f in term_groups}
+    term_decisions = select_term_groups(stage, term_groups).term_decisions
+    assert term_decisions
+    for term_decision in term_decisions:
+        expected = 1 - 4.0 ** -numbers[term_decision.name]
+        assert term_decision.held_out_gain == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_centred_lens_is_left_centred(centred):
-    choice = choose(*centred)
-    names = [family.name for family in choice.families]
+    choice = select_term_groups(*centred)
+    names = [term_group.name for term_group in choice.term_groups]
     assert names == ["defocus", "third_order", "rims", "pupil_coma", "blades"]
-    assert not any(verdict.kept for verdict in choice.verdicts)
-    assert {v.name for v in choice.verdicts} >= {"decentred_elements", "exit_pupil"}
+    assert not any(term_decision.kept for term_decision in choice.term_decisions)
+    assert {v.name for v in choice.term_decisions} >= {
+        "decentred_elements",
+        "exit_pupil",
+    }
 
 
 def test_what_is_refined_stays():
     """Nobody asks for the exit pupil here; as the lower term of the series that ends
     with what decentred elements do, which is asked for, it stays all the same."""
-    stage, families = fitted(replace(LENS, constant_coma_um=5.0))
+    stage, term_groups = fitted(replace(LENS, constant_coma_um=5.0))
     series = {"exit_pupil": "axial_colour", "decentred_elements": "axial_colour_curved"}
-    named = tuple(replace(f, name=series.get(f.name, f.name)) for f in families)
-    choice = choose(stage, named)
-    assert set(series.values()) <= {family.name for family in choice.families}
-    of_name = {verdict.name: verdict for verdict in choice.verdicts}
+    named = tuple(replace(f, name=series.get(f.name, f.name)) for f in term_groups)
+    choice = select_term_groups(stage, named)
+    assert set(series.values()) <= {
+        term_group.name for term_group in choice.term_groups
+    }
+    of_name = {
+        term_decision.name: term_decision for term_decision in choice.term_decisions
+    }
     assert of_name["axial_colour"].kept
     assert "refine" in of_name["axial_colour"].reason
     assert "refine" not in of_name["axial_colour_curved"].reason
 
 
 def test_a_lens_of_third_order_may_be_asked_for(centred):
-    stage, families = fitted(replace(LENS, constant_coma_um=5.0), SEIDEL)
-    assert {family.name for family in families} == SEIDEL
-    choice = choose(stage, families)
-    assert (choice.families, choice.verdicts) == (families, ())
-    fixed = np.setdiff1d(np.arange(LAYOUT.size), indices_of(families))
+    stage, term_groups = fitted(replace(LENS, constant_coma_um=5.0), SEIDEL)
+    assert {term_group.name for term_group in term_groups} == SEIDEL
+    choice = select_term_groups(stage, term_groups)
+    assert (choice.term_groups, choice.term_decisions) == (term_groups, ())
+    fixed = np.setdiff1d(np.arange(LAYOUT.size), indices_of(term_groups))
     np.testing.assert_array_equal(stage.parameters[fixed], stage.mean[fixed])
     whole, _ = centred
     assert chi_squared(stage) > 2 * chi_squared(whole)
@@ -110,15 +122,15 @@ def test_a_lens_of_third_order_may_be_asked_for(centred):
 def test_a_take_left_out_is_predicted_as_a_refit_would(centred):
     """In retrospect, against a fit that really has not seen it."""
     stage, _ = centred
-    families = _determined(centred)
-    stage = freed(stage, deviation_of(families, LAYOUT, LAST))
-    stage = solved(solved(stage, 8), 1)
+    term_groups = _determined(centred)
+    stage = set_priors(stage, deviation_of(term_groups, LAYOUT, LAST))
+    stage = solve_stage(solve_stage(stage, 8), 1)
     take = 3
-    mine = stage.gathered.take == take
-    told = held_out_take(stage, families, take)
+    mine = stage.dot_data.take == take
+    told = held_out_take(stage, term_groups, take)
     blind = replace(stage, weight=stage.weight * ~mine[:, None, None, None])
-    without = solved(solved(blind, 8), 8)
-    again = solved(replace(without, weight=stage.weight), 1)
+    without = solve_stage(solve_stage(blind, 8), 8)
+    again = solve_stage(replace(without, weight=stage.weight), 1)
     left = [2 * take, 2 * take + 1]
     now, then = (s.equations.chi_squared[left].sum() for s in (stage, again))
     assert told is not None
@@ -127,22 +139,22 @@ def test_a_take_left_out_is_predicted_as_a_refit_would(centred):
 
 
 def _determined(centred):
-    _, families = centred
-    return tuple(f for f in families if f.name in ("defocus", "third_order"))
+    _, term_groups = centred
+    return tuple(f for f in term_groups if f.name in ("defocus", "third_order"))
 
 
 def test_a_take_alone_in_its_group_keeps_its_own_defocus(centred):
     """Nobody else could know it: it is taken as known, and the rest predicts."""
-    stage, families = centred
-    group = np.where(stage.gathered.take == 3, 2, stage.gathered.dots.group)
-    dots = stage.gathered.dots._replace(group=group)
-    own = replace(stage, gathered=replace(stage.gathered, dots=dots))
+    stage, term_groups = centred
+    group = np.where(stage.dot_data.take == 3, 2, stage.dot_data.dots.group)
+    dots = stage.dot_data.dots._replace(group=group)
+    own = replace(stage, dot_data=replace(stage.dot_data, dots=dots))
     third = DEFOCUS.start + 2
     wide = tuple(
         replace(f, indices=(*f.indices, third), deviation=(*f.deviation, 9.0))
         if f.name == "defocus"
         else f
-        for f in families
+        for f in term_groups
     )
     own = replace(own, deviation=deviation_of(wide, LAYOUT, LAST))
     told = held_out_take(own, wide, 3)
@@ -152,10 +164,10 @@ def test_a_take_alone_in_its_group_keeps_its_own_defocus(centred):
 
 
 def test_dots_left_out_are_predicted_nearly_as_well(centred):
-    stage, families = centred
+    stage, term_groups = centred
     factor = held_out_dots(stage, _determined(centred))
     assert 0.99 < factor < 1.2
-    assert held_out_dots(stage, families) > factor
+    assert held_out_dots(stage, term_groups) > factor
 
 
 @pytest.mark.parametrize(

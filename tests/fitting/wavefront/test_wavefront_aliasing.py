@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-from lensfit.fitting.wavefront.aliasing import aliased
-from lensfit.fitting.wavefront.drawn import with_rims
+from lensfit.fitting.wavefront.aliasing import centroid_and_brightness_errors
+from lensfit.fitting.wavefront.drawn import sharp_edged_images
 from lensfit.mosaic import MOSAICS, photosites
 
 CELLS = 24
@@ -28,7 +28,9 @@ def own_of(mosaic) -> np.ndarray:
 def test_aliasing_is_that_of_the_first_harmonics(mosaic, centre):
     """Poisson's summation of a Gaussian of a pixel, of period 2: to first order."""
     sigma, middle = 0.9, CELLS / 2
-    moved, brightened = aliased(gaussian(sigma, centre), own_of(mosaic))
+    moved, brightened = centroid_and_brightness_errors(
+        gaussian(sigma, centre), own_of(mosaic)
+    )
     damping = np.exp(-((np.pi * sigma) ** 2) / 2)
     for k in (0, 2):
         row, column = np.argwhere(own_of(mosaic)[0, k, :2, :2])[0]
@@ -44,17 +46,23 @@ def test_aliasing_is_that_of_the_first_harmonics(mosaic, centre):
 
 @pytest.mark.parametrize("mosaic", MOSAICS)
 def test_wide_spots_are_not_aliased(mosaic):
-    moved, brightened = aliased(gaussian(2.0, (0.3, 0.4)), own_of(mosaic))
+    moved, brightened = centroid_and_brightness_errors(
+        gaussian(2.0, (0.3, 0.4)), own_of(mosaic)
+    )
     np.testing.assert_allclose(moved, 0, atol=1e-5)
     np.testing.assert_allclose(brightened, 1, atol=1e-5)
 
 
 def test_nothing_is_done_without_a_mosaic_or_light():
     everywhere = np.ones((1, 3, CELLS, CELLS), bool)
-    moved, brightened = aliased(gaussian(0.5, (0.1, 0.2)), everywhere)
+    moved, brightened = centroid_and_brightness_errors(
+        gaussian(0.5, (0.1, 0.2)), everywhere
+    )
     np.testing.assert_allclose(moved, 0, atol=1e-12)
     np.testing.assert_allclose(brightened, 1, atol=1e-12)
-    moved, brightened = aliased(np.zeros((1, 3, CELLS, CELLS)), own_of("rggb"))
+    moved, brightened = centroid_and_brightness_errors(
+        np.zeros((1, 3, CELLS, CELLS)), own_of("rggb")
+    )
     np.testing.assert_array_equal(moved, 0)
     np.testing.assert_array_equal(brightened, 1)
 
@@ -64,7 +72,7 @@ def test_a_hole_has_the_finest_detail_of_a_disc():
     radius = np.array([0.5, 0.8, 0.9])
     sigma = np.hypot(0.6, radius / 2)
     gaussians = np.concatenate([gaussian(float(s), (0.2, -0.3)) for s in sigma])
-    discs = with_rims(gaussians, radius)
+    discs = sharp_edged_images(gaussians, radius)
     np.testing.assert_allclose(discs.sum((2, 3)), 1, rtol=1e-6)
     turns = (-1.0) ** np.arange(CELLS)
     for wave, waves in (

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lensfit.fitting.wavefront.beside import beside_px, own_cells
+from lensfit.fitting.wavefront.beside import neighbour_offsets_px, own_cells
 
 PITCH_PX, SIZE_PX = 30.0, (200, 160)
 
@@ -27,7 +27,7 @@ def marks(*, found_from_px: float, staggered: bool = False):
 
 def beside(seen, at_px):
     row = np.flatnonzero((seen.points_px == at_px).all(-1))
-    found = beside_px(seen, row)[0]
+    found = neighbour_offsets_px(seen, row)[0]
     return found[np.isfinite(found).all(-1)]
 
 
@@ -59,7 +59,7 @@ def test_a_staggered_grid_has_its_own_neighbours():
 
 
 def test_cells_nearer_to_another_dot_are_not_its_own():
-    cutouts = SimpleNamespace(
+    dot_images = SimpleNamespace(
         marks=np.array([0]),
         corner_px=np.array([[38.0, 38.0]]),
         light=np.zeros((1, 3, 24, 24)),
@@ -67,7 +67,9 @@ def test_cells_nearer_to_another_dot_are_not_its_own():
     )
     seen = SimpleNamespace(points_px=np.array([[50.0, 50.0]]))
     take = SimpleNamespace(observations=seen, pixel_mm=np.array([0.01, 0.01]))
-    beside_mm = np.array([[[0.1, 0.0], [np.nan, np.nan]]])
-    own = own_cells(SimpleNamespace(cutouts=cutouts, take=take), beside_mm)[0]
+    neighbour_offsets_mm = np.array([[[0.1, 0.0], [np.nan, np.nan]]])
+    own = own_cells(
+        SimpleNamespace(dot_images=dot_images, take=take), neighbour_offsets_mm
+    )[0]
     assert own[:, :17].all()
     assert not own[:, 17:].any()

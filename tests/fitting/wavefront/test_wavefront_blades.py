@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.blades import with_blades
-from lensfit.fitting.wavefront.stages import first_stage, freed, settled, solved
+from lensfit.fitting.wavefront.blades import fit_blades
+from lensfit.fitting.wavefront.stages import (
+    first_stage,
+    recentre_patches,
+    set_priors,
+    solve_stage,
+)
 
 IRIS = LAYOUT.blocks["iris"]
 LENS = Seidel(4.0, 0.0, 5.0, 3.0, defocus_mm=(0.5, -0.4))
@@ -15,10 +20,10 @@ LENS = Seidel(4.0, 0.0, 5.0, 3.0, defocus_mm=(0.5, -0.4))
 
 def iris_of(lens: Seidel, shots: list[Shot]):
     """The stage after a look at the iris; everything else is known."""
-    gathered = photographed(lens, shots, noise=0.03, places_mm=PLACES_MM[:4])
+    dot_data = photographed(lens, shots, noise=0.03, places_mm=PLACES_MM[:4])
     start = lens.parameters()
     start[IRIS] = [0.0, 0.0, 0.1]
-    return with_blades(settled(first_stage(gathered, LAYOUT, start)))
+    return fit_blades(recentre_patches(first_stage(dot_data, LAYOUT, start)))
 
 
 @pytest.mark.parametrize("rotation_rad", [0.2, 0.75])
@@ -30,7 +35,7 @@ def test_seven_straight_blades_are_counted_and_turned(rotation_rad):
     assert stage.blades == 7
     free = np.zeros(LAYOUT.size)
     free[IRIS][1:] = [3.0, 1.0]
-    stage = solved(freed(stage, free), 12)
+    stage = solve_stage(set_priors(stage, free), 12)
     squeeze, rotation, curvature = stage.parameters[IRIS]
     sector = 2 * np.pi / 7
     away = (rotation - rotation_rad + sector / 2) % sector - sector / 2
@@ -46,6 +51,6 @@ def test_a_round_iris_is_left_round():
 
 
 def test_wide_open_nobody_asks():
-    gathered = photographed(LENS, [Shot(0, 0)], rays=2000, places_mm=PLACES_MM[:2])
-    stage = first_stage(gathered, LAYOUT, LENS.parameters())
-    assert with_blades(stage) is stage
+    dot_data = photographed(LENS, [Shot(0, 0)], rays=2000, places_mm=PLACES_MM[:2])
+    stage = first_stage(dot_data, LAYOUT, LENS.parameters())
+    assert fit_blades(stage) is stage

@@ -7,23 +7,26 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
-from lensfit.fitting.joint_adjustment import Amounts
+from lensfit.fitting.joint_adjustment import ErrorAmplitudes
 from lensfit.fitting.wavefront.adjusted_wavefront import (
-    errors_of,
-    keeping_centroids,
-    told_by_marks,
+    adjust_wavefront,
+    refit_without_centroid_bias,
+    wavefront_errors,
 )
 from lensfit.fitting.wavefront.centroid_biases import centroid_biases_mm
-from lensfit.fitting.wavefront.constrained_refit import reshaped, undoing
+from lensfit.fitting.wavefront.constrained_refit import (
+    bias_cancelling_move,
+    refit_with_fixed_biases,
+)
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.misfit import misfit_of
 from lensfit.fitting.wavefront.stages import (
     chi_squared,
     first_stage,
-    freed,
-    settled,
+    recentre_patches,
+    set_priors,
 )
-from lensfit.fitting.wavefront.term_groups import FINE, Family
+from lensfit.fitting.wavefront.term_groups import FINE, TermGroup
 
 PIXEL_MM = 0.01
 LENS = Seidel(4.0, -3.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
@@ -36,19 +39,21 @@ SYMMETRIC_UM[COEFFICIENTS][[0, 1]] = 12.0, -10.0
 @pytest.fixture(scope="module")
 def true_fit():
     """At the true parameters, coefficients free."""
-    gathered = photographed(LENS, [Shot(0, 0, 1900.0), Shot(0, 1, 1900.0)], rays=20_000)
+    dot_data = photographed(LENS, [Shot(0, 0, 1900.0), Shot(0, 1, 1900.0)], rays=20_000)
     take = SimpleNamespace(pixel_mm=np.full(2, PIXEL_MM))
-    shown = tuple(SimpleNamespace(take=take) for _ in range(2))
+    photographs = tuple(SimpleNamespace(take=take) for _ in range(2))
     deviation = np.zeros(LAYOUT.size)
     deviation[COEFFICIENTS] = 30.0
-    stage = first_stage(replace(gathered, shown=shown), LAYOUT, LENS.parameters())
+    stage = first_stage(
+        replace(dot_data, photographs=photographs), LAYOUT, LENS.parameters()
+    )
     mean = np.where(deviation > 0, 0.0, LENS.parameters())
-    stage = replace(freed(stage, deviation), mean=mean)
-    return settled(stage, 4)
+    stage = replace(set_priors(stage, deviation), mean=mean)
+    return recentre_patches(stage, 4)
 
 
 def moved(stage, by):
-    return settled(replace(stage, parameters=stage.parameters + by), 1)
+    return recentre_patches(replace(stage, parameters=stage.parameters + by), 1)
 
 
 def rms_px(drags):
@@ -58,19 +63,19 @@ def rms_px(drags):
 def test_shape_answers_where_drags_are_held(true_fit):
     """Symmetric blur was spoiled: it comes back, but for what its drags forbid."""
     spoiled = moved(true_fit, SYMMETRIC_UM)
-    found = reshaped(spoiled, true_fit.gathered)
+    found = refit_with_fixed_biases(spoiled, true_fit.dot_data)
     least = chi_squared(true_fit)
     assert chi_squared(spoiled) > 3 * least
     assert chi_squared(found) - least < 0.2 * (chi_squared(spoiled) - least)
-    held, after = (centroid_biases_mm(s, true_fit.gathered) for s in (spoiled, found))
+    held, after = (centroid_biases_mm(s, true_fit.dot_data) for s in (spoiled, found))
     assert rms_px(after - held) < 0.01
 
 
 def test_drags_that_are_held_wrong_stay_wrong(true_fit):
     """What was said of them comes from elsewhere, however ill it suits the dots."""
-    wrong = moved(true_fit, undoing(true_fit, true_fit.gathered))
-    found = reshaped(wrong, true_fit.gathered)
-    held, after = (centroid_biases_mm(s, true_fit.gathered) for s in (wrong, found))
+    wrong = moved(true_fit, bias_cancelling_move(true_fit, true_fit.dot_data))
+    found = refit_with_fixed_biases(wrong, true_fit.dot_data)
+    held, after = (centroid_biases_mm(s, true_fit.dot_data) for s in (wrong, found))
     assert rms_px(after - held) < 0.005
     assert chi_squared(true_fit) < chi_squared(found) < chi_squared(wrong)
 
@@ -79,62 +84,64 @@ def test_drags_that_are_held_wrong_stay_wrong(true_fit):
 def wavefront(true_fit):
     """Known to a few tenths of a micron."""
     indices = tuple(range(COEFFICIENTS.start, COEFFICIENTS.stop))
-    families = (
-        Family("third_order", indices, (30.0,) * len(indices), FINE, tried=False),
+    term_groups = (
+        TermGroup("third_order", indices, (30.0,) * len(indices), FINE, optional=False),
     )
     covariance = np.zeros((LAYOUT.size,) * 2)
     covariance[COEFFICIENTS, COEFFICIENTS] = np.diag(np.full(len(indices), 0.3**2))
     return WavefrontFit(
-        gathered=true_fit.gathered,
+        dot_data=true_fit.dot_data,
         stage=true_fit,
-        families=families,
-        verdicts=(),
+        term_groups=term_groups,
+        term_decisions=(),
         covariance=covariance,
-        unshown_covariance=np.zeros_like(covariance),
-        unseen=(),
+        model_error_covariance=np.zeros_like(covariance),
+        undetermined_term_groups=(),
         sign_known=True,
         mirrored=False,
-        misfit=misfit_of(true_fit, families),
+        misfit=misfit_of(true_fit, term_groups),
     )
 
 
 def test_what_marks_say_is_known_as_well_as_they_know_it(wavefront):
     """Nothing was wrong, and half of every doubt is gone; drags might be by a tenth."""
-    errors = errors_of(wavefront)
+    errors = wavefront_errors(wavefront)
     count = len(errors)
     variance = np.diag([0.1**2, *np.full(count - 1, 0.5**2)])
-    told = told_by_marks(wavefront, errors, Amounts(np.zeros(count), variance))
+    told = adjust_wavefront(
+        wavefront, errors, ErrorAmplitudes(np.zeros(count), variance)
+    )
     assert told is not None
     of_errors = errors[1:].T @ errors[1:]
     expected = wavefront.covariance - 0.75 * of_errors
     expected = expected + 0.01 * np.outer(errors[0], errors[0])
     np.testing.assert_allclose(told.covariance, expected, atol=1e-9)
-    moved_by = told.stage.parameters - wavefront.stage.parameters
-    assert np.abs(moved_by[COEFFICIENTS]).max() < 1.0
+    parameter_move = told.stage.parameters - wavefront.stage.parameters
+    assert np.abs(parameter_move[COEFFICIENTS]).max() < 1.0
     ratio = told.misfit.held_out_dots / wavefront.misfit.held_out_dots
     assert abs(ratio - told.misfit.median / wavefront.misfit.median) < 1e-9
 
 
 def test_marks_do_not_spoil_the_shape_of_dots(wavefront):
     """Drags that are there are said to be none of them."""
-    errors = errors_of(wavefront)
+    errors = wavefront_errors(wavefront)
     value = np.zeros(len(errors))
     value[0] = 1.0
-    said = Amounts(value, np.eye(len(errors)))
-    assert told_by_marks(wavefront, errors, said) is None
+    said = ErrorAmplitudes(value, np.eye(len(errors)))
+    assert adjust_wavefront(wavefront, errors, said) is None
 
 
 def test_a_move_that_fails_leaves_the_wavefront(wavefront, monkeypatch):
     """A solve far off may end in NaN: then centroids stay where they were found."""
     nowhere = np.full((1, LAYOUT.size), np.nan)
-    nothing = Amounts(np.ones(1), np.zeros((1, 1)))
-    assert told_by_marks(wavefront, nowhere, nothing) is None
-    where = "lensfit.fitting.wavefront.adjusted_wavefront.undoing"
+    nothing = ErrorAmplitudes(np.ones(1), np.zeros((1, 1)))
+    assert adjust_wavefront(wavefront, nowhere, nothing) is None
+    where = "lensfit.fitting.wavefront.adjusted_wavefront.bias_cancelling_move"
     monkeypatch.setattr(where, lambda *_: nowhere[0])
-    assert keeping_centroids(wavefront) is wavefront
+    assert refit_without_centroid_bias(wavefront) is wavefront
 
 
 def test_drags_too_large_for_a_step_are_left(true_fit):
     """Nothing is free to undo them with."""
     fixed = replace(true_fit, deviation=1e-9 * true_fit.deviation)
-    assert not undoing(fixed, true_fit.gathered).any()
+    assert not bias_cancelling_move(fixed, true_fit.dot_data).any()

@@ -7,14 +7,14 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from lensfit.detect.corner_fit import fit_corners, half_width_px
-from lensfit.fitting.wavefront.corner_mark import corner_of
+from lensfit.fitting.wavefront.corner_mark import detected_corner
 from lensfit.fitting.wavefront.edges import (
-    bright_ahead,
+    is_square_ahead_bright,
     rim_transfers,
     square_transfers,
 )
 
-CELLS, PERIOD, MOST, AROUND = 24, 48, 40, 24
+CELLS, PERIOD, MOST, MARGIN_CELLS = 24, 48, 40, 24
 SIDES = {
     "almost square on": [[30.0, 3.0], [-2.0, 28.0]],
     "small, slanted": [[14.0, 6.0], [-5.0, 17.0]],
@@ -30,10 +30,10 @@ def chart(sides, blur_cells, wider=0.0):
     wider : Share by which bright squares are wider than dark ones would have it.
     """
     whole = whole_chart(sides, blur_cells, wider)
-    return whole[AROUND:-AROUND, AROUND:-AROUND]
+    return whole[MARGIN_CELLS:-MARGIN_CELLS, MARGIN_CELLS:-MARGIN_CELLS]
 
 
-def whole_chart(sides, blur_cells, wider=0.0, fine=16, around=AROUND):
+def whole_chart(sides, blur_cells, wider=0.0, fine=16, around=MARGIN_CELLS):
     """As far as what blurs into the middle."""
     count = (CELLS + 2 * around) * fine
     along = (np.arange(count) + 0.5) / fine - (CELLS / 2 + around)
@@ -88,10 +88,11 @@ def test_the_bright_square_is_told_whichever_side_comes_first():
     picture = chart(sides, 1.0)[None].repeat(2, 0)
     middle = np.full((2, 2), CELLS / 2)
     use = np.ones(picture.shape, bool)
-    found = bright_ahead(picture, use, middle, np.stack([sides, flipped]))
+    found = is_square_ahead_bright(picture, use, middle, np.stack([sides, flipped]))
     np.testing.assert_array_equal(found, [True, False])
     np.testing.assert_array_equal(
-        bright_ahead(1 - picture, use, middle, np.stack([sides, flipped])), ~found
+        is_square_ahead_bright(1 - picture, use, middle, np.stack([sides, flipped])),
+        ~found,
     )
 
 
@@ -125,11 +126,11 @@ def test_the_modelled_corner_is_where_detection_finds_it(sides):
     found = fit_corners(wide, middle, sides.T[None].copy())
     off = (found.points_px - middle)[0]
     assert np.hypot(*off) > 0.3
-    patch = jnp.asarray(wide[AROUND:-AROUND, AROUND:-AROUND])
+    patch = jnp.asarray(wide[MARGIN_CELLS:-MARGIN_CELLS, MARGIN_CELLS:-MARGIN_CELLS])
     window = jnp.asarray(float(half_width_px(found.blur_px)))
     # In single precision, as the fit draws.
     seen = patch, places(), jnp.asarray(sides), window
-    modelled = corner_of(*(part.astype(jnp.float32) for part in seen))
+    modelled = detected_corner(*(part.astype(jnp.float32) for part in seen))
     np.testing.assert_allclose(modelled, off, atol=2e-3)
 
 
@@ -140,7 +141,7 @@ def test_a_modelled_corner_goes_with_its_image():
 
     def at(share):
         seen = patch + share * change
-        return corner_of(seen, places(), jnp.asarray(sides), window)
+        return detected_corner(seen, places(), jnp.asarray(sides), window)
 
     slope = jax.jacfwd(at)(jnp.asarray(0.0))
     ends = [np.asarray(at(jnp.asarray(share))) for share in (0.02, -0.02)]
@@ -149,17 +150,17 @@ def test_a_modelled_corner_goes_with_its_image():
 
 def dots_drawn(disc, to_middle, beside, blur_cells, fine=16):
     """Means over cells of a dot and one beside it about a place on its rim."""
-    count = (CELLS + 2 * AROUND) * fine
-    along = (np.arange(count) + 0.5) / fine - (CELLS / 2 + AROUND)
+    count = (CELLS + 2 * MARGIN_CELLS) * fine
+    along = (np.arange(count) + 0.5) / fine - (CELLS / 2 + MARGIN_CELLS)
     places = np.stack(np.meshgrid(along, along), -1)
     light = np.zeros((count, count))
     for middle in (to_middle, to_middle + beside):
         unit = (places - middle) @ np.linalg.inv(disc).T
         light += np.hypot(unit[..., 0], unit[..., 1]) < 1
     blurred = gaussian_filter(light, blur_cells * fine, truncate=6)
-    wide = CELLS + 2 * AROUND
+    wide = CELLS + 2 * MARGIN_CELLS
     cells = blurred.reshape(wide, fine, wide, fine).mean((1, 3))
-    return cells[AROUND:-AROUND, AROUND:-AROUND]
+    return cells[MARGIN_CELLS:-MARGIN_CELLS, MARGIN_CELLS:-MARGIN_CELLS]
 
 
 @pytest.mark.parametrize("blur_cells", [0.5, 1.5, 3.0])

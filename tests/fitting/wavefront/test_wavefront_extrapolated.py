@@ -3,13 +3,13 @@
 import pytest
 from drawn_lens import Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.fit import guessed_of
+from lensfit.fitting.wavefront.fit import extrapolation_notes
 
 STATED_MM = {"in focus": 2000.0, "near": 1500.0, "far": 3500.0}
 """Of a chart at 2000 mm."""
 
 
-def gathered(*shots):
+def dot_data(*shots):
     lens = Seidel(defocus_mm=(0.1, 0.1, 0.1))
     return photographed(
         lens,
@@ -37,7 +37,7 @@ WHOLE = ("in focus", 0), ("near", 1), ("far", 0)
     ],
 )
 def test_what_was_not_photographed_is_named(shots, words):
-    found = guessed_of(gathered(*shots))
+    found = extrapolation_notes(dot_data(*shots))
     assert len(found) == len(words)
     for one, said in zip(found, words, strict=True):
         assert said in one

@@ -12,11 +12,11 @@ from scipy.special import erf
 
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, measure, windows_of
 from lensfit.detect.cutouts import CELLS
-from lensfit.fitting.wavefront.dots import Aperture, Broad
+from lensfit.fitting.wavefront.dots import Broad, DetectionAperture
 from lensfit.fitting.wavefront.mark import (
-    mark_of,
-    mark_offset_slopes_mm,
-    mark_offsets_mm,
+    detected_dot_centre,
+    detected_point_offset_slopes_mm,
+    detected_point_offsets_mm,
 )
 from lensfit.fitting.wavefront.waves import transfers_of
 
@@ -29,27 +29,32 @@ MIDDLE = np.array([36.3, 35.8])
 """Of the picture of seven by seven dots, whose chief ray lands there."""
 
 
-def aperture_of(bright: bool) -> Aperture:
+def aperture_of(bright: bool) -> DetectionAperture:
     moment_px2 = np.eye(2)[None] * 1.1 * RADIUS_PX**2 / 4
     windows = windows_of(moment_px2, np.full(1, SPACING_PX), bright=bright)
     smoothing = np.zeros(1) if bright else np.full(1, SMOOTHING_DARK_PX)
     to_edge = np.linalg.cholesky(windows.shape_px2)
-    return Aperture(to_edge, windows.ring, windows.core, smoothing)
+    return DetectionAperture(to_edge, windows.ring, windows.core, smoothing)
 
 
 def seen_of(bright: bool, field_mm=FIELD_MM) -> tuple[Any, ...]:
     """A dot among others, as the fit has it."""
     disc_mm = np.eye(2)[None] * RADIUS_PX * PIXEL_MM
-    beside_mm = STEPS[None] * SPACING_PX * PIXEL_MM
+    neighbour_offsets_mm = STEPS[None] * SPACING_PX * PIXEL_MM
     no_square = np.zeros((1, 2, 2)), np.zeros(1)
     width = np.full(1, 0.01)
     broad = Broad(
-        disc_mm, np.zeros((1, 2)), beside_mm, *no_square, width, aperture_of(bright)
+        disc_mm,
+        np.zeros((1, 2)),
+        neighbour_offsets_mm,
+        *no_square,
+        width,
+        aperture_of(bright),
     )
     dots = dots_at(field_mm[None], 0, 0, PIXEL_MM)._replace(
         broad=broad,
         lateral_mm=np.zeros((1, 3, 2, 2)),
-        filled_mm=np.zeros((1, 2, 2)),
+        sampled_ellipse_mm=np.zeros((1, 2, 2)),
         variance_mm2=np.full((1, 2), 1e-6),
     )
     transfer = transfers_of(broad, dots.cell_mm, CELLS)
@@ -78,7 +83,7 @@ def photographed(bright: bool, rays: int = 1_500_000) -> np.ndarray:
 
 @partial(jax.jit, static_argnames=("bright",))
 def offsets_mm(parameters, bright):
-    return mark_offsets_mm(parameters, *seen_of(bright))
+    return detected_point_offsets_mm(parameters, *seen_of(bright))
 
 
 @pytest.mark.parametrize("bright", [True, False])
@@ -104,7 +109,7 @@ def test_a_rim_moves_less_than_all_the_light():
 def test_slopes_agree_with_differences(bright):
     seen = seen_of(bright)
     parameters = jnp.asarray(COMATIC.parameters())
-    found = mark_offset_slopes_mm(parameters, *seen)[1]
+    found = detected_point_offset_slopes_mm(parameters, *seen)[1]
     size = {"coefficients": 0.1, "defocus": 1e-4}
     for name, step in size.items():
         where = LAYOUT.blocks[name]
@@ -126,7 +131,7 @@ def test_an_even_disc_is_where_its_chief_ray_lands():
     still = Seidel(spherical_um=6.0, defocus_mm=(0.03, 0.0, 0.0))
     for bright in (True, False):
         seen = seen_of(bright, np.zeros(2))
-        found = mark_offsets_mm(jnp.asarray(still.parameters()), *seen)
+        found = detected_point_offsets_mm(jnp.asarray(still.parameters()), *seen)
         np.testing.assert_allclose(found, 0, atol=2e-2 * PIXEL_MM)
 
 
@@ -138,5 +143,5 @@ def test_slanted_light_moves_no_mark():
     for bright in (True, False):
         aperture = jax.tree.map(lambda a: jnp.asarray(a[0]), aperture_of(bright))
         for slope in (0.0, 0.01):
-            found = mark_of(jnp.asarray(disc + slope * x), aperture)
+            found = detected_dot_centre(jnp.asarray(disc + slope * x), aperture)
             np.testing.assert_allclose(found, 0, atol=1e-3)

@@ -15,14 +15,14 @@ SHOTS = [Shot(group, stop) for group in range(3) for stop in range(2)]
 
 
 @pytest.fixture(scope="module")
-def gathered():
+def dot_data():
     return photographed(LENS, SHOTS, rays=20_000)
 
 
-def found(gathered, most=1, lens=LENS):
+def found(dot_data, most=1, lens=LENS):
     """With the defocus of each take known but for what is common."""
-    said_mm = np.array(lens.defocus_mm) - lens.defocus_mm[0]
-    return likely_focus(gathered, dot_widths_mm(gathered), said_mm, most)
+    stated_mm = np.array(lens.defocus_mm) - lens.defocus_mm[0]
+    return likely_focus(dot_data, dot_widths_mm(dot_data), stated_mm, most)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -37,8 +37,8 @@ def test_curvature_and_astigmatism_of_either_side_are_told(side):
     np.testing.assert_allclose(best.axis_mm, axis_mm, atol=0.06)
 
 
-def test_a_lens_focused_so_is_that_lens(gathered):
-    [best] = found(gathered)
+def test_a_lens_focused_so_is_that_lens(dot_data):
+    [best] = found(dot_data)
     parameters = set_focus(np.zeros(LAYOUT.size), LAYOUT, best, SINE)
     truth = LENS.parameters()
     blocks = LAYOUT.blocks
@@ -50,19 +50,19 @@ def test_a_lens_focused_so_is_that_lens(gathered):
     )
 
 
-def test_choices_are_apart_and_the_best_comes_first(gathered):
-    choices = found(gathered, 4)
+def test_choices_are_apart_and_the_best_comes_first(dot_data):
+    choices = found(dot_data, 4)
     places = np.array([[c.axis_mm[0], c.along_mm, c.across_mm] for c in choices])
     for k in range(4):
         others = np.delete(places, k, 0)
         assert np.abs(others - places[k]).max(-1).min() > 0.2
-    np.testing.assert_array_equal(choices[0].axis_mm, found(gathered)[0].axis_mm)
+    np.testing.assert_array_equal(choices[0].axis_mm, found(dot_data)[0].axis_mm)
 
 
-def test_takes_of_which_nothing_is_known_are_left_out(gathered):
-    widths_mm = dot_widths_mm(gathered)
-    assert likely_focus(gathered, widths_mm, np.full(3, np.nan), 2) == []
-    said_mm = np.array([0.0, 0.5, np.nan])
-    [best] = likely_focus(gathered, widths_mm, said_mm, 1)
+def test_takes_of_which_nothing_is_known_are_left_out(dot_data):
+    widths_mm = dot_widths_mm(dot_data)
+    assert likely_focus(dot_data, widths_mm, np.full(3, np.nan), 2) == []
+    stated_mm = np.array([0.0, 0.5, np.nan])
+    [best] = likely_focus(dot_data, widths_mm, stated_mm, 1)
     assert np.isnan(best.axis_mm[2])
     assert np.isfinite(best.along_mm)

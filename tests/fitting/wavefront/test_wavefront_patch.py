@@ -13,7 +13,7 @@ from ray_moves import by_parameters
 from lensfit.detect.cutouts import CELLS
 from lensfit.fitting.wavefront.patch import equations_of
 from lensfit.fitting.wavefront.rays import rays_of
-from lensfit.fitting.wavefront.shapes import Colour, spread_of
+from lensfit.fitting.wavefront.shapes import Colour, shape_jacobian
 from lensfit.kernel.pixels import image_of, profile_of
 from lensfit.kernel.spot import Spot
 
@@ -53,11 +53,13 @@ def _patch(rays, light, weight, corner, few=None):
     few = rays if few is None else few
     found = equations_of(rays.spot, few, light, weight, corner, CELL_MM, VARIANCE)
     moves = by_parameters(rays, _dot(), LAYOUT, SCALE)
-    gradient = jnp.einsum("ri,rip->p", found.pull.landing_mm, moves.moved_mm)
-    opened = found.pull.weight @ moves.brightened
-    gradient = gradient.at[LAYOUT.opening].add(opened)
-    spread = spread_of(_dot(), LAYOUT, SCALE)
-    matrix = spread.T @ found.matrix @ spread
+    gradient = jnp.einsum(
+        "ri,rip->p", found.spot_gradient.landing_mm, moves.landing_slopes_mm
+    )
+    opened = found.spot_gradient.weight @ moves.weight_slopes
+    gradient = gradient.at[LAYOUT.pupil_parameters].add(opened)
+    jacobian = shape_jacobian(_dot(), LAYOUT, SCALE)
+    matrix = jacobian.T @ found.matrix @ jacobian
     return Found(matrix, gradient, found.chi_squared, found.nuisance)
 
 

@@ -10,14 +10,17 @@ from found_marks import found_marks
 
 from lensfit.detect.observations import Observations
 from lensfit.fitting.take import Take
-from lensfit.fitting.wavefront.adjusted_wavefront import moving_together, placed
-from lensfit.fitting.wavefront.centroid_biases import (
-    moves_of_marks_mm,
-    slight_moves_of_marks_mm,
+from lensfit.fitting.wavefront.adjusted_wavefront import (
+    chief_ray_takes,
+    takes_with_shared_moves,
 )
-from lensfit.fitting.wavefront.constrained_refit import undoing
-from lensfit.fitting.wavefront.gather import Gathered
-from lensfit.fitting.wavefront.stages import Stage, first_stage, freed, solved
+from lensfit.fitting.wavefront.centroid_biases import (
+    detected_point_moves_mm,
+    linear_detected_point_moves_mm,
+)
+from lensfit.fitting.wavefront.constrained_refit import bias_cancelling_move
+from lensfit.fitting.wavefront.gather import DotData
+from lensfit.fitting.wavefront.stages import Stage, first_stage, set_priors, solve_stage
 
 LENS = Seidel(0.0, 0.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
 SENSOR_MM = (36.0, 40.0)
@@ -41,11 +44,11 @@ def seen(points_mm: np.ndarray) -> Observations:
     )
 
 
-def shot_lens() -> tuple[Stage, Gathered, np.ndarray]:
+def shot_lens() -> tuple[Stage, DotData, np.ndarray]:
     """The true fit, all dots, and their centroids from where the chief rays land."""
-    gathered = photographed(LENS, SHOTS, rays=2000)
+    dot_data = photographed(LENS, SHOTS, rays=2000)
     rng = np.random.default_rng(9)
-    dragged, shown = [], []
+    dragged, photographs = [], []
     for k, shot in enumerate(SHOTS):
         radius = F_NUMBERS[0] / F_NUMBERS[shot.stop]
         mean = [
@@ -60,13 +63,13 @@ def shot_lens() -> tuple[Stage, Gathered, np.ndarray]:
             SENSOR_MM, F_NUMBERS[shot.stop], 1900.0, 2000.0,
         )  # fmt: skip
         marks = np.arange(len(PLACES_MM))
-        shown.append(
+        photographs.append(
             SimpleNamespace(
-                take=take, cutouts=SimpleNamespace(marks=marks, mosaic=None)
+                take=take, dot_images=SimpleNamespace(marks=marks, mosaic=None)
             )
         )
-    gathered = replace(gathered, shown=tuple(shown))
-    return first_stage(gathered, LAYOUT, LENS.parameters()), gathered, np.array(dragged)
+    dot_data = replace(dot_data, photographs=tuple(photographs))
+    return first_stage(dot_data, LAYOUT, LENS.parameters()), dot_data, np.array(dragged)
 
 
 @pytest.fixture(scope="module")
@@ -75,38 +78,40 @@ def shot():
 
 
 def test_comatic_dots_move_to_their_chief_rays(shot):
-    stage, gathered, dragged = shot
-    takes = placed(stage, gathered)
+    stage, dot_data, dragged = shot
+    takes = chief_ray_takes(stage, dot_data)
     assert np.hypot(*dragged[0].T).max() > 0.4 * PIXEL_MM
-    for take, shown in zip(takes, gathered.shown, strict=True):
-        before, after = shown.take.observations, take.observations
+    for take, photograph in zip(takes, dot_data.photographs, strict=True):
+        before, after = photograph.take.observations, take.observations
         middle = np.asarray(IMAGE_PX) / 2
         found = (after.points_px[:-1] - middle) * PIXEL_MM
         np.testing.assert_allclose(found, PLACES_MM, atol=3e-4)
         moved = after.channel_points_px - before.channel_points_px
         np.testing.assert_allclose(moved[:, :-1], np.stack([moved[1, :-1]] * 3))
         assert take.chief_rays
-        assert not shown.take.chief_rays
+        assert not photograph.take.chief_rays
 
 
 def test_a_mark_without_a_size_stays(shot):
-    stage, gathered, _ = shot
-    for take, shown in zip(placed(stage, gathered), gathered.shown, strict=True):
+    stage, dot_data, _ = shot
+    for take, photograph in zip(
+        chief_ray_takes(stage, dot_data), dot_data.photographs, strict=True
+    ):
         np.testing.assert_array_equal(
-            take.observations.points_px[-1], shown.take.observations.points_px[-1]
+            take.observations.points_px[-1], photograph.take.observations.points_px[-1]
         )
 
 
 def test_marks_move_together_by_what_the_wavefront_may_get_wrong(shot):
-    stage, gathered, dragged = shot
+    stage, dot_data, dragged = shot
     move = 1e-3 * LENS.parameters()
     moved = replace(stage, parameters=stage.parameters + move)
-    still, after = placed(stage, gathered), placed(moved, gathered)
-    moves_mm = slight_moves_of_marks_mm(stage, gathered, move[None])
-    for k, take in enumerate(moving_together(still, stage, gathered, moves_mm)):
+    still, after = chief_ray_takes(stage, dot_data), chief_ray_takes(moved, dot_data)
+    moves_mm = linear_detected_point_moves_mm(stage, dot_data, move[None])
+    for k, take in enumerate(takes_with_shared_moves(still, stage, dot_data, moves_mm)):
         shared = take.shared_moves_mm
         assert shared is not None
-        assert shared.shape[:2] == (1 + len(gathered.shown), 3)
+        assert shared.shape[:2] == (1 + len(dot_data.photographs), 3)
         points = after[k].observations.points_px - still[k].observations.points_px
         largest = np.abs(dragged[k]).max()
         np.testing.assert_allclose(shared[0, 1], points * PIXEL_MM, atol=5e-5 * largest)
@@ -119,13 +124,15 @@ def test_marks_move_together_by_what_the_wavefront_may_get_wrong(shot):
 
 def test_every_mark_may_be_asked_how_it_moves(shot):
     """To rounding what a fit with other parameters would have said of each."""
-    stage, gathered, _ = shot
+    stage, dot_data, _ = shot
     move = 1e-3 * LENS.parameters()
     moved = replace(stage, parameters=stage.parameters + move)
-    before = placed(stage, gathered)
-    moves_mm = moves_of_marks_mm(stage, gathered, move[None])
-    asked = moving_together(before, stage, gathered, moves_mm)
-    for take, still, after in zip(asked, before, placed(moved, gathered), strict=True):
+    before = chief_ray_takes(stage, dot_data)
+    moves_mm = detected_point_moves_mm(stage, dot_data, move[None])
+    asked = takes_with_shared_moves(before, stage, dot_data, moves_mm)
+    for take, still, after in zip(
+        asked, before, chief_ray_takes(moved, dot_data), strict=True
+    ):
         assert take.shared_moves_mm is not None
         points = after.observations.points_px - still.observations.points_px
         np.testing.assert_allclose(
@@ -134,14 +141,19 @@ def test_every_mark_may_be_asked_how_it_moves(shot):
 
 
 def test_drags_can_be_undone_by_a_move_of_the_parameters(shot):
-    stage, gathered, dragged = shot
+    stage, dot_data, dragged = shot
     deviation = np.zeros(LAYOUT.size)
     deviation[LAYOUT.blocks["coefficients"]] = 30.0
-    stage = solved(freed(stage, deviation), 1)
+    stage = solve_stage(set_priors(stage, deviation), 1)
     stage = replace(stage, parameters=LENS.parameters())
-    undone = replace(stage, parameters=stage.parameters + undoing(stage, gathered))
+    undone = replace(
+        stage, parameters=stage.parameters + bias_cancelling_move(stage, dot_data)
+    )
     for before, after, drag in zip(
-        placed(stage, gathered), placed(undone, gathered), dragged, strict=True
+        chief_ray_takes(stage, dot_data),
+        chief_ray_takes(undone, dot_data),
+        dragged,
+        strict=True,
     ):
         there = after.observations.points_px - before.observations.points_px
         left = there[:-1] * PIXEL_MM - drag

@@ -14,7 +14,7 @@ from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.rays import (
     _turn_rad,
     rays_of,
-    spot_seen,
+    spot_and_pullback,
 )
 from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.kernel.spot import Spot
@@ -88,12 +88,12 @@ def _differences(parameters, dot):
 
 @partial(jax.jit, static_argnames=("layout", "points"))
 def _spot(parameters, dot, colour, layout, points):
-    return spot_seen(parameters, dot, colour, layout, SCALE, points)[0]
+    return spot_and_pullback(parameters, dot, colour, layout, SCALE, points)[0]
 
 
 @jax.jit
 def _led_back(parameters, dot, by_spot):
-    spot, back = spot_seen(parameters, dot, COLOUR, TINY, SCALE, POINTS)
+    spot, back = spot_and_pullback(parameters, dot, COLOUR, TINY, SCALE, POINTS)
     return spot, back(by_spot)
 
 
@@ -115,20 +115,20 @@ def _agree(parameters: np.ndarray, dot) -> None:
     exact = _exact(jnp.asarray(parameters), dot)
     landing, weight = _differences(jnp.asarray(parameters), dot)
     for name, where in TINY.blocks.items():
-        found, wanted = exact.moved_mm[..., where], landing[..., where]
+        found, wanted = exact.landing_slopes_mm[..., where], landing[..., where]
         size = float(np.abs(wanted).max())
         np.testing.assert_allclose(
             found, wanted, rtol=0, atol=1e-5 * size + 1e-9, err_msg=name
         )
-    opened = weight[:, TINY.opening]
+    opened = weight[:, TINY.pupil_parameters]
     size = float(np.abs(opened).max())
     np.testing.assert_allclose(
-        exact.brightened, opened, rtol=0, atol=1e-5 * size + 1e-9
+        exact.weight_slopes, opened, rtol=0, atol=1e-5 * size + 1e-9
     )
     before_opening = _weight_slope(jnp.asarray(parameters), dot)
-    before_opening = before_opening[:, : TINY.opening.start]
+    before_opening = before_opening[:, : TINY.pupil_parameters.start]
     np.testing.assert_array_equal(before_opening, np.zeros_like(before_opening))
-    np.testing.assert_allclose(np.sum(exact.brightened, 0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.sum(exact.weight_slopes, 0), 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("blades", [0, 7])
@@ -161,10 +161,10 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
     )
 
     spot, found = _led_back(parameters, dot, Spot(landing, weight, cell))
-    wanted = np.einsum("ri,rip->p", landing, rays.moved_mm)
+    wanted = np.einsum("ri,rip->p", landing, rays.landing_slopes_mm)
     # Those that lead the way are evenly lit.
     lit = spot.weight / rays.spot.weight
-    wanted[TINY.opening] += (weight * lit) @ rays.brightened
+    wanted[TINY.pupil_parameters] += (weight * lit) @ rays.weight_slopes
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(spot.landing_mm, rays.spot.landing_mm, atol=1e-12)
 
@@ -188,7 +188,7 @@ def test_every_block_moves_or_brightens_rays_somewhere():
     stopped = _exact(
         jnp.asarray(parameters_of(0.3, (0.5, 0.6))), dot_of(PLACES["edge"], 1, 7)
     )
-    reach = np.abs(stopped.moved_mm).max((0, 1))
+    reach = np.abs(stopped.landing_slopes_mm).max((0, 1))
     for name, where in TINY.blocks.items():
         seen = reach[where][1:] if name == "defocus" else reach[where]
         assert np.all(seen > 1e-6), name

@@ -10,12 +10,16 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, Shot, dots_at, photographed
 from ray_moves import by_parameters
 
-from lensfit.fitting.wavefront.dots import hole_variance_mm2
+from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.fitting.wavefront.rays import rays_of, spot_seen
+from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
-from lensfit.fitting.wavefront.start import seen_defocus_mm
-from lensfit.fitting.wavefront.term_groups import FINE, deviation_of, families_of
+from lensfit.fitting.wavefront.start import defocus_size_mm
+from lensfit.fitting.wavefront.term_groups import (
+    FINE,
+    candidate_term_groups,
+    deviation_of,
+)
 from lensfit.kernel.spot import Spot
 from lensfit.optics.sections import Sections
 from lensfit.optics.terms import rotational_terms, two_mirror_terms
@@ -67,14 +71,14 @@ def _differences(numbers, dot):
 
 @jax.jit
 def _led_back(numbers, dot, by_spot):
-    spot, back = spot_seen(numbers, dot, ONE, TINY, SCALE, POINTS)
+    spot, back = spot_and_pullback(numbers, dot, ONE, TINY, SCALE, POINTS)
     return spot, back(by_spot)
 
 
 @pytest.mark.parametrize("place", PLACES)
 def test_derivatives_agree_with_differences(place):
     numbers, dot = jnp.asarray(parameters()), dot_of(place)
-    found, wanted = _rays(numbers, dot).moved_mm, _differences(numbers, dot)
+    found, wanted = _rays(numbers, dot).landing_slopes_mm, _differences(numbers, dot)
     for name, where in TINY.blocks.items():
         size = float(np.abs(wanted[..., where]).max(initial=0.0))
         np.testing.assert_allclose(
@@ -96,8 +100,8 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
     spot, found = _led_back(numbers, dot, Spot(*pulls))
     # Rays that lead the way are evenly lit.
     lit = spot.weight / rays.spot.weight
-    wanted = np.einsum("ri,rip->p", pulls[0], rays.moved_mm)
-    wanted[TINY.opening] += (pulls[1] * lit) @ rays.brightened
+    wanted = np.einsum("ri,rip->p", pulls[0], rays.landing_slopes_mm)
+    wanted[TINY.pupil_parameters] += (pulls[1] * lit) @ rays.weight_slopes
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
 
 
@@ -134,14 +138,14 @@ def test_out_of_focus_light_is_an_oval():
     np.testing.assert_allclose(height / width, SQUEEZE**2, rtol=0.04)
 
 
-def squeezed(gathered, layout: Layout):
+def squeezed(dot_data, layout: Layout):
     """The same photographs, had they been made through cylinders."""
-    dots = gathered.dots
+    dots = dot_data.dots
     count = len(dots.group)
     sections = Sections(np.tile([1.0, 0.0], (count, 1)), np.full(count, PER_DEFOCUS))
     oval = np.tile(np.diag([0.01, 0.02]), (count, 1, 1))
-    dots = dots._replace(sections=sections, filled_mm=oval)
-    return replace(gathered, dots=dots), layout
+    dots = dots._replace(sections=sections, sampled_ellipse_mm=oval)
+    return replace(dot_data, dots=dots), layout
 
 
 SHOT = photographed(Seidel(), [Shot(0, 0)], rays=4000)
@@ -149,16 +153,16 @@ SHOT = photographed(Seidel(), [Shot(0, 0)], rays=4000)
 
 def test_a_spherical_lens_has_none_of_it():
     assert "beyond" not in LAYOUT.blocks
-    names = {f.name for f in families_of(SHOT, LAYOUT, np.zeros(1))}
+    names = {f.name for f in candidate_term_groups(SHOT, LAYOUT, np.zeros(1))}
     assert not {n for n in names if "cylinder" in n or n == "beyond"}
 
 
 def test_what_all_groups_say_together_is_said_by_one_of_them_only():
     """Constant astigmatism is the sum of all `beyond`; it stays fixed."""
-    gathered, layout = squeezed(SHOT, TINY)
-    families = families_of(gathered, layout, np.zeros(1))
-    assert {"beyond", "cylinders_third_order"} <= {f.name for f in families}
-    deviation = deviation_of(families, layout, FINE)
+    dot_data, layout = squeezed(SHOT, TINY)
+    term_groups = candidate_term_groups(dot_data, layout, np.zeros(1))
+    assert {"beyond", "cylinders_third_order"} <= {f.name for f in term_groups}
+    deviation = deviation_of(term_groups, layout, FINE)
     constant = TERMS.index(two_mirror_terms(1)[0])
     assert deviation[layout.blocks["coefficients"]][constant] == 0
     assert (deviation[layout.blocks["beyond"]] > 0).tolist() == [True, False]
@@ -168,13 +172,15 @@ def test_what_all_groups_say_together_is_said_by_one_of_them_only():
 
 def test_the_size_of_a_defocus_is_that_along_y():
     """Of a disc along y that is narrower along x, the mean was measured."""
-    gathered, _ = squeezed(SHOT, TINY)
+    dot_data, _ = squeezed(SHOT, TINY)
     narrow = SQUEEZE**-2
-    wanted = gathered.diameter_mm**2 / 4 * (1 + narrow**2) / 2
-    hole = 4 * hole_variance_mm2(gathered.dots)
+    wanted = dot_data.diameter_mm**2 / 4 * (1 + narrow**2) / 2
+    hole = 4 * dot_aperture_variance_mm2(dot_data.dots)
     diameter = 2 * np.sqrt(wanted + hole)
-    oval = replace(gathered, diameter_mm=diameter)
-    nothing = jax.tree.map(np.zeros_like, (SHOT.dots.filled_mm, SHOT.dots.variance_mm2))
-    without = SHOT.dots._replace(filled_mm=nothing[0], variance_mm2=nothing[1])
+    oval = replace(dot_data, diameter_mm=diameter)
+    nothing = jax.tree.map(
+        np.zeros_like, (SHOT.dots.sampled_ellipse_mm, SHOT.dots.variance_mm2)
+    )
+    without = SHOT.dots._replace(sampled_ellipse_mm=nothing[0], variance_mm2=nothing[1])
     round_ = replace(SHOT, dots=without)
-    np.testing.assert_allclose(seen_defocus_mm(oval), seen_defocus_mm(round_))
+    np.testing.assert_allclose(defocus_size_mm(oval), defocus_size_mm(round_))

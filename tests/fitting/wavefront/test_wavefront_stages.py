@@ -8,18 +8,27 @@ from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
 from lensfit.fitting.wavefront import descent
 from lensfit.fitting.wavefront.coarse import coarse_fit
-from lensfit.fitting.wavefront.descent import asked_for, fine_fit, last_fit, middle_fit
+from lensfit.fitting.wavefront.descent import (
+    fine_fit,
+    fit_selected_term_groups,
+    last_fit,
+    middle_fit,
+)
 from lensfit.fitting.wavefront.dot_weights import relative_misfit
-from lensfit.fitting.wavefront.multistart import deepest, side_is_told
+from lensfit.fitting.wavefront.multistart import best_candidate, is_side_determined
 from lensfit.fitting.wavefront.stages import (
     chi_squared,
     first_stage,
-    freed,
-    on_dots,
-    solved,
+    set_priors,
+    solve_stage,
+    stage_on_dots,
 )
-from lensfit.fitting.wavefront.term_group_selection import choose
-from lensfit.fitting.wavefront.term_groups import LAST, deviation_of, families_of
+from lensfit.fitting.wavefront.term_group_selection import select_term_groups
+from lensfit.fitting.wavefront.term_groups import (
+    LAST,
+    candidate_term_groups,
+    deviation_of,
+)
 
 BLOCKS = LAYOUT.blocks
 NOISE = 0.02
@@ -31,33 +40,33 @@ TRUE = Seidel(
 
 
 @pytest.fixture(scope="module")
-def gathered():
+def dot_data():
     """Three takes wide open on both sides of focus, and the same stopped down."""
     shots = [Shot(0, 0, 1700.0), Shot(1, 0, 2500.0), Shot(2, 0, 1900.0)]
     shots += [replace(shot, stop=1) for shot in shots]
     return photographed(TRUE, shots, noise=NOISE)
 
 
-def fitted(gathered, layout=LAYOUT):
+def fitted(dot_data, layout=LAYOUT):
     """All stages from the default start, and whether the sign is known."""
-    coarse = coarse_fit(gathered, layout, None)
-    best = deepest(coarse.valleys).stage
-    middle = middle_fit(best, coarse.families)
-    families = families_of(gathered, layout, best.mean[BLOCKS["defocus"]])
-    return fine_fit(on_dots(middle, gathered), families, 2), coarse.side_stated
+    coarse = coarse_fit(dot_data, layout, None)
+    best = best_candidate(coarse.candidates).stage
+    middle = middle_fit(best, coarse.term_groups)
+    term_groups = candidate_term_groups(dot_data, layout, best.mean[BLOCKS["defocus"]])
+    return fine_fit(stage_on_dots(middle, dot_data), term_groups, 2), coarse.side_stated
 
 
 @pytest.fixture(scope="module")
-def begun(gathered):
+def begun(dot_data):
     """With all families free, and these."""
-    stage, known = fitted(gathered)
+    stage, known = fitted(dot_data)
     assert known
-    return stage, families_of(gathered, LAYOUT, stage.mean[BLOCKS["defocus"]])
+    return stage, candidate_term_groups(dot_data, LAYOUT, stage.mean[BLOCKS["defocus"]])
 
 
 @pytest.fixture(scope="module")
 def fine(begun):
-    stage, chosen, _ = asked_for(*begun)
+    stage, chosen, _ = fit_selected_term_groups(*begun)
     assert {f.name for f in chosen} == {
         "defocus",
         "third_order",
@@ -97,16 +106,16 @@ def test_the_fit_suits_the_photographs_better_than_the_truth(fine):
     """A minimum is below every other point, and a solve from it stays."""
     truth = replace(fine, parameters=TRUE.parameters())
     for _ in range(3):
-        truth = solved(truth, 1)
+        truth = solve_stage(truth, 1)
     assert chi_squared(fine) < chi_squared(truth)
-    again = solved(solved(fine, 12), 1)
+    again = solve_stage(solve_stage(fine, 12), 1)
     assert chi_squared(again) < chi_squared(fine) * (1 + 1e-4)
 
 
-def test_what_is_left_is_the_noise(gathered, fine):
-    left = relative_misfit(gathered, fine.residual, fine.nuisance[..., 1])[:, 1]
-    signal = gathered.light[:, 1] - fine.nuisance[:, 1, 1, None, None]
-    noise = gathered.read_noise[:, 1] * 24 / np.sqrt(np.sum(signal**2, (1, 2)))
+def test_what_is_left_is_the_noise(dot_data, fine):
+    left = relative_misfit(dot_data, fine.residual, fine.nuisance[..., 1])[:, 1]
+    signal = dot_data.light[:, 1] - fine.nuisance[:, 1, 1, None, None]
+    noise = dot_data.read_noise[:, 1] * 24 / np.sqrt(np.sum(signal**2, (1, 2)))
     # 512 rays for the model and 60 000 for the photograph add their own grain.
     grain = np.sqrt(np.median(left**2 - noise**2))
     assert np.median(left / noise) < 1.25
@@ -114,68 +123,78 @@ def test_what_is_left_is_the_noise(gathered, fine):
     assert np.all(left < 2 * noise)
 
 
-def test_patches_moved_to_where_the_dots_are(gathered, fine):
-    shift = np.abs(fine.nuisance[:, 1, 2:4]) / gathered.dots.cell_mm
+def test_patches_moved_to_where_the_dots_are(dot_data, fine):
+    shift = np.abs(fine.nuisance[:, 1, 2:4]) / dot_data.dots.cell_mm
     assert np.median(shift) < 0.05
     assert shift.max() < 0.5
-    assert np.abs(fine.corner_mm[:, 1] + gathered.observed_mm[:, 1]).max() > 0.005
+    assert np.abs(fine.corner_mm[:, 1] + dot_data.observed_mm[:, 1]).max() > 0.005
 
 
-def test_unused_channels_say_nothing(gathered, fine):
-    each = np.asarray(fine.solution.per_dot.gradient)[: len(gathered.take)]
+def test_unused_channels_say_nothing(dot_data, fine):
+    each = np.asarray(fine.solution.per_dot.gradient)[: len(dot_data.take)]
     assert np.any(each[:, 1])
     assert not np.any(each[:, [0, 2]])
 
 
-def test_folds_hold_every_take_once(gathered, fine):
+def test_folds_hold_every_take_once(dot_data, fine):
     """Two folds a take; the sum of all is that of the dots."""
     chi = fine.equations.chi_squared
-    takes = len(gathered.shown)
+    takes = len(dot_data.photographs)
     assert np.all(chi[: 2 * takes] > 0)
     assert not np.any(chi[2 * takes :])
     each = np.sum(fine.weight * fine.residual**2, (1, 2, 3))
     assert np.any(each > 0)
 
 
-def test_a_dot_without_weight_changes_nothing(gathered, fine):
+def test_a_dot_without_weight_changes_nothing(dot_data, fine):
     """As if it were not there, whatever it shows."""
     deviation = fine.deviation
     weight = fine.weight.copy()
     weight[7] = 0.0
-    light = gathered.light.copy()
+    light = dot_data.light.copy()
     light[7] = 77.0
-    dark = replace(fine, weight=weight, gathered=replace(gathered, light=light))
-    one = solved(freed(dark, deviation), 1)
-    plain = solved(freed(replace(fine, weight=weight), deviation), 1)
+    dark = replace(fine, weight=weight, dot_data=replace(dot_data, light=light))
+    one = solve_stage(set_priors(dark, deviation), 1)
+    plain = solve_stage(set_priors(replace(fine, weight=weight), deviation), 1)
     for name in ("matrix", "gradient", "chi_squared"):
         np.testing.assert_array_equal(
             getattr(one.equations, name), getattr(plain.equations, name)
         )
-    assert chi_squared(one) < chi_squared(solved(fine, 1))
+    assert chi_squared(one) < chi_squared(solve_stage(fine, 1))
 
 
-def test_fixed_parameters_stay_where_they_are(gathered, fine):
+def test_fixed_parameters_stay_where_they_are(dot_data, fine):
     """Only the prior's width says what may move."""
-    families = families_of(gathered, LAYOUT, fine.mean[BLOCKS["defocus"]])
-    some = tuple(f for f in families if f.name in ("defocus", "third_order"))
-    start = first_stage(gathered, LAYOUT, TRUE.parameters() * 0.9)
-    after = solved(freed(start, deviation_of(some, LAYOUT, LAST)), 3)
+    term_groups = candidate_term_groups(dot_data, LAYOUT, fine.mean[BLOCKS["defocus"]])
+    some = tuple(f for f in term_groups if f.name in ("defocus", "third_order"))
+    start = first_stage(dot_data, LAYOUT, TRUE.parameters() * 0.9)
+    after = solve_stage(set_priors(start, deviation_of(some, LAYOUT, LAST)), 3)
     moved = np.flatnonzero(after.parameters != start.parameters)
-    assert set(moved) == {i for family in some for i in family.indices}
+    assert set(moved) == {i for term_group in some for i in term_group.indices}
 
 
 def test_a_choice_that_fits_worse_than_foreseen_is_taken_back(begun, monkeypatch):
-    stage, families = begun
-    foreseen = choose(stage, families)
-    asked = {verdict.name for verdict in foreseen.verdicts if not verdict.kept}
+    stage, term_groups = begun
+    foreseen = select_term_groups(stage, term_groups)
+    asked = {
+        term_decision.name
+        for term_decision in foreseen.term_decisions
+        if not term_decision.kept
+    }
     assert asked
     too_good = foreseen._replace(chi_squared=foreseen.chi_squared / 2)
-    monkeypatch.setattr(descent, "choose", lambda *_: too_good)
-    same, kept, verdicts = asked_for(stage, families)
+    monkeypatch.setattr(descent, "select_term_groups", lambda *_: too_good)
+    same, kept, term_decisions = fit_selected_term_groups(stage, term_groups)
     assert same is stage
-    assert kept == families
-    assert {verdict.name for verdict in verdicts if verdict.despite} == asked
-    assert all(verdict.reason.startswith("kept: ") for verdict in verdicts)
+    assert kept == term_groups
+    assert {
+        term_decision.name
+        for term_decision in term_decisions
+        if term_decision.override_reason
+    } == asked
+    assert all(
+        term_decision.reason.startswith("kept: ") for term_decision in term_decisions
+    )
 
 
 @pytest.mark.parametrize(
@@ -204,7 +223,9 @@ def unstated(defocus_mm):
     lens = replace(TRUE, coma_um=10.0, spherical_um=14.0, defocus_mm=defocus_mm)
     shots = [Shot(0, 0), Shot(1, 0), Shot(0, 1), Shot(1, 1)]
     coarse = coarse_fit(photographed(lens, shots), LAYOUT, None)
-    return deepest(coarse.valleys).stage, side_is_told(coarse.valleys)
+    return best_candidate(coarse.candidates).stage, is_side_determined(
+        coarse.candidates
+    )
 
 
 @pytest.mark.slow
@@ -223,7 +244,7 @@ def test_takes_that_are_all_out_of_focus_by_the_same_are_found():
     )
     shots = [Shot(k, stop, mm) for stop in (0, 1) for k, mm in enumerate(FOCUS_MM)]
     found = coarse_fit(photographed(lens, shots, noise=NOISE), LAYOUT, None)
-    found = deepest(found.valleys).stage
+    found = best_candidate(found.candidates).stage
     np.testing.assert_allclose(
         found.parameters[BLOCKS["defocus"]], lens.defocus_mm, atol=0.15
     )

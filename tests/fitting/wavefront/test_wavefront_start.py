@@ -11,16 +11,16 @@ from drawn_lens import LAYOUT, PLACES_MM, REFERENCE_MM, Seidel, Shot, photograph
 
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.wavefront.gather import (
-    Group,
-    chosen,
-    spread_out,
-    spread_over_takes,
+    FocusGroup,
+    farthest_point_rows,
+    rows_spread_over_takes,
+    select_dots,
 )
 from lensfit.fitting.wavefront.start import (
+    defocus_size_mm,
     first_defocus,
     first_parameters,
     first_rims,
-    seen_defocus_mm,
     sharp_f_number,
 )
 from lensfit.kernel.pixels import AIRY_SIGMA, WAVELENGTH_MM
@@ -36,7 +36,7 @@ def discs():
 
 
 def test_the_size_of_defocus_is_that_of_the_disc(discs):
-    np.testing.assert_allclose(seen_defocus_mm(discs), [0.4, 0.2], rtol=0.03)
+    np.testing.assert_allclose(defocus_size_mm(discs), [0.4, 0.2], rtol=0.03)
 
 
 def test_its_sign_is_that_of_the_stated_distances(discs):
@@ -47,7 +47,7 @@ def test_its_sign_is_that_of_the_stated_distances(discs):
 
 
 def test_without_distances_the_sign_is_unknown(discs):
-    silent = replace(discs, groups=(Group(None, None, "a"), discs.groups[1]))
+    silent = replace(discs, groups=(FocusGroup(None, None, "a"), discs.groups[1]))
     first = first_defocus(silent)
     np.testing.assert_allclose(first.value_mm, [0.4, -0.2], rtol=0.03)
     np.testing.assert_array_equal(first.side_stated, [False, True])
@@ -55,7 +55,7 @@ def test_without_distances_the_sign_is_unknown(discs):
 
 def test_a_chart_stated_in_focus_is_taken_to_be(discs):
     """What is seen is then aberrations, not defocus."""
-    focused = Group(REFERENCE_MM, REFERENCE_MM, "")
+    focused = FocusGroup(REFERENCE_MM, REFERENCE_MM, "")
     first = first_defocus(replace(discs, groups=(focused, discs.groups[1])))
     assert first.side_stated.all()
     assert abs(first.value_mm[0]) < 1e-9
@@ -69,7 +69,7 @@ def slanted(f_number: float, sigma_mm: float, depth_mm: float = 3.0):
     dots = SimpleNamespace(
         vergence=1 / (50 + 50**2 / (image_mm - 40)),
         variance_mm2=np.zeros((8, 2)),
-        filled_mm=np.zeros((8, 2, 2)),
+        sampled_ellipse_mm=np.zeros((8, 2, 2)),
         cell_mm=np.full((8, 2), 0.01),
         broad=None,
     )
@@ -79,24 +79,24 @@ def slanted(f_number: float, sigma_mm: float, depth_mm: float = 3.0):
         dots=dots,
         diameter_mm=np.full(8, diameter_mm),
         f_numbers=(4.0,),
-        shown=(None,),
+        photographs=(None,),
         take=np.zeros(8, int),
     )
 
 
 def test_a_chart_seen_at_a_slant_is_as_deep_as_its_dots_are_sharp():
-    gathered: Any = slanted(11.0, 0.0)
-    assert sharp_f_number(gathered) == pytest.approx(11.0, rel=1e-6)
+    dot_data: Any = slanted(11.0, 0.0)
+    assert sharp_f_number(dot_data) == pytest.approx(11.0, rel=1e-6)
 
 
 def test_a_level_chart_keeps_the_unit():
-    gathered: Any = slanted(11.0, 0.02, depth_mm=0.0)
-    assert sharp_f_number(gathered) == 4.0
+    dot_data: Any = slanted(11.0, 0.02, depth_mm=0.0)
+    assert sharp_f_number(dot_data) == 4.0
 
 
 def test_an_opening_that_diffraction_would_blur_more_is_none():
-    gathered: Any = slanted(500.0, 0.01)
-    airy_mm = AIRY_SIGMA * WAVELENGTH_MM * sharp_f_number(gathered)
+    dot_data: Any = slanted(500.0, 0.01)
+    airy_mm = AIRY_SIGMA * WAVELENGTH_MM * sharp_f_number(dot_data)
     assert airy_mm == pytest.approx(0.005)
 
 
@@ -138,17 +138,17 @@ def test_dots_are_chosen_far_apart():
     rng = np.random.default_rng(0)
     points = rng.uniform(-1, 1, (200, 2))
     among = np.arange(0, 200, 2)
-    found = spread_out(points, among, 9)
+    found = farthest_point_rows(points, among, 9)
     assert len(set(found)) == 9
     assert set(found) <= set(among)
     apart = np.hypot(*(points[found][:, None] - points[found][None]).T)
     assert apart[np.triu_indices(9, 1)].min() > 0.5
-    np.testing.assert_array_equal(spread_out(points, among[:5], 9), among[:5])
+    np.testing.assert_array_equal(farthest_point_rows(points, among[:5], 9), among[:5])
 
 
 def test_every_take_keeps_its_dots(discs):
-    rows = spread_over_takes(discs, 4)
-    few = chosen(discs, rows)
+    rows = rows_spread_over_takes(discs, 4)
+    few = select_dots(discs, rows)
     assert [int(np.sum(few.take == k)) for k in range(3)] == [4, 4, 4]
     np.testing.assert_array_equal(few.light, discs.light[rows])
     np.testing.assert_array_equal(few.dots.group, discs.dots.group[rows])

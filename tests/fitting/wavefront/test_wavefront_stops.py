@@ -6,8 +6,11 @@ from typing import Any
 import numpy as np
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.term_groups import families_of, stops_shown
-from lensfit.fitting.wavefront.uncertainty import held_stops
+from lensfit.fitting.wavefront.term_groups import (
+    candidate_term_groups,
+    determined_stops,
+)
+from lensfit.fitting.wavefront.uncertainty import fixed_stop_ratios
 
 DEFOCUS_MM = np.array([0.3, -0.25, 0.0])
 LENS = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=tuple(DEFOCUS_MM))
@@ -22,13 +25,13 @@ IN_FOCUS = gathered_of(Shot(2, 1, 2000.0))
 OUT_OF_FOCUS = gathered_of(Shot(0, 1, 1700.0), Shot(2, 1, 2000.0))
 
 
-def names_of(gathered) -> set[str]:
-    return {one.name for one in families_of(gathered, LAYOUT, DEFOCUS_MM)}
+def names_of(dot_data) -> set[str]:
+    return {one.name for one in candidate_term_groups(dot_data, LAYOUT, DEFOCUS_MM)}
 
 
 def test_only_a_disc_wider_than_the_hole_shows_the_stop():
-    assert not stops_shown(IN_FOCUS, DEFOCUS_MM).any()
-    assert stops_shown(OUT_OF_FOCUS, DEFOCUS_MM).all()
+    assert not determined_stops(IN_FOCUS, DEFOCUS_MM).any()
+    assert determined_stops(OUT_OF_FOCUS, DEFOCUS_MM).all()
 
 
 def test_a_stop_photographed_in_focus_alone_is_not_fitted():
@@ -39,10 +42,10 @@ def test_a_stop_photographed_in_focus_alone_is_not_fitted():
 
 
 def test_its_doubt_is_that_of_the_f_number():
-    families = families_of(OUT_OF_FOCUS, LAYOUT, DEFOCUS_MM)
-    (ratios,) = (one for one in families if one.name == "stop_ratios")
+    term_groups = candidate_term_groups(OUT_OF_FOCUS, LAYOUT, DEFOCUS_MM)
+    (ratios,) = (one for one in term_groups if one.name == "stop_ratios")
     assert ratios.deviation == (OUT_OF_FOCUS.widths.f_number,) == (0.05,)
-    stage: Any = SimpleNamespace(layout=LAYOUT, gathered=IN_FOCUS)
+    stage: Any = SimpleNamespace(layout=LAYOUT, dot_data=IN_FOCUS)
     first = LAYOUT.blocks["stop_ratio"].start
-    np.testing.assert_array_equal(held_stops(stage, np.arange(first)), [first])
-    assert not len(held_stops(stage, np.array([first])))
+    np.testing.assert_array_equal(fixed_stop_ratios(stage, np.arange(first)), [first])
+    assert not len(fixed_stop_ratios(stage, np.array([first])))

@@ -6,13 +6,23 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
 
-from lensfit.fitting.wavefront.stages import first_stage, freed, settled, solved
-from lensfit.fitting.wavefront.term_groups import FINE, Family, deviation_of, indices_of
+from lensfit.fitting.wavefront.stages import (
+    first_stage,
+    recentre_patches,
+    set_priors,
+    solve_stage,
+)
+from lensfit.fitting.wavefront.term_groups import (
+    FINE,
+    TermGroup,
+    deviation_of,
+    indices_of,
+)
 from lensfit.fitting.wavefront.uncertainty import (
     covariance_of,
+    model_error_covariance_of,
     parameter_moves,
-    unseen,
-    unshown_covariance_of,
+    undetermined_term_groups,
 )
 
 LENS = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.2,))
@@ -20,14 +30,14 @@ DRAWS = 30
 NOISE = 0.15
 COEFFICIENTS, DEFOCUS = LAYOUT.blocks["coefficients"], LAYOUT.blocks["defocus"]
 FREE = (
-    Family("defocus", (DEFOCUS.start,), (0.5,), FINE),
-    Family("third_order", tuple(range(1, 5)), (100.0,) * 4, FINE),
+    TermGroup("defocus", (DEFOCUS.start,), (0.5,), FINE),
+    TermGroup("third_order", tuple(range(1, 5)), (100.0,) * 4, FINE),
 )
 
 
-def started(gathered, families):
-    stage = first_stage(gathered, LAYOUT, LENS.parameters())
-    return settled(freed(stage, deviation_of(families, LAYOUT, FINE)))
+def started(dot_data, term_groups):
+    stage = first_stage(dot_data, LAYOUT, LENS.parameters())
+    return recentre_patches(set_priors(stage, deviation_of(term_groups, LAYOUT, FINE)))
 
 
 @pytest.mark.slow
@@ -38,12 +48,12 @@ def test_deviations_are_the_scatter_of_the_fit():
     peak = still.light.max((2, 3), keepdims=True)
     still = replace(still, read_noise=NOISE * peak[..., 0, 0])
     found, told = [], []
-    which = [i for family in FREE for i in family.indices]
-    stage = solved(started(still, FREE), 8)
+    which = [i for term_group in FREE for i in term_group.indices]
+    stage = solve_stage(started(still, FREE), 8)
     for seed in range(DRAWS):
         noise = np.random.default_rng(seed).normal(0, NOISE, still.light.shape) * peak
-        noisy = replace(stage, gathered=replace(still, light=still.light + noise))
-        after = solved(solved(noisy, 8), 1)
+        noisy = replace(stage, dot_data=replace(still, light=still.light + noise))
+        after = solve_stage(solve_stage(noisy, 8), 1)
         found.append(after.parameters[which])
         told.append(np.diag(covariance_of(after, FREE))[which])
     ratio = np.sqrt(np.mean(told, 0)) / np.std(found, 0, ddof=1)
@@ -52,12 +62,12 @@ def test_deviations_are_the_scatter_of_the_fit():
 
 def test_what_nobody_photographed_is_called_unseen():
     """A second group's defocus has no dots; its prior is all there is."""
-    gathered = photographed(LENS, [Shot(0, 0)], rays=20_000)
-    nobody = Family("other", (DEFOCUS.start + 1,), (0.5,), FINE)
-    families = (*FREE, nobody)
-    stage = solved(started(gathered, families), 6)
-    covariance = covariance_of(stage, families)
-    assert unseen(stage, families, covariance) == ("other",)
+    dot_data = photographed(LENS, [Shot(0, 0)], rays=20_000)
+    nobody = TermGroup("other", (DEFOCUS.start + 1,), (0.5,), FINE)
+    term_groups = (*FREE, nobody)
+    stage = solve_stage(started(dot_data, term_groups), 6)
+    covariance = covariance_of(stage, term_groups)
+    assert undetermined_term_groups(stage, term_groups, covariance) == ("other",)
     assert np.sqrt(covariance[nobody.indices[0]][nobody.indices[0]]) == (
         pytest.approx(0.5, rel=1e-6)
     )
@@ -66,7 +76,7 @@ def test_what_nobody_photographed_is_called_unseen():
     fixed = LAYOUT.blocks["rim_shift"]
     assert not np.any(covariance[fixed])
     moves = parameter_moves(stage, covariance)
-    which = indices_of(families)
+    which = indices_of(term_groups)
     square = np.ix_(which, which)
     assert len(moves) <= len(which)
     deviation = np.sqrt(np.diag(covariance)[which])
@@ -77,10 +87,10 @@ def test_what_nobody_photographed_is_called_unseen():
 @pytest.mark.parametrize("lean", [1.0, 4.0, 1e4])
 def test_what_is_stated_is_never_surer_than_the_lean_fit(lean):
     """Nor is what is added of any direction negative, however unsure that fit was."""
-    gathered = photographed(LENS, [Shot(0, 0)], rays=20_000)
-    stage = solved(started(gathered, FREE), 6)
+    dot_data = photographed(LENS, [Shot(0, 0)], rays=20_000)
+    stage = solve_stage(started(dot_data, FREE), 6)
     own = lean * covariance_of(stage, FREE[:1])
-    added = unshown_covariance_of(stage, FREE, own)
+    added = model_error_covariance_of(stage, FREE, own)
     free = indices_of(FREE)
     unit = np.sqrt(np.diag(added + own)[free])
     assert np.all(unit > 0)

@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 
-from lensfit.fitting.wavefront.dots import Aperture, Broad
+from lensfit.fitting.wavefront.dots import Broad, DetectionAperture
 from lensfit.fitting.wavefront.patch import equations_of
-from lensfit.fitting.wavefront.rays import rays_of, spot_seen
+from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
-from lensfit.fitting.wavefront.waves import WAVES, basis_of, transfers_of, waves_left
+from lensfit.fitting.wavefront.waves import (
+    WAVES,
+    basis_of,
+    transfers_of,
+    waves_after_smoothing,
+)
 from lensfit.kernel.pixels import image_of
 from lensfit.kernel.spot import Spot
 
@@ -21,16 +26,16 @@ NOBODY = np.full((8, 2), np.nan)
 VARIANCE_MM2 = jnp.full(2, 1e-6)
 
 
-def dot_of(disc_mm, beside_mm=NOBODY, size_width=1e-4):
+def dot_of(disc_mm, neighbour_offsets_mm=NOBODY, size_width=1e-4):
     """A dot on axis and its transfer, as a pass has them."""
     cell_mm = np.full((1, 2), PIXEL_MM)
     one = np.ones(1)
-    aperture = Aperture(5 * np.eye(2)[None], 1.3 * one, 0.3 * one, 0 * one)
+    aperture = DetectionAperture(5 * np.eye(2)[None], 1.3 * one, 0.3 * one, 0 * one)
     no_square = np.zeros((1, 2, 2)), 0 * one
     broad = Broad(
         disc_mm[None],
         np.zeros((1, 2)),
-        beside_mm[None],
+        neighbour_offsets_mm[None],
         *no_square,
         size_width * one,
         aperture,
@@ -42,15 +47,15 @@ def dot_of(disc_mm, beside_mm=NOBODY, size_width=1e-4):
 
 def spot_through(defocus_mm, dot):
     numbers = jnp.asarray(Seidel(defocus_mm=(defocus_mm,)).parameters())
-    return numbers, spot_seen(numbers, dot, GREY, LAYOUT, SCALE, RAYS)
+    return numbers, spot_and_pullback(numbers, dot, GREY, LAYOUT, SCALE, RAYS)
 
 
-def image(defocus_mm, disc_mm, waves=WAVES, beside_mm=NOBODY):
-    dot, transfer = dot_of(disc_mm, beside_mm)
+def image(defocus_mm, disc_mm, waves=WAVES, neighbour_offsets_mm=NOBODY):
+    dot, transfer = dot_of(disc_mm, neighbour_offsets_mm)
     _, (spot, _) = spot_through(defocus_mm, dot)
     basis = basis_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, waves)
     profile = basis.profile(spot, VARIANCE_MM2)
-    return np.asarray(basis.seen(image_of(spot, profile)))
+    return np.asarray(basis.cell_light(image_of(spot, profile)))
 
 
 def counted(defocus_mm, disc_mm, at_mm=(0.0, 0.0), rays=4_000_000):
@@ -88,7 +93,7 @@ def test_dots_beside_reach_into_the_picture():
     beside = PIXEL_MM * np.array([[16.0, 0.5], [-0.5, 16.0], [16.0, 16.0]])
     truth = counted(0.5, disc) + sum(counted(0.5, disc, at) for at in beside)
     padded = np.concatenate([beside, NOBODY[3:]])
-    found = image(0.5, disc, beside_mm=padded)
+    found = image(0.5, disc, neighbour_offsets_mm=padded)
     assert np.linalg.norm(found - truth) < 0.02 * np.linalg.norm(truth)
     alone = image(0.5, disc)
     assert np.linalg.norm(alone - truth) > 0.1 * np.linalg.norm(truth)
@@ -100,13 +105,13 @@ def test_the_gradient_is_that_of_the_sum_of_squares():
     # On both sides: where dots have yet to be moved, their shift is left out.
     beside = np.concatenate([14 * PIXEL_MM * np.eye(2)[:1] * s for s in (1, -1)])
     beside = np.concatenate([beside, NOBODY[2:]])
-    light = jnp.asarray(3 * image(0.2, disc, beside_mm=beside) + 0.1)
+    light = jnp.asarray(3 * image(0.2, disc, neighbour_offsets_mm=beside) + 0.1)
     dot, transfer = dot_of(disc, beside)
 
     @jax.jit
     def of(numbers, weight, cell_mm2):
         seen = (dot, GREY, LAYOUT, SCALE)
-        spot, led_back = spot_seen(numbers, *seen, RAYS)
+        spot, pullback = spot_and_pullback(numbers, *seen, RAYS)
         # Derivatives by defocus take light and widths of the rays as they are.
         held = Spot(spot.landing_mm, weight, cell_mm2)
         patch = equations_of(
@@ -119,7 +124,7 @@ def test_the_gradient_is_that_of_the_sum_of_squares():
             VARIANCE_MM2,
             transfer,
         )
-        return patch.chi_squared, led_back(patch.pull), spot
+        return patch.chi_squared, pullback(patch.spot_gradient), spot
 
     numbers = jnp.asarray(Seidel(defocus_mm=(0.3,)).parameters())
     spot = of(numbers, jnp.ones(RAYS), jnp.ones(RAYS))[2]
@@ -130,13 +135,13 @@ def test_the_gradient_is_that_of_the_sum_of_squares():
     np.testing.assert_allclose(slope, (ends[1] - ends[0]) / (2 * step), rtol=2e-3)
 
 
-def smoothed_image(waves, cells, defocus_mm, disc_mm, beside_mm):
+def smoothed_image(waves, cells, defocus_mm, disc_mm, neighbour_offsets_mm):
     """As the first stages of a fit smooth it."""
-    dot, transfer = dot_of(disc_mm, beside_mm)
+    dot, transfer = dot_of(disc_mm, neighbour_offsets_mm)
     _, (spot, _) = spot_through(defocus_mm, dot)
     basis = basis_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, waves)
     profile = basis.profile(spot, jnp.full(2, (cells * PIXEL_MM) ** 2))
-    return np.asarray(basis.seen(image_of(spot, profile)))
+    return np.asarray(basis.cell_light(image_of(spot, profile)))
 
 
 @pytest.mark.parametrize("radius_cells", [1.0, 4.0])
@@ -145,7 +150,7 @@ def smoothed_image(waves, cells, defocus_mm, disc_mm, beside_mm):
 def test_few_waves_do_for_smoothed_images(cells, radius_cells, defocus_mm):
     disc = radius_cells * PIXEL_MM * np.eye(2)
     beside = np.concatenate([[[13 * PIXEL_MM, -2 * PIXEL_MM]], NOBODY[1:]])
-    few = waves_left(cells, CELLS)
+    few = waves_after_smoothing(cells, CELLS)
     assert few < WAVES
     all_of_them, left = (
         smoothed_image(n, cells, defocus_mm, disc, beside) for n in (WAVES, few)
@@ -155,7 +160,7 @@ def test_few_waves_do_for_smoothed_images(cells, radius_cells, defocus_mm):
 
 
 def test_what_is_not_smoothed_has_all_waves():
-    assert waves_left(0.0, CELLS) == WAVES
+    assert waves_after_smoothing(0.0, CELLS) == WAVES
 
 
 @pytest.mark.parametrize("waves", [WAVES, 9])
@@ -167,8 +172,8 @@ def test_what_is_traced_back_is_the_transpose_of_what_is_seen(waves):
     rng = np.random.default_rng(7)
     drawn = jnp.asarray(rng.normal(size=(basis.size,) * 2))
     pull = jnp.asarray(rng.normal(size=(CELLS, CELLS)))
-    forth = jnp.sum(pull * basis.seen(drawn))
-    back = jnp.sum(basis.traced_back(pull) * drawn)
+    forth = jnp.sum(pull * basis.cell_light(drawn))
+    back = jnp.sum(basis.cell_light_transpose(pull) * drawn)
     np.testing.assert_allclose(forth, back, rtol=1e-5)
 
 
