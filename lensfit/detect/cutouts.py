@@ -1,7 +1,7 @@
 """Small pictures of all dots and checker corners, for the fit of their shape.
 
 A cutout is a square of cells, a cell a square of pixels: one where dots are small, more
-where they are blurred, so that every photograph gives cutouts of the same shape.
+where they are blurred, so that every photograph gives patches of the same shape.
 
 Cells that hold a pixel outside the frame, or nearer to another dot, are masked; cells
 with a clipped pixel are marked, since the light there is at least what was recorded.
@@ -37,7 +37,7 @@ _LARGEST_CELL_PX = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Cutouts:
+class DotImages:
     """Pictures of the dots of one photograph.
 
     Attributes
@@ -75,8 +75,8 @@ class Cutouts:
         return self.pixel_noise / _pixels_of_noise(self.mosaic, self.cell_px)
 
 
-def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
-    """Cutouts of all dots that have a size, or of corners; None where none has."""
+def cut_dot_images(photograph: Photograph, marks: Observations) -> DotImages | None:
+    """Dot images of all dots that have a size, or of corners; None where none has."""
     reach_px = _reaches_px(marks)
     sized = np.isfinite(reach_px) & np.isfinite(marks.points_px).all(-1)
     chosen = np.flatnonzero(sized)
@@ -84,30 +84,32 @@ def cut(photograph: Photograph, marks: Observations) -> Cutouts | None:
         return None
     half = float(np.quantile(reach_px[chosen], 0.9)) + MARGIN_PX
     pixels, own = _of_three_channels(photograph), _measured(photograph)
-    noise = _pixel_noise(-pixels if marks.of_dark_dots else pixels, own)
+    noise = _pixel_noise(-pixels if marks.are_dark_dots else pixels, own)
     middle_px = marks.points_px[chosen]
-    return cutouts_about(photograph, marks, chosen, middle_px, cell_px_of(half), noise)
+    return dot_images_about(
+        photograph, marks, chosen, middle_px, cell_px_of(half), noise
+    )
 
 
 def cell_px_of(half_px: float) -> int:
-    """Of cutouts that reach so far."""
+    """Of patches that reach so far."""
     return min(max(int(np.ceil(2 * half_px / CELLS)), 1), _LARGEST_CELL_PX)
 
 
-def cutouts_about(
+def dot_images_about(
     photograph: Photograph,
     marks: Observations,
     chosen: Int[np.ndarray, " dots"],
     middle_px: Float[np.ndarray, "dots 2"],
     cell: int,
     pixel_noise: Float[np.ndarray, " 3"],
-) -> Cutouts:
+) -> DotImages:
     """Of some of the marks, each about a place.
 
     Parameters
     ----------
     cell : Pixels along a cell, at least.
-    pixel_noise : As `Cutouts` has it.
+    pixel_noise : As `DotImages` has it.
     """
     pixels, own = _of_three_channels(photograph), _measured(photograph)
     align = 1
@@ -119,10 +121,10 @@ def cutouts_about(
     nearest = _nearest_is_own(marks.points_px, chosen, corner, cell)
     light, clipped = cells.light, cells.clipped
     usable = cells.measured & (cells.inside & nearest)[:, None]
-    if marks.of_dark_dots:
+    if marks.are_dark_dots:
         usable = usable & ~clipped
         light, clipped = _light_taken(light, usable), np.zeros_like(clipped)
-    return Cutouts(
+    return DotImages(
         marks=chosen,
         light=light,
         valid=usable,

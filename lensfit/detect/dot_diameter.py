@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lensfit.detect.cutouts import CELLS, Cutouts
+from lensfit.detect.cutouts import CELLS, DotImages
 from lensfit.detect.observations import Observations
 
 _MIDDLE, _AROUND_MIDDLE = 0.3, 0.55
@@ -31,7 +31,7 @@ the spread of the dots and what `_EVEN` lets pass would give it."""
 
 
 def dot_diameter_mm(
-    marks: Observations, cutouts: Cutouts, pitch_mm: tuple[float, float]
+    marks: Observations, dot_images: DotImages, pitch_mm: tuple[float, float]
 ) -> float | None:
     """Median of the dots of one photograph; None where blur reaches their middles.
 
@@ -39,8 +39,8 @@ def dot_diameter_mm(
     ----------
     pitch_mm : Of the chart, to the right and down.
     """
-    found = _measured(marks, cutouts)
-    of_cell = found.area_px2 / _lattice_cells_px2(marks)[cutouts.marks]
+    found = _measured(marks, dot_images)
+    of_cell = found.area_px2 / _lattice_cells_px2(marks)[dot_images.marks]
     of_cell = of_cell[found.even & found.whole & np.isfinite(of_cell)]
     if len(of_cell) < _FEWEST:
         return None
@@ -48,10 +48,10 @@ def dot_diameter_mm(
 
 
 def even_in_the_middle(
-    marks: Observations, cutouts: Cutouts
+    marks: Observations, dot_images: DotImages
 ) -> Bool[np.ndarray, " dots"]:
     """Whether a dot is broad and blur does not reach its middle, in green."""
-    return _measured(marks, cutouts).even
+    return _measured(marks, dot_images).even
 
 
 class _Measured(NamedTuple):
@@ -63,15 +63,15 @@ class _Measured(NamedTuple):
     whole: Bool[np.ndarray, " dots"]
 
 
-def _measured(marks: Observations, cutouts: Cutouts) -> _Measured:
+def _measured(marks: Observations, dot_images: DotImages) -> _Measured:
     """In green."""
-    light, cell = cutouts.light[:, 1], cutouts.cell_px
-    valid = cutouts.valid[:, 1] & ~cutouts.clipped[:, 1]
-    middle = (marks.points_px[cutouts.marks] - cutouts.corner_px) / cell
+    light, cell = dot_images.light[:, 1], dot_images.cell_px
+    valid = dot_images.valid[:, 1] & ~dot_images.clipped[:, 1]
+    middle = (marks.points_px[dot_images.marks] - dot_images.corner_px) / cell
     along = np.arange(CELLS) + 0.5
     x = along[None, None, :] - middle[:, 0, None, None]
     y = along[None, :, None] - middle[:, 1, None, None]
-    radius = marks.diameter_px[cutouts.marks, None, None] / (2 * cell)
+    radius = marks.diameter_px[dot_images.marks, None, None] / (2 * cell)
     r = np.hypot(x, y) / radius
     surround = _median(light, valid & (r > _WHOLE))
     within = r <= _WHOLE

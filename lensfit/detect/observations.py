@@ -80,14 +80,14 @@ class Observations:
         return len(self.points_px)
 
     @property
-    def of_corners(self) -> bool:
+    def are_corners(self) -> bool:
         """Whether marks are corners where plain squares meet."""
         return self.edge_blur_px is not None
 
     @property
-    def of_dark_dots(self) -> bool:
+    def are_dark_dots(self) -> bool:
         """Whether marks are dots, darker than their surround."""
-        return not (self.bright or self.of_corners)
+        return not (self.bright or self.are_corners)
 
 
 def only(found: Observations, kept: Bool[np.ndarray, " marks"]) -> Observations:

@@ -68,11 +68,11 @@ def hessian(
     g2 -= g2.mean()
     image = np.ascontiguousarray(image, np.float32)
 
-    def filtered(along_x: np.ndarray, along_y: np.ndarray) -> np.ndarray:
+    def separable_filter(along_x: np.ndarray, along_y: np.ndarray) -> np.ndarray:
         border = cv2.BORDER_REFLECT_101
         return cv2.sepFilter2D(image, cv2.CV_32F, along_x, along_y, borderType=border)
 
-    return filtered(g2, g0), filtered(g1, g1), filtered(g0, g2)
+    return separable_filter(g2, g0), separable_filter(g1, g1), separable_filter(g0, g2)
 
 
 def strongest_ridge(

@@ -12,9 +12,9 @@ import numpy as np
 from lensfit.detect.cutouts import (
     BLURS,
     MARGIN_PX,
-    Cutouts,
+    DotImages,
     cell_px_of,
-    cutouts_about,
+    dot_images_about,
 )
 from lensfit.detect.dot_diameter import even_in_the_middle
 from lensfit.detect.observations import Observations
@@ -27,9 +27,9 @@ _LEAST_EVEN = 0.5
 
 
 def cut_rims(
-    photograph: Photograph, marks: Observations, whole: Cutouts | None
-) -> Cutouts | None:
-    """Cutouts along the rims of large dots, in finer cells than the whole dots need.
+    photograph: Photograph, marks: Observations, whole: DotImages | None
+) -> DotImages | None:
+    """Dot images along the rims of large dots, in finer cells than the whole dots need.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def cut_rims(
     -------
     None of other marks, and where blur reaches the middle of dots or wants their cells.
     """
-    if whole is None or marks.of_corners or whole.cell_px == 1:
+    if whole is None or marks.are_corners or whole.cell_px == 1:
         return None
     cell = cell_px_of(BLURS * _rim_blur_px(marks, whole) + MARGIN_PX)
     if cell >= whole.cell_px or np.mean(even_in_the_middle(marks, whole)) < _LEAST_EVEN:
@@ -51,11 +51,13 @@ def cut_rims(
     radius_px = marks.diameter_px[chosen, None] / 2
     towards_px = radius_px * np.stack([np.cos(turn), np.sin(turn)], -1)
     middle_px = marks.points_px[chosen] + towards_px
-    found = cutouts_about(photograph, marks, chosen, middle_px, cell, whole.pixel_noise)
+    found = dot_images_about(
+        photograph, marks, chosen, middle_px, cell, whole.pixel_noise
+    )
     return replace(found, towards_px=towards_px)
 
 
-def _rim_blur_px(marks: Observations, whole: Cutouts) -> float:
+def _rim_blur_px(marks: Observations, whole: DotImages) -> float:
     """Standard deviation of the blur across rims, median of the dots.
 
     Across an edge of contrast c, blurred by a Gaussian of deviation s, the squares of

@@ -1,9 +1,9 @@
-"""Fit a model with given terms, robustly: solve, weigh, solve again.
+"""Robust fit of a model with given terms: iteratively reweighted least squares (IRLS).
 
-What the model leaves besides detection noise is estimated for every photograph from
-the median residual and added to the noise, so that weights stay fair while the model
-is still coarse. Marks far off their prediction lose weight (Cauchy), and the few that
-stay beyond reach are not used at all.
+The model variance of every photograph, that is, the residual variance in excess of the
+detection noise, is estimated from the median residual and added to the noise. Weights
+thus stay meaningful while the model is still coarse. Outliers are down-weighted by a
+Cauchy loss, and detections beyond `REJECT_BEYOND` standard deviations are not used.
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ REJECT_BEYOND = 7.0
 TOLERANCE = 1e-3
 LITTLE_DAMPING = 1e-7
 VALLEY_DAMPING = 1e-5
-"""Where terms that nearly span each other are free together."""
+"""For nearly collinear terms, whose minimum is a long narrow valley."""
 _MOST_STEPS = 12
 _MEDIAN_OF_CHI2 = {1: 0.6745, 2: 1.1774}
 """Median length of a whitened residual of one and of two dimensions."""
@@ -38,19 +38,20 @@ _predictions_mm = kept_program(static_argnames=("layout",))(normal.predictions_m
 
 @dataclass(frozen=True, eq=False)
 class Adjustment:
-    """A fitted model and how the marks were weighed.
+    """A fitted model, with the weights of the detections.
 
     Attributes
     ----------
-    parameters : All of them.
-    layout, frame, prior : What they mean, and which were free.
-    statements : What was stated of the lens and the boards; None for nothing.
+    parameters : All parameters, shared ones first.
+    layout, frame, prior : Their order, their scales, and which of them are free.
+    statements : Stated values of the lens and the boards; None if there are none.
     stack : The photographs.
-    shift_mm : Predicted centroid minus image of the centre, for every mark.
-    model_variance_mm2 : What the model leaves, per photograph.
-    weight : Of every mark, 0 to 1.
+    radius_mm : Radius of the dots of every photograph; 0 for other marks.
+    shift_mm : Predicted centroid minus image of the centre, for every detection.
+    model_variance_mm2 : Residual variance in excess of noise, per photograph.
+    weight : IRLS weight of every detection, 0 to 1.
     converged : Whether the last solve met its tolerance.
-    steps : Passes over the marks in all solves.
+    steps : Passes over the detections in all solves.
     """
 
     parameters: Float[np.ndarray, " parameters"]
@@ -68,13 +69,13 @@ class Adjustment:
 
     @property
     def used(self) -> Bool[np.ndarray, "views marks"]:
-        """Marks that take part."""
+        """Detections with a positive weight."""
         return self.stack.present & (self.weight > 0)
 
     def filled_up(
         self, values: Float[ArrayLike, " parameters"]
     ) -> Float[np.ndarray, " room"]:
-        """Values of all parameters, and zeros for the places of `stack.filled_view`."""
+        """Values of all parameters, padded with zeros for `stack.filled_view`."""
         room = self.layout.size(len(self.stack.filled_view.aperture))
         known = np.asarray(values)
         return np.concatenate([known, np.zeros(room - len(known))])
@@ -84,33 +85,37 @@ class Adjustment:
         weight: Float[np.ndarray, "views marks"] | None = None,
         chunks: int | None = None,
     ) -> Marks:
-        """The marks in chunks, weighed (by default all, with the current weights)."""
+        """The detections in chunks, by default all, with the current weights."""
         weight = self.weight if weight is None else weight
         whitening = whitening_of(self.stack, self.model_variance_mm2)
         whitening = whitening * np.sqrt(weight)[..., None, None]
-        deal = self.stack.chunking
+        chunking = self.stack.chunking
         return Marks(
-            view=jnp.asarray(deal.view),
-            chunks=jnp.asarray(deal.count if chunks is None else chunks),
-            board=jnp.asarray(deal.cut(self.stack.board)),
-            observed_mm=jnp.asarray(deal.cut(self.stack.observed_mm - self.shift_mm)),
-            whitening=jnp.asarray(deal.cut(whitening) * deal.real[..., None, None]),
+            view=jnp.asarray(chunking.view),
+            chunks=jnp.asarray(chunking.count if chunks is None else chunks),
+            board=jnp.asarray(chunking.in_chunks(self.stack.board)),
+            observed_mm=jnp.asarray(
+                chunking.in_chunks(self.stack.observed_mm - self.shift_mm)
+            ),
+            whitening=jnp.asarray(
+                chunking.in_chunks(whitening) * chunking.real[..., None, None]
+            ),
         )
 
     def predicted_mm(
         self, board: Float[np.ndarray, "views marks 2"]
     ) -> Float[np.ndarray, "views marks 2"]:
-        """Where points on the boards should be seen; zero for padding."""
-        deal = self.stack.chunking
+        """Predicted positions of points on the boards; zero for padding."""
+        chunking = self.stack.chunking
         predicted = _predictions_mm(
             self.filled_up(self.parameters),
             self.stack.filled_view,
-            deal.view,
-            deal.cut(board),
+            chunking.view,
+            chunking.in_chunks(board),
             self.layout,
             self.frame,
         )
-        return deal.joined(np.asarray(predicted), board)
+        return chunking.from_chunks(np.asarray(predicted), board)
 
     def residual_mm(self) -> Float[np.ndarray, "views marks 2"]:
         """Predicted minus observed; of a line sample, across the line."""
@@ -128,7 +133,7 @@ def problem_of(
     weight: Float[np.ndarray, "views marks"] | None = None,
     chunks: int | None = None,
 ) -> solve.Problem:
-    """The least-squares problem of all marks at the current weights, or of some."""
+    """The least-squares problem of all detections, or of some chunks."""
     prior = adjustment.prior
     deviation = np.where(prior.free, prior.standard_deviation, 1.0)
     return solve.Problem(
@@ -143,7 +148,7 @@ def problem_of(
 
 
 def stated_equations(adjustment: Adjustment) -> solve.Stated:
-    """Of the statements; zeros where nothing is stated."""
+    """Equations of the stated values; zeros if there are none."""
     statements, size = adjustment.statements, len(adjustment.parameters)
     if statements is None:
         return solve.Stated(*map(jnp.zeros, ((size, size), size, ())))
@@ -157,14 +162,16 @@ def adjust(
     chunks: int | None = None,
     damping: float = LITTLE_DAMPING,
 ) -> Adjustment:
-    """Solve, weigh the marks anew, and repeat; `chunks` looks at some marks only."""
+    """Solve and reweight, `rounds` times; `chunks` restricts the fit to some chunks."""
     for _ in range(rounds):
         problem = problem_of(adjustment, chunks=chunks)
-        adjustment = weigh(solved(adjustment, problem, damping=damping))
+        adjustment = with_robust_weights(
+            adjustment_at_solution(adjustment, problem, damping=damping)
+        )
     return with_centroid_shift(adjustment)
 
 
-def solved(
+def adjustment_at_solution(
     adjustment: Adjustment,
     problem: solve.Problem,
     most_steps: int = _MOST_STEPS,
@@ -181,7 +188,7 @@ def solved(
 
 
 def equations_at(adjustment: Adjustment) -> Equations:
-    """The equations of both halves of the marks at the present parameters."""
+    """The equations of both halves of the detections at the present parameters."""
     found = _solve(adjustment, problem_of(adjustment), 1, LITTLE_DAMPING).equations
     n = len(adjustment.parameters)
     return Equations(
@@ -194,7 +201,7 @@ def equations_at(adjustment: Adjustment) -> Equations:
 def _solve(
     adjustment: Adjustment, problem: solve.Problem, most_steps: int, damping: float
 ) -> solve.Solution:
-    """The solution, of the parameters as `Adjustment.filled_up` has them."""
+    """The solution, with parameters padded as by `Adjustment.filled_up`."""
     filled_up = adjustment.filled_up
     roomy = problem._replace(
         views=adjustment.stack.filled_view,
@@ -209,31 +216,31 @@ def _solve(
 
 
 def _filled_up(stated: solve.Stated, adjustment: Adjustment) -> solve.Stated:
-    """The same with zeros for the places of `stack.filled_view`."""
+    """The same, padded with zeros for `stack.filled_view`."""
     vector = adjustment.filled_up(stated.vector)
     matrix = jnp.pad(stated.matrix, (0, len(vector) - stated.vector.size))
     return solve.Stated(matrix, jnp.asarray(vector), stated.constant)
 
 
 def with_centroid_shift(adjustment: Adjustment) -> Adjustment:
-    """The same with the shift of every dot's centroid predicted anew."""
-    deal, views = adjustment.stack.chunking, adjustment.stack.filled_view
+    """The same, with `shift_mm` computed at the present parameters."""
+    chunking, views = adjustment.stack.chunking, adjustment.stack.filled_view
     shift = centroid_shift_mm(
         adjustment.filled_up(adjustment.parameters),
         views,
-        deal.view,
-        deal.cut(adjustment.stack.board),
+        chunking.view,
+        chunking.in_chunks(adjustment.stack.board),
         np.resize(adjustment.radius_mm, len(views.aperture)),
         adjustment.layout,
         adjustment.frame,
     )
-    joined = deal.joined(np.asarray(shift), adjustment.shift_mm)
+    joined = chunking.from_chunks(np.asarray(shift), adjustment.shift_mm)
     return replace(adjustment, shift_mm=joined)
 
 
-def weigh(adjustment: Adjustment) -> Adjustment:
-    """Model variance and robust weights at the current parameters, also of what is
-    stated."""
+def with_robust_weights(adjustment: Adjustment) -> Adjustment:
+    """The same, with model variances and robust weights of the present residuals, those
+    of stated values included."""
     residual = adjustment.residual_mm()
     variance = model_variance_mm2(adjustment.stack, residual)
     whitening = whitening_of(adjustment.stack, variance)
@@ -253,7 +260,7 @@ def weigh(adjustment: Adjustment) -> Adjustment:
 def model_variance_mm2(
     stack: Stack, residual_mm: Float[np.ndarray, "views marks 2"]
 ) -> Float[np.ndarray, " views"]:
-    """Per photograph: squared robust residual beyond what detection noise explains."""
+    """Per photograph: robust residual variance in excess of the detection noise."""
     length = np.linalg.norm(residual_mm, axis=-1)
     noise = noise_mm2(stack)
     variance = np.zeros(len(length))

@@ -1,10 +1,10 @@
-"""Where the centroid of a dot's image lies, as opposed to the image of its centre.
+"""Centroid of a dot's image minus the image of its centre.
 
-A dot of finite size photographed obliquely or through distortion is no longer
-symmetric about the image of its centre: the near half is larger. The dot's radiance
-is uniform, so its centroid is that of the area its outline encloses, an integral along
-the outline. Eight points with the trigonometric polynomial through them make it exact
-for every quadratic map, which is the leading term.
+The image of a dot of finite size, photographed obliquely or through distortion, is not
+symmetric about the image of its centre: the near half is larger. The dot's radiance is
+uniform, so its centroid is that of the area inside its outline, an integral along the
+outline. The outline is interpolated by a trigonometric polynomial through eight points,
+which is exact for every quadratic map, the leading term.
 
 Check: for a flat dot tilted by `a` the shift is f (r/Z)^2 sin(a) cos(a).
 """
@@ -53,13 +53,13 @@ def centroid_shift_mm(
         images = jax.lax.map(image, points)
         return _centroid(images[1:] - images[:1])
 
-    def of_chunk(board, k):
+    def chunk_shifts(board, k):
         view = jax.tree.map(lambda a: a[k], views)
         of_marks = jax.vmap(shift, (0, None, None, None))
         return of_marks(board, local[k], view, radius_mm[k])
 
-    moved = jax.vmap(of_chunk)(board, view_of_chunk)
-    return jnp.where((radius_mm[view_of_chunk] > 0)[:, None, None], moved, 0.0)
+    shifts_mm = jax.vmap(chunk_shifts)(board, view_of_chunk)
+    return jnp.where((radius_mm[view_of_chunk] > 0)[:, None, None], shifts_mm, 0.0)
 
 
 def _centroid(outline: Float[Array, "corners 2"]) -> Float[Array, "2"]:

@@ -1,14 +1,14 @@
 """The geometric fit of one lens state: poses, focal length, distortion, board errors.
 
-Four stages, each starting from the one before:
+Four stages, each starting from the result of the one before:
 
-1. a compact model (pose, three radial terms; focal length if the views tilt) from
-   homographies, on the base projection that suits the marks best;
-2. the named terms the photographs ask for, chosen by evidence (`select`), twice;
-3. the free field, chosen on top of named terms that are held where they are, since it
-   spans them; then a few damped steps with everything free, along the curved valley
-   that this leaves;
-4. half of every photograph's marks predicting the other half, three times.
+1. a compact model (poses and three radial terms; focal length if the views tilt),
+   started from homographies, on the base projection with the smallest residuals;
+2. named terms by model selection (`select`), in two passes;
+3. the free field by model selection, with the named terms held fixed, because the free
+   field can reproduce them; then a few damped steps with all selected terms free;
+4. the held-out error: half of the detections of every photograph predict the other
+   half, for three random partitions.
 """
 
 import time
@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
 from lensfit.fitting.adjust import Adjustment, adjust
-from lensfit.fitting.decentring import WORKSHOP, OutOfCentre
+from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE, DecentringTerms
 from lensfit.fitting.held_out import held_out_error_px, squared_px
 from lensfit.fitting.parameters import PINHOLE, Layout, stated_blocks
 from lensfit.fitting.priors import (
@@ -28,20 +28,20 @@ from lensfit.fitting.priors import (
     release,
     with_poses_free,
 )
-from lensfit.fitting.select import Verdict
+from lensfit.fitting.select import TermDecision
 from lensfit.fitting.stage import Start, start_of
 from lensfit.fitting.stated_facts import Facts
-from lensfit.fitting.stated_scale import at_fitted_scale
+from lensfit.fitting.stated_scale import with_fitted_scale_as_origin
 from lensfit.fitting.statements import Statement
 from lensfit.fitting.take import Take
-from lensfit.fitting.term_selection import with_evidence
+from lensfit.fitting.term_selection import select_terms
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.base import BASE_PROJECTIONS, BaseProjection
 from lensfit.progress import Progress, silent
 
 COMPACT_RADIAL_TERMS = 3
 _ODD_SQUEEZE = 1.05
-"""No spherical lens, and no photosite, differs as much between its axes."""
+"""Ratio of both axes' scales that no spherical lens and no photosite reaches."""
 _WIDE_RADIANS = 0.85
 _SAMPLE_PER_VIEW = 512
 
@@ -52,19 +52,20 @@ class ChiefRayFit:
 
     Attributes
     ----------
-    takes : What was fitted, in the order of the arrays.
-    adjustment : The fit.
+    takes : The takes that were fitted, in the order of the arrays.
+    adjustment : The solution.
     kept : Names of the blocks that are free.
-    verdicts : What came of every term that was tried.
+    decisions : The decision on every candidate term.
     focal_length_free : Whether the photographs determine the focal length.
-    held_out_rms_px : Mean over seeds, per take, and for all.
-    facts : What was stated.
+    held_out_rms_px, held_out_rms_px_of_take : For all takes, and for each; mean over
+        random partitions.
+    facts : Values that were stated.
     """
 
     takes: tuple[Take, ...]
     adjustment: Adjustment
     kept: tuple[str, ...]
-    verdicts: tuple[Verdict, ...]
+    decisions: tuple[TermDecision, ...]
     focal_length_free: bool
     held_out_rms_px: float
     held_out_rms_px_of_take: tuple[float, ...]
@@ -73,13 +74,15 @@ class ChiefRayFit:
     facts: Facts
 
     @property
-    def tells_out_of_centre(self) -> bool:
-        """Whether these views say what elements out of centre do."""
-        return self.focal_length_free and WORKSHOP.keys() <= set(self.kept)
+    def determines_decentring(self) -> bool:
+        """Whether these views determine the decentring terms."""
+        return self.focal_length_free and MANUFACTURING_TOLERANCE.keys() <= set(
+            self.kept
+        )
 
     @property
     def statements(self) -> tuple[Statement, ...]:
-        """Every number that was stated of this state, and what was fitted."""
+        """Every stated value of this state, and the fitted one."""
         stated = self.adjustment.statements
         return () if stated is None else stated.table(self.adjustment.parameters)
 
@@ -91,18 +94,23 @@ def fit_chief_ray(
     takes: list[Take],
     progress: Progress = silent,
     *,
-    shown: list[Take] | None = None,
+    all_takes: list[Take] | None = None,
     base: BaseProjection | None = None,
     perspective: KnownPerspective | None = None,
-    told: OutOfCentre | None = None,
+    known_decentring: DecentringTerms | None = None,
 ) -> ChiefRayFit:
-    """Fit one lens state (one focal length and focus) to its takes.
+    """Fit one lens state (one focal length and focus distance) to its takes.
 
-    `shown` are the takes of all states of the lens: the box of the free field covers
-    them, so that states can be interpolated. `base` is the ideal projection to start
-    from; by default the one that suits the marks best. `perspective` is that which
-    another state told; by default that of usual lenses. `told` is what tilted
-    views at another focus say of elements out of centre.
+    Parameters
+    ----------
+    takes : Takes of this state.
+    all_takes : Takes of all states of the lens. The box of the free field covers them,
+        so that states can be interpolated.
+    base : Ideal projection; by default the one with the smallest residuals.
+    perspective : Prior of the entrance pupil from another state; by default that of
+        usual lenses.
+    known_decentring : Decentring terms that tilted views at another focus distance
+        determined.
 
     Raises
     ------
@@ -111,11 +119,11 @@ def fit_chief_ray(
     clock = time.perf_counter
     began = clock()
     require_marks(takes)
-    start = start_of(takes, shown or takes, perspective)
-    compact = at_fitted_scale(_compact(start, base))
+    start = start_of(takes, all_takes or takes, perspective)
+    compact = with_fitted_scale_as_origin(_compact(start, base))
     progress("fit", 1, 5)
     after_compact = clock()
-    fitted, kept, verdicts = with_evidence(start, compact, progress, told)
+    fitted, kept, decisions = select_terms(start, compact, progress, known_decentring)
     after_selection = clock()
     held_out, per_take = held_out_error_px(fitted)
     progress("fit", 5, 5)
@@ -123,11 +131,11 @@ def fit_chief_ray(
         takes=tuple(takes),
         adjustment=fitted,
         kept=kept,
-        verdicts=tuple(verdicts),
+        decisions=tuple(decisions),
         focal_length_free=start.focal_length_free,
         held_out_rms_px=held_out,
         held_out_rms_px_of_take=per_take,
-        notes=start.notes + _told(fitted),
+        notes=start.notes + _notes(fitted),
         seconds={
             "fit_compact": after_compact - began,
             "fit_select": after_selection - after_compact,
@@ -137,8 +145,8 @@ def fit_chief_ray(
     )
 
 
-def _told(fitted: Adjustment) -> tuple[str, ...]:
-    """What the user should know of how the fit ended."""
+def _notes(fitted: Adjustment) -> tuple[str, ...]:
+    """Notes for the user on weak points of the fit."""
     notes = []
     if not fitted.converged:
         notes.append(
@@ -156,7 +164,7 @@ def _told(fitted: Adjustment) -> tuple[str, ...]:
 
 
 def _compact(start: Start, base: BaseProjection | None) -> Adjustment:
-    """Stage 1, on the given base projection or the one that leaves least."""
+    """Stage 1, on the given base projection or the one with the smallest residuals."""
     bases = BASE_PROJECTIONS[: 2 if start.half_angle_rad > _WIDE_RADIANS else 1]
     bases = bases if base is None else (base,)
     best = None
@@ -171,7 +179,7 @@ def _compact(start: Start, base: BaseProjection | None) -> Adjustment:
 
 
 def _compact_on(start: Start, layout: Layout) -> Adjustment:
-    """A sample of the marks is enough to come near."""
+    """The compact model on one base projection, fitted to a sample of detections."""
     chunks = start.stack.chunking.sample(_SAMPLE_PER_VIEW)
     prior = with_poses_free(fixed_prior(start.parameters(layout)), layout)
     first = layout.blocks["radial"].start
@@ -189,17 +197,17 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
 
 
 def require_marks(takes: list[Take], fewest: int = 12) -> None:
-    """Refuse takes with too few marks to fix a pose, or marks that are nowhere.
+    """Refuse takes with too few detections for a pose, or with positions not finite.
 
     Raises
     ------
-    FitError : Naming the take.
+    FitError : Names the take.
     """
     for take in takes:
-        nowhere = ~np.isfinite(take.observations.points_px).all(-1)
-        if nowhere.any():
+        invalid = ~np.isfinite(take.observations.points_px).all(-1)
+        if invalid.any():
             raise FitError(
-                f"{nowhere.sum()} marks have a position that is no number",
+                f"{invalid.sum()} marks have a position that is no number",
                 where=take.name,
                 remedy="leave these marks out",
             )

@@ -1,7 +1,7 @@
-"""Marks cut into pieces of one size, so that few programs serve every shoot.
+"""Detections divided into chunks of one size, so that few programs need compiling.
 
 A program is compiled for the shapes of its arrays, and photographs hold any number of
-marks. Marks are therefore dealt into chunks of `MARKS` of one photograph each, and the
+marks. They are therefore divided into chunks of `MARKS` of one photograph each, and the
 number of chunks is filled up to a power of two, no smaller than most shoots need; a
 loop over the chunks in use pays for those alone. Within a photograph marks are
 shuffled, so that
@@ -59,11 +59,11 @@ class Chunking:
     count: int
     views: int
 
-    def cut(self, values: np.ndarray) -> np.ndarray:
+    def in_chunks(self, values: np.ndarray) -> np.ndarray:
         """(views, marks, ...) to (chunks, marks, ...)."""
         return values.reshape(-1, *values.shape[2:])[self.index]
 
-    def joined(self, pieces: np.ndarray, like: np.ndarray) -> np.ndarray:
+    def from_chunks(self, pieces: np.ndarray, like: np.ndarray) -> np.ndarray:
         """(chunks, marks, ...) back to the shape of `like`; zero where no mark is."""
         whole = np.zeros((like.shape[0] * like.shape[1], *pieces.shape[2:]))
         whole[self.index[self.real]] = pieces[self.real]
@@ -76,20 +76,20 @@ class Chunking:
 
 
 def chunking_of(present: Bool[np.ndarray, "views marks"]) -> Chunking:
-    """Deal the present marks of each photograph into chunks."""
+    """Divide the present detections of each photograph into chunks."""
     rng = np.random.default_rng(7)
-    dealt = []
+    pieces = []
     for view, here in enumerate(present):
         mine = rng.permutation(np.flatnonzero(here)) + view * present.shape[1]
         for part, first in enumerate(range(0, max(len(mine), 1), MARKS)):
-            dealt.append((part, view, mine[first : first + MARKS]))
-    dealt.sort(key=lambda piece: piece[:2])
-    count = len(dealt)
+            pieces.append((part, view, mine[first : first + MARKS]))
+    pieces.sort(key=lambda piece: piece[:2])
+    count = len(pieces)
     total = max(_FEWEST_CHUNKS, 1 << (count - 1).bit_length())
     index = np.zeros((total, MARKS), int)
     real = np.zeros((total, MARKS), bool)
     views = np.zeros(total, int)
-    for k, (_, view, mine) in enumerate(dealt):
+    for k, (_, view, mine) in enumerate(pieces):
         views[k] = view
         real[k, : len(mine)] = True
         index[k] = np.resize(mine, MARKS) if len(mine) else view * present.shape[1]

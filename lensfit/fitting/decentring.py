@@ -1,18 +1,23 @@
-"""What elements out of centre do to a map, kept apart from the lens' axis.
+"""Decentring: distortion of elements out of centre, separated from the optical axis.
 
-Tilted and displaced elements distort lopsidedly. So does a principal point that is
-wrong, with a chart that is not square to the axis; evidence, which looks for the fewest
-terms, takes the one for the other: the axis of a random 22 mm lens went .24 mm astray,
-for which chief rays were .2 px from where they land. What tells them apart is what a
-workshop leaves: terms of elements out of centre are small, and so is a principal point
-off the sensor's centre. So where views tilt enough to tell the axis, all these terms
-enter together, each with that for a prior, or with what the lens has more of one, as a
-webcam's has. No lens is quite without: they stay out only where evidence is decisive
-against all of them, or where all they do could not be seen. The glass is the same at
-every focus: states that saw frontal views alone, which tell lopsided distortion from a
-tilt even less, take over what tilted views of another state told, but for little.
+Tilted and displaced elements cause asymmetric distortion. A wrong principal point,
+together with a chart that is not square to the axis, causes nearly the same. Model
+selection prefers the fewest terms and can confuse the two: for a random 22 mm lens it
+moved the axis by .24 mm, and chief rays by .2 px.
 
-Reference: on evidence with priors, D. J. C. MacKay, Neural Computation 4 (1992) 415.
+A manufacturing-tolerance prior separates them: decentring terms are small, and so is
+the offset of the principal point from the sensor's centre. Where the views tilt enough
+to determine the axis, all these terms therefore enter together, each with the tolerance
+as its prior width. If the fit gives a larger value for a term, as for a webcam, that
+value becomes the width. The terms stay out only if the marginal likelihood is
+decisively against all of them, or if their joint effect is too small to be detected.
+
+Elements keep their decentring at every focus distance. Frontal views distinguish
+asymmetric distortion from a tilt even less, so a state with frontal views alone takes
+over, as a narrow prior, the terms that tilted views at another focus distance
+determined.
+
+Reference: on marginal likelihoods, D. J. C. MacKay, Neural Computation 4 (1992) 415.
 """
 
 from collections.abc import Mapping
@@ -24,46 +29,51 @@ from jaxtyping import Float, Int
 from lensfit.fitting.adjust import VALLEY_DAMPING, Adjustment, adjust
 from lensfit.fitting.half_equations import explained_by, halves_of, stated_statistics
 from lensfit.fitting.priors import loose_prior, release
-from lensfit.fitting.select import Verdict
+from lensfit.fitting.select import TermDecision
 
-WORKSHOP = {
+MANUFACTURING_TOLERANCE = {
     "principal_point": 0.01,
     "decentering": 3e-4,
     "thin_prism": 1e-4,
     "anamorphic": 1e-4,
     "squeeze": 1e-4,
 }
-"""Standard deviations in reference radii. Of five such sets the one whose chief rays
-were nearest to the trace, of nine random lenses with a workshop's errors: within .018
-px in the median and .078 at most, where evidence alone left .017 and .199."""
+"""Standard deviations in reference radii. Of five candidate sets this one gave chief
+rays nearest to the trace for nine random lenses with manufacturing errors: within .018
+px in the median and .078 at most, against .017 and .199 by model selection alone."""
 _AT_OTHER_FOCUS = 0.2
-"""How much of that changes with focus."""
+"""Share of a term by which it may change with focus distance."""
 _DECISIVE = -20.0
-"""Evidence, on the scale of chi-squared, at which odds are e^10 against."""
+"""Twice the logarithm of the Bayes factor; the odds are then e^10 against the terms."""
 LEAST_SEEN_PX = 0.004
-"""Root mean square over the marks. Of centred lenses noise and detection made .001 to
-.007, with evidence decisive against the largest; and what is free leaves the principal
-distance, and with it the entrance pupil, unsure."""
-WHY = "small as a workshop leaves it, lest it be taken for the lens' axis"
+"""Least joint effect, rms over the detections. For centred lenses noise and detection
+errors make .001 to .007, with a Bayes factor decisively against the largest. Free
+terms increase the standard deviations of principal distance and entrance pupil."""
+TOLERANCE_REASON = "a manufacturing-tolerance prior separates it from the lens' axis"
 
-OutOfCentre = Mapping[str, Float[np.ndarray, " terms"]]
-"""Values of the blocks of `WORKSHOP`."""
+DecentringTerms = Mapping[str, Float[np.ndarray, " terms"]]
+"""Values of the decentring terms, by block of `MANUFACTURING_TOLERANCE`."""
 
 
-def told_by(adjustment: Adjustment) -> OutOfCentre:
-    """What a fit of tilted views says."""
+def decentring_of(adjustment: Adjustment) -> DecentringTerms:
+    """The decentring terms of a fit."""
     blocks = adjustment.layout.blocks
-    return {name: adjustment.parameters[blocks[name]].copy() for name in WORKSHOP}
+    return {
+        name: adjustment.parameters[blocks[name]].copy()
+        for name in MANUFACTURING_TOLERANCE
+    }
 
 
-def asks_for_all(adjustment: Adjustment, verdicts: list[Verdict]) -> bool:
-    """Whether evidence asks for one of these terms, or bears out all together.
+def decentring_is_supported(
+    adjustment: Adjustment, decisions: list[TermDecision]
+) -> bool:
+    """Whether model selection kept a decentring term, or all together are plausible.
 
-    Not of a lens with cylinders, which is so made.
+    False for anamorphic lenses, which are asymmetric by design.
     """
     if adjustment.layout.anamorphic:
         return False
-    if any(v.kept for v in verdicts if v.family in WORKSHOP):
+    if any(v.kept for v in decisions if v.term_group in MANUFACTURING_TOLERANCE):
         return True
     free = np.flatnonzero(adjustment.prior.free)
     rows = [np.arange(w.start, w.stop) for w in adjustment.layout.blocks.values()]
@@ -72,7 +82,7 @@ def asks_for_all(adjustment: Adjustment, verdicts: list[Verdict]) -> bool:
     loose = loose_prior(adjustment.parameters, adjustment.layout, nothing, every)
     one, other = halves_of(replace(adjustment, prior=loose))
     stated = stated_statistics(adjustment)
-    return borne_out(
+    return decentring_is_plausible(
         adjustment,
         one.matrix + other.matrix + stated.matrix,
         one.gradient + other.gradient + stated.gradient,
@@ -80,74 +90,77 @@ def asks_for_all(adjustment: Adjustment, verdicts: list[Verdict]) -> bool:
     )
 
 
-def borne_out(
+def decentring_is_plausible(
     adjustment: Adjustment,
     matrix: Float[np.ndarray, "parameters parameters"],
     gradient: Float[np.ndarray, " parameters"],
     least_fall: float,
 ) -> bool:
-    """Whether all of these terms together have an effect that can be seen, and the
-    marks are not decisive against them.
+    """Whether all decentring terms together have a detectable effect, and the marginal
+    likelihood is not decisively against them.
 
     Parameters
     ----------
-    matrix, gradient : Of chi-squared, halved, at the present parameters and with all
-        of these terms free.
-    least_fall : Of chi-squared by an effect of `LEAST_SEEN_PX`.
+    matrix, gradient : Derivatives of half of chi-squared at the present parameters,
+        with all decentring terms free.
+    least_fall : Decrease of chi-squared by an effect of `LEAST_SEEN_PX`.
     """
     prior, blocks = adjustment.prior, adjustment.layout.blocks
     deviation = np.where(prior.free, prior.standard_deviation, 1.0)
-    for name, width in WORKSHOP.items():
+    for name, width in MANUFACTURING_TOLERANCE.items():
         deviation[blocks[name]] = width
-    # In units of the priors, whose determinant is 1 then.
+    # In units of the prior widths, so that the determinant of the priors is 1.
     inside = matrix * np.outer(deviation, deviation)
     pull = gradient * deviation + (adjustment.parameters - prior.mean) / deviation
 
     def explained(model: Int[np.ndarray, " some"]) -> tuple[float, float]:
-        """Fall of chi-squared, and the price of freedom."""
+        """Decrease of chi-squared, and the Occam factor (log determinant)."""
         block = inside[np.ix_(model, model)] + np.eye(len(model))
         fall = pull[model] @ np.linalg.solve(block, pull[model])
         return float(fall), float(np.linalg.slogdet(block)[1])
 
     free = np.flatnonzero(prior.free)
-    terms = [np.arange(blocks[name].start, blocks[name].stop) for name in WORKSHOP]
-    fall, price = np.subtract(
+    terms = [
+        np.arange(blocks[name].start, blocks[name].stop)
+        for name in MANUFACTURING_TOLERANCE
+    ]
+    fall, occam = np.subtract(
         explained(np.union1d(free, np.concatenate(terms))), explained(free)
     )
-    return bool(fall - price > _DECISIVE and fall > least_fall)
+    return bool(fall - occam > _DECISIVE and fall > least_fall)
 
 
-def with_elements_out_of_centre(
-    adjustment: Adjustment, told: OutOfCentre | None
+def adjust_with_decentring(
+    adjustment: Adjustment, known: DecentringTerms | None
 ) -> Adjustment:
-    """The fit with all these terms free, about zero or about what was told.
+    """The fit with all decentring terms free, with priors about zero or known values.
 
-    A lens that has more of one of them than a workshop leaves says so itself: once
-    more, with priors as wide as that.
+    Without known values the fit is made twice: where the first one exceeds a tolerance,
+    the second one has a prior of that width.
 
     Parameters
     ----------
-    told : By tilted views of another focus; None where these views tilt themselves.
+    known : Terms from tilted views at another focus distance; None if these views tilt.
     """
-    if told is not None:
-        return _about(adjustment, told, _widths(told, _AT_OTHER_FOCUS))
-    nothing = {name: np.zeros_like(v) for name, v in told_by(adjustment).items()}
-    first = _about(adjustment, nothing, WORKSHOP)
-    return _about(first, nothing, _widths(told_by(first)))
+    if known is not None:
+        return _adjusted_about(adjustment, known, _widths(known, _AT_OTHER_FOCUS))
+    nothing = {name: np.zeros_like(v) for name, v in decentring_of(adjustment).items()}
+    first = _adjusted_about(adjustment, nothing, MANUFACTURING_TOLERANCE)
+    return _adjusted_about(first, nothing, _widths(decentring_of(first)))
 
 
-def _widths(told: OutOfCentre, share: float = 1.0) -> Mapping[str, float]:
-    """Of the priors: a workshop's, or what a lens has more than that."""
+def _widths(terms: DecentringTerms, share: float = 1.0) -> Mapping[str, float]:
+    """Prior widths: the tolerance, or the rms of the terms if that is larger."""
     return {
-        name: share * max(deviation, float(np.sqrt(np.mean(told[name] ** 2))))
-        for name, deviation in WORKSHOP.items()
+        name: share * max(deviation, float(np.sqrt(np.mean(terms[name] ** 2))))
+        for name, deviation in MANUFACTURING_TOLERANCE.items()
     }
 
 
-def _about(
-    adjustment: Adjustment, mean: OutOfCentre, widths: Mapping[str, float]
+def _adjusted_about(
+    adjustment: Adjustment, mean: DecentringTerms, widths: Mapping[str, float]
 ) -> Adjustment:
-    """The fit with these priors."""
+    """The fit with priors of these means and widths."""
     blocks, prior = adjustment.layout.blocks, adjustment.prior
     parameters, means = adjustment.parameters.copy(), prior.mean.copy()
     for name, width in widths.items():

@@ -1,19 +1,20 @@
-"""Where chief rays cross the axis: what was stated and tilted charts tell together.
+"""The entrance pupil: its position, and its shift along the axis with field angle.
 
-Chief rays meet in the entrance pupil, and perspective counts from there; a tape measure
-counts from the sensor. A chart that is photographed at two tilts fixes the principal
-distance, and with it how far the chart is from the pupil; a stated focal length does
-so to a few percent, together with the size of the picture. Where the chart's distance
-from the sensor was measured too, the difference is the pupil's place: far in front of
-the sensor in a retrofocus lens, close to it in a telephoto lens.
+The entrance pupil is the centre of perspective; a tape measure counts from the sensor.
+A chart photographed at two tilts determines the principal distance, and with it the
+distance of the chart from the pupil. A stated focal length, together with the size of
+the image, does so to a few percent. If the chart's distance from the sensor was
+measured as well, the difference is the position of the pupil: far in front of the
+sensor in a retrofocus lens, close to it in a telephoto lens.
 
-A tilted chart is near on one side of the frame and far on the other, and a pupil that
-walks along the axis with field angle has another parallax at each.
+The pupil shifts along the axis with field angle (called its walk here; pupil
+aberration, `lensfit.optics.pupil_walk`). A tilted chart is near on one side of the
+frame and far on the other, so that this shift causes a measurable parallax.
 
-Both are parameters of the fit of every state, which stay near those of usual lenses
-(`lensfit.fitting.usual_lens`) where nothing else tells them. They belong to the glass
-in front of the stop: states of one focal length share them, but that the pupil moves
-with focus by millimetres, as far as the lens where all of it moves.
+Both are parameters of the fit of every state, with the values of usual lenses as a
+prior (`lensfit.fitting.usual_lens`). They are properties of the elements in front of
+the stop and therefore shared by the states of one focal length, except that the pupil
+moves with focus by some millimetres: as far as the lens, if the whole lens moves.
 """
 
 import math
@@ -31,20 +32,22 @@ from lensfit.fitting.usual_lens import (
 )
 
 _MEASURED_PUPIL, _MEASURED_WALK = 0.25, 0.5
-"""Of the width of usual lenses: what is known no better counts as assumed."""
+"""Shares of the prior width of usual lenses; a value with a larger standard deviation
+counts as assumed, not as measured."""
 _LEAST_MOTION_MM = 0.3
 _MOTION = 2.0
-"""Of f m, how unsure the motion with focus is: a 100 mm lens with floating elements
-moves its pupil four times as far."""
+"""Standard deviation of the motion with focus, in units of f m: the pupil of a 100 mm
+lens with floating elements moves four times as far."""
 _WALK_WITH_FOCUS = 0.01
-"""In focal lengths: the walk of traced lenses changes by less between focus states."""
+"""In focal lengths: the shift with field angle of traced lenses changes by less between
+focus distances."""
 
 _WALK_HIGHER_ORDERS = 0.15
-"""Share of a walk by which its slope in sin^2 is off where sin^4 matters: of a 50 mm
-f/1.4 and of a 14 mm lens of 100 degrees, traced, a sixth and a tenth."""
+"""Relative error of the shift per sin^2 of the field angle due to the neglected sin^4
+term: a sixth and a tenth for a traced 50 mm f/1.4 and a 14 mm lens of 100 degrees."""
 _AGREES = 1.0
-"""Standard deviations within which a fitted walk stays as it was: to solve anew for
-less changes a lens by chance alone."""
+"""Difference, in standard deviations, below which a fitted shift is kept: a new fit
+for less would change the lens by chance alone."""
 
 
 class EntrancePupil(NamedTuple):
@@ -53,8 +56,8 @@ class EntrancePupil(NamedTuple):
     Attributes
     ----------
     offset_mm : In front of the sensor; negative behind it.
-    measured : Whether photographs, with what was stated, determine it; else it is near
-        that of usual lenses.
+    measured : Whether photographs and stated values determine it; otherwise it is
+        close to that of usual lenses.
     standard_deviation_mm : Of the offset.
     """
 
@@ -64,7 +67,8 @@ class EntrancePupil(NamedTuple):
 
 
 class FittedWalk(NamedTuple):
-    """Towards the scene, per squared sine of the field angle (`optics.pupil_walk`)."""
+    """Shift of the entrance pupil towards the scene, per squared sine of the field
+    angle (`optics.pupil_walk`)."""
 
     walk_mm: float
     standard_deviation_mm: float
@@ -72,7 +76,7 @@ class FittedWalk(NamedTuple):
 
 
 def entrance_pupil(geometry: ChiefRayFit, uncertainty: Uncertainty) -> EntrancePupil:
-    """The entrance pupil that a state was fitted with."""
+    """The entrance pupil of a fitted state."""
     known = geometry.facts.perspective.pupil
     offset_mm, deviation_mm = _fitted_mm(geometry, uncertainty, "pupil_offset")
     usual_mm = usual_pupil(geometry.facts.focal_length_mm).standard_deviation_mm
@@ -81,11 +85,11 @@ def entrance_pupil(geometry: ChiefRayFit, uncertainty: Uncertainty) -> EntranceP
 
 
 def pupil_walk(geometry: ChiefRayFit, uncertainty: Uncertainty) -> FittedWalk | None:
-    """The walk that a state was fitted with.
+    """Shift of the entrance pupil with field angle, of a fitted state.
 
-    None where photographs do not show it and no f-number or distance was stated, since
-    nothing could be told of other distances then, and behind cylinders, whose sections
-    have a pupil each.
+    None for anamorphic lenses, whose two sections have different pupils; and where the
+    photographs do not determine it and no f-number or no distance was stated, because
+    the map could then not be transferred to other distances.
     """
     takes, facts = geometry.takes, geometry.facts
     if geometry.adjustment.layout.anamorphic:
@@ -118,25 +122,26 @@ def perspective_at_other_focus(
     pupil: EntrancePupil,
     walk: FittedWalk | None,
     focal_length_mm: float,
-    told_at_mm: float | None,
+    known_at_focus_mm: float | None,
     focus_distance_mm: float | None,
 ) -> KnownPerspective:
-    """Pupil and walk at another focus distance, before its photographs are seen.
+    """Prior of the pupil and its shift at another focus distance.
 
-    Where the whole lens moves, the pupil moves along by f m; groups inside move it
-    farther, less or the other way. The error of what was told is common to all states:
-    only the motion is left open.
+    If the whole lens moves, the pupil moves with it by f m; moving groups inside change
+    this motion, which is therefore uncertain. The error of the known values is common
+    to all states.
 
     Parameters
     ----------
-    pupil, walk : As one state told them.
-    told_at_mm, focus_distance_mm : From the sensor; None where nobody said.
+    pupil, walk : Of the state that determined them.
+    known_at_focus_mm, focus_distance_mm : Focus distances of that state and of the new
+        one, from the sensor; None if unknown.
     """
     moved_mm = 0.0
-    if told_at_mm is not None and focus_distance_mm is not None:
+    if known_at_focus_mm is not None and focus_distance_mm is not None:
         there, here = (
             magnification_at(focal_length_mm, distance_mm)
-            for distance_mm in (told_at_mm, focus_distance_mm)
+            for distance_mm in (known_at_focus_mm, focus_distance_mm)
         )
         moved_mm = focal_length_mm * (here - there)
     known = KnownPupil(
@@ -159,27 +164,30 @@ def perspective_at_other_focus(
 
 
 def perspective_with_walk(
-    geometry: ChiefRayFit, walk: FittedWalk | None, surer: FittedWalk | None
+    geometry: ChiefRayFit, walk: FittedWalk | None, corrected: FittedWalk | None
 ) -> KnownPerspective | None:
-    """What is known of a state whose walk is known better than by its own fit; None
-    where both agree.
+    """Prior of a state whose pupil shift with field angle was corrected; None if the
+    correction is within its standard deviation.
 
     Parameters
     ----------
-    walk, surer : As it was fitted, and as it is known.
+    walk, corrected : As fitted, and with shared errors of the detections allowed for.
     """
-    if walk is None or surer is None:
+    if walk is None or corrected is None:
         return None
-    if abs(surer.walk_mm - walk.walk_mm) < _AGREES * surer.standard_deviation_mm:
+    if (
+        abs(corrected.walk_mm - walk.walk_mm)
+        < _AGREES * corrected.standard_deviation_mm
+    ):
         return None
     deviation_mm = math.hypot(
-        surer.standard_deviation_mm, _WALK_HIGHER_ORDERS * surer.walk_mm
+        corrected.standard_deviation_mm, _WALK_HIGHER_ORDERS * corrected.walk_mm
     )
     return geometry.facts.perspective._replace(
         walk=KnownWalk(
-            surer.walk_mm,
+            corrected.walk_mm,
             _WALK_WITH_FOCUS * geometry.facts.focal_length_mm,
             deviation_mm,
-            surer.measured,
+            corrected.measured,
         )
     )

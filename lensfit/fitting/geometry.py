@@ -29,7 +29,7 @@ from lensfit.fitting.parameters import (
 )
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion, distorted_from_direction
-from lensfit.optics.pupil_walk import PupilWalk, seen_at_chart
+from lensfit.optics.pupil_walk import PupilWalk, equivalent_chart_point
 
 Parts = dict[str, Array]
 """Named blocks of the parameters: those of the lens, and of one photograph."""
@@ -149,7 +149,7 @@ def direction_of(
     seen = turned + view.translation_mm + pose[3:] * view.translation_mm[2]
     if parts["pupil_walk"].size:
         walk_mm = parts["pupil_walk"][0] * frame.stated_focal_length_mm
-        return seen_at_chart(seen, PupilWalk(walk_mm, frame.board_distance_mm))
+        return equivalent_chart_point(seen, PupilWalk(walk_mm, frame.board_distance_mm))
     gap_mm = parts["pupil_gap"][0] * frame.stated_focal_length_mm
     at_board = 1 - gap_mm / frame.board_distance_mm
     return seen.at[0].multiply(at_board / (1 - gap_mm / seen[2]))

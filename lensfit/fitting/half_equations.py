@@ -1,7 +1,8 @@
-"""Normal equations of two random halves of the marks, and what an effect is worth.
+"""Normal equations of two random halves of the detections, and effects in chi-squared.
 
-Evidence and uncertainty are both told from them: a model is judged by the half that did
-not make it, and both halves together are the equations of all marks.
+Model selection and uncertainty both use them: the held-out error of a model is computed
+on the half that it was not fitted to, and the sum of both halves is the equations of
+all detections.
 """
 
 import numpy as np
@@ -13,13 +14,12 @@ from lensfit.fitting.views import noise_mm2, residuals_of
 
 
 def least_fall(adjustment: Adjustment) -> float:
-    """Of chi-squared by what the least effect explains for which a term is kept."""
+    """Decrease of chi-squared by the smallest effect for which a term is kept."""
     return explained_by(LEAST_EFFECT_PX, adjustment)
 
 
 def explained_by(effect_px: float, adjustment: Adjustment) -> float:
-    """How far chi-squared falls by an effect of this root mean square over the
-    marks."""
+    """Decrease of chi-squared by an effect of this rms over the detections."""
     variance = noise_mm2(adjustment.stack) + adjustment.model_variance_mm2[:, None]
     mean_mm2 = np.mean(variance[adjustment.used])
     px_per_deviation = float(np.sqrt(mean_mm2) / adjustment.stack.mm_per_px.mean())
@@ -27,7 +27,7 @@ def explained_by(effect_px: float, adjustment: Adjustment) -> float:
 
 
 def stated_statistics(adjustment: Adjustment) -> Statistics:
-    """Equations of what is stated, at the present parameters; of no half."""
+    """Normal equations of the stated values, at the present parameters."""
     here = adjustment.parameters
     matrix, vector, constant = map(np.asarray, stated_equations(adjustment))
     turned = matrix @ here
@@ -36,13 +36,13 @@ def stated_statistics(adjustment: Adjustment) -> Statistics:
 
 
 def halves_of(adjustment: Adjustment) -> tuple[Statistics, Statistics]:
-    """Normal equations of the full model on two random halves of the marks."""
+    """Normal equations of the full model for two random halves of the detections."""
     here = equations_at(adjustment)
     matrix, gradient = np.asarray(here.matrix), np.asarray(here.gradient)
     squares = np.asarray(here.chi_squared)
-    deal = adjustment.stack.chunking
+    chunking = adjustment.stack.chunking
     residuals = residuals_of(adjustment.stack) * adjustment.used
-    counts = deal.cut(residuals) * deal.real
+    counts = chunking.in_chunks(residuals) * chunking.real
     one, other = (
         Statistics(
             matrix[half],

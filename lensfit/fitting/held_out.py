@@ -1,20 +1,25 @@
-"""Errors on the photographs: of marks that were fitted, and of marks held out.
+"""Errors on the photographs: of fitted and of held-out detections.
 
-Half of every photograph's marks predicts the other half, a few times; only that says
-what a lens is worth at marks which the fit has not seen.
+The held-out error is a cross-validation: model and poses are fitted to a random half of
+every photograph's detections and predict the other half, for several random partitions.
 """
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lensfit.fitting.adjust import VALLEY_DAMPING, Adjustment, problem_of, solved
+from lensfit.fitting.adjust import (
+    VALLEY_DAMPING,
+    Adjustment,
+    adjustment_at_solution,
+    problem_of,
+)
 
 HELD_OUT_SEEDS = (0, 1, 2)
 _MOST_STEPS = 6
 
 
 def squared_px(adjustment: Adjustment) -> Float[np.ndarray, "views marks"]:
-    """Squared residual of every mark, square pixels."""
+    """Squared residual of every detection, square pixels."""
     squared = np.sum(adjustment.residual_mm() ** 2, -1)
     return squared / adjustment.stack.mm_per_px[:, None] ** 2
 
@@ -27,10 +32,11 @@ def rms(squared: np.ndarray, chosen: Bool[np.ndarray, "..."]) -> float:
 def held_out_error_px(
     adjustment: Adjustment, seeds: tuple[int, ...] = HELD_OUT_SEEDS
 ) -> tuple[float, tuple[float, ...]]:
-    """Error on the half of each view's marks that a fit has not seen.
+    """Root mean square error on the half of each view that was not fitted.
 
-    Model and poses are fitted anew to a random half; the mean over seeds, for all
-    photographs and for each.
+    Returns
+    -------
+    The mean over seeds, for all photographs and for each.
     """
     whole, each = [], []
     for seed in seeds:
@@ -45,7 +51,9 @@ def held_out_error_px(
 def fitted_to_half(
     adjustment: Adjustment, seed: int
 ) -> tuple[Adjustment, Bool[np.ndarray, "views marks"]]:
-    """The same model and weights fitted to a random half of the marks; which half."""
+    """The same model, fitted to a random half of the detections, and which half."""
     seen = np.random.default_rng(seed).random(adjustment.weight.shape) < 0.5
     problem = problem_of(adjustment, np.where(seen, adjustment.weight, 0.0))
-    return solved(adjustment, problem, _MOST_STEPS, VALLEY_DAMPING), seen
+    return adjustment_at_solution(
+        adjustment, problem, _MOST_STEPS, VALLEY_DAMPING
+    ), seen

@@ -1,19 +1,24 @@
-"""What marks say of the wavefront that moved them.
+"""Joint adjustment of the geometry and of the errors of the wavefront.
 
-The shape of a dot tells coma badly where blur is a pixel wide: orders of coma that undo
-each other but for a shift look like nothing, and take marks along by half a pixel. But
-marks of one flat chart lie on one smooth map, at every f-number and on both sides of
-focus: an error of the wavefront that puts them elsewhere, here and there differently,
-shows in what the map leaves of them. So amounts of the wavefront's independent errors
-are found that, with the map's own parameters, leave least of all marks, each amount
-expected to be within its standard deviation. Poses and distortion go along, so that
-nothing is taken from them that they can explain; what errors of the wavefront and the
-map explain alike stays as unsure as it was.
+The shape of a dot's image determines coma poorly where the blur is about a pixel wide:
+orders of coma can cancel except for a shift, which leaves the shape unchanged and moves
+the predicted chief ray by up to half a pixel. The detections add information. The dots
+of one flat chart lie on one smooth map, at every f-number and on both sides of focus.
+A wavefront error that moves them differently from dot to dot therefore increases the
+residuals of that map.
 
-Linear, about the fit to centroids: marks move by tenths of a pixel.
+The wavefront fit supplies a list of independent errors, each scaled to one standard
+deviation. Their amplitudes, with a standard normal prior, are estimated together with
+all parameters of the map by least squares. Poses and distortion are free, so that the
+amplitudes explain only what the map cannot. An error that the map can reproduce keeps
+its standard deviation.
+
+The problem is linearised about the fit to centroids, since detections move by tenths of
+a pixel.
 
 Reference: C. R. Henderson, Biometrics 31 (1975) 423, on fixed and random effects
-together; eliminating the former, B. Triggs et al., Bundle adjustment (2000), section 6.
+together; on eliminating the former, B. Triggs et al., Bundle adjustment (2000),
+section 6.
 """
 
 from collections.abc import Sequence
@@ -32,59 +37,63 @@ from lensfit.fitting.uncertainty import shared_moves_of
 from lensfit.fitting.views import observed_of, whitening_of
 
 _ROUNDS = 3
-"""Of amounts, each with the variance that the ones before left the model."""
+"""Solves for the amplitudes, each with the model variance of the one before."""
 _VARIANCES = 2
-"""Of the model's variance at some amounts, the map solved anew for each."""
+"""Estimates of the model variance for given amplitudes, each after a map solve."""
 _STEP = 0.1
-"""Of differences, standard deviations of the parameter."""
+"""Step of finite differences, in standard deviations of the parameter."""
 
 
-class Amounts(NamedTuple):
-    """Of the wavefront's errors, in the order of `shared_moves_mm`.
+class ErrorAmplitudes(NamedTuple):
+    """Amplitudes of the wavefront's errors, in the order of `Take.shared_moves_mm`.
 
     Attributes
     ----------
-    value : In standard deviations.
-    covariance : What the marks leave open; 1 for each where they say nothing.
+    value : In standard deviations of each error.
+    covariance : Posterior covariance; the identity if the detections add nothing.
     """
 
     value: Float[np.ndarray, " moves"]
     covariance: Float[np.ndarray, "moves moves"]
 
-    def of_first(self, count: int) -> "Amounts":
-        """Those of the first errors, whatever the others were."""
-        return Amounts(self.value[:count], self.covariance[:count, :count])
+    def leading(self, count: int) -> "ErrorAmplitudes":
+        """Amplitudes of the first `count` errors, marginalised over the others."""
+        return ErrorAmplitudes(self.value[:count], self.covariance[:count, :count])
 
 
-def amounts_of(states: Sequence[LensState], moved: Sequence[Take]) -> Amounts:
-    """How large the errors were that moved the marks.
+def error_amplitudes(
+    states: Sequence[LensState], moved: Sequence[Take]
+) -> ErrorAmplitudes:
+    """Estimate the amplitudes of the wavefront's errors from the detections.
 
     Parameters
     ----------
     states : Fitted to centroids.
-    moved : Takes of these states with marks at the chief rays, whose `shared_moves_mm`
-        are one list of errors for all.
+    moved : Takes of these states with detections moved to chief rays; all their
+        `shared_moves_mm` refer to the same list of errors.
     """
     by_name = {take.name: take for take in moved}
-    touched = [s for s in states if any(t.name in by_name for t in s.geometry.takes)]
-    each = [one for one in (_map_of(s, by_name) for s in touched) if len(one.moves_mm)]
-    count = max((len(one.moves_mm) for one in each), default=0)
-    found = Amounts(np.zeros(count), np.eye(count))
+    affected = [s for s in states if any(t.name in by_name for t in s.geometry.takes)]
+    maps = [_linearised_map(state, by_name) for state in affected]
+    maps = [one for one in maps if len(one.moves_mm)]
+    count = max((len(one.moves_mm) for one in maps), default=0)
+    found = ErrorAmplitudes(np.zeros(count), np.eye(count))
     for _ in range(_ROUNDS):
-        said = [_equations_of(one, found.value) for one in each]
-        covariance = np.linalg.inv(sum((one.matrix for one in said), np.eye(count)))
-        towards = sum((one.towards for one in said), np.zeros(count))
-        found = Amounts(covariance @ towards, covariance)
+        parts = [_amplitude_equations(one, found.value) for one in maps]
+        covariance = np.linalg.inv(sum((one.matrix for one in parts), np.eye(count)))
+        vector = sum((one.vector for one in parts), np.zeros(count))
+        found = ErrorAmplitudes(covariance @ vector, covariance)
     return found
 
 
 def walk_with_shared_errors(state: LensState) -> FittedWalk | None:
-    """The walk of a state's pupil once the errors that its marks share are solved for
-    beside all of its parameters; None where no errors are known, or no walk was fitted.
+    """Shift of the entrance pupil with field angle, estimated together with the errors
+    that the detections share; None if no such errors are known or no shift was fitted.
 
-    Errors of blur move the marks of a tilted chart together, by more than their noise.
-    A fit that counts noise alone takes them for a walk: of a 50 mm f/1.4 one of -45 mm,
-    where -15 is true, -18 usual, and no tilt of few degrees shows it.
+    Errors of the wavefront move the detections of a tilted chart in a common pattern,
+    by more than their noise. A fit that allows for noise alone attributes this pattern
+    to the pupil: for a 50 mm f/1.4 lens it gave -45 mm, where -15 is true and -18 is
+    usual, and the tilts of a few degrees did not contradict it.
     """
     if state.walk is None or all(
         take.shared_moves_mm is None for take in state.geometry.takes
@@ -94,35 +103,38 @@ def walk_with_shared_errors(state: LensState) -> FittedWalk | None:
     walk = adjustment.layout.blocks["pupil_walk"].start
     if not adjustment.prior.free[walk]:
         return None
-    one = _map_of(state, {})
+    one = _linearised_map(state, {})
     adjustment = one.adjustment
     white = _whitened(one, adjustment.model_variance_mm2)
-    every = np.concatenate([white.slopes, -white.moves])
-    hold = np.eye(len(every))
-    hold[: len(one.hold), : len(one.hold)] = one.hold
-    covariance = np.linalg.inv(every @ every.T + hold)
-    pull = np.pad(one.pull, (0, len(white.moves)))
-    step = -covariance @ (every @ white.residual + pull)
+    slopes = np.concatenate([white.slopes, -white.moves])
+    prior_matrix = np.eye(len(slopes))
+    count = len(one.prior_matrix)
+    prior_matrix[:count, :count] = one.prior_matrix
+    covariance = np.linalg.inv(slopes @ slopes.T + prior_matrix)
+    prior_gradient = np.pad(one.prior_gradient, (0, len(white.moves)))
+    step = -covariance @ (slopes @ white.residual + prior_gradient)
     row = int(np.flatnonzero(one.free == walk)[0])
     unit_mm = float(adjustment.frame.stated_focal_length_mm)
-    in_mm = float(one.deviation[row]) * unit_mm
+    deviation_mm = float(one.deviation[row]) * unit_mm
     return FittedWalk(
-        float(adjustment.parameters[walk]) * unit_mm + float(step[row]) * in_mm,
-        float(np.sqrt(covariance[row, row])) * in_mm,
+        float(adjustment.parameters[walk]) * unit_mm + float(step[row]) * deviation_mm,
+        float(np.sqrt(covariance[row, row])) * deviation_mm,
         state.walk.measured,
     )
 
 
-class _Map(NamedTuple):
-    """Of one state, linear about its fit, in standard deviations of free parameters.
+class _LinearisedMap(NamedTuple):
+    """The map of one state, linearised about its fit, with parameters in units of their
+    standard deviations.
 
     Attributes
     ----------
-    free, deviation : Which parameters, and their standard deviations.
-    residual_mm : Predicted less observed, the observed ones moved.
+    free, deviation : Indices of the free parameters, and their standard deviations.
+    residual_mm : Predicted minus observed, with the detections moved to chief rays.
     slopes_mm : d predicted / d parameter.
-    moves_mm : How observed marks go with each error of the wavefront.
-    pull, hold : Gradient and second derivatives of half the priors and statements.
+    moves_mm : d observed / d amplitude, for each error of the wavefront.
+    prior_gradient, prior_matrix : Gradient and Hessian of half the squared residuals of
+        priors and stated values.
     """
 
     adjustment: Adjustment
@@ -131,35 +143,35 @@ class _Map(NamedTuple):
     residual_mm: Float[np.ndarray, "views marks 2"]
     slopes_mm: Float[np.ndarray, "parameters views marks 2"]
     moves_mm: Float[np.ndarray, "moves views marks 2"]
-    pull: Float[np.ndarray, " parameters"]
-    hold: Float[np.ndarray, "parameters parameters"]
+    prior_gradient: Float[np.ndarray, " parameters"]
+    prior_matrix: Float[np.ndarray, "parameters parameters"]
 
 
-class _Said(NamedTuple):
-    """Normal equations of the amounts, the map's parameters eliminated."""
+class _AmplitudeEquations(NamedTuple):
+    """Normal equations of the amplitudes, with the map's parameters eliminated."""
 
     matrix: Float[np.ndarray, "moves moves"]
-    towards: Float[np.ndarray, " moves"]
+    vector: Float[np.ndarray, " moves"]
 
 
-def _map_of(state: LensState, by_name: dict[str, Take]) -> _Map:
+def _linearised_map(state: LensState, by_name: dict[str, Take]) -> _LinearisedMap:
     adjustment = state.geometry.adjustment
     takes = tuple(by_name.get(take.name, take) for take in state.geometry.takes)
-    standing = _standing_in(adjustment)
-    # What stood for drags goes: the wavefront says them now.
-    parameters = np.where(standing, 0.0, adjustment.parameters)
+    substitute = _is_centroid_bias_term(adjustment)
+    # The wavefront now predicts the centroid bias that these terms approximated.
+    parameters = np.where(substitute, 0.0, adjustment.parameters)
     adjustment = replace(adjustment, parameters=parameters)
-    free = np.flatnonzero(adjustment.prior.free & ~standing)
-    # Steps that marks feel, and that are linear for them.
+    free = np.flatnonzero(adjustment.prior.free & ~substitute)
+    # The unit of steps: large enough to change predictions, small enough to be linear.
     deviation = np.sqrt(np.diag(state.uncertainty.covariance)[free])
     precision = (deviation / adjustment.prior.standard_deviation[free]) ** 2
     off = (parameters - adjustment.prior.mean)[free] / deviation
     stated, scale = stated_statistics(adjustment), np.outer(deviation, deviation)
-    return _Map(
+    return _LinearisedMap(
         adjustment,
         free,
         deviation,
-        adjustment.residual_mm() - _onward_mm(adjustment, takes),
+        adjustment.residual_mm() - _displacements_mm(adjustment, takes),
         _slopes_mm(adjustment, free, deviation),
         shared_moves_of(adjustment, takes),
         precision * off + stated.gradient[free] * deviation,
@@ -167,23 +179,23 @@ def _map_of(state: LensState, by_name: dict[str, Take]) -> _Map:
     )
 
 
-def _standing_in(adjustment: Adjustment) -> Bool[np.ndarray, " parameters"]:
-    """Parameters that stand for drags while nobody knows the wavefront."""
-    standing = np.zeros(len(adjustment.parameters), bool)
-    standing[adjustment.layout.blocks["aperture_shift"]] = True
-    return standing
+def _is_centroid_bias_term(adjustment: Adjustment) -> Bool[np.ndarray, " parameters"]:
+    """Which parameters approximate the centroid bias while no wavefront is known."""
+    found = np.zeros(len(adjustment.parameters), bool)
+    found[adjustment.layout.blocks["aperture_shift"]] = True
+    return found
 
 
-def _onward_mm(
+def _displacements_mm(
     adjustment: Adjustment, takes: Sequence[Take]
 ) -> Float[np.ndarray, "views marks 2"]:
-    """From where the marks were observed to where moved takes have them."""
-    seen_mm = adjustment.stack.observed_mm
-    onward = np.zeros_like(seen_mm)
+    """Displacement of the detections from the fitted ones to those of `takes`."""
+    before_mm = adjustment.stack.observed_mm
+    moves_mm = np.zeros_like(before_mm)
     for k, take in enumerate(takes):
         marks = len(take.observations)
-        onward[k, :marks] = observed_of(take) - seen_mm[k, :marks]
-    return onward
+        moves_mm[k, :marks] = observed_of(take) - before_mm[k, :marks]
+    return moves_mm
 
 
 def _slopes_mm(
@@ -191,7 +203,7 @@ def _slopes_mm(
     free: Int[np.ndarray, " free"],
     deviation: Float[np.ndarray, " free"],
 ) -> Float[np.ndarray, "free views marks 2"]:
-    """Central differences: the program that predicts marks serves here too."""
+    """Derivatives by central differences, with the compiled program of predictions."""
 
     def residual(index: int, step: float) -> np.ndarray:
         parameters = adjustment.parameters.copy()
@@ -206,48 +218,56 @@ def _slopes_mm(
 
 
 class _Whitened(NamedTuple):
-    """A map in standard deviations of its marks, all their coordinates in a row."""
+    """A map with its values in standard deviations of the detections, flattened."""
 
     slopes: Float[np.ndarray, "parameters values"]
     moves: Float[np.ndarray, "moves values"]
     residual: Float[np.ndarray, " values"]
 
 
-def _equations_of(one: _Map, amounts: Float[np.ndarray, " moves"]) -> _Said:
-    """With as much variance of the model as these amounts leave, the map following."""
-    left_mm = one.residual_mm - np.tensordot(amounts, one.moves_mm, 1)
+def _amplitude_equations(
+    one: _LinearisedMap, amplitudes: Float[np.ndarray, " moves"]
+) -> _AmplitudeEquations:
+    """Equations with the model variance of these amplitudes, after a map solve."""
+    residual_mm = one.residual_mm - np.tensordot(amplitudes, one.moves_mm, 1)
     variance = one.adjustment.model_variance_mm2
     for _ in range(_VARIANCES):
         white = _whitened(one, variance)
-        pull = white.slopes @ (white.residual - amounts @ white.moves) + one.pull
-        followed = _following(one, white, pull)
-        after_mm = left_mm - np.tensordot(followed, one.slopes_mm, 1)
+        gradient = white.slopes @ (white.residual - amplitudes @ white.moves)
+        change = _map_response(one, white, gradient + one.prior_gradient)
+        after_mm = residual_mm - np.tensordot(change, one.slopes_mm, 1)
         found = model_variance_mm2(one.adjustment.stack, after_mm)
         variance = np.minimum(found, one.adjustment.model_variance_mm2)
     white = _whitened(one, variance)
     mixed = white.slopes @ white.moves.T
-    gradient = white.slopes @ white.residual + one.pull
-    return _Said(
-        white.moves @ white.moves.T - mixed.T @ _following(one, white, mixed),
-        white.moves @ white.residual - mixed.T @ _following(one, white, gradient),
+    gradient = white.slopes @ white.residual + one.prior_gradient
+    return _AmplitudeEquations(
+        white.moves @ white.moves.T - mixed.T @ _map_response(one, white, mixed),
+        white.moves @ white.residual - mixed.T @ _map_response(one, white, gradient),
     )
 
 
-def _following(
-    one: _Map, white: _Whitened, gradient: Float[np.ndarray, "parameters *some"]
+def _map_response(
+    one: _LinearisedMap,
+    white: _Whitened,
+    gradient: Float[np.ndarray, "parameters *some"],
 ) -> Float[np.ndarray, "parameters *some"]:
-    """How far the map's own parameters follow."""
-    matrix = white.slopes @ white.slopes.T + one.hold
+    """Change of the map's parameters in response to a gradient, with opposite sign."""
+    matrix = white.slopes @ white.slopes.T + one.prior_matrix
     return np.linalg.solve(matrix, gradient)
 
 
-def _whitened(one: _Map, variance_mm2: Float[np.ndarray, " views"]) -> _Whitened:
-    """With so much variance of the model in every photograph."""
-    rooted = whitening_of(one.adjustment.stack, variance_mm2)
-    rooted = rooted * np.sqrt(one.adjustment.weight)[..., None, None]
+def _whitened(
+    one: _LinearisedMap, variance_mm2: Float[np.ndarray, " views"]
+) -> _Whitened:
+    """The map whitened with detection noise and this model variance per photograph."""
+    whitening = whitening_of(one.adjustment.stack, variance_mm2)
+    whitening = whitening * np.sqrt(one.adjustment.weight)[..., None, None]
 
     def flat(vectors: Float[np.ndarray, "some views marks 2"]) -> np.ndarray:
-        return np.einsum("vmij,svmj->svmi", rooted, vectors).reshape(len(vectors), -1)
+        return np.einsum("vmij,svmj->svmi", whitening, vectors).reshape(
+            len(vectors), -1
+        )
 
     residual = flat(one.residual_mm[None])[0]
     return _Whitened(flat(one.slopes_mm), flat(one.moves_mm), residual)

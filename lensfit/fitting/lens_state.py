@@ -1,6 +1,7 @@
-"""One state of a lens, a focal length and a focus distance, as its photographs show it.
+"""The fit of one lens state: one focal length at one focus distance.
 
-Takes of one state share their geometry and colour; fall-off belongs to each f-number.
+All takes of a state share one chief-ray geometry and one lateral colour; fall-off is
+fitted separately for each f-number.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,7 +13,7 @@ import numpy as np
 from lensfit.fitting.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fitting.colour.channel_colour import ChannelColour
 from lensfit.fitting.colour.lateral_colour import Views, fit_colours
-from lensfit.fitting.decentring import OutOfCentre
+from lensfit.fitting.decentring import DecentringTerms
 from lensfit.fitting.entrance_pupil import (
     EntrancePupil,
     FittedWalk,
@@ -30,7 +31,8 @@ from lensfit.optics.distortion import Distortion, without_idle_degrees
 from lensfit.progress import Progress, silent
 
 _LEAST_PX = 1e-4
-"""Marks that fit better than this, as none do that were photographed, count as this."""
+"""Lower bound of a held-out error, so that its logarithm exists; no photograph is
+fitted as well as this."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,15 +41,15 @@ class LensState:
 
     Attributes
     ----------
-    focal_length_mm, focus_distance_mm : As on the barrel.
-    geometry : The chief-ray fit and its marks.
-    distortion : Its lens.
-    uncertainty : Of its parameters.
-    pupil : Where its entrance pupil is.
-    fall_off : One for each f-number.
-    colour : Red and blue against green (`with_colour`); empty for monochrome
+    focal_length_mm, focus_distance_mm : As engraved on the barrel.
+    geometry : The chief-ray fit and the takes it was made from.
+    distortion : The lens model of that fit.
+    uncertainty : Covariance of the parameters of that fit.
+    pupil : Position of the entrance pupil.
+    fall_off : One fit for each f-number.
+    colour : Red and blue relative to green (`with_colour`); empty for monochrome
         photographs.
-    walk : How the entrance pupil moves with field angle; None where nobody knows.
+    walk : Shift of the entrance pupil with field angle; None if it was not determined.
     """
 
     focal_length_mm: float
@@ -65,34 +67,40 @@ def fit_state(
     group: list[Take],
     progress: Progress = silent,
     *,
-    shown: list[Take],
+    all_takes: list[Take],
     base: BaseProjection | None = None,
     perspective: KnownPerspective | None = None,
-    told: OutOfCentre | None = None,
+    known_decentring: DecentringTerms | None = None,
 ) -> LensState:
-    """Fit the takes of one state, but for its colour.
+    """Fit geometry and fall-off of one state; lateral colour follows in `with_colour`.
 
     Parameters
     ----------
-    group : Of one focal length and focus distance.
-    shown : Of all states of the lens.
-    base : Ideal projection of the states before, so that states can be interpolated;
-        None for the one that suits the marks best.
-    perspective : Entrance pupil and its walk, as another state told them.
-    told : What other states told of elements out of centre.
+    group : Takes of this focal length and focus distance.
+    all_takes : Takes of all states of the lens.
+    base : Ideal projection of the states that were fitted before, so that states can be
+        interpolated; None selects the projection with the smallest residuals.
+    perspective : Entrance pupil and its shift with field angle, as measured at another
+        focus distance.
+    known_decentring : Decentring terms, as measured at another focus distance.
 
     Raises
     ------
     FitError : The marks do not determine a lens, or contradict what was stated.
     """
     geometry = fit_chief_ray(
-        group, progress, shown=shown, base=base, perspective=perspective, told=told
+        group,
+        progress,
+        all_takes=all_takes,
+        base=base,
+        perspective=perspective,
+        known_decentring=known_decentring,
     )
     adjustment = geometry.adjustment
     layout = adjustment.layout
     shared = adjustment.parameters[: layout.shared]
     lens = compiled_distortion_of(shared, layout, adjustment.frame)
-    # On the host, where taking an array apart compiles nothing.
+    # On the host, because indexing a device array would compile a program.
     distortion = without_idle_degrees(jax.device_get(lens))
     centre = np.asarray(distortion.principal_point_mm)
     uncertainty = uncertainty_of(adjustment, geometry.takes)
@@ -109,7 +117,7 @@ def fit_state(
 
 
 def with_colour(states: Sequence[LensState]) -> list[LensState]:
-    """The states with their lateral colour, found together for each focal length."""
+    """The states with their lateral colour, fitted jointly for each focal length."""
     found: dict[int, dict[str, ChannelColour]] = {}
     for mine in by_focal_length(states).values():
         seen = [
@@ -124,11 +132,17 @@ def with_colour(states: Sequence[LensState]) -> list[LensState]:
     return [replace(state, colour=found[id(state)]) for state in states]
 
 
-def better_told(after: LensState, before: Iterable[LensState]) -> LensState:
-    """The state of marks moved to chief rays (`after`), or that of their centroids.
+def more_accurate_state(after: LensState, before: Iterable[LensState]) -> LensState:
+    """Of an anamorphic state, the fit with the smaller held-out error.
 
-    Behind cylinders the wavefront leaves errors of a tenth of the blur, and moved marks
-    share them; the state that predicts its marks better stays.
+    Cylinders leave errors of a tenth of the blur in the wavefront, and detections that
+    were moved from centroids to chief rays inherit these errors. Spherical lenses
+    always use the fit to chief rays.
+
+    Parameters
+    ----------
+    after : Fitted to chief rays.
+    before : States fitted to centroids, of any focal length and focus distance.
     """
     if not any(take.anamorphic for take in after.geometry.takes):
         return after
@@ -141,16 +155,16 @@ def better_told(after: LensState, before: Iterable[LensState]) -> LensState:
     return min([after, *same], key=lambda one: one.geometry.held_out_rms_px)
 
 
-def left_px(states: Iterable[LensState]) -> float:
-    """What states leave of marks held out: the geometric mean over their photographs,
-    so that each has its say, the blurred and the sharp.
+def mean_held_out_rms_px(states: Iterable[LensState]) -> float:
+    """Held-out error of several states: the geometric mean over their photographs, so
+    that sharp and blurred photographs count alike.
     """
     each = [px for one in states for px in one.geometry.held_out_rms_px_of_take]
     return float(np.exp(np.mean(np.log(np.maximum(each, _LEAST_PX)))))
 
 
 def by_focal_length(states: Iterable[LensState]) -> dict[float, list[LensState]]:
-    """The states of every focal length, shortest first."""
+    """The states grouped by focal length, shortest first."""
     found: dict[float, list[LensState]] = {}
     for state in sorted(states, key=lambda one: one.focal_length_mm):
         found.setdefault(state.focal_length_mm, []).append(state)

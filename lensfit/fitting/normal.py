@@ -80,11 +80,11 @@ def predictions_mm(
     shared, local = split(parameters, layout)
     of_marks = jax.vmap(predicted_mm, (0, None, None, None, None, None))
 
-    def of_chunk(board, k):
+    def predictions_of_chunk(board, k):
         view = jax.tree.map(lambda a: a[k], views)
         return of_marks(board, shared, local[k], view, layout, frame)
 
-    return jax.vmap(of_chunk)(board, view_of_chunk)
+    return jax.vmap(predictions_of_chunk)(board, view_of_chunk)
 
 
 def equations(
@@ -114,7 +114,7 @@ def _on_core(
     count, batch = local.shape[0], gcd(BATCH, marks.view.shape[0])
     of_marks = jax.vmap(row, (0, None, None, None, None))
 
-    def of_chunk(own, mark: Mark):
+    def chunk_rows(own, mark: Mark):
         view = jax.tree.map(lambda a: a[own], views)
         parts: Parts = parts_of(shared, local[own], layout) | guarded
         rows, values = of_marks(mark, parts, view, layout, frame)
@@ -126,7 +126,7 @@ def _on_core(
             lambda a: jax.lax.dynamic_slice_in_dim(a, i * batch, batch),
             (marks.view, Mark(marks.board, marks.observed_mm, marks.whitening)),
         )
-        rows, values = jax.vmap(of_chunk, out_axes=1)(own, mark)
+        rows, values = jax.vmap(chunk_rows, out_axes=1)(own, mark)
         flat = rows[..., :k].reshape(2, -1, k)
         return _Blocks(
             sums.shared + jnp.einsum("hra,hrb->hab", flat, flat),

@@ -1,19 +1,20 @@
-"""Which terms the photographs ask for: evidence instead of taste.
+"""Model selection: which terms of the lens model enter a fit.
 
-At a fitted lens the residuals are nearly linear in every parameter, so the normal
-equations of the full model hold, as sub-blocks, those of every smaller one. A term is
-tried by solving such a block: no new fit is needed, and the error on the half of the
-marks that a solve has not seen follows from the same matrices. A term enters when
+Near the solution the residuals are almost linear in every parameter, so the normal
+equations of the full model contain those of every smaller model as sub-blocks. A
+candidate term is tested by solving such a block. No new fit is needed, and the error on
+the half of the detections that a solve has not used follows from the same matrices. A
+term enters if
 
-- the Bayesian information criterion improves, and
+- the Bayesian information criterion (BIC) improves by `LEAST_BIC_GAIN`,
 - the held-out error improves (two halves, each predicting the other), and
-- the improvement is an effect of `LEAST_EFFECT_PX` on the marks at least: smaller ones
-  are within the systematic errors of any detector, and a term that fits those trades
-  against pose and principal point.
+- its effect on the detections is at least `LEAST_EFFECT_PX` rms. Smaller effects are
+  within the systematic errors of any detector, and a term that fits these correlates
+  with pose and principal point.
 
-Families of rising degree are nested: each step contains the steps before it. The
-search looks past a step that does not help by itself, and takes a longer step than it
-must only on the same evidence.
+A term group is a nested sequence of steps: each step contains the steps before it. The
+search also tests steps beyond one that does not help by itself. It takes a longer step
+instead of a shorter one only if the BIC gain is larger by `LEAST_BIC_GAIN`.
 
 Reference: G. Schwarz, Annals of Statistics 6 (1978) 461-464.
 """
@@ -35,33 +36,34 @@ from lensfit.fitting.trial import Scores, Statistics, Trial
 from lensfit.optics import field
 
 LEAST_BIC_GAIN = 6.0
-"""Strong evidence on the usual scale."""
+"""Strong support for the larger model on the usual scale of BIC differences."""
 LEAST_HELD_OUT_GAIN = 1e-4
-"""Of the sum of squares; below it a term cannot be seen in any picture."""
+"""Share of the held-out sum of squares; a smaller gain is invisible in pictures."""
 LEAST_EFFECT_PX = 0.008
-"""Root mean square over the marks of what a term explains."""
+"""Root mean square, over the detections, of the residual that a term explains."""
 
 
 class Step(NamedTuple):
-    """One step of a family of terms, containing the steps before it."""
+    """One step of a term group; it contains the steps before it."""
 
     name: str
     indices: Int[np.ndarray, " parameters"]
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """What came of one term.
+class TermDecision:
+    """The decision on one candidate term.
 
     Attributes
     ----------
     name : Of the term.
     kept : Whether it is in the model.
-    bic_gain : Gain in BIC when it was tried last.
-    held_out_gain : Share of the held-out sum of squares that the term takes away, at
-        most 1; below 0 where it adds to it.
+    bic_gain : Gain in BIC when it was last tested.
+    held_out_gain : Share of the held-out sum of squares that the term removes, at most
+        1; negative if the term increases it.
     visible : Whether the effect reaches `LEAST_EFFECT_PX`.
-    despite : Why it was kept against the evidence; empty where it was not.
+    override_reason : Why the term is kept although the criteria are not met; empty if
+        they decided.
     """
 
     name: str
@@ -69,50 +71,54 @@ class Verdict:
     bic_gain: float
     held_out_gain: float
     visible: bool = True
-    despite: str = ""
+    override_reason: str = ""
 
     @property
-    def family(self) -> str:
-        """The block of parameters that the term belongs to."""
+    def term_group(self) -> str:
+        """Name of the block of parameters that the term belongs to."""
         return self.name.rstrip("0123456789").rstrip("_")
 
     @property
     def held_out_change_percent(self) -> float:
-        """What the term does to the root mean square of the held-out error."""
+        """Change of the root mean square of the held-out error by the term."""
         return 100 * (math.sqrt(max(1 - self.held_out_gain, 0.0)) - 1)
 
-    def kept_all_the_same(self, why: str) -> "Verdict":
-        """The verdict where something else than evidence decides."""
+    def with_override(self, why: str) -> "TermDecision":
+        """The decision to keep the term for another reason than the criteria."""
         return replace(
-            self, kept=True, despite=self.despite or ("" if self.kept else why)
+            self,
+            kept=True,
+            override_reason=self.override_reason or ("" if self.kept else why),
         )
 
     @property
     def reason(self) -> str:
         """One sentence for the report."""
         change = _signed(self.held_out_change_percent)
-        evidence = f"evidence {self.bic_gain:+.3g} (BIC), held-out error {change} %"
-        if self.despite:
-            return f"kept: {self.despite}; {evidence}"
+        scores = f"BIC gain {self.bic_gain:+.3g}, held-out error {change} %"
+        if self.override_reason:
+            return f"kept: {self.override_reason}; {scores}"
         if self.kept:
-            return f"kept: {evidence}"
+            return f"kept: {scores}"
         if self.bic_gain < LEAST_BIC_GAIN:
-            return f"left out: the photographs do not ask for it; {evidence}"
+            return f"left out: the BIC gain is too small; {scores}"
         if self.held_out_gain > LEAST_HELD_OUT_GAIN and not self.visible:
-            return f"left out: its effect is below {LEAST_EFFECT_PX:g} px; {evidence}"
-        return f"left out: it does not predict unseen marks better; {evidence}"
+            return f"left out: its effect is below {LEAST_EFFECT_PX:g} px; {scores}"
+        return f"left out: it does not reduce the held-out error; {scores}"
 
 
 def _signed(percent: float) -> str:
-    """Two digits, to a thousandth at most; 0 what is less."""
+    """Two significant digits, at most three decimals; 0 for smaller values."""
     whole = 10 <= abs(percent) < 1000
     return f"{percent:+.0f}" if whole else f"{round(percent, 3) + 0.0:+.2g}"
 
 
-def families(layout: Layout, largest: Layout | None = None) -> dict[str, list[Step]]:
-    """Every family of shared terms that may enter, as nested steps.
+def shared_term_groups(
+    layout: Layout, largest: Layout | None = None
+) -> dict[str, list[Step]]:
+    """Every candidate term group of the shared parameters, as nested steps.
 
-    `largest` is the model to stop at, where the layout has room for more.
+    `largest` is the largest model to test, if the layout has room for a larger one.
     """
     blocks, largest = layout.blocks, largest or layout
     apertures = slice(0, APERTURE_SHIFT_TERMS * largest.apertures)
@@ -131,17 +137,17 @@ def families(layout: Layout, largest: Layout | None = None) -> dict[str, list[St
 
 
 class Choice(NamedTuple):
-    """What the search found.
+    """The result of the search.
 
     Attributes
     ----------
-    kept : Steps kept of each family.
-    verdicts : Of every term that was tried.
+    kept : Number of steps kept, by term group.
+    decisions : One for every term that was tested.
     step : Change of the parameters to the linearised solution of the chosen model.
     """
 
     kept: dict[str, int]
-    verdicts: list[Verdict]
+    decisions: list[TermDecision]
     step: Float[np.ndarray, " parameters"]
 
 
@@ -155,7 +161,7 @@ def choose(
     least_fall: float = 0.0,
     stated: Statistics | None = None,
 ) -> Choice:
-    """Greedy search among models of rising size.
+    """Select terms by a greedy search among models of increasing size.
 
     Parameters
     ----------
@@ -163,53 +169,54 @@ def choose(
     precision : Prior precision of every parameter.
     offset : Current parameters minus their prior mean.
     always : Parameters that are in every model; none of them in `terms`.
-    least_fall : Of the held-out sum of squares by what an effect of `LEAST_EFFECT_PX`
-        explains; the default lets effects of any size pass.
-    stated : Equations of what is stated (`Trial`).
+    terms : Candidate term groups.
+    least_fall : Decrease of the held-out sum of squares by an effect of
+        `LEAST_EFFECT_PX`; with the default, effects of any size count as visible.
+    stated : Normal equations of stated values (`Trial`).
     """
     tried = np.concatenate([steps[-1].indices for steps in terms.values()])
     trial = Trial(first_half, second_half, precision, offset, always, tried, stated)
     kept: dict[str, int] = {}
-    verdicts: dict[str, Verdict] = {}
+    decisions: dict[str, TermDecision] = {}
     indices = np.zeros(0, int)
     now = trial.scores(indices)
     while True:
         best = None
-        for family, steps in terms.items():
+        for group, steps in terms.items():
             growths = _growths(
-                trial, indices, now, steps, kept.get(family, 0), least_fall
+                trial, indices, now, steps, kept.get(group, 0), least_fall
             )
-            verdicts |= {growth.verdict.name: growth.verdict for growth in growths}
+            decisions |= {growth.decision.name: growth.decision for growth in growths}
             own = _best_of(growths)
-            if own and (best is None or own.evidence > best[1].evidence):
-                best = family, own
+            if own and (best is None or own.bic_gain > best[1].bic_gain):
+                best = group, own
         if best is None:
             break
-        family, growth = best
+        group, growth = best
         indices, now = growth.indices, growth.scores
-        for step in terms[family][kept.get(family, 0) : growth.level + 1]:
-            verdicts[step.name] = replace(growth.verdict, name=step.name, kept=True)
-        kept[family] = growth.level + 1
-    return Choice(kept, list(verdicts.values()), trial.step(indices))
+        for step in terms[group][kept.get(group, 0) : growth.level + 1]:
+            decisions[step.name] = replace(growth.decision, name=step.name, kept=True)
+        kept[group] = growth.level + 1
+    return Choice(kept, list(decisions.values()), trial.step(indices))
 
 
 class _Growth(NamedTuple):
-    """A step of a family on top of a model, and the model that makes."""
+    """A model enlarged by one step of a term group."""
 
     level: int
     indices: Int[np.ndarray, " tried"]
     scores: Scores
-    verdict: Verdict
+    decision: TermDecision
 
     @property
-    def evidence(self) -> float:
-        return self.verdict.bic_gain
+    def bic_gain(self) -> float:
+        return self.decision.bic_gain
 
     @property
-    def good(self) -> bool:
-        verdict = self.verdict
-        better = verdict.held_out_gain > LEAST_HELD_OUT_GAIN and verdict.visible
-        return better and verdict.bic_gain > LEAST_BIC_GAIN
+    def meets_criteria(self) -> bool:
+        decision = self.decision
+        better = decision.held_out_gain > LEAST_HELD_OUT_GAIN and decision.visible
+        return better and decision.bic_gain > LEAST_BIC_GAIN
 
 
 def _growths(
@@ -220,7 +227,7 @@ def _growths(
     first: int,
     least_fall: float,
 ) -> list[_Growth]:
-    """Every step from `first` on that adds something to the model of `indices`."""
+    """Every step from `first` on that adds parameters to the model of `indices`."""
     found = []
     for level, step in enumerate(steps[first:], first):
         grown = np.union1d(indices, step.indices)
@@ -229,17 +236,18 @@ def _growths(
         scores = trial.scores(grown)
         fall = now.held_out - scores.held_out
         gains = now.bic - scores.bic, 1 - scores.held_out / now.held_out
-        verdict = Verdict(step.name, False, *gains, visible=fall > least_fall)
-        found.append(_Growth(level, grown, scores, verdict))
+        decision = TermDecision(step.name, False, *gains, visible=fall > least_fall)
+        found.append(_Growth(level, grown, scores, decision))
     return found
 
 
 def _best_of(growths: list[_Growth]) -> _Growth | None:
-    """The good one with most evidence; a longer one only for a good deal more."""
+    """The step with the largest BIC gain of those that meet the criteria; a longer one
+    only if it gains `LEAST_BIC_GAIN` more."""
     best = None
     for growth in growths:
-        further = best is None or growth.evidence > best.evidence + LEAST_BIC_GAIN
-        if growth.good and further:
+        further = best is None or growth.bic_gain > best.bic_gain + LEAST_BIC_GAIN
+        if growth.meets_criteria and further:
             best = growth
     return best
 
@@ -249,10 +257,10 @@ def _prefixes(name: str, indices: np.ndarray, lengths: Iterable[int]) -> list[St
 
 
 def _decentering_steps(decentering: np.ndarray, thin_prism: np.ndarray) -> list[Step]:
-    """Thin prism on top of decentering, not instead of it.
+    """Steps with decentering first, and thin prism only in addition to it.
 
-    They differ by a tilt of the board, so that a frontal view suits either. Elements
-    that are out of centre distort as the one does: their own distortion, shifted.
+    The two differ by a tilt of the board, so that a frontal view does not distinguish
+    them. A displaced element shifts its own distortion, which is a decentering term.
     """
     return [
         Step("decentering_2", decentering[:2]),
@@ -279,7 +287,7 @@ def _stretch_steps(indices: np.ndarray, degree: int) -> list[Step]:
 
 
 def bend_steps(layout: Layout, views: int) -> list[Step]:
-    """Bends of every photograph's board, of rising degree."""
+    """Bends of the board in every photograph, by increasing degree."""
     rows = layout.local_indices("board_bend", views)
     return [
         Step(f"board_bend_{d}", rows[:, : len(board_degrees(d))].ravel())

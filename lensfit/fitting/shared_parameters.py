@@ -1,8 +1,10 @@
-"""Every state of a lens by itself, but for what its glass does at every focus.
+"""Lens states that share the parameters which do not change with focus.
 
-A state whose photographs do not tell where the entrance pupil is, or what elements out
-of centre do, takes over what others of its focal length told. What one photograph
-contradicts costs no other.
+Each state is fitted on its own first. The entrance pupil, its shift with field angle,
+and the decentring terms are nearly the same at every focus distance, but only tilted
+views determine them. Per focal length they are taken from the state with the smallest
+standard deviation, and the other states are fitted again with these values as priors.
+A photograph that contradicts the others is left out, and the rest is fitted.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,7 +14,7 @@ import cv2
 import numpy as np
 
 from lensfit.errors import FitError
-from lensfit.fitting.decentring import OutOfCentre, told_by
+from lensfit.fitting.decentring import DecentringTerms, decentring_of
 from lensfit.fitting.entrance_pupil import (
     perspective_at_other_focus,
     perspective_with_walk,
@@ -25,136 +27,144 @@ from lensfit.optics.base import BaseProjection
 from lensfit.progress import Progress
 
 
-def fit_sharing_glass(
+def fit_states_with_shared_parameters(
     takes: list[Take], progress: Progress
 ) -> tuple[list[LensState], dict[str, FitError]]:
-    """Every state; those that do not see all of their glass with what others see.
+    """Fit every state, with shared parameters from the states that determine them.
 
-    A pupil that is wrong by some share of the chart's distance scales a state by as
-    much. A tilt of few degrees hardly tells it, and another solve would find another
-    one: the states that told it stay as they were then, but for the walk of the pupil.
-    A state that cannot be fitted with
-    what others saw stays as it was, too.
+    An entrance pupil that is off by some share of the chart's distance changes the
+    scale of a state by the same share. Tilts of a few degrees determine it weakly, so
+    that another solve gives another value: the state which supplies the shared values
+    is therefore not fitted again, except for the shift of the pupil with field angle.
+    A state that cannot be fitted with the shared values keeps its own fit.
 
     Returns
     -------
-    The states, as their photographs come, and why takes failed, by name.
+    The states, in the order of their photographs, and why takes failed, by name.
     """
     groups = grouped(takes)
-    states, failed = _fit_states(groups, progress, _nothing_known, shown=takes)
-    states = _with_surer_walk(states, progress, takes)
-    glass = {
-        focal_mm: _told(mine) for focal_mm, mine in by_focal_length(states).items()
+    states, failed = _fit_states(groups, progress, _no_priors, all_takes=takes)
+    states = _with_corrected_walk(states, progress, takes)
+    shared = {
+        focal_mm: _shared_parameters_of(mine)
+        for focal_mm, mine in by_focal_length(states).items()
     }
-    lacking = [s for s in states if _lacks(s, glass[s.focal_length_mm])]
-    final = [s for s in states if s not in lacking]
-    settled = _names_in(final)
-    open_yet = [g for g in groups if not any(take.name in settled for take in g)]
+    dependent = [s for s in states if _is_dependent(s, shared[s.focal_length_mm])]
+    final = [s for s in states if s not in dependent]
+    final_names = _take_names(final)
+    remaining = [g for g in groups if not any(t.name in final_names for t in g)]
 
-    def told(group: list[Take]) -> _Known:
-        mine = glass.get(group[0].focal_length_mm, _Glass())
-        return _Known(_perspective_for(group, mine), mine.out_of_centre)
+    def priors_of(group: list[Take]) -> _Priors:
+        mine = shared.get(group[0].focal_length_mm, _SharedParameters())
+        return _Priors(_perspective_for(group, mine), mine.decentring)
 
-    again, failed_again = _fit_states(
-        open_yet, progress, told, shown=takes, before=final
+    refitted, failed_again = _fit_states(
+        remaining, progress, priors_of, all_takes=takes, before=final
     )
-    refitted = _names_in(again)
-    alone = [s for s in lacking if refitted.isdisjoint(_names_in([s]))]
-    every = [*final, *again, *alone]
-    used = _names_in(every)
+    refitted_names = _take_names(refitted)
+    alone = [s for s in dependent if refitted_names.isdisjoint(_take_names([s]))]
+    every = [*final, *refitted, *alone]
+    used = _take_names(every)
     failed = {n: why for n, why in (failed | failed_again).items() if n not in used}
     return _in_order(every, takes), failed
 
 
-class _Known(NamedTuple):
-    """What is known of a state before its photographs are seen; None for nothing."""
+class _Priors(NamedTuple):
+    """Values of shared parameters from another state; None where there are none."""
 
     perspective: KnownPerspective | None = None
-    out_of_centre: OutOfCentre | None = None
+    decentring: DecentringTerms | None = None
 
 
-def _nothing_known(_: list[Take]) -> _Known:
-    return _Known()
+def _no_priors(_: list[Take]) -> _Priors:
+    return _Priors()
 
 
-def _with_surer_walk(
+def _with_corrected_walk(
     states: list[LensState], progress: Progress, takes: list[Take]
 ) -> list[LensState]:
-    """With those refitted that would tell others a walk of the pupil which errors that
-    their marks share have made (`joint_adjustment`)."""
+    """The states; of each focal length the state that supplies the shared values is
+    fitted again if errors common to all its detections distorted the shift of its pupil
+    with field angle (`joint_adjustment.walk_with_shared_errors`)."""
     found = []
     for mine in by_focal_length(states).values():
-        surest = _surest(mine)
-        surer = walk_with_shared_errors(surest)
-        known = _Known(perspective_with_walk(surest.geometry, surest.walk, surer))
-        again = []
-        if known.perspective is not None:
-            group = list(surest.geometry.takes)
-            again, _ = _fit_states(
-                [group], progress, lambda _, k=known: k, shown=takes, before=[surest]
+        source = _state_of_best_known_pupil(mine)
+        corrected = walk_with_shared_errors(source)
+        priors = _Priors(perspective_with_walk(source.geometry, source.walk, corrected))
+        refitted = []
+        if priors.perspective is not None:
+            group = list(source.geometry.takes)
+            refitted, _ = _fit_states(
+                [group],
+                progress,
+                lambda _, p=priors: p,
+                all_takes=takes,
+                before=[source],
             )
-        whole = _names_in(again) == _names_in([surest])
-        found += [s for s in mine if not (whole and s is surest)]
-        found += again if whole else []
+        complete = _take_names(refitted) == _take_names([source])
+        found += [s for s in mine if not (complete and s is source)]
+        found += refitted if complete else []
     return _in_order(found, takes)
 
 
-def _names_in(states: list[LensState]) -> set[str]:
-    """Of the takes that states were fitted to."""
+def _take_names(states: list[LensState]) -> set[str]:
+    """Names of the takes that the states were fitted to."""
     return {take.name for state in states for take in state.geometry.takes}
 
 
-class _Glass(NamedTuple):
-    """What states of one focal length told; None where none of them did.
+class _SharedParameters(NamedTuple):
+    """What the states of one focal length determine; None where none of them does.
 
     Attributes
     ----------
-    surest : State that knows its entrance pupil best.
-    out_of_centre : What elements out of centre do.
+    pupil_source : The state whose entrance pupil has the smallest standard deviation.
+    decentring : Decentring terms of the state whose axis has the smallest one.
     """
 
-    surest: LensState | None = None
-    out_of_centre: OutOfCentre | None = None
+    pupil_source: LensState | None = None
+    decentring: DecentringTerms | None = None
 
 
-def _told(states: list[LensState]) -> _Glass:
-    telling = [s for s in states if s.geometry.tells_out_of_centre]
-    surest = sorted(telling, key=_unsure_axis)[:1]
-    told = [told_by(state.geometry.adjustment) for state in surest]
-    return _Glass(_surest(states), *told)
+def _shared_parameters_of(states: list[LensState]) -> _SharedParameters:
+    candidates = [s for s in states if s.geometry.determines_decentring]
+    sources = sorted(candidates, key=_axis_deviation)[:1]
+    decentring = [decentring_of(state.geometry.adjustment) for state in sources]
+    return _SharedParameters(_state_of_best_known_pupil(states), *decentring)
 
 
-def _surest(states: list[LensState]) -> LensState:
+def _state_of_best_known_pupil(states: list[LensState]) -> LensState:
     return min(states, key=lambda state: state.pupil.standard_deviation_mm)
 
 
-def _perspective_for(group: list[Take], glass: _Glass) -> KnownPerspective | None:
-    """That of a group, as another state of the lens told it."""
-    surest = glass.surest
-    if surest is None or _names_in([surest]) & {take.name for take in group}:
+def _perspective_for(
+    group: list[Take], shared: _SharedParameters
+) -> KnownPerspective | None:
+    """Prior of a group's entrance pupil, from another state of the lens."""
+    source = shared.pupil_source
+    if source is None or _take_names([source]) & {take.name for take in group}:
         return None
     return perspective_at_other_focus(
-        surest.pupil,
-        surest.walk,
+        source.pupil,
+        source.walk,
         group[0].focal_length_mm,
-        surest.focus_distance_mm,
+        source.focus_distance_mm,
         group[0].focus_distance_mm,
     )
 
 
-def _lacks(state: LensState, glass: _Glass) -> bool:
-    """Whether others told what this one does not see."""
-    pupil = state is not glass.surest
-    centre = glass.out_of_centre is not None and not state.geometry.focal_length_free
+def _is_dependent(state: LensState, shared: _SharedParameters) -> bool:
+    """Whether another state determines a shared parameter better than this one."""
+    pupil = state is not shared.pupil_source
+    centre = shared.decentring is not None and not state.geometry.focal_length_free
     return pupil or centre
 
 
-def _unsure_axis(state: LensState) -> float:
+def _axis_deviation(state: LensState) -> float:
     return float(np.hypot(*state.uncertainty.deviation("principal_point")))
 
 
 def _in_order(states: list[LensState], takes: list[Take]) -> list[LensState]:
-    """As their photographs come."""
+    """Sorted as their photographs are in `takes`."""
     place = {take.name: k for k, take in enumerate(takes)}
     return sorted(states, key=lambda s: min(place[t.name] for t in s.geometry.takes))
 
@@ -162,35 +172,35 @@ def _in_order(states: list[LensState], takes: list[Take]) -> list[LensState]:
 def _fit_states(
     groups: list[list[Take]],
     progress: Progress,
-    known: Callable[[list[Take]], _Known],
+    priors_of: Callable[[list[Take]], _Priors],
     *,
-    shown: list[Take],
+    all_takes: list[Take],
     before: Sequence[LensState] = (),
 ) -> tuple[list[LensState], dict[str, FitError]]:
-    """One for each group, but for the takes that contradict the others of theirs.
+    """One state for each group, without the takes that contradict their group.
 
     Parameters
     ----------
-    known : Of a group, as other states told it.
-    shown : Takes of all states of the lens.
-    before : States whose ideal projection the new ones share; without them that of
-        the first.
+    priors_of : Shared parameters of a group, from other states.
+    all_takes : Takes of all states of the lens.
+    before : States whose ideal projection the new ones share; if empty, the first
+        new state selects it.
     """
     states: list[LensState] = []
     failed: dict[str, FitError] = {}
     base: BaseProjection | None = before[0].distortion.base if before else None
-    left = list(groups)
-    while left:
-        group = left.pop(0)
-        perspective, out_of_centre = known(group)
+    remaining = list(groups)
+    while remaining:
+        group = remaining.pop(0)
+        perspective, decentring = priors_of(group)
         try:
             state = fit_state(
                 group,
                 progress,
-                shown=shown,
+                all_takes=all_takes,
                 base=base,
                 perspective=perspective,
-                told=out_of_centre,
+                known_decentring=decentring,
             )
         except FitError as error:
             # One photograph that contradicts itself must not cost the others.
@@ -198,7 +208,7 @@ def _fit_states(
             at_fault = [take for take in group if take.name == error.where] or group
             failed |= {take.name: error for take in at_fault}
             if at_fault is not group and rest:
-                left.insert(0, rest)
+                remaining.insert(0, rest)
         except (ValueError, cv2.error) as error:
             reason = FitError(
                 f"the fit broke down ({error})",

@@ -85,7 +85,7 @@ def stated_scale(
     return StatedScale(float(np.exp(best.x[0])), 2 * float(best.cost))
 
 
-def at_fitted_scale(fitted: Adjustment) -> Adjustment:
+def with_fitted_scale_as_origin(fitted: Adjustment) -> Adjustment:
     """The same fit, its own principal distance and poses the start of further steps.
 
     Steps count from there, so that they stay small and what is linear in them true; and

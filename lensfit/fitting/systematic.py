@@ -1,12 +1,14 @@
-"""Errors that no residual shows, as a covariance; and inverses that stay covariances.
+"""Covariance of systematic errors, and inverses of nearly singular normal equations.
 
-Smooth errors that all observations share are taken up by the terms of a model: all of
-them are taken to be off together, each as far as it changes what was observed.
+The terms of a model absorb smooth errors that all observations share, so that the
+residuals do not show them. These errors are modelled as a covariance of all terms in
+proportion to the inverse of their normal equations, scaled to a given rms effect on the
+observations.
 
-Normal equations of terms that nearly span each other are singular to rounding; their
-plain inverse has negative variances in some directions. In units of each parameter's
-own precision, with what rounding leaves of the smallest eigenvalues raised to it, the
-inverse is a covariance.
+Normal equations of nearly collinear terms are singular to rounding, and their plain
+inverse has negative variances in some directions. They are therefore scaled to a unit
+diagonal, and eigenvalues below the rounding error are raised to it; the inverse is then
+a covariance.
 
 Reference: A. Zellner's g-prior (1986), its size known from experience, as type B of the
 Guide to the Expression of Uncertainty in Measurement (JCGM 100, 2008); on scaling, A.
@@ -24,12 +26,13 @@ def systematic_covariance(
     precision: Float[np.ndarray, " terms"],
     explained: float,
 ) -> Float[np.ndarray, "terms terms"]:
-    """Covariance of terms that together change chi-squared by `explained`.
+    """Covariance of terms that together change chi-squared by `explained` on average.
 
     Parameters
     ----------
     matrix : Normal equations of the terms, without priors.
-    precision : Of their priors. What those hold is no error that observations make.
+    precision : Precisions of their priors, which limit the errors of weakly determined
+        terms.
     """
     seen = matrix * (len(matrix) / explained)
     inverse = covariance_of_equations(seen + np.diag(precision))
@@ -40,7 +43,7 @@ def systematic_covariance(
 def covariance_of_equations(
     matrix: Float[np.ndarray, "parameters parameters"],
 ) -> Float[np.ndarray, "parameters parameters"]:
-    """The inverse of normal equations."""
+    """The inverse of normal equations, positive semidefinite despite rounding."""
     unit = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
     size, axes = np.linalg.eigh(matrix / np.outer(unit, unit))
     size = np.maximum(size, _ROUNDING * size[-1]) if len(size) else size
@@ -52,7 +55,7 @@ def covariance_nearest(
     matrix: Float[np.ndarray, "parameters parameters"],
     unit: Float[np.ndarray, " parameters"],
 ) -> Float[np.ndarray, "parameters parameters"]:
-    """The covariance nearest to a symmetric matrix, in units of the parameters."""
+    """The positive semidefinite matrix nearest to a symmetric one, in these units."""
     unit = np.where(unit > 0, unit, 1.0)
     size, axes = np.linalg.eigh((matrix + matrix.T) / 2 / np.outer(unit, unit))
     axes = axes * unit[:, None]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.detect.cutouts import Cutouts
+from lensfit.detect.cutouts import DotImages
 from lensfit.detect.observations import Observations
 from lensfit.fitting.stated_facts import ORDINARY_WIDTHS, Widths
 from lensfit.units import dioptres_from_mm
@@ -33,7 +33,7 @@ class Take:
     sensor_size_mm : Width and height that the photograph spans.
     f_number, focus_distance_mm, target_distance_mm : None where nobody said.
     squeeze : Nominal horizontal squeeze of an anamorphic lens.
-    cutouts : Pictures of the dots, where their shape can be fitted.
+    dot_images : Pictures of the dots, where their shape can be fitted.
     rims : Of their rims, where these show finer cells.
     chief_rays : Whether marks are where chief rays land, not centroids.
     shared_moves_mm : How marks that were placed so move together, red, green and blue,
@@ -52,8 +52,8 @@ class Take:
     focus_distance_mm: float | None = None
     target_distance_mm: float | None = None
     squeeze: float = 1.0
-    cutouts: Cutouts | None = None
-    rims: Cutouts | None = None
+    dot_images: DotImages | None = None
+    rims: DotImages | None = None
     chief_rays: bool = False
     shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
     widths: Widths = ORDINARY_WIDTHS

@@ -1,10 +1,10 @@
-"""Stages 2 and 3 of the geometric fit: which terms the photographs ask for.
+"""Stages 2 and 3 of the geometric fit: model selection and the fit of its result.
 
-The named terms are chosen first, twice, then what bends boards, then the free field, on
-top of named terms that are held where they are, since it spans them. A few damped
-steps with everything free follow, along the curved valley that this leaves. Terms
-of elements out of centre enter together where the lens' axis is free
-(`decentring`).
+The criteria are those of `select`. The named terms of the lens are selected first, in
+two passes; then bends of the boards; then the free field, with the named terms held
+fixed, because the free field can reproduce them. A few damped steps with all selected
+terms free follow, since their minimum is a long curved valley. The decentring terms
+enter together where the principal point is free (`decentring`).
 """
 
 from dataclasses import replace
@@ -13,100 +13,112 @@ import numpy as np
 
 from lensfit.fitting.adjust import VALLEY_DAMPING, Adjustment, adjust
 from lensfit.fitting.decentring import (
-    WHY,
-    WORKSHOP,
-    OutOfCentre,
-    asks_for_all,
-    with_elements_out_of_centre,
+    MANUFACTURING_TOLERANCE,
+    TOLERANCE_REASON,
+    DecentringTerms,
+    adjust_with_decentring,
+    decentring_is_supported,
 )
 from lensfit.fitting.half_equations import halves_of, least_fall, stated_statistics
 from lensfit.fitting.parameters import PINHOLE, Layout, Prior, stated_blocks
 from lensfit.fitting.priors import loose_prior
 from lensfit.fitting.select import (
     Step,
-    Verdict,
+    TermDecision,
     bend_steps,
     choose,
     drift_steps,
-    families,
+    shared_term_groups,
 )
 from lensfit.fitting.stage import Start
 from lensfit.progress import Progress
 
 
-def with_evidence(
+def select_terms(
     start: Start,
     compact: Adjustment,
     progress: Progress,
-    told: OutOfCentre | None = None,
-) -> tuple[Adjustment, tuple[str, ...], list[Verdict]]:
-    """Stages 2 and 3.
+    known_decentring: DecentringTerms | None = None,
+) -> tuple[Adjustment, tuple[str, ...], list[TermDecision]]:
+    """Select terms and fit them (stages 2 and 3).
 
     Parameters
     ----------
-    told : What tilted views at another focus say of elements out of centre.
+    start : The start of the fit.
+    compact : The fit of the compact model (stage 1).
+    known_decentring : Decentring terms that tilted views at another focus distance
+        determined.
+
+    Returns
+    -------
+    The fit, the names of the free blocks, and a decision for each candidate term.
     """
     views, layout = len(start.takes), compact.layout
     always = _always(layout, start)
-    terms = families(layout, start.largest)
+    terms = shared_term_groups(layout, start.largest)
     if start.focal_length_free:
-        del terms["principal_point"]  # it is in every model then
+        del terms["principal_point"]  # every model contains it then
     free_field = {n: terms.pop(n) for n in ("free_field",) if n in terms}
-    adjustment, kept, verdicts = compact, {}, []
+    adjustment, kept, decisions = compact, {}, []
     for turn in range(2):
-        adjustment, kept, verdicts = _chosen(adjustment, always, terms)
+        adjustment, kept, decisions = _fit_selected(adjustment, always, terms)
         progress("fit", 2 + turn, 5)
     names = [terms[f][n - 1].name for f, n in kept.items()]
     if layout.bend_degree:
         lens = _indices(always, kept, terms)
         adjustment, more, others = _with_bends(adjustment, lens, views)
-        verdicts, names = verdicts + others, names + more
+        decisions, names = decisions + others, names + more
     if free_field:
         adjustment, more, others = _with_free_field(adjustment, always, free_field)
-        verdicts, names = verdicts + others, names + more
-    told = None if start.focal_length_free else told
-    asked = start.focal_length_free and asks_for_all(adjustment, verdicts)
-    if asked or told is not None:
-        adjustment = with_elements_out_of_centre(adjustment, told)
-        verdicts = [
-            v.kept_all_the_same(WHY) if v.family in WORKSHOP else v for v in verdicts
+        decisions, names = decisions + others, names + more
+    known_decentring = None if start.focal_length_free else known_decentring
+    supported = start.focal_length_free and decentring_is_supported(
+        adjustment, decisions
+    )
+    if supported or known_decentring is not None:
+        adjustment = adjust_with_decentring(adjustment, known_decentring)
+        decisions = [
+            v.with_override(TOLERANCE_REASON)
+            if v.term_group in MANUFACTURING_TOLERANCE
+            else v
+            for v in decisions
         ]
-        names = list(dict.fromkeys([*names, *WORKSHOP]))
+        names = list(dict.fromkeys([*names, *MANUFACTURING_TOLERANCE]))
     progress("fit", 4, 5)
-    return adjustment, tuple(names), verdicts
+    return adjustment, tuple(names), decisions
 
 
 def _with_bends(
     adjustment: Adjustment, lens: np.ndarray, views: int
-) -> tuple[Adjustment, list[str], list[Verdict]]:
-    """What bends boards, on top of the lens, never instead of it: seen frontally, a
-    bent board and a distorting lens are one and the same."""
+) -> tuple[Adjustment, list[str], list[TermDecision]]:
+    """The fit with selected bends of the boards and row drifts. The lens terms stay
+    free: in a frontal view a bent board and a distorting lens give the same image."""
     layout = adjustment.layout
-    held = np.setdiff1d(lens, _spanned(layout))
+    held = np.setdiff1d(lens, _higher_degree_terms(layout))
     bends = {
         "board_bend": bend_steps(layout, views),
         "row_drift": drift_steps(layout, views),
     }
-    adjustment, kept, verdicts = _chosen(adjustment, held, bends)
+    adjustment, kept, decisions = _fit_selected(adjustment, held, bends)
     everything = np.union1d(lens, _indices(held, kept, bends))
     names = [bends[f][n - 1].name for f, n in kept.items()]
-    return _all_free(adjustment, everything), names, verdicts
+    return _all_free(adjustment, everything), names, decisions
 
 
 def _with_free_field(
     named: Adjustment, always: np.ndarray, steps: dict[str, list[Step]]
-) -> tuple[Adjustment, list[str], list[Verdict]]:
-    """Stage 3; afterwards everything that was kept is free again."""
-    fitted, kept, verdicts = _chosen(named, always, steps)
+) -> tuple[Adjustment, list[str], list[TermDecision]]:
+    """Stage 3: the fit with the selected degree of the free field, all terms free."""
+    fitted, kept, decisions = _fit_selected(named, always, steps)
     if not kept:
-        return named, [], verdicts
+        return named, [], decisions
     step = steps["free_field"][kept["free_field"] - 1]
     everything = np.union1d(np.flatnonzero(named.prior.free), step.indices)
-    return _all_free(fitted, everything), [step.name], verdicts
+    return _all_free(fitted, everything), [step.name], decisions
 
 
 def _all_free(adjustment: Adjustment, everything: np.ndarray) -> Adjustment:
-    """One more round with all these free, each with a loose prior around zero."""
+    """One more round with these parameters free, with loose priors around zero."""
     nothing = np.zeros(0, int)
     prior = loose_prior(adjustment.parameters, adjustment.layout, nothing, everything)
     prior = Prior(np.where(prior.free, 0.0, prior.mean), prior.standard_deviation)
@@ -114,20 +126,20 @@ def _all_free(adjustment: Adjustment, everything: np.ndarray) -> Adjustment:
     return adjust(released, rounds=1, damping=VALLEY_DAMPING)
 
 
-def _spanned(layout: Layout) -> np.ndarray:
-    """Lens terms of degree three and more, held while bends are tried."""
+def _higher_degree_terms(layout: Layout) -> np.ndarray:
+    """Lens terms of degree three and more, fixed while bends are selected."""
     blocks = [layout.blocks[name] for name in ("radial", "anamorphic")]
     return np.concatenate([np.arange(b.start, b.stop) for b in blocks])
 
 
-def _chosen(
+def _fit_selected(
     adjustment: Adjustment,
     always: np.ndarray,
     terms: dict[str, list[Step]],
-) -> tuple[Adjustment, dict[str, int], list[Verdict]]:
-    """Linearise, choose among `terms`, and fit what was chosen.
+) -> tuple[Adjustment, dict[str, int], list[TermDecision]]:
+    """Linearise, select among `terms`, and fit the selected model.
 
-    Parameters that are neither in `always` nor in `terms` stay where they are.
+    Parameters that are neither in `always` nor in `terms` stay fixed.
     """
     tried = np.unique(
         np.concatenate([always, *(s[-1].indices for s in terms.values())])
@@ -152,12 +164,12 @@ def _chosen(
         parameters=here + found.step,
         prior=loose_prior(here, layout, tried, chosen),
     )
-    return adjust(started), found.kept, found.verdicts
+    return adjust(started), found.kept, found.decisions
 
 
 def _always(layout: Layout, start: Start) -> np.ndarray:
-    """Parameters in every model: poses, what statements hold, and the rest of the
-    pinhole where views tilt enough to determine it."""
+    """Parameters of every model: poses, those with stated values, and the other pinhole
+    parameters if the views tilt enough to determine them."""
     poses = layout.local_indices("pose", len(start.takes)).ravel()
     rest = PINHOLE if start.focal_length_free else ()
     names = (*stated_blocks(start.walk_free), *rest)
@@ -169,5 +181,5 @@ def _always(layout: Layout, start: Start) -> np.ndarray:
 def _indices(
     always: np.ndarray, kept: dict[str, int], terms: dict[str, list[Step]]
 ) -> np.ndarray:
-    chosen = [terms[family][level - 1].indices for family, level in kept.items()]
+    chosen = [terms[group][level - 1].indices for group, level in kept.items()]
     return np.unique(np.concatenate([always, *chosen]))

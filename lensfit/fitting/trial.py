@@ -1,9 +1,9 @@
-"""Linearised fits of many sub-models, from the normal equations of the largest one.
+"""Linearised fits of many sub-models, from the normal equations of the full model.
 
-Every sub-model contains the parameters that are in all of them (poses above all), so
-these are eliminated once: what is left of a half's equations, and of what a solution
-costs on the other half, are quadratic forms in the parameters that are tried. A
-sub-model is then a sub-block of small matrices.
+All sub-models share some parameters, above all the poses. These are eliminated once.
+What remains are quadratic forms in the candidate parameters: the cost on one half of
+the detections, and the cost of that half's solution on the other half. The fit of a
+sub-model is then a solve with a sub-block of small matrices.
 """
 
 from typing import NamedTuple
@@ -13,11 +13,11 @@ from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
 _JITTERS = 1e-12, 1e-9, 1e-7, 1e-5
-"""Shares of the diagonal, tried in this order."""
+"""Relative increments of the diagonal, tried in this order."""
 
 
 class Statistics(NamedTuple):
-    """Normal equations of the full model on one set of marks.
+    """Normal equations of the full model for one set of detections.
 
     `count` is the number of residuals.
     """
@@ -29,8 +29,8 @@ class Statistics(NamedTuple):
 
 
 class Scores(NamedTuple):
-    """Of a model: sum of squares on all marks, Bayesian information criterion, and sum
-    of squares on unseen marks."""
+    """Scores of a model: sum of squares on all detections, Bayesian information
+    criterion, and sum of squares on held-out detections."""
 
     sum_of_squares: float
     bic: float
@@ -50,10 +50,10 @@ class _Form(NamedTuple):
 
 
 class _Reduced(NamedTuple):
-    """The solution of a set of marks as a function of the tried parameters.
+    """The solution for a set of detections as a function of the candidate parameters.
 
-    The step of all parameters is `origin` + `turn` z, where z counts from the prior
-    mean of the tried ones and the rest follow as the set of marks wants.
+    The step of all parameters is `origin` + `turn` z. Here z is the difference of the
+    candidate parameters from their prior mean; the shared ones minimise the cost.
     """
 
     origin: Float[np.ndarray, " parameters"]
@@ -61,26 +61,25 @@ class _Reduced(NamedTuple):
     cost: _Form
 
     def solution(self, chosen: np.ndarray) -> np.ndarray:
-        """The z that costs least, prior included, with the others at zero."""
+        """The z of least cost, prior included, with all other candidates at zero."""
         square = self.cost.square[np.ix_(chosen, chosen)]
         return -cho_solve(_factor(square), self.cost.linear[chosen])
 
 
 class Trial:
-    """Scores of the models `always` + any of `tried`.
+    """Scores of the models that consist of `always` and any subset of `tried`.
 
     Parameters
     ----------
-    first, second : Of two halves of the marks, at the same parameters.
+    first, second : Equations of two halves of the detections, at the same parameters.
     precision : Prior precision of every parameter.
     offset : Those parameters minus their prior mean.
-    always, tried : Indices without a common one; every other parameter returns to its
-        prior mean.
-    stated : Equations of what is stated: they count in every solution, and in no cost.
+    always, tried : Disjoint indices; every other parameter returns to its prior mean.
+    stated : Equations of stated values: part of every solution, and of no cost.
 
     Raises
     ------
-    ValueError : A parameter is in both.
+    ValueError : A parameter is in both `always` and `tried`.
     """
 
     def __init__(
@@ -115,7 +114,7 @@ class Trial:
         ]
 
     def scores(self, indices: Int[np.ndarray, " chosen"]) -> Scores:
-        """Of the model whose tried parameters are `indices`."""
+        """Scores of the model whose candidate parameters are `indices`."""
         chosen = np.flatnonzero(np.isin(self._tried, indices))
         total = self._total.at(chosen, self._both.solution(chosen))
         free = self._always + len(chosen)
@@ -126,7 +125,7 @@ class Trial:
         return Scores(total, float(bic), float(held_out))
 
     def step(self, indices: Int[np.ndarray, " chosen"]) -> np.ndarray:
-        """Change of all parameters to the solution of that model, on all marks."""
+        """Change of all parameters to the solution of that model, on all detections."""
         chosen = np.flatnonzero(np.isin(self._tried, indices))
         turned = self._both.turn[:, chosen] @ self._both.solution(chosen)
         return self._both.origin + turned
@@ -142,12 +141,14 @@ def _with_stated(statistics: Statistics, stated: Statistics | None) -> Statistic
 
 
 def _factor(square: Float[np.ndarray, "some some"]) -> tuple[np.ndarray, bool]:
-    """For `cho_solve`. Sums that single precision made may be a little less than
-    positive: as much is added along the diagonal as makes up for that.
+    """Cholesky factor for `cho_solve`.
+
+    Matrices summed in single precision may fail to be positive definite by rounding;
+    the diagonal is then increased as little as is needed.
 
     Raises
     ------
-    ValueError : Far more than rounding is missing, or something is no number.
+    ValueError : The matrix is indefinite beyond rounding, or not finite.
     """
     for jitter in _JITTERS if np.isfinite(square).all() else ():
         held = square.copy()
@@ -166,7 +167,7 @@ def _reduced(
     always: np.ndarray,
     tried: np.ndarray,
 ) -> _Reduced:
-    """Eliminate `always`; the tried ones and the rest start from their prior mean."""
+    """Eliminate `always`; all other parameters start from their prior mean."""
     home = -offset.copy()
     home[always] = 0.0
     gradient = statistics.gradient + statistics.matrix @ home
@@ -187,7 +188,7 @@ def _reduced(
 
 
 def _restricted(statistics: Statistics, reduced: _Reduced) -> _Form:
-    """What a solution of one set of marks costs on another, without priors."""
+    """Cost of the solution for one set of detections on another set, without priors."""
     origin, turn = reduced.origin, reduced.turn
     slope = statistics.gradient + statistics.matrix @ origin
     constant = statistics.sum_of_squares + (statistics.gradient + slope) @ origin

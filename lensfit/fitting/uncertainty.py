@@ -1,20 +1,22 @@
-"""How well the parameters, and what they predict, are known.
+"""Covariance of the fitted parameters, and standard deviations of predicted positions.
 
-The covariance is the inverse of the normal equations at the solution: those of the
-marks, scaled by the chi-squared that was reached, with what was stated and the priors
-that hold what the photographs do not see. What it says of chief rays, apart from what
-another pose of the camera would undo, is told in `lensfit.optics.position_deviation`.
+The covariance has four parts:
 
-Marks that were moved from centroids to chief rays share the errors of the wavefront
-that moved them: each of its independent errors moves all marks, the solution follows,
-and what it does so is added.
+- the inverse of the normal equations at the solution, that is, of the detections,
+  scaled by the reduced chi-squared, of the stated values, and of the priors;
+- the common errors of stated values that all states of a lens share;
+- the errors of the wavefront, where detections were moved from centroids to chief rays:
+  each of its independent errors moves all detections, and the resulting change of the
+  solution is added;
+- systematic errors that residuals do not show (`fitting.systematic`): smooth errors of
+  the detections, and distortion for which the model has no term, are absorbed by the
+  terms it has. The maps of thirty traced lenses, some of them decentred, were wrong by
+  `SYSTEMATIC_PX`, three times as much as noise alone predicts. All terms of the largest
+  named model are therefore given joint errors of that rms effect on the detections,
+  after the poses have been adjusted.
 
-What no residual shows is added as well. Smooth errors of the marks, and distortion for
-which the model has no term, are taken up by those it has: of thirty traced lenses,
-decentred ones among them, maps were `SYSTEMATIC_PX` wrong, three times as much as noise
-alone would have it. So much, over the marks, all terms of the largest named model are
-taken to be off together, each as far as it moves marks that poses cannot bring back
-(`fit.systematic`).
+Standard deviations of chief rays, without the part that a change of the camera's pose
+would compensate, are computed in `lensfit.optics.position_deviation`.
 """
 
 import math
@@ -36,16 +38,16 @@ from lensfit.fitting.views import residuals_of
 from lensfit.optics import position_deviation as optics
 
 SYSTEMATIC_PX = 0.006
-"""Root mean square over the marks of how far they are moved, apart from what a pose
-undoes. Of thirty random traced lenses the median error along either axis was .005, that
-of the deviation stated without it .0016."""
+"""Rms effect of systematic errors on the detections, after the poses were adjusted. For
+thirty random traced lenses the median error along either axis was .005; without this
+part the stated standard deviation was .0016."""
 _NEXT_ORDER_OF_WALK = 0.3
-"""In focal lengths, half of the walk per fourth power of the sine, which is fitted as
-if it were one with the square: .65 focal lengths in a 50 mm f/1.4 and in a retrofocus
-lens of 100 degrees."""
+"""In focal lengths: half of the entrance-pupil shift per sin^4 of the field angle,
+which the fit attributes to the sin^2 term. The shift per sin^4 is .65 focal lengths for
+a 50 mm f/1.4 and for a retrofocus lens of 100 degrees."""
 _GREEN = 1
 _LEAST_MOVE = 1e-3
-"""Of the largest: smaller ones are lost beside the noise of any mark."""
+"""Share of the largest move; smaller ones are negligible against the noise."""
 _NAMED_TERMS = ("principal_point", "radial", *NAMED)
 _LANDING = (
     "focal_length",
@@ -61,15 +63,15 @@ _LANDING = (
 class Uncertainty:
     """Covariance of all parameters.
 
-    Rows of fixed parameters are zero, but for named terms of the lens that were left
-    out: what they would take up of errors that no residual shows is stated.
+    Rows of fixed parameters are zero, except for named terms of the lens that model
+    selection left out: these have the variance of systematic errors.
     """
 
     covariance: Float[np.ndarray, "parameters parameters"]
     layout: Layout
 
     def deviation(self, block: str) -> Float[np.ndarray, " terms"]:
-        """Standard deviations of a named block."""
+        """Standard deviations of the parameters of a named block."""
         where = self.layout.blocks[block]
         return np.sqrt(np.maximum(np.diag(self.covariance)[where], 0.0))
 
@@ -79,7 +81,7 @@ def uncertainty_of(adjustment: Adjustment, takes: tuple[Take, ...]) -> Uncertain
 
     Parameters
     ----------
-    takes : That were adjusted, in their order.
+    takes : The takes that were adjusted, in the same order.
     """
     one, other = halves_of(adjustment)
     free = adjustment.prior.free
@@ -92,21 +94,21 @@ def uncertainty_of(adjustment: Adjustment, takes: tuple[Take, ...]) -> Uncertain
     inside = covariance_of_equations(matrix + np.diag(precision))
     covariance = np.zeros((len(free), len(free)))
     moves = shared_moves_of(adjustment, takes)
-    shared = _moved_by(moves, adjustment, inside / max(scale, 1.0))
-    stated = _moved_by_statements(adjustment, inside)
+    shared = _solution_moves(moves, adjustment, inside / max(scale, 1.0))
+    stated = _solution_moves_by_stated_values(adjustment, inside)
     covariance[np.ix_(free, free)] = inside + shared.T @ shared + stated.T @ stated
-    _count_next_order_of_walk(covariance, adjustment)
-    _count_held_walk(covariance, adjustment)
+    _add_variance_of_next_walk_order(covariance, adjustment)
+    _add_variance_of_fixed_walk(covariance, adjustment)
     terms = _rows_of(adjustment.layout, _NAMED_TERMS)
     covariance[np.ix_(terms, terms)] += _systematic(adjustment, terms)
     return Uncertainty(covariance, adjustment.layout)
 
 
-def _count_next_order_of_walk(
+def _add_variance_of_next_walk_order(
     covariance: Float[np.ndarray, "parameters parameters"], adjustment: Adjustment
 ) -> None:
-    """Add to the variance of the walk what its next order does to it, in place; where
-    another state told the walk, that is counted with what both have in common."""
+    """Add, in place, the variance of the pupil shift with field angle by its neglected
+    sin^4 term; where the shift comes from another state, its variance includes this."""
     frame, layout = adjustment.frame, adjustment.layout
     stated = adjustment.statements
     if stated is not None and "pupil_walk_at_other_focus" in stated.quantities:
@@ -120,11 +122,11 @@ def _count_next_order_of_walk(
     covariance[where, where] += np.diag((_NEXT_ORDER_OF_WALK * sine2 * free) ** 2)
 
 
-def _count_held_walk(
+def _add_variance_of_fixed_walk(
     covariance: Float[np.ndarray, "parameters parameters"], adjustment: Adjustment
 ) -> None:
-    """A walk that the fit held where it was known is as sure as it was then, in place;
-    at the chart it moves nothing, so that no other parameter goes with it."""
+    """Set, in place, the variance of a pupil shift that the fit kept at a known value.
+    It moves nothing at the chart's distance, so it has no covariance with others."""
     where, stated = adjustment.layout.blocks["pupil_walk"], adjustment.statements
     if stated is None or adjustment.prior.free[where].any():
         return
@@ -133,11 +135,11 @@ def _count_held_walk(
     covariance[where, where] = (known_mm / unit_mm) ** 2
 
 
-def _moved_by_statements(
+def _solution_moves_by_stated_values(
     adjustment: Adjustment, inverse: Float[np.ndarray, "free free"]
 ) -> Float[np.ndarray, "statements free"]:
-    """How the solution follows when what all states of a lens were told moves by one
-    standard deviation."""
+    """Change of the solution by one standard deviation of each common error of the
+    stated values."""
     if adjustment.statements is None:
         return np.zeros((0, len(inverse)))
     return adjustment.statements.common_pulls[:, adjustment.prior.free] @ inverse
@@ -146,7 +148,7 @@ def _moved_by_statements(
 def _systematic(
     adjustment: Adjustment, terms: Int[np.ndarray, " terms"]
 ) -> Float[np.ndarray, "terms terms"]:
-    """Covariance of named terms that together move the marks by `SYSTEMATIC_PX`."""
+    """Covariance of named terms that jointly move the detections by `SYSTEMATIC_PX`."""
     layout, views = adjustment.layout, len(adjustment.stack.board)
     poses = layout.local_indices("pose", views).ravel()
     both = np.concatenate([terms, poses])
@@ -169,7 +171,8 @@ def _systematic(
 def shared_moves_of(
     adjustment: Adjustment, takes: tuple[Take, ...]
 ) -> Float[np.ndarray, "moves views marks 2"]:
-    """How the marks move together by what placed them; none where they are as seen."""
+    """Common moves of the detections by each error of the wavefront, mm; no moves where
+    detections are centroids."""
     known = [t.shared_moves_mm for t in takes if t.shared_moves_mm is not None]
     most = max((len(moves) for moves in known), default=0)
     moved = np.zeros((most, *adjustment.stack.observed_mm.shape))
@@ -180,12 +183,12 @@ def shared_moves_of(
     return moved
 
 
-def _moved_by(
+def _solution_moves(
     moves: Float[np.ndarray, "moves views marks 2"],
     adjustment: Adjustment,
     inverse: Float[np.ndarray, "free free"],
 ) -> Float[np.ndarray, "moves free"]:
-    """How the solution follows when marks move, to first order."""
+    """Change of the solution when detections move, to first order."""
     free = adjustment.prior.free
 
     def gradient(moved_mm: np.ndarray | float) -> np.ndarray:
@@ -195,15 +198,15 @@ def _moved_by(
         return np.asarray(found).sum(0)[free]
 
     still = gradient(0.0)
-    pulls = [gradient(moved) - still for moved in _principal(moves)]
+    pulls = [gradient(moved) - still for moved in _principal_moves(moves)]
     return -np.array(pulls).reshape(len(pulls), len(inverse)) @ inverse
 
 
-def _principal(
+def _principal_moves(
     moves: Float[np.ndarray, "moves views marks 2"],
 ) -> Float[np.ndarray, "fewer views marks 2"]:
-    """Fewer moves of the same covariance: most parameters drag all marks alike, and
-    every move costs a pass over them."""
+    """The principal components of moves, which have the same covariance: many errors
+    move all detections alike, and every move costs a pass over them."""
     flat = moves.reshape(len(moves), math.prod(moves.shape[1:]))
     _, size, direction = np.linalg.svd(flat, full_matrices=False)
     worth = size > _LEAST_MOVE * np.max(size, initial=0.0)
@@ -216,10 +219,10 @@ def position_deviation_mm(
     uncertainty: Uncertainty,
     undistorted_mm: Float[np.ndarray, "points 2"],
 ) -> Float[np.ndarray, " points"]:
-    """Standard deviation of the distorted position (root of both axes' variances).
+    """Standard deviation of the distorted position (root sum of both axes' variances).
 
-    `undistorted_mm` should cover the frame: it is over these points that the moves a
-    pose would undo are taken out.
+    `undistorted_mm` should cover the frame: moves that a change of pose would
+    compensate are fitted over these points and removed.
     """
     each = position_deviations_mm(adjustment, uncertainty, undistorted_mm)
     return np.hypot(*each.T)
@@ -243,8 +246,8 @@ def position_deviations_mm(
 
 
 def landing_rows(layout: Layout) -> Int[np.ndarray, " numbers"]:
-    """Where the numbers that `optics.position_deviation.moved` moves lie among the
-    parameters, in its order and its units."""
+    """Indices of the parameters that `optics.position_deviation.changed_distortion`
+    changes, in its order and its units."""
     return _rows_of(layout, _LANDING)
 
 

@@ -1,19 +1,19 @@
-"""What is known of any lens before its photographs are seen: its entrance pupil.
+"""The entrance pupil of usual lenses: a prior for lenses not yet measured.
 
-The pupil lies near that of a thin lens, farther ahead in lenses that are shorter than
-the room which a camera needs behind them, and farther back in long ones, which are made
-shorter than they are long. Of 13 published designs of 14 to 200 mm, from telephoto to
-retrofocus, it is within 1.5 of the widths below.
+The pupil lies near that of a thin lens. It is farther in front in retrofocus lenses,
+whose focal length is shorter than the back focal distance that a camera needs, and
+farther back in telephoto lenses. For 13 published designs of 14 to 200 mm, from
+telephoto to retrofocus, it is within 1.5 of the widths below.
 
-Chief rays of steeper field angles cross the axis elsewhere
-(`lensfit.optics.pupil_walk`). Traced through sixteen published designs, f/1.1 to f/5,
-to 17 degrees off axis, the pupil walks by
+The pupil shifts along the axis with field angle (its walk,
+`lensfit.optics.pupil_walk`). Traced through sixteen published designs, f/1.1 to f/5, to
+17 degrees off axis, the shift per squared sine of the field angle is
 
     -0.7 f / N^2
 
-to .15 focal lengths rms, N being the widest f-number: fast lenses have strong glass in
-front of the stop. Of a retrofocus lens of 100 degrees it walks .25 more; a telephoto
-lens may be far from that (-2.8 of one at f/5.6).
+within .15 focal lengths rms, N being the widest f-number: fast lenses have strong
+elements in front of the stop. In a retrofocus lens of 100 degrees it is .25 focal
+lengths larger; a telephoto lens can differ much (-2.8 for one of f/5.6).
 """
 
 import math
@@ -26,18 +26,19 @@ _TELEPHOTO_BEYOND_MM, _TELEPHOTO_SLOPE = 100.0, 2.0
 _WALK = -0.7
 """Times the square of the f-number, in focal lengths."""
 _WALK_DEVIATION, _WALK_DEVIATION_OF_ANY = 0.25, 0.5
-"""In focal lengths, of lenses of known and of unknown f-number; a little more than they
-scatter: nobody drew them at random."""
+"""In focal lengths, for lenses of known and of unknown f-number; a little larger than
+the scatter, because the designs are not a random sample."""
 
 
 class KnownPupil(NamedTuple):
-    """The entrance pupil in front of the sensor, before photographs are seen.
+    """Prior of the entrance pupil's position in front of the sensor.
 
     Attributes
     ----------
-    offset_mm, standard_deviation_mm : Gaussian.
-    common_deviation_mm : What other states of the lens, which told it, have in common.
-    measured : Whether photographs of another focus distance measured it.
+    offset_mm, standard_deviation_mm : Of a Gaussian.
+    common_deviation_mm : Standard deviation of the error that all states of the lens
+        have in common; 0 if the value does not come from another state.
+    measured : Whether photographs at another focus distance determined it.
     """
 
     offset_mm: float
@@ -47,7 +48,7 @@ class KnownPupil(NamedTuple):
 
 
 class KnownWalk(NamedTuple):
-    """How the entrance pupil moves with field angle, before photographs are seen.
+    """Prior of the shift of the entrance pupil with field angle.
 
     Attributes
     ----------
@@ -62,7 +63,7 @@ class KnownWalk(NamedTuple):
 
 
 class KnownPerspective(NamedTuple):
-    """Where the chief rays of a lens cross its axis; no walk behind cylinders."""
+    """Prior of where chief rays cross the axis; anamorphic lenses ignore `walk`."""
 
     pupil: KnownPupil
     walk: KnownWalk
@@ -78,7 +79,8 @@ def usual_pupil(focal_length_mm: float) -> KnownPupil:
 
 
 def usual_walk(focal_length_mm: float, widest_f_number: float | None) -> KnownWalk:
-    """The walk of lenses as fast as this one; None where nobody said how fast it is."""
+    """Shift of the pupil with field angle of lenses of this widest f-number, which is
+    None if unknown."""
     if widest_f_number is None:
         return KnownWalk(0.0, _WALK_DEVIATION_OF_ANY * focal_length_mm)
     walk_mm = _WALK * focal_length_mm / widest_f_number**2
@@ -86,8 +88,8 @@ def usual_walk(focal_length_mm: float, widest_f_number: float | None) -> KnownWa
 
 
 def magnification_at(focal_length_mm: float, focus_distance_mm: float) -> float:
-    """Image over object size of a thin lens focused that far from the sensor; 1 where
-    it cannot be focused so near.
+    """Magnification of a thin lens focused at a distance from the sensor; 1 if it
+    cannot be focused so near.
 
     From s = f (2 + m + 1 / m).
     """

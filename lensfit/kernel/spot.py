@@ -96,7 +96,7 @@ def landed_rays(
     return jax.vmap(jax.vmap(one, (0, None)))(u, local)
 
 
-def dealt(
+def split_by_wavelength(
     of_nodes: Float[Array, "nodes *shape"], wavelengths: int
 ) -> Float[Array, "wavelengths points *shape"]:
     """Nodes of the opening, in turn to one wavelength after the other.
@@ -119,7 +119,7 @@ def spot_of(
     nodes : Whose points, dealt to the wavelengths, they went through.
     lateral_mm : Displacement of each wavelength's chief ray against green's.
     """
-    share = dealt(nodes.weight, len(lateral_mm))
+    share = split_by_wavelength(nodes.weight, len(lateral_mm))
     light = share * landed.light
     cell = share * nodes.area * jnp.sum(landed.slope_mm**2, (-2, -1)) / 2
     return Spot(

@@ -19,7 +19,7 @@ from lensfit.optics.lateral import (
     displacement_basis,
     green_from_channel,
 )
-from lensfit.optics.pupil_walk import PupilWalk, seen_at_chart
+from lensfit.optics.pupil_walk import PupilWalk, equivalent_chart_point
 
 
 def displaced(
@@ -62,7 +62,7 @@ def project(
     """Where green chief rays of object points land."""
 
     def one(point):
-        direction = seen_at_chart(point.at[2].add(-pupil_mm), walk)
+        direction = equivalent_chart_point(point.at[2].add(-pupil_mm), walk)
         return chief_ray.distorted_from_direction(direction, distortion)
 
     return jax.vmap(one)(points)

@@ -21,11 +21,12 @@ from jaxtyping import Array, Float
 
 from lensfit.batches import in_batches
 from lensfit.optics.distortion import Distortion, distorted_from_direction
-from lensfit.optics.position_deviation import moved, numbers_in
-from lensfit.optics.pupil_walk import PupilWalk, seen_at_chart
+from lensfit.optics.position_deviation import changed_distortion, numbers_in
+from lensfit.optics.pupil_walk import PupilWalk, equivalent_chart_point
 
 PERSPECTIVE_NUMBERS = 2
-"""Offset of the entrance pupil and its walk, mm, behind the numbers of `moved`."""
+"""Entrance-pupil offset and its shift with field angle, mm; they follow the numbers of
+`changed_distortion`."""
 _BATCH = 1024
 
 
@@ -55,7 +56,7 @@ def object_deviations_mm(
     Parameters
     ----------
     object_points_mm : x right, y down, z from the sensor.
-    covariance : Of the numbers of `moved`, then of pupil offset and walk.
+    covariance : Of the numbers of `changed_distortion`, then of pupil offset and walk.
     frame_mm : Points of the undistorted picture that cover the frame: over these, at
         each distance, the affine map is taken out.
     """
@@ -110,7 +111,7 @@ def landed_mm(
 ) -> Float[Array, "2"]:
     """Where the chief ray of an object point lands."""
     ahead = point_mm.at[2].add(-perspective.entrance_pupil_offset_mm)
-    direction = seen_at_chart(ahead, perspective.walk)
+    direction = equivalent_chart_point(ahead, perspective.walk)
     return distorted_from_direction(direction, perspective.distortion)
 
 
@@ -125,6 +126,6 @@ def moved_perspective(
     return replace(
         perspective,
         entrance_pupil_offset_mm=perspective.entrance_pupil_offset_mm + offset_mm,
-        distortion=moved(perspective.distortion, moves[:-2]),
+        distortion=changed_distortion(perspective.distortion, moves[:-2]),
         walk=walk,
     )

@@ -1,10 +1,11 @@
-"""How well it is known where chief rays land.
+"""Standard deviation of where chief rays land.
 
-The numbers of a distortion have a covariance; a chief ray moves with them, to first
-order. Part of its move would be undone by another pose of the camera, which nobody
-knows either: the pose maps the undistorted picture by a homography. The eight small
-homographies that undo most of a number's move over the whole frame are taken out of it
-before the variance is stated; what is left is an error of the lens.
+The parameters of a distortion have a covariance, which is propagated to first order to
+the landing point of a chief ray. Part of that error is equivalent to another pose of
+the camera, which is unknown as well and maps the undistorted image by a homography. For
+each parameter, the combination of the eight small homographies that best compensates
+its effect over the whole frame is subtracted first; the remainder is the error of the
+lens.
 
 Reference: the argument follows mrcal's documentation of projection uncertainty.
 """
@@ -39,13 +40,15 @@ def frame_points_mm(
     return points[np.isfinite(points).all(-1)]
 
 
-def moved(distortion: Distortion, moves: Float[Array, " numbers"]) -> Distortion:
-    """The distortion with its numbers moved.
+def changed_distortion(
+    distortion: Distortion, moves: Float[Array, " numbers"]
+) -> Distortion:
+    """The distortion with its parameters changed.
 
     Parameters
     ----------
-    moves : Of the logarithm of the principal distance; of the principal point, in
-        reference radii; of `radial`, `squeeze`, `named`, and `free` along x, then y.
+    moves : Changes of the logarithm of the principal distance; of the principal point,
+        in reference radii; of `radial`, `squeeze`, `named`, and `free` along x, then y.
     """
     ends = np.cumsum(_sizes(distortion))[:-1]
     scale, point, radial, squeeze, named, free = jnp.split(moves, ends)
@@ -62,18 +65,18 @@ def moved(distortion: Distortion, moves: Float[Array, " numbers"]) -> Distortion
 
 
 def numbers_in(distortion: Distortion) -> int:
-    """How many numbers `moved` moves."""
+    """How many numbers `changed_distortion` changes."""
     return sum(_sizes(distortion))
 
 
 def gain_of_numbers(distortion: Distortion, gain: float) -> Float[np.ndarray, " n"]:
-    """By what each number of `moved` is multiplied when the coefficients of distortion
-    are; the projection and the squeeze stay."""
+    """Factor of each number of `changed_distortion` when the distortion coefficients
+    are multiplied by `gain`; projection and squeeze do not change."""
     return np.repeat([1.0, 1.0, gain, 1.0, gain, gain], _sizes(distortion))
 
 
 def _sizes(distortion: Distortion) -> tuple[int, ...]:
-    """How many numbers each part of `moved` has."""
+    """How many numbers each part of `changed_distortion` has."""
     d = distortion
     return 1, 2, d.radial.size, 2, d.named.size, d.free.size
 
@@ -89,7 +92,7 @@ def position_deviations_mm(
 
     Parameters
     ----------
-    covariance : Of the numbers of `moved`.
+    covariance : Of the numbers of `changed_distortion`.
     frame_mm : Points of the undistorted picture that cover the frame: it is over these
         that the moves a pose would undo are taken out.
     """
@@ -128,7 +131,8 @@ def pose_moves(
 def _slopes(
     points: Float[np.ndarray, "points 2"], distortion: Distortion
 ) -> tuple[Float[np.ndarray, "points 2 2"], Float[np.ndarray, "coordinates numbers"]]:
-    """Of the distorted positions: by the place, and by the numbers of `moved`."""
+    """Derivatives of the distorted positions by undistorted position, and by the
+    numbers of `changed_distortion`."""
     both = in_batches(lambda p: _slopes_of_batch(p, distortion), points, _BATCH)
     return both[..., :2], both[..., 2:].reshape(-1, both.shape[-1] - 2)
 
@@ -138,7 +142,7 @@ def _slopes_of_batch(
     points: Float[Array, "points 2"], distortion: Distortion
 ) -> Float[Array, "points 2 place_and_numbers"]:
     def at(point: Array, moves: Array) -> Array:
-        return distorted_from_undistorted(point, moved(distortion, moves))
+        return distorted_from_undistorted(point, changed_distortion(distortion, moves))
 
     # In reverse: a position has two components, a lens two hundred numbers.
     slopes = jax.vmap(jax.jacrev(at, (0, 1)), (0, None))

@@ -1,15 +1,15 @@
-"""How the entrance pupil moves along the axis with field angle.
+"""Shift of the entrance pupil along the axis with field angle ("walk").
 
-Chief rays of a real lens do not meet in one point: seen from off axis the image of the
-stop lies elsewhere (spherical aberration of the pupil), to first order by
-`walk_mm` sin^2 of the field angle. A chief-ray map that was measured on a flat chart
-holds for its distance; for objects nearer or farther along the same line of sight, the
-pupil that walked has another parallax. With z the distance of the object, z0 that of
-the chart, both from the pupil on the axis, the object counts as at
+Chief rays of a real lens do not meet in one point: the entrance pupil shifts along the
+axis with field angle (spherical aberration of the pupil), to first order by `walk_mm`
+sin^2 of the field angle. A chief-ray map that was measured on a flat chart holds at the
+chart's distance; for nearer or farther objects the shifted pupil causes a parallax.
+With z the distance of the object and z0 that of the chart, both from the pupil on the
+axis, the map is evaluated for an object at the distance
 
-    z - walk sin^2 (1 - z / z0)
+    z - walk sin^2 (1 - z / z0).
 
-in front of the map: nothing changes at the chart's distance, nor on the axis.
+Nothing changes at the chart's distance, nor on the axis.
 
 Reference: W. T. Welford, Aberrations of Optical Systems (1986), on aberrations of the
 pupils.
@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 
 
 class PupilWalk(NamedTuple):
-    """What the walk does to chief rays.
+    """Shift of the entrance pupil with field angle.
 
     Attributes
     ----------
@@ -34,15 +34,15 @@ class PupilWalk(NamedTuple):
     chart_distance_mm: Float[Array, ""]
 
 
-def seen_at_chart(
+def equivalent_chart_point(
     point_mm: Float[Array, "3"], walk: PupilWalk | None
 ) -> Float[Array, "3"]:
-    """The point whose chief ray the map of the chart lands where this one's lands.
+    """The point whose chief ray in the chart's map lands where that of `point_mm` does.
 
     Parameters
     ----------
     point_mm : From the entrance pupil on the axis: x right, y down, z ahead.
-    walk : None for a pupil that stands still.
+    walk : None for a pupil that does not shift.
     """
     if walk is None:
         return point_mm

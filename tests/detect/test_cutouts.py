@@ -8,7 +8,7 @@ import pytest
 from found_marks import found_marks
 from scipy.ndimage import gaussian_filter
 
-from lensfit.detect.cutouts import CELLS, cut
+from lensfit.detect.cutouts import CELLS, cut_dot_images
 from lensfit.detect.observations import Observations
 from lensfit.detect.rims import cut_rims
 from lensfit.mosaic import MOSAICS, filled_in, photosites
@@ -47,7 +47,7 @@ def disc(centre, diameter: float) -> np.ndarray:
 def test_cells_of_several_pixels_keep_the_light(diameter, cell):
     centre = (203.3, 148.6)
     pixels = disc(centre, diameter) * np.linspace(0.5, 1.5, SIZE[0])
-    found = cut(photograph_of(pixels), marks_at([centre], diameter))
+    found = cut_dot_images(photograph_of(pixels), marks_at([centre], diameter))
     assert found is not None
     assert found.cell_px == cell
     np.testing.assert_allclose(
@@ -66,12 +66,14 @@ def test_cells_of_several_pixels_keep_the_light(diameter, cell):
 
 def test_a_coloured_photograph_keeps_its_channels():
     pixels = disc((200.0, 150.0), 8.0)[..., None] * [1.0, 2.0, 3.0]
-    found = cut(photograph_of(pixels), marks_at([(200.0, 150.0)], 8.0))
+    found = cut_dot_images(photograph_of(pixels), marks_at([(200.0, 150.0)], 8.0))
     assert found is not None
     assert found.channels == 3
     sums = found.light[0].sum((1, 2))
     np.testing.assert_allclose(sums / sums[0], [1.0, 2.0, 3.0], rtol=1e-6)
-    grey = cut(photograph_of(pixels[..., :1]), marks_at([(200.0, 150.0)], 8.0))
+    grey = cut_dot_images(
+        photograph_of(pixels[..., :1]), marks_at([(200.0, 150.0)], 8.0)
+    )
     assert grey is not None
     assert grey.channels == 1
     np.testing.assert_array_equal(grey.light[0, 0], grey.light[0, 2])
@@ -88,7 +90,7 @@ def test_a_coloured_photograph_keeps_its_channels():
     ids=["left", "right", "top", "bottom"],
 )
 def test_cells_outside_the_frame_are_masked(centre, outside):
-    found = cut(photograph_of(np.ones(SIZE[::-1])), marks_at([centre], 8.0))
+    found = cut_dot_images(photograph_of(np.ones(SIZE[::-1])), marks_at([centre], 8.0))
     assert found is not None
     assert found.cell_px == 1
     expected = np.ones((CELLS, CELLS), bool)
@@ -100,7 +102,7 @@ def test_cells_outside_the_frame_are_masked(centre, outside):
 def test_cells_nearer_to_a_neighbour_are_masked():
     points = [(200.0, 150.0), (214.0, 150.0), (200.0, 141.0)]
     marks = marks_at(points, [8.0, 8.0, np.nan])
-    found = cut(photograph_of(np.ones(SIZE[::-1])), marks)
+    found = cut_dot_images(photograph_of(np.ones(SIZE[::-1])), marks)
     assert found is not None
     np.testing.assert_array_equal(found.marks, [0, 1])
     x = found.corner_px[0, 0] + np.arange(CELLS) + 0.5
@@ -115,7 +117,9 @@ def test_cells_nearer_to_a_neighbour_are_masked():
 def test_a_cell_with_one_clipped_pixel_is_marked():
     pixels = np.full((*SIZE[::-1], 3), 0.5)
     pixels[150, 200, 1] = 1.0
-    found = cut(photograph_of(pixels, 1.0), marks_at([(200.0, 150.0)], 20.0))
+    found = cut_dot_images(
+        photograph_of(pixels, 1.0), marks_at([(200.0, 150.0)], 20.0)
+    )
     assert found is not None
     assert found.cell_px == 2
     assert found.clipped.sum() == 1
@@ -127,7 +131,7 @@ def test_a_cell_with_one_clipped_pixel_is_marked():
 def test_a_cell_counts_in_the_channel_that_was_measured_there(mosaic):
     pixels = np.ones((*SIZE[::-1], 3))
     photograph = replace(photograph_of(pixels), mosaic=mosaic)
-    found = cut(photograph, marks_at([(200.0, 150.0), (101.0, 97.0)], 8.0))
+    found = cut_dot_images(photograph, marks_at([(200.0, 150.0), (101.0, 97.0)], 8.0))
     assert found is not None
     assert found.cell_px == 1
     own = photosites(mosaic, SIZE)
@@ -145,7 +149,7 @@ def test_larger_cells_of_a_mosaic_hold_what_was_measured(mosaic, diameter):
     ramp = 0.01 * (x - centre[0]) + 0.02 * (y - centre[1])
     own = photosites(mosaic, SIZE)
     pixels = np.where(own, ramp[..., None], 1e6)
-    found = cut(
+    found = cut_dot_images(
         replace(photograph_of(pixels), mosaic=mosaic), marks_at([centre], diameter)
     )
     assert found is not None
@@ -167,7 +171,7 @@ def test_noise_of_a_mosaic_is_that_of_its_photosites(diameter, pixels_of_cell):
     rng = np.random.default_rng(3)
     noisy = rng.normal(0.0, sigma, (*SIZE[::-1], 3))
     photograph = replace(photograph_of(filled_in(noisy, "bggr")), mosaic="bggr")
-    found = cut(photograph, marks_at([(200.0, 150.0)], diameter))
+    found = cut_dot_images(photograph, marks_at([(200.0, 150.0)], diameter))
     assert found is not None
     other, green = pixels_of_cell
     expected = sigma / np.sqrt([other, green, other])
@@ -181,14 +185,14 @@ def test_read_noise_is_that_of_the_photograph(sigma, diameter):
     rng = np.random.default_rng(4)
     dot = disc((200.0, 150.0), diameter)
     pixels = dot[..., None] + rng.normal(0.05, 1, (*SIZE[::-1], 3)) * sigma
-    found = cut(photograph_of(pixels), marks_at([(200.0, 150.0)], diameter))
+    found = cut_dot_images(photograph_of(pixels), marks_at([(200.0, 150.0)], diameter))
     assert found is not None
     np.testing.assert_allclose(found.read_noise * found.cell_px, sigma, rtol=0.1)
 
 
 def test_without_sizes_there_is_nothing_to_cut():
     marks = marks_at([(200.0, 150.0)], np.nan)
-    assert cut(photograph_of(np.ones(SIZE[::-1])), marks) is None
+    assert cut_dot_images(photograph_of(np.ones(SIZE[::-1])), marks) is None
 
 
 def test_dark_dots_are_bright_ones_turned_about():
@@ -196,8 +200,10 @@ def test_dark_dots_are_bright_ones_turned_about():
     for centre in ((203.3, 148.6), (4.0, 148.6)):
         bright = marks_at([centre], 8.0)
         light = disc(centre, 8.0)
-        of_bright = cut(photograph_of(light), bright)
-        of_dark = cut(photograph_of(1 - light), replace(bright, bright=False))
+        of_bright = cut_dot_images(photograph_of(light), bright)
+        of_dark = cut_dot_images(
+            photograph_of(1 - light), replace(bright, bright=False)
+        )
         assert of_bright is not None
         assert of_dark is not None
         np.testing.assert_allclose(of_dark.light, of_bright.light, atol=1e-6)
@@ -208,7 +214,7 @@ def test_what_clips_around_a_dark_dot_is_not_used():
     centre = (203.3, 148.6)
     pixels = np.minimum(1.2 - disc(centre, 8.0), 1.0)
     pixels[:, 215:] = 0.9
-    found = cut(
+    found = cut_dot_images(
         photograph_of(pixels, 1.0), replace(marks_at([centre], 8.0), bright=False)
     )
     assert found is not None
@@ -223,7 +229,7 @@ def test_noise_around_dark_dots_is_that_of_the_white():
     rng = np.random.default_rng(4)
     white = 1 - disc((203.3, 148.6), 8.0)
     noisy = white + rng.normal(0, 0.002 + 0.02 * white)
-    found = cut(
+    found = cut_dot_images(
         photograph_of(noisy), replace(marks_at([(203.3, 148.6)], 8.0), bright=False)
     )
     assert found is not None
@@ -242,7 +248,7 @@ def test_rims_of_large_sharp_dots_are_cut_in_finer_cells(diameter, blur_px, fine
     centre = (203.3, 148.6)
     photograph = photograph_of(blurred_dot(centre, diameter, blur_px))
     marks = marks_at([centre], np.hypot(diameter, 4 * blur_px))
-    whole = cut(photograph, marks)
+    whole = cut_dot_images(photograph, marks)
     rims = cut_rims(photograph, marks, whole)
     assert whole is not None
     assert (rims is not None) == finer
@@ -266,7 +272,7 @@ def test_corners_are_cut_as_wide_as_their_edges_are_blurred():
     picture = photograph_of(np.ones((SIZE[1], SIZE[0])))
     for blur_px, cell in ((0.6, 1), (5.0, 2)):
         seen = found_marks(points, SIZE, edge_blur_px=np.full(2, blur_px), bright=False)
-        found = cut(picture, seen)
+        found = cut_dot_images(picture, seen)
         assert found is not None
         assert found.cell_px == cell
         # They are not turned about, as dark dots are.

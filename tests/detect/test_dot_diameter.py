@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from lensfit.detect.cutouts import cut
+from lensfit.detect.cutouts import cut_dot_images
 from lensfit.detect.dot_diameter import dot_diameter_mm
 from lensfit.detect.find import observe
 from lensfit.photograph import Photograph
@@ -42,7 +42,7 @@ def drawn(radius_px: float, blur_px: float, *, dark: bool = True) -> Photograph:
 def test_the_diameter_is_found_whatever_the_blur(radius_px, blur_px, dark):
     photograph = drawn(radius_px, blur_px, dark=dark)
     marks = observe(photograph, "dot-grid")
-    found = dot_diameter_mm(marks, cut(photograph, marks), PITCH_MM)
+    found = dot_diameter_mm(marks, cut_dot_images(photograph, marks), PITCH_MM)
     true_mm = 2 * radius_px / PITCH_PX * PITCH_MM[0]
     assert found == pytest.approx(true_mm, rel=0.01)
 
@@ -50,4 +50,4 @@ def test_the_diameter_is_found_whatever_the_blur(radius_px, blur_px, dark):
 def test_dots_whose_middle_is_blurred_do_not_tell():
     photograph = drawn(5.0, 4.0)
     marks = observe(photograph, "dot-grid")
-    assert dot_diameter_mm(marks, cut(photograph, marks), PITCH_MM) is None
+    assert dot_diameter_mm(marks, cut_dot_images(photograph, marks), PITCH_MM) is None

@@ -7,7 +7,7 @@ import pytest
 from pinhole_shoot import MM_PER_PX, Camera, observations, shoot, take_of
 
 from lensfit.detect.observations import LINE_OF_CONSTANT_I
-from lensfit.fitting.adjust import Adjustment, adjust, weigh
+from lensfit.fitting.adjust import Adjustment, adjust, with_robust_weights
 from lensfit.fitting.priors import fixed_prior, release, with_poses_free
 from lensfit.fitting.stage import start_of
 
@@ -131,7 +131,7 @@ def test_noise_along_a_line_does_not_hide_what_the_model_leaves():
                 name=f"line {k}",
             )
         )
-    adjustment = weigh(_pinhole_truth(lines))
+    adjustment = with_robust_weights(_pinhole_truth(lines))
     left_px = np.sqrt(adjustment.model_variance_mm2) / MM_PER_PX
     np.testing.assert_allclose(left_px, 0.3, rtol=0.25)
 

@@ -72,7 +72,7 @@ def test_held_out_error_is_the_noise(brown):
 def test_radial_terms_are_kept_and_nothing_that_is_not_there(brown):
     families = {name.rsplit("_", 1)[0] for name in brown.kept}
     assert families == {"radial"}
-    left_out = {v.name for v in brown.verdicts if not v.kept}
+    left_out = {v.name for v in brown.decisions if not v.kept}
     assert {"squeeze", "decentering_2", "thin_prism_2", "anamorphic_3"} <= left_out
     assert any(name.startswith("free_field") for name in left_out)
 

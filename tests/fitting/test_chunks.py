@@ -24,7 +24,7 @@ def test_cut_and_joined_are_inverses():
     present = _present(130, 20)
     deal = chunking_of(present)
     values = np.random.default_rng(0).normal(size=(*present.shape, 2))
-    back = deal.joined(deal.cut(values), values)
+    back = deal.from_chunks(deal.in_chunks(values), values)
     np.testing.assert_array_equal(back, np.where(present[..., None], values, 0.0))
 
 

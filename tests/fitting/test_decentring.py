@@ -1,5 +1,6 @@
-"""Elements out of centre, a principal point and boards that are not square, told apart:
-chief rays of ray-traced lenses with a workshop's errors."""
+"""Decentring is separated from the principal point and from tilted boards.
+
+Chief rays are those of ray-traced lenses with manufacturing errors."""
 
 from functools import partial
 
@@ -13,7 +14,7 @@ from data_synth.bands import camera_bands
 from data_synth.lens import set_lens
 from data_synth.spots import band_chiefs_mm
 from data_synth.wavefront_cases import random_subject
-from lensfit.fitting.decentring import WORKSHOP
+from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import fit
 from lensfit.fitting.take import Take
@@ -111,40 +112,42 @@ def fitted():
 
 
 def test_the_axis_is_not_taken_for_elements_out_of_centre(fitted):
-    """Evidence alone leaves .020 in the mean, and .031 at most."""
+    """Model selection alone leaves .020 in the mean, and .031 at most."""
     assert all(tilted.geometry.focal_length_free for _, tilted, _ in fitted)
     off = [lens.off_px(tilted) for lens, tilted, _ in fitted]
     assert max(off) < 0.022
     assert np.mean(off) < 0.012
 
 
-def test_frontal_views_take_over_what_tilted_ones_told(fitted):
-    """Evidence alone leaves .019 in the mean, and .032 at most."""
+def test_frontal_views_take_over_the_decentring_of_tilted_ones(fitted):
+    """Model selection alone leaves .019 in the mean, and .032 at most."""
     assert not any(frontal.geometry.focal_length_free for *_, frontal in fitted)
     off = [lens.off_px(frontal) for lens, _, frontal in fitted]
     assert max(off) < 0.024
     assert np.mean(off) < 0.014
-    told = [(t, f) for _, t, f in fitted if t.geometry.tells_out_of_centre]
-    assert len(told) >= 3
-    for tilted, frontal in told:
-        for name, deviation in WORKSHOP.items():
+    pairs = [(t, f) for _, t, f in fitted if t.geometry.determines_decentring]
+    assert len(pairs) >= 3
+    for tilted, frontal in pairs:
+        for name, deviation in MANUFACTURING_TOLERANCE.items():
             there, here = (
                 s.geometry.adjustment.parameters[
                     s.geometry.adjustment.layout.blocks[name]
                 ]
                 for s in (tilted, frontal)
             )
-            # What is told is known to a fifth of itself, or of what is usual.
+            # The prior width is a fifth of the value, or of the tolerance.
             width = 0.2 * max(deviation, float(np.sqrt(np.mean(there**2))))
             assert np.abs(here - there).max() < min(deviation, 3 * width)
 
 
 def test_the_report_says_why_they_are_free(fitted):
     _, tilted, _ = fitted[0]
-    verdicts = [v for v in tilted.geometry.verdicts if v.family in WORKSHOP]
-    assert verdicts
-    assert all(v.kept for v in verdicts)
-    assert any("workshop" in v.reason for v in verdicts)
+    decisions = [
+        v for v in tilted.geometry.decisions if v.term_group in MANUFACTURING_TOLERANCE
+    ]
+    assert decisions
+    assert all(v.kept for v in decisions)
+    assert any("manufacturing-tolerance" in v.reason for v in decisions)
 
 
 def test_a_lens_that_is_centred_has_none_of_it():
@@ -152,12 +155,16 @@ def test_a_lens_that_is_centred_has_none_of_it():
     for seed in (1, 2, 3):
         centred = Camera(k=(-0.12, 0.06))
         geometry = fit(shoot(centred, 0.05, seed)).states[0].geometry
-        assert not geometry.tells_out_of_centre
-        assert not any(v.kept for v in geometry.verdicts if v.family in WORKSHOP)
+        assert not geometry.determines_decentring
+        assert not any(
+            v.kept
+            for v in geometry.decisions
+            if v.term_group in MANUFACTURING_TOLERANCE
+        )
 
 
 def test_a_lens_that_has_more_of_it_is_not_held():
-    """A webcam's decentering, ten times what a workshop leaves, and its centre a
+    """A webcam's decentering, ten times the manufacturing tolerance, and its centre a
     twentieth of the frame away."""
     webcam = Camera(centre_mm=(0.7, -0.4), k=(-0.1, 0.0), p=(6e-3, -5e-3))
     lens = fit(shoot(webcam, NOISE_PX, 3)).states[0].distortion

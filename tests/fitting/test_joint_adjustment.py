@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pinhole_shoot import IMAGE_PX, MM_PER_PX, Camera, observations, take_of
 
-from lensfit.fitting.joint_adjustment import amounts_of
-from lensfit.fitting.lens_state import left_px
-from lensfit.fitting.shared_parameters import fit_sharing_glass
+from lensfit.fitting.joint_adjustment import error_amplitudes
+from lensfit.fitting.lens_state import mean_held_out_rms_px
+from lensfit.fitting.shared_parameters import fit_states_with_shared_parameters
 from lensfit.progress import silent
 
 NOISE_PX, DRAG_PX = 0.02, 0.6
@@ -69,12 +69,12 @@ def moved(takes, by, *errors):
 @pytest.fixture(scope="module")
 def undragged():
     takes = photographed()
-    return takes, fit_sharing_glass(takes, silent)[0]
+    return takes, fit_states_with_shared_parameters(takes, silent)[0]
 
 
 def test_a_drag_that_is_not_there_is_found(undragged):
     takes, states = undragged
-    said = amounts_of(states, moved(takes, 1.0, coma_px, ripple_px))
+    said = error_amplitudes(states, moved(takes, 1.0, coma_px, ripple_px))
     deviation = np.sqrt(np.diag(said.covariance))
     assert deviation[0] < 0.1
     assert abs(said.value[0] - 1.0) < 3 * deviation[0] + 0.02
@@ -83,14 +83,14 @@ def test_a_drag_that_is_not_there_is_found(undragged):
 
 def test_a_true_drag_stays():
     takes = photographed(1.0)
-    states, _ = fit_sharing_glass(takes, silent)
-    said = amounts_of(states, moved(takes, 1.0, coma_px, ripple_px))
+    states, _ = fit_states_with_shared_parameters(takes, silent)
+    said = error_amplitudes(states, moved(takes, 1.0, coma_px, ripple_px))
     assert np.abs(said.value).max() < 0.1
 
 
 def test_what_distortion_explains_as_well_is_as_unsure_as_it_was(undragged):
     takes, states = undragged
-    said = amounts_of(states, moved(takes, 0.0, barrel_px))
+    said = error_amplitudes(states, moved(takes, 0.0, barrel_px))
     assert said.covariance[0, 0] > 0.9
     assert abs(said.value[0]) < 0.5
 
@@ -98,12 +98,12 @@ def test_what_distortion_explains_as_well_is_as_unsure_as_it_was(undragged):
 def test_takes_that_nothing_moved_have_no_say(undragged):
     takes, states = undragged
     some = [*moved(takes[:2], 1.0, coma_px), takes[2]]
-    assert abs(amounts_of(states, some).value[0] - 1.0) < 0.1
-    assert len(amounts_of(states, takes).value) == 0
+    assert abs(error_amplitudes(states, some).value[0] - 1.0) < 0.1
+    assert len(error_amplitudes(states, takes).value) == 0
 
 
 def test_marks_moved_wrongly_leave_more_of_those_held_out(undragged):
     """Which is when they are asked."""
     takes, states = undragged
-    wrong, _ = fit_sharing_glass(moved(takes, 1.0, coma_px), silent)
-    assert left_px(states) < left_px(wrong)
+    wrong, _ = fit_states_with_shared_parameters(moved(takes, 1.0, coma_px), silent)
+    assert mean_held_out_rms_px(states) < mean_held_out_rms_px(wrong)

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from lensfit.fitting.parameters import DRIFT_PARAMETERS, POSE_PARAMETERS, Layout
-from lensfit.fitting.select import Step, Verdict, bend_steps, choose, families
+from lensfit.fitting.select import (
+    Step,
+    TermDecision,
+    bend_steps,
+    choose,
+    shared_term_groups,
+)
 from lensfit.fitting.trial import Statistics
 
 ROWS, POSES = 600, 6
@@ -60,9 +66,9 @@ def test_noise_asks_for_no_term():
 
 def test_a_term_that_exists_is_kept_and_the_others_are_not():
     for seed in range(10):
-        kept, verdicts, _ = _choose(_truth(t0=0.1), 0.1, seed)
+        kept, decisions, _ = _choose(_truth(t0=0.1), 0.1, seed)
         assert kept == {"radial": 1}
-        assert {v.name for v in verdicts if v.kept} == {"radial_1"}
+        assert {v.name for v in decisions if v.kept} == {"radial_1"}
 
 
 def test_the_search_looks_past_a_step_that_does_not_help_by_itself():
@@ -70,9 +76,9 @@ def test_the_search_looks_past_a_step_that_does_not_help_by_itself():
     columns = np.concatenate([POSE, RADIAL[:, :2]], -1)
     solution = np.linalg.lstsq(columns, RADIAL[:, 2])[0]
     truth = _truth(t0=-solution[POSES], t1=-solution[POSES + 1], t2=1.0)
-    kept, verdicts, _ = _choose(truth, 0.005, 0)
+    kept, decisions, _ = _choose(truth, 0.005, 0)
     assert kept["radial"] == 3
-    assert {v.name for v in verdicts if v.kept} == {"radial_1", "radial_2", "radial_3"}
+    assert {v.name for v in decisions if v.kept} == {"radial_1", "radial_2", "radial_3"}
 
 
 def test_two_families_are_found_together():
@@ -91,20 +97,20 @@ def test_the_answer_does_not_depend_on_where_it_was_linearised():
 def test_evidence_is_the_textbooks_bic():
     """Against two least-squares fits made here; the prior is far too weak to matter."""
     rng = np.random.default_rng(6)
-    _, verdicts, _ = _choose(_truth(t0=0.1), 0.1, 6)
+    _, decisions, _ = _choose(_truth(t0=0.1), 0.1, 6)
     data = DESIGN @ _truth(t0=0.1) + rng.normal(0, 0.1, ROWS)
     both = np.concatenate([POSE, RADIAL[:, :1]], -1)
     left = [np.sum((data - a @ np.linalg.lstsq(a, data)[0]) ** 2) for a in (POSE, both)]
     expected = ROWS * np.log(left[0] / left[1]) - np.log(ROWS)
-    mine = next(v.bic_gain for v in verdicts if v.name == "radial_1")
+    mine = next(v.bic_gain for v in decisions if v.name == "radial_1")
     np.testing.assert_allclose(mine, expected, rtol=1e-3)
 
 
 def test_reasons_are_sentences_that_say_which_way():
-    _, verdicts, _ = _choose(_truth(t0=0.1), 0.1, 0)
-    reasons = {v.name: v.reason for v in verdicts}
-    assert reasons["radial_1"].startswith("kept: evidence +")
-    assert reasons["other"].startswith("left out: the photographs do not ask for it")
+    _, decisions, _ = _choose(_truth(t0=0.1), 0.1, 0)
+    reasons = {v.name: v.reason for v in decisions}
+    assert reasons["radial_1"].startswith("kept: BIC gain +")
+    assert reasons["other"].startswith("left out: the BIC gain is too small")
 
 
 @pytest.mark.parametrize(
@@ -126,13 +132,13 @@ def test_reasons_are_sentences_that_say_which_way():
 def test_a_reason_says_what_became_of_the_held_out_rms_error(gain, says):
     """Of the sum of squares a share is gone; of its root less. No more than all of it,
     while it may grow by any factor."""
-    reason = Verdict("radial_1", True, 20.0, gain).reason
-    assert reason == f"kept: evidence +20 (BIC), held-out error {says}"
+    reason = TermDecision("radial_1", True, 20.0, gain).reason
+    assert reason == f"kept: BIC gain +20, held-out error {says}"
 
 
 @pytest.mark.parametrize("layout", [Layout(), Layout(free_degree=5, apertures=2)])
 def test_steps_of_a_family_are_nested_and_families_are_apart(layout):
-    found = families(layout)
+    found = shared_term_groups(layout)
     seen: set[int] = set()
     for steps in found.values():
         for small, large in pairwise(steps):
@@ -155,8 +161,8 @@ def test_bends_belong_to_every_photograph_and_leave_poses_alone():
 
 def test_room_for_another_states_model_adds_no_terms():
     own = Layout(radial=3, free_degree=3, apertures=1)
-    found = families(Layout(free_degree=7, apertures=3), own)
-    expected = families(own)
+    found = shared_term_groups(Layout(free_degree=7, apertures=3), own)
+    expected = shared_term_groups(own)
     assert {
         name: [(s.name, len(s.indices)) for s in steps] for name, steps in found.items()
     } == {
@@ -167,7 +173,7 @@ def test_room_for_another_states_model_adds_no_terms():
 
 def test_a_prism_enters_on_top_of_decentering_and_never_alone():
     layout = Layout()
-    found = families(layout)
+    found = shared_term_groups(layout)
     blocks = layout.blocks
     prism = np.arange(blocks["thin_prism"].start, blocks["thin_prism"].stop)
     first = np.arange(blocks["decentering"].start, blocks["decentering"].start + 2)

@@ -6,8 +6,9 @@ from types import SimpleNamespace
 import pytest
 
 from lensfit.errors import FitError
+from lensfit.fitting import shared_parameters
 from lensfit.fitting.entrance_pupil import EntrancePupil
-from lensfit.fitting.shared_parameters import fit_sharing_glass
+from lensfit.fitting.shared_parameters import fit_states_with_shared_parameters
 from lensfit.fitting.usual_lens import KnownPerspective, KnownPupil, KnownWalk
 from lensfit.progress import silent
 
@@ -43,7 +44,7 @@ def state_of(group, known):
     deviation_mm = 1.0 if tilted or known else 30.0
     pupil = EntrancePupil(offset_mm, tilted, deviation_mm)
     geometry = SimpleNamespace(
-        takes=tuple(group), focal_length_free=tilted, tells_out_of_centre=False
+        takes=tuple(group), focal_length_free=tilted, determines_decentring=False
     )
     return State(
         geometry=geometry,
@@ -69,12 +70,12 @@ def asked(monkeypatch):
             raise FitError("no depth fits", where="frontal", remedy="measure it again")
         return state_of(group, perspective and perspective.pupil)
 
-    monkeypatch.setattr(shared_glass, "fit_state", fit_state)
+    monkeypatch.setattr(shared_parameters, "fit_state", fit_state)
     return told
 
 
 def test_a_state_that_sees_no_pupil_is_fitted_with_that_of_another(asked):
-    states, failed = fit_sharing_glass(TAKES, silent)
+    states, failed = fit_states_with_shared_parameters(TAKES, silent)
     focus_mm, perspective = asked.pupils[-1]
     known = perspective.pupil
     assert focus_mm == FRONTAL_MM
@@ -88,16 +89,16 @@ def test_a_state_that_sees_no_pupil_is_fitted_with_that_of_another(asked):
 
 def test_a_state_that_fits_only_by_itself_stays_as_it_was(asked):
     asked.fails = True
-    states, failed = fit_sharing_glass(TAKES, silent)
+    states, failed = fit_states_with_shared_parameters(TAKES, silent)
     assert [s.pupil.offset_mm for s in states] == [0.0, PUPIL_MM]
     assert list(failed) == ["bad"]
 
 
 def test_a_state_whose_walk_is_known_better_is_fitted_again(asked, monkeypatch):
     surer = KnownPerspective(KnownPupil(PUPIL_MM, 1.0), KnownWalk(-18.0, 0.5, 12.0))
-    monkeypatch.setattr(shared_glass, "perspective_with_walk", lambda *_: surer)
-    monkeypatch.setattr(shared_glass, "walk_with_shared_errors", lambda _: None)
-    states, _ = fit_sharing_glass(TAKES, silent)
+    monkeypatch.setattr(shared_parameters, "perspective_with_walk", lambda *_: surer)
+    monkeypatch.setattr(shared_parameters, "walk_with_shared_errors", lambda _: None)
+    states, _ = fit_states_with_shared_parameters(TAKES, silent)
     assert (TILTED_MM, surer) in asked.pupils
     focus_mm, told = asked.pupils[-1]
     assert focus_mm == FRONTAL_MM

@@ -113,7 +113,7 @@ def test_noise_scatters_the_solution_as_the_covariance_says():
     total, runs = 0.0, 12
     for _ in range(runs):
         noise = rng.normal(0, NOISE_PX * MM_PER_PX, exact.shape)
-        seen = jnp.asarray(adjustment.stack.chunking.cut(exact + noise))
+        seen = jnp.asarray(adjustment.stack.chunking.in_chunks(exact + noise))
         marks = problem.marks._replace(observed_mm=seen)
         found = _solved(adjustment, problem._replace(marks=marks))
         off = (np.asarray(found.parameters) - truth)[free]

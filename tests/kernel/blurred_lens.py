@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from lensfit.kernel.spot import Spot, dealt, landed_rays, spot_of
+from lensfit.kernel.spot import Spot, landed_rays, split_by_wavelength, spot_of
 from lensfit.optics.aberration import Aberration, no_aberration
 from lensfit.optics.pupil import Pupil, clear_pupil, pupil_nodes
 from lensfit.optics.spectrum import bands, chromatic_coordinate
@@ -40,7 +40,7 @@ def spot_at(
     aberration = blur.aberration
     count = -(-rays // len(chromatic)) * len(chromatic)
     nodes = pupil_nodes(field / aberration.field_radius_mm, stop, blur.pupil, count)
-    u = dealt(nodes.u, len(chromatic))
+    u = split_by_wavelength(nodes.u, len(chromatic))
     landed = landed_rays(u, field, aberration, dz, chromatic)
     return spot_of(landed, nodes, lateral)
 

@@ -7,14 +7,14 @@ import pytest
 from data_synth.aim import chief_aim_mm, chief_landings_mm
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
-from lensfit.optics.pupil_walk import PupilWalk, seen_at_chart
+from lensfit.optics.pupil_walk import PupilWalk, equivalent_chart_point
 
 CHART_MM = 2000.0
 STEEP = PupilWalk(jnp.asarray(-40.0), jnp.asarray(CHART_MM))
 
 
 def moved(point, walk) -> np.ndarray:
-    return np.asarray(seen_at_chart(jnp.asarray(point), walk))
+    return np.asarray(equivalent_chart_point(jnp.asarray(point), walk))
 
 
 @pytest.mark.parametrize("point", [(300.0, -200.0, CHART_MM), (0.0, 0.0, 700.0)])

@@ -25,7 +25,7 @@ from lensfit.kernel.pixels import (
     pixel_shares,
     profile_of,
 )
-from lensfit.kernel.spot import dealt, landed_rays, spot_of
+from lensfit.kernel.spot import landed_rays, split_by_wavelength, spot_of
 from lensfit.lens import Lens
 from lensfit.optics.pupil import pupil_nodes
 from lensfit.optics.spectrum import chromatic_coordinate
@@ -189,7 +189,7 @@ def smooth_kernel(flat, restored, wavelengths_nm, size_px: int, rays: int):
     (aberration, pupil), place, defocus, f_number = restored(flat)
     chromatic = chromatic_coordinate(wavelengths_nm)
     nodes = pupil_nodes(place / aberration.field_radius_mm, jnp.ones(()), pupil, rays)
-    u = dealt(nodes.u, len(wavelengths_nm))
+    u = split_by_wavelength(nodes.u, len(wavelengths_nm))
     landed = landed_rays(u, place, aberration, defocus, chromatic)
     spot = spot_of(landed, nodes, jnp.zeros((len(wavelengths_nm), 2)))
     pitch = jnp.asarray([0.006, 0.006])

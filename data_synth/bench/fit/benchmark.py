@@ -39,7 +39,7 @@ from data_synth.bench.start import START_SET, start_rows
 from lensfit.errors import DetectionError, LensfitError
 from lensfit.fitting.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fitting.lens_state import LensState
-from lensfit.fitting.lens_states import Fitted, fit
+from lensfit.fitting.lens_states import FittedLens, fit
 from lensfit.lens import Lens
 from lensfit.preset.schema import Camera
 from lensfit.programs import forget_programs
@@ -151,7 +151,7 @@ def measure(
     observed = looked.result
     # Sets without a truth are judged by where marks lie: their blur is `bench blur`'s.
     takes = [
-        o.take if bench_set.traced else replace(o.take, cutouts=None)
+        o.take if bench_set.traced else replace(o.take, dot_images=None)
         for o in observed
         if o.take is not None
     ]
@@ -161,8 +161,8 @@ def measure(
     fitted = fit(takes)
     state = _state_of(fitted)
     group = list(state.geometry.takes)
-    again = [fit_chief_ray(group, shown=takes) for _ in range(_RUNS - 1)]
-    last = sampled(lambda: fit_chief_ray(group, shown=takes))
+    again = [fit_chief_ray(group, all_takes=takes) for _ in range(_RUNS - 1)]
+    last = sampled(lambda: fit_chief_ray(group, all_takes=takes))
     seconds = [_geometric_seconds(one) for one in (*again, last.result)]
     return Measured(
         bench_set=bench_set,
@@ -290,7 +290,7 @@ def _geometric_seconds(geometry: ChiefRayFit) -> float:
     return geometry.seconds["fit_compact"] + geometry.seconds["fit_select"]
 
 
-def _state_of(fitted: Fitted) -> LensState:
+def _state_of(fitted: FittedLens) -> LensState:
     """The state with most photographs; the sets of this bench have one."""
     return max(fitted.states, key=lambda state: len(state.geometry.takes))
 

@@ -23,12 +23,12 @@ LeftOut = Callable[[Observations], Bool[np.ndarray, " marks"]]
 """Which marks a fit does without."""
 
 
-def touched_or_clipped(o: Observations) -> Bool[np.ndarray, " marks"]:
+def overlapping_or_saturated(o: Observations) -> Bool[np.ndarray, " marks"]:
     """What overlaps a neighbour or reached the end of the scale."""
     return o.overlapping | o.saturated
 
 
-def touched(o: Observations) -> Bool[np.ndarray, " marks"]:
+def overlapping(o: Observations) -> Bool[np.ndarray, " marks"]:
     """What overlaps a neighbour."""
     return o.overlapping
 
@@ -56,7 +56,7 @@ class ColouredMarks(NamedTuple):
     take: Int[np.ndarray, " marks"]
 
 
-def chosen(takes: tuple[Take, ...], left_out: LeftOut) -> list[Take]:
+def colour_takes(takes: tuple[Take, ...], left_out: LeftOut) -> list[Take]:
     """The takes at the smallest aperture that has enough marks in colour, and all that
     have marks at chief rays."""
     coloured = [t for t in takes if np.isfinite(t.observations.channel_points_px).any()]
@@ -106,7 +106,7 @@ def marks_of(
     )
 
 
-def joined(seen: list[ColouredMarks]) -> ColouredMarks:
+def joined_marks(seen: list[ColouredMarks]) -> ColouredMarks:
     """Of all takes; shared moves that a take lacks are zero there."""
     most = max(marks.shared_mm.shape[1] for marks in seen)
     alike = [

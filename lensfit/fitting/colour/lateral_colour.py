@@ -25,11 +25,11 @@ from lensfit.fitting.colour.channel_colour import (
 from lensfit.fitting.colour.coloured_marks import (
     FEWEST_MARKS,
     ColouredMarks,
-    chosen,
-    joined,
+    colour_takes,
+    joined_marks,
     marks_of,
-    touched,
-    touched_or_clipped,
+    overlapping,
+    overlapping_or_saturated,
 )
 from lensfit.fitting.colour.equations import (
     MOST_RADIAL_TERMS,
@@ -81,8 +81,8 @@ def _marks_of(state: Views) -> dict[str, ColouredMarks]:
     Clipped marks are used where there are too few others. What is cut off a lopsided
     spot moves its centroid by tenths of a pixel, but much alike in all channels.
     """
-    for left_out in (touched_or_clipped, touched):
-        coloured = chosen(state.takes, left_out)
+    for left_out in (overlapping_or_saturated, overlapping):
+        coloured = colour_takes(state.takes, left_out)
         every = {
             channel: [
                 marks_of(take, index, left_out, state.principal_point_mm)
@@ -92,7 +92,7 @@ def _marks_of(state: Views) -> dict[str, ColouredMarks]:
         }
         counts = [sum(len(m.place_mm) for m in mine) for mine in every.values()]
         if min(counts) >= FEWEST_MARKS:
-            return {channel: joined(mine) for channel, mine in every.items()}
+            return {channel: joined_marks(mine) for channel, mine in every.items()}
     return {}
 
 

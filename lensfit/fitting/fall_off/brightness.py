@@ -48,7 +48,7 @@ class Brightness(NamedTuple):
     lines: bool
 
 
-class Joined(NamedTuple):
+class JoinedBrightness(NamedTuple):
     """Of all takes at one f-number, in one row."""
 
     squared_mm2: Float[np.ndarray, " marks"]
@@ -93,15 +93,15 @@ def _spread(
     return np.where(o.family == POINT, area, width)
 
 
-def best_told(rows: list[Brightness]) -> list[Brightness]:
+def dots_if_enough(rows: list[Brightness]) -> list[Brightness]:
     """Those of dots, where there are enough."""
     dots = [row for row in rows if not row.lines]
     return dots if count_of(dots) >= FEWEST_MARKS else rows
 
 
-def joined(rows: list[Brightness]) -> Joined:
+def joined_brightness(rows: list[Brightness]) -> JoinedBrightness:
     """Takes are counted in the order of `rows`."""
-    return Joined(
+    return JoinedBrightness(
         np.concatenate([row.squared_mm2 for row in rows]),
         np.concatenate([row.brightness for row in rows]),
         np.repeat(np.arange(len(rows)), [len(row.squared_mm2) for row in rows]),

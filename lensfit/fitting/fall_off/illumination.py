@@ -32,12 +32,12 @@ from lensfit.fitting.adjust import Adjustment
 from lensfit.fitting.fall_off.brightness import (
     FEWEST_MARKS,
     Brightness,
-    Joined,
+    JoinedBrightness,
     area_stretch,
-    best_told,
     brightness_of,
     count_of,
-    joined,
+    dots_if_enough,
+    joined_brightness,
 )
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.fall_off.non_negative import (
@@ -144,7 +144,7 @@ def fit_illumination(
             for k, t in enumerate(takes)
             if t.f_number == number
         ]
-        rows = best_told([row for row in rows if len(row.squared_mm2)])
+        rows = dots_if_enough([row for row in rows if len(row.squared_mm2)])
         if count_of(rows) >= FEWEST_MARKS:
             found.append(fit_brightness(number, rows, float(corner_mm @ corner_mm)))
     return found
@@ -159,7 +159,7 @@ def fit_brightness(
     ----------
     corner_mm2 : Squared radius that the frame reaches.
     """
-    marks = joined(seen)
+    marks = joined_brightness(seen)
     edge_mm2 = float(marks.squared_mm2.max())
     alone = _asked_for(number, marks, edge_mm2, [NOTHING_BEYOND] * 3)
     end_mm2 = reach(edge_mm2, corner_mm2)
@@ -173,7 +173,10 @@ def fit_brightness(
 
 
 def _asked_for(
-    number: float | None, marks: Joined, limit_mm2: float, expected: list[Beyond]
+    number: float | None,
+    marks: JoinedBrightness,
+    limit_mm2: float,
+    expected: list[Beyond],
 ) -> FallOffFit:
     chosen, cost = with_terms(number, marks, limit_mm2, expected, TERMS[0])
     for terms in TERMS[1:]:
@@ -185,7 +188,7 @@ def _asked_for(
 
 def with_terms(
     number: float | None,
-    marks: Joined,
+    marks: JoinedBrightness,
     limit_mm2: float,
     expected: list[Beyond],
     terms: int,

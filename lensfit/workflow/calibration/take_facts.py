@@ -10,7 +10,7 @@ import numpy as np
 
 from lensfit.fitting.chief_ray import ChiefRayFit
 from lensfit.fitting.held_out import rms, squared_px
-from lensfit.fitting.lens_states import Fitted
+from lensfit.fitting.lens_states import FittedLens
 from lensfit.report.plain_numbers import plain_distance, rounded
 from lensfit.workflow.calibration.observe import Observed
 
@@ -30,7 +30,7 @@ def errors_of(geometry: ChiefRayFit) -> tuple[float, float, int, int]:
     )
 
 
-def take_facts(observed: Observed, fitted: Fitted, folder: Path) -> dict[str, Any]:
+def take_facts(observed: Observed, fitted: FittedLens, folder: Path) -> dict[str, Any]:
     """One photograph in the report."""
     facts: dict[str, Any] = {
         "name": Path(observed.image).stem,

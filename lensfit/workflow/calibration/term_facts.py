@@ -6,7 +6,7 @@ Everything is plain numbers, ready for JSON.
 from typing import Any
 
 from lensfit.fitting.lens_state import LensState
-from lensfit.fitting.select import Verdict
+from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.report.plain_numbers import plain_distance
 from lensfit.workflow.calibration.blur_facts import blur_terms
@@ -23,20 +23,20 @@ def terms_of(
     """
     adjustment = state.geometry.adjustment
     terms = [_principal_distance(state)]
-    for verdict in _outermost(state.geometry.verdicts):
+    for decision in _outermost(state.geometry.decisions):
         value, sd = None, None
-        where = adjustment.layout.blocks.get(verdict.family)
-        if verdict.kept and where is not None:
+        where = adjustment.layout.blocks.get(decision.term_group)
+        if decision.kept and where is not None:
             value = adjustment.parameters[where].tolist()
-            sd = state.uncertainty.deviation(verdict.family).tolist()
+            sd = state.uncertainty.deviation(decision.term_group).tolist()
         terms.append(
             {
-                "name": verdict.name,
-                "kept": verdict.kept,
+                "name": decision.name,
+                "kept": decision.kept,
                 "value": value,
                 "standard_deviation": sd,
                 "unit": "",
-                "reason": verdict.reason,
+                "reason": decision.reason,
             }
         )
     state_of = {
@@ -67,13 +67,13 @@ def _principal_distance(state: LensState) -> dict[str, Any]:
     }
 
 
-def _outermost(verdicts: tuple[Verdict, ...]) -> list[Verdict]:
+def _outermost(decisions: tuple[TermDecision, ...]) -> list[TermDecision]:
     """Of every family the largest step that was kept, and the first that was left."""
-    families: dict[str, list[Verdict]] = {}
-    for verdict in verdicts:
-        families.setdefault(verdict.family, []).append(verdict)
+    groups: dict[str, list[TermDecision]] = {}
+    for decision in decisions:
+        groups.setdefault(decision.term_group, []).append(decision)
     chosen = []
-    for steps in families.values():
+    for steps in groups.values():
         kept = [v for v in steps if v.kept]
         chosen += kept[-1:] + [v for v in steps if not v.kept][:1]
     return chosen

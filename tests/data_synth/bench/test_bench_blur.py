@@ -50,7 +50,7 @@ def test_errors_are_relative_to_the_light_of_the_dot(dots):
 def test_a_set_of_lines_says_that_it_has_no_dots(monkeypatch):
     monkeypatch.setattr(blur, "shoot_of", lambda *_: None)
     monkeypatch.setattr(blur, "observe_shoot", lambda *_: [])
-    nothing = SimpleNamespace(wavefronts={}, without_shape={})
+    nothing = SimpleNamespace(wavefronts={}, unmeasured_blur={})
     monkeypatch.setattr(blur, "fit", lambda *_, **__: nothing)
     found = bench_blur("nowhere", only="line_pattern_01")
     assert found["errors"] == [

@@ -18,13 +18,13 @@ from lensfit.errors import FitError, ShootError
 CHART_MM = 2000.0
 
 
-def take_named(name, f_number, target_mm=CHART_MM, cutouts="pictures"):
+def take_named(name, f_number, target_mm=CHART_MM, dot_images="pictures"):
     return SimpleNamespace(
         name=name,
         f_number=f_number,
         focus_distance_mm=1430.0,
         target_distance_mm=target_mm,
-        cutouts=cutouts,
+        dot_images=dot_images,
     )
 
 
@@ -32,7 +32,7 @@ TAKES = {
     "wide.exr": take_named("wide.exr", 1.4),
     "small.exr": take_named("small.exr", 2.8),
     "tilted.exr": take_named("tilted.exr", 1.4, None),
-    "lines.exr": take_named("lines.exr", 8.0, cutouts=None),
+    "lines.exr": take_named("lines.exr", 8.0, dot_images=None),
 }
 
 

@@ -5,7 +5,11 @@ import numpy as np
 import pytest
 from scipy.special import comb
 
-from lensfit.fitting.fall_off.brightness import Brightness, best_told, joined
+from lensfit.fitting.fall_off.brightness import (
+    Brightness,
+    dots_if_enough,
+    joined_brightness,
+)
 from lensfit.fitting.fall_off.illumination import (
     NOTHING_BEYOND,
     SYSTEMATIC,
@@ -66,7 +70,9 @@ def test_a_rim_that_clips_takes_more_terms_than_natural_fall_off():
         rows = [Brightness(squared, 1.0 - truth[:, None] + noise, lines=False)]
         found = fit_brightness(1.4, rows, 1.0)
         terms.append(found.control.shape[1])
-        fewest, _ = with_terms(1.4, joined(rows), 1.0, [NOTHING_BEYOND] * 3, min(TERMS))
+        fewest, _ = with_terms(
+            1.4, joined_brightness(rows), 1.0, [NOTHING_BEYOND] * 3, min(TERMS)
+        )
         off.append(
             [np.std(loss(squared, f.control[1]) - truth) for f in (found, fewest)]
         )
@@ -176,8 +182,8 @@ def test_lines_have_no_say_beside_dots():
     dots, lines = (
         few._replace(squared_mm2=np.ones(40), lines=b) for b in (False, True)
     )
-    assert best_told([lines, dots]) == [dots]
-    assert best_told([lines, few]) == [lines, few]
+    assert dots_if_enough([lines, dots]) == [dots]
+    assert dots_if_enough([lines, few]) == [lines, few]
 
 
 def loss(s: np.ndarray, control: np.ndarray = CONTROL) -> np.ndarray:
