@@ -27,18 +27,18 @@ from lensfit.photograph import Photograph
 CELLS = 24
 """Along each side of a cutout."""
 _REACH = 1.5
-"""Half the cutout over the radius of a dot."""
+"""Half the width of a dot image over the radius of the dot."""
 BLURS = 3.0
-"""Half the cutout over the standard deviation of the blur of an edge."""
+"""Half the width of a dot image over the standard deviation of the blur of an edge."""
 MARGIN_PX = 3.0
 _AROUND = 0.9
-"""Quantile of a cutout's light that is what surrounds a dark dot."""
+"""Quantile of a dot image's light that is the surround of a dark dot."""
 _LARGEST_CELL_PX = 16
 
 
 @dataclass(frozen=True, eq=False)
 class DotImages:
-    """Pictures of the dots of one photograph.
+    """The pixels around each dot of one photograph.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class DotImages:
     pixel_noise : Standard deviation of a measured pixel beside the dots, per channel.
     channels : 3, or 1 for a grey photograph.
     mosaic : Of the photograph, if each pixel measured one channel.
-    towards_px : From the middle of a dot to the rim that is shown; None of whole dots.
+    towards_px : From the middle of a dot to the imaged rim; None for whole dots.
     """
 
     marks: Int[np.ndarray, " dots"]
@@ -92,7 +92,7 @@ def cut_dot_images(photograph: Photograph, marks: Observations) -> DotImages | N
 
 
 def cell_px_of(half_px: float) -> int:
-    """Of patches that reach so far."""
+    """Pixels along a cell of patches with this half width."""
     return min(max(int(np.ceil(2 * half_px / CELLS)), 1), _LARGEST_CELL_PX)
 
 
@@ -104,7 +104,7 @@ def dot_images_about(
     cell: int,
     pixel_noise: Float[np.ndarray, " 3"],
 ) -> DotImages:
-    """Of some of the marks, each about a place.
+    """Dot images of some of the detections, each about a given position.
 
     Parameters
     ----------

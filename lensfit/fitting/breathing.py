@@ -1,9 +1,10 @@
-"""Breathing: how much larger a lens draws when it is focused nearer.
+"""Breathing: the change of image scale with focus distance.
 
-A lens that moves as a whole moves away from the sensor to focus near, and draws larger.
-One that focuses by a group inside may draw smaller. Where blur is slight nothing else
-tells a shoot whose near and far focus distances were swapped: a mirrored lens explains
-the blur of both about as well (`wavefront.descent.suits_other_side`).
+A lens that moves as a whole moves away from the sensor for near focus, and its image
+becomes larger. With internal focusing the image may become smaller. Where the blur is
+slight, breathing is the only sign of a shoot whose near and far focus distances were
+swapped, because a mirrored lens explains the blur of both about as well
+(`wavefront.descent`).
 """
 
 from collections.abc import Iterable, Iterator

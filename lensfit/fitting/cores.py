@@ -1,9 +1,8 @@
-"""The processor's cores, among which a pass over the data is shared.
+"""A pass over the data, sharded over the processor's cores.
 
-What a pass does for one mark, or one dot, is too little for several cores to share,
-and marks need nothing of each other: each core takes every so many-th, and what they
-find is summed. JAX counts cores as devices (`lensfit._jax` asks for them); on a
-graphics card there is one.
+The work for one detection, or one dot, is too little to be divided, and detections are
+independent: with n cores, each core takes every n-th, and the results are summed. JAX
+counts cores as devices (`lensfit._jax` requests them); a graphics card counts as one.
 """
 
 from collections.abc import Callable
@@ -20,7 +19,7 @@ _Parts = TypeVar("_Parts")
 SHARED: Any = PartitionSpec()
 """Of arrays that every core has whole."""
 DEALT: Any = PartitionSpec(_AXIS)
-"""Of arrays whose rows are dealt among the cores, each to one."""
+"""Sharding of arrays whose rows are distributed over the cores."""
 
 
 @cache

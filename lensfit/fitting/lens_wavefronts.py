@@ -1,12 +1,12 @@
-"""The wavefront of every focal length, from the dots of all its focus states.
+"""The wavefront of every focal length, from dot images at all its focus distances.
 
-Dots of known size show it, bright ones and dark, by their rims where they are wider
-than the blur, and checker corners by the edges that cross there. Broad dots and corners
-take longer than small holes: they are fitted where there are no small holes.
+Usable marks are bright and dark dots of known size (by their rims if they are wider
+than the blur) and checker corners (by their crossing edges). Wide dots and corners take
+longer to fit than small dots, and are used only if there are no small dots.
 
-An f-number is the unit of the opening, and of defocus with it. Where all photographs
-lack it, one serves the setting that was photographed as well as another, as long as
-charts seen at a slant are not too deep for it; none is known for others.
+The f-number is the unit of the pupil, and thus of defocus. If no photograph states it,
+an assumed value describes the photographed setting equally well, as long as tilted
+charts do not extend too far in depth; other settings then remain unknown.
 """
 
 from collections.abc import Collection
@@ -42,17 +42,17 @@ _UNDETERMINED = (
 _LEFT_OUT = "effort none leaves it out"
 _ENOUGH_OF_ONE_SETTING = 8
 _ASSUMED_F_NUMBER = 4.0
-"""The least, where nobody stated one."""
+"""The smallest f-number to assume if none is stated."""
 
 
 class LensWavefronts(NamedTuple):
-    """Of every focal length (mm) whose dots were photographed.
+    """Wavefronts, by focal length in mm.
 
     Attributes
     ----------
-    fitted : Where dots can be used.
-    without : Why they cannot be, elsewhere; what to do about it included.
-    takes_with_wide_dots : Takes whose dots were left out, where others were not.
+    fitted : Where dots could be used.
+    without : Why they could not, for the other focal lengths, and the remedy.
+    takes_with_wide_dots : Takes whose dots were too wide and left out.
     """
 
     fitted: dict[float, WavefrontFit]
@@ -66,23 +66,23 @@ def fit_wavefronts(
     effort: Effort,
     allowed: Collection[str] | None,
 ) -> LensWavefronts:
-    """One for each focal length whose dots can be used."""
+    """Fit a wavefront for each focal length whose dots can be used."""
     if effort is Effort.NONE:
         return LensWavefronts({}, dict.fromkeys(by_focal_length(states), _LEFT_OUT), {})
     found = LensWavefronts({}, {}, {})
     for focal_mm, mine in by_focal_length(states).items():
         known = any(t.f_number for state in mine for t in state.geometry.takes)
         assumed = None if known else _ASSUMED_F_NUMBER
-        pictured = [s for state in mine for s in _shown_of(state, assumed)]
-        photographs = _enough(_telling(pictured))
+        pictured = [s for state in mine for s in _dot_photographs(state, assumed)]
+        photographs = _subset_of_one_setting(_usable_photographs(pictured))
         if photographs and not known:
             photographs = _stopped_down(photographs)
         if not photographs:
-            why = _TOO_LARGE if pictured else _unsaid(mine)
+            why = _TOO_LARGE if pictured else _missing_statement(mine)
             if why:
                 found.without[focal_mm] = why
             continue
-        kept = {s.take.name for s in _telling(pictured)}
+        kept = {s.take.name for s in _usable_photographs(pictured)}
         dots = [s.take for s in pictured if not s.take.observations.are_corners]
         names = [take.name for take in dots]
         found.takes_with_wide_dots[focal_mm] = [
@@ -106,7 +106,7 @@ def fit_wavefronts(
     return found
 
 
-def _telling(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
+def _usable_photographs(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
     """The photographs whose marks can be used: small holes; where there are none, broad
     dots and checker corners."""
     corners = [one for one in pictured if one.take.observations.are_corners]
@@ -117,34 +117,34 @@ def _telling(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
     return small or [*broad, *corners]
 
 
-def _enough(photographs: list[DotPhotograph]) -> list[DotPhotograph]:
+def _subset_of_one_setting(photographs: list[DotPhotograph]) -> list[DotPhotograph]:
     """Of many photographs of one setting those that look least alike: more of them
     say the same again."""
     if len(photographs) <= _ENOUGH_OF_ONE_SETTING or not are_of_one_setting(
         photographs
     ):
         return photographs
-    looks = np.array([_look_of(one.take) for one in photographs])
+    looks = np.array([_frame_coverage(one.take) for one in photographs])
     rows = farthest_point_rows(
         looks, np.arange(len(photographs)), _ENOUGH_OF_ONE_SETTING
     )
     return [photographs[k] for k in rows]
 
 
-def _look_of(take: Take) -> Float[np.ndarray, "4"]:
-    """Where its marks are and how far they reach, in parts of the frame."""
+def _frame_coverage(take: Take) -> Float[np.ndarray, "4"]:
+    """Mean position and spread of its detections, as shares of the frame."""
     seen = take.observations.points_px / np.asarray(take.observations.image_size_px)
     return np.concatenate([seen.mean(0), 2 * seen.std(0)])
 
 
 def _stopped_down(photographs: list[DotPhotograph]) -> list[DotPhotograph]:
-    """Those whose f-number nobody stated, as far as their sharpness asks for it."""
+    """The photographs with an assumed f-number that is consistent with their blur."""
     f_number = round(sharp_f_number(gather(photographs, bands(3))), 1)
     return [one._replace(f_number=f_number) for one in photographs]
 
 
-def _unsaid(states: list[LensState]) -> str:
-    """Why no dot's shape could be fitted, where dots were photographed."""
+def _missing_statement(states: list[LensState]) -> str:
+    """Which statement a fit of the dot images lacks; empty if there are no dots."""
     takes = [take for state in states for take in state.geometry.takes]
     dots = [t for t in takes if np.isfinite(t.observations.diameter_px).any()]
     if not dots:
@@ -152,8 +152,10 @@ def _unsaid(states: list[LensState]) -> str:
     return "state hole_diameter_mm of the dots, which are blurred to their middle"
 
 
-def _shown_of(state: LensState, assumed_f_number: float | None) -> list[DotPhotograph]:
-    """The photographs of a state whose dots show the lens' blur."""
+def _dot_photographs(
+    state: LensState, assumed_f_number: float | None
+) -> list[DotPhotograph]:
+    """The photographs of a state whose dots or corners can be fitted."""
     colour = None
     if state.colour:
         colour = state.colour["r"].optics(), state.colour["b"].optics()

@@ -1,19 +1,21 @@
 """Levenberg-Marquardt on normal equations, as Optimistix composes it.
 
-Optimistix (Gauss-Newton, trust region) is not shown the residuals of all marks but a
-vector no longer than the parameters that has the same normal equations: with
-A = L L^T, g and chi-squared at hand,
+Optimistix (Gauss-Newton, trust region) is not given the residuals of all detections but
+a short vector, one longer than the parameters, that has the same normal equations. With
+A = L L^T, g and chi-squared known,
 
     c = (L^-1 g, sqrt(chi-squared - |L^-1 g|^2)),   dc/dp = (L^T, 0)
 
-has c.c = chi-squared, (dc/dp)^T c = g and (dc/dp)^T (dc/dp) = A. So every step costs
-one pass over the data, and the pass is compiled once. The square of the first part of
-c is the fall of chi-squared still to be had: it says when to stop.
+has c.c = chi-squared, (dc/dp)^T c = g and (dc/dp)^T (dc/dp) = A. Every step therefore
+costs one pass over the data, and the pass is compiled once. The square of the first
+part of c is the decrease of chi-squared that a full Newton step predicts, the criterion
+for convergence.
 
-Marquardt's scaling damps every parameter in proportion to how well the photographs see
-it; a prior of zero width removes a parameter from the step.
+Marquardt's scaling damps every parameter in proportion to its curvature; a prior of
+zero width removes a parameter from the step.
 
-The only module that knows Optimistix; `solve` and `wavefront.solve` say what is fitted.
+This is the only module that uses Optimistix; `solve` and `wavefront.solve` define the
+problems.
 """
 
 from collections.abc import Callable

@@ -1,12 +1,13 @@
-"""Normal equations of the geometric fit, built from the structure of the problem.
+"""Normal equations of the geometric fit, with the block structure of bundle adjustment.
 
-A mark depends on the shared parameters and on those of its own photograph only, so
-the products of its row are added to the shared corner of the matrix, to the square of
-its photograph, and to the rectangle that joins the two: cost grows with the marks, not
-with marks times photographs. One pass yields the equations of two random halves of the
-marks apart, because evidence for a term is judged on marks a solve has not seen.
+A residual depends on the shared parameters and on those of its own photograph only. Its
+products are added to the shared block of the matrix, to the block of its photograph,
+and to the block that couples the two, so that the cost grows with the number of
+detections and not with detections times photographs. One pass gives the equations of
+two random halves of the detections separately, because model selection uses held-out
+detections.
 
-Parameters are scaled and carry priors, which keeps the matrix well within float64.
+Parameters are scaled and have priors, which keeps the matrix well within float64.
 """
 
 from functools import partial

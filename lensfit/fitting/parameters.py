@@ -1,12 +1,12 @@
-"""What the geometric fit may change: one flat vector of named blocks.
+"""The parameters of the geometric fit: one flat vector of named blocks.
 
-Every number is dimensionless and of the order of one reference radius on the sensor
-(or one half board), so that a unit of any of them moves image points by a comparable
-amount. Blocks that describe the lens or the board come first and are shared by all
-photographs. For each photograph six numbers of pose follow, two of the drift of a
-rolling shutter (how far a row moves per unit of its height), and the bend of the board
-out of its plane: paper and plates bend anew whenever they are moved, and a cropped
-grid does not tell which part of the board it shows.
+Parameters are dimensionless, in units of the reference radius on the sensor or of half
+a board, so that a unit of any of them moves image points by a comparable amount. Blocks
+that describe the lens or the board come first and are shared by all photographs. For
+each photograph there follow six parameters of the pose, two of the drift of a rolling
+shutter (shift of a row per unit of its height), and the bend of the board out of its
+plane. The bend is not shared, because paper and plates bend differently whenever they
+are moved, and because a cropped grid may show any part of the board.
 
 A block is fixed or freed by its prior: fixed means a standard deviation of zero.
 """

@@ -1,14 +1,14 @@
-"""Which parameters may change, and how far: the priors of the stages.
+"""Priors of the stages of the geometric fit: which parameters are free, and how wide.
 
-Loose ones: they keep what the photographs do not see from wandering, and hardly touch
-what they see. The principal point stays well inside the frame. A thin prism is like
-decentering and a tilt of the chart, and lenses have little of it: less than 2e-4 in
-three designs with elements out of centre as a workshop leaves them, whose decentering
-was up to 1e-3.
+Loose priors keep parameters that the photographs do not determine from diverging, and
+hardly affect the others. The principal point stays well inside the frame. Thin prism
+resembles decentering with a tilt of the chart and is small: less than 2e-4 in three
+designs with elements out of centre by manufacturing tolerances, whose decentering was
+up to 1e-3.
 
-A centroid that blur moves in proportion to its distance from the axis looks like a
-chart at another distance. Coma does that; coma of a pixel or two at the edge is much.
-What clipping does starts farther out and is told by its form.
+A centroid bias proportional to the distance from the axis, as coma causes it, looks
+like a chart at another distance; a bias of one or two pixels at the edge is large. The
+bias by clipping starts farther out and has a distinct form.
 """
 
 import numpy as np

@@ -1,12 +1,12 @@
-"""One mark's residual and its derivative with respect to every parameter.
+"""The residual of one detection and its derivatives by all parameters.
 
-Most parameters are coefficients of a basis: of the named displacements and the free
-field, of the board's bend and stretch. Their derivatives are that basis times what a
-nudge of the displaced image point, or of the board point, does to the residual. So only
-two nudges, the pose and the pinhole are differentiated, in reverse: a residual has two
-components, a lens two hundred parameters.
+Most parameters are coefficients of a basis: of the named displacements, the free field,
+and the board's bend and stretch. Their derivatives are the basis times the derivative
+of the residual by the displaced image point, or by the board point. Only these two
+derivatives, and those by pose and pinhole, are computed by automatic differentiation,
+in reverse mode: a residual has two components, a lens two hundred parameters.
 
-The displacement's coefficients are taken as they act, behind the guard against folding
+The coefficients of the displacement are those behind the guard against folding
 (`optics.field`); `normal` accounts for the guard once for all marks.
 """
 

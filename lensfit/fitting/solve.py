@@ -1,6 +1,6 @@
-"""The solve of the geometric fit: whitened residuals of all marks, and priors.
+"""The solve of the geometric fit: whitened residuals of all detections, and priors.
 
-The method is that of `levenberg`; a pass over the marks is that of `normal`.
+The method is that of `levenberg`, with the normal equations of `normal`.
 """
 
 from typing import NamedTuple

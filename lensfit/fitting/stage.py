@@ -1,9 +1,8 @@
-"""Before the first step: scales, start poses, and how large a model may become.
+"""The start of a geometric fit: scales, start poses, and the largest model to test.
 
-The largest model that may be tried follows from the number of marks: a free field of
-degree nine has a hundred coefficients, which a hundred marks cannot carry. The arrays
-are laid out for the largest model of any state of the lens, so that one compiled
-program fits them all.
+The number of detections limits the model: a free field of degree nine has a hundred
+coefficients, which a hundred detections cannot determine. Arrays have room for the
+largest model of any state of the lens, so that one compiled program serves all states.
 """
 
 from dataclasses import dataclass, replace
@@ -33,32 +32,34 @@ from lensfit.fitting.usual_lens import (
 from lensfit.fitting.views import Stack, board_of, observed_of, stack_takes
 
 _TILT_RAD = 0.12
-"""Views that differ by less do not fix a focal length."""
+"""Views that differ by less do not determine a focal length."""
 _ONE_PLANE_RAD, _ONE_PLANE_DEPTH = 0.01, 0.01
-"""Angle between boards, and share of their distance, of one that was not moved."""
+"""Angle between boards, and relative difference of their distances, up to which they
+count as one board that was not moved."""
 _BEND_TILT_RAD = 0.35
-"""Views that differ by less cannot tell a bent board from a distorting lens."""
+"""Views that differ by less do not distinguish a bent board from a distorting lens."""
 _BEND_VIEWS = 5
 _MARGIN = 1.05
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Everything the stages share.
+    """What all stages of a geometric fit use.
 
     Attributes
     ----------
     takes : In the order of the arrays.
-    stack : Their marks.
+    stack : Their detections.
     frame : Scales of the parameters.
-    largest : The model that these takes can carry.
-    layout : Room for the largest model of any state of the lens.
-    radius_mm : Of the dots of every take; 0 where marks are not dots.
+    largest : The largest model that these takes can determine.
+    layout : Layout with room for the largest model of any state of the lens.
+    radius_mm : Radius of the dots of every take; 0 for other marks.
     focal_length_free : Whether views tilt enough to determine the focal length.
-    walk_free : Whether views can show how the entrance pupil walks.
-    half_angle_rad : From the axis to the furthest mark.
-    notes : One sentence for each thing that was assumed.
-    facts : What was stated.
+    walk_free : Whether views can determine the shift of the entrance pupil with field
+        angle.
+    half_angle_rad : From the axis to the outermost detection.
+    notes : One sentence for each assumption.
+    facts : Stated values.
     """
 
     takes: tuple[Take, ...]
@@ -74,7 +75,7 @@ class Start:
     facts: Facts
 
     def adjustment(self, layout: Layout, prior: Prior) -> Adjustment:
-        """An adjustment of this model at its start."""
+        """The adjustment of a model, before the first step."""
         weight = self.stack.present.astype(float)
         return Adjustment(
             parameters=self.parameters(layout),
@@ -95,7 +96,8 @@ class Start:
         )
 
     def parameters(self, layout: Layout) -> np.ndarray:
-        """Zero, but for the pupil's walk, which may stay where it was known to be."""
+        """Start values: zero, except for the known shift of the pupil with field angle,
+        which may stay fixed."""
         parameters = np.zeros(layout.size(len(self.takes)))
         known_mm = self.facts.perspective.walk.walk_mm
         unit_mm = float(self.frame.stated_focal_length_mm)
@@ -104,24 +106,26 @@ class Start:
 
 
 def start_of(
-    takes: list[Take], shown: list[Take], perspective: KnownPerspective | None = None
+    takes: list[Take],
+    all_takes: list[Take],
+    perspective: KnownPerspective | None = None,
 ) -> Start:
     """Scales and start poses of the takes of one lens state.
 
-    `shown` are the takes of all states of this lens, whose marks span the frame;
-    `perspective` is that which another state told, if one did.
+    `all_takes` are the takes of all states of this lens, whose detections span the
+    frame; `perspective` is the prior from another state, if there is one.
     """
     focal_mm, facts, notes = _stated_focal_length(takes, perspective)
     poses = [_pose(take, focal_mm) for take in takes]
     ratio = stated_scale(facts, focal_mm, _depths_mm(poses)).ratio
     focal_mm = focal_mm * ratio
-    poses = [_farther(pose, ratio) for pose in poses]
+    poses = [_scaled_pose(pose, ratio) for pose in poses]
     apertures = [_aperture(take, _apertures(takes)) for take in takes]
     whole = _whole_boards(takes)
     stack = stack_takes(takes, poses, apertures, whole)
     radius = float(np.hypot(*takes[0].sensor_size_mm)) / 2
     squeeze = np.log(takes[0].squeeze)
-    observed = np.concatenate([observed_of(take) for take in shown])
+    observed = np.concatenate([observed_of(take) for take in all_takes])
     box = np.array([observed.min(0), observed.max(0)]) / radius * _MARGIN
     furthest = float(np.hypot(*observed.T).max())
     frame = Frame(
@@ -139,7 +143,7 @@ def start_of(
         stack=stack,
         frame=frame,
         largest=largest,
-        layout=_with_room(largest, grouped(shown)),
+        layout=_with_room(largest, grouped(all_takes)),
         radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
         focal_length_free=_views_tilt(poses),
         walk_free=perspective is not None or _poses_differ(poses),
@@ -152,7 +156,7 @@ def start_of(
 def _stated_focal_length(
     takes: list[Take], perspective: KnownPerspective | None
 ) -> tuple[float, Facts, list[str]]:
-    """Principal distance to find poses with, what is stated, and notes."""
+    """Principal distance for the start poses, stated values, and notes."""
     found = None
     if len(takes) >= 3:
         found = focal_length_from_homographies(
@@ -175,12 +179,13 @@ def _stated_focal_length(
 def _facts_meant(
     takes: list[Take], perspective: KnownPerspective | None, found: float | None
 ) -> tuple[Facts, list[str]]:
-    """What is stated, with the focal length that contradicts the rest least.
+    """Stated values, with the interpretation of an anamorphic focal length that is most
+    consistent with the rest.
 
     Anamorphic lenses are engraved with the focal length of the axis that is not
     squeezed; some sources state the geometric mean of both axes, or that of the
-    squeezed one. Tilted views (`found`) or measured distances tell which; without
-    either it is the engraving.
+    squeezed axis. Tilted views (`found`) or measured distances decide; without either
+    the engraving is assumed.
     """
     stated, squeeze = takes[0].focal_length_mm, takes[0].squeeze
     root = max(squeeze, 1 / squeeze) ** 0.5
@@ -211,12 +216,12 @@ def facts_of(
     engraving: float = 1.0,
     perspective: KnownPerspective | None = None,
 ) -> Facts:
-    """What is stated of the takes of one lens state.
+    """Stated values of the takes of one lens state.
 
     Parameters
     ----------
     engraving : The stated focal length over the geometric mean of both axes'.
-    perspective : As another state told it; None for that of usual lenses.
+    perspective : Prior from another state; None for that of usual lenses.
     """
     focal_mm = takes[0].focal_length_mm / engraving
     distances = [take.target_distance_mm or np.nan for take in takes]
@@ -225,7 +230,7 @@ def facts_of(
     if focus_mm is None:
         focus_mm = float(np.median(measured)) if measured else np.inf
     magnification = magnification_at(focal_mm, focus_mm)
-    # A walk is a length: without a scale nobody can say what it does to the marks.
+    # The shift is a length: its effect on the image is unknown without a scale.
     stops = [take.f_number for take in takes if take.f_number and measured]
     usual = KnownPerspective(
         usual_pupil(focal_mm * (1 + magnification)),
@@ -247,8 +252,8 @@ def _depths_mm(poses: list[Pose]) -> np.ndarray:
     return np.array([float(pose.translation_mm[2]) for pose in poses])
 
 
-def _farther(pose: Pose, ratio: float) -> Pose:
-    """As far away as `ratio` times the principal distance puts it."""
+def _scaled_pose(pose: Pose, ratio: float) -> Pose:
+    """The pose with its distance along the axis multiplied by `ratio`."""
     return Pose(pose.rotation, pose.translation_mm * [1.0, 1.0, ratio])
 
 
@@ -259,7 +264,7 @@ def _pose(take: Take, focal_mm: float) -> Pose:
 
 
 def _unsqueezed_mm(take: Take) -> np.ndarray:
-    """Where the marks would be on a sensor behind a spherical lens."""
+    """Positions of the detections if the lens were spherical."""
     return observed_of(take) * np.sqrt([take.squeeze, 1 / take.squeeze])
 
 
@@ -271,9 +276,9 @@ def _board_distance_mm(takes: list[Take], poses: list[Pose]) -> Array:
 
 
 def _apertures(takes: list[Take]) -> list[float]:
-    """The f-numbers that are told apart, smallest aperture first.
+    """The f-numbers with separate centroid shifts, smallest aperture first.
 
-    None, where marks are chief rays, which no aperture shifts.
+    Empty if the detections are chief rays, which do not depend on the aperture.
     """
     if any(t.chief_rays for t in takes):
         return []
@@ -287,7 +292,7 @@ def _aperture(take: Take, numbers: list[float]) -> int:
 
 
 def _whole_boards(takes: list[Take]) -> list[bool]:
-    """Takes whose lattice has the extent that most takes of that target have."""
+    """Which takes show the lattice to the extent that most takes of the target do."""
     extents = [
         (t.target, *np.round(np.ptp(t.observations.lattice, axis=0)).astype(int))
         for t in takes
@@ -313,7 +318,7 @@ def _lens_layout(takes: list[Take]) -> Layout:
 def _board_degrees(
     takes: list[Take], whole: bool, poses: list[Pose]
 ) -> tuple[int, int]:
-    """Of the board's bend, and of its errors within its plane."""
+    """Degrees of the board's bend, and of its errors within its plane."""
     each = sum(len(t.observations) for t in takes) / len(takes)
     if len(takes) < _BEND_VIEWS or _tilt_rad(poses) <= _BEND_TILT_RAD:
         return 0, 0
@@ -333,7 +338,7 @@ def _with_room(layout: Layout, states: list[list[Take]]) -> Layout:
 
 
 def _dot_radius_mm(take: Take) -> float:
-    """Stated, or else from the image: diameter over pitch, both in pixels."""
+    """Stated radius, or diameter over pitch of the image, both in pixels."""
     if take.mark_diameter_mm is not None:
         return take.mark_diameter_mm / 2
     diameter = take.observations.diameter_px
@@ -350,8 +355,8 @@ def _views_tilt(poses: list[Pose]) -> bool:
 
 
 def _poses_differ(poses: list[Pose]) -> bool:
-    """Whether boards stand in more than one plane: of a single one the walk does what
-    a tilt and elements out of centre do."""
+    """Whether boards lie in more than one plane. In a single plane the shift of the
+    pupil has the same effect as a tilt together with decentring."""
     depths_mm = _depths_mm(poses)
     farther = depths_mm.max() / depths_mm.min() - 1
     return _tilt_rad(poses) > _ONE_PLANE_RAD or farther > _ONE_PLANE_DEPTH

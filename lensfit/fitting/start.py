@@ -1,8 +1,8 @@
-"""Start values of a pose: a homography, taken apart with the stated focal length.
+"""Start values of a pose: a homography, decomposed with the stated focal length.
 
 Distortion is least near the middle of the frame, so the homography is fitted to the
-third of the marks nearest to it. It fixes rotation and distance up to what the stated
-focal length is worth; the fit does the rest.
+third of the detections nearest to it. Rotation and distance are as accurate as the
+stated focal length, which suffices as a start.
 
 Reference: Z. Zhang, IEEE PAMI 22 (2000) 1330-1334, section 3.1.
 """

@@ -1,7 +1,7 @@
-"""What is stated of the views of one lens state, and how well each number is known.
+"""Stated values of the views of one lens state, and their standard deviations.
 
-Widths are standard deviations: of an engraved focal length, of an f-number, of a tape
-measure, of a printed chart. Distances count from the sensor.
+Widths are standard deviations: of an engraved focal length, an f-number, a tape
+measure, a printed chart. Distances count from the sensor.
 """
 
 import math
@@ -14,12 +14,12 @@ from jaxtyping import Float
 from lensfit.fitting.usual_lens import KnownPerspective
 
 _PUPIL_MAGNIFICATION = 0.5
-"""How far 1 / (pupil magnification) is from 1 in usual lenses."""
+"""Standard deviation of 1 / (pupil magnification) from 1 in usual lenses."""
 
 
 @dataclass(frozen=True)
 class Widths:
-    """Standard deviations of what is stated; shares are of the stated value.
+    """Standard deviations of stated values; shares are relative to the value.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Widths:
     diameter: float = 0.01
 
     def of_distance_mm(self, stated_mm: float) -> float:
-        """Of a board's distance, which the pitch of its chart scales as well."""
+        """Of a board's distance, including the error of the chart's pitch."""
         share = math.hypot(self.distance, self.pitch)
         return math.hypot(self.distance_mm, share * stated_mm)
 
@@ -48,18 +48,18 @@ ORDINARY_WIDTHS = Widths()
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What is stated of the views of one lens state, in the order of its arrays.
+    """Stated values of the views of one lens state, in the order of its arrays.
 
     Attributes
     ----------
     names : Of the photographs.
-    focal_length_mm : Behind cylinders the geometric mean of both axes'.
-    engraving : By which the focal length is to be multiplied to be the stated one.
+    focal_length_mm : Of anamorphic lenses the geometric mean of both axes.
+    engraving : Stated focal length over `focal_length_mm`.
     magnification : At the focus distance.
-    target_distance_mm : From the sensor; NaN where nobody measured it.
-    shared : How many views share each distance.
-    perspective : Of the lens, before its photographs are seen.
-    widths : Of all statements.
+    target_distance_mm : From the sensor; NaN if not measured.
+    shared : Number of views that share each distance.
+    perspective : Prior of the entrance pupil and its shift with field angle.
+    widths : Standard deviations of the stated values.
     """
 
     names: tuple[str, ...]
@@ -73,18 +73,18 @@ class Facts:
 
     @property
     def principal_distance_mm(self) -> float:
-        """That goes with the stated focal length."""
+        """Principal distance of the stated focal length at the focus distance."""
         return self.focal_length_mm * (1 + self.magnification)
 
     @property
     def focal_length_width(self) -> float:
-        """Of ln(principal distance): pupils that are magnified, and groups that move
-        inside, change how it grows towards near focus."""
+        """Standard deviation of ln(principal distance): pupil magnification and moving
+        groups change how it increases towards near focus."""
         return math.hypot(
             self.widths.focal_length, _PUPIL_MAGNIFICATION * self.magnification
         )
 
 
 def views_sharing(keys: Sequence[tuple]) -> Float[np.ndarray, " views"]:
-    """How many of the views have the same key."""
+    """For each view, how many views have the same key."""
     return np.array([float(sum(other == key for other in keys)) for key in keys])

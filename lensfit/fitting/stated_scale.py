@@ -1,10 +1,11 @@
-"""The scale of a lens state before the first step: what was stated taken together.
+"""The scale of a lens state before the first step, from the stated values.
 
-Boards square to the axis look the same through a lens twice as long and twice as far
-away. So scale follows from statements alone: the focal length, tape measures, which
-count from the sensor where perspective counts from the entrance pupil, and where that
-pupil usually is. Start poses are scaled to the compromise that contradicts them least;
-the fit then holds the same statements as residuals (`lensfit.fitting.statements`).
+Boards square to the axis have the same image at twice the focal length and twice the
+distance. The scale therefore follows from stated values alone: the focal length,
+distances measured from the sensor, and the usual position of the entrance pupil, from
+which perspective counts. Start poses are scaled by a robust least-squares fit to these
+values; the geometric fit then has the same values as residuals
+(`lensfit.fitting.statements`).
 """
 
 from dataclasses import replace
@@ -20,16 +21,16 @@ from lensfit.fitting.stated_facts import Facts
 from lensfit.fitting.statements import CAUCHY_SCALE, statements_of
 
 _LARGEST = 50.0
-"""Logarithm of a ratio; steps that are only tried may go beyond any number."""
+"""Largest logarithm of a ratio, so that trial steps do not overflow."""
 
 
 class StatedScale(NamedTuple):
-    """What statements make of poses that were found with some principal distance.
+    """The scale of poses that were found with some principal distance.
 
     Attributes
     ----------
-    ratio : By which principal distance and depths are to be multiplied.
-    cost : Robust sum of squares that is left, in widths.
+    ratio : Factor for principal distance and depths.
+    cost : Remaining robust sum of squares, in widths.
     """
 
     ratio: float
@@ -41,12 +42,12 @@ def stated_scale(
     principal_distance_mm: float,
     depth_mm: Float[np.ndarray, " views"],
 ) -> StatedScale:
-    """The scale that contradicts the statements least.
+    """The scale with the smallest robust residuals of the stated values.
 
     Parameters
     ----------
-    principal_distance_mm : That the poses were found with.
-    depth_mm : Of the boards from the entrance pupil, in those poses.
+    principal_distance_mm : With which the poses were found.
+    depth_mm : Distances of the boards from the entrance pupil, in those poses.
     """
     measured = np.isfinite(facts.target_distance_mm)
     stated_mm = facts.target_distance_mm[measured]
@@ -74,7 +75,7 @@ def stated_scale(
     usual = pupil.offset_mm / pupil.standard_deviation_mm
     starts = [np.array([stated, usual])]
     if measured.any():
-        # Where focal length and distances contradict each other either may be right.
+        # If focal length and distances contradict each other, either may be right.
         ratios = (stated_mm - pupil.offset_mm) / depth_mm[measured]
         starts.append(np.array([np.log(max(np.median(ratios), 0.05)), usual]))
     found = [
@@ -86,10 +87,10 @@ def stated_scale(
 
 
 def with_fitted_scale_as_origin(fitted: Adjustment) -> Adjustment:
-    """The same fit, its own principal distance and poses the start of further steps.
+    """The same fit, with its principal distance and poses as the origin of parameters.
 
-    Steps count from there, so that they stay small and what is linear in them true; and
-    what holds at the distance of the boards does so at the distance that was fitted.
+    Further steps then stay small, so that linearised statements remain accurate, and
+    the distance at which the map holds is the fitted distance of the boards.
     """
     layout, frame, stack = fitted.layout, fitted.frame, fitted.stack
     if fitted.statements is None:

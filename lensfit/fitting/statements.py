@@ -1,10 +1,10 @@
-"""What was stated about a shoot, as evidence: each number with a width.
+"""Stated values of a shoot as residuals of the fit, each with a standard deviation.
 
 An engraved focal length is good to a few percent, a tape measure to some millimetres
 and a few tenths of a percent, a chart's pitch to a tenth of a percent. Each enters the
-fit as one residual, (fitted - stated) / width, beside those of the detections. What
-photographs cannot tell stays where it was stated, and a contradiction shows as a
-residual of the statement.
+fit as one residual, (fitted - stated) / width, beside those of the detections. A
+quantity that the photographs do not determine keeps its stated value, and a
+contradiction appears as a residual of the statement.
 
 In this module's residuals
     target_distance   pupil offset + depth of the board along the axis = tape measure
@@ -17,8 +17,8 @@ all are linear in the parameters of the fit (`lensfit.fitting.parameters`). An e
 the pitch scales a chart's distance, so that its width is part of the distance's. A
 distance that several views of one target state was measured once: they share its width.
 
-A statement that is wrong, not merely inaccurate, must not bend the lens: residuals
-lose weight as 1 / (1 + (r / 3)^2), as in the Cauchy loss of the detections.
+A statement that is wrong, not merely inaccurate, must not distort the lens model:
+residuals are down-weighted by 1 / (1 + (r / 3)^2), the Cauchy loss of the detections.
 
 Reference: B. Triggs et al., Bundle adjustment: a modern synthesis (2000), on priors as
 observations.
@@ -52,8 +52,8 @@ _SUBJECTS: dict[Quantity, str] = {
     "usual_entrance_pupil": "the entrance pupil of such lenses is usually before the "
     "sensor by",
 }
-"""Of what may contradict the photographs; groups that move inside a lens may take its
-pupil anywhere."""
+"""Quantities that may contradict the photographs; the pupil at another focus distance
+cannot, since moving groups can place it anywhere."""
 
 
 class Statement(NamedTuple):
@@ -80,13 +80,13 @@ class Statement(NamedTuple):
 
     @property
     def contradicts(self) -> bool:
-        """Whether the photographs, and what else was stated, contradict it."""
+        """Whether the photographs and the other stated values contradict it."""
         stated = self.quantity in _SUBJECTS
         return stated and abs(self.residual_widths) > CONTRADICTION
 
     @property
     def sentence(self) -> str:
-        """What to read of a contradiction in the report."""
+        """The sentence for a contradiction in the report."""
         subject = _SUBJECTS[self.quantity]
         where = f"{self.where}: " if self.where else ""
         return (
@@ -103,8 +103,8 @@ class Statements:
 
     Attributes
     ----------
-    facts : What they were made from.
-    quantities, where : Of each.
+    facts : The stated values.
+    quantities, where : Quantity and photograph of each statement.
     rows, wanted : residual = rows @ parameters - wanted, in widths.
     common : Standard deviation of `wanted` that all states of the lens share.
     weight : Robust; 1 for those that agree.
@@ -121,7 +121,7 @@ class Statements:
     def residuals(
         self, parameters: Float[np.ndarray, " parameters"]
     ) -> Float[np.ndarray, " statements"]:
-        """In widths, before weights."""
+        """Residuals in widths, without weights."""
         return self.rows @ parameters - self.wanted
 
     def reweighted(self, parameters: Float[np.ndarray, " parameters"]) -> "Statements":
@@ -141,7 +141,7 @@ class Statements:
 
     @property
     def common_pulls(self) -> Float[np.ndarray, "statements parameters"]:
-        """How half the gradient moves by one deviation of what states share."""
+        """Change of half the gradient by a standard deviation of each common error."""
         return (self.weight * self.common)[:, None] * self.rows
 
     @property
@@ -160,8 +160,8 @@ class Statements:
     ) -> tuple[Statement, ...]:
         """Every statement with what was fitted.
 
-        The focal length is told as such, not as the principal distance that the fit
-        compares.
+        The focal length is reported, although the residual is that of the principal
+        distance.
         """
         off = self.residuals(parameters)
         return tuple(self._statement(k, float(off[k])) for k in range(len(off)))
@@ -263,14 +263,14 @@ _WALK: tuple[Quantity, Quantity] = "usual_pupil_walk", "pupil_walk_at_other_focu
 
 
 def _known(
-    usual_or_told: tuple[Quantity, Quantity],
+    usual_or_known: tuple[Quantity, Quantity],
     block: str,
     known: KnownPupil | KnownWalk,
     unit_mm: float,
 ) -> _OfLens:
     width_mm = known.standard_deviation_mm
     return _OfLens(
-        usual_or_told[known.common_deviation_mm > 0],
+        usual_or_known[known.common_deviation_mm > 0],
         block,
         unit_mm / width_mm,
         known[0] / width_mm,

@@ -1,7 +1,7 @@
-"""What the fit is given.
+"""The input of a fit: takes.
 
-A take is one photograph's marks together with what was known when it was made: the
-target's dimensions and the state of the lens. Distances count from the sensor plane.
+A take is the detections of one photograph, together with the dimensions of the target
+and the state of the lens. Distances count from the sensor plane.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
-"""Takes stacked into arrays: start poses, and the marks of all photographs.
+"""Takes stacked into arrays: start poses, and the detections of all photographs.
 
-Marks are padded to the number of the photograph that has most; padding is not
-`present`. Programs are compiled for other shapes, of which there are few: marks go to
-them in chunks (`chunks`), and start poses filled up to a power of two.
+Detections are padded to the largest number in any photograph; padding is not `present`.
+Programs are compiled for few array shapes: detections are passed to them in chunks
+(`chunks`), and start poses padded to a power of two.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class Stack:
     Attributes
     ----------
     view : The stacked start poses.
-    chunking : How the marks are dealt into chunks.
+    chunking : Division of the detections into chunks.
     board : Nominal place of every mark, half boards.
     observed_mm : Where it was seen.
     present : Which rows are marks.

@@ -1,9 +1,9 @@
-"""Marks seen in one channel and in green: what lateral colour is measured with.
+"""Detections in one channel and in green, from which lateral colour is measured.
 
-Wide apertures add the colour of coma to a centroid. Of centroids those at the smallest
-aperture with enough marks are used, where it is least. Marks at chief rays
-(`wavefront.place`) are used at every aperture: what was taken off them carries errors
-of the wavefront, which move marks of all apertures and focus states together.
+Chromatic coma biases centroids at wide apertures. Centroids are therefore used only at
+the smallest aperture with enough detections, where the bias is least. Detections that
+were moved to chief rays are used at every aperture; the subtracted bias has errors of
+the wavefront, which move detections of all apertures and focus distances together.
 """
 
 from collections.abc import Callable
@@ -24,12 +24,12 @@ LeftOut = Callable[[Observations], Bool[np.ndarray, " marks"]]
 
 
 def overlapping_or_saturated(o: Observations) -> Bool[np.ndarray, " marks"]:
-    """What overlaps a neighbour or reached the end of the scale."""
+    """Detections that overlap a neighbour or hold a saturated pixel."""
     return o.overlapping | o.saturated
 
 
 def overlapping(o: Observations) -> Bool[np.ndarray, " marks"]:
-    """What overlaps a neighbour."""
+    """Detections that overlap a neighbour."""
     return o.overlapping
 
 

@@ -1,15 +1,15 @@
-"""Linear equations of lateral colour: one state's, and those of a lens together.
+"""Linear equations of lateral colour, for one state and for all states of a lens.
 
-    measured displacement = terms of the state + errors that move marks together + noise
+    measured displacement = terms of the state + common errors + noise
 
-The errors are those of the wavefront that marks were placed at chief rays with. They
-are the same at every focus distance, so that a chart photographed at f/8 in one state
-measures the chromatic coma that centroids at f/2.8 carry in all of them. Each is
-expected to be within its standard deviation (random effects), and is solved for with
-the coefficients of all states.
+The common errors are those of the wavefront whose centroid biases were subtracted from
+the detections. They are the same at every focus distance, so that a chart photographed
+at f/8 in one state determines the chromatic coma that biases centroids at f/2.8 in all
+states. Each has a prior of its standard deviation (random effects), and is solved for
+together with the coefficients of all states.
 
-Smooth errors that no residual shows are counted as `fit.systematic` does it, over all
-terms of the largest model.
+Systematic errors that residuals do not show are added as in `fitting.systematic`, over
+all terms of the largest model.
 
 Reference: C. R. Henderson, Biometrics 31 (1975) 423, on fixed and random effects
 together.

@@ -1,13 +1,13 @@
-"""Lateral colour from the same marks measured in every channel.
+"""Lateral colour from detections measured in every channel.
 
-The chart cancels: red minus green of one dot does not depend on where the dot was
-printed. What remains is linear in the coefficients of `lensfit.optics.lateral`, so it
-is solved in closed form with robust weights, of all states of a focal length together
+Errors of the chart cancel: the displacement of red from green does not depend on where
+a dot was printed. It is linear in the coefficients of `lensfit.optics.lateral`, and is
+solved in closed form with robust weights, for all states of a focal length jointly
 (`equations`).
 
-Colour need not be centred on the principal point: tilted elements move the one without
-the other. Where the evidence asks for it the terms of such a lens are fitted too, since
-a radial formula about the wrong point misses most where it matters, at the edge.
+Lateral colour need not be centred on the principal point, because tilted elements shift
+one against the other. Asymmetric terms are therefore candidates of the model selection
+by BIC; a radial formula about the wrong centre has its largest errors at the edge.
 """
 
 from collections.abc import Sequence

@@ -1,12 +1,12 @@
-"""How bright marks are, as the illumination of the sensor has it.
+"""Relative illumination of the sensor at the detections, from their brightness.
 
-A bright dot sends as much light wherever it is, spread over the area of its image: its
-flux divided by the magnification of that area is the illumination there. A line's
-flux per length is divided by its magnified width. The bright field around dark marks is
-proportional to the illumination times the light that fell on the chart.
+All bright dots emit the same flux, spread over the area of their image: the flux
+divided by the area magnification is proportional to the illumination. The flux of a
+line per length is divided by the magnification of its width. The bright field around
+dark marks is proportional to the illumination times the light that fell on the chart.
 
-Where dots were photographed lines have no say: what is read of a line ends at the same
-distance everywhere, and a corner's blur goes beyond.
+Lines are not used if there are enough dots: a line is measured up to a fixed distance,
+and the blur in the corners extends beyond it.
 """
 
 from typing import NamedTuple
@@ -94,7 +94,7 @@ def _spread(
 
 
 def dots_if_enough(rows: list[Brightness]) -> list[Brightness]:
-    """Those of dots, where there are enough."""
+    """The takes of dots if they have enough detections, otherwise all."""
     dots = [row for row in rows if not row.lines]
     return dots if count_of(dots) >= FEWEST_MARKS else rows
 

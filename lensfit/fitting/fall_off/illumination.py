@@ -1,26 +1,26 @@
-"""Fall-off from how bright the marks are, for every f-number by itself.
+"""Fall-off from the brightness of the detections, for each f-number separately.
 
 The logarithm is fitted by a non-increasing Bernstein polynomial
 (`lensfit.optics.falloff`) with one gain for each photograph and channel: least squares
-with non-negative steps, weighted robustly. Clipping by a rim sets in with a kink, which
-takes more terms than natural fall-off; their number is chosen by evidence, in which
-steps that are zero do not count (M. Meyer and M. Woodroofe, Annals of Statistics 28
-(2000) 1083). An unevenly lit chart cannot be told from fall-off, unless photographs at
-another orientation disagree.
+with non-negative steps, weighted robustly. Vignetting by a clipping aperture starts
+with a kink, which needs more terms than natural fall-off. The number of terms is
+selected by BIC, in which steps of zero do not count (M. Meyer and M. Woodroofe, Annals
+of Statistics 28 (2000) 1083). Uneven light on the chart has the same effect as
+fall-off, unless photographs at another orientation disagree.
 
-Photographs scatter by what they went through: colours of sharp dots in a JPEG, whose
-colour planes are halved, by ten times as much as those of blurred ones. Each has the
-weight of its own scatter.
+The scatter depends on the file: in a JPEG with subsampled colour planes the colours of
+sharp dots scatter ten times as much as those of blurred ones. Each photograph is
+weighted by its own scatter.
 
-Marks end up to a pitch before the corner. A polynomial goes anywhere there, and its
-slope at the last mark is its worst known number. Over its last quarter, in the squared
-radius, a straight line through it is known ten times as well, and light of lenses falls
-off about as fast from there on: so what falls beyond the marks is taken to fall with
-the slope of that line, within a share of it. How much light is left at the outermost
-mark is the marks' to say. Places beyond it stand beside the marks as observations. Each
-counts by itself, lest a polynomial that cannot follow the marks bend there at the price
-of one; but their errors are one error of the slope, and the deviation that is stated
-for a corner nobody photographed says so.
+Detections end up to a pitch before the corner. Beyond them a polynomial is not
+determined, and its slope at the outermost detection has the largest standard deviation.
+A straight line over its last quarter, in the squared radius, is determined ten times as
+well, and lenses fall off at about the same rate from there on. Expected values with
+this slope, and a standard deviation of a share of it, are therefore added as
+observations beyond the outermost detection, relative to the light there. In the solve
+each counts separately, so that a polynomial that cannot follow the detections does not
+bend there at little cost. Their errors are fully correlated, being one error of the
+slope, and the stated standard deviation of an extrapolated corner includes this.
 """
 
 from typing import NamedTuple
@@ -52,8 +52,8 @@ _FARTHEST = 1.7
 """Of the squared radius of the outermost mark; farther out the polynomial's own last
 slope goes on."""
 _PLACES = 6
-_TOLD_BY = 0.25
-"""Share of the squared radius, at its end, that tells the slope."""
+_SLOPE_SHARE = 0.25
+"""Last share of the squared radius, over which the slope is taken."""
 _UNSURE, _LEAST_UNSURE = 0.2, 1e-3
 """Of the slope (a rim that begins to clip beyond the marks, or is through with it), and
 of each place by itself."""
@@ -102,7 +102,7 @@ def beyond_marks(
     control, covariance : Of the fall-off of the marks alone.
     """
     squared = np.linspace(1.0, end, _PLACES + 1)[1:]
-    seen = np.linspace(1.0 - _TOLD_BY, 1.0, _SAMPLES)
+    seen = np.linspace(1.0 - _SLOPE_SHARE, 1.0, _SAMPLES)
     slope_of = np.polyfit(seen, continued_bernstein(seen, len(control)), 1)[0]
     slope = max(float(slope_of @ control), 0.0)
     unsure = (_UNSURE * slope) ** 2 + float(slope_of @ covariance @ slope_of)
@@ -153,7 +153,7 @@ def fit_illumination(
 def fit_brightness(
     number: float | None, seen: list[Brightness], corner_mm2: float
 ) -> FallOffFit:
-    """With as many terms as the marks ask for.
+    """The fall-off with the number of terms selected by BIC.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def fit_brightness(
     """
     marks = joined_brightness(seen)
     edge_mm2 = float(marks.squared_mm2.max())
-    alone = _asked_for(number, marks, edge_mm2, [NOTHING_BEYOND] * 3)
+    alone = _selected_fall_off(number, marks, edge_mm2, [NOTHING_BEYOND] * 3)
     end_mm2 = reach(edge_mm2, corner_mm2)
     if end_mm2 == edge_mm2:
         return alone
@@ -169,10 +169,10 @@ def fit_brightness(
         beyond_marks(control, covariance, end_mm2 / edge_mm2)
         for control, covariance in zip(alone.control, alone.covariance, strict=True)
     ]
-    return _asked_for(number, marks, end_mm2, expected)
+    return _selected_fall_off(number, marks, end_mm2, expected)
 
 
-def _asked_for(
+def _selected_fall_off(
     number: float | None,
     marks: JoinedBrightness,
     limit_mm2: float,

@@ -1,12 +1,12 @@
-"""Robust least squares with unknowns that may not be negative.
+"""Robust non-negative least squares.
 
-Values come in sets, such as photographs, each with a scatter and a level of its own
-that nobody told. Cauchy weights keep outliers from having a say; scatter and weights
-are found in turns. Levels leave the equations before they are solved: a set's values
-are taken from their weighted mean. The covariance is the sandwich estimate, which takes
-residuals as they are and counts that an outlier pulls less than its weight says, and an
-error of all values together that no residual shows. Some values may be expected rather
-than observed: their errors are those they are told with, whatever is left of them.
+Values come in sets, such as photographs, each with an unknown scatter and an unknown
+level. Outliers are down-weighted by a Cauchy loss; scatter and weights are estimated
+alternately. Levels are eliminated before the solve: values are taken relative to the
+weighted mean of their set. The covariance is the sandwich estimate, with the actual
+residuals and the derivative of the loss, plus a systematic error common to all values.
+Some values may be expected rather than observed: their errors are given, and do not
+depend on their residuals.
 
 Reference: C. L. Lawson and R. J. Hanson, Solving Least Squares Problems (1974), ch. 23;
 P. J. Huber, Robust Statistics (1981), ch. 7; on the partial regression, M. C. Lovell,
@@ -80,7 +80,7 @@ def robust_non_negative(
     """
     weight = np.full(len(values), least_scatter**-2.0)
     certain = expected.design / expected.deviation[:, None]
-    told = expected.values / expected.deviation
+    expected_values = expected.values / expected.deviation
     both = np.column_stack([design, values])
     for _ in range(_ROUNDS):
         root = np.sqrt(weight)
@@ -88,7 +88,8 @@ def robust_non_negative(
         rows, wanted = free_of_levels[:, :-1], free_of_levels[:, -1]
         seen = rows * root[:, None]
         solution, _ = nnls(
-            np.concatenate([seen, certain]), np.concatenate([wanted * root, told])
+            np.concatenate([seen, certain]),
+            np.concatenate([wanted * root, expected_values]),
         )
         residual = wanted - rows @ solution
         scatter = _scatter_of_each(residual, member, least_scatter)
@@ -105,7 +106,7 @@ def robust_non_negative(
     shared = systematic**2 * weight.sum() / design.shape[1]
     covariance = pulled @ pulled.T + shared * (observed @ observed.T)
     covariance += assumed @ expected.covariance @ assumed.T
-    off = told - certain @ solution
+    off = expected_values - certain @ solution
     deviance = np.sum(_CAUCHY**2 * np.log1p(ratio) + 2 * np.log(scatter)) + off @ off
     return NonNegative(solution, covariance, float(deviance))
 
