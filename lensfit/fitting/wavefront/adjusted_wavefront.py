@@ -186,8 +186,8 @@ def adjust_wavefront(
     amounts : Amount of each error.
     """
     stage = found.stage
-    told = replace(stage, parameters=stage.parameters + amounts.value @ errors)
-    stage = refit_with_fixed_biases(recentre_patches(told), found.dot_data)
+    adjusted = replace(stage, parameters=stage.parameters + amounts.value @ errors)
+    stage = refit_with_fixed_biases(recentre_patches(adjusted), found.dot_data)
     # After too large a move rays miss the patches, and the solve is undefined.
     numbers = (stage.parameters, *stage.equations)
     if not all(np.isfinite(part).all() for part in numbers):

@@ -28,16 +28,19 @@ def neighbour_offsets_mm(
 
 
 def neighbour_offsets_px(
-    marks: Observations, rows: Int[np.ndarray, " dots"]
+    detections: Observations, rows: Int[np.ndarray, " dots"]
 ) -> Float[np.ndarray, "dots neighbours 2"]:
     """From some of the detected dots to those around each; NaN where there is none."""
-    seen = np.isfinite(marks.diameter_px)
-    steps = _steps(marks.lattice[seen])
-    here, lattice = marks.points_px[rows][:, None], marks.lattice[rows][:, None]
-    beside = _points_at(marks, lattice + steps) - here
-    across = here - _points_at(marks, lattice - steps)
-    reach_px = _CUT_DIAMETERS * float(np.median(marks.diameter_px[seen]))
-    cut = ~_is_within(here + across, marks.image_size_px, reach_px)
+    seen = np.isfinite(detections.diameter_px)
+    steps = _steps(detections.lattice[seen])
+    here, lattice = (
+        detections.points_px[rows][:, None],
+        detections.lattice[rows][:, None],
+    )
+    beside = _points_at(detections, lattice + steps) - here
+    across = here - _points_at(detections, lattice - steps)
+    reach_px = _CUT_DIAMETERS * float(np.median(detections.diameter_px[seen]))
+    cut = ~_is_within(here + across, detections.image_size_px, reach_px)
     missing = np.isnan(beside).any(-1, keepdims=True)
     return np.where(missing & cut[..., None], across, beside)
 
@@ -46,7 +49,7 @@ def own_cells(
     photograph: DotPhotograph,
     neighbour_offsets_mm: Float[np.ndarray, "dots neighbours 2"],
 ) -> Bool[np.ndarray, "dots rows columns"]:
-    """Cells of every cutout nearer to its dot than to any beside it."""
+    """Cells of every patch nearer to its own dot than to any neighbour."""
     dot_images, pixel_mm = photograph.dot_images, photograph.take.pixel_mm
     centre_px = photograph.take.observations.points_px[dot_images.marks]
     middle_px = (np.arange(dot_images.light.shape[-1]) + 0.5) * dot_images.cell_px
@@ -71,12 +74,12 @@ def _steps(lattice: Float[np.ndarray, "dots 2"]) -> Float[np.ndarray, "neighbour
 
 
 def _points_at(
-    marks: Observations, lattice: Float[np.ndarray, "*shape 2"]
+    detections: Observations, lattice: Float[np.ndarray, "*shape 2"]
 ) -> Float[np.ndarray, "*shape 2"]:
     """Detected points at these lattice coordinates; NaN where there is none."""
-    away, nearest = KDTree(marks.lattice).query(lattice)
+    away, nearest = KDTree(detections.lattice).query(lattice)
     found = np.asarray(away) < 0.1
-    return np.where(found[..., None], marks.points_px[np.asarray(nearest)], np.nan)
+    return np.where(found[..., None], detections.points_px[np.asarray(nearest)], np.nan)
 
 
 def _is_within(

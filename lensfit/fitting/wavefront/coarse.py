@@ -68,25 +68,28 @@ _FINALISTS = 4
 """How many are solved with all dots; the next stage, as cheap, may use them all."""
 
 
-class _Tries(NamedTuple):
+class _StartOffsets(NamedTuple):
     """How many starts there are for each choice of signs.
 
     Attributes
     ----------
-    from_seen, from_stated : Defocus common to all takes, in units of the largest
-        measured one: added to the measured defocus of each take, and to the stated one.
+    offsets_from_measured, offsets_from_stated : Defocus common to all takes, in units
+        of the largest measured one: added to the measured defocus of each take, and to
+        the stated one.
     curved : Number of curved fields (`moments`).
     """
 
-    from_seen: tuple[float, ...]
-    from_stated: tuple[float, ...]
+    offsets_from_measured: tuple[float, ...]
+    offsets_from_stated: tuple[float, ...]
     curved: int
 
 
-_TRIES = (
-    _Tries((0.0, -0.5, 0.5, -1.0, 1.0), (0.0, -0.5, 0.5, -1.0, 1.0, -2.0, 2.0), 4),
-    _Tries((0.0,), (0.0, -1.0, 1.0), 2),
-    _Tries((0.0,), (), 1),
+_START_OFFSETS = (
+    _StartOffsets(
+        (0.0, -0.5, 0.5, -1.0, 1.0), (0.0, -0.5, 0.5, -1.0, 1.0, -2.0, 2.0), 4
+    ),
+    _StartOffsets((0.0,), (0.0, -1.0, 1.0), 2),
+    _StartOffsets((0.0,), (), 1),
 )
 """By the number of unknown signs: none, one, more. Each doubles the starts."""
 
@@ -167,10 +170,13 @@ def _start_foci(dot_data: DotData, first: FirstDefocus, *, curved: bool) -> list
     last."""
     patterns = _sign_patterns(first)
     open_signs = (len(patterns) - 1).bit_length()
-    tries = _TRIES[min(open_signs, len(_TRIES) - 1)]
+    tries = _START_OFFSETS[min(open_signs, len(_START_OFFSETS) - 1)]
     unit_mm = float(np.max(first.size_mm))
     as_stated_mm = np.where(first.side_stated, first.stated_mm, first.value_mm)
-    begun = (first.value_mm, tries.from_seen), (as_stated_mm, tries.from_stated)
+    begun = (
+        (first.value_mm, tries.offsets_from_measured),
+        (as_stated_mm, tries.offsets_from_stated),
+    )
     flat = [
         Focus(defocus_mm * signs + offset * unit_mm)
         for signs in patterns

@@ -46,7 +46,9 @@ _BETWEEN = 5
 """Passes between two updates of the robust weights."""
 _COST_OVER_PREDICTED = 1.2
 """Largest cost over the predicted one, of a fit without the rejected term groups."""
-_NEEDED = "the fit without all that was to go was worse than foreseen"
+_WORSE_THAN_PREDICTED = (
+    "the fit without all rejected term groups was worse than predicted"
+)
 _MIDDLE_SMOOTHING = 1.5
 """Cells: half of the coarse solve's, for orders twice as fine."""
 _FINE_SMOOTHING = 0.75
@@ -112,7 +114,7 @@ def fit_selected_term_groups(
     -------
     The fit, the term groups that are free in it, and the decision on each candidate.
     """
-    kept, term_decisions, foreseen = select_term_groups(fine, term_groups)
+    kept, term_decisions, predicted = select_term_groups(fine, term_groups)
     deviation = deviation_of(kept, fine.layout, FINE)
     dropped = (fine.deviation > 0) & (deviation == 0)
     if not dropped.any():
@@ -122,11 +124,11 @@ def fit_selected_term_groups(
     stage = solve_stage(solve_stage(stage))
     # The prediction comes from second derivatives, which may be wrong far off; and a
     # solve that failed has a cost of NaN.
-    if not chi_squared(stage) <= _COST_OVER_PREDICTED * foreseen:
+    if not chi_squared(stage) <= _COST_OVER_PREDICTED * predicted:
         return (
             fine,
             term_groups,
-            tuple(v.with_override(_NEEDED) for v in term_decisions),
+            tuple(v.with_override(_WORSE_THAN_PREDICTED) for v in term_decisions),
         )
     return stage, kept, term_decisions
 

@@ -16,7 +16,7 @@ LARGEST_RAY_SAMPLED_CELLS = 0.9
 """Of a dot aperture's radius. In larger ones some hundreds of rays leave gaps
 (`dot_aperture`): these are drawn as discs (`waves`)."""
 LARGEST_DOT_APERTURE_CELLS = 8.5
-"""Of a dot's radius: its rim has to be on its cutout, whose cells grow with it."""
+"""Of a dot's radius: its rim has to be on its patch, whose cells grow with it."""
 
 
 class DotPhotograph(NamedTuple):
@@ -97,7 +97,7 @@ def diameters_mm(photograph: DotPhotograph) -> Float[np.ndarray, " dots"]:
 
 
 def centroids_mm(take: Take, dot_images: DotImages) -> Float[np.ndarray, "dots 3 2"]:
-    """Of every channel, from the corner of its cells in the cutout."""
+    """Centroid of every channel, from the corner of its cells in the patch."""
     observations = take.observations
     green = observations.points_px[dot_images.marks]
     channels = observations.channel_points_px[:, dot_images.marks]

@@ -339,19 +339,20 @@ def _notes(
     if mirrored:
         notes.append(
             "the dots look as if they lay on the other side of focus than "
-            "focus_distance_mm and target_distance_mm say: were those of near and far "
-            "takes swapped?"
+            "focus_distance_mm and target_distance_mm state: were those of near and "
+            "far takes swapped?"
         )
     elif against:
         notes.append(
             "the blur was found on other sides of focus than focus_distance_mm and "
-            "target_distance_mm say: if these are right, the blur is not to be relied "
-            "on; photograph smaller holes, or more pixels"
+            "target_distance_mm state: if these are right, the blur is not to be "
+            "relied on; photograph smaller holes, or more pixels"
         )
     elif not sign_known:
         notes.append(
-            "the photographs do not tell on which side of focus the chart was: state "
-            "focus_distance_mm and target_distance_mm, or add a take on the other side"
+            "the photographs do not determine on which side of focus the chart was: "
+            "state focus_distance_mm and target_distance_mm, or add a take on the "
+            "other side"
         )
     if not converged:
         notes.append("the fit of the dots' shape did not converge")

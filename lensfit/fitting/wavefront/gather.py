@@ -107,11 +107,7 @@ def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
         for n in f_numbers
     ]
     groups = tuple(dict.fromkeys(_group(s) for s in photographs))
-    broad = any(
-        one.take.observations.are_corners
-        or dot_aperture_radius_cells(one) > LARGEST_RAY_SAMPLED_CELLS
-        for one in photographs
-    )
+    broad = any(_is_broad(one) for one in photographs)
     rows = []
     for one in photographs:
         stop = f_numbers.index(one.f_number)
@@ -145,6 +141,13 @@ def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
         reference_distance_mm=known.distance_mm,
         first_order=known.first_order,
     )
+
+
+def _is_broad(photograph: DotPhotograph) -> bool:
+    """Whether its targets are too wide to be sampled by rays."""
+    if photograph.take.observations.are_corners:
+        return True
+    return dot_aperture_radius_cells(photograph) > LARGEST_RAY_SAMPLED_CELLS
 
 
 def _valid(

@@ -85,9 +85,12 @@ def dots_of(
     broad : Whether dots are discs (`waves`) rather than sampled by rays
         (`dot_aperture`).
     """
-    adjustment, marks = photograph.geometry.adjustment, photograph.dot_images.marks
-    count = len(marks)
-    board = adjustment.stack.board[photograph.index][marks]
+    adjustment, detection_rows = (
+        photograph.geometry.adjustment,
+        photograph.dot_images.marks,
+    )
+    count = len(detection_rows)
+    board = adjustment.stack.board[photograph.index][detection_rows]
     shift, per_board = _object_shifts_and_jacobians(board, photograph, reference)
     rim_mm = np.zeros((count, 2))
     if photograph.dot_images.towards_px is not None:
@@ -97,12 +100,10 @@ def dots_of(
             board + to_rim_mm / half_mm, photograph, reference
         )
         rim_mm = -np.einsum("dij,dj->di", (of_middle + per_board) / 2, to_rim_mm)
-    observed = adjustment.stack.observed_mm[photograph.index][marks] - rim_mm
+    observed = adjustment.stack.observed_mm[photograph.index][detection_rows] - rim_mm
     distance = float(photograph.distortion.principal_distance_mm)
     disc_mm = per_board * dot_aperture_radius_mm(photograph)
-    dot_aperture = (
-        no_dot_aperture(disc_mm) if broad else _dot_apertures(photograph, disc_mm)
-    )
+    aperture = no_dot_aperture(disc_mm) if broad else _apertures(photograph, disc_mm)
     diffraction = float(diffraction_variance_mm2(jnp.asarray(photograph.f_number)))
     known = Dots(
         field_mm=observed - np.asarray(photograph.distortion.principal_point_mm),
@@ -118,8 +119,8 @@ def dots_of(
         vergence=shift.vergence_per_mm,
         reference=shift.reference_per_mm,
         lateral_mm=_lateral_within_bands_mm(photograph, observed, bands),
-        sampled_ellipse_mm=dot_aperture.sampled_ellipse_mm,
-        variance_mm2=dot_aperture.variance_mm2 + diffraction,
+        sampled_ellipse_mm=aperture.sampled_ellipse_mm,
+        variance_mm2=aperture.variance_mm2 + diffraction,
         cell_mm=np.tile(
             photograph.take.pixel_mm * photograph.dot_images.cell_px, (count, 1)
         ),
@@ -170,9 +171,7 @@ def _to_rims_mm(
     )
 
 
-def _dot_apertures(
-    photograph: DotPhotograph, dot_aperture_mm: np.ndarray
-) -> DotAperture:
+def _apertures(photograph: DotPhotograph, dot_aperture_mm: np.ndarray) -> DotAperture:
     """Of all dots of a photograph."""
     # Behind a mosaic sharp edges fall between the photosites of a colour, and cause
     # spurious local minima.

@@ -9,7 +9,7 @@ the next stage.
 Candidates that explain the photographs equally well are ranked by their agreement with
 the stated distances.
 
-Candidates are told apart by defocus alone: if two agree in it, the fit finds its way
+Candidates are distinguished by defocus alone: if two agree in it, the fit finds its way
 from one to the other.
 """
 
@@ -110,7 +110,7 @@ def open_candidates(
     decisive = DECISIVE * best.cost
     alike = [one for one in apart if one.cost <= decisive]
     worse = [one for one in apart if one.cost > decisive]
-    kept = [*sorted(alike, key=attrgetter("off_mm")), *worse][:most]
+    kept = [*sorted(alike, key=attrgetter("defocus_misfit_mm")), *worse][:most]
     rival = _rival(best, apart)
     if both_sides and rival is not None and all(rival is not one for one in kept):
         kept[-1] = rival

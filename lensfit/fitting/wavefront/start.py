@@ -115,7 +115,7 @@ def sharp_f_number(dot_data: DotData) -> float:
     variance_mm2 = dot_data.diameter_mm**2 / 16 - dot_aperture_variance_mm2(dots)
     least_mm2 = (_LEAST_BLUR_CELLS * dots.cell_mm.mean(1)) ** 2
     least = dot_data.f_numbers[0]
-    asked = [least]
+    least_f_numbers = [least]
     for take in range(len(dot_data.photographs)):
         mine = dot_data.take == take
         across = depth_mm[mine].std() / 2
@@ -123,8 +123,10 @@ def sharp_f_number(dot_data: DotData) -> float:
         size_mm = float(np.sqrt(seen_mm2))
         # Along a line a disc of radius R has the variance R^2 / 4.
         by_depth = across / (2 * size_mm)
-        asked.append(min(by_depth, size_mm / 2 / (AIRY_SIGMA * WAVELENGTH_MM)))
-    return float(np.max(np.nan_to_num(asked, nan=least)))
+        least_f_numbers.append(
+            min(by_depth, size_mm / 2 / (AIRY_SIGMA * WAVELENGTH_MM))
+        )
+    return float(np.max(np.nan_to_num(least_f_numbers, nan=least)))
 
 
 class FirstDefocus(NamedTuple):

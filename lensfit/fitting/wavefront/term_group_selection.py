@@ -88,21 +88,19 @@ def select_term_groups(
         full, less = (trial.scores(indices_of(tuple(m))) for m in (kept, without))
         gain = less.bic - full.bic
         held_out = 1 - full.held_out / max(less.held_out, 1e-300)
-        asked = gain > _LEAST_BIC_GAIN and held_out > 0
+        supported = gain > _LEAST_BIC_GAIN and held_out > 0
         refined = any(_REFINES.get(other.name) == term_group.name for other in without)
-        term_decision = TermDecision(term_group.name, asked, gain, held_out)
+        term_decision = TermDecision(term_group.name, supported, gain, held_out)
         if refined:
-            term_decision = term_decision.with_override(
-                "terms that refine it are asked for"
-            )
+            term_decision = term_decision.with_override("terms that refine it are kept")
         term_decisions[term_group.name] = term_decision
         if not term_decision.kept:
             kept = without
     order = [f.name for f in term_groups]
     chosen = tuple(f for f in term_groups if not f.optional or f in kept)
-    told = sorted(term_decisions.values(), key=lambda v: order.index(v.name))
-    foreseen = trial.scores(indices_of(tuple(kept))).sum_of_squares
-    return TermGroupSelection(chosen, tuple(told), foreseen)
+    decisions = sorted(term_decisions.values(), key=lambda v: order.index(v.name))
+    predicted = trial.scores(indices_of(tuple(kept))).sum_of_squares
+    return TermGroupSelection(chosen, tuple(decisions), predicted)
 
 
 def trial_of(

@@ -1,4 +1,4 @@
-"""The hole of a dot: its second moments always, its rim where that shows."""
+"""The dot aperture: its second moments always, its edge where blur is narrow."""
 
 import jax
 import jax.numpy as jnp

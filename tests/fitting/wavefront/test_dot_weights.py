@@ -1,4 +1,4 @@
-"""What each cell counts: noise is found, clipped cells and odd dots lose their say."""
+"""Weights of cells: noise is estimated, clipped cells and outlying dots lose weight."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def test_weights_are_the_inverse_of_the_variance(noisy):
     np.testing.assert_allclose(np.median(ratio[dark]), 1.0, atol=0.12)
 
 
-def test_a_dot_that_is_missed_loses_its_say(noisy):
+def test_a_dot_with_a_large_misfit_loses_weight(noisy):
     dot_data, residual, background, _ = noisy
     usual = robust_weights(dot_data, residual, background, 0.02)[:, 1]
     odd = residual.copy()

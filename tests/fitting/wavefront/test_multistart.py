@@ -1,4 +1,4 @@
-"""Valleys of the misfit: a lens and its mirror image, and which valleys stay open."""
+"""Candidates: a lens and its mirror image, and which candidates stay open."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""What the photographs ask for, and what the fit would do without one of them."""
+"""Which term groups are selected, and the misfit of a take that is held out."""
 
 from dataclasses import replace
 from types import SimpleNamespace

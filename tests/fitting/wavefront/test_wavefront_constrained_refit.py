@@ -1,4 +1,4 @@
-"""Drags that are held while the shape of dots answers, and what marks say of them."""
+"""Dots' shape refitted at fixed centroid biases, and after the joint adjustment."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -32,7 +32,7 @@ PIXEL_MM = 0.01
 LENS = Seidel(4.0, -3.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
 COEFFICIENTS = LAYOUT.blocks["coefficients"]
 SYMMETRIC_UM = np.zeros(LAYOUT.size)
-"""Of defocus and field curvature: they drag nothing behind an even opening."""
+"""Of defocus and field curvature: no centroid bias behind a symmetric pupil."""
 SYMMETRIC_UM[COEFFICIENTS][[0, 1]] = 12.0, -10.0
 
 
@@ -56,12 +56,12 @@ def moved(stage, by):
     return recentre_patches(replace(stage, parameters=stage.parameters + by), 1)
 
 
-def rms_px(drags):
-    return np.sqrt(np.mean(np.sum(drags**2, -1))) / PIXEL_MM
+def rms_px(biases_mm):
+    return np.sqrt(np.mean(np.sum(biases_mm**2, -1))) / PIXEL_MM
 
 
-def test_shape_answers_where_drags_are_held(true_fit):
-    """Symmetric blur was spoiled: it comes back, but for what its drags forbid."""
+def test_the_shape_is_refitted_at_fixed_biases(true_fit):
+    """Symmetric blur was changed: it is restored as far as fixed biases allow."""
     spoiled = moved(true_fit, SYMMETRIC_UM)
     found = refit_with_fixed_biases(spoiled, true_fit.dot_data)
     least = chi_squared(true_fit)
@@ -71,8 +71,8 @@ def test_shape_answers_where_drags_are_held(true_fit):
     assert rms_px(after - held) < 0.01
 
 
-def test_drags_that_are_held_wrong_stay_wrong(true_fit):
-    """What was said of them comes from elsewhere, however ill it suits the dots."""
+def test_biases_that_are_fixed_at_wrong_values_stay_wrong(true_fit):
+    """Their values come from elsewhere, however badly they fit the dots."""
     wrong = moved(true_fit, bias_cancelling_move(true_fit, true_fit.dot_data))
     found = refit_with_fixed_biases(wrong, true_fit.dot_data)
     held, after = (centroid_biases_mm(s, true_fit.dot_data) for s in (wrong, found))
@@ -103,8 +103,8 @@ def wavefront(true_fit):
     )
 
 
-def test_what_marks_say_is_known_as_well_as_they_know_it(wavefront):
-    """Nothing was wrong, and half of every doubt is gone; drags might be by a tenth."""
+def test_the_adjusted_covariance_is_that_of_the_amounts(wavefront):
+    """All amounts zero, every deviation halved; of biases a deviation of a tenth."""
     errors = wavefront_errors(wavefront)
     count = len(errors)
     variance = np.diag([0.1**2, *np.full(count - 1, 0.5**2)])
@@ -122,8 +122,8 @@ def test_what_marks_say_is_known_as_well_as_they_know_it(wavefront):
     assert abs(ratio - told.misfit.median / wavefront.misfit.median) < 1e-9
 
 
-def test_marks_do_not_spoil_the_shape_of_dots(wavefront):
-    """Drags that are there are said to be none of them."""
+def test_an_adjustment_does_not_spoil_the_shape_of_dots(wavefront):
+    """Biases that exist are adjusted to zero."""
     errors = wavefront_errors(wavefront)
     value = np.zeros(len(errors))
     value[0] = 1.0
@@ -141,7 +141,7 @@ def test_a_move_that_fails_leaves_the_wavefront(wavefront, monkeypatch):
     assert refit_without_centroid_bias(wavefront) is wavefront
 
 
-def test_drags_too_large_for_a_step_are_left(true_fit):
-    """Nothing is free to undo them with."""
+def test_biases_too_large_for_a_step_are_not_cancelled(true_fit):
+    """No parameter is free to cancel them."""
     fixed = replace(true_fit, deviation=1e-9 * true_fit.deviation)
     assert not bias_cancelling_move(fixed, true_fit.dot_data).any()

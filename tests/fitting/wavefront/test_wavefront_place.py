@@ -1,4 +1,4 @@
-"""Marks move from where their light is to where their chief rays land."""
+"""Detected points move from their centroids to where their chief rays land."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ SHOTS = [Shot(0, 0, 1900.0), Shot(0, 1, 1900.0)]
 
 
 def seen(points_mm: np.ndarray) -> Observations:
-    """Centroids of all channels, and one more mark whose size is unknown."""
+    """Centroids of all channels, and one more point whose size is unknown."""
     points = np.concatenate([points_mm, [[1.0, 1.0]]]) / PIXEL_MM
     points = points + np.asarray(IMAGE_PX) / 2
     count = len(points)
@@ -48,7 +48,7 @@ def shot_lens() -> tuple[Stage, DotData, np.ndarray]:
     """The true fit, all dots, and their centroids from where the chief rays land."""
     dot_data = photographed(LENS, SHOTS, rays=2000)
     rng = np.random.default_rng(9)
-    dragged, photographs = [], []
+    bias_mm_of_takes, photographs = [], []
     for k, shot in enumerate(SHOTS):
         radius = F_NUMBERS[0] / F_NUMBERS[shot.stop]
         mean = [
@@ -57,7 +57,7 @@ def shot_lens() -> tuple[Stage, DotData, np.ndarray]:
             ).mean(0)
             for place in PLACES_MM
         ]
-        dragged.append(np.array(mean))
+        bias_mm_of_takes.append(np.array(mean))
         take = Take(
             f"take {k}", "grid", seen(PLACES_MM + mean), (40.0, 40.0), 8.0, 50.0,
             SENSOR_MM, F_NUMBERS[shot.stop], 1900.0, 2000.0,
@@ -69,7 +69,11 @@ def shot_lens() -> tuple[Stage, DotData, np.ndarray]:
             )
         )
     dot_data = replace(dot_data, photographs=tuple(photographs))
-    return first_stage(dot_data, LAYOUT, LENS.parameters()), dot_data, np.array(dragged)
+    return (
+        first_stage(dot_data, LAYOUT, LENS.parameters()),
+        dot_data,
+        np.array(bias_mm_of_takes),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -78,9 +82,9 @@ def shot():
 
 
 def test_comatic_dots_move_to_their_chief_rays(shot):
-    stage, dot_data, dragged = shot
+    stage, dot_data, bias_mm_of_takes = shot
     takes = chief_ray_takes(stage, dot_data)
-    assert np.hypot(*dragged[0].T).max() > 0.4 * PIXEL_MM
+    assert np.hypot(*bias_mm_of_takes[0].T).max() > 0.4 * PIXEL_MM
     for take, photograph in zip(takes, dot_data.photographs, strict=True):
         before, after = photograph.take.observations, take.observations
         middle = np.asarray(IMAGE_PX) / 2
@@ -92,7 +96,7 @@ def test_comatic_dots_move_to_their_chief_rays(shot):
         assert not photograph.take.chief_rays
 
 
-def test_a_mark_without_a_size_stays(shot):
+def test_a_point_without_a_size_stays(shot):
     stage, dot_data, _ = shot
     for take, photograph in zip(
         chief_ray_takes(stage, dot_data), dot_data.photographs, strict=True
@@ -102,8 +106,8 @@ def test_a_mark_without_a_size_stays(shot):
         )
 
 
-def test_marks_move_together_by_what_the_wavefront_may_get_wrong(shot):
-    stage, dot_data, dragged = shot
+def test_points_have_the_common_errors_of_the_wavefront(shot):
+    stage, dot_data, bias_mm_of_takes = shot
     move = 1e-3 * LENS.parameters()
     moved = replace(stage, parameters=stage.parameters + move)
     still, after = chief_ray_takes(stage, dot_data), chief_ray_takes(moved, dot_data)
@@ -113,17 +117,17 @@ def test_marks_move_together_by_what_the_wavefront_may_get_wrong(shot):
         assert shared is not None
         assert shared.shape[:2] == (1 + len(dot_data.photographs), 3)
         points = after[k].observations.points_px - still[k].observations.points_px
-        largest = np.abs(dragged[k]).max()
+        largest = np.abs(bias_mm_of_takes[k]).max()
         np.testing.assert_allclose(shared[0, 1], points * PIXEL_MM, atol=5e-5 * largest)
         np.testing.assert_allclose(
-            shared[1 + k, 1, :-1], 0.05 * dragged[k], atol=0.002 * largest
+            shared[1 + k, 1, :-1], 0.05 * bias_mm_of_takes[k], atol=0.002 * largest
         )
         assert not shared[:, :, -1].any()
     assert all(take.shared_moves_mm is None for take in still)
 
 
-def test_every_mark_may_be_asked_how_it_moves(shot):
-    """To rounding what a fit with other parameters would have said of each."""
+def test_moves_of_any_size_are_those_of_a_fit_with_other_parameters(shot):
+    """To rounding."""
     stage, dot_data, _ = shot
     move = 1e-3 * LENS.parameters()
     moved = replace(stage, parameters=stage.parameters + move)
@@ -140,8 +144,8 @@ def test_every_mark_may_be_asked_how_it_moves(shot):
         )
 
 
-def test_drags_can_be_undone_by_a_move_of_the_parameters(shot):
-    stage, dot_data, dragged = shot
+def test_biases_can_be_cancelled_by_a_move_of_the_parameters(shot):
+    stage, dot_data, bias_mm_of_takes = shot
     deviation = np.zeros(LAYOUT.size)
     deviation[LAYOUT.blocks["coefficients"]] = 30.0
     stage = solve_stage(set_priors(stage, deviation), 1)
@@ -149,12 +153,12 @@ def test_drags_can_be_undone_by_a_move_of_the_parameters(shot):
     undone = replace(
         stage, parameters=stage.parameters + bias_cancelling_move(stage, dot_data)
     )
-    for before, after, drag in zip(
+    for before, after, bias_mm in zip(
         chief_ray_takes(stage, dot_data),
         chief_ray_takes(undone, dot_data),
-        dragged,
+        bias_mm_of_takes,
         strict=True,
     ):
         there = after.observations.points_px - before.observations.points_px
-        left = there[:-1] * PIXEL_MM - drag
-        assert np.sum(left**2) < 0.01 * np.sum(drag**2)
+        left = there[:-1] * PIXEL_MM - bias_mm
+        assert np.sum(left**2) < 0.01 * np.sum(bias_mm**2)

@@ -123,8 +123,10 @@ def test_a_narrow_opening_far_from_focus_differs_from_a_wide_one_near_to_it(dot_
     term_groups = candidate_term_groups(dot_data, LAYOUT, narrow[DEFOCUS][:2])
     start = replace(blind, parameters=narrow, mean=narrow.copy())
     start = set_priors(start, deviation_of(term_groups, LAYOUT, FINE))
-    nothing = start.stated._replace(rows=0.0 * start.stated.rows)
-    found = solve_stage(add_focus_statements(replace(start, stated=nothing)), 30, 1e-6)
+    nothing = start.statements._replace(rows=0.0 * start.statements.rows)
+    found = solve_stage(
+        add_focus_statements(replace(start, statements=nothing)), 30, 1e-6
+    )
     scale = found.parameters[DEFOCUS][:2] / stated_defocus_mm(dot_data)
     np.testing.assert_allclose(scale, 1.0, atol=0.04)
     assert found.parameters[RADII][::2].min() > 0.97
