@@ -1,7 +1,8 @@
-"""The light around dots, taken off or undone, on many patches at once.
+"""Background correction of dot images, for many patches at once.
 
-A bright dot's background adds to its light. A dark dot reflects the light that falls
-on it, so its background divides. Both are fitted to a ring around the dot.
+The background of a bright dot adds to its light and is subtracted. A dark dot reflects
+the light that falls on it, so its image is divided by the background. In both cases
+the background is fitted to a ring around the dot.
 """
 
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What a photographed chart says of itself: its code strip, found and read.
+"""Reading of a chart's code strip, which identifies the chart.
 
 Markers are found by OpenCV, in linear light, in which blur leaves edges where they are;
 if some are missing, once more on a picture enlarged twice. Each knows its place in the

@@ -1,12 +1,12 @@
 """Small pictures of all dots and checker corners, for the fit of their shape.
 
-A cutout is a square of cells, a cell a square of pixels: one where dots are small, more
-where they are blurred, so that every photograph gives patches of the same shape.
+A dot image is a square of cells, a cell a square of pixels: one where dots are small,
+more where they are blurred, so that every photograph gives patches of the same shape.
 
 Cells that hold a pixel outside the frame, or nearer to another dot, are masked; cells
 with a clipped pixel are marked, since the light there is at least what was recorded.
-Dark dots are the light that they take from what surrounds them: turned about, they are
-bright ones on black, but that noise is larger there, and that what clips is unknown.
+Dark dots are inverted: their light is how much darker they are than their surround.
+Noise is larger there, and the value of a clipped pixel is unknown.
 Of a mosaic's picture a cell of one pixel is usable in the one channel that was measured
 there. Larger cells are an even number of pixels wide, so that each holds the photosites
 of every channel at the same places, and their mean is the cell's light about those.

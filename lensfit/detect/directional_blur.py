@@ -1,8 +1,8 @@
-"""How far light is spread along a direction, at many places of a photograph.
+"""Variance of the blur along a direction, at many places of a photograph.
 
 The variance of the blur along a unit vector n is ``n' M n``, M being the second moments
 of the point-spread function. Small dots give M itself: the second moments of their
-image less those of the hole, which pose and pitch say. Edges of large dots and of
+image less those of the hole, known from pose and pitch. Edges of large dots and of
 squares give the variance across them, from where the profile passes 16 % and 84 %, two
 standard deviations apart for a Gaussian. Lines give it from the second moment of their
 profile less that of their width. The pixel's own 1/12 stays in: no camera is sharper.

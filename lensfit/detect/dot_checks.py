@@ -2,9 +2,8 @@
 
 A dot resembles its lattice neighbours: in contrast, in size, and in place. Reflections
 of dots, texture beyond the target's edge and dirt on a missing dot's cell do not, and a
-mark without neighbours has nobody to vouch for it.
-Larger marker dots inside the grid are kept, since their neighbours vouch for their
-place.
+mark without neighbours cannot be checked and is left out. Larger marker dots inside the
+grid are kept, since their position agrees with their neighbours.
 """
 
 import cv2

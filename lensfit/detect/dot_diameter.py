@@ -1,9 +1,9 @@
-"""The diameter of a chart's dots, where nobody stated it, from their own photographs.
+"""The diameter of a chart's dots from their images, if it is not stated.
 
-Blur moves light about and loses none. So a dot's light over that of its middle is its
-area, however blurred its rim, as long as its middle is no darker than a larger dot's
-would be. The lattice cell around it is seen through the same distortion and
-perspective: the ratio of both areas is that on the chart.
+Blur conserves light. The flux of a dot divided by the radiance at its middle is
+therefore its area, however blurred its rim, as long as the middle is as bright as that
+of a larger dot. The lattice cell around a dot has the same distortion and perspective,
+so that the ratio of both areas in the image is that on the chart.
 """
 
 from typing import NamedTuple

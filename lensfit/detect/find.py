@@ -1,9 +1,9 @@
-"""One door to every detector: which target it is decides who looks for it.
+"""Detection in one photograph: selects the detector by the kind of target.
 
-A region of interest is cut out before anything looks at the picture, so that nothing
-outside it can matter; positions come back in pixels of the whole photograph. What the
-photographer should know (clipping, touching marks, little of the frame covered) is
-said in `Observations.notes`; what makes a photograph useless is a `DetectionError`.
+A region of interest is cropped before detection, so that nothing outside it has an
+effect; positions are returned in pixels of the whole photograph. Problems such as
+clipping, touching marks or poor coverage of the frame are listed in
+`Observations.notes`; a photograph that cannot be used raises a `DetectionError`.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What a photograph of a target says: lattice indices and where they were seen.
+"""Detections in a photograph of a target: lattice indices and image positions.
 
 An observation is one detected mark: a dot, a corner, a crossing, or one sample along
 the centre of a line. Positions are pixels of the whole photograph with pixel

@@ -1,4 +1,4 @@
-"""How much light a lens sends each way through its pupil.
+"""Light per area of the pupil (etendue), as a function of the pupil point.
 
 A dot shines evenly into all directions, counted by their cosines in the scene. With
 W(o, P) the mixed characteristic of the lens (o the object point, P the direction
@@ -9,8 +9,8 @@ cosines at the sensor) rays land at x = dW/dP and leave the object towards dW/do
 an area of the pupil carries light in proportion to the determinant of how landing
 points there follow the object. It is the same everywhere in the pupil for a lens
 without coma, which obeys Abbe's sine condition all over the field; for a fast double
-Gauss it varies by a few percent, and drags the light of a blurred dot by a seventh of a
-pixel.
+Gauss it varies by a few percent, and biases the centroid of a blurred dot by a seventh
+of a pixel.
 
 References: H. A. Buchdahl, An Introduction to Hamiltonian Optics (1970); W. T. Welford,
 Aberrations of Optical Systems (1986), on the optical sine theorem.

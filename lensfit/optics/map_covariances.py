@@ -1,4 +1,4 @@
-"""How well the maps of a lens are known: covariances of the numbers that make them."""
+"""Covariances of the parameters of the maps of a lens."""
 
 import equinox as eqx
 import numpy as np

@@ -1,12 +1,13 @@
-"""How well it is known where objects land that stand elsewhere than the chart did.
+"""Standard deviation of image positions of objects at other distances than the chart.
 
-A chief-ray map that was measured on a chart holds for the chart's distance. For other
-distances it depends on where the entrance pupil is and how it moves with field angle,
-which a chart that faces the camera hardly shows. So the deviation grows with the
-difference of the vergences of object and chart, as seen from the pupil.
+A chief-ray map that was measured on a chart holds at the chart's distance. At other
+distances it depends on the position of the entrance pupil and its shift with field
+angle, which a chart parallel to the sensor hardly determines. The standard deviation
+therefore grows with the difference of the vergences of object and chart, seen from the
+pupil.
 
-An affine map of the picture is undone before it is stated: shift and scale of a whole
-plane of objects are no error of the lens that a camera's pose would not undo.
+An affine map of the image is removed first, because shift and scale of a whole plane of
+objects can be compensated by the camera's pose.
 
 Reference: as `lensfit.optics.position_deviation`.
 """
