@@ -18,7 +18,7 @@ from lensfit.batches import in_batches
 from lensfit.errors import LensfitError
 from lensfit.exchange.export import FORMATS, export_preset
 from lensfit.exchange.export_request import ExportRequest, WantedState
-from lensfit.exchange.foreign import ForeignState, Stated
+from lensfit.exchange.foreign import ForeignState, StatedValues
 from lensfit.exchange.imports import preset_of_foreign, read_foreign
 from lensfit.exchange.samples import ExchangeFrame
 from lensfit.lens import Lens
@@ -99,7 +99,7 @@ def _nearness(
         assert chief is not None
         assert rays is not None
         return {"landed": list(chief), "rays": list(rays)}
-    stated = Stated(
+    stated = StatedValues(
         sensor_width_mm=frame.sensor_width_mm,
         focal_length_mm=lens.focal_length_mm,
         focus_distance_mm=lens.focus_distance_mm,

@@ -1,5 +1,7 @@
-"""Names of the settings of the accuracy knob; `fit.wavefront.effort` says what each
-means, and is not imported for the help alone."""
+"""Names of the accuracy settings, described in `lensfit.fitting.wavefront.effort`.
+
+That module is not imported for the help alone.
+"""
 
 EFFORTS = ("fastest", "fast", "normal", "best")
 EFFORT_HELP = " | ".join(EFFORTS)

@@ -34,7 +34,7 @@ def chart(
 ) -> None:
     """Make a chart of dots, lines or squares, to print or to show on a screen.
 
-    It carries a code that calibrate reads, marks that say which way up it is, and a
+    It carries a code that calibrate reads, marks that show its orientation, and a
     ruler to check the printer.
 
     Example: lensfit chart --paper A2 --pitch-mm 20 --out dots.pdf
@@ -81,7 +81,7 @@ def advise(
     chart: ChartGroup,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
 ) -> None:
-    """Say how a chart will look through a lens, and from where to photograph it.
+    """Predict how a chart will look through a lens, and from where to photograph it.
 
     Example: lensfit chart advise --focal-length-mm 50 --f-number 1.4
     --sensor-width-mm 24.89 --paper A2

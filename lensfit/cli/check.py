@@ -34,7 +34,7 @@ def check(
 ) -> None:
     """Judge photographs of a chart before the camera moves on.
 
-    Finds the chart as `lensfit calibrate` will, and says how much of the frame it
+    Finds the chart as `lensfit calibrate` will, and shows how much of the frame it
     covers, how it is exposed, how sharp each part is, whether anything moved, on which
     side of focus it is, and which views of the plan are missing. With --shoot alone it
     checks every view that is there. Exit code 1 if a photograph should be shot again.

@@ -53,11 +53,11 @@ def export(
         bool, typer.Option("--json", help="Say the outcome as JSON")
     ] = False,
 ) -> None:
-    """Write a lens for another program, and say how near its model comes, in pixels.
+    """Write a lens for another program, and print the error of its model, in pixels.
 
     UV maps (stmap, nuke-stmap) are exact; the others are fitted to the lens over frame
     and overscan. cycles-osl is the whole lens, blur too, as a camera of Blender.
-    lensfun, opentrackio and unreal get all entries unless one is asked for.
+    lensfun, opentrackio and unreal get all entries unless one is requested.
 
     Example: lensfit export takumar/preset.json --to nuke-radial --out takumar.nk
     """

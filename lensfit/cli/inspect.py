@@ -39,8 +39,8 @@ def inspect(
 ) -> None:
     """Show size, encoding, windows, camera state and clipping of pictures.
 
-    Says of every camera value where it came from, and what other sources (or entries of
-    the same header) say of it; so of every knob that is turned.
+    Shows the source of every camera value and of every adjusted knob, with the values
+    of other sources (or of other entries of the same header).
     A drafted shoot file has the targets that charts made by `lensfit chart` state.
 
     Example: lensfit inspect dots_*.jpg --write-shoot shoot.toml

@@ -12,7 +12,7 @@ from lensfit.cli._sizes import size_px
 from lensfit.cli.apply import FilterName
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.disable import DisableGroup
-from lensfit.cli.groups.knobs import AberrationGroup, BokehGroup, stated
+from lensfit.cli.groups.knobs import AberrationGroup, BokehGroup, stated_knobs
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
 
@@ -72,14 +72,14 @@ def overscan(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
 ) -> None:
-    """Say how much more than the frame the CG must render, to the pixel.
+    """Print how much more than the frame the CG must render, to the pixel.
 
     In pixels on each side, in percent as lens/overscan states it, as render resolution,
     data window and wider film back, and as the factor of OpenLensIO. Over a range of
     focal lengths or focus distances it is the largest.
 
-    --plate takes all of this from a rendered plate and judges what it was given. Knobs
-    count as in apply: how distortion is turned, and how wide depth may blur.
+    --plate takes all of this from a rendered plate and checks its overscan. Knobs
+    count as in apply: they change the distortion and the width of the blur.
 
     Example: lensfit overscan takumar/preset.json --size 4096x3072 --f-number 2
     """
@@ -92,7 +92,7 @@ def overscan(
     focal = _span(focal_length_mm, "--focal-length-mm")
     focus = _span(focus_distance_mm, "--focus-distance-mm")
     loaded = library.find(preset).preset
-    knobs = stated(aberrations, bokeh) | disabled.gains
+    knobs = stated_knobs(aberrations, bokeh) | disabled.gains
     camera = loaded.camera
     if plate is None:
         own = None

@@ -18,7 +18,7 @@ from lensfit.cli.groups.knobs import (
     AberrationGroup,
     BokehGroup,
     LookGroup,
-    stated,
+    stated_knobs,
 )
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
@@ -63,7 +63,7 @@ def plan(
         depth=depth.options(),
         edge_mask=depth.edge_objects,
         edge_matte=depth.edge_matte,
-        knobs=stated(aberrations, bokeh, look) | disabled.gains,
+        knobs=stated_knobs(aberrations, bokeh, look) | disabled.gains,
         tolerance=tolerance,
         scale_to_sensor=scale_to_sensor,
     )

@@ -29,7 +29,7 @@ def report(
         bool, typer.Option("--open", help="Show the page in a browser")
     ] = False,
 ) -> None:
-    """Say what a calibration is worth, and write its report.html again.
+    """Print the verdict of a calibration, and write its report.html again.
 
     Example: lensfit report takumar_50
     """

@@ -99,7 +99,7 @@ def submit(
 
     Takes every option of apply and hands it on as given. The job is an Open Job
     Description template with its paths in a file beside it, or an outline of OpenCue;
-    nothing is rendered here. Its tasks take --cores cores (4 if left out) and ask for
+    nothing is rendered here. Its tasks take --cores cores (4 if left out) and request
     the memory that `lensfit plan` expects of the first frame. A task that is run again
     skips its finished frames. A lens of the library is handed on as it is now; one with
     edits is written beside the job.

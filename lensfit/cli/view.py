@@ -65,14 +65,14 @@ def view(
 ) -> None:
     """Look in the browser at a lens on a plate, at a lens by itself, or at a shoot.
 
-    With a plate: the frame through the lens; click to focus; what was turned is saved
+    With a plate: the frame through the lens; click to focus; adjustments are saved
     as the command line of apply that does the same, or to the shot's lensfit.toml.
     Without: point-spread functions, distortion, colour, fall-off and breathing, with
-    how well they are known; of a folder of results also its dots and its report.
+    standard deviations; of a folder of results also its dots and its report.
     Of a shoot: photographs, checked as they arrive; its file as a form; a calibration.
 
-    The page is served by this process to this machine alone, under an address that
-    nobody else knows, and ends with it (Ctrl-C). Takes the options of apply.
+    The page is served by this process to this machine alone, under a secret
+    address, and ends with it (Ctrl-C). Takes the options of apply.
 
     Example: lensfit view takumar/preset.json plate.1001.exr
     Example: lensfit view takumar/preset.json --beside zeiss/preset.json
@@ -84,7 +84,7 @@ def view(
         limit_cores(taken["cores"])
     given = dict(taken, output=OutputName.result, overwrite=False, keep=False)
     options = apply_options(**options_in_groups(apply, given))
-    listening = _part("loopback_server").listening
+    loopback_server = _part("loopback_server").loopback_server
     if what is None or what.endswith(".toml"):
         server = _shoot_server(Path(what or "shoot.toml"), images, out)
     elif plates is None:
@@ -92,7 +92,7 @@ def view(
     else:
         server = _plate_server(what, plates, library, options, handed)
     try:
-        page = listening(server.routes, port, server.uploads)
+        page = loopback_server(server.routes, port, server.uploads)
         server.begin()
         _open(page.address, browser)
         page.run()
@@ -110,19 +110,19 @@ def _plate_server(
     handed: tuple[HandedOption, ...],
 ) -> "PlateServer":
     server = _part("plate_server")
-    from lensfit.workflow.view.lens_adjustments import Started
-    from lensfit.workflow.view.saved_edit import Shelved
+    from lensfit.workflow.view.lens_adjustments import StartCommand
+    from lensfit.workflow.view.saved_edit import LibraryLens
     from lensfit.workflow.view.viewed_plate import ViewedPlate
 
     found = library.find(preset)
     viewed = ViewedPlate(found.preset, plates, options)
     shelved = None
     if found.parts:
-        shelved = Shelved(found.name.partition("@")[0], library.library)
+        shelved = LibraryLens(found.name.partition("@")[0], library.library)
     words = tuple((one.word, *map(str, one.values)) for one in handed)
     if library.library is not None:
         words += (("--library", str(library.library)),)
-    return server.PlateServer(viewed, Started(preset, plates, words), shelved)
+    return server.PlateServer(viewed, StartCommand(preset, plates, words), shelved)
 
 
 def _shoot_server(shoot: Path, images: Path | None, out: Path | None) -> "ShootServer":

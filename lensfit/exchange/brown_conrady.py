@@ -30,13 +30,13 @@ from lensfit.exchange.export_request import (
     Exported,
     ExportRequest,
     Nearness,
-    described,
-    exported,
+    export_result,
+    lens_description,
     principal_point,
     samples_pair,
 )
 from lensfit.exchange.foreign import PointMap, Points
-from lensfit.exchange.inverse import folds, inverted
+from lensfit.exchange.inverse import inverse_points, is_folded
 from lensfit.exchange.opencv import OpenCvMap, opencv_distorted, opencv_text
 from lensfit.exchange.samples import (
     ExchangeFrame,
@@ -97,13 +97,13 @@ class BrownMap:
         """Closed form of "D-U"; NaN where "U-D" has no inverse."""
         if self.model == D_U:
             return self._closed(distorted_mm)
-        return inverted(self._closed, distorted_mm, self.unit_mm)
+        return inverse_points(self._closed, distorted_mm, self.unit_mm)
 
     def distorted(self, undistorted_mm: Points) -> Points:
         """Closed form of "U-D"; NaN where "D-U" has no inverse."""
         if self.model == U_D:
             return self._closed(undistorted_mm)
-        return inverted(self._closed, undistorted_mm, self.unit_mm)
+        return inverse_points(self._closed, undistorted_mm, self.unit_mm)
 
     def _closed(self, points_mm: Points) -> Points:
         centre = np.array(self.centre_mm)
@@ -266,7 +266,7 @@ def _is_worth(found: Residual, least: Residual) -> bool:
 
 def _has_room(model: PointMap, samples: Samples) -> bool:
     beyond, radius = samples.undistorted_mm * _ROOM, samples.frame.radius_mm
-    return not folds(model.distorted, beyond, radius)
+    return not is_folded(model.distorted, beyond, radius)
 
 
 def _without_zeros(values: list[float]) -> tuple[float, ...]:
@@ -300,9 +300,9 @@ def export_opencv(request: ExportRequest) -> Exported:
     lens, frame = request.lens(), request.frame
     camera, residual = opencv_camera(lens, frame)
     comments = (
-        described(request, lens),
+        lens_description(request, lens),
         f"residual {residual} over {frame}",
         f"sensor width {frame.sensor_width_mm!r} mm",
     )
     write_text_atomic(request.out, opencv_text(camera, comments))
-    return exported(request, lens, (Nearness("distortion", residual),))
+    return export_result(request, lens, (Nearness("distortion", residual),))

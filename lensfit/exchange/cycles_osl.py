@@ -34,8 +34,8 @@ from lensfit.exchange.export_request import (
     Exported,
     ExportRequest,
     Nearness,
-    described,
-    exported,
+    export_result,
+    lens_description,
 )
 from lensfit.exchange.ray_series import fit_ray_series
 from lensfit.lens import Lens
@@ -271,9 +271,9 @@ def export_cycles(request: ExportRequest) -> Exported:
         width=frame.sensor_width_mm,
         stop=lens.f_number,
     )
-    label = "\n".join([described(request, lens), *map(str, nearness), use])
+    label = "\n".join([lens_description(request, lens), *map(str, nearness), use])
     write_text_atomic(request.out, cycles_osl_text(made, label))
-    found = exported(
+    found = export_result(
         request, lens, nearness, has_colour=True, has_light=True, has_blur=True
     )
     return Exported(found.paths, found.nearness, (*found.notes, *_left_out(lens)))

@@ -128,7 +128,7 @@ def principal_point(lens: Lens) -> tuple[float, float]:
     return x, y
 
 
-def described(request: ExportRequest, lens: Lens) -> str:
+def lens_description(request: ExportRequest, lens: Lens) -> str:
     """The lens and its state, in a line."""
     from lensfit import __version__
 
@@ -138,7 +138,7 @@ def described(request: ExportRequest, lens: Lens) -> str:
     return f"lensfit {__version__}: {name}, {lens.focal_length_mm:g} mm{at}"
 
 
-def exported(
+def export_result(
     request: ExportRequest,
     lens: Lens,
     nearness: tuple[Nearness, ...],

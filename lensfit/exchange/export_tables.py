@@ -15,8 +15,8 @@ from lensfit.exchange.export_request import (
     ExportRequest,
     Nearness,
     WantedState,
-    described,
-    exported,
+    export_result,
+    lens_description,
     principal_point,
     samples_pair,
     state_name,
@@ -66,7 +66,9 @@ def export_opentrackio(request: ExportRequest) -> Exported:
         nearness += parts
     assert lens is not None
     write_text_atomic(request.out, opentrackio_text(tuple(samples)))
-    return exported(request, lens, tuple(nearness), has_colour=True, has_light=True)
+    return export_result(
+        request, lens, tuple(nearness), has_colour=True, has_light=True
+    )
 
 
 def export_lensfun(request: ExportRequest) -> Exported:
@@ -102,9 +104,13 @@ def export_lensfun(request: ExportRequest) -> Exported:
         vignettings=tuple(vignettings),
         centre=(x / half_short, y / half_short),
     )
-    comments = (described(request, lens), *(str(f) for f in nearness), f"over {frame}")
+    comments = (
+        lens_description(request, lens),
+        *(str(f) for f in nearness),
+        f"over {frame}",
+    )
     write_text_atomic(request.out, lensfun_text(made, comments))
-    result = exported(
+    result = export_result(
         request, lens, tuple(nearness), has_colour=True, has_light=bool(vignettings)
     )
     notes = _lensfun_notes(request, by_focal, distortions)
@@ -176,7 +182,7 @@ def _sample(request: ExportRequest, lens: Lens) -> tuple[LensSample, list[Nearne
         falloff=falloff,
         overscan=max(1.0, needed.factor),
         colour=_colour(lens),
-        history=(described(request, lens),),
+        history=(lens_description(request, lens),),
     ), nearness
 
 

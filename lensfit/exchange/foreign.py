@@ -61,7 +61,7 @@ class PixelCamera(PointMap, Protocol):
         ...
 
 
-class Stated(NamedTuple):
+class StatedValues(NamedTuple):
     """What the user knows and the file does not, or what counts in its place.
 
     Attributes
@@ -168,7 +168,7 @@ class ForeignLens:
 
 
 def lens_of_camera(
-    source: str, camera: PixelCamera, stated: Stated, where: str | Path
+    source: str, camera: PixelCamera, stated: StatedValues, where: str | Path
 ) -> ForeignLens:
     """The lens of a file that holds one camera and nothing else of it.
 

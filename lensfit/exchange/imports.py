@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import ForeignLens, Stated
+from lensfit.exchange.foreign import ForeignLens, StatedValues
 from lensfit.exchange.imported_entry import (
     SampledState,
     StateFit,
@@ -55,7 +55,7 @@ _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 def read_foreign(
     path: str | Path,
-    stated: Stated,
+    stated: StatedValues,
     *,
     kind: str | None = None,
     camera: str | None = None,
@@ -189,7 +189,7 @@ class Imported:
 
 def import_preset(
     path: str | Path,
-    stated: Stated,
+    stated: StatedValues,
     *,
     kind: str | None = None,
     camera: str | None = None,
@@ -199,7 +199,7 @@ def import_preset(
 
     Parameters
     ----------
-    kind : One of `foreign_file.FOREIGN_FORMATS`; found from the content if None.
+    kind : One of `FOREIGN_FORMATS`; found from the content if None.
     camera : Part of the name of a camera in a lensfun database.
 
     Raises

@@ -17,7 +17,7 @@ _DIFFERENCE = 1e-5
 _CONVERGED = 1e-12
 
 
-def inverted(
+def inverse_points(
     function: Callable[[Points], Points],
     target: Points,
     unit: float,
@@ -49,7 +49,9 @@ def inverted(
     return np.where(good[:, None], points, np.nan)
 
 
-def folds(function: Callable[[Points], Points], points: Points, unit: float) -> bool:
+def is_folded(
+    function: Callable[[Points], Points], points: Points, unit: float
+) -> bool:
     """Whether the map turns over (or is undefined) at any of the points."""
     with np.errstate(all="ignore"):
         return not bool((_det(_jacobian(function, points, unit)) > 0).all())

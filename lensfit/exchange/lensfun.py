@@ -30,7 +30,7 @@ import numpy as np
 
 from lensfit.errors import ExchangeError
 from lensfit.exchange.foreign import Points
-from lensfit.exchange.inverse import inverted
+from lensfit.exchange.inverse import inverse_points
 from lensfit.exchange.samples import Samples, fit_distorting, residual_of
 
 DistortionModel = Literal["none", "poly3", "poly5", "ptlens"]
@@ -114,7 +114,7 @@ class LensfunMap:
 
     def undistorted(self, distorted_mm: Points) -> Points:
         """The inverse; NaN where there is none."""
-        return inverted(self.distorted, distorted_mm, 2 * self.half_short_mm)
+        return inverse_points(self.distorted, distorted_mm, 2 * self.half_short_mm)
 
 
 def tca_channel(

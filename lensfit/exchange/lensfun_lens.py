@@ -8,7 +8,7 @@ from lensfit.exchange.foreign import (
     ForeignFallOff,
     ForeignLens,
     ForeignState,
-    Stated,
+    StatedValues,
 )
 from lensfit.exchange.lensfun import (
     FULL_FRAME_DIAGONAL_MM,
@@ -31,7 +31,7 @@ _SHOWN = 8
 
 def lens_of_lensfun(
     database: LensfunDatabase,
-    stated: Stated,
+    stated: StatedValues,
     where: str | Path,
     camera: str | None = None,
 ) -> ForeignLens:
@@ -99,7 +99,7 @@ def _chosen(named: dict, wanted: str | None, what: str, where: str | Path):
 
 
 def _distortions(
-    lens: LensfunLens, stated: Stated, where: str | Path
+    lens: LensfunLens, stated: StatedValues, where: str | Path
 ) -> tuple[LensfunDistortion, ...]:
     """One for each focal length, the first where it stands twice."""
     found = {d.focal_mm: d for d in reversed(lens.distortions)}
@@ -119,7 +119,7 @@ def _distortions(
 
 
 def _state(
-    distortion: LensfunDistortion, lens: LensfunLens, stated: Stated
+    distortion: LensfunDistortion, lens: LensfunLens, stated: StatedValues
 ) -> ForeignState:
     half_short = sensor_of_crop(lens.crop_factor, lens.aspect_ratio)[1] / 2
     centre = (lens.centre[0] * half_short, lens.centre[1] * half_short)
@@ -146,7 +146,10 @@ def _state(
 
 
 def _fall_off(
-    focal_mm: float, lens: LensfunLens, stated: Stated, centre: tuple[float, float]
+    focal_mm: float,
+    lens: LensfunLens,
+    stated: StatedValues,
+    centre: tuple[float, float],
 ) -> tuple[ForeignFallOff, ...]:
     """One for each f-number, at the stated focus distance or else the farthest."""
     wanted = min((stated.focus_distance_mm or 1e9) / 1000, _FAR_M)

@@ -12,7 +12,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from lensfit.errors import ExchangeError
 from lensfit.exchange.lensfun import DistortionModel, centre_magnification
-from lensfit.exchange.text_file import finite, positive
+from lensfit.exchange.text_file import finite_number, positive_number
 from lensfit.exchange.xml_tree import Element, read_xml
 from lensfit.printable import printable
 
@@ -115,7 +115,7 @@ def read_lensfun(path: str | Path) -> LensfunDatabase:
         crop = element.text_of("cropfactor")
         name = f"{_name(element, 'maker')} {_name(element, 'model')}".strip()
         if crop is not None and name:
-            cameras[name] = positive(crop, f"{name}: cropfactor", path)
+            cameras[name] = positive_number(crop, f"{name}: cropfactor", path)
     return LensfunDatabase(lenses, cameras)
 
 
@@ -199,7 +199,7 @@ def _lens(element: Element, path: Path) -> LensfunLens:
     return LensfunLens(
         maker=_name(element, "maker"),
         model=model,
-        crop_factor=positive(crop or "1", f"{model}: cropfactor", path),
+        crop_factor=positive_number(crop or "1", f"{model}: cropfactor", path),
         aspect_ratio=_aspect_ratio(aspect or "1.5", model, path),
         distortions=tuple(
             found
@@ -239,15 +239,15 @@ def _distortion(element: Element, lens: str, path: Path) -> LensfunDistortion | 
         )
     real = element.attributes.get("real-focal")
     return LensfunDistortion(
-        positive(element.attributes.get("focal", ""), f"{lens}: focal", path),
+        positive_number(element.attributes.get("focal", ""), f"{lens}: focal", path),
         model,
         terms,
-        None if real is None else positive(real, f"{lens}: real-focal", path),
+        None if real is None else positive_number(real, f"{lens}: real-focal", path),
     )
 
 
 def _tca(element: Element, lens: str, path: Path) -> LensfunTca | None:
-    focal = positive(element.attributes.get("focal", ""), f"{lens}: focal", path)
+    focal = positive_number(element.attributes.get("focal", ""), f"{lens}: focal", path)
     model = element.attributes.get("model", "")
     if model == "linear":
         r, b = (_value(element, k, lens, path, default="1") for k in ("kr", "kb"))
@@ -263,7 +263,7 @@ def _tca(element: Element, lens: str, path: Path) -> LensfunTca | None:
 
 def _vignetting(element: Element, lens: str, path: Path) -> LensfunVignetting:
     focal, f_number, distance = (
-        positive(element.attributes.get(key, ""), f"{lens}: {key}", path)
+        positive_number(element.attributes.get(key, ""), f"{lens}: {key}", path)
         for key in ("focal", "aperture", "distance")
     )
     k1, k2, k3 = (_value(element, k, lens, path) for k in ("k1", "k2", "k3"))
@@ -274,14 +274,16 @@ def _value(
     element: Element, key: str, lens: str, path: Path, default: str = ""
 ) -> float:
     what = f"{lens}: {element.tag} {key}"
-    value = finite(element.attributes.get(key, default), what, path)
+    value = finite_number(element.attributes.get(key, default), what, path)
     if abs(value) > _LARGEST_COEFFICIENT:
         raise ExchangeError(f"{what} = {value:g} is out of range", where=path)
     return value
 
 
 def _aspect_ratio(text: str, lens: str, path: Path) -> float:
-    parts = [positive(p, f"{lens}: aspect-ratio", path) for p in text.split(":", 1)]
+    parts = [
+        positive_number(p, f"{lens}: aspect-ratio", path) for p in text.split(":", 1)
+    ]
     ratio = parts[0] / parts[-1] if len(parts) == 2 else parts[0]
     if not 0.01 <= ratio <= 100:
         raise ExchangeError(f"{lens}: aspect-ratio {ratio:g} is none", where=path)

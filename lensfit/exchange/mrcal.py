@@ -38,24 +38,24 @@ from lensfit.exchange.export_request import (
     Exported,
     ExportRequest,
     Nearness,
-    described,
-    exported,
+    export_result,
+    lens_description,
     principal_point,
     samples_pair,
 )
 from lensfit.exchange.foreign import (
     ForeignLens,
     Points,
-    Stated,
+    StatedValues,
     lens_of_camera,
 )
-from lensfit.exchange.inverse import inverted
+from lensfit.exchange.inverse import inverse_points
 from lensfit.exchange.opencv import OpenCvMap
 from lensfit.exchange.samples import Residual, Samples, residual_of
 from lensfit.exchange.text_file import (
-    finite,
+    finite_number,
     picture_size,
-    positive,
+    positive_number,
     read_text,
 )
 from lensfit.lens import Lens
@@ -163,7 +163,7 @@ class SplinedMap:
     def undistorted(self, distorted_mm: Points) -> Points:
         """The inverse; NaN where there is none."""
         unit = self.pitch_mm * math.hypot(*self.size_px) / 2
-        return inverted(self.distorted, distorted_mm, unit)
+        return inverse_points(self.distorted, distorted_mm, unit)
 
     def _mm(self, pixels: Points) -> Points:
         return (pixels + 0.5 - np.array(self.size_px, float) / 2) * self.pitch_mm
@@ -175,7 +175,7 @@ def stereographic(directions: Float[np.ndarray, "points 3"]) -> Points:
     return 2 * directions[:, :2] / (length + directions[:, 2:])
 
 
-def read_mrcal(path: str | Path, stated: Stated) -> ForeignLens:
+def read_mrcal(path: str | Path, stated: StatedValues) -> ForeignLens:
     """The lens of a camera model.
 
     Raises
@@ -234,7 +234,7 @@ def _numbers(found: Mapping[str, Any], key: str, path: Path) -> list[float]:
     values = found.get(key)
     if not isinstance(values, (list, tuple)):
         raise ExchangeError(f"holds no {key}", where=path)
-    return [finite(value, key, path) for value in values]
+    return [finite_number(value, key, path) for value in values]
 
 
 def _map(
@@ -244,7 +244,7 @@ def _map(
     name = str(name).removeprefix("LENSMODEL_")
     numbers = _numbers(found, "intrinsics", path)
     for value in numbers[:2]:
-        positive(value, "intrinsics: focal length", path)
+        positive_number(value, "intrinsics: focal length", path)
     splined = _SPLINED.fullmatch(name)
     if splined is not None:
         grid = _grid(SplineGrid(*map(int, splined.groups())), path)
@@ -370,9 +370,9 @@ def _written(
 ) -> Exported:
     frame = request.frame
     comments = (
-        described(request, lens),
+        lens_description(request, lens),
         f"residual {residual} over {frame}",
         f"sensor width {frame.sensor_width_mm!r} mm",
     )
     write_text_atomic(request.out, mrcal_text(camera, comments))
-    return exported(request, lens, (Nearness("distortion", residual),))
+    return export_result(request, lens, (Nearness("distortion", residual),))

@@ -14,7 +14,12 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from lensfit.atomic import write_text_atomic
-from lensfit.exchange.export_request import Exported, ExportRequest, described, exported
+from lensfit.exchange.export_request import (
+    Exported,
+    ExportRequest,
+    export_result,
+    lens_description,
+)
 from lensfit.exchange.nuke_text import node_text, quoted
 from lensfit.exchange.stmaps import StmapFrame, WrittenStmaps, file_stem, write_stmaps
 
@@ -152,7 +157,9 @@ def export_stmaps(request: ExportRequest) -> Exported:
 def export_nuke_maps(request: ExportRequest) -> Exported:
     """A Nuke script, and beside it the maps that it loads."""
     written = _maps(request, request.out.absolute().parent)
-    label = f"{described(request, request.lens())}\nexact: UV maps, {request.frame}"
+    label = (
+        f"{lens_description(request, request.lens())}\nexact: UV maps, {request.frame}"
+    )
     files = map(MapSequence, written.paths)
     maps = dict(zip(("undistort", "redistort"), files, strict=True))
     text = nuke_stmap_text(
@@ -175,7 +182,7 @@ def _maps(request: ExportRequest, folder) -> WrittenStmaps:
 
 
 def _exported(request: ExportRequest, written: WrittenStmaps, paths) -> Exported:
-    found = exported(
+    found = export_result(
         request, request.lens(), (), has_colour=request.per_channel, paths=paths
     )
     needed = f"CG plates need {written.overscan_percent:.4f} % overscan in total"

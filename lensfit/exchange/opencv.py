@@ -29,12 +29,12 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import ForeignLens, Points, Stated, lens_of_camera
-from lensfit.exchange.inverse import inverted
+from lensfit.exchange.foreign import ForeignLens, Points, StatedValues, lens_of_camera
+from lensfit.exchange.inverse import inverse_points
 from lensfit.exchange.text_file import (
-    finite,
+    finite_number,
     picture_size,
-    positive,
+    positive_number,
     read_text,
 )
 from lensfit.exchange.xml_tree import Element, read_xml
@@ -114,7 +114,7 @@ class OpenCvMap:
     def undistorted(self, distorted_mm: Points) -> Points:
         """The inverse; NaN where there is none."""
         unit = self.pitch_mm * float(np.hypot(*self.size_px)) / 2
-        return inverted(self.distorted, distorted_mm, unit)
+        return inverse_points(self.distorted, distorted_mm, unit)
 
     def _mm(self, pixels: Points) -> Points:
         half = np.array(self.size_px, float) / 2
@@ -156,7 +156,7 @@ class _Fields:
         words = self.fields[name]
         if len(words) > _MOST_NUMBERS:
             raise ExchangeError(f"{name} has {len(words)} numbers", where=self.path)
-        return [finite(word, name, self.path) for word in words]
+        return [finite_number(word, name, self.path) for word in words]
 
 
 def read_opencv(path: str | Path) -> OpenCvFile:
@@ -190,7 +190,9 @@ def read_opencv(path: str | Path) -> OpenCvFile:
     )
 
 
-def lens_of_opencv(found: OpenCvFile, stated: Stated, where: str | Path) -> ForeignLens:
+def lens_of_opencv(
+    found: OpenCvFile, stated: StatedValues, where: str | Path
+) -> ForeignLens:
     """The lens of a calibration, once the size of its sensor is known.
 
     Raises
@@ -276,7 +278,7 @@ def _camera_matrix(matrix: np.ndarray, path: Path) -> np.ndarray:
     if not np.array_equal(below, [0, 0, 0, 1]):
         raise ExchangeError("camera_matrix is not that of a camera", where=path)
     for axis in (0, 1):
-        positive(float(matrix[axis, axis]), "camera_matrix: focal length", path)
+        positive_number(float(matrix[axis, axis]), "camera_matrix: focal length", path)
     return matrix
 
 

@@ -26,7 +26,12 @@ from typing import Any
 from lensfit.errors import ExchangeError
 from lensfit.exchange.brown_conrady import D_U, U_D, BrownMap
 from lensfit.exchange.opentrackio_lens import ColourShift, LensSample
-from lensfit.exchange.text_file import finite, picture_size, positive, read_text
+from lensfit.exchange.text_file import (
+    finite_number,
+    picture_size,
+    positive_number,
+    read_text,
+)
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm, m_from_mm
 
 CUSTOM_MARK = "custom: lensfit layout 1"
@@ -76,7 +81,7 @@ def custom_of_numbers(numbers: tuple[float, ...], path: Path) -> Custom | None:
     """
     if len(numbers) < 3 or numbers[0] != _LAYOUT:
         return None
-    nominal, dioptres = positive(numbers[1], "custom[1]", path), numbers[2]
+    nominal, dioptres = positive_number(numbers[1], "custom[1]", path), numbers[2]
     focus = None
     if dioptres >= 0:
         focus = MILLIMETRES_PER_METRE / dioptres if dioptres else math.inf
@@ -281,7 +286,7 @@ class _Reader:
             return None
         table = self._object(camera[name], name)
         width, height = (
-            positive(table.get(side), f"{name}.{side}", self.path)
+            positive_number(table.get(side), f"{name}.{side}", self.path)
             for side in ("width", "height")
         )
         return width, height
@@ -292,7 +297,7 @@ class _Reader:
             return None
         table = self._object(camera[name], name)
         found = [
-            positive(table.get(side), f"{name}.{side}", self.path)
+            positive_number(table.get(side), f"{name}.{side}", self.path)
             for side in ("width", "height")
         ]
         return picture_size(found, name, self.path)
@@ -301,7 +306,7 @@ class _Reader:
         if key not in table:
             return None
         found = self._object(table[key], key)
-        x, y = (finite(found.get(a), f"{key}.{a}", self.path) for a in "xy")
+        x, y = (finite_number(found.get(a), f"{key}.{a}", self.path) for a in "xy")
         return x, y
 
     def _number(
@@ -309,7 +314,7 @@ class _Reader:
     ) -> float | None:
         if table.get(key) is None:
             return None
-        check = finite if above is None else positive
+        check = finite_number if above is None else positive_number
         return check(table[key], key, self.path)
 
     def _numbers(
@@ -321,7 +326,7 @@ class _Reader:
                 f"{key} has {len(found)} numbers, at most {most} are known",
                 where=self.path,
             )
-        return tuple(finite(value, key, self.path) for value in found)
+        return tuple(finite_number(value, key, self.path) for value in found)
 
     def _text(self, table: Mapping[str, Any], key: str) -> str | None:
         found = table.get(key)

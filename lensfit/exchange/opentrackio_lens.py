@@ -19,7 +19,7 @@ from lensfit.exchange.foreign import (
     ForeignState,
     PointFunction,
     Points,
-    Stated,
+    StatedValues,
     assumed_size_px,
 )
 
@@ -71,7 +71,7 @@ class LensSample:
 
 
 def lens_of_opentrackio(
-    samples: tuple[LensSample, ...], stated: Stated, where: str | Path
+    samples: tuple[LensSample, ...], stated: StatedValues, where: str | Path
 ) -> ForeignLens:
     """The lens of the samples, one state each; what is stated counts for all.
 
@@ -109,7 +109,7 @@ def lens_of_opentrackio(
     )
 
 
-def _aspect(stated: Stated, where: str | Path) -> float:
+def _aspect(stated: StatedValues, where: str | Path) -> float:
     if stated.size_px is None:
         raise ExchangeError(
             "does not state the height of the sensor", where=where, remedy="give --size"
@@ -117,7 +117,7 @@ def _aspect(stated: Stated, where: str | Path) -> float:
     return stated.size_px[1] / stated.size_px[0]
 
 
-def _state(sample: LensSample, stated: Stated) -> ForeignState:
+def _state(sample: LensSample, stated: StatedValues) -> ForeignState:
     by_model = {one.model: one for one in sample.distortions}
     focal = stated.focal_length_mm or sample.nominal_focal_length_mm
     fall_off = ()

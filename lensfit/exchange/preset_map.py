@@ -2,10 +2,10 @@
 
 The direction of every ray is kept: lensfit's undistorted picture is that of a pinhole
 whose scale and shift agree with the photograph on the axis, and another program's may
-be magnified or moved against it (`axis_of`). Radial terms and squeeze are fitted first,
-then the named terms, then, where the map still differs, the free field with them; the
-simplest that comes near enough is taken. One compiled program serves all stages, with
-what is not yet free held at zero.
+be magnified or shifted against it (`map_aligned_on_axis`). Radial terms and squeeze are
+fitted first, then the named terms, then, where the map still differs, the free field
+with them; the simplest model within the tolerance is taken. One compiled program serves
+all stages, with coefficients that are not yet free held at zero.
 """
 
 from collections.abc import Callable

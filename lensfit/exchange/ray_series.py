@@ -55,7 +55,7 @@ _MEAN_PLACES = 1500
 _GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
 
 
-class Judged(NamedTuple):
+class RaySeriesError(NamedTuple):
     """How near the sums are to the lens.
 
     Attributes
@@ -146,7 +146,9 @@ class _Scene:
         return scale
 
 
-def fit_ray_series(lens: "Lens", frame: ExchangeFrame) -> tuple[CyclesLens, Judged]:
+def fit_ray_series(
+    lens: "Lens", frame: ExchangeFrame
+) -> tuple[CyclesLens, RaySeriesError]:
     """The sums for a lens at its state, and how near they are.
 
     Raises
@@ -390,7 +392,7 @@ def _passed(made: CyclesLens, at_mm: np.ndarray) -> np.ndarray:
     return (weight * open_).mean(1)
 
 
-def _judged(made: CyclesLens, scene: _Scene) -> Judged:
+def _judged(made: CyclesLens, scene: _Scene) -> RaySeriesError:
     """At other points than those that the sums went through."""
     x, y = (np.linspace(-0.97, 0.97, n) for n in _JUDGED)
     green_mm = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2) * scene.half_mm
@@ -412,7 +414,7 @@ def _judged(made: CyclesLens, scene: _Scene) -> Judged:
             for one in made.channels
         ]
     ) * _passed(made, green_mm)
-    return Judged(
+    return RaySeriesError(
         residual_from(chief),
         residual_from(np.concatenate(off)),
         float(np.abs(given - wanted).max()),

@@ -20,7 +20,7 @@ from lensfit.batches import in_batches
 from lensfit.coords import mm_from_px, px_from_mm
 from lensfit.errors import ExchangeError
 from lensfit.exchange.foreign import PointMap, Points
-from lensfit.exchange.inverse import folds
+from lensfit.exchange.inverse import is_folded
 
 if TYPE_CHECKING:
     from lensfit.lens import Lens
@@ -179,7 +179,7 @@ def residual_of(
     ExchangeError : The model folds over the frame, or is undefined there.
     """
     landed = model.distorted(samples.undistorted_mm)
-    folded = folds(model.distorted, samples.undistorted_mm, samples.frame.radius_mm)
+    folded = is_folded(model.distorted, samples.undistorted_mm, samples.frame.radius_mm)
     if folded or not np.isfinite(landed).all():
         raise ExchangeError(
             "the other model turns over inside the frame, so that it cannot be undone",

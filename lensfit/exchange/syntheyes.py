@@ -29,15 +29,15 @@ from lensfit.exchange.export_request import (
     Exported,
     ExportRequest,
     Nearness,
-    described,
-    exported,
+    export_result,
+    lens_description,
     principal_point,
     samples_pair,
 )
-from lensfit.exchange.foreign import ForeignLens, ForeignState, Points, Stated
-from lensfit.exchange.inverse import inverted
+from lensfit.exchange.foreign import ForeignLens, ForeignState, Points, StatedValues
+from lensfit.exchange.inverse import inverse_points
 from lensfit.exchange.samples import Samples, residual_of
-from lensfit.exchange.text_file import finite
+from lensfit.exchange.text_file import finite_number
 from lensfit.exchange.xml_tree import Element, read_xml
 from lensfit.printable import printable
 
@@ -73,7 +73,7 @@ class RadialTable:
 
     def undistorted(self, distorted_mm: Points) -> Points:
         """The inverse; NaN where there is none."""
-        return inverted(self.distorted, distorted_mm, float(self.true_mm[-1]))
+        return inverse_points(self.distorted, distorted_mm, float(self.true_mm[-1]))
 
     @cached_property
     def _spline(self) -> CubicSpline:
@@ -121,7 +121,7 @@ def syntheyes_text(
     return "\n".join(lines) + "\n"
 
 
-def read_syntheyes(path: str | Path, stated: Stated) -> ForeignLens:
+def read_syntheyes(path: str | Path, stated: StatedValues) -> ForeignLens:
     """The lens of a table.
 
     Raises
@@ -181,7 +181,7 @@ def _notes(root: Element, path: Path) -> LniNotes:
         for key in LniNotes.__dataclass_fields__:
             text = block.text_of(key)
             if text is not None:
-                found[key] = finite(text, key, path)
+                found[key] = finite_number(text, key, path)
     notes = LniNotes(**found)
     lengths = {k: v for k, v in vars(notes).items() if v is not None}
     for key, value in lengths.items():
@@ -202,7 +202,10 @@ def _table(
         )
     values = np.array(
         [
-            [finite(s.attributes.get(key, ""), key, path) for key in ("rin", "rout")]
+            [
+                finite_number(s.attributes.get(key, ""), key, path)
+                for key in ("rin", "rout")
+            ]
             for s in samples
         ]
     )
@@ -255,9 +258,9 @@ def export_syntheyes(request: ExportRequest) -> Exported:
         focus_distance_mm=None if focus is None or math.isinf(focus) else focus,
     )
     name = printable(" ".join(request.preset.lens.name.split()))
-    comments = (described(request, lens), f"residual {residual} over {frame}")
+    comments = (lens_description(request, lens), f"residual {residual} over {frame}")
     write_text_atomic(request.out, syntheyes_text(made, name, notes, comments))
-    found = exported(request, lens, (Nearness("distortion", residual),))
+    found = export_result(request, lens, (Nearness("distortion", residual),))
     right, down = x / frame.pitch_mm, y / frame.pitch_mm
     centre = (
         "SynthEyes' table knows no centre: set that of the lens "

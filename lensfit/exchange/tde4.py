@@ -33,7 +33,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.exchange.foreign import Points
-from lensfit.exchange.inverse import inverted
+from lensfit.exchange.inverse import inverse_points
 from lensfit.exchange.samples import Samples, fit_undistorting
 
 RADIAL = "LD_3DE4_Radial_Standard_Degree_4"
@@ -105,7 +105,7 @@ class Tde4Map:
 
     def distorted(self, undistorted_mm: Points) -> Points:
         """The inverse; NaN where the model has none."""
-        return inverted(self.undistorted, undistorted_mm, self._half_diagonal_mm)
+        return inverse_points(self.undistorted, undistorted_mm, self._half_diagonal_mm)
 
 
 def radial_standard(p: Points, values: Float[np.ndarray, "8"]) -> Points:

@@ -17,15 +17,15 @@ from lensfit.exchange.export_request import (
     Exported,
     ExportRequest,
     Nearness,
-    described,
-    exported,
+    export_result,
+    lens_description,
     principal_point,
     samples_pair,
 )
 from lensfit.exchange.foreign import (
     ForeignLens,
     ForeignState,
-    Stated,
+    StatedValues,
     assumed_size_px,
 )
 from lensfit.exchange.nuke_text import (
@@ -36,7 +36,7 @@ from lensfit.exchange.nuke_text import (
 )
 from lensfit.exchange.samples import residual_of
 from lensfit.exchange.tde4 import ANAMORPHIC, KNOBS, RADIAL, RESCALED, Tde4Map, fit_tde4
-from lensfit.exchange.text_file import finite, positive
+from lensfit.exchange.text_file import finite_number, positive_number
 
 _FAMILY = re.compile(r"(?:tde4_)?LD_3DE4?_\w+")
 _BUILT_IN = {
@@ -87,7 +87,7 @@ def read_tde4_nodes(path: str | Path) -> tuple[Tde4Node, ...]:
 
 
 def lens_of_tde4(
-    nodes: tuple[Tde4Node, ...], stated: Stated, where: str | Path
+    nodes: tuple[Tde4Node, ...], stated: StatedValues, where: str | Path
 ) -> ForeignLens:
     """The lens of one node: the only one, or the one whose name was stated.
 
@@ -176,7 +176,7 @@ def _node(node: NukeNode, path: str | Path) -> Tde4Node:
         "tde4_focal_length_cm",
         "tde4_pixel_aspect",
     ):
-        positive(camera[key], f"{node.name}: {key}", path)
+        positive_number(camera[key], f"{node.name}: {key}", path)
     knobs = {k: value(k, default) for k, default in KNOBS[node.kind].items()}
     _check_stretch(knobs, node, path)
     return Tde4Node(
@@ -203,7 +203,7 @@ def _check_stretch(
     knobs: Mapping[str, float], node: NukeNode, path: str | Path
 ) -> None:
     for key in ("Squeeze_X", "Squeeze_Y", "Rescale"):
-        positive(knobs.get(key, 1.0), f"{node.name}: {key}", path)
+        positive_number(knobs.get(key, 1.0), f"{node.name}: {key}", path)
     if knobs.get("B_Cylindric_Bending", 0.0) <= -1:
         raise ExchangeError(
             f"{node.name}: B_Cylindric_Bending is -1 or less", where=path
@@ -221,7 +221,7 @@ def _plain_value(node: NukeNode, knob: str, default: float, path: str | Path) ->
             where=path,
             remedy="bake the node to one frame",
         )
-    return finite(text, f"{node.name}: {knob}", path)
+    return finite_number(text, f"{node.name}: {knob}", path)
 
 
 def _focus_of(node: NukeNode, stated_mm: float) -> float | None:
@@ -253,7 +253,7 @@ def export_tde4(model: str, request: ExportRequest) -> Exported:
         focal_length_mm=float(lens.distortion.principal_distance_mm),
         focus_distance_mm=lens.focus_distance_mm,
         name=request.preset.lens.name,
-        label=f"{described(request, lens)}\nresidual {residual} over {frame}",
+        label=f"{lens_description(request, lens)}\nresidual {residual} over {frame}",
     )
     write_text_atomic(request.out, text)
-    return exported(request, lens, (Nearness("distortion", residual),))
+    return export_result(request, lens, (Nearness("distortion", residual),))

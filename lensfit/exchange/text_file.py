@@ -37,7 +37,7 @@ def read_text(path: str | Path, kind: str) -> str:
     return utf8_text(content, path, error=ExchangeError, remedy=remedy)
 
 
-def finite(value: object, what: str, where: str | Path) -> float:
+def finite_number(value: object, what: str, where: str | Path) -> float:
     """A number of a file, given as text or as a number.
 
     Raises
@@ -57,14 +57,14 @@ def finite(value: object, what: str, where: str | Path) -> float:
     return number
 
 
-def positive(value: object, what: str, where: str | Path) -> float:
+def positive_number(value: object, what: str, where: str | Path) -> float:
     """A `finite` number above zero.
 
     Raises
     ------
     ExchangeError : It is none.
     """
-    number = finite(value, what, where)
+    number = finite_number(value, what, where)
     if not number > 0:
         raise ExchangeError(f"{what} = {number:g} is not positive", where=where)
     return number

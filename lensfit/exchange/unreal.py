@@ -26,17 +26,17 @@ from lensfit.exchange.export_request import (
     Exported,
     ExportRequest,
     Nearness,
-    described,
-    exported,
+    export_result,
+    lens_description,
     state_name,
     states_of,
 )
-from lensfit.exchange.foreign import ForeignLens, ForeignState, Stated
+from lensfit.exchange.foreign import ForeignLens, ForeignState, StatedValues
 from lensfit.exchange.opencv import OpenCvMap
 from lensfit.exchange.text_file import (
-    finite,
+    finite_number,
     picture_size,
-    positive,
+    positive_number,
     read_text,
 )
 from lensfit.printable import printable
@@ -123,7 +123,7 @@ def unreal_text(
     return json.dumps(found, indent="\t", allow_nan=False) + "\n"
 
 
-def read_unreal(path: str | Path, stated: Stated) -> ForeignLens:
+def read_unreal(path: str | Path, stated: StatedValues) -> ForeignLens:
     """The lens of a lens file; a state for every row of its table of distortion.
 
     Raises
@@ -212,15 +212,17 @@ def _part(found: Mapping[str, Any], key: str, path: Path) -> Mapping[str, Any]:
 
 
 def _frame(
-    found: Mapping[str, Any], stated: Stated, path: Path
+    found: Mapping[str, Any], stated: StatedValues, path: Path
 ) -> tuple[tuple[int, int], float]:
     image = _part(found, "imageDimensions", path)
-    sides = [positive(image.get(k), f"image {k}", path) for k in ("width", "height")]
+    sides = [
+        positive_number(image.get(k), f"image {k}", path) for k in ("width", "height")
+    ]
     size = picture_size(sides, "imageDimensions", path)
     stated.require_size(size, path)
     sensor = _part(found, "sensorDimensions", path)
     width = stated.sensor_width_mm
-    return size, width or positive(sensor.get("width"), "sensor width", path)
+    return size, width or positive_number(sensor.get("width"), "sensor width", path)
 
 
 def _listed(found: Mapping[str, Any], where: str, name: str, path: Path):
@@ -254,7 +256,7 @@ def _cells(table: Mapping[str, Any], columns: tuple[str, ...], path: Path):
                 where=path,
             )
         cells = dict(zip(header, words, strict=True))
-        found.append([finite(cells[c], f"{name} {c}", path) for c in columns])
+        found.append([finite_number(cells[c], f"{name} {c}", path) for c in columns])
     return found
 
 
@@ -291,7 +293,7 @@ def _map(
 ) -> OpenCvMap:
     fx, fy, cx, cy, k1, k2, k3, p1, p2 = numbers
     for value in (fx, fy):
-        positive(value, "Fx or Fy", path)
+        positive_number(value, "Fx or Fy", path)
     (width, height), matrix = size, np.eye(3)
     matrix[0, 0], matrix[1, 1] = fx * width, fy * height
     matrix[:2, 2] = cx * width - 0.5, cy * height - 0.5
@@ -306,7 +308,7 @@ def _nominal(zoom: float, mapping: OpenCvMap) -> float:
 
 
 def _state(
-    mapping: OpenCvMap, focal_mm: float, focus_mm: float | None, stated: Stated
+    mapping: OpenCvMap, focal_mm: float, focus_mm: float | None, stated: StatedValues
 ) -> ForeignState:
     return ForeignState(
         map=mapping,
@@ -333,13 +335,13 @@ def export_unreal(request: ExportRequest) -> Exported:
     assert lens is not None
     name = printable(" ".join(request.preset.lens.name.split()))
     notes = {
-        "madeBy": described(request, lens),
+        "madeBy": lens_description(request, lens),
         "residual": "; ".join(map(str, nearness)),
         _PUPIL: "; ".join(pupils),
     }
     serial = request.preset.lens.serial
     write_text_atomic(request.out, unreal_text(states, name, serial, notes))
-    found = exported(request, lens, tuple(nearness))
+    found = export_result(request, lens, tuple(nearness))
     place = (
         "the nodal offset is written as none: place the camera in the entrance pupil, "
         f"{pupils[-1]} mm in front of the sensor"

@@ -28,12 +28,12 @@ from lensfit.exchange.export_request import (
     Exported,
     ExportRequest,
     Nearness,
-    described,
-    exported,
+    export_result,
+    lens_description,
 )
-from lensfit.exchange.foreign import ForeignLens, ForeignState, Stated
+from lensfit.exchange.foreign import ForeignLens, ForeignState, StatedValues
 from lensfit.exchange.opencv import OpenCvMap
-from lensfit.exchange.text_file import finite, positive
+from lensfit.exchange.text_file import finite_number, positive_number
 from lensfit.io.usd_stage import millimetres_per_unit, open_stage, pxr
 
 _KIND = "USD camera"
@@ -126,7 +126,7 @@ def _text(value: str) -> str:
     return '"' + plain.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def read_usd_camera(path: str | Path, stated: Stated) -> ForeignLens:
+def read_usd_camera(path: str | Path, stated: StatedValues) -> ForeignLens:
     """The lens of a camera in a USD file; at the first of its time samples.
 
     Parameters
@@ -200,10 +200,10 @@ class _Fields:
             raise ExchangeError(
                 f"{self.prim.GetPath()} states no {name}", where=self.path
             )
-        return finite(found, name, self.path)
+        return finite_number(found, name, self.path)
 
     def positive(self, name: str) -> float:
-        return positive(self.number(name), name, self.path)
+        return positive_number(self.number(name), name, self.path)
 
     def size(self) -> tuple[int, int]:
         found = self.value(f"{_PREFIX}imageSize")
@@ -250,6 +250,6 @@ def export_usd(request: ExportRequest) -> Exported:
         float(lens.entrance_pupil_offset_mm),
         request.preset.lens.name,
     )
-    comment = f"{described(request, lens)}; residual {residual} over {frame}"
+    comment = f"{lens_description(request, lens)}; residual {residual} over {frame}"
     write_text_atomic(request.out, usd_camera_text(camera, comment))
-    return exported(request, lens, (Nearness("distortion", residual),))
+    return export_result(request, lens, (Nearness("distortion", residual),))

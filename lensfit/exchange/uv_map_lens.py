@@ -14,8 +14,8 @@ from scipy.interpolate import RectBivariateSpline
 
 from lensfit.coords import Window, mm_from_px, px_from_mm, px_from_uv
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import ForeignLens, ForeignState, Points, Stated
-from lensfit.exchange.inverse import inverted
+from lensfit.exchange.foreign import ForeignLens, ForeignState, Points, StatedValues
+from lensfit.exchange.inverse import inverse_points
 from lensfit.io.stmap import Stmap, read_stmap
 
 _MM_PER_M = 1000.0
@@ -64,7 +64,9 @@ class UvMap:
 
     def _searched(self, points_mm: Points) -> Points:
         unit = float(np.hypot(*self.area_mm)) / 2
-        found = inverted(lambda p: self._looked_up(p, clamp=True), points_mm, unit)
+        found = inverse_points(
+            lambda p: self._looked_up(p, clamp=True), points_mm, unit
+        )
         return np.where(self._inside(self._px(found))[:, None], found, np.nan)
 
     def _looked_up(self, points_mm: Points, *, clamp: bool = False) -> Points:
@@ -90,7 +92,7 @@ class UvMap:
         return px_from_mm(np.asarray(points_mm, float), self.size_px, self.area_mm)
 
 
-def lens_of_uv_map(path: Path, stated: Stated) -> ForeignLens:
+def lens_of_uv_map(path: Path, stated: StatedValues) -> ForeignLens:
     """The lens behind a UV map.
 
     Raises

@@ -32,7 +32,7 @@ from lensfit.io.exr_header import MAGIC as EXR_MAGIC
 from lensfit.io.exr_header import check_exr
 from lensfit.io.exr_layers import find_colour, stack_channels
 from lensfit.io.metadata import CameraState, camera_state_from
-from lensfit.io.raster import Raster, read_raster, tiff_header, upright
+from lensfit.io.raster import Raster, read_raster, tiff_header, upright_pixels
 from lensfit.io.raw import RAW_SUFFIXES, read_raw
 from lensfit.io.transfer import decode, encode, transfer_of
 from lensfit.io.windows import pixels_over_window
@@ -167,7 +167,7 @@ def _from_mosaic(photograph: Photograph, mosaic: Mosaic | None) -> Photograph:
     turned = orientation if isinstance(orientation, int) else 1
     width, height = photograph.size_px
     stored = (height, width) if turned in _LYING else (width, height)
-    mosaic = mosaic_of(upright(letters_of(mosaic, stored), turned))
+    mosaic = mosaic_of(upright_pixels(letters_of(mosaic, stored), turned))
     pixels = photograph.pixels
     if pixels.shape[2] == 1:
         pixels = filled_in(np.repeat(pixels, 3, axis=2), mosaic)

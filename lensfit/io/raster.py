@@ -79,11 +79,13 @@ def read_raster(data: bytes) -> Raster:
             remedy="give EXR, TIFF, PNG, JPEG or a camera raw file",
         )
     orientation = raster.header.get("Orientation", 1)
-    codes = upright(raster.codes, orientation if isinstance(orientation, int) else 1)
+    codes = upright_pixels(
+        raster.codes, orientation if isinstance(orientation, int) else 1
+    )
     return Raster(codes, raster.format, raster.chroma_subsampled, raster.header)
 
 
-def upright(codes: np.ndarray, orientation: int) -> np.ndarray:
+def upright_pixels(codes: np.ndarray, orientation: int) -> np.ndarray:
     """Pixels turned and mirrored as the EXIF orientation, 1 to 8, asks."""
     mirrored = {2: codes[:, ::-1], 4: codes[::-1], 5: codes, 7: codes[::-1, ::-1]}
     turned = mirrored.get(orientation, codes)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.errors import ImageError
-from lensfit.io.raster import upright
+from lensfit.io.raster import upright_pixels
 from lensfit.mosaic import Mosaic, mosaic_of
 
 _NAMES = "dng arw cr2 cr3 crw nef nrw raf rw2 orf pef srw iiq 3fr raw rwl"
@@ -73,6 +73,6 @@ def _mosaic_of(raw: Any, shape: tuple[int, int]) -> Mosaic | None:
     few = colours[: 2 + height % 2, : 2 + width % 2]
     letters = np.array(list(raw.color_desc.decode().lower()))[few]
     try:
-        return mosaic_of(upright(letters, orientation))
+        return mosaic_of(upright_pixels(letters, orientation))
     except ValueError:
         return None

@@ -79,7 +79,7 @@ def adjusted_aberration(
     terms, edge = _terms_of(aberration), edge_mm / float(aberration.field_radius_mm)
     for name, is_in, seed in _FAMILIES:
         family = {t: um for t, um in terms.items() if is_in(t)}
-        terms |= scaled(family, scale_of(knobs, name), {seed: _ONE}, edge)
+        terms |= scaled_terms(family, scale_of(knobs, name), {seed: _ONE}, edge)
     terms |= _adjusted_focal_surfaces(terms, edge, knobs)
     terms |= _adjusted_axial_colour(terms, bands, scale_of(knobs, "axial_colour"))
     by_colour = np.array([1.0, knobs.chromatic_gain, knobs.chromatic_gain])
@@ -112,7 +112,7 @@ def family_of(aberration: Aberration, name: str) -> Terms:
     return {t: um for t, um in found.items() if own[name](t) and np.any(um[column])}
 
 
-def scaled(family: Terms, scale: Scale, seed: Terms, edge: float) -> Terms:
+def scaled_terms(family: Terms, scale: Scale, seed: Terms, edge: float) -> Terms:
     """A family at its gain; of one that has no size yet a stated one, the lowest term.
 
     Parameters
@@ -172,15 +172,15 @@ def _adjusted_focal_surfaces(
         off_axis = {t: um for t, um in focus.items() if t != FOCUS_ON_AXIS}
         off_axis[FOCUS_ON_AXIS] = -_on_axis(off_axis)
         seed = {_CURVATURE: _ONE, FOCUS_ON_AXIS: _ONE}
-        _add(focus, scaled(off_axis, curved, seed, edge))
+        _add(focus, scaled_terms(off_axis, curved, seed, edge))
         _add(focus, {t: -um for t, um in off_axis.items()})
     if along.is_neutral and across.is_neutral:
         return focus
     # What is left of a seed when only one surface is stated is that surface's alone.
     seed = {_ASTIGMATISM: _ONE}
-    tangential = scaled(astigmatism, along, seed, edge)
+    tangential = scaled_terms(astigmatism, along, seed, edge)
     negative = Scale(across.gain, None if across.um is None else -across.um)
-    sagittal = scaled(astigmatism, negative, seed, edge)
+    sagittal = scaled_terms(astigmatism, negative, seed, edge)
     half = {t: um / 2 for t, um in tangential.items()}
     other = {t: um / 2 for t, um in sagittal.items()}
     adjusted: Terms = {}

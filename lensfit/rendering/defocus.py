@@ -1,7 +1,7 @@
 """Depth of field: surfaces seen through every point of the pupil, and small lights.
 
     surfaces    the visible surfaces and the inpainted background (`surfaces`)
-    gather      each pixel is the mean of its rays through them (`pupil_gather`)
+    gather      each pixel is the mean of its rays through them (`gather`)
     lights      removed beforehand, added as meshes, occluded by what stands before
                 them (`light_mesh`)
 
@@ -23,12 +23,12 @@ from lensfit.coords import Window
 from lensfit.cores import available_cores
 from lensfit.rendering.buffers import crop
 from lensfit.rendering.flat_plate import FlatPlate
+from lensfit.rendering.gather import TILE, PackedSurfaces, gather
 from lensfit.rendering.highlights import Highlights, Spot, spots
-from lensfit.rendering.layer_stack import LayerStack, flattened
+from lensfit.rendering.layer_stack import LayerStack, flattened_layers
 from lensfit.rendering.light_mesh import light_kernel
 from lensfit.rendering.packed_surfaces import packed_surfaces
 from lensfit.rendering.plate_defocus import Defocus, Rays
-from lensfit.rendering.pupil_gather import TILE, PackedSurfaces, gather
 from lensfit.rendering.shared_pixels import shared_pixels
 from lensfit.rendering.surfaces import (
     Slabs,
@@ -133,7 +133,7 @@ def blurred_layers(
     found = [light for light in lights if light is not None]
     scene = Scene(_layers(layers, defocus), None, found, is_opaque=False)
     if not found and stays_sharp(np.array(scene.range_px()), window, defocus):
-        return crop(flattened(layers), window, output_window)
+        return crop(flattened_layers(layers), window, output_window)
     return _blurred(scene, window, output_window, defocus)
 
 
@@ -198,7 +198,7 @@ class _Frame:
     ) -> list[tuple[np.ndarray, int, int, int]]:
         """Make a tile of the picture; what its lights add, as of `_laid_down`."""
         window, rays = self.window, self.rays
-        region = grown(tile, 2 * self.reach_px, window)
+        region = tile_with_margin(tile, 2 * self.reach_px, window)
         given = self.scene, region, window, self.cuts, self.slabs, self.is_continuous
         surfaces = workers.submit(_surfaces, *given).result()
         laid_down = workers.submit(_laid_down, lights, surfaces, rays, region, window)
@@ -226,7 +226,7 @@ def _pinhole(scene: Scene) -> np.ndarray:
         return scene.plate.rgba
     every = [rgba for rgba, _ in scene.layers]
     every += [scene.plate.rgba] if scene.plate is not None else []
-    return flattened(
+    return flattened_layers(
         LayerStack(
             np.stack(every), np.ones((len(every), *every[0].shape[:2]), np.float32)
         )
@@ -371,7 +371,7 @@ def tiles_of(output: Window, reach: int, cores: int | None = None) -> Iterator[W
             )
 
 
-def grown(tile: Window, margin: int, window: Window) -> Window:
+def tile_with_margin(tile: Window, margin: int, window: Window) -> Window:
     """A tile with a margin, as far as there is any picture."""
     return Window(
         max(tile.x_min - margin, window.x_min),

@@ -16,11 +16,11 @@ from jaxtyping import Float32
 
 from lensfit.coords import Window
 from lensfit.cores import available_cores
-from lensfit.rendering.defocus import grown, tiles_of
+from lensfit.rendering.defocus import tile_with_margin, tiles_of
+from lensfit.rendering.gather import TILE, points_along, step_for
 from lensfit.rendering.inpainting import NOWHERE, joined_in_cells, sight_of_cells_px
 from lensfit.rendering.nearest import nearest_pixels
 from lensfit.rendering.plate_defocus import Defocus, Rays
-from lensfit.rendering.pupil_gather import TILE, points_along, step_for
 from lensfit.rendering.surfaces import EVEN_PX
 
 _RAY_S, _TILE_S = 6.5e-9, 1e-4
@@ -163,7 +163,7 @@ def _cells_of(first: int, last: int, origin: int) -> slice:
 def _of_tile(
     slabs: _Slabs, tile: Window, reach: int, window: Window, rays: Rays
 ) -> _TileCost:
-    region = grown(tile, 2 * reach, window)
+    region = tile_with_margin(tile, 2 * reach, window)
     mine = slabs.cropped(region, window)
     pixels = region.width * region.height
     surfaces_s, size = 0.0, _REGION_BYTES * pixels

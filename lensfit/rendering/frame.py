@@ -22,7 +22,12 @@ from lensfit.rendering.defocus import blurred_layers, blurred_plate
 from lensfit.rendering.falloff import apply_gain
 from lensfit.rendering.filters import Filter, filter_for
 from lensfit.rendering.highlights import Highlights
-from lensfit.rendering.layer_stack import LayerStack, Mattes, check_depth, flattened
+from lensfit.rendering.layer_stack import (
+    LayerStack,
+    Mattes,
+    check_depth,
+    flattened_layers,
+)
 from lensfit.rendering.look.blur_of_light import SharpLayer
 from lensfit.rendering.look.stack import Arrival, light_spreads
 from lensfit.rendering.look.unblurred_plate import sharp_layers
@@ -172,7 +177,7 @@ def render_stages(
         blurred = blurred_layers(layers, stages.window, window, stages.defocus, lights)
         picture = _lit(blurred, stages, window)
     elif depth_mm is None or stages.defocus is None:
-        flat = flattened(pixels) if isinstance(pixels, LayerStack) else pixels
+        flat = flattened_layers(pixels) if isinstance(pixels, LayerStack) else pixels
         there = warped_plate(flat, data_window, stages, method)
         arrival = _arrival(stages, [there])
         picture = crop(_lit(there, stages), stages.window, window)

@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float32
 from numpy.typing import ArrayLike
 
+from lensfit.rendering.gather import TILE
 from lensfit.rendering.outlines import STEP_GROWTH, STEP_PX
-from lensfit.rendering.pupil_gather import TILE
 
 _DIRECTIONS = 32
 _LONGEST = 6.0

@@ -61,7 +61,7 @@ def check_depth(depth_mm: np.ndarray, shape: tuple[int, ...]) -> None:
         raise ValueError("depth_mm holds a distance that is not positive, or NaN")
 
 
-def flattened(stack: LayerStack) -> Float32[np.ndarray, "height width 4"]:
+def flattened_layers(stack: LayerStack) -> Float32[np.ndarray, "height width 4"]:
     """All layers over one another, as a pinhole sees them."""
     result = stack.rgba[-1].copy()
     for layer in stack.rgba[-2::-1]:

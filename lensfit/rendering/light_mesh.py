@@ -24,8 +24,7 @@ from jaxtyping import Float, Float32, Int32
 
 from lensfit.coords import Window
 from lensfit.rendering.circle import Circle
-from lensfit.rendering.outlines import STEP_GROWTH, STEP_PX
-from lensfit.rendering.pupil_gather import (
+from lensfit.rendering.gather import (
     HEIGHT,
     LEFT,
     MIDDLE,
@@ -37,6 +36,7 @@ from lensfit.rendering.pupil_gather import (
     PackedSurfaces,
     counted,
 )
+from lensfit.rendering.outlines import STEP_GROWTH, STEP_PX
 from lensfit.rendering.ray_field import DepthNodes, landed_rays
 from lensfit.rendering.uv import PlateGeometry
 

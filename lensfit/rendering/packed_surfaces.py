@@ -11,7 +11,7 @@ narrow.
 import cv2
 import numpy as np
 
-from lensfit.rendering.pupil_gather import BLOCK, PackedSurfaces
+from lensfit.rendering.gather import BLOCK, PackedSurfaces
 from lensfit.rendering.ray_field import RayField
 from lensfit.rendering.surfaces import Surface
 

@@ -104,7 +104,7 @@ class RayField:
         return float(most + 3 * self.diffraction_px)
 
 
-def spiral(rays: int) -> Float[np.ndarray, "2 rays"]:
+def disc_spiral(rays: int) -> Float[np.ndarray, "2 rays"]:
     """Azimuth and reach of places that fill a disc evenly, equal in area.
 
     Moved a little so that their mean and their second moments are those of the disc:
@@ -121,7 +121,7 @@ def spiral(rays: int) -> Float[np.ndarray, "2 rays"]:
 
 def disc_field(window: Window, rays: int) -> RayField:
     """Rays of an ideal lens: the place in the pupil is a place in the disc of blur."""
-    azimuth, reach = spiral(rays)
+    azimuth, reach = disc_spiral(rays)
     moved = np.zeros((1, 2, 2, rays, 2, 3), np.float32)
     moved[..., 0, 1] = reach * np.cos(azimuth)
     moved[..., 1, 1] = reach * np.sin(azimuth)
@@ -149,7 +149,7 @@ def lens_field(
     nodes : Columns and rows of the grid over the window.
     """
     is_even = lens.blur is None or lens.blur.is_ideal
-    sets = [np.concatenate([spiral(n), np.full((1, n), 1 / n)]) for n in counts]
+    sets = [np.concatenate([disc_spiral(n), np.full((1, n), 1 / n)]) for n in counts]
     every = np.concatenate(sets, 1)
     size = (1, 1) if is_even else nodes
     found = landed_rays(lens, geometry, circle, window, depth, every, *size)

@@ -105,7 +105,7 @@ def _error(
     for direction, wanted in exact.items():
         uv = channel_uv(lens, coarse, direction, "g", tolerance_px).astype(np.float64)
         for taps, errors in found.items():
-            large = enlarged(uv, frame.size_px, coarse.margin_px, taps, pixels)
+            large = enlarged_samples(uv, frame.size_px, coarse.margin_px, taps, pixels)
             off = px_from_uv(large, frame.display_window) - wanted
             errors.append(np.hypot(off[..., 0], off[..., 1]).ravel())
     linear, cubic = (np.concatenate(errors) for errors in found.values())
@@ -118,7 +118,7 @@ def _error(
     )
 
 
-def enlarged(
+def enlarged_samples(
     samples: Float[np.ndarray, "height width channels"],
     size_px: tuple[int, int],
     margin_px: int,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import Stated
+from lensfit.exchange.foreign import StatedValues
 from lensfit.exchange.lensfun import (
     LensfunMap,
     ptlens_terms,
@@ -123,7 +123,9 @@ def test_what_is_written_is_read(tmp_path: Path):
 
 
 def test_a_lens_is_chosen_by_part_of_its_name(database: Path):
-    found = lens_of_lensfun(read_lensfun(database), Stated(lens="24-70"), database)
+    found = lens_of_lensfun(
+        read_lensfun(database), StatedValues(lens="24-70"), database
+    )
     assert found.name == "Nikon Nikkor 24-70mm f/2.8".replace(
         "Nikon Nikkor", "Nikon Nikkor"
     )
@@ -142,7 +144,7 @@ def test_a_lens_is_chosen_by_part_of_its_name(database: Path):
 def test_camera_focal_length_and_focus_choose(database: Path):
     found = lens_of_lensfun(
         read_lensfun(database),
-        Stated(lens="24-70", focal_length_mm=24.0, focus_distance_mm=400.0),
+        StatedValues(lens="24-70", focal_length_mm=24.0, focus_distance_mm=400.0),
         database,
         camera="d850",
     )
@@ -155,11 +157,15 @@ def test_camera_focal_length_and_focus_choose(database: Path):
 @pytest.mark.parametrize(
     ("stated", "camera", "said"),
     [
-        (Stated(), None, "holds several: Nikon Nikkor"),
-        (Stated(lens="Zeiss"), None, "holds no lens 'Zeiss'"),
-        (Stated(lens="Fisheye"), None, "only rectilinear ones are read"),
-        (Stated(lens="24-70"), "Canon", "holds no camera 'Canon'"),
-        (Stated(lens="24-70", focal_length_mm=50.0), None, "no distortion at 50 mm"),
+        (StatedValues(), None, "holds several: Nikon Nikkor"),
+        (StatedValues(lens="Zeiss"), None, "holds no lens 'Zeiss'"),
+        (StatedValues(lens="Fisheye"), None, "only rectilinear ones are read"),
+        (StatedValues(lens="24-70"), "Canon", "holds no camera 'Canon'"),
+        (
+            StatedValues(lens="24-70", focal_length_mm=50.0),
+            None,
+            "no distortion at 50 mm",
+        ),
     ],
 )
 def test_what_is_not_there_is_said(database: Path, stated, camera, said: str):

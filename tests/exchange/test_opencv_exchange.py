@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import Stated
+from lensfit.exchange.foreign import StatedValues
 from lensfit.exchange.opencv import (
     OpenCvMap,
     lens_of_opencv,
@@ -113,14 +113,16 @@ def test_the_sensor_and_the_size_must_be_known(tmp_path: Path):
     text = opencv_text(OpenCvMap(MATRIX, COEFFICIENTS, (2048, 1536), 0.01), ())
     path.write_text(text)
     with pytest.raises(ExchangeError, match="give --sensor-width-mm"):
-        lens_of_opencv(read_opencv(path), Stated(), path)
+        lens_of_opencv(read_opencv(path), StatedValues(), path)
     with pytest.raises(ExchangeError, match="is for 2048 x 1536"):
         lens_of_opencv(
-            read_opencv(path), Stated(sensor_width_mm=24.0, size_px=(10, 10)), path
+            read_opencv(path),
+            StatedValues(sensor_width_mm=24.0, size_px=(10, 10)),
+            path,
         )
     path.write_text(text.replace("image_width", "foo"))
     with pytest.raises(ExchangeError, match="give --size"):
-        lens_of_opencv(read_opencv(path), Stated(sensor_width_mm=24.0), path)
+        lens_of_opencv(read_opencv(path), StatedValues(sensor_width_mm=24.0), path)
     (tmp_path / "one.yaml").write_text("%YAML:1.0\n---\n")
     with pytest.raises(ExchangeError, match="no 3 x 3 camera_matrix"):
         read_opencv(tmp_path / "one.yaml")

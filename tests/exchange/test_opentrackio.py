@@ -9,7 +9,7 @@ import pytest
 
 from lensfit.errors import ExchangeError
 from lensfit.exchange.brown_conrady import D_U, U_D, BrownMap, brown_conrady
-from lensfit.exchange.foreign import Stated
+from lensfit.exchange.foreign import StatedValues
 from lensfit.exchange.opencv import OpenCvMap
 from lensfit.exchange.opentrackio import opentrackio_text, read_opentrackio
 from lensfit.exchange.opentrackio_lens import (
@@ -136,9 +136,9 @@ def test_the_default_model_leads_from_distorted_to_undistorted(tmp_path: Path):
     (found,) = read_opentrackio(path)
     assert found.distortions[0].model == D_U
     with pytest.raises(ExchangeError, match="give --sensor-width-mm"):
-        lens_of_opentrackio((found,), Stated(), path)
+        lens_of_opentrackio((found,), StatedValues(), path)
     lens = lens_of_opentrackio(
-        (found,), Stated(sensor_width_mm=36.0, size_px=(3600, 2400)), path
+        (found,), StatedValues(sensor_width_mm=36.0, size_px=(3600, 2400)), path
     )
     assert lens.sensor_size_mm == (36.0, 24.0)
     assert lens.states[0].map.undistorted(np.array([[10.0, 0.0]]))[0, 0] == 11.0

@@ -13,7 +13,7 @@ from test_there_and_back import FRAME, apart_px, every_pixel_mm
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
-from lensfit.exchange.foreign import Stated
+from lensfit.exchange.foreign import StatedValues
 from lensfit.exchange.mrcal import read_mrcal
 from lensfit.exchange.syntheyes import read_syntheyes
 from lensfit.preset.store import load_preset, save_preset
@@ -132,7 +132,7 @@ def test_a_file_of_mrcals_is_read(tmp_path):
         "\n    'extrinsics': [ 2e-2, -3e-1, -1e-2,  1., 2, -3., ],\n\n"
         "    'imagersize': [ 4000, 2200 ]\n}\n"
     )
-    lens = read_mrcal(path, Stated(sensor_width_mm=40.0))
+    lens = read_mrcal(path, StatedValues(sensor_width_mm=40.0))
     (state,) = lens.states
     assert lens.sensor_size_mm == (40.0, 22.0)
     assert state.principal_point_mm == pytest.approx((0, 0))
@@ -214,7 +214,7 @@ RELATIVE = """\
 def test_a_relative_table_counts_in_half_heights(tmp_path):
     path = tmp_path / "lens.lni"
     path.write_text(RELATIVE)
-    lens = read_syntheyes(path, Stated(20.0, 30.0, size_px=(400, 200)))
+    lens = read_syntheyes(path, StatedValues(20.0, 30.0, size_px=(400, 200)))
     (state,) = lens.states
     assert lens.name == "Fish & chips"
     assert lens.sensor_size_mm == (20.0, 10.0)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lensfit.errors import ExchangeError
-from lensfit.exchange.foreign import Stated
+from lensfit.exchange.foreign import StatedValues
 from lensfit.exchange.tde4 import ANAMORPHIC, RADIAL, Tde4Map
 from lensfit.exchange.tde4_node import (
     lens_of_tde4,
@@ -76,8 +76,8 @@ def test_of_two_nodes_one_must_be_named(tmp_path: Path):
     path = written(tmp_path, PASTED + PASTED.replace("lens1", "lens2"))
     nodes = read_tde4_nodes(path)
     with pytest.raises(ExchangeError, match="lens1, lens2; say with --lens"):
-        lens_of_tde4(nodes, Stated(), path)
-    assert lens_of_tde4(nodes, Stated(lens="lens2"), path).name == "lens2"
+        lens_of_tde4(nodes, StatedValues(), path)
+    assert lens_of_tde4(nodes, StatedValues(lens="lens2"), path).name == "lens2"
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,14 @@ from lensfit.coords import mm_from_px
 from lensfit.errors import ExchangeError, LensfitError
 from lensfit.exchange.export import FORMATS, export_preset
 from lensfit.exchange.export_request import ExportRequest, WantedState
-from lensfit.exchange.foreign import Stated
+from lensfit.exchange.foreign import StatedValues
 from lensfit.exchange.imports import import_preset, read_foreign
 from lensfit.exchange.samples import ExchangeFrame
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset, save_preset
 
 FRAME = ExchangeFrame(SIZE_PX, SENSOR_MM[0])
-STATED = Stated(sensor_width_mm=SENSOR_MM[0], size_px=SIZE_PX)
+STATED = StatedValues(sensor_width_mm=SENSOR_MM[0], size_px=SIZE_PX)
 FITTED = ("nuke-radial", "nuke-anamorphic", "opentrackio", "opencv", "lensfun")
 
 
@@ -120,7 +120,7 @@ def test_uv_maps_come_back_as_the_lens_they_were_made_of(folder: Path):
         ),
     )
     for path in written.paths:
-        back = import_preset(path, Stated(focal_length_mm=51.0))
+        back = import_preset(path, StatedValues(focal_length_mm=51.0))
         off = apart_px(preset.at(), back.preset.at())
         assert off.max() < 5e-3
         for channel in ("r", "b"):
@@ -254,4 +254,4 @@ def test_a_camera_that_cannot_be_is_one_sentence(
     assert changed in text
     (folder / "odd.yaml").write_text(text.replace(changed, to))
     with pytest.raises(ExchangeError, match=said):
-        import_preset(folder / "odd.yaml", Stated(sensor_width_mm=24.0))
+        import_preset(folder / "odd.yaml", StatedValues(sensor_width_mm=24.0))

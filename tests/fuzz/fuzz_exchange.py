@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lensfit.exchange.brown_conrady import D_U, U_D, BrownMap
-from lensfit.exchange.foreign import ForeignLens, Stated
+from lensfit.exchange.foreign import ForeignLens, StatedValues
 from lensfit.exchange.lensfun_lens import lens_of_lensfun
 from lensfit.exchange.lensfun_xml import read_lensfun
 from lensfit.exchange.mrcal import (
@@ -45,7 +45,7 @@ from lensfit.exchange.tde4_node import (
 )
 from lensfit.exchange.unreal import UnrealState, read_unreal, unreal_text
 
-_STATED = Stated(sensor_width_mm=24.0)
+_STATED = StatedValues(sensor_width_mm=24.0)
 _MATRIX = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
 
 OPENCV_XML = """\

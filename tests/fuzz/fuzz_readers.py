@@ -39,7 +39,7 @@ from lensfit.io.stmap import read_stmap
 from lensfit.plate.camera import settings as settings_module
 from lensfit.plate.camera.settings import load_settings
 from lensfit.plate.camera.sources import CameraOptions, CameraSources
-from lensfit.preset.library.catalogue import catalogue, validated
+from lensfit.preset.library.catalogue import catalogue, validation_faults
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.store import load_preset, preset_text
@@ -132,7 +132,7 @@ def _preset(path: Path) -> None:
 def _library(path: Path) -> None:
     library = path.parents[2]
     catalogue(levels_of(library))
-    validated(library)
+    validation_faults(library)
     find_preset(SLUG, library)
     if path.name != "default.json":
         find_preset(path)

@@ -5,7 +5,7 @@ import pytest
 
 from lensfit.io.cryptomatte import Ranks
 from lensfit.plate.cut_out import cut_out
-from lensfit.rendering.layer_stack import LayerStack, flattened
+from lensfit.rendering.layer_stack import LayerStack, flattened_layers
 
 NEAR, FAR = np.float32(1000), np.float32(9000)
 WALL, WIRE = 7, 8
@@ -68,7 +68,7 @@ def test_the_layer_over_what_it_hides_is_the_plate(count):
     full = np.ones((*SIZE, 4), np.float32)
     full[..., : max(count, 3)] = rest
     back = LayerStack(np.stack([layer.rgba[0], full]), np.ones((2, *SIZE), np.float32))
-    assert flattened(back)[..., :count] == pytest.approx(pixels, abs=1e-6)
+    assert flattened_layers(back)[..., :count] == pytest.approx(pixels, abs=1e-6)
     assert layer.rgba[0, ..., 3] == pytest.approx(coverage, abs=1e-6)
     assert rest == pytest.approx(wall()[..., :count], abs=0.15)
     free = coverage == 0

@@ -9,7 +9,7 @@ from lensfit.io.depth_channel import DepthMeaning
 from lensfit.io.exr import ExrPart
 from lensfit.io.exr_deep import DeepPart
 from lensfit.plate.deep_layers import deep_layers
-from lensfit.rendering.layer_stack import flattened
+from lensfit.rendering.layer_stack import flattened_layers
 
 METRES = DepthMeaning(1000.0)
 
@@ -52,7 +52,7 @@ def test_layers_over_one_another_are_the_picture(slabs):
     part = random_deep()
     stack = deep_layers(part, METRES, slab_of=SLABS[slabs])
     assert len(stack.rgba) == (1 if slabs == "one slab" else 5)
-    assert np.abs(flattened(stack) - over(part)).max() < 1e-6
+    assert np.abs(flattened_layers(stack) - over(part)).max() < 1e-6
 
 
 def test_no_sample_that_blurs_by_itself_is_lost():

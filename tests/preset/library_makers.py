@@ -4,8 +4,8 @@ from pathlib import Path
 
 from preset_makers import make_entry, make_preset
 
-from lensfit.preset.library.edit import Author, Wish, edit_preset
-from lensfit.preset.library.found import Found
+from lensfit.preset.library.edit import Author, RequestedEdit, edit_preset
+from lensfit.preset.library.found import FoundPreset
 from lensfit.preset.library.levels import levels_of, mark_project
 from lensfit.preset.library.save import Kept, keep_preset
 from lensfit.preset.schema import Preset
@@ -39,8 +39,8 @@ def keep(
 
 def change(
     library: Path, key: str, value: object, *, name: str = SLUG, unlock: bool = False
-) -> Found:
+) -> FoundPreset:
     """One edit at a level."""
-    wishes = [Wish(key, value)]
+    wishes = [RequestedEdit(key, value)]
     author = Author("bo", "by the look of it")
     return edit_preset(name, wishes, author, library=library, unlock=unlock)

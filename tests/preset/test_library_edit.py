@@ -13,7 +13,12 @@ from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import PresetError
 from lensfit.preset.library.change_set import ChangeSet
-from lensfit.preset.library.edit import Author, Wish, edit_preset, wish_of
+from lensfit.preset.library.edit import (
+    Author,
+    RequestedEdit,
+    edit_preset,
+    requested_edit_of_text,
+)
 from lensfit.preset.library.history import history
 from lensfit.preset.library.key_path import complete_tables, key_of, steps_of
 from lensfit.preset.library.levels import levels_of
@@ -94,7 +99,7 @@ def test_an_edit_says_who_when_why_and_what_was_there(tmp_path: Path):
 def test_an_edit_without_who_or_why_is_refused(tmp_path: Path, author: Author):
     keep(tmp_path)
     with pytest.raises(PresetError, match="says who and why"):
-        edit_preset(SLUG, [Wish("coma_gain", 1.0)], author, library=tmp_path)
+        edit_preset(SLUG, [RequestedEdit("coma_gain", 1.0)], author, library=tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +133,9 @@ def test_each_mistake_is_one_line_and_makes_no_version(
 ):
     keep(tmp_path)
     with pytest.raises(PresetError) as told:
-        edit_preset(SLUG, [wish_of(text)], AUTHOR, library=tmp_path, unlock=True)
+        edit_preset(
+            SLUG, [requested_edit_of_text(text)], AUTHOR, library=tmp_path, unlock=True
+        )
     assert said in str(told.value)
     assert len(str(told.value)) < 600
     assert len(list((tmp_path / "lenses" / SLUG).glob("v*"))) == 1
@@ -156,7 +163,7 @@ def test_keys_are_spelled_one_way():
 def test_an_infinite_distance_may_be_set(tmp_path: Path):
     keep(tmp_path, make_preset(make_entry(blur=make_blur())))
     key = f"{ENTRY}.blur.reference_distance_mm"
-    wish = wish_of(f"{key}=inf")
+    wish = requested_edit_of_text(f"{key}=inf")
     found = edit_preset(SLUG, [wish], AUTHOR, library=tmp_path, unlock=True)
     again = find_preset(SLUG, tmp_path)
     assert again.preset == found.preset
@@ -170,7 +177,7 @@ def test_a_dropped_key_is_the_outer_levels_again(tmp_path: Path):
     keep(show)
     change(shot, "coma_gain", 0.5)
     change(shot, "bloom_gain", 0.5)
-    drop = [Wish("coma_gain", drop=True)]
+    drop = [RequestedEdit("coma_gain", drop=True)]
     edit_preset(SLUG, drop, AUTHOR, library=shot)
     knobs = find_preset(SLUG, shot).preset.knobs
     assert (knobs.aberration.coma_gain, knobs.look.bloom_gain) == (1.0, 0.5)

@@ -10,7 +10,7 @@ from preset_makers import make_entry, make_preset
 
 from lensfit.errors import PresetError
 from lensfit.preset.knobs import NEUTRAL, adjusted_knobs
-from lensfit.preset.library.edit import Author, Wish, edit_preset
+from lensfit.preset.library.edit import Author, RequestedEdit, edit_preset
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.library.save import mark_default
@@ -61,7 +61,9 @@ def test_an_outer_version_saved_later_shows_through_unless_pinned(tmp_path: Path
     keep(show)
     change(shot, "coma_gain", 0.5)
     author = Author("bo", "approved with v001")
-    edit_preset(SLUG, [Wish("coma_gain", 0.5)], author, library=sequence, pin=True)
+    edit_preset(
+        SLUG, [RequestedEdit("coma_gain", 0.5)], author, library=sequence, pin=True
+    )
     shutil.rmtree(shot / "lenses")
     change(shot, "bloom_gain", 0.3)
     keep(show, make_preset(make_entry(distortion=wider())))
@@ -97,7 +99,7 @@ def test_an_edit_of_what_is_gone_beneath_is_one_line_and_can_be_dropped(
     with pytest.raises(PresetError, match="which the preset beneath does not have"):
         find_preset(SLUG, shot)
     author = Author("bo", "another lens now")
-    wishes = [Wish(SQUEEZE, drop=True)]
+    wishes = [RequestedEdit(SQUEEZE, drop=True)]
     edit_preset(SLUG, wishes, author, library=shot, unlock=True)
     assert find_preset(SLUG, shot).preset.entries[0].focal_length_mm == 35.0
     assert knobs_at(shot) == (0.5, 0.0)

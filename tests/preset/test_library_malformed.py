@@ -13,7 +13,7 @@ from library_makers import SLUG, SQUEEZE, change, keep, make_show
 from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import LensfitError, PresetError
-from lensfit.preset.library.catalogue import catalogue, validated
+from lensfit.preset.library.catalogue import catalogue, validation_faults
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.names import slug_of
 from lensfit.preset.library.resolve_preset import find_preset
@@ -231,18 +231,20 @@ def test_validate_names_every_bad_file_of_a_library(tmp_path: Path):
     show, _, shot = make_show(tmp_path)
     kept = keep(show, default=True)
     edited = change(shot, "coma_gain", 0.5).path
-    assert set(validated(shot).values()) == {None}
+    assert set(validation_faults(shot).values()) == {None}
     stranger = kept.path.with_name("v999999999.json")
     stranger.write_text("{}")
     edited.write_text(edited.read_text().replace('"why"', '"wy"'))
     kept.path.with_name("default.json").write_text("[]")
-    faults = {Path(n).name: f for n, f in validated(shot).items() if f is not None}
+    faults = {
+        Path(n).name: f for n, f in validation_faults(shot).items() if f is not None
+    }
     assert set(faults) == {"v999999999.json", "default.json", edited.name}
     assert "is no version" in faults["v999999999.json"]
     assert 'did you mean "why"' in faults[edited.name]
     nothing = tmp_path / "empty"
     nothing.mkdir()
-    assert "holds no lenses" in str(validated(nothing))
+    assert "holds no lenses" in str(validation_faults(nothing))
 
 
 def test_a_change_set_outside_a_library_is_one_line(tmp_path: Path):

@@ -10,7 +10,7 @@ from ideal_lens import HEIGHT, WIDTH, ideal_lens
 import lensfit
 from lensfit.coords import Window
 from lensfit.rendering.circle import Circle
-from lensfit.rendering.ray_field import DepthNodes, disc_field, lens_field, spiral
+from lensfit.rendering.ray_field import DepthNodes, disc_field, disc_spiral, lens_field
 from lensfit.rendering.uv import PlateGeometry
 
 PRIME = Path(__file__).parents[2] / "presets" / "prime_50" / "preset.json"
@@ -31,7 +31,7 @@ def field_of(lens, window=FRAME, depth=DEPTH, rays=48, nodes=(21, 13)):
 
 @pytest.mark.parametrize("rays", [18, 48, 384])
 def test_places_have_the_moments_of_the_disc(rays: int):
-    azimuth, reach = spiral(rays)
+    azimuth, reach = disc_spiral(rays)
     x, y = reach * np.cos(azimuth), reach * np.sin(azimuth)
     assert np.abs([x.mean(), y.mean(), (x * y).mean()]).max() < 1e-3
     assert [(x * x).mean(), (y * y).mean()] == pytest.approx([0.25, 0.25], rel=5e-3)

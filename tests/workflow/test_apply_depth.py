@@ -12,7 +12,7 @@ from lensfit.io.stmap import write_stmap
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.plate_depth import DepthOptions
 from lensfit.rendering.frame import render
-from lensfit.rendering.layer_stack import LayerStack, flattened
+from lensfit.rendering.layer_stack import LayerStack, flattened_layers
 from lensfit.rendering.render_stages import Switches
 from lensfit.workflow.apply import apply
 
@@ -141,7 +141,7 @@ def wire_before_a_wall(tmp_path, depth_of, crest):
     )
     ids = np.array([object_id("wire"), object_id("wall")], np.uint32).view(np.float32)
     first = share >= 0.5
-    rgb = flattened(stack)
+    rgb = flattened_layers(stack)
     extra = {
         **{name: rgb[..., index] for index, name in enumerate("RGB")},
         "Z": depth_of(share, near, far).astype(np.float32) / 1000,

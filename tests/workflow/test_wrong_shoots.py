@@ -30,7 +30,7 @@ from lensfit.workflow.statements.blur_statements import contradicted_f_numbers
 from lensfit.workflow.statements.contradictions import (
     contradictions_of_report,
     contradictions_of_views,
-    in_order,
+    gravest_first,
 )
 from lensfit.workflow.statements.repeated_exposures import without_repeated_exposures
 
@@ -247,7 +247,7 @@ def named_by_views(shoot_file: Path) -> list[str]:
     found += contradictions_of_views(takes)
     found += contradicted_f_numbers(takes)
     found += contradictions_of_report(described, observed, [])
-    return [one.text for one in in_order(found)]
+    return [one.text for one in gravest_first(found)]
 
 
 QUICK = (

@@ -14,7 +14,7 @@ from lensfit.preset.look_knobs import LookKnobs
 Group = TypeVar("Group")
 
 
-def stated(*groups: Any) -> dict[str, object]:
+def stated_knobs(*groups: Any) -> dict[str, object]:
     """Name and value of every knob that was given."""
     values = {f.name: getattr(group, f.name) for group in groups for f in fields(group)}
     return {name: value for name, value in values.items() if value is not None}

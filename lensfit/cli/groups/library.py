@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from lensfit.preset.library.found import Found
+    from lensfit.preset.library.found import FoundPreset
     from lensfit.preset.library.levels import Level
 
 PRESET_HELP = (
@@ -28,7 +28,7 @@ class LibraryGroup:
         ),
     ] = None
 
-    def find(self, preset: str) -> "Found":
+    def find(self, preset: str) -> "FoundPreset":
         """What a path or a name means; remarks on it go to standard error."""
         from lensfit.cli._door import say_note
         from lensfit.preset.library.resolve_preset import find_preset
@@ -38,7 +38,7 @@ class LibraryGroup:
             say_note(note)
         return found
 
-    def file(self, preset: str) -> "tuple[Path, Found | None]":
+    def file(self, preset: str) -> "tuple[Path, FoundPreset | None]":
         """The file that a path or a name means, and what it was put together from
         where later edits around it would change that. A plain file is not looked into.
         """

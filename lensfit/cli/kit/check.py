@@ -25,7 +25,7 @@ def check(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Say which views of which lens are missing, and which files are no view.
+    """List the missing views of every lens, and the files that are no view.
 
     Exit code 1 if a view is missing or, with --look, should be shot again.
 

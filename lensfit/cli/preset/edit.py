@@ -43,10 +43,15 @@ def edit(
     --why "too strong on faces"
     """
     from lensfit.cli._door import say_note
-    from lensfit.preset.library.edit import Author, Wish, edit_preset, wish_of
+    from lensfit.preset.library.edit import (
+        Author,
+        RequestedEdit,
+        edit_preset,
+        requested_edit_of_text,
+    )
 
-    wishes = [wish_of(text) for text in settings or ()]
-    wishes += [Wish(key, drop=True) for key in drop or ()]
+    wishes = [requested_edit_of_text(text) for text in settings or ()]
+    wishes += [RequestedEdit(key, drop=True) for key in drop or ()]
     found = edit_preset(
         lens,
         wishes,

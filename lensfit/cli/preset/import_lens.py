@@ -75,21 +75,21 @@ def import_lens(
         bool, typer.Option("--json", help="Say the outcome as JSON")
     ] = False,
 ) -> None:
-    """Make a preset of another program's lens, and say how near it is, in pixels.
+    """Make a preset of another program's lens, and print its error, in pixels.
 
     Example: lensfit preset import camera.yaml --sensor-width-mm 24 --out lens.json
     """
     wanted = size_px(size)
     from lensfit.cli._bars import progress_bars
     from lensfit.cli._door import say_note
-    from lensfit.exchange.foreign import Stated
+    from lensfit.exchange.foreign import StatedValues
     from lensfit.exchange.imports import import_preset
     from lensfit.preset.store import save_preset
 
     with progress_bars() as progress:
         found = import_preset(
             file,
-            Stated(
+            StatedValues(
                 sensor_width_mm,
                 state.focal_length_mm,
                 state.focus_distance_mm,

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lensfit.preset.entry import Entry
-    from lensfit.preset.library.found import Found
+    from lensfit.preset.library.found import FoundPreset
     from lensfit.preset.schema import Preset
 
 
@@ -46,7 +46,7 @@ def show(
         console.print(printable(line), markup=False)
 
 
-def _origins(found: "Found") -> list[str]:
+def _origins(found: "FoundPreset") -> list[str]:
     """The versions, and each changed key with the level that decided it."""
     from lensfit.preset.knobs import active_knobs
 

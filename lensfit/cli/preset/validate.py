@@ -25,12 +25,12 @@ def validate(
     """
     from lensfit.cli._door import say_error
     from lensfit.errors import LensfitError
-    from lensfit.preset.library.catalogue import validated
+    from lensfit.preset.library.catalogue import validation_faults
 
     faults: dict[str, str | None] = {}
     for path in presets:
         try:
-            faults |= validated(path)
+            faults |= validation_faults(path)
         except LensfitError as error:
             faults[str(path)] = str(error)
     if as_json:

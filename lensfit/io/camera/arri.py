@@ -13,8 +13,8 @@ from lensfit.io.camera.quantity import error_at_line, unit_mm
 from lensfit.io.camera.stop_text import stop, stop_of_linear_iris
 from lensfit.io.camera.table import (
     CameraTable,
-    Gathered,
     Row,
+    RowReadings,
     plain_timecode,
     shared,
 )
@@ -48,7 +48,7 @@ def read_arri(path: str | Path) -> CameraTable:
 
 
 def _row(path: Path, sheet: Sheet, line: int, cells: list[str]) -> Row:
-    found = Gathered(path, line)
+    found = RowReadings(path, line)
 
     def number(column: str) -> float | None:
         return found.number(sheet.cell(cells, column), column)

@@ -10,7 +10,7 @@ from pathlib import Path
 from lensfit.errors import CameraError
 from lensfit.io.camera.quantity import error_at_line, is_missing, number, unit_mm
 from lensfit.io.camera.stop_text import stop
-from lensfit.io.camera.table import CameraTable, Gathered, Row, shared
+from lensfit.io.camera.table import CameraTable, Row, RowReadings, shared
 from lensfit.io.camera.text import MOST_ROWS, read_lines
 
 KIND = "Blackmagic text"
@@ -28,10 +28,10 @@ def read_blackmagic(path: str | Path) -> CameraTable:
     path = Path(path)
     rows: list[Row] = []
     clip: dict[str, str] = {}
-    block: Gathered | None = None
+    block: RowReadings | None = None
     for line, text in read_lines(path):
         if FRAME_HEADING.fullmatch(text):
-            block = Gathered(path, line)
+            block = RowReadings(path, line)
             block.put("lens_model", clip.get("lens_type"), "lens_type")
             block.put("camera_model", clip.get("camera_type"), "camera_type")
             rows.append(Row(line, block))
@@ -56,7 +56,7 @@ def read_blackmagic(path: str | Path) -> CameraTable:
     return CameraTable(path, KIND, shared(rows))
 
 
-def _take(block: Gathered, key: str, value: str) -> None:
+def _take(block: RowReadings, key: str, value: str) -> None:
     if key == "aperture":
         kind, stopped = stop(value, key)
         block.put("t_number" if kind == "T" else "f_number", stopped, key)

@@ -13,8 +13,8 @@ from pathlib import Path
 from lensfit.errors import CameraError
 from lensfit.io.camera.table import (
     CameraTable,
-    Gathered,
     Row,
+    RowReadings,
     plain_timecode,
     shared,
 )
@@ -45,7 +45,7 @@ def read_canon(path: str | Path) -> CameraTable:
 
 
 def _row(path: Path, sheet: Sheet, line: int, cells: list[str]) -> Row:
-    found = Gathered(path, line)
+    found = RowReadings(path, line)
 
     def fraction(column: str) -> float | None:
         text = sheet.cell(cells, column)

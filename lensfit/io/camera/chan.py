@@ -7,7 +7,7 @@ with the sensor's height: half the height over the tangent of half the angle.
 from pathlib import Path
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.table import CameraTable, Gathered, Row
+from lensfit.io.camera.table import CameraTable, Row, RowReadings
 from lensfit.io.camera.text import MOST_ROWS, read_lines
 
 KIND = ".chan camera"
@@ -41,7 +41,7 @@ def read_chan(path: str | Path) -> CameraTable:
 
 
 def _row(path: Path, line: int, words: list[str]) -> Row:
-    found = Gathered(path, line)
+    found = RowReadings(path, line)
     if len(words) < _COLUMNS:
         raise CameraError(
             f"line {line} has {len(words)} numbers and should have {_COLUMNS}, the "

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple, final
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import Reading, checked
+from lensfit.io.camera.quantity import Reading, checked_quantity
 from lensfit.io.camera.table import CameraFile, FrameKey, Readings
 from lensfit.io.camera.text import read_text
 
@@ -106,7 +106,7 @@ class NukeCamera(CameraFile):
             if name == "focus_from_pupil_mm":
                 value *= self.unit_mm
             try:
-                known = checked(name, value, f"{self.name}.{knob}")
+                known = checked_quantity(name, value, f"{self.name}.{knob}")
             except CameraError as error:
                 raise CameraError(
                     error.what, where=self.path, remedy=error.remedy

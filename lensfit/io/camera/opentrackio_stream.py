@@ -15,7 +15,7 @@ from typing import Any
 
 from lensfit.errors import CameraError
 from lensfit.io.camera.quantity import Reading
-from lensfit.io.camera.table import CameraTable, Gathered, Row, shared
+from lensfit.io.camera.table import CameraTable, Row, RowReadings, shared
 from lensfit.io.camera.text import MOST_ROWS, read_text
 from lensfit.units import MILLIMETRES_PER_METRE
 
@@ -86,7 +86,7 @@ def _samples(path: Path) -> Iterator[Mapping[str, Any]]:
 
 
 def _readings(path: Path, number: int, sample: Mapping[str, Any]) -> dict[str, Reading]:
-    found = Gathered(path, number)
+    found = RowReadings(path, number)
     for keys, name, scale in _NUMBERS:
         value = _part(sample, keys)
         if value is None:

@@ -100,7 +100,7 @@ def number(text: str, entry: str) -> float:
     return value
 
 
-def checked(name: str, value: float, entry: str) -> float | None:
+def checked_quantity(name: str, value: float, entry: str) -> float | None:
     """A number as a quantity; None for zero, which means that it is not known.
 
     Raises
@@ -112,13 +112,13 @@ def checked(name: str, value: float, entry: str) -> float | None:
     most = LARGEST[name]
     if not 0 < value <= most or (math.isinf(value) and not math.isinf(most)):
         raise CameraError(
-            f"{entry} is {value:g}, which is no {spelt(name)}",
+            f"{entry} is {value:g}, which is no {quantity_name(name)}",
             remedy="mend it, or state the value yourself",
         )
     return float(f"{value:.9g}")
 
 
-def spelt(name: str) -> str:
+def quantity_name(name: str) -> str:
     """A quantity in words: focal_length_mm is "focal length in mm"."""
     if name.endswith("_number"):
         return name.replace("_", "-")

@@ -11,8 +11,8 @@ from pathlib import Path
 from lensfit.errors import CameraError
 from lensfit.io.camera.table import (
     CameraTable,
-    Gathered,
     Row,
+    RowReadings,
     plain_timecode,
     shared,
 )
@@ -67,7 +67,7 @@ def read_red_static(path: str | Path) -> CameraTable:
 
 
 def _frame(path: Path, sheet: Sheet, line: int, cells: list[str]) -> Row:
-    found = Gathered(path, line)
+    found = RowReadings(path, line)
 
     def number(column: str) -> float | None:
         return found.number(sheet.cell(cells, column), column)
@@ -80,7 +80,7 @@ def _frame(path: Path, sheet: Sheet, line: int, cells: list[str]) -> Row:
 
 
 def _static(path: Path, sheet: Sheet, line: int, cells: list[str]) -> Row:
-    found = Gathered(path, line)
+    found = RowReadings(path, line)
     pitch_um = _PITCH_UM.get((sheet.cell(cells, "Sensor Name") or "").upper())
     if pitch_um is not None:
         for name, column in (

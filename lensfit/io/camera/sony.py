@@ -7,8 +7,8 @@ from lensfit.io.camera.quantity import LENGTHS_MM, error_at_line
 from lensfit.io.camera.stop_text import stop
 from lensfit.io.camera.table import (
     CameraTable,
-    Gathered,
     Row,
+    RowReadings,
     plain_timecode,
     shared,
 )
@@ -35,7 +35,7 @@ def read_sony(path: str | Path) -> CameraTable:
 
 
 def _row(path: Path, sheet: Sheet, line: int, cells: list[str]) -> Row:
-    found = Gathered(path, line)
+    found = RowReadings(path, line)
     found.put(
         "focal_length_mm", found.number(sheet.cell(cells, _FOCAL), _FOCAL), _FOCAL
     )

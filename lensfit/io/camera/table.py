@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple, final
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import Reading, checked, error_at_line, number
+from lensfit.io.camera.quantity import Reading, checked_quantity, error_at_line, number
 
 Readings = Mapping[str, Reading]
 
@@ -182,7 +182,7 @@ def _known_quantities(rows: Iterable[Readings]) -> frozenset[str]:
     return names | {"f_number"} if "t_number" in names else names
 
 
-class Gathered(dict[str, Reading]):
+class RowReadings(dict[str, Reading]):
     """Readings of one row as they are found; errors name the line."""
 
     def __init__(self, path: Path, line: int):
@@ -195,7 +195,7 @@ class Gathered(dict[str, Reading]):
             self[name] = Reading(value[:200], entry)
         elif value is not None:
             try:
-                known = checked(name, value, entry)
+                known = checked_quantity(name, value, entry)
             except CameraError as error:
                 raise error_at_line(error, self.path, self.line) from None
             if known is not None:

@@ -16,7 +16,7 @@ from typing import Any, final
 import numpy as np
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import Reading, checked
+from lensfit.io.camera.quantity import Reading, checked_quantity
 from lensfit.io.camera.table import CameraFile, FrameKey, Readings
 from lensfit.io.usd_stage import millimetres_per_unit, open_stage
 
@@ -77,7 +77,7 @@ class UsdShotCamera(CameraFile):
             # Single precision: 2.8 is kept as 2.79999995.
             plain = float(f"{value * scale:.7g}")
             try:
-                known = checked(quantity, plain, name)
+                known = checked_quantity(quantity, plain, name)
             except CameraError as error:
                 raise CameraError(error.what, where=self.path) from None
             if known is not None:

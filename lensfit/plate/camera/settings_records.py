@@ -9,7 +9,7 @@ import msgspec
 from lensfit._strict import did_you_mean
 from lensfit.errors import CameraError, ImageError, SettingsError
 from lensfit.io.camera.aliases import ALIASES, Alias
-from lensfit.io.camera.quantity import LENGTHS_MM, TEXTS, checked
+from lensfit.io.camera.quantity import LENGTHS_MM, TEXTS, checked_quantity
 from lensfit.io.sequence import is_in_frames
 
 QUANTITIES = (
@@ -71,7 +71,10 @@ def _check(name: str, value: float | None, path: Path, place: str) -> None:
         return
     try:
         # Elsewhere 0 is "not known"; who writes it here means something else.
-        if math.isnan(value) or checked(name, value or -math.inf, place) is None:
+        if (
+            math.isnan(value)
+            or checked_quantity(name, value or -math.inf, place) is None
+        ):
             raise CameraError(f"{place} is {value:g}, which is no number above zero")
     except CameraError:
         raise SettingsError(

@@ -22,7 +22,7 @@ from lensfit.plate.plate_depth import depth_meaning
 from lensfit.rendering.buffers import crop
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import render_stages
-from lensfit.rendering.layer_stack import LayerStack, flattened
+from lensfit.rendering.layer_stack import LayerStack, flattened_layers
 from lensfit.rendering.look.stack import light_spreads
 from lensfit.rendering.plate_defocus import DefocusBudget
 
@@ -56,7 +56,7 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
         depth = lens.within_reach(stack.depth_mm, state)
         pixels, spreads = LayerStack(stack.rgba, depth), True
     else:
-        pixels, spreads = flattened(stack), light_spreads(state.knobs.look)
+        pixels, spreads = flattened_layers(stack), light_spreads(state.knobs.look)
     reach = lens.reach(window, source, display) if spreads else window
     stages = lens.stages_for(state, display, reach)
     lens.note_border(stages, window, known_window(source, display))

@@ -32,11 +32,11 @@ from lensfit.plate.frame.frame_error import error_at_frame
 from lensfit.plate.frame.plate_notes import border_note
 from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.frame.signature import (
+    part_with_signature,
     preset_digest,
     refuse_second_lens,
     refuse_second_straightening,
     signature,
-    signed,
 )
 from lensfit.plate.frame.tight_window import lit_window, reached_window
 from lensfit.plate.header import header_entries, plate_header
@@ -210,7 +210,7 @@ class PlateLens:
         """The part with a header that says what was done to it, and what lens it
         carries now in the standard's attributes."""
         attributes = self.standard_attributes(state, part)
-        return signed(part, self.signature(state), attributes)
+        return part_with_signature(part, self.signature(state), attributes)
 
     def standard_attributes(self, state: PlateState, part: ExrPart) -> dict:
         """The lens at a plate's state, as the OpenEXR standard describes it."""

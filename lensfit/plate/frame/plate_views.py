@@ -69,7 +69,9 @@ def plate_views(image: ExrImage, path: Path) -> list[PlateView]:
     return found
 
 
-def joined(image: ExrImage, views: list[PlateView], made: list[ExrImage]) -> ExrImage:
+def joined_plate_views(
+    image: ExrImage, views: list[PlateView], made: list[ExrImage]
+) -> ExrImage:
     """The views' pictures in one file again, as `joined_views`."""
     if len(views) == 1:
         return made[0]

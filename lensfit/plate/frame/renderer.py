@@ -29,7 +29,7 @@ from lensfit.plate.frame.fingerprint import FINGERPRINT, Fingerprint
 from lensfit.plate.frame.flat_plate import render_flat
 from lensfit.plate.frame.left_out_knobs import left_out_knobs
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.frame.plate_views import joined, plate_views
+from lensfit.plate.frame.plate_views import joined_plate_views, plate_views
 from lensfit.plate.frame.signature import is_made_here
 from lensfit.plate.frame.straight_plate import PlateStraightener
 from lensfit.plate.notes import FrameNote
@@ -96,7 +96,7 @@ class FrameRenderer:
             self.lens.notes.add(one.note)
             with one.named_errors(path):
                 made.append(self._rendered(one.view.image, path, one.header))
-        return joined(image, views, made)
+        return joined_plate_views(image, views, made)
 
     def _rendered(self, image: ExrImage, path: Path, header: ExrImage) -> ExrImage:
         """One view."""

@@ -157,7 +157,7 @@ def refuse_second_lens(parts: Iterable[ExrPart]) -> None:
         )
 
 
-def signed(
+def part_with_signature(
     part: ExrPart, said: str, lens_attributes: Mapping[str, object], entry: str = SAID
 ) -> ExrPart:
     """The part with a header that says what was done to it.

@@ -29,7 +29,7 @@ from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.channels import ColourLayer, resized_channels
 from lensfit.plate.frame.flat_plate import layers_to_render, stacked_channels
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.frame.signature import UNDISTORTED, signed
+from lensfit.plate.frame.signature import UNDISTORTED, part_with_signature
 from lensfit.rendering.falloff import apply_gain, illumination_gain
 from lensfit.rendering.filters import Filter
 from lensfit.rendering.overscan import window_of_percent
@@ -337,7 +337,9 @@ class PlateStraightener:
         camera = pinhole_camera(lens, geometry, done.window)
         attributes: dict[str, object] = {PINHOLE: camera.text}
         attributes |= self.lens.standard_attributes(state, part)
-        return signed(result, self.lens.signature(state), attributes, UNDISTORTED)
+        return part_with_signature(
+            result, self.lens.signature(state), attributes, UNDISTORTED
+        )
 
     def _geometry(self, state: PlateState, part: ExrPart) -> PlateGeometry:
         return self.lens.geometry(state, part.display_window)

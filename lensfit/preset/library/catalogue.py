@@ -69,7 +69,7 @@ def _row(levels: tuple[Level, ...], slug: str) -> Row:
     return row._replace(lens=found.preset.lens.name, change_set=len(found.parts) > 1)
 
 
-def validated(path: Path) -> dict[str, str | None]:
+def validation_faults(path: Path) -> dict[str, str | None]:
     """Files and what is wrong with each; None where nothing is.
 
     Parameters

@@ -20,7 +20,7 @@ from lensfit.preset.library.change_set import (
     ChangeSet,
     change_set_text,
 )
-from lensfit.preset.library.found import Found, value_text
+from lensfit.preset.library.found import FoundPreset, value_text
 from lensfit.preset.library.key_path import (
     MISSING,
     Tables,
@@ -41,8 +41,8 @@ from lensfit.preset.schema import Preset
 _TRIES = 10_000
 
 
-class Wish(NamedTuple):
-    """What somebody wants of a key: a value, or to drop what this level says."""
+class RequestedEdit(NamedTuple):
+    """A requested edit of a key: a new value, or to drop that of this level."""
 
     key: str
     value: Any = None
@@ -56,7 +56,7 @@ class Author(NamedTuple):
     why: str
 
 
-def wish_of(text: str) -> Wish:
+def requested_edit_of_text(text: str) -> RequestedEdit:
     """KEY=VALUE as it is typed; the value is JSON, or else text.
 
     Raises
@@ -67,7 +67,7 @@ def wish_of(text: str) -> Wish:
     for at, letter in enumerate(text):
         depth += (letter == "[") - (letter == "]")
         if letter == "=" and depth == 0:
-            return Wish(text[:at].strip(), _value(text[at + 1 :].strip()))
+            return RequestedEdit(text[:at].strip(), _value(text[at + 1 :].strip()))
     raise PresetError(f"{text[:80]!r} is not KEY=VALUE", remedy="write coma_gain=0.5")
 
 
@@ -85,13 +85,13 @@ def _value(text: str) -> Any:
 
 def edit_preset(
     name: str,
-    wishes: Sequence[Wish],
+    wishes: Sequence[RequestedEdit],
     author: Author,
     *,
     library: Path | None = None,
     unlock: bool = False,
     pin: bool = False,
-) -> Found:
+) -> FoundPreset:
     """Make one new version with these changes, and return what it is.
 
     Parameters
@@ -153,13 +153,13 @@ def _changed(
     shelves: list[Shelf],
     number: int,
     before: ChangeSet,
-    wishes: Sequence[Wish],
+    wishes: Sequence[RequestedEdit],
     author: Author,
     unlock: bool,
 ) -> ChangeSet:
     """`before` with one more change for each wish."""
 
-    def looked_at(changes: ChangeSet) -> Found:
+    def looked_at(changes: ChangeSet) -> FoundPreset:
         if not changes.changes:
             return put_together(*put_beneath(shelves, number, changes))
         try:
@@ -217,7 +217,7 @@ def _dropped(change: Change, author: Author) -> Change:
     )
 
 
-def _change(tables: Tables, wish: Wish, author: Author) -> Change:
+def _change(tables: Tables, wish: RequestedEdit, author: Author) -> Change:
     """A wish as it goes on record."""
     steps = steps_of(wish.key)
     before = value_at(tables, steps)

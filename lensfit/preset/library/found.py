@@ -43,7 +43,7 @@ class Override(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundPreset:
     """A preset and where it came from.
 
     Attributes

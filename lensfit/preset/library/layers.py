@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from lensfit.errors import PresetError
 from lensfit.preset.library.change_set import Change, ChangeSet
-from lensfit.preset.library.found import Found, Override, Part, value_text
+from lensfit.preset.library.found import FoundPreset, Override, Part, value_text
 from lensfit.preset.library.key_path import (
     MISSING,
     Step,
@@ -59,7 +59,7 @@ class Layer(NamedTuple):
     changes: ChangeSet
 
 
-def put_together(shelves: list[Shelf], number: int) -> Found:
+def put_together(shelves: list[Shelf], number: int) -> FoundPreset:
     """A version of the first shelf, with all that it stands on.
 
     Raises
@@ -119,7 +119,7 @@ def _gathered(shelves: list[Shelf], number: int) -> tuple[Preset, Part, list[Lay
         shelves, number = put_beneath(shelves, number, found)
 
 
-def with_layer(shelves: list[Shelf], number: int, changes: ChangeSet) -> Found:
+def with_layer(shelves: list[Shelf], number: int, changes: ChangeSet) -> FoundPreset:
     """What a version would be, were it these changes.
 
     Raises
@@ -132,11 +132,11 @@ def with_layer(shelves: list[Shelf], number: int, changes: ChangeSet) -> Found:
     return found_of(shelf.slug, base, bottom, [Layer(part, changes), *layers])
 
 
-def found_of(slug: str, base: Preset, bottom: Part, layers: list[Layer]) -> Found:
+def found_of(slug: str, base: Preset, bottom: Part, layers: list[Layer]) -> FoundPreset:
     """A preset with its layers of changes, nearest first."""
     preset, overrides, notes = _changed(base, layers)
     parts = (*(layer.part for layer in layers), bottom)
-    return Found(
+    return FoundPreset(
         preset,
         f"{slug}@{parts[0].version}",
         parts[0].path,

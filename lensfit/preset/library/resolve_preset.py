@@ -16,7 +16,7 @@ from typing import Any
 
 from lensfit._strict import did_you_mean
 from lensfit.errors import PresetError
-from lensfit.preset.library.found import Found
+from lensfit.preset.library.found import FoundPreset
 from lensfit.preset.library.layers import put_together
 from lensfit.preset.library.levels import LENSES, Level, levels_of
 from lensfit.preset.library.names import (
@@ -30,7 +30,7 @@ from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 
 
-def find_preset(text: str | Path, library: str | Path | None = None) -> Found:
+def find_preset(text: str | Path, library: str | Path | None = None) -> FoundPreset:
     """The preset that a path or a name means.
 
     Parameters
@@ -52,11 +52,11 @@ def find_preset(text: str | Path, library: str | Path | None = None) -> Found:
         shelves = _shelves(levels, lens_in(levels, slug))
         return put_together(shelves, shelves[0].in_use())
     if path.suffix == ".json" or path.is_absolute() or ".." in path.parts:
-        return Found(load_preset(path), str(path), path)  # says what is wrong
+        return FoundPreset(load_preset(path), str(path), path)  # says what is wrong
     return _of_name(str(text), levels_of(None if library is None else Path(library)))
 
 
-def _of_name(text: str, levels: tuple[Level, ...]) -> Found:
+def _of_name(text: str, levels: tuple[Level, ...]) -> FoundPreset:
     label, colon, rest = text.rpartition(":")
     labels = [level.label for level in levels]
     if not colon or label not in labels:
@@ -88,7 +88,7 @@ def _shelves(levels: tuple[Level, ...], slug: str) -> list[Shelf]:
     return shelves
 
 
-def _of_nearest(shelves: list[Shelf], asked: str) -> Found:
+def _of_nearest(shelves: list[Shelf], asked: str) -> FoundPreset:
     """What a version means at a level that nobody named; where others would do, too,
     that is noted."""
     if asked in ("", "latest", "default"):
@@ -148,10 +148,10 @@ def lens_in(levels: tuple[Level, ...], name: str) -> str:
     )
 
 
-def _of_file(path: Path) -> Found:
+def _of_file(path: Path) -> FoundPreset:
     found = read_version(path)
     if isinstance(found, Preset):
-        return Found(found, str(path), path)
+        return FoundPreset(found, str(path), path)
     where = Path(os.path.abspath(path))
     number = version_number(where.stem)
     if number is None or where.parent.parent.name != LENSES:

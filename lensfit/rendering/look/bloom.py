@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from lensfit.rendering.look.blur_of_light import LEVEL
-from lensfit.rendering.look.halo import Halo, dealt, haloed, octaves_spread
+from lensfit.rendering.look.halo import Halo, haloed, octave_shares, octaves_spread
 from lensfit.rendering.look.light import light_above, picture_with_halo
 from lensfit.rendering.look.pyramid import (
     Picture,
@@ -73,7 +73,7 @@ def _growing(
     more = more[: small.shape[0], : small.shape[1]]
     square = 1 + (more / np.float32(half_light_px)) ** 2
     widest = math.ceil(math.log2(float(square.max())) / 2)
-    sizes = dealt(square, 1 + min(widest, _MOST_OCTAVES))
+    sizes = octave_shares(square, 1 + min(widest, _MOST_OCTAVES))
     # The octave m of the halo of size n is octave m + n of all.
     shares = [
         sum(

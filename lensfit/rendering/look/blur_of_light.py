@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32
 
-from lensfit.rendering.look.halo import dealt, octaves_spread
+from lensfit.rendering.look.halo import octave_shares, octaves_spread
 from lensfit.rendering.look.light import brightness_above
 from lensfit.rendering.look.pyramid import Picture, halved, padded
 
@@ -73,7 +73,7 @@ def _as_discs(part: Picture) -> Picture:
     smallest_px = float(2**LEVEL)
     square = 1 + (radius_px * np.float32(_DISC_SIGMA / smallest_px)) ** 2
     octaves = int(np.ceil(np.log2(float(square.max())) / 2)) + 1
-    shares = dealt(square, min(octaves, _MOST_OCTAVES))
+    shares = octave_shares(square, min(octaves, _MOST_OCTAVES))
     # The smallest is no blur: sizes count in quadrature from one small pixel.
     sigmas = [smallest_px * (4.0**n - 1) ** 0.5 for n in range(len(shares))]
     sigmas = [max(sigma, 1e-3) for sigma in sigmas]

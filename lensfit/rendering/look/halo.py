@@ -164,7 +164,7 @@ def _mirrors(length: int, side: int, rim: int) -> list[tuple[slice, slice]]:
     return found
 
 
-def dealt(square: Plane, count: int) -> list[Plane]:
+def octave_shares(square: Plane, count: int) -> list[Plane]:
     """Sizes divided among octaves so that each keeps its mean square.
 
     Parameters

@@ -18,7 +18,7 @@ from lensfit.photograph import Photograph
 from lensfit.workflow.check.check_records import Check
 
 
-def reduced(
+def reduced_picture(
     photograph: Photograph, found: Observations, widest_px: int
 ) -> tuple[Photograph, Observations]:
     """Both, no wider than `widest_px`; as they are if they are no wider."""
@@ -55,7 +55,7 @@ def write_check_picture(
     ------
     OutputError : It cannot be written.
     """
-    small, detections = reduced(photograph, found, _WIDEST_PX)
+    small, detections = reduced_picture(photograph, found, _WIDEST_PX)
     overlay = overlay_picture(small, detections)
     scale = overlay.width / small.size_px[0]
     frame = small.size_px[0] * scale, small.size_px[1] * scale

@@ -68,7 +68,7 @@ def kit_page(table: Row) -> str:
     )
 
 
-def to_shoot_again(lens: Row) -> bool:
+def must_be_shot_again(lens: Row) -> bool:
     """Whether a lens failed, or is not good for match-moving."""
     if lens["state"] == "failed":
         return True
@@ -79,7 +79,7 @@ def to_shoot_again(lens: Row) -> bool:
 def summary(lenses: Sequence[Row]) -> str:
     """The headline of a kit."""
     done = [lens for lens in lenses if lens["state"] == "done"]
-    again = [lens for lens in lenses if to_shoot_again(lens)]
+    again = [lens for lens in lenses if must_be_shot_again(lens)]
     waiting = [lens for lens in lenses if lens["state"] == "waiting"]
     good = len(done) - sum(lens["state"] == "done" for lens in again)
     verb = "is" if good == 1 else "are"
@@ -102,7 +102,7 @@ def _title(lens: Row) -> str:
 
 def _header(table: Row) -> Markup:
     lenses = table["lenses"]
-    bad = any(to_shoot_again(lens) for lens in lenses)
+    bad = any(must_be_shot_again(lens) for lens in lenses)
     waiting = any(lens["state"] == "waiting" for lens in lenses)
     tone = "caution" if bad else "note" if waiting else "good"
     model = (table.get("camera") or {}).get("model")
@@ -130,7 +130,7 @@ def _header(table: Row) -> Markup:
 def _again_section(lenses: Sequence[Row]) -> Markup:
     items = []
     for lens in lenses:
-        if not to_shoot_again(lens):
+        if not must_be_shot_again(lens):
             continue
         judged = lens.get("verdict") or {}
         why = lens["failed"] or judged.get("headline")

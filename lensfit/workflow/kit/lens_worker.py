@@ -31,12 +31,12 @@ def work(jobs: Connection, index: int, workers: int) -> None:
     _bind_to_cores(index, workers)
     while (job := _next(jobs)) is not None:
         try:
-            jobs.send(calibrated(*job))
+            jobs.send(calibrate_lens(*job))
         except OSError:
             return
 
 
-def calibrated(
+def calibrate_lens(
     kit_file: Path, folder: str, out: Path, mark: str, effort: str
 ) -> str | None:
     """Calibrate one lens, keep what became of it, and say why it failed, if it did."""

@@ -73,7 +73,7 @@ Answer = Callable[[Request], Awaitable[Response]]
 
 
 @final
-class InTurn:
+class RequestQueue:
     """One thread for requests that are all answered, and a lane of one for each kind of
     which only the newest counts."""
 

@@ -13,7 +13,7 @@ from lensfit.workflow.check.watched_folder import new_photographs
 from lensfit.workflow.shoot.shoot_records import Shoot
 
 
-class Checked(NamedTuple):
+class CheckedPhotograph(NamedTuple):
     """A photograph and its check.
 
     Attributes
@@ -41,7 +41,7 @@ class CheckedPhotographs:
     def __init__(self, folder: Path, pictures: Path, shoot: Shoot | None):
         self.folder = folder
         self._session = CheckSession(shoot, pictures)
-        self._found: dict[Path, Checked] = {}
+        self._found: dict[Path, CheckedPhotograph] = {}
         self._busy: Path | None = None
         self._failed: str | None = None
         self._ended = threading.Event()
@@ -96,16 +96,16 @@ class CheckedPhotographs:
                 yield path
         yield from new_photographs(self.folder, lambda: not self._ended.is_set())
 
-    def _checked(self, path: Path) -> Checked:
+    def _checked(self, path: Path) -> CheckedPhotograph:
         try:
-            return Checked(path, self._session.check(path), None)
+            return CheckedPhotograph(path, self._session.check(path), None)
         except LensfitError as error:
-            return Checked(path, None, str(error))
+            return CheckedPhotograph(path, None, str(error))
         except Exception as error:  # one photograph must not end the watch
-            return Checked(path, None, sentence_of(error))
+            return CheckedPhotograph(path, None, sentence_of(error))
 
 
-def _facts(place: int, one: Checked) -> dict[str, Any]:
+def _facts(place: int, one: CheckedPhotograph) -> dict[str, Any]:
     check = one.check
     facts: dict[str, Any] = {"name": one.path.name, "failed": one.failed}
     if check is None:

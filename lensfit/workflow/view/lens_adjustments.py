@@ -96,7 +96,7 @@ def adjusted_options(base: ApplyOptions, wanted: LensAdjustments) -> ApplyOption
     return found
 
 
-class Started(Struct, frozen=True):
+class StartCommand(Struct, frozen=True):
     """The words that the command was started with.
 
     Attributes
@@ -110,7 +110,7 @@ class Started(Struct, frozen=True):
     options: tuple[tuple[str, ...], ...] = ()
 
 
-def command_line(started: Started, wanted: LensAdjustments) -> str:
+def command_line(started: StartCommand, wanted: LensAdjustments) -> str:
     """The command that renders the adjusted lens, for a shell."""
     values: Mapping[str, float] = wanted.camera | wanted.knobs
     stated = {option_of(name): number_text(value) for name, value in values.items()}

@@ -22,7 +22,7 @@ from starlette.routing import Route
 from lensfit.errors import LensfitError
 from lensfit.workflow.view.answers import (
     Answer,
-    InTurn,
+    RequestQueue,
     api_routes,
     errors_as_sentences,
     message_of,
@@ -68,7 +68,7 @@ class LensServer:
 
     def __init__(self, lenses: list[ViewedLens], results: ViewedResults | None = None):
         self.lenses, self.results = lenses, results
-        self._in_turn = InTurn()
+        self._in_turn = RequestQueue()
 
     uploads: ClassVar[dict[str, int]] = {}
 

@@ -42,7 +42,7 @@ def loopback_socket(port: int) -> socket.socket:
     return found
 
 
-class Listening(NamedTuple):
+class LoopbackServer(NamedTuple):
     """A server that has its address and does not answer yet.
 
     Attributes
@@ -59,9 +59,9 @@ class Listening(NamedTuple):
         self.server.run(sockets=[self.socket])
 
 
-def listening(
+def loopback_server(
     routes: list[Route], port: int, uploads: Mapping[str, int] | None = None
-) -> Listening:
+) -> LoopbackServer:
     """A guarded server on this machine's loopback address.
 
     Parameters
@@ -84,7 +84,7 @@ def listening(
     )  # fmt: skip
     found.listen()
     address = f"http://127.0.0.1:{port}/{token}/"
-    return Listening(uvicorn.Server(config), found, address)
+    return LoopbackServer(uvicorn.Server(config), found, address)
 
 
 async def _error_response(_request: Request, error: Exception) -> Response:

@@ -28,7 +28,7 @@ from starlette.routing import Route
 from lensfit.preset.library.edit import Author
 from lensfit.workflow.view.answers import (
     Answer,
-    InTurn,
+    RequestQueue,
     api_routes,
     message_of,
     page_routes,
@@ -37,11 +37,11 @@ from lensfit.workflow.view.answers import (
 from lensfit.workflow.view.controls import knob_controls
 from lensfit.workflow.view.lens_adjustments import (
     LensAdjustments,
-    Started,
+    StartCommand,
     command_line,
     require_valid_adjustments,
 )
-from lensfit.workflow.view.saved_edit import Shelved, save_edit
+from lensfit.workflow.view.saved_edit import LibraryLens, save_edit
 from lensfit.workflow.view.screen_picture import screen_png
 from lensfit.workflow.view.view_transform import (
     ENVIRONMENT,
@@ -111,10 +111,13 @@ class PlateServer:
     """
 
     def __init__(
-        self, viewed: ViewedPlate, started: Started, shelved: Shelved | None = None
+        self,
+        viewed: ViewedPlate,
+        started: StartCommand,
+        shelved: LibraryLens | None = None,
     ):
         self.viewed, self.started, self.shelved = viewed, started, shelved
-        self._in_turn = InTurn()
+        self._in_turn = RequestQueue()
 
     uploads: ClassVar[dict[str, int]] = {}
 

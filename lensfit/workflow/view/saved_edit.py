@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lensfit.errors import PresetError
-from lensfit.preset.library.edit import Author, Wish, edit_preset
+from lensfit.preset.library.edit import Author, RequestedEdit, edit_preset
 from lensfit.workflow.view.lens_adjustments import LensAdjustments, whole_if_it_is
 
 
-class Shelved(NamedTuple):
+class LibraryLens(NamedTuple):
     """A lens as the library knows it.
 
     Attributes
@@ -21,7 +21,9 @@ class Shelved(NamedTuple):
     library: Path | None
 
 
-def save_edit(shelved: Shelved | None, wanted: LensAdjustments, author: Author) -> str:
+def save_edit(
+    shelved: LibraryLens | None, wanted: LensAdjustments, author: Author
+) -> str:
     """The full name of the version that the knobs are saved as.
 
     Parameters
@@ -38,7 +40,9 @@ def save_edit(shelved: Shelved | None, wanted: LensAdjustments, author: Author) 
             "the preset is a file outside a library, where nothing is on record",
             remedy='put it there with "lensfit preset save", and view it by its name',
         )
-    wishes = [Wish(name, whole_if_it_is(v)) for name, v in wanted.knobs.items()]
+    wishes = [
+        RequestedEdit(name, whole_if_it_is(v)) for name, v in wanted.knobs.items()
+    ]
     if not wishes:
         raise PresetError(
             "no knob is adjusted; f-number and focus are of the shot, not of the lens",

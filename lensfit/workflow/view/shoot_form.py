@@ -261,7 +261,7 @@ def _parsed(text: str, path: Path) -> dict[str, Any]:
         ) from error
 
 
-def loaded(path: Path, images: Path | None) -> Shoot | None:
+def loaded_shoot(path: Path, images: Path | None) -> Shoot | None:
     """The shoot, where there is one that does not contradict itself."""
     try:
         return load_shoot(path, images)

@@ -34,7 +34,7 @@ from lensfit.errors import ImageError, LensfitError, OutputError
 from lensfit.workflow.check.watched_folder import SUFFIXES
 from lensfit.workflow.view.answers import (
     Answer,
-    InTurn,
+    RequestQueue,
     api_routes,
     errors_as_sentences,
     message_of,
@@ -130,7 +130,7 @@ class Calibrate(Struct, frozen=True, forbid_unknown_fields=True):
     effort: Literal["fastest", "fast", "normal", "best"] = "normal"
 
 
-class Nothing(Struct, frozen=True, forbid_unknown_fields=True):
+class EmptyMessage(Struct, frozen=True, forbid_unknown_fields=True):
     """A message without content; its address is enough."""
 
 
@@ -142,7 +142,7 @@ class ShootServer:
 
     def __init__(self, viewed: ViewedShoot):
         self.viewed = viewed
-        self._in_turn = InTurn()
+        self._in_turn = RequestQueue()
 
     @property
     def routes(self) -> list[Route]:
@@ -218,7 +218,7 @@ class ShootServer:
 
     async def target(self, request: Request) -> Response:
         """A chart more."""
-        await self._done(request, Nothing, lambda _: self.viewed.add_target())
+        await self._done(request, EmptyMessage, lambda _: self.viewed.add_target())
         return await self.shoot(request)
 
     async def remove(self, request: Request) -> Response:
@@ -230,7 +230,7 @@ class ShootServer:
 
     async def draft(self, request: Request) -> Response:
         """Photographs that the file lacks."""
-        await self._done(request, Nothing, lambda _: self.viewed.draft())
+        await self._done(request, EmptyMessage, lambda _: self.viewed.draft())
         return await self.shoot(request)
 
     async def calibrate(self, request: Request) -> Response:
@@ -241,7 +241,7 @@ class ShootServer:
 
     async def cancel(self, request: Request) -> Response:
         """End; earlier results stay."""
-        await self._done(request, Nothing, lambda _: self.viewed.run.cancel())
+        await self._done(request, EmptyMessage, lambda _: self.viewed.run.cancel())
         return await self.calibration(request)
 
     async def _done(

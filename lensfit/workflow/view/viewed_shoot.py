@@ -17,7 +17,7 @@ from lensfit.workflow.view.shoot_form import (
     add_take,
     add_target,
     form_of,
-    loaded,
+    loaded_shoot,
     remove_table,
     set_field,
 )
@@ -149,7 +149,7 @@ class ViewedShoot:
         return max(set(names), key=names.count)
 
     def _shoot(self) -> Shoot | None:
-        return loaded(self.path, self.images) if self.path.is_file() else None
+        return loaded_shoot(self.path, self.images) if self.path.is_file() else None
 
     def _change(self, change: Callable[..., None], *wanted: Any) -> None:
         """The file by a function of `shoot_form`; one change after the other."""

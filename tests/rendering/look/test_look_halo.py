@@ -5,7 +5,7 @@ import pytest
 
 from lensfit.rendering.look.bloom import HALO as BLOOM
 from lensfit.rendering.look.diffusion import HALO as DIFFUSION
-from lensfit.rendering.look.halo import Halo, dealt, haloed
+from lensfit.rendering.look.halo import Halo, haloed, octave_shares
 from lensfit.rendering.look.pro_mist import HALO as PRO_MIST
 from lensfit.rendering.look.pyramid import (
     doubled,
@@ -128,7 +128,7 @@ def test_tiny_pictures_are_pictures(shape):
 
 def test_sizes_are_dealt_so_that_their_mean_square_stays():
     square = np.linspace(1, 64, 500, dtype=np.float32)[:, None, None]
-    shares = np.stack([share[:, 0, 0] for share in dealt(square, 4)])
+    shares = np.stack([share[:, 0, 0] for share in octave_shares(square, 4)])
     assert shares.min() >= 0
     assert shares.sum(0) == pytest.approx(1, abs=1e-6)
     assert 4.0 ** np.arange(4) @ shares == pytest.approx(square[:, 0, 0], rel=1e-5)

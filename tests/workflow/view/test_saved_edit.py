@@ -9,9 +9,9 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.resolve_preset import find_preset
 from lensfit.preset.library.save import keep_preset
-from lensfit.workflow.view.lens_adjustments import Started
+from lensfit.workflow.view.lens_adjustments import StartCommand
 from lensfit.workflow.view.plate_server import PlateServer
-from lensfit.workflow.view.saved_edit import Shelved
+from lensfit.workflow.view.saved_edit import LibraryLens
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
 AUTHOR = {"who": "Ada", "why": "softer on faces"}
@@ -25,16 +25,16 @@ def library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def server(plate: Path, shelved: Shelved | None) -> PlateServer:
+def server(plate: Path, shelved: LibraryLens | None) -> PlateServer:
     viewed = ViewedPlate(thin_lens(), str(plate), ApplyOptions())
-    return PlateServer(viewed, Started("lens", str(plate)), shelved)
+    return PlateServer(viewed, StartCommand("lens", str(plate)), shelved)
 
 
 def test_knobs_become_a_version_on_record(library: Path, tmp_path: Path):
     level = levels_of(library)[0]
     kept = keep_preset(thin_lens(), level, who="Ada")
     plate = write_depth_plate(tmp_path / "plate.exr")
-    with served(server(plate, Shelved(kept.slug, library))) as client:
+    with served(server(plate, LibraryLens(kept.slug, library))) as client:
         assert client.get("api/lens").json()["shelved"] == kept.slug
         knobs = {"blades": 6, "bloom_gain": 0.25}
         answer = client.post("edit", knobs=knobs, **AUTHOR)

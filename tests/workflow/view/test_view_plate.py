@@ -31,7 +31,7 @@ from lensfit.preset.store import load_preset
 from lensfit.workflow.apply import apply
 from lensfit.workflow.view.lens_adjustments import (
     LensAdjustments,
-    Started,
+    StartCommand,
     command_line,
 )
 from lensfit.workflow.view.viewed_plate import ViewedPlate
@@ -147,7 +147,7 @@ def test_a_click_beside_the_frame_is_a_sentence(client):
 def test_the_command_line_makes_the_same_frame(client, plate: Path, tmp_path: Path):
     lens = written_lens(tmp_path)
     given = (("--tolerance", "0.01"),)
-    client.server.started = Started(str(lens), str(plate), given)
+    client.server.started = StartCommand(str(lens), str(plate), given)
     line = client.post("command", **TURNED).json()["command"]
     words = shlex.split(line)
     assert words[:2] == ["lensfit", "apply"]
@@ -165,7 +165,7 @@ def test_the_command_line_makes_the_same_frame(client, plate: Path, tmp_path: Pa
 
 def test_what_the_page_turns_takes_the_place_of_the_command_s():
     given = (("--focus-at", "1,2"), ("--f-number", "8.0"), ("--no-falloff",))
-    started = Started("lens.json", "p.exr", given)
+    started = StartCommand("lens.json", "p.exr", given)
     wanted = LensAdjustments(
         f_number=2.8, focus_distance_mm="inf", knobs={"ring_brightness": -0.5}
     )

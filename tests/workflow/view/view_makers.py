@@ -19,8 +19,8 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import save_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
-from lensfit.workflow.view.lens_adjustments import Started
-from lensfit.workflow.view.loopback_server import listening
+from lensfit.workflow.view.lens_adjustments import StartCommand
+from lensfit.workflow.view.loopback_server import loopback_server
 from lensfit.workflow.view.plate_server import PlateServer
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
@@ -120,7 +120,7 @@ class Client:
 @contextmanager
 def served(server: Any) -> Iterator[Client]:
     """A client of a server, which ends with the block."""
-    page = listening(server.routes, 0, server.uploads)
+    page = loopback_server(server.routes, 0, server.uploads)
     thread = threading.Thread(target=page.run)
     thread.start()
     try:
@@ -136,7 +136,7 @@ def plate_client(
     plate: Path, preset: Preset, options: ApplyOptions | None = None
 ) -> Iterator[Client]:
     viewed = ViewedPlate(preset, str(plate), options or ApplyOptions())
-    with served(PlateServer(viewed, Started("thin.json", str(plate)))) as client:
+    with served(PlateServer(viewed, StartCommand("thin.json", str(plate)))) as client:
         yield client
 
 
