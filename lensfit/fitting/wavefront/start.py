@@ -106,7 +106,7 @@ def sharp_f_number(dot_data: DotData) -> float:
 
     The depth of a slanted chart's image follows from first-order optics. The pupil is
     at most so wide that defocus gives the measured blur, and at least so wide that
-    diffraction gives half of it. Blur has other causes too, so that the gathered
+    diffraction gives half of it. Blur has other causes too, so that the estimated
     f-number is the least.
     """
     optics, dots = dot_data.first_order, dot_data.dots
