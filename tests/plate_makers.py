@@ -6,6 +6,7 @@ from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.blocks import (
+    Camera,
     ChannelShift,
     Distortion,
     FallOff,
@@ -13,7 +14,7 @@ from lensfit.preset.blocks import (
     Projection,
 )
 from lensfit.preset.entry import Entry, Quality
-from lensfit.preset.schema import Camera, LensName, Preset, Provenance
+from lensfit.preset.schema import LensName, Preset, Provenance
 from lensfit.rendering.render_stages import Switches
 
 DISPLAY = Window.of_size(96, 64)

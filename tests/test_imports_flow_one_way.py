@@ -37,7 +37,7 @@ FLOORS = {
     "chart": 2,
     "io": 3,
     "detect": 3,
-    "kernel": 4,
+    "psf": 4,
     "lens": 5,
     "preset": 6,
     "rendering": 7,
@@ -202,7 +202,7 @@ def test_the_ray_tracer_shares_no_line_with_the_optics():
 
 
 @pytest.mark.parametrize(
-    "room", ["rendering", "optics", "kernel", "detect", "io", "preset"]
+    "room", ["rendering", "optics", "psf", "detect", "io", "preset"]
 )
 def test_only_fit_optimises(room: str):
     for path in (PACKAGE / room).rglob("*.py"):

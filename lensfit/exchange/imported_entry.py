@@ -25,9 +25,9 @@ from lensfit.exchange.samples import (
 )
 from lensfit.optics.distortion import Distortion
 from lensfit.preset import blocks
+from lensfit.preset.blocks import Camera
 from lensfit.preset.entry import Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block, lens_of_entry
-from lensfit.preset.schema import Camera
 
 _INSIDE_PERCENT = -2.0
 """A UV map may end with the last pixel centre that it can look up."""

@@ -36,7 +36,8 @@ from lensfit.exchange.unreal import read_unreal
 from lensfit.exchange.usd_camera import read_usd_camera
 from lensfit.exchange.uv_map_lens import lens_of_uv_map
 from lensfit.io.usd_stage import STARTS
-from lensfit.preset.schema import Camera, LensName, Preset, Provenance, SourceImage
+from lensfit.preset.blocks import Camera
+from lensfit.preset.schema import LensName, Preset, Provenance, SourceImage
 from lensfit.progress import Progress, silent
 
 FOREIGN_FORMATS = (

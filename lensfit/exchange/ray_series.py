@@ -24,12 +24,12 @@ from lensfit.exchange.cycles_lens import (
     Series,
 )
 from lensfit.exchange.samples import ExchangeFrame, Residual, residual_from
-from lensfit.kernel.rays import stop_rays
 from lensfit.optics.stop_places import stop_arcs
+from lensfit.psf.rays import stop_rays
 
 if TYPE_CHECKING:
-    from lensfit.kernel.lens_blur import LensBlur
     from lensfit.lens import Lens
+    from lensfit.psf.lens_blur import LensBlur
 
 _LANDING_NODES = (11, 9)
 _FRAME_NODES = (15, 13)

@@ -23,7 +23,6 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.kernel.lens_blur import LensBlur
 from lensfit.lens import Lens
 from lensfit.optics.lateral import LateralColour, no_lateral_colour
 from lensfit.optics.map_covariances import MapCovariances
@@ -39,6 +38,7 @@ from lensfit.preset.adjusted_chief_rays import (
 from lensfit.preset.adjusted_pupil import blur_with_adjusted_pupil, with_adjusted_rims
 from lensfit.preset.adjusted_vignetting import adjusted_illumination
 from lensfit.preset.bokeh_knobs import LEAST_BLADES, BokehKnobs
+from lensfit.psf.lens_blur import LensBlur
 
 Matrix = Float[np.ndarray, "numbers numbers"]
 

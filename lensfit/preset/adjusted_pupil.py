@@ -27,10 +27,10 @@ from jaxtyping import Float
 
 from lensfit.errors import ImageError
 from lensfit.io.image import read_photograph
-from lensfit.kernel.lens_blur import LensBlur
 from lensfit.optics.pupil import Pupil
 from lensfit.optics.transmission import SIZES_PX, Transmission
 from lensfit.preset.bokeh_knobs import BokehKnobs
+from lensfit.psf.lens_blur import LensBlur
 
 _SLIVER, _GAINS = 0.4, 65
 """Least overlap of two discs over the smaller radius; gains that are tried."""

@@ -13,6 +13,7 @@ from msgspec import Meta, Struct
 from lensfit.preset.covariance import Covariance
 
 PositiveFloat = Annotated[float, Meta(gt=0)]
+Pixels = Annotated[int, Meta(gt=0)]
 Pair = tuple[float, float]
 
 
@@ -171,3 +172,13 @@ class FallOff(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
     b: tuple[float, ...]
     predicted: bool = False
     covariance: FallOffCovariance | None = None
+
+
+class Camera(Struct, frozen=True, forbid_unknown_fields=True):
+    """The sensor area, and the photographs' pixels across it."""
+
+    model: str | None
+    sensor_width_mm: PositiveFloat
+    sensor_height_mm: PositiveFloat
+    image_width_px: Pixels
+    image_height_px: Pixels

@@ -16,7 +16,6 @@ from collections.abc import Iterable
 import jax.numpy as jnp
 import numpy as np
 
-from lensfit.kernel.lens_blur import LensBlur
 from lensfit.optics.aberration import Aberration
 from lensfit.optics.paraxial import (
     defocus_mm,
@@ -29,6 +28,7 @@ from lensfit.optics.terms import Term
 from lensfit.preset import blur_blocks as blocks
 from lensfit.preset.entry import Entry
 from lensfit.preset.photographed_stops import radius_ratio
+from lensfit.psf.lens_blur import LensBlur
 
 ROUND_SLACK = 1.02
 """Blades show above this times the widest round f-number."""

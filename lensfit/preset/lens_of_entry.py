@@ -14,8 +14,6 @@ import jax.numpy as jnp
 import msgspec
 import numpy as np
 
-from lensfit.kernel.lens_blur import LensBlur
-from lensfit.kernel.psf_deviation import STEP, fewer_moves
 from lensfit.lens import Lens
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion
@@ -24,6 +22,7 @@ from lensfit.optics.lateral import ChannelShift
 from lensfit.optics.pupil_walk import PupilWalk
 from lensfit.preset import blocks
 from lensfit.preset.adjusted_lens import adjusted_lens
+from lensfit.preset.blocks import Camera
 from lensfit.preset.blur_numbers import with_moves
 from lensfit.preset.blur_of_block import blur_block as blur_block
 from lensfit.preset.blur_of_block import lens_blur
@@ -32,8 +31,9 @@ from lensfit.preset.inactive_overrides import inactive_overrides
 from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.map_covariances import map_covariances
 from lensfit.preset.photographed_stops import unphotographed_f_number_note
-from lensfit.preset.schema import Camera
 from lensfit.preset.select_entry import Selection
+from lensfit.psf.lens_blur import LensBlur
+from lensfit.psf.psf_deviation import STEP, fewer_moves
 
 NO_BLUR = "blur was not measured; a perfect lens stands in for it"
 """Note of a preset without a measured blur."""
@@ -91,7 +91,7 @@ def _perturbed_blurs(
     chosen: Selection, lens: Lens, knobs: Knobs, draws: int | None
 ) -> Iterator[tuple[LensBlur, LensBlur]]:
     """The blur at that state for every move of the block's uncertainty, or for so many
-    that stand for all, adjusted alike; see `lensfit.kernel.psf_deviation`. `lens` is
+    that stand for all, adjusted alike; see `lensfit.psf.psf_deviation`. `lens` is
     not adjusted yet."""
     block, f_number = chosen.entry.blur, chosen.f_number
     assert block is not None

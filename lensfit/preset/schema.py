@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta, Struct
 
-from lensfit.preset.blocks import PositiveFloat
+from lensfit.preset.blocks import Camera
 from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import NEUTRAL, Knobs
 from lensfit.preset.select_entry import Selection, select
@@ -24,7 +24,6 @@ CONVENTIONS = (
     "radii and coefficients without a unit count in reference_radius_mm from the "
     "principal point; distances from the sensor plane."
 )
-Pixels = Annotated[int, Meta(gt=0)]
 
 
 class LensName(Struct, frozen=True, forbid_unknown_fields=True):
@@ -32,16 +31,6 @@ class LensName(Struct, frozen=True, forbid_unknown_fields=True):
 
     name: str
     serial: str | None = None
-
-
-class Camera(Struct, frozen=True, forbid_unknown_fields=True):
-    """The sensor area, and the photographs' pixels across it."""
-
-    model: str | None
-    sensor_width_mm: PositiveFloat
-    sensor_height_mm: PositiveFloat
-    image_width_px: Pixels
-    image_height_px: Pixels
 
 
 class SourceImage(Struct, frozen=True, forbid_unknown_fields=True):

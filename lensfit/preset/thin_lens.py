@@ -21,9 +21,9 @@ from msgspec import Struct
 
 from lensfit import __version__
 from lensfit.errors import PresetError
-from lensfit.preset.blocks import Distortion, FallOff, PositiveFloat, Projection
+from lensfit.preset.blocks import Camera, Distortion, FallOff, PositiveFloat, Projection
 from lensfit.preset.entry import Entry, Quality
-from lensfit.preset.schema import Camera, LensName, Preset, Provenance
+from lensfit.preset.schema import LensName, Preset, Provenance
 
 _NEAREST_FOCUS = 20.0
 """In focal lengths: the nearest focus that the preset has an entry for."""

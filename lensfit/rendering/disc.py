@@ -1,6 +1,6 @@
 """The kernel of a lens without measured blur: a thin lens' disc, in closed form.
 
-Such a lens counts as perfect (`lensfit.kernel.lens_blur.perfect_blur`); its blur is one
+Such a lens counts as perfect (`lensfit.psf.lens_blur.perfect_blur`); its blur is one
 disc all over the frame, to some 3 % of `Lens.psf`, and costs no rays. Diffraction is
 left out, so the disc serves only where that is much smaller than a pixel.
 """

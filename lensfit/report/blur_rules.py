@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from lensfit.kernel.blur_quality import GOOD_BLUR, ROUGH_BLUR
+from lensfit.psf.blur_quality import GOOD_BLUR, ROUGH_BLUR
 from lensfit.report.evidence import Finding, joined, used_takes, value_of
 from lensfit.report.frame_coverage import numbers
 from lensfit.report.markup import number, stated

@@ -117,9 +117,7 @@ def test_cells_nearer_to_a_neighbour_are_masked():
 def test_a_cell_with_one_clipped_pixel_is_marked():
     pixels = np.full((*SIZE[::-1], 3), 0.5)
     pixels[150, 200, 1] = 1.0
-    found = cut_dot_images(
-        photograph_of(pixels, 1.0), marks_at([(200.0, 150.0)], 20.0)
-    )
+    found = cut_dot_images(photograph_of(pixels, 1.0), marks_at([(200.0, 150.0)], 20.0))
     assert found is not None
     assert found.cell_px == 2
     assert found.clipped.sum() == 1

@@ -3,6 +3,7 @@
 import msgspec
 
 from lensfit.preset.blocks import (
+    Camera,
     ChannelShift,
     Distortion,
     FallOff,
@@ -11,7 +12,7 @@ from lensfit.preset.blocks import (
     Projection,
 )
 from lensfit.preset.entry import Entry, Quality
-from lensfit.preset.schema import Camera, LensName, Preset, Provenance
+from lensfit.preset.schema import LensName, Preset, Provenance
 
 SIZE_PX = (640, 480)
 SENSOR_MM = (24.0, 18.0)

@@ -8,10 +8,15 @@ from lensfit.coords import Window, px_from_uv
 from lensfit.errors import OutputError
 from lensfit.exchange.stmaps import StmapFrame, file_stem, write_stmaps
 from lensfit.io.stmap import read_stmap
-from lensfit.preset.blocks import ChannelShift, Distortion, LateralColour, Projection
+from lensfit.preset.blocks import (
+    Camera,
+    ChannelShift,
+    Distortion,
+    LateralColour,
+    Projection,
+)
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.lens_of_entry import lens_of_entry
-from lensfit.preset.schema import Camera
 from lensfit.rendering.uv import PlateGeometry
 from lensfit.workflow.overscan_plan import OverscanQuestion, plan_overscan
 

@@ -18,7 +18,7 @@ from lensfit.fitting.lens_state import LensState, fit_state, with_colour
 from lensfit.fitting.take import Take
 from lensfit.fitting.uncertainty import position_deviations_mm
 from lensfit.lens import Lens
-from lensfit.preset.schema import Camera as CameraBlock
+from lensfit.preset.blocks import Camera as CameraBlock
 from lensfit.preset.schema import LensName, Preset, Provenance
 from lensfit.preset.store import load_preset, save_preset
 from lensfit.workflow.calibration.entries import entry_of

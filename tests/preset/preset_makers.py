@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 
 from lensfit.preset.blocks import (
+    Camera,
     ChannelShift,
     Distortion,
     FallOff,
@@ -16,7 +17,7 @@ from lensfit.preset.blocks import (
 from lensfit.preset.blur_blocks import AberrationTerm, Blur, Pupil, Rim, Stop
 from lensfit.preset.covariance import Covariance
 from lensfit.preset.entry import Entry, Quality, Term
-from lensfit.preset.schema import Camera, LensName, Preset, Provenance, SourceImage
+from lensfit.preset.schema import LensName, Preset, Provenance, SourceImage
 
 
 def make_entry(**changes: Any) -> Entry:

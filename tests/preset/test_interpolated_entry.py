@@ -16,6 +16,7 @@ from lensfit.optics import radial
 from lensfit.optics.distortion import jacobian_at
 from lensfit.preset.blend import blend
 from lensfit.preset.blocks import (
+    Camera,
     ChannelShift,
     Distortion,
     FallOff,
@@ -29,7 +30,6 @@ from lensfit.preset.interpolated_entry import (
     interpolated_in_focus,
 )
 from lensfit.preset.lens_of_entry import lens_of_entry
-from lensfit.preset.schema import Camera
 
 CAMERA = Camera(None, 28.0, 21.0, 2800, 2100)
 X, Y = np.meshgrid(np.linspace(-16.1, 16.1, 9), np.linspace(-12.1, 12.1, 7))

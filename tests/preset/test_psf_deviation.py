@@ -9,11 +9,11 @@ import pytest
 from preset_makers import make_blur, make_entry, make_preset
 
 from lensfit.errors import LensfitError
-from lensfit.kernel.psf_deviation import fewer_moves
 from lensfit.lens import Lens
 from lensfit.preset.blur_blocks import BlurUncertainty, Pupil
 from lensfit.preset.blur_numbers import numbers_of, with_moves
 from lensfit.preset.knobs import Knobs
+from lensfit.psf.psf_deviation import fewer_moves
 
 NAMES = (
     "focus_offset_mm",

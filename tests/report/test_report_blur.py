@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from report_samples import barrel_report, draw_overlays
 
-from lensfit.preset.blocks import Distortion, Projection
+from lensfit.preset.blocks import Camera, Distortion, Projection
 from lensfit.preset.blur_blocks import Blur, Pupil
 from lensfit.preset.entry import Entry, Quality
-from lensfit.preset.schema import Camera, LensName, Preset, Provenance
+from lensfit.preset.schema import LensName, Preset, Provenance
 from lensfit.preset.store import load_preset, save_preset
 from lensfit.report.blur_pictures import dot_tiles, write_dot_pictures
 from lensfit.report.grey_tiles import sheet_of, with_bar

@@ -19,17 +19,17 @@ from jax.flatten_util import ravel_pytree
 
 import lensfit
 from lensfit.errors import LensfitError, PresetError
-from lensfit.kernel.pixels import (
+from lensfit.lens import Lens
+from lensfit.optics.pupil import pupil_nodes
+from lensfit.optics.spectrum import chromatic_coordinate
+from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
+from lensfit.psf.pixels import (
     diffraction_variance_mm2,
     image_of,
     pixel_shares,
     profile_of,
 )
-from lensfit.kernel.spot import landed_rays, split_by_wavelength, spot_of
-from lensfit.lens import Lens
-from lensfit.optics.pupil import pupil_nodes
-from lensfit.optics.spectrum import chromatic_coordinate
-from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
+from lensfit.psf.spot import landed_rays, split_by_wavelength, spot_of
 
 PRIME = Path(__file__).parents[2] / "presets" / "prime_50" / "preset.json"
 FIELD = (5.0, 3.0)

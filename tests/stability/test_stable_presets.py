@@ -13,10 +13,10 @@ from hypothesis import given
 
 import lensfit
 from lensfit.errors import PresetError
-from lensfit.preset.blocks import Distortion, FallOff, Projection
+from lensfit.preset.blocks import Camera, Distortion, FallOff, Projection
 from lensfit.preset.covariance import Covariance
 from lensfit.preset.entry import Entry, Quality
-from lensfit.preset.schema import Camera, LensName, Preset, Provenance
+from lensfit.preset.schema import LensName, Preset, Provenance
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 
 PRESETS = sorted((Path(__file__).parents[2] / "presets").glob("*/preset.json"))

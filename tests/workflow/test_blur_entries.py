@@ -16,20 +16,19 @@ from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.fitting.wavefront.term_groups import FINE, TermGroup
-from lensfit.kernel.pixels import (
-    diffraction_variance_mm2,
-    image_of,
-    profile_of,
-)
 from lensfit.optics.distortion import no_distortion
 from lensfit.optics.paraxial import FirstOrder, rim_sine
 from lensfit.optics.spectrum import bands, chromatic_coordinate
 from lensfit.optics.terms import rotational_terms
-from lensfit.preset.blocks import Distortion, Projection
+from lensfit.preset.blocks import Camera, Distortion, Projection
 from lensfit.preset.covariance import Covariance
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.lens_of_entry import lens_of_entry
-from lensfit.preset.schema import Camera
+from lensfit.psf.pixels import (
+    diffraction_variance_mm2,
+    image_of,
+    profile_of,
+)
 from lensfit.workflow.calibration.blur_entries import blur_of
 from lensfit.workflow.calibration.blur_facts import blur_facts, blur_terms
 
@@ -236,10 +235,7 @@ def test_every_state_has_its_own_defocus_and_magnification():
     wavefront = fit_of((1400.0, 1650.0, 1480.0), principal_mm=(50.2, 49.8))
     for group, principal_mm in ((0, 50.2), (1, 49.8)):
         shown = lens_psf(wavefront, group, 2.0, principal_mm)
-        assert (
-            far_from(shown, fitted_image(wavefront, group, 0, principal_mm))
-            < 0.05
-        )
+        assert far_from(shown, fitted_image(wavefront, group, 0, principal_mm)) < 0.05
         other = fitted_image(wavefront, 1 - group, 0, principal_mm)
         assert far_from(shown, other) > 0.3
 

@@ -41,7 +41,7 @@ from lensfit.fitting.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import FittedLens, fit
 from lensfit.lens import Lens
-from lensfit.preset.schema import Camera
+from lensfit.preset.blocks import Camera
 from lensfit.programs import forget_programs
 from lensfit.progress import Progress, silent
 from lensfit.workflow.calibration.entries import camera_of

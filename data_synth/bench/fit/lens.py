@@ -22,8 +22,8 @@ from lensfit.fitting.held_out import HELD_OUT_SEEDS, fitted_to_half
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.views import line_numbers, observed_of
 from lensfit.lens import Channel, Lens
+from lensfit.preset.blocks import Camera
 from lensfit.preset.lens_of_entry import lens_of_entry
-from lensfit.preset.schema import Camera
 from lensfit.workflow.calibration.entries import entry_of
 
 _EDGE = 0.8

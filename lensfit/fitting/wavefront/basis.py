@@ -12,8 +12,8 @@ import abc
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from lensfit.kernel.pixels import Profile, profile_of
-from lensfit.kernel.spot import Spot
+from lensfit.psf.pixels import Profile, profile_of
+from lensfit.psf.spot import Spot
 
 
 class Basis(eqx.Module):

@@ -53,7 +53,6 @@ from lensfit.fitting.wavefront.uncertainty import (
     model_error_covariance_of,
     undetermined_term_groups,
 )
-from lensfit.kernel.blur_quality import ROUGH_BLUR
 from lensfit.optics.spectrum import Bands, bands
 from lensfit.optics.terms import (
     decentring_terms,
@@ -61,6 +60,7 @@ from lensfit.optics.terms import (
     two_mirror_terms,
 )
 from lensfit.progress import Progress, silent
+from lensfit.psf.blur_quality import ROUGH_BLUR
 
 
 def extrapolation_notes(dot_data: DotData) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from lensfit.fitting.wavefront.patch import spot_gradient_of
 from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
-from lensfit.kernel.pixels import image_of
+from lensfit.psf.pixels import image_of
 
 _RAYS, _WAVES = 192, 20
 """Of an image, for a centroid bias within 1 %: apertures and rims need no detail."""

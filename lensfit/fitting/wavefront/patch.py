@@ -22,8 +22,8 @@ from jaxtyping import Array, Float
 from lensfit.fitting.wavefront.basis import Basis
 from lensfit.fitting.wavefront.rays import Rays
 from lensfit.fitting.wavefront.waves import DESIGN_WAVES, WAVES, Transfer, basis_of
-from lensfit.kernel.pixels import Profile, image_of
-from lensfit.kernel.spot import Spot
+from lensfit.psf.pixels import Profile, image_of
+from lensfit.psf.spot import Spot
 
 _JITTER = 1e-9
 _DARKEST = 1e-30

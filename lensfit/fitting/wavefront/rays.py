@@ -33,10 +33,10 @@ from lensfit.fitting.wavefront.shapes import (
     shape_jacobian,
     state_shapes_mm,
 )
-from lensfit.kernel.spot import Landed, Spot, landed_rays, split_by_wavelength, spot_of
 from lensfit.optics.depth import ObjectShift
 from lensfit.optics.pupil import Pupil, PupilNodes, pupil_nodes
 from lensfit.optics.sections import cylinder_mm
+from lensfit.psf.spot import Landed, Spot, landed_rays, split_by_wavelength, spot_of
 
 _TURNS_PER_MM = 12.9898, 78.233
 """Of the spiral of rays, per mm of the field: so many that neighbouring dots have

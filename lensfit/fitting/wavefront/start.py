@@ -16,10 +16,10 @@ from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.kernel.pixels import AIRY_SIGMA, WAVELENGTH_MM
 from lensfit.optics.falloff import log_loss
 from lensfit.optics.paraxial import defocus_mm
 from lensfit.optics.pupil import clear_pupil, relative_illumination
+from lensfit.psf.pixels import AIRY_SIGMA, WAVELENGTH_MM
 
 _NEAR_AXIS = 0.35
 IN_FOCUS_MM = 0.02

@@ -46,8 +46,8 @@ from scipy.special import j1, jv
 from lensfit.fitting.wavefront.basis import Basis, Cells
 from lensfit.fitting.wavefront.dots import Broad, Numbers, are_corners, are_rims
 from lensfit.fitting.wavefront.edges import rim_transfers, square_transfers
-from lensfit.kernel.pixels import FOOTPRINT, LEAST_SIGMA_PX, Profile
-from lensfit.kernel.spot import Spot
+from lensfit.psf.pixels import FOOTPRINT, LEAST_SIGMA_PX, Profile
+from lensfit.psf.spot import Spot
 
 MARGIN_CELLS = 12
 """Cells on each side of the patch from which broad dots reach into it."""

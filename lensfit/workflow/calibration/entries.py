@@ -22,13 +22,14 @@ from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.uncertainty import parameter_moves
 from lensfit.preset import blocks
+from lensfit.preset.blocks import Camera
 from lensfit.preset.blur_blocks import Blur, BlurUncertainty
 from lensfit.preset.blur_numbers import numbers_of
 from lensfit.preset.covariance import Covariance, fall_off_names, lateral_names
 from lensfit.preset.entry import Entry, Quality, Term
 from lensfit.preset.lens_of_entry import distortion_block
 from lensfit.preset.predicted_fall_off import with_predicted_fall_off
-from lensfit.preset.schema import Camera, Preset, Provenance, SourceImage
+from lensfit.preset.schema import Preset, Provenance, SourceImage
 from lensfit.workflow.calibration.blur_entries import blur_of
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.calibration.take_facts import errors_of

@@ -17,7 +17,7 @@ from lensfit.fitting.take import Take
 from lensfit.fitting.uncertainty import position_deviation_mm
 from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
-from lensfit.preset.schema import Camera
+from lensfit.preset.blocks import Camera
 from lensfit.rendering.overscan import cg_camera, margins_read
 from lensfit.report.plain_numbers import plain_distance, rounded
 from lensfit.workflow.calibration.map_curves import (

@@ -13,7 +13,8 @@ from jaxtyping import Float
 
 from lensfit.errors import LensfitError
 from lensfit.lens import Channel, Lens
-from lensfit.preset.schema import Camera, Preset
+from lensfit.preset.blocks import Camera
+from lensfit.preset.schema import Preset
 from lensfit.report.plain_numbers import rounded
 from lensfit.units import dioptres_from_mm, mm_from_dioptres
 from lensfit.workflow.calibration.map_curves import (

@@ -15,7 +15,7 @@ from lensfit.fitting.wavefront.dot_aperture import (
 )
 from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
-from lensfit.kernel.pixels import image_of, profile_of
+from lensfit.psf.pixels import image_of, profile_of
 
 PIXEL_MM, CELLS, RAYS = 0.01, 24, 1536
 GREY = Colour(jnp.zeros(1), jnp.zeros((1, 2)))

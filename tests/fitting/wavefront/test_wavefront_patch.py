@@ -14,8 +14,8 @@ from lensfit.detect.cutouts import CELLS
 from lensfit.fitting.wavefront.patch import equations_of
 from lensfit.fitting.wavefront.rays import rays_of
 from lensfit.fitting.wavefront.shapes import Colour, shape_jacobian
-from lensfit.kernel.pixels import image_of, profile_of
-from lensfit.kernel.spot import Spot
+from lensfit.psf.pixels import image_of, profile_of
+from lensfit.psf.spot import Spot
 
 CELL = 0.008
 CELL_MM = jnp.array([CELL, CELL])

@@ -17,8 +17,8 @@ from lensfit.fitting.wavefront.rays import (
     spot_and_pullback,
 )
 from lensfit.fitting.wavefront.shapes import Colour
-from lensfit.kernel.spot import Spot
 from lensfit.optics.terms import rotational_terms
+from lensfit.psf.spot import Spot
 
 TINY = Layout(rotational_terms(3), rotational_terms(1), groups=2, stops=1, rims=2)
 COLOUR = Colour(jnp.array([-0.4, 0.3]), jnp.array([[0.001, 0.0], [-0.001, 0.002]]))

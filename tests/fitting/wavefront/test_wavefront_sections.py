@@ -20,9 +20,9 @@ from lensfit.fitting.wavefront.term_groups import (
     candidate_term_groups,
     deviation_of,
 )
-from lensfit.kernel.spot import Spot
 from lensfit.optics.sections import Sections
 from lensfit.optics.terms import rotational_terms, two_mirror_terms
+from lensfit.psf.spot import Spot
 
 TERMS = rotational_terms(3) + two_mirror_terms(3)
 TINY = Layout(TERMS, (), groups=2, stops=1, rims=2, anamorphic=True)

@@ -23,9 +23,9 @@ from lensfit.fitting.wavefront.start import (
     first_rims,
     sharp_f_number,
 )
-from lensfit.kernel.pixels import AIRY_SIGMA, WAVELENGTH_MM
 from lensfit.optics.bernstein import bernstein
 from lensfit.optics.paraxial import FirstOrder
+from lensfit.psf.pixels import AIRY_SIGMA, WAVELENGTH_MM
 
 
 @pytest.fixture(scope="module")

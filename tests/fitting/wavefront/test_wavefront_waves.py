@@ -16,8 +16,8 @@ from lensfit.fitting.wavefront.waves import (
     transfers_of,
     waves_after_smoothing,
 )
-from lensfit.kernel.pixels import image_of
-from lensfit.kernel.spot import Spot
+from lensfit.psf.pixels import image_of
+from lensfit.psf.spot import Spot
 
 PIXEL_MM, CELLS, RAYS = 0.01, 24, 1536
 GREY = Colour(jnp.zeros(1), jnp.zeros((1, 2)))

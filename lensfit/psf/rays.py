@@ -18,9 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from lensfit.kernel.lens_blur import LateralColour, LensBlur, Pencil, pencil
-from lensfit.kernel.pixels import AIRY_SIGMA
-from lensfit.kernel.spot import Landed
 from lensfit.optics.aberration import LocalWavefront, landing_and_jacobian_mm
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.etendue import light_density
@@ -28,6 +25,9 @@ from lensfit.optics.pupil import nearest_in_opening, places_in_stop, pupil_rays
 from lensfit.optics.stop_places import rays_at_stop
 from lensfit.optics.transmission import transmitted
 from lensfit.programs import kept_program
+from lensfit.psf.lens_blur import LateralColour, LensBlur, Pencil, pencil
+from lensfit.psf.pixels import AIRY_SIGMA
+from lensfit.psf.spot import Landed
 
 FOOTPRINT = 0.35
 """Variance of a ray's Gaussian over the area of its cell's image."""

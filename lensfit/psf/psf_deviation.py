@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.kernel.lens_blur import LensBlur
-from lensfit.kernel.lens_psf import Optics, Points, Raster, lens_psfs, turns_needed
+from lensfit.psf.lens_blur import LensBlur
+from lensfit.psf.lens_psf import Optics, Points, Raster, lens_psfs, turns_needed
 
 STEP = 0.5
 """Share of a standard deviation by which a blur is moved. Smaller ones follow edges of

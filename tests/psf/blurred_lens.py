@@ -6,11 +6,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from lensfit.kernel.spot import Spot, landed_rays, split_by_wavelength, spot_of
 from lensfit.optics.aberration import Aberration, no_aberration
 from lensfit.optics.pupil import Pupil, clear_pupil, pupil_nodes
 from lensfit.optics.spectrum import bands, chromatic_coordinate
 from lensfit.optics.terms import rotational_terms
+from lensfit.psf.spot import Spot, landed_rays, split_by_wavelength, spot_of
 
 ONE = jnp.asarray(1.0)
 CHROMATIC = chromatic_coordinate(bands(3).wavelengths_nm)[1]

@@ -31,10 +31,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from lensfit.kernel.lens_blur import LateralColour, LensBlur, Pencil, pencil
-from lensfit.kernel.pixels import LEAST_SIGMA_PX, pixel_shares
-from lensfit.kernel.rays import PupilPlaces, Rays, rays_through
 from lensfit.optics.distortion import Distortion
+from lensfit.psf.lens_blur import LateralColour, LensBlur, Pencil, pencil
+from lensfit.psf.pixels import LEAST_SIGMA_PX, pixel_shares
+from lensfit.psf.rays import PupilPlaces, Rays, rays_through
 
 _TURN = 2 * np.pi / 3**0.5
 _RAYS = 384

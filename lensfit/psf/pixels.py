@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from lensfit.kernel.spot import Spot
 from lensfit.optics.spectrum import REFERENCE_NM
+from lensfit.psf.spot import Spot
 
 FOOTPRINT = 0.16
 """Variance of a ray's Gaussian over `Spot.cell_mm2`: 0.4 of the spacing of the rays."""
