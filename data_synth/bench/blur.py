@@ -134,9 +134,9 @@ def prediction_of(fitted: WavefrontFit) -> Prediction:
     place_mm = test.observed_mm - centroid_biases_mm(stage, test)
     lens, signal = model_images(stage, test, place_mm)[:, _GREEN], _signal(test)
     return Prediction(
-        _left_of(test, lens) / signal,
+        _errors_of_lens(test, lens),
         _errors_of_gaussians(train, test),
-        _grain_of(test, lens) / signal,
+        np.nan_to_num(_grain_of(test, lens)) / signal,
     )
 
 
@@ -145,7 +145,7 @@ def _larger(stage: Stage, whole: DotData) -> float:
     which do not say, by whole dots behind its blur."""
     if show_edges(stage.dot_data.dots).any():
         stage = recentre_patches(stage_on_dots(stage, whole))
-    return float(np.median(stage.nuisance[:, _GREEN, _LARGER]))
+    return float(np.nanmedian(stage.nuisance[:, _GREEN, _LARGER]))
 
 
 def _unseen_rows(fitted: WavefrontFit) -> Int[np.ndarray, " rows"]:
@@ -201,6 +201,14 @@ def _resized(dot_data: DotData, larger: float) -> DotData:
     assert broad is not None
     broad = broad._replace(disc_mm=(1 + larger) * broad.disc_mm)
     return replace(dot_data, dots=dot_data.dots._replace(broad=broad))
+
+
+def _errors_of_lens(
+    test: DotData, image: Float[np.ndarray, "dots rows columns"]
+) -> Float[np.ndarray, " dots"]:
+    """Where the fitted lens lets no light through there is no image: all is error."""
+    errors = _left_of(test, image) / _signal(test)
+    return np.where(np.isnan(errors), 1.0, errors)
 
 
 def _errors_of_gaussians(
