@@ -104,6 +104,6 @@ def test_a_preset_with_two_blades_is_refused_by_name(tmp_path):
     )
     assert load_preset(path).knobs.bokeh.blades == 3
     path.write_text(path.read_text().replace('"blades": 3', '"blades": 2'))
-    with pytest.raises(PresetError, match="blades is 2; an opening") as caught:
+    with pytest.raises(PresetError, match="blades is 2; an aperture") as caught:
         load_preset(path)
     assert caught.value.where == path

@@ -220,15 +220,15 @@ def test_every_take_gets_a_picture_of_its_own_dots(tmp_path):
         for n in "ab"
     ]
     field_mm = np.linspace(0, 10, 10).reshape(5, 2)
-    gathered = SimpleNamespace(
+    dot_data = SimpleNamespace(
         light=light,
         valid=np.ones(light.shape, bool),
-        shown=takes,
+        photographs=takes,
         take=np.array([0, 0, 0, 1, 1]),
         dots=SimpleNamespace(field_mm=field_mm),
     )
     stage = SimpleNamespace(
-        gathered=gathered, residual=0 * light, nuisance=np.zeros((5, 3, 5))
+        dot_data=dot_data, residual=0 * light, nuisance=np.zeros((5, 3, 5))
     )
     wavefront = SimpleNamespace(stage=stage)
     stems = {"a.exr": "a", "b.exr": "b_2"}

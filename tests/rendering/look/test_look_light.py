@@ -7,6 +7,7 @@ from lensfit.rendering.look.light import (
     all_light,
     brightness_above,
     light_above,
+    picture_with_halo,
 )
 
 
