@@ -185,3 +185,20 @@ def test_every_option_of_the_table_is_one_of_apply():
     }
     assert len(shown) > 40
     assert shown <= known
+
+
+def named_paths() -> set[str]:
+    """Python files that the guide names in its text, with a folder."""
+    text = "\n".join(PAGES.values())
+    return set(re.findall(r"`((?:\w+/)+\w+\.py)`", text))
+
+
+def test_every_file_that_the_guide_names_is_there():
+    assert len(named_paths()) > 30
+    tops = [ROOT, ROOT / "lensfit", ROOT / "data_synth", ROOT / "tests"]
+    missing = {
+        path
+        for path in named_paths()
+        if "NAME" not in path and not any((top / path).is_file() for top in tops)
+    }
+    assert missing == set()

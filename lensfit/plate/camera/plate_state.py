@@ -272,7 +272,7 @@ def _width_mm(
         return scaled.measured_width_mm, note
     width, measured = camera.number("sensor_width_mm"), preset.camera.sensor_width_mm
     if width is None:
-        return measured, None  # as `assumed` says
+        return measured, None  # as `assumed_values` has it
     return width, spanned_width_note(width, measured)
 
 
