@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lensfit.report.blur_pictures import ENLARGED
+from lensfit.report.blur_rules import targets_of
 from lensfit.report.evidence import value_of
 from lensfit.report.kernels import GAMMA, MOST_SHEETS, KernelSheet, KernelState
 from lensfit.report.markup import (
@@ -25,10 +26,10 @@ from lensfit.report.through import ThroughSheet
 from lensfit.report.through_figures import through_figures
 
 _ABOUT = (
-    "Misfit is the error of a dot's image, relative (L2, median of the dots); if held "
-    "out: what it would be had the fit not seen that photograph. Defocus is besides "
-    "what all takes have in common; positive where the lens was focused nearer than "
-    "the chart."
+    "Misfit is the error of the image of a target (a dot, a corner), relative (L2, "
+    "median); if held out: what it would be had the fit not seen that photograph. "
+    "Defocus is besides what all takes have in common; positive where the lens was "
+    "focused nearer than the chart."
 )
 _KERNELS = (
     "Kernels: green, at the middle of the frame, half way and near its edge, as the "
@@ -39,9 +40,10 @@ _EXPECTED = (
     "what the photographs leave open about the blur; at the middle of the frame and "
     "near its edges and corners, as it lies."
 )
-_DOTS = (
-    "Dots: green. Top: the photograph, from the middle of the field (left) outward. "
-    f"Middle: the model. Bottom: what is left, {ENLARGED} times stronger about grey."
+_TARGETS = (
+    "{targets}: green. Top: the photograph, from the middle of the field (left) "
+    "outward. Middle: the model. Bottom: the residual, {enlarged} times stronger "
+    "about grey."
 )
 
 
@@ -112,12 +114,14 @@ def _states(
     shown = [tag("div", *row, class_="figures state") for row in rows]
     if not shown:
         return []
-    title = "Point-spread functions over the frame, and the dots photographed"
+    targets = targets_of(takes)
+    title = f"Point-spread functions over the frame, and the {targets} photographed"
     about = [tag("p", _KERNELS, class_="facts")] if kernels else []
     if any(sheet.expected_error is not None for sheet in kernels):
         about.append(tag("p", _EXPECTED, class_="facts"))
     if any(pictures.get(take.get("picture") or "") for take in takes):
-        about.append(tag("p", _DOTS, class_="facts"))
+        what = _TARGETS.format(targets=targets.capitalize(), enlarged=ENLARGED)
+        about.append(tag("p", what, class_="facts"))
     return [tag("h4", title), *about, *shown]
 
 
@@ -135,12 +139,13 @@ def _is_of(take: dict, state: KernelState) -> bool:
 
 def _facts(blur: dict) -> str:
     side = "known" if blur.get("sign_known") else "not known"
+    targets = targets_of(blur.get("takes") or [])
     facts = [f"side of focus {side}"]
     if blur.get("blades") is not None:
         count = blur["blades"]
         facts.append(f"{count} blades" if count else "pupil assumed to be round")
     if blur.get("held_out_misfit") is not None:
-        facts.append(f"{_percent(blur['held_out_misfit'])} on dots held out")
+        facts.append(f"{_percent(blur['held_out_misfit'])} on {targets} held out")
     if blur.get("converged") is False:
         facts.append("did not converge")
     return " · ".join(facts)
@@ -157,8 +162,9 @@ def _hardly_seen(blur: dict) -> Markup:
 
 
 def _table(blur: dict, takes: list[dict]) -> Markup:
-    names = ["Take", "Stop", "Focus", "Chart at", "Defocus ± 1σ", "Dots", "Misfit"]
-    head = table_row("th", [*names, "If held out"], numeric=1)
+    names = ["Take", "Stop", "Focus", "Chart at", "Defocus ± 1σ"]
+    names += [targets_of(takes).capitalize(), "Misfit", "If held out"]
+    head = table_row("th", names, numeric=1)
     rows = [table_row("td", _row(blur, take), numeric=1) for take in takes]
     table = tag("table", tag("thead", head), tag("tbody", *rows), class_="takes")
     return tag("div", table, class_="scroll")
@@ -239,5 +245,7 @@ def _dots_figure(take: dict, pictures: Mapping[str, str | None]) -> Markup:
     if address is None:
         return Markup("")
     title = _name(take)
-    picture = tag("img", src=address, alt=f"Dots of {title}")
+    picture = tag(
+        "img", src=address, alt=f"{targets_of([take]).capitalize()} of {title}"
+    )
     return tag("figure", tag("h5", title), picture, data_figure="dots")

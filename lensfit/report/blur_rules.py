@@ -1,7 +1,7 @@
 """The finding on the blur: its use, or the photographs that are needed for it."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -28,10 +28,24 @@ def blur_findings(report: dict) -> Iterator[Finding]:
     place = (
         f" at {stated(worst.get('focal_length_mm'), 'mm')}" if len(known) > 1 else ""
     )
-    said = f"the images of dots {whose} match to {number(100 * error, '%', 2)}{place}"
+    targets = targets_of(worst.get("takes") or [])
+    said = (
+        f"the images of {targets} {whose} match to {number(100 * error, '%', 2)}{place}"
+    )
     yield _use(known, error, said)
     yield from _unsaid(report, known)
     yield from _outstanding(report, known)
+
+
+def targets_of(takes: Sequence[dict]) -> str:
+    """What of the charts was photographed: dots, corners, or both."""
+    return (
+        " and ".join(sorted({str(t.get("targets", "dots")) for t in takes})) or "dots"
+    )
+
+
+def _all_targets(known: list[dict]) -> str:
+    return targets_of([take for blur in known for take in blur.get("takes") or []])
 
 
 def _use(known: list[dict], error: float, said: str) -> Finding:
@@ -45,9 +59,9 @@ def _use(known: list[dict], error: float, said: str) -> Finding:
     if any(one.get("mirrored") for one in known):
         return Finding(
             "caution",
-            "The blur is not to be relied on: the dots look as if they lay on the "
-            "other side of focus than was stated. Were focus_distance_mm of near and "
-            "far takes swapped?",
+            f"The blur is not to be relied on: the {_all_targets(known)} look as if "
+            "they lay on the other side of focus than was stated. Were "
+            "focus_distance_mm of near and far takes swapped?",
         )
     if any(one.get("sign_known") is False for one in known):
         return Finding(
@@ -106,9 +120,9 @@ def _outstanding(report: dict, known: list[dict]) -> Iterator[Finding]:
         if names:
             yield Finding(
                 "caution",
-                f"The dots of {joined(names)} are not those of this lens (misfit of "
-                f"{100 * float(np.nanmax(misfit)):.0f} %, of the others "
-                f"{100 * usual:.0f} %): check the stated f_number and focus.",
+                f"The {targets_of(takes)} of {joined(names)} are not those of this "
+                f"lens (misfit of {100 * float(np.nanmax(misfit)):.0f} %, of the "
+                f"others {100 * usual:.0f} %): check the stated f_number and focus.",
             )
 
 

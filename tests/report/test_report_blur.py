@@ -147,8 +147,13 @@ def test_the_section_holds_table_kernels_and_dots(tmp_path):
         "8 blades",
         "exit pupil",
         "f/2.8",
+        "and the dots photographed",
     ):
         assert text in section
+    report["blur"][0]["takes"][0]["targets"] = "corners"
+    html = write_report(report, tmp_path).read_text(encoding="utf-8")
+    assert "and the corners photographed" in html
+    assert "Corners: green." in html
 
 
 def test_defocus_is_told_besides_what_all_takes_have_in_common(tmp_path):

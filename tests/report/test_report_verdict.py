@@ -376,6 +376,10 @@ def test_a_take_whose_dots_are_not_those_of_the_lens_is_named(report):
     report["takes"][1]["f_number"] = 5.6
     assert said(report, "The dots of “take 2” (f/5.6) are not those of this lens")
     assert said(report, "misfit of 60 %")
+    for take in report["blur"][0]["takes"]:
+        take["targets"] = "corners"
+    assert said(report, "The corners of “take 2” (f/5.6) are not those of this lens")
+    assert said(report, "the images of corners that the fit never saw")
 
 
 @pytest.mark.parametrize("key", ["focus_distance_mm", "target_distance_mm"])

@@ -84,7 +84,9 @@ def fit_of(
     photographs = tuple(
         SimpleNamespace(
             take=SimpleNamespace(
-                name=f"take {k}", focus_distance_mm=focus_mm[min(k, len(focus_mm) - 1)]
+                name=f"take {k}",
+                focus_distance_mm=focus_mm[min(k, len(focus_mm) - 1)],
+                observations=SimpleNamespace(are_corners=k == 2),
             ),
             distortion=no_distortion((*principal_mm, *3 * [PRINCIPAL_MM])[k], 18.0),
         )
@@ -288,6 +290,7 @@ def test_the_report_states_every_take_and_every_defocus():
     assert [take["held_out_misfit"] for take in facts["takes"]] == [0.03, 0.04, None]
     assert [take["picture"] for take in facts["takes"]] == [None, "<svg/>", None]
     assert [take["dots"] for take in facts["takes"]] == [4, 4, 4]
+    assert [t["targets"] for t in facts["takes"]] == ["dots", "dots", "corners"]
     assert [g["focus_distance_mm"] for g in facts["defocus"]] == [1400, 1650, 1480]
     assert [g["defocus_mm"] for g in facts["defocus"]] == [0.15, -0.2, 0.1]
     # Besides what all have in common, known better than that is.

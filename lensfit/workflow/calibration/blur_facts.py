@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.detect.observations import Observations
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.start import stated_defocus_mm
 from lensfit.fitting.wavefront.term_groups import TermGroup
@@ -106,6 +107,10 @@ def blur_terms(wavefront: WavefrontFit) -> list[dict[str, Any]]:
     return terms
 
 
+def _targets_of(observations: Observations) -> str:
+    return "corners" if observations.are_corners else "dots"
+
+
 def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str, Any]:
     """How well the shape of the dots is explained, per take and held out.
 
@@ -122,6 +127,7 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
             {
                 "image": photograph.take.name,
                 "dots": int(np.sum(stage.dot_data.take == k)),
+                "targets": _targets_of(photograph.take.observations),
                 "misfit": plain(misfit.take_misfits[k]),
                 "held_out_misfit": plain(misfit.held_out_take[k]),
                 "picture": pictures.get(photograph.take.name),
