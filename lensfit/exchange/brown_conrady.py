@@ -81,7 +81,8 @@ class BrownMap:
     Attributes
     ----------
     model : `D_U` or `U_D`.
-    radial : k1 ... k6, interleaved, as many as are known.
+    radial : k1 ... k6 in the order of OpenLensIO (numerator, denominator, numerator,
+        ...), as many as are known.
     tangential : p1, p2, or nothing.
     centre_mm : Of distortion, on the sensor.
     unit_mm : Size of the picture: the inverse is exact to 1e-12 of it.

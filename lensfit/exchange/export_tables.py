@@ -1,4 +1,4 @@
-"""Formats that hold a table of lens states: OpenTrackIO and lensfun."""
+"""OpenTrackIO and lensfun as written: files that hold a table of lens states."""
 
 import math
 from dataclasses import replace

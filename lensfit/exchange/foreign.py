@@ -52,7 +52,7 @@ class PixelCamera(PointMap, Protocol):
 
     @property
     def principal_distance_mm(self) -> float:
-        """Mean of both axes."""
+        """Geometric mean of both axes."""
         ...
 
     @property

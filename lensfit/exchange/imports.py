@@ -8,6 +8,7 @@ would be another lens.
 """
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -40,18 +41,33 @@ from lensfit.preset.blocks import Camera
 from lensfit.preset.schema import LensName, Preset, Provenance, SourceImage
 from lensfit.progress import Progress, silent
 
-FOREIGN_FORMATS = (
-    "opencv",
-    "lensfun",
-    "opentrackio",
-    "nuke",
-    "stmap",
-    "usd",
-    "mrcal",
-    "unreal",
-    "syntheyes",
-)
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
+
+
+Reader = Callable[[Path, StatedValues, str | None], ForeignLens]
+"""Of a file, what is stated beside it, and the name of the camera in a database."""
+
+
+def _of_one_lens(read: Callable[[Path, StatedValues], ForeignLens]) -> Reader:
+    return lambda path, stated, _: read(path, stated)
+
+
+READERS: dict[str, Reader] = {
+    "opencv": lambda path, stated, _: lens_of_opencv(read_opencv(path), stated, path),
+    "lensfun": lambda path, stated, camera: lens_of_lensfun(
+        read_lensfun(path), stated, path, camera
+    ),
+    "opentrackio": lambda path, stated, _: lens_of_opentrackio(
+        read_opentrackio(path), stated, path
+    ),
+    "nuke": lambda path, stated, _: lens_of_tde4(read_tde4_nodes(path), stated, path),
+    "stmap": _of_one_lens(lens_of_uv_map),
+    "usd": _of_one_lens(read_usd_camera),
+    "mrcal": _of_one_lens(read_mrcal),
+    "unreal": _of_one_lens(read_unreal),
+    "syntheyes": _of_one_lens(read_syntheyes),
+}
+FOREIGN_FORMATS = tuple(READERS)
 
 
 def read_foreign(
@@ -70,22 +86,11 @@ def read_foreign(
     """
     path = Path(path)
     kind = kind or kind_of(path)
-    readers = {
-        "stmap": lens_of_uv_map,
-        "usd": read_usd_camera,
-        "mrcal": read_mrcal,
-        "unreal": read_unreal,
-        "syntheyes": read_syntheyes,
-    }
-    if kind in readers:
-        return readers[kind](path, stated)
-    if kind == "nuke":
-        return lens_of_tde4(read_tde4_nodes(path), stated, path)
-    if kind == "opentrackio":
-        return lens_of_opentrackio(read_opentrackio(path), stated, path)
-    if kind == "lensfun":
-        return lens_of_lensfun(read_lensfun(path), stated, path, camera)
-    return lens_of_opencv(read_opencv(path), stated, path)
+    if kind not in READERS:
+        raise ExchangeError(
+            f"{kind!r} is no format", remedy=f"known are {', '.join(READERS)}"
+        )
+    return READERS[kind](path, stated, camera)
 
 
 def kind_of(path: Path) -> str:

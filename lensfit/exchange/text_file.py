@@ -58,7 +58,7 @@ def finite_number(value: object, what: str, where: str | Path) -> float:
 
 
 def positive_number(value: object, what: str, where: str | Path) -> float:
-    """A `finite` number above zero.
+    """A `finite_number` above zero.
 
     Raises
     ------

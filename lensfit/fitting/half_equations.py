@@ -19,7 +19,8 @@ def least_fall(adjustment: Adjustment) -> float:
 
 
 def explained_by(effect_px: float, adjustment: Adjustment) -> float:
-    """Decrease of chi-squared by an effect of this rms over the detections."""
+    """Chi-squared of a displacement of this rms over the detections, at their mean
+    variance: what a term explains that follows it, what an error adds."""
     variance = noise_mm2(adjustment.stack) + adjustment.model_variance_mm2[:, None]
     mean_mm2 = np.mean(variance[adjustment.used])
     px_per_deviation = float(np.sqrt(mean_mm2) / adjustment.stack.mm_per_px.mean())

@@ -28,6 +28,8 @@ def systematic_covariance(
 ) -> Float[np.ndarray, "terms terms"]:
     """Covariance of terms that together change chi-squared by `explained` on average.
 
+    Every direction has an equal share of it, whatever the number of detections.
+
     Parameters
     ----------
     matrix : Normal equations of the terms, without priors.

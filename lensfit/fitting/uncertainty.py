@@ -11,9 +11,14 @@ The covariance has four parts:
 - systematic errors that residuals do not show (`fitting.systematic`): smooth errors of
   the detections, and distortion for which the model has no term, are absorbed by the
   terms it has. The maps of thirty traced lenses, some of them decentred, were wrong by
-  `SYSTEMATIC_PX`, three times as much as noise alone predicts. All terms of the largest
-  named model are therefore given joint errors of that rms effect on the detections,
-  after the poses have been adjusted.
+  `SYSTEMATIC_PX`, three times as much as noise alone predicts. The principal point and
+  every radial, decentering, thin-prism and anamorphic term, kept or not, are therefore
+  given joint errors of that rms effect on the detections, after the poses have been
+  adjusted, however many detections there are.
+
+Two more belong to the entrance-pupil shift alone, and change no chief ray at the chart:
+the next order of the shift, and a shift that was held fixed. Extrapolation has no part
+of its own: at a corner without detections the model carries these errors outwards.
 
 Standard deviations of chief rays, without the part that a change of the camera's pose
 would compensate, are computed in `lensfit.optics.position_deviation`.
@@ -63,8 +68,9 @@ _LANDING = (
 class Uncertainty:
     """Covariance of all parameters.
 
-    Rows of fixed parameters are zero, except for named terms of the lens that model
-    selection left out: these have the variance of systematic errors.
+    Rows of fixed parameters are zero, except for a fixed shift of the entrance pupil,
+    and for named terms of the lens that model selection left out: these have the
+    variance of systematic errors.
     """
 
     covariance: Float[np.ndarray, "parameters parameters"]

@@ -124,16 +124,18 @@ class AbstractChiefRays(eqx.Module):
         x and along y on the sensor.
 
         What another pose of the camera would do as well is no error of the lens and is
-        left out: of every move of the map the homography of the undistorted picture
-        that undoes most of it over the frame. The `uncertainty_grid` of the report is
-        the root of both squares, at the undistorted points of a grid on the photograph.
-        Noise of the photographs, doubt about the blur and what the terms of the model
-        usually miss are in it. For red and blue that of lateral colour is added as if
-        independent.
+        left out: from each parameter's effect the homography of the undistorted picture
+        that best undoes it over the frame is subtracted. The `uncertainty_grid` of the
+        report is the root of both squares, at the undistorted points of a grid on the
+        photograph. Noise of the photographs, doubt about the blur and what the terms of
+        the model usually miss are in it; beyond the outermost detections they are
+        carried on, and no error of the model's form is added. For red and blue that of
+        lateral colour is added as if independent.
 
         Parameters
         ----------
-        points_mm : Of the undistorted picture.
+        points_mm : Of the undistorted picture; for a place on the photograph its
+            `undistorted_from_distorted`.
         channel : "r", "g" or "b".
 
         Raises

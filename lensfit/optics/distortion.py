@@ -43,12 +43,15 @@ class Distortion(eqx.Module):
     principal_distance_mm : Image distance of the pinhole (geometric mean of both axes).
     principal_point_mm : Where the axis meets the sensor.
     radial : a1, a2, ... of `radial`; radii in units of `reference_radius_mm`.
-    valid_radius : Largest undistorted radius photographed, in reference radii.
+    valid_radius : 1.05 times the largest radius of a detection, from the sensor centre
+        on the photograph, of any state of the lens; in reference radii. Beyond it the
+        radial polynomial levels off (`radial`).
     squeeze : e of the module docstring.
     named : Coefficients of `field.named_basis`.
     free : Coefficients of the free field, x and y.
-    box : Low and high corner of what was photographed, in reference radii from the
-        sensor centre, before the squeeze.
+    box : Low and high corner of the detections of all states, 5 % larger, in reference
+        radii from the sensor centre, before the squeeze. Named terms and the free field
+        are constant beyond it.
     reference_radius_mm : Unit of radius.
     base : The ideal projection that distortion is measured from.
     degree : Total degree of the free field; below 3 there is none.

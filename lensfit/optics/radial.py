@@ -21,7 +21,8 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(14)
 _T_SQUARED = ((_NODES + 1) / 2) ** 2
 _T_WEIGHTS = _WEIGHTS / 2
 _HEADROOM = 0.35
-"""How far beyond the photographed squared radius the polynomial is still followed."""
+"""How much the polynomial's argument still grows beyond the photographed squared
+radius."""
 _CEILING_AT = 15 * _HEADROOM / 8
 """How far beyond it, in its units, the ceiling is reached."""
 _NEWTON_STEPS = 60

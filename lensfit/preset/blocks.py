@@ -75,8 +75,10 @@ class Distortion(Struct, frozen=True, forbid_unknown_fields=True):
     ----------
     base : Ideal projection that distortion is measured from.
     reference_radius_mm : Unit of every radius and coefficient below.
-    valid_radius : Largest undistorted radius that was photographed.
-    valid_box : x0, y0, x1, y1 of what was photographed.
+    valid_radius : 1.05 times the largest radius of a detection of any state, from the
+        sensor centre on the photograph; beyond it the radial polynomial levels off.
+    valid_box : x0, y0, x1, y1 of all detections, 5 % larger; other terms are constant
+        beyond it.
     radial_log_slope : a1, a2, ... of ln(dr'/dr) = a1 r^2 + a2 r^4 + ...
     decentering : Brown's two coefficients, then the same two times r^2.
     thin_prism : r^2 along x and y, then r^4.

@@ -1,4 +1,6 @@
-"""Every reader of lensfit that takes a file of unknown origin, and files to spoil.
+"""Readers of files of unknown origin, and files to spoil.
+
+All but those of USD, camera reports and kits.
 
 A reader is a name, a maker of whole files, a function that does with a file what
 commands do before anything is rendered or written, and the mutations that suit it.

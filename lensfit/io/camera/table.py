@@ -190,7 +190,7 @@ class RowReadings(dict[str, Reading]):
         self.path, self.line = path, line
 
     def put(self, name: str, value: float | str | None, entry: str) -> None:
-        """Keep a value, unless it is None or stands for nothing."""
+        """Keep a value, unless it is None, or 0, which sidecars write for unknown."""
         if isinstance(value, str):
             self[name] = Reading(value[:200], entry)
         elif value is not None:

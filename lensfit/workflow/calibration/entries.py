@@ -275,8 +275,8 @@ def _term(term: dict) -> Term:
 
 
 def _covariance(state: LensState) -> Covariance:
-    """Of the shared parameters, in the units of `fit.parameters`, but lengths along the
-    axis in mm; of all that are not known to be what they are."""
+    """Of the shared parameters, in the units of `lensfit.fitting.parameters`, but
+    lengths along the axis in mm; of all that are not known to be what they are."""
     known = state.uncertainty.covariance
     adjustment = state.geometry.adjustment
     unit = np.ones(len(known))
