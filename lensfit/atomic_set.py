@@ -3,7 +3,7 @@
 Files that belong together (a preset beside UV maps and a report of one fit) are made in
 a hidden folder within their final folder. When the last of them is whole, a folder with
 them and with the other files of the final folder is exchanged with it in one step of
-the system (`lensfit.exchanged_folder`): a run that is killed at any moment leaves all
+the system (`lensfit.swapped_folder`): a run that is killed at any moment leaves all
 of the old files or all of the new. Where that is impossible the files are renamed one
 after the other. An earlier stop of the run, Ctrl-C included, leaves the folder as it
 was. Files of an earlier run that this one did not write are removed.
@@ -28,7 +28,7 @@ from lensfit.atomic import (
     write_bytes_atomic,
 )
 from lensfit.errors import OutputError
-from lensfit.exchanged_folder import exchange_folder
+from lensfit.swapped_folder import exchange_folder
 
 _NAME = "unfinished"
 

@@ -160,7 +160,7 @@ def test_the_hidden_folder_of_a_killed_run_is_removed(tmp_path):
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from lensfit import exchanged_folder
+from lensfit import swapped_folder
 from lensfit.atomic_set import atomic_output_set
 
 folder, last = Path(sys.argv[1]), int(sys.argv[2])
@@ -184,8 +184,8 @@ with atomic_output_set(folder, replaces=[Path("maps/gone.txt")]) as made:
         (made / "maps" / f"{number}.txt").write_text("new")
     for name in ("link", "replace", "rename", "unlink", "rmdir", "scandir"):
         setattr(os, name, dying(getattr(os, name)))
-    exchanged_folder._exchanged = dying(exchanged_folder._exchanged)
-    exchanged_folder.shutil.rmtree = dying(exchanged_folder.shutil.rmtree)
+    swapped_folder._exchanged = dying(swapped_folder._exchanged)
+    swapped_folder.shutil.rmtree = dying(swapped_folder.shutil.rmtree)
 print(calls)
 """
 

@@ -18,7 +18,7 @@ FLOORS = {
     "errors": 0,
     "units": 0,
     "atomic": 1,
-    "exchanged_folder": 2,
+    "swapped_folder": 2,
     "atomic_set": 3,
     "batches": 0,
     "progress": 0,
