@@ -12,8 +12,8 @@ from lensfit._jax import configure_jax
 from lensfit.errors import LensfitError
 
 if TYPE_CHECKING:
+    from lensfit.fitting.chart_view import View
     from lensfit.fitting.lens_states import fit
-    from lensfit.fitting.take import Take as View
     from lensfit.lens import Lens
     from lensfit.preset.schema import Preset
     from lensfit.preset.store import load_preset, save_preset
@@ -43,7 +43,7 @@ _HOME = {
     "Lens": ("lensfit.lens", "Lens"),
     "Preset": ("lensfit.preset.schema", "Preset"),
     "Shoot": ("lensfit.workflow.shoot.shoot_file", "Shoot"),
-    "View": ("lensfit.fitting.take", "Take"),
+    "View": ("lensfit.fitting.chart_view", "View"),
     "apply": ("lensfit.workflow.apply", "apply"),
     "calibrate": ("lensfit.workflow.calibrate", "calibrate"),
     "fit": ("lensfit.fitting.lens_states", "fit"),

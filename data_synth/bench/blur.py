@@ -134,8 +134,8 @@ def prediction_of(fitted: WavefrontFit) -> Prediction:
     place_mm = test.observed_mm - centroid_biases_mm(stage, test)
     lens, signal = model_images(stage, test, place_mm)[:, _GREEN], _signal(test)
     return Prediction(
-        _errors_of_lens(test, lens),
-        _errors_of_gaussians(train, test),
+        _errors_of_lens(test, lens, signal),
+        _errors_of_gaussians(train, test, signal),
         np.nan_to_num(_grain_of(test, lens)) / signal,
     )
 
@@ -204,20 +204,22 @@ def _resized(dot_data: DotData, larger: float) -> DotData:
 
 
 def _errors_of_lens(
-    test: DotData, image: Float[np.ndarray, "dots rows columns"]
+    test: DotData,
+    image: Float[np.ndarray, "dots rows columns"],
+    signal: Float[np.ndarray, " dots"],
 ) -> Float[np.ndarray, " dots"]:
     """Where the fitted lens lets no light through there is no image: all is error."""
-    errors = _left_of(test, image) / _signal(test)
+    errors = _left_of(test, image) / signal
     return np.where(np.isnan(errors), 1.0, errors)
 
 
 def _errors_of_gaussians(
-    train: DotData, test: DotData
+    train: DotData, test: DotData, signal: Float[np.ndarray, " dots"]
 ) -> dict[str, Float[np.ndarray, " dots"]]:
     """Of Gaussians that were fitted to other dots."""
-    count, signal = len(train.take), _signal(train)
+    count, trained = len(train.take), _signal(train)
     each = [_left_of(train, _behind(train, np.full(count, s))) for s in _SIGMAS_CELLS]
-    each = np.stack(each) / signal
+    each = np.stack(each) / trained
     one = _SIGMAS_CELLS[int(np.argmin(np.median(each, 1)))]
     varying = RBFInterpolator(
         _places(train),
@@ -231,7 +233,6 @@ def _errors_of_gaussians(
         "a Gaussian over the field": there,
         "no blur": np.zeros(len(test.take)),
     }
-    signal = _signal(test)
     return {
         name: _left_of(test, _behind(test, sigma_cells)) / signal
         for name, sigma_cells in sigmas_cells.items()

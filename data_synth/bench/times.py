@@ -19,7 +19,7 @@ class Times(NamedTuple):
     steady_s : Median of the others; the first where there was no other.
     spread_s : Longest of the others less the shortest.
     cpu_s : Least processor seconds of the others, all threads together: other work on
-        the machine hardly changes them.
+        the machine barely changes them.
     """
 
     first_s: float

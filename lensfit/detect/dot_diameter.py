@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lensfit.detect.cutouts import CELLS, DotImages
+from lensfit.detect.dot_images import CELLS, DotImages
 from lensfit.detect.observations import Observations
 
 _MIDDLE, _AROUND_MIDDLE = 0.3, 0.55
@@ -56,7 +56,7 @@ def even_in_the_middle(
 
 class _Measured(NamedTuple):
     """Area of every dot, whether it is broad and even in its middle, and whether all of
-    it is on its cutout."""
+    it is on its dot image."""
 
     area_px2: Float[np.ndarray, " dots"]
     even: Bool[np.ndarray, " dots"]

@@ -1,6 +1,6 @@
 """Pictures of the rims of large dots, in finer cells than whole dots would need.
 
-What a large dot shows of the blur stands along its rim, and a cutout as large as the
+What a large dot shows of the blur stands along its rim, and a dot image as large as the
 dot has cells too coarse for it. Each dot is shown from four sides, turned from dot to
 dot, so that edges of all directions are seen all over the frame.
 """
@@ -9,14 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from lensfit.detect.cutouts import (
+from lensfit.detect.dot_diameter import even_in_the_middle
+from lensfit.detect.dot_images import (
     BLURS,
     MARGIN_PX,
     DotImages,
     cell_px_of,
     dot_images_about,
 )
-from lensfit.detect.dot_diameter import even_in_the_middle
 from lensfit.detect.observations import Observations
 from lensfit.photograph import Photograph
 

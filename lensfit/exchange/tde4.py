@@ -18,7 +18,7 @@ Fitted to a lens, lens centre and filmback are the lens' own, and the pixel aspe
 a squeeze goes to the squeezes of the model (for the radial one to its cylindric
 bending), so that the undistorted picture is the lens' own too. Rotation and squeeze
 start from the slope at the centre. The rotation, which means nothing to a round lens,
-and the rescale, which can hardly be told from the rest, move only where that makes the
+and the rescale, which is nearly collinear with the rest, move only where that makes the
 residual noticeably smaller.
 
 Source: Lens Distortion Plugin Kit 2.12 (Science-D-Visions); the tests hold its values.

@@ -19,15 +19,15 @@ from lensfit.fitting.geometry import Frame
 from lensfit.fitting.normal import Equations
 from lensfit.fitting.parameters import Layout, Prior
 from lensfit.fitting.statements import Statements
-from lensfit.fitting.views import Stack, noise_mm2, whitening_of
+from lensfit.fitting.view_stack import Stack, noise_mm2, whitening_of
 from lensfit.programs import kept_program
 
 CAUCHY_SCALE = 3.0
 REJECT_BEYOND = 7.0
 TOLERANCE = 1e-3
 LITTLE_DAMPING = 1e-7
-VALLEY_DAMPING = 1e-5
-"""For nearly collinear terms, whose minimum is a long narrow valley."""
+COLLINEAR_DAMPING = 1e-5
+"""For nearly collinear terms, whose minimum is long and narrow."""
 _MOST_STEPS = 12
 _MEDIAN_OF_CHI2 = {1: 0.6745, 2: 1.1774}
 """Median length of a whitened residual of one and of two dimensions."""

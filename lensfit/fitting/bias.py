@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from lensfit.fitting import normal
-from lensfit.fitting.geometry import Frame, View, predicted_mm
+from lensfit.fitting.geometry import BoardPose, Frame, predicted_mm
 from lensfit.fitting.parameters import Layout
 from lensfit.programs import kept_program
 
@@ -30,7 +30,7 @@ _SLOPE = (-1.0) ** _APART / 2 / np.tan(np.pi / _CORNERS * np.where(_APART, _APAR
 @kept_program(static_argnames=("layout",))
 def centroid_shift_mm(
     parameters: Float[Array, " parameters"],
-    views: View,
+    views: BoardPose,
     view_of_chunk: Int[Array, " chunks"],
     board: Float[Array, "chunks marks 2"],
     radius_mm: Float[Array, " views"],

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
 from lensfit.fitting.adjust import Adjustment, adjust
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE, DecentringTerms
 from lensfit.fitting.held_out import held_out_error_px, squared_px
 from lensfit.fitting.parameters import PINHOLE, Layout, stated_blocks
@@ -33,7 +34,6 @@ from lensfit.fitting.stage import Start, start_of
 from lensfit.fitting.stated_facts import Facts
 from lensfit.fitting.stated_scale import with_fitted_scale_as_origin
 from lensfit.fitting.statements import Statement
-from lensfit.fitting.take import Take
 from lensfit.fitting.term_selection import select_terms
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.base import BASE_PROJECTIONS, BaseProjection
@@ -62,7 +62,7 @@ class ChiefRayFit:
     facts : Values that were stated.
     """
 
-    takes: tuple[Take, ...]
+    takes: tuple[View, ...]
     adjustment: Adjustment
     kept: tuple[str, ...]
     decisions: tuple[TermDecision, ...]
@@ -91,10 +91,10 @@ class ChiefRayFit:
 # while they wait: on a busy machine a fit took ten times longer.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def fit_chief_ray(
-    takes: list[Take],
+    takes: list[View],
     progress: Progress = silent,
     *,
-    all_takes: list[Take] | None = None,
+    all_takes: list[View] | None = None,
     base: BaseProjection | None = None,
     perspective: KnownPerspective | None = None,
     known_decentring: DecentringTerms | None = None,
@@ -150,7 +150,7 @@ def _notes(fitted: Adjustment) -> tuple[str, ...]:
     notes = []
     if not fitted.converged:
         notes.append(
-            "the fit ended at its step limit: some terms are hardly determined, "
+            "the fit ended at its step limit: some terms are weakly determined, "
             "see their standard deviations"
         )
     squeezed = fitted.parameters[fitted.layout.blocks["squeeze"]]
@@ -196,7 +196,7 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
     return adjust(replace(adjustment, prior=prior), rounds=2, chunks=chunks)
 
 
-def require_marks(takes: list[Take], fewest: int = 12) -> None:
+def require_marks(takes: list[View], fewest: int = 12) -> None:
     """Refuse takes with too few detections for a pose, or with positions not finite.
 
     Raises

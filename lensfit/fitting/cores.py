@@ -18,7 +18,7 @@ _AXIS = "cores"
 _Parts = TypeVar("_Parts")
 SHARED: Any = PartitionSpec()
 """Of arrays that every core has whole."""
-DEALT: Any = PartitionSpec(_AXIS)
+SHARDED: Any = PartitionSpec(_AXIS)
 """Sharding of arrays whose rows are distributed over the cores."""
 
 
@@ -37,7 +37,7 @@ def on_every_core(
 
     Parameters
     ----------
-    takes, gives : `SHARED` or `DEALT`, for each argument and for what comes back, or
+    takes, gives : `SHARED` or `SHARDED`, for each argument and for what comes back, or
         trees of them. Results that are shared must be alike on all cores.
     """
     # Loops carry sums that begin as constants, which JAX's own check calls a mistake.

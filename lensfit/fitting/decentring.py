@@ -26,7 +26,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from lensfit.fitting.adjust import VALLEY_DAMPING, Adjustment, adjust
+from lensfit.fitting.adjust import COLLINEAR_DAMPING, Adjustment, adjust
 from lensfit.fitting.half_equations import explained_by, halves_of, stated_statistics
 from lensfit.fitting.priors import loose_prior, release
 from lensfit.fitting.select import TermDecision
@@ -168,4 +168,4 @@ def _adjusted_about(
         means[blocks[name]] = parameters[blocks[name]] = mean[name]
     prior = replace(prior, mean=means)
     started = replace(adjustment, prior=prior, parameters=parameters)
-    return adjust(started, rounds=1, damping=VALLEY_DAMPING)
+    return adjust(started, rounds=1, damping=COLLINEAR_DAMPING)

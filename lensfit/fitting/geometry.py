@@ -53,7 +53,7 @@ class Frame(NamedTuple):
     board_distance_mm: Float[Array, ""]
 
 
-class View(NamedTuple):
+class BoardPose(NamedTuple):
     """One photograph's start pose and board; stacked over photographs for the fit.
 
     `whole_board` is 1 where the photograph shows the board that `board_stretch`
@@ -116,7 +116,7 @@ def predicted_mm(
     board: Float[Array, "2"],
     shared: Array,
     local: Float[Array, " local"],
-    view: View,
+    view: BoardPose,
     layout: Layout,
     frame: Frame,
 ) -> Float[Array, "2"]:
@@ -129,7 +129,7 @@ def predicted_mm(
 
 
 def board_point_mm(
-    board: Float[Array, "2"], parts: Parts, view: View, layout: Layout
+    board: Float[Array, "2"], parts: Parts, view: BoardPose, layout: Layout
 ) -> Float[Array, "3"]:
     """The mark in board axes, mm: nominal place, plus stretch and bend."""
     extent = jnp.max(view.half_board_mm)
@@ -141,7 +141,7 @@ def board_point_mm(
 
 
 def direction_of(
-    point_mm: Float[Array, "3"], parts: Parts, view: View, frame: Frame
+    point_mm: Float[Array, "3"], parts: Parts, view: BoardPose, frame: Frame
 ) -> Float[Array, "3"]:
     """A board point seen from the entrance pupil, mm."""
     pose = parts["pose"]
@@ -158,7 +158,7 @@ def direction_of(
 def shifted_mm(
     landed: Float[Array, "2"],
     parts: Parts,
-    view: View,
+    view: BoardPose,
     lens: Distortion,
     layout: Layout,
 ) -> Float[Array, "2"]:

@@ -10,7 +10,7 @@ import numpy as np
 from lensfit.fitting.adjust import Adjustment, equations_at, stated_equations
 from lensfit.fitting.select import LEAST_EFFECT_PX
 from lensfit.fitting.trial import Statistics
-from lensfit.fitting.views import noise_mm2, residuals_of
+from lensfit.fitting.view_stack import noise_mm2, residuals_of
 
 
 def least_fall(adjustment: Adjustment) -> float:

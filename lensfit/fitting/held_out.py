@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lensfit.fitting.adjust import (
-    VALLEY_DAMPING,
+    COLLINEAR_DAMPING,
     Adjustment,
     adjustment_at_solution,
     problem_of,
@@ -55,5 +55,5 @@ def fitted_to_half(
     seen = np.random.default_rng(seed).random(adjustment.weight.shape) < 0.5
     problem = problem_of(adjustment, np.where(seen, adjustment.weight, 0.0))
     return adjustment_at_solution(
-        adjustment, problem, _MOST_STEPS, VALLEY_DAMPING
+        adjustment, problem, _MOST_STEPS, COLLINEAR_DAMPING
     ), seen

@@ -29,12 +29,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lensfit.fitting.adjust import Adjustment, model_variance_mm2
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.entrance_pupil import FittedWalk
 from lensfit.fitting.half_equations import stated_statistics
 from lensfit.fitting.lens_state import LensState
-from lensfit.fitting.take import Take
 from lensfit.fitting.uncertainty import shared_moves_of
-from lensfit.fitting.views import observed_of, whitening_of
+from lensfit.fitting.view_stack import observed_of, whitening_of
 
 _ROUNDS = 3
 """Solves for the amplitudes, each with the model variance of the one before."""
@@ -45,7 +45,7 @@ _STEP = 0.1
 
 
 class ErrorAmplitudes(NamedTuple):
-    """Amplitudes of the wavefront's errors, in the order of `Take.shared_moves_mm`.
+    """Amplitudes of the wavefront's errors, in the order of `View.shared_moves_mm`.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class ErrorAmplitudes(NamedTuple):
 
 
 def error_amplitudes(
-    states: Sequence[LensState], moved: Sequence[Take]
+    states: Sequence[LensState], moved: Sequence[View]
 ) -> ErrorAmplitudes:
     """Estimate the amplitudes of the wavefront's errors from the detections.
 
@@ -154,7 +154,7 @@ class _AmplitudeEquations(NamedTuple):
     vector: Float[np.ndarray, " moves"]
 
 
-def _linearised_map(state: LensState, by_name: dict[str, Take]) -> _LinearisedMap:
+def _linearised_map(state: LensState, by_name: dict[str, View]) -> _LinearisedMap:
     adjustment = state.geometry.adjustment
     takes = tuple(by_name.get(take.name, take) for take in state.geometry.takes)
     substitute = _is_centroid_bias_term(adjustment)
@@ -187,7 +187,7 @@ def _is_centroid_bias_term(adjustment: Adjustment) -> Bool[np.ndarray, " paramet
 
 
 def _displacements_mm(
-    adjustment: Adjustment, takes: Sequence[Take]
+    adjustment: Adjustment, takes: Sequence[View]
 ) -> Float[np.ndarray, "views marks 2"]:
     """Displacement of the detections from the fitted ones to those of `takes`."""
     before_mm = adjustment.stack.observed_mm

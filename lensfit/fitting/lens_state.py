@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import jax
 import numpy as np
 
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fitting.colour.channel_colour import ChannelColour
 from lensfit.fitting.colour.lateral_colour import Views, fit_colours
@@ -23,7 +24,6 @@ from lensfit.fitting.entrance_pupil import (
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.fall_off.illumination import fit_illumination
 from lensfit.fitting.geometry import compiled_distortion_of
-from lensfit.fitting.take import Take
 from lensfit.fitting.uncertainty import Uncertainty, uncertainty_of
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.base import BaseProjection
@@ -64,10 +64,10 @@ class LensState:
 
 
 def fit_state(
-    group: list[Take],
+    group: list[View],
     progress: Progress = silent,
     *,
-    all_takes: list[Take],
+    all_takes: list[View],
     base: BaseProjection | None = None,
     perspective: KnownPerspective | None = None,
     known_decentring: DecentringTerms | None = None,

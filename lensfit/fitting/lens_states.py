@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from lensfit.errors import FitError
 from lensfit.fitting.breathing import breathing_notes
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.joint_adjustment import error_amplitudes
 from lensfit.fitting.lens_state import (
     LensState,
@@ -32,7 +33,6 @@ from lensfit.fitting.lens_state import (
 )
 from lensfit.fitting.lens_wavefronts import fit_wavefronts
 from lensfit.fitting.shared_parameters import fit_states_with_shared_parameters
-from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.adjusted_wavefront import (
     adjust_wavefront,
     chief_ray_takes_with_shared_moves,
@@ -98,7 +98,7 @@ class FittedLens:
 # while they wait: on a busy machine lateral colour took seven times longer.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def fit(
-    takes: list[Take],
+    views: list[View],
     progress: Progress = silent,
     *,
     effort: Effort = Effort.NORMAL,
@@ -108,7 +108,7 @@ def fit(
 
     Parameters
     ----------
-    takes : One for each photograph; any number of focal lengths, focus distances and
+    views : One for each photograph; any number of focal lengths, focus distances and
         f-numbers of one lens.
     progress : Called with the progress of each stage.
     effort : Trade-off between speed and accuracy of the wavefront fit.
@@ -119,8 +119,8 @@ def fit(
     FitError : No state could be fitted (single failures are returned in `failed`), or
         only some takes of a focal length state their focus distance.
     """
-    _require_consistent_focus(takes)
-    states, failed = fit_states_with_shared_parameters(takes, progress)
+    _require_consistent_focus(views)
+    states, failed = fit_states_with_shared_parameters(views, progress)
     if not states:
         raise next(iter(failed.values()), FitError("there are no photographs to fit"))
     states = with_colour(states)
@@ -131,9 +131,9 @@ def fit(
     if not wavefronts:
         return FittedLens(tuple(states), failed, unmeasured_blur=without)
     seconds = {"fit_wavefront": time.perf_counter() - began}
-    first = _fit_at_chief_rays(takes, wavefronts, progress)
+    first = _fit_at_chief_rays(views, wavefronts, progress)
     corrected = _jointly_corrected_wavefronts(states, first)
-    last = _fit_with_corrected_wavefronts(takes, first, corrected, progress)
+    last = _fit_with_corrected_wavefronts(views, first, corrected, progress)
     states = [more_accurate_state(state, states) for state in last.states]
     return FittedLens(
         tuple(states),
@@ -156,13 +156,13 @@ class _ChiefRayStates(NamedTuple):
     """
 
     wavefronts: dict[float, WavefrontFit]
-    takes: dict[float, list[Take]]
+    takes: dict[float, list[View]]
     states: list[LensState]
     failed: dict[str, FitError]
 
 
 def _fit_at_chief_rays(
-    takes: list[Take], wavefronts: dict[float, WavefrontFit], progress: Progress
+    takes: list[View], wavefronts: dict[float, WavefrontFit], progress: Progress
 ) -> _ChiefRayStates:
     by_focal = {
         focal_mm: chief_ray_takes_with_shared_moves(found)
@@ -175,7 +175,7 @@ def _fit_at_chief_rays(
 
 
 def _fit_with_corrected_wavefronts(
-    takes: list[Take],
+    takes: list[View],
     first: _ChiefRayStates,
     corrected: dict[float, WavefrontFit],
     progress: Progress,
@@ -230,7 +230,7 @@ def _focal_lengths_with_smaller_error(
     }
 
 
-def _require_consistent_focus(takes: list[Take]) -> None:
+def _require_consistent_focus(takes: list[View]) -> None:
     for focal_mm in sorted({take.focal_length_mm for take in takes}):
         mine = [take for take in takes if take.focal_length_mm == focal_mm]
         unstated = [take for take in mine if take.focus_distance_mm is None]

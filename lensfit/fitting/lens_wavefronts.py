@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.lens_state import LensState, by_focal_length
-from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.adjusted_wavefront import refit_without_centroid_bias
 from lensfit.fitting.wavefront.dot_patches import (
     LARGEST_DOT_APERTURE_CELLS,
@@ -131,7 +131,7 @@ def _subset_of_one_setting(photographs: list[DotPhotograph]) -> list[DotPhotogra
     return [photographs[k] for k in rows]
 
 
-def _frame_coverage(take: Take) -> Float[np.ndarray, "4"]:
+def _frame_coverage(take: View) -> Float[np.ndarray, "4"]:
     """Mean position and spread of its detections, as shares of the frame."""
     seen = take.observations.points_px / np.asarray(take.observations.image_size_px)
     return np.concatenate([seen.mean(0), 2 * seen.std(0)])

@@ -158,7 +158,7 @@ class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
 
 
 def _little_left(state: Any, tolerance: Array | float) -> Bool[Array, ""]:
-    """Whether a full Newton step would hardly lower chi-squared."""
+    """Whether a full Newton step would lower chi-squared by a negligible amount."""
     squares = state.f_info.residual**2
     return jnp.sum(squares[:-1]) < tolerance * jnp.sum(squares)
 
@@ -179,7 +179,7 @@ def minimise(
         else worth keeping.
     tolerance : Share of chi-squared that is not worth another step.
     most_steps : Passes over the data; one only evaluates the equations at `start`.
-    first_damping : Of the first step. Where the data leave a long, curved valley an
+    first_damping : Of the first step. Where the data leave a long, curved minimum an
         undamped step overshoots, and each such step costs a pass.
     """
     found = optx.least_squares(

@@ -27,9 +27,9 @@ from lensfit.fitting.cores import (
     this_core,
 )
 from lensfit.fitting.geometry import (
+    BoardPose,
     Frame,
     Parts,
-    View,
     distortion_of,
     named_parts,
     parts_of,
@@ -71,7 +71,7 @@ def split(parameters: Array, layout: Layout) -> tuple[Array, Array]:
 
 def predictions_mm(
     parameters: Float[Array, " parameters"],
-    views: View,
+    views: BoardPose,
     view_of_chunk: Int[Array, " chunks"],
     board: Float[Array, "chunks marks 2"],
     layout: Layout,
@@ -90,7 +90,7 @@ def predictions_mm(
 
 def equations(
     parameters: Float[Array, " parameters"],
-    views: View,
+    views: BoardPose,
     marks: Marks,
     layout: Layout,
     frame: Frame,
@@ -106,7 +106,7 @@ def equations(
 
 
 def _on_core(
-    parameters: Array, views: View, marks: Marks, frame: Frame, layout: Layout
+    parameters: Array, views: BoardPose, marks: Marks, frame: Frame, layout: Layout
 ) -> Equations:
     """The equations, from what this core and the others find."""
     shared, local = split(parameters, layout)

@@ -1,10 +1,10 @@
 """Priors of the stages of the geometric fit: which parameters are free, and how wide.
 
 Loose priors keep parameters that the photographs do not determine from diverging, and
-hardly affect the others. The principal point stays well inside the frame. Thin prism
-resembles decentering with a tilt of the chart and is small: less than 2e-4 in three
-designs with elements out of centre by manufacturing tolerances, whose decentering was
-up to 1e-3.
+have little effect on the others. The principal point stays well inside the frame. Thin
+prism resembles decentering with a tilt of the chart and is small: less than 2e-4 in
+three designs with elements out of centre by manufacturing tolerances, whose decentering
+was up to 1e-3.
 
 A centroid bias proportional to the distance from the axis, as coma causes it, looks
 like a chart at another distance; a bias of one or two pixels at the edge is large. The

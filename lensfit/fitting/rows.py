@@ -18,9 +18,9 @@ from jaxtyping import Array, Float
 
 from lensfit.fitting.geometry import (
     NAMED,
+    BoardPose,
     Frame,
     Parts,
-    View,
     board_basis,
     board_point_mm,
     direction_of,
@@ -75,7 +75,7 @@ class _Displacement(NamedTuple):
 
 
 def row(
-    mark: Mark, parts: Parts, view: View, layout: Layout, frame: Frame
+    mark: Mark, parts: Parts, view: BoardPose, layout: Layout, frame: Frame
 ) -> tuple[Float[Array, "2 parameters"], Float[Array, "2"]]:
     """Derivative of a whitened residual, in the order of the blocks, and the residual.
 
@@ -131,7 +131,7 @@ def _guarded(nudge: _Nudge, displacement: _Displacement) -> Parts:
     return by_named | {"free_field": by_free}
 
 
-def _board_bases(board: Array, view: View, layout: Layout) -> tuple[Array, Array]:
+def _board_bases(board: Array, view: BoardPose, layout: Layout) -> tuple[Array, Array]:
     """mm that the board point moves per unit of stretch, and of bend."""
     extent = jnp.max(view.half_board_mm)
     stretch = board_basis(board, layout.stretch_degree) * view.whole_board

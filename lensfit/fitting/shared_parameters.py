@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from lensfit.errors import FitError
+from lensfit.fitting.chart_view import View, grouped
 from lensfit.fitting.decentring import DecentringTerms, decentring_of
 from lensfit.fitting.entrance_pupil import (
     perspective_at_other_focus,
@@ -21,14 +22,13 @@ from lensfit.fitting.entrance_pupil import (
 )
 from lensfit.fitting.joint_adjustment import walk_with_shared_errors
 from lensfit.fitting.lens_state import LensState, by_focal_length, fit_state
-from lensfit.fitting.take import Take, grouped
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.base import BaseProjection
 from lensfit.progress import Progress
 
 
 def fit_states_with_shared_parameters(
-    takes: list[Take], progress: Progress
+    takes: list[View], progress: Progress
 ) -> tuple[list[LensState], dict[str, FitError]]:
     """Fit every state, with shared parameters from the states that determine them.
 
@@ -54,7 +54,7 @@ def fit_states_with_shared_parameters(
     final_names = _take_names(final)
     remaining = [g for g in groups if not any(t.name in final_names for t in g)]
 
-    def priors_of(group: list[Take]) -> _Priors:
+    def priors_of(group: list[View]) -> _Priors:
         mine = shared.get(group[0].focal_length_mm, _SharedParameters())
         return _Priors(_perspective_for(group, mine), mine.decentring)
 
@@ -76,12 +76,12 @@ class _Priors(NamedTuple):
     decentring: DecentringTerms | None = None
 
 
-def _no_priors(_: list[Take]) -> _Priors:
+def _no_priors(_: list[View]) -> _Priors:
     return _Priors()
 
 
 def _with_corrected_walk(
-    states: list[LensState], progress: Progress, takes: list[Take]
+    states: list[LensState], progress: Progress, takes: list[View]
 ) -> list[LensState]:
     """The states; of each focal length the state that supplies the shared values is
     fitted again if errors common to all its detections distorted the shift of its pupil
@@ -137,7 +137,7 @@ def _state_of_best_known_pupil(states: list[LensState]) -> LensState:
 
 
 def _perspective_for(
-    group: list[Take], shared: _SharedParameters
+    group: list[View], shared: _SharedParameters
 ) -> KnownPerspective | None:
     """Prior of a group's entrance pupil, from another state of the lens."""
     source = shared.pupil_source
@@ -163,18 +163,18 @@ def _axis_deviation(state: LensState) -> float:
     return float(np.hypot(*state.uncertainty.deviation("principal_point")))
 
 
-def _in_order(states: list[LensState], takes: list[Take]) -> list[LensState]:
+def _in_order(states: list[LensState], takes: list[View]) -> list[LensState]:
     """Sorted as their photographs are in `takes`."""
     place = {take.name: k for k, take in enumerate(takes)}
     return sorted(states, key=lambda s: min(place[t.name] for t in s.geometry.takes))
 
 
 def _fit_states(
-    groups: list[list[Take]],
+    groups: list[list[View]],
     progress: Progress,
-    priors_of: Callable[[list[Take]], _Priors],
+    priors_of: Callable[[list[View]], _Priors],
     *,
-    all_takes: list[Take],
+    all_takes: list[View],
     before: Sequence[LensState] = (),
 ) -> tuple[list[LensState], dict[str, FitError]]:
     """One state for each group, without the takes that contradict their group.

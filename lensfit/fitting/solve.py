@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from lensfit.fitting.chunks import Marks
-from lensfit.fitting.geometry import Frame, View
+from lensfit.fitting.geometry import BoardPose, Frame
 from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 from lensfit.fitting.normal import Equations, equations
 from lensfit.fitting.parameters import Layout
@@ -28,7 +28,7 @@ class Stated(NamedTuple):
 class Problem(NamedTuple):
     """Everything the residual needs besides the parameters."""
 
-    views: View
+    views: BoardPose
     marks: Marks
     frame: Frame
     prior_mean: Float[Array, " parameters"]

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from lensfit.fitting.adjust import Adjustment
+from lensfit.fitting.chart_view import View, grouped
 from lensfit.fitting.geometry import Frame
 from lensfit.fitting.parameters import Layout, Prior
 from lensfit.fitting.start import (
@@ -22,14 +23,13 @@ from lensfit.fitting.start import (
 from lensfit.fitting.stated_facts import Facts, views_sharing
 from lensfit.fitting.stated_scale import stated_scale
 from lensfit.fitting.statements import statements_of
-from lensfit.fitting.take import Take, grouped
 from lensfit.fitting.usual_lens import (
     KnownPerspective,
     magnification_at,
     usual_pupil,
     usual_walk,
 )
-from lensfit.fitting.views import Stack, board_of, observed_of, stack_takes
+from lensfit.fitting.view_stack import Stack, board_of, observed_of, stack_takes
 
 _TILT_RAD = 0.12
 """Views that differ by less do not determine a focal length."""
@@ -62,7 +62,7 @@ class Start:
     facts : Stated values.
     """
 
-    takes: tuple[Take, ...]
+    takes: tuple[View, ...]
     stack: Stack
     frame: Frame
     largest: Layout
@@ -106,8 +106,8 @@ class Start:
 
 
 def start_of(
-    takes: list[Take],
-    all_takes: list[Take],
+    takes: list[View],
+    all_takes: list[View],
     perspective: KnownPerspective | None = None,
 ) -> Start:
     """Scales and start poses of the takes of one lens state.
@@ -154,7 +154,7 @@ def start_of(
 
 
 def _stated_focal_length(
-    takes: list[Take], perspective: KnownPerspective | None
+    takes: list[View], perspective: KnownPerspective | None
 ) -> tuple[float, Facts, list[str]]:
     """Principal distance for the start poses, stated values, and notes."""
     found = None
@@ -177,7 +177,7 @@ def _stated_focal_length(
 
 
 def _facts_meant(
-    takes: list[Take], perspective: KnownPerspective | None, found: float | None
+    takes: list[View], perspective: KnownPerspective | None, found: float | None
 ) -> tuple[Facts, list[str]]:
     """Stated values, with the interpretation of an anamorphic focal length that is most
     consistent with the rest.
@@ -212,7 +212,7 @@ def _facts_meant(
 
 
 def facts_of(
-    takes: list[Take],
+    takes: list[View],
     engraving: float = 1.0,
     perspective: KnownPerspective | None = None,
 ) -> Facts:
@@ -257,25 +257,25 @@ def _scaled_pose(pose: Pose, ratio: float) -> Pose:
     return Pose(pose.rotation, pose.translation_mm * [1.0, 1.0, ratio])
 
 
-def _pose(take: Take, focal_mm: float) -> Pose:
+def _pose(take: View, focal_mm: float) -> Pose:
     return pose_from_homography(
         board_of(take), _unsqueezed_mm(take), focal_mm, take.name
     )
 
 
-def _unsqueezed_mm(take: Take) -> np.ndarray:
+def _unsqueezed_mm(take: View) -> np.ndarray:
     """Positions of the detections if the lens were spherical."""
     return observed_of(take) * np.sqrt([take.squeeze, 1 / take.squeeze])
 
 
-def _board_distance_mm(takes: list[Take], poses: list[Pose]) -> Array:
+def _board_distance_mm(takes: list[View], poses: list[Pose]) -> Array:
     """From the entrance pupil, of the boards whose distance was measured, or of all."""
     ahead = np.array([pose.translation_mm[2] for pose in poses])
     measured = np.array([take.target_distance_mm is not None for take in takes])
     return jnp.asarray(np.median(ahead[measured] if measured.any() else ahead))
 
 
-def _apertures(takes: list[Take]) -> list[float]:
+def _apertures(takes: list[View]) -> list[float]:
     """The f-numbers with separate centroid shifts, smallest aperture first.
 
     Empty if the detections are chief rays, which do not depend on the aperture.
@@ -285,13 +285,13 @@ def _apertures(takes: list[Take]) -> list[float]:
     return sorted({t.f_number for t in takes if t.f_number}, reverse=True)[:4]
 
 
-def _aperture(take: Take, numbers: list[float]) -> int:
+def _aperture(take: View, numbers: list[float]) -> int:
     if take.f_number is None or not numbers:
         return 0
     return int(np.argmin([abs(take.f_number - n) for n in numbers]))
 
 
-def _whole_boards(takes: list[Take]) -> list[bool]:
+def _whole_boards(takes: list[View]) -> list[bool]:
     """Which takes show the lattice to the extent that most takes of the target do."""
     extents = [
         (t.target, *np.round(np.ptp(t.observations.lattice, axis=0)).astype(int))
@@ -303,7 +303,7 @@ def _whole_boards(takes: list[Take]) -> list[bool]:
     return [extent == commonest for extent in extents]
 
 
-def _lens_layout(takes: list[Take]) -> Layout:
+def _lens_layout(takes: list[View]) -> Layout:
     """The largest model of the lens, without errors of the board."""
     marks = sum(len(t.observations) for t in takes)
     degrees = ((10_000, 11), (1500, 9), (600, 7), (300, 5))
@@ -316,7 +316,7 @@ def _lens_layout(takes: list[Take]) -> Layout:
 
 
 def _board_degrees(
-    takes: list[Take], whole: bool, poses: list[Pose]
+    takes: list[View], whole: bool, poses: list[Pose]
 ) -> tuple[int, int]:
     """Degrees of the board's bend, and of its errors within its plane."""
     each = sum(len(t.observations) for t in takes) / len(takes)
@@ -326,7 +326,7 @@ def _board_degrees(
     return bend, 4 if whole and each >= 40 else 0
 
 
-def _with_room(layout: Layout, states: list[list[Take]]) -> Layout:
+def _with_room(layout: Layout, states: list[list[View]]) -> Layout:
     """A layout with room for the lens model of every state."""
     all_of_them = [layout, *map(_lens_layout, states)]
     return replace(
@@ -337,7 +337,7 @@ def _with_room(layout: Layout, states: list[list[Take]]) -> Layout:
     )
 
 
-def _dot_radius_mm(take: Take) -> float:
+def _dot_radius_mm(take: View) -> float:
     """Stated radius, or diameter over pitch of the image, both in pixels."""
     if take.mark_diameter_mm is not None:
         return take.mark_diameter_mm / 2

@@ -3,7 +3,7 @@
 The criteria are those of `select`. The named terms of the lens are selected first, in
 two passes; then bends of the boards; then the free field, with the named terms held
 fixed, because the free field can reproduce them. A few damped steps with all selected
-terms free follow, since their minimum is a long curved valley. The decentring terms
+terms free follow, since their minimum is long and curved. The decentring terms
 enter together where the principal point is free (`decentring`).
 """
 
@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lensfit.fitting.adjust import VALLEY_DAMPING, Adjustment, adjust
+from lensfit.fitting.adjust import COLLINEAR_DAMPING, Adjustment, adjust
 from lensfit.fitting.decentring import (
     MANUFACTURING_TOLERANCE,
     TOLERANCE_REASON,
@@ -123,7 +123,7 @@ def _all_free(adjustment: Adjustment, everything: np.ndarray) -> Adjustment:
     prior = loose_prior(adjustment.parameters, adjustment.layout, nothing, everything)
     prior = Prior(np.where(prior.free, 0.0, prior.mean), prior.standard_deviation)
     released = replace(adjustment, prior=prior)
-    return adjust(released, rounds=1, damping=VALLEY_DAMPING)
+    return adjust(released, rounds=1, damping=COLLINEAR_DAMPING)
 
 
 def _higher_degree_terms(layout: Layout) -> np.ndarray:

@@ -33,13 +33,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fitting.adjust import Adjustment, equations_at
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.geometry import NAMED, compiled_distortion_of
 from lensfit.fitting.half_equations import explained_by, halves_of, stated_statistics
 from lensfit.fitting.parameters import Layout
 from lensfit.fitting.priors import loose_prior
 from lensfit.fitting.systematic import covariance_of_equations, systematic_covariance
-from lensfit.fitting.take import Take
-from lensfit.fitting.views import residuals_of
+from lensfit.fitting.view_stack import residuals_of
 from lensfit.optics import position_deviation as optics
 
 SYSTEMATIC_PX = 0.006
@@ -82,7 +82,7 @@ class Uncertainty:
         return np.sqrt(np.maximum(np.diag(self.covariance)[where], 0.0))
 
 
-def uncertainty_of(adjustment: Adjustment, takes: tuple[Take, ...]) -> Uncertainty:
+def uncertainty_of(adjustment: Adjustment, takes: tuple[View, ...]) -> Uncertainty:
     """Covariance at the solution of an adjustment.
 
     Parameters
@@ -175,7 +175,7 @@ def _systematic(
 
 
 def shared_moves_of(
-    adjustment: Adjustment, takes: tuple[Take, ...]
+    adjustment: Adjustment, takes: tuple[View, ...]
 ) -> Float[np.ndarray, "moves views marks 2"]:
     """Common moves of the detections by each error of the wavefront, mm; no moves where
     detections are centroids."""

@@ -2,7 +2,7 @@
 
 A chief-ray map that was measured on a chart holds at the chart's distance. At other
 distances it depends on the position of the entrance pupil and its shift with field
-angle, which a chart parallel to the sensor hardly determines. The standard deviation
+angle, which a chart parallel to the sensor weakly determines. The standard deviation
 therefore grows with the difference of the vergences of object and chart, seen from the
 pupil.
 

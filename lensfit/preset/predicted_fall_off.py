@@ -2,12 +2,12 @@
 
 The area of the pupil, in direction cosines, over that on the axis is the relative
 illumination (`lensfit.optics.pupil`): rims that clip at a wide stop do not clip a
-smaller one. The remaining loss is natural fall-off, which hardly shows in the shape of
-dots. So the fall-off measured at the nearest f-number is multiplied by the ratio that
-the pupil predicts between the two f-numbers. It is stored as measured fall-off is
-(`lensfit.optics.falloff`): a Bernstein polynomial of the squared radius whose control
-values never fall, by least squares with non-negative steps, for the mean over all
-azimuths.
+smaller one. The remaining loss is natural fall-off, which has little effect on the
+shape of dots. So the fall-off measured at the nearest f-number is multiplied by the
+ratio that the pupil predicts between the two f-numbers. It is stored as measured
+fall-off is (`lensfit.optics.falloff`): a Bernstein polynomial of the squared radius
+whose control values never fall, by least squares with non-negative steps, for the mean
+over all azimuths.
 """
 
 import math

@@ -6,8 +6,8 @@ laid for pictures rather than for derivatives:
 - they crowd towards the rim of the pupil, where a disc of blur has its edge: with t
   even in (0, 1), the share 1 - (1 - t)^2 of the area lies inside;
 - their azimuths advance by 1/sqrt(3) of a turn: its multiples, and those of three
-  times it, are spread about evenly, so that rays may be dealt to three wavelengths and
-  each wavelength still fills the pupil by itself;
+  times it, are spread about evenly, so that rays may be distributed over three
+  wavelengths and each wavelength still fills the pupil by itself;
 - a Gaussian has the area of its cell's image, |det dx/du|, so that folds of the
   wavefront (caustics) stay sharp.
 

@@ -1,9 +1,9 @@
 """The spot of one dot: rays through the opening, each with its weight and its width.
 
 Rays fill the opening of the pupil evenly (`optics.pupil`), each standing for a cell of
-equal area and carrying the light of that (`optics.etendue`). They are dealt to the
-wavelengths in turn: half as many rays as if every point of the opening sent one of each
-wavelength are as accurate. The image of a cell is stood for by a round Gaussian
+equal area and carrying the light of that (`optics.etendue`). They are distributed over
+the wavelengths in turn: half as many rays as if every point of the opening sent one of
+each wavelength are as accurate. The image of a cell is stood for by a round Gaussian
 (`pixels`) whose variance is proportional to
 
     A/M |dx/du|^2 / 2,
@@ -116,7 +116,7 @@ def spot_of(
 
     Parameters
     ----------
-    nodes : Whose points, dealt to the wavelengths, they went through.
+    nodes : Whose points, distributed over the wavelengths, they went through.
     lateral_mm : Displacement of each wavelength's chief ray against green's.
     """
     share = split_by_wavelength(nodes.weight, len(lateral_mm))

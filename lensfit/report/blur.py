@@ -156,7 +156,8 @@ def _hardly_seen(blur: dict) -> Markup:
     if not names:
         return Markup("")
     text = (
-        f"Hardly seen in these photographs, so not to be relied on: {', '.join(names)}."
+        "Weakly determined by these photographs, so not to be relied on: "
+        f"{', '.join(names)}."
     )
     return tag("p", text)
 

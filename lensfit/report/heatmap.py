@@ -105,7 +105,7 @@ def fall_off_surface(entry: dict, camera: dict) -> Figure | None:
 
 
 def _visible(stops: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Nothing where hardly anything is lost: light is kept to five decimals."""
+    """Nothing where almost nothing is lost: light is kept to five decimals."""
     return np.where(np.abs(stops) < _LEAST_STOPS, 0.0, stops)
 
 

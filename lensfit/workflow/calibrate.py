@@ -20,9 +20,9 @@ from threadpoolctl import threadpool_limits
 from lensfit.atomic import write_text_atomic
 from lensfit.errors import DetectionError, FitError
 from lensfit.exchange.stmaps import StmapFrame, file_stem, write_stmaps
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import FittedLens, fit
-from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.lens import Lens
 from lensfit.preset.schema import LensName, Preset
@@ -168,7 +168,7 @@ def calibrate_observed(
 
 
 def _fitted(
-    takes: list[Take],
+    takes: list[View],
     contradictions: list[Contradiction],
     progress: Progress,
     effort: str,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from lensfit.detect.cutouts import cut_dot_images
 from lensfit.detect.dot_diameter import dot_diameter_mm
+from lensfit.detect.dot_images import cut_dot_images
 from lensfit.detect.find import observe
 from lensfit.photograph import Photograph
 

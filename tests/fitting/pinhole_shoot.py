@@ -11,7 +11,7 @@ from found_marks import found_marks
 from scipy.spatial.transform import Rotation
 
 from lensfit.detect.observations import Observations
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 
 SENSOR_MM = (24.0, 18.0)
 IMAGE_PX = (2400, 1800)
@@ -78,9 +78,9 @@ def observations(
     )
 
 
-def take_of(seen: Observations, name: str = "view", **changes) -> Take:
+def take_of(seen: Observations, name: str = "view", **changes) -> View:
     """A photograph of the lattice with what its slate would say."""
-    stated = Take(
+    stated = View(
         name=name,
         target="grid",
         observations=seen,
@@ -94,7 +94,7 @@ def take_of(seen: Observations, name: str = "view", **changes) -> Take:
 
 def shoot(
     camera: Camera, noise_px: float = 0.0, seed: int = 0, **changes
-) -> list[Take]:
+) -> list[View]:
     """One take of every view of the camera."""
     return [
         take_of(

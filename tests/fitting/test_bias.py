@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lensfit.fitting.bias import centroid_shift_mm
-from lensfit.fitting.geometry import Frame, View, predicted_mm
+from lensfit.fitting.geometry import BoardPose, Frame, predicted_mm
 from lensfit.fitting.parameters import Layout
 
 LAYOUT = Layout(radial=2)
@@ -23,9 +23,9 @@ FRAME = Frame(
 MARKS = np.array([[0.0, 0.0], [0.9, 0.6], [-0.5, 0.8]])
 
 
-def _view(tilt_rad: float) -> View:
+def _view(tilt_rad: float) -> BoardPose:
     """A board turned about y, so that its right side is nearer for positive tilts."""
-    return View(
+    return BoardPose(
         rotation=jnp.asarray(Rotation.from_rotvec([[0, tilt_rad, 0]]).as_matrix()),
         translation_mm=jnp.array([[0.0, 0.0, DISTANCE_MM]]),
         aperture=jnp.zeros(1, int),

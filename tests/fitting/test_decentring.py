@@ -14,10 +14,10 @@ from data_synth.bands import camera_bands
 from data_synth.lens import set_lens
 from data_synth.spots import band_chiefs_mm
 from data_synth.wavefront_cases import random_subject
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import fit
-from lensfit.fitting.take import Take
 from lensfit.optics.many_points import distort
 
 NOISE_PX = 0.02
@@ -48,10 +48,10 @@ class Traced:
     def landed_mm(self, focus_mm: float, points_mm: np.ndarray) -> np.ndarray:
         return band_chiefs_mm(self.at(focus_distance_mm=focus_mm), points_mm, GREEN)
 
-    def takes(self, focus_mm: float, poses) -> list[Take]:
+    def takes(self, focus_mm: float, poses) -> list[View]:
         return [self._take(focus_mm, k, pose) for k, pose in enumerate(poses)]
 
-    def _take(self, focus_mm: float, view: int, pose) -> Take:
+    def _take(self, focus_mm: float, view: int, pose) -> View:
         frame = self.frame
         pitch_mm = frame.size_mm[0] / 15.5 * self.scale
         flat = np.column_stack([LATTICE * pitch_mm, np.zeros(len(LATTICE))])
@@ -67,7 +67,7 @@ class Traced:
             deviation_px=NOISE_PX,
             lattice=LATTICE[seen],
         )
-        return Take(
+        return View(
             name=f"{focus_mm:g} {view}",
             target="grid",
             observations=marks,

@@ -14,8 +14,8 @@ from pinhole_shoot import (
     take_of,
 )
 
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_state import LensState, fit_state, with_colour
-from lensfit.fitting.take import Take
 from lensfit.fitting.uncertainty import position_deviations_mm
 from lensfit.lens import Lens
 from lensfit.preset.blocks import Camera as CameraBlock
@@ -30,7 +30,7 @@ FINE = np.stack(np.meshgrid(np.arange(-14, 15.0), np.arange(-10, 11.0)), -1) / 2
 BLOCK = CameraBlock(None, *SENSOR_MM, *IMAGE_PX)
 
 
-def coloured_take(view: int) -> Take:
+def coloured_take(view: int) -> View:
     """A photograph in colour whose light falls off, of a fine lattice."""
     lattice = FINE.reshape(-1, 2)
     image = CAMERA.image_mm(CAMERA.camera_axes(view, lattice * 40.0))

@@ -8,8 +8,8 @@ from pinhole_shoot import Camera
 from scipy.spatial.transform import Rotation
 
 from lensfit.fitting.geometry import (
+    BoardPose,
     Frame,
-    View,
     board_point_mm,
     distortion_of,
     parts_of,
@@ -30,8 +30,8 @@ LAYOUT = Layout(radial=3, bend_degree=2, stretch_degree=2, apertures=1)
 MARKS = np.random.default_rng(0).uniform(-1, 1, (30, 2))
 
 
-def _view(whole_board: float = 1.0, aperture: int = 0) -> View:
-    return View(
+def _view(whole_board: float = 1.0, aperture: int = 0) -> BoardPose:
+    return BoardPose(
         rotation=jnp.asarray(Rotation.from_rotvec([0.2, -0.1, 0.05]).as_matrix()),
         translation_mm=jnp.array([20.0, -10.0, 900.0]),
         aperture=jnp.asarray(aperture),

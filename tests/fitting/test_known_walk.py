@@ -12,12 +12,12 @@ from data_synth.aim import chief_aim_mm
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from lensfit.detect.observations import only
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.entrance_pupil import FittedWalk, perspective_with_walk
 from lensfit.fitting.joint_adjustment import walk_with_shared_errors
 from lensfit.fitting.lens_states import fit
-from lensfit.fitting.take import Take
 from lensfit.fitting.usual_lens import usual_walk
-from lensfit.fitting.views import board_of, observed_of
+from lensfit.fitting.view_stack import board_of, observed_of
 from lensfit.optics.many_points import undistort
 from lensfit.workflow.calibration.entries import entry_of
 
@@ -27,7 +27,7 @@ CAMERA = Camera(30.0, (0.0, 0.0), k=(-0.05, 0.0))
 
 def photographed(
     rotations, focus_mm: float, walk_mm: float = WALK_MM, noise_px: float = 0.02
-) -> list[Take]:
+) -> list[View]:
     """A pinhole that stands farther back for steeper rays."""
     camera = Camera(
         CAMERA.focal_length_mm, CAMERA.centre_mm, k=CAMERA.k, rotations=rotations

@@ -6,8 +6,8 @@ import pytest
 from pinhole_shoot import Camera, shoot
 
 from lensfit.errors import FitError
+from lensfit.fitting.chart_view import grouped
 from lensfit.fitting.lens_states import fit
-from lensfit.fitting.take import grouped
 
 TAKES = shoot(Camera())
 

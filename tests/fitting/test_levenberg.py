@@ -1,4 +1,5 @@
-"""Levenberg-Marquardt on normal equations: valleys, fixed parameters and priors."""
+"""Levenberg-Marquardt on normal equations: curved minima, fixed parameters and
+priors."""
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ WIDE = Prior(jnp.zeros(2), jnp.zeros(2), jnp.ones(2))
 
 
 def _residual(p):
-    """Rosenbrock's valley, a constant left over: chi-squared 1 at (1, 1)."""
+    """Rosenbrock's function, a constant left over: chi-squared 1 at (1, 1)."""
     return jnp.stack([1 - p[0], 10 * (p[1] - p[0] ** 2), jnp.ones_like(p[0])])
 
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from lensfit.fitting import normal, solve
 from lensfit.fitting.chunks import Marks
-from lensfit.fitting.geometry import Frame, View
+from lensfit.fitting.geometry import BoardPose, Frame
 from lensfit.fitting.levenberg import short_residual, with_prior
 from lensfit.fitting.parameters import Layout
 
@@ -22,7 +22,7 @@ def problem() -> solve.Problem:
     rng = np.random.default_rng(0)
     size = LAYOUT.size(VIEWS)
     turns = Rotation.from_rotvec(rng.normal(0, 0.2, (VIEWS, 3))).as_matrix()
-    views = View(
+    views = BoardPose(
         rotation=jnp.asarray(turns),
         translation_mm=jnp.asarray(rng.normal([0, 0, 900], 20.0, (VIEWS, 3))),
         aperture=jnp.asarray([0, 1, 0]),

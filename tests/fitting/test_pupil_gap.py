@@ -6,13 +6,13 @@ from pinhole_shoot import FRONTAL, LATTICE, PITCH_MM, TILTED, Camera, observatio
 from pinhole_shoot import take_of as stated
 
 from lensfit.detect.observations import only
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.chief_ray import fit_chief_ray
-from lensfit.fitting.take import Take
 
 SQUEEZE, GAP_MM, FOCAL_MM = 1.8, 55.0, 30.0
 
 
-def photographed(rotations, squeeze: float = SQUEEZE) -> list[Take]:
+def photographed(rotations, squeeze: float = SQUEEZE) -> list[View]:
     """A pinhole whose x is squeezed, and sees everything from farther ahead."""
     camera = Camera(FOCAL_MM, (0.0, 0.0), rotations=rotations)
     takes = []

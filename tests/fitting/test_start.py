@@ -8,9 +8,9 @@ from pinhole_shoot import FRONTAL, LATTICE, PITCH_MM, Camera, shoot
 from scipy.spatial.transform import Rotation
 
 from lensfit.errors import FitError
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.stage import start_of
 from lensfit.fitting.start import focal_length_from_homographies, pose_from_homography
-from lensfit.fitting.take import Take
 
 BOARD_MM = LATTICE * PITCH_MM
 CENTRED = Camera(centre_mm=(0.0, 0.0))
@@ -89,7 +89,7 @@ def test_a_tilt_that_the_stated_focal_length_makes_small_proves_no_long_lens():
 SQUEEZE = 1.8
 
 
-def squeezed_shoot(camera: Camera, **changes) -> list[Take]:
+def squeezed_shoot(camera: Camera, **changes) -> list[View]:
     """What a lens of the camera's focal length, its geometric mean, makes of it."""
     takes = []
     for take in shoot(camera):

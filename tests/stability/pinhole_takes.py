@@ -6,7 +6,7 @@ import numpy as np
 from found_marks import found_marks
 from scipy.spatial.transform import Rotation
 
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 
 SENSOR_MM, IMAGE_PX, MM_PER_PX = (24.0, 18.0), (2400, 1800), 0.01
 PITCH_MM, FOCAL_MM, K1 = 40.0, 30.0, -0.1
@@ -33,7 +33,7 @@ class Shoot:
         bent = slope * (1 + K1 * (slope**2).sum(1, keepdims=True))
         return FOCAL_MM * bent / MM_PER_PX + np.array(IMAGE_PX) / 2
 
-    def takes(self) -> list[Take]:
+    def takes(self) -> list[View]:
         """One of every view."""
         rng = np.random.default_rng(1)
         found = []
@@ -44,7 +44,7 @@ class Shoot:
         return found
 
 
-def take_of(at_px, lattice, name: str = "view", noise_px: float = 0.05) -> Take:
+def take_of(at_px, lattice, name: str = "view", noise_px: float = 0.05) -> View:
     """A photograph with marks at these places."""
     seen = found_marks(
         np.asarray(at_px, float),
@@ -52,7 +52,7 @@ def take_of(at_px, lattice, name: str = "view", noise_px: float = 0.05) -> Take:
         deviation_px=max(noise_px, 1e-3),
         lattice=np.asarray(lattice, float),
     )
-    return Take(
+    return View(
         name=name,
         target="grid",
         observations=seen,

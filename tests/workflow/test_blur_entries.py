@@ -280,8 +280,8 @@ def test_the_report_lists_what_was_kept_and_what_was_left():
     assert defocus["value"] == [0.15, -0.2, 0.1]
     assert defocus["standard_deviation"] == [0.5, 0.5, 0.5]
     assert defocus["unit"] == "mm"
-    assert "hardly show" in terms["blur_third_order"]["reason"]
-    assert "hardly show" not in defocus["reason"]
+    assert "determine it weakly" in terms["blur_third_order"]["reason"]
+    assert "determine it weakly" not in defocus["reason"]
 
 
 def test_the_report_states_every_take_and_every_defocus():

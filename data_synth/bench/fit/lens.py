@@ -20,7 +20,7 @@ from lensfit.fitting.chief_ray import ChiefRayFit
 from lensfit.fitting.geometry import distortion_of
 from lensfit.fitting.held_out import HELD_OUT_SEEDS, fitted_to_half
 from lensfit.fitting.lens_state import LensState
-from lensfit.fitting.views import line_numbers, observed_of
+from lensfit.fitting.view_stack import line_numbers, observed_of
 from lensfit.lens import Channel, Lens
 from lensfit.preset.blocks import Camera
 from lensfit.preset.lens_of_entry import lens_of_entry

@@ -1,7 +1,7 @@
 """Dots of a photograph as anyone has them: small pictures, places, and what was stated.
 
 Nothing here comes from a fit of a lens. Millimetres on the sensor, x right and y down
-from its centre; cells are those of `detect.cutouts`.
+from its centre; cells are those of `detect.dot_images`.
 """
 
 from typing import NamedTuple
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from lensfit.coords import mm_from_px
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.wavefront.dot_patches import centroids_mm
 from lensfit.fitting.wavefront.gather import farthest_point_rows
 
@@ -25,7 +25,7 @@ class PicturedDots(NamedTuple):
     half_diagonal_mm : Of the sensor.
     place_mm : Where each dot is.
     light, use : Of every cell, and whether it may be used.
-    centre_cells : Of each channel's light, x and y from the corner of the cutout.
+    centre_cells : Of each channel's light, x and y from the corner of the dot image.
     cell_mm : Width and height of a cell.
     hole_mm2 : Covariance of the image of a hole.
     """
@@ -43,7 +43,7 @@ class PicturedDots(NamedTuple):
     hole_mm2: Float[np.ndarray, "2 2"]
 
 
-def pictured(takes: list[Take]) -> list[PicturedDots]:
+def pictured(takes: list[View]) -> list[PicturedDots]:
     """Of the takes that state f-number, focus and where the chart was."""
     return [
         _dots_of(take)
@@ -62,7 +62,7 @@ def some_of(dots: PicturedDots, most: int) -> PicturedDots:
     return dots._replace(**{name: getattr(dots, name)[rows] for name in parts})
 
 
-def _dots_of(take: Take) -> PicturedDots:
+def _dots_of(take: View) -> PicturedDots:
     cut, marks = take.dot_images, take.observations
     assert cut is not None
     assert None not in (take.f_number, take.focus_distance_mm, take.target_distance_mm)

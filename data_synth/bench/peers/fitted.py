@@ -15,8 +15,8 @@ from data_synth.bench.peers.dots import pictured
 from data_synth.bench.peers.gaussian import GaussianLens, gaussian_fields
 from data_synth.bench.peers.spots import LensMaker
 from lensfit.errors import FitError
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_states import fit
-from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.term_groups import SEIDEL
 from lensfit.preset.schema import Preset
@@ -35,7 +35,7 @@ class Peer(NamedTuple):
     seconds: dict[str, float]
 
 
-def simple_peers(takes: list[Take]) -> dict[str, Peer]:
+def simple_peers(takes: list[View]) -> dict[str, Peer]:
     """Gaussians, and disc and mask.
 
     Raises

@@ -213,7 +213,7 @@ def _fitted_dot(start: Array, level: Array, use: Array) -> Array:
         return Quadratic(slope.T @ slope, slope.T @ gap, gap @ gap + 1e-12), None
 
     free = jnp.ones_like(start)
-    # Hardly more than what keeps a picture without light from having no answer.
+    # Little more than what keeps a picture without light from having no answer.
     prior = Prior(start, 1e-6 * free, free)
     return minimise(equations, start, prior, _TOLERANCE, _MOST_STEPS, 1e-2).parameters
 

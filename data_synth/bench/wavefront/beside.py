@@ -16,7 +16,7 @@ from data_synth.bench.peers.fitted import (
 )
 from data_synth.bench.peers.spots import LensMaker
 from lensfit.errors import ShootError
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.preset.schema import Preset
 from lensfit.progress import silent
@@ -111,7 +111,7 @@ def add_figures(
 
 
 def _without(
-    beside: Beside, seen: Seen, take: Take, folder: Path
+    beside: Beside, seen: Seen, take: View, folder: Path
 ) -> dict[str, Any] | None:
     """Figures at the setting of a take that no fit has seen; None without truth."""
     setting = _setting(take)
@@ -130,7 +130,7 @@ def _without(
     return found | {"peers": {name: judged(peer) for name, peer in peers.items()}}
 
 
-def _setting(take: Take) -> Setting | None:
+def _setting(take: View) -> Setting | None:
     stated = take.f_number, take.focus_distance_mm, take.target_distance_mm
     if take.dot_images is None or None in stated:
         return None

@@ -14,8 +14,8 @@ from jaxtyping import Bool, Float, Int
 
 from lensfit.coords import mm_from_px
 from lensfit.detect.observations import POINT, Observations
-from lensfit.fitting.take import Take
-from lensfit.fitting.views import variance_of
+from lensfit.fitting.chart_view import View
+from lensfit.fitting.view_stack import variance_of
 
 FEWEST_MARKS = 40
 
@@ -56,7 +56,7 @@ class ColouredMarks(NamedTuple):
     take: Int[np.ndarray, " marks"]
 
 
-def colour_takes(takes: tuple[Take, ...], left_out: LeftOut) -> list[Take]:
+def colour_takes(takes: tuple[View, ...], left_out: LeftOut) -> list[View]:
     """The takes at the smallest aperture that has enough marks in colour, and all that
     have marks at chief rays."""
     coloured = [t for t in takes if np.isfinite(t.observations.channel_points_px).any()]
@@ -64,7 +64,7 @@ def colour_takes(takes: tuple[Take, ...], left_out: LeftOut) -> list[Take]:
     return [t for t in coloured if t.chief_rays or any(t is one for one in least)]
 
 
-def _at_smallest_aperture(coloured: list[Take], left_out: LeftOut) -> list[Take]:
+def _at_smallest_aperture(coloured: list[View], left_out: LeftOut) -> list[View]:
     for number in sorted({t.f_number or 0.0 for t in coloured}, reverse=True):
         takes_there = [t for t in coloured if (t.f_number or 0.0) == number]
         if sum(_usable(t.observations, left_out) for t in takes_there) >= FEWEST_MARKS:
@@ -79,7 +79,7 @@ def _usable(o: Observations, left_out: LeftOut) -> int:
 
 
 def marks_of(
-    take: Take, index: int, left_out: LeftOut, centre_mm: Float[np.ndarray, "2"]
+    take: View, index: int, left_out: LeftOut, centre_mm: Float[np.ndarray, "2"]
 ) -> ColouredMarks:
     """Of the channel `index` in one take."""
     o = take.observations

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.colour.channel_colour import (
     CENTRED,
     LOPSIDED,
@@ -38,7 +39,6 @@ from lensfit.fitting.colour.equations import (
     normal_equations,
     systematic_of,
 )
-from lensfit.fitting.take import Take
 
 _CHANNELS = {"r": 0, "b": 2}
 _LEAST_BIC_GAIN = 6.0
@@ -54,7 +54,7 @@ class Views(NamedTuple):
         which unit.
     """
 
-    takes: tuple[Take, ...]
+    takes: tuple[View, ...]
     principal_point_mm: Float[np.ndarray, "2"]
     reference_radius_mm: float
 

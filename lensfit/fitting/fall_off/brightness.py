@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT, Observations
 from lensfit.fitting.adjust import Adjustment
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 
 FEWEST_MARKS = 30
 _STEP = 1e-3
@@ -57,7 +57,7 @@ class JoinedBrightness(NamedTuple):
 
 
 def brightness_of(
-    take: Take,
+    take: View,
     stretch: Float[np.ndarray, "most 2 2"],
     radius_vector: Float[np.ndarray, "most 2"],
     used: Bool[np.ndarray, " most"],

@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.fitting.adjust import Adjustment
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.fall_off.brightness import (
     FEWEST_MARKS,
     Brightness,
@@ -45,7 +46,6 @@ from lensfit.fitting.fall_off.non_negative import (
     NonNegative,
     robust_non_negative,
 )
-from lensfit.fitting.take import Take
 from lensfit.optics.bernstein import continued_bernstein
 
 _FARTHEST = 1.7
@@ -128,7 +128,7 @@ median error was .1 %."""
 
 
 def fit_illumination(
-    takes: tuple[Take, ...], adjustment: Adjustment, principal_point_mm: np.ndarray
+    takes: tuple[View, ...], adjustment: Adjustment, principal_point_mm: np.ndarray
 ) -> list[FallOffFit]:
     """One fall-off for each f-number among the takes, widest first."""
     stretch = area_stretch(adjustment)

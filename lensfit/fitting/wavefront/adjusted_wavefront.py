@@ -22,8 +22,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.joint_adjustment import ErrorAmplitudes
-from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.aliasing import Aliasing, aliasing_of
 from lensfit.fitting.wavefront.centroid_biases import (
     detected_point_moves_mm,
@@ -46,7 +46,7 @@ _BIAS_UNCERTAINTY = 0.05
 counts for more."""
 
 
-def chief_ray_takes(stage: Stage, dot_data: DotData) -> list[Take]:
+def chief_ray_takes(stage: Stage, dot_data: DotData) -> list[View]:
     """The takes with points where the chief rays land, ordered as `photographs`.
 
     Detected points whose size is unknown stay where they are.
@@ -62,11 +62,11 @@ def chief_ray_takes(stage: Stage, dot_data: DotData) -> list[Take]:
 
 
 def takes_with_shared_moves(
-    takes: list[Take],
+    takes: list[View],
     stage: Stage,
     dot_data: DotData,
     moves_mm: Float[np.ndarray, "dots moves 3 2"],
-) -> list[Take]:
+) -> list[View]:
     """Takes with `shared_moves_mm`, the common errors of their points: the given moves,
     and a share of the bias (the model's error), alike in all takes of one f-number and
     focus.
@@ -97,7 +97,7 @@ def _take_at_chief_rays(
     photograph: DotPhotograph,
     bias_mm: Float[np.ndarray, "dots 3 2"],
     aliasing: Aliasing,
-) -> Take:
+) -> View:
     """The take with its points at the chief rays, and dots' light free of aliasing."""
     take, rows = photograph.take, photograph.dot_images.marks
     observations = take.observations
@@ -130,7 +130,7 @@ _LARGEST_MISFIT_RATIO = 1.1
 """Largest ratio of the misfit of dots' shape after the adjustment to that before."""
 
 
-def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[Take]:
+def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[View]:
     """The takes with points where chief rays land, and how errors of the wavefront
     move them."""
     stage, dot_data = found.stage, found.dot_data
@@ -142,10 +142,10 @@ def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[Take]:
 
 
 def takes_with_error_moves(
-    takes: list[Take],
+    takes: list[View],
     found: WavefrontFit,
     errors: Float[np.ndarray, "errors parameters"],
-) -> list[Take]:
+) -> list[View]:
     """The same takes with how these errors, of any size, move every point."""
     stage, dot_data = found.stage, found.dot_data
     moves_mm = detected_point_moves_mm(stage, dot_data, errors)

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
-from lensfit.detect.cutouts import DotImages
+from lensfit.detect.dot_images import DotImages
 from lensfit.fitting.wavefront.dot_patches import DotPhotograph
 from lensfit.fitting.wavefront.dot_weights import MODEL_SHARE, initial_weights
 from lensfit.fitting.wavefront.drawn import model_images
@@ -104,7 +104,7 @@ def _places_mm(stage: Stage, these: DotData) -> Float[np.ndarray, "dots 3 2"]:
 def _lateral_deviation_mm(place_mm: np.ndarray, field_mm: np.ndarray, take: np.ndarray):
     """Lateral colour of red and blue minus its median over nearby dots.
 
-    A red spot on one photosite, far from the next ones, hardly determines its own
+    A red spot on one photosite, far from the next ones, weakly determines its own
     position. Nearby dots do, since lateral colour changes slowly.
     """
     beside = place_mm - place_mm[:, 1:2]

@@ -1,6 +1,6 @@
 """Steps of the fit with centroid biases fixed: a constrained refit of the dots' shape.
 
-Where blur is a pixel wide, orders of coma that cancel each other but for a shift hardly
+Where blur is a pixel wide, orders of coma that cancel each other but for a shift barely
 change the image. The photographs then determine the bias only weakly, and with an
 error due to what the model misses. Here the biases are known from elsewhere. They are
 fixed to a thousandth of a pixel, as observations in the normal equations.

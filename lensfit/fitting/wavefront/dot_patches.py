@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from lensfit.detect.cutouts import DotImages
+from lensfit.detect.dot_images import DotImages
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.chief_ray import ChiefRayFit
-from lensfit.fitting.take import Take
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift
 
@@ -22,7 +22,7 @@ LARGEST_DOT_APERTURE_CELLS = 8.5
 class DotPhotograph(NamedTuple):
     """One photograph with dot patches, and the geometry of its state."""
 
-    take: Take
+    take: View
     dot_images: DotImages
     geometry: ChiefRayFit
     distortion: Distortion
@@ -96,7 +96,7 @@ def diameters_mm(photograph: DotPhotograph) -> Float[np.ndarray, " dots"]:
     return np.sqrt(square) * float(np.mean(photograph.take.pixel_mm))
 
 
-def centroids_mm(take: Take, dot_images: DotImages) -> Float[np.ndarray, "dots 3 2"]:
+def centroids_mm(take: View, dot_images: DotImages) -> Float[np.ndarray, "dots 3 2"]:
     """Centroid of every channel, from the corner of its cells in the patch."""
     observations = take.observations
     green = observations.points_px[dot_images.marks]

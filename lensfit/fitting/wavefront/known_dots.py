@@ -18,8 +18,8 @@ from lensfit.detect.centroids import SMOOTHING_DARK_PX, windows_of
 from lensfit.detect.corner_fit import half_width_px
 from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.geometry import (
+    BoardPose,
     Frame,
-    View,
     board_point_mm,
     direction_of,
     lens_of,
@@ -336,7 +336,7 @@ def _object_shift_and_jacobian(
     index: Array,
     factor: Array,
     board: Array,
-    views: View,
+    views: BoardPose,
     layout: GeometryLayout,
     frame: Frame,
     first_order: FirstOrder,

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from lensfit.detect.centroids import BAND_GAIN
-from lensfit.detect.cutouts import CELLS
+from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.wavefront.corner_mark import detected_corner
 from lensfit.fitting.wavefront.dots import DetectionAperture, Dots
 from lensfit.fitting.wavefront.parameters import Layout, Scale

@@ -61,7 +61,7 @@ def candidate_at(
 
 
 def mirrored_candidate(one: Candidate) -> Candidate:
-    """The candidate mirrored through focus, which photographs hardly distinguish from
+    """The candidate mirrored through focus, which photographs barely distinguish from
     this one (`mirror_through_focus`)."""
     stage = one.stage
     start = replace(

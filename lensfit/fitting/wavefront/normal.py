@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from lensfit.fitting.cores import DEALT, SHARED, on_every_core, summed_over_cores
+from lensfit.fitting.cores import SHARDED, SHARED, on_every_core, summed_over_cores
 from lensfit.fitting.wavefront.dots import Dots, Pixels
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import Patch, equations_of
@@ -108,15 +108,17 @@ def normal_equations(
         return summed_over_cores(found), per_dot
 
     of_model = Model(
-        dots=DEALT,
-        pixels=DEALT,
-        transfer=DEALT,
+        dots=SHARDED,
+        pixels=SHARDED,
+        transfer=SHARDED,
         scale=SHARED,
         chromatic=SHARED,
         smoothing=SHARED,
-        count=DEALT,
+        count=SHARDED,
     )
-    pass_of_all = on_every_core(share, takes=(SHARED, of_model), gives=(SHARED, DEALT))
+    pass_of_all = on_every_core(
+        share, takes=(SHARED, of_model), gives=(SHARED, SHARDED)
+    )
     return pass_of_all(parameters, model)
 
 

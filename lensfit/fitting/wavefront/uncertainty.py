@@ -160,7 +160,7 @@ def parameter_moves(
 def undetermined_term_groups(
     stage: Stage, term_groups: tuple[TermGroup, ...], covariance: np.ndarray
 ) -> tuple[str, ...]:
-    """Term groups whose deviations are hardly smaller than the prior's."""
+    """Term groups whose deviations are about as large as the prior's."""
     deviation = np.sqrt(np.clip(np.diag(covariance), 0, None))
     names = []
     for term_group in term_groups:

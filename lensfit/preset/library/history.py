@@ -61,12 +61,12 @@ def _of_preset(preset: Preset, shelf: Shelf) -> tuple[str, str, tuple[str, ...]]
 
 
 def _of_changes(changes: ChangeSet, shelf: Shelf) -> tuple[str, str, tuple[str, ...]]:
-    new = changes.changes[_changes_already_told(changes, shelf) :]
+    new = changes.changes[_shelved_change_count(changes, shelf) :]
     last = changes.changes[-1]
     return last.who, last.when, tuple(_change_sentence(change) for change in new)
 
 
-def _changes_already_told(changes: ChangeSet, shelf: Shelf) -> int:
+def _shelved_change_count(changes: ChangeSet, shelf: Shelf) -> int:
     """How many of the changes an earlier version holds already."""
     number = version_number(changes.continues or "")
     if number is None or number not in shelf.numbers:

@@ -66,7 +66,7 @@ class ApertureShape:
         made /= made.sum((1, 2), keepdims=True)
         return cls(made, size, diameter_of(on_axis))
 
-    def dealt(
+    def node_shares(
         self, points_px: Float[np.ndarray, "lights 2"]
     ) -> Iterator[tuple[Float32[np.ndarray, " lights"], np.ndarray]]:
         """For each node, the share that lights have of its shape, and the shape.

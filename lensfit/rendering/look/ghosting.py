@@ -133,7 +133,7 @@ def _drawn(
     own = np.stack([columns + 0.5, rows + 0.5], -1)
     there = centre + place * (own - centre)
     values = lights[rows, columns]
-    for weights, shape in opening.dealt(own * pixel):
+    for weights, shape in opening.node_shares(own * pixel):
         if not weights.any():
             continue
         points = _splatted(values * weights[:, None], there, lights.shape)

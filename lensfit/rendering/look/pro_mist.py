@@ -6,7 +6,7 @@ six octaves. The sum over the picture is kept in every channel.
 
 The real filter is in front of the lens. Here it acts after the lens, on the blurred and
 distorted picture: the halo is neither distorted nor dimmed towards the corners, which
-is hardly visible of a smooth halo.
+is barely visible of a smooth halo.
 """
 
 from lensfit.rendering.look.halo import Halo, haloed

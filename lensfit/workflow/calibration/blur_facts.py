@@ -93,7 +93,7 @@ def blur_terms(wavefront: WavefrontFit) -> list[dict[str, Any]]:
             value, deviation = _numbers(kept[name], wavefront)
         reason = tried[name].reason if name in tried else "part of every lens"
         if name in wavefront.undetermined_term_groups:
-            reason += "; the photographs hardly show it"
+            reason += "; the photographs determine it weakly"
         terms.append(
             {
                 "name": f"blur_{name}",

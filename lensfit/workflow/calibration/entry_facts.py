@@ -12,8 +12,8 @@ import numpy as np
 
 from lensfit.batches import in_batches
 from lensfit.coords import Window
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_state import LensState
-from lensfit.fitting.take import Take
 from lensfit.fitting.uncertainty import position_deviation_mm
 from lensfit.lens import Lens
 from lensfit.optics.falloff import log_loss
@@ -62,7 +62,7 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
     }
 
 
-def is_of_lighting_too(takes: Iterable[Take], f_number: float | None) -> bool:
+def is_of_lighting_too(takes: Iterable[View], f_number: float | None) -> bool:
     """Whether a chart lit from its front was among those that gave a fall-off.
 
     The bright field around dark marks shows the light that fell on the chart as well.

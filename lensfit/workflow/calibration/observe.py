@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from lensfit.detect.cutouts import cut_dot_images
 from lensfit.detect.dot_diameter import DIAMETER_WIDTH, dot_diameter_mm
+from lensfit.detect.dot_images import cut_dot_images
 from lensfit.detect.find import observe
 from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.detect.observations import Observations
@@ -24,7 +24,7 @@ from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
 from lensfit.detect.rims import cut_rims
 from lensfit.errors import DetectionError, ImageError, LensfitError
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 from lensfit.io.image import (
     camera_state_of,
     is_of_unknown_encoding,
@@ -69,7 +69,7 @@ class Observed:
     target: str
     seconds: dict[str, float]
     resolved: ResolvedTake | None = None
-    take: Take | None = None
+    take: View | None = None
     failed: str | None = None
     overlay: Path | None = None
     small: SmallPhotograph | None = None
@@ -124,7 +124,7 @@ def _with_dot_diameters(results: list[Observed]) -> list[Observed]:
             if found is not None:
                 measured_mm.setdefault(take.target, []).append(found)
 
-    def sized(take: Take | None) -> Take | None:
+    def sized(take: View | None) -> View | None:
         if take is None or take.target not in measured_mm:
             return take
         diameter_mm = float(np.median(measured_mm[take.target]))
@@ -251,9 +251,9 @@ def _take_for_fit(
     resolved: ResolvedTake,
     marks: Observations,
     photograph: Photograph,
-) -> Take:
+) -> View:
     dot_images = cut_dot_images(photograph, marks)
-    return Take(
+    return View(
         name=take.image,
         target=resolved.target.name,
         observations=marks,

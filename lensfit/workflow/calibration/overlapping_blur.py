@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfit.detect.observations import POINT
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 
 _FINER = 0.6, 0.82
 """Spacing against the others'. Stated distances count from the sensor and not from the
@@ -35,7 +35,7 @@ class _Grid(NamedTuple):
     turn_rad: float
 
 
-def overlapping_blur_reasons(takes: Sequence[Take | None]) -> list[str | None]:
+def overlapping_blur_reasons(takes: Sequence[View | None]) -> list[str | None]:
     """For each photograph why its marks are crossings; None where they are not.
 
     Only dots at a stated distance are compared, separately for each target and focal
@@ -64,7 +64,7 @@ def _is_crossed(grid: _Grid | None, others: list[_Grid]) -> bool:
     return bool(low < finer < high and turned > np.deg2rad(_TURNED_DEG))
 
 
-def _grid(take: Take | None) -> _Grid | None:
+def _grid(take: View | None) -> _Grid | None:
     if take is None or not take.mark_diameter_mm or not take.target_distance_mm:
         return None
     marks = take.observations
@@ -82,7 +82,7 @@ def _grid(take: Take | None) -> _Grid | None:
     return _Grid(size / magnification, turn_rad)
 
 
-def _principal_distance_mm(take: Take) -> float:
+def _principal_distance_mm(take: View) -> float:
     """Of a thin lens focused as stated; none can be nearer than twice its focal length
     from the sensor and sharp but in macro."""
     focal_mm, focus_mm = take.focal_length_mm, take.focus_distance_mm

@@ -7,16 +7,15 @@ from typing import Any
 
 from lensfit._strict import (
     convert_strictly,
-    did_you_mean,
     non_finite_numbers,
     read_toml_tables,
 )
 from lensfit.errors import ShootError
-from lensfit.io.transfer import ENCODINGS
 from lensfit.preset.library.names import slug_of
 from lensfit.workflow.kit.kit_records import Kit, KitFile, KitLens
 from lensfit.workflow.shoot.focal_length import check_focal_length
 from lensfit.workflow.shoot.lengths import length_mm
+from lensfit.workflow.shoot.shoot_file import check_names
 from lensfit.workflow.shoot.shoot_records import Target
 
 _SOURCE = "give a kit file in TOML, as notebooks/guide/kit.md describes"
@@ -189,18 +188,7 @@ def _check_lens(
             where=where,
             remedy=f"state target: {', '.join(targets)}",
         )
-    if lens.target is not None and lens.target not in targets:
-        raise ShootError(
-            f'no target is named "{lens.target}"',
-            where=where,
-            remedy=did_you_mean(lens.target, list(targets)),
-        )
-    if lens.encoding is not None and lens.encoding not in ENCODINGS:
-        raise ShootError(
-            f'encoding "{lens.encoding}" is unknown',
-            where=where,
-            remedy=did_you_mean(lens.encoding, list(ENCODINGS)),
-        )
+    check_names(lens.target, lens.encoding, targets, where)
     for focal_mm in lens.focal_lengths_mm:
         check_focal_length(focal_mm, sensor_width_mm, where)
         distances = [mark.distance_mm for mark in lens.focus_marks]

@@ -89,9 +89,10 @@ def _ribbon(
     rows = max(2, round(width_px * _PER_PX))
     share = (np.arange(rows) + np.mod(np.arange(count) * _GOLDEN, 1.0)[:, None]) / rows
     across = (share - 0.5) * width_px
-    dealt = middle[:, None] + across[..., None] * aside[:, None]
-    area = width_px * float(length[-1]) / dealt[..., 0].size
-    return _dealt(dealt.reshape(-1, 2), np.full(dealt[..., 0].size, area), shape)
+    samples = middle[:, None] + across[..., None] * aside[:, None]
+    area = width_px * float(length[-1]) / samples[..., 0].size
+    areas = np.full(samples[..., 0].size, area)
+    return _area_per_pixel(samples.reshape(-1, 2), areas, shape)
 
 
 def _fill_square(canvas: np.ndarray, corners: Float[np.ndarray, "2 2 2"]) -> None:
@@ -112,7 +113,7 @@ def _fill_square(canvas: np.ndarray, corners: Float[np.ndarray, "2 2 2"]) -> Non
     _add(canvas, tile, low)
 
 
-def _dealt(
+def _area_per_pixel(
     points: np.ndarray, area: np.ndarray, shape: tuple[int, int]
 ) -> Float32[np.ndarray, "height width"]:
     """Area that falls on every pixel."""

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.fall_off.brightness import area_stretch
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import FittedLens
-from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.portray import Landings, green_landings
@@ -42,7 +42,7 @@ class PredictedMarks:
     light: DotLight | None = None
 
 
-def predicted_marks(fitted: FittedLens, takes: list[Take]) -> dict[str, PredictedMarks]:
+def predicted_marks(fitted: FittedLens, takes: list[View]) -> dict[str, PredictedMarks]:
     """Every photograph that was fitted, by name.
 
     Parameters

@@ -12,6 +12,7 @@ TOML drop comments, so the text itself is searched.
 
 import math
 import re
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -221,22 +222,34 @@ def _check_takes(
                 remedy="keep one take for each photograph",
             )
         seen[image] = number
-        if take.target is not None and take.target not in targets:
-            raise ShootError(
-                f'no target is named "{take.target}"',
-                where=where,
-                remedy=did_you_mean(take.target, list(targets)),
-            )
-        if take.encoding is not None and take.encoding not in ENCODINGS:
-            raise ShootError(
-                f'encoding "{take.encoding}" is unknown',
-                where=where,
-                remedy=did_you_mean(take.encoding, list(ENCODINGS)),
-            )
+        check_names(take.target, take.encoding, targets, where)
         _check_roi(take, where)
         if take.focal_length_mm is not None and camera.sensor_width_mm is not None:
             check_focal_length(take.focal_length_mm, camera.sensor_width_mm, where)
         _check_distances(take, where)
+
+
+def check_names(
+    target: str | None, encoding: str | None, targets: Collection[str], where: str
+) -> None:
+    """Refuse a target that the file does not have, or an encoding that nothing reads.
+
+    Raises
+    ------
+    ShootError : One of them is unknown.
+    """
+    if target is not None and target not in targets:
+        raise ShootError(
+            f'no target is named "{target}"',
+            where=where,
+            remedy=did_you_mean(target, list(targets)),
+        )
+    if encoding is not None and encoding not in ENCODINGS:
+        raise ShootError(
+            f'encoding "{encoding}" is unknown',
+            where=where,
+            remedy=did_you_mean(encoding, list(ENCODINGS)),
+        )
 
 
 def _check_roi(take: Take, where: str) -> None:

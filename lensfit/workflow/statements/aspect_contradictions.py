@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from lensfit.detect.lattice_map import lattice_map
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 from lensfit.report.evidence import joined
 from lensfit.workflow.statements.contradiction import Contradiction
 
@@ -22,7 +22,7 @@ _ALIKE_LOG = 0.04
 _MOST_NAMES = 3
 
 
-def aspect_contradictions(takes: Sequence[Take]) -> Iterator[Contradiction]:
+def aspect_contradictions(takes: Sequence[View]) -> Iterator[Contradiction]:
     """Of all views of a shoot, the sizes first, then the stretch of each target."""
     sizes = Counter(take.observations.image_size_px for take in takes)
     if len(sizes) > 1:
@@ -40,7 +40,7 @@ def aspect_contradictions(takes: Sequence[Take]) -> Iterator[Contradiction]:
             return
 
 
-def log_stretch(take: Take) -> float | None:
+def log_stretch(take: View) -> float | None:
     """Logarithm of how much wider than high a square of the target is imaged, besides
     the squeeze that is stated; None where the middle of the frame is empty."""
     mapped = lattice_map(take.observations)
@@ -53,7 +53,7 @@ def log_stretch(take: Take) -> float | None:
     return float(np.log(across / down * take.squeeze))
 
 
-def _sizes(takes: Sequence[Take], sizes: Counter) -> Contradiction:
+def _sizes(takes: Sequence[View], sizes: Counter) -> Contradiction:
     (usual, _), *_ = sizes.most_common()
     others = [take for take in takes if take.observations.image_size_px != usual]
     size = others[0].observations.image_size_px
@@ -78,7 +78,7 @@ def _sizes(takes: Sequence[Take], sizes: Counter) -> Contradiction:
     )
 
 
-def _stretched(takes: Sequence[Take], stretch: float) -> Contradiction:
+def _stretched(takes: Sequence[View], stretch: float) -> Contradiction:
     first = takes[0]
     width_mm, height_mm = first.sensor_size_mm
     columns, rows = first.observations.image_size_px

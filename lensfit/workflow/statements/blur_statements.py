@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 from lensfit.units import dioptres_from_mm
 from lensfit.workflow.statements.contradiction import Contradiction
 
@@ -26,7 +26,7 @@ _LEAST_PX2 = 0.05
 _IN_FOCUS_DIOPTRES = 0.01
 
 
-def blurred_views(takes: Sequence[Take]) -> Iterator[Contradiction]:
+def blurred_views(takes: Sequence[View]) -> Iterator[Contradiction]:
     """Views that are wider than another of the same target, focus and f-number."""
     widths = {id(take): central_diameter_px(take) for take in takes}
     told: set[str] = set()
@@ -53,7 +53,7 @@ def blurred_views(takes: Sequence[Take]) -> Iterator[Contradiction]:
                 )
 
 
-def central_diameter_px(take: Take) -> float | None:
+def central_diameter_px(take: View) -> float | None:
     """Median width of the bright dots near the middle of the frame."""
     seen = take.observations
     half = np.asarray(seen.image_size_px) / 2
@@ -66,7 +66,7 @@ def central_diameter_px(take: Take) -> float | None:
 
 
 def f_number_ratios(
-    takes: Sequence[Take],
+    takes: Sequence[View],
 ) -> dict[tuple[float, float], list[float]]:
     """For pairs of f-numbers, wide and narrow, their ratio by each side of focus."""
     ratios: dict[tuple[float, float], list[float]] = {}
@@ -84,7 +84,7 @@ def f_number_ratios(
     return ratios
 
 
-def contradicted_f_numbers(takes: Sequence[Take]) -> Iterator[Contradiction]:
+def contradicted_f_numbers(takes: Sequence[View]) -> Iterator[Contradiction]:
     """F-numbers whose ratio is not that of the blur out of focus."""
     for (wide, narrow), ratios in f_number_ratios(takes).items():
         mean = float(np.exp(np.mean(np.log(ratios))))
@@ -95,7 +95,7 @@ def contradicted_f_numbers(takes: Sequence[Take]) -> Iterator[Contradiction]:
 
 
 def f_number_contradiction(
-    wide: float, narrow: float, measured: float, takes: Sequence[Take]
+    wide: float, narrow: float, measured: float, takes: Sequence[View]
 ) -> Contradiction:
     """The record of a stop that is not as stated beside the widest."""
     images = tuple(take.name for take in takes if take.f_number == narrow)
@@ -112,7 +112,7 @@ def f_number_contradiction(
     )
 
 
-def _added_px2(take: Take, takes: Sequence[Take]) -> float | None:
+def _added_px2(take: View, takes: Sequence[View]) -> float | None:
     """Variance that defocus adds to that of the same stop in focus."""
     blurred = central_diameter_px(take)
     sharp = [
@@ -129,14 +129,14 @@ def _added_px2(take: Take, takes: Sequence[Take]) -> float | None:
     return (blurred**2 - min(known) ** 2) / 16
 
 
-def _is_in_focus(take: Take) -> bool:
+def _is_in_focus(take: View) -> bool:
     focus, target = take.focus_distance_mm, take.target_distance_mm
     if focus is None or target is None:
         return False
     return abs(dioptres_from_mm(focus) - dioptres_from_mm(target)) < _IN_FOCUS_DIOPTRES
 
 
-def _same_focus(one: Take, other: Take) -> bool:
+def _same_focus(one: View, other: View) -> bool:
     return (
         one.target == other.target
         and one.focal_length_mm == other.focal_length_mm
@@ -145,7 +145,7 @@ def _same_focus(one: Take, other: Take) -> bool:
     )
 
 
-def _no_wider(take: Take, other: Take) -> bool:
+def _no_wider(take: View, other: View) -> bool:
     """Whether a view cannot be wider than the other by what is stated."""
     if not _same_focus(take, other) or take.target_distance_mm is None:
         return False

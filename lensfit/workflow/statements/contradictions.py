@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from lensfit.fitting.breathing import breathing_notes
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_states import FittedLens
-from lensfit.fitting.take import Take
 from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.preset.verdict import LEVELS
 from lensfit.workflow.calibration.observe import Observed
@@ -36,7 +36,7 @@ _STOP_RATIO_LOG = 0.12
 """Of the radius of a stop: a third of a stop."""
 
 
-def contradictions_of_views(takes: Sequence[Take]) -> list[Contradiction]:
+def contradictions_of_views(takes: Sequence[View]) -> list[Contradiction]:
     """Those that the detected points of the views show, before anything is fitted."""
     # A cause that others follow from is looked for first.
     for causes in (aspect_contradictions, mixed_lenses, contradicted_statements):
@@ -47,7 +47,7 @@ def contradictions_of_views(takes: Sequence[Take]) -> list[Contradiction]:
 
 
 def contradictions_of_fit(
-    takes: Sequence[Take], fitted: FittedLens
+    takes: Sequence[View], fitted: FittedLens
 ) -> Iterator[Contradiction]:
     """Those that the fitted lens shows."""
     for note in breathing_notes(fitted.states):
@@ -120,7 +120,7 @@ def gravest_first(found: Sequence[Contradiction]) -> list[Contradiction]:
 
 
 def _f_numbers_of(
-    wavefront: WavefrontFit, takes: Sequence[Take]
+    wavefront: WavefrontFit, takes: Sequence[View]
 ) -> Iterator[Contradiction]:
     """Stops whose size beside the widest the dots' shape shows otherwise."""
     if not wavefront.has("stop_ratios"):

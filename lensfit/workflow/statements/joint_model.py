@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 
 from lensfit.detect.observations import POINT
 from lensfit.errors import FitError
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.start import pose_from_homography
-from lensfit.fitting.take import Take
 
 FOCAL_LENGTH_SD, BREATHING_SD, PITCH_SD = 0.03, 0.03, 0.002
 DISTANCE_SD_MM, DISTANCE_SD = 10.0, 0.005
@@ -51,7 +51,7 @@ _STEPS, _TOLERANCE = 30, 1e-4
 class _View:
     """One view: points on the target and on the sensor, mm."""
 
-    take: Take
+    take: View
     board: Float[np.ndarray, "points 2"]
     image_mm: Float[np.ndarray, "points 2"]
     normal: Float[np.ndarray, "points 2"]
@@ -263,7 +263,7 @@ class JointModel:
         return np.concatenate([owner, np.full(len(self.names), -1), told]).astype(int)
 
 
-def joint_model(takes: Sequence[Take]) -> JointModel | None:
+def joint_model(takes: Sequence[View]) -> JointModel | None:
     """The model of the views that have a pose; None of fewer than one.
 
     Anamorphic views are left out: cylinders have two entrance pupils.
@@ -272,7 +272,7 @@ def joint_model(takes: Sequence[Take]) -> JointModel | None:
     return JointModel(views) if views else None
 
 
-def _view(take: Take) -> _View | None:
+def _view(take: View) -> _View | None:
     found = take.observations
     if take.anamorphic:
         return None

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from lensfit.detect.lattice_map import lattice_map
 from lensfit.detect.observations import POINT
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 from lensfit.report.evidence import joined, plural
 from lensfit.workflow.statements.contradiction import Contradiction
 
@@ -33,7 +33,7 @@ _GAP_OVER_SPREAD = 3.0
 _MOST_NAMES = 4
 
 
-def mixed_lenses(takes: Sequence[Take]) -> Iterator[Contradiction]:
+def mixed_lenses(takes: Sequence[View]) -> Iterator[Contradiction]:
     """One for each stated focal length that views of two lenses share."""
     for focal_mm in sorted({take.focal_length_mm for take in takes}):
         mine = [take for take in takes if take.focal_length_mm == focal_mm]
@@ -46,8 +46,8 @@ def mixed_lenses(takes: Sequence[Take]) -> Iterator[Contradiction]:
 
 def _mixed(
     focal_mm: float,
-    fewer: list[Take],
-    more: list[Take],
+    fewer: list[View],
+    more: list[View],
     difference: float,
     words: Callable[[float], str],
 ) -> Contradiction:
@@ -77,7 +77,7 @@ def _edge_words(difference_px: float) -> str:
     return f"distort the edge of the frame {difference_px:.1f} px otherwise than"
 
 
-def _by_distortion(takes: list[Take]) -> tuple[list[Take], list[Take], float] | None:
+def _by_distortion(takes: list[View]) -> tuple[list[View], list[View], float] | None:
     found = [(edge_distortion_px(take), take) for take in takes]
     known = sorted(
         ((value, take) for value, take in found if value is not None),
@@ -94,14 +94,14 @@ def _by_distortion(takes: list[Take]) -> tuple[list[Take], list[Take], float] | 
     return fewer, more, gap_px
 
 
-def _share(groups: Sequence[list[Take]], *keys: str) -> bool:
+def _share(groups: Sequence[list[View]], *keys: str) -> bool:
     """Whether a state that is stated alike is in both groups; else it may explain
     their difference, as a chart of another pitch or a lens that breathes does."""
     sides = [{tuple(getattr(t, key) for key in keys) for t in g} for g in groups]
     return bool(sides[0] & sides[1])
 
 
-def _by_scale(takes: list[Take]) -> tuple[list[Take], list[Take], float] | None:
+def _by_scale(takes: list[View]) -> tuple[list[View], list[View], float] | None:
     """Two groups of at least two views that no target or stated distance explains."""
     found = [(implied_focal_ratio(take), take) for take in takes]
     known = sorted(
@@ -122,7 +122,7 @@ def _by_scale(takes: list[Take]) -> tuple[list[Take], list[Take], float] | None:
     return [take for _, take in fewer], [take for _, take in more], float(ratio)
 
 
-def implied_focal_ratio(take: Take) -> float | None:
+def implied_focal_ratio(take: View) -> float | None:
     """Focal length that size and stated distance of the target imply, over the stated.
 
     Of a thin lens whose entrance pupil lies as far before the sensor as is usual; None
@@ -142,7 +142,7 @@ def implied_focal_ratio(take: Take) -> float | None:
     return magnification * distance_mm / thin_mm if distance_mm > f else None
 
 
-def edge_distortion_px(take: Take) -> float | None:
+def edge_distortion_px(take: View) -> float | None:
     """How far distortion moves points at `_AT` half diagonals, px; None if unseen."""
     seen = take.observations
     half_px = np.asarray(seen.image_size_px) / 2

@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.joint_model import (
     RELEASED_SD,
@@ -47,7 +47,7 @@ class _Release:
     solution: Solution
 
 
-def contradicted_statements(takes: Sequence[Take]) -> Iterator[Contradiction]:
+def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
     """Statements of pitch, focal length and distance that the views contradict.
 
     Parameters

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.statements.contradiction import Contradiction
 
@@ -62,7 +62,7 @@ def _is_same(one: Observed, other: Observed) -> bool:
     return _same_points(one.take, other.take)
 
 
-def _same_points(one: Take, other: Take) -> bool:
+def _same_points(one: View, other: View) -> bool:
     mine, theirs = one.observations, other.observations
     if mine.image_size_px != theirs.image_size_px or one.target != other.target:
         return False

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from found_marks import found_marks
 
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.colour.lateral_colour import Views, fit_colours
-from lensfit.fitting.take import Take
 from lensfit.optics.lateral import ChannelShift, channel_from_green
 
 IMAGE_PX, MM_PER_PX = np.array([1920, 1080]), 0.01
@@ -21,7 +21,7 @@ def fit_colour(takes, principal_point_mm, reference_radius_mm):
     return fit_colours([Views(takes, principal_point_mm, reference_radius_mm)])[0]
 
 
-def take_with(moved_px, *, noise_px=NOISE_PX, seed=0) -> Take:
+def take_with(moved_px, *, noise_px=NOISE_PX, seed=0) -> View:
     """One photograph whose red and blue marks lie `moved_px(green)` off the green."""
     x, y = np.meshgrid(np.linspace(20, 1900, 44), np.linspace(20, 1060, 25))
     green = np.stack([x.ravel(), y.ravel()], 1)
@@ -40,7 +40,7 @@ def take_with(moved_px, *, noise_px=NOISE_PX, seed=0) -> Take:
         diameter_px=np.full(count, 9.0),
     )
     size = tuple((IMAGE_PX * MM_PER_PX).tolist())
-    return Take("a", "board", observations, (1.0, 1.0), None, 20.0, size)
+    return View("a", "board", observations, (1.0, 1.0), None, 20.0, size)
 
 
 def radial(coefficients, axis_px=(0.0, 0.0)):
@@ -158,7 +158,7 @@ def test_what_moves_all_red_marks_alike_is_no_noise():
     assert still == pytest.approx(blue, rel=1e-9)
 
 
-def clipped(take: Take, share: float) -> Take:
+def clipped(take: View, share: float) -> View:
     """With the first marks of every hundred marked as clipped, and moved by a pixel."""
     o = take.observations
     which = np.arange(len(o)) % 100 < 100 * share

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from lensfit.detect.cutouts import CELLS
+from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.stated_facts import ORDINARY_WIDTHS
 from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.gather import DotData, FocusGroup

@@ -1,4 +1,4 @@
-"""Dots are dealt among cores: each once, and back in their order."""
+"""Dots are sharded over cores: each once, and back in their order."""
 
 import numpy as np
 import pytest

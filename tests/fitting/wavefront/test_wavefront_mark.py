@@ -11,7 +11,7 @@ from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 from scipy.special import erf
 
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, measure, windows_of
-from lensfit.detect.cutouts import CELLS
+from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.wavefront.dots import Broad, DetectionAperture
 from lensfit.fitting.wavefront.mark import (
     detected_dot_centre,

@@ -10,7 +10,7 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 from ray_moves import by_parameters
 
-from lensfit.detect.cutouts import CELLS
+from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.wavefront.patch import equations_of
 from lensfit.fitting.wavefront.rays import rays_of
 from lensfit.fitting.wavefront.shapes import Colour, shape_jacobian

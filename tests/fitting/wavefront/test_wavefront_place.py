@@ -9,7 +9,7 @@ from drawn_lens import F_NUMBERS, LAYOUT, PLACES_MM, Seidel, Shot, photographed
 from found_marks import found_marks
 
 from lensfit.detect.observations import Observations
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.wavefront.adjusted_wavefront import (
     chief_ray_takes,
     takes_with_shared_moves,
@@ -58,7 +58,7 @@ def shot_lens() -> tuple[Stage, DotData, np.ndarray]:
             for place in PLACES_MM
         ]
         bias_mm_of_takes.append(np.array(mean))
-        take = Take(
+        take = View(
             f"take {k}", "grid", seen(PLACES_MM + mean), (40.0, 40.0), 8.0, 50.0,
             SENSOR_MM, F_NUMBERS[shot.stop], 1900.0, 2000.0,
         )  # fmt: skip

@@ -232,7 +232,7 @@ def unstated(defocus_mm):
 def test_takes_that_are_all_out_of_focus_by_the_same_are_found():
     """A curved field: what is called in focus is blurred on the axis, and so is the
     rest by as much beyond what was stated. From the stated defocus alone the fit ends
-    in another valley, with coma and spherical aberration of the other sign."""
+    in another local minimum, with coma and spherical aberration of the other sign."""
     common, stated = -0.9, (0.0, 0.22, -0.25)
     lens = Seidel(
         -120.0,

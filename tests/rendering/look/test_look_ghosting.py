@@ -115,7 +115,7 @@ def test_lights_are_dealt_to_the_nodes_around_them():
     shapes = np.zeros((9, 3, 3), np.float32)
     opening = ApertureShape(shapes, (200, 100), 1.0)
     points = np.array([[0.0, 0.0], [100.0, 50.0], [150.0, 25.0], [230.0, 120.0]])
-    weights = np.stack([weights for weights, _ in opening.dealt(points)])
+    weights = np.stack([weights for weights, _ in opening.node_shares(points)])
     assert weights.sum(0) == pytest.approx(1)
     assert weights[0, 0] == weights[4, 1] == weights[8, 3] == 1
     assert weights[[1, 2, 4, 5], 2] == pytest.approx(0.25)

@@ -11,7 +11,7 @@ import numpy as np
 from found_marks import found_marks
 from scipy.spatial.transform import Rotation
 
-from lensfit.fitting.take import Take
+from lensfit.fitting.chart_view import View
 
 SIZE_PX = (1200, 900)
 FOCUS_STATES = (1.0, 0.72, 1.65)
@@ -43,7 +43,7 @@ def drawn(rng: np.random.Generator) -> Truth:
     )
 
 
-def right_shoot(truth: Truth, rng: np.random.Generator) -> list[Take]:
+def right_shoot(truth: Truth, rng: np.random.Generator) -> list[View]:
     """Two targets: dots in three states of focus, tilted and at another place; lines'
     crossings once."""
     stated_mm = round(truth.focal_length_mm / 0.98)
@@ -72,7 +72,7 @@ def right_shoot(truth: Truth, rng: np.random.Generator) -> list[Take]:
         points, lattice = _seen(truth, true_pitch[target], turn, where, rng)
         tape = None if k == 3 else round(distance + rng.normal(0, 5))
         takes.append(
-            Take(
+            View(
                 name=f"view_{k}.png",
                 target=target,
                 observations=found_marks(
@@ -113,7 +113,7 @@ def _seen(truth: Truth, pitch_mm, turn_deg, where, rng):
     return points[inside], lattice[inside]
 
 
-def stated_otherwise(takes: list[Take], target: str | None = None, **changes):
+def stated_otherwise(takes: list[View], target: str | None = None, **changes):
     """The shoot with other statements, of one target's views or of all."""
     return [
         replace(take, **{k: v(take) for k, v in changes.items()})

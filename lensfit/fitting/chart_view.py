@@ -1,7 +1,8 @@
-"""The input of a fit: takes.
+"""The input of a fit: views of charts.
 
-A take is the detections of one photograph, together with the dimensions of the target
-and the state of the lens. Distances count from the sensor plane.
+A view is the detections of one photograph, together with the dimensions of the target
+and the state of the lens (a `[[take]]` of a shoot file, searched). Distances count from
+the sensor plane.
 """
 
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.detect.cutouts import DotImages
+from lensfit.detect.dot_images import DotImages
 from lensfit.detect.observations import Observations
 from lensfit.fitting.stated_facts import ORDINARY_WIDTHS, Widths
 from lensfit.units import dioptres_from_mm
@@ -18,20 +19,20 @@ _SAME_FOCUS_DIOPTRES = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class View:
     """One photograph of one target.
 
     Attributes
     ----------
     name : Of the photograph, for messages.
-    target : Name of the target; takes of one target share its errors.
-    observations : The marks.
+    target : Name of the target; views of one target share its errors.
+    observations : The detected points.
     pitch_mm : Distance of neighbouring marks, to the right and down on the target.
     mark_diameter_mm : Diameter of a dot; None for lines, corners and dots whose size
         is not known.
     focal_length_mm : As on the barrel.
     sensor_size_mm : Width and height that the photograph spans.
-    f_number, focus_distance_mm, target_distance_mm : None where nobody said.
+    f_number, focus_distance_mm, target_distance_mm : None where not stated.
     squeeze : Nominal horizontal squeeze of an anamorphic lens.
     dot_images : Pictures of the dots, where their shape can be fitted.
     rims : Of their rims, where these show finer cells.
@@ -70,12 +71,12 @@ class Take:
         return self.squeeze != 1.0
 
 
-def grouped(takes: list[Take]) -> list[list[Take]]:
+def grouped(takes: list[View]) -> list[list[View]]:
     """Takes of one focal length and focus distance together, in order.
 
     Focus distances that no barrel tells apart (`_SAME_FOCUS_DIOPTRES`) are one.
     """
-    groups: list[list[Take]] = []
+    groups: list[list[View]] = []
     for take in takes:
         same = (group for group in groups if _same_state(group[0], take))
         group = next(same, None)
@@ -86,7 +87,7 @@ def grouped(takes: list[Take]) -> list[list[Take]]:
     return groups
 
 
-def _same_state(one: Take, other: Take) -> bool:
+def _same_state(one: View, other: View) -> bool:
     if one.focal_length_mm != other.focal_length_mm:
         return False
     if one.focus_distance_mm is None or other.focus_distance_mm is None:

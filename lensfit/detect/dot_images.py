@@ -25,7 +25,7 @@ from lensfit.mosaic import PIXELS_PER_PHOTOSITE, Mosaic, photosites
 from lensfit.photograph import Photograph
 
 CELLS = 24
-"""Along each side of a cutout."""
+"""Along each side of a dot image."""
 _REACH = 1.5
 """Half the width of a dot image over the radius of the dot."""
 BLURS = 3.0
@@ -228,7 +228,7 @@ def _pixels_of_noise(mosaic: Mosaic | None, cell: int) -> np.ndarray:
 
 
 def _nearest_is_own(points_px, chosen, corner, cell) -> np.ndarray:
-    """Cells whose nearest dot is the cutout's own."""
+    """Cells whose nearest dot is the image's own dot."""
     middle = (np.arange(CELLS) + 0.5) * cell
     x = corner[:, 0, None, None] + middle[None, None]
     y = corner[:, 1, None, None] + middle[None, :, None]

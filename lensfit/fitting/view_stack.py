@@ -15,10 +15,10 @@ from jaxtyping import Bool, Float, Int
 
 from lensfit.coords import mm_from_px
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.chunks import Chunking, chunking_of
-from lensfit.fitting.geometry import View
+from lensfit.fitting.geometry import BoardPose
 from lensfit.fitting.start import Pose
-from lensfit.fitting.take import Take
 
 FEWEST_VIEWS = 4
 """A state of a lens with fewer photographs runs the program of this many."""
@@ -42,7 +42,7 @@ class Stack:
     mm_per_px : Size of a pixel.
     """
 
-    view: View
+    view: BoardPose
     chunking: Chunking
     board: Float[np.ndarray, "views marks 2"]
     observed_mm: Float[np.ndarray, "views marks 2"]
@@ -52,7 +52,7 @@ class Stack:
     mm_per_px: Float[np.ndarray, " views"]
 
     @cached_property
-    def filled_view(self) -> View:
+    def filled_view(self) -> BoardPose:
         """The start poses, and copies of the first ones up to a power of two."""
         count = len(self.present)
         room = max(FEWEST_VIEWS, 1 << (count - 1).bit_length())
@@ -60,14 +60,14 @@ class Stack:
         return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[places]), self.view)
 
 
-def board_of(take: Take) -> Float[np.ndarray, "marks 2"]:
+def board_of(take: View) -> Float[np.ndarray, "marks 2"]:
     """Nominal place of every mark, mm from the middle of the lattice that was seen."""
     lattice = take.observations.lattice
     middle = np.round((lattice.max(0) + lattice.min(0)) / 2)
     return (lattice - middle) * np.asarray(take.pitch_mm)
 
 
-def observed_of(take: Take) -> Float[np.ndarray, "marks 2"]:
+def observed_of(take: View) -> Float[np.ndarray, "marks 2"]:
     """Where every mark was seen, sensor mm."""
     observations = take.observations
     return mm_from_px(
@@ -76,7 +76,7 @@ def observed_of(take: Take) -> Float[np.ndarray, "marks 2"]:
 
 
 def stack_takes(
-    takes: list[Take], poses: list[Pose], apertures: list[int], whole: list[bool]
+    takes: list[View], poses: list[Pose], apertures: list[int], whole: list[bool]
 ) -> Stack:
     """Stack takes whose start poses are known."""
     most = max(len(take.observations) for take in takes)
@@ -100,7 +100,7 @@ def stack_takes(
         lines = take.observations.family != POINT
         normal[k, :n][lines] = take.observations.normal[lines]
         present[k, :n] = True
-    view = View(
+    view = BoardPose(
         rotation=jnp.asarray(np.stack([p.rotation for p in poses])),
         translation_mm=jnp.asarray(np.stack([p.translation_mm for p in poses])),
         aperture=jnp.asarray(apertures),

@@ -8,7 +8,7 @@ import pytest
 from found_marks import found_marks
 from scipy.ndimage import gaussian_filter
 
-from lensfit.detect.cutouts import CELLS, cut_dot_images
+from lensfit.detect.dot_images import CELLS, cut_dot_images
 from lensfit.detect.observations import Observations
 from lensfit.detect.rims import cut_rims
 from lensfit.mosaic import MOSAICS, filled_in, photosites
