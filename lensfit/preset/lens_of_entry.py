@@ -6,7 +6,8 @@ the logarithmic strain, which is smooth where there is no squeeze
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -33,10 +34,11 @@ from lensfit.preset.map_covariances import map_covariances
 from lensfit.preset.photographed_stops import unphotographed_f_number_note
 from lensfit.preset.select_entry import Selection
 from lensfit.psf.lens_blur import LensBlur
-from lensfit.psf.psf_deviation import STEP, fewer_moves
+from lensfit.psf.psf_deviation import STEP, MovedBlur, fewer_moves
 
 NO_BLUR = "blur was not measured; a perfect lens stands in for it"
 """Note of a preset without a measured blur."""
+_MOST_HALVINGS = 20
 
 
 def lens_of_selection(
@@ -89,7 +91,7 @@ def _measured_lens(chosen: Selection, camera: Camera) -> Lens:
 
 def _perturbed_blurs(
     chosen: Selection, lens: Lens, knobs: Knobs, draws: int | None
-) -> Iterator[tuple[LensBlur, LensBlur]]:
+) -> Iterator[MovedBlur]:
     """The blur at that state for every move of the block's uncertainty, or for so many
     that stand for all, adjusted alike; see `lensfit.psf.psf_deviation`. `lens` is
     not adjusted yet."""
@@ -112,7 +114,17 @@ def _perturbed_blurs(
 
     moves = known.moves if draws is None else fewer_moves(known.moves, draws)
     for move in moves:
-        yield blur_of(move, STEP), blur_of(move, -STEP)
+        yield _moved_blur(partial(blur_of, move))
+
+
+def _moved_blur(blur_of: Callable[[float], LensBlur]) -> MovedBlur:
+    """By as large a step as a blur can take: wide deviations reach beyond what it can
+    be, a pupil behind the sensor."""
+    for halvings in range(_MOST_HALVINGS):
+        step = STEP / 2**halvings
+        with suppress(ValueError):
+            return MovedBlur(blur_of(step), blur_of(-step), step)
+    return MovedBlur(blur_of(0.0), blur_of(0.0), STEP)
 
 
 def lens_of_entry(

@@ -20,8 +20,19 @@ from lensfit.psf.lens_psf import Optics, Points, Raster, lens_psfs, turns_needed
 STEP = 0.5
 """Share of a standard deviation by which a blur is moved. Smaller ones follow edges of
 light more closely, and the unevenness of the rays with them."""
-MovedBlurs = Iterable[tuple[LensBlur, LensBlur]]
-"""For each independent move the blur moved by `STEP` of it, forth and back."""
+
+
+class MovedBlur(NamedTuple):
+    """A blur moved forth and back by a share of a standard deviation, `STEP` or less
+    where that would leave what a blur can be."""
+
+    forth: LensBlur
+    back: LensBlur
+    step: float
+
+
+MovedBlurs = Iterable[MovedBlur]
+"""One for each independent move."""
 
 
 class KnownPsfs(NamedTuple):
@@ -52,8 +63,8 @@ def known_psfs(
 
     psf = drawn(optics[0])
     variance = np.zeros_like(psf)
-    for forth, back in moved:
-        variance += ((drawn(forth) - drawn(back)) / (2 * STEP)) ** 2
+    for one in moved:
+        variance += ((drawn(one.forth) - drawn(one.back)) / (2 * one.step)) ** 2
     return KnownPsfs(psf, np.sqrt(variance))
 
 

@@ -249,6 +249,7 @@ def _report(
         "schema": "lensfit.report.1",
         "lens": {"name": preset.lens.name, "serial": preset.lens.serial},
         "camera": {name: getattr(camera, name) for name in camera.__struct_fields__},
+        "camera_sharpening": _sharpening_facts(observed),
         "created": preset.provenance.created,
         "versions": dict(preset.provenance.versions),
         "rms_px": _pooled(used, "rms_px"),
@@ -301,7 +302,7 @@ def _notes(shoot: Shoot, observed: list[Observed], fitted: FittedLens) -> list[s
             "some photographs were turned by their EXIF orientation and others were "
             "not: shoot all of them the same way up"
         )
-    notes += _mosaic_notes(observed)
+    notes += _mosaic_notes(observed) + _sharpening_notes(observed)
     return list(dict.fromkeys(notes))
 
 
@@ -314,6 +315,37 @@ def _mosaic_notes(observed: list[Observed]) -> list[str]:
         f"the noise of {len(seen)} of {len(observed)} photographs shows that colours "
         "were interpolated from a mosaic, which the fit takes for blur of the lens: "
         f'state mosaic = "{max(set(seen), key=seen.count)}" in [camera]'
+    ]
+
+
+def _sharpening_facts(observed: list[Observed]) -> dict[str, Any] | None:
+    """Halos as parts of the contrast, and the mask; None where none is seen."""
+    sharpening = observed[0].sharpening
+    if sharpening is None:
+        return None
+    dark, bright = sharpening.halos
+    mask = sharpening.mask and sharpening.mask._asdict()
+    return {"halo_dark": dark, "halo_bright": bright, "unsharp_mask": mask}
+
+
+def _sharpening_notes(observed: list[Observed]) -> list[str]:
+    """What the camera did to edges, and whether it was taken off."""
+    sharpening = observed[0].sharpening
+    if sharpening is None:
+        return []
+    dark, bright = (f"{100 * max(halo, 0.0):.0f} %" for halo in sharpening.halos)
+    seen = (
+        f"the camera sharpens: beside edges the photographs are up to {dark} of the "
+        f"contrast darker, and {bright} brighter, than farther away"
+    )
+    if sharpening.mask is None:
+        return [
+            f"{seen}; no filter explains that, so the blur is that of lens and camera "
+            "together: switch sharpening off, or photograph raw"
+        ]
+    return [
+        f"{seen}; an unsharp mask of {sharpening.mask.radius_px:.1f} px explains it "
+        "and was taken off, so the blur is the lens'"
     ]
 
 

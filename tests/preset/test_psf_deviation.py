@@ -108,6 +108,16 @@ def test_kernels_are_expected_to_be_as_wrong_by_a_few_random_errors():
     assert for_few.relative_error() == pytest.approx(for_each.relative_error(), rel=0.3)
 
 
+def test_a_deviation_wider_than_a_blur_can_be_moved_is_linear_all_the_same():
+    """A pupil distance known to four times itself cannot be moved by half of that."""
+    distance_mm = make_blur().exit_pupil_distance_mm
+    narrow, wide = (
+        deviation(lens_of(((share * distance_mm,),), ("exit_pupil_distance_mm",)))
+        for share in (0.04, 4.0)
+    )
+    assert np.linalg.norm(wide) == pytest.approx(100 * np.linalg.norm(narrow), rel=0.5)
+
+
 def test_light_of_a_disc_thins_out_as_it_widens():
     """Inside, light goes as the inverse square of the defocus."""
     offset_mm, spread_mm = 0.2, 1e-3

@@ -1,6 +1,7 @@
 """`lensfit bench verdict`: wrong shoots must not end green, right ones may."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,6 +9,7 @@ import typer
 
 from data_synth.commands.bench.options import AsJson
 from data_synth.commands.bench.outcome import fail_if_any, say_machine
+from data_synth.commands.prescriptions import prescription_of
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._console import console
 from lensfit.cli._sizes import photograph_size_px
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from data_synth.bench.wavefront.benchmark import Trial
     from lensfit.preset.schema import Preset
 
-SPOILT = "nikkor_28"
+SPOILT, RANDOM = "nikkor_28", "random"
 SPOILT_SIZE_PX = (640, 480)
 
 
@@ -29,6 +31,10 @@ def verdict(
     wrong: Annotated[
         bool, typer.Option("--wrong/--no-wrong", help="Try wrong shoots too")
     ] = True,
+    lens: Annotated[
+        str,
+        typer.Option("--lens", help="Whose shoot is spoilt; random draws one by seed"),
+    ] = SPOILT,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for shoots and JSON")
     ] = None,
@@ -48,12 +54,14 @@ def verdict(
     of a workshop, every design once in a row; the trace says what each is good for.
 
     Example: lensfit bench verdict --shoots 26 --out bench
+
+    Example: lensfit bench verdict --shoots 0 --lens random --seed 3
     """
     from data_synth.bench.verdict.benchmark import bench_verdict
     from data_synth.commands.bench.tables import bars_table
 
     right = [_right_trial(k, seed, photograph_size_px(size)) for k in range(shoots)]
-    spoilt = _spoilt_trial(seed) if wrong else None
+    spoilt = _spoilt_trial(lens, seed) if wrong else None
     with progress_bars() as progress:
         result = bench_verdict(
             right, spoilt, chief_ray_error_px, out, reuse=reuse, progress=progress
@@ -92,14 +100,17 @@ def _right_trial(number: int, seed: int, size_px: tuple[int, int]) -> "Trial":
     return Trial(subject.name, subject.about, write)
 
 
-def _spoilt_trial(seed: int) -> "Trial":
+def _spoilt_trial(lens: str, seed: int) -> "Trial":
     from data_synth.bench.wavefront.benchmark import Trial
-    from data_synth.prescription import load_prescription
-    from data_synth.wavefront_cases import subject_of
+    from data_synth.wavefront_cases import random_subject, subject_of
     from data_synth.wavefront_plan import WavefrontPlan
 
     plan = WavefrontPlan(form="png16")
-    subject = subject_of(load_prescription(SPOILT), SPOILT_SIZE_PX, plan)
+    if lens == RANDOM:
+        subject = replace(random_subject(0, seed, SPOILT_SIZE_PX), plan=plan)
+    else:
+        prescription = prescription_of("--lens", lens)
+        subject = subject_of(prescription, SPOILT_SIZE_PX, plan)
 
     def write(folder: Path) -> None:
         from data_synth.shoot import write_shoot
@@ -107,7 +118,7 @@ def _spoilt_trial(seed: int) -> "Trial":
         prescription, camera = subject.prescription, subject.camera
         write_shoot(folder, prescription, camera, subject.shots(), seed=seed)
 
-    return Trial(f"spoilt_{SPOILT}", subject.about, write)
+    return Trial(f"spoilt_{subject.name}", subject.about, write)
 
 
 def _without_holes(shoot_file: Path) -> None:
@@ -139,6 +150,7 @@ def chief_ray_error_px(preset: "Preset", folder: Path) -> float:
 
 
 def _wrong_table(rows: list[dict[str, Any]]) -> "Table":
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")
@@ -147,11 +159,12 @@ def _wrong_table(rows: list[dict[str, Any]]) -> "Table":
     for row in rows:
         level = f"{row['level']}, green" if row["green"] else row["level"]
         named = "yes" if row["named"] else "[bold]no[/bold]"
-        table.add_row(row["kind"], level, named, row["first_line"])
+        table.add_row(row["kind"], level, named, escape(row["first_line"]))
     return table
 
 
 def _right_table(rows: list[dict[str, Any]]) -> "Table":
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")
@@ -163,5 +176,5 @@ def _right_table(rows: list[dict[str, Any]]) -> "Table":
         error = "–" if row["error_px"] is None else f"{row['error_px']:.3f}"
         true = row["true_level"] or "–"
         first = row["first_line"] if row["worse"] or not row["true_level"] else ""
-        table.add_row(row["lens"], row["about"], level, true, error, first)
+        table.add_row(row["lens"], row["about"], level, true, error, escape(first))
     return table

@@ -23,6 +23,13 @@ from lensfit.detect.observations import Observations
 from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
 from lensfit.detect.rims import cut_rims
+from lensfit.detect.sharpening import (
+    EdgeProfile,
+    Sharpening,
+    edge_profile,
+    sharpening_of,
+    without_sharpening,
+)
 from lensfit.errors import DetectionError, ImageError, LensfitError
 from lensfit.fitting.chart_view import View
 from lensfit.io.image import (
@@ -43,6 +50,9 @@ from lensfit.workflow.shoot.shoot_records import Take as ShootTake
 from lensfit.workflow.stopwatch import stopwatch
 
 _THREADS = 2
+_LINEAR = "linear"
+_LOOKED_AT = 8
+"""Photographs, about, whose edges tell of sharpening."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +73,7 @@ class Observed:
     assumed_encoding : How a file was decoded that may as well hold linear samples,
         if not stated.
     target_not_found : Kind of the stated target, where the photograph shows none.
+    sharpening : Of the camera, taken off wherever a mask explains it.
     """
 
     image: str
@@ -79,6 +90,7 @@ class Observed:
     mosaic_seen: Mosaic | None = None
     assumed_encoding: str | None = None
     target_not_found: str | None = None
+    sharpening: Sharpening | None = None
 
 
 # Detection multiplies tall matrices by a handful of columns on threads of its own:
@@ -99,8 +111,11 @@ def observe_shoot(
     progress("detect", 0, len(shoot.takes))
     results = []
     with ThreadPoolExecutor(_THREADS) as pool:
+        sharpening = _sharpening_of_camera(shoot, pool)
         jobs = [
-            pool.submit(_observe, shoot, take, folder and folder / f"{name}.png")
+            pool.submit(
+                _observe, shoot, take, folder and folder / f"{name}.png", sharpening
+            )
             for take, name in zip(shoot.takes, names, strict=True)
         ]
         for job in jobs:
@@ -143,9 +158,31 @@ def _without_overlaps(results: list[Observed]) -> list[Observed]:
     ]
 
 
-def _observe(shoot: Shoot, take: ShootTake, overlay: Path | None) -> Observed:
+def _sharpening_of_camera(shoot: Shoot, pool: ThreadPoolExecutor) -> Sharpening | None:
+    """From the edges of some of the photographs."""
+
+    def profile(take: ShootTake) -> EdgeProfile | None:
+        try:
+            photograph = photograph_of(shoot, take)
+        except LensfitError:
+            return None  # Whoever reads it next says why.
+        # Linear files hold what the sensor saw.
+        return None if photograph.encoding == _LINEAR else edge_profile(photograph)
+
+    some = shoot.takes[:: max(1, len(shoot.takes) // _LOOKED_AT)]
+    profiles = pool.map(profile, some)
+    return sharpening_of([one for one in profiles if one is not None])
+
+
+def _observe(
+    shoot: Shoot, take: ShootTake, overlay: Path | None, sharpening: Sharpening | None
+) -> Observed:
     """One photograph; whatever goes wrong with it becomes its `failed`."""
-    known: dict[str, Any] = {"image": take.image, "target": take.target or ""}
+    known: dict[str, Any] = {
+        "image": take.image,
+        "target": take.target or "",
+        "sharpening": sharpening,
+    }
     seconds = {"read": 0.0, "detect": 0.0, "overlay": 0.0}
     try:
         known |= _searched(shoot, take, overlay, known, seconds)
@@ -167,6 +204,13 @@ def _searched(
     """Read, search and draw; `known` keeps what was learnt before an error."""
     with _timed(seconds, "read"):
         photograph = photograph_of(shoot, take)
+        sharpening = known["sharpening"]
+        if (
+            sharpening is not None
+            and sharpening.mask
+            and photograph.encoding != _LINEAR
+        ):
+            photograph = without_sharpening(photograph, sharpening.mask)
         known["sha256"] = photograph.sha256
         known["orientation"] = photograph.metadata.get("orientation")
         if take.encoding is None and is_of_unknown_encoding(photograph):
