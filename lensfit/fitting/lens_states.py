@@ -75,8 +75,8 @@ class FittedLens:
             for focal_mm, reason in self.unmeasured_blur.items()
         )
         takes_with_wide_dots = (
-            f"the dots of {', '.join(names)} are too wide and were left out of the "
-            f"blur at {focal_mm:g} mm: photograph holes less than 1.8 pixels wide"
+            f"the blur at {focal_mm:g} mm was measured from smaller dots than those "
+            f"of {', '.join(names)}, which were left out"
             for focal_mm, names in self.takes_with_wide_dots.items()
             if names
         )

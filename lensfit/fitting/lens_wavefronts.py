@@ -107,14 +107,22 @@ def fit_wavefronts(
 
 
 def _usable_photographs(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
-    """The photographs whose marks can be used: small holes; where there are none, broad
-    dots and checker corners."""
+    """The photographs whose marks can be used: those of charts of small holes; where
+    there are none, broad dots and checker corners.
+
+    A chart is one of small holes if any photograph shows them small. They may be wider
+    in others, which count as much: what is small in the coarse cells of a wide blur is
+    broad in focus.
+    """
     corners = [one for one in pictured if one.take.observations.are_corners]
     dots = [one for one in pictured if not one.take.observations.are_corners]
     sized = [(one, dot_aperture_radius_cells(one)) for one in dots]
-    small = [one for one, cells in sized if cells <= LARGEST_RAY_SAMPLED_CELLS]
+    small = {
+        one.take.target for one, cells in sized if cells <= LARGEST_RAY_SAMPLED_CELLS
+    }
     broad = [one for one, cells in sized if cells <= LARGEST_DOT_APERTURE_CELLS]
-    return small or [*broad, *corners]
+    of_small = [one for one in broad if one.take.target in small]
+    return of_small or [*broad, *corners]
 
 
 def _subset_of_one_setting(photographs: list[DotPhotograph]) -> list[DotPhotograph]:

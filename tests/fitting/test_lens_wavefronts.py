@@ -22,6 +22,7 @@ def take(name="a", *, bright=True, diameter_px=4.0, f_number=2.0, hole_mm=0.5, *
     )
     return SimpleNamespace(
         name=name,
+        target=more.get("target", "dots"),
         observations=seen,
         f_number=f_number,
         mark_diameter_mm=hole_mm,
@@ -82,17 +83,29 @@ def fitted_of(takes, wide_cells, monkeypatch):
     return found, [one.take.name for one in seen]
 
 
-def test_takes_whose_dots_are_too_wide_are_named(monkeypatch):
+def test_a_chart_of_small_holes_is_fitted_wherever_it_is_seen(monkeypatch):
+    """Holes that are small in the coarse cells of a wide blur are broad in focus."""
+    wide_cells = {"in focus": 2.4, "far": 0.8, "near": 1.1}
+    takes = [take(name, dot_images=object()) for name in wide_cells]
+    found, seen = fitted_of(takes, wide_cells, monkeypatch)
+    assert seen == ["in focus", "far", "near"]
+    assert found.takes_with_wide_dots == {50.0: []}
+
+
+def test_takes_of_wider_dots_than_another_chart_has_are_named(monkeypatch):
     """The others are fitted."""
     wide_cells = {"near": 1.2, "in focus": 0.8, "far": 1.2}
-    takes = [take(name, dot_images=object()) for name in wide_cells]
+    takes = [
+        take(name, dot_images=object(), target="small" if cells < 1 else "wide")
+        for name, cells in wide_cells.items()
+    ]
     found, seen = fitted_of(takes, wide_cells, monkeypatch)
     assert seen == ["in focus"]
     assert found.takes_with_wide_dots == {50.0: ["near", "far"]}
     (note,) = FittedLens(
         (state(*takes),), {}, takes_with_wide_dots=found.takes_with_wide_dots
     ).notes
-    assert note.startswith("the dots of near, far are too wide")
+    assert note.endswith("smaller dots than those of near, far, which were left out")
     assert not FittedLens((state(*takes),), {}, takes_with_wide_dots={50.0: []}).notes
 
 

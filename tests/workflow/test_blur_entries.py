@@ -11,6 +11,7 @@ from lensfit.fitting.entrance_pupil import EntrancePupil
 from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.gather import FocusGroup
+from lensfit.fitting.wavefront.known_dots import FocusRange
 from lensfit.fitting.wavefront.misfit import Misfit
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import spot_and_pullback
@@ -32,7 +33,14 @@ from lensfit.psf.pixels import (
 from lensfit.workflow.calibration.blur_entries import blur_of
 from lensfit.workflow.calibration.blur_facts import blur_facts, blur_terms
 
-LAYOUT = Layout(rotational_terms(5), rotational_terms(3), groups=3, stops=1, rims=2)
+LAYOUT = Layout(
+    rotational_terms(5),
+    rotational_terms(3),
+    groups=3,
+    stops=1,
+    rims=2,
+    focus_terms=rotational_terms(3)[1:],
+)
 BLOCKS = LAYOUT.blocks
 REFERENCE_MM, PRINCIPAL_MM = 1500.0, 50.0
 F_NUMBERS = (2.0, 4.0)
@@ -48,6 +56,7 @@ def parameters() -> np.ndarray:
     found[BLOCKS["coefficients"]] = rng.normal(0, 8.0, len(LAYOUT.terms))
     found[BLOCKS["coefficients"].start] = 0.0
     found[BLOCKS["colour"]] = rng.normal(0, 4.0, 2 * len(LAYOUT.colour_terms))
+    found[BLOCKS["focus_change"]] = [6.0, -8.0, 5.0, -7.0]
     found[BLOCKS["defocus"]] = [0.15, -0.2, 0.1]
     found[BLOCKS["exit_pupil"]] = [0.2, 0.05]
     found[BLOCKS["rim_shift"]] = [0.5, 0.05, -0.6, 0.0]
@@ -98,6 +107,7 @@ def fit_of(
         groups=groups,
         f_numbers=F_NUMBERS,
         reference_distance_mm=REFERENCE_MM,
+        focus=FocusRange.of(focus_mm[0], focus_mm),
         first_order=first,
         photographs=photographs,
         take=np.repeat(np.arange(3), 4),
@@ -188,6 +198,7 @@ def fitted_image(wavefront, group: int, stop: int, principal_mm: float) -> np.nd
     dot = Dots(
         field_mm=jnp.asarray(POINT),
         principal_distance_ratio=jnp.asarray(principal_mm / PRINCIPAL_MM),
+        focus=jnp.asarray(_focus_coordinate(wavefront, group)),
         group=jnp.asarray(group),
         stop=jnp.asarray(stop),
         stop_radius=jnp.asarray(F_NUMBERS[0] / F_NUMBERS[stop]),
@@ -215,6 +226,11 @@ def fitted_image(wavefront, group: int, stop: int, principal_mm: float) -> np.nd
     return np.stack(found)
 
 
+def _focus_coordinate(wavefront, group: int) -> float:
+    dot_data = wavefront.dot_data
+    return dot_data.focus.coordinate(dot_data.groups[group].focus_distance_mm)
+
+
 def far_from(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
@@ -240,6 +256,19 @@ def test_every_state_has_its_own_defocus_and_magnification():
         assert far_from(shown, fitted_image(wavefront, group, 0, principal_mm)) < 0.05
         other = fitted_image(wavefront, 1 - group, 0, principal_mm)
         assert far_from(shown, other) > 0.3
+
+
+def test_focus_is_a_coordinate_in_vergence():
+    """No more than 1 from the reference, and none where nothing is stated."""
+    focus = FocusRange.of(1500.0, (1000.0, 1500.0, 3000.0, None))
+    assert focus.coordinate(1500.0) == 0
+    assert focus.coordinate(1000.0) == 1
+    assert focus.coordinate(3000.0) == pytest.approx(-1)
+    assert focus.coordinate(1200.0) == pytest.approx(0.5)
+    assert focus.coordinate(300.0) == 1
+    assert focus.coordinate(None) == 0
+    assert FocusRange.of(None, (None, 900.0)).coordinate(900.0) == 0
+    assert FocusRange.of(900.0, (900.0, 900.0)).coordinate(500.0) == 0
 
 
 def test_a_principal_distance_measured_anew_changes_no_spot():

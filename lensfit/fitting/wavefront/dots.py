@@ -71,6 +71,7 @@ class Dots(NamedTuple):
     field_mm : Where the chief ray lands, from the principal point.
     principal_distance_ratio : Principal distance of the dot's state over the reference
         state's.
+    focus : Focus coordinate of the dot's state (`known_dots.FocusRange`).
     group : Which defocus.
     stop : Which f-number; 0 is the widest.
     stop_radius : Nominal, in radii of the widest stop.
@@ -89,6 +90,7 @@ class Dots(NamedTuple):
 
     field_mm: Float[Numbers, "dots 2"]
     principal_distance_ratio: Float[Numbers, " dots"]
+    focus: Float[Numbers, " dots"]
     group: Int[Numbers, " dots"]
     stop: Int[Numbers, " dots"]
     stop_radius: Float[Numbers, " dots"]

@@ -47,7 +47,11 @@ from lensfit.fitting.wavefront.multistart import (
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.stages import Stage, add_focus_statements, stage_on_dots
 from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
-from lensfit.fitting.wavefront.term_groups import TermGroup, candidate_term_groups
+from lensfit.fitting.wavefront.term_groups import (
+    TermGroup,
+    candidate_term_groups,
+    terms_that_change_with_focus,
+)
 from lensfit.fitting.wavefront.uncertainty import (
     covariance_of,
     model_error_covariance_of,
@@ -318,11 +322,13 @@ def _term_groups_at(
 
 def _layout_of(every: DotData) -> Layout:
     cylinders = every.dots.sections is not None
+    terms = TERMS + CYLINDER_TERMS if cylinders else TERMS
     return Layout(
-        TERMS + CYLINDER_TERMS if cylinders else TERMS,
+        terms,
         COLOUR_TERMS + CYLINDER_COLOURS if cylinders else COLOUR_TERMS,
         groups=max(_GROUPS, len(every.groups)),
         stops=max(_STOPS, len(every.f_numbers) - 1),
+        focus_terms=terms_that_change_with_focus(terms),
         anamorphic=cylinders,
     )
 

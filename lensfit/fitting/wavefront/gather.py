@@ -22,7 +22,7 @@ from lensfit.fitting.wavefront.dot_patches import (
     usable_cells,
 )
 from lensfit.fitting.wavefront.dots import Broad, Dots
-from lensfit.fitting.wavefront.known_dots import Reference, dots_of
+from lensfit.fitting.wavefront.known_dots import FocusRange, Reference, dots_of
 from lensfit.fitting.wavefront.parameters import Scale
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
@@ -59,6 +59,7 @@ class DotData:
     scale, chromatic : Constants of the model; chromatic coordinates of the channels.
     groups, f_numbers : What `Dots.group` and `Dots.stop` count.
     reference_distance_mm : For which the aberrations hold, from the sensor.
+    focus : Focus distances of all photographs.
     first_order : At the reference state.
     """
 
@@ -77,6 +78,7 @@ class DotData:
     groups: tuple[FocusGroup, ...]
     f_numbers: tuple[float, ...]
     reference_distance_mm: float
+    focus: FocusRange
     first_order: FirstOrder
 
     @property
@@ -139,6 +141,7 @@ def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
         groups=groups,
         f_numbers=tuple(f_numbers),
         reference_distance_mm=known.distance_mm,
+        focus=known.focus,
         first_order=known.first_order,
     )
 
@@ -216,7 +219,11 @@ def _reference(photographs: list[DotPhotograph]) -> Reference:
     depth_mm = depth_scale * _depth_mm(nearest)
     distance = nearest.take.target_distance_mm or depth_mm + offset
     thin = first_order_of(*(jnp.asarray(n) for n in (c, 1.0, offset, distance)))
-    return Reference(c, thin, distance, depth_scale)
+    focus = FocusRange.of(
+        nearest.take.focus_distance_mm,
+        (one.take.focus_distance_mm for one in photographs),
+    )
+    return Reference(c, thin, distance, focus, depth_scale)
 
 
 def _depth_scale(

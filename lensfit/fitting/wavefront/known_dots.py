@@ -5,6 +5,7 @@ aperture, and how far from the lens that part of the chart is. All of this is ta
 known.
 """
 
+from collections.abc import Iterable
 from functools import partial
 from typing import NamedTuple
 
@@ -51,6 +52,39 @@ from lensfit.psf.pixels import diffraction_variance_mm2
 _BATCH, _GREEN = 512, 1
 
 
+class FocusRange(NamedTuple):
+    """Focus distances as a coordinate in vergence, in which aberrations change
+    linearly: 0 at the reference, at most 1 away from it at the photographed ones.
+
+    Attributes
+    ----------
+    reference_per_mm : Vergence of the reference.
+    span_per_mm : Largest difference from it; 0 where one distance is all there is, or
+        none is stated.
+    """
+
+    reference_per_mm: float
+    span_per_mm: float
+
+    @classmethod
+    def of(
+        cls, reference_mm: float | None, distances_mm: Iterable[float | None]
+    ) -> "FocusRange":
+        """The range of stated distances about one of them."""
+        if not reference_mm:
+            return cls(0.0, 0.0)
+        away = [abs(1 / d - 1 / reference_mm) for d in distances_mm if d]
+        return cls(1 / reference_mm, max(away, default=0.0))
+
+    def coordinate(self, distance_mm: float | None) -> float:
+        """Of a focus distance, of one beyond the photographed ones theirs; 0 of one
+        that nobody stated."""
+        if not distance_mm or not self.span_per_mm:
+            return 0.0
+        away_per_mm = 1 / distance_mm - self.reference_per_mm
+        return min(max(away_per_mm / self.span_per_mm, -1.0), 1.0)
+
+
 class Reference(NamedTuple):
     """What the numbers of all dots refer to.
 
@@ -59,12 +93,14 @@ class Reference(NamedTuple):
     principal_distance_mm : Of the state nearest to being in focus.
     first_order : The thin lens with these chief rays.
     distance_mm : From the sensor, at which the aberrations hold.
+    focus : Focus distances of all photographs.
     depth_scale : Factor on the depths of the geometry (`gather`).
     """
 
     principal_distance_mm: float
     first_order: FirstOrder
     distance_mm: float
+    focus: FocusRange
     depth_scale: float = 1.0
 
 
@@ -109,6 +145,9 @@ def dots_of(
         field_mm=observed - np.asarray(photograph.distortion.principal_point_mm),
         principal_distance_ratio=np.full(
             count, distance / reference.principal_distance_mm
+        ),
+        focus=np.full(
+            count, reference.focus.coordinate(photograph.take.focus_distance_mm)
         ),
         group=np.full(count, group),
         stop=np.full(count, stop),

@@ -34,6 +34,8 @@ _SAME = 0.2
 _FAR_APART = 0.4
 """Share of the distance of the farthest two takes, above which pairs count: most shoots
 lie in focus, nearer and farther by about half of it, and neighbours must count."""
+_ACROSS = 0.5
+"""Share of the stated defocus; a curved field and a barrel off scale move less."""
 _COST = attrgetter("cost")
 
 
@@ -133,11 +135,12 @@ def is_side_determined(found: list[Candidate]) -> bool:
 
 
 def runs_against_statements(stage: Stage) -> bool:
-    """Whether takes lie in another order along the axis than was stated.
+    """Whether takes lie in another order along the axis than was stated, or all of them
+    on the other side of focus.
 
     All may be shifted together, as by a curved field or the scale of a barrel; but a
     far focus cannot come before a near one. Only pairs that are far apart in this shoot
-    count.
+    count. What was stated plainly out of focus is not found as far on the other side.
     """
     stated_mm = stated_defocus_mm(stage.dot_data)
     defocus_mm = stage.parameters[stage.layout.blocks["defocus"]][: len(stated_mm)]
@@ -147,7 +150,10 @@ def runs_against_statements(stage: Stage) -> bool:
     apart_mm = np.subtract.outer(stated_mm[known], stated_mm[known])
     found_mm = np.subtract.outer(defocus_mm[known], defocus_mm[known])
     least_mm = max(_FAR_APART * np.abs(apart_mm).max(), IN_FOCUS_MM)
-    return bool(np.any(found_mm[apart_mm > least_mm] < 0))
+    in_order = not np.any(found_mm[apart_mm > least_mm] < 0)
+    plainly = known & (np.abs(stated_mm) > IN_FOCUS_MM)
+    across = defocus_mm * np.sign(stated_mm) < -_ACROSS * np.abs(stated_mm)
+    return not in_order or bool(plainly.any() and across[plainly].all())
 
 
 def _defocus_misfit_mm(stage: Stage) -> float:

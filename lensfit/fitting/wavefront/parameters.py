@@ -4,6 +4,9 @@ Coefficients are micrometres of rms spot, defocus is millimetres on the sensor, 
 plain numbers. Blocks:
 
 - `coefficients`, `colour`: of the aberration function (`optics.aberration`);
+- `focus_change`: how some of the coefficients change with the focus distance, for the
+  photographed state farthest from the reference in vergence; elements that move against
+  each other change aberrations, a lens that moves as a whole hardly does;
 - `defocus`: how far the sensor lies behind the sharp image of the chart, one for each
   group of takes that share focus and chart distance;
 - `beyond`: astigmatic defocus offset of an anamorphic lens: its defocus along x minus
@@ -26,7 +29,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from lensfit.optics.aberration import Aberration
 from lensfit.optics.pupil import Pupil
@@ -43,6 +46,7 @@ class Layout:
     groups : Number of defocus values.
     stops : Number of f-numbers besides the widest.
     rims : Number of rims that clip.
+    focus_terms : Those of the terms that may change with the focus distance.
     anamorphic : Whether x and y have separate defocus.
     """
 
@@ -51,6 +55,7 @@ class Layout:
     groups: int
     stops: int
     rims: int = 2
+    focus_terms: tuple[Term, ...] = ()
     anamorphic: bool = False
 
     @cached_property
@@ -59,6 +64,7 @@ class Layout:
         sizes = {
             "coefficients": len(self.terms),
             "colour": 2 * len(self.colour_terms),
+            "focus_change": len(self.focus_terms),
             "defocus": self.groups,
             **({"beyond": self.groups} if self.anamorphic else {}),
             "exit_pupil": 2,
@@ -79,6 +85,11 @@ class Layout:
     def size(self) -> int:
         """Length of the vector."""
         return self.blocks["stop_ratio"].stop
+
+    @cached_property
+    def focus_rows(self) -> Int[np.ndarray, " focus_terms"]:
+        """Which of the terms these are."""
+        return np.array([self.terms.index(term) for term in self.focus_terms], int)
 
     @property
     def pupil_parameters(self) -> slice:
@@ -106,6 +117,7 @@ def aberration_of(
     layout: Layout,
     scale: Scale,
     principal_distance_ratio: Float[Array, ""] | float = 1.0,
+    focus: Float[Array, ""] | float = 0.0,
 ) -> Aberration:
     """The aberration function the parameters describe.
 
@@ -113,11 +125,13 @@ def aberration_of(
     ----------
     principal_distance_ratio : Principal distance of a state over that of the reference
         state: the same ray lands further out where the sensor lies further back.
+    focus : Focus coordinate (`known_dots.FocusRange`).
     """
     part = {name: parameters[where] for name, where in layout.blocks.items()}
     distance = scale.principal_distance_mm * jnp.exp(part["exit_pupil"][0])
+    change = focus * part["focus_change"]
     return Aberration(
-        coefficients_um=part["coefficients"],
+        coefficients_um=part["coefficients"].at[layout.focus_rows].add(change),
         colour_um=part["colour"].reshape(2, -1),
         field_radius_mm=scale.field_radius_mm * principal_distance_ratio,
         reference_sine=scale.reference_sine,
@@ -166,6 +180,7 @@ def mirror_through_focus(
         if name in blocks:
             found[blocks[name]] *= -1
     found[blocks["coefficients"]] *= _kept_by_mirror(layout.terms)
+    found[blocks["focus_change"]] *= _kept_by_mirror(layout.focus_terms)
     found[blocks["colour"]] *= np.tile(_kept_by_mirror(layout.colour_terms), 2)
     found[blocks["iris"].start + 1] += np.pi
     return found

@@ -235,7 +235,9 @@ def landed_of(
     scale: Scale,
 ) -> Landed:
     """`landed_rays` of a dot."""
-    aberration = aberration_of(parameters, layout, scale, dot.principal_distance_ratio)
+    aberration = aberration_of(
+        parameters, layout, scale, dot.principal_distance_ratio, dot.focus
+    )
     depth = ObjectShift(dot.slope, dot.pupil_per_sine_mm, dot.vergence, dot.reference)
     defocus = parameters[layout.blocks["defocus"]][dot.group]
     cylinder = None

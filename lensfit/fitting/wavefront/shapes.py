@@ -129,11 +129,15 @@ def shape_jacobian(
         placed.append((blocks["beyond"].start, mine))
     rest = layout.size - blocks["exit_pupil"].start
     placed.append((blocks["exit_pupil"].start, jnp.eye(rest, dtype=h.dtype)))
-    rows = [
-        jnp.pad(part, ((0, 0), (start, layout.size - start - part.shape[1])))
-        for start, part in placed
-    ]
-    return jnp.concatenate(rows)
+
+    def padded(start: int, part: Array) -> Array:
+        return jnp.pad(part, ((0, 0), (start, layout.size - start - part.shape[1])))
+
+    of_coefficients, *others = (padded(*one) for one in placed)
+    # A coefficient's change with focus has the coefficient's own shapes.
+    of_change = dot.focus * of_terms[:, layout.focus_rows]
+    of_coefficients += padded(blocks["focus_change"].start, of_change)
+    return jnp.concatenate([of_coefficients, *others])
 
 
 def _amplitudes(

@@ -64,7 +64,7 @@ def f_number_and_focus_statements(
     found = f_number_statement(layout)
     stated_mm = stated_defocus_mm(dot_data)
     known = np.flatnonzero(np.isfinite(stated_mm))
-    if len(known) < 2:
+    if not len(known):
         return found
     known_mm, widths = stated_mm[known], dot_data.widths
     in_proportion = np.hypot(2 * widths.focal_length, widths.f_number)

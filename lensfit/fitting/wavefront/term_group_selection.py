@@ -33,6 +33,7 @@ _REMOVAL_ORDER = (
     "colour_of_fifth_order",
     "axial_colour_curved",
     "colour_of_third_order",
+    "change_with_focus",
     "exit_pupil",
     "pupil_squeeze",
     "decentred_elements",

@@ -28,6 +28,8 @@ _BEYOND = 0.2
 _THIRD_ORDER_UM = 100.0
 _ASYMMETRIC_UM = 10.0
 _COLOUR_UM = 15.0
+_FOCUS_CHANGE_UM = 10.0
+"""Of third order, from the reference to the farthest photographed focus distance."""
 _PUPIL_COMA = 0.05
 """Shift of the stop per field radius; traced lenses have a few hundredths."""
 SEIDEL = frozenset({"defocus", "third_order", "rims", "blades"})
@@ -76,6 +78,9 @@ def candidate_term_groups(
     found += _order_groups(dot_data, layout)
     if dot_data.colour:
         found += _colour_groups(layout)
+    if layout.focus_terms and np.any(dot_data.dots.focus):
+        change = _range(blocks["focus_change"])
+        found.append(_term_group("change_with_focus", change, _FOCUS_CHANGE_UM, FINE))
     found += _pupil_groups(dot_data, layout, defocus_mm)
     asymmetric = [
         i
@@ -109,6 +114,11 @@ def deviation_of(
 def indices_of(term_groups: tuple[TermGroup, ...]) -> Int[np.ndarray, " parameters"]:
     """All their parameters."""
     return np.array([i for term_group in term_groups for i in term_group.indices], int)
+
+
+def terms_that_change_with_focus(terms: tuple[Term, ...]) -> tuple[Term, ...]:
+    """Third order of a centred lens."""
+    return tuple(t for t in terms if t.order == _LOWEST and _even(t))
 
 
 def _order_groups(dot_data: DotData, layout: Layout) -> list[TermGroup]:

@@ -28,12 +28,18 @@ _EQUAL_PUPILS = 1.0
 
 
 def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
-    """The blur block of one state; states of a focal length share their wavefront."""
+    """The blur block of one state; states of a focal length share their wavefront, but
+    for what changes with focus."""
     stage = wavefront.stage
     dot_data, layout, parameters = stage.dot_data, stage.layout, stage.parameters
     principal_distance_ratio = _principal_distance_ratio(state, dot_data)
     optics = _optics_of(
-        parameters, layout, dot_data.scale, principal_distance_ratio, 1.0 * stage.blades
+        parameters,
+        layout,
+        dot_data.scale,
+        principal_distance_ratio,
+        dot_data.focus.coordinate(state.focus_distance_mm),
+        1.0 * stage.blades,
     )
     aberration, pupil = jax.device_get(optics)
     ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
@@ -67,9 +73,12 @@ def _optics_of(
     layout: Layout,
     scale: Scale,
     principal_distance_ratio: Float[Array, ""],
+    focus: Float[Array, ""] | float,
     blades: Float[Array, ""],
 ) -> tuple[Aberration, Pupil]:
-    aberration = aberration_of(parameters, layout, scale, principal_distance_ratio)
+    aberration = aberration_of(
+        parameters, layout, scale, principal_distance_ratio, focus
+    )
     return aberration, pupil_of(parameters[layout.pupil_parameters], layout, blades)
 
 

@@ -77,6 +77,7 @@ _UNITS = {
     "colour_of_fifth_order": "um",
     "colour_of_third_order_curved": "um",
     "decentred_elements": "um",
+    "change_with_focus": "um",
 }
 
 

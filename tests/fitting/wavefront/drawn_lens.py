@@ -20,6 +20,7 @@ from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.stated_facts import ORDINARY_WIDTHS
 from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.gather import DotData, FocusGroup
+from lensfit.fitting.wavefront.known_dots import FocusRange
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.optics.paraxial import FirstOrder
 from lensfit.optics.terms import decentring_terms, rotational_terms
@@ -148,6 +149,7 @@ def dots_at(places_mm: np.ndarray, group: int, stop: int, cell_mm: float) -> Dot
     return Dots(
         field_mm=np.asarray(places_mm, float),
         principal_distance_ratio=np.ones(count),
+        focus=np.zeros(count),
         group=np.full(count, group),
         stop=np.full(count, stop),
         stop_radius=np.full(count, F_NUMBERS[0] / F_NUMBERS[stop]),
@@ -232,6 +234,7 @@ def _dot_data(shots, rows, light, centroid, diameter, spread) -> DotData:
         groups=tuple(groups[k] for k in sorted(groups)),
         f_numbers=F_NUMBERS[: 1 + max(shot.stop for shot in shots)],
         reference_distance_mm=REFERENCE_MM,
+        focus=FocusRange(0.0, 0.0),
         first_order=FirstOrder(
             jnp.asarray(focal), jnp.asarray(1.0), jnp.asarray(PRINCIPAL_MM)
         ),

@@ -138,7 +138,18 @@ def test_takes_in_another_order_than_stated_run_against_it(
     assert runs_against_statements(at(1.0, *found_mm).stage) == against
 
 
-def test_what_nobody_stated_runs_against_nothing(monkeypatch):
+@pytest.mark.parametrize(
+    ("found_mm", "against"), [(0.33, False), (0.1, False), (-0.1, False), (-0.4, True)]
+)
+def test_one_side_of_focus_found_on_the_other_runs_against_it(
+    monkeypatch, found_mm, against
+):
     one_alone = np.array([0.33, np.nan, np.nan])
     monkeypatch.setattr(multistart, "stated_defocus_mm", lambda _: one_alone)
+    assert runs_against_statements(at(1.0, found_mm, 0.2, 0.3).stage) == against
+
+
+def test_what_nobody_stated_runs_against_nothing(monkeypatch):
+    silent = np.full(3, np.nan)
+    monkeypatch.setattr(multistart, "stated_defocus_mm", lambda _: silent)
     assert not runs_against_statements(at(1.0, 0.1, 0.2, 0.3).stage)

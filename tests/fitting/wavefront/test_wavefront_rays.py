@@ -20,7 +20,14 @@ from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.optics.terms import rotational_terms
 from lensfit.psf.spot import Spot
 
-TINY = Layout(rotational_terms(3), rotational_terms(1), groups=2, stops=1, rims=2)
+TINY = Layout(
+    rotational_terms(3),
+    rotational_terms(1),
+    groups=2,
+    stops=1,
+    rims=2,
+    focus_terms=rotational_terms(3)[1:],
+)
 COLOUR = Colour(jnp.array([-0.4, 0.3]), jnp.array([[0.001, 0.0], [-0.001, 0.002]]))
 POINTS = 40
 PLACES = {"axis": (0.0, 0.0), "middle": (6.0, -5.0), "edge": (16.0, 12.0)}
@@ -32,6 +39,7 @@ def dot_of(place, stop: int = 0, blades: int = 0):
         lateral_mm=np.zeros((1, 3, 2, 2)),
         blades=np.full(1, float(blades)),
         vergence=np.full(1, 1 / 1700),
+        focus=np.full(1, -0.6),
     )
     return jax.tree.map(lambda a: jnp.asarray(a[0]), dots)
 
@@ -41,6 +49,7 @@ def parameters_of(defocus_mm: float, rim: tuple[float, float]) -> np.ndarray:
     found, blocks = np.zeros(TINY.size), TINY.blocks
     found[blocks["coefficients"]] = [0.0, 12.0, -9.0, 14.0, 8.0]
     found[blocks["colour"]] = [3.0, -1.0]
+    found[blocks["focus_change"]] = [3.0, 5.0, -2.0, 4.0]
     found[blocks["defocus"]] = [0.4, defocus_mm]
     found[blocks["exit_pupil"]] = [0.1, 0.05]
     found[blocks["rim_shift"]] = [rim[0], 0.05, -0.6, 0.0]
