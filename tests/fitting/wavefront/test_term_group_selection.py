@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, Seidel, Shot, photographed
@@ -26,6 +27,7 @@ from lensfit.fitting.wavefront.term_groups import (
     deviation_of,
     indices_of,
 )
+from lensfit.optics.terms import rotational_terms
 
 LENS = Seidel(12.0, -9.0, 14.0, 8.0, defocus_mm=(0.15, -0.12))
 SHOTS = [Shot(0, 0), Shot(1, 0), Shot(0, 1), Shot(1, 1)]
@@ -60,6 +62,66 @@ def test_decentring_that_is_there_is_kept():
     assert term_decision.kept
     assert term_decision.bic_gain > 100
     assert term_decision.held_out_gain > 0.05
+
+
+MOVING = replace(LAYOUT, focus_terms=rotational_terms(3)[1:])
+
+
+def at_two_focus_distances(near: Seidel, far: Seidel):
+    """Fitted with terms that may change; both lenses start as their mean."""
+    places = np.concatenate([PLACES_MM, -PLACES_MM[1:] + [1.0, 2.0]])
+    parts = [
+        photographed(lens, [Shot(k, 0), Shot(k, 1)], places_mm=places, seed=k)
+        for k, lens in enumerate((near, far))
+    ]
+    arrays = "light", "valid", "clipped", "observed_mm", "diameter_mm", "read_noise"
+    dots = jax.tree.map(lambda *a: np.concatenate(a), *(one.dots for one in parts))
+    dot_data = replace(
+        parts[0],
+        photographs=parts[0].photographs + parts[1].photographs,
+        dots=dots._replace(focus=np.where(dots.group == 0, 1.0, -1.0)),
+        take=np.concatenate([parts[0].take, 2 + parts[1].take]),
+        groups=parts[0].groups + parts[1].groups,
+        **{n: np.concatenate([getattr(one, n) for one in parts]) for n in arrays},
+    )
+    start = np.zeros(MOVING.size)
+    for name, where in LAYOUT.blocks.items():
+        if name != "focus_change":
+            start[MOVING.blocks[name]] = LENS.parameters()[where]
+    begun = start[MOVING.blocks["defocus"]]
+    term_groups = candidate_term_groups(dot_data, MOVING, begun)
+    stage = set_priors(
+        first_stage(dot_data, MOVING, start), deviation_of(term_groups, MOVING, LAST)
+    )
+    return solve_stage(solve_stage(recentre_patches(stage), 8), 8), term_groups
+
+
+def test_what_elements_that_move_change_is_measured():
+    """Coma and spherical aberration differ from one focus distance to the other."""
+    near, far = (
+        replace(LENS, coma_um=LENS.coma_um + s, spherical_um=LENS.spherical_um - s)
+        for s in (3.0, -3.0)
+    )
+    stage, term_groups = at_two_focus_distances(near, far)
+    kept = {one.name for one in select_term_groups(stage, term_groups).term_groups}
+    assert "change_with_focus" in kept
+    change = stage.parameters[MOVING.blocks["focus_change"]]
+    families = [term.family for term in MOVING.focus_terms]
+    expected = {"coma 3": 3.0, "spherical 3": -3.0}
+    wanted = [expected.get(family, 0.0) for family in families]
+    np.testing.assert_allclose(change, wanted, atol=0.5)
+
+
+def test_of_a_lens_that_moves_as_a_whole_no_change_is_measured():
+    """Less than a twentieth of what it has, if noise lets it in at all."""
+    stage, _ = at_two_focus_distances(LENS, LENS)
+    change = stage.parameters[MOVING.blocks["focus_change"]]
+    assert np.abs(change).max() < 0.6
+
+
+def test_one_focus_distance_shows_no_change(centred):
+    _, term_groups = centred
+    assert "change_with_focus" not in {one.name for one in term_groups}
 
 
 def test_a_gain_is_a_share_of_what_was_left_without_the_term(centred, monkeypatch):
