@@ -22,7 +22,7 @@ Reference: A. Polesel, G. Ramponi and V. J. Mathews, Image enhancement via adapt
 unsharp masking, IEEE Transactions on Image Processing 9 (2000) 505.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -36,6 +36,7 @@ from scipy.special import j1
 
 from lensfit.photograph import Photograph
 
+LINEAR = "linear"
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 _COMPARED_GAMMA = 2.2
 """Of the light that profiles are compared in, about as codes have it."""
@@ -116,7 +117,10 @@ class Sharpening(NamedTuple):
 
 def edge_profile(photograph: Photograph) -> EdgeProfile | None:
     """Across the strong straight edges of a photograph; None where there are few that
-    have a plateau on both sides."""
+    have a plateau on both sides, and of a linear file, which holds what the sensor
+    saw."""
+    if photograph.encoding == LINEAR:
+        return None
     light = _power(_luma(photograph.pixels), _COMPARED_GAMMA)
     places, ways = _edges(light)
     if len(places) < _FEWEST_EDGES:
@@ -144,8 +148,9 @@ def edge_profile(photograph: Photograph) -> EdgeProfile | None:
     )
 
 
-def sharpening_of(profiles: Sequence[EdgeProfile]) -> Sharpening | None:
+def sharpening_of(profiles: Iterable[EdgeProfile | None]) -> Sharpening | None:
     """The sharpening behind the halos of photographs of one camera; None without."""
+    profiles = [one for one in profiles if one is not None]
     if not profiles:
         return None
     dark, bright = (max(one.halos[k] for one in profiles) for k in (0, 1))
@@ -173,8 +178,8 @@ def _mask_of(profiles: Sequence[EdgeProfile]) -> UnsharpMask | None:
         each = values[3:].reshape(3, count).T
         return np.concatenate(
             [
-                _modelled(one, mask, *np.exp(row[:2]), row[2])
-                for one, row in zip(profiles, each, strict=True)
+                _modelled(one, mask, np.exp(blur), np.exp(disc), off_px)
+                for one, (blur, disc, off_px) in zip(profiles, each, strict=True)
             ]
         )
 
@@ -193,7 +198,10 @@ def _mask_of(profiles: Sequence[EdgeProfile]) -> UnsharpMask | None:
 
 
 def without_sharpening(photograph: Photograph, mask: UnsharpMask) -> Photograph:
-    """The photograph as it was before the camera sharpened it; clipped pixels stay."""
+    """The photograph as it was before the camera sharpened it; clipped pixels stay, and
+    so does a linear file."""
+    if photograph.encoding == LINEAR:
+        return photograph
     coded = _power(photograph.pixels, mask.gamma)
     luma = _luma(coded)
     coded = coded + (_divided(luma, mask) - luma)[..., None]
@@ -223,7 +231,7 @@ def _edges(
     slope = np.stack([cv2.Scharr(smooth, cv2.CV_32F, *way) for way in ((0, 1), (1, 0))])
     steep = np.hypot(*slope)
     rows, columns = np.nonzero(_far_from_border(steep) & (
-        steep > _STEEP_PART * np.quantile(steep, _STEEP_QUANTILE)
+        steep > _STEEP_PART * np.quantile(steep[::3, ::3], _STEEP_QUANTILE)
     ))  # fmt: skip
     # Of every edge the top of the slope: a few of the places around it.
     step = max(1, len(rows) // (8 * _MOST_EDGES))

@@ -56,7 +56,7 @@ def photographed(light: np.ndarray, noise: float = 0.0) -> Photograph:
 
 def found_in(*photographs: Photograph):
     profiles = [edge_profile(one) for one in photographs]
-    return sharpening_of([one for one in profiles if one is not None])
+    return sharpening_of(profiles)
 
 
 @pytest.mark.parametrize("blur_px", [0.4, 0.8, 1.5])

@@ -24,6 +24,7 @@ from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
 from lensfit.detect.rims import cut_rims
 from lensfit.detect.sharpening import (
+    LINEAR,
     EdgeProfile,
     Sharpening,
     edge_profile,
@@ -37,6 +38,7 @@ from lensfit.io.image import (
     is_of_unknown_encoding,
     read_photograph,
 )
+from lensfit.io.raw import RAW_SUFFIXES
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
@@ -50,7 +52,6 @@ from lensfit.workflow.shoot.shoot_records import Take as ShootTake
 from lensfit.workflow.stopwatch import stopwatch
 
 _THREADS = 2
-_LINEAR = "linear"
 _LOOKED_AT = 8
 """Photographs, about, whose edges tell of sharpening."""
 
@@ -166,12 +167,18 @@ def _sharpening_of_camera(shoot: Shoot, pool: ThreadPoolExecutor) -> Sharpening 
             photograph = photograph_of(shoot, take)
         except LensfitError:
             return None  # Whoever reads it next says why.
-        # Linear files hold what the sensor saw.
-        return None if photograph.encoding == _LINEAR else edge_profile(photograph)
+        return edge_profile(photograph)
 
-    some = shoot.takes[:: max(1, len(shoot.takes) // _LOOKED_AT)]
-    profiles = pool.map(profile, some)
-    return sharpening_of([one for one in profiles if one is not None])
+    coded = [take for take in shoot.takes if not _is_linear(take)]
+    some = coded[:: max(1, len(coded) // _LOOKED_AT)]
+    return sharpening_of(pool.map(profile, some))
+
+
+def _is_linear(take: ShootTake) -> bool:
+    """Whether that is known before the file is read."""
+    if take.encoding is not None:
+        return take.encoding == LINEAR
+    return Path(take.image).suffix.lower() in {".exr", *RAW_SUFFIXES}
 
 
 def _observe(
@@ -205,11 +212,7 @@ def _searched(
     with _timed(seconds, "read"):
         photograph = photograph_of(shoot, take)
         sharpening = known["sharpening"]
-        if (
-            sharpening is not None
-            and sharpening.mask
-            and photograph.encoding != _LINEAR
-        ):
+        if sharpening is not None and sharpening.mask is not None:
             photograph = without_sharpening(photograph, sharpening.mask)
         known["sha256"] = photograph.sha256
         known["orientation"] = photograph.metadata.get("orientation")

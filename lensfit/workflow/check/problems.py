@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from lensfit.detect.sharpening import Sharpening
 from lensfit.workflow.check.check_records import (
     Coverage,
     Exposure,
@@ -61,6 +62,19 @@ def exposure_problems(exposure: Exposure) -> Iterator[Problem]:
             "caution",
             f"the target is {above:.1f} stops above the noise",
             "expose longer, or average several exposures",
+        )
+
+
+def sharpening_problems(sharpening: Sharpening | None) -> Iterator[Problem]:
+    """The camera sharpened the photograph."""
+    if sharpening is not None:
+        dark, bright = (max(halo, 0.0) for halo in sharpening.halos)
+        yield Problem(
+            "sharpening",
+            "caution",
+            f"the camera sharpens: beside edges it is {dark:.0%} of the contrast "
+            f"darker and {bright:.0%} brighter than farther away",
+            "switch sharpening off in the camera, or photograph raw",
         )
 
 

@@ -19,6 +19,7 @@ from lensfit.detect.directional_blur import directional_blur
 from lensfit.detect.find import KINDS
 from lensfit.detect.lattice_map import LatticeMap, lattice_map
 from lensfit.detect.observations import Observations
+from lensfit.detect.sharpening import edge_profile, sharpening_of
 from lensfit.errors import DetectionError, LensfitError
 from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.io.metadata import CameraState
@@ -39,6 +40,7 @@ from lensfit.workflow.check.problems import (
     exposure_problems,
     focus_problems,
     motion_problems,
+    sharpening_problems,
 )
 from lensfit.workflow.shoot.identified_charts import target_of_pattern
 from lensfit.workflow.shoot.shoot_records import Shoot, Take, Target
@@ -175,6 +177,7 @@ class CheckSession:
             sharper = None if blurrier is None else blurrier.name
             self.views.append(view)
         problems = [*coverage_problems(coverage), *exposure_problems(exposure)]
+        problems += sharpening_problems(sharpening_of([edge_profile(photograph)]))
         problems += motion_problems(motion)
         if side is not None:
             problems += focus_problems(side, sharpness, sharper)

@@ -9,10 +9,12 @@ import pytest
 from bundled_shoot import DEMO
 from drawn_views import dot_centres, dots, write_linear
 
+from lensfit.detect.sharpening import Sharpening
 from lensfit.errors import ImageError
 from lensfit.progress import silent
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.check import session as module
+from lensfit.workflow.check.problems import sharpening_problems
 from lensfit.workflow.check.session import CheckSession
 from lensfit.workflow.check.watched_folder import new_photographs
 from lensfit.workflow.shoot.shoot_file import load_shoot
@@ -211,3 +213,11 @@ def test_new_photographs_come_once_when_they_are_whole(tmp_path):
 def test_a_folder_that_is_none_is_one_line(tmp_path):
     with pytest.raises(ImageError, match="cannot be listed"):
         next(new_photographs(tmp_path / "nowhere"))
+
+
+def test_a_camera_that_sharpens_is_told_while_it_can_be_switched_off():
+    (problem,) = sharpening_problems(Sharpening((0.21, -0.01), None))
+    assert problem.level == "caution"
+    assert "21% of the contrast darker and 0% brighter" in problem.text
+    assert "switch sharpening off" in problem.remedy
+    assert not list(sharpening_problems(None))
