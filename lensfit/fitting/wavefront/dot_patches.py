@@ -12,9 +12,11 @@ from lensfit.fitting.chief_ray import ChiefRayFit
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.lateral import ChannelShift
 
-LARGEST_RAY_SAMPLED_CELLS = 0.9
+LARGEST_RAY_SAMPLED_CELLS, _LARGEST_BESIDE_CELLS = 0.9, 1.1
 """Of a dot aperture's radius. In larger ones some hundreds of rays leave gaps
-(`dot_aperture`): these are drawn as discs (`waves`)."""
+(`dot_aperture`): these are drawn as discs (`waves`), which takes several times as long.
+A little larger may be those of a chart that is small enough in other photographs: where
+the lens is focused nearer, the picture is larger by some percent."""
 LARGEST_DOT_APERTURE_CELLS = 8.5
 """Of a dot's radius: its rim has to be on its patch, whose cells grow with it."""
 
@@ -74,6 +76,15 @@ def dot_aperture_radius_cells(photograph: DotPhotograph) -> float:
     squeeze = photograph.take.squeeze
     larger = max(squeeze, 1 / squeeze) ** 0.5 / 2 if photograph.take.anamorphic else 1.0
     return dot_aperture_radius_mm(photograph) * magnification / cell_mm * larger
+
+
+def are_broad(photographs: Iterable[DotPhotograph]) -> bool:
+    """Whether targets of these photographs are too wide to be sampled by rays."""
+    photographs = list(photographs)
+    if any(one.take.observations.are_corners for one in photographs):
+        return True
+    radii = [dot_aperture_radius_cells(one) for one in photographs]
+    return min(radii) > LARGEST_RAY_SAMPLED_CELLS or max(radii) > _LARGEST_BESIDE_CELLS
 
 
 def dot_aperture_radius_mm(photograph: DotPhotograph) -> float:

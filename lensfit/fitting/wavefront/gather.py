@@ -13,12 +13,11 @@ from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.stated_facts import Widths
 from lensfit.fitting.wavefront.beside import own_cells
 from lensfit.fitting.wavefront.dot_patches import (
-    LARGEST_RAY_SAMPLED_CELLS,
     DotPhotograph,
+    are_broad,
     are_of_one_setting,
     centroids_mm,
     diameters_mm,
-    dot_aperture_radius_cells,
     usable_cells,
 )
 from lensfit.fitting.wavefront.dots import Broad, Dots
@@ -109,7 +108,7 @@ def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
         for n in f_numbers
     ]
     groups = tuple(dict.fromkeys(_group(s) for s in photographs))
-    broad = any(_is_broad(one) for one in photographs)
+    broad = are_broad(photographs)
     rows = []
     for one in photographs:
         stop = f_numbers.index(one.f_number)
@@ -144,13 +143,6 @@ def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
         focus=known.focus,
         first_order=known.first_order,
     )
-
-
-def _is_broad(photograph: DotPhotograph) -> bool:
-    """Whether its targets are too wide to be sampled by rays."""
-    if photograph.take.observations.are_corners:
-        return True
-    return dot_aperture_radius_cells(photograph) > LARGEST_RAY_SAMPLED_CELLS
 
 
 def _valid(
