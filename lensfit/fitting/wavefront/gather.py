@@ -101,12 +101,8 @@ class DotData:
 def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
     """Arrays of all dots; every take states its f-number."""
     known = _reference(photographs)
-    distance_mm = jnp.asarray(known.distance_mm)
     f_numbers = sorted({s.f_number for s in photographs})
-    sines = [
-        float(rim_sine(known.first_order, jnp.asarray(n), distance_mm))
-        for n in f_numbers
-    ]
+    sines = [_rim_sine(known, f_number) for f_number in f_numbers]
     groups = tuple(dict.fromkeys(_group(s) for s in photographs))
     broad = are_broad(photographs)
     rows = []
@@ -143,6 +139,11 @@ def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
         focus=known.focus,
         first_order=known.first_order,
     )
+
+
+def _rim_sine(known: Reference, f_number: float) -> float:
+    distance_mm = jnp.asarray(known.distance_mm)
+    return float(rim_sine(known.first_order, jnp.asarray(f_number), distance_mm))
 
 
 def _valid(

@@ -127,15 +127,7 @@ def dots_of(
     )
     count = len(detection_rows)
     board = adjustment.stack.board[photograph.index][detection_rows]
-    shift, per_board = _object_shifts_and_jacobians(board, photograph, reference)
-    rim_mm = np.zeros((count, 2))
-    if photograph.dot_images.towards_px is not None:
-        of_middle, to_rim_mm = per_board, _to_rims_mm(photograph, per_board)
-        half_mm = np.asarray(adjustment.stack.view.half_board_mm)[photograph.index]
-        shift, per_board = _object_shifts_and_jacobians(
-            board + to_rim_mm / half_mm, photograph, reference
-        )
-        rim_mm = -np.einsum("dij,dj->di", (of_middle + per_board) / 2, to_rim_mm)
+    shift, per_board, rim_mm = _places(board, photograph, reference)
     observed = adjustment.stack.observed_mm[photograph.index][detection_rows] - rim_mm
     distance = float(photograph.distortion.principal_distance_mm)
     disc_mm = per_board * dot_aperture_radius_mm(photograph)
@@ -168,6 +160,24 @@ def dots_of(
     if not photograph.take.anamorphic:
         return known
     return known._replace(sections=_sections(shift, photograph.distortion))
+
+
+def _places(
+    board: Float[np.ndarray, "dots 2"], photograph: DotPhotograph, reference: Reference
+) -> tuple[ObjectShift, Float[np.ndarray, "dots 2 2"], Float[np.ndarray, "dots 2"]]:
+    """Shift from the reference depth and d sensor / d board mm, of every dot or of the
+    rim that is shown; and from that rim to the middle, zero of whole dots."""
+    shift, per_board = _object_shifts_and_jacobians(board, photograph, reference)
+    if photograph.dot_images.towards_px is None:
+        return shift, per_board, np.zeros((len(board), 2))
+    of_middle, to_rim_mm = per_board, _to_rims_mm(photograph, per_board)
+    view = photograph.geometry.adjustment.stack.view
+    half_mm = np.asarray(view.half_board_mm)[photograph.index]
+    shift, per_board = _object_shifts_and_jacobians(
+        board + to_rim_mm / half_mm, photograph, reference
+    )
+    middle = (of_middle + per_board) / 2
+    return shift, per_board, -np.einsum("dij,dj->di", middle, to_rim_mm)
 
 
 def _object_shifts_and_jacobians(

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from lensfit.detect.sharpening import Sharpening
+from lensfit.detect.sharpening import edge_profile, sharpening_of
+from lensfit.photograph import Photograph
 from lensfit.workflow.check.check_records import (
     Coverage,
     Exposure,
@@ -65,8 +66,9 @@ def exposure_problems(exposure: Exposure) -> Iterator[Problem]:
         )
 
 
-def sharpening_problems(sharpening: Sharpening | None) -> Iterator[Problem]:
-    """The camera sharpened the photograph."""
+def sharpening_problems(photograph: Photograph) -> Iterator[Problem]:
+    """The camera sharpened it."""
+    sharpening = sharpening_of([edge_profile(photograph)])
     if sharpening is not None:
         dark, bright = (max(halo, 0.0) for halo in sharpening.halos)
         yield Problem(

@@ -19,7 +19,6 @@ from lensfit.detect.directional_blur import directional_blur
 from lensfit.detect.find import KINDS
 from lensfit.detect.lattice_map import LatticeMap, lattice_map
 from lensfit.detect.observations import Observations
-from lensfit.detect.sharpening import edge_profile, sharpening_of
 from lensfit.errors import DetectionError, LensfitError
 from lensfit.io.image import camera_state_of, read_photograph
 from lensfit.io.metadata import CameraState
@@ -177,8 +176,7 @@ class CheckSession:
             sharper = None if blurrier is None else blurrier.name
             self.views.append(view)
         problems = [*coverage_problems(coverage), *exposure_problems(exposure)]
-        problems += sharpening_problems(sharpening_of([edge_profile(photograph)]))
-        problems += motion_problems(motion)
+        problems += [*sharpening_problems(photograph), *motion_problems(motion)]
         if side is not None:
             problems += focus_problems(side, sharpness, sharper)
         problems += self._repeated(photograph)
