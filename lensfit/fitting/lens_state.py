@@ -24,6 +24,7 @@ from lensfit.fitting.entrance_pupil import (
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.fall_off.illumination import fit_illumination
 from lensfit.fitting.geometry import compiled_distortion_of
+from lensfit.fitting.statements import Statement
 from lensfit.fitting.uncertainty import Uncertainty, uncertainty_of
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.base import BaseProjection
@@ -33,6 +34,9 @@ from lensfit.progress import Progress, silent
 _LEAST_PX = 1e-4
 """Lower bound of a held-out error, so that its logarithm exists; no photograph is
 fitted as well as this."""
+_OFF_LINE, _STEEPEST = 0.01, 8.0
+"""Of focal lengths over focus: how far a state may lie off their line, and the relative
+change, times focus distance over focal length; front groups of zooms make 3 to 5."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +165,45 @@ def mean_held_out_rms_px(states: Iterable[LensState]) -> float:
     """
     each = [px for one in states for px in one.geometry.held_out_rms_px_of_take]
     return float(np.exp(np.mean(np.log(np.maximum(each, _LEAST_PX)))))
+
+
+def engraved_focal_lengths(states: Iterable[LensState]) -> dict[float, Statement]:
+    """The focal length that every engraved one was found to be.
+
+    A barrel says the focal length of the lens focused at infinity. Where elements move
+    against each other it changes with focus, in proportion to vergence: a zoom that
+    focuses by its front group had 77.5 mm at 2.9 m and 80.9 at 2 m for 71.7. So states
+    that lie on such a line are extrapolated to infinity, and what agrees better counts,
+    that or the state in the middle of all of them, since one may be ill. An anamorphic
+    lens has two focal lengths, and squeezes more or less than engraved as it focuses:
+    of these there is none.
+    """
+    found = {}
+    for focal_mm, mine in by_focal_length(states).items():
+        known = [
+            (state.focus_distance_mm, one)
+            for state in mine
+            for one in state.geometry.statements
+            if one.quantity == "focal_length"
+        ]
+        if known and not any(t.anamorphic for s in mine for t in s.geometry.takes):
+            found[focal_mm] = _engraved(known)
+    return found
+
+
+def _engraved(known: list[tuple[float | None, Statement]]) -> Statement:
+    """Of one focal length, from its focus distances."""
+    ordered = sorted((one for _, one in known), key=lambda one: one.residual_widths)
+    middle = ordered[len(ordered) // 2]
+    at = np.array([(1 / mm, s.fitted / s.stated) for mm, s in known if mm])
+    if len(at) < 2 or np.ptp(at[:, 0]) == 0:
+        return middle
+    slope_mm, ratio = np.polyfit(at[:, 0], at[:, 1], 1).tolist()
+    off = np.abs(at @ [slope_mm, -1.0] + ratio).max()
+    if off > _OFF_LINE or abs(slope_mm) > _STEEPEST * middle.stated:
+        return middle
+    at_infinity = middle._replace(fitted=ratio * middle.stated)
+    return min(middle, at_infinity, key=lambda one: abs(one.residual_widths))
 
 
 def by_focal_length(states: Iterable[LensState]) -> dict[float, list[LensState]]:

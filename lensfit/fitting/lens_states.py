@@ -27,6 +27,7 @@ from lensfit.fitting.joint_adjustment import error_amplitudes
 from lensfit.fitting.lens_state import (
     LensState,
     by_focal_length,
+    engraved_focal_lengths,
     mean_held_out_rms_px,
     more_accurate_state,
     with_colour,
@@ -80,14 +81,16 @@ class FittedLens:
             for focal_mm, names in self.takes_with_wide_dots.items()
             if names
         )
-        contradicted = (
-            one.sentence
+        engraved = engraved_focal_lengths(self.states)
+        stated = list(engraved.values())
+        stated += [
+            one
             for state in self.states
             for one in state.geometry.statements
-            if one.contradicts
-        )
+            if one.quantity != "focal_length" or state.focal_length_mm not in engraved
+        ]
         return (
-            *contradicted,
+            *(one.sentence for one in stated if one.contradicts),
             *unmeasured,
             *takes_with_wide_dots,
             *breathing_notes(self.states),

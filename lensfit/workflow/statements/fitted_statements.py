@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lensfit.fitting.lens_state import LensState
+from lensfit.fitting.lens_state import LensState, engraved_focal_lengths
 from lensfit.fitting.statements import CONTRADICTION, Statement
 from lensfit.workflow.statements.contradiction import Contradiction
 
@@ -40,25 +40,12 @@ def contradicted_by_fit(
 
 
 def _focal_lengths(states: Sequence[LensState]) -> Iterator[Contradiction]:
-    """Of each engraved focal length, the state in the middle of all its states.
-
-    An anamorphic lens has two, and squeezes more or less than engraved as it focuses:
-    which of them was stated is told in the notes of the fit.
-    """
-    by_focal: dict[float, list[Statement]] = {}
-    for state in states:
-        if any(take.anamorphic for take in state.geometry.takes):
-            continue
-        for one in state.geometry.statements:
-            if one.quantity == "focal_length":
-                by_focal.setdefault(state.focal_length_mm, []).append(one)
-    for focal_mm, mine in by_focal.items():
-        mine.sort(key=lambda one: one.residual_widths)
-        middle = mine[len(mine) // 2]
-        if abs(middle.residual_widths) > CONTRADICTION:
-            fitted_mm = focal_mm * middle.fitted / middle.stated
+    """Each as engraved; what an anamorphic lens was stated to be, its notes say."""
+    for focal_mm, one in engraved_focal_lengths(states).items():
+        if abs(one.residual_widths) > CONTRADICTION:
+            fitted_mm = focal_mm * one.fitted / one.stated
             yield _contradiction(
-                "focal_length", "focal_length_mm", focal_mm, fitted_mm, middle, ()
+                "focal_length", "focal_length_mm", focal_mm, fitted_mm, one, ()
             )
 
 

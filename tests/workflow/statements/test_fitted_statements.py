@@ -47,6 +47,21 @@ def test_a_focal_length_is_named_with_what_was_fitted():
     assert found.limit == "undistortion"
 
 
+def test_a_focal_length_that_focusing_changes_is_as_engraved_at_infinity():
+    """As of a zoom that focuses by its front group."""
+    zoom = [
+        state(focal(50.0 * ratio), focus_mm=mm)
+        for ratio, mm in ((1.107, 2870.0), (1.159, 2050.0), (1.066, 4740.0))
+    ]
+    assert list(contradicted_by_fit(zoom, [])) == []
+    wrong = [
+        state(focal(50.0 * ratio), focus_mm=mm)
+        for ratio, mm in ((1.25, 2870.0), (1.252, 2050.0), (1.249, 4740.0))
+    ]
+    (found,) = contradicted_by_fit(wrong, [])
+    assert found.agrees_with == pytest.approx(62.5, abs=0.2)
+
+
 def test_which_focal_length_of_an_anamorphic_lens_was_stated_is_left_to_notes():
     assert list(contradicted_by_fit([state(focal(26.0), anamorphic=True)], [])) == []
 
