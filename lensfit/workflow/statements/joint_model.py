@@ -4,9 +4,13 @@ A pinhole with two radial terms sees flat targets; only the middle of the frame 
 looked at, where that is enough of a lens. With f the stated focal length and v the
 vergence 1/(D - f) of the focus distance D, the principal distance of a state is
 
-    c = f exp(a) (1 + f v) exp(b),
+    c = f exp(a) (1 + f v) exp(m f v + b),
 
-a for the focal length and b for the breathing that a thin lens does not have. The
+a for the focal length and m f v + b for the breathing that a thin lens does not have.
+By first-order optics m = 1 / m_p - 1 of a lens that moves as a whole, m_p its pupil
+magnification (2.2 of a telephoto); where elements move against each other the focal
+length changes in proportion to vergence too (by 4 f v of a zoom that focuses by its
+front group). So all states of a focal length share m, and b is what is left. The
 entrance pupil lies e in front of the sensor, so that a target stated at distance D lies
 D - e from it. The pitch of a target is its stated one times exp(p). Widths of the
 priors are those of the statements: a focal length is good to 3 %, a pitch to 0.2 %, a
@@ -29,7 +33,8 @@ from lensfit.errors import FitError
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.start import pose_from_homography
 
-FOCAL_LENGTH_SD, BREATHING_SD, PITCH_SD = 0.03, 0.03, 0.002
+FOCAL_LENGTH_SD, PITCH_SD = 0.03, 0.002
+_MAGNIFICATION_SD, _BREATHING_SD = 1.0, 0.01
 DISTANCE_SD_MM, DISTANCE_SD = 10.0, 0.005
 _PUPIL_DIAGONALS = 1.4, 1.0
 """Mean and deviation of the entrance pupil before the sensor, in diagonals of the
@@ -37,7 +42,8 @@ sensor, of lenses that are not much longer: it lies inside the lens."""
 _PUPIL_SD_LONG = 0.5
 """Added to the deviation for each millimetre of focal length beyond a diagonal."""
 RELEASED_SD = 2.0
-_RADIAL_SD, _CENTRE_SD = 0.3, 0.02
+_RADIAL_SD, _CENTRE_SD = 0.12, 0.02
+"""At the corner, relative; of the sensor's width."""
 _MOST_POINTS = 64
 _CENTRAL = 0.6
 """Of the half diagonal."""
@@ -84,8 +90,9 @@ class JointModel:
 
     Attributes
     ----------
-    names : Of shared parameters, in order: ("focal_length", f), ("breathing", f, D),
-        ("pupil", f), ("radial", f, k), ("centre", axis), ("pitch", target).
+    names : Of shared parameters, in order: ("focal_length", f), ("magnification", f),
+        ("breathing", f, D), ("pupil", f), ("radial", f, k), ("centre", axis), ("pitch",
+        target).
     """
 
     views: Sequence[_View]
@@ -100,12 +107,15 @@ class JointModel:
         for view in self.views:
             f, focus = view.take.focal_length_mm, view.take.focus_distance_mm
             rows[("focal_length", f)] = 0.0, FOCAL_LENGTH_SD
-            rows[("breathing", f, focus)] = 0.0, BREATHING_SD
+            rows[("magnification", f)] = 0.0, _MAGNIFICATION_SD
+            rows[("breathing", f, focus)] = 0.0, _BREATHING_SD
             diagonal = float(np.hypot(*view.take.sensor_size_mm))
             ahead, sd = (diagonal * part for part in _PUPIL_DIAGONALS)
             sd += _PUPIL_SD_LONG * max(f - diagonal, 0.0)
             rows[("pupil", f)] = ahead / f, sd / f
-            rows[("radial", f, 0)] = rows[("radial", f, 1)] = 0.0, _RADIAL_SD
+            for k in (0, 1):
+                corner = (diagonal / 2 / f) ** (2 * k + 2)
+                rows[("radial", f, k)] = 0.0, _RADIAL_SD / corner
             rows[("pitch", view.take.target)] = 0.0, PITCH_SD
         self.names = list(rows)
         self.mean, self.deviation = np.array(list(rows.values())).T
@@ -194,6 +204,7 @@ class JointModel:
         vergence = 0.0 if focus is None else 1 / max(focus - f, f)
         stretch = shared[self._at[("focal_length", f)]]
         stretch = stretch + shared[self._at[("breathing", f, focus)]]
+        stretch = stretch + f * vergence * shared[self._at[("magnification", f)]]
         c_mm = f * (1 + f * vergence) * np.exp(stretch)
         centre = shared[:2] * take.sensor_size_mm[0]
         predicted = c_mm * slope * (1 + r2 * (k1 + r2 * k2)) + centre
@@ -306,7 +317,7 @@ def noise_of_model_px(model: JointModel) -> tuple[float, Solution]:
     wide = {
         name: RELEASED_SD
         for name in model.names
-        if name[0] in ("focal_length", "breathing", "pitch")
+        if name[0] in ("focal_length", "magnification", "breathing", "pitch")
     }
     every = frozenset(range(len(model.views)))
     solution = model.solve(1.0, wide, every)
