@@ -2,7 +2,12 @@
 
 import numpy as np
 import pytest
-from pinhole_shoots import drawn, right_shoot, stated_otherwise
+from pinhole_shoots import (
+    drawn,
+    drawn_from_every_class,
+    right_shoot,
+    stated_otherwise,
+)
 
 from lensfit.workflow.statements.contradictions import contradictions_of_views
 from lensfit.workflow.statements.released_statements import contradicted_statements
@@ -27,6 +32,19 @@ def test_no_right_shoot_is_accused(seeds):
         if found:
             accused[seed] = [one.text for one in found]
     assert accused == {}
+
+
+@pytest.mark.parametrize(
+    "seeds", [SEEDS, pytest.param(MANY, marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_no_class_of_lens_is_taken_for_a_wrong_statement(seeds):
+    accused = {}
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        found = contradictions_of_views(right_shoot(drawn_from_every_class(rng), rng))
+        if found:
+            accused[seed] = [one.text for one in found]
+    assert len(accused) <= 0.05 * len(seeds), accused
 
 
 @pytest.mark.parametrize("factor", [1.1, 0.9])
