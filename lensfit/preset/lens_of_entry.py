@@ -118,12 +118,16 @@ def _perturbed_blurs(
 
 
 def _moved_blur(blur_of: Callable[[float], LensBlur]) -> MovedBlur:
-    """By as large a step as a blur can take: wide deviations reach beyond what it can
-    be, a pupil behind the sensor."""
-    for halvings in range(_MOST_HALVINGS):
+    """By `STEP`, or by a quarter of what a blur can take, where it is linear: wide
+    deviations reach beyond what it can be, a pupil behind the sensor."""
+    with suppress(ValueError):
+        return MovedBlur(blur_of(STEP), blur_of(-STEP), STEP)
+    for halvings in range(1, _MOST_HALVINGS):
         step = STEP / 2**halvings
         with suppress(ValueError):
-            return MovedBlur(blur_of(step), blur_of(-step), step)
+            for end in (step, -step):
+                blur_of(end)
+            return MovedBlur(blur_of(step / 4), blur_of(-step / 4), step / 4)
     return MovedBlur(blur_of(0.0), blur_of(0.0), STEP)
 
 
