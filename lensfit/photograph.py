@@ -50,6 +50,11 @@ class Photograph:
         return self.pixels.shape[1], self.pixels.shape[0]
 
     @property
+    def is_linear(self) -> bool:
+        """Whether the file holds what the sensor saw, and no picture made of it."""
+        return self.encoding == "linear"
+
+    @property
     def luminance_channel(self) -> Float[np.ndarray, "height width"]:
         """The channel positions refer to: green, or the only one."""
         return self.pixels[..., self.luminance_index]

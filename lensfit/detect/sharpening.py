@@ -36,7 +36,6 @@ from scipy.special import j1
 
 from lensfit.photograph import Photograph
 
-LINEAR = "linear"
 _LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 _COMPARED_GAMMA = 2.2
 """Of the light that profiles are compared in, about as codes have it."""
@@ -57,18 +56,19 @@ _SIZE = 256
 """Samples of a modelled edge, 32 px to each side."""
 _MOST_PROFILES = 4
 _BOUNDS = {
-    "gamma": (1.0, 3.0),
     "amount": (1e-3, 8.0),
     "radius_px": (0.5, 4.0),
+    "gamma": (1.0, 3.0),
     "blur_px": (0.05, 5.0),
     "disc_px": (0.05, 8.0),
 }
-_STARTS_PX = (0.6, 1.2, 2.0)
+_START_RADII_PX = (0.6, 1.2, 2.0)
+_START_AMOUNT, _START_GAMMA, _START_BLUR_PX, _START_DISC_PX = 1.0, 1.8, 0.5, 0.8
 _PADDING_PX, _TINY = 16, 1e-6
 
 
 class EdgeProfile(NamedTuple):
-    """Mean light across the edges of one photograph, to the power of 1 / 2.2.
+    """Median light across the edges of one photograph, to the power of 1 / 2.2.
 
     Attributes
     ----------
@@ -114,29 +114,35 @@ class Sharpening(NamedTuple):
     halos: tuple[float, float]
     mask: UnsharpMask | None
 
+    @property
+    def sentence(self) -> str:
+        """What was seen, without a full stop."""
+        dark, bright = (f"{100 * max(halo, 0.0):.0f} %" for halo in self.halos)
+        return (
+            f"the camera sharpens: beside edges its photographs are up to {dark} of "
+            f"the contrast darker, and {bright} brighter, than farther away"
+        )
+
 
 def edge_profile(photograph: Photograph) -> EdgeProfile | None:
     """Across the strong straight edges of a photograph; None where there are few that
     have a plateau on both sides, and of a linear file, which holds what the sensor
     saw."""
-    if photograph.encoding == LINEAR:
+    if photograph.is_linear:
         return None
-    light = _power(_luma(photograph.pixels), _COMPARED_GAMMA)
+    light = _root(_luma(photograph.pixels), _COMPARED_GAMMA)
     places, ways = _edges(light)
     if len(places) < _FEWEST_EDGES:
         return None
     across_px = np.arange(-_HALF_PX, _HALF_PX + _STEP_PX / 2, _STEP_PX)
-    sampled = (
-        map_coordinates(light, (places[:, None] + across_px[:, None] * ways[:, None]).T,
-                        order=1)
-    ).T  # fmt: skip
+    along = places[:, None] + across_px[:, None] * ways[:, None]
+    sampled = map_coordinates(light, along.T, order=1).T
     dark, bright = across_px < -_PLATEAU_PX, across_px > _PLATEAU_PX
     low, high = (np.median(sampled[:, side], 1) for side in (dark, bright))
     contrast = high - low
     even = np.maximum(sampled[:, dark].std(1), sampled[:, bright].std(1))
-    good = (contrast > _LEAST_CONTRAST * np.quantile(contrast, 0.9)) & (
-        even < _FLAT * contrast
-    )
+    strong = contrast > _LEAST_CONTRAST * np.quantile(contrast, 0.9)
+    good = strong & (even < _FLAT * contrast)
     if np.count_nonzero(good) < _FEWEST_EDGES:
         return None
     scaled = (sampled[good] - low[good, None]) / contrast[good, None]
@@ -168,13 +174,13 @@ def _has_halo(profile: EdgeProfile) -> bool:
 def _mask_of(profiles: Sequence[EdgeProfile]) -> UnsharpMask | None:
     """The mask behind the halos of all profiles, whose blur and place are their own."""
     count, seen = len(profiles), np.concatenate([one.light for one in profiles])
-    limits = [_BOUNDS[name] for name in ("gamma", "amount", "radius_px")]
+    limits = [_BOUNDS[name] for name in UnsharpMask._fields]
     limits += count * [_BOUNDS["blur_px"]] + count * [_BOUNDS["disc_px"]]
     low, high = np.log(limits).T
     bounds = np.append(low, -np.ones(count)), np.append(high, np.ones(count))
 
     def modelled(values: np.ndarray) -> np.ndarray:
-        mask = UnsharpMask(*np.exp([values[1], values[2], values[0]]).tolist())
+        mask = UnsharpMask(*np.exp(values[:3]).tolist())
         each = values[3:].reshape(3, count).T
         return np.concatenate(
             [
@@ -184,28 +190,28 @@ def _mask_of(profiles: Sequence[EdgeProfile]) -> UnsharpMask | None:
         )
 
     def solved(radius_px: float):
-        start = np.log([1.8, 1.0, radius_px] + count * [0.5] + count * [0.8])
+        mask = UnsharpMask(_START_AMOUNT, radius_px, _START_GAMMA)
+        start = np.log([*mask, *count * [_START_BLUR_PX], *count * [_START_DISC_PX]])
         start = np.append(start, np.zeros(count))
         return least_squares(lambda x: modelled(x) - seen, start, bounds=bounds)
 
-    best = min(map(solved, _STARTS_PX), key=lambda one: one.cost)
+    best = min(map(solved, _START_RADII_PX), key=lambda one: one.cost)
     found = modelled(best.x)
     left = max(abs(found.min() - seen.min()), abs(found.max() - seen.max()))
     if left > _LEFT_HALO * max(-seen.min(), seen.max() - 1):
         return None
-    gamma, amount, radius_px = np.exp(best.x[:3]).tolist()
-    return UnsharpMask(amount, radius_px, gamma)
+    return UnsharpMask(*np.exp(best.x[:3]).tolist())
 
 
 def without_sharpening(photograph: Photograph, mask: UnsharpMask) -> Photograph:
     """The photograph as it was before the camera sharpened it; clipped pixels stay, and
     so does a linear file."""
-    if photograph.encoding == LINEAR:
+    if photograph.is_linear:
         return photograph
-    coded = _power(photograph.pixels, mask.gamma)
+    coded = _root(photograph.pixels, mask.gamma)
     luma = _luma(coded)
     coded = coded + (_divided(luma, mask) - luma)[..., None]
-    light = _power(coded, 1 / mask.gamma).astype(np.float32)
+    light = _root(coded, 1 / mask.gamma).astype(np.float32)
     kept = photograph.pixels >= photograph.saturation
     return replace(photograph, pixels=np.where(kept, photograph.pixels, light))
 
@@ -216,10 +222,10 @@ def _luma(
     return pixels @ _LUMA if pixels.shape[2] == 3 else pixels[..., 0]
 
 
-def _power(
+def _root(
     light: Float[np.ndarray, "*shape"], gamma: float
 ) -> Float[np.ndarray, "*shape"]:
-    """The root of the light, odd about zero."""
+    """The light to the power of 1 / gamma, odd about zero."""
     return np.sign(light) * np.abs(light) ** (1 / gamma)
 
 
@@ -230,9 +236,8 @@ def _edges(
     smooth = cv2.GaussianBlur(light.astype(np.float32), (0, 0), _SMOOTHING_PX)
     slope = np.stack([cv2.Scharr(smooth, cv2.CV_32F, *way) for way in ((0, 1), (1, 0))])
     steep = np.hypot(*slope)
-    rows, columns = np.nonzero(_far_from_border(steep) & (
-        steep > _STEEP_PART * np.quantile(steep[::3, ::3], _STEEP_QUANTILE)
-    ))  # fmt: skip
+    least = _STEEP_PART * np.quantile(steep[::3, ::3], _STEEP_QUANTILE)
+    rows, columns = np.nonzero(_far_from_border(steep) & (steep > least))
     # Of every edge the top of the slope: a few of the places around it.
     step = max(1, len(rows) // (8 * _MOST_EDGES))
     rows, columns = rows[::step], columns[::step]
@@ -276,7 +281,7 @@ def _modelled(
     blurred = low + (high - low) * np.cumsum(
         _filtered(step, blur * 2 * j1(disc) / disc)
     )
-    coded = _power(blurred, mask.gamma)
+    coded = _root(blurred, mask.gamma)
     slopes = _filtered(np.diff(coded, prepend=coded[0]), _response(k**2, mask))
     # Files hold no light below nothing: beside black ink the dark halo is cut off.
     coded = np.maximum(coded[0] + np.cumsum(slopes), 0.0)

@@ -199,7 +199,7 @@ def _engraved(known: list[tuple[float | None, Statement]]) -> Statement:
     if len(at) < 2 or np.ptp(at[:, 0]) == 0:
         return middle
     slope_mm, ratio = np.polyfit(at[:, 0], at[:, 1], 1).tolist()
-    off = np.abs(at @ [slope_mm, -1.0] + ratio).max()
+    off = np.abs(slope_mm * at[:, 0] + ratio - at[:, 1]).max()
     if off > _OFF_LINE or abs(slope_mm) > _STEEPEST * middle.stated:
         return middle
     at_infinity = middle._replace(fitted=ratio * middle.stated)

@@ -108,6 +108,19 @@ def read_photograph(
         raise ImageError(error.what, where=path, remedy=error.remedy) from error
 
 
+def is_linear_file(path: str | Path, encoding: str | None = None) -> bool:
+    """Whether `read_photograph` takes a file for linear, by its name alone; of a
+    floating-point TIFF only its content says so.
+
+    Parameters
+    ----------
+    encoding : As stated.
+    """
+    if encoding is not None:
+        return encoding == "linear"
+    return Path(path).suffix.lower() in {".exr", *RAW_SUFFIXES}
+
+
 def is_of_unknown_encoding(photograph: Photograph) -> bool:
     """Whether its file may hold linear samples or sRGB ones, and does not say which.
 

@@ -120,15 +120,14 @@ def _perturbed_blurs(
 def _moved_blur(blur_of: Callable[[float], LensBlur]) -> MovedBlur:
     """By `STEP`, or by a quarter of what a blur can take, where it is linear: wide
     deviations reach beyond what it can be, a pupil behind the sensor."""
-    with suppress(ValueError):
-        return MovedBlur(blur_of(STEP), blur_of(-STEP), STEP)
-    for halvings in range(1, _MOST_HALVINGS):
+    for halvings in range(_MOST_HALVINGS):
         step = STEP / 2**halvings
         with suppress(ValueError):
-            for end in (step, -step):
-                blur_of(end)
+            moved = MovedBlur(blur_of(step), blur_of(-step), step)
+            if not halvings:
+                return moved
             return MovedBlur(blur_of(step / 4), blur_of(-step / 4), step / 4)
-    return MovedBlur(blur_of(0.0), blur_of(0.0), STEP)
+    raise ValueError("a standard deviation of the blur is no number")
 
 
 def lens_of_entry(

@@ -333,19 +333,14 @@ def _sharpening_notes(observed: list[Observed]) -> list[str]:
     sharpening = observed[0].sharpening
     if sharpening is None:
         return []
-    dark, bright = (f"{100 * max(halo, 0.0):.0f} %" for halo in sharpening.halos)
-    seen = (
-        f"the camera sharpens: beside edges the photographs are up to {dark} of the "
-        f"contrast darker, and {bright} brighter, than farther away"
-    )
     if sharpening.mask is None:
         return [
-            f"{seen}; no filter explains that, so the blur is that of lens and camera "
-            "together: switch sharpening off, or photograph raw"
+            f"{sharpening.sentence}; no filter explains that, so the blur is that of "
+            "lens and camera together: switch sharpening off, or photograph raw"
         ]
     return [
-        f"{seen}; an unsharp mask of {sharpening.mask.radius_px:.1f} px explains it "
-        "and was taken off, so the blur is the lens'"
+        f"{sharpening.sentence}; an unsharp mask of {sharpening.mask.radius_px:.1f} px "
+        "explains it and was taken off, so the blur is the lens'"
     ]
 
 

@@ -119,7 +119,7 @@ def test_of_halos_that_a_camera_limits_on_one_side_no_more_is_made(side: str):
     assert left < off
 
 
-def test_halos_that_black_ink_cuts_off_are_told_by_the_bright_ones():
+def test_where_black_ink_cuts_halos_off_the_bright_ones_show_the_mask():
     mask = UnsharpMask(2.5, 1.0, 1.6)
     before = np.maximum((chart(0.8) - DARK) / (BRIGHT - DARK) * 0.7, 0.0)
     cut_off = np.maximum(sharpened(before, mask), 0.0)

@@ -10,13 +10,17 @@ import pytest
 from lensfit.fitting.entrance_pupil import EntrancePupil
 from lensfit.fitting.select import TermDecision
 from lensfit.fitting.wavefront.dots import Dots
+from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.fitting.wavefront.gather import FocusGroup
-from lensfit.fitting.wavefront.known_dots import FocusRange
 from lensfit.fitting.wavefront.misfit import Misfit
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
-from lensfit.fitting.wavefront.term_groups import FINE, TermGroup
+from lensfit.fitting.wavefront.term_groups import (
+    FINE,
+    TermGroup,
+    terms_that_change_with_focus,
+)
 from lensfit.optics.distortion import no_distortion
 from lensfit.optics.paraxial import FirstOrder, rim_sine
 from lensfit.optics.spectrum import bands, chromatic_coordinate
@@ -39,7 +43,7 @@ LAYOUT = Layout(
     groups=3,
     stops=1,
     rims=2,
-    focus_terms=rotational_terms(3)[1:],
+    focus_terms=terms_that_change_with_focus(rotational_terms(3)),
 )
 BLOCKS = LAYOUT.blocks
 REFERENCE_MM, PRINCIPAL_MM = 1500.0, 50.0

@@ -1,6 +1,6 @@
 """One photograph as input of the wavefront fit: images of dots, and their geometry."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -78,9 +78,8 @@ def dot_aperture_radius_cells(photograph: DotPhotograph) -> float:
     return dot_aperture_radius_mm(photograph) * magnification / cell_mm * larger
 
 
-def are_broad(photographs: Iterable[DotPhotograph]) -> bool:
+def are_broad(photographs: Sequence[DotPhotograph]) -> bool:
     """Whether targets of these photographs are too wide to be sampled by rays."""
-    photographs = list(photographs)
     if any(one.take.observations.are_corners for one in photographs):
         return True
     radii = [dot_aperture_radius_cells(one) for one in photographs]

@@ -71,7 +71,7 @@ class Dots(NamedTuple):
     field_mm : Where the chief ray lands, from the principal point.
     principal_distance_ratio : Principal distance of the dot's state over the reference
         state's.
-    focus : Focus coordinate of the dot's state (`known_dots.FocusRange`).
+    focus : Focus coordinate of the dot's state (`focus_range`).
     group : Which defocus.
     stop : Which f-number; 0 is the widest.
     stop_radius : Nominal, in radii of the widest stop.

@@ -21,7 +21,8 @@ from lensfit.fitting.wavefront.dot_patches import (
     usable_cells,
 )
 from lensfit.fitting.wavefront.dots import Broad, Dots
-from lensfit.fitting.wavefront.known_dots import FocusRange, Reference, dots_of
+from lensfit.fitting.wavefront.focus_range import FocusRange
+from lensfit.fitting.wavefront.known_dots import Reference, dots_of
 from lensfit.fitting.wavefront.parameters import Scale
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine

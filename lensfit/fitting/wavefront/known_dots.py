@@ -5,7 +5,6 @@ aperture, and how far from the lens that part of the chart is. All of this is ta
 known.
 """
 
-from collections.abc import Iterable
 from functools import partial
 from typing import NamedTuple
 
@@ -41,6 +40,7 @@ from lensfit.fitting.wavefront.dot_patches import (
 )
 from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots
 from lensfit.fitting.wavefront.edges import is_square_ahead_bright
+from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.optics.depth import ObjectShift, object_shift
 from lensfit.optics.distortion import Distortion, distorted_from_direction
 from lensfit.optics.lateral import ChannelShift, channel_from_green
@@ -50,39 +50,6 @@ from lensfit.optics.spectrum import Bands, chromatic_coordinate, lateral_at
 from lensfit.psf.pixels import diffraction_variance_mm2
 
 _BATCH, _GREEN = 512, 1
-
-
-class FocusRange(NamedTuple):
-    """Focus distances as a coordinate in vergence, in which aberrations change
-    linearly: 0 at the reference, at most 1 away from it at the photographed ones.
-
-    Attributes
-    ----------
-    reference_per_mm : Vergence of the reference.
-    span_per_mm : Largest difference from it; 0 where one distance is all there is, or
-        none is stated.
-    """
-
-    reference_per_mm: float
-    span_per_mm: float
-
-    @classmethod
-    def of(
-        cls, reference_mm: float | None, distances_mm: Iterable[float | None]
-    ) -> "FocusRange":
-        """The range of stated distances about one of them."""
-        if not reference_mm:
-            return cls(0.0, 0.0)
-        away = [abs(1 / d - 1 / reference_mm) for d in distances_mm if d]
-        return cls(1 / reference_mm, max(away, default=0.0))
-
-    def coordinate(self, distance_mm: float | None) -> float:
-        """Of a focus distance, of one beyond the photographed ones theirs; 0 of one
-        that nobody stated."""
-        if not distance_mm or not self.span_per_mm:
-            return 0.0
-        away_per_mm = 1 / distance_mm - self.reference_per_mm
-        return min(max(away_per_mm / self.span_per_mm, -1.0), 1.0)
 
 
 class Reference(NamedTuple):

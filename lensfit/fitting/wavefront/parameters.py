@@ -6,7 +6,7 @@ plain numbers. Blocks:
 - `coefficients`, `colour`: of the aberration function (`optics.aberration`);
 - `focus_change`: how some of the coefficients change with the focus distance, for the
   photographed state farthest from the reference in vergence; elements that move against
-  each other change aberrations, a lens that moves as a whole hardly does;
+  each other change aberrations, a lens that moves as a whole barely does;
 - `defocus`: how far the sensor lies behind the sharp image of the chart, one for each
   group of takes that share focus and chart distance;
 - `beyond`: astigmatic defocus offset of an anamorphic lens: its defocus along x minus
@@ -125,7 +125,7 @@ def aberration_of(
     ----------
     principal_distance_ratio : Principal distance of a state over that of the reference
         state: the same ray lands further out where the sensor lies further back.
-    focus : Focus coordinate (`known_dots.FocusRange`).
+    focus : Focus coordinate (`focus_range`).
     """
     part = {name: parameters[where] for name, where in layout.blocks.items()}
     distance = scale.principal_distance_mm * jnp.exp(part["exit_pupil"][0])

@@ -24,7 +24,6 @@ from lensfit.detect.orientation import numbered_as_on_chart
 from lensfit.detect.overlay import draw_overlay
 from lensfit.detect.rims import cut_rims
 from lensfit.detect.sharpening import (
-    LINEAR,
     EdgeProfile,
     Sharpening,
     edge_profile,
@@ -35,10 +34,10 @@ from lensfit.errors import DetectionError, ImageError, LensfitError
 from lensfit.fitting.chart_view import View
 from lensfit.io.image import (
     camera_state_of,
+    is_linear_file,
     is_of_unknown_encoding,
     read_photograph,
 )
-from lensfit.io.raw import RAW_SUFFIXES
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
 from lensfit.progress import Progress
@@ -169,16 +168,9 @@ def _sharpening_of_camera(shoot: Shoot, pool: ThreadPoolExecutor) -> Sharpening 
             return None  # Whoever reads it next says why.
         return edge_profile(photograph)
 
-    coded = [take for take in shoot.takes if not _is_linear(take)]
+    coded = [one for one in shoot.takes if not is_linear_file(one.image, one.encoding)]
     some = coded[:: max(1, len(coded) // _LOOKED_AT)]
     return sharpening_of(pool.map(profile, some))
-
-
-def _is_linear(take: ShootTake) -> bool:
-    """Whether that is known before the file is read."""
-    if take.encoding is not None:
-        return take.encoding == LINEAR
-    return Path(take.image).suffix.lower() in {".exr", *RAW_SUFFIXES}
 
 
 def _observe(
@@ -192,7 +184,7 @@ def _observe(
     }
     seconds = {"read": 0.0, "detect": 0.0, "overlay": 0.0}
     try:
-        known |= _searched(shoot, take, overlay, known, seconds)
+        known |= _searched(shoot, take, overlay, sharpening, known, seconds)
     except (LensfitError, ValueError, cv2.error) as error:
         name = Path(take.image).name
         known["failed"] = str(error) if name in str(error) else f"{take.image}: {error}"
@@ -205,13 +197,13 @@ def _searched(
     shoot: Shoot,
     take: ShootTake,
     overlay: Path | None,
+    sharpening: Sharpening | None,
     known: dict[str, Any],
     seconds: dict[str, float],
 ) -> dict[str, Any]:
     """Read, search and draw; `known` keeps what was learnt before an error."""
     with _timed(seconds, "read"):
         photograph = photograph_of(shoot, take)
-        sharpening = known["sharpening"]
         if sharpening is not None and sharpening.mask is not None:
             photograph = without_sharpening(photograph, sharpening.mask)
         known["sha256"] = photograph.sha256

@@ -70,12 +70,10 @@ def sharpening_problems(photograph: Photograph) -> Iterator[Problem]:
     """The camera sharpened it."""
     sharpening = sharpening_of([edge_profile(photograph)])
     if sharpening is not None:
-        dark, bright = (max(halo, 0.0) for halo in sharpening.halos)
         yield Problem(
             "sharpening",
             "caution",
-            f"the camera sharpens: beside edges it is {dark:.0%} of the contrast "
-            f"darker and {bright:.0%} brighter than farther away",
+            sharpening.sentence,
             "switch sharpening off in the camera, or photograph raw",
         )
 

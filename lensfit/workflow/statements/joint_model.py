@@ -8,9 +8,9 @@ vergence 1/(D - f) of the focus distance D, the principal distance of a state is
 
 a for the focal length and m f v + b for the breathing that a thin lens does not have.
 By first-order optics m = 1 / m_p - 1 of a lens that moves as a whole, m_p its pupil
-magnification (2.2 of a telephoto); where elements move against each other the focal
-length changes in proportion to vergence too (by 4 f v of a zoom that focuses by its
-front group). So all states of a focal length share m, and b is what is left. The
+magnification: 2.2 of a telephoto. Where elements move against each other the focal
+length changes in proportion to vergence too: m is 4 of a zoom that focuses by its front
+group. So all states of a focal length share m, and b is what is left. The
 entrance pupil lies e in front of the sensor, so that a target stated at distance D lies
 D - e from it. The pitch of a target is its stated one times exp(p). Widths of the
 priors are those of the statements: a focal length is good to 3 %, a pitch to 0.2 %, a
@@ -34,7 +34,8 @@ from lensfit.fitting.chart_view import View
 from lensfit.fitting.start import pose_from_homography
 
 FOCAL_LENGTH_SD, PITCH_SD = 0.03, 0.002
-_MAGNIFICATION_SD, _BREATHING_SD = 1.0, 0.01
+_BREATHING_SD, _OTHER_BREATHING_SD = 1.0, 0.01
+"""Of m and of b."""
 DISTANCE_SD_MM, DISTANCE_SD = 10.0, 0.005
 _PUPIL_DIAGONALS = 1.4, 1.0
 """Mean and deviation of the entrance pupil before the sensor, in diagonals of the
@@ -90,9 +91,9 @@ class JointModel:
 
     Attributes
     ----------
-    names : Of shared parameters, in order: ("focal_length", f), ("magnification", f),
-        ("breathing", f, D), ("pupil", f), ("radial", f, k), ("centre", axis), ("pitch",
-        target).
+    names : Of shared parameters, in order: ("focal_length", f), ("breathing", f),
+        ("other_breathing", f, D), ("pupil", f), ("radial", f, k), ("centre", axis),
+        ("pitch", target).
     """
 
     views: Sequence[_View]
@@ -107,8 +108,8 @@ class JointModel:
         for view in self.views:
             f, focus = view.take.focal_length_mm, view.take.focus_distance_mm
             rows[("focal_length", f)] = 0.0, FOCAL_LENGTH_SD
-            rows[("magnification", f)] = 0.0, _MAGNIFICATION_SD
-            rows[("breathing", f, focus)] = 0.0, _BREATHING_SD
+            rows[("breathing", f)] = 0.0, _BREATHING_SD
+            rows[("other_breathing", f, focus)] = 0.0, _OTHER_BREATHING_SD
             diagonal = float(np.hypot(*view.take.sensor_size_mm))
             ahead, sd = (diagonal * part for part in _PUPIL_DIAGONALS)
             sd += _PUPIL_SD_LONG * max(f - diagonal, 0.0)
@@ -202,10 +203,9 @@ class JointModel:
         r2 = (slope**2).sum(1, keepdims=True)
         k1, k2 = (shared[self._at[("radial", f, n)]] for n in (0, 1))
         vergence = 0.0 if focus is None else 1 / max(focus - f, f)
-        stretch = shared[self._at[("focal_length", f)]]
-        stretch = stretch + shared[self._at[("breathing", f, focus)]]
-        stretch = stretch + f * vergence * shared[self._at[("magnification", f)]]
-        c_mm = f * (1 + f * vergence) * np.exp(stretch)
+        names = ("focal_length", f), ("breathing", f), ("other_breathing", f, focus)
+        a, m, b = (shared[self._at[name]] for name in names)
+        c_mm = f * (1 + f * vergence) * np.exp(a + m * f * vergence + b)
         centre = shared[:2] * take.sensor_size_mm[0]
         predicted = c_mm * slope * (1 + r2 * (k1 + r2 * k2)) + centre
         miss = (predicted - view.image_mm) / take.pixel_mm
@@ -317,7 +317,7 @@ def noise_of_model_px(model: JointModel) -> tuple[float, Solution]:
     wide = {
         name: RELEASED_SD
         for name in model.names
-        if name[0] in ("focal_length", "magnification", "breathing", "pitch")
+        if name[0] in ("focal_length", "breathing", "other_breathing", "pitch")
     }
     every = frozenset(range(len(model.views)))
     solution = model.solve(1.0, wide, every)

@@ -19,8 +19,8 @@ import numpy as np
 from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.stated_facts import ORDINARY_WIDTHS
 from lensfit.fitting.wavefront.dots import Dots
+from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.fitting.wavefront.gather import DotData, FocusGroup
-from lensfit.fitting.wavefront.known_dots import FocusRange
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.optics.paraxial import FirstOrder
 from lensfit.optics.terms import decentring_terms, rotational_terms

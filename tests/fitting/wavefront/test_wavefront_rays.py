@@ -17,6 +17,7 @@ from lensfit.fitting.wavefront.rays import (
     spot_and_pullback,
 )
 from lensfit.fitting.wavefront.shapes import Colour
+from lensfit.fitting.wavefront.term_groups import terms_that_change_with_focus
 from lensfit.optics.terms import rotational_terms
 from lensfit.psf.spot import Spot
 
@@ -26,7 +27,7 @@ TINY = Layout(
     groups=2,
     stops=1,
     rims=2,
-    focus_terms=rotational_terms(3)[1:],
+    focus_terms=terms_that_change_with_focus(rotational_terms(3)),
 )
 COLOUR = Colour(jnp.array([-0.4, 0.3]), jnp.array([[0.001, 0.0], [-0.001, 0.002]]))
 POINTS = 40
