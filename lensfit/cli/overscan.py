@@ -11,6 +11,7 @@ from lensfit.cli._console import say_line
 from lensfit.cli._sizes import size_px
 from lensfit.cli.apply import FilterName
 from lensfit.cli.groups import takes_groups
+from lensfit.cli.groups.camera import ScaleToSensorOption
 from lensfit.cli.groups.disable import DisableGroup
 from lensfit.cli.groups.knobs import AberrationGroup, BokehGroup, stated_knobs
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
@@ -57,6 +58,7 @@ def overscan(
         float | None, typer.Option(help="Width that the frame spans on the sensor, mm")
     ] = None,
     pixels: PixelGroup,
+    scale_to_sensor: ScaleToSensorOption = False,
     filter_name: Annotated[
         FilterName,
         typer.Option("--filter", help="Of the warp; keys-6 reads a pixel further"),
@@ -102,7 +104,9 @@ def overscan(
         overrides = StateOverrides(
             focal and focal[0], f_number, focus and focus[0], sensor_width_mm
         )
-        own = overscan_of_plate(loaded, plate, overrides, knobs)
+        own = overscan_of_plate(
+            loaded, plate, overrides, knobs, scale_to_sensor=scale_to_sensor
+        )
         known = own.question
     question = OverscanQuestion(
         frame or known.size_px,
@@ -114,6 +118,7 @@ def overscan(
         filter_name.value,
         known.knobs,
         known.pixel_aspect if pixels.pixel_aspect is None else pixels.pixel_aspect,
+        scale_to_sensor,
     )
     plan = plan_overscan(loaded, question)
     _say(own, plan, per_channel, as_json)

@@ -9,7 +9,7 @@ import typer
 from lensfit.cli._console import console, say_line
 from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.camera import CameraGroup
+from lensfit.cli.groups.camera import CameraGroup, ScaleToSensorOption
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
 
@@ -77,6 +77,7 @@ def stmap(
     ] = False,
     camera: CameraGroup,
     pixels: PixelGroup,
+    scale_to_sensor: ScaleToSensorOption = False,
     tolerance_px: Annotated[
         float, typer.Option(min=1e-7, max=1.0, help="Largest error of the map, px")
     ] = 2.5e-4,
@@ -104,11 +105,12 @@ def stmap(
         )
     loaded = library.find(preset).preset
     chosen = (overscan, map_width, direction.value, per_channel, tolerance_px)
+    known = (camera, pixels, scale_to_sensor)
     if plates is not None:
         assert out is not None
-        _write_sequence(loaded, plates, frames, out, camera, pixels, chosen, as_json)
+        _write_sequence(loaded, plates, frames, out, known, chosen, as_json)
         return
-    _write_one(loaded, wanted, out, camera, pixels, chosen, as_json)
+    _write_one(loaded, wanted, out, known, chosen, as_json)
 
 
 def _refuse_without_plates(camera: CameraGroup, frames: str | None) -> None:
@@ -130,8 +132,7 @@ def _write_one(
     loaded: "Preset",
     wanted: tuple[int, int] | None,
     out: Path | None,
-    camera: CameraGroup,
-    pixels: PixelGroup,
+    known: tuple[CameraGroup, PixelGroup, bool],
     chosen: tuple,
     as_json: bool,
 ) -> None:
@@ -141,30 +142,41 @@ def _write_one(
     from lensfit.coords import Window
     from lensfit.exchange.stmaps import StmapFrame, file_stem, write_stmaps
     from lensfit.plate.pixel_shape import SQUARE, pixel_shape
+    from lensfit.preset.scaled_look import UNSCALED, scaled_look
 
     overscan, map_width, direction, per_channel, tolerance_px = chosen
-    state = (camera.focal_length_mm, None, camera.focus_distance_mm)
+    camera, pixels, scale_to_sensor = known
+    focal, width_mm, scaled = camera.focal_length_mm, camera.sensor_width_mm, UNSCALED
+    if scale_to_sensor:
+        scaled = scaled_look(loaded, focal, width_mm)
+    if scaled != UNSCALED:
+        width_mm = scaled.measured_width_mm
+    focal, focus = scaled.measured_state(focal, camera.focus_distance_mm)
+    state = (focal, None, focus)
     lens, own = loaded.at(*state), loaded.camera
     frame_px = wanted or (own.image_width_px, own.image_height_px)
     shape = pixel_shape(
         loaded,
         Window.of_size(*frame_px),
-        camera.sensor_width_mm or own.sensor_width_mm,
+        width_mm or own.sensor_width_mm,
         SQUARE,
         pixels.pixel_aspect,
     )
     frame = StmapFrame(
-        frame_px, overscan, camera.sensor_width_mm, shape.ratio, map_width
+        frame_px, overscan, width_mm, shape.ratio, map_width, scaled=scaled
     )
+    looked = None if scaled == UNSCALED else scaled.note
     if out is None:
         _say_widths(lens, frame, tolerance_px, as_json)
+        if looked is not None:
+            say_note(looked)
         return
     with progress_bars() as progress:
         written = write_stmaps(
             lens,
             frame,
             out,
-            file_stem(loaded.lens.name, lens),
+            file_stem(loaded.lens.name, lens, scaled),
             direction=direction,
             per_channel=bool(per_channel),
             tolerance_px=tolerance_px,
@@ -172,7 +184,7 @@ def _write_one(
         )
     # Of the selection, not of the lens: a map has no blur that could be missing.
     selected = loaded.select(*state)
-    for note in filter(None, (*selected.notes, *written.notes, shape.note)):
+    for note in filter(None, (looked, *selected.notes, *written.notes, shape.note)):
         say_note(note)
     if lens.has_lateral_colour and not per_channel:
         say_note("the maps are those of green; --per-channel writes red and blue too")
@@ -184,8 +196,7 @@ def _write_sequence(
     plates: str,
     frames: str | None,
     out: Path,
-    camera: CameraGroup,
-    pixels: PixelGroup,
+    known: tuple[CameraGroup, PixelGroup, bool],
     chosen: tuple,
     as_json: bool,
 ) -> None:
@@ -197,12 +208,14 @@ def _write_sequence(
     from lensfit.workflow.moving_stmaps import write_moving_stmaps
 
     overscan, map_width, direction, per_channel, tolerance_px = chosen
+    camera, pixels, scale_to_sensor = known
     options = ApplyOptions(
         overrides=camera.overrides(),
         camera=camera.sources(),
         pixel_aspect=pixels.pixel_aspect,
         switches=Switches(falloff=False, defocus=False),
         again=True,  # a finished frame has the camera of its plate
+        scale_to_sensor=scale_to_sensor,
     )
     with progress_bars() as progress:
         written = write_moving_stmaps(

@@ -20,6 +20,7 @@ from lensfit.coords import Window
 from lensfit.errors import OutputError
 from lensfit.io.lens_attributes import lens_attributes
 from lensfit.io.stmap import write_channel_stmaps, write_stmap
+from lensfit.preset.scaled_look import UNSCALED, ScaledLook
 from lensfit.preset.spanned_width import spanned_width_note
 from lensfit.progress import Progress, silent
 from lensfit.rendering.overscan import (
@@ -64,6 +65,8 @@ class StmapFrame:
     map_width_px : Width of the map, which is enlarged to the frame where it is used;
         that of the frame if None.
     margin_px : Pixels of the map beyond the overscan.
+    scaled : How the plates' camera was scaled to `sensor_width_mm`; names and headers
+        of maps state the plates' own.
     """
 
     size_px: tuple[int, int]
@@ -72,6 +75,7 @@ class StmapFrame:
     pixel_shape: float = 1.0
     map_width_px: int | None = None
     margin_px: int = 0
+    scaled: ScaledLook = UNSCALED
 
     @property
     def map_frame(self) -> "StmapFrame":
@@ -191,10 +195,10 @@ def write_stmaps(
     return WrittenStmaps(tuple(paths), margins, percent, factor, notes)
 
 
-def file_stem(lens_name: str, lens: "Lens") -> str:
+def file_stem(lens_name: str, lens: "Lens", scaled: ScaledLook = UNSCALED) -> str:
     """A file name for a lens state: ``smc-takumar-50-1-4_50mm_2000mm``."""
     words = re.sub(r"[^a-z0-9]+", "-", lens_name.lower()).strip("-") or "lens"
-    numbers = [lens.focal_length_mm, lens.focus_distance_mm]
+    numbers = scaled.plate_state(lens.focal_length_mm, lens.focus_distance_mm)
     states = [f"{n:.6g}mm" for n in numbers if n is not None]
     return "_".join([words, *states]).replace(".", "p")
 
@@ -227,25 +231,28 @@ def _attributes(
     lens: "Lens", frame: StmapFrame, name: str, direction: str
 ) -> dict[str, object]:
     """What the map is, in the header."""
-    width = frame.sensor_width_mm or lens.sensor_size_mm[0]
+    width, scaled = frame.sensor_width_mm or lens.sensor_size_mm[0], frame.scaled
+    focal, focus = scaled.plate_state(lens.focal_length_mm, lens.focus_distance_mm)
     known = {
         "lensfit/map": direction,
         "lensfit/lens": name,
         "lensfit/version": __version__,
-        "lens/aperture": float(width),
+        "lens/aperture": float(width * scaled.lengths),
         "lens/overscan": float(frame.overscan_percent),
-        "lens/focal": lens.focal_length_mm,
-        "lens/focus": _metres(lens.focus_distance_mm),
+        "lens/focal": focal,
+        "lens/focus": _metres(focus),
     }
     geometry = PlateGeometry.of(
         lens, frame.display_window, frame.spanned_width_mm(lens)
     )
+    width_mm, height_mm = (scaled.lengths * side for side in geometry.area_mm)
     standard = lens_attributes(
-        nominal_focal_length_mm=lens.focal_length_mm,
-        pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm),
-        focus_distance_mm=lens.focus_distance_mm,
-        entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm),
-        sensor_size_mm=geometry.area_mm,
+        nominal_focal_length_mm=focal,
+        pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm)
+        * scaled.angles,
+        focus_distance_mm=focus,
+        entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm) * scaled.lengths,
+        sensor_size_mm=(width_mm, height_mm),
         lens_model=name,
     )
     return {k: v for k, v in known.items() if v is not None} | standard

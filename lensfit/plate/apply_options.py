@@ -45,7 +45,7 @@ class ApplyOptions:
         the inverse: a photographed plate made straight (see `frame.straight_plate`), of
         which `switches` say what else is taken off.
     scale_to_sensor : Put the look on focal lengths and sensors that it was not measured
-        at (see `camera.scaled_look`).
+        at (see `preset.scaled_look`).
     straight_overscan_percent : Window of a straight plate, in total; all that the
         photograph fills if None.
     """

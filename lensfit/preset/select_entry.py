@@ -26,6 +26,7 @@ from lensfit.preset.interpolated_entry import (
     interpolated_in_focal_length,
     interpolated_in_focus,
 )
+from lensfit.preset.spanned_width import SCALING_REMEDY
 from lensfit.units import dioptres_from_mm
 
 FOCAL_LENGTH_SLACK = 0.05
@@ -135,7 +136,7 @@ def _focal_length(
             f"focal length {asked:g} mm is not in the preset, which holds "
             + (span if len(measured) > 1 else f"{nearest:g} mm"),
             remedy="use the preset of that lens, photograph a grid at that setting, or "
-            "put this look there with lensfit apply --scale-to-sensor",
+            f"put this look there {SCALING_REMEDY}",
         )
     if nearest != asked:
         notes.append(f"focal length {asked:g} mm taken as the measured {nearest:g} mm")

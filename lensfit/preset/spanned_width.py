@@ -18,6 +18,8 @@ _LEAST_MM = 0.01
 _SAME = 1.001
 _OPTION = "--sensor-width-mm"
 SCALING_OPTION = "--scale-to-sensor"
+SCALING_REMEDY = f"with {SCALING_OPTION} (of apply, plan, stmap, overscan and view)"
+"""Where a look is wanted that was not measured: what puts it there."""
 
 
 def check_width(width_mm: float) -> None:
@@ -51,8 +53,7 @@ def spanned_width_note(width_mm: float, measured_mm: float) -> str | None:
             f"the plate spans {width_mm:g} mm and the lens was photographed over "
             f"{measured_mm:g} mm, which serves up to {LARGEST_PART * measured_mm:g} mm",
             remedy=f"make sure that this is in mm ({_OPTION}); for a larger sensor "
-            "photograph the lens on it, or put its look there with lensfit apply "
-            f"{SCALING_OPTION}",
+            f"photograph the lens on it, or put its look there {SCALING_REMEDY}",
         )
     if width_mm > _SAME * measured_mm:
         return (

@@ -8,6 +8,7 @@ a Nuke script that reads both sequences.
 
 import shutil
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 from pathlib import Path
 
 from lensfit.atomic import atomic_path, write_text_atomic
@@ -158,7 +159,12 @@ def _state(
     display = first.view.image.parts[0].display_window
     size = display.width, display.height
     frame = StmapFrame(
-        size, overscan_percent, state.sensor_width_mm, state.pixel_shape, map_width_px
+        size,
+        overscan_percent,
+        state.sensor_width_mm,
+        state.pixel_shape,
+        map_width_px,
+        scaled=state.scaled,
     )
     number = frame_of(path) if number is None else number
     key = (state.lens_key, repr(state.knobs.aberration), frame)
@@ -176,16 +182,10 @@ def _colour_px(one: _MapState) -> float:
 
 def _name(preset: Preset, states: list[_MapState]) -> str:
     """With the focal length and focus that all frames share."""
-    lens = states[0].lens
-    alike = {
-        name: len({getattr(one.lens, name) for one in states}) == 1
-        for name in ("focal_length_mm", "focus_distance_mm")
-    }
-    stem = file_stem(preset.lens.name, lens)
-    if all(alike.values()):
-        return stem
-    parts = stem.split("_")
-    return "_".join(parts[:2] if alike["focal_length_mm"] else parts[:1])
+    lenses = ((one.lens, one.frame.scaled) for one in states)
+    stems = [file_stem(preset.lens.name, *one).split("_") for one in lenses]
+    columns = takewhile(lambda parts: len({*parts}) == 1, zip(*stems, strict=False))
+    return "_".join(parts[0] for parts in columns)
 
 
 def _copied(source: Path, number: int | None) -> Path:

@@ -8,8 +8,8 @@ steps between.
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from lensfit.errors import ImageError, PresetError
 from lensfit.exchange.stmaps import LARGEST_SIDE_PX
 from lensfit.plate.pixel_shape import SQUARE, pixel_shape
 from lensfit.preset.knobs import Knobs
+from lensfit.preset.scaled_look import UNSCALED, ScaledLook, scaled_look
 from lensfit.preset.schema import Preset
 from lensfit.preset.spanned_width import spanned_width_note
 from lensfit.rendering.circle import Circle
@@ -54,6 +55,8 @@ class OverscanQuestion:
     method : Filter of the warp.
     knobs : Adjustments of the lens; None keeps those of the preset.
     pixel_aspect : As pixels are displayed, where the user or a header states it.
+    scale_to_sensor : Put the look on focal lengths and a sensor that it was not
+        measured at (see `preset.scaled_look`).
     """
 
     size_px: tuple[int, int]
@@ -65,6 +68,15 @@ class OverscanQuestion:
     method: Filter = "cubic"
     knobs: Knobs | None = None
     pixel_aspect: float | None = None
+    scale_to_sensor: bool = False
+
+
+class _LensState(NamedTuple):
+    """One that is tried: as measured, and how it stands for the CG camera's."""
+
+    focal_length_mm: float | None
+    focus_distance_mm: float | None
+    scaled: ScaledLook
 
 
 @dataclass(frozen=True)
@@ -107,15 +119,16 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
     display = Window.of_size(*question.size_px)
     measured_mm, sensor_mm = preset.camera.sensor_width_mm, question.sensor_width_mm
     sensor_mm = measured_mm if sensor_mm is None else sensor_mm
-    width_note = spanned_width_note(sensor_mm, measured_mm)
-    shape = pixel_shape(preset, display, sensor_mm, SQUARE, question.pixel_aspect)
-    spanned_mm = SpannedWidth(sensor_mm, shape.ratio)
+    states = _states(preset, question)
+    widths_mm, width_notes = _widths_mm(states, sensor_mm, measured_mm)
+    shape = pixel_shape(preset, display, widths_mm[0], SQUARE, question.pixel_aspect)
+    cg_mm = SpannedWidth(sensor_mm, shape.ratio)
     none = Margins(0, 0, 0, 0)
     channels: dict[Channel, Margins] = {"r": none, "g": none, "b": none}
     factor, blur_px, blurred = 1.0, None, none
     notes: dict[str, None] = dict.fromkeys(_focus_notes(preset, question))
-    states = _states(preset, question)
-    for focal, focus in states:
+    for (focal, focus, scaled), width_mm in zip(states, widths_mm, strict=True):
+        spanned_mm = SpannedWidth(width_mm, shape.ratio)
         notes |= dict.fromkeys(preset.select(focal, None, focus).notes)
         lens = preset.at(focal, question.f_number, focus, knobs=question.knobs)
         factor = max(
@@ -125,21 +138,23 @@ def plan_overscan(preset: Preset, question: OverscanQuestion) -> OverscanPlan:
             found = _margins(lens, display, spanned_mm, question, channel)
             channels[channel] = channels[channel].joined(found)
         if question.f_number is not None:
-            radius = _blur_px(lens, display, spanned_mm, question)
+            nearest = question.nearest_mm
+            nearest = None if nearest is None else nearest / scaled.distances
+            radius = _blur_px(lens, display, spanned_mm, nearest)
             blur_px = max(blur_px or 0.0, radius)
             found = _margins(lens, display, spanned_mm, question, None, radius)
             blurred = blurred.joined(found)
     all_channels = channels["r"].joined(channels["g"]).joined(channels["b"])
     return OverscanPlan(
         margins=all_channels,
-        camera=_camera(all_channels, display, spanned_mm),
+        camera=_camera(all_channels, display, cg_mm),
         channels=channels,
         factor=factor,
         blur_px=blur_px,
         with_blur=None if blur_px is None else blurred,
-        blur_camera=None if blur_px is None else _camera(blurred, display, spanned_mm),
+        blur_camera=None if blur_px is None else _camera(blurred, display, cg_mm),
         states=len(states),
-        notes=(*notes, *filter(None, (width_note, shape.note))),
+        notes=(*notes, *width_notes, *filter(None, (shape.note,))),
     )
 
 
@@ -201,35 +216,70 @@ def _margins(
 
 
 def _blur_px(
-    lens: "Lens", display: Window, spanned_mm: SpannedWidth, question: OverscanQuestion
+    lens: "Lens", display: Window, spanned_mm: SpannedWidth, nearest_mm: float | None
 ) -> float:
     """Radius of the circle of confusion of the sky, and of the nearest object."""
     geometry = PlateGeometry.of(lens, display, spanned_mm)
     depths = [math.inf]
-    if question.nearest_mm is not None:
-        depths.append(question.nearest_mm - float(lens.entrance_pupil_offset_mm))
+    if nearest_mm is not None:
+        depths.append(nearest_mm - float(lens.entrance_pupil_offset_mm))
         if not depths[1] > 0:
             raise PresetError(
-                f"an object {question.nearest_mm:g} mm from the sensor lies inside the "
-                "lens",
+                f"an object {nearest_mm:g} mm from the sensor lies inside the lens",
                 remedy="give a larger --nearest-mm",
             )
     radii = Circle.of(lens, geometry).radius_px(np.array(depths, np.float32))
     return float(np.abs(radii).max())
 
 
-def _states(
-    preset: Preset, question: OverscanQuestion
-) -> list[tuple[float | None, float | None]]:
+def _states(preset: Preset, question: OverscanQuestion) -> list[_LensState]:
     """Focal lengths and focus distances to be tried."""
+    measured = sorted({e.focal_length_mm for e in preset.entries})
+    found = []
+    for focal in _tried(measured, question.focal_length_mm, np.linspace):
+        scaled = UNSCALED
+        if question.scale_to_sensor:
+            scaled = scaled_look(preset, focal, question.sensor_width_mm)
+        stands, _ = scaled.measured_state(focal, None)
+        found += [
+            _LensState(stands, focus, scaled)
+            for focus in _focus_tried(preset, question.focus_distance_mm, scaled)
+        ]
+    return found
+
+
+def _focus_tried(
+    preset: Preset, span: Span | None, scaled: ScaledLook
+) -> Iterable[float | None]:
+    """Focus distances of the measured lens."""
     entries = preset.entries
-    focal_lengths = sorted({e.focal_length_mm for e in entries})
-    focal = _tried(focal_lengths, question.focal_length_mm, np.linspace)
     measured = sorted({d for e in entries if (d := e.focus_distance_mm) is not None})
-    span = question.focus_distance_mm
-    if span is None and len(entries) == len(focal_lengths):
-        return [(f, None) for f in focal]
-    return list(product(focal, _tried(measured, span, _between_in_dioptres)))
+    if span is not None:
+        low, high = span
+        span = low / scaled.distances, high / scaled.distances
+    elif len(entries) == len({e.focal_length_mm for e in entries}):
+        return [None]
+    return _tried(measured, span, _between_in_dioptres)
+
+
+def _widths_mm(
+    states: list[_LensState], sensor_mm: float, photographed_mm: float
+) -> tuple[list[float], list[str]]:
+    """What the frame spans of the photographed sensor in each state, and notes.
+
+    Raises
+    ------
+    ImageError : The lens is not known that far out, and not scaled to it.
+    """
+    looks = [one.scaled for one in states if one.scaled != UNSCALED]
+    notes = [look.note for look in (looks[:1] + looks[-1:])]
+    if len(looks) < len(states):
+        notes += filter(None, [spanned_width_note(sensor_mm, photographed_mm)])
+    widths = [
+        sensor_mm if one.scaled == UNSCALED else one.scaled.measured_width_mm
+        for one in states
+    ]
+    return widths, list(dict.fromkeys(notes))
 
 
 def _tried(

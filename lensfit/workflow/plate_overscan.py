@@ -9,11 +9,12 @@ from pathlib import Path
 
 from lensfit.coords import Window
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.camera.plate_state import BLUR
+from lensfit.plate.camera.plate_state import BLUR, SCALED
 from lensfit.plate.camera.sources import StateOverrides
 from lensfit.plate.camera.spelling import SPELT
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.header import plate_header
+from lensfit.plate.notes import topic_of
 from lensfit.plate.pixel_shape import SQUARE
 from lensfit.preset.schema import Preset
 from lensfit.rendering.overscan import Margins
@@ -63,6 +64,8 @@ def overscan_of_plate(
     path: Path,
     overrides: StateOverrides | None = None,
     knobs: Mapping[str, object] | None = None,
+    *,
+    scale_to_sensor: bool = False,
 ) -> PlateOverscan:
     """The overscan that a plate needs by its own header, and the one it has.
 
@@ -70,6 +73,8 @@ def overscan_of_plate(
     ----------
     overrides : Camera state that counts in place of the header's.
     knobs : Knobs that the user set, by name.
+    scale_to_sensor : Put the look on a camera that it was not measured on; the answer
+        to the question says how.
 
     Raises
     ------
@@ -86,10 +91,12 @@ def overscan_of_plate(
         switches=Switches(falloff=False),
         knobs=knobs or {},
         again=True,  # a finished frame has the windows of its plate
+        scale_to_sensor=scale_to_sensor,
     )
     lens = PlateLens(preset, options)
     state = lens.noted_state(image, path)
     focal, f_number, focus = state.lens_key
+    focal, focus = state.scaled.plate_state(focal, focus)
     if overrides.f_number is not None:
         state.require("focus_distance_mm", use="depth of field")
     elif lacking := [SPELT[name] for name in BLUR if name not in state.camera.known]:
@@ -101,16 +108,17 @@ def overscan_of_plate(
     size = frame.width, frame.height
     question = OverscanQuestion(
         size,
-        state.sensor_width_mm,
+        state.sensor_width_mm * state.scaled.lengths,
         None if focal is None else (focal, focal),
         None if focus is None else (focus, focus),
         f_number,
         knobs=state.knobs,
         pixel_aspect=_stated_aspect(part.pixel_aspect),
+        scale_to_sensor=scale_to_sensor,
     )
     beyond = _margins_of(data, frame)
     stated = state.camera.number("overscan_percent")
-    notes = list(lens.notes.said)
+    notes = [note for note in lens.notes.said if topic_of(note) != SCALED]
     if stated and not any(beyond[:4]):
         notes.append(
             f"the header states {stated:g} % overscan, but no pixel lies beyond the "

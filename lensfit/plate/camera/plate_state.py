@@ -30,10 +30,10 @@ from lensfit.errors import ImageError
 from lensfit.plate.camera.assumed_values import AssumedValue, assumed_values
 from lensfit.plate.camera.knob_sources import knobs_of_plate
 from lensfit.plate.camera.plate_camera import PlateCamera
-from lensfit.plate.camera.scaled_look import UNSCALED, ScaledLook
 from lensfit.plate.camera.spelling import SPELT, option_of
 from lensfit.plate.notes import FrameNote
 from lensfit.preset.knobs import NEUTRAL, Knobs, misspelt_knob_notes
+from lensfit.preset.scaled_look import UNSCALED, ScaledLook, scaled_look
 from lensfit.preset.schema import Preset
 from lensfit.preset.spanned_width import spanned_width_note
 from lensfit.rendering.look.white_balance import REC709, Chromaticities
@@ -85,6 +85,8 @@ def f_number_doubt(camera: PlateCamera) -> str | None:
 
 BLUR = ("f_number", "focus_distance_mm")
 """What blur depends on."""
+SCALED = "scaled look"
+"""Topic of a note."""
 
 
 class PlateState(NamedTuple):
@@ -127,6 +129,14 @@ class PlateState(NamedTuple):
         known = self.lens_key[list(_ENTRIES).index(name)]
         taken = (one.value for one in self.assumed if one.name == name)
         return next(taken, None) if known is None else known
+
+    def of_plate(self, name: str) -> float | None:
+        """The same as the plate's own camera has it, where the look is scaled."""
+        focal, focus = self.scaled.plate_state(
+            self.applied("focal_length_mm"), self.applied("focus_distance_mm")
+        )
+        scaled = {"focal_length_mm": focal, "focus_distance_mm": focus}
+        return scaled[name] if name in scaled else self.applied(name)
 
     def require_blur(self) -> None:
         """Refuse a plate without the f-number and focus of its depth of field.
@@ -193,7 +203,10 @@ def plate_state(
         was looked for and the option that gives it.
     PresetError : The preset does not reach the state.
     """
-    scaled = _scaled(preset, camera) if scale_to_sensor else UNSCALED
+    scaled = UNSCALED
+    if scale_to_sensor:
+        known = (camera.number(name) for name in ("focal_length_mm", "sensor_width_mm"))
+        scaled = scaled_look(preset, *known)
     key = _lens_key(preset, camera, scaled)
     needed = _needed(preset, falloff)
     lacking = [n for n, v in zip(_ENTRIES, key, strict=True) if v is None]
@@ -233,29 +246,11 @@ def _chromaticities(attributes: Mapping[str, object]) -> Chromaticities | None:
     return tuple(numbers.tolist())
 
 
-def _scaled(preset: Preset, camera: PlateCamera) -> ScaledLook:
-    """A prime's own focal length and the photographed sensor stand for unstated ones;
-    which focal length of a zoom is meant must be known."""
-    measured = [entry.focal_length_mm for entry in preset.entries]
-    focal = camera.number("focal_length_mm")
-    if focal is None and len(set(measured)) > 1:
-        return UNSCALED
-    own_mm = preset.camera.sensor_width_mm
-    return ScaledLook.of(
-        measured[0] if focal is None else focal,
-        camera.number("sensor_width_mm") or own_mm,
-        measured,
-        own_mm,
-    )
-
-
 def _lens_key(
     preset: Preset, camera: PlateCamera, scaled: ScaledLook
 ) -> tuple[float | None, float | None, float | None]:
     focal, stop, focus = map(camera.number, _ENTRIES)
-    if scaled != UNSCALED:
-        focal = scaled.measured_focal_length_mm
-        focus = None if focus is None else focus / scaled.distances
+    focal, focus = scaled.measured_state(focal, focus)
     if focus is not None and camera.known["focus_distance_mm"].from_pupil:
         focus = focus_distance_from_sensor_mm(
             focus, lambda guess: preset.at(focal, stop, guess)
@@ -268,7 +263,7 @@ def _width_mm(
 ) -> tuple[float, str | None]:
     """The width that the display window spans, and a note on it."""
     if scaled != UNSCALED:
-        note = FrameNote(f"{camera.plate.name}: {scaled.note}", "scaled look")
+        note = FrameNote(f"{camera.plate.name}: {scaled.note}", SCALED)
         return scaled.measured_width_mm, note
     width, measured = camera.number("sensor_width_mm"), preset.camera.sensor_width_mm
     if width is None:

@@ -16,8 +16,8 @@ from lensfit import __version__
 from lensfit.errors import ImageError
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
-from lensfit.plate.camera.scaled_look import UNSCALED
 from lensfit.preset.knobs import active_knobs
+from lensfit.preset.scaled_look import UNSCALED
 
 FINGERPRINT = "lensfit/fingerprint"
 """Header entry that holds it."""

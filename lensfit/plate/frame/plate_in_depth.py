@@ -8,11 +8,11 @@ from jaxtyping import Float32
 
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.plate.camera.plate_state import PlateState
-from lensfit.plate.camera.scaled_look import UNSCALED
 from lensfit.plate.cut_out import CutOut
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.plate_depth import plate_depth
 from lensfit.plate.plate_mattes import matte_cut_out, named_cut_out, plate_mattes
+from lensfit.preset.scaled_look import UNSCALED
 from lensfit.rendering.layer_stack import Mattes
 
 

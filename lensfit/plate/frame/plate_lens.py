@@ -215,14 +215,14 @@ class PlateLens:
     def standard_attributes(self, state: PlateState, part: ExrPart) -> dict:
         """The lens at a plate's state, as the OpenEXR standard describes it."""
         lens, name, scaled = self.lens_at(state), self.preset.lens, state.scaled
-        focus = state.applied("focus_distance_mm")
+        focus = state.of_plate("focus_distance_mm")
         width, height = self.geometry(state, part.display_window).area_mm
         return lens_attributes(
             nominal_focal_length_mm=self._focal_length_mm(state) * scaled.angles,
             pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm)
             * scaled.angles,
             f_number=state.applied("f_number"),
-            focus_distance_mm=None if focus is None else focus * scaled.distances,
+            focus_distance_mm=focus,
             entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm)
             * scaled.lengths,
             sensor_size_mm=(width * scaled.lengths, height * scaled.lengths),

@@ -17,9 +17,9 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import ExrPart
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
-from lensfit.plate.camera.scaled_look import UNSCALED
 from lensfit.plate.frame.fingerprint import FINGERPRINT
 from lensfit.preset.knobs import NEUTRAL, active_knobs
+from lensfit.preset.scaled_look import UNSCALED
 from lensfit.preset.schema import Preset
 
 SAID = "lensfit/applied"

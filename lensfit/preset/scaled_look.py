@@ -14,6 +14,7 @@ Diffraction scales with the rest, as if the wavelength did.
 
 from typing import NamedTuple
 
+from lensfit.preset.schema import Preset
 from lensfit.preset.spanned_width import SCALING_OPTION, check_width
 
 _SAME = 1e-6
@@ -80,6 +81,26 @@ class ScaledLook(NamedTuple):
         """Millimetres of the plate's scene for each before the measured lens."""
         return self.angles**2 / self.lengths
 
+    def measured_state(
+        self, focal_length_mm: float | None, focus_distance_mm: float | None
+    ) -> tuple[float | None, float | None]:
+        """Focal length and focus of the measured lens that stand for the plate's."""
+        if self == UNSCALED:
+            return focal_length_mm, focus_distance_mm
+        focus = focus_distance_mm
+        focus = None if focus is None else focus / self.distances
+        return self.measured_focal_length_mm, focus
+
+    def plate_state(
+        self, focal_length_mm: float | None, focus_distance_mm: float | None
+    ) -> tuple[float | None, float | None]:
+        """Focal length and focus of the plate's camera; inverse of `measured_state`."""
+        focal, focus = focal_length_mm, focus_distance_mm
+        return (
+            None if focal is None else focal * self.angles,
+            None if focus is None else focus * self.distances,
+        )
+
     @property
     def note(self) -> str:
         """A note on it."""
@@ -99,3 +120,27 @@ class ScaledLook(NamedTuple):
 
 UNSCALED = ScaledLook(1.0, 1.0, 1.0, 1.0)
 """A camera as it stands."""
+
+
+def scaled_look(
+    preset: Preset, focal_length_mm: float | None, sensor_width_mm: float | None
+) -> ScaledLook:
+    """The scaling of a preset to a camera.
+
+    A prime's own focal length and the photographed sensor stand for unstated ones.
+    Which focal length of a zoom is meant must be known: nothing is scaled otherwise.
+
+    Raises
+    ------
+    ImageError : The sensor has no width.
+    """
+    measured = [entry.focal_length_mm for entry in preset.entries]
+    if focal_length_mm is None and len(set(measured)) > 1:
+        return UNSCALED
+    own_mm = preset.camera.sensor_width_mm
+    return ScaledLook.of(
+        measured[0] if focal_length_mm is None else focal_length_mm,
+        own_mm if sensor_width_mm is None else sensor_width_mm,
+        measured,
+        own_mm,
+    )
