@@ -14,6 +14,7 @@ from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
 
 if TYPE_CHECKING:
+    from lensfit.preset.scaled_look import ScaledLook
     from lensfit.preset.schema import Preset
 
 
@@ -142,17 +143,10 @@ def _write_one(
     from lensfit.coords import Window
     from lensfit.exchange.stmaps import StmapFrame, file_stem, write_stmaps
     from lensfit.plate.pixel_shape import SQUARE, pixel_shape
-    from lensfit.preset.scaled_look import UNSCALED, scaled_look
 
     overscan, map_width, direction, per_channel, tolerance_px = chosen
     camera, pixels, scale_to_sensor = known
-    focal, width_mm, scaled = camera.focal_length_mm, camera.sensor_width_mm, UNSCALED
-    if scale_to_sensor:
-        scaled = scaled_look(loaded, focal, width_mm)
-    if scaled != UNSCALED:
-        width_mm = scaled.measured_width_mm
-    focal, focus = scaled.measured_state(focal, camera.focus_distance_mm)
-    state = (focal, None, focus)
+    scaled, state, width_mm = _stated_state(loaded, camera, scale_to_sensor)
     lens, own = loaded.at(*state), loaded.camera
     frame_px = wanted or (own.image_width_px, own.image_height_px)
     shape = pixel_shape(
@@ -165,11 +159,10 @@ def _write_one(
     frame = StmapFrame(
         frame_px, overscan, width_mm, shape.ratio, map_width, scaled=scaled
     )
-    looked = None if scaled == UNSCALED else scaled.note
     if out is None:
         _say_widths(lens, frame, tolerance_px, as_json)
-        if looked is not None:
-            say_note(looked)
+        if scaled.note is not None:
+            say_note(scaled.note)
         return
     with progress_bars() as progress:
         written = write_stmaps(
@@ -184,11 +177,28 @@ def _write_one(
         )
     # Of the selection, not of the lens: a map has no blur that could be missing.
     selected = loaded.select(*state)
-    for note in filter(None, (looked, *selected.notes, *written.notes, shape.note)):
+    notes = (scaled.note, *selected.notes, *written.notes, shape.note)
+    for note in filter(None, notes):
         say_note(note)
     if lens.has_lateral_colour and not per_channel:
         say_note("the maps are those of green; --per-channel writes red and blue too")
     _say(written, as_json)
+
+
+def _stated_state(
+    loaded: "Preset", camera: CameraGroup, scale_to_sensor: bool
+) -> tuple["ScaledLook", tuple[float | None, None, float | None], float | None]:
+    """How the look is scaled, the state of the measured lens, and the sensor's width
+    that the frame spans there."""
+    from lensfit.preset.scaled_look import UNSCALED, scaled_look
+
+    focal, width_mm, scaled = camera.focal_length_mm, camera.sensor_width_mm, UNSCALED
+    if scale_to_sensor:
+        scaled = scaled_look(loaded, focal, width_mm)
+    if scaled != UNSCALED:
+        width_mm = scaled.measured_width_mm
+    focal, focus = scaled.measured_state(focal, camera.focus_distance_mm)
+    return scaled, (focal, None, focus), width_mm
 
 
 def _write_sequence(

@@ -144,7 +144,13 @@ def _lens_server(
     results = ViewedResults(Path(what)) if Path(what).is_dir() else None
     first = what if results is None else str(results.preset)
     lenses = [
-        ViewedLens(library.find(name).preset, name, adjustments_of_options(options))
+        ViewedLens(
+            library.find(name).preset,
+            name,
+            adjustments_of_options(options),
+            sensor_width_mm=options.overrides.sensor_width_mm,
+            scale_to_sensor=options.scale_to_sensor,
+        )
         for name in (first, beside)
         if name is not None
     ]

@@ -102,8 +102,10 @@ class ScaledLook(NamedTuple):
         )
 
     @property
-    def note(self) -> str:
-        """A note on it."""
+    def note(self) -> str | None:
+        """A note on it; None if nothing is scaled."""
+        if self == UNSCALED:
+            return None
         look = (
             f"the look of {self.measured_focal_length_mm:g} mm on "
             f"{self.measured_width_mm:.4g} mm of the photographed sensor is put on "

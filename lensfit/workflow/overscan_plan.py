@@ -271,8 +271,8 @@ def _widths_mm(
     ------
     ImageError : The lens is not known that far out, and not scaled to it.
     """
-    looks = [one.scaled for one in states if one.scaled != UNSCALED]
-    notes = [look.note for look in (looks[:1] + looks[-1:])]
+    looks = [note for one in states if (note := one.scaled.note) is not None]
+    notes = looks[:1] + looks[-1:]
     if len(looks) < len(states):
         notes += filter(None, [spanned_width_note(sensor_mm, photographed_mm)])
     widths = [

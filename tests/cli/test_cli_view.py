@@ -7,6 +7,8 @@ import socket
 import subprocess
 import sys
 import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -97,3 +99,66 @@ def test_the_process_answers_and_ends_with_ctrl_c(lens, plate):
         run.send_signal(signal.SIGINT)
         assert run.wait(60) == 0
         assert run.stderr.read() == ""
+
+
+@contextmanager
+def view_process(*words: str | Path) -> Iterator[Callable[..., dict]]:
+    """Answers of a view that is a process; it must end with Ctrl-C."""
+    started = ["view", *map(str, words), "--no-browser"]
+    with subprocess.Popen(
+        [sys.executable, "-c", "from lensfit.cli.main import main; main()", *started],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ,
+    ) as process:
+        assert process.stdout is not None
+        address = process.stdout.readline().strip() + "api/"
+
+        def ask(name: str, **message: object) -> dict:
+            body = json.dumps(message).encode() if name != "lens" else None
+            headers = {"Content-Type": "application/json"}
+            asked = urllib.request.Request(address + name, body, headers)
+            with urllib.request.urlopen(asked) as answer:
+                return json.load(answer)
+
+        try:
+            yield ask
+        finally:
+            process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+
+
+@pytest.mark.slow
+def test_a_plate_of_a_scaled_camera_is_viewed_in_its_own_numbers(tmp_path: Path):
+    """70 mm on 72 mm: the lens of 35 mm on 36 mm, everything twice as far away."""
+    made = thin_lens_preset(ThinCamera(35.0, 2.0, 2.0, 36.0, 32, 18))
+    save_preset(made, tmp_path / "thin.json")
+    window = Window.of_size(32, 18)
+    ones = np.ones((18, 32), np.float16)
+    channels = {name: ones for name in "RGB"} | {"Z": 6 * ones}
+    header = {"lens/focal": 70.0, "lens/fstop": 2.0, "lens/focus": 4.0}
+    part = ExrPart(channels, window, window, header | {"lens/aperture": 72.0})
+    write_exr(tmp_path / "plate.exr", ExrImage((part,)))
+    words = (tmp_path / "thin.json", tmp_path / "plate.exr", "--depth-unit", "m")
+    with view_process(*words) as ask:
+        assert "--scale-to-sensor" in ask("lens")["error"]
+    with view_process(*words, "--scale-to-sensor") as ask:
+        start = ask("lens")
+        assert start["error"] is None
+        assert start["camera"]["focal_length_mm"] == pytest.approx(70)
+        assert start["camera"]["focus_distance_mm"] == pytest.approx(4000)
+        picked = ask("focus", x=16, y=9)["focus_distance_mm"]
+        assert picked == pytest.approx(6000, abs=250)
+        assert any("put on 70 mm on 72 mm" in n for n in ask("plan")["notes"])
+        assert "--scale-to-sensor" in ask("command")["command"]
+
+
+@pytest.mark.slow
+def test_a_scaled_lens_is_viewed_by_itself(lens):
+    words = (lens, "--focal-length-mm", "70", "--sensor-width-mm", "72")
+    with view_process(*words, "--scale-to-sensor") as ask:
+        (start,) = ask("lens")["lenses"]
+        assert start["camera"]["focal_length_mm"] == 70
+        assert start["camera"]["focus_distance_mm"] == pytest.approx(2 * 700)
+        assert any("put on 70 mm on 72 mm" in n for n in ask("field")["notes"])

@@ -5,6 +5,7 @@ code of the report.
 """
 
 import math
+from dataclasses import replace
 from typing import Annotated, Any, final
 
 import cv2
@@ -15,8 +16,10 @@ from msgspec import Meta
 
 from lensfit.errors import LensfitError
 from lensfit.lens import Lens
+from lensfit.preset.blocks import Camera
 from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import active_knobs, adjusted_knobs
+from lensfit.preset.scaled_look import UNSCALED, ScaledLook, scaled_look
 from lensfit.preset.schema import Preset
 from lensfit.report.breathing_figure import breathing
 from lensfit.report.grey_tiles import png, sheet_of
@@ -75,14 +78,33 @@ class ViewedLens:
     ----------
     name : As it was given.
     opened : What the command states of the camera and of knobs.
+    sensor_width_mm : Width that a scaled look is put on; the photographed one if None.
+    scale_to_sensor : Put the look on cameras that it was not measured on; numbers of
+        the camera and of the scene are then those of such a camera, figures those of
+        the measured lens, over the part of it that the frame spans.
+
+    Raises
+    ------
+    ImageError : The sensor has no width.
     """
 
-    def __init__(self, preset: Preset, name: str, opened: LensAdjustments):
+    def __init__(
+        self,
+        preset: Preset,
+        name: str,
+        opened: LensAdjustments,
+        *,
+        sensor_width_mm: float | None = None,
+        scale_to_sensor: bool = False,
+    ):
         self.preset, self.name = preset, name
         self._opened = opened
-        camera = preset.camera
-        self._pixel_mm = camera.sensor_width_mm / camera.image_width_px
+        self._sensor_width_mm, self._scales = sensor_width_mm, scale_to_sensor
         self._start = _start_camera(preset, opened)
+        if opened.focus_distance_mm is None:
+            measured_mm = self._start["focus_distance_mm"]
+            _, focus_mm = self._scaled(opened).plate_state(None, measured_mm)
+            self._start["focus_distance_mm"] = focus_mm
 
     def start(self) -> dict[str, Any]:
         """Name, verdict, the state it is opened at, and ranges."""
@@ -96,7 +118,7 @@ class ViewedLens:
             "camera": {n: plain_distance(v) for n, v in self._start.items()},
             "knobs": {n: v for n, v in knobs.items() if not isinstance(v, str)},
             "aspect": preset.camera.sensor_width_mm / preset.camera.sensor_height_mm,
-            "ranges": lens_ranges(preset),
+            "ranges": lens_ranges(preset, self._scaled(self._opened)),
         }
 
     def lens(self, wanted: LensAdjustments, f_number: float | None = None) -> Lens:
@@ -106,13 +128,46 @@ class ViewedLens:
         ------
         LensfitError : The preset does not reach that state.
         """
-        camera = self._start | wanted.camera
-        if f_number is not None:
-            camera["f_number"] = f_number
+        camera, scaled = self._start | wanted.camera, self._scaled(wanted)
+        stop = camera["f_number"] if f_number is None else f_number
+        focal, focus = scaled.measured_state(
+            camera["focal_length_mm"], camera["focus_distance_mm"]
+        )
         knobs = adjusted_knobs(
             self.preset.knobs, {**self._opened.knobs, **wanted.knobs}
         )
-        return self.preset.at(**camera, knobs=knobs)
+        lens = self.preset.at(focal, stop, focus, knobs=knobs)
+        if scaled.note is None:
+            return lens
+        spanned = self._spanned(scaled)
+        return replace(
+            lens,
+            sensor_size_mm=(spanned.sensor_width_mm, spanned.sensor_height_mm),
+            notes=(*lens.notes, scaled.note),
+        )
+
+    def _scaled(self, wanted: LensAdjustments) -> ScaledLook:
+        """How the adjusted camera stands for the one that the lens was measured on."""
+        if not self._scales:
+            return UNSCALED
+        focal = (self._start | wanted.camera)["focal_length_mm"]
+        return scaled_look(self.preset, focal, self._sensor_width_mm)
+
+    def _spanned(self, scaled: ScaledLook) -> Camera:
+        """What the frame spans of the photographed sensor."""
+        own = self.preset.camera
+        if scaled == UNSCALED:
+            return own
+        share = scaled.measured_width_mm / own.sensor_width_mm
+        return msgspec.structs.replace(
+            own,
+            sensor_width_mm=scaled.measured_width_mm,
+            sensor_height_mm=own.sensor_height_mm * share,
+        )
+
+    def _pixel_mm(self, lens: Lens) -> float:
+        """Of the measured lens' picture."""
+        return lens.sensor_size_mm[0] / self.preset.camera.image_width_px
 
     def field(self, wanted: LensQuery) -> dict[str, Any]:
         """Point-spread functions over the field, and how well they are known.
@@ -122,11 +177,14 @@ class ViewedLens:
         LensfitError : They are not known at that state.
         """
         lens = self.lens(wanted)
-        distance = _object_distance_mm(lens, wanted)
-        tiles, width_mm = field_tiles(lens, distance, self._pixel_mm)
+        distance, pixel_mm = (
+            self._object_distance_mm(lens, wanted),
+            self._pixel_mm(lens),
+        )
+        tiles, width_mm = field_tiles(lens, distance, pixel_mm)
         return {
             "picture": png_address(png(sheet_of(tiles))),
-            "width_px": width_mm / self._pixel_mm,
+            "width_px": width_mm / pixel_mm,
             "errors": expected_errors(lens, distance, width_mm),
             "notes": lens.notes,
         }
@@ -138,9 +196,13 @@ class ViewedLens:
         ------
         LensfitError : It is not known at that state.
         """
-        lens = self.lens(wanted)
-        distance, point = _object_distance_mm(lens, wanted), _point_mm(lens, wanted)
-        width_mm = width_of_blur_mm(lens, point, np.array([distance]), self._pixel_mm)
+        lens, to_plate = self.lens(wanted), self._scaled(wanted).lengths
+        distance, point = (
+            self._object_distance_mm(lens, wanted),
+            _point_mm(lens, wanted),
+        )
+        pixel_mm = self._pixel_mm(lens)
+        width_mm = width_of_blur_mm(lens, point, np.array([distance]), pixel_mm)
         drawn: dict[str, Any] = {
             "pixel_pitch_mm": width_mm / _FINE_PX,
             "size_px": _FINE_PX,
@@ -150,9 +212,9 @@ class ViewedLens:
         peak = float(psfs.max()) or 1.0
         found = {
             "picture": png_address(_colour_png(psfs / peak)),
-            "width_px": width_mm / self._pixel_mm,
-            "x_mm": round(float(point[0, 0]), 3),
-            "y_mm": round(float(point[0, 1]), 3),
+            "width_px": width_mm / pixel_mm,
+            "x_mm": round(float(point[0, 0]) * to_plate, 3),
+            "y_mm": round(float(point[0, 1]) * to_plate, 3),
             "deviation": None,
             "error": None,
         }
@@ -173,17 +235,23 @@ class ViewedLens:
         lens = self.lens(wanted)
         stops = self._stops(lens)
         lenses = [self.lens(wanted, stop) for stop in stops]
-        wanted_mm = _object_distance_mm(lens, wanted)
+        wanted_mm, pixel_mm = (
+            self._object_distance_mm(lens, wanted),
+            self._pixel_mm(lens),
+        )
         vergence = 1 / (wanted_mm - float(lens.entrance_pupil_offset_mm))
         to_focus = lens.blur_per_vergence()[1]
-        usual = usual_defocus(lenses[0], self._pixel_mm)
+        usual = usual_defocus(lenses[0], pixel_mm)
         defocus = _through_focus(vergence - to_focus, usual, -to_focus)
-        found = through_tiles(lenses, _point_mm(lens, wanted), defocus, self._pixel_mm)
+        found = through_tiles(lenses, _point_mm(lens, wanted), defocus, pixel_mm)
+        to_plate = self._scaled(wanted).distances
         return {
             "picture": png_address(png(sheet_of(found.tiles[0]))),
             "f_numbers": stops,
-            "distances_mm": [plain_distance(mm) for mm in found.distances_mm],
-            "width_px": found.width_mm / self._pixel_mm,
+            "distances_mm": [
+                plain_distance(mm * to_plate) for mm in found.distances_mm
+            ],
+            "width_px": found.width_mm / pixel_mm,
         }
 
     def _stops(self, lens: Lens) -> tuple[float, ...]:
@@ -206,12 +274,22 @@ class ViewedLens:
         """
         lens = self.lens(wanted)
         of_stops = [self.lens(wanted, stop) for stop in self._fall_off_stops(lens)]
-        camera = msgspec.to_builtins(self.preset.camera)
-        facts = lens_facts(lens, of_stops, self.preset.camera)
-        found = entry_figures(facts, camera)
+        camera = self._spanned(self._scaled(wanted))
+        facts = lens_facts(lens, of_stops, camera)
+        found = entry_figures(facts, msgspec.to_builtins(camera))
         breath = breathing_facts(self.preset, lens)
         figure = None if breath is None else breathing(breath)
         return [_figure(one) for one in (*found, *([figure] if figure else ()))]
+
+    def _object_distance_mm(self, lens: Lens, wanted: LensQuery) -> float:
+        """Before the measured lens."""
+        stated = distance_of(wanted.object_distance_mm)
+        if stated is not None:
+            return stated / self._scaled(wanted).distances
+        found = lens.focus_distance_mm
+        if found is None and lens.blur is not None:
+            found = float(lens.blur.reference_distance_mm)
+        return math.inf if found is None else found
 
     def _fall_off_stops(self, lens: Lens) -> list[float]:
         """Some that were photographed, and the one that is adjusted to."""
@@ -254,14 +332,6 @@ def _through_focus(defocus: float, usual: float, farthest: float) -> tuple[float
     """
     ends = max(usual, abs(defocus)) / BEYOND
     return defocus_of([max(-ends, farthest), defocus, ends], usual, farthest)
-
-
-def _object_distance_mm(lens: Lens, wanted: LensQuery) -> float:
-    stated = distance_of(wanted.object_distance_mm)
-    found = lens.focus_distance_mm if stated is None else stated
-    if found is None and lens.blur is not None:
-        found = float(lens.blur.reference_distance_mm)
-    return math.inf if found is None else found
 
 
 def _point_mm(lens: Lens, wanted: LensQuery) -> Float[np.ndarray, "1 2"]:

@@ -37,6 +37,7 @@ from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.frame.renderer import FrameRenderer
 from lensfit.preset.knobs import active_knobs
+from lensfit.preset.scaled_look import UNSCALED, ScaledLook
 from lensfit.preset.schema import Preset
 from lensfit.workflow.plan_plate import plan_plate
 from lensfit.workflow.shoot.toml_lines import with_keys
@@ -276,7 +277,7 @@ class ViewedPlate:
         options = replace(
             options, overrides=replace(options.overrides, focus_distance_mm=None)
         )
-        found = self._state(options, self.plate(wanted.frame)).applied(CAMERA[2])
+        found = self._state(options, self.plate(wanted.frame)).of_plate(CAMERA[2])
         return math.inf if found is None else float(f"{found:.{_DIGITS}g}")
 
     def start(self, frame: int) -> dict[str, Any]:
@@ -285,11 +286,11 @@ class ViewedPlate:
         plate = self.plate(frame)
         display = plate.image.parts[0].display_window
         camera: dict[str, float | None] = dict.fromkeys(CAMERA)
-        said, knobs = None, {}
+        said, knobs, scaled = None, {}, UNSCALED
         try:
             state = self._state(self.options, plate)
-            camera = {name: state.applied(name) for name in CAMERA}
-            knobs = active_knobs(state.knobs)
+            camera = {name: state.of_plate(name) for name in CAMERA}
+            knobs, scaled = active_knobs(state.knobs), state.scaled
         except LensfitError as error:
             said = str(error)
         return {
@@ -301,7 +302,7 @@ class ViewedPlate:
             "pixel_aspect": plate.image.parts[0].pixel_aspect,
             "has_proxy": plate.proxy is not None,
             "frames": [path.name for _, path in self.frames],
-            "ranges": lens_ranges(self.preset),
+            "ranges": lens_ranges(self.preset, scaled),
         }
 
     def _state(self, options: ApplyOptions, plate: Plate) -> PlateState:
@@ -370,17 +371,26 @@ def read_plate(
     return Plate(path, image, view.header, proxy, layer)
 
 
-def lens_ranges(preset: Preset) -> dict[str, Any]:
+def lens_ranges(preset: Preset, scaled: ScaledLook = UNSCALED) -> dict[str, Any]:
     """What was measured, for the ends of sliders: focal lengths, the widest f-number
-    (None where nobody states one) and the nearest focus distance."""
+    (None where nobody states one) and the nearest focus distance.
+
+    Parameters
+    ----------
+    scaled : How the look is put on a camera that it was not measured on: its focal
+        lengths reach to half and twice that camera's.
+    """
     focal = [entry.focal_length_mm for entry in preset.entries]
     stops = [f.f_number for e in preset.entries for f in e.fall_off if f.f_number]
     focus = [e.focus_distance_mm for e in preset.entries if e.focus_distance_mm]
     near = min((mm for mm in focus if math.isfinite(mm)), default=20 * min(focal))
+    reached = list(focal)
+    if scaled != UNSCALED:
+        reached += [scaled.focal_length_mm / 2, scaled.focal_length_mm * 2]
     return {
-        "focal_length_mm": [min(focal), max(focal)],
+        "focal_length_mm": [min(reached), max(reached)],
         "widest_f_number": min(stops, default=None),
-        "nearest_focus_mm": near,
+        "nearest_focus_mm": near * scaled.distances,
     }
 
 

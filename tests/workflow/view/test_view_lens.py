@@ -161,3 +161,49 @@ def test_it_is_opened_at_what_the_command_states(preset: Preset):
     assert viewed.lens(LensAdjustments()).f_number == 8
     assert viewed.lens(LensAdjustments()).blur is not None
     assert plain is not None
+
+
+def test_a_scaled_look_is_the_measured_lens_in_numbers_of_the_camera(preset: Preset):
+    """Twice as long on a sensor twice as wide: everything is twice as far away."""
+    own_mm = preset.camera.sensor_width_mm
+    wide = {"sensor_width_mm": 2 * own_mm, "scale_to_sensor": True}
+    opened = LensAdjustments(focal_length_mm=100.0, f_number=2.8)
+    plain = LensAdjustments(focal_length_mm=50.0, f_number=2.8)
+    lenses = [
+        ViewedLens(preset, "prime", opened, **wide),
+        ViewedLens(preset, "prime", plain),
+        ViewedLens(preset, "prime", opened),
+    ]
+    point = {"x": 0.5, "y": -0.5}
+    with served(LensServer(lenses[:2])) as client:
+        scaled, measured = (
+            one["camera"] for one in client.get("api/lens").json()["lenses"]
+        )
+        assert scaled["focal_length_mm"] == 2 * measured["focal_length_mm"]
+        assert scaled["focus_distance_mm"] == 2 * measured["focus_distance_mm"]
+        one, other = (
+            client.post("point", lens=n, object_distance_mm=far, **point).json()
+            for n, far in enumerate((3200, 1600))
+        )
+        assert one["picture"] == other["picture"]
+        assert one["width_px"] == pytest.approx(other["width_px"])
+        assert one["x_mm"] == pytest.approx(2 * other["x_mm"])
+        notes = client.post("field", lens=0).json()["notes"]
+        assert any("--scale-to-sensor" in note for note in notes)
+    with served(LensServer(lenses[2:])) as client:
+        refused = client.post("point")
+        assert refused.status == 422
+        assert "--scale-to-sensor" in refused.json()["error"]
+
+
+def test_a_longer_look_on_the_same_sensor_spans_a_part_of_it(preset: Preset):
+    viewed = ViewedLens(
+        preset, "prime", LensAdjustments(focal_length_mm=100.0), scale_to_sensor=True
+    )
+    width_mm, height_mm = viewed.lens(LensAdjustments()).sensor_size_mm
+    camera = preset.camera
+    assert width_mm == pytest.approx(camera.sensor_width_mm / 2)
+    assert height_mm == pytest.approx(camera.sensor_height_mm / 2)
+    shortest, longest = viewed.start()["ranges"]["focal_length_mm"]
+    assert shortest <= 50
+    assert longest == 200
