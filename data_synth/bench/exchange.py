@@ -4,6 +4,9 @@ The lens is exported, the file is read back as the other program's own model, an
 are asked at a grid of points over the frame: where rays land on the photograph, and
 where its points lie in the undistorted picture. Then lensfit's terms are fitted to the
 file, as `lensfit preset import` does, which has an error of its own.
+
+What is a camera of a path tracer is rendered by it, where a Python has Blender's `bpy`
+(`data_synth.bench.cycles`).
 """
 
 import tempfile
@@ -12,8 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from data_synth.bench.cycles.benchmark import bench_cycles
 from data_synth.bench.machine import machine
+from data_synth.bench.render.blender import python_with_bpy
 from data_synth.bench.result import bench_result
+from data_synth.bench.rows import as_tables
 from lensfit.batches import in_batches
 from lensfit.errors import LensfitError
 from lensfit.exchange.export import FORMATS, export_preset
@@ -48,22 +54,25 @@ def bench_exchange(
     frame: ExchangeFrame,
     out_dir: str | Path | None = None,
     *,
+    blender: str | None = None,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Export a lens in every format and read it back.
+    """Export a lens in every format and read it back; render through it by Cycles.
 
     Parameters
     ----------
     state : Which of its states.
     frame : Pixels that the points lie in; every file is made for them.
-    out_dir : Folder for bench_exchange.json; none if None.
+    out_dir : Folder for bench_exchange.json and cycles.jpg; none if None.
+    blender : Interpreter that has `bpy`; this one, if it has, where None is given.
 
     Returns
     -------
     "formats": for each "format" the "landed" px (rms, worst) on the photograph, the
     "straight" px in the undistorted picture, the "imported" px of lensfit's own terms
     against the file; of a camera of rays, which nobody reads back, "landed" and the
-    "rays" of the whole pupil; or the "error". And "machine".
+    "rays" of the whole pupil; or the "error". "cycles": bars of Cycles; "notes",
+    "errors" and "machine".
 
     Raises
     ------
@@ -81,7 +90,17 @@ def bench_exchange(
                 found = {"error": error.what}
         rows.append({"format": to} | found)
     progress("formats", len(formats), len(formats))
-    return bench_result("exchange", on, out_dir, formats=rows)
+    cycles, notes, errors = [], [], []
+    python = blender or python_with_bpy()
+    if python is None:
+        notes.append("Cycles: bpy is not installed (--blender names its Python)")
+    else:
+        try:
+            cycles = bench_cycles(preset, state, python, out_dir, progress=progress)
+        except LensfitError as error:
+            errors.append(str(error))
+    said = {"cycles": as_tables(cycles), "notes": notes, "errors": errors}
+    return bench_result("exchange", on, out_dir, formats=rows, **said)
 
 
 def _nearness(

@@ -1,11 +1,13 @@
 """`lensfit bench exchange`: how near every format of other programs is to a lens."""
 
 import json
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from data_synth.commands.bench.options import AsJson, JsonFolder
+from data_synth.commands.bench.options import AsJson
+from data_synth.commands.bench.outcome import fail_if_any
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._sizes import size_px
 from lensfit.cli.groups import takes_groups
@@ -19,10 +21,19 @@ def exchange(
     library: LibraryGroup,
     state: StateGroup,
     frame: FrameGroup,
-    out: JsonFolder = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for JSON and the picture")
+    ] = None,
+    blender: Annotated[
+        str | None,
+        typer.Option("--blender", help="Python that has bpy, to render with Cycles"),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Export a lens in every format, read it back, and print what is lost, in pixels.
+
+    Where a Python has Blender's bpy, Cycles renders through the lens too: a chart,
+    lights, the fall-off, and a frame that lensfit renders beside it.
 
     Example: lensfit bench exchange takumar_50/preset.json
     """
@@ -40,11 +51,25 @@ def exchange(
         frame.overscan,
     )
     with progress_bars() as progress:
-        result = bench_exchange(loaded, wanted, pixels, out, progress=progress)
+        result = bench_exchange(
+            loaded, wanted, pixels, out, blender=blender, progress=progress
+        )
     if as_json:
         typer.echo(json.dumps(result))
-        return
-    _print(result["formats"])
+    else:
+        _print(result["formats"])
+        _print_cycles(result)
+    fail_if_any(result["errors"])
+
+
+def _print_cycles(result: dict) -> None:
+    from data_synth.commands.bench.tables import bars_table
+    from lensfit.cli._console import console
+
+    if result["cycles"]:
+        console().print(bars_table(result["cycles"]))
+    for note in result["notes"]:
+        console().print(note, markup=False)
 
 
 def _print(rows: list[dict]) -> None:

@@ -13,6 +13,18 @@ from lensfit.exchange.export import FORMATS
 from lensfit.preset.store import save_preset
 
 
+def test_a_blender_that_does_not_run_is_one_line_after_the_table(tmp_path, monkeypatch):
+    monkeypatch.setattr("data_synth.bench.exchange.FORMATS", ())
+    save_preset(make_preset(), tmp_path / "preset.json")
+    words = ["bench", "exchange", str(tmp_path / "preset.json"), "--size", "96x64"]
+    words += ["--blender", sys.executable + "-none"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 1
+    assert "landed, rms px" in done.stdout
+    assert done.stderr.count("\n") == 1
+    assert "Blender did not run" in done.stderr
+
+
 @pytest.mark.slow
 def test_every_format_has_its_residuals_both_ways(tmp_path, monkeypatch):
     """A lens of one radial term: opencv's model and maps hold it; 3DEqualizer's of
@@ -46,5 +58,8 @@ def test_every_format_has_its_residuals_both_ways(tmp_path, monkeypatch):
     assert rows["opencv"]["landed"][1] < 1e-2
     assert rows["stmap"]["landed"][1] < 2e-3
     assert rows["stmap"]["straight"][1] < 2e-3
+    found = json.loads(done.stdout)
+    assert found["cycles"] == []
+    assert "bpy" in found["notes"][0]
     kept = json.loads((tmp_path / "bench_exchange.json").read_text())
     assert {row["format"] for row in kept["formats"]} == {*rows, "usd", "cycles-osl"}
