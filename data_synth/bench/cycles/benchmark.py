@@ -12,7 +12,7 @@ from data_synth.bench.cycles.against_lens import (
     fall_off_error,
     light_error,
 )
-from data_synth.bench.cycles.cycles_picture import Cycles
+from data_synth.bench.cycles.cycles_picture import Cycles, require_blender
 from data_synth.bench.cycles.same_frame import SameFrame, same_frame
 from data_synth.bench.cycles.shaded_lens import ShadedLens, shaded_lens
 from data_synth.bench.render.benchmark import psnr_db
@@ -59,6 +59,7 @@ def bench_cycles(
     ------
     LensfitError : Blender does not run, or the preset does not reach the state.
     """
+    require_blender(python)
     camera, width_mm = preset.camera, preset.camera.sensor_width_mm
     height = int(_WIDTH_PX * camera.sensor_height_mm / width_mm / _ROW_PX)
     small = Cycles(python, ExchangeFrame((_WIDTH_PX, height * _ROW_PX), width_mm))

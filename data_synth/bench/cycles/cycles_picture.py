@@ -22,6 +22,26 @@ _PATIENCE_S = 3600
 _REMEDY = "give --blender a Python in which `import bpy` works (Blender 4.5 or later)"
 
 
+def require_blender(python: str) -> None:
+    """Refuse a Python without `bpy`, before a shader is made for it.
+
+    Raises
+    ------
+    LensfitError : It cannot import it.
+    """
+    _output([python, "-c", "import bpy"])
+
+
+def _output(command: list[str]) -> list[str]:
+    return output_of(
+        command,
+        patience_s=_PATIENCE_S,
+        failed="Blender did not run",
+        where=command[0],
+        remedy=_REMEDY,
+    )
+
+
 class Cycles(NamedTuple):
     """A Python that has `bpy`, and the pixels that it renders.
 
@@ -62,13 +82,7 @@ class Cycles(NamedTuple):
         with tempfile.TemporaryDirectory() as folder:
             out, path = Path(folder) / "picture.exr", Path(folder) / "task.json"
             path.write_text(json.dumps(task | wanted | {"out": str(out)}))
-            lines = output_of(
-                [self.python, str(_SCRIPT), str(path)],
-                patience_s=_PATIENCE_S,
-                failed="Blender did not run",
-                where=self.python,
-                remedy=_REMEDY,
-            )
+            lines = _output([self.python, str(_SCRIPT), str(path)])
             if not out.is_file():
                 said = [line for line in lines if "rror" in line] or ["no picture"]
                 raise LensfitError(
