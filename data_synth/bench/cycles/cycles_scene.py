@@ -62,10 +62,11 @@ class SceneScale(NamedTuple):
 
 
 def small_scene(scale: SceneScale) -> list[list[Thing]]:
-    """Things of each layer, the nearest first; what is in a layer hides nothing of it.
+    """Things of each layer, the nearest first; those of one layer hide nothing of each
+    other.
 
-    Blur of half a degree of focus to that of infinity, before the focus and behind it;
-    a bar and a ball that cut lights' discs; a floor through the focus.
+    They stand before the focus, in it and behind it; a thin bar crosses the frame and a
+    light's disc, and the floor goes through the focus.
     """
     solid, deep = scale.solid, scale.focus_mm / scale.half_mm
     floor_z = 0.5 * (0.35 + _BACK)
