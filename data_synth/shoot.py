@@ -220,9 +220,10 @@ def write_shoot(
 def _wavefront(
     prescription: Prescription, camera: Camera, shots: list[Shot], change
 ) -> WavefrontTruth:
-    """Of the focal length of the first shot, at the settings of square takes of dots or
-    checkers."""
-    square = [s for s in shots if s.chart.kind != "line-grid" and s.says_distance]
+    """Of the focal length of the first shot, at the settings of square takes of its
+    chart."""
+    kind = shots[0].chart.kind
+    square = [s for s in shots if s.chart.kind == kind and s.says_distance]
     seen = [(s.f_number, s.focus_distance_mm, s.pose.distance_mm) for s in square]
     state = prescription.state_nearest(shots[0].focal_length_mm)
     return wavefront_truth(

@@ -160,6 +160,11 @@ CASES = {
         partial(_bundled, "biotar_50"),
         WavefrontPlan(kind="checkerboard", with_lines=False),
     ),
+    "line_grid": Case(
+        "lines of 3 px in place of dots",
+        partial(_bundled, "biotar_50"),
+        WavefrontPlan(kind="line-grid", hole_px=3.0, with_lines=False),
+    ),
     "single_focus": Case(
         "no take is out of focus",
         partial(_bundled, "biotar_50"),

@@ -29,8 +29,8 @@ from data_synth.spots import field_points_mm
 
 MARKS_ACROSS = 25.6
 LEAST_PITCH_PX = 32.0
-SPOTS_IN_PITCH = 3.0
-"""Dots stand at least so many spots in focus apart."""
+SPOTS_IN_PITCH, MARKS_IN_PITCH = 3.0, 1.6
+"""Dots stand at least so many spots in focus, or diameters, apart."""
 ORDINARY_ENDS, WIDE_ENDS = (0.715, 1.65), (0.4, 6.0)
 LEAST_PART = 0.1
 BISECTIONS = 6
@@ -92,7 +92,7 @@ def wavefront_shots(
 ) -> list[Shot]:
     """The takes of a wavefront shoot of a lens (the first focal length of a zoom)."""
     plan = plan or WavefrontPlan()
-    sizes = _sizes(prescription, frame)
+    sizes = _sizes(prescription, frame, plan.hole_px)
     distance_mm, pitch_mm, mm_per_px = (
         sizes.distance_mm,
         sizes.pitch_mm,
@@ -150,7 +150,7 @@ class _Sizes:
     mm_per_px: float
 
 
-def _sizes(prescription: Prescription, frame: Frame) -> _Sizes:
+def _sizes(prescription: Prescription, frame: Frame, mark_px: float) -> _Sizes:
     focal_mm = prescription.states[0].focal_length_mm
     distance_mm = handy(DISTANCE_IN_FOCAL_LENGTHS * focal_mm, 3)
     # Perspective counts from the entrance pupil, far ahead in a retrofocus lens.
@@ -159,7 +159,10 @@ def _sizes(prescription: Prescription, frame: Frame) -> _Sizes:
     mm_per_px = frame.pitch_mm[0] * prescription.squeeze * ahead_mm / focal_mm
     sharpest_px = spot_diameter_px(prescription, frame, distance_mm, distance_mm)
     pitch_px = max(
-        frame.size_px[0] / MARKS_ACROSS, LEAST_PITCH_PX, SPOTS_IN_PITCH * sharpest_px
+        frame.size_px[0] / MARKS_ACROSS,
+        LEAST_PITCH_PX,
+        SPOTS_IN_PITCH * sharpest_px,
+        MARKS_IN_PITCH * mark_px,
     )
     return _Sizes(distance_mm, handy(mm_per_px * pitch_px), mm_per_px)
 

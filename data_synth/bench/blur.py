@@ -43,7 +43,15 @@ from lensfit.psf.spot import Spot
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.stopwatch import stopwatch
 
-SETS = ("dot_pattern_01", "dot_pattern_05", "gopro8", "surg_metal", "robvis")
+SETS = (
+    "dot_pattern_01",
+    "dot_pattern_05",
+    "gopro8",
+    "surg_metal",
+    "robvis",
+    "udacity_wide",
+    "line_pattern_01",
+)
 _DOTS = 200
 """That are predicted, and as many others that Gaussians are fitted to."""
 _SIGMAS_CELLS = np.array([0.0, 0.2, 0.35, 0.5, 0.7, 0.9, 1.2, 1.5, 1.9, 2.4, 3.0, 4.0])

@@ -1,12 +1,14 @@
-"""Small pictures of all dots and checker corners, for the fit of their shape.
+"""Small pictures of dots, checker corners and lines, for the fit of their shape.
 
 A dot image is a square of cells, a cell a square of pixels: one where dots are small,
 more where they are blurred, so that every photograph gives patches of the same shape.
 
-Cells that hold a pixel outside the frame, or nearer to another dot, are masked; cells
-with a clipped pixel are marked, since the light there is at least what was recorded.
-Dark dots are inverted: their light is how much darker they are than their surround.
-Noise is larger there, and the value of a clipped pixel is unknown.
+Cells that hold a pixel outside the frame, or nearer to another dot, are masked (a line
+is drawn with those around it, and masks none); cells with a clipped pixel are marked,
+since the light there is at least what was recorded. Dark dots are inverted: their light
+is how much darker they are than their surround. Noise is larger there, and the value of
+a clipped pixel is unknown.
+
 Of a mosaic's picture a cell of one pixel is usable in the one channel that was measured
 there. Larger cells are an even number of pixels wide, so that each holds the photosites
 of every channel at the same places, and their mean is the cell's light about those.
@@ -31,6 +33,9 @@ _REACH = 1.5
 BLURS = 3.0
 """Half the width of a dot image over the standard deviation of the blur of an edge."""
 MARGIN_PX = 3.0
+_MOST_OF_LINES = 400
+_FROM_ENDS = 0.5
+"""Pitches from the outermost lines, beyond which nobody knows where lines end."""
 _AROUND = 0.9
 """Quantile of a dot image's light that is the surround of a dark dot."""
 _LARGEST_CELL_PX = 16
@@ -80,6 +85,8 @@ def cut_dot_images(photograph: Photograph, marks: Observations) -> DotImages | N
     reach_px = _reaches_px(marks)
     sized = np.isfinite(reach_px) & np.isfinite(marks.points_px).all(-1)
     chosen = np.flatnonzero(sized)
+    if marks.are_lines:
+        chosen = _inner_samples(marks, chosen)
     if not len(chosen):
         return None
     half = float(np.quantile(reach_px[chosen], 0.9)) + MARGIN_PX
@@ -118,9 +125,11 @@ def dot_images_about(
     corner = (middle_px - cell * CELLS / 2) / align
     corner = align * np.round(corner).astype(int)
     cells = _cells(pixels, own, photograph.saturation, corner, cell)
-    nearest = _nearest_is_own(marks.points_px, chosen, corner, cell)
+    own_cells = cells.inside
+    if not marks.are_lines:
+        own_cells = own_cells & _nearest_is_own(marks.points_px, chosen, corner, cell)
     light, clipped = cells.light, cells.clipped
-    usable = cells.measured & (cells.inside & nearest)[:, None]
+    usable = cells.measured & own_cells[:, None]
     if marks.are_dark_dots:
         usable = usable & ~clipped
         light, clipped = _light_taken(light, usable), np.zeros_like(clipped)
@@ -143,6 +152,17 @@ def _reaches_px(marks: Observations) -> Float[np.ndarray, " marks"]:
     if marks.edge_blur_px is not None:
         return BLURS * marks.edge_blur_px
     return _REACH * marks.diameter_px / 2
+
+
+def _inner_samples(
+    marks: Observations, chosen: Int[np.ndarray, " samples"]
+) -> Int[np.ndarray, " some"]:
+    """Some samples of lines, evenly, none of the outermost lines or near the ends."""
+    number, first = marks.lattice[chosen], marks.lattice.min(0)
+    inner = (number > first + _FROM_ENDS) & (number < marks.lattice.max(0) - _FROM_ENDS)
+    inner = chosen[inner.all(-1)]
+    few = np.linspace(0, len(inner) - 1, min(len(inner), _MOST_OF_LINES))
+    return inner[few.astype(int)]
 
 
 def _measured(photograph: Photograph) -> np.ndarray | None:

@@ -6,9 +6,12 @@ the transposed image; both come back in one order.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.optimize import least_squares
+from scipy.special import erf
 
 from lensfit.detect.line_curves import Pieces, cut_pieces
 from lensfit.detect.line_profile import (
@@ -27,6 +30,52 @@ the same on both sides, are not."""
 WIDEST_PROFILE = 0.3
 """Widest half profile, in pitches."""
 PIECES_FOR_PROFILE = 500
+_NUMBERS = 4
+"""Of a line's shape: half width, blur, height and base."""
+LINE_WIDTH_DEVIATION = 0.05
+"""Standard deviation of the width in pitches, a share: a bound that is not computed.
+Drawn lines, turned and in perspective, come out within 4 %; the local pitch in place of
+the mean one would do better."""
+_RESOLVED = 2.0
+"""Width of a line over the blur of its edges from which both edges are told apart."""
+
+
+class MeanProfile(NamedTuple):
+    """Median profile across many pieces of line.
+
+    Attributes
+    ----------
+    distance_px : Along the axis that pieces are read along, from the middle.
+    height : Signed image value; NaN where there is none.
+    slant : Distance across the line per distance along that axis.
+    """
+
+    distance_px: Float[np.ndarray, " bins"]
+    height: Float[np.ndarray, " bins"]
+    slant: float
+
+
+class LineShape(NamedTuple):
+    """Two edges, blurred evenly.
+
+    Attributes
+    ----------
+    width_px : From edge to edge.
+    blur_px : Standard deviation of the blur, pixels included.
+    """
+
+    width_px: float
+    blur_px: float
+
+    @property
+    def deviation_px(self) -> float:
+        """Standard deviation of the light across the line."""
+        return float(np.hypot(self.blur_px, self.width_px / np.sqrt(12)))
+
+    @property
+    def is_resolved(self) -> bool:
+        """Whether its edges can be told apart."""
+        return self.width_px >= _RESOLVED * self.blur_px
 
 
 def measure_pieces(
@@ -91,14 +140,14 @@ def _upright(pieces: Pieces) -> Bool[np.ndarray, " pieces"]:
     return np.abs(pieces.tangent_px[:, 1]) >= np.abs(pieces.tangent_px[:, 0])
 
 
-def profile_half_width(
+def mean_profiles(
     image: Float[np.ndarray, "height width"],
     indices: Int[np.ndarray, "crossings 2"],
     crossings_px: Float[np.ndarray, "crossings 2"],
     pitch_px: float,
     sign: int,
-) -> float:
-    """Distance at which the mean profile has died away on its steeper side, pixels.
+) -> list[MeanProfile]:
+    """Of the pieces that are read along x, and of those that are read along y.
 
     Parameters
     ----------
@@ -110,7 +159,7 @@ def profile_half_width(
     widest = WIDEST_PROFILE * pitch_px
     third = widest / 3
     pieces = cut_pieces(indices, crossings_px, Window(third, third, third, 3))
-    half_widths = [1.0]
+    found = []
     for chosen, turned in _ways(pieces):
         if not len(chosen):
             continue
@@ -118,8 +167,51 @@ def profile_half_width(
         turned_image = image.T if turned else image
         stretches = _stretches(pieces, some, turned)
         distance, height = mean_profile(turned_image, stretches, widest, sign)
-        half_widths.append(_foot_px(distance, height) + MARGIN_PX)
-    return float(min(max(half_widths), widest))
+        slant = float(np.median(1 / np.hypot(1, stretches.slope)))
+        found.append(MeanProfile(distance, height, slant))
+    return found
+
+
+def profile_half_width_px(profiles: list[MeanProfile], pitch_px: float) -> float:
+    """Distance at which the mean profile has died away on its steeper side.
+
+    Parameters
+    ----------
+    pitch_px : Distance between neighbouring crossings.
+    """
+    feet_px = [_foot_px(one.distance_px, one.height) + MARGIN_PX for one in profiles]
+    return float(min(max([1.0, *feet_px]), WIDEST_PROFILE * pitch_px))
+
+
+def line_shape(profiles: list[MeanProfile]) -> LineShape | None:
+    """Width and blur of lines by least squares; None where there is no profile."""
+    across_px = np.concatenate([one.distance_px * one.slant for one in profiles])
+    height = np.concatenate([_scaled(one.height) for one in profiles])
+    seen = np.isfinite(height)
+    if seen.sum() <= _NUMBERS:
+        return None
+    across_px, height = across_px[seen], height[seen]
+    foot_px = max(float(np.abs(across_px[height > PROFILE_FOOT]).max()), 1.0)
+
+    def left(numbers: np.ndarray) -> np.ndarray:
+        half_px, blur_px = np.exp(numbers[:2])
+        edges = [
+            erf((across_px + side * half_px) / (np.sqrt(2) * blur_px))
+            for side in (1, -1)
+        ]
+        return numbers[2] * (edges[0] - edges[1]) / 2 + numbers[3] - height
+
+    start = np.array([np.log(foot_px / 2), np.log(foot_px / 2), 1.0, 0.0])
+    half_px, blur_px = np.exp(least_squares(left, start, loss="soft_l1").x[:2])
+    return LineShape(float(2 * half_px), float(blur_px))
+
+
+def _scaled(height: Float[np.ndarray, " bins"]) -> Float[np.ndarray, " bins"]:
+    """From 0 beside the line to 1 on it; NaN where it is level."""
+    if not np.isfinite(height).any():
+        return height
+    low, high = np.nanmin(height), np.nanmax(height)
+    return (height - low) / (high - low) if high > low else np.full_like(height, np.nan)
 
 
 def _foot_px(

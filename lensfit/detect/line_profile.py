@@ -13,6 +13,7 @@ several rows make one sample, and their scatter is its noise.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -71,6 +72,19 @@ class Window:
         """1 on the flanks, 0 elsewhere."""
         away = np.abs(u_px) - self.half_width_px - self.fade_px
         return ((away >= 0) & (away <= self.flank_px)).astype(float)
+
+
+class MeasuredLines(NamedTuple):
+    """How the lines of one photograph were measured.
+
+    Attributes
+    ----------
+    width_pitches : Their own width; None where blur hides it.
+    windows : What was read around them, in each channel of the photograph.
+    """
+
+    width_pitches: float | None
+    windows: tuple[Window, ...]
 
 
 @dataclass(frozen=True)

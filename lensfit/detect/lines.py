@@ -6,6 +6,7 @@ twice. Works for bright lines on black and dark lines on light, curved, cropped 
 unevenly lit.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,12 +16,15 @@ from scipy.ndimage import median_filter
 from lensfit.detect.line_crossings import Crossings, numbered_crossings
 from lensfit.detect.line_curves import Pieces, cut_pieces, move_crossings
 from lensfit.detect.line_measure import (
+    LineShape,
+    line_shape,
+    mean_profiles,
     measure_pieces,
     on_whole_rows,
-    profile_half_width,
+    profile_half_width_px,
     read_axis,
 )
-from lensfit.detect.line_profile import Centres, Window
+from lensfit.detect.line_profile import Centres, MeasuredLines, Window
 from lensfit.detect.observations import Observations
 from lensfit.detect.ridges import strongest_ridge
 from lensfit.errors import DetectionError
@@ -60,7 +64,7 @@ def find_lines(photograph: Photograph, *, polarity: str | None = None) -> Observ
     image = np.ascontiguousarray(photograph.luminance_channel, np.float32)
     scale = strongest_ridge(image, polarity)
     crossings = numbered_crossings(image, scale, photograph.path)
-    windows = _windows(photograph, crossings, scale.sign)
+    windows, shape = _windows_and_shape(photograph, crossings, scale.sign)
     window = windows[photograph.luminance_index]
     pieces, centres = _refined(image, crossings, window, scale.sign)
     kept = _reliable(pieces, centres)
@@ -71,25 +75,34 @@ def find_lines(photograph: Photograph, *, polarity: str | None = None) -> Observ
             remedy="use a grid of thinner lines or move the camera closer",
         )
     measured = _Measured(pieces, centres, windows, scale.sign)
-    return _as_observations(photograph, measured, kept, crossings.candidates)
+    found = _as_observations(photograph, measured, kept, crossings.candidates)
+    if shape is None:
+        return found
+    width = shape.width_px / crossings.pitch_px if shape.is_resolved else None
+    return replace(
+        found,
+        edge_blur_px=np.full(len(found), shape.deviation_px),
+        lines=MeasuredLines(width, windows),
+    )
 
 
-def _windows(
+def _windows_and_shape(
     photograph: Photograph, crossings: Crossings, sign: int
-) -> tuple[Window, ...]:
-    """What is read of the lines in every channel: no less than where they are found.
+) -> tuple[tuple[Window, ...], LineShape | None]:
+    """What is read of the lines in every channel: no less than where they are found;
+    and their shape in the channel that positions refer to.
 
     Red and blue may be far more blurred than green.
     """
     pitch_px = crossings.pitch_px
-    half_widths_px = [
-        profile_half_width(
-            channel, crossings.indices, crossings.points_px, pitch_px, sign
-        )
+    profiles = [
+        mean_profiles(channel, crossings.indices, crossings.points_px, pitch_px, sign)
         for channel in np.moveaxis(photograph.pixels, -1, 0)
     ]
+    half_widths_px = [profile_half_width_px(one, pitch_px) for one in profiles]
     least_px = half_widths_px[photograph.luminance_index]
-    return tuple(_window(max(own, least_px), pitch_px) for own in half_widths_px)
+    windows = tuple(_window(max(own, least_px), pitch_px) for own in half_widths_px)
+    return windows, line_shape(profiles[photograph.luminance_index])
 
 
 def _window(half_width_px: float, pitch_px: float) -> Window:
@@ -186,6 +199,7 @@ def _as_observations(
         diameter_px=np.full(int(kept.sum()), np.nan),
         image_size_px=photograph.size_px,
         candidates=candidates,
+        bright=measured.sign > 0,
     )
 
 

@@ -18,6 +18,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from lensfit.detect.line_profile import MeasuredLines
+
 CHANNELS = ("r", "g", "b")
 
 POINT = -1
@@ -52,7 +54,9 @@ class Observations:
         field around it. NaN where not measured. One column for one channel.
     diameter_px : Diameter of the disc of the same second moment; NaN when meaningless.
     edge_blur_px : Of checker corners, standard deviation of the blur across the edges
-        that cross there; None of other marks.
+        that cross there; of line samples that of the light across the line, which the
+        line's own width is part of; None of other marks.
+    lines : How lines were measured; None of other marks.
     bright : Marks are brighter than their surround; False for dark marks and corners.
     image_size_px : Width and height of the photograph.
     candidates : Number of marks that looked like the target's, indexed or not.
@@ -74,6 +78,7 @@ class Observations:
     candidates: int
     bright: bool = True
     edge_blur_px: Float[np.ndarray, " marks"] | None = None
+    lines: MeasuredLines | None = None
     notes: tuple[str, ...] = field(default=())
 
     def __len__(self) -> int:
@@ -82,12 +87,17 @@ class Observations:
     @property
     def are_corners(self) -> bool:
         """Whether marks are corners where plain squares meet."""
-        return self.edge_blur_px is not None
+        return self.edge_blur_px is not None and not self.are_lines
+
+    @property
+    def are_lines(self) -> bool:
+        """Whether marks are samples along lines."""
+        return self.lines is not None
 
     @property
     def are_dark_dots(self) -> bool:
         """Whether marks are dots, darker than their surround."""
-        return not (self.bright or self.are_corners)
+        return not (self.bright or self.are_corners or self.are_lines)
 
 
 def only(found: Observations, kept: Bool[np.ndarray, " marks"]) -> Observations:

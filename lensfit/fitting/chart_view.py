@@ -28,13 +28,13 @@ class View:
     target : Name of the target; views of one target share its errors.
     observations : The detected points.
     pitch_mm : Distance of neighbouring marks, to the right and down on the target.
-    mark_diameter_mm : Diameter of a dot; None for lines, corners and dots whose size
-        is not known.
+    mark_diameter_mm : Diameter of a dot, width of a line; None for corners, and where
+        it is not known.
     focal_length_mm : As on the barrel.
     sensor_size_mm : Width and height that the photograph spans.
     f_number, focus_distance_mm, target_distance_mm : None where not stated.
     squeeze : Nominal horizontal squeeze of an anamorphic lens.
-    dot_images : Pictures of the dots, where their shape can be fitted.
+    dot_images : Pictures of the marks, where their shape can be fitted.
     rims : Of their rims, where these show finer cells.
     chief_rays : Whether marks are where chief rays land, not centroids.
     shared_moves_mm : How marks that were placed so move together, red, green and blue,

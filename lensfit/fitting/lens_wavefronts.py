@@ -1,8 +1,10 @@
 """The wavefront of every focal length, from dot images at all its focus distances.
 
 Usable marks are bright and dark dots of known size (by their rims if they are wider
-than the blur) and checker corners (by their crossing edges). Wide dots and corners take
-longer to fit than small dots, and are used only if there are no small dots.
+than the blur), checker corners (by their crossing edges) and lines of known width. Wide
+dots and corners take longer to fit than small dots, and are used only if there are no
+small dots. A line shows the blur across itself alone: lines are used only if there is
+nothing else.
 
 The f-number is the unit of the pupil, and thus of defocus. If no photograph states it,
 an assumed value describes the photographed setting equally well, as long as tilted
@@ -83,8 +85,7 @@ def fit_wavefronts(
                 found.without[focal_mm] = why
             continue
         kept = {s.take.name for s in _usable_photographs(pictured)}
-        dots = [s.take for s in pictured if not s.take.observations.are_corners]
-        names = [take.name for take in dots]
+        names = [one.take.name for one in pictured if _shows_dots(one)]
         found.takes_with_wide_dots[focal_mm] = [
             name for name in names if name not in kept
         ]
@@ -108,21 +109,27 @@ def fit_wavefronts(
 
 def _usable_photographs(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
     """The photographs whose marks can be used: those of charts of small holes; where
-    there are none, broad dots and checker corners.
+    there are none, broad dots and checker corners; where there are none, lines.
 
     A chart is one of small holes if any photograph shows them small. They may be wider
     in others, which count as much: what is small in the coarse cells of a wide blur is
     broad in focus.
     """
     corners = [one for one in pictured if one.take.observations.are_corners]
-    dots = [one for one in pictured if not one.take.observations.are_corners]
+    lines = [one for one in pictured if one.take.observations.are_lines]
+    dots = [one for one in pictured if _shows_dots(one)]
     sized = [(one, dot_aperture_radius_cells(one)) for one in dots]
     small = {
         one.take.target for one, cells in sized if cells <= LARGEST_RAY_SAMPLED_CELLS
     }
     broad = [one for one, cells in sized if cells <= LARGEST_DOT_APERTURE_CELLS]
     of_small = [one for one in broad if one.take.target in small]
-    return of_small or [*broad, *corners]
+    return of_small or [*broad, *corners] or lines
+
+
+def _shows_dots(photograph: DotPhotograph) -> bool:
+    seen = photograph.take.observations
+    return not (seen.are_corners or seen.are_lines)
 
 
 def _subset_of_one_setting(photographs: list[DotPhotograph]) -> list[DotPhotograph]:

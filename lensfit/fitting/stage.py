@@ -338,7 +338,9 @@ def _with_room(layout: Layout, states: list[list[View]]) -> Layout:
 
 
 def _dot_radius_mm(take: View) -> float:
-    """Stated radius, or diameter over pitch of the image, both in pixels."""
+    """Stated radius, or diameter over pitch of the image in pixels; 0 of lines."""
+    if take.observations.are_lines:
+        return 0.0
     if take.mark_diameter_mm is not None:
         return take.mark_diameter_mm / 2
     diameter = take.observations.diameter_px

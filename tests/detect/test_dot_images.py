@@ -5,10 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn_grids import View, draw, line_grid
+from drawn_grids import photograph as drawn_photograph
 from found_marks import found_marks
 from scipy.ndimage import gaussian_filter
 
 from lensfit.detect.dot_images import CELLS, cut_dot_images
+from lensfit.detect.lines import find_lines
 from lensfit.detect.observations import Observations
 from lensfit.detect.rims import cut_rims
 from lensfit.mosaic import MOSAICS, filled_in, photosites
@@ -41,6 +44,23 @@ def disc(centre, diameter: float) -> np.ndarray:
     """A disc of light 1, columns x and rows y of the whole photograph."""
     x, y = np.meshgrid(np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1]) + 0.5)
     return (np.hypot(x - centre[0], y - centre[1]) < diameter / 2).astype(float)
+
+
+def test_lines_are_pictured_within_the_grid():
+    view = View()
+    pixels = draw(view, line_grid(0.12), blur_px=0.8)
+    lines = find_lines(drawn_photograph(pixels))
+    found = cut_dot_images(drawn_photograph(pixels), lines)
+    assert found is not None
+    assert found.cell_px == 1
+    assert len(found.marks) <= 400
+    seen = lines.lattice[found.marks]
+    assert (seen > lines.lattice.min(0) + 0.4).all()
+    assert (seen < lines.lattice.max(0) - 0.4).all()
+    assert found.valid[:, 1].mean() > 0.9
+    # The line through the middle lies there whichever way it runs.
+    inner = slice(CELLS // 2 - 2, CELLS // 2 + 2)
+    assert (found.light[:, 1, inner, inner].max((1, 2)) > 0.6).all()
 
 
 @pytest.mark.parametrize(("diameter", "cell"), [(8.0, 1), (20.0, 2), (60.0, 4)])

@@ -5,6 +5,7 @@ import pytest
 from drawn_grids import View, draw, line_grid, photograph
 from scipy.ndimage import gaussian_filter
 
+from lensfit.detect.line_measure import LINE_WIDTH_DEVIATION
 from lensfit.detect.lines import find_lines
 from lensfit.errors import DetectionError
 
@@ -39,6 +40,28 @@ def test_centres_of_noiseless_bright_lines_are_unbiased(width, blur_px):
     assert abs(error.mean()) < 0.002
     assert error.std() < 0.008
     assert np.abs(error).max() < 0.06
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["bright", "dark"])
+@pytest.mark.parametrize("turn_rad", [0.0, 0.6])
+@pytest.mark.parametrize("width", [0.09, 0.12])
+def test_the_width_of_lines_is_measured(width, turn_rad, dark):
+    colours = {"dark": 0.9, "light": 0.1} if dark else {}
+    view = View(rotation_rad=turn_rad)
+    image = draw(view, line_grid(width), blur_px=0.8, **colours)
+    found = find_lines(photograph(image))
+    assert found.bright is not dark
+    assert found.lines.width_pitches == pytest.approx(width, rel=LINE_WIDTH_DEVIATION)
+    pitch_px = np.median(found.edge_blur_px) / np.hypot(
+        0.8 / view.pitch_px, width / np.sqrt(12)
+    )
+    assert pitch_px == pytest.approx(view.pitch_px, rel=0.1)
+
+
+def test_blur_may_hide_the_width_of_lines():
+    found = find_lines(photograph(draw(VIEW, line_grid(0.06), blur_px=2.5)))
+    assert found.are_lines
+    assert found.lines.width_pitches is None
 
 
 def test_line_numbers_survive_rotation_and_strong_distortion():

@@ -17,6 +17,7 @@ def take(name="a", *, bright=True, diameter_px=4.0, f_number=2.0, hole_mm=0.5, *
         bright=bright,
         diameter_px=np.full(9, diameter_px),
         are_corners=more.get("are_corners", False),
+        are_lines=more.get("are_lines", False),
         points_px=more.get("points_px"),
         image_size_px=(640, 480),
     )
@@ -180,6 +181,16 @@ def test_checker_corners_are_fitted_where_there_are_no_small_holes(monkeypatch):
     found, seen = fitted_of(takes, {"board": 0.0, "holes": 0.5}, monkeypatch)
     assert seen == ["holes"]
     assert found.takes_with_wide_dots == {50.0: []}
+
+
+def test_lines_are_fitted_where_there_is_nothing_else(monkeypatch):
+    lines = take("lines", hole_mm=0.2, dot_images=object(), are_lines=True)
+    found, seen = fitted_of([lines], {"lines": 0.0}, monkeypatch)
+    assert seen == ["lines"]
+    for other in (corners("board"), take("broad", dot_images=object())):
+        found, seen = fitted_of([lines, other], {"broad": 5.0}, monkeypatch)
+        assert seen == [other.name]
+        assert "lines" not in found.takes_with_wide_dots[50.0]
 
 
 def test_of_many_photographs_of_one_setting_the_least_alike_are_fitted(monkeypatch):

@@ -99,7 +99,7 @@ def fit_of(
             take=SimpleNamespace(
                 name=f"take {k}",
                 focus_distance_mm=focus_mm[min(k, len(focus_mm) - 1)],
-                observations=SimpleNamespace(are_corners=k == 2),
+                observations=SimpleNamespace(are_corners=k == 2, are_lines=False),
             ),
             distortion=no_distortion((*principal_mm, *3 * [PRINCIPAL_MM])[k], 18.0),
         )

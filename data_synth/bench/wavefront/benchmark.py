@@ -26,6 +26,7 @@ from data_synth.bench.wavefront.many_lenses import many_lenses_rows
 from data_synth.bench.wavefront.plot import write_plot
 from data_synth.bench.wavefront.rows import wavefront_rows
 from lensfit.errors import LensfitError
+from lensfit.fitting.wavefront.effort import Effort
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.programs import make_room_for_programs
@@ -65,6 +66,7 @@ def bench_wavefront(
     *,
     reuse: bool = False,
     beside: Beside | None = None,
+    effort: Effort = Effort.NORMAL,
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Photograph, calibrate and judge every lens.
@@ -76,6 +78,7 @@ def bench_wavefront(
     reuse : Take the photographs that already lie in the folder.
     beside : What else is fitted to the same photographs; None for nothing. Error
         against time is then drawn as a picture for each lens.
+    effort : Of each calibration.
     progress : Told about each lens.
 
     Returns
@@ -97,7 +100,7 @@ def bench_wavefront(
             rows.append(row)
             with _failures(row):
                 shoot = _photographed(row, trial, folder, reuse, beside)
-                seen = _calibrated(row, shoot, judge, folder)
+                seen = _calibrated(row, shoot, judge, folder, effort)
                 _result(on, rows, out_dir)
                 if beside is not None and beside.is_wanted:
                     _add_beside(row, beside, seen, folder, out_dir)
@@ -144,12 +147,14 @@ def _photographed(
     return shoot
 
 
-def _calibrated(row: dict[str, Any], shoot: Shoot, judge: Judge, folder: Path) -> Seen:
+def _calibrated(
+    row: dict[str, Any], shoot: Shoot, judge: Judge, folder: Path, effort: Effort
+) -> Seen:
     """Marks, preset and figures; what was seen serves again."""
     made = folder / "calibrated"
     with _timed(row, "calibrate"):
         seen = Seen.of(shoot, made)
-        report = calibrate_observed(*seen, made)
+        report = calibrate_observed(*seen, made, effort=effort)
     row["report"] = {key: report[key] for key in _REPORTED}
     row["converged"] = not any("converge" in note for note in report["notes"])
     row["said_short"] = not report["blur"] or any(map(_says_short, report["blur"]))

@@ -20,7 +20,8 @@ in practice it carries the noise of the rays that the image is made of.)
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.interpolate import RBFInterpolator
 
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.joint_adjustment import ErrorAmplitudes
@@ -41,6 +42,8 @@ from lensfit.fitting.wavefront.misfit import misfit_of
 from lensfit.fitting.wavefront.stages import Stage, recentre_patches
 from lensfit.fitting.wavefront.uncertainty import parameter_moves
 
+_NEAREST = 24
+"""Samples that a bias of a line is interpolated from."""
 _BIAS_UNCERTAINTY = 0.05
 """Standard deviation of a bias, as a share of it: where biases are small, a photograph
 counts for more."""
@@ -85,12 +88,29 @@ def takes_with_shared_moves(
     for k, take in enumerate(takes):
         mine = dot_data.take == k
         shared = np.zeros((moves + len(distinct), 3, len(take.observations), 2))
-        rows = dot_data.photographs[k].dot_images.marks
-        shared[:moves, :, rows] = moves_mm[mine].transpose(1, 2, 0, 3)
+        each_mm = np.concatenate([moves_mm[mine], bias_mm[mine][:, None]], 1)
+        rows, each_mm = _of_every_mark(dot_data.photographs[k], each_mm)
+        shared[:moves, :, rows] = each_mm[:, :moves].transpose(1, 2, 0, 3)
         alike = moves + distinct.index(settings[k])
-        shared[alike, :, rows] = _BIAS_UNCERTAINTY * bias_mm[mine]
+        shared[alike, :, rows] = _BIAS_UNCERTAINTY * each_mm[:, moves]
         found.append(replace(take, shared_moves_mm=shared))
     return found
+
+
+def _of_every_mark(
+    photograph: DotPhotograph, values: Float[np.ndarray, "dots *shape"]
+) -> tuple[Int[np.ndarray, " marks"], Float[np.ndarray, "marks *shape"]]:
+    """Which marks values are known of, and the values: of dots of those with a dot
+    image, of lines of every sample, between and beyond those with one."""
+    observations, rows = photograph.take.observations, photograph.dot_images.marks
+    if not observations.are_lines:
+        return rows, values
+    known_px, every_px = observations.points_px[rows], observations.points_px
+    plate = RBFInterpolator(
+        known_px, values.reshape(len(rows), -1), _NEAREST, kernel="thin_plate_spline"
+    )
+    found = plate(every_px).reshape(len(every_px), *values.shape[1:])
+    return np.arange(len(every_px)), found
 
 
 def _take_at_chief_rays(
@@ -99,17 +119,19 @@ def _take_at_chief_rays(
     aliasing: Aliasing,
 ) -> View:
     """The take with its points at the chief rays, and dots' light free of aliasing."""
-    take, rows = photograph.take, photograph.dot_images.marks
+    take = photograph.take
     observations = take.observations
-    bias_px = bias_mm / take.pixel_mm
-    apart = bias_px + aliasing.centroid_error_mm / take.pixel_mm
+    error_mm = np.stack([bias_mm, aliasing.centroid_error_mm], 1)
+    rows, error_mm = _of_every_mark(photograph, error_mm)
+    bias_px = error_mm[:, 0] / take.pixel_mm
+    apart = bias_px + error_mm[:, 1] / take.pixel_mm
     points = observations.points_px.copy()
     points[rows] -= apart[:, 1]
     channels = observations.channel_points_px.copy()
     channels[:, rows] -= apart.transpose(1, 0, 2)
-    flux = observations.flux.copy()
-    green = flux[rows, flux.shape[1] // 2, None] / aliasing.brightness_ratio[:, None]
-    flux[rows] = np.where(aliasing.green_alone[:, None], green, flux[rows])
+    flux, of_dots = observations.flux.copy(), photograph.dot_images.marks
+    green = flux[of_dots, flux.shape[1] // 2, None] / aliasing.brightness_ratio[:, None]
+    flux[of_dots] = np.where(aliasing.green_alone[:, None], green, flux[of_dots])
     unsure = _BIAS_UNCERTAINTY**2 * np.einsum("kci,kcj->ckij", bias_px, bias_px)
     covariance = observations.covariance_px2.copy()
     covariance[rows] += unsure[1]

@@ -80,7 +80,7 @@ def dot_aperture_radius_cells(photograph: DotPhotograph) -> float:
 
 def are_broad(photographs: Sequence[DotPhotograph]) -> bool:
     """Whether targets of these photographs are too wide to be sampled by rays."""
-    if any(one.take.observations.are_corners for one in photographs):
+    if any(one.take.observations.edge_blur_px is not None for one in photographs):
         return True
     radii = [dot_aperture_radius_cells(one) for one in photographs]
     return min(radii) > LARGEST_RAY_SAMPLED_CELLS or max(radii) > _LARGEST_BESIDE_CELLS
@@ -92,8 +92,8 @@ def dot_aperture_radius_mm(photograph: DotPhotograph) -> float:
 
 
 def diameters_mm(photograph: DotPhotograph) -> Float[np.ndarray, " dots"]:
-    """Diameter of the disc of each dot's second moment, or of the blur of a corner's
-    edges, less the pixel's own.
+    """Diameter of the disc of each dot's second moment, of the blur of a corner's edges
+    or of the light across a line, less the pixel's own.
 
     A pixel adds a twelfth of its square to the second moment of each axis.
     """

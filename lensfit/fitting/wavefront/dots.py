@@ -37,21 +37,26 @@ class DetectionAperture(NamedTuple):
 class Broad(NamedTuple):
     """Targets too wide to be sampled by rays, which are drawn in waves (`waves`): dots
     as discs, of large ones a part of the rim, checker corners as the squares that meet
-    there.
+    there, line samples as the lines around.
 
     Attributes
     ----------
-    disc_mm : From the unit disc to the image of each; zero of corners.
-    rim_mm : From the rim that is shown to the middle of its dot; zero of whole dots and
-        of corners.
+    disc_mm : From the unit disc to the image of each; zero of corners. Of a line one of
+        the same second moment as its width.
+    rim_mm : From the rim that is shown to the middle of its dot; zero of others.
     neighbour_offsets_mm : From each to those around it; NaN where there are fewer, and
-        of corners.
-    square_mm : Sides of the square that is bright ahead of a corner, in columns; zero
-        of dots.
-    window_cells : Half width of detection's window about a corner; 0 of dots.
-    size_width : Standard deviation of the share by which dots or bright squares may be
-        larger.
-    aperture : Of detection; of corners it means nothing.
+        of corners and lines.
+    square_mm : Sides of the square that is bright ahead of a corner, or from line to
+        line, in columns; zero of dots.
+    window_cells : Half width of detection's window about a corner; 0 of others.
+    lattice : Place of a line sample in pitches, lines at the integers; 0 of others.
+    line_width : Width of lines in pitches along both axes, negative of dark ones; 0 of
+        others.
+    line_window_mm : Of what detection reads across a line in each channel: half the
+        width that counts in full, how far it fades, and the flank beyond; 0 of others.
+    size_width : Standard deviation of the share by which dots, bright squares or lines
+        may be larger.
+    aperture : Of detection; of corners and lines it means nothing.
     """
 
     disc_mm: Float[Numbers, "dots 2 2"]
@@ -59,6 +64,9 @@ class Broad(NamedTuple):
     neighbour_offsets_mm: Float[Numbers, "dots neighbours 2"]
     square_mm: Float[Numbers, "dots 2 2"]
     window_cells: Float[Numbers, " dots"]
+    lattice: Float[Numbers, "dots 2"]
+    line_width: Float[Numbers, "dots 2"]
+    line_window_mm: Float[Numbers, "dots 3 3"]
     size_width: Float[Numbers, " dots"]
     aperture: DetectionAperture
 
@@ -112,16 +120,21 @@ def are_corners(broad: Broad) -> Bool[np.ndarray, " dots"]:
     return np.asarray(broad.window_cells) > 0
 
 
+def are_lines(broad: Broad) -> Bool[np.ndarray, " dots"]:
+    """Which targets are line samples."""
+    return np.any(np.asarray(broad.line_width) != 0, -1)
+
+
 def are_rims(broad: Broad) -> Bool[np.ndarray, " dots"]:
     """Which show a part of the rim of a large dot."""
     return np.any(np.asarray(broad.rim_mm) != 0, -1)
 
 
 def show_edges(dots: Dots) -> Bool[np.ndarray, " dots"]:
-    """Which are corners or rims."""
+    """Which are corners, rims or lines."""
     if dots.broad is None:
         return np.zeros(len(dots.field_mm), bool)
-    return are_corners(dots.broad) | are_rims(dots.broad)
+    return are_corners(dots.broad) | are_rims(dots.broad) | are_lines(dots.broad)
 
 
 def dot_aperture_variance_mm2(dots: Dots) -> Float[Numbers, " dots"]:

@@ -1,4 +1,4 @@
-"""Targets of which only edges are visible, in waves: checker corners, rims of dots.
+"""Targets of which only edges are visible, in waves: checker corners, rims, lines.
 
 In sides (a, b) of a square from the corner, the chart there is bright where
 
@@ -10,7 +10,9 @@ both axes, and transformed. It is tapered to its mean before the slowest wave's 
 ends, since the waves repeat it. Ink that spreads takes as much from every bright square
 as it adds to the dark ones beside: if squares are larger by a small share, the pattern
 changes equally along all edges. The rim of a large dot is the edge of its image, an
-ellipse to first order; the neighbouring dots are drawn as well.
+ellipse to first order; the neighbouring dots are drawn as well. Lines of a grid stand
+at the integers of both sides, so that crossings and the next lines are drawn with the
+line that a patch is about.
 
 Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1.
 """
@@ -53,6 +55,42 @@ def square_transfers(
         edges = (line[..., 0] + line[..., 1]) * kept / 2
         for part, picture in enumerate((bright, edges)):
             drawn[part, k] = _amplitudes(picture, most)
+    return drawn[0], drawn[1]
+
+
+def line_transfers(
+    side_cells: Float[np.ndarray, "samples 2 2"],
+    lattice: Float[np.ndarray, "samples 2"],
+    line_width: Float[np.ndarray, "samples 2"],
+    period: int,
+    most: int,
+) -> tuple[
+    Complex[np.ndarray, "samples down right"], Complex[np.ndarray, "samples down right"]
+]:
+    """Amplitudes of the lines about every sample, and their change per share by which
+    lines are wider; down both ways and to the right.
+
+    Parameters
+    ----------
+    side_cells : From line to line along both axes, in columns; right, down.
+    lattice : Place of the sample in pitches.
+    line_width : Of the lines across both axes in pitches, negative of dark lines.
+    period, most : As for `square_transfers`.
+    """
+    size, places = _PER_CELL * period, _places(period)
+    kept = _taper(places, period).reshape(size, size)
+    drawn = np.zeros((2, len(side_cells), 2 * most + 1, most + 1), np.complex64)
+    for k, sides in enumerate(side_cells):
+        inverse = np.linalg.inv(sides)
+        ramp = np.hypot(*inverse.T) / (2 * _PER_CELL)
+        away = (places @ inverse.T.astype(np.float32)).reshape(size, size, 2)
+        bright = bool((line_width[k] > 0).all())
+        inside, edges = _within_lines(away + lattice[k], np.abs(line_width[k]), ramp)
+        beside = (1 - inside) * kept[..., None]
+        light = (1 - (1 - inside).prod(-1)) * kept
+        wider = edges[..., 0] * beside[..., 1] + edges[..., 1] * beside[..., 0]
+        drawn[0, k] = _amplitudes(light if bright else 1 - light, most)
+        drawn[1, k] = _amplitudes(wider if bright else -wider, most)
     return drawn[0], drawn[1]
 
 
@@ -144,6 +182,21 @@ def _across_edges(
     even = 1 - 2 * np.abs(edge % 2)
     wave = even * np.clip(off / ramp, -1, 1)
     return wave, (np.abs(off) < ramp) / (2 * ramp)
+
+
+def _within_lines(
+    sides: Float[np.ndarray, "*shape 2"],
+    line_width: Float[np.ndarray, "2"],
+    ramp: Float[np.ndarray, "2"],
+) -> tuple[Float[np.ndarray, "*shape 2"], Float[np.ndarray, "*shape 2"]]:
+    """Part of each sample within a line across each axis, and its change per share by
+    which lines are wider."""
+    off = np.abs(sides - np.round(sides))
+    half = line_width / 2
+    overlap = np.minimum(off + ramp, half) - np.maximum(off - ramp, -half)
+    inside = np.clip(overlap / (2 * ramp), 0, 1)
+    at_edges = (np.abs(off - half) < ramp).astype(float) + (np.abs(off + half) < ramp)
+    return inside, half * at_edges / (2 * ramp)
 
 
 def _amplitudes(

@@ -17,6 +17,7 @@ from lensfit.batches import in_batches
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, windows_of
 from lensfit.detect.corner_fit import half_width_px
 from lensfit.fitting.adjust import fitted_depths_mm
+from lensfit.fitting.chart_view import View
 from lensfit.fitting.geometry import (
     BoardPose,
     Frame,
@@ -217,23 +218,77 @@ def _broad(
     """
     disc_mm = per_board * dot_aperture_radius_mm(photograph)
     width = np.full(len(disc_mm), photograph.take.widths.diameter)
-    if photograph.take.observations.are_corners:
-        return Broad(
-            np.zeros_like(disc_mm),
-            rim_mm,
-            np.full((len(disc_mm), NEIGHBOURS, 2), np.nan),
-            _squares_mm(photograph, per_board),
-            np.full(len(disc_mm), _window_cells(photograph)),
-            width,
-            DetectionAperture(
-                np.tile(np.eye(2), (len(disc_mm), 1, 1)),
-                *np.ones((3, len(disc_mm))),
-            ),
+    seen = photograph.take.observations
+    if seen.edge_blur_px is None:
+        beside = neighbour_offsets_mm(photograph)
+        aperture = _aperture(photograph, disc_mm, beside)
+        return _edges(len(disc_mm))._replace(
+            disc_mm=disc_mm,
+            rim_mm=rim_mm,
+            neighbour_offsets_mm=beside,
+            size_width=width,
+            aperture=aperture,
         )
-    beside = neighbour_offsets_mm(photograph)
-    no_square = np.zeros_like(disc_mm), np.zeros(len(disc_mm))
-    aperture = _aperture(photograph, disc_mm, beside)
-    return Broad(disc_mm, rim_mm, beside, *no_square, width, aperture)
+    if seen.are_corners:
+        return _edges(len(disc_mm))._replace(
+            square_mm=_squares_mm(photograph, per_board),
+            window_cells=np.full(len(disc_mm), _window_cells(photograph)),
+            size_width=width,
+        )
+    return _lines(photograph, per_board)._replace(size_width=width)
+
+
+def _edges(count: int) -> Broad:
+    """Targets without discs, squares or lines."""
+    return Broad(
+        disc_mm=np.zeros((count, 2, 2)),
+        rim_mm=np.zeros((count, 2)),
+        neighbour_offsets_mm=np.full((count, NEIGHBOURS, 2), np.nan),
+        square_mm=np.zeros((count, 2, 2)),
+        window_cells=np.zeros(count),
+        lattice=np.zeros((count, 2)),
+        line_width=np.zeros((count, 2)),
+        line_window_mm=np.zeros((count, 3, 3)),
+        size_width=np.zeros(count),
+        aperture=DetectionAperture(
+            np.tile(np.eye(2), (count, 1, 1)), *np.ones((3, count))
+        ),
+    )
+
+
+def _lines(
+    photograph: DotPhotograph, per_board: Float[np.ndarray, "dots 2 2"]
+) -> Broad:
+    """The lines around samples."""
+    take, count = photograph.take, len(per_board)
+    assert take.mark_diameter_mm is not None
+    sign = 1 if take.observations.bright else -1
+    square_mm = per_board * np.asarray(take.pitch_mm)
+    return _edges(count)._replace(
+        # The variance across a line is w^2 / 12, along any axis of a disc r^2 / 4.
+        disc_mm=per_board * take.mark_diameter_mm / np.sqrt(3),
+        square_mm=square_mm,
+        lattice=take.observations.lattice[photograph.dot_images.marks],
+        line_width=np.tile(
+            sign * take.mark_diameter_mm / np.asarray(take.pitch_mm), (count, 1)
+        ),
+        line_window_mm=_line_windows_mm(take, square_mm),
+    )
+
+
+def _line_windows_mm(
+    take: View, square_mm: Float[np.ndarray, "dots 2 2"]
+) -> Float[np.ndarray, "dots 3 3"]:
+    """What detection reads along rows or columns, measured across the lines."""
+    assert take.observations.lines is not None
+    windows_px = [
+        (one.half_width_px, one.fade_px, one.flank_px)
+        for one in take.observations.lines.windows
+    ]
+    along = square_mm[..., 1] / np.linalg.norm(square_mm[..., 1], axis=-1)[:, None]
+    slant = np.abs(along).max(-1)
+    window_mm = np.resize(windows_px, (3, 3)) * float(np.mean(take.pixel_mm))
+    return slant[:, None, None] * window_mm
 
 
 def _window_cells(photograph: DotPhotograph) -> float:

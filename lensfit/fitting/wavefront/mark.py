@@ -1,5 +1,5 @@
-"""The detected point of a broad dot or checker corner, on the image that the model
-draws: of a dot here, of a corner by `corner_mark`.
+"""The detected point of a broad target, as the model predicts it: of a dot on its image
+here, of a checker corner by `corner_mark`, of a line by `line_mark`.
 
 Detection (`detect.centroids`) subtracts the light around a dot, and takes the centroid
 within an aperture about it: light that blur carries farther than that has no effect.
@@ -22,13 +22,15 @@ from jaxtyping import Array, Float
 from lensfit.detect.centroids import BAND_GAIN
 from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.wavefront.corner_mark import detected_corner
-from lensfit.fitting.wavefront.dots import DetectionAperture, Dots
+from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots
+from lensfit.fitting.wavefront.line_mark import detected_line_offset_mm
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import spot_gradient_of
 from lensfit.fitting.wavefront.rays import spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
 from lensfit.psf.pixels import image_of
+from lensfit.psf.spot import Spot
 
 _RAYS, _WAVES = 192, 20
 """Of an image, for a centroid bias within 1 %: apertures and rims need no detail."""
@@ -38,16 +40,19 @@ _SOFT_CELLS = 0.5
 _LEAST = 1e-6
 
 
-class _Drawn(NamedTuple):
-    """One channel of a dot, on a patch whose middle is where the chief ray lands.
+class _Traced(NamedTuple):
+    """One channel of a dot.
 
     Attributes
     ----------
-    image_pullback : From a derivative by the light of cells to one by the parameters.
+    spot : From where the chief ray lands.
+    pullback : From a derivative by the spot to one by the parameters.
+    window_mm : Of `Broad.line_window_mm`.
     """
 
-    image: Float[Array, "cells cells"]
-    image_pullback: Callable[[Array], Array]
+    spot: Spot
+    pullback: Callable[[Spot], Array]
+    window_mm: Float[Array, "3"]
 
 
 def detected_point_offsets_mm(
@@ -65,12 +70,19 @@ def detected_point_offsets_mm(
     dot, transfer : Of one broad dot.
     """
 
-    def channel(chromatic: Array, lateral_mm: Array) -> Array:
-        colour = Colour(chromatic, lateral_mm)
-        drawn = _drawn(parameters, dot, transfer, colour, layout, scale)
-        return _mark_mm(drawn.image, dot)
+    broad = _broad_of(dot)
 
-    return jax.vmap(channel)(chromatic, dot.lateral_mm)
+    def channel(chromatic: Array, lateral_mm: Array, window_mm: Array) -> Array:
+        colour = Colour(chromatic, lateral_mm)
+        spot, _ = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
+        return jax.lax.cond(
+            _is_line(broad),
+            lambda spot: _of_line_mm(spot, dot, window_mm),
+            lambda spot: _mark_mm(_drawn(spot, dot, transfer)[0], dot),
+            spot,
+        )
+
+    return jax.vmap(channel)(chromatic, dot.lateral_mm, broad.line_window_mm)
 
 
 def detected_point_offset_slopes_mm(
@@ -83,18 +95,19 @@ def detected_point_offset_slopes_mm(
 ) -> Float[Array, "3 2 parameters"]:
     """d `detected_point_offsets_mm` / d parameter."""
 
-    def channel(chromatic: Array, lateral_mm: Array) -> Array:
+    broad = _broad_of(dot)
+
+    def channel(chromatic: Array, lateral_mm: Array, window_mm: Array) -> Array:
         colour = Colour(chromatic, lateral_mm)
-        drawn = _drawn(parameters, dot, transfer, colour, layout, scale)
-        _, to_image = jax.vjp(lambda image: _mark_mm(image, dot), drawn.image)
+        seen = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
+        traced = _Traced(*seen, window_mm)
+        return jax.lax.cond(
+            _is_line(broad),
+            lambda: _line_slopes_mm(traced, dot),
+            lambda: _drawn_slopes_mm(traced, dot, transfer),
+        )
 
-        def along(axis: Array) -> Array:
-            (by_image,) = to_image(axis)
-            return drawn.image_pullback(by_image)
-
-        return jax.vmap(along)(jnp.eye(2, dtype=drawn.image.dtype))
-
-    return jax.vmap(channel)(chromatic, dot.lateral_mm)
+    return jax.vmap(channel)(chromatic, dot.lateral_mm, broad.line_window_mm)
 
 
 def detected_dot_centre(
@@ -119,9 +132,50 @@ def detected_dot_centre(
     return centre
 
 
+def _broad_of(dot: Dots) -> Broad:
+    assert dot.broad is not None
+    return dot.broad
+
+
+def _is_line(broad: Broad) -> Array:
+    """Of one target, traced."""
+    return jnp.any(broad.line_width != 0)
+
+
+def _of_line_mm(spot: Spot, dot: Dots, window_mm: Array) -> Float[Array, "2"]:
+    broad = _broad_of(dot)
+    # Of other targets the branch is not taken, but compiled.
+    lines = dot.variance_mm2, broad.square_mm, broad.line_width, window_mm
+    return detected_line_offset_mm(spot, *lines)
+
+
+def _line_slopes_mm(traced: _Traced, dot: Dots) -> Float[Array, "2 parameters"]:
+    found, to_spot = jax.vjp(
+        lambda spot: _of_line_mm(spot, dot, traced.window_mm), traced.spot
+    )
+
+    def along(axis: Array) -> Array:
+        (by_spot,) = to_spot(axis)
+        return traced.pullback(by_spot)
+
+    return jax.vmap(along)(jnp.eye(2, dtype=found.dtype))
+
+
+def _drawn_slopes_mm(
+    traced: _Traced, dot: Dots, transfer: Transfer
+) -> Float[Array, "2 parameters"]:
+    image, to_spot = _drawn(traced.spot, dot, transfer)
+    _, to_image = jax.vjp(lambda image: _mark_mm(image, dot), image)
+
+    def along(axis: Array) -> Array:
+        (by_image,) = to_image(axis)
+        return traced.pullback(to_spot(by_image))
+
+    return jax.vmap(along)(jnp.eye(2, dtype=image.dtype))
+
+
 def _mark_mm(image: Float[Array, "cells cells"], dot: Dots) -> Float[Array, "2"]:
-    broad, cell_mm = dot.broad, dot.cell_mm
-    assert broad is not None
+    broad, cell_mm = _broad_of(dot), dot.cell_mm
 
     def corner(image: Array) -> Array:
         places = _places(image.shape[0], image.dtype)
@@ -135,24 +189,18 @@ def _mark_mm(image: Float[Array, "cells cells"], dot: Dots) -> Float[Array, "2"]
 
 
 def _drawn(
-    parameters: Array,
-    dot: Dots,
-    transfer: Transfer,
-    colour: Colour,
-    layout: Layout,
-    scale: Scale,
-) -> _Drawn:
-    spot, pullback = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
+    spot: Spot, dot: Dots, transfer: Transfer
+) -> tuple[Float[Array, "cells cells"], Callable[[Array], Spot]]:
+    """The image on a patch whose middle is where the chief ray lands, and from a
+    derivative by the light of its cells to one by the spot."""
     corner_mm = -dot.cell_mm * CELLS / 2
     basis = basis_of(corner_mm, dot.cell_mm, CELLS, transfer, _WAVES)
     profile = basis.profile(spot, dot.variance_mm2)
 
-    def image_pullback(by_image: Array) -> Array:
-        return pullback(
-            spot_gradient_of(spot, profile, basis.cell_light_transpose(by_image))
-        )
+    def to_spot(by_image: Array) -> Spot:
+        return spot_gradient_of(spot, profile, basis.cell_light_transpose(by_image))
 
-    return _Drawn(basis.cell_light(image_of(spot, profile)), image_pullback)
+    return basis.cell_light(image_of(spot, profile)), to_spot
 
 
 def _places(cells: int, dtype) -> Float[Array, "cells cells 2"]:

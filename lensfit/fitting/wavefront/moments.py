@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from lensfit.fitting.wavefront.dots import are_corners
+from lensfit.fitting.wavefront.dots import are_corners, are_lines
 from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.start import defocus_size_of_variance_mm
@@ -131,8 +131,8 @@ def _distinct(
 
 
 def _moments_mm2(dot_data: DotData) -> Float[np.ndarray, "dots 2 2"]:
-    """Second moments of the green light of every dot, or of the blur of a corner's
-    edges, cells taken off."""
+    """Second moments of the green light of every dot, of the blur of a corner's edges
+    or of the light across a line, cells taken off."""
     light = np.where(dot_data.valid, dot_data.light, 0.0)[:, _GREEN]
     light = light - np.median(light, (-2, -1), keepdims=True)
     peak = light.max((-2, -1), keepdims=True)
@@ -149,8 +149,9 @@ def _moments_mm2(dot_data: DotData) -> Float[np.ndarray, "dots 2 2"]:
     square = np.stack([np.stack([xx, mixed], -1), np.stack([mixed, yy], -1)], -1)
     square_mm2 = square * cell_mm[:, :, None] * cell_mm[:, None]
     # Edges that cross determine the width of their blur, but not its direction.
-    if dot_data.dots.broad is not None:
-        corners = are_corners(dot_data.dots.broad)
-        even_mm2 = dot_data.diameter_mm[corners] ** 2 / 16
-        square_mm2[corners] = even_mm2[:, None, None] * np.eye(2)
+    broad = dot_data.dots.broad
+    if broad is not None:
+        edges = are_corners(broad) | are_lines(broad)
+        even_mm2 = dot_data.diameter_mm[edges] ** 2 / 16
+        square_mm2[edges] = even_mm2[:, None, None] * np.eye(2)
     return square_mm2

@@ -19,8 +19,8 @@ along both axes, exact at any place and width. A period is longer than the patch
 broad dots reach into it from beyond. There are as many waves as the image has detail:
 few where photograph and model are smoothed.
 
-Of large dots a part of the rim is shown, of checkers the squares that meet in a corner:
-these are drawn and transformed (`edges`).
+Of large dots a part of the rim is shown, of checkers the squares that meet in a corner,
+of line grids the lines around a sample: these are drawn and transformed (`edges`).
 
 Against discs drawn on sixteenths of a cell, the image of a point of light anywhere
 between cells is 5 % off at the worst for a radius of 1.5 cells, 3 % for 2, 1 % for 8;
@@ -44,8 +44,18 @@ from jaxtyping import Array, Complex, Float
 from scipy.special import j1, jv
 
 from lensfit.fitting.wavefront.basis import Basis, Cells
-from lensfit.fitting.wavefront.dots import Broad, Numbers, are_corners, are_rims
-from lensfit.fitting.wavefront.edges import rim_transfers, square_transfers
+from lensfit.fitting.wavefront.dots import (
+    Broad,
+    Numbers,
+    are_corners,
+    are_lines,
+    are_rims,
+)
+from lensfit.fitting.wavefront.edges import (
+    line_transfers,
+    rim_transfers,
+    square_transfers,
+)
 from lensfit.psf.pixels import FOOTPRINT, LEAST_SIGMA_PX, Profile
 from lensfit.psf.spot import Spot
 
@@ -65,15 +75,15 @@ _TINY = 1e-9
 
 class Transfer(NamedTuple):
     """Transfer function of the discs of a dot and its neighbours, or of the edges
-    around a corner or a rim.
+    around a corner, a rim or a line sample.
 
     Attributes
     ----------
     pattern : Down both ways and to the right.
-    size_slope : Its derivative by the share by which discs or bright squares are
+    size_slope : Its derivative by the share by which discs, bright squares or lines are
         larger; zero for rims, whose position is free.
     width : Standard deviation of that share.
-    edges : 1 for the edges around a corner or a rim, 0 for whole discs.
+    edges : 1 for edges, 0 for whole discs.
     """
 
     pattern: Complex[Numbers, "dots down right"]
@@ -208,8 +218,9 @@ def transfers_of(
     ----------
     cell_mm, cells : Of the patches.
     """
-    corners, rims = are_corners(broad), are_rims(broad)
-    whole = np.flatnonzero(~(corners | rims))
+    corners, rims, lines = are_corners(broad), are_rims(broad), are_lines(broad)
+    edges = corners | rims | lines
+    whole = np.flatnonzero(~edges)
     pattern = np.zeros((len(cell_mm), 2 * WAVES + 1, WAVES + 1), np.complex64)
     size_slope = np.zeros_like(pattern)
     for start in range(0, len(whole), _AT_ONCE):
@@ -222,14 +233,18 @@ def transfers_of(
     square_cells = broad.square_mm / cell_mm[:, :, None]
     squares = square_transfers(square_cells[corners], *waves)
     pattern[corners], size_slope[corners] = (seen * part for part in squares)
+    around = line_transfers(
+        square_cells[lines], broad.lattice[lines], broad.line_width[lines], *waves
+    )
+    pattern[lines], size_slope[lines] = (seen * part for part in around)
     disc_cells = broad.disc_mm / cell_mm[:, :, None]
     to_middle_cells = broad.rim_mm / cell_mm
     neighbour_offsets_cells = broad.neighbour_offsets_mm / cell_mm[:, None]
     pattern[rims] = seen * rim_transfers(
         disc_cells[rims], to_middle_cells[rims], neighbour_offsets_cells[rims], *waves
     )
-    edges = (corners | rims).astype(float)
-    return Transfer(pattern, size_slope, np.asarray(broad.size_width), edges)
+    width = np.asarray(broad.size_width)
+    return Transfer(pattern, size_slope, width, edges.astype(float))
 
 
 def _of_discs(

@@ -109,6 +109,8 @@ def blur_terms(wavefront: WavefrontFit) -> list[dict[str, Any]]:
 
 
 def _targets_of(observations: Observations) -> str:
+    if observations.are_lines:
+        return "pieces of lines"
     return "corners" if observations.are_corners else "dots"
 
 

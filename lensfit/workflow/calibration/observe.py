@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 from lensfit.detect.dot_diameter import DIAMETER_WIDTH, dot_diameter_mm
 from lensfit.detect.dot_images import cut_dot_images
 from lensfit.detect.find import observe
+from lensfit.detect.line_measure import LINE_WIDTH_DEVIATION
 from lensfit.detect.mosaic_seen import mosaic_seen
 from lensfit.detect.observations import Observations
 from lensfit.detect.orientation import numbered_as_on_chart
@@ -122,20 +123,17 @@ def observe_shoot(
             results.append(job.result())
             done += 1
             progress("detect", done, len(jobs))
-    return _with_dot_diameters(_without_overlaps(results))
+    return _with_mark_sizes(_without_overlaps(results))
 
 
-def _with_dot_diameters(results: list[Observed]) -> list[Observed]:
-    """Dots whose diameter nobody stated as large as photographs of their chart show
-    them, by the median."""
+def _with_mark_sizes(results: list[Observed]) -> list[Observed]:
+    """Dots and lines whose size nobody stated as large as photographs of their chart
+    show them, by the median."""
     takes = [one.take for one in results if one.take is not None]
     measured_mm: dict[str, list[float]] = {}
     for take in takes:
-        seen, dot_images = take.observations, take.dot_images
-        if seen.are_corners or dot_images is None:
-            continue
         if take.mark_diameter_mm is None:
-            found = dot_diameter_mm(seen, dot_images, take.pitch_mm)
+            found = _mark_size_mm(take)
             if found is not None:
                 measured_mm.setdefault(take.target, []).append(found)
 
@@ -143,10 +141,23 @@ def _with_dot_diameters(results: list[Observed]) -> list[Observed]:
         if take is None or take.target not in measured_mm:
             return take
         diameter_mm = float(np.median(measured_mm[take.target]))
-        widths = replace(take.widths, diameter=DIAMETER_WIDTH)
+        lines = take.observations.are_lines
+        deviation = LINE_WIDTH_DEVIATION if lines else DIAMETER_WIDTH
+        widths = replace(take.widths, diameter=deviation)
         return replace(take, mark_diameter_mm=diameter_mm, widths=widths)
 
     return [replace(one, take=sized(one.take)) for one in results]
+
+
+def _mark_size_mm(take: View) -> float | None:
+    """Diameter of dots or width of lines; None of corners, and where blur hides it."""
+    seen = take.observations
+    if seen.lines is not None:
+        width = seen.lines.width_pitches
+        return None if width is None else width * float(np.mean(take.pitch_mm))
+    if seen.are_corners or take.dot_images is None:
+        return None
+    return dot_diameter_mm(seen, take.dot_images, take.pitch_mm)
 
 
 def _without_overlaps(results: list[Observed]) -> list[Observed]:
@@ -297,7 +308,8 @@ def _take_for_fit(
         target=resolved.target.name,
         observations=marks,
         pitch_mm=resolved.target.pitch_xy_mm,
-        mark_diameter_mm=resolved.target.hole_diameter_mm,
+        mark_diameter_mm=resolved.target.hole_diameter_mm
+        or resolved.target.line_width_mm,
         focal_length_mm=resolved.focal_length_mm,
         sensor_size_mm=resolved.sensor_size_mm,
         f_number=resolved.f_number,

@@ -83,7 +83,7 @@ def _with_light(
     with_light = {}
     for k, photograph in enumerate(dot_data.photographs):
         predicted = found.get(photograph.take.name)
-        if predicted is None or photograph.take.observations.are_corners:
+        if predicted is None or photograph.take.observations.edge_blur_px is not None:
             continue
         mine, marks = dot_data.take == k, photograph.dot_images.marks
         size_mm = photograph.take.pixel_mm

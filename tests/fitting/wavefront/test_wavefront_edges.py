@@ -10,6 +10,7 @@ from lensfit.detect.corner_fit import fit_corners, half_width_px
 from lensfit.fitting.wavefront.corner_mark import detected_corner
 from lensfit.fitting.wavefront.edges import (
     is_square_ahead_bright,
+    line_transfers,
     rim_transfers,
     square_transfers,
 )
@@ -80,6 +81,55 @@ def test_larger_bright_squares_move_every_edge_alike(sides):
     off = from_waves(change[0], 1.5) - slope
     # Where edges cross, both move: to first order their lines add up.
     assert np.linalg.norm(off) < 0.05 * np.linalg.norm(slope)
+
+
+LINES = {
+    "broad, near a crossing": ([4.0, 7.2], [0.2, 0.2]),
+    "thin": ([3.0, 5.5], [0.06, 0.06]),
+    "of oblong cells": ([2.0, 1.4], [0.1, 0.15]),
+}
+
+
+def lines(sides, place, width, blur_cells, fine=16, around=MARGIN_CELLS):
+    """Means over cells of bright lines behind a Gaussian, about a place on the grid."""
+    wide = CELLS + 2 * around
+    along = (np.arange(wide * fine) + 0.5) / fine - wide / 2
+    places = np.stack(np.meshgrid(along, along), -1) @ np.linalg.inv(sides).T + place
+    off = np.abs(places - np.round(places))
+    blurred = (off < np.asarray(width) / 2).any(-1).astype(float)
+    blurred = gaussian_filter(blurred, blur_cells * fine, truncate=6)
+    drawn = blurred.reshape(wide, fine, wide, fine).mean((1, 3))
+    return drawn[around:-around, around:-around]
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["bright", "dark"])
+@pytest.mark.parametrize("blur_cells", [0.5, 1.5, 3.0])
+@pytest.mark.parametrize("name", LINES)
+def test_lines_are_as_the_chart_drawn_finely(name, blur_cells, dark):
+    place, width = LINES[name]
+    sides = np.array(SIDES["almost square on"])
+    known = np.array([sides]), np.array([place])
+    signed = (-1 if dark else 1) * np.array([width])
+    drawn, _ = line_transfers(*known, signed, PERIOD, MOST)
+    wanted = lines(sides, place, width, blur_cells)
+    off = from_waves(drawn[0], blur_cells) - (1 - wanted if dark else wanted)
+    assert np.abs(off).max() < 6e-3
+    assert np.sqrt(np.mean(off**2)) < 1e-3
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_wider_lines_move_both_edges_alike(name):
+    place, width = LINES[name]
+    sides = np.array(SIDES["almost square on"])
+    known = np.array([sides]), np.array([place]), np.array([width])
+    _, change = line_transfers(*known, PERIOD, MOST)
+    share = 0.1
+    wider, thinner = (
+        lines(sides, place, (1 + s * share) * np.array(width), 1.5) for s in (1, -1)
+    )
+    slope = (wider - thinner) / (2 * share)
+    off = from_waves(change[0], 1.5) - slope
+    assert np.linalg.norm(off) < 0.1 * np.linalg.norm(slope)
 
 
 def test_the_bright_square_is_told_whichever_side_comes_first():

@@ -41,15 +41,17 @@ def seen_of(bright: bool, field_mm=FIELD_MM) -> tuple[Any, ...]:
     """A dot among others, as the fit has it."""
     disc_mm = np.eye(2)[None] * RADIUS_PX * PIXEL_MM
     neighbour_offsets_mm = STEPS[None] * SPACING_PX * PIXEL_MM
-    no_square = np.zeros((1, 2, 2)), np.zeros(1)
-    width = np.full(1, 0.01)
     broad = Broad(
-        disc_mm,
-        np.zeros((1, 2)),
-        neighbour_offsets_mm,
-        *no_square,
-        width,
-        aperture_of(bright),
+        disc_mm=disc_mm,
+        rim_mm=np.zeros((1, 2)),
+        neighbour_offsets_mm=neighbour_offsets_mm,
+        square_mm=np.zeros((1, 2, 2)),
+        window_cells=np.zeros(1),
+        lattice=np.zeros((1, 2)),
+        line_width=np.zeros((1, 2)),
+        line_window_mm=np.zeros((1, 3, 3)),
+        size_width=np.full(1, 0.01),
+        aperture=aperture_of(bright),
     )
     dots = dots_at(field_mm[None], 0, 0, PIXEL_MM)._replace(
         broad=broad,

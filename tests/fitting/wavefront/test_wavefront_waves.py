@@ -31,14 +31,17 @@ def dot_of(disc_mm, neighbour_offsets_mm=NOBODY, size_width=1e-4):
     cell_mm = np.full((1, 2), PIXEL_MM)
     one = np.ones(1)
     aperture = DetectionAperture(5 * np.eye(2)[None], 1.3 * one, 0.3 * one, 0 * one)
-    no_square = np.zeros((1, 2, 2)), 0 * one
     broad = Broad(
-        disc_mm[None],
-        np.zeros((1, 2)),
-        neighbour_offsets_mm[None],
-        *no_square,
-        size_width * one,
-        aperture,
+        disc_mm=disc_mm[None],
+        rim_mm=np.zeros((1, 2)),
+        neighbour_offsets_mm=neighbour_offsets_mm[None],
+        square_mm=np.zeros((1, 2, 2)),
+        window_cells=0 * one,
+        lattice=np.zeros((1, 2)),
+        line_width=np.zeros((1, 2)),
+        line_window_mm=np.zeros((1, 3, 3)),
+        size_width=size_width * one,
+        aperture=aperture,
     )
     transfer = transfers_of(broad, cell_mm, CELLS)
     dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)._replace(broad=broad)

@@ -1,0 +1,95 @@
+"""Where detection finds the middle of a line, from the rays that the model traces.
+
+Detection (`detect.line_profile`) takes the light across a line above a straight
+background, which its flanks tell, and the centroid of that within a window about it.
+Coma draws a tail to one side: what of it lies beyond the window has no effect, and what
+lies on the flanks counts as background. The light across a line is the sum over rays of
+a box as wide as the line, blurred by each ray's own Gaussian.
+
+The middle moves across the line alone. Both families of a grid together give a vector
+whose part across either is that family's move.
+"""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import erf
+from jaxtyping import Array, Float
+
+from lensfit.psf.pixels import FOOTPRINT
+from lensfit.psf.spot import Spot
+
+_BINS = 96
+_ROUNDS = 3
+"""Of moving the window to the middle, as detection does."""
+_LEAST = 1e-12
+
+
+def detected_line_offset_mm(
+    spot: Spot,
+    variance_mm2: Float[Array, "2"],
+    square_mm: Float[Array, "2 2"],
+    line_width: Float[Array, "2"],
+    window_mm: Float[Array, "3"],
+) -> Float[Array, "2"]:
+    """From where the chief ray lands to the middle of a line through that point.
+
+    Parameters
+    ----------
+    variance_mm2 : Along x and y, of the Gaussian that every ray is besides its own.
+    square_mm, line_width : As `Broad` has them.
+    window_mm : Of one channel, as `Broad.line_window_mm` has it.
+    """
+    normals = jnp.stack([_across(square_mm[:, 1]), _across(square_mm[:, 0])])
+    pitches_mm = jnp.abs(jnp.einsum("ai,ia->a", normals, square_mm))
+    widths_mm = jnp.abs(line_width) * pitches_mm
+
+    def one(normal: Array, width_mm: Array) -> Array:
+        return _middle_mm(spot, variance_mm2, normal, width_mm, window_mm)
+
+    return jnp.linalg.solve(normals, jax.vmap(one)(normals, widths_mm))
+
+
+def _across(along: Array) -> Float[Array, "2"]:
+    """Unit vector across a direction."""
+    return jnp.stack([along[1], -along[0]]) / jnp.sqrt(jnp.sum(along**2) + _LEAST)
+
+
+def _middle_mm(
+    spot: Spot,
+    variance_mm2: Array,
+    normal: Array,
+    width_mm: Array,
+    window_mm: Array,
+) -> Float[Array, ""]:
+    """Along the normal."""
+    half_mm, fade_mm, flank_mm = window_mm
+    reach_mm = half_mm + fade_mm + flank_mm
+    steps = (np.arange(_BINS) + 0.5) / _BINS * 2 - 1
+    u = reach_mm * jnp.asarray(steps, reach_mm.dtype)
+    away = (jnp.abs(u) - half_mm) / fade_mm
+    counts = 0.5 + 0.5 * jnp.cos(jnp.pi * jnp.clip(away, 0, 1))
+    flank = (away >= 1).astype(u.dtype)
+    ray_mm = spot.landing_mm @ normal
+    blur_mm = jnp.sqrt(normal**2 @ variance_mm2 + FOOTPRINT * spot.cell_mm2 + _LEAST)
+    middle = jnp.zeros((), u.dtype)
+    for _ in range(_ROUNDS):
+        off = (middle + u)[None] - ray_mm[:, None]
+        edges = [
+            erf((off + side * width_mm / 2) / (math.sqrt(2) * blur_mm[:, None]))
+            for side in (1, -1)
+        ]
+        light = spot.weight @ (edges[0] - edges[1]) / 2
+        light = counts * (light - _straight(light, u, flank))
+        middle = middle + jnp.sum(light * u) / jnp.sum(light)
+    return middle
+
+
+def _straight(light: Array, u: Array, flank: Array) -> Float[Array, " bins"]:
+    """The straight line through what the flanks show."""
+    s0, s1, s2 = (jnp.sum(flank * u**k) for k in range(3))
+    t0, t1 = jnp.sum(flank * light), jnp.sum(flank * u * light)
+    determinant = s0 * s2 - s1**2
+    return (s2 * t0 - s1 * t1 + (s0 * t1 - s1 * t0) * u) / determinant

@@ -1,0 +1,125 @@
+"""Middles of lines behind coma, as detection finds those counted ray by ray."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
+
+from lensfit.detect.dot_images import CELLS
+from lensfit.detect.line_profile import Stretches, Window, measure_centres
+from lensfit.fitting.wavefront.dots import Broad, DetectionAperture
+from lensfit.fitting.wavefront.mark import (
+    detected_point_offset_slopes_mm,
+    detected_point_offsets_mm,
+)
+from lensfit.fitting.wavefront.waves import transfers_of
+
+PIXEL_MM, WIDTH_PX, PITCH_PX, TURN_RAD = 0.01, 3.0, 30.0, 0.12
+FIELD_MM = np.array([13.0, -9.0])
+COMATIC = Seidel(coma_um=8.0, spherical_um=4.0, defocus_mm=(0.03, 0.0, 0.0))
+WINDOW = Window(half_width_px=6.0, fade_px=1.5, flank_px=4.0, rows=10)
+SIDE, MIDDLE = 64, 32.0
+SIDES = np.array(
+    [
+        [np.cos(TURN_RAD), np.sin(TURN_RAD)],
+        [-np.sin(TURN_RAD), np.cos(TURN_RAD)],
+    ]
+)
+"""Of the grid, in columns: across lines of constant i, and along them."""
+
+
+def seen_of(field_mm=FIELD_MM) -> tuple[Any, ...]:
+    """A line sample, as the fit has it."""
+    window_px = np.array([WINDOW.half_width_px, WINDOW.fade_px, WINDOW.flank_px])
+    broad = Broad(
+        disc_mm=np.eye(2)[None] * WIDTH_PX * PIXEL_MM / np.sqrt(3),
+        rim_mm=np.zeros((1, 2)),
+        neighbour_offsets_mm=np.full((1, 8, 2), np.nan),
+        square_mm=SIDES[None] * PITCH_PX * PIXEL_MM,
+        window_cells=np.zeros(1),
+        lattice=np.array([[4.0, 2.5]]),
+        line_width=np.full((1, 2), WIDTH_PX / PITCH_PX),
+        line_window_mm=np.tile(np.cos(TURN_RAD) * PIXEL_MM * window_px, (1, 3, 1)),
+        size_width=np.full(1, 0.01),
+        aperture=DetectionAperture(np.eye(2)[None], *np.ones((3, 1))),
+    )
+    dots = dots_at(field_mm[None], 0, 0, PIXEL_MM)._replace(
+        broad=broad,
+        lateral_mm=np.zeros((1, 3, 2, 2)),
+        sampled_ellipse_mm=np.zeros((1, 2, 2)),
+        variance_mm2=np.full((1, 2), 1e-6),
+    )
+    transfer = transfers_of(broad, dots.cell_mm, CELLS)
+    dot, transfer = jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
+    return dot, transfer, jnp.zeros((3, 2)), LAYOUT, SCALE
+
+
+def photographed(along: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """One line through the middle, counted in numpy alone."""
+    rng, rays = np.random.default_rng(4), 2_000_000
+    u = COMATIC.opening(FIELD_MM / 20.0, 1.0, rays, rng)
+    started = MIDDLE + along * rng.uniform(-SIDE, SIDE, (rays, 1))
+    started = started + across * rng.uniform(-WIDTH_PX / 2, WIDTH_PX / 2, (rays, 1))
+    landed = COMATIC.landing_mm(u, FIELD_MM, 0) / PIXEL_MM + started
+    landed = landed + rng.normal(0, 0.1, landed.shape)
+    edges = np.arange(SIDE + 1.0)
+    return np.histogram2d(landed[:, 1], landed[:, 0], (edges, edges))[0]
+
+
+def as_detected(picture: np.ndarray, slope: float) -> float:
+    """From the middle of the picture along its rows."""
+    middle = np.array([MIDDLE])
+    here = Stretches(middle, middle, np.array([slope]), np.zeros(1))
+    return float(measure_centres(picture, here, WINDOW, 1).dx_px[0])
+
+
+@pytest.mark.parametrize("family", [0, 1])
+def test_detection_finds_the_middle_there(family):
+    along, across = SIDES[:, 1 - family], SIDES[:, family]
+    picture = photographed(along, across)
+    if family:  # level lines are read along columns
+        picture, along = picture.T, along[::-1]
+    found = as_detected(picture, along[0] / along[1]) * np.cos(TURN_RAD)
+    parameters = jnp.asarray(COMATIC.parameters())
+    offset_mm = np.asarray(detected_point_offsets_mm(parameters, *seen_of())[1])
+    expected = offset_mm @ across / PIXEL_MM
+    assert found == pytest.approx(expected, rel=0.04)
+    assert abs(found) > 0.2
+
+
+def test_slopes_agree_with_differences():
+    seen, parameters = seen_of(), jnp.asarray(COMATIC.parameters())
+    found = detected_point_offset_slopes_mm(parameters, *seen)[1]
+    offset = jax.jit(lambda p: detected_point_offsets_mm(p, *seen)[1])
+    for name, step in {"coefficients": 0.1, "defocus": 1e-4}.items():
+        where = LAYOUT.blocks[name]
+        moves = jnp.eye(LAYOUT.size)[where] * step
+        wanted = [offset(parameters + m) - offset(parameters - m) for m in moves]
+        wanted = np.stack(wanted, -1) / (2 * step)
+        largest = np.abs(wanted).max()
+        np.testing.assert_allclose(found[:, where], wanted, atol=0.05 * largest)
+
+
+def test_an_even_blur_moves_no_line():
+    still = Seidel(spherical_um=6.0, defocus_mm=(0.03, 0.0, 0.0))
+    found = detected_point_offsets_mm(
+        jnp.asarray(still.parameters()), *seen_of(np.zeros(2))
+    )
+    np.testing.assert_allclose(found, 0, atol=2e-2 * PIXEL_MM)
+
+
+def test_single_precision_stays_single():
+    def single(part):
+        part = jnp.asarray(part)
+        floating = jnp.issubdtype(part.dtype, jnp.floating)
+        return part.astype(jnp.float32) if floating else part
+
+    *arrays, layout, scale = seen_of()
+    arrays = jax.tree.map(single, (jnp.asarray(COMATIC.parameters()), *arrays))
+    scale = jax.tree.map(single, scale)
+    assert detected_point_offsets_mm(*arrays, layout, scale).dtype == jnp.float32
+    slopes = detected_point_offset_slopes_mm(*arrays, layout, scale)
+    assert slopes.dtype == jnp.float32
