@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from data_synth.chart import Pose
+from data_synth.files import PictureFormat
 from data_synth.frame import Frame
 from data_synth.prescription import Prescription, load_prescription, prescription_names
 from data_synth.sensor import Sensor
@@ -34,6 +35,17 @@ OPEN_STOPS = 1.5
 """Random lenses are closed by up to this many stops."""
 STRENGTHS = (0.3, 1.5)
 BLADES = (0, 5, 6, 7, 8, 9, 11)
+_CHARTS = (
+    ("holes of 1.6 px", WavefrontPlan()),
+    ("holes of 5 px", WavefrontPlan(hole_px=5.0)),
+    ("dark dots of 6 px", WavefrontPlan(hole_px=6.0, dark=True)),
+    ("dark dots of 16 px", WavefrontPlan(hole_px=16.0, dark=True)),
+    ("checkerboard", WavefrontPlan(kind="checkerboard")),
+    ("lines of 3 px", WavefrontPlan(kind="line-grid", hole_px=3.0)),
+)
+_FORMS: tuple[PictureFormat, ...] = ("exr", "png16", "jpg")
+_TILTED_SHARE = 0.75
+"""Of shoots drawn by chance, which have a tilted take."""
 
 
 @dataclass(frozen=True)
@@ -229,6 +241,25 @@ def random_subject(number: int, seed: int, size_px: tuple[int, int]) -> Subject:
     )
     about = f"{focal_mm:.1f} mm f/{made.f_number:g}, errors x {strength:.2f}"
     return Subject(f"{base.name}_{seed}_{number}", about, made, camera)
+
+
+def random_plan(number: int, seed: int) -> tuple[str, WavefrontPlan]:
+    """How the lens of that number is photographed, in a few words and as a plan: with
+    what chart, in what files."""
+    rng = np.random.default_rng([seed, number, 1])
+    name, plan = _CHARTS[int(rng.integers(len(_CHARTS)))]
+    form = _FORMS[int(rng.integers(len(_FORMS)))]
+    with_lines = plan.kind == "dot-grid" and bool(rng.integers(2))
+    with_tilted = bool(rng.random() < _TILTED_SHARE)
+    roll_deg = round(float(rng.uniform(-6, 6)), 1)
+    plan = dataclasses.replace(
+        plan,
+        form=form,
+        with_lines=with_lines,
+        with_tilted=with_tilted,
+        pose=dataclasses.replace(plan.pose, roll_deg=roll_deg),
+    )
+    return f"{name}, {form}", plan
 
 
 def _subject(

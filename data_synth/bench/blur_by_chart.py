@@ -19,7 +19,6 @@ from data_synth.prescription import load_prescription
 from data_synth.wavefront_cases import subject_of
 from data_synth.wavefront_plan import WavefrontPlan
 from lensfit.errors import LensfitError
-from lensfit.fitting.wavefront.effort import Effort
 from lensfit.progress import Progress, silent
 
 LENSES = ("biotar_50", "nikkor_28", "petzval_50")
@@ -87,7 +86,7 @@ def bench_blur_by_chart(
     lenses: Sequence[str] = LENSES[:1],
     charts: Sequence[str] = tuple(CHARTS),
     size_px: tuple[int, int] = (640, 480),
-    effort: Effort = Effort.NORMAL,
+    effort: str = "normal",
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Photograph, calibrate and judge every lens with every chart.

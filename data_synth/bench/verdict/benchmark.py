@@ -45,6 +45,7 @@ def bench_verdict(
     out_dir: str | Path | None = None,
     *,
     reuse: bool = False,
+    effort: str = "normal",
     progress: Progress = silent,
 ) -> Table:
     """Photograph and calibrate every shoot, and compare verdicts with what is true.
@@ -56,6 +57,7 @@ def bench_verdict(
     judge_px : As `data_synth` does it.
     out_dir : Folder for shoots and bench_verdict.json; None keeps nothing.
     reuse : Take the photographs that already lie in the folder.
+    effort : Of the blur of right shoots.
 
     Returns
     -------
@@ -85,7 +87,7 @@ def bench_verdict(
             make_room_for_programs()
             folder = base / trial.name
             _photograph(trial, folder, reuse)
-            found["right"].append(_right_row(trial, folder, judge_px))
+            found["right"].append(_right_row(trial, folder, judge_px, effort))
             _result(on, out_dir, found)
     progress("shoots", whole, whole)
     return _result(on, out_dir, found)
@@ -114,9 +116,9 @@ def level_of_error(error_px: float) -> Level:
     return "look" if error_px <= ROUGH_PX else "unusable"
 
 
-def _right_row(trial: Trial, folder: Path, judge_px: JudgePx) -> Table:
+def _right_row(trial: Trial, folder: Path, judge_px: JudgePx, effort: str) -> Table:
     results = folder / "results"
-    level, _, line = _judged(folder / "shoot.toml", results)
+    level, _, line = _judged(folder / "shoot.toml", results, effort)
     error_px = None
     if level != REFUSED:
         error_px = judge_px(load_preset(results / "preset.json"), folder)
@@ -133,10 +135,12 @@ def _right_row(trial: Trial, folder: Path, judge_px: JudgePx) -> Table:
     }
 
 
-def _judged(shoot_file: Path, out: Path) -> tuple[str, str, str]:
+def _judged(
+    shoot_file: Path, out: Path, effort: str = "normal"
+) -> tuple[str, str, str]:
     """Level, tone and first line of a shoot."""
     try:
-        judged = calibrate(load_shoot(shoot_file), out)["verdict"]
+        judged = calibrate(load_shoot(shoot_file), out, effort=effort)["verdict"]
     except LensfitError as error:
         return REFUSED, "bad", str(error)
     return judged["level"], judged["reasons"][0]["tone"], judged["headline"]

@@ -26,7 +26,6 @@ from data_synth.bench.wavefront.many_lenses import many_lenses_rows
 from data_synth.bench.wavefront.plot import write_plot
 from data_synth.bench.wavefront.rows import wavefront_rows
 from lensfit.errors import LensfitError
-from lensfit.fitting.wavefront.effort import Effort
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.programs import make_room_for_programs
@@ -66,7 +65,7 @@ def bench_wavefront(
     *,
     reuse: bool = False,
     beside: Beside | None = None,
-    effort: Effort = Effort.NORMAL,
+    effort: str = "normal",
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Photograph, calibrate and judge every lens.
@@ -148,7 +147,7 @@ def _photographed(
 
 
 def _calibrated(
-    row: dict[str, Any], shoot: Shoot, judge: Judge, folder: Path, effort: Effort
+    row: dict[str, Any], shoot: Shoot, judge: Judge, folder: Path, effort: str
 ) -> Seen:
     """Marks, preset and figures; what was seen serves again."""
     made = folder / "calibrated"

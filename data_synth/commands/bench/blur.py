@@ -71,7 +71,7 @@ def blur(
                     lenses=lenses or LENSES[:1],
                     charts=names,
                     size_px=photograph_size_px(size),
-                    effort=given,
+                    effort=effort,
                     progress=progress,
                 )
             )

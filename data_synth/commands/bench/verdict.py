@@ -12,12 +12,15 @@ from data_synth.commands.bench.outcome import fail_if_any, say_machine
 from data_synth.commands.prescriptions import prescription_of
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._console import console
+from lensfit.cli._door import one_of
+from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
 from lensfit.cli._sizes import photograph_size_px
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from data_synth.bench.wavefront.benchmark import Trial
+    from data_synth.wavefront_cases import Subject
     from lensfit.preset.schema import Preset
 
 SPOILT, RANDOM = "nikkor_28", "random"
@@ -42,6 +45,13 @@ def verdict(
         str, typer.Option("--size", help="Of right shoots, WIDTHxHEIGHT px")
     ] = "480x360",
     seed: Annotated[int, typer.Option("--seed", help="Of lenses and noise")] = 0,
+    effort: Annotated[
+        str,
+        typer.Option(
+            help="Of right shoots through focus: " + EFFORT_HELP,
+            callback=one_of(EFFORTS),
+        ),
+    ] = "fastest",
     reuse: Annotated[
         bool, typer.Option("--reuse", help="Keep photographs that lie in --out")
     ] = False,
@@ -51,7 +61,9 @@ def verdict(
 
     Wrong shoots are one shoot, spoilt in every way that is known; the table has the
     first line that a reader sees. Right shoots are of published designs with the errors
-    of a workshop, every design once in a row; the trace says what each is good for.
+    of a workshop, every design once in a row; the trace says what each is good for. One
+    is in focus alone, the next through focus with a chart drawn by chance, its blur
+    measured.
 
     Example: lensfit bench verdict --shoots 26 --out bench
 
@@ -64,7 +76,13 @@ def verdict(
     spoilt = _spoilt_trial(lens, seed) if wrong else None
     with progress_bars() as progress:
         result = bench_verdict(
-            right, spoilt, chief_ray_error_px, out, reuse=reuse, progress=progress
+            right,
+            spoilt,
+            chief_ray_error_px,
+            out,
+            reuse=reuse,
+            effort=effort,
+            progress=progress,
         )
     if as_json:
         typer.echo(json.dumps(result))
@@ -82,6 +100,8 @@ def _right_trial(number: int, seed: int, size_px: tuple[int, int]) -> "Trial":
     from data_synth.wavefront_cases import random_subject
 
     subject = random_subject(number, seed, size_px)
+    if number % 2:
+        return _through_focus_trial(subject, number, seed)
 
     def write(folder: Path) -> None:
         import numpy as np
@@ -98,6 +118,23 @@ def _right_trial(number: int, seed: int, size_px: tuple[int, int]) -> "Trial":
         _without_holes(folder / "shoot.toml")
 
     return Trial(subject.name, subject.about, write)
+
+
+def _through_focus_trial(subject: "Subject", number: int, seed: int) -> "Trial":
+    """In focus, nearer and farther at two stops, with a chart drawn by chance."""
+    from data_synth.bench.wavefront.benchmark import Trial
+    from data_synth.wavefront_cases import random_plan
+
+    about, plan = random_plan(number, seed)
+    subject = replace(subject, plan=plan)
+
+    def write(folder: Path) -> None:
+        from data_synth.shoot import write_shoot
+
+        prescription, camera = subject.prescription, subject.camera
+        write_shoot(folder, prescription, camera, subject.shots(), seed=seed + number)
+
+    return Trial(subject.name, f"{subject.about}, through focus, {about}", write)
 
 
 def _spoilt_trial(lens: str, seed: int) -> "Trial":

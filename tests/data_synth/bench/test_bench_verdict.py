@@ -82,7 +82,7 @@ def test_what_is_called_worse_or_refused_is_counted(tmp_path: Path, monkeypatch)
     """Of three right shoots one is refused, and one is called worse than it is."""
     said = {"good": "measurement", "timid": "look"}
 
-    def calibrate(shoot, out):
+    def calibrate(shoot, out, **_):
         name = shoot.path.parent.name
         if name == "refused":
             raise DetectionError("no dots found")
@@ -104,7 +104,7 @@ def test_what_is_called_worse_or_refused_is_counted(tmp_path: Path, monkeypatch)
 
 
 def test_a_wrong_shoot_that_ends_green_fails(tmp_path: Path, monkeypatch):
-    def calibrate(shoot, out):
+    def calibrate(shoot, out, **_):
         reasons = [{"tone": "good"}]
         return {"verdict": {"level": "measurement", "headline": "", "reasons": reasons}}
 
