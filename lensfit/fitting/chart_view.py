@@ -39,6 +39,9 @@ class View:
     chief_rays : Whether marks are where chief rays land, not centroids.
     shared_moves_mm : How marks that were placed so move together, red, green and blue,
         by every independent error of what placed them, one standard deviation each.
+    colour_moves_mm : How such marks move by the wavefront's terms of colour, each as
+        large as any lens has it.
+    colour_orders : Orders of these terms.
     widths : How well what is stated is known, and the diameter of dots.
     """
 
@@ -57,6 +60,8 @@ class View:
     rims: DotImages | None = None
     chief_rays: bool = False
     shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
+    colour_moves_mm: Float[np.ndarray, "terms 3 marks 2"] | None = None
+    colour_orders: tuple[int, ...] = ()
     widths: Widths = ORDINARY_WIDTHS
 
     @property

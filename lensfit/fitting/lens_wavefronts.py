@@ -12,6 +12,7 @@ charts do not extend too far in depth; other settings then remain unknown.
 """
 
 from collections.abc import Collection
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +31,11 @@ from lensfit.fitting.wavefront.dot_patches import (
 )
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.fit import WavefrontFit, fit_wavefront
-from lensfit.fitting.wavefront.gather import farthest_point_rows, gather
+from lensfit.fitting.wavefront.gather import (
+    farthest_point_rows,
+    gather,
+    gather_beside,
+)
 from lensfit.fitting.wavefront.start import sharp_f_number
 from lensfit.optics.spectrum import bands
 from lensfit.progress import Progress
@@ -99,7 +104,7 @@ def fit_wavefronts(
             )
             if fitted.dot_data.of_one_setting:
                 fitted = refit_without_centroid_bias(fitted)
-            found.fitted[focal_mm] = fitted
+            found.fitted[focal_mm] = _with_lines_beside(fitted, photographs, pictured)
         except np.linalg.LinAlgError:
             found.without[focal_mm] = _UNDETERMINED
         except ValueError as error:
@@ -125,6 +130,16 @@ def _usable_photographs(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
     broad = [one for one, cells in sized if cells <= LARGEST_DOT_APERTURE_CELLS]
     of_small = [one for one in broad if one.take.target in small]
     return of_small or [*broad, *corners] or lines
+
+
+def _with_lines_beside(
+    fitted: WavefrontFit, used: list[DotPhotograph], pictured: list[DotPhotograph]
+) -> WavefrontFit:
+    """The fit to some photographs with those of lines, if it was made without."""
+    lines = [one for one in pictured if one.take.observations.are_lines]
+    if not lines or any(one.take.observations.are_lines for one in used):
+        return fitted
+    return replace(fitted, beside=gather_beside(fitted.dot_data, lines, bands(3)))
 
 
 def _shows_dots(photograph: DotPhotograph) -> bool:

@@ -80,6 +80,7 @@ def fitted_of(takes, wide_cells, monkeypatch):
     monkeypatch.setattr(
         lens_wavefronts, "fit_wavefront", lambda shown, *_, **__: noted(shown, seen)
     )
+    monkeypatch.setattr(lens_wavefronts, "_with_lines_beside", lambda fit, *_: fit)
     found = fit_wavefronts([state(*takes)], silent, Effort.FASTEST, None)
     return found, [one.take.name for one in seen]
 

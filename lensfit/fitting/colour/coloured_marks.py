@@ -44,7 +44,9 @@ class ColouredMarks(NamedTuple):
     variance_mm2 : Of the displacement; of a line, along its normal.
     pixel_mm : Width of a pixel.
     shared_mm : How displacements move together.
+    by_colour_mm : How they move by the wavefront's terms of colour.
     take : Which photograph each mark is on.
+    colour_orders : Of the terms of colour.
     """
 
     place_mm: Float[np.ndarray, "marks 2"]
@@ -53,7 +55,9 @@ class ColouredMarks(NamedTuple):
     variance_mm2: Float[np.ndarray, " marks"]
     pixel_mm: Float[np.ndarray, " marks"]
     shared_mm: Float[np.ndarray, "marks moves 2"]
+    by_colour_mm: Float[np.ndarray, "marks terms 2"]
     take: Int[np.ndarray, " marks"]
+    colour_orders: tuple[int, ...]
 
 
 def colour_takes(takes: tuple[View, ...], left_out: LeftOut) -> list[View]:
@@ -91,32 +95,50 @@ def marks_of(
     covariance = (o.channel_covariance_px2[index] + o.channel_covariance_px2[1])[keep]
     normal = np.where((o.family != POINT)[:, None], o.normal, np.nan)[keep]
     green = mm_from_px(places[1][keep], o.image_size_px, take.sensor_size_mm)
-    shared = np.zeros((len(moved), 0, 2))
-    if take.shared_moves_mm is not None:
-        by_channel = take.shared_moves_mm[:, :, keep]
-        shared = (by_channel[:, index] - by_channel[:, 1]).swapaxes(0, 1)
+
+    def of_marks(moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None) -> np.ndarray:
+        if moves_mm is None:
+            return np.zeros((len(moved), 0, 2))
+        by_channel = moves_mm[:, :, keep]
+        return (by_channel[:, index] - by_channel[:, 1]).swapaxes(0, 1)
+
     return ColouredMarks(
         place_mm=green - centre_mm,
         moved_mm=moved,
         normal=normal,
         variance_mm2=variance_of(covariance, normal) * mm_per_px**2,
         pixel_mm=np.full(len(moved), mm_per_px),
-        shared_mm=shared,
+        shared_mm=of_marks(take.shared_moves_mm),
+        by_colour_mm=of_marks(take.colour_moves_mm),
+        colour_orders=take.colour_orders,
         take=np.zeros(len(moved), int),
     )
 
 
 def joined_marks(seen: list[ColouredMarks]) -> ColouredMarks:
-    """Of all takes; shared moves that a take lacks are zero there."""
-    most = max(marks.shared_mm.shape[1] for marks in seen)
+    """Of all takes; moves that a take lacks are zero there."""
+    shared = _alike([marks.shared_mm for marks in seen])
+    by_colour = _alike([marks.by_colour_mm for marks in seen])
     alike = [
         marks._replace(
-            shared_mm=np.pad(
-                marks.shared_mm,
-                [(0, 0), (0, most - marks.shared_mm.shape[1]), (0, 0)],
-            ),
+            shared_mm=shared[k],
+            by_colour_mm=by_colour[k],
             take=np.full(len(marks.take), k),
         )
         for k, marks in enumerate(seen)
     ]
-    return ColouredMarks(*(np.concatenate(parts) for parts in zip(*alike, strict=True)))
+    orders = max((marks.colour_orders for marks in seen), key=len)
+    joined = [
+        np.concatenate([getattr(marks, name) for marks in alike])
+        for name in ColouredMarks._fields
+        if name != "colour_orders"
+    ]
+    return ColouredMarks(*joined, colour_orders=orders)
+
+
+def _alike(
+    moves_mm: list[Float[np.ndarray, "marks moves 2"]],
+) -> list[Float[np.ndarray, "marks most 2"]]:
+    """With as many moves as that with the most."""
+    most = max(one.shape[1] for one in moves_mm)
+    return [np.pad(one, [(0, 0), (0, most - one.shape[1]), (0, 0)]) for one in moves_mm]

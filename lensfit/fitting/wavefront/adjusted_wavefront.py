@@ -17,12 +17,14 @@ colour are fitted to these positions.
 in practice it carries the noise of the rays that the image is made of.)
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import RBFInterpolator
 
+from lensfit.detect.observations import CHANNELS
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.joint_adjustment import ErrorAmplitudes
 from lensfit.fitting.wavefront.aliasing import Aliasing, aliasing_of
@@ -30,6 +32,7 @@ from lensfit.fitting.wavefront.centroid_biases import (
     detected_point_moves_mm,
     linear_detected_point_moves_mm,
     smooth_centroid_biases_mm,
+    smooth_line_light_shares,
 )
 from lensfit.fitting.wavefront.constrained_refit import (
     bias_cancelling_move,
@@ -40,8 +43,14 @@ from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.misfit import misfit_of
 from lensfit.fitting.wavefront.stages import Stage, recentre_patches
+from lensfit.fitting.wavefront.term_groups import (
+    LAST,
+    colour_term_groups,
+    deviation_of,
+)
 from lensfit.fitting.wavefront.uncertainty import parameter_moves
 
+_GREEN = 1
 _NEAREST = 24
 """Samples that a bias of a line is interpolated from."""
 _BIAS_UNCERTAINTY = 0.05
@@ -55,20 +64,39 @@ def chief_ray_takes(stage: Stage, dot_data: DotData) -> list[View]:
     Detected points whose size is unknown stay where they are.
     """
     bias_mm = smooth_centroid_biases_mm(stage, dot_data)
+    shares = smooth_line_light_shares(stage, dot_data)
     aliasing = aliasing_of(stage, dot_data)
     takes = []
     for k, photograph in enumerate(dot_data.photographs):
         mine = dot_data.take == k
         of_take = Aliasing(*(part[mine] for part in aliasing))
-        takes.append(_take_at_chief_rays(photograph, bias_mm[mine], of_take))
+        take = _take_at_chief_rays(photograph, bias_mm[mine], of_take)
+        if take.observations.are_lines:
+            take = _with_whole_light(take, photograph, shares[mine])
+        takes.append(take)
     return takes
+
+
+def _with_whole_light(
+    take: View, photograph: DotPhotograph, shares: Float[np.ndarray, "dots 3 2"]
+) -> View:
+    """The take with all the light of bright lines; the field beside dark ones is what
+    it was measured as."""
+    seen = take.observations
+    if not seen.bright:
+        return take
+    _, every = _of_every_mark(photograph, shares)
+    channels = seen.flux.shape[1]
+    own = np.take_along_axis(every, seen.family[:, None, None], 2)[..., 0]
+    own = own if channels == len(CHANNELS) else own[:, _GREEN : _GREEN + 1]
+    return replace(take, observations=replace(seen, flux=seen.flux / own))
 
 
 def takes_with_shared_moves(
     takes: list[View],
-    stage: Stage,
-    dot_data: DotData,
-    moves_mm: Float[np.ndarray, "dots moves 3 2"],
+    found: WavefrontFit,
+    moves_of: Callable[[DotData], Float[np.ndarray, "dots moves 3 2"]],
+    colour_orders: tuple[int, ...] = (),
 ) -> list[View]:
     """Takes with `shared_moves_mm`, the common errors of their points: the given moves,
     and a share of the bias (the model's error), alike in all takes of one f-number and
@@ -76,25 +104,42 @@ def takes_with_shared_moves(
 
     Parameters
     ----------
-    takes : From `chief_ray_takes`.
-    moves_mm : How independent errors of the wavefront move every detected point
+    takes : At chief rays, of all photographs of the fit and then of those beside.
+    moves_of : How independent errors of the wavefront move every detected point
         (`centroid_biases`).
+    colour_orders : Of the last moves, which are `colour_moves_mm`.
     """
-    bias_mm = smooth_centroid_biases_mm(stage, dot_data)
+    colours = len(colour_orders)
     settings = [(take.f_number, take.focus_distance_mm) for take in takes]
     distinct = list(dict.fromkeys(settings))
-    moves = moves_mm.shape[1]
-    found = []
-    for k, take in enumerate(takes):
-        mine = dot_data.take == k
-        shared = np.zeros((moves + len(distinct), 3, len(take.observations), 2))
-        each_mm = np.concatenate([moves_mm[mine], bias_mm[mine][:, None]], 1)
-        rows, each_mm = _of_every_mark(dot_data.photographs[k], each_mm)
-        shared[:moves, :, rows] = each_mm[:, :moves].transpose(1, 2, 0, 3)
-        alike = moves + distinct.index(settings[k])
-        shared[alike, :, rows] = _BIAS_UNCERTAINTY * each_mm[:, moves]
-        found.append(replace(take, shared_moves_mm=shared))
-    return found
+    left, moved = iter(zip(takes, settings, strict=True)), []
+    for dot_data in _photographed(found):
+        moves_mm = moves_of(dot_data)
+        bias_mm = smooth_centroid_biases_mm(found.stage, dot_data)
+        moves = moves_mm.shape[1] - colours
+        for k, photograph in enumerate(dot_data.photographs):
+            take, setting = next(left)
+            mine = dot_data.take == k
+            shared = np.zeros((moves + len(distinct), 3, len(take.observations), 2))
+            each_mm = np.concatenate([moves_mm[mine], bias_mm[mine][:, None]], 1)
+            rows, each_mm = _of_every_mark(photograph, each_mm)
+            shared[:moves, :, rows] = each_mm[:, :moves].transpose(1, 2, 0, 3)
+            alike = moves + distinct.index(setting)
+            shared[alike, :, rows] = _BIAS_UNCERTAINTY * each_mm[:, -1]
+            take = replace(take, shared_moves_mm=shared)
+            if colours:
+                by_colour = np.zeros((colours, *shared.shape[1:]))
+                by_colour[:, :, rows] = each_mm[:, moves:-1].transpose(1, 2, 0, 3)
+                take = replace(
+                    take, colour_moves_mm=by_colour, colour_orders=colour_orders
+                )
+            moved.append(take)
+    return moved
+
+
+def _photographed(found: WavefrontFit) -> list[DotData]:
+    """What the fit was made from, and what stands beside."""
+    return [found.dot_data] if found.beside is None else [found.dot_data, found.beside]
 
 
 def _of_every_mark(
@@ -155,12 +200,36 @@ _LARGEST_MISFIT_RATIO = 1.1
 def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[View]:
     """The takes with points where chief rays land, and how errors of the wavefront
     move them."""
-    stage, dot_data = found.stage, found.dot_data
+    stage = found.stage
     moves = parameter_moves(stage, found.total_covariance)
-    moves_mm = linear_detected_point_moves_mm(stage, dot_data, moves)
-    return takes_with_shared_moves(
-        chief_ray_takes(stage, dot_data), stage, dot_data, moves_mm
-    )
+    orders, colours = _colour_moves(stage)
+    moves = np.concatenate([moves, colours])
+    takes = [
+        take
+        for dot_data in _photographed(found)
+        for take in chief_ray_takes(stage, dot_data)
+    ]
+
+    def moves_of(dot_data: DotData) -> np.ndarray:
+        return linear_detected_point_moves_mm(stage, dot_data, moves)
+
+    return takes_with_shared_moves(takes, found, moves_of, orders)
+
+
+def _colour_moves(
+    stage: Stage,
+) -> tuple[tuple[int, ...], Float[np.ndarray, "terms parameters"]]:
+    """Orders of the terms of colour, and each by one deviation of its prior; none of
+    grey photographs."""
+    layout = stage.layout
+    if not stage.dot_data.colour:
+        return (), np.zeros((0, layout.size))
+    groups = tuple(colour_term_groups(layout))
+    deviation = deviation_of(groups, layout, LAST)
+    rows = np.flatnonzero(deviation)
+    in_block = (rows - layout.blocks["colour"].start) % len(layout.colour_terms)
+    orders = tuple(layout.colour_terms[int(k)].order for k in in_block)
+    return orders, np.diag(deviation)[rows]
 
 
 def takes_with_error_moves(
@@ -169,9 +238,11 @@ def takes_with_error_moves(
     errors: Float[np.ndarray, "errors parameters"],
 ) -> list[View]:
     """The same takes with how these errors, of any size, move every point."""
-    stage, dot_data = found.stage, found.dot_data
-    moves_mm = detected_point_moves_mm(stage, dot_data, errors)
-    return takes_with_shared_moves(takes, stage, dot_data, moves_mm)
+
+    def moves_of(dot_data: DotData) -> np.ndarray:
+        return detected_point_moves_mm(found.stage, dot_data, errors)
+
+    return takes_with_shared_moves(takes, found, moves_of)
 
 
 def wavefront_errors(found: WavefrontFit) -> Float[np.ndarray, "errors parameters"]:

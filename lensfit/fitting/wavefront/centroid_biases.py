@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from scipy.interpolate import RBFInterpolator
 
 from lensfit.batches import in_batches
+from lensfit.fitting.wavefront.dots import are_lines
 from lensfit.fitting.wavefront.gather import (
     DotData,
     rows_spread_over_takes,
@@ -26,6 +27,7 @@ from lensfit.fitting.wavefront.light_centroid import centroid_slopes_mm, centroi
 from lensfit.fitting.wavefront.mark import (
     detected_point_offset_slopes_mm,
     detected_point_offsets_mm,
+    line_light_shares,
 )
 from lensfit.fitting.wavefront.normal import as_float32
 from lensfit.fitting.wavefront.parameters import Layout, Scale
@@ -58,6 +60,20 @@ def smooth_centroid_biases_mm(
     few = select_dots(dot_data, rows_spread_over_takes(dot_data, _SAMPLED_FOR_ALL))
     of_few_mm = centroid_biases_mm(stage, few)[:, None]
     return _interpolated_to_all(of_few_mm, few, dot_data)[:, 0]
+
+
+def smooth_line_light_shares(
+    stage: Stage, dot_data: DotData
+) -> Float[np.ndarray, "dots 3 2"]:
+    """Share of the light that detection measures of lines of constant i and j at every
+    sample, computed at a few and interpolated; 1 of other targets."""
+    broad = dot_data.dots.broad
+    shares = np.ones((len(dot_data.take), 3, 2))
+    if broad is None or not are_lines(broad).any():
+        return shares
+    few = select_dots(dot_data, rows_spread_over_takes(dot_data, _SAMPLED_FOR_ALL))
+    found = _evaluate_on_dots(line_light_shares, stage, few, _BROAD_BATCH)
+    return _interpolated_to_all(found[:, None], few, dot_data)[:, 0]
 
 
 def centroid_bias_slopes_mm(

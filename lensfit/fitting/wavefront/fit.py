@@ -150,6 +150,8 @@ class WavefrontFit:
     mirrored : Whether the dots are explained decisively better on the other side of
         focus than was stated; tested only where their misfit is large.
     misfit : How far the images of dots are from those photographed.
+    beside : Photographs at the same focus distances whose marks were not fitted, as
+        lines are beside dots: where their chief rays land follows from the rest.
     """
 
     dot_data: DotData
@@ -162,6 +164,7 @@ class WavefrontFit:
     sign_known: bool
     mirrored: bool
     misfit: Misfit
+    beside: DotData | None = None
 
     @property
     def converged(self) -> bool:

@@ -101,15 +101,63 @@ class DotData:
 
 def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
     """Arrays of all dots; every take states its f-number."""
-    known = _reference(photographs)
     f_numbers = sorted({s.f_number for s in photographs})
-    sines = [_rim_sine(known, f_number) for f_number in f_numbers]
     groups = tuple(dict.fromkeys(_group(s) for s in photographs))
-    broad = are_broad(photographs)
-    rows = []
+    settings = [
+        (groups.index(_group(one)), f_numbers.index(one.f_number))
+        for one in photographs
+    ]
+    known = _reference(photographs)
+    return _gathered(photographs, known, groups, tuple(f_numbers), settings, bands)
+
+
+def gather_beside(
+    dot_data: DotData, photographs: list[DotPhotograph], bands: Bands
+) -> DotData | None:
+    """Arrays of photographs at focus distances of others whose wavefront is known.
+
+    A stop that is not among theirs is as wide as its f-number says.
+
+    Returns
+    -------
+    None where no photograph is at such a focus distance.
+    """
+    settings, kept = [], []
     for one in photographs:
-        stop = f_numbers.index(one.f_number)
-        radius, group = sines[stop] / sines[0], groups.index(_group(one))
+        focus_mm = one.take.focus_distance_mm
+        groups = [
+            k for k, g in enumerate(dot_data.groups) if g.focus_distance_mm == focus_mm
+        ]
+        if groups and focus_mm is not None:
+            known = one.f_number in dot_data.f_numbers
+            stop = dot_data.f_numbers.index(one.f_number) if known else 0
+            settings.append((groups[0], stop))
+            kept.append(one)
+    if not kept:
+        return None
+    known = _reference(list(dot_data.photographs))
+    shared = dot_data.groups, dot_data.f_numbers
+    return _gathered(kept, known, *shared, settings, bands)
+
+
+def _gathered(
+    photographs: list[DotPhotograph],
+    known: Reference,
+    groups: tuple[FocusGroup, ...],
+    f_numbers: tuple[float, ...],
+    settings: list[tuple[int, int]],
+    bands: Bands,
+) -> DotData:
+    """Arrays of all dots.
+
+    Parameters
+    ----------
+    settings : Of every photograph, which of the groups and of the f-numbers it has.
+    """
+    sine, broad = _rim_sine(known, f_numbers[0]), are_broad(photographs)
+    rows = []
+    for one, (group, stop) in zip(photographs, settings, strict=True):
+        radius = _rim_sine(known, one.f_number) / sine
         rows.append(dots_of(one, group, stop, radius, known, bands, broad=broad))
     cut = [s.dot_images for s in photographs]
     counts = [len(c.marks) for c in cut]
@@ -130,12 +178,12 @@ def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:
         colour=any(c.channels == 3 for c in cut),
         scale=Scale(
             jnp.asarray(np.hypot(*photographs[0].take.sensor_size_mm) / 2),
-            jnp.asarray(sines[0]),
+            jnp.asarray(sine),
             jnp.asarray(known.principal_distance_mm),
         ),
         chromatic=np.asarray(chromatic_coordinate(bands.wavelengths_nm)),
         groups=groups,
-        f_numbers=tuple(f_numbers),
+        f_numbers=f_numbers,
         reference_distance_mm=known.distance_mm,
         focus=known.focus,
         first_order=known.first_order,

@@ -6,11 +6,15 @@ Coma draws a tail to one side: what of it lies beyond the window has no effect, 
 lies on the flanks counts as background. The light across a line is the sum over rays of
 a box as wide as the line, blurred by each ray's own Gaussian.
 
+The same window holds the light that detection measures of a line: a wide blur carries a
+part of it beyond, and what reaches the flanks is taken off.
+
 The middle moves across the line alone. Both families of a grid together give a vector
 whose part across either is that family's move.
 """
 
 import math
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,14 +31,27 @@ _ROUNDS = 3
 _LEAST = 1e-12
 
 
-def detected_line_offset_mm(
+class DetectedLine(NamedTuple):
+    """A line of either family through a point, as detection finds it.
+
+    Attributes
+    ----------
+    offset_mm : From where the chief ray lands to the middle of the line.
+    light_share : Of the light of lines of constant i and j that is measured.
+    """
+
+    offset_mm: Float[Array, "2"]
+    light_share: Float[Array, "2"]
+
+
+def detected_line(
     spot: Spot,
     variance_mm2: Float[Array, "2"],
     square_mm: Float[Array, "2 2"],
     line_width: Float[Array, "2"],
     window_mm: Float[Array, "3"],
-) -> Float[Array, "2"]:
-    """From where the chief ray lands to the middle of a line through that point.
+) -> DetectedLine:
+    """Lines through the point where the chief ray lands.
 
     Parameters
     ----------
@@ -46,10 +63,11 @@ def detected_line_offset_mm(
     pitches_mm = jnp.abs(jnp.einsum("ai,ia->a", normals, square_mm))
     widths_mm = jnp.abs(line_width) * pitches_mm
 
-    def one(normal: Array, width_mm: Array) -> Array:
-        return _middle_mm(spot, variance_mm2, normal, width_mm, window_mm)
+    def one(normal: Array, width_mm: Array) -> tuple[Array, Array]:
+        return _middle_and_share(spot, variance_mm2, normal, width_mm, window_mm)
 
-    return jnp.linalg.solve(normals, jax.vmap(one)(normals, widths_mm))
+    middles_mm, shares = jax.vmap(one)(normals, widths_mm)
+    return DetectedLine(jnp.linalg.solve(normals, middles_mm), shares)
 
 
 def _across(along: Array) -> Float[Array, "2"]:
@@ -57,14 +75,14 @@ def _across(along: Array) -> Float[Array, "2"]:
     return jnp.stack([along[1], -along[0]]) / jnp.sqrt(jnp.sum(along**2) + _LEAST)
 
 
-def _middle_mm(
+def _middle_and_share(
     spot: Spot,
     variance_mm2: Array,
     normal: Array,
     width_mm: Array,
     window_mm: Array,
-) -> Float[Array, ""]:
-    """Along the normal."""
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """The middle along the normal, mm, and the share of the light."""
     half_mm, fade_mm, flank_mm = window_mm
     reach_mm = half_mm + fade_mm + flank_mm
     steps = (np.arange(_BINS) + 0.5) / _BINS * 2 - 1
@@ -74,7 +92,7 @@ def _middle_mm(
     flank = (away >= 1).astype(u.dtype)
     ray_mm = spot.landing_mm @ normal
     blur_mm = jnp.sqrt(normal**2 @ variance_mm2 + FOOTPRINT * spot.cell_mm2 + _LEAST)
-    middle = jnp.zeros((), u.dtype)
+    middle, share = jnp.zeros((), u.dtype), jnp.ones((), u.dtype)
     for _ in range(_ROUNDS):
         off = (middle + u)[None] - ray_mm[:, None]
         edges = [
@@ -83,8 +101,10 @@ def _middle_mm(
         ]
         light = spot.weight @ (edges[0] - edges[1]) / 2
         light = counts * (light - _straight(light, u, flank))
-        middle = middle + jnp.sum(light * u) / jnp.sum(light)
-    return middle
+        measured = jnp.sum(light)
+        middle = middle + jnp.sum(light * u) / measured
+        share = measured * (2 * reach_mm / _BINS) / width_mm
+    return middle, share
 
 
 def _straight(light: Array, u: Array, flank: Array) -> Float[Array, " bins"]:

@@ -23,7 +23,7 @@ from lensfit.detect.centroids import BAND_GAIN
 from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.wavefront.corner_mark import detected_corner
 from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots
-from lensfit.fitting.wavefront.line_mark import detected_line_offset_mm
+from lensfit.fitting.wavefront.line_mark import DetectedLine, detected_line
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import spot_gradient_of
 from lensfit.fitting.wavefront.rays import spot_and_pullback
@@ -77,7 +77,7 @@ def detected_point_offsets_mm(
         spot, _ = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
         return jax.lax.cond(
             _is_line(broad),
-            lambda spot: _of_line_mm(spot, dot, window_mm),
+            lambda spot: _line_of(spot, dot, window_mm).offset_mm,
             lambda spot: _mark_mm(_drawn(spot, dot, transfer)[0], dot),
             spot,
         )
@@ -106,6 +106,31 @@ def detected_point_offset_slopes_mm(
             lambda: _line_slopes_mm(traced, dot),
             lambda: _drawn_slopes_mm(traced, dot, transfer),
         )
+
+    return jax.vmap(channel)(chromatic, dot.lateral_mm, broad.line_window_mm)
+
+
+def line_light_shares(
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    transfer: Transfer,
+    chromatic: Float[Array, "3 wavelengths"],
+    layout: Layout,
+    scale: Scale,
+) -> Float[Array, "3 2"]:
+    """Share of the light of lines of constant i and j that detection measures.
+
+    Parameters
+    ----------
+    dot, transfer : Of one line sample.
+    """
+    del transfer  # Rays say it, no image.
+    broad = _broad_of(dot)
+
+    def channel(chromatic: Array, lateral_mm: Array, window_mm: Array) -> Array:
+        colour = Colour(chromatic, lateral_mm)
+        spot, _ = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
+        return _line_of(spot, dot, window_mm).light_share
 
     return jax.vmap(channel)(chromatic, dot.lateral_mm, broad.line_window_mm)
 
@@ -142,16 +167,15 @@ def _is_line(broad: Broad) -> Array:
     return jnp.any(broad.line_width != 0)
 
 
-def _of_line_mm(spot: Spot, dot: Dots, window_mm: Array) -> Float[Array, "2"]:
+def _line_of(spot: Spot, dot: Dots, window_mm: Array) -> DetectedLine:
     broad = _broad_of(dot)
-    # Of other targets the branch is not taken, but compiled.
     lines = dot.variance_mm2, broad.square_mm, broad.line_width, window_mm
-    return detected_line_offset_mm(spot, *lines)
+    return detected_line(spot, *lines)
 
 
 def _line_slopes_mm(traced: _Traced, dot: Dots) -> Float[Array, "2 parameters"]:
     found, to_spot = jax.vjp(
-        lambda spot: _of_line_mm(spot, dot, traced.window_mm), traced.spot
+        lambda spot: _line_of(spot, dot, traced.window_mm).offset_mm, traced.spot
     )
 
     def along(axis: Array) -> Array:

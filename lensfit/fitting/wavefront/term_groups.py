@@ -77,7 +77,7 @@ def candidate_term_groups(
         found += _cylinder_groups(dot_data, layout, spread)
     found += _order_groups(dot_data, layout)
     if dot_data.colour:
-        found += _colour_groups(layout)
+        found += colour_term_groups(layout)
     if layout.focus_terms and np.any(dot_data.dots.focus):
         change = _range(blocks["focus_change"])
         found.append(_term_group("change_with_focus", change, _FOCUS_CHANGE_UM, FINE))
@@ -166,7 +166,9 @@ def _even(term: Term) -> bool:
     return term.part == "re" and term.field_order == term.order_u
 
 
-def _colour_groups(layout: Layout) -> list[TermGroup]:
+def colour_term_groups(layout: Layout) -> list[TermGroup]:
+    """How aberrations change with wavelength, in the first and second power of the
+    chromatic coordinate."""
     start = layout.blocks["colour"].start
     count = len(layout.colour_terms)
 

@@ -9,19 +9,20 @@ import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 
 from lensfit.detect.dot_images import CELLS
-from lensfit.detect.line_profile import Stretches, Window, measure_centres
+from lensfit.detect.line_profile import Centres, Stretches, Window, measure_centres
 from lensfit.fitting.wavefront.dots import Broad, DetectionAperture
 from lensfit.fitting.wavefront.mark import (
     detected_point_offset_slopes_mm,
     detected_point_offsets_mm,
+    line_light_shares,
 )
 from lensfit.fitting.wavefront.waves import transfers_of
 
 PIXEL_MM, WIDTH_PX, PITCH_PX, TURN_RAD = 0.01, 3.0, 30.0, 0.12
 FIELD_MM = np.array([13.0, -9.0])
 COMATIC = Seidel(coma_um=8.0, spherical_um=4.0, defocus_mm=(0.03, 0.0, 0.0))
-WINDOW = Window(half_width_px=6.0, fade_px=1.5, flank_px=4.0, rows=10)
-SIDE, MIDDLE = 64, 32.0
+WINDOW = Window(half_width_px=3.0, fade_px=1.0, flank_px=3.0, rows=10)
+SIDE, MIDDLE, RAYS = 64, 32.0, 2_000_000
 SIDES = np.array(
     [
         [np.cos(TURN_RAD), np.sin(TURN_RAD)],
@@ -59,21 +60,21 @@ def seen_of(field_mm=FIELD_MM) -> tuple[Any, ...]:
 
 def photographed(along: np.ndarray, across: np.ndarray) -> np.ndarray:
     """One line through the middle, counted in numpy alone."""
-    rng, rays = np.random.default_rng(4), 2_000_000
-    u = COMATIC.opening(FIELD_MM / 20.0, 1.0, rays, rng)
-    started = MIDDLE + along * rng.uniform(-SIDE, SIDE, (rays, 1))
-    started = started + across * rng.uniform(-WIDTH_PX / 2, WIDTH_PX / 2, (rays, 1))
+    rng = np.random.default_rng(4)
+    u = COMATIC.opening(FIELD_MM / 20.0, 1.0, RAYS, rng)
+    started = MIDDLE + along * rng.uniform(-SIDE, SIDE, (RAYS, 1))
+    started = started + across * rng.uniform(-WIDTH_PX / 2, WIDTH_PX / 2, (RAYS, 1))
     landed = COMATIC.landing_mm(u, FIELD_MM, 0) / PIXEL_MM + started
     landed = landed + rng.normal(0, 0.1, landed.shape)
     edges = np.arange(SIDE + 1.0)
     return np.histogram2d(landed[:, 1], landed[:, 0], (edges, edges))[0]
 
 
-def as_detected(picture: np.ndarray, slope: float) -> float:
-    """From the middle of the picture along its rows."""
+def as_detected(picture: np.ndarray, slope: float) -> Centres:
+    """Through the middle of the picture, along its rows."""
     middle = np.array([MIDDLE])
     here = Stretches(middle, middle, np.array([slope]), np.zeros(1))
-    return float(measure_centres(picture, here, WINDOW, 1).dx_px[0])
+    return measure_centres(picture, here, WINDOW, 1)
 
 
 @pytest.mark.parametrize("family", [0, 1])
@@ -82,12 +83,17 @@ def test_detection_finds_the_middle_there(family):
     picture = photographed(along, across)
     if family:  # level lines are read along columns
         picture, along = picture.T, along[::-1]
-    found = as_detected(picture, along[0] / along[1]) * np.cos(TURN_RAD)
+    seen = as_detected(picture, along[0] / along[1])
+    found = seen.dx_px[0] * np.cos(TURN_RAD)
     parameters = jnp.asarray(COMATIC.parameters())
     offset_mm = np.asarray(detected_point_offsets_mm(parameters, *seen_of())[1])
     expected = offset_mm @ across / PIXEL_MM
     assert found == pytest.approx(expected, rel=0.04)
     assert abs(found) > 0.2
+    of_a_row = RAYS / (2 * SIDE) / np.cos(TURN_RAD)
+    share = line_light_shares(parameters, *seen_of())[1, family]
+    assert seen.flux_per_row[0] / of_a_row == pytest.approx(float(share), abs=0.005)
+    assert share < 0.998
 
 
 def test_slopes_agree_with_differences():
@@ -100,7 +106,7 @@ def test_slopes_agree_with_differences():
         wanted = [offset(parameters + m) - offset(parameters - m) for m in moves]
         wanted = np.stack(wanted, -1) / (2 * step)
         largest = np.abs(wanted).max()
-        np.testing.assert_allclose(found[:, where], wanted, atol=0.05 * largest)
+        np.testing.assert_allclose(found[:, where], wanted, atol=0.08 * largest)
 
 
 def test_an_even_blur_moves_no_line():

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import NamedTuple, cast
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from lensfit.fitting.wavefront.centroid_biases import (
     linear_detected_point_moves_mm,
 )
 from lensfit.fitting.wavefront.constrained_refit import bias_cancelling_move
+from lensfit.fitting.wavefront.fit import WavefrontFit
 from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.stages import Stage, first_stage, set_priors, solve_stage
 
@@ -76,6 +78,14 @@ def shot_lens() -> tuple[Stage, DotData, np.ndarray]:
     )
 
 
+class Found(NamedTuple):
+    """What of a fit says where chief rays land."""
+
+    stage: Stage
+    dot_data: DotData
+    beside: None = None
+
+
 @pytest.fixture(scope="module")
 def shot():
     return shot_lens()
@@ -112,7 +122,9 @@ def test_points_have_the_common_errors_of_the_wavefront(shot):
     moved = replace(stage, parameters=stage.parameters + move)
     still, after = chief_ray_takes(stage, dot_data), chief_ray_takes(moved, dot_data)
     moves_mm = linear_detected_point_moves_mm(stage, dot_data, move[None])
-    for k, take in enumerate(takes_with_shared_moves(still, stage, dot_data, moves_mm)):
+    found = cast(WavefrontFit, Found(stage, dot_data))
+    takes = takes_with_shared_moves(still, found, lambda _: moves_mm)
+    for k, take in enumerate(takes):
         shared = take.shared_moves_mm
         assert shared is not None
         assert shared.shape[:2] == (1 + len(dot_data.photographs), 3)
@@ -133,7 +145,8 @@ def test_moves_of_any_size_are_those_of_a_fit_with_other_parameters(shot):
     moved = replace(stage, parameters=stage.parameters + move)
     before = chief_ray_takes(stage, dot_data)
     moves_mm = detected_point_moves_mm(stage, dot_data, move[None])
-    asked = takes_with_shared_moves(before, stage, dot_data, moves_mm)
+    found = cast(WavefrontFit, Found(stage, dot_data))
+    asked = takes_with_shared_moves(before, found, lambda _: moves_mm)
     for take, still, after in zip(
         asked, before, chief_ray_takes(moved, dot_data), strict=True
     ):
