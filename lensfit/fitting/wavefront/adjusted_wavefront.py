@@ -220,16 +220,16 @@ def _colour_moves(
     stage: Stage,
 ) -> tuple[tuple[int, ...], Float[np.ndarray, "terms parameters"]]:
     """Orders of the terms of colour, and each by one deviation of its prior; none of
-    grey photographs."""
+    grey photographs. Red and blue are fitted apart, and neither tells a square of the
+    chromatic coordinate from the coordinate: that alone is moved."""
     layout = stage.layout
     if not stage.dot_data.colour:
         return (), np.zeros((0, layout.size))
     groups = tuple(colour_term_groups(layout))
     deviation = deviation_of(groups, layout, LAST)
-    rows = np.flatnonzero(deviation)
-    in_block = (rows - layout.blocks["colour"].start) % len(layout.colour_terms)
-    orders = tuple(layout.colour_terms[int(k)].order for k in in_block)
-    return orders, np.diag(deviation)[rows]
+    first = layout.blocks["colour"].start
+    rows = first + np.arange(len(layout.colour_terms))
+    return tuple(t.order for t in layout.colour_terms), np.diag(deviation)[rows]
 
 
 def takes_with_error_moves(
