@@ -167,7 +167,8 @@ def _nominal_ratio(f_number: float, state: LensState, wavefront: WavefrontFit) -
     reference_mm = dot_data.reference_distance_mm
     focus_mm = state.focus_distance_mm or reference_mm
     mine = _focused(state, _pupil_magnification(state, wavefront), focus_mm)
-    return float(_sine_ratio(dot_data.first_order, mine, f_number, reference_mm))
+    nominal = _sine_ratio(dot_data.first_order, mine, f_number, reference_mm)
+    return dot_data.opening * float(nominal)
 
 
 def _first_order_defocus_mm(
