@@ -30,8 +30,7 @@ from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
 from lensfit.io.metadata import camera_words
 from lensfit.io.sequence import frame_of
-from lensfit.plate.camera.header_contradictions import contradictions
-from lensfit.plate.camera.header_source import HEADER, add_header
+from lensfit.plate.camera.header_source import HEADER, add_header, contradictions
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.settings import Settings, load_settings, settings_beside
 from lensfit.plate.camera.sourced_value import SourcedValue
