@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from lensfit.cores import bind_to_share_of_cores
 from lensfit.plate.frame.end_with_parent import end_with_parent
 from lensfit.workflow.kit.kit_file import load_kit
 
@@ -82,9 +83,7 @@ def _next(jobs: Connection) -> Job | None:
 def _bind_to_cores(index: int, workers: int) -> None:
     """Before JAX counts its cores."""
     if hasattr(os, "sched_setaffinity"):
-        own = sorted(os.sched_getaffinity(0))
-        share = own[index % workers :: workers] or [own[index % len(own)]]
-        os.sched_setaffinity(0, share)
+        bind_to_share_of_cores(index, workers)
         import cv2
 
-        cv2.setNumThreads(len(share))
+        cv2.setNumThreads(len(os.sched_getaffinity(0)))
