@@ -184,7 +184,7 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
     prior = with_poses_free(fixed_prior(start.parameters(layout)), layout)
     first = layout.blocks["radial"].start
     prior = release(prior, slice(first, first + COMPACT_RADIAL_TERMS), 0.3)
-    for name in stated_blocks(start.walk_free):
+    for name in stated_blocks(start.pupil_shift_free):
         prior = release(prior, layout.blocks[name], loose_deviation(layout, name))
     adjustment = start.adjustment(layout, prior)
     adjustment = adjust(adjustment, rounds=2, chunks=chunks)

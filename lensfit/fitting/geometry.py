@@ -11,7 +11,7 @@ Behind cylinders the entrance pupil lies elsewhere for x than for y, so that a l
 two centres of projection. That of y is the origin; x sees a point (X, Y, Z) from a gap
 g farther ahead, as X / (Z - g) times (Z0 - g) / Z0: at the distance Z0 of the boards,
 for which the chief-ray map is then made, both centres say the same. The pupil of other
-lenses walks along the axis with field angle (`optics.pupil_walk`).
+lenses shifts along the axis with field angle (`optics.pupil_shift`).
 """
 
 from typing import NamedTuple
@@ -29,7 +29,7 @@ from lensfit.fitting.parameters import (
 )
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion, distorted_from_direction
-from lensfit.optics.pupil_walk import PupilWalk, equivalent_chart_point
+from lensfit.optics.pupil_shift import PupilShift, equivalent_chart_point
 
 Parts = dict[str, Array]
 """Named blocks of the parameters: those of the lens, and of one photograph."""
@@ -147,9 +147,11 @@ def direction_of(
     pose = parts["pose"]
     turned = rotation_from_vector(pose[:3]) @ (view.rotation @ point_mm)
     seen = turned + view.translation_mm + pose[3:] * view.translation_mm[2]
-    if parts["pupil_walk"].size:
-        walk_mm = parts["pupil_walk"][0] * frame.stated_focal_length_mm
-        return equivalent_chart_point(seen, PupilWalk(walk_mm, frame.board_distance_mm))
+    if parts["pupil_shift"].size:
+        shift_mm = parts["pupil_shift"][0] * frame.stated_focal_length_mm
+        return equivalent_chart_point(
+            seen, PupilShift(shift_mm, frame.board_distance_mm)
+        )
     gap_mm = parts["pupil_gap"][0] * frame.stated_focal_length_mm
     at_board = 1 - gap_mm / frame.board_distance_mm
     return seen.at[0].multiply(at_board / (1 - gap_mm / seen[2]))

@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float, Int
 
 from lensfit.fitting.adjust import Adjustment, model_variance_mm2
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.entrance_pupil import FittedWalk
+from lensfit.fitting.entrance_pupil import FittedPupilShift
 from lensfit.fitting.half_equations import stated_statistics
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.uncertainty import shared_moves_of
@@ -86,7 +86,7 @@ def error_amplitudes(
     return found
 
 
-def walk_with_shared_errors(state: LensState) -> FittedWalk | None:
+def pupil_shift_with_shared_errors(state: LensState) -> FittedPupilShift | None:
     """Shift of the entrance pupil with field angle, estimated together with the errors
     that the detections share; None if no such errors are known or no shift was fitted.
 
@@ -95,13 +95,13 @@ def walk_with_shared_errors(state: LensState) -> FittedWalk | None:
     to the pupil: for a 50 mm f/1.4 lens it gave -45 mm, where -15 is true and -18 is
     usual, and the tilts of a few degrees did not contradict it.
     """
-    if state.walk is None or all(
+    if state.pupil_shift is None or all(
         take.shared_moves_mm is None for take in state.geometry.takes
     ):
         return None
     adjustment = state.geometry.adjustment
-    walk = adjustment.layout.blocks["pupil_walk"].start
-    if not adjustment.prior.free[walk]:
+    column = adjustment.layout.blocks["pupil_shift"].start
+    if not adjustment.prior.free[column]:
         return None
     one = _linearised_map(state, {})
     adjustment = one.adjustment
@@ -113,13 +113,14 @@ def walk_with_shared_errors(state: LensState) -> FittedWalk | None:
     covariance = np.linalg.inv(slopes @ slopes.T + prior_matrix)
     prior_gradient = np.pad(one.prior_gradient, (0, len(white.moves)))
     step = -covariance @ (slopes @ white.residual + prior_gradient)
-    row = int(np.flatnonzero(one.free == walk)[0])
+    row = int(np.flatnonzero(one.free == column)[0])
     unit_mm = float(adjustment.frame.stated_focal_length_mm)
     deviation_mm = float(one.deviation[row]) * unit_mm
-    return FittedWalk(
-        float(adjustment.parameters[walk]) * unit_mm + float(step[row]) * deviation_mm,
+    return FittedPupilShift(
+        float(adjustment.parameters[column]) * unit_mm
+        + float(step[row]) * deviation_mm,
         float(np.sqrt(covariance[row, row])) * deviation_mm,
-        state.walk.measured,
+        state.pupil_shift.measured,
     )
 
 

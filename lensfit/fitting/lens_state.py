@@ -17,9 +17,9 @@ from lensfit.fitting.colour.lateral_colour import Views, fit_colours
 from lensfit.fitting.decentring import DecentringTerms
 from lensfit.fitting.entrance_pupil import (
     EntrancePupil,
-    FittedWalk,
+    FittedPupilShift,
     entrance_pupil,
-    pupil_walk,
+    fitted_pupil_shift,
 )
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.fall_off.illumination import fit_illumination
@@ -53,7 +53,7 @@ class LensState:
     fall_off : One fit for each f-number.
     colour : Red and blue relative to green (`with_colour`); empty for monochrome
         photographs.
-    walk : Shift of the entrance pupil with field angle; None if it was not determined.
+    pupil_shift : Of the entrance pupil with field angle; None if it was not determined.
     """
 
     focal_length_mm: float
@@ -64,7 +64,7 @@ class LensState:
     pupil: EntrancePupil
     fall_off: list[FallOffFit]
     colour: dict[str, ChannelColour] = field(default_factory=dict)
-    walk: FittedWalk | None = None
+    pupil_shift: FittedPupilShift | None = None
 
 
 def fit_state(
@@ -116,7 +116,7 @@ def fit_state(
         uncertainty=uncertainty,
         pupil=entrance_pupil(geometry, uncertainty),
         fall_off=fit_illumination(geometry.takes, adjustment, centre),
-        walk=pupil_walk(geometry, uncertainty),
+        pupil_shift=fitted_pupil_shift(geometry, uncertainty),
     )
 
 

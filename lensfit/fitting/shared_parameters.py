@@ -18,9 +18,9 @@ from lensfit.fitting.chart_view import View, grouped
 from lensfit.fitting.decentring import DecentringTerms, decentring_of
 from lensfit.fitting.entrance_pupil import (
     perspective_at_other_focus,
-    perspective_with_walk,
+    perspective_with_pupil_shift,
 )
-from lensfit.fitting.joint_adjustment import walk_with_shared_errors
+from lensfit.fitting.joint_adjustment import pupil_shift_with_shared_errors
 from lensfit.fitting.lens_state import LensState, by_focal_length, fit_state
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.base import BaseProjection
@@ -44,7 +44,7 @@ def fit_states_with_shared_parameters(
     """
     groups = grouped(takes)
     states, failed = _fit_states(groups, progress, _no_priors, all_takes=takes)
-    states = _with_corrected_walk(states, progress, takes)
+    states = _with_corrected_pupil_shift(states, progress, takes)
     shared = {
         focal_mm: _shared_parameters_of(mine)
         for focal_mm, mine in by_focal_length(states).items()
@@ -80,17 +80,19 @@ def _no_priors(_: list[View]) -> _Priors:
     return _Priors()
 
 
-def _with_corrected_walk(
+def _with_corrected_pupil_shift(
     states: list[LensState], progress: Progress, takes: list[View]
 ) -> list[LensState]:
     """The states; of each focal length the state that supplies the shared values is
     fitted again if errors common to all its detections distorted the shift of its pupil
-    with field angle (`joint_adjustment.walk_with_shared_errors`)."""
+    with field angle (`joint_adjustment.pupil_shift_with_shared_errors`)."""
     found = []
     for mine in by_focal_length(states).values():
         source = _state_of_best_known_pupil(mine)
-        corrected = walk_with_shared_errors(source)
-        priors = _Priors(perspective_with_walk(source.geometry, source.walk, corrected))
+        corrected = pupil_shift_with_shared_errors(source)
+        priors = _Priors(
+            perspective_with_pupil_shift(source.geometry, source.pupil_shift, corrected)
+        )
         refitted = []
         if priors.perspective is not None:
             group = list(source.geometry.takes)
@@ -145,7 +147,7 @@ def _perspective_for(
         return None
     return perspective_at_other_focus(
         source.pupil,
-        source.walk,
+        source.pupil_shift,
         group[0].focal_length_mm,
         source.focus_distance_mm,
         group[0].focus_distance_mm,

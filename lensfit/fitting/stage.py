@@ -27,7 +27,7 @@ from lensfit.fitting.usual_lens import (
     KnownPerspective,
     magnification_at,
     usual_pupil,
-    usual_walk,
+    usual_pupil_shift,
 )
 from lensfit.fitting.view_stack import Stack, board_of, observed_of, stack_takes
 
@@ -55,8 +55,8 @@ class Start:
     layout : Layout with room for the largest model of any state of the lens.
     radius_mm : Radius of the dots of every take; 0 for other marks.
     focal_length_free : Whether views tilt enough to determine the focal length.
-    walk_free : Whether views can determine the shift of the entrance pupil with field
-        angle.
+    pupil_shift_free : Whether views can determine the shift of the entrance pupil with
+        field angle.
     half_angle_rad : From the axis to the outermost detection.
     notes : One sentence for each assumption.
     facts : Stated values.
@@ -69,7 +69,7 @@ class Start:
     layout: Layout
     radius_mm: np.ndarray
     focal_length_free: bool
-    walk_free: bool
+    pupil_shift_free: bool
     half_angle_rad: float
     notes: tuple[str, ...]
     facts: Facts
@@ -99,9 +99,9 @@ class Start:
         """Start values: zero, except for the known shift of the pupil with field angle,
         which may stay fixed."""
         parameters = np.zeros(layout.size(len(self.takes)))
-        known_mm = self.facts.perspective.walk.walk_mm
+        known_mm = self.facts.perspective.pupil_shift.shift_mm
         unit_mm = float(self.frame.stated_focal_length_mm)
-        parameters[layout.blocks["pupil_walk"]] = known_mm / unit_mm
+        parameters[layout.blocks["pupil_shift"]] = known_mm / unit_mm
         return parameters
 
 
@@ -146,7 +146,7 @@ def start_of(
         layout=_with_room(largest, grouped(all_takes)),
         radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
         focal_length_free=_views_tilt(poses),
-        walk_free=perspective is not None or _poses_differ(poses),
+        pupil_shift_free=perspective is not None or _poses_differ(poses),
         half_angle_rad=float(np.arctan(furthest / focal_mm)),
         notes=tuple(notes),
         facts=facts,
@@ -234,7 +234,7 @@ def facts_of(
     stops = [take.f_number for take in takes if take.f_number and measured]
     usual = KnownPerspective(
         usual_pupil(focal_mm * (1 + magnification)),
-        usual_walk(focal_mm, min(stops, default=None)),
+        usual_pupil_shift(focal_mm, min(stops, default=None)),
     )
     return Facts(
         names=tuple(take.name for take in takes),

@@ -141,7 +141,7 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
         "blades": stage.blades,
         "sign_known": wavefront.sign_known,
         "mirrored": wavefront.mirrored,
-        "guessed": list(wavefront.extrapolation_notes),
+        "extrapolated": list(wavefront.extrapolation_notes),
         "converged": wavefront.converged,
         "not_seen": list(wavefront.undetermined_term_groups),
     }
