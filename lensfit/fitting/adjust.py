@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from lensfit.fitting import normal, solve
-from lensfit.fitting.chunks import Marks
+from lensfit.fitting.chunks import Detections
 from lensfit.fitting.geometry import BoardPose, Frame, predicted_mm
 from lensfit.fitting.normal import Equations
 from lensfit.fitting.parameters import Layout, Prior
@@ -54,7 +54,7 @@ class Adjustment:
     layout, frame, prior : Their order, their scales, and which of them are free.
     statements : Stated values of the lens and the boards; None if there are none.
     stack : The photographs.
-    radius_mm : Radius of the dots of every photograph; 0 for other marks.
+    radius_mm : Radius of the dots of every photograph; 0 for corners and lines.
     shift_mm : Predicted centroid minus image of the centre, for every detection.
     model_variance_mm2 : Residual variance in excess of noise, per photograph.
     weight : IRLS weight of every detection, 0 to 1.
@@ -68,15 +68,15 @@ class Adjustment:
     prior: Prior
     stack: Stack
     radius_mm: Float[np.ndarray, " views"]
-    shift_mm: Float[np.ndarray, "views marks 2"]
+    shift_mm: Float[np.ndarray, "views detections 2"]
     model_variance_mm2: Float[np.ndarray, " views"]
-    weight: Float[np.ndarray, "views marks"]
+    weight: Float[np.ndarray, "views detections"]
     statements: Statements | None = None
     converged: bool = False
     steps: int = 0
 
     @property
-    def used(self) -> Bool[np.ndarray, "views marks"]:
+    def used(self) -> Bool[np.ndarray, "views detections"]:
         """Detections with a positive weight."""
         return self.stack.present & (self.weight > 0)
 
@@ -88,17 +88,17 @@ class Adjustment:
         known = np.asarray(values)
         return np.concatenate([known, np.zeros(room - len(known))])
 
-    def marks(
+    def detections(
         self,
-        weight: Float[np.ndarray, "views marks"] | None = None,
+        weight: Float[np.ndarray, "views detections"] | None = None,
         chunks: int | None = None,
-    ) -> Marks:
+    ) -> Detections:
         """The detections in chunks, by default all, with the current weights."""
         weight = self.weight if weight is None else weight
         whitening = whitening_of(self.stack, self.model_variance_mm2)
         whitening = whitening * np.sqrt(weight)[..., None, None]
         chunking = self.stack.chunking
-        return Marks(
+        return Detections(
             view=jnp.asarray(chunking.view),
             chunks=jnp.asarray(chunking.count if chunks is None else chunks),
             board=jnp.asarray(chunking.in_chunks(self.stack.board)),
@@ -111,8 +111,8 @@ class Adjustment:
         )
 
     def predicted_mm(
-        self, board: Float[np.ndarray, "views marks 2"]
-    ) -> Float[np.ndarray, "views marks 2"]:
+        self, board: Float[np.ndarray, "views detections 2"]
+    ) -> Float[np.ndarray, "views detections 2"]:
         """Predicted positions of points on the boards; zero for padding."""
         chunking = self.stack.chunking
         predicted = _predictions_mm(
@@ -125,7 +125,7 @@ class Adjustment:
         )
         return chunking.from_chunks(np.asarray(predicted), board)
 
-    def residual_mm(self) -> Float[np.ndarray, "views marks 2"]:
+    def residual_mm(self) -> Float[np.ndarray, "views detections 2"]:
         """Predicted minus observed; of a line sample, across the line."""
         stack = self.stack
         seen = stack.observed_mm - self.shift_mm
@@ -138,7 +138,7 @@ class Adjustment:
 
 def problem_of(
     adjustment: Adjustment,
-    weight: Float[np.ndarray, "views marks"] | None = None,
+    weight: Float[np.ndarray, "views detections"] | None = None,
     chunks: int | None = None,
 ) -> solve.Problem:
     """The least-squares problem of all detections, or of some chunks."""
@@ -146,7 +146,7 @@ def problem_of(
     deviation = np.where(prior.free, prior.standard_deviation, 1.0)
     return solve.Problem(
         views=adjustment.stack.view,
-        marks=adjustment.marks(weight, chunks),
+        detections=adjustment.detections(weight, chunks),
         frame=adjustment.frame,
         prior_mean=jnp.asarray(prior.mean),
         prior_precision=jnp.asarray(np.where(prior.free, deviation**-2.0, 0.0)),
@@ -266,7 +266,7 @@ def with_robust_weights(adjustment: Adjustment) -> Adjustment:
 
 
 def model_variance_mm2(
-    stack: Stack, residual_mm: Float[np.ndarray, "views marks 2"]
+    stack: Stack, residual_mm: Float[np.ndarray, "views detections 2"]
 ) -> Float[np.ndarray, " views"]:
     """Per photograph: robust residual variance in excess of the detection noise."""
     length = np.linalg.norm(residual_mm, axis=-1)
@@ -303,11 +303,11 @@ def centroid_shift_mm(
     parameters: Float[Array, " parameters"],
     views: BoardPose,
     view_of_chunk: Int[Array, " chunks"],
-    board: Float[Array, "chunks marks 2"],
+    board: Float[Array, "chunks detections 2"],
     radius_mm: Float[Array, " views"],
     layout: Layout,
     frame: Frame,
-) -> Float[Array, "chunks marks 2"]:
+) -> Float[Array, "chunks detections 2"]:
     """Centroid of the image of each dot minus the image of its centre, mm.
 
     `radius_mm` is that of the dots on the board; zero gives zero.
@@ -315,9 +315,9 @@ def centroid_shift_mm(
     shared, local = normal.split(parameters, layout)
     points = jnp.concatenate([jnp.zeros((1, 2)), jnp.asarray(_OUTLINE)])
 
-    def shift(mark, own, view, radius):
+    def shift(detection, own, view, radius):
         def image(point):
-            around = mark + point * radius / view.half_board_mm
+            around = detection + point * radius / view.half_board_mm
             return predicted_mm(around, shared, own, view, layout, frame)
 
         # One loop over the nine points keeps the program small.
@@ -326,8 +326,8 @@ def centroid_shift_mm(
 
     def chunk_shifts(board, k):
         view = jax.tree.map(lambda a: a[k], views)
-        of_marks = jax.vmap(shift, (0, None, None, None))
-        return of_marks(board, local[k], view, radius_mm[k])
+        of_detections = jax.vmap(shift, (0, None, None, None))
+        return of_detections(board, local[k], view, radius_mm[k])
 
     shifts_mm = jax.vmap(chunk_shifts)(board, view_of_chunk)
     return jnp.where((radius_mm[view_of_chunk] > 0)[:, None, None], shifts_mm, 0.0)

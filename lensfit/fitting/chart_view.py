@@ -27,7 +27,7 @@ class View:
     name : Of the photograph, for messages.
     target : Name of the target; views of one target share its errors.
     observations : The detected points.
-    pitch_mm : Distance of neighbouring marks, to the right and down on the target.
+    pitch_mm : Distance of neighbouring points, to the right and down on the target.
     mark_diameter_mm : Diameter of a dot; None for lines, corners and dots whose size
         is not known.
     focal_length_mm : As on the barrel.
@@ -36,8 +36,8 @@ class View:
     squeeze : Nominal horizontal squeeze of an anamorphic lens.
     dot_images : Pictures of the dots, where their shape can be fitted.
     rims : Of their rims, where these show finer cells.
-    chief_rays : Whether marks are where chief rays land, not centroids.
-    shared_moves_mm : How marks that were placed so move together, red, green and blue,
+    chief_rays : Whether detections are where chief rays land, not centroids.
+    shared_moves_mm : How detections that were placed so move together, red, green and
         by every independent error of what placed them, one standard deviation each.
     widths : How well what is stated is known, and the diameter of dots.
     """
@@ -56,7 +56,7 @@ class View:
     dot_images: DotImages | None = None
     rims: DotImages | None = None
     chief_rays: bool = False
-    shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
+    shared_moves_mm: Float[np.ndarray, "moves 3 detections 2"] | None = None
     widths: Widths = ORDINARY_WIDTHS
 
     @property

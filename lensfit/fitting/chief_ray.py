@@ -114,7 +114,7 @@ def fit_chief_ray(
 
     Raises
     ------
-    FitError : The marks do not determine a lens, or contradict what was stated.
+    FitError : The detections do not determine a lens, or contradict what was stated.
     """
     clock = time.perf_counter
     began = clock()
@@ -158,7 +158,7 @@ def _notes(fitted: Adjustment) -> tuple[str, ...]:
     if ratio > _ODD_SQUEEZE:
         notes.append(
             f"one axis of the picture is {100 * (ratio - 1):.0f} % longer than stated: "
-            "check pitch_mm (square marks have one pitch) and anamorphic_squeeze"
+            "check pitch_mm (a square lattice has one pitch) and anamorphic_squeeze"
         )
     return tuple(notes)
 
@@ -207,13 +207,13 @@ def require_marks(takes: list[View], fewest: int = 12) -> None:
         invalid = ~np.isfinite(take.observations.points_px).all(-1)
         if invalid.any():
             raise FitError(
-                f"{invalid.sum()} marks have a position that is no number",
+                f"{invalid.sum()} points have a position that is no number",
                 where=take.name,
-                remedy="leave these marks out",
+                remedy="leave these points out",
             )
         if len(take.observations) < fewest:
             raise FitError(
-                f"only {len(take.observations)} marks, {fewest} are needed",
+                f"only {len(take.observations)} points, {fewest} are needed",
                 where=take.name,
                 remedy="photograph more of the target",
             )

@@ -1,4 +1,4 @@
-"""From a mark on the board to where it lands on the photograph.
+"""From a point on the board to where it lands on the photograph.
 
     board (flat, or bent and stretched) -> pose -> distortion -> sensor mm
 
@@ -120,7 +120,7 @@ def predicted_mm(
     layout: Layout,
     frame: Frame,
 ) -> Float[Array, "2"]:
-    """Sensor mm where the mark's chief ray lands, moved by its aperture's shift."""
+    """Sensor mm where the point's chief ray lands, moved by its aperture's shift."""
     parts = parts_of(shared, local, layout)
     lens = lens_of(parts, layout, frame)
     point = board_point_mm(board, parts, view, layout)
@@ -131,7 +131,7 @@ def predicted_mm(
 def board_point_mm(
     board: Float[Array, "2"], parts: Parts, view: BoardPose, layout: Layout
 ) -> Float[Array, "3"]:
-    """The mark in board axes, mm: nominal place, plus stretch and bend."""
+    """The point in board axes, mm: nominal place, plus stretch and bend."""
     extent = jnp.max(view.half_board_mm)
     stretch = parts["board_stretch"].reshape(2, -1)
     moved = stretch @ board_basis(board, layout.stretch_degree) * view.whole_board
@@ -164,7 +164,7 @@ def shifted_mm(
     lens: Distortion,
     layout: Layout,
 ) -> Float[Array, "2"]:
-    """What the shutter and a wide aperture do to a landed mark.
+    """What the shutter and a wide aperture do to where a chief ray lands.
 
     A rolling shutter reads rows one after the other: a camera that moves meanwhile
     shifts each by an amount proportional to its height on the sensor.

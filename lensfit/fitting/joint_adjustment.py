@@ -141,9 +141,9 @@ class _LinearisedMap(NamedTuple):
     adjustment: Adjustment
     free: Int[np.ndarray, " parameters"]
     deviation: Float[np.ndarray, " parameters"]
-    residual_mm: Float[np.ndarray, "views marks 2"]
-    slopes_mm: Float[np.ndarray, "parameters views marks 2"]
-    moves_mm: Float[np.ndarray, "moves views marks 2"]
+    residual_mm: Float[np.ndarray, "views detections 2"]
+    slopes_mm: Float[np.ndarray, "parameters views detections 2"]
+    moves_mm: Float[np.ndarray, "moves views detections 2"]
     prior_gradient: Float[np.ndarray, " parameters"]
     prior_matrix: Float[np.ndarray, "parameters parameters"]
 
@@ -189,13 +189,13 @@ def _is_centroid_bias_term(adjustment: Adjustment) -> Bool[np.ndarray, " paramet
 
 def _displacements_mm(
     adjustment: Adjustment, takes: Sequence[View]
-) -> Float[np.ndarray, "views marks 2"]:
+) -> Float[np.ndarray, "views detections 2"]:
     """Displacement of the detections from the fitted ones to those of `takes`."""
     before_mm = adjustment.stack.observed_mm
     moves_mm = np.zeros_like(before_mm)
     for k, take in enumerate(takes):
-        marks = len(take.observations)
-        moves_mm[k, :marks] = observed_of(take) - before_mm[k, :marks]
+        detections = len(take.observations)
+        moves_mm[k, :detections] = observed_of(take) - before_mm[k, :detections]
     return moves_mm
 
 
@@ -203,7 +203,7 @@ def _slopes_mm(
     adjustment: Adjustment,
     free: Int[np.ndarray, " free"],
     deviation: Float[np.ndarray, " free"],
-) -> Float[np.ndarray, "free views marks 2"]:
+) -> Float[np.ndarray, "free views detections 2"]:
     """Derivatives by central differences, with the compiled program of predictions."""
 
     def residual(index: int, step: float) -> np.ndarray:
@@ -265,7 +265,7 @@ def _whitened(
     whitening = whitening_of(one.adjustment.stack, variance_mm2)
     whitening = whitening * np.sqrt(one.adjustment.weight)[..., None, None]
 
-    def flat(vectors: Float[np.ndarray, "some views marks 2"]) -> np.ndarray:
+    def flat(vectors: Float[np.ndarray, "some views detections 2"]) -> np.ndarray:
         return np.einsum("vmij,svmj->svmi", whitening, vectors).reshape(
             len(vectors), -1
         )

@@ -90,7 +90,7 @@ def fit_state(
 
     Raises
     ------
-    FitError : The marks do not determine a lens, or contradict what was stated.
+    FitError : The detections do not determine a lens, or contradict what was stated.
     """
     geometry = fit_chief_ray(
         group,

@@ -107,7 +107,7 @@ def fit(
     effort: Effort = Effort.NORMAL,
     allowed: Collection[str] | None = None,
 ) -> FittedLens:
-    """Fit a lens to the marks of its photographs.
+    """Fit a lens to the detections of its photographs.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """The wavefront of every focal length, from dot images at all its focus distances.
 
-Usable marks are bright and dark dots of known size (by their rims if they are wider
-than the blur) and checker corners (by their crossing edges). Wide dots and corners take
-longer to fit than small dots, and are used only if there are no small dots.
+Usable are bright and dark dots of known size (by their rims if they are wider than the
+blur) and checker corners (by their crossing edges). Wide dots and corners take longer
+to fit than small dots, and are used only if there are no small dots.
 
 The f-number is the unit of the pupil, and thus of defocus. If no photograph states it,
 an assumed value describes the photographed setting equally well, as long as tilted
@@ -37,7 +37,7 @@ _TOO_LARGE = (
     "the dots themselves are too large: photograph dots less than 1.8 pixels wide"
 )
 _UNDETERMINED = (
-    "the marks leave the lens undetermined: photograph more of them, at two f-numbers"
+    "the points leave the lens undetermined: photograph more of them, at two f-numbers"
 )
 _LEFT_OUT = "effort none leaves it out"
 _ENOUGH_OF_ONE_SETTING = 8
@@ -107,8 +107,8 @@ def fit_wavefronts(
 
 
 def _usable_photographs(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
-    """The photographs whose marks can be used: those of charts of small holes; where
-    there are none, broad dots and checker corners.
+    """The photographs that can be used: those of charts of small holes; where there are
+    none, of broad dots and checker corners.
 
     A chart is one of small holes if any photograph shows them small. They may be wider
     in others, which count as much: what is small in the coarse cells of a wide blur is

@@ -215,7 +215,7 @@ def _fit_states(
             reason = FitError(
                 f"the fit broke down ({error})",
                 where=group[0].name,
-                remedy="look at the overlays for marks with wrong numbers",
+                remedy="look at the overlays for points with wrong numbers",
             )
             failed |= {take.name: reason for take in group}
         else:

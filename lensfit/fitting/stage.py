@@ -53,7 +53,7 @@ class Start:
     frame : Scales of the parameters.
     largest : The largest model that these takes can determine.
     layout : Layout with room for the largest model of any state of the lens.
-    radius_mm : Radius of the dots of every take; 0 for other marks.
+    radius_mm : Radius of the dots of every take; 0 for corners and lines.
     focal_length_free : Whether views tilt enough to determine the focal length.
     pupil_shift_free : Whether views can determine the shift of the entrance pupil with
         field angle.
@@ -305,11 +305,11 @@ def _whole_boards(takes: list[View]) -> list[bool]:
 
 def _lens_layout(takes: list[View]) -> Layout:
     """The largest model of the lens, without errors of the board."""
-    marks = sum(len(t.observations) for t in takes)
+    count = sum(len(t.observations) for t in takes)
     degrees = ((10_000, 11), (1500, 9), (600, 7), (300, 5))
     return Layout(
-        radial=6 if marks >= 200 else 3,
-        free_degree=next((d for n, d in degrees if marks >= n), 0),
+        radial=6 if count >= 200 else 3,
+        free_degree=next((d for n, d in degrees if count >= n), 0),
         apertures=max(len(_apertures(takes)) - 1, 0),
         anamorphic=takes[0].anamorphic,
     )

@@ -178,7 +178,7 @@ def _systematic(
 
 def shared_moves_of(
     adjustment: Adjustment, takes: tuple[View, ...]
-) -> Float[np.ndarray, "moves views marks 2"]:
+) -> Float[np.ndarray, "moves views detections 2"]:
     """Common moves of the detections by each error of the wavefront, mm; no moves where
     detections are centroids."""
     known = [t.shared_moves_mm for t in takes if t.shared_moves_mm is not None]
@@ -186,13 +186,13 @@ def shared_moves_of(
     moved = np.zeros((most, *adjustment.stack.observed_mm.shape))
     for k, take in enumerate(takes):
         if take.shared_moves_mm is not None:
-            count, _, marks, _ = take.shared_moves_mm.shape
-            moved[:count, k, :marks] = take.shared_moves_mm[:, _GREEN]
+            count, _, detections, _ = take.shared_moves_mm.shape
+            moved[:count, k, :detections] = take.shared_moves_mm[:, _GREEN]
     return moved
 
 
 def _solution_moves(
-    moves: Float[np.ndarray, "moves views marks 2"],
+    moves: Float[np.ndarray, "moves views detections 2"],
     adjustment: Adjustment,
     inverse: Float[np.ndarray, "free free"],
 ) -> Float[np.ndarray, "moves free"]:
@@ -211,8 +211,8 @@ def _solution_moves(
 
 
 def _principal_moves(
-    moves: Float[np.ndarray, "moves views marks 2"],
-) -> Float[np.ndarray, "fewer views marks 2"]:
+    moves: Float[np.ndarray, "moves views detections 2"],
+) -> Float[np.ndarray, "fewer views detections 2"]:
     """The principal components of moves, which have the same covariance: many errors
     move all detections alike, and every move costs a pass over them."""
     flat = moves.reshape(len(moves), math.prod(moves.shape[1:]))

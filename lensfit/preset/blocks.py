@@ -160,7 +160,7 @@ class FallOff(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
     ----------
     f_number : As on the barrel; None if not stated.
     valid_radius_mm : Where the control values end: the farthest corner of the
-        photographs, or somewhat beyond the outermost mark.
+        photographs, or somewhat beyond the outermost detection.
     r, g, b : Control values b_1 ... b_n of -ln(illumination) as a Bernstein polynomial
         of the squared radius; they never fall.
     predicted : Whether it follows from the pupil's shape, measured at other f-numbers.

@@ -121,7 +121,7 @@ def calibrate_observed(
     effort: str = "normal",
     seen_in_s: float = 0.0,
 ) -> dict[str, Any]:
-    """The same with marks that were found before, written to the folder as it goes.
+    """The same with detections that were made before, written to the folder as it goes.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from lensfit.detect.observations import POINT, Observations
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph
 from lensfit.workflow.pictures.chart_shapes import discs, lines, squares
 from lensfit.workflow.pictures.dot_light import drawn_light
-from lensfit.workflow.pictures.predicted_marks import PredictedMarks
+from lensfit.workflow.pictures.predicted_points import PredictedPoints
 
 _PER_PX = 4
 """Points that a line or a square is made of, along each side of a small pixel."""
@@ -46,7 +46,7 @@ class Drawing(NamedTuple):
 
 def drawing_of(
     seen: Observations,
-    predicted: PredictedMarks,
+    predicted: PredictedPoints,
     photograph: SmallPhotograph,
     kind: str,
     hole_diameter_mm: float | None,
