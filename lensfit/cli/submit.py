@@ -38,7 +38,6 @@ class Farm(StrEnum):
     opencue = "opencue"
 
 
-_OWN = ("preset", "plates", "out", "frames", "library", "as_json")
 _SUFFIX = {Farm.openjd: "openjd.json", Farm.opencue: "outline"}
 
 

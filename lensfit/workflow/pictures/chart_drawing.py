@@ -18,10 +18,7 @@ from lensfit.workflow.pictures.chart_shapes import discs, lines, squares
 from lensfit.workflow.pictures.dot_light import drawn_light
 from lensfit.workflow.pictures.predicted_points import PredictedPoints
 
-_PER_PX = 4
-"""Points that a line or a square is made of, along each side of a small pixel."""
-_SMALL_PX, _LARGE_PX = 8, 3000
-_GOLDEN = (5**0.5 - 1) / 2
+_LARGE_PX = 3000
 _PROFILE_PX, _PROFILE_STEPS, _PROFILES = 12.0, 49, 400
 _LEAST_RADIUS_PX = 0.35
 _MOST_RADIUS_PX = 200.0
