@@ -71,19 +71,19 @@ class View:
         return self.squeeze != 1.0
 
 
-def grouped(takes: list[View]) -> list[list[View]]:
-    """Takes of one focal length and focus distance together, in order.
+def grouped(views: list[View]) -> list[list[View]]:
+    """Views of one focal length and focus distance together, in order.
 
     Focus distances that no barrel tells apart (`_SAME_FOCUS_DIOPTRES`) are one.
     """
     groups: list[list[View]] = []
-    for take in takes:
-        same = (group for group in groups if _same_state(group[0], take))
+    for view in views:
+        same = (group for group in groups if _same_state(group[0], view))
         group = next(same, None)
         if group is None:
-            groups.append([take])
+            groups.append([view])
         else:
-            group.append(take)
+            group.append(view)
     return groups
 
 

@@ -93,23 +93,23 @@ def fitted_pupil_shift(
     photographs do not determine it and no f-number or no distance was stated, because
     the map could then not be transferred to other distances.
     """
-    takes, facts = geometry.takes, geometry.facts
+    views, facts = geometry.takes, geometry.facts
     if geometry.adjustment.layout.anamorphic:
         return None
     known = facts.perspective.pupil_shift
     shift_mm, deviation_mm = _fitted_mm(geometry, uncertainty, "pupil_shift")
     usual_mm = usual_pupil_shift(
-        facts.focal_length_mm, _widest(takes)
+        facts.focal_length_mm, _widest(views)
     ).standard_deviation_mm
     measured = known.measured or deviation_mm < _MEASURED_PUPIL_SHIFT * usual_mm
-    distances = any(take.target_distance_mm is not None for take in takes)
-    if not measured and (_widest(takes) is None or not distances):
+    distances = any(view.target_distance_mm is not None for view in views)
+    if not measured and (_widest(views) is None or not distances):
         return None
     return FittedPupilShift(shift_mm, deviation_mm, measured)
 
 
-def _widest(takes) -> float | None:
-    return min((t.f_number for t in takes if t.f_number is not None), default=None)
+def _widest(views) -> float | None:
+    return min((t.f_number for t in views if t.f_number is not None), default=None)
 
 
 def _fitted_mm(

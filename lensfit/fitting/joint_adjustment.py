@@ -69,10 +69,10 @@ def error_amplitudes(
     Parameters
     ----------
     states : Fitted to centroids.
-    moved : Takes of these states with detections moved to chief rays; all their
+    moved : Views of these states with detections moved to chief rays; all their
         `shared_moves_mm` refer to the same list of errors.
     """
-    by_name = {take.name: take for take in moved}
+    by_name = {view.name: view for view in moved}
     affected = [s for s in states if any(t.name in by_name for t in s.geometry.takes)]
     maps = [_linearised_map(state, by_name) for state in affected]
     maps = [one for one in maps if len(one.moves_mm)]
@@ -96,7 +96,7 @@ def pupil_shift_with_shared_errors(state: LensState) -> FittedPupilShift | None:
     usual, and the tilts of a few degrees did not contradict it.
     """
     if state.pupil_shift is None or all(
-        take.shared_moves_mm is None for take in state.geometry.takes
+        view.shared_moves_mm is None for view in state.geometry.takes
     ):
         return None
     adjustment = state.geometry.adjustment
@@ -157,7 +157,7 @@ class _AmplitudeEquations(NamedTuple):
 
 def _linearised_map(state: LensState, by_name: dict[str, View]) -> _LinearisedMap:
     adjustment = state.geometry.adjustment
-    takes = tuple(by_name.get(take.name, take) for take in state.geometry.takes)
+    views = tuple(by_name.get(view.name, view) for view in state.geometry.takes)
     substitute = _is_centroid_bias_term(adjustment)
     # The wavefront now predicts the centroid bias that these terms approximated.
     parameters = np.where(substitute, 0.0, adjustment.parameters)
@@ -172,9 +172,9 @@ def _linearised_map(state: LensState, by_name: dict[str, View]) -> _LinearisedMa
         adjustment,
         free,
         deviation,
-        adjustment.residual_mm() - _displacements_mm(adjustment, takes),
+        adjustment.residual_mm() - _displacements_mm(adjustment, views),
         _slopes_mm(adjustment, free, deviation),
-        shared_moves_of(adjustment, takes),
+        shared_moves_of(adjustment, views),
         precision * off + stated.gradient[free] * deviation,
         np.diag(precision) + stated.matrix[np.ix_(free, free)] * scale,
     )
@@ -188,14 +188,14 @@ def _is_centroid_bias_term(adjustment: Adjustment) -> Bool[np.ndarray, " paramet
 
 
 def _displacements_mm(
-    adjustment: Adjustment, takes: Sequence[View]
+    adjustment: Adjustment, views: Sequence[View]
 ) -> Float[np.ndarray, "views detections 2"]:
-    """Displacement of the detections from the fitted ones to those of `takes`."""
+    """Displacement of the detections from the fitted ones to those of `views`."""
     before_mm = adjustment.stack.observed_mm
     moves_mm = np.zeros_like(before_mm)
-    for k, take in enumerate(takes):
-        detections = len(take.observations)
-        moves_mm[k, :detections] = observed_of(take) - before_mm[k, :detections]
+    for k, view in enumerate(views):
+        detections = len(view.observations)
+        moves_mm[k, :detections] = observed_of(view) - before_mm[k, :detections]
     return moves_mm
 
 

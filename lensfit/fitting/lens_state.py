@@ -1,6 +1,6 @@
 """The fit of one lens state: one focal length at one focus distance.
 
-All takes of a state share one chief-ray geometry and one lateral colour; fall-off is
+All views of a state share one chief-ray geometry and one lateral colour; fall-off is
 fitted separately for each f-number.
 """
 
@@ -46,7 +46,7 @@ class LensState:
     Attributes
     ----------
     focal_length_mm, focus_distance_mm : As engraved on the barrel.
-    geometry : The chief-ray fit and the takes it was made from.
+    geometry : The chief-ray fit and the views it was made from.
     distortion : The lens model of that fit.
     uncertainty : Covariance of the parameters of that fit.
     pupil : Position of the entrance pupil.
@@ -71,7 +71,7 @@ def fit_state(
     group: list[View],
     progress: Progress = silent,
     *,
-    all_takes: list[View],
+    all_views: list[View],
     base: BaseProjection | None = None,
     perspective: KnownPerspective | None = None,
     known_decentring: DecentringTerms | None = None,
@@ -80,8 +80,8 @@ def fit_state(
 
     Parameters
     ----------
-    group : Takes of this focal length and focus distance.
-    all_takes : Takes of all states of the lens.
+    group : Views of this focal length and focus distance.
+    all_views : Views of all states of the lens.
     base : Ideal projection of the states that were fitted before, so that states can be
         interpolated; None selects the projection with the smallest residuals.
     perspective : Entrance pupil and its shift with field angle, as measured at another
@@ -95,7 +95,7 @@ def fit_state(
     geometry = fit_chief_ray(
         group,
         progress,
-        all_takes=all_takes,
+        all_views=all_views,
         base=base,
         perspective=perspective,
         known_decentring=known_decentring,
@@ -148,7 +148,7 @@ def more_accurate_state(after: LensState, before: Iterable[LensState]) -> LensSt
     after : Fitted to chief rays.
     before : States fitted to centroids, of any focal length and focus distance.
     """
-    if not any(take.anamorphic for take in after.geometry.takes):
+    if not any(view.anamorphic for view in after.geometry.takes):
         return after
     same = [
         one

@@ -52,7 +52,7 @@ class LensWavefronts(NamedTuple):
     ----------
     fitted : Where dots could be used.
     without : Why they could not, for the other focal lengths, and the remedy.
-    takes_with_wide_dots : Takes whose dots were too wide and left out.
+    takes_with_wide_dots : Views whose dots were too wide and left out.
     """
 
     fitted: dict[float, WavefrontFit]
@@ -84,7 +84,7 @@ def fit_wavefronts(
             continue
         kept = {s.take.name for s in _usable_photographs(pictured)}
         dots = [s.take for s in pictured if not s.take.observations.are_corners]
-        names = [take.name for take in dots]
+        names = [view.name for view in dots]
         found.takes_with_wide_dots[focal_mm] = [
             name for name in names if name not in kept
         ]
@@ -139,9 +139,9 @@ def _subset_of_one_setting(photographs: list[DotPhotograph]) -> list[DotPhotogra
     return [photographs[k] for k in rows]
 
 
-def _frame_coverage(take: View) -> Float[np.ndarray, "4"]:
+def _frame_coverage(view: View) -> Float[np.ndarray, "4"]:
     """Mean position and spread of its detections, as shares of the frame."""
-    seen = take.observations.points_px / np.asarray(take.observations.image_size_px)
+    seen = view.observations.points_px / np.asarray(view.observations.image_size_px)
     return np.concatenate([seen.mean(0), 2 * seen.std(0)])
 
 
@@ -153,8 +153,8 @@ def _stopped_down(photographs: list[DotPhotograph]) -> list[DotPhotograph]:
 
 def _missing_statement(states: list[LensState]) -> str:
     """Which statement a fit of the dot images lacks; empty if there are no dots."""
-    takes = [take for state in states for take in state.geometry.takes]
-    dots = [t for t in takes if np.isfinite(t.observations.diameter_px).any()]
+    views = [view for state in states for view in state.geometry.takes]
+    dots = [t for t in views if np.isfinite(t.observations.diameter_px).any()]
     if not dots:
         return ""
     return "state hole_diameter_mm of the dots, which are blurred to their middle"
@@ -169,8 +169,8 @@ def _dot_photographs(
         colour = state.colour["r"].optics(), state.colour["b"].optics()
     return [
         DotPhotograph(
-            take,
-            take.dot_images,
+            view,
+            view.dot_images,
             state.geometry,
             state.distortion,
             colour,
@@ -178,10 +178,10 @@ def _dot_photographs(
             state.pupil.offset_mm,
             f_number,
         )
-        for k, take in enumerate(state.geometry.takes)
-        if take.dot_images is not None
-        and (take.mark_diameter_mm is not None or take.observations.are_corners)
-        if (f_number := take.f_number or assumed_f_number) is not None
+        for k, view in enumerate(state.geometry.takes)
+        if view.dot_images is not None
+        and (view.mark_diameter_mm is not None or view.observations.are_corners)
+        if (f_number := view.f_number or assumed_f_number) is not None
     ]
 
 

@@ -82,12 +82,12 @@ class Uncertainty:
         return np.sqrt(np.maximum(np.diag(self.covariance)[where], 0.0))
 
 
-def uncertainty_of(adjustment: Adjustment, takes: tuple[View, ...]) -> Uncertainty:
+def uncertainty_of(adjustment: Adjustment, views: tuple[View, ...]) -> Uncertainty:
     """Covariance at the solution of an adjustment.
 
     Parameters
     ----------
-    takes : The takes that were adjusted, in the same order.
+    views : Those that were adjusted, in the same order.
     """
     one, other = halves_of(adjustment)
     free = adjustment.prior.free
@@ -99,7 +99,7 @@ def uncertainty_of(adjustment: Adjustment, takes: tuple[View, ...]) -> Uncertain
     matrix = (matrix + stated_statistics(adjustment).matrix)[np.ix_(free, free)]
     inside = covariance_of_equations(matrix + np.diag(precision))
     covariance = np.zeros((len(free), len(free)))
-    moves = shared_moves_of(adjustment, takes)
+    moves = shared_moves_of(adjustment, views)
     shared = _solution_moves(moves, adjustment, inside / max(scale, 1.0))
     stated = _solution_moves_by_stated_values(adjustment, inside)
     covariance[np.ix_(free, free)] = inside + shared.T @ shared + stated.T @ stated
@@ -177,17 +177,17 @@ def _systematic(
 
 
 def shared_moves_of(
-    adjustment: Adjustment, takes: tuple[View, ...]
+    adjustment: Adjustment, views: tuple[View, ...]
 ) -> Float[np.ndarray, "moves views detections 2"]:
     """Common moves of the detections by each error of the wavefront, mm; no moves where
     detections are centroids."""
-    known = [t.shared_moves_mm for t in takes if t.shared_moves_mm is not None]
+    known = [t.shared_moves_mm for t in views if t.shared_moves_mm is not None]
     most = max((len(moves) for moves in known), default=0)
     moved = np.zeros((most, *adjustment.stack.observed_mm.shape))
-    for k, take in enumerate(takes):
-        if take.shared_moves_mm is not None:
-            count, _, detections, _ = take.shared_moves_mm.shape
-            moved[:count, k, :detections] = take.shared_moves_mm[:, _GREEN]
+    for k, view in enumerate(views):
+        if view.shared_moves_mm is not None:
+            count, _, detections, _ = view.shared_moves_mm.shape
+            moved[:count, k, :detections] = view.shared_moves_mm[:, _GREEN]
     return moved
 
 

@@ -1,4 +1,4 @@
-"""Takes stacked into arrays: start poses, and the detections of all photographs.
+"""Views stacked into arrays: start poses, and the detections of all photographs.
 
 Detections are padded to the largest number in any photograph; padding is not `present`.
 Programs are compiled for few array shapes: detections are passed to them in chunks
@@ -28,7 +28,7 @@ OVERLAP_DEVIATION_PX = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Takes as padded arrays.
+    """Views as padded arrays.
 
     Attributes
     ----------
@@ -60,27 +60,27 @@ class Stack:
         return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[places]), self.view)
 
 
-def board_of(take: View) -> Float[np.ndarray, "detections 2"]:
+def board_of(view: View) -> Float[np.ndarray, "detections 2"]:
     """Nominal place of every detection, mm from the middle of the lattice seen."""
-    lattice = take.observations.lattice
+    lattice = view.observations.lattice
     middle = np.round((lattice.max(0) + lattice.min(0)) / 2)
-    return (lattice - middle) * np.asarray(take.pitch_mm)
+    return (lattice - middle) * np.asarray(view.pitch_mm)
 
 
-def observed_of(take: View) -> Float[np.ndarray, "detections 2"]:
+def observed_of(view: View) -> Float[np.ndarray, "detections 2"]:
     """Where every detection was seen, sensor mm."""
-    observations = take.observations
+    observations = view.observations
     return mm_from_px(
-        observations.points_px, observations.image_size_px, take.sensor_size_mm
+        observations.points_px, observations.image_size_px, view.sensor_size_mm
     )
 
 
 def stack_takes(
-    takes: list[View], poses: list[Pose], apertures: list[int], whole: list[bool]
+    views: list[View], poses: list[Pose], apertures: list[int], whole: list[bool]
 ) -> Stack:
-    """Stack takes whose start poses are known."""
-    most = max(len(take.observations) for take in takes)
-    count = len(takes)
+    """Stack views whose start poses are known."""
+    most = max(len(view.observations) for view in views)
+    count = len(views)
     board = np.zeros((count, most, 2))
     observed = np.zeros((count, most, 2))
     covariance = np.tile(np.eye(2), (count, most, 1, 1))
@@ -88,19 +88,19 @@ def stack_takes(
     present = np.zeros((count, most), bool)
     half = np.zeros((count, 2))
     mm_per_px = np.zeros(count)
-    for k, take in enumerate(takes):
-        n = len(take.observations)
-        board[k, :n] = board_of(take)
+    for k, view in enumerate(views):
+        n = len(view.observations)
+        board[k, :n] = board_of(view)
         half[k] = np.maximum(np.abs(board[k, :n]).max(0), 1e-9)
-        observed[k, :n] = observed_of(take)
-        mm_per_px[k] = take.sensor_size_mm[0] / take.observations.image_size_px[0]
-        doubt = OVERLAP_DEVIATION_PX**2 * take.observations.overlapping[:, None, None]
-        noise = take.observations.covariance_px2 + doubt * np.eye(2)
+        observed[k, :n] = observed_of(view)
+        mm_per_px[k] = view.sensor_size_mm[0] / view.observations.image_size_px[0]
+        doubt = OVERLAP_DEVIATION_PX**2 * view.observations.overlapping[:, None, None]
+        noise = view.observations.covariance_px2 + doubt * np.eye(2)
         covariance[k, :n] = noise * mm_per_px[k] ** 2
-        lines = take.observations.family != POINT
-        normal[k, :n][lines] = take.observations.normal[lines]
+        lines = view.observations.family != POINT
+        normal[k, :n][lines] = view.observations.normal[lines]
         present[k, :n] = True
-    view = BoardPose(
+    start = BoardPose(
         rotation=jnp.asarray(np.stack([p.rotation for p in poses])),
         translation_mm=jnp.asarray(np.stack([p.translation_mm for p in poses])),
         aperture=jnp.asarray(apertures),
@@ -108,7 +108,7 @@ def stack_takes(
         whole_board=jnp.asarray(np.asarray(whole, float)),
     )
     return Stack(
-        view=view,
+        view=start,
         chunking=chunking_of(present),
         board=board / half[:, None],
         observed_mm=observed,

@@ -49,7 +49,7 @@ class Brightness(NamedTuple):
 
 
 class JoinedBrightness(NamedTuple):
-    """Of all takes at one f-number, in one row."""
+    """Of all views at one f-number, in one row."""
 
     squared_mm2: Float[np.ndarray, " detections"]
     brightness: Float[np.ndarray, "detections 3"]
@@ -57,7 +57,7 @@ class JoinedBrightness(NamedTuple):
 
 
 def brightness_of(
-    take: View,
+    view: View,
     stretch: Float[np.ndarray, "most 2 2"],
     radius_vector: Float[np.ndarray, "most 2"],
     used: Bool[np.ndarray, " most"],
@@ -69,7 +69,7 @@ def brightness_of(
     stretch : By `area_stretch`, of the detections and then of what fills the stack.
     radius_vector : Of the detections from the principal point, mm.
     """
-    o = take.observations
+    o = view.observations
     count = len(o)
     matrix, keep = stretch[:count], used[:count] & ~o.saturated & ~o.overlapping
     brightness = o.flux if o.flux.shape[1] == 3 else np.repeat(o.flux, 3, 1)
@@ -94,13 +94,13 @@ def _spread(
 
 
 def dots_if_enough(rows: list[Brightness]) -> list[Brightness]:
-    """The takes of dots if they have enough detections, otherwise all."""
+    """The views of dots if they have enough detections, otherwise all."""
     dots = [row for row in rows if not row.lines]
     return dots if count_of(dots) >= FEWEST_DETECTIONS else rows
 
 
 def joined_brightness(rows: list[Brightness]) -> JoinedBrightness:
-    """Takes are counted in the order of `rows`."""
+    """Views are counted in the order of `rows`."""
     return JoinedBrightness(
         np.concatenate([row.squared_mm2 for row in rows]),
         np.concatenate([row.brightness for row in rows]),

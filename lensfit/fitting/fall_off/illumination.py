@@ -130,20 +130,20 @@ median error was .1 %."""
 
 
 def fit_illumination(
-    takes: tuple[View, ...], adjustment: Adjustment, principal_point_mm: np.ndarray
+    views: tuple[View, ...], adjustment: Adjustment, principal_point_mm: np.ndarray
 ) -> list[FallOffFit]:
-    """One fall-off for each f-number among the takes, widest first."""
+    """One fall-off for each f-number among the views, widest first."""
     stretch = area_stretch(adjustment)
     observed = adjustment.stack.observed_mm
-    corner_mm = np.array(takes[0].sensor_size_mm) / 2 + np.abs(principal_point_mm)
-    numbers = sorted({t.f_number for t in takes}, key=lambda n: n or 0.0)
+    corner_mm = np.array(views[0].sensor_size_mm) / 2 + np.abs(principal_point_mm)
+    numbers = sorted({t.f_number for t in views}, key=lambda n: n or 0.0)
     found = []
     for number in numbers:
         rows = [
             brightness_of(
                 t, stretch[k], observed[k] - principal_point_mm, adjustment.used[k]
             )
-            for k, t in enumerate(takes)
+            for k, t in enumerate(views)
             if t.f_number == number
         ]
         rows = dots_if_enough([row for row in rows if len(row.squared_mm2)])
