@@ -178,8 +178,8 @@ def _say(
         return
     for file in files:
         say_line(file)
-    asked = f" of {needs.cores} cores and {needs.gib:.1f} GiB" if needs else ""
-    say_line(f"{tasks} {'task' if tasks == 1 else 'tasks'}{asked}; {shlex.join(run)}")
+    needed = f" of {needs.cores} cores and {needs.gib:.1f} GiB" if needs else ""
+    say_line(f"{tasks} {'task' if tasks == 1 else 'tasks'}{needed}; {shlex.join(run)}")
 
 
 def _written(job: FarmJob, to: Farm, path: Path) -> tuple[list[Path], list[str]]:

@@ -150,8 +150,8 @@ class CutOut:
         lone = thin[touched]
         if lone.any():
             tells = touched & thin & np.isfinite(pixels).all(-1)
-            told = _thin_colour(pixels, behind, np.where(tells, self.coverage, 0))
-            own[lone] = told[touched][lone]
+            colour = _thin_colour(pixels, behind, np.where(tells, self.coverage, 0))
+            own[lone] = colour[touched][lone]
         return own
 
 
@@ -175,8 +175,8 @@ def _thin_colour(pixels: Picture, behind: Picture, coverage: Plane) -> Picture:
     shown = np.where(c > 0, pixels - (1 - c) * behind, np.float32(0))
     products = cv2.GaussianBlur(c * shown, (0, 0), _ALONG_SIGMA_PX)
     squares = cv2.GaussianBlur(coverage**2, (0, 0), _ALONG_SIGMA_PX)[..., None]
-    told = products.reshape(pixels.shape) / np.maximum(squares, _LEAST_SQUARE)
-    return np.maximum(told, 0)
+    colour = products.reshape(pixels.shape) / np.maximum(squares, _LEAST_SQUARE)
+    return np.maximum(colour, 0)
 
 
 def _parted(

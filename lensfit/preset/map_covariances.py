@@ -116,11 +116,11 @@ def _of_numbers(
         **more,
     }
     names = numbered(sizes)
-    told = _with_free_field_counted(covariance.parameters, sizes[_FREE])
-    if any(name not in names and _block(name) not in _ELSEWHERE for name in told):
+    parameters = _with_free_field_counted(covariance.parameters, sizes[_FREE])
+    if any(name not in names and _block(name) not in _ELSEWHERE for name in parameters):
         return None
     return Covariance(
-        told, covariance.standard_deviation, covariance.correlation
+        parameters, covariance.standard_deviation, covariance.correlation
     ).in_order(names)
 
 

@@ -47,5 +47,5 @@ def calibrate(
             again=again,
             progress=progress,
         )
-    asked = set(chosen_lenses(described, lens or []))
-    show_kit(table, out, as_json, require, asked)
+    chosen = set(chosen_lenses(described, lens or []))
+    show_kit(table, out, as_json, require, chosen)

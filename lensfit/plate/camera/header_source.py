@@ -32,7 +32,7 @@ _OPTIONS = {
 
 def add_header(
     words: dict[str, list[SourcedValue]],
-    told: Mapping[str, Sequence[HeaderWord]],
+    stated: Mapping[str, Sequence[HeaderWord]],
     better: Collection[str],
 ) -> dict[str, tuple[BadEntry, ...]]:
     """Add what a header tells to `words`, behind those of better sources; what it
@@ -41,11 +41,11 @@ def add_header(
     Parameters
     ----------
     words : By quantity, the word that counts most first.
-    told : By the header.
+    stated : By the header.
     better : Quantities that another source tells.
     """
     bad: dict[str, tuple[BadEntry, ...]] = {}
-    for name, entries in told.items():
+    for name, entries in stated.items():
         known = name in better
         for value, key in entries:
             if not isinstance(value, ImageError):

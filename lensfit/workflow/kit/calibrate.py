@@ -76,21 +76,21 @@ def calibrate_kit(
     return table
 
 
-def chosen_lenses(kit: Kit, asked: Sequence[str]) -> list[str]:
+def chosen_lenses(kit: Kit, requested: Sequence[str]) -> list[str]:
     """Folders of the lenses that are meant.
 
     Raises
     ------
     ShootError : One is none of the kit.
     """
-    if not asked:
+    if not requested:
         return list(kit.lenses)
     known: dict[str, list[str]] = {}
     for folder, lens in kit.lenses.items():
         for word in {folder, lens.name, lens.serial or folder}:
             known.setdefault(word.lower(), []).append(folder)
     chosen: list[str] = []
-    for word in asked:
+    for word in requested:
         if word.lower() not in known:
             raise ShootError(
                 f'no lens of the kit is "{word}"',

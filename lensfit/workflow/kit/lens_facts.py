@@ -72,12 +72,15 @@ def _focus_row(focal_mm: float, mark: FocusMark, blur: dict) -> dict[str, Any] |
     """Weighted over the photographs at the mark; None where none tells."""
     weights, sums = 0.0, 0.0
     for group in blur.get("defocus") or []:
-        told = group.get("from_stated") or {}
+        from_stated = group.get("from_stated") or {}
         focus, target = (
             distance_of(group.get(key))
             for key in ("focus_distance_mm", "target_distance_mm")
         )
-        value, deviation = told.get("defocus_mm"), told.get("standard_deviation_mm")
+        value, deviation = (
+            from_stated.get("defocus_mm"),
+            from_stated.get("standard_deviation_mm"),
+        )
         if focus is None or target is None or value is None or not deviation:
             continue
         same = focus == mark.distance_mm or abs(focus - mark.distance_mm) < _SAME_MM
