@@ -41,8 +41,8 @@ _UNSET = {"jax_compilation_cache_dir": (None, ""), "jax_num_cpu_devices": (-1,)}
 def configure_jax() -> None:
     """Turn on float64 and the persistent compilation cache; harmless if repeated."""
     _set("jax_enable_x64", True, overrule=True)
-    asked = cache_dir("jax")
-    folder = None if asked is None else made_private(asked)
+    chosen = cache_dir("jax")
+    folder = None if chosen is None else made_private(chosen)
     if folder is not None:
         _set("jax_compilation_cache_dir", str(folder))
         # All of them: a run has hundreds of small ones, seconds together.

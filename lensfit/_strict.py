@@ -174,6 +174,16 @@ def non_finite_numbers(data: object, path: str = "") -> Iterator[tuple[str, floa
         yield path, data
 
 
+def array_table_place(key: str) -> str:
+    """ "take[2].f_number" as its reader finds it: "[[take]] 3, f_number"."""
+    table, bracket, rest = key.partition("[")
+    index, _, inner = rest.partition("]")
+    if not bracket or "." in table or not index.isdigit():
+        return key
+    name = inner.lstrip(".")
+    return f"[[{table}]] {int(index) + 1}" + (f", {name}" if name else "")
+
+
 def did_you_mean(word: str, known: list[str]) -> str:
     """'did you mean "dots"?', or what the choices are when nothing looks like it."""
     by_lower_case = {name.lower(): name for name in known}

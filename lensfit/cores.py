@@ -20,6 +20,22 @@ def available_cores() -> int:
     return max(1, min(granted, int(limit) if limit.isdecimal() else granted))
 
 
+def bind_to_share_of_cores(index: int, workers: int) -> None:
+    """Keep this process, one of several, to its share of the cores, where the system
+    allows it.
+
+    To be called before JAX counts its cores.
+
+    Parameters
+    ----------
+    index, workers : Which of how many processes it is.
+    """
+    if hasattr(os, "sched_setaffinity"):
+        own = sorted(os.sched_getaffinity(0))
+        share = own[index % workers :: workers] or [own[index % len(own)]]
+        os.sched_setaffinity(0, share)
+
+
 def limit_cores(cores: int) -> None:
     """Use no more than these, in this process and those that it starts.
 

@@ -20,7 +20,7 @@ from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import LateralColour, no_lateral_colour
 from lensfit.optics.map_covariances import MapCovariances
-from lensfit.optics.pupil_walk import PupilWalk
+from lensfit.optics.pupil_shift import PupilShift
 from lensfit.psf.lens_blur import LensBlur, perfect_blur
 from lensfit.psf.lens_psf import Optics, Points, Raster, lens_psfs
 from lensfit.psf.psf_deviation import KnownPsfs, MovedBlurs, known_psfs
@@ -35,7 +35,7 @@ class Lens(AbstractChiefRays):
     Attributes
     ----------
     distortion, lateral_colour, illumination, entrance_pupil_offset_mm, sensor_size_mm,
-    pupil_walk, covariances : As in `AbstractChiefRays`.
+    pupil_shift, covariances : As in `AbstractChiefRays`.
     focal_length_mm, f_number, focus_distance_mm : The state; None where unknown.
     notes : Extrapolations of the preset to reach this state, and inactive overrides;
         one sentence each.
@@ -62,7 +62,7 @@ class Lens(AbstractChiefRays):
         static=True, default=None
     )
     largest_blur_mm: float | None = eqx.field(static=True, default=None)
-    pupil_walk: PupilWalk | None = None
+    pupil_shift: PupilShift | None = None
     covariances: MapCovariances = eqx.field(default_factory=MapCovariances)
 
     def psf(

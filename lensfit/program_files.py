@@ -39,8 +39,8 @@ _CHECKSUM_BYTES = 32
 @functools.cache
 def program_folder() -> Path | None:
     """Where the programs of this world lie; None where the user wants none kept."""
-    asked = cache_dir("programs")
-    root = None if asked is None else made_private(asked)
+    chosen = cache_dir("programs")
+    root = None if chosen is None else made_private(chosen)
     if root is None:
         return None
     devices = [(d.platform, d.device_kind) for d in jax.local_devices()]

@@ -122,11 +122,11 @@ class KeptProgram(Generic[_R]):
         self, call: _Call, arrays: dict[str, Any]
     ) -> Callable[..., Any] | None:
         """The kept program, or one compiled now and kept; None where none can be."""
-        folder, told = program_folder(), _program_key(call)
-        if folder is None or told is None:
+        folder, key = program_folder(), _program_key(call)
+        if folder is None or key is None:
             return None
         name = f"{self._function.__module__}.{self._function.__qualname__}"
-        digest = hashlib.sha256(f"{name} {told}".encode()).hexdigest()[:32]
+        digest = hashlib.sha256(f"{name} {key}".encode()).hexdigest()[:32]
         path = folder / f"{self._function.__name__}-{digest}"
         read = read_program(path, jax.tree.structure(((), arrays)))
         if read is not None:
@@ -184,8 +184,8 @@ def _program_key(call: _Call) -> str | None:
     """The same text in every process for the same call; None where there is no such."""
     arrays = [(k.shape, str(k.dtype), k.weak_type) for k in call.kinds]
     static = [(name, _name_of(value)) for name, value in call.static]
-    told = f"{call.settings} {static} {call.tree} {arrays}"
-    return None if " at 0x" in told else told
+    key = f"{call.settings} {static} {call.tree} {arrays}"
+    return None if " at 0x" in key else key
 
 
 def _name_of(value: Any) -> str:

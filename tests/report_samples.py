@@ -14,7 +14,7 @@ def barrel_report(takes: int = 4, noise_px: float = 0.06, seed: int = 7) -> dict
     """A whole report, as `calibrate` would write it for a 50 mm lens."""
     rng = np.random.default_rng(seed)
     return {
-        "schema": "lensfit.report.1",
+        "schema": "lensfit.report.2",
         "lens": {"name": "Barrel 50/1.4", "serial": "0042"},
         "camera": {
             "model": "Test camera",
@@ -141,7 +141,7 @@ def _blur(takes: int) -> dict:
         "blades": 8,
         "sign_known": True,
         "mirrored": False,
-        "guessed": [],
+        "extrapolated": [],
         "converged": True,
         "not_seen": ["exit_pupil"],
     }

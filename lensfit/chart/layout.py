@@ -20,7 +20,6 @@ from matplotlib.textpath import TextPath
 
 from lensfit.chart.code import STRIP_MODULES, marker_cells, marker_ids
 from lensfit.chart.drawing import BLACK, WHITE, Drawing, Layer, Outline
-from lensfit.chart.marks import pattern_layers
 from lensfit.chart.pattern import (
     LINE_END,
     ChartKind,
@@ -28,6 +27,7 @@ from lensfit.chart.pattern import (
     Polarity,
     in_steps,
     make_pattern,
+    pattern_layers,
 )
 from lensfit.chart.sheet import Sheet
 from lensfit.errors import ChartError

@@ -37,6 +37,12 @@ class FilterName(StrEnum):
     keys_6 = "keys-6"
 
 
+FilterOption = Annotated[
+    FilterName | None,
+    typer.Option("--filter", help="Of the warp; chosen by the tolerance if left out"),
+]
+
+
 class ProgressName(StrEnum):
     """How progress is told, as in `lensfit.cli._frame_progress`."""
 
@@ -103,12 +109,7 @@ def apply(
         ),
     ] = None,
     tolerance: ToleranceOption = 3e-3,
-    filter_name: Annotated[
-        FilterName | None,
-        typer.Option(
-            "--filter", help="Of the warp; chosen by the tolerance if left out"
-        ),
-    ] = None,
+    filter_name: FilterOption = None,
     overwrite: Annotated[
         bool,
         typer.Option(
@@ -150,12 +151,8 @@ def apply(
     Example: lensfit apply takumar/preset.json plate.####.exr --out rendered
     """
     from lensfit.cli._frame_progress import frame_progress
-    from lensfit.cores import limit_cores
 
-    if keep and overwrite:
-        raise typer.BadParameter("goes without --overwrite", param_hint="--keep")
-    if cores is not None:
-        limit_cores(cores)
+    begin_frames(keep, overwrite, cores)
     from lensfit.workflow.apply import apply
 
     options = apply_options(
@@ -193,6 +190,21 @@ def apply(
     say_applied(applied, out, as_json)
     if applied.failures:
         raise typer.Exit(1)
+
+
+def begin_frames(keep: bool, overwrite: bool, cores: int | None) -> None:
+    """Refuse options that exclude each other, and limit the cores before JAX is loaded.
+
+    Raises
+    ------
+    typer.BadParameter : Finished frames are both to be kept and to be replaced.
+    """
+    from lensfit.cores import limit_cores
+
+    if keep and overwrite:
+        raise typer.BadParameter("goes without --overwrite", param_hint="--keep")
+    if cores is not None:
+        limit_cores(cores)
 
 
 def apply_options(

@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from lensfit.cli._bars import progress_bars
-from lensfit.cli._door import one_of, say_error, say_note
-from lensfit.cli._efforts import EFFORT_OR_NONE_HELP, EFFORTS_OR_NONE
-from lensfit.cli._levels import LEVELS, one_of_or_none
+from lensfit.cli._door import say_error, say_note
+from lensfit.cli._efforts import EffortOption
+from lensfit.cli._levels import RequireOption, require_level
 
 
 def calibrate(
@@ -21,20 +21,8 @@ def calibrate(
             "--images", help="Folder of the photographs; else the shoot file's own"
         ),
     ] = None,
-    effort: Annotated[
-        str,
-        typer.Option(
-            help=EFFORT_OR_NONE_HELP,
-            callback=one_of(EFFORTS_OR_NONE),
-        ),
-    ] = "normal",
-    require: Annotated[
-        str | None,
-        typer.Option(
-            help="Exit with 1 if the verdict is lower: " + " | ".join(LEVELS),
-            callback=one_of_or_none(LEVELS),
-        ),
-    ] = None,
+    effort: EffortOption = "normal",
+    require: RequireOption = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the report as JSON")
     ] = False,
@@ -57,7 +45,6 @@ def calibrate(
         say_note(f"{shoot}: {note}")
 
     # The heavy part, imported only once there is something to calibrate.
-    from lensfit.cli._levels import require_level
     from lensfit.cli._summary import failed_takes, print_files, print_summary
     from lensfit.workflow.calibrate import calibrate as calibrate_shoot
 

@@ -11,8 +11,7 @@ from typing import Annotated
 import typer
 
 from lensfit import __version__
-from lensfit.cli._door import DoorGroup
-from lensfit.cli._interrupt import interruptible
+from lensfit.cli._door import DoorGroup, interruptible
 
 COMMANDS = (
     "demo",

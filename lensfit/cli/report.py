@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from lensfit.cli._levels import LEVELS, one_of_or_none, require_level
+from lensfit.cli._levels import RequireOption, require_level
 from lensfit.errors import LensfitError
 
 
@@ -15,13 +15,7 @@ def report(
         Path,
         typer.Argument(help="Folder of a calibration, or its report.json"),
     ],
-    require: Annotated[
-        str | None,
-        typer.Option(
-            help="Exit with 1 if the verdict is lower: " + " | ".join(LEVELS),
-            callback=one_of_or_none(LEVELS),
-        ),
-    ] = None,
+    require: RequireOption = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the report as JSON")
     ] = False,

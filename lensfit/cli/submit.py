@@ -38,7 +38,6 @@ class Farm(StrEnum):
     opencue = "opencue"
 
 
-_OWN = ("preset", "plates", "out", "frames", "library", "as_json")
 _SUFFIX = {Farm.openjd: "openjd.json", Farm.opencue: "outline"}
 
 
@@ -179,8 +178,8 @@ def _say(
         return
     for file in files:
         say_line(file)
-    asked = f" of {needs.cores} cores and {needs.gib:.1f} GiB" if needs else ""
-    say_line(f"{tasks} {'task' if tasks == 1 else 'tasks'}{asked}; {shlex.join(run)}")
+    needed = f" of {needs.cores} cores and {needs.gib:.1f} GiB" if needs else ""
+    say_line(f"{tasks} {'task' if tasks == 1 else 'tasks'}{needed}; {shlex.join(run)}")
 
 
 def _written(job: FarmJob, to: Farm, path: Path) -> tuple[list[Path], list[str]]:

@@ -7,7 +7,7 @@ import typer
 
 from lensfit.cli._cores import CoresOption
 from lensfit.cli._tolerance import ToleranceOption
-from lensfit.cli.apply import FilterName, ProgressName, say_applied
+from lensfit.cli.apply import FilterOption, ProgressName, begin_frames, say_applied
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
@@ -61,12 +61,7 @@ def undistort(
         ),
     ] = None,
     tolerance: ToleranceOption = 1e-3,
-    filter_name: Annotated[
-        FilterName | None,
-        typer.Option(
-            "--filter", help="Of the warp; chosen by the tolerance if left out"
-        ),
-    ] = None,
+    filter_name: FilterOption = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Make every frame again")
     ] = False,
@@ -94,12 +89,8 @@ def undistort(
     Example: lensfit undistort takumar/preset.json A001.####.exr --out straight
     """
     from lensfit.cli._frame_progress import frame_progress
-    from lensfit.cores import limit_cores
 
-    if keep and overwrite:
-        raise typer.BadParameter("goes without --overwrite", param_hint="--keep")
-    if cores is not None:
-        limit_cores(cores)
+    begin_frames(keep, overwrite, cores)
     from lensfit.plate.apply_options import ApplyOptions
     from lensfit.workflow.undistort import undistort_plates
 

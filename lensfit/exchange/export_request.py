@@ -85,8 +85,8 @@ class ExportRequest:
     @property
     def one_state(self) -> bool:
         """Whether one entry is requested, or there is only one."""
-        asked = (self.state.focal_length_mm, self.state.focus_distance_mm)
-        return asked != (None, None) or len(self.preset.entries) == 1
+        requested = (self.state.focal_length_mm, self.state.focus_distance_mm)
+        return requested != (None, None) or len(self.preset.entries) == 1
 
     def lens(self) -> Lens:
         """The lens at the state requested."""

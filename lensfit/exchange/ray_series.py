@@ -135,14 +135,14 @@ class _Scene:
 
     def _tangent_ratio(self, slope: np.ndarray, vergence: float) -> np.ndarray | float:
         """Tangent in the scene over that of the map, which holds at the chart."""
-        walk = self.lens.pupil_walk
-        if walk is None:
+        pupil_shift = self.lens.pupil_shift
+        if pupil_shift is None:
             return 1.0
-        apart = vergence - 1 / float(walk.chart_distance_mm)
+        apart = vergence - 1 / float(pupil_shift.chart_distance_mm)
         scale = np.ones((len(slope), 1))
         for _ in range(_STEPS):
             across = np.sum((slope * scale) ** 2, -1, keepdims=True)
-            scale = 1 - float(walk.walk_mm) * across / (1 + across) * apart
+            scale = 1 - float(pupil_shift.shift_mm) * across / (1 + across) * apart
         return scale
 
 

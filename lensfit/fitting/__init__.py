@@ -1,4 +1,4 @@
-"""From marks to a lens: `lensfit.fit(views)` and the stages it is made of.
+"""From detections to a lens: `lensfit.fit(views)` and the stages it is made of.
 
 Whoever enters this room is about to fit, which is quickest with all cores.
 """

@@ -40,4 +40,4 @@ def breathing_notes(states: Iterable[LensState]) -> Iterator[str]:
 
 
 def _measured(state: LensState) -> bool:
-    return any(take.target_distance_mm is not None for take in state.geometry.takes)
+    return any(view.target_distance_mm is not None for view in state.geometry.takes)

@@ -27,20 +27,21 @@ class View:
     name : Of the photograph, for messages.
     target : Name of the target; views of one target share its errors.
     observations : The detected points.
-    pitch_mm : Distance of neighbouring marks, to the right and down on the target.
+    pitch_mm : Distance of neighbouring points, to the right and down on the target.
     mark_diameter_mm : Diameter of a dot, width of a line; None for corners, and where
         it is not known.
     focal_length_mm : As on the barrel.
     sensor_size_mm : Width and height that the photograph spans.
     f_number, focus_distance_mm, target_distance_mm : None where not stated.
     squeeze : Nominal horizontal squeeze of an anamorphic lens.
-    dot_images : Pictures of the marks, where their shape can be fitted.
+    dot_images : Pictures of the detections, where their shape can be fitted.
     rims : Of their rims, where these show finer cells.
-    chief_rays : Whether marks are where chief rays land, not centroids.
-    shared_moves_mm : How marks that were placed so move together, red, green and blue,
-        by every independent error of what placed them, one standard deviation each.
-    colour_moves_mm : How such marks move by the wavefront's terms of colour, each as
-        large as any lens has it.
+    chief_rays : Whether detections are where chief rays land, not centroids.
+    shared_moves_mm : How detections that were placed so move together, red, green and
+        blue, by every independent error of what placed them, one standard deviation
+        each.
+    colour_moves_mm : How such detections move by the wavefront's terms of colour, each
+        as large as any lens has it.
     colour_orders : Orders of these terms.
     widths : How well what is stated is known, and the diameter of dots.
     """
@@ -59,8 +60,8 @@ class View:
     dot_images: DotImages | None = None
     rims: DotImages | None = None
     chief_rays: bool = False
-    shared_moves_mm: Float[np.ndarray, "moves 3 marks 2"] | None = None
-    colour_moves_mm: Float[np.ndarray, "terms 3 marks 2"] | None = None
+    shared_moves_mm: Float[np.ndarray, "moves 3 detections 2"] | None = None
+    colour_moves_mm: Float[np.ndarray, "terms 3 detections 2"] | None = None
     colour_orders: tuple[int, ...] = ()
     widths: Widths = ORDINARY_WIDTHS
 
@@ -76,19 +77,19 @@ class View:
         return self.squeeze != 1.0
 
 
-def grouped(takes: list[View]) -> list[list[View]]:
-    """Takes of one focal length and focus distance together, in order.
+def grouped(views: list[View]) -> list[list[View]]:
+    """Views of one focal length and focus distance together, in order.
 
     Focus distances that no barrel tells apart (`_SAME_FOCUS_DIOPTRES`) are one.
     """
     groups: list[list[View]] = []
-    for take in takes:
-        same = (group for group in groups if _same_state(group[0], take))
+    for view in views:
+        same = (group for group in groups if _same_state(group[0], view))
         group = next(same, None)
         if group is None:
-            groups.append([take])
+            groups.append([view])
         else:
-            group.append(take)
+            group.append(view)
     return groups
 
 

@@ -52,12 +52,12 @@ class ChiefRayFit:
 
     Attributes
     ----------
-    takes : The takes that were fitted, in the order of the arrays.
+    takes : The views that were fitted, in the order of the arrays.
     adjustment : The solution.
     kept : Names of the blocks that are free.
     decisions : The decision on every candidate term.
     focal_length_free : Whether the photographs determine the focal length.
-    held_out_rms_px, held_out_rms_px_of_take : For all takes, and for each; mean over
+    held_out_rms_px, held_out_rms_px_of_take : For all views, and for each; mean over
         random partitions.
     facts : Values that were stated.
     """
@@ -91,20 +91,20 @@ class ChiefRayFit:
 # while they wait: on a busy machine a fit took ten times longer.
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def fit_chief_ray(
-    takes: list[View],
+    views: list[View],
     progress: Progress = silent,
     *,
-    all_takes: list[View] | None = None,
+    all_views: list[View] | None = None,
     base: BaseProjection | None = None,
     perspective: KnownPerspective | None = None,
     known_decentring: DecentringTerms | None = None,
 ) -> ChiefRayFit:
-    """Fit one lens state (one focal length and focus distance) to its takes.
+    """Fit one lens state (one focal length and focus distance) to its views.
 
     Parameters
     ----------
-    takes : Takes of this state.
-    all_takes : Takes of all states of the lens. The box of the free field covers them,
+    views : Of this state.
+    all_views : Views of all states of the lens. The box of the free field covers them,
         so that states can be interpolated.
     base : Ideal projection; by default the one with the smallest residuals.
     perspective : Prior of the entrance pupil from another state; by default that of
@@ -114,12 +114,12 @@ def fit_chief_ray(
 
     Raises
     ------
-    FitError : The marks do not determine a lens, or contradict what was stated.
+    FitError : The detections do not determine a lens, or contradict what was stated.
     """
     clock = time.perf_counter
     began = clock()
-    require_marks(takes)
-    start = start_of(takes, all_takes or takes, perspective)
+    require_marks(views)
+    start = start_of(views, all_views or views, perspective)
     compact = with_fitted_scale_as_origin(_compact(start, base))
     progress("fit", 1, 5)
     after_compact = clock()
@@ -128,7 +128,7 @@ def fit_chief_ray(
     held_out, per_take = held_out_error_px(fitted)
     progress("fit", 5, 5)
     return ChiefRayFit(
-        takes=tuple(takes),
+        takes=tuple(views),
         adjustment=fitted,
         kept=kept,
         decisions=tuple(decisions),
@@ -158,7 +158,7 @@ def _notes(fitted: Adjustment) -> tuple[str, ...]:
     if ratio > _ODD_SQUEEZE:
         notes.append(
             f"one axis of the picture is {100 * (ratio - 1):.0f} % longer than stated: "
-            "check pitch_mm (square marks have one pitch) and anamorphic_squeeze"
+            "check pitch_mm (a square lattice has one pitch) and anamorphic_squeeze"
         )
     return tuple(notes)
 
@@ -184,7 +184,7 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
     prior = with_poses_free(fixed_prior(start.parameters(layout)), layout)
     first = layout.blocks["radial"].start
     prior = release(prior, slice(first, first + COMPACT_RADIAL_TERMS), 0.3)
-    for name in stated_blocks(start.walk_free):
+    for name in stated_blocks(start.pupil_shift_free):
         prior = release(prior, layout.blocks[name], loose_deviation(layout, name))
     adjustment = start.adjustment(layout, prior)
     adjustment = adjust(adjustment, rounds=2, chunks=chunks)
@@ -196,24 +196,24 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
     return adjust(replace(adjustment, prior=prior), rounds=2, chunks=chunks)
 
 
-def require_marks(takes: list[View], fewest: int = 12) -> None:
-    """Refuse takes with too few detections for a pose, or with positions not finite.
+def require_marks(views: list[View], fewest: int = 12) -> None:
+    """Refuse views with too few detections for a pose, or with positions not finite.
 
     Raises
     ------
-    FitError : Names the take.
+    FitError : Names the view.
     """
-    for take in takes:
-        invalid = ~np.isfinite(take.observations.points_px).all(-1)
+    for view in views:
+        invalid = ~np.isfinite(view.observations.points_px).all(-1)
         if invalid.any():
             raise FitError(
-                f"{invalid.sum()} marks have a position that is no number",
-                where=take.name,
-                remedy="leave these marks out",
+                f"{invalid.sum()} points have a position that is no number",
+                where=view.name,
+                remedy="leave these points out",
             )
-        if len(take.observations) < fewest:
+        if len(view.observations) < fewest:
             raise FitError(
-                f"only {len(take.observations)} marks, {fewest} are needed",
-                where=take.name,
+                f"only {len(view.observations)} points, {fewest} are needed",
+                where=view.name,
                 remedy="photograph more of the target",
             )

@@ -7,9 +7,9 @@ the image, does so to a few percent. If the chart's distance from the sensor was
 measured as well, the difference is the position of the pupil: far in front of the
 sensor in a retrofocus lens, close to it in a telephoto lens.
 
-The pupil shifts along the axis with field angle (called its walk here; pupil
-aberration, `lensfit.optics.pupil_walk`). A tilted chart is near on one side of the
-frame and far on the other, so that this shift causes a measurable parallax.
+The pupil shifts along the axis with field angle (pupil aberration,
+`lensfit.optics.pupil_shift`). A tilted chart is near on one side of the frame and far
+on the other, so that this shift causes a measurable parallax.
 
 Both are parameters of the fit of every state, with the values of usual lenses as a
 prior (`lensfit.fitting.usual_lens`). They are properties of the elements in front of
@@ -25,24 +25,24 @@ from lensfit.fitting.uncertainty import Uncertainty
 from lensfit.fitting.usual_lens import (
     KnownPerspective,
     KnownPupil,
-    KnownWalk,
+    KnownPupilShift,
     magnification_at,
     usual_pupil,
-    usual_walk,
+    usual_pupil_shift,
 )
 
-_MEASURED_PUPIL, _MEASURED_WALK = 0.25, 0.5
+_MEASURED_PUPIL, _MEASURED_PUPIL_SHIFT = 0.25, 0.5
 """Shares of the prior width of usual lenses; a value with a larger standard deviation
 counts as assumed, not as measured."""
 _LEAST_MOTION_MM = 0.3
 _MOTION = 2.0
 """Standard deviation of the motion with focus, in units of f m: the pupil of a 100 mm
 lens with floating elements moves four times as far."""
-_WALK_WITH_FOCUS = 0.01
+_PUPIL_SHIFT_WITH_FOCUS = 0.01
 """In focal lengths: the shift with field angle of traced lenses changes by less between
 focus distances."""
 
-_WALK_HIGHER_ORDERS = 0.15
+_PUPIL_SHIFT_HIGHER_ORDERS = 0.15
 """Relative error of the shift per sin^2 of the field angle due to the neglected sin^4
 term: a sixth and a tenth for a traced 50 mm f/1.4 and a 14 mm lens of 100 degrees."""
 _AGREES = 1.0
@@ -66,11 +66,11 @@ class EntrancePupil(NamedTuple):
     standard_deviation_mm: float = float("inf")
 
 
-class FittedWalk(NamedTuple):
+class FittedPupilShift(NamedTuple):
     """Shift of the entrance pupil towards the scene, per squared sine of the field
-    angle (`optics.pupil_walk`)."""
+    angle (`optics.pupil_shift`)."""
 
-    walk_mm: float
+    shift_mm: float
     standard_deviation_mm: float
     measured: bool = True
 
@@ -84,28 +84,32 @@ def entrance_pupil(geometry: ChiefRayFit, uncertainty: Uncertainty) -> EntranceP
     return EntrancePupil(offset_mm, measured, deviation_mm)
 
 
-def pupil_walk(geometry: ChiefRayFit, uncertainty: Uncertainty) -> FittedWalk | None:
+def fitted_pupil_shift(
+    geometry: ChiefRayFit, uncertainty: Uncertainty
+) -> FittedPupilShift | None:
     """Shift of the entrance pupil with field angle, of a fitted state.
 
     None for anamorphic lenses, whose two sections have different pupils; and where the
     photographs do not determine it and no f-number or no distance was stated, because
     the map could then not be transferred to other distances.
     """
-    takes, facts = geometry.takes, geometry.facts
+    views, facts = geometry.takes, geometry.facts
     if geometry.adjustment.layout.anamorphic:
         return None
-    known = facts.perspective.walk
-    walk_mm, deviation_mm = _fitted_mm(geometry, uncertainty, "pupil_walk")
-    usual_mm = usual_walk(facts.focal_length_mm, _widest(takes)).standard_deviation_mm
-    measured = known.measured or deviation_mm < _MEASURED_WALK * usual_mm
-    distances = any(take.target_distance_mm is not None for take in takes)
-    if not measured and (_widest(takes) is None or not distances):
+    known = facts.perspective.pupil_shift
+    shift_mm, deviation_mm = _fitted_mm(geometry, uncertainty, "pupil_shift")
+    usual_mm = usual_pupil_shift(
+        facts.focal_length_mm, _widest(views)
+    ).standard_deviation_mm
+    measured = known.measured or deviation_mm < _MEASURED_PUPIL_SHIFT * usual_mm
+    distances = any(view.target_distance_mm is not None for view in views)
+    if not measured and (_widest(views) is None or not distances):
         return None
-    return FittedWalk(walk_mm, deviation_mm, measured)
+    return FittedPupilShift(shift_mm, deviation_mm, measured)
 
 
-def _widest(takes) -> float | None:
-    return min((t.f_number for t in takes if t.f_number is not None), default=None)
+def _widest(views) -> float | None:
+    return min((t.f_number for t in views if t.f_number is not None), default=None)
 
 
 def _fitted_mm(
@@ -120,7 +124,7 @@ def _fitted_mm(
 
 def perspective_at_other_focus(
     pupil: EntrancePupil,
-    walk: FittedWalk | None,
+    pupil_shift: FittedPupilShift | None,
     focal_length_mm: float,
     known_at_focus_mm: float | None,
     focus_distance_mm: float | None,
@@ -133,7 +137,7 @@ def perspective_at_other_focus(
 
     Parameters
     ----------
-    pupil, walk : Of the state that determined them.
+    pupil, pupil_shift : Of the state that determined them.
     known_at_focus_mm, focus_distance_mm : Focus distances of that state and of the new
         one, from the sensor; None if unknown.
     """
@@ -150,43 +154,46 @@ def perspective_at_other_focus(
         pupil.standard_deviation_mm,
         pupil.measured,
     )
-    if walk is None:
-        return KnownPerspective(known, usual_walk(focal_length_mm, None))
+    if pupil_shift is None:
+        return KnownPerspective(known, usual_pupil_shift(focal_length_mm, None))
     return KnownPerspective(
         known,
-        KnownWalk(
-            walk.walk_mm,
-            _WALK_WITH_FOCUS * focal_length_mm,
-            walk.standard_deviation_mm,
-            walk.measured,
+        KnownPupilShift(
+            pupil_shift.shift_mm,
+            _PUPIL_SHIFT_WITH_FOCUS * focal_length_mm,
+            pupil_shift.standard_deviation_mm,
+            pupil_shift.measured,
         ),
     )
 
 
-def perspective_with_walk(
-    geometry: ChiefRayFit, walk: FittedWalk | None, corrected: FittedWalk | None
+def perspective_with_pupil_shift(
+    geometry: ChiefRayFit,
+    pupil_shift: FittedPupilShift | None,
+    corrected: FittedPupilShift | None,
 ) -> KnownPerspective | None:
     """Prior of a state whose pupil shift with field angle was corrected; None if the
     correction is within its standard deviation.
 
     Parameters
     ----------
-    walk, corrected : As fitted, and with shared errors of the detections allowed for.
+    pupil_shift, corrected : As fitted, and with shared errors of the detections allowed
+        for.
     """
-    if walk is None or corrected is None:
+    if pupil_shift is None or corrected is None:
         return None
     if (
-        abs(corrected.walk_mm - walk.walk_mm)
+        abs(corrected.shift_mm - pupil_shift.shift_mm)
         < _AGREES * corrected.standard_deviation_mm
     ):
         return None
     deviation_mm = math.hypot(
-        corrected.standard_deviation_mm, _WALK_HIGHER_ORDERS * corrected.walk_mm
+        corrected.standard_deviation_mm, _PUPIL_SHIFT_HIGHER_ORDERS * corrected.shift_mm
     )
     return geometry.facts.perspective._replace(
-        walk=KnownWalk(
-            corrected.walk_mm,
-            _WALK_WITH_FOCUS * geometry.facts.focal_length_mm,
+        pupil_shift=KnownPupilShift(
+            corrected.shift_mm,
+            _PUPIL_SHIFT_WITH_FOCUS * geometry.facts.focal_length_mm,
             deviation_mm,
             corrected.measured,
         )

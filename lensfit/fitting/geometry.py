@@ -1,4 +1,4 @@
-"""From a mark on the board to where it lands on the photograph.
+"""From a point on the board to where it lands on the photograph.
 
     board (flat, or bent and stretched) -> pose -> distortion -> sensor mm
 
@@ -11,7 +11,7 @@ Behind cylinders the entrance pupil lies elsewhere for x than for y, so that a l
 two centres of projection. That of y is the origin; x sees a point (X, Y, Z) from a gap
 g farther ahead, as X / (Z - g) times (Z0 - g) / Z0: at the distance Z0 of the boards,
 for which the chief-ray map is then made, both centres say the same. The pupil of other
-lenses walks along the axis with field angle (`optics.pupil_walk`).
+lenses shifts along the axis with field angle (`optics.pupil_shift`).
 """
 
 from typing import NamedTuple
@@ -29,7 +29,7 @@ from lensfit.fitting.parameters import (
 )
 from lensfit.optics import field
 from lensfit.optics.distortion import Distortion, distorted_from_direction
-from lensfit.optics.pupil_walk import PupilWalk, equivalent_chart_point
+from lensfit.optics.pupil_shift import PupilShift, equivalent_chart_point
 
 Parts = dict[str, Array]
 """Named blocks of the parameters: those of the lens, and of one photograph."""
@@ -120,7 +120,7 @@ def predicted_mm(
     layout: Layout,
     frame: Frame,
 ) -> Float[Array, "2"]:
-    """Sensor mm where the mark's chief ray lands, moved by its aperture's shift."""
+    """Sensor mm where the point's chief ray lands, moved by its aperture's shift."""
     parts = parts_of(shared, local, layout)
     lens = lens_of(parts, layout, frame)
     point = board_point_mm(board, parts, view, layout)
@@ -131,7 +131,7 @@ def predicted_mm(
 def board_point_mm(
     board: Float[Array, "2"], parts: Parts, view: BoardPose, layout: Layout
 ) -> Float[Array, "3"]:
-    """The mark in board axes, mm: nominal place, plus stretch and bend."""
+    """The point in board axes, mm: nominal place, plus stretch and bend."""
     extent = jnp.max(view.half_board_mm)
     stretch = parts["board_stretch"].reshape(2, -1)
     moved = stretch @ board_basis(board, layout.stretch_degree) * view.whole_board
@@ -147,9 +147,11 @@ def direction_of(
     pose = parts["pose"]
     turned = rotation_from_vector(pose[:3]) @ (view.rotation @ point_mm)
     seen = turned + view.translation_mm + pose[3:] * view.translation_mm[2]
-    if parts["pupil_walk"].size:
-        walk_mm = parts["pupil_walk"][0] * frame.stated_focal_length_mm
-        return equivalent_chart_point(seen, PupilWalk(walk_mm, frame.board_distance_mm))
+    if parts["pupil_shift"].size:
+        shift_mm = parts["pupil_shift"][0] * frame.stated_focal_length_mm
+        return equivalent_chart_point(
+            seen, PupilShift(shift_mm, frame.board_distance_mm)
+        )
     gap_mm = parts["pupil_gap"][0] * frame.stated_focal_length_mm
     at_board = 1 - gap_mm / frame.board_distance_mm
     return seen.at[0].multiply(at_board / (1 - gap_mm / seen[2]))
@@ -162,7 +164,7 @@ def shifted_mm(
     lens: Distortion,
     layout: Layout,
 ) -> Float[Array, "2"]:
-    """What the shutter and a wide aperture do to a landed mark.
+    """What the shutter and a wide aperture do to where a chief ray lands.
 
     A rolling shutter reads rows one after the other: a camera that moves meanwhile
     shifts each by an amount proportional to its height on the sensor.

@@ -18,14 +18,14 @@ HELD_OUT_SEEDS = (0, 1, 2)
 _MOST_STEPS = 6
 
 
-def squared_px(adjustment: Adjustment) -> Float[np.ndarray, "views marks"]:
+def squared_px(adjustment: Adjustment) -> Float[np.ndarray, "views detections"]:
     """Squared residual of every detection, square pixels."""
     squared = np.sum(adjustment.residual_mm() ** 2, -1)
     return squared / adjustment.stack.mm_per_px[:, None] ** 2
 
 
 def rms(squared: np.ndarray, chosen: Bool[np.ndarray, "..."]) -> float:
-    """Root mean square over the chosen marks; NaN if there are none."""
+    """Root mean square over the chosen detections; NaN if there are none."""
     return float(np.sqrt(np.mean(squared[chosen]))) if chosen.any() else float("nan")
 
 
@@ -50,7 +50,7 @@ def held_out_error_px(
 
 def fitted_to_half(
     adjustment: Adjustment, seed: int
-) -> tuple[Adjustment, Bool[np.ndarray, "views marks"]]:
+) -> tuple[Adjustment, Bool[np.ndarray, "views detections"]]:
     """The same model, fitted to a random half of the detections, and which half."""
     seen = np.random.default_rng(seed).random(adjustment.weight.shape) < 0.5
     problem = problem_of(adjustment, np.where(seen, adjustment.weight, 0.0))

@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float, Int
 
 from lensfit.fitting.adjust import Adjustment, model_variance_mm2
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.entrance_pupil import FittedWalk
+from lensfit.fitting.entrance_pupil import FittedPupilShift
 from lensfit.fitting.half_equations import stated_statistics
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.uncertainty import shared_moves_of
@@ -69,10 +69,10 @@ def error_amplitudes(
     Parameters
     ----------
     states : Fitted to centroids.
-    moved : Takes of these states with detections moved to chief rays; all their
+    moved : Views of these states with detections moved to chief rays; all their
         `shared_moves_mm` refer to the same list of errors.
     """
-    by_name = {take.name: take for take in moved}
+    by_name = {view.name: view for view in moved}
     affected = [s for s in states if any(t.name in by_name for t in s.geometry.takes)]
     maps = [_linearised_map(state, by_name) for state in affected]
     maps = [one for one in maps if len(one.moves_mm)]
@@ -86,7 +86,7 @@ def error_amplitudes(
     return found
 
 
-def walk_with_shared_errors(state: LensState) -> FittedWalk | None:
+def pupil_shift_with_shared_errors(state: LensState) -> FittedPupilShift | None:
     """Shift of the entrance pupil with field angle, estimated together with the errors
     that the detections share; None if no such errors are known or no shift was fitted.
 
@@ -95,13 +95,13 @@ def walk_with_shared_errors(state: LensState) -> FittedWalk | None:
     to the pupil: for a 50 mm f/1.4 lens it gave -45 mm, where -15 is true and -18 is
     usual, and the tilts of a few degrees did not contradict it.
     """
-    if state.walk is None or all(
-        take.shared_moves_mm is None for take in state.geometry.takes
+    if state.pupil_shift is None or all(
+        view.shared_moves_mm is None for view in state.geometry.takes
     ):
         return None
     adjustment = state.geometry.adjustment
-    walk = adjustment.layout.blocks["pupil_walk"].start
-    if not adjustment.prior.free[walk]:
+    column = adjustment.layout.blocks["pupil_shift"].start
+    if not adjustment.prior.free[column]:
         return None
     one = _linearised_map(state, {})
     adjustment = one.adjustment
@@ -113,13 +113,14 @@ def walk_with_shared_errors(state: LensState) -> FittedWalk | None:
     covariance = np.linalg.inv(slopes @ slopes.T + prior_matrix)
     prior_gradient = np.pad(one.prior_gradient, (0, len(white.moves)))
     step = -covariance @ (slopes @ white.residual + prior_gradient)
-    row = int(np.flatnonzero(one.free == walk)[0])
+    row = int(np.flatnonzero(one.free == column)[0])
     unit_mm = float(adjustment.frame.stated_focal_length_mm)
     deviation_mm = float(one.deviation[row]) * unit_mm
-    return FittedWalk(
-        float(adjustment.parameters[walk]) * unit_mm + float(step[row]) * deviation_mm,
+    return FittedPupilShift(
+        float(adjustment.parameters[column]) * unit_mm
+        + float(step[row]) * deviation_mm,
         float(np.sqrt(covariance[row, row])) * deviation_mm,
-        state.walk.measured,
+        state.pupil_shift.measured,
     )
 
 
@@ -140,9 +141,9 @@ class _LinearisedMap(NamedTuple):
     adjustment: Adjustment
     free: Int[np.ndarray, " parameters"]
     deviation: Float[np.ndarray, " parameters"]
-    residual_mm: Float[np.ndarray, "views marks 2"]
-    slopes_mm: Float[np.ndarray, "parameters views marks 2"]
-    moves_mm: Float[np.ndarray, "moves views marks 2"]
+    residual_mm: Float[np.ndarray, "views detections 2"]
+    slopes_mm: Float[np.ndarray, "parameters views detections 2"]
+    moves_mm: Float[np.ndarray, "moves views detections 2"]
     prior_gradient: Float[np.ndarray, " parameters"]
     prior_matrix: Float[np.ndarray, "parameters parameters"]
 
@@ -156,7 +157,7 @@ class _AmplitudeEquations(NamedTuple):
 
 def _linearised_map(state: LensState, by_name: dict[str, View]) -> _LinearisedMap:
     adjustment = state.geometry.adjustment
-    takes = tuple(by_name.get(take.name, take) for take in state.geometry.takes)
+    views = tuple(by_name.get(view.name, view) for view in state.geometry.takes)
     substitute = _is_centroid_bias_term(adjustment)
     # The wavefront now predicts the centroid bias that these terms approximated.
     parameters = np.where(substitute, 0.0, adjustment.parameters)
@@ -171,9 +172,9 @@ def _linearised_map(state: LensState, by_name: dict[str, View]) -> _LinearisedMa
         adjustment,
         free,
         deviation,
-        adjustment.residual_mm() - _displacements_mm(adjustment, takes),
+        adjustment.residual_mm() - _displacements_mm(adjustment, views),
         _slopes_mm(adjustment, free, deviation),
-        shared_moves_of(adjustment, takes),
+        shared_moves_of(adjustment, views),
         precision * off + stated.gradient[free] * deviation,
         np.diag(precision) + stated.matrix[np.ix_(free, free)] * scale,
     )
@@ -187,14 +188,14 @@ def _is_centroid_bias_term(adjustment: Adjustment) -> Bool[np.ndarray, " paramet
 
 
 def _displacements_mm(
-    adjustment: Adjustment, takes: Sequence[View]
-) -> Float[np.ndarray, "views marks 2"]:
-    """Displacement of the detections from the fitted ones to those of `takes`."""
+    adjustment: Adjustment, views: Sequence[View]
+) -> Float[np.ndarray, "views detections 2"]:
+    """Displacement of the detections from the fitted ones to those of `views`."""
     before_mm = adjustment.stack.observed_mm
     moves_mm = np.zeros_like(before_mm)
-    for k, take in enumerate(takes):
-        marks = len(take.observations)
-        moves_mm[k, :marks] = observed_of(take) - before_mm[k, :marks]
+    for k, view in enumerate(views):
+        detections = len(view.observations)
+        moves_mm[k, :detections] = observed_of(view) - before_mm[k, :detections]
     return moves_mm
 
 
@@ -202,7 +203,7 @@ def _slopes_mm(
     adjustment: Adjustment,
     free: Int[np.ndarray, " free"],
     deviation: Float[np.ndarray, " free"],
-) -> Float[np.ndarray, "free views marks 2"]:
+) -> Float[np.ndarray, "free views detections 2"]:
     """Derivatives by central differences, with the compiled program of predictions."""
 
     def residual(index: int, step: float) -> np.ndarray:
@@ -264,7 +265,7 @@ def _whitened(
     whitening = whitening_of(one.adjustment.stack, variance_mm2)
     whitening = whitening * np.sqrt(one.adjustment.weight)[..., None, None]
 
-    def flat(vectors: Float[np.ndarray, "some views marks 2"]) -> np.ndarray:
+    def flat(vectors: Float[np.ndarray, "some views detections 2"]) -> np.ndarray:
         return np.einsum("vmij,svmj->svmi", whitening, vectors).reshape(
             len(vectors), -1
         )

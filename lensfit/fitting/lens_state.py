@@ -1,6 +1,6 @@
 """The fit of one lens state: one focal length at one focus distance.
 
-All takes of a state share one chief-ray geometry and one lateral colour; fall-off is
+All views of a state share one chief-ray geometry and one lateral colour; fall-off is
 fitted separately for each f-number.
 """
 
@@ -17,9 +17,9 @@ from lensfit.fitting.colour.lateral_colour import Views, fit_colours
 from lensfit.fitting.decentring import DecentringTerms
 from lensfit.fitting.entrance_pupil import (
     EntrancePupil,
-    FittedWalk,
+    FittedPupilShift,
     entrance_pupil,
-    pupil_walk,
+    fitted_pupil_shift,
 )
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.fall_off.illumination import fit_illumination
@@ -46,14 +46,14 @@ class LensState:
     Attributes
     ----------
     focal_length_mm, focus_distance_mm : As engraved on the barrel.
-    geometry : The chief-ray fit and the takes it was made from.
+    geometry : The chief-ray fit and the views it was made from.
     distortion : The lens model of that fit.
     uncertainty : Covariance of the parameters of that fit.
     pupil : Position of the entrance pupil.
     fall_off : One fit for each f-number.
     colour : Red and blue relative to green (`with_colour`); empty for monochrome
         photographs.
-    walk : Shift of the entrance pupil with field angle; None if it was not determined.
+    pupil_shift : Of the entrance pupil with field angle; None if it was not determined.
     """
 
     focal_length_mm: float
@@ -64,14 +64,14 @@ class LensState:
     pupil: EntrancePupil
     fall_off: list[FallOffFit]
     colour: dict[str, ChannelColour] = field(default_factory=dict)
-    walk: FittedWalk | None = None
+    pupil_shift: FittedPupilShift | None = None
 
 
 def fit_state(
     group: list[View],
     progress: Progress = silent,
     *,
-    all_takes: list[View],
+    all_views: list[View],
     base: BaseProjection | None = None,
     perspective: KnownPerspective | None = None,
     known_decentring: DecentringTerms | None = None,
@@ -80,8 +80,8 @@ def fit_state(
 
     Parameters
     ----------
-    group : Takes of this focal length and focus distance.
-    all_takes : Takes of all states of the lens.
+    group : Views of this focal length and focus distance.
+    all_views : Views of all states of the lens.
     base : Ideal projection of the states that were fitted before, so that states can be
         interpolated; None selects the projection with the smallest residuals.
     perspective : Entrance pupil and its shift with field angle, as measured at another
@@ -90,12 +90,12 @@ def fit_state(
 
     Raises
     ------
-    FitError : The marks do not determine a lens, or contradict what was stated.
+    FitError : The detections do not determine a lens, or contradict what was stated.
     """
     geometry = fit_chief_ray(
         group,
         progress,
-        all_takes=all_takes,
+        all_views=all_views,
         base=base,
         perspective=perspective,
         known_decentring=known_decentring,
@@ -116,7 +116,7 @@ def fit_state(
         uncertainty=uncertainty,
         pupil=entrance_pupil(geometry, uncertainty),
         fall_off=fit_illumination(geometry.takes, adjustment, centre),
-        walk=pupil_walk(geometry, uncertainty),
+        pupil_shift=fitted_pupil_shift(geometry, uncertainty),
     )
 
 
@@ -148,7 +148,7 @@ def more_accurate_state(after: LensState, before: Iterable[LensState]) -> LensSt
     after : Fitted to chief rays.
     before : States fitted to centroids, of any focal length and focus distance.
     """
-    if not any(take.anamorphic for take in after.geometry.takes):
+    if not any(view.anamorphic for view in after.geometry.takes):
         return after
     same = [
         one

@@ -52,11 +52,11 @@ class FittedLens:
     Attributes
     ----------
     states : The states that were fitted.
-    failed : Why the other takes were not, by take name.
+    failed : Why the other views were not, by their name.
     wavefronts : Wavefronts, by focal length.
     unmeasured_blur : Why a focal length has no wavefront though dots were photographed,
         and the remedy.
-    takes_with_wide_dots : Takes whose dots were too wide for the wavefront, by focal
+    takes_with_wide_dots : Views whose dots were too wide for the wavefront, by focal
         length.
     seconds : Duration of the wavefront fits.
     """
@@ -107,7 +107,7 @@ def fit(
     effort: Effort = Effort.NORMAL,
     allowed: Collection[str] | None = None,
 ) -> FittedLens:
-    """Fit a lens to the marks of its photographs.
+    """Fit a lens to the detections of its photographs.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def fit(
     Raises
     ------
     FitError : No state could be fitted (single failures are returned in `failed`), or
-        only some takes of a focal length state their focus distance.
+        only some views of a focal length state their focus distance.
     """
     _require_consistent_focus(views)
     states, failed = fit_states_with_shared_parameters(views, progress)
@@ -154,31 +154,31 @@ class _ChiefRayStates(NamedTuple):
     Attributes
     ----------
     wavefronts : From which the centroid biases were predicted, by focal length.
-    takes : With detections moved from centroids to chief rays, by focal length.
+    views : With detections moved from centroids to chief rays, by focal length.
     states, failed : As of `FittedLens`.
     """
 
     wavefronts: dict[float, WavefrontFit]
-    takes: dict[float, list[View]]
+    views: dict[float, list[View]]
     states: list[LensState]
     failed: dict[str, FitError]
 
 
 def _fit_at_chief_rays(
-    takes: list[View], wavefronts: dict[float, WavefrontFit], progress: Progress
+    views: list[View], wavefronts: dict[float, WavefrontFit], progress: Progress
 ) -> _ChiefRayStates:
     by_focal = {
         focal_mm: chief_ray_takes_with_shared_moves(found)
         for focal_mm, found in wavefronts.items()
     }
-    by_name = {take.name: take for mine in by_focal.values() for take in mine}
-    chief_ray_takes = [by_name.get(take.name, take) for take in takes]
-    states, failed = fit_states_with_shared_parameters(chief_ray_takes, progress)
+    by_name = {view.name: view for mine in by_focal.values() for view in mine}
+    chief_ray_views = [by_name.get(view.name, view) for view in views]
+    states, failed = fit_states_with_shared_parameters(chief_ray_views, progress)
     return _ChiefRayStates(wavefronts, by_focal, with_colour(states), failed)
 
 
 def _fit_with_corrected_wavefronts(
-    takes: list[View],
+    views: list[View],
     first: _ChiefRayStates,
     corrected: dict[float, WavefrontFit],
     progress: Progress,
@@ -186,7 +186,7 @@ def _fit_with_corrected_wavefronts(
     """States fitted with the corrected wavefronts of those focal lengths whose held-out
     error they reduce, and with the wavefronts of `first` otherwise."""
     while corrected:
-        found = _fit_at_chief_rays(takes, first.wavefronts | corrected, progress)
+        found = _fit_at_chief_rays(views, first.wavefronts | corrected, progress)
         if found.failed.keys() != first.failed.keys():
             break
         better = _focal_lengths_with_smaller_error(found.states, first.states)
@@ -212,9 +212,9 @@ def _jointly_corrected_wavefronts(
         if not (found.behind_mosaic or focal_mm in worse):
             continue
         errors = wavefront_errors(found)
-        moved = takes_with_error_moves(first.takes[focal_mm], found, errors)
+        moved = takes_with_error_moves(first.views[focal_mm], found, errors)
         amplitudes = error_amplitudes(centroids[focal_mm], moved)
-        # The takes list further errors, of their photographs and not of the wavefront.
+        # The views list further errors, of their photographs and not of the wavefront.
         adjusted = adjust_wavefront(found, errors, amplitudes.leading(len(errors)))
         if adjusted is not None:
             corrected[focal_mm] = adjusted
@@ -233,10 +233,10 @@ def _focal_lengths_with_smaller_error(
     }
 
 
-def _require_consistent_focus(takes: list[View]) -> None:
-    for focal_mm in sorted({take.focal_length_mm for take in takes}):
-        mine = [take for take in takes if take.focal_length_mm == focal_mm]
-        unstated = [take for take in mine if take.focus_distance_mm is None]
+def _require_consistent_focus(views: list[View]) -> None:
+    for focal_mm in sorted({view.focal_length_mm for view in views}):
+        mine = [view for view in views if view.focal_length_mm == focal_mm]
+        unstated = [view for view in mine if view.focus_distance_mm is None]
         if unstated and len(unstated) < len(mine):
             raise FitError(
                 f"no focus distance is stated, but other takes at {focal_mm:g} mm "

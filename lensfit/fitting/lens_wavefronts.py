@@ -1,10 +1,10 @@
 """The wavefront of every focal length, from dot images at all its focus distances.
 
-Usable marks are bright and dark dots of known size (by their rims if they are wider
-than the blur), checker corners (by their crossing edges) and lines of known width. Wide
-dots and corners take longer to fit than small dots, and are used only if there are no
-small dots. A line shows the blur across itself alone: lines are used only if there is
-nothing else.
+Usable are bright and dark dots of known size (by their rims if they are wider than the
+blur), checker corners (by their crossing edges) and lines of known width. Wide dots and
+corners take longer to fit than small dots, and are used only if there are no small
+dots. A line shows the blur across itself alone: lines are used only if there is nothing
+else.
 
 The f-number is the unit of the pupil, and thus of defocus. If no photograph states it,
 an assumed value describes the photographed setting equally well, as long as tilted
@@ -44,7 +44,7 @@ _TOO_LARGE = (
     "the dots themselves are too large: photograph dots less than 1.8 pixels wide"
 )
 _UNDETERMINED = (
-    "the marks leave the lens undetermined: photograph more of them, at two f-numbers"
+    "the points leave the lens undetermined: photograph more of them, at two f-numbers"
 )
 _LEFT_OUT = "effort none leaves it out"
 _ENOUGH_OF_ONE_SETTING = 8
@@ -59,7 +59,7 @@ class LensWavefronts(NamedTuple):
     ----------
     fitted : Where dots could be used.
     without : Why they could not, for the other focal lengths, and the remedy.
-    takes_with_wide_dots : Takes whose dots were too wide and left out.
+    takes_with_wide_dots : Views whose dots were too wide and left out.
     """
 
     fitted: dict[float, WavefrontFit]
@@ -113,8 +113,8 @@ def fit_wavefronts(
 
 
 def _usable_photographs(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
-    """The photographs whose marks can be used: those of charts of small holes; where
-    there are none, broad dots and checker corners; where there are none, lines.
+    """The photographs that can be used: those of charts of small holes; where there are
+    none, of broad dots and checker corners; where there are none, of lines.
 
     A chart is one of small holes if any photograph shows them small. They may be wider
     in others, which count as much: what is small in the coarse cells of a wide blur is
@@ -161,9 +161,9 @@ def _subset_of_one_setting(photographs: list[DotPhotograph]) -> list[DotPhotogra
     return [photographs[k] for k in rows]
 
 
-def _frame_coverage(take: View) -> Float[np.ndarray, "4"]:
+def _frame_coverage(view: View) -> Float[np.ndarray, "4"]:
     """Mean position and spread of its detections, as shares of the frame."""
-    seen = take.observations.points_px / np.asarray(take.observations.image_size_px)
+    seen = view.observations.points_px / np.asarray(view.observations.image_size_px)
     return np.concatenate([seen.mean(0), 2 * seen.std(0)])
 
 
@@ -175,8 +175,8 @@ def _stopped_down(photographs: list[DotPhotograph]) -> list[DotPhotograph]:
 
 def _missing_statement(states: list[LensState]) -> str:
     """Which statement a fit of the dot images lacks; empty if there are no dots."""
-    takes = [take for state in states for take in state.geometry.takes]
-    dots = [t for t in takes if np.isfinite(t.observations.diameter_px).any()]
+    views = [view for state in states for view in state.geometry.takes]
+    dots = [t for t in views if np.isfinite(t.observations.diameter_px).any()]
     if not dots:
         return ""
     return "state hole_diameter_mm of the dots, which are blurred to their middle"
@@ -191,8 +191,8 @@ def _dot_photographs(
         colour = state.colour["r"].optics(), state.colour["b"].optics()
     return [
         DotPhotograph(
-            take,
-            take.dot_images,
+            view,
+            view.dot_images,
             state.geometry,
             state.distortion,
             colour,
@@ -200,10 +200,10 @@ def _dot_photographs(
             state.pupil.offset_mm,
             f_number,
         )
-        for k, take in enumerate(state.geometry.takes)
-        if take.dot_images is not None
-        and (take.mark_diameter_mm is not None or take.observations.are_corners)
-        if (f_number := take.f_number or assumed_f_number) is not None
+        for k, view in enumerate(state.geometry.takes)
+        if view.dot_images is not None
+        and (view.mark_diameter_mm is not None or view.observations.are_corners)
+        if (f_number := view.f_number or assumed_f_number) is not None
     ]
 
 

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from lensfit.fitting.chunks import Marks
+from lensfit.fitting.chunks import Detections
 from lensfit.fitting.cores import (
     SHARED,
     cores,
@@ -36,7 +36,7 @@ from lensfit.fitting.geometry import (
     predicted_mm,
 )
 from lensfit.fitting.parameters import Layout
-from lensfit.fitting.rows import GUARDED, Mark, row
+from lensfit.fitting.rows import GUARDED, Detection, row
 from lensfit.optics import field
 from lensfit.optics.distortion import box_from_principal_point
 
@@ -46,7 +46,7 @@ waits for another, and what is looked at besides the chunks in use is little."""
 
 
 class Equations(NamedTuple):
-    """J^T J, J^T r and r^T r of two halves of the marks.
+    """J^T J, J^T r and r^T r of two halves of the detections.
 
     Shared parameters come first, then each photograph's.
     """
@@ -73,17 +73,17 @@ def predictions_mm(
     parameters: Float[Array, " parameters"],
     views: BoardPose,
     view_of_chunk: Int[Array, " chunks"],
-    board: Float[Array, "chunks marks 2"],
+    board: Float[Array, "chunks detections 2"],
     layout: Layout,
     frame: Frame,
-) -> Float[Array, "chunks marks 2"]:
+) -> Float[Array, "chunks detections 2"]:
     """Where points on the boards should be seen."""
     shared, local = split(parameters, layout)
-    of_marks = jax.vmap(predicted_mm, (0, None, None, None, None, None))
+    of_detections = jax.vmap(predicted_mm, (0, None, None, None, None, None))
 
     def predictions_of_chunk(board, k):
         view = jax.tree.map(lambda a: a[k], views)
-        return of_marks(board, shared, local[k], view, layout, frame)
+        return of_detections(board, shared, local[k], view, layout, frame)
 
     return jax.vmap(predictions_of_chunk)(board, view_of_chunk)
 
@@ -91,43 +91,48 @@ def predictions_mm(
 def equations(
     parameters: Float[Array, " parameters"],
     views: BoardPose,
-    marks: Marks,
+    detections: Detections,
     layout: Layout,
     frame: Frame,
 ) -> Equations:
-    """Gathered over the chunks in use; a chunk's every other mark makes a half.
+    """Gathered over the chunks in use; a chunk's every other detection makes a half.
 
     Quick where the number of chunks is a multiple of `BATCH`. Every core takes every so
     many-th batch.
     """
     pass_of_core = partial(_on_core, layout=layout)
     found = on_every_core(pass_of_core, takes=SHARED, gives=SHARED)
-    return found(parameters, views, marks, frame)
+    return found(parameters, views, detections, frame)
 
 
 def _on_core(
-    parameters: Array, views: BoardPose, marks: Marks, frame: Frame, layout: Layout
+    parameters: Array,
+    views: BoardPose,
+    detections: Detections,
+    frame: Frame,
+    layout: Layout,
 ) -> Equations:
     """The equations, from what this core and the others find."""
     shared, local = split(parameters, layout)
     guarded, by_coefficient = _behind_guard(shared, layout, frame)
     k, n = layout.shared, layout.shared + layout.local
-    count, batch = local.shape[0], gcd(BATCH, marks.view.shape[0])
-    of_marks = jax.vmap(row, (0, None, None, None, None))
+    count, batch = local.shape[0], gcd(BATCH, detections.view.shape[0])
+    of_detections = jax.vmap(row, (0, None, None, None, None))
+    every = Detection(detections.board, detections.observed_mm, detections.whitening)
 
-    def chunk_rows(own, mark: Mark):
+    def chunk_rows(own, detection: Detection):
         view = jax.tree.map(lambda a: a[own], views)
         parts: Parts = parts_of(shared, local[own], layout) | guarded
-        rows, values = of_marks(mark, parts, view, layout, frame)
+        rows, values = of_detections(detection, parts, view, layout, frame)
         rows = jnp.swapaxes(rows.reshape(-1, 2, 2, n), 0, 1).reshape(2, -1, n)
         return rows, jnp.swapaxes(values.reshape(-1, 2, 2), 0, 1).reshape(2, -1)
 
     def add(i, sums: _Blocks) -> _Blocks:
-        own, mark = jax.tree.map(
+        own, detection = jax.tree.map(
             lambda a: jax.lax.dynamic_slice_in_dim(a, i * batch, batch),
-            (marks.view, Mark(marks.board, marks.observed_mm, marks.whitening)),
+            (detections.view, every),
         )
-        rows, values = jax.vmap(chunk_rows, out_axes=1)(own, mark)
+        rows, values = jax.vmap(chunk_rows, out_axes=1)(own, detection)
         flat = rows[..., :k].reshape(2, -1, k)
         return _Blocks(
             sums.shared + jnp.einsum("hra,hrb->hab", flat, flat),
@@ -142,7 +147,7 @@ def _on_core(
         jnp.zeros((2, count, n)),
         jnp.zeros(2),
     )
-    batches = -(-marks.chunks // batch)
+    batches = -(-detections.chunks // batch)
     first = this_core().astype(batches.dtype)
     mine = -((first - batches) // cores().size)
     sums = jax.lax.fori_loop(

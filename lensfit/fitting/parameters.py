@@ -28,10 +28,10 @@ PINHOLE = ("pupil_gap", "principal_point")
 """Blocks that only views from several sides determine."""
 
 
-def stated_blocks(walk_free: bool) -> tuple[str, ...]:
+def stated_blocks(pupil_shift_free: bool) -> tuple[str, ...]:
     """Blocks that statements hold where photographs do not determine them, always free;
-    the walk of the pupil only where photographs can show it."""
-    return (*_STATED, "pupil_walk") if walk_free else _STATED
+    the shift of the pupil only where photographs can show it."""
+    return (*_STATED, "pupil_shift") if pupil_shift_free else _STATED
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Layout:
         photographs that show the whole board; 0 for none.
     apertures : Number of f-numbers besides the smallest aperture.
     anamorphic : Whether x and y have an entrance pupil each, a gap apart; the pupil of
-        others walks along the axis with field angle.
+        others shifts along the axis with field angle.
     """
 
     base: BaseProjection = "rectilinear"
@@ -68,7 +68,7 @@ class Layout:
             "focal_length": 1,
             "pupil_offset": 1,
             "pupil_gap": 1 if self.anamorphic else 0,
-            "pupil_walk": 0 if self.anamorphic else 1,
+            "pupil_shift": 0 if self.anamorphic else 1,
             "principal_point": 2,
             "radial": self.radial,
             "squeeze": 2,

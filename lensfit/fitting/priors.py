@@ -19,7 +19,7 @@ LOOSE = {
     "focal_length": 1.0,
     "pupil_offset": 100.0,
     "pupil_gap": 2.0,
-    "pupil_walk": 3.0,
+    "pupil_shift": 3.0,
     "principal_point": 0.05,
     "radial": 1.0,
     "squeeze": 0.1,
@@ -34,7 +34,7 @@ LOOSE = {
     "board_bend": 0.01,
 }
 """Standard deviations in the units of `parameters`: reference radii, half boards, for a
-pose radians and distances, and for the offset, gap and walk of pupils focal lengths.
+pose radians and distances, and for the offset, gap and shift of pupils focal lengths.
 `lensfit.fitting.statements` hold the first two."""
 
 

@@ -7,7 +7,7 @@ derivatives, and those by pose and pinhole, are computed by automatic differenti
 in reverse mode: a residual has two components, a lens two hundred parameters.
 
 The coefficients of the displacement are those behind the guard against folding
-(`optics.field`); `normal` accounts for the guard once for all marks.
+(`optics.field`); `normal` accounts for the guard once for all detections.
 """
 
 from typing import NamedTuple
@@ -42,8 +42,8 @@ GUARDED = (*NAMED, "free_field")
 _ON_THE_BOARD = ("board_stretch", "board_bend")
 
 
-class Mark(NamedTuple):
-    """One mark; see `chunks.Marks`."""
+class Detection(NamedTuple):
+    """One detection; see `chunks.Detections`."""
 
     board: Float[Array, "2"]
     observed_mm: Float[Array, "2"]
@@ -75,7 +75,7 @@ class _Displacement(NamedTuple):
 
 
 def row(
-    mark: Mark, parts: Parts, view: BoardPose, layout: Layout, frame: Frame
+    detection: Detection, parts: Parts, view: BoardPose, layout: Layout, frame: Frame
 ) -> tuple[Float[Array, "2 parameters"], Float[Array, "2"]]:
     """Derivative of a whitened residual, in the order of the blocks, and the residual.
 
@@ -83,7 +83,7 @@ def row(
     """
     curved = {n: v for n, v in parts.items() if n not in (*GUARDED, *_ON_THE_BOARD)}
     held = {n: parts[n] for n in (*GUARDED, *_ON_THE_BOARD)}
-    point_mm = board_point_mm(mark.board, parts, view, layout)
+    point_mm = board_point_mm(detection.board, parts, view, layout)
     still = _Nudge(jnp.zeros(3), jnp.zeros(2))
 
     def image(curved: Parts, nudge: _Nudge):
@@ -98,11 +98,11 @@ def row(
         q, corner, lens = image(curved, nudge)
         q = q + displacement.at(q, corner) + nudge.image
         landed = shifted_mm(on_sensor_mm(q, lens), curved, view, lens, layout)
-        return mark.whitening @ (landed - mark.observed_mm)
+        return detection.whitening @ (landed - detection.observed_mm)
 
     value, pull = jax.vjp(residual, curved, still)
     pulls = [pull(unit) for unit in jnp.eye(2)]
-    bases = _board_bases(mark.board, view, layout)
+    bases = _board_bases(detection.board, view, layout)
     rows = [
         _in_order(
             slopes | _guarded(nudge, displacement) | _of_board(nudge, bases), layout

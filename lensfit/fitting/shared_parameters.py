@@ -18,9 +18,9 @@ from lensfit.fitting.chart_view import View, grouped
 from lensfit.fitting.decentring import DecentringTerms, decentring_of
 from lensfit.fitting.entrance_pupil import (
     perspective_at_other_focus,
-    perspective_with_walk,
+    perspective_with_pupil_shift,
 )
-from lensfit.fitting.joint_adjustment import walk_with_shared_errors
+from lensfit.fitting.joint_adjustment import pupil_shift_with_shared_errors
 from lensfit.fitting.lens_state import LensState, by_focal_length, fit_state
 from lensfit.fitting.usual_lens import KnownPerspective
 from lensfit.optics.base import BaseProjection
@@ -28,7 +28,7 @@ from lensfit.progress import Progress
 
 
 def fit_states_with_shared_parameters(
-    takes: list[View], progress: Progress
+    views: list[View], progress: Progress
 ) -> tuple[list[LensState], dict[str, FitError]]:
     """Fit every state, with shared parameters from the states that determine them.
 
@@ -40,11 +40,11 @@ def fit_states_with_shared_parameters(
 
     Returns
     -------
-    The states, in the order of their photographs, and why takes failed, by name.
+    The states, in the order of their photographs, and why views failed, by name.
     """
-    groups = grouped(takes)
-    states, failed = _fit_states(groups, progress, _no_priors, all_takes=takes)
-    states = _with_corrected_walk(states, progress, takes)
+    groups = grouped(views)
+    states, failed = _fit_states(groups, progress, _no_priors, all_views=views)
+    states = _with_corrected_pupil_shift(states, progress, views)
     shared = {
         focal_mm: _shared_parameters_of(mine)
         for focal_mm, mine in by_focal_length(states).items()
@@ -59,14 +59,14 @@ def fit_states_with_shared_parameters(
         return _Priors(_perspective_for(group, mine), mine.decentring)
 
     refitted, failed_again = _fit_states(
-        remaining, progress, priors_of, all_takes=takes, before=final
+        remaining, progress, priors_of, all_views=views, before=final
     )
     refitted_names = _take_names(refitted)
     alone = [s for s in dependent if refitted_names.isdisjoint(_take_names([s]))]
     every = [*final, *refitted, *alone]
     used = _take_names(every)
     failed = {n: why for n, why in (failed | failed_again).items() if n not in used}
-    return _in_order(every, takes), failed
+    return _in_order(every, views), failed
 
 
 class _Priors(NamedTuple):
@@ -80,17 +80,19 @@ def _no_priors(_: list[View]) -> _Priors:
     return _Priors()
 
 
-def _with_corrected_walk(
-    states: list[LensState], progress: Progress, takes: list[View]
+def _with_corrected_pupil_shift(
+    states: list[LensState], progress: Progress, views: list[View]
 ) -> list[LensState]:
     """The states; of each focal length the state that supplies the shared values is
     fitted again if errors common to all its detections distorted the shift of its pupil
-    with field angle (`joint_adjustment.walk_with_shared_errors`)."""
+    with field angle (`joint_adjustment.pupil_shift_with_shared_errors`)."""
     found = []
     for mine in by_focal_length(states).values():
         source = _state_of_best_known_pupil(mine)
-        corrected = walk_with_shared_errors(source)
-        priors = _Priors(perspective_with_walk(source.geometry, source.walk, corrected))
+        corrected = pupil_shift_with_shared_errors(source)
+        priors = _Priors(
+            perspective_with_pupil_shift(source.geometry, source.pupil_shift, corrected)
+        )
         refitted = []
         if priors.perspective is not None:
             group = list(source.geometry.takes)
@@ -98,18 +100,18 @@ def _with_corrected_walk(
                 [group],
                 progress,
                 lambda _, p=priors: p,
-                all_takes=takes,
+                all_views=views,
                 before=[source],
             )
         complete = _take_names(refitted) == _take_names([source])
         found += [s for s in mine if not (complete and s is source)]
         found += refitted if complete else []
-    return _in_order(found, takes)
+    return _in_order(found, views)
 
 
 def _take_names(states: list[LensState]) -> set[str]:
-    """Names of the takes that the states were fitted to."""
-    return {take.name for state in states for take in state.geometry.takes}
+    """Names of the views that the states were fitted to."""
+    return {view.name for state in states for view in state.geometry.takes}
 
 
 class _SharedParameters(NamedTuple):
@@ -141,11 +143,11 @@ def _perspective_for(
 ) -> KnownPerspective | None:
     """Prior of a group's entrance pupil, from another state of the lens."""
     source = shared.pupil_source
-    if source is None or _take_names([source]) & {take.name for take in group}:
+    if source is None or _take_names([source]) & {view.name for view in group}:
         return None
     return perspective_at_other_focus(
         source.pupil,
-        source.walk,
+        source.pupil_shift,
         group[0].focal_length_mm,
         source.focus_distance_mm,
         group[0].focus_distance_mm,
@@ -163,9 +165,9 @@ def _axis_deviation(state: LensState) -> float:
     return float(np.hypot(*state.uncertainty.deviation("principal_point")))
 
 
-def _in_order(states: list[LensState], takes: list[View]) -> list[LensState]:
-    """Sorted as their photographs are in `takes`."""
-    place = {take.name: k for k, take in enumerate(takes)}
+def _in_order(states: list[LensState], views: list[View]) -> list[LensState]:
+    """Sorted as their photographs are in `views`."""
+    place = {view.name: k for k, view in enumerate(views)}
     return sorted(states, key=lambda s: min(place[t.name] for t in s.geometry.takes))
 
 
@@ -174,15 +176,15 @@ def _fit_states(
     progress: Progress,
     priors_of: Callable[[list[View]], _Priors],
     *,
-    all_takes: list[View],
+    all_views: list[View],
     before: Sequence[LensState] = (),
 ) -> tuple[list[LensState], dict[str, FitError]]:
-    """One state for each group, without the takes that contradict their group.
+    """One state for each group, without the views that contradict their group.
 
     Parameters
     ----------
     priors_of : Shared parameters of a group, from other states.
-    all_takes : Takes of all states of the lens.
+    all_views : Views of all states of the lens.
     before : States whose ideal projection the new ones share; if empty, the first
         new state selects it.
     """
@@ -197,25 +199,25 @@ def _fit_states(
             state = fit_state(
                 group,
                 progress,
-                all_takes=all_takes,
+                all_views=all_views,
                 base=base,
                 perspective=perspective,
                 known_decentring=decentring,
             )
         except FitError as error:
             # One photograph that contradicts itself must not cost the others.
-            rest = [take for take in group if take.name != error.where]
-            at_fault = [take for take in group if take.name == error.where] or group
-            failed |= {take.name: error for take in at_fault}
+            rest = [view for view in group if view.name != error.where]
+            at_fault = [view for view in group if view.name == error.where] or group
+            failed |= {view.name: error for view in at_fault}
             if at_fault is not group and rest:
                 remaining.insert(0, rest)
         except (ValueError, cv2.error) as error:
             reason = FitError(
                 f"the fit broke down ({error})",
                 where=group[0].name,
-                remedy="look at the overlays for marks with wrong numbers",
+                remedy="look at the overlays for points with wrong numbers",
             )
-            failed |= {take.name: reason for take in group}
+            failed |= {view.name: reason for view in group}
         else:
             states.append(state)
             base = state.distortion.base if base is None else base

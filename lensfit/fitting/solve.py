@@ -8,7 +8,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from lensfit.fitting.chunks import Marks
+from lensfit.fitting.chunks import Detections
 from lensfit.fitting.geometry import BoardPose, Frame
 from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 from lensfit.fitting.normal import Equations, equations
@@ -29,7 +29,7 @@ class Problem(NamedTuple):
     """Everything the residual needs besides the parameters."""
 
     views: BoardPose
-    marks: Marks
+    detections: Detections
     frame: Frame
     prior_mean: Float[Array, " parameters"]
     prior_precision: Float[Array, " parameters"]
@@ -49,9 +49,9 @@ class Solution(NamedTuple):
     ----------
     parameters : The solution; fixed ones at their prior mean.
     converged : False when the step limit came first.
-    steps : Passes over the marks.
-    equations : Of both halves of the marks at the last pass, without priors, and of
-        all parameters, also of those that were fixed.
+    steps : Passes over the detections.
+    equations : Of both halves of the detections at the last pass, without priors, and
+        of all parameters, also of those that were fixed.
     """
 
     parameters: Float[Array, " parameters"]
@@ -88,9 +88,10 @@ def solve(
 def both_halves(
     parameters: Float[Array, " parameters"], problem: Problem, layout: Layout
 ) -> tuple[Quadratic, Equations]:
-    """The sum of squares of all marks and statements, and the marks' equations of each
-    half."""
-    found = equations(parameters, problem.views, problem.marks, layout, problem.frame)
+    """The sum of squares of all detections and statements, and the equations of each
+    half of the detections."""
+    detections, frame = problem.detections, problem.frame
+    found = equations(parameters, problem.views, detections, layout, frame)
     return with_statements(total(found), parameters, problem.stated), found
 
 

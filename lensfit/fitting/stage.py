@@ -27,7 +27,7 @@ from lensfit.fitting.usual_lens import (
     KnownPerspective,
     magnification_at,
     usual_pupil,
-    usual_walk,
+    usual_pupil_shift,
 )
 from lensfit.fitting.view_stack import Stack, board_of, observed_of, stack_takes
 
@@ -48,15 +48,15 @@ class Start:
 
     Attributes
     ----------
-    takes : In the order of the arrays.
+    takes : The views, in the order of the arrays.
     stack : Their detections.
     frame : Scales of the parameters.
-    largest : The largest model that these takes can determine.
+    largest : The largest model that these views can determine.
     layout : Layout with room for the largest model of any state of the lens.
-    radius_mm : Radius of the dots of every take; 0 for other marks.
+    radius_mm : Radius of the dots of every view; 0 for corners and lines.
     focal_length_free : Whether views tilt enough to determine the focal length.
-    walk_free : Whether views can determine the shift of the entrance pupil with field
-        angle.
+    pupil_shift_free : Whether views can determine the shift of the entrance pupil with
+        field angle.
     half_angle_rad : From the axis to the outermost detection.
     notes : One sentence for each assumption.
     facts : Stated values.
@@ -69,7 +69,7 @@ class Start:
     layout: Layout
     radius_mm: np.ndarray
     focal_length_free: bool
-    walk_free: bool
+    pupil_shift_free: bool
     half_angle_rad: float
     notes: tuple[str, ...]
     facts: Facts
@@ -99,33 +99,33 @@ class Start:
         """Start values: zero, except for the known shift of the pupil with field angle,
         which may stay fixed."""
         parameters = np.zeros(layout.size(len(self.takes)))
-        known_mm = self.facts.perspective.walk.walk_mm
+        known_mm = self.facts.perspective.pupil_shift.shift_mm
         unit_mm = float(self.frame.stated_focal_length_mm)
-        parameters[layout.blocks["pupil_walk"]] = known_mm / unit_mm
+        parameters[layout.blocks["pupil_shift"]] = known_mm / unit_mm
         return parameters
 
 
 def start_of(
-    takes: list[View],
-    all_takes: list[View],
+    views: list[View],
+    all_views: list[View],
     perspective: KnownPerspective | None = None,
 ) -> Start:
-    """Scales and start poses of the takes of one lens state.
+    """Scales and start poses of the views of one lens state.
 
-    `all_takes` are the takes of all states of this lens, whose detections span the
+    `all_views` are the views of all states of this lens, whose detections span the
     frame; `perspective` is the prior from another state, if there is one.
     """
-    focal_mm, facts, notes = _stated_focal_length(takes, perspective)
-    poses = [_pose(take, focal_mm) for take in takes]
+    focal_mm, facts, notes = _stated_focal_length(views, perspective)
+    poses = [_pose(view, focal_mm) for view in views]
     ratio = stated_scale(facts, focal_mm, _depths_mm(poses)).ratio
     focal_mm = focal_mm * ratio
     poses = [_scaled_pose(pose, ratio) for pose in poses]
-    apertures = [_aperture(take, _apertures(takes)) for take in takes]
-    whole = _whole_boards(takes)
-    stack = stack_takes(takes, poses, apertures, whole)
-    radius = float(np.hypot(*takes[0].sensor_size_mm)) / 2
-    squeeze = np.log(takes[0].squeeze)
-    observed = np.concatenate([observed_of(take) for take in all_takes])
+    apertures = [_aperture(view, _apertures(views)) for view in views]
+    whole = _whole_boards(views)
+    stack = stack_takes(views, poses, apertures, whole)
+    radius = float(np.hypot(*views[0].sensor_size_mm)) / 2
+    squeeze = np.log(views[0].squeeze)
+    observed = np.concatenate([observed_of(view) for view in all_views])
     box = np.array([observed.min(0), observed.max(0)]) / radius * _MARGIN
     furthest = float(np.hypot(*observed.T).max())
     frame = Frame(
@@ -134,19 +134,19 @@ def start_of(
         stated_squeeze=jnp.asarray([squeeze, 0.0]),
         valid_radius=jnp.asarray(furthest / radius * _MARGIN),
         box=jnp.asarray(box * np.exp([squeeze / 2, -squeeze / 2])),
-        board_distance_mm=_board_distance_mm(takes, poses),
+        board_distance_mm=_board_distance_mm(views, poses),
     )
-    bend, stretch = _board_degrees(takes, any(whole), poses)
-    largest = replace(_lens_layout(takes), bend_degree=bend, stretch_degree=stretch)
+    bend, stretch = _board_degrees(views, any(whole), poses)
+    largest = replace(_lens_layout(views), bend_degree=bend, stretch_degree=stretch)
     return Start(
-        takes=tuple(takes),
+        takes=tuple(views),
         stack=stack,
         frame=frame,
         largest=largest,
-        layout=_with_room(largest, grouped(all_takes)),
-        radius_mm=np.array([_dot_radius_mm(take) for take in takes]),
+        layout=_with_room(largest, grouped(all_views)),
+        radius_mm=np.array([_dot_radius_mm(view) for view in views]),
         focal_length_free=_views_tilt(poses),
-        walk_free=perspective is not None or _poses_differ(poses),
+        pupil_shift_free=perspective is not None or _poses_differ(poses),
         half_angle_rad=float(np.arctan(furthest / focal_mm)),
         notes=tuple(notes),
         facts=facts,
@@ -154,30 +154,30 @@ def start_of(
 
 
 def _stated_focal_length(
-    takes: list[View], perspective: KnownPerspective | None
+    views: list[View], perspective: KnownPerspective | None
 ) -> tuple[float, Facts, list[str]]:
     """Principal distance for the start poses, stated values, and notes."""
     found = None
-    if len(takes) >= 3:
+    if len(views) >= 3:
         found = focal_length_from_homographies(
-            [board_of(t) for t in takes],
-            [_unsqueezed_mm(t) for t in takes],
-            takes[0].focal_length_mm,
+            [board_of(t) for t in views],
+            [_unsqueezed_mm(t) for t in views],
+            views[0].focal_length_mm,
         )
-    facts, notes = _facts_meant(takes, perspective, found)
+    facts, notes = _facts_meant(views, perspective, found)
     stated_mm = facts.focal_length_mm
     ratio = found / stated_mm if found is not None else 1.0
     if found is not None and 0.2 < ratio < 5 and abs(ratio - 1) > 0.3:
         note = (
             f"the photographs have a principal distance near {found:.3g} mm, "
-            f"not the stated {takes[0].focal_length_mm:g} mm"
+            f"not the stated {views[0].focal_length_mm:g} mm"
         )
         return found, facts, [*notes, note]
     return stated_mm, facts, notes
 
 
 def _facts_meant(
-    takes: list[View], perspective: KnownPerspective | None, found: float | None
+    views: list[View], perspective: KnownPerspective | None, found: float | None
 ) -> tuple[Facts, list[str]]:
     """Stated values, with the interpretation of an anamorphic focal length that is most
     consistent with the rest.
@@ -187,18 +187,18 @@ def _facts_meant(
     squeezed axis. Tilted views (`found`) or measured distances decide; without either
     the engraving is assumed.
     """
-    stated, squeeze = takes[0].focal_length_mm, takes[0].squeeze
+    stated, squeeze = views[0].focal_length_mm, views[0].squeeze
     root = max(squeeze, 1 / squeeze) ** 0.5
-    readings = [facts_of(takes, ratio, perspective) for ratio in (root, 1.0, 1 / root)]
-    measured = any(take.target_distance_mm for take in takes)
-    if not takes[0].anamorphic or (found is None and not measured):
+    readings = [facts_of(views, ratio, perspective) for ratio in (root, 1.0, 1 / root)]
+    measured = any(view.target_distance_mm for view in views)
+    if not views[0].anamorphic or (found is None and not measured):
         return readings[0], []
 
     def contradiction(facts: Facts) -> float:
         focal_mm = facts.focal_length_mm
         if found is not None:
             return abs(np.log(found / focal_mm))
-        depths_mm = _depths_mm([_pose(take, focal_mm) for take in takes])
+        depths_mm = _depths_mm([_pose(view, focal_mm) for view in views])
         return stated_scale(facts, focal_mm, depths_mm).cost
 
     meant = min(readings, key=contradiction)
@@ -212,39 +212,39 @@ def _facts_meant(
 
 
 def facts_of(
-    takes: list[View],
+    views: list[View],
     engraving: float = 1.0,
     perspective: KnownPerspective | None = None,
 ) -> Facts:
-    """Stated values of the takes of one lens state.
+    """Stated values of the views of one lens state.
 
     Parameters
     ----------
     engraving : The stated focal length over the geometric mean of both axes'.
     perspective : Prior from another state; None for that of usual lenses.
     """
-    focal_mm = takes[0].focal_length_mm / engraving
-    distances = [take.target_distance_mm or np.nan for take in takes]
+    focal_mm = views[0].focal_length_mm / engraving
+    distances = [view.target_distance_mm or np.nan for view in views]
     measured = [distance for distance in distances if np.isfinite(distance)]
-    focus_mm = takes[0].focus_distance_mm
+    focus_mm = views[0].focus_distance_mm
     if focus_mm is None:
         focus_mm = float(np.median(measured)) if measured else np.inf
     magnification = magnification_at(focal_mm, focus_mm)
     # The shift is a length: its effect on the image is unknown without a scale.
-    stops = [take.f_number for take in takes if take.f_number and measured]
+    stops = [view.f_number for view in views if view.f_number and measured]
     usual = KnownPerspective(
         usual_pupil(focal_mm * (1 + magnification)),
-        usual_walk(focal_mm, min(stops, default=None)),
+        usual_pupil_shift(focal_mm, min(stops, default=None)),
     )
     return Facts(
-        names=tuple(take.name for take in takes),
+        names=tuple(view.name for view in views),
         focal_length_mm=focal_mm,
         engraving=engraving,
         magnification=magnification,
         target_distance_mm=np.array(distances, float),
-        shared=views_sharing([(t.target, t.target_distance_mm) for t in takes]),
+        shared=views_sharing([(t.target, t.target_distance_mm) for t in views]),
         perspective=perspective or usual,
-        widths=takes[0].widths,
+        widths=views[0].widths,
     )
 
 
@@ -257,70 +257,70 @@ def _scaled_pose(pose: Pose, ratio: float) -> Pose:
     return Pose(pose.rotation, pose.translation_mm * [1.0, 1.0, ratio])
 
 
-def _pose(take: View, focal_mm: float) -> Pose:
+def _pose(view: View, focal_mm: float) -> Pose:
     return pose_from_homography(
-        board_of(take), _unsqueezed_mm(take), focal_mm, take.name
+        board_of(view), _unsqueezed_mm(view), focal_mm, view.name
     )
 
 
-def _unsqueezed_mm(take: View) -> np.ndarray:
+def _unsqueezed_mm(view: View) -> np.ndarray:
     """Positions of the detections if the lens were spherical."""
-    return observed_of(take) * np.sqrt([take.squeeze, 1 / take.squeeze])
+    return observed_of(view) * np.sqrt([view.squeeze, 1 / view.squeeze])
 
 
-def _board_distance_mm(takes: list[View], poses: list[Pose]) -> Array:
+def _board_distance_mm(views: list[View], poses: list[Pose]) -> Array:
     """From the entrance pupil, of the boards whose distance was measured, or of all."""
     ahead = np.array([pose.translation_mm[2] for pose in poses])
-    measured = np.array([take.target_distance_mm is not None for take in takes])
+    measured = np.array([view.target_distance_mm is not None for view in views])
     return jnp.asarray(np.median(ahead[measured] if measured.any() else ahead))
 
 
-def _apertures(takes: list[View]) -> list[float]:
+def _apertures(views: list[View]) -> list[float]:
     """The f-numbers with separate centroid shifts, smallest aperture first.
 
     Empty if the detections are chief rays, which do not depend on the aperture.
     """
-    if any(t.chief_rays for t in takes):
+    if any(t.chief_rays for t in views):
         return []
-    return sorted({t.f_number for t in takes if t.f_number}, reverse=True)[:4]
+    return sorted({t.f_number for t in views if t.f_number}, reverse=True)[:4]
 
 
-def _aperture(take: View, numbers: list[float]) -> int:
-    if take.f_number is None or not numbers:
+def _aperture(view: View, numbers: list[float]) -> int:
+    if view.f_number is None or not numbers:
         return 0
-    return int(np.argmin([abs(take.f_number - n) for n in numbers]))
+    return int(np.argmin([abs(view.f_number - n) for n in numbers]))
 
 
-def _whole_boards(takes: list[View]) -> list[bool]:
-    """Which takes show the lattice to the extent that most takes of the target do."""
+def _whole_boards(views: list[View]) -> list[bool]:
+    """Which views show the lattice to the extent that most views of the target do."""
     extents = [
         (t.target, *np.round(np.ptp(t.observations.lattice, axis=0)).astype(int))
-        for t in takes
+        for t in views
     ]
     commonest = max(extents, key=extents.count)
     if extents.count(commonest) < 3:
-        return [False] * len(takes)
+        return [False] * len(views)
     return [extent == commonest for extent in extents]
 
 
-def _lens_layout(takes: list[View]) -> Layout:
+def _lens_layout(views: list[View]) -> Layout:
     """The largest model of the lens, without errors of the board."""
-    marks = sum(len(t.observations) for t in takes)
+    count = sum(len(t.observations) for t in views)
     degrees = ((10_000, 11), (1500, 9), (600, 7), (300, 5))
     return Layout(
-        radial=6 if marks >= 200 else 3,
-        free_degree=next((d for n, d in degrees if marks >= n), 0),
-        apertures=max(len(_apertures(takes)) - 1, 0),
-        anamorphic=takes[0].anamorphic,
+        radial=6 if count >= 200 else 3,
+        free_degree=next((d for n, d in degrees if count >= n), 0),
+        apertures=max(len(_apertures(views)) - 1, 0),
+        anamorphic=views[0].anamorphic,
     )
 
 
 def _board_degrees(
-    takes: list[View], whole: bool, poses: list[Pose]
+    views: list[View], whole: bool, poses: list[Pose]
 ) -> tuple[int, int]:
     """Degrees of the board's bend, and of its errors within its plane."""
-    each = sum(len(t.observations) for t in takes) / len(takes)
-    if len(takes) < _BEND_VIEWS or _tilt_rad(poses) <= _BEND_TILT_RAD:
+    each = sum(len(t.observations) for t in views) / len(views)
+    if len(views) < _BEND_VIEWS or _tilt_rad(poses) <= _BEND_TILT_RAD:
         return 0, 0
     bend = next((d for n, d in ((200, 4), (40, 2)) if each >= n), 0)
     return bend, 4 if whole and each >= 40 else 0
@@ -337,19 +337,19 @@ def _with_room(layout: Layout, states: list[list[View]]) -> Layout:
     )
 
 
-def _dot_radius_mm(take: View) -> float:
+def _dot_radius_mm(view: View) -> float:
     """Stated radius, or diameter over pitch of the image in pixels; 0 of lines."""
-    if take.observations.are_lines:
+    if view.observations.are_lines:
         return 0.0
-    if take.mark_diameter_mm is not None:
-        return take.mark_diameter_mm / 2
-    diameter = take.observations.diameter_px
+    if view.mark_diameter_mm is not None:
+        return view.mark_diameter_mm / 2
+    diameter = view.observations.diameter_px
     if not np.isfinite(diameter).any():
         return 0.0
-    spread = np.sqrt(np.linalg.det(np.cov(take.observations.points_px.T)))
-    lattice = np.sqrt(np.linalg.det(np.cov(take.observations.lattice.T)))
+    spread = np.sqrt(np.linalg.det(np.cov(view.observations.points_px.T)))
+    lattice = np.sqrt(np.linalg.det(np.cov(view.observations.lattice.T)))
     pitch_px = np.sqrt(spread / lattice) if lattice > 0 else np.inf
-    return float(np.nanmedian(diameter) / pitch_px * np.mean(take.pitch_mm) / 2)
+    return float(np.nanmedian(diameter) / pitch_px * np.mean(view.pitch_mm) / 2)
 
 
 def _views_tilt(poses: list[Pose]) -> bool:

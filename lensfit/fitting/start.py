@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from lensfit.errors import FitError
 
-_FEWEST_MARKS = 20
+_FEWEST_DETECTIONS = 20
 _CENTRAL_SHARE = 1 / 3
 _LEAST_TILT = 0.12
 """Sine of the tilt below which a homography is silent about the focal length."""
@@ -31,19 +31,19 @@ class Pose(NamedTuple):
 
 
 def pose_from_homography(
-    board_mm: Float[np.ndarray, "marks 2"],
-    image_mm: Float[np.ndarray, "marks 2"],
+    board_mm: Float[np.ndarray, "detections 2"],
+    image_mm: Float[np.ndarray, "detections 2"],
     principal_distance_mm: float,
     where: str,
 ) -> Pose:
-    """Pose of a flat board, from marks whose image has no distortion to speak of.
+    """Pose of a flat board, from detections whose image has no distortion to speak of.
 
     Raises
     ------
-    FitError : The marks lie on one line, or the board would be edge-on or behind.
+    FitError : The detections lie on one line, or the board would be edge-on or behind.
     """
     order = np.argsort(np.sum(image_mm**2, -1))
-    central = order[: max(_FEWEST_MARKS, int(len(order) * _CENTRAL_SHARE))]
+    central = order[: max(_FEWEST_DETECTIONS, int(len(order) * _CENTRAL_SHARE))]
     scale_mm = float(np.ptp(board_mm[central], axis=0).max())
     plane = image_mm[central] / principal_distance_mm
     matrix, _ = cv2.findHomography(board_mm[central] / max(scale_mm, 1e-9), plane, 0)
@@ -51,7 +51,7 @@ def pose_from_homography(
     spread = np.linalg.svd(centred, compute_uv=False)
     if matrix is None or spread[1] < 1e-6 * spread[0]:
         raise FitError(
-            "the marks lie on one line, which does not fix where the target stood",
+            "the points lie on one line, which does not fix where the target stood",
             where=where,
             remedy="photograph at least two rows and two columns of the target",
         )
@@ -69,16 +69,16 @@ def _pose(matrix: np.ndarray, where: str) -> Pose:
     rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     if not translation[2] > 0 or rotation[2, 2] <= 0.05:
         raise FitError(
-            "the marks are not those of a board in front of the camera",
+            "the points are not those of a board in front of the camera",
             where=where,
-            remedy="check the overlay: are the marks numbered as on the target?",
+            remedy="check the overlay: are the points numbered as on the target?",
         )
     return Pose(rotation, translation)
 
 
 def focal_length_from_homographies(
-    boards_mm: list[Float[np.ndarray, "marks 2"]],
-    images_mm: list[Float[np.ndarray, "marks 2"]],
+    boards_mm: list[Float[np.ndarray, "detections 2"]],
+    images_mm: list[Float[np.ndarray, "detections 2"]],
     stated_mm: float | None = None,
 ) -> float | None:
     """Principal distance that several tilted views agree on; None when they do not.
@@ -92,7 +92,7 @@ def focal_length_from_homographies(
     left, right, foreshortening = [], [], [0.0]
     for board_mm, image_mm in zip(boards_mm, images_mm, strict=True):
         order = np.argsort(np.sum(image_mm**2, -1))
-        central = order[: max(_FEWEST_MARKS, int(len(order) * _CENTRAL_SHARE))]
+        central = order[: max(_FEWEST_DETECTIONS, int(len(order) * _CENTRAL_SHARE))]
         extent = np.ptp(board_mm, axis=0).max()
         h, _ = cv2.findHomography(board_mm[central] / extent, image_mm[central], 0)
         if h is None:

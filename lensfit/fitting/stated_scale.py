@@ -106,7 +106,7 @@ def with_fitted_scale_as_origin(fitted: Adjustment) -> Adjustment:
     depths = fitted_depths_mm(fitted) / before_mm[:, 2]
     unit_mm = float(frame.stated_focal_length_mm) * ratio
     parameters[focal] = 0.0
-    for name in ("pupil_offset", "pupil_gap", "pupil_walk"):
+    for name in ("pupil_offset", "pupil_gap", "pupil_shift"):
         for values in (parameters, mean):
             values[layout.blocks[name]] /= ratio
     parameters[poses[:, 3:]] = 0.0

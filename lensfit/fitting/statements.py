@@ -10,8 +10,8 @@ In this module's residuals
     target_distance   pupil offset + depth of the board along the axis = tape measure
     focal_length      ln(principal distance) = ln(f (1 + m)), m the magnification at the
                       focus distance of a thin lens of that focal length
-    usual_entrance_pupil, usual_pupil_walk
-                      pupil offset and walk = those of usual lenses
+    usual_entrance_pupil, usual_pupil_shift
+                      pupil offset and shift = those of usual lenses
                       (`lensfit.fitting.usual_lens`), or of another focus distance
 all are linear in the parameters of the fit (`lensfit.fitting.parameters`). An error of
 the pitch scales a chart's distance, so that its width is part of the distance's. A
@@ -33,7 +33,7 @@ from jaxtyping import Float
 
 from lensfit.fitting.parameters import Layout
 from lensfit.fitting.stated_facts import Facts
-from lensfit.fitting.usual_lens import KnownPupil, KnownWalk
+from lensfit.fitting.usual_lens import KnownPupil, KnownPupilShift
 
 CAUCHY_SCALE = 3.0
 CONTRADICTION = 3.0
@@ -42,9 +42,9 @@ Quantity = Literal[
     "focal_length",
     "target_distance",
     "usual_entrance_pupil",
-    "usual_pupil_walk",
+    "usual_pupil_shift",
     "entrance_pupil_at_other_focus",
-    "pupil_walk_at_other_focus",
+    "pupil_shift_at_other_focus",
 ]
 _SUBJECTS: dict[Quantity, str] = {
     "focal_length": "focal_length_mm is stated as",
@@ -178,8 +178,8 @@ class Statements:
             return Statement(quantity, where, stated_mm, width_mm, fitted_mm)
         if quantity in ("usual_entrance_pupil", "entrance_pupil_at_other_focus"):
             stated_mm, width_mm = facts.perspective.pupil[:2]
-        elif quantity in ("usual_pupil_walk", "pupil_walk_at_other_focus"):
-            stated_mm, width_mm = facts.perspective.walk[:2]
+        elif quantity in ("usual_pupil_shift", "pupil_shift_at_other_focus"):
+            stated_mm, width_mm = facts.perspective.pupil_shift[:2]
         else:
             view = facts.names.index(where)
             stated_mm = float(facts.target_distance_mm[view])
@@ -216,7 +216,7 @@ def statements_of(
         _known(_PUPIL, "pupil_offset", known.pupil, unit_mm),
     ]
     if not layout.anamorphic:
-        of_lens.append(_known(_WALK, "pupil_walk", known.walk, unit_mm))
+        of_lens.append(_known(_PUPIL_SHIFT, "pupil_shift", known.pupil_shift, unit_mm))
     quantities: list[Quantity] = [one.quantity for one in of_lens]
     where = [""] * len(of_lens)
     rows = [np.zeros(size) for _ in of_lens]
@@ -259,13 +259,16 @@ _PUPIL: tuple[Quantity, Quantity] = (
     "usual_entrance_pupil",
     "entrance_pupil_at_other_focus",
 )
-_WALK: tuple[Quantity, Quantity] = "usual_pupil_walk", "pupil_walk_at_other_focus"
+_PUPIL_SHIFT: tuple[Quantity, Quantity] = (
+    "usual_pupil_shift",
+    "pupil_shift_at_other_focus",
+)
 
 
 def _known(
     usual_or_known: tuple[Quantity, Quantity],
     block: str,
-    known: KnownPupil | KnownWalk,
+    known: KnownPupil | KnownPupilShift,
     unit_mm: float,
 ) -> _OfLens:
     width_mm = known.standard_deviation_mm

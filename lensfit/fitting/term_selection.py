@@ -172,7 +172,7 @@ def _always(layout: Layout, start: Start) -> np.ndarray:
     parameters if the views tilt enough to determine them."""
     poses = layout.local_indices("pose", len(start.takes)).ravel()
     rest = PINHOLE if start.focal_length_free else ()
-    names = (*stated_blocks(start.walk_free), *rest)
+    names = (*stated_blocks(start.pupil_shift_free), *rest)
     pinhole = [layout.blocks[name] for name in names]
     known = [np.arange(w.start, w.stop) for w in pinhole]
     return np.concatenate([*known, poses]).astype(int)

@@ -157,7 +157,7 @@ def _factor(square: Float[np.ndarray, "some some"]) -> tuple[np.ndarray, bool]:
             return cho_factor(held)
         except np.linalg.LinAlgError:
             continue
-    raise ValueError("the marks leave the model undetermined")
+    raise ValueError("the detections leave the model undetermined")
 
 
 def _reduced(

@@ -46,7 +46,7 @@ SYSTEMATIC_PX = 0.006
 """Rms effect of systematic errors on the detections, after the poses were adjusted. For
 thirty random traced lenses the median error along either axis was .005; without this
 part the stated standard deviation was .0016."""
-_NEXT_ORDER_OF_WALK = 0.3
+_NEXT_ORDER_OF_PUPIL_SHIFT = 0.3
 """In focal lengths: half of the entrance-pupil shift per sin^4 of the field angle,
 which the fit attributes to the sin^2 term. The shift per sin^4 is .65 focal lengths for
 a 50 mm f/1.4 and for a retrofocus lens of 100 degrees."""
@@ -82,12 +82,12 @@ class Uncertainty:
         return np.sqrt(np.maximum(np.diag(self.covariance)[where], 0.0))
 
 
-def uncertainty_of(adjustment: Adjustment, takes: tuple[View, ...]) -> Uncertainty:
+def uncertainty_of(adjustment: Adjustment, views: tuple[View, ...]) -> Uncertainty:
     """Covariance at the solution of an adjustment.
 
     Parameters
     ----------
-    takes : The takes that were adjusted, in the same order.
+    views : Those that were adjusted, in the same order.
     """
     one, other = halves_of(adjustment)
     free = adjustment.prior.free
@@ -99,44 +99,46 @@ def uncertainty_of(adjustment: Adjustment, takes: tuple[View, ...]) -> Uncertain
     matrix = (matrix + stated_statistics(adjustment).matrix)[np.ix_(free, free)]
     inside = covariance_of_equations(matrix + np.diag(precision))
     covariance = np.zeros((len(free), len(free)))
-    moves = shared_moves_of(adjustment, takes)
+    moves = shared_moves_of(adjustment, views)
     shared = _solution_moves(moves, adjustment, inside / max(scale, 1.0))
     stated = _solution_moves_by_stated_values(adjustment, inside)
     covariance[np.ix_(free, free)] = inside + shared.T @ shared + stated.T @ stated
-    _add_variance_of_next_walk_order(covariance, adjustment)
-    _add_variance_of_fixed_walk(covariance, adjustment)
+    _add_variance_of_next_pupil_shift_order(covariance, adjustment)
+    _add_variance_of_fixed_pupil_shift(covariance, adjustment)
     terms = _rows_of(adjustment.layout, _NAMED_TERMS)
     covariance[np.ix_(terms, terms)] += _systematic(adjustment, terms)
     return Uncertainty(covariance, adjustment.layout)
 
 
-def _add_variance_of_next_walk_order(
+def _add_variance_of_next_pupil_shift_order(
     covariance: Float[np.ndarray, "parameters parameters"], adjustment: Adjustment
 ) -> None:
     """Add, in place, the variance of the pupil shift with field angle by its neglected
     sin^4 term; where the shift comes from another state, its variance includes this."""
     frame, layout = adjustment.frame, adjustment.layout
     stated = adjustment.statements
-    if stated is not None and "pupil_walk_at_other_focus" in stated.quantities:
+    if stated is not None and "pupil_shift_at_other_focus" in stated.quantities:
         return
     tangent = float(
         frame.valid_radius * frame.reference_radius_mm / frame.stated_focal_length_mm
     )
     sine2 = tangent**2 / (1 + tangent**2)
-    where = layout.blocks["pupil_walk"]
+    where = layout.blocks["pupil_shift"]
     free = adjustment.prior.free[where]
-    covariance[where, where] += np.diag((_NEXT_ORDER_OF_WALK * sine2 * free) ** 2)
+    covariance[where, where] += np.diag(
+        (_NEXT_ORDER_OF_PUPIL_SHIFT * sine2 * free) ** 2
+    )
 
 
-def _add_variance_of_fixed_walk(
+def _add_variance_of_fixed_pupil_shift(
     covariance: Float[np.ndarray, "parameters parameters"], adjustment: Adjustment
 ) -> None:
     """Set, in place, the variance of a pupil shift that the fit kept at a known value.
     It moves nothing at the chart's distance, so it has no covariance with others."""
-    where, stated = adjustment.layout.blocks["pupil_walk"], adjustment.statements
+    where, stated = adjustment.layout.blocks["pupil_shift"], adjustment.statements
     if stated is None or adjustment.prior.free[where].any():
         return
-    known_mm = stated.facts.perspective.walk.standard_deviation_mm
+    known_mm = stated.facts.perspective.pupil_shift.standard_deviation_mm
     unit_mm = float(adjustment.frame.stated_focal_length_mm)
     covariance[where, where] = (known_mm / unit_mm) ** 2
 
@@ -175,22 +177,22 @@ def _systematic(
 
 
 def shared_moves_of(
-    adjustment: Adjustment, takes: tuple[View, ...]
-) -> Float[np.ndarray, "moves views marks 2"]:
+    adjustment: Adjustment, views: tuple[View, ...]
+) -> Float[np.ndarray, "moves views detections 2"]:
     """Common moves of the detections by each error of the wavefront, mm; no moves where
     detections are centroids."""
-    known = [t.shared_moves_mm for t in takes if t.shared_moves_mm is not None]
+    known = [t.shared_moves_mm for t in views if t.shared_moves_mm is not None]
     most = max((len(moves) for moves in known), default=0)
     moved = np.zeros((most, *adjustment.stack.observed_mm.shape))
-    for k, take in enumerate(takes):
-        if take.shared_moves_mm is not None:
-            count, _, marks, _ = take.shared_moves_mm.shape
-            moved[:count, k, :marks] = take.shared_moves_mm[:, _GREEN]
+    for k, view in enumerate(views):
+        if view.shared_moves_mm is not None:
+            count, _, detections, _ = view.shared_moves_mm.shape
+            moved[:count, k, :detections] = view.shared_moves_mm[:, _GREEN]
     return moved
 
 
 def _solution_moves(
-    moves: Float[np.ndarray, "moves views marks 2"],
+    moves: Float[np.ndarray, "moves views detections 2"],
     adjustment: Adjustment,
     inverse: Float[np.ndarray, "free free"],
 ) -> Float[np.ndarray, "moves free"]:
@@ -209,8 +211,8 @@ def _solution_moves(
 
 
 def _principal_moves(
-    moves: Float[np.ndarray, "moves views marks 2"],
-) -> Float[np.ndarray, "fewer views marks 2"]:
+    moves: Float[np.ndarray, "moves views detections 2"],
+) -> Float[np.ndarray, "fewer views detections 2"]:
     """The principal components of moves, which have the same covariance: many errors
     move all detections alike, and every move costs a pass over them."""
     flat = moves.reshape(len(moves), math.prod(moves.shape[1:]))

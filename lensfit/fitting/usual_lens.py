@@ -5,9 +5,9 @@ whose focal length is shorter than the back focal distance that a camera needs, 
 farther back in telephoto lenses. For 13 published designs of 14 to 200 mm, from
 telephoto to retrofocus, it is within 1.5 of the widths below.
 
-The pupil shifts along the axis with field angle (its walk,
-`lensfit.optics.pupil_walk`). Traced through sixteen published designs, f/1.1 to f/5, to
-17 degrees off axis, the shift per squared sine of the field angle is
+The pupil shifts along the axis with field angle (pupil aberration,
+`lensfit.optics.pupil_shift`). Traced through sixteen published designs, f/1.1 to f/5,
+to 17 degrees off axis, the shift per squared sine of the field angle is
 
     -0.7 f / N^2
 
@@ -23,9 +23,9 @@ _PUPIL_MM = 70.0
 _PUPIL_FOCAL_LENGTHS = 0.7
 _RETROFOCUS_BELOW_MM, _RETROFOCUS_SLOPE = 50.0, 1.5
 _TELEPHOTO_BEYOND_MM, _TELEPHOTO_SLOPE = 100.0, 2.0
-_WALK = -0.7
+_PUPIL_SHIFT = -0.7
 """Times the square of the f-number, in focal lengths."""
-_WALK_DEVIATION, _WALK_DEVIATION_OF_ANY = 0.25, 0.5
+_PUPIL_SHIFT_DEVIATION, _PUPIL_SHIFT_DEVIATION_OF_ANY = 0.25, 0.5
 """In focal lengths, for lenses of known and of unknown f-number; a little larger than
 the scatter, because the designs are not a random sample."""
 
@@ -47,26 +47,26 @@ class KnownPupil(NamedTuple):
     measured: bool = False
 
 
-class KnownWalk(NamedTuple):
+class KnownPupilShift(NamedTuple):
     """Prior of the shift of the entrance pupil with field angle.
 
     Attributes
     ----------
-    walk_mm, standard_deviation_mm : Towards the scene, per squared sine of the angle.
+    shift_mm, standard_deviation_mm : Towards the scene, per squared sine of the angle.
     common_deviation_mm, measured : As of `KnownPupil`.
     """
 
-    walk_mm: float
+    shift_mm: float
     standard_deviation_mm: float
     common_deviation_mm: float = 0.0
     measured: bool = False
 
 
 class KnownPerspective(NamedTuple):
-    """Prior of where chief rays cross the axis; anamorphic lenses ignore `walk`."""
+    """Prior of where chief rays cross the axis; anamorphic lenses ignore the shift."""
 
     pupil: KnownPupil
-    walk: KnownWalk
+    pupil_shift: KnownPupilShift
 
 
 def usual_pupil(focal_length_mm: float) -> KnownPupil:
@@ -78,13 +78,15 @@ def usual_pupil(focal_length_mm: float) -> KnownPupil:
     return KnownPupil(offset_mm - _TELEPHOTO_SLOPE * long_mm, width_mm)
 
 
-def usual_walk(focal_length_mm: float, widest_f_number: float | None) -> KnownWalk:
+def usual_pupil_shift(
+    focal_length_mm: float, widest_f_number: float | None
+) -> KnownPupilShift:
     """Shift of the pupil with field angle of lenses of this widest f-number, which is
     None if unknown."""
     if widest_f_number is None:
-        return KnownWalk(0.0, _WALK_DEVIATION_OF_ANY * focal_length_mm)
-    walk_mm = _WALK * focal_length_mm / widest_f_number**2
-    return KnownWalk(walk_mm, _WALK_DEVIATION * focal_length_mm)
+        return KnownPupilShift(0.0, _PUPIL_SHIFT_DEVIATION_OF_ANY * focal_length_mm)
+    shift_mm = _PUPIL_SHIFT * focal_length_mm / widest_f_number**2
+    return KnownPupilShift(shift_mm, _PUPIL_SHIFT_DEVIATION * focal_length_mm)
 
 
 def magnification_at(focal_length_mm: float, focus_distance_mm: float) -> float:

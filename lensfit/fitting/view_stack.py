@@ -1,4 +1,4 @@
-"""Takes stacked into arrays: start poses, and the detections of all photographs.
+"""Views stacked into arrays: start poses, and the detections of all photographs.
 
 Detections are padded to the largest number in any photograph; padding is not `present`.
 Programs are compiled for few array shapes: detections are passed to them in chunks
@@ -23,32 +23,32 @@ from lensfit.fitting.start import Pose
 FEWEST_VIEWS = 4
 """A state of a lens with fewer photographs runs the program of this many."""
 OVERLAP_DEVIATION_PX = 0.1
-"""Added to the noise of a mark whose blur touches its neighbour's."""
+"""Added to the noise of a detection whose blur touches its neighbour's."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Takes as padded arrays.
+    """Views as padded arrays.
 
     Attributes
     ----------
     view : The stacked start poses.
     chunking : Division of the detections into chunks.
-    board : Nominal place of every mark, half boards.
+    board : Nominal place of every detection, half boards.
     observed_mm : Where it was seen.
-    present : Which rows are marks.
-    covariance_mm2 : Of each mark; identity for padding.
+    present : Which rows are detections.
+    covariance_mm2 : Of each detection; identity for padding.
     normal : Unit vector across the line, NaN for points and padding.
     mm_per_px : Size of a pixel.
     """
 
     view: BoardPose
     chunking: Chunking
-    board: Float[np.ndarray, "views marks 2"]
-    observed_mm: Float[np.ndarray, "views marks 2"]
-    present: Bool[np.ndarray, "views marks"]
-    covariance_mm2: Float[np.ndarray, "views marks 2 2"]
-    normal: Float[np.ndarray, "views marks 2"]
+    board: Float[np.ndarray, "views detections 2"]
+    observed_mm: Float[np.ndarray, "views detections 2"]
+    present: Bool[np.ndarray, "views detections"]
+    covariance_mm2: Float[np.ndarray, "views detections 2 2"]
+    normal: Float[np.ndarray, "views detections 2"]
     mm_per_px: Float[np.ndarray, " views"]
 
     @cached_property
@@ -60,27 +60,27 @@ class Stack:
         return jax.tree.map(lambda a: jnp.asarray(np.asarray(a)[places]), self.view)
 
 
-def board_of(take: View) -> Float[np.ndarray, "marks 2"]:
-    """Nominal place of every mark, mm from the middle of the lattice that was seen."""
-    lattice = take.observations.lattice
+def board_of(view: View) -> Float[np.ndarray, "detections 2"]:
+    """Nominal place of every detection, mm from the middle of the lattice seen."""
+    lattice = view.observations.lattice
     middle = np.round((lattice.max(0) + lattice.min(0)) / 2)
-    return (lattice - middle) * np.asarray(take.pitch_mm)
+    return (lattice - middle) * np.asarray(view.pitch_mm)
 
 
-def observed_of(take: View) -> Float[np.ndarray, "marks 2"]:
-    """Where every mark was seen, sensor mm."""
-    observations = take.observations
+def observed_of(view: View) -> Float[np.ndarray, "detections 2"]:
+    """Where every detection was seen, sensor mm."""
+    observations = view.observations
     return mm_from_px(
-        observations.points_px, observations.image_size_px, take.sensor_size_mm
+        observations.points_px, observations.image_size_px, view.sensor_size_mm
     )
 
 
 def stack_takes(
-    takes: list[View], poses: list[Pose], apertures: list[int], whole: list[bool]
+    views: list[View], poses: list[Pose], apertures: list[int], whole: list[bool]
 ) -> Stack:
-    """Stack takes whose start poses are known."""
-    most = max(len(take.observations) for take in takes)
-    count = len(takes)
+    """Stack views whose start poses are known."""
+    most = max(len(view.observations) for view in views)
+    count = len(views)
     board = np.zeros((count, most, 2))
     observed = np.zeros((count, most, 2))
     covariance = np.tile(np.eye(2), (count, most, 1, 1))
@@ -88,19 +88,19 @@ def stack_takes(
     present = np.zeros((count, most), bool)
     half = np.zeros((count, 2))
     mm_per_px = np.zeros(count)
-    for k, take in enumerate(takes):
-        n = len(take.observations)
-        board[k, :n] = board_of(take)
+    for k, view in enumerate(views):
+        n = len(view.observations)
+        board[k, :n] = board_of(view)
         half[k] = np.maximum(np.abs(board[k, :n]).max(0), 1e-9)
-        observed[k, :n] = observed_of(take)
-        mm_per_px[k] = take.sensor_size_mm[0] / take.observations.image_size_px[0]
-        doubt = OVERLAP_DEVIATION_PX**2 * take.observations.overlapping[:, None, None]
-        noise = take.observations.covariance_px2 + doubt * np.eye(2)
+        observed[k, :n] = observed_of(view)
+        mm_per_px[k] = view.sensor_size_mm[0] / view.observations.image_size_px[0]
+        doubt = OVERLAP_DEVIATION_PX**2 * view.observations.overlapping[:, None, None]
+        noise = view.observations.covariance_px2 + doubt * np.eye(2)
         covariance[k, :n] = noise * mm_per_px[k] ** 2
-        lines = take.observations.family != POINT
-        normal[k, :n][lines] = take.observations.normal[lines]
+        lines = view.observations.family != POINT
+        normal[k, :n][lines] = view.observations.normal[lines]
         present[k, :n] = True
-    view = BoardPose(
+    start = BoardPose(
         rotation=jnp.asarray(np.stack([p.rotation for p in poses])),
         translation_mm=jnp.asarray(np.stack([p.translation_mm for p in poses])),
         aperture=jnp.asarray(apertures),
@@ -108,7 +108,7 @@ def stack_takes(
         whole_board=jnp.asarray(np.asarray(whole, float)),
     )
     return Stack(
-        view=view,
+        view=start,
         chunking=chunking_of(present),
         board=board / half[:, None],
         observed_mm=observed,
@@ -121,11 +121,11 @@ def stack_takes(
 
 def whitening_of(
     stack: Stack, model_variance_mm2: Float[np.ndarray, " views"]
-) -> Float[np.ndarray, "views marks 2 2"]:
+) -> Float[np.ndarray, "views detections 2 2"]:
     """Matrices that turn residuals into standard deviations; zero for padding.
 
     `model_variance_mm2` is what the model leaves besides detection noise, so that a
-    mark with little noise does not outvote its neighbours.
+    detection with little noise does not outvote its neighbours.
     """
     total = stack.covariance_mm2 + model_variance_mm2[:, None, None, None] * np.eye(2)
     points = _inverse_root(total)
@@ -137,15 +137,16 @@ def whitening_of(
     return whitening * stack.present[..., None, None]
 
 
-def noise_mm2(stack: Stack) -> Float[np.ndarray, "views marks"]:
-    """Detection variance of one residual of every mark."""
+def noise_mm2(stack: Stack) -> Float[np.ndarray, "views detections"]:
+    """Detection variance of one residual of every detection."""
     return variance_of(stack.covariance_mm2, stack.normal)
 
 
 def variance_of(
-    covariance: Float[np.ndarray, "*marks 2 2"], normal: Float[np.ndarray, "*marks 2"]
-) -> Float[np.ndarray, "*marks"]:
-    """Variance of one residual of every mark.
+    covariance: Float[np.ndarray, "*detections 2 2"],
+    normal: Float[np.ndarray, "*detections 2"],
+) -> Float[np.ndarray, "*detections"]:
+    """Variance of one residual of every detection.
 
     Of a point (its normal is NaN) the mean over both axes; of a line sample across the
     line, since along it nothing was measured.
@@ -156,8 +157,8 @@ def variance_of(
     return np.where(np.isfinite(normal[..., 0]), across, mean)
 
 
-def residuals_of(stack: Stack) -> Int[np.ndarray, "views marks"]:
-    """Number of residuals of every mark: two of a point, one of a line sample."""
+def residuals_of(stack: Stack) -> Int[np.ndarray, "views detections"]:
+    """Number of residuals of every detection: two of a point, one of a line sample."""
     return np.where(np.isfinite(stack.normal[..., 0]), 1, 2)
 
 

@@ -102,7 +102,7 @@ def camera_words(
     words["sensor_height_mm"] = _heights(
         words["sensor_height_mm"], words["sensor_width_mm"], sizes
     )
-    return {name: told for name, told in words.items() if told}
+    return {name: found for name, found in words.items() if found}
 
 
 def camera_state_from(

@@ -201,17 +201,6 @@ def _beside_aberrations(
     return x, y
 
 
-def defocus_slope(p: Float[Array, "2"], chief: Float[Array, "2"]) -> Float[Array, "2"]:
-    """d landing / d defocus: tangent of a ray's angle less the chief ray's.
-
-    Parameters
-    ----------
-    p : Direction cosines against the chief ray.
-    chief : Those of the chief ray.
-    """
-    return tangent_of(p + chief) - tangent_of(chief)
-
-
 def tangent_of(p: Float[Array, "2"]) -> Float[Array, "2"]:
     """Tangents of a ray's angle with the sensor's normal, from direction cosines."""
     return jnp.stack(tangents(p[0], p[1]))

@@ -30,7 +30,7 @@ from lensfit.optics.many_points import (
 from lensfit.optics.map_covariances import MapCovariances
 from lensfit.optics.object_deviation import Perspective, object_deviations_mm
 from lensfit.optics.position_deviation import frame_points_mm, position_deviations_mm
-from lensfit.optics.pupil_walk import PupilWalk
+from lensfit.optics.pupil_shift import PupilShift
 
 Channel = Literal["r", "g", "b"]
 _CHANNELS = ("r", "g", "b")
@@ -47,7 +47,7 @@ class AbstractChiefRays(eqx.Module):
     illumination : Fall-off, or None when it was not measured (then it is 1).
     entrance_pupil_offset_mm : Centre of projection in front of the sensor plane.
     sensor_size_mm : Width and height of the calibrated sensor area.
-    pupil_walk : How the entrance pupil moves with field angle; None where nobody knows.
+    pupil_shift : How the entrance pupil moves with field angle; None if unknown.
     covariances : How well these maps are known, where the state was photographed.
     """
 
@@ -56,7 +56,7 @@ class AbstractChiefRays(eqx.Module):
     illumination: eqx.AbstractVar[Illumination | None]
     entrance_pupil_offset_mm: eqx.AbstractVar[Float[Array, ""]]
     sensor_size_mm: eqx.AbstractVar[tuple[float, float]]
-    pupil_walk: eqx.AbstractVar[PupilWalk | None]
+    pupil_shift: eqx.AbstractVar[PupilShift | None]
     covariances: eqx.AbstractVar[MapCovariances]
 
     @property
@@ -80,7 +80,7 @@ class AbstractChiefRays(eqx.Module):
         """
         points = points_of(object_points_mm, 3)
         pupil = self.entrance_pupil_offset_mm
-        landed = project(points, pupil, self.distortion, self.pupil_walk)
+        landed = project(points, pupil, self.distortion, self.pupil_shift)
         return displaced(landed, self.distortion, self._shift(channel))
 
     def distorted_from_undistorted(
@@ -188,7 +188,7 @@ class AbstractChiefRays(eqx.Module):
             raise _unknown("entrance pupil")
         return object_deviations_mm(
             points,
-            Perspective(self.entrance_pupil_offset_mm, lens, self.pupil_walk),
+            Perspective(self.entrance_pupil_offset_mm, lens, self.pupil_shift),
             known,
             frame_points_mm(lens, self.sensor_size_mm),
         )

@@ -26,7 +26,7 @@ class Illumination(eqx.Module):
     ----------
     control : b_1 ... b_n of red, green and blue.
     valid_radius_mm : Where s is 1: the farthest corner of the photographs, or
-        somewhat beyond the outermost mark.
+        somewhat beyond the outermost detection.
     """
 
     control: Float[Array, "3 terms"]

@@ -19,7 +19,7 @@ from lensfit.optics.lateral import (
     displacement_basis,
     green_from_channel,
 )
-from lensfit.optics.pupil_walk import PupilWalk, equivalent_chart_point
+from lensfit.optics.pupil_shift import PupilShift, equivalent_chart_point
 
 
 def displaced(
@@ -57,12 +57,12 @@ def project(
     points: Float[Array, "points 3"],
     pupil_mm: Float[Array, ""],
     distortion: Distortion,
-    walk: PupilWalk | None,
+    pupil_shift: PupilShift | None,
 ) -> Float[Array, "points 2"]:
     """Where green chief rays of object points land."""
 
     def one(point):
-        direction = equivalent_chart_point(point.at[2].add(-pupil_mm), walk)
+        direction = equivalent_chart_point(point.at[2].add(-pupil_mm), pupil_shift)
         return chief_ray.distorted_from_direction(direction, distortion)
 
     return jax.vmap(one)(points)

@@ -11,7 +11,7 @@ class MapCovariances(eqx.Module):
     Attributes
     ----------
     distortion : Of the numbers of `position_deviation.changed_distortion`.
-    perspective : Of those numbers, and of entrance-pupil offset and walk in mm.
+    perspective : Of those numbers, and of entrance-pupil offset and shift in mm.
     red, blue : Of the terms of `lensfit.optics.lateral.displacement_basis`.
     fall_off : Of the control values of each channel.
     """

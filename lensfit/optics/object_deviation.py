@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 from lensfit.batches import in_batches
 from lensfit.optics.distortion import Distortion, distorted_from_direction
 from lensfit.optics.position_deviation import changed_distortion, numbers_in
-from lensfit.optics.pupil_walk import PupilWalk, equivalent_chart_point
+from lensfit.optics.pupil_shift import PupilShift, equivalent_chart_point
 
 PERSPECTIVE_NUMBERS = 2
 """Entrance-pupil offset and its shift with field angle, mm; they follow the numbers of
@@ -38,12 +38,12 @@ class Perspective(eqx.Module):
     ----------
     entrance_pupil_offset_mm : In front of the sensor.
     distortion : The chief-ray map at the chart's distance.
-    walk : None for a pupil that stands still.
+    pupil_shift : None for a pupil that stands still.
     """
 
     entrance_pupil_offset_mm: Float[Array, ""]
     distortion: Distortion
-    walk: PupilWalk | None
+    pupil_shift: PupilShift | None
 
 
 def object_deviations_mm(
@@ -57,7 +57,7 @@ def object_deviations_mm(
     Parameters
     ----------
     object_points_mm : x right, y down, z from the sensor.
-    covariance : Of the numbers of `changed_distortion`, then of pupil offset and walk.
+    covariance : Of the numbers of `changed_distortion`, then of pupil offset and shift.
     frame_mm : Points of the undistorted picture that cover the frame: over these, at
         each distance, the affine map is taken out.
     """
@@ -112,7 +112,7 @@ def landed_mm(
 ) -> Float[Array, "2"]:
     """Where the chief ray of an object point lands."""
     ahead = point_mm.at[2].add(-perspective.entrance_pupil_offset_mm)
-    direction = equivalent_chart_point(ahead, perspective.walk)
+    direction = equivalent_chart_point(ahead, perspective.pupil_shift)
     return distorted_from_direction(direction, perspective.distortion)
 
 
@@ -120,13 +120,15 @@ def moved_perspective(
     perspective: Perspective, moves: Float[Array, " numbers"]
 ) -> Perspective:
     """The same with its numbers moved; the chart stays where it was."""
-    offset_mm, walk_mm = moves[-2], moves[-1]
-    walk = perspective.walk
-    if walk is not None:
-        walk = PupilWalk(walk.walk_mm + walk_mm, walk.chart_distance_mm - offset_mm)
+    offset_mm, shift_mm = moves[-2], moves[-1]
+    pupil_shift = perspective.pupil_shift
+    if pupil_shift is not None:
+        pupil_shift = PupilShift(
+            pupil_shift.shift_mm + shift_mm, pupil_shift.chart_distance_mm - offset_mm
+        )
     return replace(
         perspective,
         entrance_pupil_offset_mm=perspective.entrance_pupil_offset_mm + offset_mm,
         distortion=changed_distortion(perspective.distortion, moves[:-2]),
-        walk=walk,
+        pupil_shift=pupil_shift,
     )

@@ -17,18 +17,18 @@ Pixels = Annotated[int, Meta(gt=0)]
 Pair = tuple[float, float]
 
 
-class PupilWalk(Struct, frozen=True, forbid_unknown_fields=True):
-    """How the entrance pupil moves with field angle (`lensfit.optics.pupil_walk`).
+class PupilShift(Struct, frozen=True, forbid_unknown_fields=True):
+    """How the entrance pupil moves with field angle (`lensfit.optics.pupil_shift`).
 
     Attributes
     ----------
-    walk_mm : Towards the scene, per squared sine of the field angle.
+    shift_mm : Towards the scene, per squared sine of the field angle.
     chart_distance_mm : From the sensor plane; for objects there the map of the chief
         rays holds as it stands.
-    standard_deviation_mm : Of the walk.
+    standard_deviation_mm : Of the shift.
     """
 
-    walk_mm: float
+    shift_mm: float
     chart_distance_mm: PositiveFloat
     standard_deviation_mm: float
 
@@ -44,14 +44,14 @@ class Projection(Struct, frozen=True, forbid_unknown_fields=True):
     entrance_pupil_offset_mm : Position of the entrance pupil in front of the sensor
         plane, positive towards the scene.
     assumed : Names of the values above that were stated or assumed, not measured.
-    pupil_walk : How the pupil moves with field angle; None if unknown.
+    pupil_shift : How the pupil moves with field angle; None if unknown.
     """
 
     principal_distance_mm: PositiveFloat
     principal_point_mm: Pair
     entrance_pupil_offset_mm: float
     assumed: tuple[str, ...] = ()
-    pupil_walk: PupilWalk | None = None
+    pupil_shift: PupilShift | None = None
 
 
 class FreeField(Struct, frozen=True, forbid_unknown_fields=True):
@@ -160,7 +160,7 @@ class FallOff(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=Tru
     ----------
     f_number : As on the barrel; None if not stated.
     valid_radius_mm : Where the control values end: the farthest corner of the
-        photographs, or somewhat beyond the outermost mark.
+        photographs, or somewhat beyond the outermost detection.
     r, g, b : Control values b_1 ... b_n of -ln(illumination) as a Bernstein polynomial
         of the squared radius; they never fall.
     predicted : Whether it follows from the pupil's shape, measured at other f-numbers.

@@ -78,8 +78,8 @@ def _angular_weight(
 ) -> float:
     """Share of `second` of what goes as the focal length to minus `power`."""
     high = (second.focal_length_mm / first.focal_length_mm) ** -power
-    asked = (focal_length_mm / first.focal_length_mm) ** -power
-    return (1 - asked) / (1 - high)
+    requested = (focal_length_mm / first.focal_length_mm) ** -power
+    return (1 - requested) / (1 - high)
 
 
 def focus_weight(first: Entry, second: Entry, focus_distance_mm: float) -> float:
@@ -92,15 +92,15 @@ def focus_weight(first: Entry, second: Entry, focus_distance_mm: float) -> float
     assert second.focus_distance_mm is not None
     low = dioptres_from_mm(first.focus_distance_mm)
     high = dioptres_from_mm(second.focus_distance_mm)
-    asked = dioptres_from_mm(focus_distance_mm)
-    from_sensor = (asked - low) / (high - low)
+    requested = dioptres_from_mm(focus_distance_mm)
+    from_sensor = (requested - low) / (high - low)
     pupil_m = [
         m_from_mm(one.projection.entrance_pupil_offset_mm) for one in (first, second)
     ]
     pupil_m.append(blended(pupil_m[0], pupil_m[1], from_sensor))
     seen = [
         v / (1 - v * offset)
-        for v, offset in zip((low, high, asked), pupil_m, strict=True)
+        for v, offset in zip((low, high, requested), pupil_m, strict=True)
         if v * offset < 0.9
     ]
     if len(seen) < 3 or not math.copysign(1, high - low) * (seen[1] - seen[0]) > 0:

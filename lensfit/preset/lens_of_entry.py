@@ -20,7 +20,7 @@ from lensfit.optics import field
 from lensfit.optics.distortion import Distortion
 from lensfit.optics.falloff import Illumination
 from lensfit.optics.lateral import ChannelShift
-from lensfit.optics.pupil_walk import PupilWalk
+from lensfit.optics.pupil_shift import PupilShift
 from lensfit.preset import blocks
 from lensfit.preset.adjusted_lens import adjusted_lens
 from lensfit.preset.blocks import Camera
@@ -78,7 +78,7 @@ def _measured_lens(chosen: Selection, camera: Camera) -> Lens:
         lateral_colour=_lateral_of(entry.lateral_colour),
         illumination=_illumination_of(entry.fall_off),
         entrance_pupil_offset_mm=_number(entry.projection.entrance_pupil_offset_mm),
-        pupil_walk=_pupil_walk_of(entry.projection),
+        pupil_shift=_pupil_shift_of(entry.projection),
         sensor_size_mm=(camera.sensor_width_mm, camera.sensor_height_mm),
         focal_length_mm=entry.focal_length_mm,
         f_number=f_number,
@@ -196,13 +196,13 @@ def _optics_of(p: blocks.Projection, d: blocks.Distortion) -> Distortion:
     )
 
 
-def _pupil_walk_of(projection: blocks.Projection) -> PupilWalk | None:
+def _pupil_shift_of(projection: blocks.Projection) -> PupilShift | None:
     """As the optics count: from the entrance pupil."""
-    walk = projection.pupil_walk
-    if walk is None:
+    pupil_shift = projection.pupil_shift
+    if pupil_shift is None:
         return None
-    ahead_mm = walk.chart_distance_mm - projection.entrance_pupil_offset_mm
-    return PupilWalk(_number(walk.walk_mm), _number(ahead_mm))
+    ahead_mm = pupil_shift.chart_distance_mm - projection.entrance_pupil_offset_mm
+    return PupilShift(_number(pupil_shift.shift_mm), _number(ahead_mm))
 
 
 def _lateral_of(

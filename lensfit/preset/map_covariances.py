@@ -23,11 +23,11 @@ from lensfit.preset.covariance import (
 from lensfit.preset.entry import Entry
 
 _FREE = "free_field"
-_PERSPECTIVE = ("entrance_pupil_offset_mm", "pupil_walk_mm")
+_PERSPECTIVE = ("entrance_pupil_offset_mm", "pupil_shift_mm")
 _ELSEWHERE = (
     *_PERSPECTIVE,
     "pupil_gap",
-    "pupil_walk",
+    "pupil_shift",
     "board_stretch",
     "aperture_shift",
 )
@@ -91,7 +91,7 @@ def _of_distortion(
 def _of_perspective(
     covariance: Covariance | None, distortion: Distortion
 ) -> Float[np.ndarray, "numbers numbers"] | None:
-    """Of those, then of entrance-pupil offset and walk; None where the file does not
+    """Of those, then of entrance-pupil offset and shift; None where the file does not
     say how well the pupil is known."""
     offset, _ = numbered(dict.fromkeys(_PERSPECTIVE, 1))
     if covariance is None or offset not in covariance.parameters:
@@ -116,11 +116,11 @@ def _of_numbers(
         **more,
     }
     names = numbered(sizes)
-    told = _with_free_field_counted(covariance.parameters, sizes[_FREE])
-    if any(name not in names and _block(name) not in _ELSEWHERE for name in told):
+    parameters = _with_free_field_counted(covariance.parameters, sizes[_FREE])
+    if any(name not in names and _block(name) not in _ELSEWHERE for name in parameters):
         return None
     return Covariance(
-        told, covariance.standard_deviation, covariance.correlation
+        parameters, covariance.standard_deviation, covariance.correlation
     ).in_order(names)
 
 

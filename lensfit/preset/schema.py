@@ -1,6 +1,6 @@
 """A preset: one lens on one camera, an entry per focal length and focus distance.
 
-The file is JSON, schema "lensfit.preset.1"; every key names its unit. A change of the
+The file is JSON, schema "lensfit.preset.2"; every key names its unit. A change of the
 meaning of a key raises the number in the schema and adds a step to
 `lensfit.preset.upgrade`. Reading and checking a preset needs no JAX.
 """
@@ -18,7 +18,7 @@ from lensfit.preset.verdict import Verdict
 if TYPE_CHECKING:
     from lensfit.lens import Lens
 
-SCHEMA = "lensfit.preset.1"
+SCHEMA = "lensfit.preset.2"
 CONVENTIONS = (
     "Lengths in mm, angles in rad; origin at the sensor centre, x right, y down; "
     "radii and coefficients without a unit count in reference_radius_mm from the "
@@ -88,7 +88,7 @@ class Preset(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     verdict : What its calibration was judged to be good for; None if not judged.
     """
 
-    schema: Literal["lensfit.preset.1"] = SCHEMA
+    schema: Literal["lensfit.preset.2"] = SCHEMA
     conventions: str = CONVENTIONS
     lens: LensName
     camera: Camera

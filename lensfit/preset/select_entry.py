@@ -120,26 +120,28 @@ def _check_positive(name: str, value: float | None) -> None:
 
 
 def _focal_length(
-    asked: float | None, measured: list[float], notes: list[str]
+    requested: float | None, measured: list[float], notes: list[str]
 ) -> float:
     span = f"{measured[0]:g} to {measured[-1]:g} mm"
-    if asked is None:
+    if requested is None:
         if len(measured) > 1:
             raise PresetError(
                 f"the preset holds focal lengths {span}",
                 remedy="say which is meant with focal_length_mm (--focal-length-mm)",
             )
         return measured[0]
-    nearest = min(max(asked, measured[0]), measured[-1])
-    if abs(asked - nearest) > FOCAL_LENGTH_SLACK * nearest:
+    nearest = min(max(requested, measured[0]), measured[-1])
+    if abs(requested - nearest) > FOCAL_LENGTH_SLACK * nearest:
         raise PresetError(
-            f"focal length {asked:g} mm is not in the preset, which holds "
+            f"focal length {requested:g} mm is not in the preset, which holds "
             + (span if len(measured) > 1 else f"{nearest:g} mm"),
             remedy="use the preset of that lens, photograph a grid at that setting, or "
             f"put this look there {SCALING_REMEDY}",
         )
-    if nearest != asked:
-        notes.append(f"focal length {asked:g} mm taken as the measured {nearest:g} mm")
+    if nearest != requested:
+        notes.append(
+            f"focal length {requested:g} mm taken as the measured {nearest:g} mm"
+        )
     return nearest
 
 
@@ -171,8 +173,8 @@ def _at_focus(
         )
     by_focus = {_dioptres(entry): entry for entry in entries}
     measured = sorted(by_focus)
-    asked = dioptres_from_mm(focus_distance_mm)
-    nearest = min(max(asked, measured[0]), measured[-1])
+    requested = dioptres_from_mm(focus_distance_mm)
+    nearest = min(max(requested, measured[0]), measured[-1])
     low, high = _neighbours(nearest, measured)
     # Only what is used has anything to note.
     beside = [
@@ -183,18 +185,20 @@ def _at_focus(
     return interpolated_in_focus(beside[0], beside[1], focus_distance_mm)
 
 
-def _entry_at_focus(entry: Entry, asked_mm: float | None, notes: list[str]) -> Entry:
+def _entry_at_focus(
+    entry: Entry, requested_mm: float | None, notes: list[str]
+) -> Entry:
     """`entry`, with a note where it was measured at another focus."""
     measured_mm = entry.focus_distance_mm
-    if asked_mm is None or asked_mm == measured_mm:
+    if requested_mm is None or requested_mm == measured_mm:
         return entry
-    if asked_mm < (measured_mm or math.inf):
-        _check_image(entry, asked_mm)
+    if requested_mm < (measured_mm or math.inf):
+        _check_image(entry, requested_mm)
     if measured_mm is not None:
         note = (
-            f"focus distance {asked_mm:g} mm is outside what was measured; distortion, "
-            f"lateral colour and fall-off are those of {measured_mm:g} mm, depth of "
-            "field follows the stated distance"
+            f"focus distance {requested_mm:g} mm is outside what was measured; "
+            f"distortion, lateral colour and fall-off are those of {measured_mm:g} mm, "
+            "depth of field follows the stated distance"
         )
         if entry.blur:
             note += ", as if the whole lens moved (unit focusing)"

@@ -15,13 +15,49 @@ from lensfit.errors import PresetError
 Tables = dict[str, Any]
 Step = Callable[[Tables], Tables]
 
-CURRENT_VERSION = 1
-STEPS: dict[int, Step] = {}
+CURRENT_VERSION = 2
+_KEYS_OF_1 = {"pupil_walk": "pupil_shift", "walk_mm": "shift_mm"}
+_TEXTS_OF_1 = {"pupil_walk": "pupil_shift", "pupil_walk_mm": "pupil_shift_mm"}
+_NUMBERED = re.compile(r"(\w+)((?:\[\d+\])?)")
+
+
+def renamed(value: Any, keys: Mapping[str, str], texts: Mapping[str, str]) -> Any:
+    """Plain tables in which some keys and texts have other words, however deep.
+
+    Parameters
+    ----------
+    texts : Of whole texts, which may end in a number in brackets.
+    """
+    if isinstance(value, dict):
+        return {keys.get(k, k): renamed(v, keys, texts) for k, v in value.items()}
+    if isinstance(value, list):
+        return [renamed(item, keys, texts) for item in value]
+    match = _NUMBERED.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        return value
+    return texts.get(match[1], match[1]) + match[2]
+
+
+def with_pupil_shift(value: Any) -> Any:
+    """What version 1 called the walk of the pupil is its shift, in version 2."""
+    return renamed(value, _KEYS_OF_1, _TEXTS_OF_1)
+
+
+def key_with_pupil_shift(key: str) -> str:
+    """The same for a dotted key."""
+    return ".".join(_KEYS_OF_1.get(part, part) for part in key.split("."))
+
+
+def _step_from_1(tables: Tables) -> Tables:
+    return with_pupil_shift(tables) | {"schema": "lensfit.preset.2"}
+
+
+STEPS: dict[int, Step] = {1: _step_from_1}
 """The step that leads from each version to the next."""
 
 
 def schema_name(version: int, kind: str = "preset") -> str:
-    """ "lensfit.preset.1" and so on."""
+    """ "lensfit.preset.2" and so on."""
     return f"lensfit.{kind}.{version}"
 
 

@@ -129,9 +129,9 @@ def _patches(
         rays = _ray_turns(seen, optics[0], own, number, turns[own])
         live = every < len(whose[some])
         light = _on_pixels(light, rays, own, live, raster.pitch_mm, middle)
-    asked = np.asarray(light)[:count, : raster.size_px, : raster.size_px]
-    total = asked.sum((1, 2), dtype=float)
-    return asked / np.maximum(total, 1e-300)[:, None, None]
+    requested = np.asarray(light)[:count, : raster.size_px, : raster.size_px]
+    total = requested.sum((1, 2), dtype=float)
+    return requested / np.maximum(total, 1e-300)[:, None, None]
 
 
 def _pencils_of(points: Points, optics: Optics) -> Pencil:

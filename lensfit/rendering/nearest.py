@@ -21,11 +21,8 @@ def nearest(
     ----------
     source_window : Where `plane` lies, in the pixel space of the map.
     """
-    moved, window = source_map.displacement_px, source_map.window
-    if window == source_window and not moved.any():
-        return plane
-    x, y = _read_at(source_window, source_map)
-    return cv2.remap(plane, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    method = cv2.INTER_NEAREST
+    return _read(plane, source_window, source_map, method, cv2.BORDER_REPLICATE)
 
 
 def linear(
@@ -35,11 +32,22 @@ def linear(
 ) -> Float32[np.ndarray, "out_height out_width"]:
     """The mean of the four samples around each position of the map, to 1/64 px; black
     beyond the border."""
-    moved, window = source_map.displacement_px, source_map.window
-    if window == source_window and not moved.any():
+    method = cv2.INTER_LINEAR
+    return _read(plane, source_window, source_map, method, cv2.BORDER_CONSTANT)
+
+
+def _read(
+    plane: Float32[np.ndarray, "height width"],
+    source_window: Window,
+    source_map: SourceMap,
+    method: int,
+    border: int,
+) -> Float32[np.ndarray, "out_height out_width"]:
+    """The same plane where the map moves nothing."""
+    if source_map.window == source_window and not source_map.displacement_px.any():
         return plane
     x, y = _read_at(source_window, source_map)
-    return cv2.remap(plane, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return cv2.remap(plane, x, y, method, borderMode=border)
 
 
 def _read_at(

@@ -22,8 +22,7 @@ from lensfit.report.markup import (
 from lensfit.report.pictures import png_address
 from lensfit.report.plain_numbers import distance_of
 from lensfit.report.report_sections import distance_text, stop_text, table_row
-from lensfit.report.through import ThroughSheet
-from lensfit.report.through_figures import through_figures
+from lensfit.report.through import ThroughSheet, through_figures
 
 _ABOUT = (
     "Misfit is the error of the image of a target (a dot, a corner), relative (L2, "

@@ -50,7 +50,7 @@ def _all_targets(known: list[dict]) -> str:
 
 def _use(known: list[dict], error: float, said: str) -> Finding:
     """What the blur is good for."""
-    guessed = [one for blur in known for one in blur.get("guessed") or []]
+    extrapolated = [one for blur in known for one in blur.get("extrapolated") or []]
     if any(one.get("converged") is False for one in known):
         return Finding(
             "caution",
@@ -76,8 +76,8 @@ def _use(known: list[dict], error: float, said: str) -> Finding:
             f"The blur is not usable: {said}. Use small bright holes, more f-numbers "
             "and both sides of focus.",
         )
-    if guessed:
-        why = "; ".join(dict.fromkeys(guessed))
+    if extrapolated:
+        why = "; ".join(dict.fromkeys(extrapolated))
         return Finding(
             "caution",
             f"The blur is usable only where it was photographed: {said}; {why}.",

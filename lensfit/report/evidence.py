@@ -57,12 +57,14 @@ def takes_by_focal(report: dict) -> dict[float | None, list[dict]]:
 
 def unmeasured_focals(report: dict) -> list[float | None]:
     """Stated focal lengths (mm) that no view measured, None where the report is old."""
-    told: dict[float | None, bool] = {}
+    measured_by_focal: dict[float | None, bool] = {}
     for term in report.get("terms") or []:
         if "principal_distance" in str(term.get("name")):
             focal = term.get("focal_length_mm")
-            told[focal] = told.get(focal, False) or bool(term.get("kept"))
-    return [focal for focal, measured in told.items() if not measured]
+            measured_by_focal[focal] = measured_by_focal.get(focal, False) or bool(
+                term.get("kept")
+            )
+    return [focal for focal, measured in measured_by_focal.items() if not measured]
 
 
 def corner_deviation_px(entry: dict) -> float:

@@ -99,7 +99,7 @@ def fall_off_surface(entry: dict, camera: dict) -> Figure | None:
     if widest.get("lighting_too"):
         caption += " Of lens and lighting together."
     if np.isnan(known).any():
-        caption += " Left open: farther out than any mark."
+        caption += " Left open: farther out than any point."
     picture = drawn_map("Fall-off over the frame", lost, camera)
     return Figure("fall-off-surface", "Fall-off over the frame", picture, caption)
 

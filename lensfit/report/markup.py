@@ -53,6 +53,29 @@ def tag(element: str, *children: Any, **attributes: Any) -> Markup:
     return Markup(f"{opening}{markup(children)}</{element}>")
 
 
+def html_document(
+    title: str, policy: str, style: str, *body: Markup, class_: str | None = None
+) -> str:
+    """A page in one file, which opens nothing outside it.
+
+    Parameters
+    ----------
+    policy : Its content security policy.
+    style : Its style sheet.
+    class_ : Of the body.
+    """
+    head = tag(
+        "head",
+        tag("meta", charset="utf-8"),
+        tag("meta", http_equiv="Content-Security-Policy", content=policy),
+        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        tag("title", title),
+        tag("style", Markup(style)),
+    )
+    whole = tag("html", head, tag("body", *body, class_=class_), lang="en")
+    return "<!DOCTYPE html>\n" + whole
+
+
 def number(value: Any, unit: str = "", digits: int = 3) -> str:
     """A value to `digits` significant digits with its unit, or an en dash."""
     if not isinstance(value, Real) or math.isnan(value):

@@ -14,7 +14,7 @@ from lensfit.report.blur import blur_section
 from lensfit.report.evidence import corner_deviation_px, used_takes
 from lensfit.report.frame_coverage import numbers
 from lensfit.report.kernels import KernelSheet
-from lensfit.report.markup import Markup, number, tag
+from lensfit.report.markup import Markup, html_document, number, tag
 from lensfit.report.report_sections import (
     coverage_section,
     lens_section,
@@ -54,9 +54,9 @@ def page(
         provenance_section(report),
     ]
     main = tag("main", _header(report), *sections, _footer(report))
-    return "<!DOCTYPE html>\n" + tag(
-        "html", _head(report), tag("body", main, _dialog(), _script()), lang="en"
-    )
+    title = f"{_lens_name(report)}: lens report"
+    body = main, _dialog(), _script()
+    return html_document(title, _POLICY, style_sheet(), *body)
 
 
 def numbers_section(report: dict) -> Markup:
@@ -82,17 +82,6 @@ def provenance_section(report: dict) -> Markup:
         ]
         parts.append(_bars(rows))
     return tag("section", *parts, id="provenance")
-
-
-def _head(report: dict) -> Markup:
-    return tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", http_equiv="Content-Security-Policy", content=_POLICY),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("title", f"{_lens_name(report)}: lens report"),
-        tag("style", Markup(style_sheet())),
-    )
 
 
 def style_sheet() -> str:

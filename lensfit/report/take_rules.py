@@ -129,7 +129,7 @@ def lighting_findings(report: dict) -> Iterator[Finding]:
     if any(curve.get("lighting_too") for curve in curves):
         yield Finding(
             "note",
-            "Fall-off is that of lens and lighting together: dark marks and squares "
+            "Fall-off is that of lens and lighting together: dark dots and squares "
             "on white cannot tell them apart. Light the chart evenly, or photograph "
             "bright holes before an even light.",
         )

@@ -1,6 +1,6 @@
 """Write ``report.html`` beside the ``report.json`` that a calibration made.
 
-The report dictionary (schema ``lensfit.report.1``) is all that is read, with the
+The report dictionary (schema ``lensfit.report.2``) is all that is read, with the
 pictures that it names relative to the folder of results and, for the point-spread
 functions, the preset there. A missing picture is reported as missing; nothing else in
 the page can fail to load, as nothing is outside the file.

@@ -29,6 +29,7 @@ from lensfit.preset.schema import LensName, Preset
 from lensfit.preset.store import save_preset
 from lensfit.progress import Progress, silent
 from lensfit.report.blur_pictures import write_dot_pictures
+from lensfit.report.read_report import SCHEMA as REPORT_SCHEMA
 from lensfit.report.verdict import verdict_of
 from lensfit.report.write_report import write_report
 from lensfit.workflow.calibration.blur_facts import blur_facts
@@ -120,7 +121,7 @@ def calibrate_observed(
     effort: str = "normal",
     seen_in_s: float = 0.0,
 ) -> dict[str, Any]:
-    """The same with marks that were found before, written to the folder as it goes.
+    """The same with detections that were made before, written to the folder as it goes.
 
     Parameters
     ----------
@@ -246,7 +247,7 @@ def _report(
     camera = preset.camera
     stems = {o.image: o.overlay.stem for o in observed if o.overlay is not None}
     return {
-        "schema": "lensfit.report.1",
+        "schema": REPORT_SCHEMA,
         "lens": {"name": preset.lens.name, "serial": preset.lens.serial},
         "camera": {name: getattr(camera, name) for name in camera.__struct_fields__},
         "camera_sharpening": _sharpening_facts(observed),

@@ -70,8 +70,8 @@ def undistort_plates(
         for camera in _cameras(path)
     ]
     path = Path(out_dir) / f"{_stem(done[0])}{CAMERA_SUFFIX}"
-    told = {"pixels": _CONVENTION, "lens": preset.lens.name, "cameras": cameras}
-    write_text_atomic(path, json.dumps(told, indent=1) + "\n")
+    tables = {"pixels": _CONVENTION, "lens": preset.lens.name, "cameras": cameras}
+    write_text_atomic(path, json.dumps(tables, indent=1) + "\n")
     return applied, path
 
 

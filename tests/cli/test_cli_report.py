@@ -7,11 +7,12 @@ import pytest
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
+from lensfit.report.read_report import read_report
 
 runner = CliRunner()
 
 REPORT = {
-    "schema": "lensfit.report.1",
+    "schema": "lensfit.report.2",
     "lens": {"name": "50/1.4"},
     "rms_px": 0.0212,
     "held_out_rms_px": 0.0234,
@@ -54,6 +55,17 @@ def test_report_as_json_is_the_report_and_writes_nothing(folder: Path):
     assert not (folder / "report.html").exists()
 
 
+def test_a_report_of_the_first_schema_is_read_in_the_words_of_this_one(tmp_path: Path):
+    said = {"takes": [], "statements": [{"quantity": "usual_pupil_walk"}]}
+    old = {"schema": "lensfit.report.1", "blur": [{"guessed": ["at f/2"]}], **said}
+    path = tmp_path / "report.json"
+    path.write_text(json.dumps(old))
+    found = read_report(path)
+    assert found["schema"] == REPORT["schema"]
+    assert found["blur"] == [{"extrapolated": ["at f/2"]}]
+    assert found["statements"] == [{"quantity": "usual_pupil_shift"}]
+
+
 @pytest.mark.parametrize(("level", "code"), [("undistortion", 0), ("measurement", 1)])
 @pytest.mark.parametrize("options", [[], ["--json"]])
 def test_a_verdict_below_the_required_one_exits_1(folder: Path, level, code, options):
@@ -80,7 +92,7 @@ def test_a_level_that_is_none_is_wrong_usage(folder: Path):
     assert result.exit_code == 2
 
 
-@pytest.mark.parametrize("content", [None, "", "[]", '{"schema": "lensfit.preset.1"}'])
+@pytest.mark.parametrize("content", [None, "", "[]", '{"schema": "lensfit.preset.2"}'])
 def test_what_is_no_report_is_one_line(tmp_path: Path, content: str | None):
     if content is not None:
         (tmp_path / "report.json").write_text(content)

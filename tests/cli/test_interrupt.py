@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from lensfit.cli._interrupt import interruptible
+from lensfit.cli._door import interruptible
 
 pytestmark = pytest.mark.skipif(
     not hasattr(signal, "setitimer"), reason="needs a timer"

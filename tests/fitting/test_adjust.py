@@ -80,7 +80,7 @@ def test_gross_errors_lose_their_weight_and_change_nothing_else(clean):
 def test_padding_takes_no_part(clean):
     real = clean.stack.chunking.real
     assert not real.all()
-    assert not np.asarray(clean.marks().whitening)[~real].any()
+    assert not np.asarray(clean.detections().whitening)[~real].any()
 
 
 def test_line_samples_are_blind_along_their_line():
@@ -101,7 +101,7 @@ def test_line_samples_are_blind_along_their_line():
     adjustment = _line_start(lines)
     residual_px = adjustment.residual_mm()[:, :165] / MM_PER_PX
     assert not residual_px[..., 1].any()
-    whitening = np.asarray(adjustment.marks().whitening)
+    whitening = np.asarray(adjustment.detections().whitening)
     assert not whitening[..., 1].any()
 
 

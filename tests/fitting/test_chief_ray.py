@@ -160,7 +160,7 @@ def test_one_row_of_marks_is_refused():
             )
         },
     )
-    with pytest.raises(FitError, match=r"row\.tif: the marks lie on one line"):
+    with pytest.raises(FitError, match=r"row\.tif: the points lie on one line"):
         fit_chief_ray([take_of(few, "row.tif")])
 
 
@@ -181,5 +181,5 @@ def test_a_wrong_pitch_contradicts_the_measured_distance():
 def test_too_few_marks_are_refused_by_name():
     seen = shoot(BROWN)[0].observations
     few = replace(seen, points_px=seen.points_px[:5], lattice=seen.lattice[:5])
-    with pytest.raises(FitError, match=r"corner\.tif: only 5 marks, 12 are needed"):
+    with pytest.raises(FitError, match=r"corner\.tif: only 5 points, 12 are needed"):
         fit_chief_ray([take_of(few, "corner.tif")])

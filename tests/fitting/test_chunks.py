@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfit.fitting.chunks import MARKS, chunking_of
+from lensfit.fitting.chunks import CHUNK_SIZE, chunking_of
 
 
 def _present(*counts: int) -> np.ndarray:
@@ -36,7 +36,7 @@ def test_numbers_of_chunks_are_few():
 
 def test_a_sample_holds_marks_of_every_view_and_no_more_than_there_are():
     deal = chunking_of(_present(1000, 1000, 70))
-    chunks = deal.sample(2 * MARKS)
+    chunks = deal.sample(2 * CHUNK_SIZE)
     assert chunks == 6
     assert set(deal.view[:chunks]) == {0, 1, 2}
     assert deal.sample(10**6) == deal.count

@@ -56,7 +56,7 @@ def coloured_take(view: int) -> View:
 @pytest.fixture(scope="module")
 def state() -> LensState:
     takes = [coloured_take(k) for k in range(3)]
-    (state,) = with_colour([fit_state(takes, all_takes=takes)])
+    (state,) = with_colour([fit_state(takes, all_views=takes)])
     return state
 
 

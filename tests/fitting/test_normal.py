@@ -7,13 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lensfit.fitting import normal, solve
-from lensfit.fitting.chunks import Marks
+from lensfit.fitting.chunks import Detections
 from lensfit.fitting.geometry import BoardPose, Frame
 from lensfit.fitting.levenberg import short_residual, with_prior
 from lensfit.fitting.parameters import Layout
 
 LAYOUT = Layout(radial=2, free_degree=3, bend_degree=2, stretch_degree=2, apertures=1)
-VIEWS, CHUNKS, MARKS = 3, 5, 6
+VIEWS, CHUNKS, DETECTIONS = 3, 5, 6
 OF_VIEW = [0, 1, 2, 2, 0]
 
 
@@ -29,12 +29,12 @@ def problem() -> solve.Problem:
         half_board_mm=jnp.full((VIEWS, 2), 250.0),
         whole_board=jnp.asarray([1.0, 0.0, 1.0]),
     )
-    marks = Marks(
+    detections = Detections(
         view=jnp.asarray(OF_VIEW),
         chunks=jnp.asarray(CHUNKS),
-        board=jnp.asarray(rng.uniform(-1, 1, (CHUNKS, MARKS, 2))),
-        observed_mm=jnp.asarray(rng.normal(0, 4, (CHUNKS, MARKS, 2))),
-        whitening=jnp.asarray(rng.normal(0, 30, (CHUNKS, MARKS, 2, 2))),
+        board=jnp.asarray(rng.uniform(-1, 1, (CHUNKS, DETECTIONS, 2))),
+        observed_mm=jnp.asarray(rng.normal(0, 4, (CHUNKS, DETECTIONS, 2))),
+        whitening=jnp.asarray(rng.normal(0, 30, (CHUNKS, DETECTIONS, 2, 2))),
     )
     frame = Frame(
         jnp.asarray(30.0),
@@ -48,7 +48,7 @@ def problem() -> solve.Problem:
     free[[3, 9, 40, size - 2]] = 0.0
     return solve.Problem(
         views=views,
-        marks=marks,
+        detections=detections,
         frame=frame,
         prior_mean=jnp.asarray(rng.normal(0, 0.002, size)),
         prior_precision=jnp.asarray(rng.uniform(1, 50, size) * free),
@@ -70,12 +70,17 @@ def _at(scale: float = 0.002) -> jnp.ndarray:
 
 
 def _whitened(parameters, problem: solve.Problem):
-    marks = problem.marks
+    detections = problem.detections
     predicted = normal.predictions_mm(
-        parameters, problem.views, marks.view, marks.board, LAYOUT, problem.frame
+        parameters,
+        problem.views,
+        detections.view,
+        detections.board,
+        LAYOUT,
+        problem.frame,
     )
-    off = predicted - marks.observed_mm
-    return jnp.einsum("cmij,cmj->cmi", marks.whitening, off)
+    off = predicted - detections.observed_mm
+    return jnp.einsum("cmij,cmj->cmi", detections.whitening, off)
 
 
 _value = jax.jit(_whitened)
@@ -84,7 +89,9 @@ _equations = jax.jit(normal.equations, static_argnames="layout")
 
 
 def _equations_at(parameters, problem: solve.Problem) -> normal.Equations:
-    return _equations(parameters, problem.views, problem.marks, LAYOUT, problem.frame)
+    return _equations(
+        parameters, problem.views, problem.detections, LAYOUT, problem.frame
+    )
 
 
 @pytest.mark.parametrize("scale", [0.002, 0.3])
@@ -111,9 +118,9 @@ def test_equations_of_each_half_are_those_of_the_dense_jacobian(problem, scale):
 
 def test_batches_that_are_not_in_use_count_nothing(problem, monkeypatch):
     monkeypatch.setattr(normal, "BATCH", 2)
-    marks = problem.marks
-    four = jax.tree.map(lambda a: a[:4] if a.ndim else a, marks)
-    first = marks._replace(chunks=jnp.asarray(2))
+    detections = problem.detections
+    four = jax.tree.map(lambda a: a[:4] if a.ndim else a, detections)
+    first = detections._replace(chunks=jnp.asarray(2))
     cut = jax.tree.map(lambda a: a[:2] if a.ndim else a, first)
     used, alone = (
         jax.jit(normal.equations, static_argnames="layout")(

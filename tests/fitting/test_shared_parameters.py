@@ -9,7 +9,7 @@ from lensfit.errors import FitError
 from lensfit.fitting import shared_parameters
 from lensfit.fitting.entrance_pupil import EntrancePupil
 from lensfit.fitting.shared_parameters import fit_states_with_shared_parameters
-from lensfit.fitting.usual_lens import KnownPerspective, KnownPupil, KnownWalk
+from lensfit.fitting.usual_lens import KnownPerspective, KnownPupil, KnownPupilShift
 from lensfit.progress import silent
 
 TILTED_MM, FRONTAL_MM = 2000.0, 900.0
@@ -24,7 +24,7 @@ State = make_dataclass(
         "focal_length_mm",
         "focus_distance_mm",
         "distortion",
-        "walk",
+        "pupil_shift",
     ],
     eq=False,
 )
@@ -52,7 +52,7 @@ def state_of(group, known):
         focal_length_mm=50.0,
         focus_distance_mm=group[0].focus_distance_mm,
         distortion=SimpleNamespace(base=None),
-        walk=None,
+        pupil_shift=None,
     )
 
 
@@ -94,10 +94,16 @@ def test_a_state_that_fits_only_by_itself_stays_as_it_was(asked):
     assert list(failed) == ["bad"]
 
 
-def test_a_state_whose_walk_is_known_better_is_fitted_again(asked, monkeypatch):
-    surer = KnownPerspective(KnownPupil(PUPIL_MM, 1.0), KnownWalk(-18.0, 0.5, 12.0))
-    monkeypatch.setattr(shared_parameters, "perspective_with_walk", lambda *_: surer)
-    monkeypatch.setattr(shared_parameters, "walk_with_shared_errors", lambda _: None)
+def test_a_state_whose_pupil_shift_is_known_better_is_fitted_again(asked, monkeypatch):
+    surer = KnownPerspective(
+        KnownPupil(PUPIL_MM, 1.0), KnownPupilShift(-18.0, 0.5, 12.0)
+    )
+    monkeypatch.setattr(
+        shared_parameters, "perspective_with_pupil_shift", lambda *_: surer
+    )
+    monkeypatch.setattr(
+        shared_parameters, "pupil_shift_with_shared_errors", lambda _: None
+    )
     states, _ = fit_states_with_shared_parameters(TAKES, silent)
     assert (TILTED_MM, surer) in asked.pupils
     focus_mm, told = asked.pupils[-1]

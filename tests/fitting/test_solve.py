@@ -114,8 +114,8 @@ def test_noise_scatters_the_solution_as_the_covariance_says():
     for _ in range(runs):
         noise = rng.normal(0, NOISE_PX * MM_PER_PX, exact.shape)
         seen = jnp.asarray(adjustment.stack.chunking.in_chunks(exact + noise))
-        marks = problem.marks._replace(observed_mm=seen)
-        found = _solved(adjustment, problem._replace(marks=marks))
+        detections = problem.detections._replace(observed_mm=seen)
+        found = _solved(adjustment, problem._replace(detections=detections))
         off = (np.asarray(found.parameters) - truth)[free]
         total += off @ matrix @ off
     low, high = chi2.ppf([0.001, 0.999], runs * free.sum())

@@ -48,7 +48,7 @@ def test_rotation_is_a_rotation_however_wrong_the_focal_length():
 def test_marks_on_one_line_are_refused(axis):
     board = np.linspace(-200, 200, 30)[:, None] * axis
     image = CENTRED.image_mm(CENTRED.camera_axes(0, board))
-    with pytest.raises(FitError, match="row 3: the marks lie on one line"):
+    with pytest.raises(FitError, match="row 3: the points lie on one line"):
         pose_from_homography(board, image, 30.0, "row 3")
 
 

@@ -13,7 +13,7 @@ from lensfit.fitting.stage import facts_of
 from lensfit.fitting.stated_facts import Widths
 from lensfit.fitting.stated_scale import stated_scale
 from lensfit.fitting.statements import statements_of
-from lensfit.fitting.usual_lens import magnification_at, usual_pupil, usual_walk
+from lensfit.fitting.usual_lens import magnification_at, usual_pupil, usual_pupil_shift
 
 CAMERA = Camera(30.6, (0.0, 0.0), rotations=FRONTAL)
 PUPIL_MM = 45.0
@@ -39,15 +39,15 @@ def test_residuals_are_fitted_less_stated_over_width(facts):
     parameters = rng.normal(0, 0.01, layout.size(3))
     c_mm = unit_mm * np.exp(parameters[layout.blocks["focal_length"]][0])
     offset_mm = unit_mm * parameters[layout.blocks["pupil_offset"]][0]
-    walk_mm = unit_mm * parameters[layout.blocks["pupil_walk"]][0]
+    shift_mm = unit_mm * parameters[layout.blocks["pupil_shift"]][0]
     fitted_mm = depth_mm * (1 + parameters[layout.local_indices("pose", 3)[:, 5]])
     width_mm = [Widths().of_distance_mm(mm) for mm in facts.target_distance_mm]
-    pupil, walk = facts.perspective
+    pupil, pupil_shift = facts.perspective
     # Two views share one measured distance, and its error.
     wanted = [
         np.log(c_mm / facts.principal_distance_mm) / facts.focal_length_width,
         (offset_mm - pupil.offset_mm) / pupil.standard_deviation_mm,
-        (walk_mm - walk.walk_mm) / walk.standard_deviation_mm,
+        (shift_mm - pupil_shift.shift_mm) / pupil_shift.standard_deviation_mm,
         *(
             (offset_mm + fitted_mm - facts.target_distance_mm)
             / width_mm
@@ -145,8 +145,15 @@ def test_usual_pupils_hold_for_published_designs():
     assert 0.2 < np.sqrt(np.mean(np.square(off))) < 1.2
 
 
-def test_the_usual_walk_is_that_of_fast_glass():
-    assert usual_walk(50.0, 1.4).walk_mm < usual_walk(50.0, 4.0).walk_mm < 0
-    unknown = usual_walk(50.0, None)
-    assert unknown.walk_mm == 0.0
-    assert unknown.standard_deviation_mm > usual_walk(50.0, 2.0).standard_deviation_mm
+def test_the_usual_shift_is_that_of_fast_glass():
+    assert (
+        usual_pupil_shift(50.0, 1.4).shift_mm
+        < usual_pupil_shift(50.0, 4.0).shift_mm
+        < 0
+    )
+    unknown = usual_pupil_shift(50.0, None)
+    assert unknown.shift_mm == 0.0
+    assert (
+        unknown.standard_deviation_mm
+        > usual_pupil_shift(50.0, 2.0).standard_deviation_mm
+    )

@@ -4,8 +4,7 @@ import camera_files as files
 import pytest
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.chan import read_chan
-from lensfit.io.camera.nuke_camera import read_nuke_camera
+from lensfit.io.camera.nuke_camera import read_chan, read_nuke_camera
 from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import FrameKey
 

@@ -10,7 +10,7 @@ from PIL import Image
 
 from lensfit.chart.drawing import Drawing
 from lensfit.chart.layout import Layout, Wanted, draw, lay_out
-from lensfit.chart.marks import lattice_points
+from lensfit.chart.pattern import lattice_points
 from lensfit.chart.sheet import paper_sheet
 from lensfit.io.drawing_pdf import write_pdf
 from lensfit.io.drawing_picture import write_png, write_tones_exr

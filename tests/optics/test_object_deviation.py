@@ -15,13 +15,15 @@ from lensfit.optics.object_deviation import (
     moved_perspective,
 )
 from lensfit.optics.position_deviation import numbers_in
-from lensfit.optics.pupil_walk import PupilWalk
+from lensfit.optics.pupil_shift import PupilShift
 
 PUPIL_MM, CHART_MM = 90.0, 900.0
-WALK = PupilWalk(jnp.asarray(-3.0), jnp.asarray(CHART_MM - PUPIL_MM))
+SHIFT = PupilShift(jnp.asarray(-3.0), jnp.asarray(CHART_MM - PUPIL_MM))
 
 
-def lens_of(distortion, moves: np.ndarray, walk: PupilWalk | None = WALK) -> Lens:
+def lens_of(
+    distortion, moves: np.ndarray, pupil_shift: PupilShift | None = SHIFT
+) -> Lens:
     """Known but for one direction of its numbers."""
     return Lens(
         distortion=distortion,
@@ -30,7 +32,7 @@ def lens_of(distortion, moves: np.ndarray, walk: PupilWalk | None = WALK) -> Len
         entrance_pupil_offset_mm=jnp.asarray(PUPIL_MM),
         sensor_size_mm=SENSOR_MM,
         focal_length_mm=25.0,
-        pupil_walk=walk,
+        pupil_shift=pupil_shift,
         covariances=MapCovariances(perspective=np.outer(moves, moves)),
     )
 
@@ -62,14 +64,14 @@ def strong():
 
 
 def test_at_the_chart_a_wrong_pupil_is_seen_nowhere(strong):
-    lens = lens_of(strong, pupil_error(strong, 5.0), walk=None)
+    lens = lens_of(strong, pupil_error(strong, 5.0), pupil_shift=None)
     at_chart = lens.object_standard_deviation_mm(grid(strong, CHART_MM))
     elsewhere = lens.object_standard_deviation_mm(grid(strong, 2 * CHART_MM))
     assert at_chart.max() < 0.02 * elsewhere.max()
 
 
 def test_it_grows_with_the_difference_of_vergences(strong):
-    lens = lens_of(strong, pupil_error(strong, 1.0), walk=None)
+    lens = lens_of(strong, pupil_error(strong, 1.0), pupil_shift=None)
     sizes = {
         mm: np.hypot(*lens.object_standard_deviation_mm(grid(strong, mm)).T).max()
         for mm in (600.0, 1200.0, 3000.0)
@@ -86,7 +88,7 @@ def test_it_is_how_far_objects_land_from_there(strong):
     objects = grid(strong, 1800.0)
     lens = lens_of(strong, moves)
     stated = lens.object_standard_deviation_mm(objects)
-    at = Perspective(jnp.asarray(PUPIL_MM), strong, WALK)
+    at = Perspective(jnp.asarray(PUPIL_MM), strong, SHIFT)
     moved = moved_perspective(at, jnp.asarray(moves))
     still, off = (
         np.array([landed_mm(jnp.asarray(point), one) for point in objects])
@@ -102,6 +104,6 @@ def test_it_is_how_far_objects_land_from_there(strong):
 
 def test_a_pinhole_is_off_by_a_scale_alone():
     pinhole = no_distortion(25.0, REFERENCE_MM)
-    lens = lens_of(pinhole, pupil_error(pinhole, 5.0), walk=None)
+    lens = lens_of(pinhole, pupil_error(pinhole, 5.0), pupil_shift=None)
     stated = lens.object_standard_deviation_mm(grid(pinhole, 2 * CHART_MM))
     assert stated.max() < 1e-9

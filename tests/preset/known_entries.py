@@ -22,7 +22,7 @@ NAMES = (
     "decentering[0]",
     "free_field[1]",
     "free_field[6]",
-    "pupil_walk[0]",
+    "pupil_shift[0]",
 )
 RED = ("shift_mm[0]", "shift_mm[1]", "radial[0]", "radial[1]")
 CONTROL = ("r[0]", "r[1]")

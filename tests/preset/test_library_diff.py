@@ -10,8 +10,7 @@ from preset_makers import make_blur, make_entry, make_preset
 from lensfit.preset.covariance import Covariance
 from lensfit.preset.entry import Entry
 from lensfit.preset.knobs import adjusted_knobs
-from lensfit.preset.library.deviations import deviations_of
-from lensfit.preset.library.diff import differences
+from lensfit.preset.library.diff import deviations_of, differences
 from lensfit.preset.library.key_path import MISSING
 
 PLACE = "entries[focal_length_mm=50,focus_distance_mm=2000]"

@@ -111,17 +111,17 @@ def test_spoiled_change_sets_are_refused_or_kept(tmp_path: Path):
 
 FILES = {
     "nested": b'{"a":' * 100_000,
-    "nested and closed": b'{"schema": "lensfit.preset.1", "a":'
+    "nested and closed": b'{"schema": "lensfit.preset.2", "a":'
     + b"[" * 900
     + b"]" * 900,
-    "deep": b'{"schema": "lensfit.preset.1", "a":' + b"[" * 90 + b"]" * 90 + b"}",
+    "deep": b'{"schema": "lensfit.preset.2", "a":' + b"[" * 90 + b"]" * 90 + b"}",
     "large": b" " * (33 * 2**20),
     "two": b"{}{}",
     "long number": b'{"schema":' + b"9" * 5000 + b"}",
     "zeros": b"\0" * 100,
-    "newer preset": b'{"schema": "lensfit.preset.2"}',
+    "newer preset": b'{"schema": "lensfit.preset.3"}',
     "newer change set": b'{"schema": "lensfit.change_set.2"}',
-    "other": b'{"schema": ["lensfit.preset.1"]}',
+    "other": b'{"schema": ["lensfit.preset.2"]}',
 }
 
 
@@ -137,7 +137,7 @@ def test_a_newer_schema_names_both_versions(tmp_path: Path):
     path = tmp_path / "p.json"
     path.write_bytes(FILES["newer preset"])
     with pytest.raises(
-        PresetError, match=r'preset\.2", newer than "lensfit\.preset\.1"'
+        PresetError, match=r'preset\.3", newer than "lensfit\.preset\.2"'
     ):
         load_preset(path)
     path.write_bytes(FILES["newer change set"])

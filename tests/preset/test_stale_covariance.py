@@ -8,7 +8,7 @@ from library_makers import ENTRY, change, keep
 from preset_makers import make_preset
 
 from lensfit.preset.entry import Entry
-from lensfit.preset.library.deviations import deviations_of
+from lensfit.preset.library.diff import deviations_of
 
 
 def known_blocks(entry: Entry) -> list[str]:

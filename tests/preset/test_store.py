@@ -40,7 +40,7 @@ def test_the_file_reads_like_a_page(tmp_path: Path):
         make_preset(make_entry(focus_distance_mm=math.inf)), tmp_path / "p.json"
     )
     text = (tmp_path / "p.json").read_text()
-    assert text.startswith('{\n  "schema": "lensfit.preset.1",\n')
+    assert text.startswith('{\n  "schema": "lensfit.preset.2",\n')
     assert '"focus_distance_mm": "inf"' in text
     assert '"radial_log_slope": [-0.1, 0.3333333333333333, 1e-17]' in text
     assert '"lens": {"name": "SMC Takumar 50/1.4", "serial": "1234567"}' in text
@@ -77,8 +77,8 @@ def with_change(tmp_path: Path, old: str, new: str) -> Path:
         ("[1e-05, 2e-05, ", "[", "distortion.field.x: needs 4 coefficients"),
         ("[-0.8, ", "[0.9, ", "entries[0].distortion.valid_box: is no box"),
         ('"lens":', '"lenses":', 'unknown key "lenses"; did you mean "lens"?'),
-        ("preset.1", "preset.7", '"lensfit.preset.7", newer than "lensfit.preset.1"'),
-        ("preset.1", "report.1", "so it is no lensfit preset"),
+        ("preset.2", "preset.7", '"lensfit.preset.7", newer than "lensfit.preset.2"'),
+        ("preset.2", "report.1", "so it is no lensfit preset"),
         ('"schema"', '"schemata"', "has no schema, so it is no lensfit preset"),
         ('"f_number": 2.8', '"f_number": 1.4', "fall_off: an f-number stands twice"),
         ("[0.1, 1.0]", "[0.1]", "fall_off[0].r: needs at least one number"),
@@ -154,4 +154,4 @@ def test_json_is_plain_json(tmp_path: Path):
         raise AssertionError(constant)
 
     text = (tmp_path / "p.json").read_text()
-    assert json.loads(text, parse_constant=refuse)["schema"] == "lensfit.preset.1"
+    assert json.loads(text, parse_constant=refuse)["schema"] == "lensfit.preset.2"

@@ -1,9 +1,10 @@
-"""The chain of upgrades, tried with versions that do not exist yet."""
+"""The chain of upgrades, tried with the first step and versions still to come."""
 
 import pytest
 
 from lensfit.errors import PresetError
-from lensfit.preset.upgrade import STEPS, upgrade
+from lensfit.preset.library.change_set import change_set_of_tables
+from lensfit.preset.upgrade import CURRENT_VERSION, STEPS, upgrade
 
 
 def rename_squish(tables: dict) -> dict:
@@ -37,3 +38,40 @@ def test_a_gap_in_the_chain_is_said():
 
 def test_every_step_leads_to_the_next_version():
     assert set(STEPS) == set(range(1, 1 + len(STEPS)))
+
+
+def test_the_walk_of_the_pupil_became_its_shift():
+    walk = {"walk_mm": -3.0, "chart_distance_mm": 900.0, "standard_deviation_mm": 1.0}
+    entry = {
+        "projection": {"assumed": ["pupil_walk"], "pupil_walk": walk},
+        "covariance": {"parameters": ["radial[0]", "pupil_walk_mm[0]"]},
+    }
+    old = {"schema": "lensfit.preset.1", "entries": [entry]}
+    new = upgrade(old, "p.json")
+    assert new["schema"] == f"lensfit.preset.{CURRENT_VERSION}"
+    (changed,) = new["entries"]
+    assert changed["projection"]["assumed"] == ["pupil_shift"]
+    assert changed["projection"]["pupil_shift"]["shift_mm"] == -3.0
+    assert changed["covariance"]["parameters"] == ["radial[0]", "pupil_shift_mm[0]"]
+    assert "pupil_walk" in old["entries"][0]["projection"]
+
+
+def test_changes_made_to_an_old_preset_name_the_keys_of_this_one():
+    change = {
+        "key": "entries[focal_length_mm=50].projection.pupil_walk.walk_mm",
+        "value": -4.0,
+        "before": -3.0,
+        "who": "me",
+        "when": "2025-01-31T12:00:00+00:00",
+        "why": "measured again",
+        "unlocked": True,
+    }
+    tables = {
+        "schema": "lensfit.change_set.1",
+        "lens": "takumar_50",
+        "base": {"level": "here", "version": "v001"},
+        "continues": None,
+        "changes": [change],
+    }
+    (found,) = change_set_of_tables(tables, "v002.json").changes
+    assert found.key == "entries[focal_length_mm=50].projection.pupil_shift.shift_mm"

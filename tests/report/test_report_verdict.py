@@ -354,9 +354,9 @@ def test_fall_off_on_white_paper_is_that_of_the_lighting_too(report):
         ({"sign_known": False}, "on which side of focus is not known"),
         ({"converged": False}, "its fit did not converge"),
         ({"mirrored": True}, "near and far takes swapped?"),
-        ({"guessed": ["in focus alone: add more"]}, "in focus alone: add more."),
+        ({"extrapolated": ["in focus alone: add more"]}, "in focus alone: add more."),
         (
-            {"guessed": ["in focus alone"], "held_out_misfit": 0.2},
+            {"extrapolated": ["in focus alone"], "held_out_misfit": 0.2},
             "The blur is usable only where it was photographed",
         ),
         ({"held_out_misfit": None}, "in the worst take match to 5.1%"),

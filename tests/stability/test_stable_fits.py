@@ -22,7 +22,7 @@ def refused(measured, takes, match: str) -> None:
 def test_one_row_of_dots(measured):
     """One row of dots (15 of them, three views): refused by name, in one line."""
     row = LATTICE[LATTICE[:, 1] == 0]
-    refused(measured, Shoot(row).takes(), "view 0: the marks lie on one line")
+    refused(measured, Shoot(row).takes(), "view 0: the points lie on one line")
 
 
 def test_collinear_dots(measured):
@@ -30,7 +30,7 @@ def test_collinear_dots(measured):
     diagonal = np.repeat(np.arange(-9, 10.0)[:, None], 2, 1)
     for noise_px in (0.0, 0.05):
         takes = Shoot(diagonal, noise_px=noise_px).takes()
-        refused(measured, takes, "view 0: the marks lie on one line")
+        refused(measured, takes, "view 0: the points lie on one line")
 
 
 def test_all_dots_in_one_place(measured):
@@ -38,7 +38,7 @@ def test_all_dots_in_one_place(measured):
     refused(measured, [take_of(np.full((165, 2), 900.0), LATTICE)], "on one line")
     there = Shoot(LATTICE).takes()[0].observations.points_px.copy()
     there[3] = np.nan
-    refused(measured, [take_of(there, LATTICE)], "view: 1 marks have a position")
+    refused(measured, [take_of(there, LATTICE)], "view: 1 points have a position")
 
 
 def test_one_row_and_a_dot(measured):

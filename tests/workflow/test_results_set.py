@@ -159,12 +159,12 @@ def test_a_run_that_found_nothing_at_all_leaves_no_folder(tmp_path):
         "",
         "[]",
         '{"takes": [{"overlay": "overlays/a.png"}]}',
-        '{"schema": "lensfit.report.1", "takes": 3}',
-        '{"schema": "lensfit.report.1", "takes": [{"overlay": "../a.png"}]}',
-        '{"schema": "lensfit.report.1", "takes": [{"overlay": "/overlays/a.png"}]}',
-        '{"schema": "lensfit.report.1", "takes": [{"overlay": "overlays/.."}]}',
-        '{"schema": "lensfit.report.1", "takes": [{"overlay": "plates/a.png"}]}',
-        '{"schema": "lensfit.report.1", "takes": [{"overlay": ["overlays/a.png"]}]}',
+        '{"schema": "lensfit.report.2", "takes": 3}',
+        '{"schema": "lensfit.report.2", "takes": [{"overlay": "../a.png"}]}',
+        '{"schema": "lensfit.report.2", "takes": [{"overlay": "/overlays/a.png"}]}',
+        '{"schema": "lensfit.report.2", "takes": [{"overlay": "overlays/.."}]}',
+        '{"schema": "lensfit.report.2", "takes": [{"overlay": "plates/a.png"}]}',
+        '{"schema": "lensfit.report.2", "takes": [{"overlay": ["overlays/a.png"]}]}',
     ],
 )
 def test_a_report_from_elsewhere_names_nothing_to_remove(tmp_path, text):

@@ -161,8 +161,8 @@ def measure(
     fitted = fit(takes)
     state = _state_of(fitted)
     group = list(state.geometry.takes)
-    again = [fit_chief_ray(group, all_takes=takes) for _ in range(_RUNS - 1)]
-    last = sampled(lambda: fit_chief_ray(group, all_takes=takes))
+    again = [fit_chief_ray(group, all_views=takes) for _ in range(_RUNS - 1)]
+    last = sampled(lambda: fit_chief_ray(group, all_views=takes))
     seconds = [_geometric_seconds(one) for one in (*again, last.result)]
     return Measured(
         bench_set=bench_set,

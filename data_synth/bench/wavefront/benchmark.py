@@ -165,7 +165,7 @@ def _calibrated(
 def _says_short(blur: dict[str, Any]) -> bool:
     """Whether a report says itself that its blur is not to be relied on everywhere."""
     reached = blur["converged"] and blur["sign_known"] and not blur["mirrored"]
-    return not reached or bool(blur["guessed"])
+    return not reached or bool(blur["extrapolated"])
 
 
 def _add_beside(

@@ -6,10 +6,8 @@ from typing import Annotated
 import typer
 
 from lensfit.cli._bars import progress_bars
-from lensfit.cli._door import one_of
-from lensfit.cli._efforts import EFFORT_OR_NONE_HELP, EFFORTS_OR_NONE
-from lensfit.cli._levels import LEVELS, one_of_or_none
-from lensfit.cli.kit.options import AsJson, KitPath, Lenses
+from lensfit.cli._efforts import EffortOption
+from lensfit.cli.kit.options import AsJson, KitPath, Lenses, RequireOfAll
 from lensfit.cli.kit.outcome import show_kit
 
 
@@ -20,23 +18,11 @@ def calibrate(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Lenses at once; one per core by default")
     ] = None,
-    effort: Annotated[
-        str,
-        typer.Option(
-            help=EFFORT_OR_NONE_HELP,
-            callback=one_of(EFFORTS_OR_NONE),
-        ),
-    ] = "normal",
+    effort: EffortOption = "normal",
     again: Annotated[
         bool, typer.Option("--again", help="Calibrate those too that are done")
     ] = False,
-    require: Annotated[
-        str | None,
-        typer.Option(
-            help="Exit with 1 if a lens' verdict is lower: " + " | ".join(LEVELS),
-            callback=one_of_or_none(LEVELS),
-        ),
-    ] = None,
+    require: RequireOfAll = None,
     as_json: AsJson = False,
 ) -> None:
     """Measure every lens of a kit; run again, it goes on where it was stopped.
@@ -61,5 +47,5 @@ def calibrate(
             again=again,
             progress=progress,
         )
-    asked = set(chosen_lenses(described, lens or []))
-    show_kit(table, out, as_json, require, asked)
+    chosen = set(chosen_lenses(described, lens or []))
+    show_kit(table, out, as_json, require, chosen)

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from lensfit.cli._levels import LEVELS, one_of_or_none
+
 KitPath = Annotated[Path, typer.Argument(metavar="KIT", help="Kit file (TOML)")]
 Lenses = Annotated[
     list[str] | None,
@@ -13,3 +15,10 @@ Lenses = Annotated[
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print as JSON")]
+RequireOfAll = Annotated[
+    str | None,
+    typer.Option(
+        help="Exit with 1 if a lens' verdict is lower: " + " | ".join(LEVELS),
+        callback=one_of_or_none(LEVELS),
+    ),
+]

@@ -5,21 +5,14 @@ from typing import Annotated
 
 import typer
 
-from lensfit.cli._levels import LEVELS, one_of_or_none
-from lensfit.cli.kit.options import AsJson, KitPath
+from lensfit.cli.kit.options import AsJson, KitPath, RequireOfAll
 from lensfit.cli.kit.outcome import show_kit
 
 
 def report(
     kit: KitPath,
     out: Annotated[Path, typer.Option("--out", help="Folder of the results")],
-    require: Annotated[
-        str | None,
-        typer.Option(
-            help="Exit with 1 if a lens' verdict is lower: " + " | ".join(LEVELS),
-            callback=one_of_or_none(LEVELS),
-        ),
-    ] = None,
+    require: RequireOfAll = None,
     as_json: AsJson = False,
 ) -> None:
     """Write kit.html and kit.json again, from what is calibrated so far.

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from lensfit.cli._console import say_line
-from lensfit.cli._door import one_of
-from lensfit.cli._efforts import EFFORT_OR_NONE_HELP, EFFORTS_OR_NONE
+from lensfit.cli._efforts import EffortOption
 from lensfit.cli.kit.options import AsJson, KitPath, Lenses
 
 
@@ -17,13 +16,7 @@ def submit(
     kit: KitPath,
     out: Annotated[Path, typer.Option("--out", help="Folder for the results")],
     lens: Lenses = None,
-    effort: Annotated[
-        str,
-        typer.Option(
-            help=EFFORT_OR_NONE_HELP,
-            callback=one_of(EFFORTS_OR_NONE),
-        ),
-    ] = "normal",
+    effort: EffortOption = "normal",
     write: Annotated[
         Path | None, typer.Option(help="File of the job; kit.openjd.json in OUT")
     ] = None,

@@ -26,13 +26,13 @@ def default(
     from lensfit.preset.library.save import mark_default
     from lensfit.preset.library.shelf import Shelf
 
-    name, _, asked = lens.partition("@")
+    name, _, requested = lens.partition("@")
     levels = library.levels()
     shelf = Shelf(levels[0], lens_in(levels, name))
     if not shelf.numbers:
         raise PresetError("holds no version", where=shelf.folder)
-    if not asked:
+    if not requested:
         raise PresetError(f"say which version: {shelf.slug}@v001")
-    number = shelf.number(asked)
+    number = shelf.number(requested)
     mark_default(shelf, number, user_name(who))
     typer.echo(f"{shelf.slug}: {version_name(number)} is used when none is named")

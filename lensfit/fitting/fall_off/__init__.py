@@ -1,1 +1,1 @@
-"""How light falls off over the frame, from how bright the marks are."""
+"""How light falls off over the frame, from how bright the detections are."""

@@ -31,7 +31,7 @@ from jaxtyping import Float
 from lensfit.fitting.adjust import Adjustment
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.fall_off.brightness import (
-    FEWEST_MARKS,
+    FEWEST_DETECTIONS,
     Brightness,
     JoinedBrightness,
     area_stretch,
@@ -49,24 +49,25 @@ from lensfit.fitting.fall_off.non_negative import (
 from lensfit.optics.bernstein import continued_bernstein
 
 _FARTHEST = 1.7
-"""Of the squared radius of the outermost mark; farther out the polynomial's own last
+"""Of the squared radius of the outermost detection; farther out the polynomial's own
 slope goes on."""
 _PLACES = 6
 _SLOPE_SHARE = 0.25
 """Last share of the squared radius, over which the slope is taken."""
 _UNSURE, _LEAST_UNSURE = 0.2, 1e-3
-"""Of the slope (a rim that begins to clip beyond the marks, or is through with it), and
+"""Of the slope (a rim that begins to clip beyond them, or is through with it), and
 of each place by itself."""
 _SAMPLES = 32
 
 
 class Beyond(NamedTuple):
-    """Places beyond the marks, and how much more is expected to be lost there.
+    """Places beyond the detections, and how much more is expected to be lost there.
 
     Attributes
     ----------
-    squared : Radius, in squares of that of the outermost mark.
-    falls : Minus the logarithm of the illumination, less that at the outermost mark.
+    squared : Radius, in squares of that of the outermost detection.
+    falls : Minus the logarithm of the illumination, less that at the outermost
+        detection.
     deviation : Of that, by which each place counts.
     covariance : Of its errors.
     """
@@ -80,26 +81,27 @@ class Beyond(NamedTuple):
 NOTHING_BEYOND = Beyond(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 0)))
 
 
-def reach(marks: float, frame: float) -> float:
+def reach(detected: float, frame: float) -> float:
     """Squared radius up to which fall-off is stated.
 
     Parameters
     ----------
-    marks, frame : Squared radius of the outermost mark and of the farthest corner.
+    detected, frame : Squared radius of the outermost detection and of the farthest
+        corner.
     """
-    return max(marks, min(frame, _FARTHEST * marks))
+    return max(detected, min(frame, _FARTHEST * detected))
 
 
-def beyond_marks(
+def beyond_detections(
     control: Float[np.ndarray, " terms"],
     covariance: Float[np.ndarray, "terms terms"],
     end: float,
 ) -> Beyond:
-    """What is expected up to `end`, in squares of the radius of the outermost mark.
+    """What is expected up to `end`, in squares of the outermost detection's radius.
 
     Parameters
     ----------
-    control, covariance : Of the fall-off of the marks alone.
+    control, covariance : Of the fall-off of the detections alone.
     """
     squared = np.linspace(1.0, end, _PLACES + 1)[1:]
     seen = np.linspace(1.0 - _SLOPE_SHARE, 1.0, _SAMPLES)
@@ -128,24 +130,24 @@ median error was .1 %."""
 
 
 def fit_illumination(
-    takes: tuple[View, ...], adjustment: Adjustment, principal_point_mm: np.ndarray
+    views: tuple[View, ...], adjustment: Adjustment, principal_point_mm: np.ndarray
 ) -> list[FallOffFit]:
-    """One fall-off for each f-number among the takes, widest first."""
+    """One fall-off for each f-number among the views, widest first."""
     stretch = area_stretch(adjustment)
     observed = adjustment.stack.observed_mm
-    corner_mm = np.array(takes[0].sensor_size_mm) / 2 + np.abs(principal_point_mm)
-    numbers = sorted({t.f_number for t in takes}, key=lambda n: n or 0.0)
+    corner_mm = np.array(views[0].sensor_size_mm) / 2 + np.abs(principal_point_mm)
+    numbers = sorted({t.f_number for t in views}, key=lambda n: n or 0.0)
     found = []
     for number in numbers:
         rows = [
             brightness_of(
                 t, stretch[k], observed[k] - principal_point_mm, adjustment.used[k]
             )
-            for k, t in enumerate(takes)
+            for k, t in enumerate(views)
             if t.f_number == number
         ]
         rows = dots_if_enough([row for row in rows if len(row.squared_mm2)])
-        if count_of(rows) >= FEWEST_MARKS:
+        if count_of(rows) >= FEWEST_DETECTIONS:
             found.append(fit_brightness(number, rows, float(corner_mm @ corner_mm)))
     return found
 
@@ -159,28 +161,28 @@ def fit_brightness(
     ----------
     corner_mm2 : Squared radius that the frame reaches.
     """
-    marks = joined_brightness(seen)
-    edge_mm2 = float(marks.squared_mm2.max())
-    alone = _selected_fall_off(number, marks, edge_mm2, [NOTHING_BEYOND] * 3)
+    detections = joined_brightness(seen)
+    edge_mm2 = float(detections.squared_mm2.max())
+    alone = _selected_fall_off(number, detections, edge_mm2, [NOTHING_BEYOND] * 3)
     end_mm2 = reach(edge_mm2, corner_mm2)
     if end_mm2 == edge_mm2:
         return alone
     expected = [
-        beyond_marks(control, covariance, end_mm2 / edge_mm2)
+        beyond_detections(control, covariance, end_mm2 / edge_mm2)
         for control, covariance in zip(alone.control, alone.covariance, strict=True)
     ]
-    return _selected_fall_off(number, marks, end_mm2, expected)
+    return _selected_fall_off(number, detections, end_mm2, expected)
 
 
 def _selected_fall_off(
     number: float | None,
-    marks: JoinedBrightness,
+    detections: JoinedBrightness,
     limit_mm2: float,
     expected: list[Beyond],
 ) -> FallOffFit:
-    chosen, cost = with_terms(number, marks, limit_mm2, expected, TERMS[0])
+    chosen, cost = with_terms(number, detections, limit_mm2, expected, TERMS[0])
     for terms in TERMS[1:]:
-        finer, less = with_terms(number, marks, limit_mm2, expected, terms)
+        finer, less = with_terms(number, detections, limit_mm2, expected, terms)
         if cost - less > _LEAST_BIC_GAIN:
             chosen, cost = finer, less
     return chosen
@@ -188,7 +190,7 @@ def _selected_fall_off(
 
 def with_terms(
     number: float | None,
-    marks: JoinedBrightness,
+    detections: JoinedBrightness,
     limit_mm2: float,
     expected: list[Beyond],
     terms: int,
@@ -198,26 +200,26 @@ def with_terms(
     Parameters
     ----------
     limit_mm2 : Squared radius up to which it is stated.
-    expected : Beyond the marks, of r, g and b.
+    expected : Beyond the detections, of r, g and b.
     """
-    design = _steps(marks.squared_mm2 / limit_mm2, terms)
-    edge = marks.squared_mm2.max() / limit_mm2
+    design = _steps(detections.squared_mm2 / limit_mm2, terms)
+    edge = detections.squared_mm2.max() / limit_mm2
     found = [
         robust_non_negative(
             design,
             values,
-            marks.take,
+            detections.take,
             _LEAST_SCATTER,
             _expected(beyond, edge, terms),
             SYSTEMATIC,
         )
-        for values, beyond in zip(marks.brightness.T, expected, strict=True)
+        for values, beyond in zip(detections.brightness.T, expected, strict=True)
     ]
     fit = _summed(number, found, terms, float(np.sqrt(limit_mm2)))
     deviance = sum(one.deviance for one in found)
     # Steps of zero were held there: they are no freedom of the fit.
     free = sum(int((one.solution > 0).sum()) for one in found)
-    return fit, deviance + free * np.log(len(marks.squared_mm2))
+    return fit, deviance + free * np.log(len(detections.squared_mm2))
 
 
 def _summed(
@@ -241,6 +243,6 @@ def _steps(
 
 
 def _expected(beyond: Beyond, edge: float, terms: int) -> Expected:
-    """`beyond` as differences from the outermost mark, which is at s of `edge`."""
+    """`beyond` as differences from the outermost detection, which is at s of `edge`."""
     design = _steps(beyond.squared * edge, terms) - _steps(np.array([edge]), terms)
     return Expected(design, -beyond.falls, beyond.deviation, beyond.covariance)

@@ -1,4 +1,4 @@
-"""Camera nodes of a Nuke script, with their curves.
+"""Cameras of Nuke: nodes of a script, with their curves, and ``.chan`` files.
 
 A node is ``Camera2 { knob value knob value ... }`` in Tcl's words: bare, quoted or in
 braces. Nuke writes the knobs that were changed; one left at its default is not in the
@@ -8,6 +8,10 @@ and every other key is joined to the next by a straight line here.
 
 ``focal``, ``haperture`` and ``vaperture`` are millimetres; ``focal_point`` is a
 distance from the camera, in units of the scene.
+
+A ``.chan`` is frame tx ty tz rx ry rz vfov, one line per frame. The last column is the
+vertical field of view in degrees. It becomes a focal length with the sensor's height:
+half the height over the tangent of half the angle.
 """
 
 import re
@@ -18,8 +22,15 @@ from typing import NamedTuple, final
 
 from lensfit.errors import CameraError
 from lensfit.io.camera.quantity import Reading, checked_quantity
-from lensfit.io.camera.table import CameraFile, FrameKey, Readings
-from lensfit.io.camera.text import read_text
+from lensfit.io.camera.table import (
+    CameraFile,
+    CameraTable,
+    FrameKey,
+    Readings,
+    Row,
+    RowReadings,
+)
+from lensfit.io.camera.text import MOST_ROWS, read_lines, read_text
 
 KIND = "Nuke camera"
 MOST_BYTES = 16 << 20
@@ -275,3 +286,50 @@ def _plain_number(word: str) -> float:
 def _no_number(text: str, path: Path, entry: str) -> CameraError:
     shown = " ".join(text.split())[:40]
     return CameraError(f"{entry} is {shown!r} and should be a number", where=path)
+
+
+_CHAN_KIND = ".chan camera"
+_CHAN_ENTRY = "vfov"
+_CHAN_COLUMNS = 8
+
+
+def read_chan(path: str | Path) -> CameraTable:
+    """The field of view at each frame.
+
+    Raises
+    ------
+    CameraError : A line is no row of numbers, has no field of view, or repeats a frame.
+    """
+    path = Path(path)
+    rows: dict[int, Row] = {}
+    for line, text in read_lines(path):
+        words = text.split(maxsplit=_CHAN_COLUMNS + 8)
+        if not words or words[0].startswith("#"):
+            continue
+        row = _chan_row(path, line, words)
+        assert row.number is not None
+        if row.number in rows:
+            raise CameraError(
+                f"line {line}: frame {row.number} stands twice", where=path
+            )
+        rows[row.number] = row
+        if len(rows) > MOST_ROWS:
+            raise CameraError(f"has more than {MOST_ROWS} frames", where=path)
+    return CameraTable(path, _CHAN_KIND, list(rows.values()))
+
+
+def _chan_row(path: Path, line: int, words: list[str]) -> Row:
+    found = RowReadings(path, line)
+    if len(words) < _CHAN_COLUMNS:
+        raise CameraError(
+            f"line {line} has {len(words)} numbers and should have {_CHAN_COLUMNS}, "
+            "the last of them the vertical field of view",
+            where=path,
+            remedy="export a camera, not another object",
+        )
+    numbers = [found.number(word, f"column {at}") for at, word in enumerate(words, 1)]
+    frame = numbers[0]
+    if frame is None or abs(frame) > 1e9 or frame != round(frame):
+        raise CameraError(f"line {line}: {words[0][:40]!r} is no frame", where=path)
+    found.put("vertical_fov_deg", numbers[_CHAN_COLUMNS - 1], _CHAN_ENTRY)
+    return Row(line, found, number=round(frame))

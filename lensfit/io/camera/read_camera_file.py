@@ -8,8 +8,7 @@ from lensfit.errors import CameraError
 from lensfit.io.camera.arri import read_arri
 from lensfit.io.camera.blackmagic import FRAME_HEADING, read_blackmagic
 from lensfit.io.camera.canon import read_canon
-from lensfit.io.camera.chan import read_chan
-from lensfit.io.camera.nuke_camera import NODE, read_nuke_camera
+from lensfit.io.camera.nuke_camera import NODE, read_chan, read_nuke_camera
 from lensfit.io.camera.opentrackio_stream import read_opentrackio_stream
 from lensfit.io.camera.red import read_red_frames, read_red_static
 from lensfit.io.camera.sony import read_sony

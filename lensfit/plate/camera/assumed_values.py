@@ -34,7 +34,7 @@ class AssumedValue(NamedTuple):
         """A sentence for whoever should have stated it."""
         shown = f"{self.value:g} mm" if self.name.endswith("_mm") else f"{self.value:g}"
         option = option_of(self.name)
-        places = ", ".join(("the header", *camera.asked))
+        places = ", ".join(("the header", *camera.searched))
         return FrameNote(
             f"{camera.plate.name}: no {SPELT[self.name]} in {places}; {self.whose}, "
             f"{shown}, is used ({option} states another)",

@@ -110,8 +110,8 @@ def camera_facts(
 def camera_rows(facts: CameraFacts) -> Rows:
     """Lines of a table: what, its value, and where from."""
     rows: Rows = []
-    told = facts.state.known()
-    for name, value in told.items():
+    stated = facts.state.known()
+    for name, value in stated.items():
         rows.append((name, _value_text(value), facts.state.sources[name]))
         rows += _beside(name, facts)
     for name, known in facts.undecided.items():
@@ -119,7 +119,7 @@ def camera_rows(facts: CameraFacts) -> Rows:
         rows.append((name, f"{known.value:g}{from_pinhole}", known.source))
         rows += _beside(name, facts)
     for name in facts.overruled:
-        if name not in told and name not in facts.undecided:
+        if name not in stated and name not in facts.undecided:
             rows += [(name, "unknown", "see problem"), *_beside(name, facts)]
     rows += [(one.name, _value_text(one.value), one.whose) for one in facts.assumed]
     for name, word in facts.knobs.known.items():

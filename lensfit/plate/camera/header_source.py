@@ -1,11 +1,22 @@
-"""The plate's header as one of the sources of its camera, the last one."""
+"""The plate's header as one of the sources of its camera, the last one.
 
-from collections.abc import Collection, Mapping, Sequence
+Where entries of one header state different values of a quantity, the better entry
+counts (`lensfit.io.camera.aliases` has the order), and a note names the others. Entries
+that mean different things may differ:
+
+- the standard's focal lengths: of the barrel (nominal), of the lens (effective) and of
+  the pinhole, which is the principal distance and grows with focusing
+- what was recorded is a part of the sensor (``sensorOverallDimensions``)
+- EXIF's 35 mm equivalent is whole millimetres
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from lensfit.errors import ImageError
 from lensfit.io.metadata import HeaderWord
 from lensfit.plate.camera.plate_camera import BadEntry
 from lensfit.plate.camera.sourced_value import SourcedValue
+from lensfit.plate.camera.spelling import SPELT, option_of
 
 HEADER = 1_000_000
 """Its rank; there are fewer files."""
@@ -21,7 +32,7 @@ _OPTIONS = {
 
 def add_header(
     words: dict[str, list[SourcedValue]],
-    told: Mapping[str, Sequence[HeaderWord]],
+    stated: Mapping[str, Sequence[HeaderWord]],
     better: Collection[str],
 ) -> dict[str, tuple[BadEntry, ...]]:
     """Add what a header tells to `words`, behind those of better sources; what it
@@ -30,11 +41,11 @@ def add_header(
     Parameters
     ----------
     words : By quantity, the word that counts most first.
-    told : By the header.
+    stated : By the header.
     better : Quantities that another source tells.
     """
     bad: dict[str, tuple[BadEntry, ...]] = {}
-    for name, entries in told.items():
+    for name, entries in stated.items():
         known = name in better
         for value, key in entries:
             if not isinstance(value, ImageError):
@@ -45,3 +56,58 @@ def add_header(
             error = ImageError(value.what, remedy=f"mend it, or {remedy}")
             bad[name] = (*bad.get(name, ()), BadEntry(error, key, not known))
     return bad
+
+
+_ROUNDING = 0.02
+"""Relative: f/2.8 is f/2.83, and cameras round distances."""
+_OF_ONE_LENS = ("pinholeFocalLength", "effectiveFocalLength", "nominalFocalLength")
+_BREATHING = 0.15
+_WHOLE_SENSOR = "sensorOverallDimensions"
+_WHOLE_MILLIMETRES = "FocalLengthIn35mmFilm"
+_COARSE = 0.06
+
+
+def contradictions(
+    words: Mapping[str, Sequence[SourcedValue]], rank: int
+) -> Iterator[tuple[str, str]]:
+    """The quantity and a sentence, for each that a header tells differently.
+
+    Parameters
+    ----------
+    words : By quantity, what was said of it, the one that counts first.
+    rank : Of what the header says; what a better source tells is no matter.
+    """
+    for name, spelt in SPELT.items():
+        known = words.get(name)
+        if not known or known[0].rank != rank:
+            continue
+        others = [k for k in known[1:] if k.rank == rank and _contradicts(known[0], k)]
+        if others:
+            said = ", ".join(_spelt(name, other) for other in others)
+            yield (
+                name,
+                f"the header contradicts itself on the {spelt}: "
+                f"{_spelt(name, known[0])} is used, not {said} "
+                f"({option_of(name)} states another)",
+            )
+
+
+def _contradicts(one: SourcedValue, other: SourcedValue) -> bool:
+    a, b = float(one.value), float(other.value)
+    if a == b:
+        return False
+    keys = tuple(known.source.rpartition("/")[2] for known in (one, other))
+    allowed = _ROUNDING
+    if set(keys) <= set(_OF_ONE_LENS):
+        allowed = _BREATHING
+    elif _WHOLE_MILLIMETRES in keys:
+        allowed = _COARSE
+    elif keys[1] == _WHOLE_SENSOR and a < b:
+        return False
+    return abs(a - b) > allowed * max(abs(a), abs(b)) or a + b == float("inf")
+
+
+def _spelt(name: str, known: SourcedValue) -> str:
+    value = known.value
+    number = f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{known.source} ({number}{' mm' if name.endswith('_mm') else ''})"

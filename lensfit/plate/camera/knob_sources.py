@@ -147,13 +147,13 @@ def _contradictions(
     """The knob and a sentence, for each whose entries in a header differ and count."""
     keys = {key for key, _, _ in knob_entries(header)}
     for name, found in words.items():
-        told = [word for word in found if word.source in keys]
-        others = [word for word in told[1:] if word.value != told[0].value]
-        if others and told[0] is found[0]:
+        of_header = [word for word in found if word.source in keys]
+        others = [word for word in of_header[1:] if word.value != of_header[0].value]
+        if others and of_header[0] is found[0]:
             shown = ", ".join(f"{word.source} ({word.value})" for word in others)
             yield (
                 name,
-                f"the header contradicts itself on {name}: {told[0].source} "
-                f"({told[0].value}) is used, not {shown} ({option_of(name)} states "
-                "another)",
+                f"the header contradicts itself on {name}: {of_header[0].source} "
+                f"({of_header[0].value}) is used, not {shown} ({option_of(name)} "
+                "states another)",
             )

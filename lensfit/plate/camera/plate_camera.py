@@ -47,7 +47,7 @@ class PlateCamera:
         them counts is not known.
     plate : The plate.
     notes : One sentence for each thing that was assumed.
-    asked : The files beside the header, for saying where something was not found.
+    searched : The files beside the header, for saying where something was not found.
     settings : The settings that hold for the plate.
     """
 
@@ -56,7 +56,7 @@ class PlateCamera:
     bad: Mapping[str, tuple[BadEntry, ...]] = field(default_factory=dict)
     plate: Path = Path()
     notes: tuple[str, ...] = ()
-    asked: tuple[str, ...] = ()
+    searched: tuple[str, ...] = ()
     settings: Settings = field(default_factory=Settings)
 
     def number(self, name: str) -> float | None:

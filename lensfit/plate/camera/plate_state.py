@@ -289,7 +289,7 @@ def _missing(
 ) -> ImageError:
     words = " and no ".join(SPELT[name] for name in names)
     entries = ", ".join(_ENTRIES[name] for name in names)
-    places = ", ".join([f"{entries} in the header", *camera.asked])
+    places = ", ".join([f"{entries} in the header", *camera.searched])
     options = " and ".join(map(option_of, names))
     return ImageError(
         f"states no {words}{use} (looked for {places})",

@@ -22,7 +22,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
-from lensfit._strict import convert_strictly, read_toml_tables
+from lensfit._strict import array_table_place, convert_strictly, read_toml_tables
 from lensfit.errors import SettingsError
 from lensfit.io.camera.aliases import Alias
 from lensfit.io.camera.quantity import Reading
@@ -138,21 +138,12 @@ def _level(path: Path, stamp: tuple[int, int] | None) -> _Level:
     data = read_toml_tables(path, error=SettingsError, source=remedy, mend=remedy)
     try:
         file = convert_strictly(
-            data, SettingsFile, error=SettingsError, where=path, place=_place
+            data, SettingsFile, error=SettingsError, where=path, place=array_table_place
         )
     except SettingsError as error:
         raise SettingsError(error.what, where=path, remedy=remedy) from error
     check_values(file, path)
     return _Level(path, file, aliases_of(file, path))
-
-
-def _place(key: str) -> str:
-    """ "frames[2].f_number" as its reader finds it: "[[frames]] 3, f_number"."""
-    table, bracket, rest = key.partition("[")
-    index, _, inner = rest.partition("]")
-    if not bracket or "." in table or not index.isdigit():
-        return key
-    return f"[[{table}]] {int(index) + 1}" + (f", {inner[1:]}" if inner else "")
 
 
 def _has(values: FrameValues, frame: int) -> bool:

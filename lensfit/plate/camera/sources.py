@@ -30,8 +30,7 @@ from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
 from lensfit.io.metadata import camera_words
 from lensfit.io.sequence import frame_of
-from lensfit.plate.camera.header_contradictions import contradictions
-from lensfit.plate.camera.header_source import HEADER, add_header
+from lensfit.plate.camera.header_source import HEADER, add_header, contradictions
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.settings import Settings, load_settings, settings_beside
 from lensfit.plate.camera.sourced_value import SourcedValue
@@ -197,10 +196,10 @@ class CameraSources:
         better = words.keys() | {_SAME_AS[name] for name in words.keys() & _SAME_AS}
         if self.options.focus_at is not None:
             better.add("focus_distance_mm")
-        told = camera_words(header, size_px, settings.aliases)
-        if "f_number" in better | told.keys():
+        stated_in_header = camera_words(header, size_px, settings.aliases)
+        if "f_number" in better | stated_in_header.keys():
             better.add("t_number")
-        bad = add_header(words, told, better)
+        bad = add_header(words, stated_in_header, better)
         _join_focus(words)
         _join_field_of_view(words, size_px, preset_width_mm)
         notes = [*self._notes(), *_stop_notes(words), *_settings_notes(words, settings)]

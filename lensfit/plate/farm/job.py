@@ -135,8 +135,8 @@ def farm_job(
     if not preset.is_file():
         raise PresetError("does not exist", where=preset, remedy="give a preset.json")
     pattern, own = split_pattern(plates)
-    asked = own if frames is None else frames
-    numbers, missing = _frames(pattern, asked)
+    requested = own if frames is None else frames
+    numbers, missing = _frames(pattern, requested)
     job = FarmJob(
         absolute(preset_beside or preset),
         absolute(pattern),
@@ -144,7 +144,7 @@ def farm_job(
         tuple(_range(numbers[at : at + chunk]) for at in range(0, len(numbers), chunk)),
         tuple(_absolute(option) for option in options),
         missing,
-        gaps_note(pattern, numbers) if asked is None else None,
+        gaps_note(pattern, numbers) if requested is None else None,
     )
     output_path(job.plates, job.out)
     for word in job.arguments(None):

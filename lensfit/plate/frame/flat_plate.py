@@ -47,10 +47,7 @@ def render_flat(
     ImageError : No part holds colour.
     """
     state = lens.noted_state(header or image, path)
-    found = dict(
-        (id(part), layers)
-        for part, layers in layers_to_render(image, lens.options.layers)
-    )
+    found = layers_to_render(image, lens.options.layers)
     return ExrImage(
         tuple(
             _rendered(lens, part, found.get(id(part), []), state, (image, path))
@@ -61,8 +58,8 @@ def render_flat(
 
 def layers_to_render(
     image: ExrImage, wanted: Sequence[str] | None
-) -> list[tuple[ExrPart, list[ColourLayer]]]:
-    """Parts with colour and the layers of each that are rendered; at least one.
+) -> dict[int, list[ColourLayer]]:
+    """The layers to render of each part with colour, by the part's `id`; at least one.
 
     Parameters
     ----------
@@ -72,8 +69,8 @@ def layers_to_render(
     ------
     ImageError : There is none.
     """
-    found = [(part, colour_layers(part, wanted)) for part in image.parts]
-    found = [(part, layers) for part, layers in found if layers]
+    found = {id(part): colour_layers(part, wanted) for part in image.parts}
+    found = {part: layers for part, layers in found.items() if layers}
     if not found:
         raise _no_colour(image, wanted)
     return found

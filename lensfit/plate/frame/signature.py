@@ -38,8 +38,8 @@ def preset_digest(preset: Preset) -> str:
     # A preset that travelled to a worker encodes its neutral knobs, which are no longer
     # the defaults themselves.
     plain = msgspec.structs.replace(preset, knobs=NEUTRAL)
-    told = msgspec.json.encode((plain, active_knobs(preset.knobs)))
-    return hashlib.sha256(told).hexdigest()
+    text = msgspec.json.encode((plain, active_knobs(preset.knobs)))
+    return hashlib.sha256(text).hexdigest()
 
 
 def signature(

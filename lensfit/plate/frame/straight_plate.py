@@ -304,10 +304,7 @@ class PlateStraightener:
         ImageError : No part holds colour, or it cannot be straightened.
         """
         state = self.lens.noted_state(header or image, path)
-        found = dict(
-            (id(part), layers)
-            for part, layers in layers_to_render(image, self.lens.options.layers)
-        )
+        found = layers_to_render(image, self.lens.options.layers)
         return ExrImage(
             tuple(
                 self._rendered(part, found[id(part)], state)

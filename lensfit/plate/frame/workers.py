@@ -11,7 +11,6 @@ warning that looks like a failure.
 """
 
 import multiprocessing
-import os
 import signal
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -21,7 +20,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import NamedTuple
 
-from lensfit.cores import available_cores, limit_cores
+from lensfit.cores import available_cores, bind_to_share_of_cores, limit_cores
 from lensfit.errors import ImageError
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.end_with_parent import end_with_parent
@@ -158,10 +157,7 @@ def _bind_to_cores(index: int, workers: int) -> None:
     import OpenEXR
 
     share_of_limit = max(1, available_cores() // workers)
-    if hasattr(os, "sched_setaffinity"):
-        own = sorted(os.sched_getaffinity(0))
-        share = own[index % workers :: workers] or [own[index % len(own)]]
-        os.sched_setaffinity(0, share)
+    bind_to_share_of_cores(index, workers)
     limit_cores(share_of_limit)
     cv2.setNumThreads(available_cores())
     OpenEXR.set_global_thread_count(available_cores())

@@ -19,7 +19,7 @@ from lensfit.preset.json_text import to_json_text
 from lensfit.preset.library.key_path import steps_of
 from lensfit.preset.library.locks import check_lock
 from lensfit.preset.library.names import is_slug, version_number
-from lensfit.preset.upgrade import check_version
+from lensfit.preset.upgrade import check_version, key_with_pupil_shift, with_pupil_shift
 
 KIND = "change_set"
 Text = Annotated[str, Meta(min_length=1, max_length=2000)]
@@ -101,10 +101,12 @@ def change_set_of_tables(tables: dict[str, Any], where: str | Path) -> ChangeSet
     ------
     PresetError : It is no change set, or changes what is locked.
     """
-    check_version(tables, where, kind=KIND)
+    check_version(tables, where, kind=KIND, current_version=1)
     for key, value in non_finite_numbers(tables):
         raise PresetError(f"{key}: {value} is no finite number", where=where)
     found = convert_strictly(tables, ChangeSet, error=PresetError, where=where)
+    changes = tuple(map(_in_present_words, found.changes))
+    found = msgspec.structs.replace(found, changes=changes)
     versions = [v for v in (found.base.version, found.continues) if v is not None]
     for version in versions:
         if version_number(version) is None:
@@ -119,6 +121,16 @@ def change_set_of_tables(tables: dict[str, Any], where: str | Path) -> ChangeSet
                 f"changes[{index}]: {fault.what}", where=where, remedy=fault.remedy
             ) from fault
     return found
+
+
+def _in_present_words(change: Change) -> Change:
+    """A change may have been made to a preset of an older schema."""
+    return msgspec.structs.replace(
+        change,
+        key=key_with_pupil_shift(change.key),
+        value=with_pupil_shift(change.value),
+        before=with_pupil_shift(change.before),
+    )
 
 
 def _check_change(change: Change) -> None:

@@ -57,7 +57,7 @@ def read_mark(folder: Path) -> DefaultMark | None:
         mend="mark the version again",
         largest_bytes=_LARGEST_BYTES,
     )
-    check_version(tables, path, kind=KIND)
+    check_version(tables, path, kind=KIND, current_version=1)
     mark = convert_strictly(tables, DefaultMark, error=PresetError, where=path)
     for version in (mark.version, mark.latest):
         if version_number(version) is None:

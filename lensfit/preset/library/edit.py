@@ -112,7 +112,7 @@ def edit_preset(
     if not wishes:
         raise PresetError("nothing to change", remedy="give --set or --drop")
     levels = levels_of(library)
-    lens, _, asked = name.partition("@")
+    lens, _, requested = name.partition("@")
     slug = lens_in(levels, lens)
     for _ in range(_TRIES):
         here = Shelf(levels[0], slug)
@@ -120,7 +120,7 @@ def edit_preset(
         number = next_number(here.folder)
         if here.numbers and here.numbers[-1] >= number:
             continue  # saved just now
-        before = _start(shelves, asked or None, pin)
+        before = _start(shelves, requested or None, pin)
         changes = _changed(shelves, number, before, wishes, author, unlock)
         found = with_layer(shelves, number, changes)
         if claim_version(here.folder, number, change_set_text(changes)):
@@ -128,19 +128,19 @@ def edit_preset(
     raise PresetError("others edit it all the time", where=here.folder)
 
 
-def _start(shelves: list[Shelf], asked: str | None, pin: bool) -> ChangeSet:
+def _start(shelves: list[Shelf], requested: str | None, pin: bool) -> ChangeSet:
     """What the edit continues: a set of changes, maybe none yet."""
     here = shelves[0]
     if not here.numbers:
         if len(shelves) < 2:
             raise PresetError("holds no version", where=here.folder)
         version = None
-        if asked is not None or pin:
-            version = version_name(shelves[1].number(asked))
+        if requested is not None or pin:
+            version = version_name(shelves[1].number(requested))
         return ChangeSet(
             lens=here.slug, base=Base("outer", version), continues=None, changes=()
         )
-    number = here.number(asked)
+    number = here.number(requested)
     name, found = version_name(number), here.read(number)
     if isinstance(found, Preset):
         base, changes = Base("here", name), ()

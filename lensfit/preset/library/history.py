@@ -45,8 +45,8 @@ def _event(shelf: Shelf, number: int) -> Event:
     except PresetError as fault:
         who, when, what = "", "", (f"cannot be used: {fault.what}",)
     else:
-        told = _of_preset if isinstance(found, Preset) else _of_changes
-        who, when, what = told(found, shelf)  # pyright: ignore[reportArgumentType]
+        event_of = _of_preset if isinstance(found, Preset) else _of_changes
+        who, when, what = event_of(found, shelf)  # pyright: ignore[reportArgumentType]
     return Event(shelf.level.label, version_name(number), when, who, what, in_use)
 
 

@@ -85,7 +85,7 @@ def put_beneath(
     PresetError : It stands on nothing.
     """
     base = changes.base
-    asked = None if base.version is None else version_number(base.version)
+    requested = None if base.version is None else version_number(base.version)
     if base.level == "outer":
         if len(shelves) < 2:
             raise PresetError(
@@ -95,15 +95,15 @@ def put_beneath(
                 "with: lensfit preset project FOLDER",
             )
         outer = shelves[1]
-        below = outer.in_use() if asked is None else outer.existing(asked)
+        below = outer.in_use() if requested is None else outer.existing(requested)
         return shelves[1:], below
-    if asked is None or asked >= number:
+    if requested is None or requested >= number:
         raise PresetError(
             "stands on no earlier version of its own level",
             where=shelves[0].path(number),
             remedy="restore the file",
         )
-    return shelves, shelves[0].existing(asked)
+    return shelves, shelves[0].existing(requested)
 
 
 def _gathered(shelves: list[Shelf], number: int) -> tuple[Preset, Part, list[Layer]]:

@@ -66,9 +66,9 @@ def _of_name(text: str, levels: tuple[Level, ...]) -> FoundPreset:
                 where=levels[0].folder,
                 remedy=f"levels are {', '.join(labels)}",
             )
-        name, _, asked = text.partition("@")
-        return _of_nearest(_shelves(levels, lens_in(levels, name)), asked)
-    name, _, asked = rest.partition("@")
+        name, _, requested = text.partition("@")
+        return _of_nearest(_shelves(levels, lens_in(levels, name)), requested)
+    name, _, requested = rest.partition("@")
     levels = levels[labels.index(label) :]
     shelves = _shelves(levels, lens_in(levels, name))
     if shelves[0].level != levels[0]:
@@ -77,7 +77,7 @@ def _of_name(text: str, levels: tuple[Level, ...]) -> FoundPreset:
             where=levels[0].lenses / shelves[0].slug,
             remedy=f"the nearest is {shelves[0].level.label}:{shelves[0].slug}",
         )
-    return put_together(shelves, shelves[0].number(asked or None))
+    return put_together(shelves, shelves[0].number(requested or None))
 
 
 def _shelves(levels: tuple[Level, ...], slug: str) -> list[Shelf]:
@@ -88,12 +88,12 @@ def _shelves(levels: tuple[Level, ...], slug: str) -> list[Shelf]:
     return shelves
 
 
-def _of_nearest(shelves: list[Shelf], asked: str) -> FoundPreset:
+def _of_nearest(shelves: list[Shelf], requested: str) -> FoundPreset:
     """What a version means at a level that nobody named; where others would do, too,
     that is noted."""
-    if asked in ("", "latest", "default"):
-        return put_together(shelves, shelves[0].number(asked or None))
-    number = requested_version(asked)
+    if requested in ("", "latest", "default"):
+        return put_together(shelves, shelves[0].number(requested or None))
+    number = requested_version(requested)
     at, *others = [n for n, s in enumerate(shelves) if number in s.numbers] or [0]
     found = put_together(shelves[at:], shelves[at].existing(number))
     if not at and not others:

@@ -54,22 +54,22 @@ class Shelf:
         """The file of a version."""
         return version_path(self.folder, number)
 
-    def number(self, asked: str | None) -> int:
+    def number(self, requested: str | None) -> int:
         """The version that is meant.
 
         Parameters
         ----------
-        asked : "v002", "latest", "default", or None for the one in use.
+        requested : "v002", "latest", "default", or None for the one in use.
 
         Raises
         ------
         PresetError : There is no such version here.
         """
-        if asked is None:
+        if requested is None:
             return self.in_use()
-        if asked == "latest":
+        if requested == "latest":
             return self.numbers[-1]
-        if asked == "default":
+        if requested == "default":
             if self.mark is None:
                 raise PresetError(
                     "has no version marked as default",
@@ -77,7 +77,7 @@ class Shelf:
                     remedy=f"mark one: lensfit preset default {self.slug}@v001",
                 )
             return self.in_use()
-        return self.existing(requested_version(asked))
+        return self.existing(requested_version(requested))
 
     def existing(self, number: int) -> int:
         """The number, if there is such a version.

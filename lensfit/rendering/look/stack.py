@@ -27,13 +27,16 @@ from jaxtyping import Float32
 from lensfit.coords import Window
 from lensfit.preset.look_knobs import LookKnobs
 from lensfit.rendering.look.aperture_shape import ApertureShape
-from lensfit.rendering.look.bloom import bloomed
 from lensfit.rendering.look.blur_of_light import SharpLayer, blur_of_light
-from lensfit.rendering.look.diffusion import diffused
 from lensfit.rendering.look.ghosting import LEVEL, Ghosts, ghosts_of
+from lensfit.rendering.look.glare import (
+    DIFFUSION,
+    PRO_MIST,
+    bloomed,
+    filtered_picture,
+)
 from lensfit.rendering.look.glint import WIDTH_SHARE, Star, glinted
 from lensfit.rendering.look.light import light_above
-from lensfit.rendering.look.pro_mist import misted
 from lensfit.rendering.look.pyramid import Picture, halved, least_sigma_px, padded
 from lensfit.rendering.look.white_balance import (
     NEUTRAL_KELVIN,
@@ -138,11 +141,11 @@ class Look:
         has_alpha = picture.shape[2] == 4
         colour = np.ascontiguousarray(picture[..., :3] if has_alpha else picture)
         if "pro-mist" in runs:
-            size_px = self.px(knobs.pro_mist_size_percent)
-            colour = misted(colour, knobs.pro_mist_gain, size_px, least_px)
+            size_px, share = self.px(knobs.pro_mist_size_percent), knobs.pro_mist_gain
+            colour = filtered_picture(colour, PRO_MIST, share, size_px, least_px)
         if "diffusion" in runs:
-            size_px = self.px(knobs.diffusion_size_percent)
-            colour = diffused(colour, knobs.diffusion_gain, size_px, least_px)
+            size_px, share = self.px(knobs.diffusion_size_percent), knobs.diffusion_gain
+            colour = filtered_picture(colour, DIFFUSION, share, size_px, least_px)
         if arrival.lights is not None:
             ghosts = self._ghosts(arrival.lights, window, colour.shape)
             # A plate in depth has three channels, and a grey one only green in the end.

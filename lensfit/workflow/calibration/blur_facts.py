@@ -48,11 +48,11 @@ def _besides_common(
     covariance: Float[np.ndarray, "groups groups"],
     stated: Float[np.ndarray, " groups"],
 ) -> Mapping[str, Float[np.ndarray, " groups"]] | None:
-    told = np.isfinite(stated)
-    if not told.any():
+    is_stated = np.isfinite(stated)
+    if not is_stated.any():
         return None
-    without = np.eye(len(found)) - told / told.sum()
-    value = without @ found + np.mean(stated[told])
+    without = np.eye(len(found)) - is_stated / is_stated.sum()
+    value = without @ found + np.mean(stated[is_stated])
     variance = np.einsum("ij,jk,ik->i", without, covariance, without)
     return {
         "defocus_mm": value,
@@ -143,7 +143,7 @@ def blur_facts(wavefront: WavefrontFit, pictures: Mapping[str, str]) -> dict[str
         "blades": stage.blades,
         "sign_known": wavefront.sign_known,
         "mirrored": wavefront.mirrored,
-        "guessed": list(wavefront.extrapolation_notes),
+        "extrapolated": list(wavefront.extrapolation_notes),
         "converged": wavefront.converged,
         "not_seen": list(wavefront.undetermined_term_groups),
     }

@@ -75,7 +75,7 @@ _LIBRARIES = ("jax", "optimistix", "equinox", "numpy", "opencv-contrib-python-he
 _LEAST_VISIBLE_PX = 0.01
 _ALONG_THE_AXIS = {
     "pupil_offset": "entrance_pupil_offset_mm",
-    "pupil_walk": "pupil_walk_mm",
+    "pupil_shift": "pupil_shift_mm",
 }
 """Names in the covariance of an entry."""
 
@@ -121,8 +121,8 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
     assumed = [] if state.pupil.measured else ["entrance_pupil_offset_mm"]
     if not geometry.focal_length_free:
         assumed.insert(0, "principal_distance_mm")
-    if state.walk is not None and not state.walk.measured:
-        assumed.append("pupil_walk")
+    if state.pupil_shift is not None and not state.pupil_shift.measured:
+        assumed.append("pupil_shift")
     rms_px, held_out_px, used, detected = errors_of(geometry)
     entry = Entry(
         focal_length_mm=state.focal_length_mm,
@@ -133,7 +133,7 @@ def entry_of(state: LensState, wavefront: WavefrontFit | None = None) -> Entry:
                 np.asarray(distortion.principal_point_mm).tolist()
             ),
             entrance_pupil_offset_mm=state.pupil.offset_mm,
-            pupil_walk=_pupil_walk(state),
+            pupil_shift=_pupil_shift(state),
             assumed=tuple(assumed),
         ),
         distortion=distortion_block(distortion),
@@ -175,14 +175,14 @@ def with_quality(preset: Preset, facts: list[dict[str, Any]]) -> Preset:
     return msgspec.structs.replace(preset, entries=entries)
 
 
-def _pupil_walk(state: LensState) -> blocks.PupilWalk | None:
-    if state.walk is None:
+def _pupil_shift(state: LensState) -> blocks.PupilShift | None:
+    if state.pupil_shift is None:
         return None
     ahead_mm = state.geometry.adjustment.frame.board_distance_mm
-    return blocks.PupilWalk(
-        walk_mm=state.walk.walk_mm,
+    return blocks.PupilShift(
+        shift_mm=state.pupil_shift.shift_mm,
         chart_distance_mm=state.pupil.offset_mm + float(ahead_mm),
-        standard_deviation_mm=state.walk.standard_deviation_mm,
+        standard_deviation_mm=state.pupil_shift.standard_deviation_mm,
     )
 
 

@@ -65,10 +65,10 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
 def is_of_lighting_too(takes: Iterable[View], f_number: float | None) -> bool:
     """Whether a chart lit from its front was among those that gave a fall-off.
 
-    The bright field around dark marks shows the light that fell on the chart as well.
+    The bright field around dark dots shows the light that fell on the chart as well.
     """
     shown = [take.observations for take in takes if take.f_number == f_number]
-    return any(not marks.bright for marks in shown)
+    return any(not seen.bright for seen in shown)
 
 
 def _round_trip(lens: Lens, size_mm, mm_per_px: float) -> tuple[float, bool]:

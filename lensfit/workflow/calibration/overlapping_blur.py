@@ -36,7 +36,7 @@ class _Grid(NamedTuple):
 
 
 def overlapping_blur_reasons(takes: Sequence[View | None]) -> list[str | None]:
-    """For each photograph why its marks are crossings; None where they are not.
+    """For each photograph why its points are crossings; None where they are not.
 
     Only dots at a stated distance are compared, separately for each target and focal
     length.
@@ -67,12 +67,12 @@ def _is_crossed(grid: _Grid | None, others: list[_Grid]) -> bool:
 def _grid(take: View | None) -> _Grid | None:
     if take is None or not take.mark_diameter_mm or not take.target_distance_mm:
         return None
-    marks = take.observations
-    points = marks.family == POINT
+    seen = take.observations
+    points = seen.family == POINT
     if points.sum() < 4 or not np.isfinite(take.target_distance_mm):
         return None
-    lattice = marks.lattice[points] - marks.lattice[points].mean(0)
-    seen_mm = marks.points_px[points] * take.pixel_mm * (take.squeeze, 1.0)
+    lattice = seen.lattice[points] - seen.lattice[points].mean(0)
+    seen_mm = seen.points_px[points] * take.pixel_mm * (take.squeeze, 1.0)
     slope = np.linalg.lstsq(lattice, seen_mm - seen_mm.mean(0), rcond=None)[0]
     slope = slope / np.asarray(take.pitch_mm)[:, None]
     size = float(np.sqrt(abs(np.linalg.det(slope))))

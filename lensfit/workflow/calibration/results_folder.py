@@ -35,12 +35,17 @@ def results_folder(out_dir: str | Path, shoot: Shoot) -> Path:
     _require_same_lens(folder / PRESET, shoot)
     for written in (folder, *map(folder.joinpath, (*FOLDERS, FAILED))):
         if written == folder or written.exists():
-            _try_writing(written)
+            require_writable_folder(written)
     return folder
 
 
-def _try_writing(folder: Path) -> None:
-    """Before seconds go into what could not be kept."""
+def require_writable_folder(folder: Path) -> None:
+    """Make a folder, before seconds or hours go into what could not be kept.
+
+    Raises
+    ------
+    OutputError : It cannot be made or written.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()

@@ -14,7 +14,6 @@ from lensfit.workflow.check.check_records import (
 from lensfit.workflow.check.motion import Motion
 
 _LITTLE_COVERED = 0.5
-_CLOSE_TO_CLIPPING_STOPS = 0.1
 _DIM_STOPS = 4.0
 _FAINT_STOPS = 5.0
 _CLIPPED_PART = 0.1

@@ -6,7 +6,6 @@ with those. The kit's page is made again after every lens.
 """
 
 import multiprocessing
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
@@ -15,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from lensfit._strict import did_you_mean
-from lensfit.errors import LensfitError, OutputError, ShootError
+from lensfit.cores import available_cores
+from lensfit.errors import LensfitError, ShootError
 from lensfit.progress import Progress, silent
+from lensfit.workflow.calibration.results_folder import require_writable_folder
 from lensfit.workflow.kit.kit_records import Kit
 from lensfit.workflow.kit.lens_record import fingerprint, is_done, write_record
 from lensfit.workflow.kit.lens_shoot import lens_shoot
@@ -57,7 +58,7 @@ def calibrate_kit(
     """
     out = Path(out)
     chosen = chosen_lenses(kit, only)
-    _try_writing(out)
+    require_writable_folder(out)
     waiting: list[Job] = []
     for folder in chosen:
         job = _job(kit, folder, out, effort, again)
@@ -67,7 +68,7 @@ def calibrate_kit(
     progress(_STAGE, done, len(chosen))
     table = write_kit(kit, out)
     if waiting:
-        count = min(workers or _cores(), len(waiting))
+        count = min(workers or available_cores(), len(waiting))
         for _ in _outcomes(waiting, count):
             done += 1
             progress(_STAGE, done, len(chosen))
@@ -75,21 +76,21 @@ def calibrate_kit(
     return table
 
 
-def chosen_lenses(kit: Kit, asked: Sequence[str]) -> list[str]:
+def chosen_lenses(kit: Kit, requested: Sequence[str]) -> list[str]:
     """Folders of the lenses that are meant.
 
     Raises
     ------
     ShootError : One is none of the kit.
     """
-    if not asked:
+    if not requested:
         return list(kit.lenses)
     known: dict[str, list[str]] = {}
     for folder, lens in kit.lenses.items():
         for word in {folder, lens.name, lens.serial or folder}:
             known.setdefault(word.lower(), []).append(folder)
     chosen: list[str] = []
-    for word in asked:
+    for word in requested:
         if word.lower() not in known:
             raise ShootError(
                 f'no lens of the kit is "{word}"',
@@ -165,24 +166,3 @@ def _start(index: int, count: int) -> _Worker:
     process.start()
     theirs.close()  # so that the death of the process ends what is read from it
     return process, ours
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _try_writing(out: Path) -> None:
-    """Before hours go into what could not be kept."""
-    import tempfile
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=out).close()
-    except OSError as error:
-        raise OutputError(
-            f"the folder cannot be written ({error.strerror})",
-            where=out,
-            remedy="choose another --out",
-        ) from error

@@ -5,7 +5,7 @@ One HTML file without any outside resource, made to be printed.
 
 from importlib.resources import files
 
-from lensfit.report.markup import NOTHING, Markup, stated, tag
+from lensfit.report.markup import NOTHING, Markup, html_document, stated, tag
 from lensfit.report.report_page import style_sheet
 from lensfit.report.report_sections import distance_text, table_row
 from lensfit.workflow.kit.kit_plan import TILT_DEG, KitView, LensPlan
@@ -28,23 +28,14 @@ def checklist(kit: Kit, plans: list[LensPlan]) -> str:
     """
     sheets = [_sheet(kit, plan, k, len(plans)) for k, plan in enumerate(plans, 1)]
     main = tag("main", _header(kit, plans), *sheets)
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", http_equiv="Content-Security-Policy", content=_POLICY),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("title", f"{kit.name}: take list"),
-        tag("style", Markup(style())),
-    )
-    return "<!DOCTYPE html>\n" + tag(
-        "html", head, tag("body", main, class_="sheets"), lang="en"
-    )
+    return kit_document(f"{kit.name}: take list", main)
 
 
-def style() -> str:
-    """The style sheet of reports, and what a kit's pages add to it."""
+def kit_document(title: str, main: Markup) -> str:
+    """A page of a kit, in the style of reports and what a kit's pages add to it."""
     kit = files("lensfit.workflow.kit").joinpath("kit.css")
-    return style_sheet() + kit.read_text(encoding="utf-8")
+    style = style_sheet() + kit.read_text(encoding="utf-8")
+    return html_document(title, _POLICY, style, main, class_="sheets")
 
 
 def duration_text(seconds: float) -> str:

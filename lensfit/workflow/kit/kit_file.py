@@ -6,6 +6,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from lensfit._strict import (
+    array_table_place,
     convert_strictly,
     non_finite_numbers,
     read_toml_tables,
@@ -36,8 +37,12 @@ def load_kit(path: str | Path) -> Kit:
     data = _plain_form(data, path)
     for key, value in non_finite_numbers(data):
         if not key.endswith(".distance_mm"):
-            raise ShootError(f"{_place(key)}: {value} is no finite number", where=path)
-    tables = convert_strictly(data, KitFile, error=ShootError, where=path, place=_place)
+            raise ShootError(
+                f"{array_table_place(key)}: {value} is no finite number", where=path
+            )
+    tables = convert_strictly(
+        data, KitFile, error=ShootError, where=path, place=array_table_place
+    )
     targets = _named_targets(tables.target, path)
     lenses: dict[str, KitLens] = {}
     for number, lens in enumerate(tables.lens, 1):
@@ -133,17 +138,6 @@ def _with_lengths(table: dict[str, Any], keys: tuple[str, ...], where: str) -> d
         if isinstance(table.get(key), str):
             table[key] = length_mm(table[key], key, where)
     return table
-
-
-def _place(key: str) -> str:
-    """ "lens[2].f_numbers[0]" as its reader finds it: "[[lens]] 3, f_numbers[0]"."""
-    table, bracket, rest = key.partition("[")
-    if not bracket or "." in table:
-        return key
-    index, _, inner = rest.partition("]")
-    name = inner.lstrip(".")
-    number = int(index) + 1 if index.isdigit() else index
-    return f"[[{table}]] {number}" + (f", {name}" if name else "")
 
 
 def _named_targets(targets: list[Target], path: Path) -> dict[str, Target]:

@@ -12,10 +12,9 @@ from lensfit.report.evidence import joined
 from lensfit.report.markup import NOTHING, Markup, number, stated, tag
 from lensfit.report.plain_numbers import distance_of
 from lensfit.report.report_sections import distance_text, table_row
-from lensfit.workflow.kit.checklist import style
+from lensfit.workflow.kit.checklist import kit_document
 
 Row = dict[str, Any]
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 _LENSES = (
     "Lens", "Verdict", "Accuracy", "Focal", "Breathing", "Distortion", "Colour",
     "Fall-off", "Blur, centre", "Blur, edge",
@@ -55,17 +54,7 @@ def kit_page(table: Row) -> str:
         _scale_section(lenses),
     ]
     main = tag("main", _header(table), *sections)
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", http_equiv="Content-Security-Policy", content=_POLICY),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("title", f"{table['name']}: lens kit"),
-        tag("style", Markup(style())),
-    )
-    return "<!DOCTYPE html>\n" + tag(
-        "html", head, tag("body", main, class_="sheets"), lang="en"
-    )
+    return kit_document(f"{table['name']}: lens kit", main)
 
 
 def must_be_shot_again(lens: Row) -> bool:

@@ -6,6 +6,10 @@ The fit of the blur measures how far behind its sharp image the sensor lay in ea
 photograph, besides what all photographs have in common. With v the distance of the
 sharp image from the lens, a mark that is engraved D but focuses at D' shows the
 difference ``v(D') - v(D)``, and of a thin lens ``1/f = 1/(D - v) + 1/v``.
+
+The width of a point's image in focus is the diameter of the disc of the same second
+moments, ``4 sqrt(variance)`` with the mean variance of both directions, as everywhere
+in lensfit.
 """
 
 import math
@@ -15,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from lensfit.chart.camera import object_distance_mm
+from lensfit.preset.schema import Preset
 from lensfit.report.plain_numbers import distance_of, plain, plain_distance
 from lensfit.report.verdict import verdict_of
 from lensfit.workflow.kit.kit_records import FocusMark, KitLens
@@ -36,7 +41,7 @@ def focus_scale(lens: KitLens, report: dict[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for blur in report.get("blur") or []:
         for mark in lens.focus_marks:
-            row = _row(float(blur["focal_length_mm"]), mark, blur)
+            row = _focus_row(float(blur["focal_length_mm"]), mark, blur)
             if row is not None:
                 rows.append(row)
     return rows
@@ -63,16 +68,19 @@ def _image_distance_mm(focal_length_mm: float, distance_mm: float) -> float:
     return distance_mm - object_distance_mm(focal_length_mm, distance_mm)
 
 
-def _row(focal_mm: float, mark: FocusMark, blur: dict) -> dict[str, Any] | None:
+def _focus_row(focal_mm: float, mark: FocusMark, blur: dict) -> dict[str, Any] | None:
     """Weighted over the photographs at the mark; None where none tells."""
     weights, sums = 0.0, 0.0
     for group in blur.get("defocus") or []:
-        told = group.get("from_stated") or {}
+        from_stated = group.get("from_stated") or {}
         focus, target = (
             distance_of(group.get(key))
             for key in ("focus_distance_mm", "target_distance_mm")
         )
-        value, deviation = told.get("defocus_mm"), told.get("standard_deviation_mm")
+        value, deviation = (
+            from_stated.get("defocus_mm"),
+            from_stated.get("standard_deviation_mm"),
+        )
         if focus is None or target is None or value is None or not deviation:
             continue
         same = focus == mark.distance_mm or abs(focus - mark.distance_mm) < _SAME_MM
@@ -206,3 +214,63 @@ def _fall_off(entries: list[Facts]) -> Iterator[Facts]:
 
 def _mean(values: list[float]) -> float:
     return float(np.mean(values)) if values else math.nan
+
+
+_SIZE_PX = 65
+_PLACES = {"centre": 0.0, "middle": 0.5, "edge": 0.9}
+"""Parts of the half diagonal, along the frame's diagonal."""
+
+
+def blur_widths(preset: Preset) -> list[dict[str, Any]]:
+    """Of every focal length with a measured blur, wide open, focused half way.
+
+    Returns
+    -------
+    Each "focal_length_mm", "f_number", "focus_distance_mm" and the widths "centre_px",
+    "middle_px" and "edge_px" of green.
+    """
+    rows = []
+    measured = [entry for entry in preset.entries if entry.blur is not None]
+    for focal_mm in dict.fromkeys(entry.focal_length_mm for entry in measured):
+        mine = [e for e in measured if e.focal_length_mm == focal_mm]
+        focuses = sorted(e.focus_distance_mm for e in mine if e.focus_distance_mm)
+        stops = [f.f_number for e in mine for f in e.fall_off if f.f_number is not None]
+        if focuses and stops:
+            focus_mm = focuses[len(focuses) // 2]
+            rows.append(_width_row(preset, focal_mm, min(stops), focus_mm))
+    return rows
+
+
+def _width_row(
+    preset: Preset, focal_mm: float, f_number: float, focus_mm: float
+) -> dict[str, Any]:
+    camera = preset.camera
+    lens = preset.at(
+        focal_length_mm=focal_mm, f_number=f_number, focus_distance_mm=focus_mm
+    )
+    pitch_mm = camera.sensor_width_mm / camera.image_width_px
+    half = np.array([camera.sensor_width_mm, camera.sensor_height_mm]) / 2
+    row: dict[str, Any] = {
+        "focal_length_mm": focal_mm,
+        "f_number": f_number,
+        "focus_distance_mm": focus_mm,
+    }
+    for name, part in _PLACES.items():
+        spread = lens.psf(
+            part * half, focus_mm, channel="g", pixel_pitch_mm=pitch_mm,
+            size_px=_SIZE_PX,
+        )  # fmt: skip
+        row[f"{name}_px"] = round(width_px(np.asarray(spread)), 3)
+    return row
+
+
+def width_px(spread: np.ndarray) -> float:
+    """Diameter of the disc of the same second moments as a point-spread function."""
+    weight = spread / spread.sum()
+    total = 0.0
+    for axis in (0, 1):
+        place = np.arange(weight.shape[axis])
+        along = weight.sum(1 - axis)
+        mean = float((along * place).sum())
+        total += float((along * (place - mean) ** 2).sum())
+    return 4 * float(np.sqrt(total / 2))

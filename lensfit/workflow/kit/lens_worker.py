@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from lensfit.cores import bind_to_share_of_cores
 from lensfit.plate.frame.end_with_parent import end_with_parent
 from lensfit.workflow.kit.kit_file import load_kit
 
@@ -62,8 +63,7 @@ def _facts(kit_file: Path, folder: str, out: Path, effort: str) -> dict[str, Any
     from lensfit.preset.store import load_preset
     from lensfit.workflow.calibrate import calibrate
     from lensfit.workflow.calibration.results_folder import PRESET
-    from lensfit.workflow.kit.blur_widths import blur_widths
-    from lensfit.workflow.kit.lens_facts import lens_facts
+    from lensfit.workflow.kit.lens_facts import blur_widths, lens_facts
     from lensfit.workflow.kit.lens_shoot import lens_shoot
 
     kit = load_kit(kit_file)
@@ -83,9 +83,7 @@ def _next(jobs: Connection) -> Job | None:
 def _bind_to_cores(index: int, workers: int) -> None:
     """Before JAX counts its cores."""
     if hasattr(os, "sched_setaffinity"):
-        own = sorted(os.sched_getaffinity(0))
-        share = own[index % workers :: workers] or [own[index % len(own)]]
-        os.sched_setaffinity(0, share)
+        bind_to_share_of_cores(index, workers)
         import cv2
 
-        cv2.setNumThreads(len(share))
+        cv2.setNumThreads(len(os.sched_getaffinity(0)))

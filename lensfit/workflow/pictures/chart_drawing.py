@@ -16,12 +16,9 @@ from lensfit.detect.observations import POINT, Observations
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph
 from lensfit.workflow.pictures.chart_shapes import discs, lines, squares
 from lensfit.workflow.pictures.dot_light import drawn_light
-from lensfit.workflow.pictures.predicted_marks import PredictedMarks
+from lensfit.workflow.pictures.predicted_points import PredictedPoints
 
-_PER_PX = 4
-"""Points that a line or a square is made of, along each side of a small pixel."""
-_SMALL_PX, _LARGE_PX = 8, 3000
-_GOLDEN = (5**0.5 - 1) / 2
+_LARGE_PX = 3000
 _PROFILE_PX, _PROFILE_STEPS, _PROFILES = 12.0, 49, 400
 _LEAST_RADIUS_PX = 0.35
 _MOST_RADIUS_PX = 200.0
@@ -46,7 +43,7 @@ class Drawing(NamedTuple):
 
 def drawing_of(
     seen: Observations,
-    predicted: PredictedMarks,
+    predicted: PredictedPoints,
     photograph: SmallPhotograph,
     kind: str,
     hole_diameter_mm: float | None,

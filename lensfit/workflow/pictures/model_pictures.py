@@ -23,7 +23,7 @@ from lensfit.report.round_number import round_up
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.pictures.chart_drawing import drawing_of
 from lensfit.workflow.pictures.modelled_light import modelled_light
-from lensfit.workflow.pictures.predicted_marks import PredictedMarks, predicted_marks
+from lensfit.workflow.pictures.predicted_points import PredictedPoints, predicted_points
 
 FOLDER = "model"
 TOTAL_BYTES = 1_900_000
@@ -75,22 +75,22 @@ def write_model_pictures(
     there are none.
     """
     shown = [o for o in observed if o.take is not None and o.small is not None]
-    marks = predicted_marks(fitted, [o.take for o in shown if o.take is not None])
-    shown = [o for o in shown if o.image in marks]
+    points = predicted_points(fitted, [o.take for o in shown if o.take is not None])
+    shown = [o for o in shown if o.image in points]
     budget = min(_MOST_BYTES, TOTAL_BYTES // max(len(shown), 1))
-    return {o.image: _tried(o, marks[o.image], preset, folder, budget) for o in shown}
+    return {o.image: _tried(o, points[o.image], preset, folder, budget) for o in shown}
 
 
 def _tried(
     observed: Observed,
-    marks: PredictedMarks,
+    points: PredictedPoints,
     preset: Preset,
     folder: Path,
     budget_bytes: int,
 ) -> dict[str, Any]:
     """A picture that cannot be drawn must not cost a calibration."""
     try:
-        return _written(observed, marks, preset, folder, budget_bytes)
+        return _written(observed, points, preset, folder, budget_bytes)
     except OutputError:
         raise
     except (LensfitError, ValueError, np.linalg.LinAlgError, cv2.error) as error:
@@ -99,7 +99,7 @@ def _tried(
 
 def _written(
     observed: Observed,
-    marks: PredictedMarks,
+    points: PredictedPoints,
     preset: Preset,
     folder: Path,
     budget_bytes: int,
@@ -110,7 +110,7 @@ def _written(
     assert resolved is not None
     drawing = drawing_of(
         take.observations,
-        marks,
+        points,
         small,
         resolved.target.kind,
         resolved.target.hole_diameter_mm,

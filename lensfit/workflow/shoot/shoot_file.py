@@ -18,6 +18,7 @@ from typing import Any
 
 from lensfit._strict import (
     LARGEST_TOML_BYTES,
+    array_table_place,
     convert_strictly,
     did_you_mean,
     non_finite_numbers,
@@ -136,9 +137,11 @@ def shoot_of(
     data, notes = plain_form(data, path)
     for key, value in non_finite_numbers(data):
         if not (key.endswith(".focus_distance_mm") and value == math.inf):
-            raise ShootError(f"{_place(key)}: {value} is no finite number", where=path)
+            raise ShootError(
+                f"{array_table_place(key)}: {value} is no finite number", where=path
+            )
     tables = convert_strictly(
-        data, ShootFile, error=ShootError, where=path, place=_place
+        data, ShootFile, error=ShootError, where=path, place=array_table_place
     )
     unconfirmed = unconfirmed_fields(text)
     targets = _by_name(tables.target, path)
@@ -159,16 +162,6 @@ def _text(path: Path) -> str:
     """The file with its comments, which the reader of TOML drops."""
     content = read_bounded(path, LARGEST_TOML_BYTES, error=ShootError, remedy=_SOURCE)
     return utf8_text(content, path, error=ShootError, remedy=_MEND)
-
-
-def _place(key: str) -> str:
-    """ "take[2].f_number" as its reader finds it: "[[take]] 3, f_number"."""
-    table, bracket, rest = key.partition("[")
-    if not bracket or "." in table:
-        return key
-    index, _, inner = rest.partition("]")
-    name = inner.lstrip(".")
-    return f"[[{table}]] {int(index) + 1}" + (f", {name}" if name else "")
 
 
 def _by_name(targets: list[Target], path: Path) -> dict[str, Target]:

@@ -29,7 +29,7 @@ _IN_FOCUS_DIOPTRES = 0.01
 def blurred_views(takes: Sequence[View]) -> Iterator[Contradiction]:
     """Views that are wider than another of the same target, focus and f-number."""
     widths = {id(take): central_diameter_px(take) for take in takes}
-    told: set[str] = set()
+    named: set[str] = set()
     for take in takes:
         mine = widths[id(take)]
         for other in takes:
@@ -37,8 +37,8 @@ def blurred_views(takes: Sequence[View]) -> Iterator[Contradiction]:
             if other is take or mine is None or theirs is None:
                 continue
             wider = mine > _WIDER_RATIO * theirs and mine > theirs + _WIDER_PX
-            if wider and take.name not in told and _no_wider(take, other):
-                told.add(take.name)
+            if wider and take.name not in named and _no_wider(take, other):
+                named.add(take.name)
                 mine_name, other_name = Path(take.name).stem, Path(other.name).stem
                 yield Contradiction(
                     kind="blurred_view",

@@ -266,12 +266,14 @@ class JointModel:
         """Which view each residual is of; -1 for none."""
         sizes = [2 * len(view.board) for view in self.views]
         owner = np.repeat(np.arange(len(sizes)), sizes)
-        told = [
+        of_distances = [
             k
             for k, view in enumerate(self.views)
             if view.take.target_distance_mm is not None and k not in distances
         ]
-        return np.concatenate([owner, np.full(len(self.names), -1), told]).astype(int)
+        return np.concatenate(
+            [owner, np.full(len(self.names), -1), of_distances]
+        ).astype(int)
 
 
 def joint_model(takes: Sequence[View]) -> JointModel | None:

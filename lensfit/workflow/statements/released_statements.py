@@ -104,15 +104,15 @@ def _releases(
     for name in model.names:
         if name[0] in ("pitch", "focal_length") and name not in shared:
             tried.append((name[0], name, shared | {name: RELEASED_SD}, distances))
-    told = [
+    stated = [
         k
         for k, view in enumerate(model.views)
         if view.take.target_distance_mm is not None and k not in distances
     ]
-    for k in told:
+    for k in stated:
         tried.append(("target_distance", k, shared, distances | {k}))
-    if len(told) > 1:
-        tried.append(("target_distance", None, shared, distances | set(told)))
+    if len(stated) > 1:
+        tried.append(("target_distance", None, shared, distances | set(stated)))
     found = [
         _Release(
             kind,
@@ -127,7 +127,9 @@ def _releases(
     # All distances at once explain what one pitch does with more numbers.
     return sorted(
         worth,
-        key=lambda one: one.solution.chi_squared + 10.0 * (one.key is None) * len(told),
+        key=lambda one: (
+            one.solution.chi_squared + 10.0 * (one.key is None) * len(stated)
+        ),
     )
 
 

@@ -14,8 +14,8 @@ from look_makers import (
     within,
 )
 
-from lensfit.rendering.look.bloom import bloomed
 from lensfit.rendering.look.blur_of_light import SharpLayer, blur_of_light
+from lensfit.rendering.look.glare import bloomed
 
 CENTRE = (120.5, 80.5)
 

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from lensfit.rendering.look.bloom import HALO as BLOOM
-from lensfit.rendering.look.diffusion import HALO as DIFFUSION
+from lensfit.rendering.look.glare import BLOOM, DIFFUSION, PRO_MIST
 from lensfit.rendering.look.halo import Halo, haloed, octave_shares
-from lensfit.rendering.look.pro_mist import HALO as PRO_MIST
 from lensfit.rendering.look.pyramid import (
     doubled,
     gaussian,

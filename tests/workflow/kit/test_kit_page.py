@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
-from lensfit.workflow.kit.blur_widths import width_px
 from lensfit.workflow.kit.kit_page import kit_page, summary
 from lensfit.workflow.kit.kit_records import FocusMark, KitLens
 from lensfit.workflow.kit.lens_facts import (
     breathing_percent,
     focus_scale,
     measured_distance_mm,
+    width_px,
 )
 from lensfit.workflow.kit.match import matches
 

@@ -8,7 +8,7 @@ from lensfit.errors import ImageError
 from lensfit.io.depth_channel import DepthMeaning
 from lensfit.io.exr import ExrPart
 from lensfit.io.exr_deep import DeepPart
-from lensfit.plate.deep_layers import deep_layers
+from lensfit.plate.frame.deep_plate import deep_layers
 from lensfit.rendering.layer_stack import flattened_layers
 
 METRES = DepthMeaning(1000.0)

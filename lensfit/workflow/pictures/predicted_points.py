@@ -1,6 +1,6 @@
-"""Positions of the marks in every photograph as the fitted lens predicts them.
+"""Positions of the detected points in every photograph, as the fitted lens predicts.
 
-A dot's mark is its centroid and, where its blur was measured, the image of light that
+A dot's point is its centroid and, where its blur was measured, the image of light that
 the model expects around the chief ray; a line's is a sample of its middle; a corner's
 is the corner. Pixels of the photograph, x right, y down.
 """
@@ -21,33 +21,35 @@ from lensfit.workflow.pictures.dot_light import DotLight
 
 
 @dataclass(frozen=True, eq=False)
-class PredictedMarks:
-    """Marks of one photograph where the model puts them.
+class PredictedPoints:
+    """Detected points of one photograph where the model puts them.
 
     Attributes
     ----------
     state : Of the lens.
-    points_px : Where each mark of the photograph would be seen.
+    points_px : Where each point of the photograph would be seen.
     chief_rays_px : Where its chief ray lands; the same where blur was not measured.
-    stretch_px : d pixels / d mm on the target, at every mark.
+    stretch_px : d pixels / d mm on the target, at every point.
     pitch_mm : Of the target.
     light : Of the dots, where their blur was measured.
     """
 
     state: LensState
-    points_px: Float[np.ndarray, "marks 2"]
-    chief_rays_px: Float[np.ndarray, "marks 2"]
-    stretch_px: Float[np.ndarray, "marks 2 2"]
+    points_px: Float[np.ndarray, "points 2"]
+    chief_rays_px: Float[np.ndarray, "points 2"]
+    stretch_px: Float[np.ndarray, "points 2 2"]
     pitch_mm: tuple[float, float]
     light: DotLight | None = None
 
 
-def predicted_marks(fitted: FittedLens, takes: list[View]) -> dict[str, PredictedMarks]:
+def predicted_points(
+    fitted: FittedLens, takes: list[View]
+) -> dict[str, PredictedPoints]:
     """Every photograph that was fitted, by name.
 
     Parameters
     ----------
-    takes : As observed: their marks are where they were seen.
+    takes : As observed: their points are where they were seen.
     """
     seen = {take.name: take.observations.points_px for take in takes}
     found = {}
@@ -58,7 +60,7 @@ def predicted_marks(fitted: FittedLens, takes: list[View]) -> dict[str, Predicte
             count, size_mm = len(take.observations), take.pixel_mm
             left_px = left_mm[k, :count] / size_mm
             # What blur does to a centroid is in what was seen, not in what is left.
-            found[take.name] = PredictedMarks(
+            found[take.name] = PredictedPoints(
                 state=state,
                 points_px=seen[take.name] + left_px,
                 chief_rays_px=take.observations.points_px + left_px,
@@ -71,8 +73,8 @@ def predicted_marks(fitted: FittedLens, takes: list[View]) -> dict[str, Predicte
 
 
 def _with_light(
-    wavefront: WavefrontFit, found: dict[str, PredictedMarks]
-) -> dict[str, PredictedMarks]:
+    wavefront: WavefrontFit, found: dict[str, PredictedPoints]
+) -> dict[str, PredictedPoints]:
     """The photographs whose dots show the blur, with the light of these."""
     dot_data = wavefront.dot_data
     landings = green_landings(wavefront.stage, dot_data)
@@ -85,14 +87,14 @@ def _with_light(
         predicted = found.get(photograph.take.name)
         if predicted is None or photograph.take.observations.edge_blur_px is not None:
             continue
-        mine, marks = dot_data.take == k, photograph.dot_images.marks
+        mine, dots_of = dot_data.take == k, photograph.dot_images.marks
         size_mm = photograph.take.pixel_mm
         variance_mm2 = float(np.median(gaussian_mm2[mine]))
         light = DotLight(
             landings=Landings(*(part[mine] for part in landings)),
-            chief_rays_px=predicted.chief_rays_px[marks],
+            chief_rays_px=predicted.chief_rays_px[dots_of],
             # The larger a hole is imaged, the more light it sends.
-            brightness=np.abs(np.linalg.det(predicted.stretch_px[marks])),
+            brightness=np.abs(np.linalg.det(predicted.stretch_px[dots_of])),
             pixel_mm=size_mm,
             sigma_px=float(np.sqrt(variance_mm2 / np.prod(size_mm))),
             disc_px=None

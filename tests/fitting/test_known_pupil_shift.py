@@ -1,4 +1,4 @@
-"""How the entrance pupil walks with field angle: by tilted charts, or as is usual."""
+"""How the entrance pupil shifts with field angle: by tilted charts, or as is usual."""
 
 from dataclasses import replace
 
@@ -13,20 +13,23 @@ from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from lensfit.detect.observations import only
 from lensfit.fitting.chart_view import View
-from lensfit.fitting.entrance_pupil import FittedWalk, perspective_with_walk
-from lensfit.fitting.joint_adjustment import walk_with_shared_errors
+from lensfit.fitting.entrance_pupil import (
+    FittedPupilShift,
+    perspective_with_pupil_shift,
+)
+from lensfit.fitting.joint_adjustment import pupil_shift_with_shared_errors
 from lensfit.fitting.lens_states import fit
-from lensfit.fitting.usual_lens import usual_walk
+from lensfit.fitting.usual_lens import usual_pupil_shift
 from lensfit.fitting.view_stack import board_of, observed_of
 from lensfit.optics.many_points import undistort
 from lensfit.workflow.calibration.entries import entry_of
 
-WALK_MM, CHART_MM = -24.0, 900.0
+SHIFT_MM, CHART_MM = -24.0, 900.0
 CAMERA = Camera(30.0, (0.0, 0.0), k=(-0.05, 0.0))
 
 
 def photographed(
-    rotations, focus_mm: float, walk_mm: float = WALK_MM, noise_px: float = 0.02
+    rotations, focus_mm: float, shift_mm: float = SHIFT_MM, noise_px: float = 0.02
 ) -> list[View]:
     """A pinhole that stands farther back for steeper rays."""
     camera = Camera(
@@ -39,7 +42,7 @@ def photographed(
         pupil_mm = 0.0
         for _ in range(20):
             ahead = points[:, 2] - pupil_mm
-            pupil_mm = walk_mm * across / (across + ahead**2)
+            pupil_mm = shift_mm * across / (across + ahead**2)
         points[:, 2] -= pupil_mm
         image = camera.image_mm(points)
         seen = observations(image, noise_px, view)
@@ -56,38 +59,38 @@ def states():
     return {one.focus_distance_mm: one for one in fit(takes).states}
 
 
-def test_tilted_views_show_the_walk(states):
-    walk = states[2000.0].walk
-    assert walk.standard_deviation_mm < 4.0
-    off = abs(walk.walk_mm - WALK_MM)
-    assert off < max(3 * walk.standard_deviation_mm, 0.15 * abs(WALK_MM))
+def test_tilted_views_show_the_shift(states):
+    pupil_shift = states[2000.0].pupil_shift
+    assert pupil_shift.standard_deviation_mm < 4.0
+    off = abs(pupil_shift.shift_mm - SHIFT_MM)
+    assert off < max(3 * pupil_shift.standard_deviation_mm, 0.15 * abs(SHIFT_MM))
 
 
 def test_states_without_tilt_share_it(states):
-    walk, told = states[900.0].walk, states[2000.0].walk
-    assert walk.walk_mm == pytest.approx(told.walk_mm, abs=0.01 * 30.0)
-    assert walk.standard_deviation_mm >= told.standard_deviation_mm
-    assert walk.measured
+    pupil_shift, told = states[900.0].pupil_shift, states[2000.0].pupil_shift
+    assert pupil_shift.shift_mm == pytest.approx(told.shift_mm, abs=0.01 * 30.0)
+    assert pupil_shift.standard_deviation_mm >= told.standard_deviation_mm
+    assert pupil_shift.measured
 
 
 def test_the_preset_tells_it_with_the_distance_of_the_chart(states):
-    walk = entry_of(states[900.0]).projection.pupil_walk
-    assert walk is not None
-    assert walk.walk_mm == states[900.0].walk.walk_mm
+    pupil_shift = entry_of(states[900.0]).projection.pupil_shift
+    assert pupil_shift is not None
+    assert pupil_shift.shift_mm == states[900.0].pupil_shift.shift_mm
     pupil_mm = states[900.0].pupil.offset_mm
-    ahead_mm = walk.chart_distance_mm - pupil_mm
+    ahead_mm = pupil_shift.chart_distance_mm - pupil_mm
     # As well as the stated focal length is known.
     assert ahead_mm == pytest.approx(CHART_MM, rel=0.06)
 
 
 def test_frontal_views_say_nothing():
     (state,) = fit(photographed(FRONTAL[:1], 900.0)).states
-    assert state.walk is None
-    assert entry_of(state).projection.pupil_walk is None
+    assert state.pupil_shift is None
+    assert entry_of(state).projection.pupil_shift is None
 
 
 def test_lines_of_a_lone_chart_come_out_straight():
-    """A single plane shows no walk: the map takes up what a tilted chart has of it."""
+    """A single plane shows no shift: the map takes up what a tilted chart has of it."""
     [take] = photographed(TILTED[:1], 900.0)
     (state,) = fit([take]).states
     straight_mm = np.asarray(undistort(observed_of(take), state.distortion))
@@ -97,7 +100,7 @@ def test_lines_of_a_lone_chart_come_out_straight():
     px_per_mm = take.observations.image_size_px[0] / take.sensor_size_mm[0]
     left_px = np.sqrt(np.mean(np.sum(left_mm**2, -1))) * px_per_mm
     assert left_px < 1.2 * state.geometry.held_out_rms_px
-    assert state.uncertainty.deviation("pupil_walk")[0] == pytest.approx(0.5, rel=0.05)
+    assert state.uncertainty.deviation("pupil_shift")[0] == pytest.approx(0.5, rel=0.05)
 
 
 def test_of_what_no_photograph_shows_the_usual_is_told_as_assumed():
@@ -105,10 +108,10 @@ def test_of_what_no_photograph_shows_the_usual_is_told_as_assumed():
     take = replace(take, f_number=2.0, target_distance_mm=CHART_MM + 30.0)
     (state,) = fit([take]).states
     projection = entry_of(state).projection
-    usual = usual_walk(take.focal_length_mm, 2.0)
-    assert projection.pupil_walk is not None
-    assert projection.pupil_walk.walk_mm == pytest.approx(usual.walk_mm, abs=0.5)
-    assert "pupil_walk" in projection.assumed
+    usual = usual_pupil_shift(take.focal_length_mm, 2.0)
+    assert projection.pupil_shift is not None
+    assert projection.pupil_shift.shift_mm == pytest.approx(usual.shift_mm, abs=0.5)
+    assert "pupil_shift" in projection.assumed
 
 
 def test_what_photographs_show_outweighs_the_usual():
@@ -117,12 +120,12 @@ def test_what_photographs_show_outweighs_the_usual():
         for take in photographed(TILTED, 2000.0)
     ]
     (state,) = fit(takes).states
-    assert state.walk.measured
-    assert abs(state.walk.walk_mm - WALK_MM) < 0.2 * abs(WALK_MM)
-    assert "pupil_walk" not in entry_of(state).projection.assumed
+    assert state.pupil_shift.measured
+    assert abs(state.pupil_shift.shift_mm - SHIFT_MM) < 0.2 * abs(SHIFT_MM)
+    assert "pupil_shift" not in entry_of(state).projection.assumed
 
 
-def test_an_assumed_walk_needs_an_f_number_a_distance_and_one_pupil():
+def test_an_assumed_shift_needs_an_f_number_a_distance_and_one_pupil():
     [take] = photographed(FRONTAL[:1], 900.0)
     known = replace(take, f_number=2.0, target_distance_mm=900.0)
     for lacking in (
@@ -131,14 +134,14 @@ def test_an_assumed_walk_needs_an_f_number_a_distance_and_one_pupil():
         replace(known, squeeze=2.0),
     ):
         (state,) = fit([lacking]).states
-        assert state.walk is None
+        assert state.pupil_shift is None
 
 
 @pytest.mark.parametrize(
     "name",
     ["biotar_50", "cooke_triplet_50", "flektogon_35", "nikkor_28", "petzval_50"],
 )
-def test_traced_pupils_walk_as_is_usual(name: str):
+def test_traced_pupils_shift_as_is_usual(name: str):
     design = load_prescription(name)
     lens = set_lens(design, f_number=design.f_number, focus_distance_mm=2000.0)
     across_mm = 2000.0 * np.tan(np.radians([5.0, 10.0, 15.0]))
@@ -146,25 +149,25 @@ def test_traced_pupils_walk_as_is_usual(name: str):
     chart = np.stack([across_mm, 0 * across_mm, 0 * across_mm - 2000.0], -1)
     aim_mm = chief_aim_mm(lens, chart, 546.0)[:, 0]
     tangent = (across_mm - aim_mm) / ahead_mm
-    walk_mm = np.mean(-aim_mm / tangent * (1 + tangent**-2.0))
-    usual = usual_walk(lens.focal_length_mm, design.f_number)
-    assert abs(walk_mm - usual.walk_mm) < usual.standard_deviation_mm
+    shift_mm = np.mean(-aim_mm / tangent * (1 + tangent**-2.0))
+    usual = usual_pupil_shift(lens.focal_length_mm, design.f_number)
+    assert abs(shift_mm - usual.shift_mm) < usual.standard_deviation_mm
     if design.f_number <= 2:
         # Where it matters, it is better than to take it that pupils stand still.
-        assert abs(walk_mm - usual.walk_mm) < abs(walk_mm) / 2
+        assert abs(shift_mm - usual.shift_mm) < abs(shift_mm) / 2
 
 
 def test_many_sharp_points_tell_that_a_pupil_stands_still():
     views = [TILTED[k % 3] for k in range(9)]
     (state,) = fit(photographed(views, 2000.0, 0.0, noise_px=0.004)).states
-    assert abs(state.walk.walk_mm) < 3 * state.walk.standard_deviation_mm
-    assert state.walk.standard_deviation_mm < 3.0
+    assert abs(state.pupil_shift.shift_mm) < 3 * state.pupil_shift.standard_deviation_mm
+    assert state.pupil_shift.standard_deviation_mm < 3.0
 
 
 @pytest.mark.slow
-def test_errors_that_marks_share_are_not_taken_for_a_walk():
-    """Marks of tilted views are moved by as much as another walk would move them, and
-    say that errors may do that."""
+def test_errors_that_marks_share_are_not_taken_for_a_shift():
+    """Marks of tilted views are moved by as much as another shift of the pupil would
+    move them, and say that errors may do that."""
     still, moved = (photographed(TILTED, 2000.0, mm, 0.005) for mm in (0.0, -12.0))
     takes = []
     for one, other in zip(still, moved, strict=True):
@@ -177,23 +180,26 @@ def test_errors_that_marks_share_are_not_taken_for_a_walk():
         moves = np.repeat((there * other.pixel_mm)[None, None], 3, axis=1)
         takes.append(replace(other, observations=seen, shared_moves_mm=moves))
     (state,) = fit(takes).states
-    fitted = replace(state, walk=FittedWalk(-12.0, 20.0))
-    found = walk_with_shared_errors(fitted)
+    fitted = replace(state, pupil_shift=FittedPupilShift(-12.0, 20.0))
+    found = pupil_shift_with_shared_errors(fitted)
     adjustment = state.geometry.adjustment
-    row = adjustment.layout.blocks["pupil_walk"].start
+    row = adjustment.layout.blocks["pupil_shift"].start
     unit_mm = float(adjustment.frame.stated_focal_length_mm)
     assert adjustment.parameters[row] * unit_mm == pytest.approx(-12.0, abs=2.0)
-    assert abs(found.walk_mm) < found.standard_deviation_mm
+    assert abs(found.shift_mm) < found.standard_deviation_mm
     assert 4.0 < found.standard_deviation_mm < 15.0
 
 
-def test_a_walk_within_what_is_known_stays(states):
+def test_a_shift_within_what_is_known_stays(states):
     geometry = states[2000.0].geometry
-    fitted = FittedWalk(-20.0, 30.0)
-    assert perspective_with_walk(geometry, fitted, FittedWalk(-14.0, 7.0)) is None
-    assert perspective_with_walk(geometry, fitted, None) is None
-    assert perspective_with_walk(geometry, None, None) is None
-    known = perspective_with_walk(geometry, fitted, FittedWalk(-12.0, 7.0))
-    assert known.walk.walk_mm == -12.0
-    assert 7.0 < known.walk.common_deviation_mm < 7.5
+    fitted = FittedPupilShift(-20.0, 30.0)
+    assert (
+        perspective_with_pupil_shift(geometry, fitted, FittedPupilShift(-14.0, 7.0))
+        is None
+    )
+    assert perspective_with_pupil_shift(geometry, fitted, None) is None
+    assert perspective_with_pupil_shift(geometry, None, None) is None
+    known = perspective_with_pupil_shift(geometry, fitted, FittedPupilShift(-12.0, 7.0))
+    assert known.pupil_shift.shift_mm == -12.0
+    assert 7.0 < known.pupil_shift.common_deviation_mm < 7.5
     assert known.pupil == geometry.facts.perspective.pupil
