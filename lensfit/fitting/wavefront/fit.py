@@ -244,7 +244,9 @@ def fit_wavefront(
     chosen_fit, term_groups, term_decisions = fit_selected_term_groups(
         best, _term_groups_at(best, allowed)
     )
-    final, every = _opened(last_fit(chosen_fit, term_groups), every)
+    final = last_fit(chosen_fit, term_groups)
+    ratio = opening_ratio(final)
+    final, every = with_opening(final, ratio), opened(every, ratio)
     progress("wavefront", 4, 4)
     misfit = misfit_of(final, term_groups)
     suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT
@@ -268,12 +270,6 @@ def fit_wavefront(
         mirrored=mirrored,
         misfit=misfit,
     )
-
-
-def _opened(stage: Stage, every: DotData) -> tuple[Stage, DotData]:
-    """The fit, and all dots, with the pupil as wide as distances have it."""
-    ratio = opening_ratio(stage)
-    return with_opening(stage, ratio), opened(every, ratio)
 
 
 def _fine_dots(
