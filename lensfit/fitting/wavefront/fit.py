@@ -32,7 +32,6 @@ from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.gather import (
     DotData,
     gather,
-    opened,
     rows_spread_over_takes,
     select_dots,
 )
@@ -45,7 +44,6 @@ from lensfit.fitting.wavefront.multistart import (
     open_candidates,
     runs_against_statements,
 )
-from lensfit.fitting.wavefront.opening import opening_ratio, with_opening
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.stages import Stage, add_focus_statements, stage_on_dots
 from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
@@ -245,8 +243,6 @@ def fit_wavefront(
         best, _term_groups_at(best, allowed)
     )
     final = last_fit(chosen_fit, term_groups)
-    ratio = opening_ratio(final)
-    final, every = with_opening(final, ratio), opened(every, ratio)
     progress("wavefront", 4, 4)
     misfit = misfit_of(final, term_groups)
     suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT

@@ -61,7 +61,6 @@ class DotData:
     reference_distance_mm : For which the aberrations hold, from the sensor.
     focus : Focus distances of all photographs.
     first_order : At the reference state.
-    opening : Pupil of the lens over that of its f-number (`opening`).
     """
 
     photographs: tuple[DotPhotograph, ...]
@@ -81,7 +80,6 @@ class DotData:
     reference_distance_mm: float
     focus: FocusRange
     first_order: FirstOrder
-    opening: float = 1.0
 
     @property
     def widths(self) -> Widths:
@@ -139,14 +137,7 @@ def gather_beside(
         return None
     known = _reference(list(dot_data.photographs))
     shared = dot_data.groups, dot_data.f_numbers
-    return opened(_gathered(kept, known, *shared, settings, bands), dot_data.opening)
-
-
-def opened(dot_data: DotData, ratio: float) -> DotData:
-    """The dots of a lens whose pupil is wider by this ratio."""
-    scale = dot_data.scale
-    scale = scale._replace(reference_sine=ratio * scale.reference_sine)
-    return replace(dot_data, scale=scale, opening=ratio * dot_data.opening)
+    return _gathered(kept, known, *shared, settings, bands)
 
 
 def _gathered(
