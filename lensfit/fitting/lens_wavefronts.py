@@ -174,12 +174,14 @@ def _stopped_down(photographs: list[DotPhotograph]) -> list[DotPhotograph]:
 
 
 def _missing_statement(states: list[LensState]) -> str:
-    """Which statement a fit of the dot images lacks; empty if there are no dots."""
-    views = [view for state in states for view in state.geometry.takes]
-    dots = [t for t in views if np.isfinite(t.observations.diameter_px).any()]
-    if not dots:
-        return ""
-    return "state hole_diameter_mm of the dots, which are blurred to their middle"
+    """Which statement a fit of the dot images lacks; empty where there are neither dots
+    nor lines."""
+    seen = [view.observations for state in states for view in state.geometry.takes]
+    if any(np.isfinite(one.diameter_px).any() for one in seen):
+        return "state hole_diameter_mm of the dots, which are blurred to their middle"
+    if any(one.are_lines for one in seen):
+        return "state line_width_mm of the lines, whose edges blur hides"
+    return ""
 
 
 def _dot_photographs(

@@ -52,6 +52,10 @@ def state(*takes):
         (take(f_number=None, hole_mm=None), "state hole_diameter_mm of the dots"),
         (take(hole_mm=None, bright=False), "state hole_diameter_mm of the dots"),
         (take(hole_mm=None, diameter_px=np.nan), None),
+        (
+            take(hole_mm=None, diameter_px=np.nan, are_lines=True),
+            "state line_width_mm of the lines",
+        ),
     ],
 )
 def test_what_nobody_stated_of_the_dots_is_asked_for(one, said):
