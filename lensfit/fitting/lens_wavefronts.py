@@ -3,8 +3,8 @@
 Usable are bright and dark dots of known size (by their rims if they are wider than the
 blur), checker corners (by their crossing edges) and lines of known width. Wide dots and
 corners take longer to fit than small dots, and are used only if there are no small
-dots. A line shows the blur across itself alone: lines are used only if there is nothing
-else.
+dots. A line shows the blur across itself alone: lines are used only if nothing else was
+photographed, and at more than one setting.
 
 The f-number is the unit of the pupil, and thus of defocus. If no photograph states it,
 an assumed value describes the photographed setting equally well, as long as tilted
@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from lensfit.detect.observations import Observations
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.lens_state import LensState, by_focal_length
@@ -45,6 +46,10 @@ _TOO_LARGE = (
 )
 _UNDETERMINED = (
     "the points leave the lens undetermined: photograph more of them, at two f-numbers"
+)
+_LINES_OF_ONE_SETTING = (
+    "lines of one setting show too little of it: photograph them at two f-numbers, in "
+    "focus, nearer and farther"
 )
 _LEFT_OUT = "effort none leaves it out"
 _ENOUGH_OF_ONE_SETTING = 8
@@ -81,15 +86,16 @@ def fit_wavefronts(
         known = any(t.f_number for state in mine for t in state.geometry.takes)
         assumed = None if known else _ASSUMED_F_NUMBER
         pictured = [s for state in mine for s in _dot_photographs(state, assumed)]
-        photographs = _subset_of_one_setting(_usable_photographs(pictured))
+        usable = _usable_photographs(pictured) or _usable_lines(pictured, mine)
+        photographs = _subset_of_one_setting(usable)
         if photographs and not known:
             photographs = _stopped_down(photographs)
         if not photographs:
-            why = _TOO_LARGE if pictured else _missing_statement(mine)
+            why = _reason_without_blur(pictured, mine)
             if why:
                 found.without[focal_mm] = why
             continue
-        kept = {s.take.name for s in _usable_photographs(pictured)}
+        kept = {s.take.name for s in usable}
         names = [one.take.name for one in pictured if _shows_dots(one)]
         found.takes_with_wide_dots[focal_mm] = [
             name for name in names if name not in kept
@@ -114,14 +120,13 @@ def fit_wavefronts(
 
 def _usable_photographs(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
     """The photographs that can be used: those of charts of small holes; where there are
-    none, of broad dots and checker corners; where there are none, of lines.
+    none, of broad dots and checker corners.
 
     A chart is one of small holes if any photograph shows them small. They may be wider
     in others, which count as much: what is small in the coarse cells of a wide blur is
     broad in focus.
     """
     corners = [one for one in pictured if one.take.observations.are_corners]
-    lines = [one for one in pictured if one.take.observations.are_lines]
     dots = [one for one in pictured if _shows_dots(one)]
     sized = [(one, dot_aperture_radius_cells(one)) for one in dots]
     small = {
@@ -129,7 +134,18 @@ def _usable_photographs(pictured: list[DotPhotograph]) -> list[DotPhotograph]:
     }
     broad = [one for one, cells in sized if cells <= LARGEST_DOT_APERTURE_CELLS]
     of_small = [one for one in broad if one.take.target in small]
-    return of_small or [*broad, *corners] or lines
+    return of_small or [*broad, *corners]
+
+
+def _usable_lines(
+    pictured: list[DotPhotograph], states: list[LensState]
+) -> list[DotPhotograph]:
+    """The photographs of lines, where nothing else was photographed, at more than one
+    setting: lines of one setting show too little to move their chief rays by."""
+    lines = [one for one in pictured if one.take.observations.are_lines]
+    if _saw_dots(states) or are_of_one_setting(lines):
+        return []
+    return lines
 
 
 def _with_lines_beside(
@@ -173,15 +189,27 @@ def _stopped_down(photographs: list[DotPhotograph]) -> list[DotPhotograph]:
     return [one._replace(f_number=f_number) for one in photographs]
 
 
-def _missing_statement(states: list[LensState]) -> str:
-    """Which statement a fit of the dot images lacks; empty where there are neither dots
+def _reason_without_blur(pictured: list[DotPhotograph], states: list[LensState]) -> str:
+    """Why no photograph can be used, and the remedy; empty where there are neither dots
     nor lines."""
-    seen = [view.observations for state in states for view in state.geometry.takes]
-    if any(np.isfinite(one.diameter_px).any() for one in seen):
+    if any(_shows_dots(one) for one in pictured):
+        return _TOO_LARGE
+    if _saw_dots(states):
         return "state hole_diameter_mm of the dots, which are blurred to their middle"
-    if any(one.are_lines for one in seen):
+    if pictured:
+        return _LINES_OF_ONE_SETTING
+    if any(one.are_lines for one in _seen(states)):
         return "state line_width_mm of the lines, whose edges blur hides"
     return ""
+
+
+def _saw_dots(states: list[LensState]) -> bool:
+    """Whether dots were photographed, of known diameter or not."""
+    return any(np.isfinite(one.diameter_px).any() for one in _seen(states))
+
+
+def _seen(states: list[LensState]) -> list[Observations]:
+    return [view.observations for state in states for view in state.geometry.takes]
 
 
 def _dot_photographs(

@@ -188,14 +188,32 @@ def test_checker_corners_are_fitted_where_there_are_no_small_holes(monkeypatch):
     assert found.takes_with_wide_dots == {50.0: []}
 
 
+def lines(name, **more):
+    more = {"hole_mm": 0.2, "dot_images": object(), "are_lines": True} | more
+    return take(name, diameter_px=np.nan, **more)
+
+
 def test_lines_are_fitted_where_there_is_nothing_else(monkeypatch):
-    lines = take("lines", hole_mm=0.2, dot_images=object(), are_lines=True)
-    found, seen = fitted_of([lines], {"lines": 0.0}, monkeypatch)
-    assert seen == ["lines"]
+    shot = [lines("near", focus_mm=1500.0), lines("far", focus_mm=3000.0)]
+    found, seen = fitted_of(shot, {}, monkeypatch)
+    assert seen == ["near", "far"]
     for other in (corners("board"), take("broad", dot_images=object())):
-        found, seen = fitted_of([lines, other], {"broad": 5.0}, monkeypatch)
+        found, seen = fitted_of([*shot, other], {"broad": 5.0}, monkeypatch)
         assert seen == [other.name]
-        assert "lines" not in found.takes_with_wide_dots[50.0]
+        assert found.takes_with_wide_dots[50.0] == []
+
+
+def test_lines_are_not_fitted_in_place_of_dots_of_unknown_size(monkeypatch):
+    shot = [lines("near", focus_mm=1500.0), lines("far"), take("dots", hole_mm=None)]
+    found, seen = fitted_of(shot, {}, monkeypatch)
+    assert not seen
+    assert found.without[50.0].startswith("state hole_diameter_mm of the dots")
+
+
+def test_lines_of_one_setting_are_not_fitted(monkeypatch):
+    found, seen = fitted_of([lines("one"), lines("two")], {}, monkeypatch)
+    assert not seen
+    assert "photograph them at two f-numbers" in found.without[50.0]
 
 
 def test_of_many_photographs_of_one_setting_the_least_alike_are_fitted(monkeypatch):

@@ -19,6 +19,7 @@ ScaleToSensorOption = Annotated[
         "--scale-to-sensor",
         help="Put the look on a focal length or sensor that it was not measured at: by "
         "field angle, beyond those in units of the frame",
+        rich_help_panel=_PANEL,
     ),
 ]
 
