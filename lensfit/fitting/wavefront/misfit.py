@@ -61,11 +61,13 @@ def _own_defocus(stage: Stage, mine: Bool[np.ndarray, " dots"]) -> list[int]:
 
 
 def held_out_dots(stage: Stage, term_groups: tuple[TermGroup, ...]) -> float:
-    """Misfit of each half of the dots held out, over the misfit of all."""
+    """Misfit of each half of the dots held out, over the misfit of all; NaN where half
+    of them leave the lens so free that it ends where the equations do not hold."""
     free = indices_of(term_groups)
     trial = trial_of(stage, free, np.array([], int))
     total = float(np.sum(stage.equations.chi_squared))
-    return float(np.sqrt(trial.scores(np.array([], int)).held_out / max(total, 1e-300)))
+    held_out = trial.scores(np.array([], int)).held_out
+    return float(np.sqrt(held_out / max(total, 1e-300))) if held_out > 0 else np.nan
 
 
 class Misfit(NamedTuple):
