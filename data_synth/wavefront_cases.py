@@ -25,7 +25,7 @@ from data_synth.tolerances import (
     scaled,
     with_rims_closed,
 )
-from data_synth.wavefront_plan import WavefrontPlan, wavefront_shots
+from data_synth.wavefront_plan import CHART_PLANS, WavefrontPlan, wavefront_shots
 
 WAVELENGTHS = 5
 FOCAL_MM = (14.0, 135.0)
@@ -35,14 +35,6 @@ OPEN_STOPS = 1.5
 """Random lenses are closed by up to this many stops."""
 STRENGTHS = (0.3, 1.5)
 BLADES = (0, 5, 6, 7, 8, 9, 11)
-_CHARTS = (
-    ("holes of 1.6 px", WavefrontPlan()),
-    ("holes of 5 px", WavefrontPlan(hole_px=5.0)),
-    ("dark dots of 6 px", WavefrontPlan(hole_px=6.0, dark=True)),
-    ("dark dots of 16 px", WavefrontPlan(hole_px=16.0, dark=True)),
-    ("checkerboard", WavefrontPlan(kind="checkerboard")),
-    ("lines of 3 px", WavefrontPlan(kind="line-grid", hole_px=3.0)),
-)
 _FORMS: tuple[PictureFormat, ...] = ("exr", "png16", "jpg")
 _TILTED_SHARE = 0.75
 """Of shoots drawn by chance, which have a tilted take."""
@@ -170,12 +162,12 @@ CASES = {
     "checkerboard": Case(
         "a checkerboard in place of dots",
         partial(_bundled, "biotar_50"),
-        WavefrontPlan(kind="checkerboard", with_lines=False),
+        CHART_PLANS["checkerboard"],
     ),
     "line_grid": Case(
         "lines of 3 px in place of dots",
         partial(_bundled, "biotar_50"),
-        WavefrontPlan(kind="line-grid", hole_px=3.0, with_lines=False),
+        CHART_PLANS["line_grid"],
     ),
     "single_focus": Case(
         "no take is out of focus",
@@ -247,7 +239,7 @@ def random_plan(number: int, seed: int) -> tuple[str, WavefrontPlan]:
     """How the lens of that number is photographed, in a few words and as a plan: with
     what chart, in what files."""
     rng = np.random.default_rng([seed, number, 1])
-    name, plan = _CHARTS[int(rng.integers(len(_CHARTS)))]
+    name, plan = list(CHART_PLANS.items())[int(rng.integers(len(CHART_PLANS)))]
     form = _FORMS[int(rng.integers(len(_FORMS)))]
     with_lines = plan.kind == "dot-grid" and bool(rng.integers(2))
     with_tilted = bool(rng.random() < _TILTED_SHARE)

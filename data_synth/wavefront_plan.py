@@ -87,6 +87,18 @@ class WavefrontPlan:
     kind: ChartKind = "dot-grid"
 
 
+CHART_PLANS = {
+    "holes": WavefrontPlan(),
+    "dots_6": WavefrontPlan(hole_px=6.0, dark=True, with_lines=False),
+    "dots_20": WavefrontPlan(hole_px=20.0, dark=True, with_lines=False),
+    "dots_48": WavefrontPlan(hole_px=48.0, dark=True, with_lines=False),
+    "checkerboard": WavefrontPlan(kind="checkerboard", with_lines=False),
+    "line_grid": WavefrontPlan(kind="line-grid", hole_px=LINE_PX, with_lines=False),
+}
+"""By chart: holes of 1.6 pixels, dark dots of 6, 20 and 48, squares, lines of 3. Holes
+alone have a line grid beside them."""
+
+
 def wavefront_shots(
     prescription: Prescription, frame: Frame, plan: WavefrontPlan | None = None
 ) -> list[Shot]:

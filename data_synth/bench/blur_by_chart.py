@@ -7,6 +7,7 @@ photograph in focus only its own setting counts.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,13 +18,12 @@ from data_synth.bench.rows import Row, as_tables
 from data_synth.bench.wavefront.benchmark import Judge, Trial, bench_wavefront
 from data_synth.prescription import load_prescription
 from data_synth.wavefront_cases import subject_of
-from data_synth.wavefront_plan import WavefrontPlan
+from data_synth.wavefront_plan import CHART_PLANS, WavefrontPlan
 from lensfit.errors import LensfitError
 from lensfit.progress import Progress, silent
 
 LENSES = ("biotar_50", "nikkor_28", "petzval_50")
 """A double Gauss, a retrofocus and a Petzval lens."""
-_ONE_SETTING = ("in",)
 _HONEST, _SLACK = 67.5, 12.5
 """Percent of errors within one stated deviation: 55 to 80 pass."""
 
@@ -37,46 +37,22 @@ class ChartCase(NamedTuple):
     aim: tuple[float, float]
 
 
+ONE_PHOTOGRAPH = replace(
+    CHART_PLANS["dots_20"],
+    focus_states=("in",),
+    with_tilted=False,
+    with_stopped_down=False,
+)
 CHARTS = {
-    "holes": ChartCase(WavefrontPlan(), (0.03, 0.07), (0.025, 0.06)),
-    "dots_6": ChartCase(
-        WavefrontPlan(hole_px=6.0, dark=True, with_lines=False),
-        (0.05, 0.12),
-        (0.03, 0.08),
-    ),
-    "dots_20": ChartCase(
-        WavefrontPlan(hole_px=20.0, dark=True, with_lines=False),
-        (0.07, 0.15),
-        (0.04, 0.10),
-    ),
-    "dots_48": ChartCase(
-        WavefrontPlan(hole_px=48.0, dark=True, with_lines=False),
-        (0.10, 0.20),
-        (0.04, 0.10),
-    ),
-    "checkerboard": ChartCase(
-        WavefrontPlan(kind="checkerboard", with_lines=False), (0.10, 0.20), (0.06, 0.12)
-    ),
-    "line_grid": ChartCase(
-        WavefrontPlan(kind="line-grid", hole_px=3.0, with_lines=False),
-        (0.12, 0.25),
-        (0.06, 0.12),
-    ),
-    "one_photograph": ChartCase(
-        WavefrontPlan(
-            hole_px=20.0,
-            dark=True,
-            focus_states=_ONE_SETTING,
-            with_tilted=False,
-            with_lines=False,
-            with_stopped_down=False,
-        ),
-        (0.10, 0.20),
-        (0.06, 0.12),
-    ),
+    "holes": ChartCase(CHART_PLANS["holes"], (0.03, 0.07), (0.025, 0.06)),
+    "dots_6": ChartCase(CHART_PLANS["dots_6"], (0.05, 0.12), (0.03, 0.08)),
+    "dots_20": ChartCase(CHART_PLANS["dots_20"], (0.07, 0.15), (0.04, 0.10)),
+    "dots_48": ChartCase(CHART_PLANS["dots_48"], (0.10, 0.20), (0.04, 0.10)),
+    "checkerboard": ChartCase(CHART_PLANS["checkerboard"], (0.10, 0.20), (0.06, 0.12)),
+    "line_grid": ChartCase(CHART_PLANS["line_grid"], (0.12, 0.25), (0.06, 0.12)),
+    "one_photograph": ChartCase(ONE_PHOTOGRAPH, (0.10, 0.20), (0.06, 0.12)),
 }
-"""Charts by name: holes of 1.6 pixels, dark dots of 6, 20 and 48 pixels, squares, lines
-of 3 pixels, and a single photograph of dots of 20."""
+"""By name; the last is a single photograph of dots of 20 pixels."""
 
 
 def bench_blur_by_chart(
@@ -140,7 +116,7 @@ def _rows(name: str, case: ChartCase, figures: dict[str, Any] | None) -> list[Ro
     if figures is None or not figures["psf"]:
         return [Row(name, "psf", float("nan"), bar=case.bar[0])]
     psf = figures["psf"]
-    alone = case.plan.focus_states == _ONE_SETTING and not case.plan.with_stopped_down
+    alone = case.plan is ONE_PHOTOGRAPH
     errors = next(iter(psf["by_setting"].values())) if alone else psf["all"]
     found = [
         Row(name, f"psf, {what}", errors[part], bar=case.bar[k], aim=case.aim[k])

@@ -87,7 +87,7 @@ class Observations:
     @property
     def are_corners(self) -> bool:
         """Whether marks are corners where plain squares meet."""
-        return self.edge_blur_px is not None and not self.are_lines
+        return self.are_edges and not self.are_lines
 
     @property
     def are_lines(self) -> bool:
@@ -95,9 +95,14 @@ class Observations:
         return self.lines is not None
 
     @property
+    def are_edges(self) -> bool:
+        """Whether marks are corners or lines, which are seen by their edges."""
+        return self.edge_blur_px is not None
+
+    @property
     def are_dark_dots(self) -> bool:
         """Whether marks are dots, darker than their surround."""
-        return not (self.bright or self.are_corners or self.are_lines)
+        return not (self.bright or self.are_edges)
 
 
 def only(found: Observations, kept: Bool[np.ndarray, " marks"]) -> Observations:

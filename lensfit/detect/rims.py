@@ -39,7 +39,7 @@ def cut_rims(
     -------
     None of other marks, and where blur reaches the middle of dots or wants their cells.
     """
-    if whole is None or marks.edge_blur_px is not None or whole.cell_px == 1:
+    if whole is None or marks.are_edges or whole.cell_px == 1:
         return None
     cell = cell_px_of(BLURS * _rim_blur_px(marks, whole) + MARGIN_PX)
     if cell >= whole.cell_px or np.mean(even_in_the_middle(marks, whole)) < _LEAST_EVEN:

@@ -5,8 +5,8 @@
    and the decentring that one of them determines (`shared_parameters`).
 2. For each focal length a wavefront is fitted to the images of the dots
    (`lens_wavefronts`). It predicts the centroid bias: centroid minus chief ray.
-3. The biases are subtracted, and geometry and colour are fitted again, now to chief
-   rays.
+3. The biases are subtracted, also those of lines beside dots, and geometry and colour
+   are fitted again, now to chief rays.
 4. Where these states fit worse than those of the centroids, or where a mosaic hides the
    shape of the dots, a joint adjustment of geometry and wavefront corrects the
    wavefront (`joint_adjustment`), and step 3 is repeated. The result is used where it

@@ -159,8 +159,7 @@ def _with_lines_beside(
 
 
 def _shows_dots(photograph: DotPhotograph) -> bool:
-    seen = photograph.take.observations
-    return not (seen.are_corners or seen.are_lines)
+    return not photograph.take.observations.are_edges
 
 
 def _subset_of_one_setting(photographs: list[DotPhotograph]) -> list[DotPhotograph]:

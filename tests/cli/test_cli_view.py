@@ -75,32 +75,6 @@ def test_without_the_extra_it_says_what_to_install(lens, plate, monkeypatch):
     assert "pip install 'lensfit[view]'" in refused(lens, plate)
 
 
-@pytest.mark.slow
-def test_the_process_answers_and_ends_with_ctrl_c(lens, plate):
-    words = ["view", str(lens), str(plate), "--no-browser", "--depth-unit", "m"]
-    with subprocess.Popen(
-        [sys.executable, "-c", "from lensfit.cli.main import main; main()", *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ,
-    ) as run:
-        assert run.stdout is not None
-        assert run.stderr is not None
-        address = run.stdout.readline().strip()
-        assert address.startswith("http://127.0.0.1:")
-        with urllib.request.urlopen(address + "api/lens") as answer:
-            assert json.load(answer)["width"] == 32
-        asked = urllib.request.Request(
-            address + "api/command", b"{}", {"Content-Type": "application/json"}
-        )
-        with urllib.request.urlopen(asked) as answer:
-            assert json.load(answer)["command"].endswith("--out lens --depth-unit=m")
-        run.send_signal(signal.SIGINT)
-        assert run.wait(60) == 0
-        assert run.stderr.read() == ""
-
-
 @contextmanager
 def view_process(*words: str | Path) -> Iterator[Callable[..., dict]]:
     """Answers of a view that is a process; it must end with Ctrl-C."""
@@ -113,12 +87,14 @@ def view_process(*words: str | Path) -> Iterator[Callable[..., dict]]:
         env=os.environ,
     ) as process:
         assert process.stdout is not None
-        address = process.stdout.readline().strip() + "api/"
+        assert process.stderr is not None
+        address = process.stdout.readline().strip()
+        assert address.startswith("http://127.0.0.1:")
 
         def ask(name: str, **message: object) -> dict:
             body = json.dumps(message).encode() if name != "lens" else None
             headers = {"Content-Type": "application/json"}
-            asked = urllib.request.Request(address + name, body, headers)
+            asked = urllib.request.Request(f"{address}api/{name}", body, headers)
             with urllib.request.urlopen(asked) as answer:
                 return json.load(answer)
 
@@ -127,6 +103,14 @@ def view_process(*words: str | Path) -> Iterator[Callable[..., dict]]:
         finally:
             process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
+        assert process.stderr.read() == ""
+
+
+@pytest.mark.slow
+def test_the_process_answers_and_ends_with_ctrl_c(lens, plate):
+    with view_process(lens, plate, "--depth-unit", "m") as ask:
+        assert ask("lens")["width"] == 32
+        assert ask("command")["command"].endswith("--out lens --depth-unit=m")
 
 
 @pytest.mark.slow

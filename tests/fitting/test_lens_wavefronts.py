@@ -18,6 +18,7 @@ def take(name="a", *, bright=True, diameter_px=4.0, f_number=2.0, hole_mm=0.5, *
         diameter_px=np.full(9, diameter_px),
         are_corners=more.get("are_corners", False),
         are_lines=more.get("are_lines", False),
+        are_edges=more.get("are_corners", False) or more.get("are_lines", False),
         points_px=more.get("points_px"),
         image_size_px=(640, 480),
     )

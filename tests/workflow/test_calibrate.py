@@ -58,7 +58,7 @@ def test_the_entrance_pupil_is_where_the_ray_trace_has_it(calibrated):
     truth = json.loads((DEMO / "dots_truth.json").read_text())
     found_mm = entry.projection.entrance_pupil_offset_mm
     assert found_mm == pytest.approx(truth["entrance_pupil_from_sensor_mm"], abs=1.5)
-    # One tilted chart hardly shows the shift of this pupil.
+    # One tilted chart shows little of the shift of this pupil.
     assert set(entry.projection.assumed) <= {"pupil_shift"}
 
 

@@ -60,10 +60,10 @@ def verdict(
     """Calibrate wrong and right shoots of traced lenses, and judge their verdicts.
 
     Wrong shoots are one shoot, spoilt in every way that is known; the table has the
-    first line that a reader sees. Right shoots are of published designs with the errors
-    of a workshop, every design once in a row; the trace says what each is good for. One
-    is in focus alone, the next through focus with a chart drawn by chance, its blur
-    measured.
+    first line that a reader sees. Right shoots are of published designs with
+    manufacturing errors, every design once in a row; the trace says what each is good
+    for. One is in focus alone, the next through focus with a chart drawn by chance, its
+    blur measured.
 
     Example: lensfit bench verdict --shoots 26 --out bench
 

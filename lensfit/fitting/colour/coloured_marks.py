@@ -6,7 +6,7 @@ were moved to chief rays are used at every aperture; the subtracted bias has err
 the wavefront, which move detections of all apertures and focus distances together.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -117,8 +117,8 @@ def marks_of(
 
 def joined_marks(seen: list[ColouredMarks]) -> ColouredMarks:
     """Of all takes; moves that a take lacks are zero there."""
-    shared = _alike([marks.shared_mm for marks in seen])
-    by_colour = _alike([marks.by_colour_mm for marks in seen])
+    shared = with_as_many_columns([marks.shared_mm for marks in seen])
+    by_colour = with_as_many_columns([marks.by_colour_mm for marks in seen])
     alike = [
         marks._replace(
             shared_mm=shared[k],
@@ -136,9 +136,10 @@ def joined_marks(seen: list[ColouredMarks]) -> ColouredMarks:
     return ColouredMarks(*joined, colour_orders=orders)
 
 
-def _alike(
-    moves_mm: list[Float[np.ndarray, "marks moves 2"]],
-) -> list[Float[np.ndarray, "marks most 2"]]:
-    """With as many moves as that with the most."""
-    most = max(one.shape[1] for one in moves_mm)
-    return [np.pad(one, [(0, 0), (0, most - one.shape[1]), (0, 0)]) for one in moves_mm]
+def with_as_many_columns(
+    moves: Sequence[Float[np.ndarray, "rows columns *shape"]],
+) -> list[Float[np.ndarray, "rows most *shape"]]:
+    """Each with as many columns as that with the most; zeros, where it lacks them."""
+    most = max(one.shape[1] for one in moves)
+    beside = [(0, 0)] * (moves[0].ndim - 2)
+    return [np.pad(one, [(0, 0), (0, most - one.shape[1]), *beside]) for one in moves]

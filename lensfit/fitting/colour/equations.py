@@ -8,8 +8,8 @@ at f/8 in one state determines the chromatic coma that biases centroids at f/2.8
 states. Each has a prior of its standard deviation (random effects), and is solved for
 together with the coefficients of all states.
 
-The shape of spots that are hardly wider than a pixel tells little of how coma changes
-with wavelength, while the same error moves their centroids by tenths of a pixel, as the
+The shape of spots that are about a pixel wide tells little of how coma changes with
+wavelength, while the same error moves their centroids by tenths of a pixel, as the
 square of the aperture. What the wavefront's terms of colour move is therefore found
 here too. How large these errors are is not known beforehand: as a share of what any
 lens has it is the one most likely from this lens' own photographs (restricted maximum
@@ -32,7 +32,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from lensfit.fitting.colour.channel_colour import LOPSIDED
-from lensfit.fitting.colour.coloured_marks import ColouredMarks
+from lensfit.fitting.colour.coloured_marks import ColouredMarks, with_as_many_columns
 from lensfit.fitting.systematic import systematic_covariance
 from lensfit.optics.lateral import displacement_basis
 
@@ -197,20 +197,12 @@ def _left_of(
 
 def _with_as_many_moves(states: Sequence[Equations]) -> list[Equations]:
     """Moves that a state lacks are zero there."""
-    pulls = max(one.pulls.shape[1] for one in states)
-    colours = max(one.by_colour.shape[1] for one in states)
-
-    def padded(columns: np.ndarray, most: int) -> np.ndarray:
-        return np.pad(columns, [(0, 0), (0, most - columns.shape[1])])
-
+    pulls = with_as_many_columns([one.pulls for one in states])
+    by_colour = with_as_many_columns([one.by_colour for one in states])
     third_order = max((one.third_order for one in states), key=len)
     return [
-        one._replace(
-            pulls=padded(one.pulls, pulls),
-            by_colour=padded(one.by_colour, colours),
-            third_order=third_order,
-        )
-        for one in states
+        one._replace(pulls=pulls[k], by_colour=by_colour[k], third_order=third_order)
+        for k, one in enumerate(states)
     ]
 
 

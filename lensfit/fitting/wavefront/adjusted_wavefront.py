@@ -114,27 +114,32 @@ def takes_with_shared_moves(
     distinct = list(dict.fromkeys(settings))
     left, moved = iter(zip(takes, settings, strict=True)), []
     for dot_data in _photographed(found):
-        moves_mm = moves_of(dot_data)
         bias_mm = smooth_centroid_biases_mm(found.stage, dot_data)
-        moves = moves_mm.shape[1] - colours
+        parts = [moves_of(dot_data), _BIAS_UNCERTAINTY * bias_mm[:, None]]
+        each_mm = np.concatenate(parts, 1)
         for k, photograph in enumerate(dot_data.photographs):
             take, setting = next(left)
-            mine = dot_data.take == k
-            shared = np.zeros((moves + len(distinct), 3, len(take.observations), 2))
-            each_mm = np.concatenate([moves_mm[mine], bias_mm[mine][:, None]], 1)
-            rows, each_mm = _of_every_mark(photograph, each_mm)
-            shared[:moves, :, rows] = each_mm[:, :moves].transpose(1, 2, 0, 3)
-            alike = moves + distinct.index(setting)
-            shared[alike, :, rows] = _BIAS_UNCERTAINTY * each_mm[:, -1]
-            take = replace(take, shared_moves_mm=shared)
+            every_mm = _moves_of_marks(photograph, each_mm[dot_data.take == k])
+            own, by_colour, unsure = np.split(every_mm, [-1 - colours, -1])
+            alike = np.zeros((len(distinct), *unsure.shape[1:]))
+            alike[distinct.index(setting)] = unsure[0]
+            take = replace(take, shared_moves_mm=np.concatenate([own, alike]))
             if colours:
-                by_colour = np.zeros((colours, *shared.shape[1:]))
-                by_colour[:, :, rows] = each_mm[:, moves:-1].transpose(1, 2, 0, 3)
-                take = replace(
-                    take, colour_moves_mm=by_colour, colour_orders=colour_orders
-                )
+                known = {"colour_moves_mm": by_colour, "colour_orders": colour_orders}
+                take = replace(take, **known)
             moved.append(take)
     return moved
+
+
+def _moves_of_marks(
+    photograph: DotPhotograph, moves_mm: Float[np.ndarray, "dots moves 3 2"]
+) -> Float[np.ndarray, "moves 3 marks 2"]:
+    """Moves of every mark; zero where they are not known."""
+    rows, known_mm = _of_every_mark(photograph, moves_mm)
+    marks = len(photograph.take.observations)
+    found = np.zeros((moves_mm.shape[1], 3, marks, 2))
+    found[:, :, rows] = known_mm.transpose(1, 2, 0, 3)
+    return found
 
 
 def _photographed(found: WavefrontFit) -> list[DotData]:

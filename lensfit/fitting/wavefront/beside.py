@@ -11,8 +11,8 @@ from scipy.spatial import KDTree
 
 from lensfit.detect.observations import Observations
 from lensfit.fitting.wavefront.dot_patches import DotPhotograph
+from lensfit.fitting.wavefront.dots import NEIGHBOURS
 
-NEIGHBOURS = 8
 _CUT_DIAMETERS = 1.0
 """Distance from the frame's edge within which a dot may be cut and not detected."""
 

@@ -1,8 +1,8 @@
 """Centroid bias of every dot: its detected point minus where its chief ray lands.
 
 The detected point of a small dot is the centroid of its light (`light_centroid`). That
-of a broad dot or a checker corner is where detection finds it on the modelled image
-(`mark`). Where the model has the detected point farther out by some amount, the chief
+of a broad dot, a checker corner or a line is where detection finds it on what the model
+draws (`mark`). Where the model has the detected point farther out by some amount, the chief
 ray lands farther in by the same amount.
 """
 
@@ -57,9 +57,7 @@ def smooth_centroid_biases_mm(
     interpolated."""
     if dot_data.dots.broad is None:
         return centroid_biases_mm(stage, dot_data)
-    few = select_dots(dot_data, rows_spread_over_takes(dot_data, _SAMPLED_FOR_ALL))
-    of_few_mm = centroid_biases_mm(stage, few)[:, None]
-    return _interpolated_to_all(of_few_mm, few, dot_data)[:, 0]
+    return _smooth(centroid_biases_mm, stage, dot_data)
 
 
 def smooth_line_light_shares(
@@ -68,12 +66,23 @@ def smooth_line_light_shares(
     """Share of the light that detection measures of lines of constant i and j at every
     sample, computed at a few and interpolated; 1 of other targets."""
     broad = dot_data.dots.broad
-    shares = np.ones((len(dot_data.take), 3, 2))
     if broad is None or not are_lines(broad).any():
-        return shares
+        return np.ones((len(dot_data.take), 3, 2))
+
+    def of_few(stage: Stage, few: DotData) -> np.ndarray:
+        return _evaluate_on_dots(line_light_shares, stage, few, _BROAD_BATCH)
+
+    return _smooth(of_few, stage, dot_data)
+
+
+def _smooth(
+    function: Callable[[Stage, DotData], Float[np.ndarray, "few 3 2"]],
+    stage: Stage,
+    dot_data: DotData,
+) -> Float[np.ndarray, "dots 3 2"]:
+    """A function of every dot, computed at a few of every take and interpolated."""
     few = select_dots(dot_data, rows_spread_over_takes(dot_data, _SAMPLED_FOR_ALL))
-    found = _evaluate_on_dots(line_light_shares, stage, few, _BROAD_BATCH)
-    return _interpolated_to_all(found[:, None], few, dot_data)[:, 0]
+    return _interpolated_to_all(function(stage, few)[:, None], few, dot_data)[:, 0]
 
 
 def centroid_bias_slopes_mm(

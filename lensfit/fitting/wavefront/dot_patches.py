@@ -80,7 +80,7 @@ def dot_aperture_radius_cells(photograph: DotPhotograph) -> float:
 
 def are_broad(photographs: Sequence[DotPhotograph]) -> bool:
     """Whether targets of these photographs are too wide to be sampled by rays."""
-    if any(one.take.observations.edge_blur_px is not None for one in photographs):
+    if any(one.take.observations.are_edges for one in photographs):
         return True
     radii = [dot_aperture_radius_cells(one) for one in photographs]
     return min(radii) > LARGEST_RAY_SAMPLED_CELLS or max(radii) > _LARGEST_BESIDE_CELLS

@@ -12,6 +12,8 @@ from jaxtyping import Bool, Float, Int
 
 from lensfit.optics.sections import Sections
 
+NEIGHBOURS = 8
+"""Of a dot in a grid."""
 Numbers = Any
 """NumPy's arrays while dots are gathered and chosen, JAX's in the fit."""
 
@@ -113,6 +115,24 @@ class Dots(NamedTuple):
     cell_mm: Float[Numbers, "dots 2"]
     sections: Sections | None = None
     broad: Broad | None = None
+
+
+def undrawn(count: int) -> Broad:
+    """Targets without discs, squares or lines, to be given what they have."""
+    return Broad(
+        disc_mm=np.zeros((count, 2, 2)),
+        rim_mm=np.zeros((count, 2)),
+        neighbour_offsets_mm=np.full((count, NEIGHBOURS, 2), np.nan),
+        square_mm=np.zeros((count, 2, 2)),
+        window_cells=np.zeros(count),
+        lattice=np.zeros((count, 2)),
+        line_width=np.zeros((count, 2)),
+        line_window_mm=np.zeros((count, 3, 3)),
+        size_width=np.zeros(count),
+        aperture=DetectionAperture(
+            np.tile(np.eye(2), (count, 1, 1)), *np.ones((3, count))
+        ),
+    )
 
 
 def are_corners(broad: Broad) -> Bool[np.ndarray, " dots"]:

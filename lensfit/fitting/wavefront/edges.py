@@ -17,6 +17,8 @@ line that a patch is about.
 Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.fft
 from jaxtyping import Bool, Complex, Float
@@ -42,20 +44,13 @@ def square_transfers(
     period : Of the slowest wave, cells.
     most : Waves besides the constant.
     """
-    size, places = _PER_CELL * period, _places(period)
-    kept = _taper(places, period).reshape(size, size)
-    drawn = np.zeros((2, len(square_cells), 2 * most + 1, most + 1), np.complex64)
-    for k, sides in enumerate(square_cells):
-        inverse = np.linalg.inv(sides)
-        # Half the width of a sample in sides: an edge's ramp is as wide.
-        ramp = np.hypot(*inverse.T) / (2 * _PER_CELL)
-        away = (places @ inverse.T.astype(np.float32)).reshape(size, size, 2)
-        wave, line = _across_edges(away, ramp)
+
+    def picture(k: int, sides: np.ndarray, ramp: np.ndarray, kept: np.ndarray):
+        wave, line = _across_edges(sides, ramp)
         bright = _MEAN + wave[..., 0] * wave[..., 1] * kept / 2
-        edges = (line[..., 0] + line[..., 1]) * kept / 2
-        for part, picture in enumerate((bright, edges)):
-            drawn[part, k] = _amplitudes(picture, most)
-    return drawn[0], drawn[1]
+        return bright, (line[..., 0] + line[..., 1]) * kept / 2
+
+    return _drawn_in_sides(square_cells, picture, period, most)
 
 
 def line_transfers(
@@ -77,20 +72,42 @@ def line_transfers(
     line_width : Of the lines across both axes in pitches, negative of dark lines.
     period, most : As for `square_transfers`.
     """
-    size, places = _PER_CELL * period, _places(period)
-    kept = _taper(places, period).reshape(size, size)
-    drawn = np.zeros((2, len(side_cells), 2 * most + 1, most + 1), np.complex64)
-    for k, sides in enumerate(side_cells):
-        inverse = np.linalg.inv(sides)
-        ramp = np.hypot(*inverse.T) / (2 * _PER_CELL)
-        away = (places @ inverse.T.astype(np.float32)).reshape(size, size, 2)
-        bright = bool((line_width[k] > 0).all())
-        inside, edges = _within_lines(away + lattice[k], np.abs(line_width[k]), ramp)
+
+    def picture(k: int, sides: np.ndarray, ramp: np.ndarray, kept: np.ndarray):
+        inside, edges = _within_lines(sides + lattice[k], np.abs(line_width[k]), ramp)
         beside = (1 - inside) * kept[..., None]
         light = (1 - (1 - inside).prod(-1)) * kept
         wider = edges[..., 0] * beside[..., 1] + edges[..., 1] * beside[..., 0]
-        drawn[0, k] = _amplitudes(light if bright else 1 - light, most)
-        drawn[1, k] = _amplitudes(wider if bright else -wider, most)
+        return (light, wider) if (line_width[k] > 0).all() else (1 - light, -wider)
+
+    return _drawn_in_sides(side_cells, picture, period, most)
+
+
+def _drawn_in_sides(
+    side_cells: Float[np.ndarray, "patches 2 2"],
+    picture: Callable[..., tuple[np.ndarray, np.ndarray]],
+    period: int,
+    most: int,
+) -> tuple[
+    Complex[np.ndarray, "patches down right"], Complex[np.ndarray, "patches down right"]
+]:
+    """Amplitudes of a pattern about every patch, and of its change by size.
+
+    Parameters
+    ----------
+    side_cells : The pattern's units along both axes, in columns.
+    picture : Of the patch's number, the places of samples in these units, half the
+        width of a sample in them, as wide as the ramp of an edge, and the taper.
+    """
+    size, places = _PER_CELL * period, _places(period)
+    kept = _taper(places, period).reshape(size, size)
+    drawn = np.zeros((2, len(side_cells), 2 * most + 1, most + 1), np.complex64)
+    for k, of_patch in enumerate(side_cells):
+        inverse = np.linalg.inv(of_patch)
+        ramp = np.hypot(*inverse.T) / (2 * _PER_CELL)
+        sides = (places @ inverse.T.astype(np.float32)).reshape(size, size, 2)
+        for part, drawing in enumerate(picture(k, sides, ramp, kept)):
+            drawn[part, k] = _amplitudes(drawing, most)
     return drawn[0], drawn[1]
 
 

@@ -200,7 +200,7 @@ def _valid(
 ) -> Bool[np.ndarray, "dots 3 rows columns"]:
     """Cells to use; of broad dots none that lie nearer to a neighbouring dot."""
     usable = usable_cells(photograph.dot_images)
-    if broad is None or photograph.take.observations.edge_blur_px is not None:
+    if broad is None or photograph.take.observations.are_edges:
         return usable
     return usable & own_cells(photograph, broad.neighbour_offsets_mm)[:, None]
 

@@ -27,7 +27,7 @@ from lensfit.fitting.geometry import (
     parts_of,
 )
 from lensfit.fitting.parameters import Layout as GeometryLayout
-from lensfit.fitting.wavefront.beside import NEIGHBOURS, neighbour_offsets_mm
+from lensfit.fitting.wavefront.beside import neighbour_offsets_mm
 from lensfit.fitting.wavefront.dot_aperture import (
     DotAperture,
     dot_aperture_of,
@@ -39,7 +39,7 @@ from lensfit.fitting.wavefront.dot_patches import (
     diameters_mm,
     dot_aperture_radius_mm,
 )
-from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots
+from lensfit.fitting.wavefront.dots import Broad, DetectionAperture, Dots, undrawn
 from lensfit.fitting.wavefront.edges import is_square_ahead_bright
 from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.optics.depth import ObjectShift, object_shift
@@ -219,10 +219,10 @@ def _broad(
     disc_mm = per_board * dot_aperture_radius_mm(photograph)
     width = np.full(len(disc_mm), photograph.take.widths.diameter)
     seen = photograph.take.observations
-    if seen.edge_blur_px is None:
+    if not seen.are_edges:
         beside = neighbour_offsets_mm(photograph)
         aperture = _aperture(photograph, disc_mm, beside)
-        return _edges(len(disc_mm))._replace(
+        return undrawn(len(disc_mm))._replace(
             disc_mm=disc_mm,
             rim_mm=rim_mm,
             neighbour_offsets_mm=beside,
@@ -230,30 +230,12 @@ def _broad(
             aperture=aperture,
         )
     if seen.are_corners:
-        return _edges(len(disc_mm))._replace(
+        return undrawn(len(disc_mm))._replace(
             square_mm=_squares_mm(photograph, per_board),
             window_cells=np.full(len(disc_mm), _window_cells(photograph)),
             size_width=width,
         )
     return _lines(photograph, per_board)._replace(size_width=width)
-
-
-def _edges(count: int) -> Broad:
-    """Targets without discs, squares or lines."""
-    return Broad(
-        disc_mm=np.zeros((count, 2, 2)),
-        rim_mm=np.zeros((count, 2)),
-        neighbour_offsets_mm=np.full((count, NEIGHBOURS, 2), np.nan),
-        square_mm=np.zeros((count, 2, 2)),
-        window_cells=np.zeros(count),
-        lattice=np.zeros((count, 2)),
-        line_width=np.zeros((count, 2)),
-        line_window_mm=np.zeros((count, 3, 3)),
-        size_width=np.zeros(count),
-        aperture=DetectionAperture(
-            np.tile(np.eye(2), (count, 1, 1)), *np.ones((3, count))
-        ),
-    )
 
 
 def _lines(
@@ -264,7 +246,7 @@ def _lines(
     assert take.mark_diameter_mm is not None
     sign = 1 if take.observations.bright else -1
     square_mm = per_board * np.asarray(take.pitch_mm)
-    return _edges(count)._replace(
+    return undrawn(count)._replace(
         # The variance across a line is w^2 / 12, along any axis of a disc r^2 / 4.
         disc_mm=per_board * take.mark_diameter_mm / np.sqrt(3),
         square_mm=square_mm,

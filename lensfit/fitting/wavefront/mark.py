@@ -70,19 +70,15 @@ def detected_point_offsets_mm(
     dot, transfer : Of one broad dot.
     """
 
-    broad = _broad_of(dot)
-
-    def channel(chromatic: Array, lateral_mm: Array, window_mm: Array) -> Array:
-        colour = Colour(chromatic, lateral_mm)
-        spot, _ = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
+    def offset_mm(traced: _Traced) -> Array:
         return jax.lax.cond(
-            _is_line(broad),
-            lambda spot: _line_of(spot, dot, window_mm).offset_mm,
-            lambda spot: _mark_mm(_drawn(spot, dot, transfer)[0], dot),
-            spot,
+            _is_line(dot),
+            lambda spot: _line_of(spot, dot, traced.window_mm).offset_mm,
+            lambda spot: _point_on_image_mm(_drawn(spot, dot, transfer)[0], dot),
+            traced.spot,
         )
 
-    return jax.vmap(channel)(chromatic, dot.lateral_mm, broad.line_window_mm)
+    return _of_channels(offset_mm, parameters, dot, chromatic, layout, scale)
 
 
 def detected_point_offset_slopes_mm(
@@ -95,19 +91,14 @@ def detected_point_offset_slopes_mm(
 ) -> Float[Array, "3 2 parameters"]:
     """d `detected_point_offsets_mm` / d parameter."""
 
-    broad = _broad_of(dot)
-
-    def channel(chromatic: Array, lateral_mm: Array, window_mm: Array) -> Array:
-        colour = Colour(chromatic, lateral_mm)
-        seen = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
-        traced = _Traced(*seen, window_mm)
+    def slopes_mm(traced: _Traced) -> Array:
         return jax.lax.cond(
-            _is_line(broad),
+            _is_line(dot),
             lambda: _line_slopes_mm(traced, dot),
             lambda: _drawn_slopes_mm(traced, dot, transfer),
         )
 
-    return jax.vmap(channel)(chromatic, dot.lateral_mm, broad.line_window_mm)
+    return _of_channels(slopes_mm, parameters, dot, chromatic, layout, scale)
 
 
 def line_light_shares(
@@ -125,14 +116,30 @@ def line_light_shares(
     dot, transfer : Of one line sample.
     """
     del transfer  # Rays say it, no image.
-    broad = _broad_of(dot)
+
+    def share(traced: _Traced) -> Array:
+        return _line_of(traced.spot, dot, traced.window_mm).light_share
+
+    return _of_channels(share, parameters, dot, chromatic, layout, scale)
+
+
+def _of_channels(
+    function: Callable[[_Traced], Array],
+    parameters: Array,
+    dot: Dots,
+    chromatic: Array,
+    layout: Layout,
+    scale: Scale,
+) -> Float[Array, "3 *shape"]:
+    """A function of the rays of each channel."""
 
     def channel(chromatic: Array, lateral_mm: Array, window_mm: Array) -> Array:
         colour = Colour(chromatic, lateral_mm)
-        spot, _ = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
-        return _line_of(spot, dot, window_mm).light_share
+        seen = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
+        return function(_Traced(*seen, window_mm))
 
-    return jax.vmap(channel)(chromatic, dot.lateral_mm, broad.line_window_mm)
+    windows_mm = _broad_of(dot).line_window_mm
+    return jax.vmap(channel)(chromatic, dot.lateral_mm, windows_mm)
 
 
 def detected_dot_centre(
@@ -162,9 +169,8 @@ def _broad_of(dot: Dots) -> Broad:
     return dot.broad
 
 
-def _is_line(broad: Broad) -> Array:
-    """Of one target, traced."""
-    return jnp.any(broad.line_width != 0)
+def _is_line(dot: Dots) -> Array:
+    return jnp.any(_broad_of(dot).line_width != 0)
 
 
 def _line_of(spot: Spot, dot: Dots, window_mm: Array) -> DetectedLine:
@@ -179,8 +185,7 @@ def _line_slopes_mm(traced: _Traced, dot: Dots) -> Float[Array, "2 parameters"]:
     )
 
     def along(axis: Array) -> Array:
-        (by_spot,) = to_spot(axis)
-        return traced.pullback(by_spot)
+        return traced.pullback(*to_spot(axis))
 
     return jax.vmap(along)(jnp.eye(2, dtype=found.dtype))
 
@@ -189,16 +194,18 @@ def _drawn_slopes_mm(
     traced: _Traced, dot: Dots, transfer: Transfer
 ) -> Float[Array, "2 parameters"]:
     image, to_spot = _drawn(traced.spot, dot, transfer)
-    _, to_image = jax.vjp(lambda image: _mark_mm(image, dot), image)
+    found, to_image = jax.vjp(lambda image: _point_on_image_mm(image, dot), image)
 
     def along(axis: Array) -> Array:
-        (by_image,) = to_image(axis)
-        return traced.pullback(to_spot(by_image))
+        return traced.pullback(to_spot(*to_image(axis)))
 
-    return jax.vmap(along)(jnp.eye(2, dtype=image.dtype))
+    return jax.vmap(along)(jnp.eye(2, dtype=found.dtype))
 
 
-def _mark_mm(image: Float[Array, "cells cells"], dot: Dots) -> Float[Array, "2"]:
+def _point_on_image_mm(
+    image: Float[Array, "cells cells"], dot: Dots
+) -> Float[Array, "2"]:
+    """The detected point of a dot or a corner, from the middle."""
     broad, cell_mm = _broad_of(dot), dot.cell_mm
 
     def corner(image: Array) -> Array:

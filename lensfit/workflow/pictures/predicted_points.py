@@ -85,7 +85,7 @@ def _with_light(
     with_light = {}
     for k, photograph in enumerate(dot_data.photographs):
         predicted = found.get(photograph.take.name)
-        if predicted is None or photograph.take.observations.edge_blur_px is not None:
+        if predicted is None or photograph.take.observations.are_edges:
             continue
         mine, dots_of = dot_data.take == k, photograph.dot_images.marks
         size_mm = photograph.take.pixel_mm

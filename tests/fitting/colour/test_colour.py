@@ -211,8 +211,8 @@ STOPS = {2.8: 1.0, 5.6: 0.25}
 """f-numbers, and coma there of that at the widest."""
 
 
-def dragged(drag_px, seed, stops=tuple(STOPS), unit_px=3.0):
-    """Takes whose red is dragged outward by coma, and whose lens may have such coma of
+def biased(bias_px, seed, stops=tuple(STOPS), unit_px=3.0):
+    """Takes whose red has a centroid bias by coma, and whose lens may have such coma of
     `unit_px` at the edge."""
     takes = []
     for k, f_number in enumerate(stops):
@@ -221,7 +221,7 @@ def dragged(drag_px, seed, stops=tuple(STOPS), unit_px=3.0):
         along = radial((1.0,))
 
         def moved(points, truth=truth, along=along, coma=coma):
-            return truth(points) + drag_px * coma * along(points)
+            return truth(points) + bias_px * coma * along(points)
 
         take = take_with(moved, noise_px=0.05, seed=10 * seed + k)
         green = take.observations.points_px - IMAGE_PX / 2
@@ -241,12 +241,12 @@ def dragged(drag_px, seed, stops=tuple(STOPS), unit_px=3.0):
     return tuple(takes)
 
 
-@pytest.mark.parametrize("drag_px", [0.0, 0.3])
-def test_coma_of_colour_is_found_where_two_stops_tell_it(drag_px):
+@pytest.mark.parametrize("bias_px", [0.0, 0.3])
+def test_coma_of_colour_is_found_where_two_stops_tell_it(bias_px):
     expected, off, stated = radial((1.0, -2.0))(RIM_PX), [], []
     q = RIM_PX * MM_PER_PX / RADIUS_MM
     for seed in range(6):
-        takes = dragged(drag_px, seed)
+        takes = biased(bias_px, seed)
         found = fit_colour(takes, np.zeros(2), RADIUS_MM)["r"]
         off.append(modelled_px(found, np.zeros(2), RIM_PX) - expected)
         stated.append(found.deviations(q) * RADIUS_MM / MM_PER_PX)
@@ -257,7 +257,7 @@ def test_coma_of_colour_is_found_where_two_stops_tell_it(drag_px):
 def test_at_one_stop_colour_keeps_what_coma_may_be():
     """Nothing tells it from lateral colour: no share is more likely than another."""
     expected = radial((1.0, -2.0))(RIM_PX)
-    takes = dragged(0.3, 0, stops=(2.8,))
+    takes = biased(0.3, 0, stops=(2.8,))
     found = fit_colour(takes, np.zeros(2), RADIUS_MM)["r"]
     off = modelled_px(found, np.zeros(2), RIM_PX) - expected
     assert np.abs(off).max() > 0.2

@@ -18,10 +18,11 @@ import numpy as np
 
 from lensfit.detect.dot_images import CELLS
 from lensfit.fitting.stated_facts import ORDINARY_WIDTHS
-from lensfit.fitting.wavefront.dots import Dots
+from lensfit.fitting.wavefront.dots import Broad, Dots
 from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.fitting.wavefront.gather import DotData, FocusGroup
 from lensfit.fitting.wavefront.parameters import Layout, Scale
+from lensfit.fitting.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder
 from lensfit.optics.terms import decentring_terms, rotational_terms
 
@@ -163,6 +164,22 @@ def dots_at(places_mm: np.ndarray, group: int, stop: int, cell_mm: float) -> Dot
         variance_mm2=np.full((count, 2), HOLE_VARIANCE_MM2),
         cell_mm=np.full((count, 2), cell_mm),
     )
+
+
+def broad_target(
+    broad: Broad, field_mm: np.ndarray, cell_mm: float
+) -> tuple[Dots, Transfer, jax.Array, Layout, Scale]:
+    """One target that is drawn in waves, in three channels of two wavelengths, as a
+    function of one has it."""
+    dots = dots_at(field_mm[None], 0, 0, cell_mm)._replace(
+        broad=broad,
+        lateral_mm=np.zeros((1, 3, 2, 2)),
+        sampled_ellipse_mm=np.zeros((1, 2, 2)),
+        variance_mm2=np.full((1, 2), 1e-6),
+    )
+    transfer = transfers_of(broad, dots.cell_mm, CELLS)
+    dot, transfer = jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
+    return dot, transfer, jnp.zeros((3, 2)), LAYOUT, SCALE
 
 
 def photographed(

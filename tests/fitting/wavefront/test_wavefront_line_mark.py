@@ -6,17 +6,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
+from drawn_lens import LAYOUT, Seidel, broad_target
 
-from lensfit.detect.dot_images import CELLS
 from lensfit.detect.line_profile import Centres, Stretches, Window, measure_centres
-from lensfit.fitting.wavefront.dots import Broad, DetectionAperture
+from lensfit.fitting.wavefront.dots import undrawn
 from lensfit.fitting.wavefront.mark import (
     detected_point_offset_slopes_mm,
     detected_point_offsets_mm,
     line_light_shares,
 )
-from lensfit.fitting.wavefront.waves import transfers_of
 
 PIXEL_MM, WIDTH_PX, PITCH_PX, TURN_RAD = 0.01, 3.0, 30.0, 0.12
 FIELD_MM = np.array([13.0, -9.0])
@@ -35,27 +33,15 @@ SIDES = np.array(
 def seen_of(field_mm=FIELD_MM) -> tuple[Any, ...]:
     """A line sample, as the fit has it."""
     window_px = np.array([WINDOW.half_width_px, WINDOW.fade_px, WINDOW.flank_px])
-    broad = Broad(
+    broad = undrawn(1)._replace(
         disc_mm=np.eye(2)[None] * WIDTH_PX * PIXEL_MM / np.sqrt(3),
-        rim_mm=np.zeros((1, 2)),
-        neighbour_offsets_mm=np.full((1, 8, 2), np.nan),
         square_mm=SIDES[None] * PITCH_PX * PIXEL_MM,
-        window_cells=np.zeros(1),
         lattice=np.array([[4.0, 2.5]]),
         line_width=np.full((1, 2), WIDTH_PX / PITCH_PX),
         line_window_mm=np.tile(np.cos(TURN_RAD) * PIXEL_MM * window_px, (1, 3, 1)),
         size_width=np.full(1, 0.01),
-        aperture=DetectionAperture(np.eye(2)[None], *np.ones((3, 1))),
     )
-    dots = dots_at(field_mm[None], 0, 0, PIXEL_MM)._replace(
-        broad=broad,
-        lateral_mm=np.zeros((1, 3, 2, 2)),
-        sampled_ellipse_mm=np.zeros((1, 2, 2)),
-        variance_mm2=np.full((1, 2), 1e-6),
-    )
-    transfer = transfers_of(broad, dots.cell_mm, CELLS)
-    dot, transfer = jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
-    return dot, transfer, jnp.zeros((3, 2)), LAYOUT, SCALE
+    return broad_target(broad, field_mm, PIXEL_MM)
 
 
 def photographed(along: np.ndarray, across: np.ndarray) -> np.ndarray:

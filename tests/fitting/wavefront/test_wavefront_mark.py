@@ -7,23 +7,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
+from drawn_lens import LAYOUT, Seidel, broad_target
 from scipy.special import erf
 
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, measure, windows_of
 from lensfit.detect.dot_images import CELLS
-from lensfit.fitting.wavefront.dots import Broad, DetectionAperture
+from lensfit.fitting.wavefront.dots import DetectionAperture, undrawn
 from lensfit.fitting.wavefront.mark import (
     detected_dot_centre,
     detected_point_offset_slopes_mm,
     detected_point_offsets_mm,
 )
-from lensfit.fitting.wavefront.waves import transfers_of
 
 PIXEL_MM, RADIUS_PX, SPACING_PX = 0.01, 3.4, 12.0
 FIELD_MM = np.array([13.0, -9.0])
 COMATIC = Seidel(coma_um=8.0, spherical_um=4.0, defocus_mm=(0.03, 0.0, 0.0))
-CHROMATIC = jnp.zeros((3, 2))
 STEPS = np.array([[i, j] for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j])
 MIDDLE = np.array([36.3, 35.8])
 """Of the picture of seven by seven dots, whose chief ray lands there."""
@@ -41,27 +39,13 @@ def seen_of(bright: bool, field_mm=FIELD_MM) -> tuple[Any, ...]:
     """A dot among others, as the fit has it."""
     disc_mm = np.eye(2)[None] * RADIUS_PX * PIXEL_MM
     neighbour_offsets_mm = STEPS[None] * SPACING_PX * PIXEL_MM
-    broad = Broad(
+    broad = undrawn(1)._replace(
         disc_mm=disc_mm,
-        rim_mm=np.zeros((1, 2)),
         neighbour_offsets_mm=neighbour_offsets_mm,
-        square_mm=np.zeros((1, 2, 2)),
-        window_cells=np.zeros(1),
-        lattice=np.zeros((1, 2)),
-        line_width=np.zeros((1, 2)),
-        line_window_mm=np.zeros((1, 3, 3)),
         size_width=np.full(1, 0.01),
         aperture=aperture_of(bright),
     )
-    dots = dots_at(field_mm[None], 0, 0, PIXEL_MM)._replace(
-        broad=broad,
-        lateral_mm=np.zeros((1, 3, 2, 2)),
-        sampled_ellipse_mm=np.zeros((1, 2, 2)),
-        variance_mm2=np.full((1, 2), 1e-6),
-    )
-    transfer = transfers_of(broad, dots.cell_mm, CELLS)
-    dot, transfer = jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
-    return dot, transfer, CHROMATIC, LAYOUT, SCALE
+    return broad_target(broad, field_mm, PIXEL_MM)
 
 
 def photographed(bright: bool, rays: int = 1_500_000) -> np.ndarray:

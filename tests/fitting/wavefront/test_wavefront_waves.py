@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
 
-from lensfit.fitting.wavefront.dots import Broad, DetectionAperture
+from lensfit.fitting.wavefront.dots import DetectionAperture, undrawn
 from lensfit.fitting.wavefront.patch import equations_of
 from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
 from lensfit.fitting.wavefront.shapes import Colour
@@ -31,16 +31,10 @@ def dot_of(disc_mm, neighbour_offsets_mm=NOBODY, size_width=1e-4):
     cell_mm = np.full((1, 2), PIXEL_MM)
     one = np.ones(1)
     aperture = DetectionAperture(5 * np.eye(2)[None], 1.3 * one, 0.3 * one, 0 * one)
-    broad = Broad(
+    broad = undrawn(1)._replace(
         disc_mm=disc_mm[None],
-        rim_mm=np.zeros((1, 2)),
         neighbour_offsets_mm=neighbour_offsets_mm[None],
-        square_mm=np.zeros((1, 2, 2)),
-        window_cells=0 * one,
-        lattice=np.zeros((1, 2)),
-        line_width=np.zeros((1, 2)),
-        line_window_mm=np.zeros((1, 3, 3)),
-        size_width=size_width * one,
+        size_width=np.full(1, size_width),
         aperture=aperture,
     )
     transfer = transfers_of(broad, cell_mm, CELLS)
