@@ -41,48 +41,48 @@ const failed = (error, asked) => {
   }
 };
 
-const proxy = new Asker(
+const QUALITIES = { proxy: "Proxy", finer: "Finer proxy", full: "Full quality" };
+
+/** Asks for pictures of one quality; the first is shown while the lens is being turned,
+ *  the others only of the state that is left. */
+const pictures = (quality) => new Asker(
   "render",
   async (answer, asked, seconds) => {
-    if (asked < shown) return;
+    const first = quality === lens.qualities[0];
+    if (first ? asked < shown : asked !== version) return;
     shown = asked;
     await show(at("made"), answer);
     say(null);
-    at("status").textContent = `Proxy, ${seconds.toFixed(2)} s`;
-    at("stage").dataset.shown = "proxy";
-    if (asked === version) rest();
+    at("status").textContent = `${QUALITIES[quality]}, ${seconds.toFixed(2)} s`;
+    at("stage").dataset.shown = quality;
+    if (quality === "full") planned.want(asked, message());
+    else if (asked === version) rest(quality);
   },
   failed,
 );
-const full = new Asker(
-  "render",
-  async (answer, asked, seconds) => {
-    if (asked !== version) return; // turned on since
-    shown = asked;
-    await show(at("made"), answer);
-    say(null);
-    at("status").textContent = `Full quality, ${seconds.toFixed(2)} s`;
-    at("stage").dataset.shown = "full";
-    planned.want(asked, message());
-  },
-  failed,
-);
+const askers = Object.fromEntries(Object.keys(QUALITIES).map((name) => [name, pictures(name)]));
 const planned = new Asker("plan", async (answer) => showPlan(await answer.json()), () => {});
 
-function rest() {
+function want(quality) {
+  askers[quality].want(version, { ...message(), ...shownAs(), quality });
+}
+
+/** After a picture of one quality, the next better one. */
+function rest(quality) {
   clearTimeout(resting);
+  const next = lens.qualities[lens.qualities.indexOf(quality) + 1];
   resting = setTimeout(() => {
-    at("status").textContent += "; full quality follows";
-    full.want(version, { ...message(), ...shownAs(), quality: "full" });
+    at("status").textContent += `; ${QUALITIES[next].toLowerCase()} follows`;
+    want(next);
   }, REST_MS);
 }
 
 function changed() {
   version += 1;
   clearTimeout(resting);
-  full.forget();
+  for (const one of Object.values(askers)) one.forget();
   at("saved").textContent = "";
-  if (lens.has_proxy) proxy.want(version, { ...message(), ...shownAs(), quality: "proxy" });
+  if (lens.qualities.length > 1) want(lens.qualities[0]);
   else rest();
   showCommand();
 }

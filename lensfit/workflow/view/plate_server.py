@@ -65,7 +65,7 @@ Stops = Annotated[float, Meta(ge=-20, le=20)]
 class Render(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A frame that is wanted."""
 
-    quality: Literal["proxy", "full"] = "full"
+    quality: Quality = "full"
     format: Literal["png", "exr"] = "png"
     exposure_stops: Stops = 0.0
     view: ViewTransform | None = None
@@ -126,7 +126,7 @@ class PlateServer:
 
     def begin(self) -> None:
         """Make the first picture while the browser starts, which asks for it then."""
-        quality: Quality = "full" if self.viewed.plate(0).proxy is None else "proxy"
+        quality = self.viewed.plate(0).qualities[0]
         self._in_turn.begin(
             quality, lambda: self.viewed.pixels(LensAdjustments(), quality)
         )

@@ -2,7 +2,8 @@
 
 Everything is made by the code of `lensfit apply` and `lensfit plan`, from the adjusted
 `ApplyOptions`, so that a picture at full quality is the frame that `apply` writes. A
-proxy is a smaller plate at a coarser tolerance through the same code.
+proxy is a smaller plate at a coarser tolerance through the same code, and so is what is
+shown between it and a large frame.
 
 Knobs are saved into a settings file without changing the rest of it; a file written in
 a way that `lensfit.workflow.shoot.toml_lines` does not understand is left alone.
@@ -105,8 +106,11 @@ def changed_text(old: str, changes: Tables, path: Path) -> str:
     return text
 
 
-Quality = Literal["proxy", "full"]
+Quality = Literal["proxy", "finer", "full"]
+"""In the order of their pixels."""
 PROXY_TOLERANCE = 1e-2
+_FINER = 4
+"""Times as many pixels along a side as a proxy's: some ten times its seconds."""
 _DIGITS = 6
 """Of a picked focus distance, so that the command line that repeats it is short."""
 _PICTURES = 4
@@ -118,15 +122,20 @@ class Plate(NamedTuple):
     Attributes
     ----------
     image, header : Its first view, and what states its camera.
-    proxy : The same, smaller; None where there is no smaller one.
+    smaller : The same with fewer pixels, by quality; none where it is small itself.
     layer : The colours that are shown.
     """
 
     path: Path
     image: ExrImage
     header: ExrImage
-    proxy: ExrImage | None
+    smaller: Mapping[Quality, ExrImage]
     layer: str
+
+    @property
+    def qualities(self) -> tuple[Quality, ...]:
+        """In which it can be shown, the quickest first."""
+        return (*self.smaller, "full")
 
 
 @final
@@ -215,9 +224,8 @@ class ViewedPlate:
             layers=[plate.layer],
             output="result",
         )
-        image = plate.image
-        if quality == "proxy" and plate.proxy is not None:
-            image = plate.proxy
+        image = plate.smaller.get(quality, plate.image)
+        if image is not plate.image:
             coarse = max(options.tolerance, PROXY_TOLERANCE)
             options = replace(options, tolerance=coarse)
         with _at(plate.path):
@@ -300,7 +308,7 @@ class ViewedPlate:
             "width": display.width,
             "height": display.height,
             "pixel_aspect": plate.image.parts[0].pixel_aspect,
-            "has_proxy": plate.proxy is not None,
+            "qualities": plate.qualities,
             "frames": [path.name for _, path in self.frames],
             "ranges": lens_ranges(self.preset, scaled),
         }
@@ -364,11 +372,17 @@ def read_plate(
         raise ImageError(
             "holds no R, G, B to render", where=path, remedy="give a colour plate"
         )
-    factor = proxy_factor(image.parts[0].display_window, most_pixels)
     # A map from outside has the size of the plate.
-    has_proxy = factor > 1 and options.stmap is None
-    proxy = proxy_of(image, factor) if has_proxy else None
-    return Plate(path, image, view.header, proxy, layer)
+    smaller = {} if options.stmap else smaller_plates(image, most_pixels)
+    return Plate(path, image, view.header, smaller, layer)
+
+
+def smaller_plates(image: ExrImage, most_pixels: int) -> dict[Quality, ExrImage]:
+    """A plate for a quick look, and one between it and the plate, if there is room."""
+    factor = proxy_factor(image.parts[0].display_window, most_pixels)
+    factors: dict[Quality, int] = {"proxy": factor, "finer": factor // _FINER}
+    made = {name: proxy_of(image, n) for name, n in factors.items() if n > 1}
+    return {name: proxy for name, proxy in made.items() if proxy is not None}
 
 
 def lens_ranges(preset: Preset, scaled: ScaledLook = UNSCALED) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from lensfit.preset.knobs import GROUP_OF, NEUTRAL, Knobs
 from lensfit.workflow.view.controls import knob_controls
 from lensfit.workflow.view.lens_adjustments import FILES, LensAdjustments
 from lensfit.workflow.view.proxy import MOST_PIXELS, proxy_factor, proxy_of
-from lensfit.workflow.view.viewed_plate import ViewedPlate
+from lensfit.workflow.view.viewed_plate import ViewedPlate, smaller_plates
 
 
 def ramps(data: Window, display: Window) -> ExrImage:
@@ -65,6 +65,18 @@ def test_a_proxy_is_no_larger_than_is_quick():
         factor = proxy_factor(window)
         assert window.area / factor**2 <= MOST_PIXELS
         assert factor == 1 or window.area / (factor / 2) ** 2 > MOST_PIXELS
+
+
+@pytest.mark.parametrize(
+    ("most_pixels", "sizes"),
+    [(96 * 54, {}), (1500, {"proxy": 48}), (90, {"proxy": 12, "finer": 48})],
+)
+def test_between_a_proxy_and_a_large_plate_lies_a_finer_one(
+    most_pixels: int, sizes: dict[str, int]
+):
+    window = Window.of_size(96, 54)
+    found = smaller_plates(ramps(window, window), most_pixels)
+    assert {q: p.parts[0].display_window.width for q, p in found.items()} == sizes
 
 
 @pytest.mark.slow

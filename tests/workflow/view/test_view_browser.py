@@ -18,6 +18,8 @@ from view_makers import (
     write_depth_plate,
 )
 
+from lensfit.workflow.view import viewed_plate
+
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
@@ -95,6 +97,29 @@ def test_the_page_is_turned_by_slider_click_and_key_and_saved(
     until(opened, f"{COMMAND}.includes('--f-number')", False)
     assert opened.complaints == []
     assert all(one.startswith((client.address, "blob:")) for one in opened.requests)
+
+
+def test_a_large_plate_grows_sharper_until_full(
+    plate: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(viewed_plate, "MOST_PIXELS", 5000)
+    width = "document.getElementById('made').naturalWidth"
+    watched = f"""window.seen = [];
+    new MutationObserver(() => window.seen.push([{SHOWN}, {width}])).observe(
+        document.getElementById("stage"), {{ attributeFilter: ["data-shown"] }})"""
+    with (
+        plate_client(plate, thin_lens(WIDTH, HEIGHT)) as client,
+        page_in_browser(client, tmp_path, f"{SHOWN} === 'full'") as browser,
+    ):
+        browser.run(watched)
+        number = "document.getElementById('k-f_number')"
+        browser.run(f"{number}.value = 8, {number}.dispatchEvent(new Event('change'))")
+        until(
+            browser, "window.seen.length > 0 && window.seen.at(-1)[0] === 'full'", True
+        )
+        seen = [["proxy", WIDTH // 8], ["finer", WIDTH // 2], ["full", WIDTH]]
+        assert browser.run("window.seen") == seen
+        assert browser.complaints == []
 
 
 def test_two_states_are_compared_by_the_wipe(opened: Browser):
