@@ -381,8 +381,12 @@ def smaller_plates(image: ExrImage, most_pixels: int) -> dict[Quality, ExrImage]
     """A plate for a quick look, and one between it and the plate, if there is room."""
     factor = proxy_factor(image.parts[0].display_window, most_pixels)
     factors: dict[Quality, int] = {"proxy": factor, "finer": factor // _FINER}
-    made = {name: proxy_of(image, n) for name, n in factors.items() if n > 1}
-    return {name: proxy for name, proxy in made.items() if proxy is not None}
+    found: dict[Quality, ExrImage] = {}
+    for name, n in factors.items():
+        proxy = proxy_of(image, n) if n > 1 else None
+        if proxy is not None:
+            found[name] = proxy
+    return found
 
 
 def lens_ranges(preset: Preset, scaled: ScaledLook = UNSCALED) -> dict[str, Any]:
