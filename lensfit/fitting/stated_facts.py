@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from lensfit.fitting.usual_lens import KnownPerspective
 
-_PUPIL_MAGNIFICATION = 0.5
+PUPIL_MAGNIFICATION_WIDTH = 0.5
 """Standard deviation of 1 / (pupil magnification) from 1 in usual lenses."""
 
 
@@ -81,7 +81,7 @@ class Facts:
         """Standard deviation of ln(principal distance): pupil magnification and moving
         groups change how it increases towards near focus."""
         return math.hypot(
-            self.widths.focal_length, _PUPIL_MAGNIFICATION * self.magnification
+            self.widths.focal_length, PUPIL_MAGNIFICATION_WIDTH * self.magnification
         )
 
 

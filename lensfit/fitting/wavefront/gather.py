@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lensfit.fitting.adjust import fitted_depths_mm
+from lensfit.fitting.breathing import inverse_pupil_magnification
 from lensfit.fitting.stated_facts import Widths
 from lensfit.fitting.wavefront.beside import own_cells
 from lensfit.fitting.wavefront.dot_patches import (
@@ -260,12 +261,35 @@ def _reference(photographs: list[DotPhotograph]) -> Reference:
     depth_scale = _depth_scale(photographs, c)
     depth_mm = depth_scale * _depth_mm(nearest)
     distance = nearest.take.target_distance_mm or depth_mm + offset
-    thin = first_order_of(*(jnp.asarray(n) for n in (c, 1.0, offset, distance)))
+    m_p = 1 / _inverse_pupil_magnification(photographs, nearest)
+    thin = first_order_of(*(jnp.asarray(n) for n in (c, m_p, offset, distance)))
     focus = FocusRange.of(
         nearest.take.focus_distance_mm,
         (one.take.focus_distance_mm for one in photographs),
     )
     return Reference(c, thin, distance, focus, depth_scale)
+
+
+def _inverse_pupil_magnification(
+    photographs: list[DotPhotograph], nearest: DotPhotograph
+) -> float:
+    """1 / m_p, from breathing; never exactly 0."""
+    found = {
+        one.take.focus_distance_mm: (
+            float(one.distortion.principal_distance_mm),
+            1 / (one.take.focus_distance_mm - one.pupil_offset_mm),
+        )
+        for one in photographs
+        if one.take.focus_distance_mm
+    }
+    statements = nearest.geometry.adjustment.statements
+    if not found or statements is None:
+        return 1.0
+    known, facts = np.array(list(found.values())), statements.facts
+    inverse = inverse_pupil_magnification(
+        known[:, 0], known[:, 1], facts.focal_length_mm, facts.widths.focal_length
+    )
+    return inverse or np.finfo(float).tiny
 
 
 def _depth_scale(

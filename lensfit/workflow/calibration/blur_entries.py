@@ -23,8 +23,9 @@ from lensfit.optics.sections import log_squeeze
 from lensfit.preset.blur_blocks import Blur, Stop
 from lensfit.preset.blur_of_block import blur_block
 
-_EQUAL_PUPILS = 1.0
-"""Assumed where the photographs do not show how far the exit pupil is."""
+_PUPIL_MAGNIFICATIONS = 0.1, 10.0
+"""Of lenses that there are; elements that move while focusing make breathing that of
+another."""
 
 
 def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
@@ -115,9 +116,11 @@ def _pupil_magnification(state: LensState, wavefront: WavefrontFit) -> float:
     """Exit over entrance pupil, from how far the exit pupil is from the sensor.
 
     By `optics.paraxial`, L = m_p f + f^2 / X and c = f + f^2 / (m_p X): L = m_p c.
+    Where the photographs do not show it, from breathing.
     """
     if not wavefront.has("exit_pupil"):
-        return _EQUAL_PUPILS
+        inverse = 1 / float(wavefront.dot_data.first_order.pupil_magnification)
+        return 1 / float(np.clip(inverse, *_PUPIL_MAGNIFICATIONS))
     stage = wavefront.stage
     return float(np.exp(stage.parameters[stage.layout.blocks["exit_pupil"]][0]))
 
