@@ -94,6 +94,46 @@ def depth_figures(
     }
 
 
+class FrameErrors(NamedTuple):
+    """Errors of chief rays where a verdict looks: the worst of all focus distances.
+
+    Attributes
+    ----------
+    corner_px : Rms over the outermost tenth of the radius, after one affine map.
+    scale_px : What the error of the image scale moves the furthest point by.
+    """
+
+    corner_px: float
+    scale_px: float
+
+
+_OUTERMOST = 0.9
+
+
+def frame_errors(
+    make: Callable[[float, float], Projects], folder: Path, frame: Frame
+) -> FrameErrors:
+    """The errors of a lens in the corners of its frame, and of its image scale.
+
+    Parameters
+    ----------
+    make : Of f-number and focus distance, mm.
+    """
+    pitch_mm, found = np.array(frame.pitch_mm), []
+    for setting in settings_in(folder, frame):
+        lens, true = make(setting.f_number, setting.focus_mm), setting.landed_mm
+        made = np.asarray(lens.project(setting.object_mm, channel=CHANNELS[GREEN]))
+        true = true[:, GREEN] / pitch_mm
+        made = made / pitch_mm
+        radius = np.linalg.norm(true, axis=-1)
+        outermost = radius > _OUTERMOST * radius.max()
+        corner = _rms((affinely_aligned(made, true) - true)[outermost])
+        here, there = made - made.mean(0), true - true.mean(0)
+        scale = float(np.sum(here * there) / np.sum(here**2)) - 1
+        found.append((corner, abs(scale) * float(radius.max())))
+    return FrameErrors(*map(max, zip(*found, strict=True)))
+
+
 def settings_in(folder: Path, frame: Frame) -> Iterator[Setting]:
     """The widest stop at every focus distance."""
     path = folder / TRUTH

@@ -7,7 +7,7 @@ import pytest
 
 from data_synth.aim import chief_landings_mm, tracer_from_object
 from data_synth.bands import camera_bands
-from data_synth.judge_depths import depth_figures, settings_in
+from data_synth.judge_depths import depth_figures, frame_errors, settings_in
 from data_synth.lens import set_lens
 from data_synth.prescription import load_prescription
 from data_synth.sensor import Sensor
@@ -82,6 +82,23 @@ def test_the_tracer_is_right_and_errors_are_counted(folder, frame):
         assert px == pytest.approx(expected_px, rel=0.15)
     for percent in off["covered_at_focus"].values():
         assert percent == pytest.approx(68.0, abs=8.0)
+
+
+def test_an_error_of_the_scale_is_told_from_one_of_the_corners(folder, frame):
+    exact = frame_errors(lambda _, mm: Traced(mm, 0.0), folder, frame)
+    assert max(exact) < 5e-3
+
+    class Larger(Traced):
+        def project(self, object_points_mm, channel="g"):
+            return 1.002 * super().project(object_points_mm, channel)
+
+    larger = frame_errors(lambda _, mm: Larger(mm, 0.0), folder, frame)
+    half_diagonal_px = np.hypot(*frame.size_px) / 2
+    assert larger.scale_px == pytest.approx(0.002 * half_diagonal_px, rel=0.15)
+    assert larger.corner_px < 5e-3
+    off = frame_errors(lambda _, mm: Traced(mm, SIGMA_MM), folder, frame)
+    expected_px = 2**0.5 * SIGMA_MM / frame.pitch_mm[0]
+    assert off.corner_px == pytest.approx(expected_px, rel=0.4)
 
 
 def test_a_lens_of_another_focus_is_seen(folder, frame):

@@ -2,9 +2,12 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from lensfit.fitting.breathing import breathing_notes
+from lensfit.fitting.breathing import breathing_notes, inverse_pupil_magnification
+from lensfit.fitting.stated_facts import PUPIL_MAGNIFICATION_WIDTH
+from lensfit.optics.paraxial import FirstOrder, first_order_of, magnification
 
 
 def state(focus_mm, principal_mm, target_mm=2000.0, focal_mm=50.0):
@@ -48,3 +51,33 @@ def test_what_was_not_measured_says_nothing(unknown):
 def test_focal_lengths_are_not_compared_with_each_other():
     states = [state(NEAR_MM, EXTENDED), state(FAR_MM, 90.0, focal_mm=85.0)]
     assert not [*breathing_notes(states)]
+
+
+def principal_distances_mm(focal_mm, m_p, from_pupil_mm):
+    """c = f (1 - m / m_p), with the entrance pupil at the sensor."""
+    lens = FirstOrder(focal_mm, m_p, 0.0)
+    return focal_mm * (1 - magnification(lens, from_pupil_mm) / m_p)
+
+
+@pytest.mark.parametrize("m_p", [0.32, 1.0, 2.2, -3.0])
+def test_breathing_is_that_of_the_pupil_magnification(m_p):
+    """Of a lens that moves as a whole, whatever was stated, within what it may be."""
+    from_pupil_mm = np.array([2600.0, 3600.0, 6000.0])
+    c_mm = principal_distances_mm(90.0, m_p, from_pupil_mm)
+    for stated_mm in (88.0, 90.0, 93.0):
+        found = inverse_pupil_magnification(c_mm, 1 / from_pupil_mm, stated_mm, 0.03)
+        assert found == pytest.approx(1 / m_p, abs=0.15)
+        focal_mm = first_order_of(c_mm[1], 1 / found, 0.0, from_pupil_mm[1])
+        assert focal_mm.focal_length_mm == pytest.approx(90.0, rel=4e-3)
+
+
+def test_one_focus_distance_says_little_of_the_pupil():
+    """What was stated and what is usual share the difference by their widths."""
+    c_mm = principal_distances_mm(90.0, 0.32, np.array([3600.0]))
+    found = inverse_pupil_magnification(c_mm, np.array([1 / 3600.0]), 90.0, 0.03)
+    assert 1.0 < found < 1 + 1.2 * PUPIL_MAGNIFICATION_WIDTH
+
+
+def test_nothing_is_learnt_of_the_pupil_focused_at_infinity():
+    found = inverse_pupil_magnification(np.array([91.0]), np.zeros(1), 90.0, 0.03)
+    assert found == pytest.approx(1.0, abs=1e-12)

@@ -20,6 +20,7 @@ from data_synth.bench.verdict.wrong_shoots import (
     WrongShoot,
 )
 from data_synth.bench.wavefront.benchmark import Trial
+from data_synth.judge_depths import FrameErrors
 from lensfit.errors import LensfitError
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
@@ -32,8 +33,8 @@ from lensfit.workflow.calibrate import calibrate
 from lensfit.workflow.shoot.shoot_file import load_shoot
 
 Table = dict[str, Any]
-JudgePx = Callable[[Preset, Path], float]
-"""Rms of chief rays against the trace, px, of a preset and its shoot's folder."""
+Judge = Callable[[Preset, Path], FrameErrors]
+"""Chief rays of a preset against the trace in its shoot's folder."""
 REFUSED = "refused"
 _NAMED_PART, _WORSE_PART = 0.8, 0.05
 
@@ -41,7 +42,7 @@ _NAMED_PART, _WORSE_PART = 0.8, 0.05
 def bench_verdict(
     right: Sequence[Trial],
     spoilt: Trial | None,
-    judge_px: JudgePx,
+    judge: Judge,
     out_dir: str | Path | None = None,
     *,
     reuse: bool = False,
@@ -54,7 +55,7 @@ def bench_verdict(
     ----------
     right : Right shoots.
     spoilt : The shoot that is spoilt in every way; None for no wrong shoots.
-    judge_px : As `data_synth` does it.
+    judge : As `data_synth` does it.
     out_dir : Folder for shoots and bench_verdict.json; None keeps nothing.
     reuse : Take the photographs that already lie in the folder.
     effort : Of the blur of right shoots.
@@ -87,7 +88,7 @@ def bench_verdict(
             make_room_for_programs()
             folder = base / trial.name
             _photograph(trial, folder, reuse)
-            found["right"].append(_right_row(trial, folder, judge_px, effort))
+            found["right"].append(_right_row(trial, folder, judge, effort))
             _result(on, out_dir, found)
     progress("shoots", whole, whole)
     return _result(on, out_dir, found)
@@ -107,28 +108,30 @@ def wrong_row(case: Wrong, shoot: WrongShoot) -> Table:
     }
 
 
-def level_of_error(error_px: float) -> Level:
-    """What a lens with this error of its chief rays is good for."""
-    if error_px <= PRECISE_PX:
-        return "measurement"
-    if error_px <= GOOD_PX:
-        return "match-moving"
-    return "look" if error_px <= ROUGH_PX else "unusable"
+def level_of_errors(errors: FrameErrors) -> Level:
+    """What a lens with these errors is good for: in its corners, as a verdict has it;
+    for undistortion alone where an error of the focal length shows in the picture."""
+    if errors.corner_px > GOOD_PX:
+        return "look" if errors.corner_px <= ROUGH_PX else "unusable"
+    if errors.scale_px > GOOD_PX:
+        return "undistortion"
+    return "measurement" if errors.corner_px <= PRECISE_PX else "match-moving"
 
 
-def _right_row(trial: Trial, folder: Path, judge_px: JudgePx, effort: str) -> Table:
+def _right_row(trial: Trial, folder: Path, judge: Judge, effort: str) -> Table:
     results = folder / "results"
     level, _, line = _judged(folder / "shoot.toml", results, effort)
-    error_px = None
+    errors = None
     if level != REFUSED:
-        error_px = judge_px(load_preset(results / "preset.json"), folder)
-    true = None if error_px is None else level_of_error(error_px)
+        errors = judge(load_preset(results / "preset.json"), folder)
+    true = None if errors is None else level_of_errors(errors)
     worse = true is not None and _rank(level) < _rank(true)
     return {
         "lens": trial.name,
         "about": trial.about,
         "level": level,
-        "error_px": error_px,
+        "corner_px": errors and errors.corner_px,
+        "scale_px": errors and errors.scale_px,
         "true_level": true,
         "worse": worse,
         "first_line": line,

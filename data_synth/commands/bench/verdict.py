@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from data_synth.bench.wavefront.benchmark import Trial
+    from data_synth.judge_depths import FrameErrors
     from data_synth.wavefront_cases import Subject
     from lensfit.preset.schema import Preset
 
@@ -78,7 +79,7 @@ def verdict(
         result = bench_verdict(
             right,
             spoilt,
-            chief_ray_error_px,
+            chief_ray_errors,
             out,
             reuse=reuse,
             effort=effort,
@@ -165,10 +166,10 @@ def _without_holes(shoot_file: Path) -> None:
     shoot_file.write_text("".join(kept), encoding="utf-8")
 
 
-def chief_ray_error_px(preset: "Preset", folder: Path) -> float:
-    """Largest rms of chief rays over the frame, of all focus distances."""
+def chief_ray_errors(preset: "Preset", folder: Path) -> "FrameErrors":
+    """Of chief rays in the corners and of the image scale, by the trace."""
     from data_synth.frame import Frame
-    from data_synth.judge_depths import depth_figures
+    from data_synth.judge_depths import frame_errors
 
     camera = preset.camera
     frame = Frame(
@@ -182,8 +183,7 @@ def chief_ray_error_px(preset: "Preset", folder: Path) -> float:
             focal_length_mm=focal_mm, f_number=f_number, focus_distance_mm=focus_mm
         )
 
-    figures = depth_figures(lens_at, folder, frame)
-    return max(figures["chief_ray_at_focus_px"].values())
+    return frame_errors(lens_at, folder, frame)
 
 
 def _wrong_table(rows: list[dict[str, Any]]) -> "Table":
@@ -205,13 +205,21 @@ def _right_table(rows: list[dict[str, Any]]) -> "Table":
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("right shoot", "about", "level", "trace says", "error px"):
+    for name in (
+        "right shoot",
+        "about",
+        "level",
+        "trace says",
+        "corner px",
+        "scale px",
+    ):
         table.add_column(name)
     table.add_column("first line")
     for row in rows:
         level = f"[bold]{row['level']}[/bold]" if row["worse"] else row["level"]
-        error = "–" if row["error_px"] is None else f"{row['error_px']:.3f}"
+        errors = (row["corner_px"], row["scale_px"])
+        errors = ["–" if one is None else f"{one:.3f}" for one in errors]
         true = row["true_level"] or "–"
         first = row["first_line"] if row["worse"] or not row["true_level"] else ""
-        table.add_row(row["lens"], row["about"], level, true, error, escape(first))
+        table.add_row(row["lens"], row["about"], level, true, *errors, escape(first))
     return table

@@ -71,7 +71,7 @@ def mirrored_candidate(one: Candidate) -> Candidate:
         parameters=mirror_through_focus(stage.parameters, stage.layout),
         mean=mirror_through_focus(stage.mean, stage.layout),
         # Stated distances determine the side of focus: here that is in question.
-        statements=f_number_statement(stage.layout),
+        statements=f_number_statement(stage.dot_data, stage.layout),
     )
     return candidate_at(solve_stage(start))
 

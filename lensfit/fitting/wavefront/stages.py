@@ -177,7 +177,7 @@ def first_stage(dot_data: DotData, layout: Layout, parameters: np.ndarray) -> St
         deviation=np.zeros(layout.size),
         corner_mm=-dot_data.observed_mm,
         weight=initial_weights(dot_data, COARSE_SHARE),
-        statements=f_number_statement(layout),
+        statements=f_number_statement(dot_data, layout),
     )
 
 

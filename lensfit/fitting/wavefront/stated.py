@@ -12,7 +12,10 @@ the same dots. Two statements separate the two:
   the focal length and the f-number do; a lens whose field curves, or whose focus scale
   is off, shifts all by a common unknown amount.
 
-Both are residuals in units of their own standard deviations. Distances that contradict
+That there is a photograph is a third: light came through to the corner of the frame, so
+that stop and rims leave an opening there.
+
+All are residuals in units of their own standard deviations. Distances that contradict
 the dots are mistaken, not inaccurate: they lose weight as 1 / (1 + (r / 3)^2), r rms.
 """
 
@@ -34,6 +37,9 @@ _CAUCHY_SCALE = 3.0
 _CUT = 0.01
 """Share of the pupil's radius that a rim may cut on the axis: small, but with a slope
 that a solve can follow."""
+_CORNER, _LEAST_OPENING = 1.1, 0.1
+"""Field radii to a frame's furthest corner, of a lens shifted against it and at its
+shortest; the opening there in the radii of a stop: a twentieth of its width."""
 
 
 class Statements(NamedTuple):
@@ -44,16 +50,19 @@ class Statements(NamedTuple):
     defocus_mm : Of every group.
     rows : Of the differences from it, so that they are independent and of unit
         deviation; zero where nothing was stated.
+    stop_radii : Of the widest and the narrowest stop, in radii of the widest.
     """
 
     defocus_mm: Float[Array, " groups"]
     rows: Float[Array, "groups groups"]
+    stop_radii: Float[Array, "2"]
 
 
-def f_number_statement(layout: Layout) -> Statements:
+def f_number_statement(dot_data: DotData, layout: Layout) -> Statements:
     """The f-number alone."""
     nothing = jnp.zeros((layout.groups, layout.groups))
-    return Statements(jnp.zeros(layout.groups), nothing)
+    radii = jnp.asarray([1.0, float(np.min(dot_data.dots.stop_radius))])
+    return Statements(jnp.zeros(layout.groups), nothing, radii)
 
 
 def f_number_and_focus_statements(
@@ -61,7 +70,7 @@ def f_number_and_focus_statements(
 ) -> Statements:
     """The f-number, and distances weighted by how well they agree with a defocus that
     was fitted to dots."""
-    found = f_number_statement(layout)
+    found = f_number_statement(dot_data, layout)
     stated_mm = stated_defocus_mm(dot_data)
     known = np.flatnonzero(np.isfinite(stated_mm))
     if not len(known):
@@ -92,7 +101,25 @@ def stated_equations(
         part = {name: parameters[where] for name, where in layout.blocks.items()}
         off = statements.rows @ (part["defocus"] - statements.defocus_mm)
         cut = jnp.minimum(part["rim_radius"][::2] - 1, 0.0) / _CUT
-        return jnp.concatenate([off, cut])
+        opening = [_corner_opening(part, radius) for radius in statements.stop_radii]
+        closed = jnp.minimum(jnp.stack(opening) - _LEAST_OPENING, 0.0) / _CUT
+        return jnp.concatenate([off, cut, closed])
 
     left, slopes = residual(parameters), jax.jacfwd(residual)(parameters)
     return Quadratic(slopes.T @ slopes, slopes.T @ left, left @ left)
+
+
+def _corner_opening(
+    part: dict[str, Array], stop_radius: Float[Array, ""]
+) -> Float[Array, ""]:
+    """What stop and rims leave of the line through the furthest field point, in radii
+    of the stop; negative where they leave nothing (`optics.pupil`)."""
+    h = _CORNER
+    offset, change = part["stop_shift"]
+    shift, radius = part["rim_shift"].reshape(-1, 2), part["rim_radius"].reshape(-1, 2)
+    stop_at = h * (offset + change * h * h) * stop_radius**2
+    rims_at = h * (shift[:, 0] + shift[:, 1] * h * h)
+    rims = radius[:, 0] + radius[:, 1] * h * h
+    low = jnp.max(rims_at - rims, initial=stop_at - stop_radius)
+    high = jnp.min(rims_at + rims, initial=stop_at + stop_radius)
+    return (high - low) / stop_radius

@@ -8,9 +8,10 @@ import pytest
 from PIL import Image
 
 from data_synth.bench.verdict import benchmark
-from data_synth.bench.verdict.benchmark import bench_verdict, level_of_error
+from data_synth.bench.verdict.benchmark import bench_verdict, level_of_errors
 from data_synth.bench.verdict.wrong_shoots import WRONG_SHOOTS, WrongShoot
 from data_synth.bench.wavefront.benchmark import Trial
+from data_synth.judge_depths import FrameErrors
 from lensfit.errors import DetectionError
 
 SHOOT = """
@@ -75,7 +76,9 @@ def test_every_case_changes_its_copy_and_nothing_else(tmp_path: Path, case):
 def test_levels_by_the_trace_are_those_of_the_verdict():
     errors = (0.05, 0.3, 1.2, 4.0)
     levels = ["measurement", "match-moving", "look", "unusable"]
-    assert [level_of_error(one) for one in errors] == levels
+    assert [level_of_errors(FrameErrors(one, 0.1)) for one in errors] == levels
+    levels = ["undistortion", "undistortion", "look", "unusable"]
+    assert [level_of_errors(FrameErrors(one, 0.9)) for one in errors] == levels
 
 
 def test_what_is_called_worse_or_refused_is_counted(tmp_path: Path, monkeypatch):
@@ -92,7 +95,7 @@ def test_what_is_called_worse_or_refused_is_counted(tmp_path: Path, monkeypatch)
     monkeypatch.setattr(benchmark, "calibrate", calibrate)
     monkeypatch.setattr(benchmark, "load_preset", lambda path: path)
     trials = [Trial(name, "", write_shoot) for name in (*said, "refused")]
-    result = bench_verdict(trials, None, lambda *_: 0.05, tmp_path)
+    result = bench_verdict(trials, None, lambda *_: FrameErrors(0.05, 0.1), tmp_path)
     levels = [(row["level"], row["worse"]) for row in result["right"]]
     assert levels == [("measurement", False), ("look", True), ("refused", False)]
     values = {row["what"]: (row["value"], row["passed"]) for row in result["rows"]}
@@ -109,7 +112,9 @@ def test_a_wrong_shoot_that_ends_green_fails(tmp_path: Path, monkeypatch):
         return {"verdict": {"level": "measurement", "headline": "", "reasons": reasons}}
 
     monkeypatch.setattr(benchmark, "calibrate", calibrate)
-    result = bench_verdict([], Trial("s", "", write_shoot), lambda *_: 0.0, tmp_path)
+    result = bench_verdict(
+        [], Trial("s", "", write_shoot), lambda *_: FrameErrors(0.0, 0.0), tmp_path
+    )
     green, named = result["rows"]
     assert (green["passed"], named["passed"]) == (False, False)
     # What the shoot file itself forbids is refused before anything is calibrated.

@@ -106,13 +106,30 @@ def test_where_no_distance_is_stated_there_is_no_evidence(dot_data):
     assert cost(silent, anywhere, found) == 0.0
 
 
-def test_rims_that_pass_the_axial_beam_cost_nothing():
-    stated = f_number_statement(LAYOUT)
+def test_rims_that_pass_the_axial_beam_cost_nothing(dot_data):
+    stated = f_number_statement(dot_data, LAYOUT)
     wide = stated_equations(jnp.asarray(lens_of(np.zeros(3), 1.0)), stated, LAYOUT)
     cut = stated_equations(jnp.asarray(lens_of(np.zeros(3), 0.9)), stated, LAYOUT)
     assert float(wide.chi_squared) == 0.0
     assert float(cut.chi_squared) > 50.0
     assert np.all(np.asarray(cut.gradient)[RADII][::2] < 0.0)
+
+
+def test_rims_that_shut_a_corner_contradict_its_photograph(dot_data):
+    """Two rims that part company: what they leave of the widest and of the narrowest
+    stop falls with their shift, and costs from the last twentieth on."""
+    stated = f_number_statement(dot_data, LAYOUT)
+
+    def found(shift: float):
+        lens = lens_of(np.zeros(3), 1.2)
+        shifts = np.resize([shift, 0.0, -shift, 0.0], 2 * LAYOUT.rims)
+        lens[LAYOUT.blocks["rim_shift"]] = shifts
+        return stated_equations(jnp.asarray(lens), stated, LAYOUT)
+
+    open_still, nearly_shut, shut = map(found, (1.0, 1.07, 1.2))
+    assert float(open_still.chi_squared) == 0.0
+    assert 0.0 < float(nearly_shut.chi_squared) < float(shut.chi_squared)
+    assert np.asarray(shut.gradient)[LAYOUT.blocks["rim_shift"]][0] > 0.0
 
 
 def test_a_narrow_opening_far_from_focus_differs_from_a_wide_one_near_to_it(dot_data):
