@@ -38,6 +38,9 @@ BLADES = (0, 5, 6, 7, 8, 9, 11)
 _FORMS: tuple[PictureFormat, ...] = ("exr", "png16", "jpg")
 _TILTED_SHARE = 0.75
 """Of shoots drawn by chance, which have a tilted take."""
+_TARGETS_ALONG = 12
+"""Widths of a target in the lesser side of a frame, at least: a lattice needs some four
+of them along it, with their gaps."""
 
 
 @dataclass(frozen=True)
@@ -235,11 +238,15 @@ def random_subject(number: int, seed: int, size_px: tuple[int, int]) -> Subject:
     return Subject(f"{base.name}_{seed}_{number}", about, made, camera)
 
 
-def random_plan(number: int, seed: int) -> tuple[str, WavefrontPlan]:
+def random_plan(
+    number: int, seed: int, size_px: tuple[int, int]
+) -> tuple[str, WavefrontPlan]:
     """How the lens of that number is photographed, in a few words and as a plan: with
-    what chart, in what files."""
+    what chart, of enough targets in a frame of that size, in what files."""
     rng = np.random.default_rng([seed, number, 1])
-    name, plan = list(CHART_PLANS.items())[int(rng.integers(len(CHART_PLANS)))]
+    largest_px = min(size_px) / _TARGETS_ALONG
+    charts = [one for one in CHART_PLANS.items() if one[1].hole_px <= largest_px]
+    name, plan = charts[int(rng.integers(len(charts)))]
     form = _FORMS[int(rng.integers(len(_FORMS)))]
     with_lines = plan.kind == "dot-grid" and bool(rng.integers(2))
     with_tilted = bool(rng.random() < _TILTED_SHARE)

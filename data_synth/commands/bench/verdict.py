@@ -126,7 +126,7 @@ def _through_focus_trial(subject: "Subject", number: int, seed: int) -> "Trial":
     from data_synth.bench.wavefront.benchmark import Trial
     from data_synth.wavefront_cases import random_plan
 
-    about, plan = random_plan(number, seed)
+    about, plan = random_plan(number, seed, subject.camera.frame.size_px)
     subject = replace(subject, plan=plan)
 
     def write(folder: Path) -> None:
