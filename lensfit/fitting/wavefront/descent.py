@@ -57,12 +57,11 @@ pixels ended in a wrong local minimum; with this one in between the misfit was a
 twentieth. Dots of less than a pixel are fitted better without. So both are tried."""
 _LAST_STEPS, _LAST_TOLERANCE = 24, 5e-4
 _LAST_POINTS = Points(image=1536, design=768)
-_LAST_POINTS_BROAD = Points(image=1536, design=192)
 """Shifting all rays of the pupil together, rims included, barely changes an image. With
 few rays the cost seems to rise steeply along that direction: a fit would stop early,
 with too small an uncertainty. Since the true cost is flat, the solve takes more passes
 and a finer tolerance: six passes ended too early on most hard cases, twelve on the
-bundled shoot. Images of broad dots depend less on single rays."""
+bundled shoot."""
 
 
 def middle_fit(coarse: Stage, term_groups: tuple[TermGroup, ...]) -> Stage:
@@ -137,7 +136,6 @@ def fit_selected_term_groups(
 def last_fit(stage: Stage, term_groups: tuple[TermGroup, ...]) -> Stage:
     """All selected term groups, with many rays."""
     stage = set_priors(stage, deviation_of(term_groups, stage.layout, LAST))
-    broad = stage.dot_data.dots.broad is not None
-    stage = replace(stage, points=_LAST_POINTS_BROAD if broad else _LAST_POINTS)
+    stage = replace(stage, points=_LAST_POINTS)
     # One more pass, from where the patches have been moved to.
     return recentre_patches(solve_stage(stage, _LAST_STEPS, _LAST_TOLERANCE), 1)

@@ -64,10 +64,10 @@ MARGIN_CELLS = 12
 WAVES = 40
 """From the slowest on, whose period is patch and surroundings, besides the constant:
 on 24 cells up to five periods in six cells."""
-DESIGN_WAVES = 28
+DESIGN_WAVES = 14
 """Of the Gauss-Newton matrix, which needs less accuracy. Of 14 the matrix of 20-pixel
-dots in focus held a quarter of what their rims tell of high orders, of 20 two thirds,
-of 28 all but a fortieth."""
+dots in focus holds a quarter of what their rims tell of high orders, of 28 all but a
+fortieth; but finer waves need more rays, and three times as long."""
 _CUTOFF = 3.5
 """Wave number times the deviation of a Gaussian that leaves 0.2 % of the wave."""
 _AT_ONCE = 256
