@@ -40,7 +40,9 @@ export function control(spec, changed) {
     number.setAttribute("aria-describedby", text.id);
     row.append(text);
   }
+  let current; // undefined where the lens and the plate have their way
   const show = (value) => {
+    current = value;
     const shown = value === undefined ? spec.start : value;
     number.value = short(shown);
     if (slider && shown !== null && shown !== undefined) slider.value = to(shown);
@@ -70,7 +72,12 @@ export function control(spec, changed) {
   const rest = (value) => {
     if (slider && value !== null) slider.value = to(value);
   };
-  return { row, set, show, rest };
+  /** Another value of the lens and the plate, where nothing is turned. */
+  const begin = (value) => {
+    spec.start = value;
+    show(current);
+  };
+  return { row, set, show, rest, begin };
 }
 
 /** The controls of the camera, from what the lens and the plate say. */

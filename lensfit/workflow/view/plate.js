@@ -6,6 +6,7 @@ import { cameraSpecs, control } from "./controls.js";
 
 const at = (id) => document.getElementById(id);
 const REST_MS = 400; // without a change before the whole picture is asked for
+const WATCH_MS = 1000; // between looks at what the files state
 const CAMERA = ["focal_length_mm", "f_number", "focus_distance_mm"];
 
 const turned = { camera: {}, knobs: {} };
@@ -14,6 +15,8 @@ let lens = null;
 let version = 0;
 let shown = -1;
 let resting = 0;
+let startsAsked = 0;
+let startShown = 0; // the newest answer that was
 let kept = null; // another state, which the wipe shows in place of the plate
 
 const frame = () => +at("frame").value;
@@ -191,10 +194,73 @@ function reset() {
   changed();
 }
 
+/** Value of a quantity before anything is turned. */
+const startOf = ({ camera, knobs }, name) =>
+  (name in camera ? camera[name] : knobs[name] ?? lens.neutral[name]);
+
+const isSame = (one, other) =>
+  one === other || Math.abs(one - other) <= 1e-6 * Math.abs(one);
+
+/** What the files state now: fields that are not turned show it, and the picture is made
+ *  of it. A kept state stays what it was. */
+function beginFrom(found) {
+  const names = Object.keys(controls).filter(
+    (name) => startOf(found, name) !== startOf(lens, name));
+  if (!names.length && found.error === lens.error) return false;
+  for (const name of names) {
+    const before = startOf(lens, name);
+    const state = kept && (CAMERA.includes(name) ? kept : kept.knobs);
+    if (state && !(name in state) && before !== null) state[name] = before;
+    controls[name].begin(startOf(found, name));
+  }
+  Object.assign(lens, found);
+  return true;
+}
+
+/** Ask what the files state; true where it is not what was shown. */
+async function askStart() {
+  startsAsked += 1;
+  const [asked, of] = [startsAsked, frame()];
+  const found = await (await ask("start", { frame: of })).json();
+  if (asked < startShown || of !== frame()) return false;
+  startShown = asked;
+  return beginFrom(found);
+}
+
+async function watch() {
+  try {
+    if (!document.hidden && (await askStart())) changed();
+  } catch (error) {
+    say(error);
+  }
+  setTimeout(watch, WATCH_MS);
+}
+
+/** What was saved is turned no more, where the files' word now counts. */
+async function saved() {
+  await askStart();
+  for (const group of [turned.camera, turned.knobs]) {
+    for (const [name, value] of Object.entries(group)) {
+      if (!isSame(value, startOf(lens, name))) continue;
+      delete group[name];
+      controls[name].show(undefined);
+    }
+  }
+  changed();
+}
+
+function savedText({ path, changed, notes }, isTurned) {
+  const already = isTurned ? `what is turned stands in ${path} already` : "no field is turned";
+  return [changed ? `Saved to ${path}` : `Nothing was changed: ${already}`, ...notes].join(". ");
+}
+
 async function save() {
+  const { frame: _, knobs, ...camera } = message();
+  const isTurned = Object.keys({ ...camera, ...knobs }).length > 0;
   try {
     const found = await (await ask("save", message())).json();
-    at("saved").textContent = [`Saved to ${found.path}`, ...found.notes].join(". ");
+    await saved();
+    at("saved").textContent = savedText(found, isTurned);
   } catch (error) {
     at("saved").textContent = `Not saved: ${error.message}`;
   }
@@ -221,6 +287,8 @@ async function copy() {
 }
 
 function build() {
+  const knobs = lens.groups.flatMap((group) => group.knobs);
+  lens.neutral = Object.fromEntries(knobs.map((knob) => [knob.name, knob.neutral]));
   for (const spec of cameraSpecs(lens)) {
     controls[spec.name] = control(spec, turn);
     at("camera").append(controls[spec.name].row);
@@ -231,8 +299,7 @@ function build() {
     summary.textContent = group.name;
     details.append(summary);
     for (const knob of group.knobs) {
-      const start = knob.name in lens.knobs ? lens.knobs[knob.name] : knob.neutral;
-      controls[knob.name] = control({ ...knob, start }, turn);
+      controls[knob.name] = control({ ...knob, start: startOf(lens, knob.name) }, turn);
       details.append(controls[knob.name].row);
     }
     at("groups").append(details);
@@ -251,6 +318,7 @@ function listen() {
     at("name").textContent = lens.frames[frame()];
     changed();
     showPlate();
+    askStart().then((other) => other && changed(), say);
   });
   at("stage").addEventListener("click", (event) => {
     const box = at("made").getBoundingClientRect();
@@ -300,6 +368,7 @@ async function start() {
   if (lens.error) say(new Error(lens.error));
   showPlate();
   changed();
+  watch();
 }
 
 start().catch(say);

@@ -61,8 +61,23 @@ from lensfit.workflow.view.screen_picture import first_layer, frame_pixels
 Tables = Mapping[str, Mapping[str, float]]
 
 
-def save_settings(path: Path, changes: Tables) -> None:
+class SavedSettings(NamedTuple):
+    """What became of a settings file.
+
+    Attributes
+    ----------
+    changed : Whether it is another one now.
+    notes : What is said where it does not suffice.
+    """
+
+    changed: bool
+    notes: list[str]
+
+
+def save_settings(path: Path, changes: Tables) -> bool:
     """Set keys of a settings file, which is made if it is not there; whole or not.
+
+    False where it says so already, and stays untouched.
 
     Parameters
     ----------
@@ -77,7 +92,11 @@ def save_settings(path: Path, changes: Tables) -> None:
     if path.is_file():
         load_settings(path)  # what is malformed is refused in its own words
         old = path.read_text(encoding="utf-8")
-    write_text_atomic(path, changed_text(old, changes, path))
+    new = changed_text(old, changes, path)
+    if new == old:
+        return False
+    write_text_atomic(path, new)
+    return True
 
 
 def changed_text(old: str, changes: Tables, path: Path) -> str:
@@ -326,23 +345,24 @@ class ViewedPlate:
         """The settings file that belongs to the plate."""
         return self.options.camera.settings or self.path(0).parent / SETTINGS_NAME
 
-    def save(self, wanted: LensAdjustments) -> list[str]:
-        """Write the adjustments to the settings file; notes, if that does not suffice.
+    def save(self, wanted: LensAdjustments) -> SavedSettings:
+        """Write the adjustments to the settings file.
 
         Raises
         ------
         LensfitError : The file cannot be changed.
         """
-        save_settings(self.settings_path, settings_tables(wanted))
+        changed = save_settings(self.settings_path, settings_tables(wanted))
         adjusted = adjusted_options(self.options, wanted)
         plate = self.plate(wanted.frame)
         now, then = self._state(self.options, plate), self._state(adjusted, plate)
         if (now.lens_key, now.knobs) == (then.lens_key, then.knobs):
-            return []
-        return [
+            return SavedSettings(changed, [])
+        note = (
             f"{self.settings_path} is written, but something that counts before it "
             "says otherwise: a table [[frames]], a sidecar or an option here"
-        ]
+        )
+        return SavedSettings(changed, [note])
 
 
 def read_plate(

@@ -180,7 +180,7 @@ def test_saved_to_the_shot_apply_makes_the_same_frame(client, plate, tmp_path: P
     settings.write_text("# the shot\n[camera]\nf_number = 8  # a guess\n")
     answer = client.post("save", **TURNED)
     assert answer.status == 200
-    assert answer.json() == {"path": str(settings), "notes": []}
+    assert answer.json() == {"path": str(settings), "changed": True, "notes": []}
     assert settings.read_text() == (
         "# the shot\n[camera]\nfocus_distance_mm = 1600\nf_number = 4  # a guess\n"
         "\n[knobs]\nblades = 6\n"
@@ -194,6 +194,25 @@ def test_saved_to_the_shot_apply_makes_the_same_frame(client, plate, tmp_path: P
     np.testing.assert_array_equal(
         frame_of(made.written[0]), frame_of(applied(moved, tmp_path / "stated"))
     )
+
+
+def test_what_stands_in_the_settings_already_changes_nothing(client, plate: Path):
+    settings = plate.parent / "lensfit.toml"
+    assert client.post("save").json()["changed"] is False
+    assert not settings.exists()
+    assert client.post("save", f_number=22).json()["changed"] is True
+    before = settings.stat().st_mtime_ns
+    assert client.post("save", f_number=22).json()["changed"] is False
+    assert settings.stat().st_mtime_ns == before
+
+
+def test_start_values_are_those_of_the_files_now(client, plate: Path):
+    assert client.post("start").json()["camera"]["f_number"] == 2
+    client.post("save", f_number=22, knobs={"coma_gain": 2})
+    found = client.post("start").json()
+    assert found["camera"]["f_number"] == 22
+    assert found["knobs"] == {"coma_gain": 2}
+    assert client.post("start", frame=9).status == 422
 
 
 def test_a_note_names_what_overrides_the_settings(client, plate: Path):

@@ -1,0 +1,142 @@
+"""The fields of the page of a plate in a browser: they show what the picture is made
+with, whatever is saved, reset or changed elsewhere."""
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import CHROMIUM, Browser
+from view_makers import (
+    Client,
+    page_in_browser,
+    plate_client,
+    thin_lens,
+    until,
+    write_depth_plate,
+)
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+]
+SHOWN = "document.getElementById('stage').dataset.shown"
+READY = f"{SHOWN} === 'full'"
+COMMAND = "document.getElementById('command').value"
+SAID = "document.getElementById('saved').textContent"
+
+
+@pytest.fixture
+def opened(client: Client, tmp_path: Path) -> Iterator[Browser]:
+    with page_in_browser(client, tmp_path / "profile", READY) as browser:
+        yield browser
+
+
+def field(name: str) -> str:
+    return f"document.getElementById('k-{name}')"
+
+
+def value(browser: Browser, name: str) -> str:
+    return browser.run(f"{field(name)}.value")
+
+
+def enter(browser: Browser, name: str, text: str) -> None:
+    """As if typed."""
+    one = field(name)
+    browser.run(f"{one}.value = {text!r}, {one}.dispatchEvent(new Event('change'))")
+
+
+def press(browser: Browser, button: str) -> None:
+    browser.run(f"document.getElementById({button!r}).click()")
+
+
+def save(browser: Browser) -> str:
+    """What is said of it."""
+    browser.run("document.getElementById('saved').textContent = ''")
+    press(browser, "save")
+    until(browser, f"{SAID}.length > 0", True)
+    return browser.run(SAID)
+
+
+def settings(plate: Path) -> dict:
+    return tomllib.loads((plate.parent / "lensfit.toml").read_text())
+
+
+def test_after_a_save_fields_and_picture_agree(opened: Browser, plate: Path):
+    enter(opened, "f_number", "22")
+    enter(opened, "coma_gain", "2")
+    assert save(opened).startswith("Saved to")
+    press(opened, "reset")
+    until(opened, f"{COMMAND}.includes('--f-number')", False)
+    assert value(opened, "f_number") == "22"
+    assert value(opened, "coma_gain") == "2"
+    enter(opened, "f_number", "2")
+    enter(opened, "coma_gain", "1")
+    until(opened, f"{COMMAND}.includes('--f-number=2 --coma-gain=1')", True)
+    assert save(opened).startswith("Saved to")
+    assert settings(plate) == {"camera": {"f_number": 2}, "knobs": {"coma_gain": 1}}
+    assert value(opened, "f_number") == "2"
+    assert opened.complaints == []
+
+
+def test_a_save_without_a_change_says_so(opened: Browser, plate: Path):
+    assert save(opened) == "Nothing was changed: no field is turned"
+    assert not (plate.parent / "lensfit.toml").exists()
+
+
+def test_another_page_shows_what_one_saved(
+    opened: Browser, client: Client, tmp_path: Path
+):
+    with page_in_browser(client, tmp_path / "other", READY) as other:
+        enter(opened, "f_number", "22")
+        assert save(opened).startswith("Saved to")
+        until(other, f"{field('f_number')}.value", "22")
+        until(other, READY, True)
+        assert save(other).startswith("Nothing was changed")
+
+
+def test_what_counts_before_the_settings_stays_turned(opened: Browser, plate: Path):
+    frames = '[[frames]]\nrange = "1001-1002"\nf_number = 8\n'
+    (plate.parent / "lensfit.toml").write_text(frames)
+    until(opened, f"{field('f_number')}.value", "8")
+    enter(opened, "f_number", "4")
+    assert "[[frames]]" in save(opened)
+    assert value(opened, "f_number") == "4"
+    until(opened, f"{COMMAND}.includes('--f-number=4')", True)
+    press(opened, "reset")
+    assert value(opened, "f_number") == "8"
+
+
+def test_a_scrubbed_frame_shows_its_own_values(tmp_path: Path):
+    for number in (1001, 1002):
+        write_depth_plate(tmp_path / f"plate.{number}.exr")
+    frames = '[[frames]]\nrange = "1002"\nf_number = 8\n'
+    (tmp_path / "lensfit.toml").write_text(frames)
+    with (
+        plate_client(tmp_path / "plate.####.exr", thin_lens()) as client,
+        page_in_browser(client, tmp_path / "profile", READY) as browser,
+    ):
+        assert value(browser, "f_number") == "2"
+        scrub = "document.getElementById('frame')"
+        browser.run(f"{scrub}.value = 1, {scrub}.dispatchEvent(new Event('input'))")
+        until(browser, f"{field('f_number')}.value", "8")
+
+
+def test_a_kept_state_stays_what_it_was(opened: Browser):
+    beside = "document.getElementById('stage').dataset.beside"
+    press(opened, "keep")
+    until(opened, beside, "kept")
+    enter(opened, "f_number", "22")
+    assert save(opened).startswith("Saved to")
+    picture = "document.getElementById('plate').src"
+    before = opened.run(picture)
+    stops = "document.getElementById('exposure')"
+    asked = f"""window.sent = []; window.was = window.fetch;
+        window.fetch = (name, one) => {{ window.sent.push([name, one.body]);
+            return window.was(name, one); }};
+        {stops}.value = 1, {stops}.dispatchEvent(new Event('input'))"""
+    opened.run(asked)
+    until(opened, f"{picture} !== {before!r}", True)
+    kept = """window.sent.filter(([name, body]) => name === "api/render"
+        && !JSON.parse(body).newest).map(([, body]) => JSON.parse(body).f_number)"""
+    assert opened.run(kept) == [2]
