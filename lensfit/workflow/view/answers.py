@@ -176,6 +176,10 @@ def png_answer(content: bytes) -> Response:
     return Response(content, media_type="image/png")
 
 
+def _status_of(error: LensfitError) -> int:
+    return getattr(error, "status", 422)
+
+
 def errors_as_sentences(answer: Answer) -> Answer:
     """The same, which says in a sentence what cannot be done."""
 
@@ -187,7 +191,7 @@ def errors_as_sentences(answer: Answer) -> Answer:
         except ClientDisconnect:
             return Response(status_code=400)  # nobody is there to read it
         except LensfitError as error:
-            return JSONResponse({"error": str(error)}, 422)
+            return JSONResponse({"error": str(error)}, _status_of(error))
         except asyncio.CancelledError:
             return Response(status_code=503)  # the process ends
         except Exception as error:  # whatever it was, the page says it

@@ -16,7 +16,7 @@ export async function ask(name, message) {
     body: JSON.stringify(message),
   });
   if (answer.status === 204) return null;
-  if (!answer.ok) throw new Error(await sentence(answer));
+  if (!answer.ok) throw Object.assign(new Error(await sentence(answer)), { status: answer.status });
   return answer;
 }
 

@@ -131,6 +131,9 @@ function field(table, one, unconfirmed) {
   return row;
 }
 
+/** What a table is called: the image of a photograph, the name of all else. */
+const nameOf = (table) => table.fields.find((one) => one.key === (table.table === "take" ? "image" : "name"))?.value;
+
 const placeText = (table) => (table.place === null ? `${table.table}.` : `[[${table.table}]] ${table.place + 1}, `);
 
 function showForm(form) {
@@ -146,16 +149,15 @@ function showForm(form) {
     const details = document.createElement("details");
     details.open = open.has(key) || (form.fault?.table === table.table && form.fault?.place === table.place);
     details.addEventListener("toggle", () => (details.open ? open.add(key) : open.delete(key)));
-    const named = table.fields.find((one) => one.key === "name" || one.key === "image");
     const number = table.place === null ? "" : ` ${table.place + 1}`;
-    details.append(element("summary", `${TITLES[table.table]}${number}: ${named?.value || "–"}`));
+    details.append(element("summary", `${TITLES[table.table]}${number}: ${nameOf(table) || "–"}`));
     for (const one of table.fields) {
       details.append(field(table, one, form.unconfirmed.includes(placeText(table) + one.key)));
     }
     if (table.place !== null) {
       const remove = element("button", "Take it out of the file");
       remove.type = "button";
-      remove.addEventListener("click", () => change("remove", { table: table.table, place: table.place }));
+      remove.addEventListener("click", () => change("remove", { table: table.table, place: table.place, named: nameOf(table) }));
       details.append(remove);
     }
     return details;
@@ -178,11 +180,15 @@ async function setField(table, key, input, line) {
   const answer = await fetch("api/field", {
     method: "POST",
     headers: { "content-type": "application/json" },
-    body: JSON.stringify({ table: table.table, place: table.place, key, typed: input.value }),
+    body: JSON.stringify({ table: table.table, place: table.place, key, typed: input.value, named: nameOf(table) }),
   });
   const found = await answer.json();
   if (answer.ok) {
     showForm(found);
+    return;
+  }
+  if (answer.status === 409) {
+    await showAnew(found.error);
     return;
   }
   say(line, found.error);
@@ -193,8 +199,20 @@ async function change(name, message = {}) {
   try {
     showForm(await (await ask(name, message)).json());
   } catch (error) {
+    if (error.status === 409) await showAnew(error.message);
+    else say(at("fault"), error.message);
+  }
+}
+
+/** The file was changed elsewhere: the form as it is now, and a sentence above it. */
+async function showAnew(sentence) {
+  try {
+    showForm(await look("shoot"));
+    say(at("fault"), sentence);
+  } catch (error) {
     say(at("fault"), error.message);
   }
+  at("fault").scrollIntoView({ block: "nearest" });
 }
 
 // Calibration

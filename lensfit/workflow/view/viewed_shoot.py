@@ -19,6 +19,7 @@ from lensfit.workflow.view.shoot_form import (
     form_of,
     loaded_shoot,
     remove_table,
+    require_named,
     set_field,
 )
 from lensfit.workflow.view.viewed_results import ViewedResults
@@ -63,14 +64,18 @@ class ViewedShoot:
             return about | {"tables": [], "fault": None, "notes": [], "unconfirmed": []}
         return about | form_of(self.path, self.images)
 
-    def set_field(self, where: Place, typed: str) -> None:
+    def set_field(self, where: Place, typed: str, named: str | None = None) -> None:
         """Set a key of the file.
+
+        Parameters
+        ----------
+        named : As of `require_named`.
 
         Raises
         ------
-        LensfitError : It cannot be that.
+        LensfitError : It cannot be that, or another table stands there now.
         """
-        self._change(set_field, where, typed)
+        self._change(set_field, where, typed, still=(where, named))
 
     def add_target(self) -> None:
         """One more chart in the file.
@@ -81,14 +86,19 @@ class ViewedShoot:
         """
         self._change(add_target)
 
-    def remove(self, table: str, place: int) -> None:
+    def remove(self, table: str, place: int, named: str | None = None) -> None:
         """A chart or a photograph out of the file.
+
+        Parameters
+        ----------
+        named : As of `require_named`.
 
         Raises
         ------
-        LensfitError : The file cannot be changed.
+        LensfitError : The file cannot be changed, or another table stands there now.
         """
-        self._change(remove_table, table, place)
+        meant = Place(table, place, None), named
+        self._change(remove_table, table, place, still=meant)
 
     def draft(self) -> None:
         """A shoot file from the photographs, or those that it lacks into it.
@@ -151,9 +161,21 @@ class ViewedShoot:
     def _shoot(self) -> Shoot | None:
         return loaded_shoot(self.path, self.images) if self.path.is_file() else None
 
-    def _change(self, change: Callable[..., None], *wanted: Any) -> None:
-        """The file by a function of `shoot_form`; one change after the other."""
+    def _change(
+        self,
+        change: Callable[..., None],
+        *wanted: Any,
+        still: tuple[Place, str | None] | None = None,
+    ) -> None:
+        """The file by a function of `shoot_form`; one change after the other.
+
+        Parameters
+        ----------
+        still : A table and its name, which must stand there.
+        """
         with self._changing:
+            if still is not None:
+                require_named(self.path, *still)
             change(self.path, self.images, *wanted)
             self._plan_anew()
 

@@ -90,6 +90,31 @@ def test_a_field_is_set_in_the_file_and_what_is_wrong_has_its_place(
     assert path.read_text() == written
 
 
+def swapped_takes(path: Path) -> str:
+    """The file with its first two photographs in the other order."""
+    head, one, two, *rest = path.read_text().split("[[take]]")
+    return "[[take]]".join([head, two, one, *rest])
+
+
+@pytest.mark.parametrize("name", ["field", "remove"])
+def test_nothing_is_written_into_another_photograph(
+    client: Client, folder: Path, name: str
+):
+    path = folder / "shoot.toml"
+    image = load_shoot(path).takes[0].image
+    path.write_text(swapped_takes(path))
+    before = path.read_text()
+    meant = {"table": "take", "place": 0, "named": image}
+    typed = {"key": "f_number", "typed": "7"} if name == "field" else {}
+    refused = client.post(name, **meant, **typed)
+    assert refused.status == 409
+    assert image in refused.json()["error"]
+    assert path.read_text() == before
+    assert client.post(name, **meant | {"place": 1}, **typed).status == 200
+    gone = client.post(name, **meant | {"place": 99}, **typed)
+    assert gone.status == 409
+
+
 def test_a_fault_of_the_file_stands_in_the_form(client: Client, folder: Path):
     path = folder / "shoot.toml"
     text = path.read_text()
