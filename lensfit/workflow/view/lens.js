@@ -1,7 +1,7 @@
 // The page of a lens: what is turned, and what every lens draws of it.
 
 import { Asker } from "./asker.js";
-import { cameraSpecs, control } from "./controls.js";
+import { cameraSpecs, control, ofDistance } from "./controls.js";
 
 const at = (id) => document.getElementById(id);
 const CAMERA = ["focal_length_mm", "f_number", "focus_distance_mm"];
@@ -175,7 +175,7 @@ function objectSpecs(lens) {
   const share = { least: -1, most: 1, slider: [-1, 1], step: 0.01, start: 0 };
   return [
     {
-      name: "object_distance_mm", label: "Distance (mm)", start: null, text_field: true, placeholder: "in focus",
+      name: "object_distance_mm", label: "Distance (mm)", start: null, ...ofDistance, placeholder: "in focus",
       text: "From the sensor; slider from infinity to near, evenly in dioptres",
       slider: [0, 1000 / near], step: 1000 / near / 400,
       to: (mm) => (mm === "inf" ? 0 : 1000 / mm),

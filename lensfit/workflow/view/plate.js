@@ -254,7 +254,19 @@ function savedText({ path, changed, notes }, isTurned) {
   return [changed ? `Saved to ${path}` : `Nothing was changed: ${already}`, ...notes].join(". ");
 }
 
+/** Whether every field counts; else it is said which does not, and the cursor goes there. */
+function isSound() {
+  const wrong = Object.values(controls).find((one) => one.fault());
+  if (!wrong) return true;
+  at("saved").textContent = `Not saved: ${wrong.fault()}`;
+  const details = wrong.row.closest("details");
+  if (details) details.open = true;
+  wrong.number.focus();
+  return false;
+}
+
 async function save() {
+  if (!isSound()) return;
   const { frame: _, knobs, ...camera } = message();
   const isTurned = Object.keys({ ...camera, ...knobs }).length > 0;
   try {
@@ -267,6 +279,7 @@ async function save() {
 }
 
 async function edit() {
+  if (!isSound()) return;
   try {
     const said = { ...message(), who: at("who").value, why: at("why").value };
     const found = await (await ask("edit", said)).json();

@@ -352,10 +352,11 @@ class ViewedPlate:
         ------
         LensfitError : The file cannot be changed.
         """
-        changed = save_settings(self.settings_path, settings_tables(wanted))
-        adjusted = adjusted_options(self.options, wanted)
         plate = self.plate(wanted.frame)
-        now, then = self._state(self.options, plate), self._state(adjusted, plate)
+        # What no lens can be is refused before anything is written.
+        then = self._state(adjusted_options(self.options, wanted), plate)
+        changed = save_settings(self.settings_path, settings_tables(wanted))
+        now = self._state(self.options, plate)
         if (now.lens_key, now.knobs) == (then.lens_key, then.knobs):
             return SavedSettings(changed, [])
         note = (

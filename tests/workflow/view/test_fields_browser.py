@@ -122,6 +122,47 @@ def test_a_scrubbed_frame_shows_its_own_values(tmp_path: Path):
         until(browser, f"{field('f_number')}.value", "8")
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("f_number", "0", "too small"),
+        ("f_number", "-3", "too small"),
+        ("f_number", ".01", "too small"),
+        ("f_number", "1e9", "too large"),
+        ("coma_gain", "1e6", "too large"),
+        ("blades", "5.5", "not whole"),
+        ("focus_distance_mm", "near", "no distance"),
+        ("focus_distance_mm", "1.5 parsec", "no distance"),
+        ("focus_distance_mm", "0", "too small"),
+    ],
+)
+def test_what_does_not_count_is_said_beside_its_field(
+    opened: Browser, plate: Path, name: str, text: str, said: str
+):
+    enter(opened, "ring_brightness", "-0.5")
+    enter(opened, name, text)
+    beside = f"document.getElementById('e-{name}')"
+    assert said in opened.run(f"{beside}.textContent")
+    assert not opened.run(f"{beside}.hidden")
+    assert save(opened).startswith("Not saved: ")
+    assert opened.run(f"document.activeElement === {field(name)}")
+    assert not (plate.parent / "lensfit.toml").exists()
+    press(opened, "reset")
+    assert opened.run(f"{beside}.hidden")
+    assert save(opened).startswith("Nothing was changed")
+
+
+@pytest.mark.parametrize(
+    ("text", "mm"),
+    [("1.5m", "1500"), ("5 m", "5000"), ("150 cm", "1500"), ("5 ft", "1524"),
+     ("infinity", "inf"), ("∞", "inf"), ("800", "800")],
+)  # fmt: skip
+def test_a_distance_may_name_its_unit(opened: Browser, text: str, mm: str):
+    enter(opened, "focus_distance_mm", text)
+    assert value(opened, "focus_distance_mm") == mm
+    until(opened, f"{COMMAND}.includes('--focus-distance-mm={mm}')", True)
+
+
 def test_a_kept_state_stays_what_it_was(opened: Browser):
     beside = "document.getElementById('stage').dataset.beside"
     press(opened, "keep")

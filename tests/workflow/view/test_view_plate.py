@@ -206,6 +206,13 @@ def test_what_stands_in_the_settings_already_changes_nothing(client, plate: Path
     assert settings.stat().st_mtime_ns == before
 
 
+def test_what_no_lens_can_be_is_not_saved(client, plate: Path):
+    refused = client.post("save", f_number=1e9)
+    assert refused.status == 422
+    assert "f_number" in refused.json()["error"]
+    assert not (plate.parent / "lensfit.toml").exists()
+
+
 def test_start_values_are_those_of_the_files_now(client, plate: Path):
     assert client.post("start").json()["camera"]["f_number"] == 2
     client.post("save", f_number=22, knobs={"coma_gain": 2})
