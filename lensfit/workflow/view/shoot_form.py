@@ -161,13 +161,13 @@ def require_named(path: Path, where: Place, named: str | None) -> None:
         return
     listed = _parsed(_text(path), path).get(where.table)
     tables = listed if isinstance(listed, list) else []
-    found = tables[where.place] if where.place in range(len(tables)) else None
+    place = where.place or 0
+    found = tables[place] if place < len(tables) else None
     if isinstance(found, dict) and _name_of(where.table, found) == named:
         return
-    number = 1 if where.place is None else where.place + 1
     now = f'"{_name_of(where.table, found)}"' if isinstance(found, dict) else "none"
     raise MovedTableError(
-        f'the file was changed elsewhere: [[{where.table}]] {number} was "{named}" '
+        f'the file was changed elsewhere: [[{where.table}]] {place + 1} was "{named}" '
         f"and is {now}; nothing was written",
         where=path,
         remedy="the form shows the file as it is now: change it again",

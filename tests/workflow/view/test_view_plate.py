@@ -122,6 +122,20 @@ def test_the_pixels_of_a_fitted_lens_are_those_of_apply_to_the_bit(tmp_path: Pat
     assert np.abs(seen - viewed.plate_pixels(0)).max() > 1e-2
 
 
+@pytest.mark.slow
+def test_an_f_number_far_from_the_measured_ones_is_a_sentence(tmp_path: Path):
+    plate = write_depth_plate(tmp_path / "plate.exr", 240, 135)
+    preset = load_preset(PRIME)
+    width = StateOverrides(sensor_width_mm=preset.camera.sensor_width_mm)
+    with plate_client(plate, preset, ApplyOptions(overrides=width)) as client:
+        state = {"focal_length_mm": 50, "f_number": 0.5, "focus_distance_mm": 1600}
+        for name in ("render", "plan"):
+            refused = client.post(name, **state)
+            assert refused.status == 422
+            assert "f/0.5" in refused.json()["error"]
+            assert "larger f-number" in refused.json()["error"]
+
+
 def test_a_click_focuses_on_what_lies_there(client):
     near = client.post("focus", x=10, y=20).json()["focus_distance_mm"]
     far = client.post("focus", x=80, y=20).json()["focus_distance_mm"]
