@@ -21,6 +21,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from lensfit._strict import plain_complaint
 from lensfit.errors import LensfitError, sentence_of
 
 
@@ -115,6 +116,9 @@ class RequestQueue:
         self._waiting -= 1
 
 
+_DESCRIBED = 'correct it; "See it in the browser" of the guide describes messages'
+
+
 async def message_of(request: Request, record: type) -> Any:
     """The JSON message that a request carries.
 
@@ -130,10 +134,12 @@ async def message_of(request: Request, record: type) -> Any:
         )
     try:
         return msgspec.json.decode(await request.body(), type=record)
+    except msgspec.ValidationError as error:
+        said = plain_complaint(str(error), record)
+        raise LensfitError(said, remedy=_DESCRIBED) from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise LensfitError(
-            f"the message is malformed: {error}",
-            remedy="notebooks/guide/view.md describes the interface",
+            f"the message is no JSON: {error}", remedy=_DESCRIBED
         ) from None
 
 

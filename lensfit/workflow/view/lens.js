@@ -1,6 +1,6 @@
 // The page of a lens: what is turned, and what every lens draws of it.
 
-import { Asker } from "./asker.js";
+import { Asker, fetched } from "./asker.js";
 import { cameraSpecs, control, ofDistance } from "./controls.js";
 
 const at = (id) => document.getElementById(id);
@@ -232,7 +232,7 @@ function buildDots(dots) {
 }
 
 async function start() {
-  const answer = await fetch("api/lens");
+  const answer = await fetched("lens");
   const found = await answer.json();
   if (!answer.ok) throw new Error(found.error);
   const names = found.lenses.map((one) => one.lens).join(" beside ");

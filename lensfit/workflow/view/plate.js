@@ -1,6 +1,6 @@
 // The page: what is turned, the pictures of it, and what is said beside them.
 
-import { Asker, ask } from "./asker.js";
+import { Asker, ask, fetched } from "./asker.js";
 import { chosen, colours } from "./colours.js";
 import { cameraSpecs, control } from "./controls.js";
 
@@ -355,7 +355,7 @@ function listen() {
 }
 
 async function start() {
-  const answer = await fetch("api/lens");
+  const answer = await fetched("lens");
   lens = await answer.json();
   if (!answer.ok) throw new Error(lens.error);
   document.title = `${lens.lens}: lensfit view`;

@@ -1,6 +1,6 @@
 // The page of a shoot: photographs as they arrive, the shoot file, the calibration.
 
-import { ask } from "./asker.js";
+import { ask, fetched } from "./asker.js";
 
 const at = (id) => document.getElementById(id);
 const LOOK_MS = 700; // between looks at what goes on
@@ -23,7 +23,7 @@ function say(line, text) {
 }
 
 async function look(name) {
-  const answer = await fetch(`api/${name}`);
+  const answer = await fetched(name);
   const found = await answer.json();
   if (!answer.ok) throw new Error(found.error);
   return found;
@@ -80,18 +80,30 @@ function showChecks(found) {
   }
 }
 
-async function upload(files) {
-  const failed = [];
-  for (const [place, file] of [...files].entries()) {
-    at("upload").textContent = `Writing ${file.name} (${place + 1} of ${files.length}) …`;
+/** Hand a photograph over; a sentence where it was not taken. */
+async function refusal(file) {
+  try {
     const answer = await fetch(`api/photograph?name=${encodeURIComponent(file.name)}`, {
       method: "POST",
       headers: { "content-type": "application/octet-stream" },
       body: file,
     });
-    if (!answer.ok) failed.push(await answer.json().then((said) => said.error, () => `${file.name}: ${answer.statusText}`));
+    if (answer.ok) return null;
+    return await answer.json().then((said) => said.error, () => `${file.name}: ${answer.statusText}`);
+  } catch {
+    return `${file.name}: the process took no more of it; it has ended, or the file is larger than 1 GiB`;
   }
-  at("upload").textContent = failed.length ? `Not written: ${failed.join("; ")}` : `${files.length} written`;
+}
+
+async function upload(files) {
+  const failed = [];
+  for (const [place, file] of [...files].entries()) {
+    at("upload").textContent = `Writing ${file.name} (${place + 1} of ${files.length}) …`;
+    const said = await refusal(file);
+    if (said) failed.push(said);
+  }
+  const written = `${files.length - failed.length} written`;
+  at("upload").textContent = failed.length ? `${written}. Not written: ${failed.join("; ")}` : written;
 }
 
 // Shoot file
@@ -177,7 +189,15 @@ function beside(fault) {
 }
 
 async function setField(table, key, input, line) {
-  const answer = await fetch("api/field", {
+  try {
+    await sendField(table, key, input, line);
+  } catch (error) {
+    say(line, error.message);
+  }
+}
+
+async function sendField(table, key, input, line) {
+  const answer = await fetched("field", {
     method: "POST",
     headers: { "content-type": "application/json" },
     body: JSON.stringify({ table: table.table, place: table.place, key, typed: input.value, named: nameOf(table) }),
@@ -281,7 +301,7 @@ async function watch() {
     showChecks(await look("checks"));
     showRun(await look("calibration"));
   } catch (error) {
-    say(at("watch-error"), `The process does not answer (${error.message}); it may have ended.`);
+    say(at("watch-error"), error.message);
   }
   setTimeout(watch, LOOK_MS);
 }

@@ -246,6 +246,12 @@ def place_of_error(error: LensfitError) -> Place:
     return Place(table, place, key)
 
 
+def beside_field(error: LensfitError, path: Path) -> str:
+    """A sentence as it stands beside its field, which need not be named again."""
+    said = str(error).removeprefix(f"{path}: ")
+    return re.sub(r"^(\[\[\w+\]\] \d+( \(.*?\))?|lens|camera)(, |: |\.)", "", said)
+
+
 def _write(
     path: Path, images: Path | None, text: str | None, where: Place | None
 ) -> None:

@@ -42,7 +42,12 @@ from lensfit.workflow.view.answers import (
     png_answer,
 )
 from lensfit.workflow.view.lens_server import report_answer
-from lensfit.workflow.view.shoot_form import MovedTableError, Place, place_of_error
+from lensfit.workflow.view.shoot_form import (
+    MovedTableError,
+    Place,
+    beside_field,
+    place_of_error,
+)
 from lensfit.workflow.view.viewed_shoot import ViewedShoot
 
 LARGEST_BYTES = 2**30
@@ -220,7 +225,7 @@ class ShootServer:
             raise
         except LensfitError as error:
             at = place_of_error(error)._asdict()
-            said = str(error).removeprefix(f"{self.viewed.path}: ")
+            said = beside_field(error, self.viewed.path)
             return JSONResponse({"error": said, **at}, 422)
         return await self.shoot(request)
 

@@ -3,6 +3,7 @@ with, whatever is saved, reset or changed elsewhere."""
 
 import tomllib
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -161,6 +162,16 @@ def test_a_distance_may_name_its_unit(opened: Browser, text: str, mm: str):
     enter(opened, "focus_distance_mm", text)
     assert value(opened, "focus_distance_mm") == mm
     until(opened, f"{COMMAND}.includes('--focus-distance-mm={mm}')", True)
+
+
+def test_a_process_that_has_ended_is_a_sentence(plate: Path, tmp_path: Path):
+    with ExitStack() as ending:
+        client = ending.enter_context(plate_client(plate, thin_lens()))
+        with page_in_browser(client, tmp_path / "profile", READY) as browser:
+            ending.close()
+            assert "start lensfit view again" in save(browser)
+            error = "document.getElementById('error').textContent"
+            until(browser, f"{error}.startsWith('The process of this page')", True)
 
 
 def test_a_kept_state_stays_what_it_was(opened: Browser):

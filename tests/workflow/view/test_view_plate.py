@@ -152,6 +152,22 @@ def test_a_click_focuses_on_what_lies_there(client):
     assert np.abs(left[1] - left[2]).mean() > 6
 
 
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        ({"f_number": 0}, "f_number: expected a number above 0"),
+        ({"f_number": "2"}, "f_number: expected a number"),
+        ({"frame": -1}, "frame: expected a whole number of at least 0"),
+        ({"f_nmber": 2}, 'unknown key "f_nmber"; did you mean "f_number"?'),
+    ],
+)
+def test_a_message_is_refused_in_plain_words(client, message: dict, said: str):
+    error = client.post("save", **message).json()["error"]
+    assert error.startswith(said)
+    assert "`" not in error
+    assert "$" not in error
+
+
 def test_a_click_beside_the_frame_is_a_sentence(client):
     answer = client.post("focus", x=5000, y=2)
     assert answer.status == 422
