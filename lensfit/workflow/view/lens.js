@@ -9,6 +9,9 @@ const OBJECT = ["object_distance_mm", "x", "y"];
 // Tiles of the field lie at these shares of the way to the frame's edges.
 const SPAN = { x: 0.9 / 0.4, y: 0.9 / (1 / 3) };
 const NUDGE = 0.05;
+const DRAWINGS = {
+  point: "the point", field: "the field", through: "through focus and aperture", figures: "the curves",
+};
 
 const turned = { camera: {}, object: {}, knobs: {} };
 const controls = {};
@@ -34,16 +37,21 @@ class Column {
     this.root = at("column").content.cloneNode(true).firstElementChild;
     this.place = place;
     this.find("h2").textContent = [lens.lens, lens.serial].filter(Boolean).join(", ");
-    this.askers = ["point", "field", "through", "figures"].map(
+    this.wanted = {}; // the version of each drawing that is not there yet
+    this.askers = Object.keys(DRAWINGS).map(
       (name) => new Asker(
         name,
         async (answer, asked) => {
-          if (asked !== version && name !== "point") return;
+          if (asked !== this.wanted[name] && name !== "point") return;
           this[name](await answer.json());
           this.say(null);
           this.root.dataset[name] = asked;
+          this.came(name, asked);
         },
-        (error, asked) => asked === version && this.say(error),
+        (error, asked) => {
+          if (asked === this.wanted[name]) this.say(error);
+          this.came(name, asked);
+        },
       ),
     );
     this.drag();
@@ -59,7 +67,21 @@ class Column {
     line.textContent = error ? error.message : "";
   }
 
+  /** A drawing is there, or cannot be. */
+  came(name, asked) {
+    if (this.wanted[name] === asked) delete this.wanted[name];
+    this.sayWhatIsDrawn();
+  }
+
+  sayWhatIsDrawn() {
+    const names = Object.keys(DRAWINGS).filter((name) => name in this.wanted);
+    this.find(".working").textContent = names.length
+      ? `Computing ${names.map((name) => DRAWINGS[name]).join(", ")} …` : "";
+  }
+
   want(what) {
+    for (const name of what) this.wanted[name] = version;
+    this.sayWhatIsDrawn();
     for (const asker of this.askers) {
       if (what.includes(asker.name)) asker.want(version, { ...message(), lens: this.place });
     }
@@ -146,7 +168,7 @@ class Column {
 
 const pointOf = (axis) => turned.object[axis] ?? 0;
 
-function changed(what = ["point", "field", "through", "figures"]) {
+function changed(what = Object.keys(DRAWINGS)) {
   version += 1;
   for (const column of columns) {
     column.move(pointOf("x"), pointOf("y"));
@@ -245,12 +267,14 @@ async function start() {
     columns.push(new Column(place, lens));
     at("columns").append(columns[place].root);
   });
+  at("status").hidden = true;
   build(found);
   buildDots(found.dots);
   changed();
 }
 
 start().catch((error) => {
+  at("status").hidden = true;
   at("error").hidden = false;
   at("error").textContent = error.message;
 });

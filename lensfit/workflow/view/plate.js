@@ -75,7 +75,7 @@ function rest(quality) {
   clearTimeout(resting);
   const next = lens.qualities[lens.qualities.indexOf(quality) + 1];
   resting = setTimeout(() => {
-    at("status").textContent += `; ${QUALITIES[next].toLowerCase()} follows`;
+    if (quality) at("status").textContent += `; ${QUALITIES[next].toLowerCase()} follows`;
     want(next);
   }, REST_MS);
 }
@@ -85,6 +85,7 @@ function changed() {
   clearTimeout(resting);
   for (const one of Object.values(askers)) one.forget();
   at("saved").textContent = "";
+  at("status").textContent = "Making the picture …";
   if (lens.qualities.length > 1) want(lens.qualities[0]);
   else rest();
   showCommand();
@@ -384,4 +385,7 @@ async function start() {
   watch();
 }
 
-start().catch(say);
+start().catch((error) => {
+  say(error);
+  at("status").textContent = "";
+});

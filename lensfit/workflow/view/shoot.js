@@ -239,6 +239,13 @@ async function showAnew(sentence) {
 
 const seconds = (s) => (s < 90 ? `${Math.ceil(s)} s` : `${Math.round(s / 60)} min`);
 
+/** What a calibration is at: its stage that is not done, or what follows the last one. */
+function working(stages) {
+  const now = stages.find((one) => !one.total || one.done < one.total);
+  if (now) return `Calibrating: ${now.stage} …`;
+  return stages.length ? `Calibrating: after ${stages.at(-1).stage} …` : "Calibrating: reading the photographs …";
+}
+
 function showRun(run) {
   const running = run.state === "running";
   at("start").hidden = running;
@@ -248,7 +255,7 @@ function showRun(run) {
   at("report").hidden = run.state !== "done";
   const failed = run.failed?.length ? ` Not used: ${run.failed.join("; ")}.` : "";
   at("outcome").textContent = {
-    idle: "", running: "", cancelled: "Cancelled; earlier results are as they were.",
+    idle: "", running: working(run.stages), cancelled: "Cancelled; earlier results are as they were.",
     failed: run.error, done: `${run.headline}${failed}`,
   }[run.state];
   at("outcome").className = run.state === "failed" ? "alert" : "";
@@ -258,8 +265,8 @@ function showRun(run) {
     bar.max = one.total || 1;
     bar.value = one.done;
     bar.setAttribute("aria-label", one.stage);
-    const left = one.left_s === null ? "" : `, ${seconds(one.left_s)} left`;
-    item.append(element("span", one.stage), bar, element("span", `${one.done} of ${one.total}, ${seconds(one.seconds)}${left}`));
+    const left = one.left_s === null ? "" : `, ${seconds(one.left_s)} left of this stage`;
+    item.append(element("span", one.stage), bar, element("span", `${one.total ? `${one.done} of ${one.total}, ` : ""}${seconds(one.seconds)}${left}`));
     return item;
   }));
 }

@@ -174,6 +174,17 @@ def test_a_process_that_has_ended_is_a_sentence(plate: Path, tmp_path: Path):
             until(browser, f"{error}.startsWith('The process of this page')", True)
 
 
+def test_it_is_said_that_a_picture_is_made(opened: Browser):
+    status = "document.getElementById('status').textContent"
+    found = opened.run(
+        f"""(() => {{ const one = {field("f_number")};
+        one.value = 8, one.dispatchEvent(new Event('change'));
+        return {status}; }})()"""
+    )
+    assert found == "Making the picture …"
+    until(opened, f"{status}.startsWith('Full quality, ')", True)
+
+
 def test_a_kept_state_stays_what_it_was(opened: Browser):
     beside = "document.getElementById('stage').dataset.beside"
     press(opened, "keep")

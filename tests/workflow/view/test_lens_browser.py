@@ -79,6 +79,29 @@ def test_a_turned_lens_is_drawn_and_reset(opened: Browser, client: Client):
     assert opened.run("document.querySelectorAll('.drawn svg').length") == 7
 
 
+def test_it_is_said_what_is_computed(opened: Browser):
+    number = "document.getElementById('k-f_number')"
+    working = "document.querySelector('.working').textContent"
+    entered = f"{number}.value = 5.6, {number}.dispatchEvent(new Event('change'))"
+    assert opened.run(f"{entered}, {working}") == (
+        "Computing the point, the field, through focus and aperture, the curves …"
+    )
+    until(opened, working, "")
+
+
+def test_drawings_come_though_the_point_is_moved_meanwhile(opened: Browser):
+    number = "document.getElementById('k-f_number')"
+    curves = "document.querySelector('.column').dataset.figures"
+    before = opened.run(curves)
+    opened.run(
+        f"""{number}.value = 4, {number}.dispatchEvent(new Event('change')),
+        document.querySelector('.handle').dispatchEvent(
+            new KeyboardEvent('keydown', {{ key: 'ArrowLeft' }}))"""
+    )
+    until(opened, "document.querySelector('.working').textContent", "")
+    assert opened.run(curves) != before
+
+
 def test_what_cannot_be_is_a_sentence_in_the_column(opened: Browser):
     number = "document.getElementById('k-object_distance_mm')"
     opened.run(f"{number}.value = 20, {number}.dispatchEvent(new Event('change'))")

@@ -138,9 +138,8 @@ def test_a_calibration_is_cancelled_without_loss_then_ends_in_its_report(
 
     opened.run("document.getElementById('start').click()")
     until(opened, STATE, "running")
-    until(
-        opened, "document.getElementById('stages').textContent.includes('left')", True
-    )
+    stage = "document.getElementById('outcome').textContent"
+    until(opened, f"{stage}.startsWith('Calibrating: ')", True)
     until(opened, STATE, "done", patience_s=600)
     headline = load_preset(results / "preset.json").verdict.headline
     said = opened.run("document.getElementById('outcome').textContent")
