@@ -245,8 +245,14 @@ class ShootServer:
 
     async def draft(self, request: Request) -> Response:
         """Photographs that the file lacks."""
-        await self._done(request, EmptyMessage, lambda _: self.viewed.draft())
-        return await self.shoot(request)
+        await message_of(request, EmptyMessage)
+        left_out = await self._in_turn.done(self.viewed.draft)
+        form = await self._in_turn.done(self.viewed.form)
+        if left_out:
+            form["notes"].append(
+                f"Left out, as no chart of the file was found: {', '.join(left_out)}"
+            )
+        return JSONResponse(form)
 
     async def calibrate(self, request: Request) -> Response:
         """Begin."""

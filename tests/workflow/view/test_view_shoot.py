@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from bundled_shoot import DEMO
 from view_makers import Client, served
@@ -187,6 +189,45 @@ def test_photographs_that_the_file_lacks_are_drafted_into_it(tmp_path: Path):
         answer = client.post("field", table="target", place=0, key="kind",
                              typed="dot-grid")  # fmt: skip
         assert "[[target]] 1, kind" not in answer.json()["unconfirmed"]
+
+
+def write_grey(path: Path) -> None:
+    cv2.imwrite(str(path), np.full((200, 300), 127, np.uint8))
+
+
+def test_a_photograph_without_a_chart_is_not_drafted(client: Client, folder: Path):
+    path = folder / "shoot.toml"
+    before = path.read_text()
+    write_grey(folder / "grey.png")
+    until(lambda: photographs(client))
+    refused = client.post("draft")
+    assert refused.status == 422
+    assert "no chart was found on grey.png" in refused.json()["error"]
+    assert path.read_text() == before
+    shutil.copy(DEMO / "dots.exr", folder / "another.exr")
+    until(lambda: len(photographs(client)) == 2)
+    form = client.post("draft").json()
+    images = [take.image for take in load_shoot(path).takes]
+    assert "another.exr" in images
+    assert "grey.png" not in images
+    assert any("grey.png" in note for note in form["notes"])
+
+
+def test_a_deleted_photograph_is_listed_no_more(client: Client, folder: Path):
+    write_grey(folder / "grey.png")
+    until(lambda: photographs(client))
+    shutil.copy(DEMO / "dots.exr", folder)
+    until(lambda: len(photographs(client)) == 2)
+    state = client.get("api/checks").json()
+    assert "done" in [view["state"] for view in state["plan"]]
+    picture = photographs(client)[1]["picture"]
+    (folder / "grey.png").unlink()
+    assert [one["name"] for one in photographs(client)] == ["dots.exr"]
+    assert photographs(client)[0]["picture"] == picture
+    (folder / "dots.exr").unlink()
+    state = client.get("api/checks").json()
+    assert state["photographs"] == []
+    assert {view["state"] for view in state["plan"]} == {"missing"}
 
 
 @pytest.mark.parametrize(
