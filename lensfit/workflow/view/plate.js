@@ -22,11 +22,36 @@ let kept = null; // another state, which the wipe shows in place of the plate
 const frame = () => +at("frame").value;
 const stops = () => +at("exposure").value;
 const shownAs = () => ({ exposure_stops: stops(), view: chosen() });
-const message = () => ({ frame: frame(), ...turned.camera, knobs: turned.knobs });
+const message = () => ({
+  frame: frame(), ...turned.camera, knobs: turned.knobs,
+  ...(at("defocus").checked === lens.defocus ? {} : { defocus: at("defocus").checked }),
+});
+
+/** Options of the command as the fields of this page that do the same. */
+const FIELDS = {
+  "--f-number": "f_number", "--focus-distance-mm": "focus_distance_mm", "--focal-length-mm": "focal_length_mm",
+};
+
+/** A sentence for this page, and the fields that it asks for. */
+function inFields(sentence) {
+  const needed = [];
+  const text = sentence.replace(/--[a-z][a-z-]*/g, (option) => {
+    if (option === "--no-defocus") return "the box “Depth of field”";
+    const one = controls[FIELDS[option]];
+    if (!one) return option;
+    needed.push(one.row);
+    return `the field “${one.row.querySelector("label").textContent}”`;
+  });
+  const others = /--[a-z]/.test(text) ? ". Options are given when lensfit view is started" : "";
+  return { text: text + others, needed };
+}
 
 function say(error) {
+  const { text, needed } = inFields(error ? error.message : "");
   at("error").hidden = !error;
-  at("error").textContent = error ? error.message : "";
+  at("error").textContent = text;
+  for (const row of document.querySelectorAll(".needed")) row.classList.remove("needed");
+  for (const row of needed) row.classList.add("needed");
 }
 
 async function show(image, answer) {
@@ -40,7 +65,9 @@ async function show(image, answer) {
 const failed = (error, asked) => {
   if (asked === version) {
     say(error);
-    at("status").textContent = "No picture of this state";
+    const isMade = at("made").hasAttribute("src");
+    at("stage").classList.toggle("unmade", !isMade);
+    at("status").textContent = isMade ? "No picture of this state; the one before is shown" : "No picture of this state; the plate is shown as it is";
   }
 };
 
@@ -55,6 +82,7 @@ const pictures = (quality) => new Asker(
     if (first ? asked < shown : asked !== version) return;
     shown = asked;
     await show(at("made"), answer);
+    at("stage").classList.remove("unmade");
     say(null);
     at("status").textContent = `${QUALITIES[quality]}, ${seconds.toFixed(2)} s`;
     at("stage").dataset.shown = quality;
@@ -190,6 +218,7 @@ function keep() {
 function reset() {
   turned.camera = {};
   turned.knobs = {};
+  at("defocus").checked = lens.defocus;
   at("mark").hidden = true;
   for (const one of Object.values(controls)) one.show(undefined);
   changed();
@@ -268,8 +297,7 @@ function isSound() {
 
 async function save() {
   if (!isSound()) return;
-  const { frame: _, knobs, ...camera } = message();
-  const isTurned = Object.keys({ ...camera, ...knobs }).length > 0;
+  const isTurned = Object.keys({ ...turned.camera, ...turned.knobs }).length > 0;
   try {
     const found = await (await ask("save", message())).json();
     await saved();
@@ -342,6 +370,7 @@ function listen() {
       share(event.clientY, box.top, box.height) * lens.height,
     );
   });
+  at("defocus").addEventListener("change", changed);
   at("focus").addEventListener("click", () => focusAt(+at("at-x").value + 0.5, +at("at-y").value + 0.5));
   at("zoom").addEventListener("click", () => {
     const on = at("scroll").classList.toggle("pixels");
@@ -376,6 +405,7 @@ async function start() {
     at("frame").max = lens.frames.length - 1;
   }
   at("name").textContent = lens.frames[0];
+  at("defocus").checked = lens.defocus;
   build();
   listen();
   await colours(lens, () => { changed(); showPlate(); });

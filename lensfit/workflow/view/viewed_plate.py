@@ -324,6 +324,7 @@ class ViewedPlate:
             "camera": {name: _word(value) for name, value in camera.items()},
             "knobs": {n: v for n, v in knobs.items() if not isinstance(v, str)},
             "error": said,
+            "defocus": self.options.switches.defocus,
             "width": display.width,
             "height": display.height,
             "pixel_aspect": plate.image.parts[0].pixel_aspect,
@@ -358,12 +359,19 @@ class ViewedPlate:
         changed = save_settings(self.settings_path, settings_tables(wanted))
         now = self._state(self.options, plate)
         if (now.lens_key, now.knobs) == (then.lens_key, then.knobs):
-            return SavedSettings(changed, [])
+            return SavedSettings(changed, _unsaved(wanted))
         note = (
             f"{self.settings_path} is written, but something that counts before it "
             "says otherwise: a table [[frames]], a sidecar or an option here"
         )
-        return SavedSettings(changed, [note])
+        return SavedSettings(changed, [note, *_unsaved(wanted)])
+
+
+def _unsaved(wanted: LensAdjustments) -> list[str]:
+    """What a settings file does not hold."""
+    if wanted.defocus is None:
+        return []
+    return ["Depth of field is switched here alone: the command below does it as well"]
 
 
 def read_plate(

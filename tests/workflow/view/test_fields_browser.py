@@ -4,11 +4,13 @@ with, whatever is saved, reset or changed elsewhere."""
 import tomllib
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from browser import CHROMIUM, Browser
 from view_makers import (
+    HEADER,
     Client,
     page_in_browser,
     plate_client,
@@ -16,6 +18,8 @@ from view_makers import (
     until,
     write_depth_plate,
 )
+
+from lensfit.io.exr import ExrImage, read_exr, write_exr
 
 pytestmark = [
     pytest.mark.slow,
@@ -183,6 +187,52 @@ def test_it_is_said_that_a_picture_is_made(opened: Browser):
     )
     assert found == "Making the picture …"
     until(opened, f"{status}.startsWith('Full quality, ')", True)
+
+
+def bare_plate(path: Path, channels: str, header: dict[str, float]) -> Path:
+    """A plate that holds and states less."""
+    part = read_exr(write_depth_plate(path)).parts[0]
+    kept = {name: one for name, one in part.channels.items() if name in channels}
+    write_exr(path, ExrImage((replace(part, channels=kept, attributes=header),)))
+    return path
+
+
+ERROR = "document.getElementById('error').textContent"
+UNMADE = "document.getElementById('stage').classList.contains('unmade')"
+
+
+def test_a_plate_without_depth_is_shown_without_depth_of_field(tmp_path: Path):
+    plate = bare_plate(tmp_path / "p.exr", "RGB", HEADER)
+    with (
+        plate_client(plate, thin_lens()) as client,
+        page_in_browser(client, tmp_path / "profile", UNMADE) as browser,
+    ):
+        assert "the box “Depth of field”" in browser.run(ERROR)
+        assert "plate is shown as it is" in browser.run(
+            "document.getElementById('status').textContent"
+        )
+        until(browser, "document.getElementById('plate').naturalWidth > 0", True)
+        press(browser, "defocus")
+        until(browser, READY, True)
+        assert browser.run(ERROR) == ""
+        assert not browser.run(UNMADE)
+        until(browser, f"{COMMAND}.endsWith('--no-defocus')", True)
+
+
+def test_what_a_plate_does_not_state_is_asked_for_in_its_field(tmp_path: Path):
+    plate = bare_plate(tmp_path / "p.exr", "RGBZ", {})
+    with (
+        plate_client(plate, thin_lens()) as client,
+        page_in_browser(client, tmp_path / "profile", UNMADE) as browser,
+    ):
+        needed = "[...document.querySelectorAll('.needed input')].map((one) => one.id)"
+        for name, text in (("focus_distance_mm", "2 m"), ("f_number", "2")):
+            label = f"document.querySelector('label[for=k-{name}]').textContent"
+            until(browser, f"{needed}.includes('k-{name}')", True)
+            assert f"the field “{browser.run(label)}”" in browser.run(ERROR)
+            enter(browser, name, text)
+        until(browser, READY, True)
+        assert browser.run(ERROR) == ""
 
 
 def test_a_kept_state_stays_what_it_was(opened: Browser):

@@ -168,6 +168,21 @@ def test_a_message_is_refused_in_plain_words(client, message: dict, said: str):
     assert "$" not in error
 
 
+def test_depth_of_field_is_left_out(client, plate: Path, tmp_path: Path):
+    line = client.post("command", f_number=4, defocus=False).json()["command"]
+    assert line.endswith("--f-number=4 --no-defocus")
+    blurred, sharp = (
+        client.post("render", focus_distance_mm="inf", **more).content
+        for more in ({}, {"defocus": False})
+    )
+    assert blurred != sharp
+    assert client.get("api/lens").json()["defocus"] is True
+    given = StartCommand("lens.json", "p.exr", (("--no-defocus",),))
+    assert "--no-defocus" not in command_line(given, LensAdjustments(defocus=True))
+    notes = client.post("save", defocus=False).json()["notes"]
+    assert "Depth of field" in notes[0]
+
+
 def test_a_click_beside_the_frame_is_a_sentence(client):
     answer = client.post("focus", x=5000, y=2)
     assert answer.status == 422
