@@ -22,6 +22,7 @@ const message = () => ({ ...turned.camera, ...turned.object, knobs: turned.knobs
 const clamp = (value) => Math.min(Math.max(value, -1), 1);
 const short = (value, digits = 3) => String(+Number(value).toPrecision(digits));
 const metres = (mm) => (mm === "inf" ? "∞" : short(mm / 1000));
+const wide = (found) => `${short(found.width_px)} px (${short(found.width_mm)} mm)`;
 const percent = (share) => `${short(100 * share, 2)} %`;
 
 function element(name, text, className = "") {
@@ -83,7 +84,7 @@ class Column {
     for (const name of what) this.wanted[name] = version;
     this.sayWhatIsDrawn();
     for (const asker of this.askers) {
-      if (what.includes(asker.name)) asker.want(version, { ...message(), lens: this.place });
+      if (what.includes(asker.name)) asker.want(version, { ...message(), lens: this.place, one_scale: true });
     }
   }
 
@@ -124,7 +125,7 @@ class Column {
       ? ` Known to ${percent(found.errors[1][1])} in the middle, ${percent(Math.max(...found.errors.flat()))} at worst (1σ).`
       : " The preset does not say how well they are known.";
     this.find(".pair figcaption").textContent =
-      `A point of green light; each tile ${short(found.width_px)} px wide, against its own peak.${known} ` +
+      `A point of green light; each tile ${wide(found)} wide, against its own peak.${known} ` +
       found.notes.join(". ");
   }
 
@@ -135,7 +136,7 @@ class Column {
     if (found.deviation) deviation.src = found.deviation;
     const known = found.error === null ? "" : ` Beside it the standard deviation, on the same scale: ${percent(found.error)} in all.`;
     this.find(".pair figure:last-child figcaption").textContent =
-      `At ${found.x_mm}, ${found.y_mm} mm from the middle, ${short(found.width_px)} px wide.${known}`;
+      `At ${found.x_mm}, ${found.y_mm} mm from the middle, ${wide(found)} wide.${known}`;
   }
 
   through(found) {
@@ -152,7 +153,7 @@ class Column {
     );
     this.find(".through img").src = found.picture;
     this.find(".through figcaption").textContent =
-      `The point at distances from the sensor (across, in metres) and f-numbers (down); tiles ${short(found.width_px)} px wide.`;
+      `The point at distances from the sensor (across, in metres) and f-numbers (down); tiles ${wide(found)} wide.`;
   }
 
   figures(found) {
