@@ -2,6 +2,7 @@
 
 import { Asker, fetched } from "./asker.js";
 import { cameraSpecs, control, ofDistance } from "./controls.js";
+import { partLetters } from "./letters.js";
 
 const at = (id) => document.getElementById(id);
 const CAMERA = ["focal_length_mm", "f_number", "focus_distance_mm"];
@@ -164,6 +165,7 @@ class Column {
       figure.append(element("h3", one.title), svg, element("figcaption", one.caption));
       return figure;
     }));
+    this.root.querySelectorAll(".drawn svg").forEach(partLetters);
   }
 }
 

@@ -41,6 +41,7 @@ PAGE_FILES = {
     "lens.js": "workflow/view/lens.js",
     "controls.js": "workflow/view/controls.js",
     "asker.js": "workflow/view/asker.js",
+    "letters.js": "workflow/view/letters.js",
 }
 REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; img-src data:; "

@@ -102,6 +102,30 @@ def test_drawings_come_though_the_point_is_moved_meanwhile(opened: Browser):
     assert opened.run(curves) != before
 
 
+OVERPRINTED = """[...document.querySelectorAll(".drawn svg")].flatMap((svg) => {
+    const frame = svg.getBoundingClientRect();
+    const letters = [...svg.querySelectorAll("text.tick, text.axis, text.tag")];
+    const boxes = letters.map((one) => [one.textContent, one.getBoundingClientRect()]);
+    const outside = boxes.filter(([, box]) => box.left < frame.left - 1
+        || box.right > frame.right + 1 || box.bottom > frame.bottom + 1);
+    const pairs = boxes.flatMap(([one, a], k) => boxes.slice(k + 1).filter(([, b]) =>
+        Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1
+        && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 3)
+        .map(([other]) => one + " on " + other));
+    return [...pairs, ...outside.map(([one]) => one + " outside")];
+})"""
+"""Letters of figures that lie on others, or beside the figure."""
+
+
+@pytest.mark.parametrize("width", [1400, 800])
+def test_no_letters_of_a_figure_lie_on_others(
+    opened: Browser, client: Client, width: int
+):
+    opened.open(client.address, width, 1000)
+    until(opened, DRAWN, True)
+    assert opened.run(OVERPRINTED) == []
+
+
 def test_what_cannot_be_is_a_sentence_in_the_column(opened: Browser):
     number = "document.getElementById('k-object_distance_mm')"
     opened.run(f"{number}.value = 20, {number}.dispatchEvent(new Event('change'))")
