@@ -4,9 +4,6 @@ Everything is made by the code of `lensfit apply` and `lensfit plan`, from the a
 `ApplyOptions`, so that a picture at full quality is the frame that `apply` writes. A
 proxy is a smaller plate at a coarser tolerance through the same code, and so is what is
 shown between it and a large frame.
-
-Knobs are saved into a settings file without changing the rest of it; a file written in
-a way that `lensfit.workflow.shoot.toml_lines` does not understand is left alone.
 """
 
 import math
@@ -23,15 +20,14 @@ import msgspec
 import numpy as np
 from jaxtyping import Float32
 
-from lensfit.atomic import write_text_atomic
-from lensfit.errors import ImageError, LensfitError, SettingsError
+from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr import ExrImage, read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.io.sequence import expand_frames
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.camera.settings import NAME as SETTINGS_NAME
-from lensfit.plate.camera.settings import file_stamp, load_settings, settings_beside
+from lensfit.plate.camera.settings import file_stamp, settings_beside
 from lensfit.plate.frame.frame_error import error_at_frame
 from lensfit.plate.frame.frame_outcome import apply_frame
 from lensfit.plate.frame.plate_lens import PlateLens
@@ -41,14 +37,11 @@ from lensfit.preset.knobs import active_knobs
 from lensfit.preset.scaled_look import UNSCALED, ScaledLook
 from lensfit.preset.schema import Preset
 from lensfit.workflow.plan_plate import plan_plate
-from lensfit.workflow.shoot.toml_lines import with_keys
 from lensfit.workflow.view.lens_adjustments import (
     CAMERA,
     LensAdjustments,
     adjusted_options,
-    number_text,
     settings_tables,
-    whole_if_it_is,
 )
 from lensfit.workflow.view.proxy import (
     MOST_PIXELS,
@@ -56,74 +49,8 @@ from lensfit.workflow.view.proxy import (
     proxy_factor,
     proxy_of,
 )
+from lensfit.workflow.view.saved_settings import SavedSettings, save_settings
 from lensfit.workflow.view.screen_picture import first_layer, frame_pixels
-
-Tables = Mapping[str, Mapping[str, float]]
-
-
-class SavedSettings(NamedTuple):
-    """What became of a settings file.
-
-    Attributes
-    ----------
-    changed : Whether it is another one now.
-    notes : What is said where it does not suffice.
-    """
-
-    changed: bool
-    notes: list[str]
-
-
-def save_settings(path: Path, changes: Tables) -> bool:
-    """Set keys of a settings file, which is made if it is not there; whole or not.
-
-    False where it says so already, and stays untouched.
-
-    Parameters
-    ----------
-    changes : Table, key and value.
-
-    Raises
-    ------
-    SettingsError : The file is malformed, or is written so that its keys cannot be set.
-    OutputError : It cannot be written.
-    """
-    old = ""
-    if path.is_file():
-        load_settings(path)  # what is malformed is refused in its own words
-        old = path.read_text(encoding="utf-8")
-    new = changed_text(old, changes, path)
-    if new == old:
-        return False
-    write_text_atomic(path, new)
-    return True
-
-
-def changed_text(old: str, changes: Tables, path: Path) -> str:
-    """The text of a settings file with other values.
-
-    Raises
-    ------
-    SettingsError : Its keys cannot be set line by line.
-    """
-    text = old
-    for table, values in changes.items():
-        plain = {key: whole_if_it_is(value) for key, value in values.items()}
-        changed = with_keys(text, table, plain)
-        if changed is None:
-            lines = "; ".join(
-                f"{k} = {number_text(v)}"
-                for t in changes.values()
-                for k, v in t.items()
-            )
-            raise SettingsError(
-                "is written so that its keys cannot be set one by one",
-                where=path,
-                remedy=f"set them by hand: {lines}",
-            )
-        text = changed
-    return text
-
 
 Quality = Literal["proxy", "finer", "full"]
 """In the order of their pixels."""
