@@ -64,11 +64,22 @@ def convert_strictly(
     try:
         return msgspec.convert(data, record_type, strict=not lax)
     except msgspec.ValidationError as complaint:
-        what, path = _split(str(complaint))
-        key = f"{place(path)}: " if path else ""
-        raise error(
-            f"{key}{_in_plain_words(what, record_type, path)}", where=where
-        ) from complaint
+        said = plain_complaint(str(complaint), record_type, place)
+        raise error(said, where=where) from complaint
+
+
+def plain_complaint(
+    complaint: str, record_type: Any, place: Callable[[str], str] = str
+) -> str:
+    """What msgspec complains of in words of its reader, the key first.
+
+    Parameters
+    ----------
+    place : As of `convert_strictly`.
+    """
+    what, path = _split(complaint)
+    key = f"{place(path)}: " if path else ""
+    return f"{key}{_in_plain_words(what, record_type, path)}"
 
 
 def read_json_object(
@@ -213,7 +224,16 @@ def _in_plain_words(what: str, record_type: Any, path: str) -> str:
         hint = did_you_mean(choice[1], known)
         return f'"{_shortened(choice[1])}" is unknown; {hint}'
     what = re.sub(r"`([a-z| ]+)`", lambda types: _plain_types(types[1]), what)
+    what = re.sub(r"(length )?([<>]=?) (-?[\d.e+-]+)", _plain_bound, what)
     return what[:1].lower() + what[1:]
+
+
+_BOUNDS = {">": "above", ">=": "of at least", "<": "below", "<=": "of at most"}
+
+
+def _plain_bound(found: re.Match[str]) -> str:
+    words = f"{_BOUNDS[found[2]]} {float(found[3]):g}"
+    return found[1] + words.removeprefix("of ") if found[1] else words
 
 
 def _shortened(word: str) -> str:

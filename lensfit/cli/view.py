@@ -1,6 +1,7 @@
 """`lensfit view`: a lens, a plate or a shoot in a page of the browser."""
 
 import importlib
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -78,6 +79,7 @@ def view(
     Example: lensfit view takumar/preset.json --beside zeiss/preset.json
     Example: lensfit view shoot.toml --out takumar
     """
+    _require_preset_first(what)
     if taken["cores"] is not None:
         from lensfit.cores import limit_cores
 
@@ -100,6 +102,23 @@ def view(
         raise typer.Exit(0) from end
     finally:
         server.end()
+
+
+def _require_preset_first(what: str | None) -> None:
+    """Say what comes first where a plate stands there.
+
+    Raises
+    ------
+    LensfitError : It is a plate.
+    """
+    if what is not None and what.lower().endswith(".exr"):
+        from lensfit.errors import LensfitError
+
+        raise LensfitError(
+            "is a plate, and a preset comes before it",
+            where=what,
+            remedy=f"lensfit view PRESET {shlex.quote(what)}",
+        )
 
 
 def _plate_server(

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from lensfit.lens import Lens
 
 FEW_RAYS = 18
-_WIDEST_PX = 1000.0
+_WIDEST_PX, _FARTHEST_PX = 1000.0, 1e5
 _STEPS_PER_OCTAVE = 4
 """Ranges of depth are rounded outward to these, so that frames share rays."""
 _LEAST_RANGE_PX = 0.25
@@ -206,6 +206,7 @@ class Rays:
         return self._fields[1]
 
     @cached_property
+    @np.errstate(over="ignore", invalid="ignore")  # reach_px says it
     def _fields(self) -> tuple[RayField, RayField]:
         budget = self.defocus.budget
         counts = budget.rays, FEW_RAYS
@@ -241,9 +242,22 @@ class Rays:
         )
 
     def reach_px(self, least_px: float, most_px: float) -> int:
-        """How far rays are led, in whole pixels, over a range of radii of blur."""
+        """How far rays are led, in whole pixels, over a range of radii of blur.
+
+        Raises
+        ------
+        LensfitError : The lens leads them nowhere, or farther than any frame.
+        """
         ends = least_px, 0.0, most_px
-        return math.ceil(max(self.many.reach_px(r) for r in ends)) + 4
+        found_px = [self.many.reach_px(r) for r in ends]
+        if not all(reach <= _FARTHEST_PX for reach in found_px):  # nor is NaN
+            raise LensfitError(
+                f"at f/{self.defocus.lens.f_number:g} the fitted aberrations, "
+                "continued beyond what was photographed, lead light to no "
+                "place on the sensor",
+                remedy="give a larger f-number, or knobs that act less",
+            )
+        return math.ceil(max(found_px)) + 4
 
     def is_sharp(self, radius_px: Float32[np.ndarray, "*shape"]) -> bool:
         """Whether no blur of these radii would be seen."""

@@ -98,8 +98,9 @@ class RayField:
         square = (weight * away**2).sum((-2, -1)).max(0)
         return np.sqrt(2 * square + 4 * self.diffraction_px**2)
 
+    @np.errstate(over="ignore", invalid="ignore")
     def reach_px(self, radius_px: float) -> float:
-        """How far any ray is led, diffraction included."""
+        """How far any ray is led, diffraction included; not finite if nowhere."""
         most = np.abs(self.displacements_px(radius_px)).max()
         return float(most + 3 * self.diffraction_px)
 

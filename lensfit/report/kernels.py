@@ -140,7 +140,8 @@ def kernel_states(report: dict, preset: Preset) -> list[KernelState]:
 
 
 def _sheet(lens: Lens, state: KernelState, pixel_mm: float) -> KernelSheet:
-    tiles, width_mm = field_tiles(lens, state.object_distance_mm, pixel_mm)
+    width_mm = width_of_field_mm(lens, state.object_distance_mm, pixel_mm)
+    tiles = field_tiles(lens, state.object_distance_mm, width_mm)
     width_px = width_mm / pixel_mm
     bar_px = round_up(width_px / 4)
     picture = with_bar(sheet_of(tiles), bar_px / width_px * SIZE_PX)
@@ -149,10 +150,26 @@ def _sheet(lens: Lens, state: KernelState, pixel_mm: float) -> KernelSheet:
 
 
 def field_tiles(
-    lens: Lens, distance_mm: float, pixel_mm: float
-) -> tuple[Float[np.ndarray, "rows columns size size"], float]:
-    """Brightness of point-spread functions over the field, to show, and how wide they
-    are drawn, mm.
+    lens: Lens, distance_mm: float, width_mm: float
+) -> Float[np.ndarray, "rows columns size size"]:
+    """Brightness of point-spread functions over the field, to show.
+
+    Parameters
+    ----------
+    width_mm : Of each; `width_of_field_mm` holds them all.
+
+    Raises
+    ------
+    LensfitError : The lens has no image of an object so near.
+    """
+    points = _field_points_mm(lens)
+    far = np.full(len(points), distance_mm)
+    tiles = tiles_of(kernels_at(lens, points, far, width_mm, _TOLERANCE))
+    return tiles.reshape(len(_ROWS), len(_COLUMNS), SIZE_PX, SIZE_PX)
+
+
+def width_of_field_mm(lens: Lens, distance_mm: float, pixel_mm: float) -> float:
+    """Width of an array that holds every tile of the field.
 
     Parameters
     ----------
@@ -162,12 +179,13 @@ def field_tiles(
     ------
     LensfitError : The lens has no image of an object so near.
     """
+    points = _field_points_mm(lens)
+    return width_of_blur_mm(lens, points, np.full(len(points), distance_mm), pixel_mm)
+
+
+def _field_points_mm(lens: Lens) -> Float[np.ndarray, "points 2"]:
     half_mm = np.asarray(lens.sensor_size_mm) / 2
-    points = np.array([(x, y) for y in _ROWS for x in _COLUMNS]) * half_mm
-    far = np.full(len(points), distance_mm)
-    width_mm = width_of_blur_mm(lens, points, far, pixel_mm)
-    tiles = tiles_of(kernels_at(lens, points, far, width_mm, _TOLERANCE))
-    return tiles.reshape(len(_ROWS), len(_COLUMNS), SIZE_PX, SIZE_PX), width_mm
+    return np.array([(x, y) for y in _ROWS for x in _COLUMNS]) * half_mm
 
 
 def width_of_blur_mm(

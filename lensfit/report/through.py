@@ -229,6 +229,7 @@ def through_tiles(
     places_mm: Float[np.ndarray, "places 2"],
     defocus: tuple[float, ...],
     pixel_mm: float,
+    least_mm: float = 0.0,
 ) -> ThroughTiles:
     """Tiles of lenses that differ in their f-number, the widest first.
 
@@ -236,6 +237,7 @@ def through_tiles(
     ----------
     defocus : Vergence of the objects less that of the plane of focus, 1/mm.
     pixel_mm : Of the camera.
+    least_mm : Width of a tile, where the blur needs no wider one.
 
     Raises
     ------
@@ -244,7 +246,8 @@ def through_tiles(
     points = np.repeat(places_mm, len(defocus), axis=0)
     distances = _distances_mm(lenses[0], defocus)
     apart = np.tile(distances, len(places_mm))
-    width_mm = _width_mm(lenses[0], points, apart, defocus, pixel_mm)
+    own_mm = _width_mm(lenses[0], points, apart, defocus, pixel_mm)
+    width_mm = max(own_mm, least_mm)
     tiles = np.stack(
         [
             tiles_of(kernels_at(one, points, apart, width_mm, _TOLERANCE))
@@ -254,6 +257,23 @@ def through_tiles(
     shape = (len(lenses), len(places_mm), len(defocus), SIZE_PX, SIZE_PX)
     by_place = np.swapaxes(tiles.reshape(shape), 0, 1)
     return ThroughTiles(by_place, distances, width_mm)
+
+
+def width_through_mm(
+    lens: Lens,
+    places_mm: Float[np.ndarray, "places 2"],
+    defocus: tuple[float, ...],
+    pixel_mm: float,
+) -> float:
+    """Width that `through_tiles` of this lens, the widest, need.
+
+    Raises
+    ------
+    LensfitError : The lens has no image of an object so near.
+    """
+    points = np.repeat(places_mm, len(defocus), axis=0)
+    apart = np.tile(_distances_mm(lens, defocus), len(places_mm))
+    return _width_mm(lens, points, apart, defocus, pixel_mm)
 
 
 def _width_mm(

@@ -53,6 +53,20 @@ def test_a_folder_without_results_is_named(tmp_path: Path):
     assert "report.json" in refused(tmp_path)
 
 
+def test_a_folder_of_a_shoot_names_the_shoot_file(tmp_path: Path):
+    (tmp_path / "shoot.toml").write_text("")
+    said = refused(tmp_path)
+    assert f"lensfit view {tmp_path / 'shoot.toml'}" in said
+    assert "report.json" not in said
+
+
+@pytest.mark.parametrize("more", [(), ("lens",)])
+def test_a_plate_without_a_preset_before_it_is_told_what_comes_first(
+    plate: Path, more: tuple[str, ...]
+):
+    assert f"lensfit view PRESET {plate}" in refused(plate, *more)
+
+
 def test_a_plate_that_is_not_there_is_named(lens, tmp_path: Path):
     assert "no.exr" in refused(lens, tmp_path / "no.exr")
 

@@ -95,7 +95,12 @@ class CheckSession:
     @property
     def plan(self) -> Sequence[PlannedView]:
         """Every view of the plan and its state; none without a plan."""
-        return () if self.shoot is None else planned_views(self.shoot, self.judged)
+        return () if self.shoot is None else planned_views(self.shoot, self._standing())
+
+    def _standing(self) -> dict[str, tuple[Level, Path]]:
+        """Views whose photograph was not deleted since."""
+        judged = list(self.judged.items())
+        return {name: one for name, one in judged if one[1].is_file()}
 
     def _kept(self, judged: Check) -> Check:
         if judged.take is not None:
@@ -113,7 +118,7 @@ class CheckSession:
         photograph = read_photograph(path, encoding, mosaic)
         header = _header(photograph)
         if shoot is not None and take is None:
-            taken = [n for n, (_, one) in self.judged.items() if one != path]
+            taken = [n for n, (_, one) in self._standing().items() if one != path]
             take = view_of_photograph(shoot, path, header, taken)
             if take is not None and take.encoding not in (None, photograph.encoding):
                 photograph = read_photograph(path, take.encoding, mosaic)

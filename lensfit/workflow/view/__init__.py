@@ -6,6 +6,7 @@ proxy              a smaller plate for a quick look
 screen_picture     pictures as the screen shows them
 view_transform     in place of sRGB, a display and a view of OpenColorIO
 viewed_plate       a preset on a plate: pictures, plan, focus, start values
+saved_settings     adjustments in the settings file of the shot
 saved_edit         knobs as an edit of a lens of the library
 answers            one thread that drops outdated requests
 guard              which requests are accepted

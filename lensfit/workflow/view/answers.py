@@ -21,6 +21,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from lensfit._strict import plain_complaint
 from lensfit.errors import LensfitError, sentence_of
 
 
@@ -115,6 +116,9 @@ class RequestQueue:
         self._waiting -= 1
 
 
+_DESCRIBED = 'correct it; "See it in the browser" of the guide describes messages'
+
+
 async def message_of(request: Request, record: type) -> Any:
     """The JSON message that a request carries.
 
@@ -130,10 +134,12 @@ async def message_of(request: Request, record: type) -> Any:
         )
     try:
         return msgspec.json.decode(await request.body(), type=record)
+    except msgspec.ValidationError as error:
+        said = plain_complaint(str(error), record)
+        raise LensfitError(said, remedy=_DESCRIBED) from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise LensfitError(
-            f"the message is malformed: {error}",
-            remedy="notebooks/guide/view.md describes the interface",
+            f"the message is no JSON: {error}", remedy=_DESCRIBED
         ) from None
 
 
@@ -176,6 +182,10 @@ def png_answer(content: bytes) -> Response:
     return Response(content, media_type="image/png")
 
 
+def _status_of(error: LensfitError) -> int:
+    return getattr(error, "status", 422)
+
+
 def errors_as_sentences(answer: Answer) -> Answer:
     """The same, which says in a sentence what cannot be done."""
 
@@ -187,7 +197,7 @@ def errors_as_sentences(answer: Answer) -> Answer:
         except ClientDisconnect:
             return Response(status_code=400)  # nobody is there to read it
         except LensfitError as error:
-            return JSONResponse({"error": str(error)}, 422)
+            return JSONResponse({"error": str(error)}, _status_of(error))
         except asyncio.CancelledError:
             return Response(status_code=503)  # the process ends
         except Exception as error:  # whatever it was, the page says it

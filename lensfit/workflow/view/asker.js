@@ -8,15 +8,26 @@ async function sentence(answer) {
   }
 }
 
+export const ENDED = "The process of this page has ended: start lensfit view again, and open the address that it prints";
+
+/** As `fetch`, with a sentence where nobody answers. */
+export async function fetched(name, options = {}) {
+  try {
+    return await fetch(`api/${name}`, options);
+  } catch {
+    throw new Error(ENDED);
+  }
+}
+
 /** The answer of the process; null where a newer request took its place. */
 export async function ask(name, message) {
-  const answer = await fetch(`api/${name}`, {
+  const answer = await fetched(name, {
     method: "POST",
     headers: { "content-type": "application/json" },
     body: JSON.stringify(message),
   });
   if (answer.status === 204) return null;
-  if (!answer.ok) throw new Error(await sentence(answer));
+  if (!answer.ok) throw Object.assign(new Error(await sentence(answer)), { status: answer.status });
   return answer;
 }
 

@@ -110,15 +110,16 @@ class StageTimes:
         self._stages[stage] = [done, total, began, now]
 
     def facts(self, running: bool) -> list[dict[str, Any]]:
-        """Each stage in order: steps done of all, seconds so far, seconds left."""
+        """Each stage in order: steps done of all, seconds so far, seconds left
+        (None where they are not known)."""
         now = time.monotonic()
         found = []
         for stage, (done, total, began, last) in list(self._stages.items()):
             is_done = bool(total) and done >= total
             until = last if is_done or not running else now
             left = None
-            if running and done and total and not is_done:
-                left = max((last - began) * total / done - (now - began), 0.0)
+            if running and total and not is_done:
+                left = _left_s(total - done, done, last - began, now - last)
             found.append(
                 {
                     "stage": stage, "done": done, "total": total,
@@ -126,6 +127,24 @@ class StageTimes:
                 }
             )  # fmt: skip
         return found
+
+
+_FEWEST = 2
+"""Steps that tell how long one takes."""
+
+
+def _left_s(left: float, done: float, took_s: float, since_s: float) -> float | None:
+    """Seconds left of a stage; None where they are not known: after one step, and while
+    a step takes longer than those before it.
+
+    Parameters
+    ----------
+    left, done : Steps.
+    took_s, since_s : Of the steps that are done, and of the one in work so far.
+    """
+    if done < _FEWEST or since_s >= took_s / done:
+        return None
+    return left * took_s / done - since_s
 
 
 def calibrate_and_tell(

@@ -57,11 +57,12 @@ class CheckedPhotographs:
 
     def state(self) -> dict[str, Any]:
         """Every photograph with its check, the plan, and what is being checked."""
-        found = list(self._found.values())
+        found = enumerate(list(self._found.values()))
+        there = [(k, one) for k, one in found if one.path.is_file()]
         plan = self._session.plan
         return {
             "folder": str(self.folder),
-            "photographs": [_facts(k, one) for k, one in enumerate(found)],
+            "photographs": [_facts(k, one) for k, one in there],
             "checking": None if self._busy is None else self._busy.name,
             "plan": [asdict(view) for view in plan],
             "next": plan_sentence(plan) if plan else None,
@@ -69,9 +70,15 @@ class CheckedPhotographs:
         }
 
     @property
-    def paths(self) -> list[Path]:
-        """Photographs that could be read, in the order of their arrival."""
-        return [one.path for one in list(self._found.values()) if one.check is not None]
+    def checks(self) -> dict[Path, Check]:
+        """Of photographs that could be read and are there, in the order of their
+        arrival."""
+        found = list(self._found.values())
+        return {
+            one.path: one.check
+            for one in found
+            if one.check is not None and one.path.is_file()
+        }
 
     def picture(self, place: int) -> Path | None:
         """The picture of a check."""

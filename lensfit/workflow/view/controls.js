@@ -3,6 +3,39 @@
 const short = (value) =>
   value === null || value === undefined ? "" : value === "inf" ? "inf" : String(+(+value).toPrecision(5));
 
+const MM = { mm: 1, cm: 10, m: 1000, in: 25.4, ft: 304.8 };
+const INFINITE = ["inf", "infinity", "∞"];
+
+/** A distance in millimetres of a text with or without a unit, "inf", or NaN. */
+function distance(text) {
+  if (INFINITE.includes(text.toLowerCase())) return "inf";
+  const [, number, unit] = text.match(/^(\d+\.?\d*|\.\d+)\s*(mm|cm|m|in|ft)?$/i) || [];
+  return number === undefined ? NaN : +(number * MM[(unit || "mm").toLowerCase()]).toPrecision(12);
+}
+
+/** What a range allows, in words. */
+function allowed({ least, most, whole, example }) {
+  if (example) return `write ${example}`;
+  const kind = whole ? "a whole number" : "a number";
+  const low = least === null || least === undefined ? "" : ` from ${short(least)}`;
+  const high = most === null || most === undefined ? "" : ` to ${short(most)}`;
+  return `give ${kind}${low}${high}`;
+}
+
+/** What was typed: its value (undefined for none), or a sentence on why it is none. */
+function read(spec, number) {
+  const text = number.value.trim();
+  if (text === "" && !number.validity.badInput) return { value: undefined };
+  const value = text === "" ? NaN : spec.read ? spec.read(text) : Number(text);
+  const refused = (why) => ({ fault: `${why}; ${allowed(spec)}. The picture stays as it was` });
+  if (Number.isNaN(value)) return refused(text === "" ? "This is no number" : `“${text}” is no ${spec.kind || "number"}`);
+  if (value === "inf") return { value };
+  if (spec.whole && !Number.isInteger(value)) return refused(`${text} is not whole`);
+  if (spec.least !== null && value < spec.least) return refused(`${text} is too small`);
+  if (spec.most !== null && value > spec.most) return refused(`${text} is too large`);
+  return { value };
+}
+
 /** A control; `spec.to` and `spec.from` map a value to the slider's place and back. */
 export function control(spec, changed) {
   const row = document.createElement("div");
@@ -33,14 +66,28 @@ export function control(spec, changed) {
     slider.setAttribute("aria-label", spec.label);
     row.append(slider);
   }
+  const wrong = document.createElement("small");
+  wrong.className = "alert";
+  wrong.id = `e-${spec.name}`;
+  wrong.setAttribute("role", "alert");
+  number.setAttribute("aria-describedby", wrong.id);
+  row.append(wrong);
+  const blame = (sentence) => {
+    wrong.textContent = sentence;
+    wrong.hidden = !sentence;
+    number.setAttribute("aria-invalid", Boolean(sentence));
+  };
   if (spec.text) {
     const text = document.createElement("small");
     text.textContent = spec.text;
     text.id = `t-${spec.name}`;
-    number.setAttribute("aria-describedby", text.id);
+    number.setAttribute("aria-describedby", `${wrong.id} ${text.id}`);
     row.append(text);
   }
+  let current; // undefined where the lens and the plate have their way
   const show = (value) => {
+    current = value;
+    blame("");
     const shown = value === undefined ? spec.start : value;
     number.value = short(shown);
     if (slider && shown !== null && shown !== undefined) slider.value = to(shown);
@@ -53,12 +100,11 @@ export function control(spec, changed) {
     changed(spec.name, value);
   });
   number.addEventListener("change", () => {
-    const text = number.value.trim();
-    if (text === "" || !number.checkValidity()) {
-      if (text === "") set(undefined);
-      return;
-    }
-    set(text === "inf" ? "inf" : +text);
+    const { value, fault } = read(spec, number);
+    if (fault) {
+      blame(fault);
+      row.classList.add("turned"); // so that the way back is there
+    } else set(value);
   });
   const set = (value) => {
     show(value);
@@ -70,8 +116,21 @@ export function control(spec, changed) {
   const rest = (value) => {
     if (slider && value !== null) slider.value = to(value);
   };
-  return { row, set, show, rest };
+  /** Another value of the lens and the plate, where nothing is turned. */
+  const begin = (value) => {
+    spec.start = value;
+    if (wrong.hidden) show(current);
+  };
+  /** Why what is typed does not count, with the field's name; null where it does. */
+  const fault = () => (wrong.hidden ? null : `${spec.label}: ${wrong.textContent}`);
+  return { row, set, show, rest, begin, fault, number };
 }
+
+/** A field that holds a distance. */
+export const ofDistance = {
+  text_field: true, read: distance, kind: "distance", least: 0.001, most: 1e9,
+  example: "millimetres, 1.5 m, 5 ft or inf",
+};
 
 /** The controls of the camera, from what the lens and the plate say. */
 export function cameraSpecs(lens) {
@@ -86,7 +145,7 @@ export function cameraSpecs(lens) {
     },
     {
       name: "focus_distance_mm", label: "Focus distance (mm)", start: camera.focus_distance_mm,
-      text_field: true, text: "Slider from infinity to near, evenly in dioptres",
+      ...ofDistance, text: "Slider from infinity to near, evenly in dioptres",
       slider: [0, 1000 / near], step: 1000 / near / 400,
       to: (mm) => (mm === "inf" ? 0 : 1000 / mm),
       from: (dioptres) => (dioptres <= 0 ? "inf" : +(1000 / dioptres).toPrecision(5)),

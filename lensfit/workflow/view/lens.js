@@ -1,7 +1,8 @@
 // The page of a lens: what is turned, and what every lens draws of it.
 
-import { Asker } from "./asker.js";
-import { cameraSpecs, control } from "./controls.js";
+import { Asker, fetched } from "./asker.js";
+import { cameraSpecs, control, ofDistance } from "./controls.js";
+import { partLetters } from "./letters.js";
 
 const at = (id) => document.getElementById(id);
 const CAMERA = ["focal_length_mm", "f_number", "focus_distance_mm"];
@@ -9,6 +10,9 @@ const OBJECT = ["object_distance_mm", "x", "y"];
 // Tiles of the field lie at these shares of the way to the frame's edges.
 const SPAN = { x: 0.9 / 0.4, y: 0.9 / (1 / 3) };
 const NUDGE = 0.05;
+const DRAWINGS = {
+  point: "the point", field: "the field", through: "through focus and aperture", figures: "the curves",
+};
 
 const turned = { camera: {}, object: {}, knobs: {} };
 const controls = {};
@@ -19,6 +23,7 @@ const message = () => ({ ...turned.camera, ...turned.object, knobs: turned.knobs
 const clamp = (value) => Math.min(Math.max(value, -1), 1);
 const short = (value, digits = 3) => String(+Number(value).toPrecision(digits));
 const metres = (mm) => (mm === "inf" ? "∞" : short(mm / 1000));
+const wide = (found) => `${short(found.width_px)} px (${short(found.width_mm)} mm)`;
 const percent = (share) => `${short(100 * share, 2)} %`;
 
 function element(name, text, className = "") {
@@ -34,16 +39,21 @@ class Column {
     this.root = at("column").content.cloneNode(true).firstElementChild;
     this.place = place;
     this.find("h2").textContent = [lens.lens, lens.serial].filter(Boolean).join(", ");
-    this.askers = ["point", "field", "through", "figures"].map(
+    this.wanted = {}; // the version of each drawing that is not there yet
+    this.askers = Object.keys(DRAWINGS).map(
       (name) => new Asker(
         name,
         async (answer, asked) => {
-          if (asked !== version && name !== "point") return;
+          if (asked !== this.wanted[name] && name !== "point") return;
           this[name](await answer.json());
           this.say(null);
           this.root.dataset[name] = asked;
+          this.came(name, asked);
         },
-        (error, asked) => asked === version && this.say(error),
+        (error, asked) => {
+          if (asked === this.wanted[name]) this.say(error);
+          this.came(name, asked);
+        },
       ),
     );
     this.drag();
@@ -59,9 +69,23 @@ class Column {
     line.textContent = error ? error.message : "";
   }
 
+  /** A drawing is there, or cannot be. */
+  came(name, asked) {
+    if (this.wanted[name] === asked) delete this.wanted[name];
+    this.sayWhatIsDrawn();
+  }
+
+  sayWhatIsDrawn() {
+    const names = Object.keys(DRAWINGS).filter((name) => name in this.wanted);
+    this.find(".working").textContent = names.length
+      ? `Computing ${names.map((name) => DRAWINGS[name]).join(", ")} …` : "";
+  }
+
   want(what) {
+    for (const name of what) this.wanted[name] = version;
+    this.sayWhatIsDrawn();
     for (const asker of this.askers) {
-      if (what.includes(asker.name)) asker.want(version, { ...message(), lens: this.place });
+      if (what.includes(asker.name)) asker.want(version, { ...message(), lens: this.place, one_scale: true });
     }
   }
 
@@ -102,7 +126,7 @@ class Column {
       ? ` Known to ${percent(found.errors[1][1])} in the middle, ${percent(Math.max(...found.errors.flat()))} at worst (1σ).`
       : " The preset does not say how well they are known.";
     this.find(".pair figcaption").textContent =
-      `A point of green light; each tile ${short(found.width_px)} px wide, against its own peak.${known} ` +
+      `A point of green light; each tile ${wide(found)} wide, against its own peak.${known} ` +
       found.notes.join(". ");
   }
 
@@ -113,7 +137,7 @@ class Column {
     if (found.deviation) deviation.src = found.deviation;
     const known = found.error === null ? "" : ` Beside it the standard deviation, on the same scale: ${percent(found.error)} in all.`;
     this.find(".pair figure:last-child figcaption").textContent =
-      `At ${found.x_mm}, ${found.y_mm} mm from the middle, ${short(found.width_px)} px wide.${known}`;
+      `At ${found.x_mm}, ${found.y_mm} mm from the middle, ${wide(found)} wide.${known}`;
   }
 
   through(found) {
@@ -130,7 +154,7 @@ class Column {
     );
     this.find(".through img").src = found.picture;
     this.find(".through figcaption").textContent =
-      `The point at distances from the sensor (across, in metres) and f-numbers (down); tiles ${short(found.width_px)} px wide.`;
+      `The point at distances from the sensor (across, in metres) and f-numbers (down); tiles ${wide(found)} wide.`;
   }
 
   figures(found) {
@@ -141,12 +165,13 @@ class Column {
       figure.append(element("h3", one.title), svg, element("figcaption", one.caption));
       return figure;
     }));
+    this.root.querySelectorAll(".drawn svg").forEach(partLetters);
   }
 }
 
 const pointOf = (axis) => turned.object[axis] ?? 0;
 
-function changed(what = ["point", "field", "through", "figures"]) {
+function changed(what = Object.keys(DRAWINGS)) {
   version += 1;
   for (const column of columns) {
     column.move(pointOf("x"), pointOf("y"));
@@ -175,7 +200,7 @@ function objectSpecs(lens) {
   const share = { least: -1, most: 1, slider: [-1, 1], step: 0.01, start: 0 };
   return [
     {
-      name: "object_distance_mm", label: "Distance (mm)", start: null, text_field: true, placeholder: "in focus",
+      name: "object_distance_mm", label: "Distance (mm)", start: null, ...ofDistance, placeholder: "in focus",
       text: "From the sensor; slider from infinity to near, evenly in dioptres",
       slider: [0, 1000 / near], step: 1000 / near / 400,
       to: (mm) => (mm === "inf" ? 0 : 1000 / mm),
@@ -232,7 +257,7 @@ function buildDots(dots) {
 }
 
 async function start() {
-  const answer = await fetch("api/lens");
+  const answer = await fetched("lens");
   const found = await answer.json();
   if (!answer.ok) throw new Error(found.error);
   const names = found.lenses.map((one) => one.lens).join(" beside ");
@@ -245,12 +270,14 @@ async function start() {
     columns.push(new Column(place, lens));
     at("columns").append(columns[place].root);
   });
+  at("status").hidden = true;
   build(found);
   buildDots(found.dots);
   changed();
 }
 
 start().catch((error) => {
+  at("status").hidden = true;
   at("error").hidden = false;
   at("error").textContent = error.message;
 });

@@ -34,6 +34,7 @@ class LensAdjustments(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     frame : Place of the plate among those of the sequence, from 0.
     focus_distance_mm : From the sensor.
     knobs : By name.
+    defocus : Whether depth of field is rendered; as the command has it if None.
     """
 
     frame: Annotated[int, Meta(ge=0, le=10**7)] = 0
@@ -41,6 +42,7 @@ class LensAdjustments(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     f_number: _Positive | None = None
     focus_distance_mm: Distance | None = None
     knobs: Annotated[dict[str, int | float], Meta(max_length=200)] = {}
+    defocus: bool | None = None
 
     @property
     def camera(self) -> dict[str, float]:
@@ -93,7 +95,13 @@ def adjusted_options(base: ApplyOptions, wanted: LensAdjustments) -> ApplyOption
     )
     if "focus_distance_mm" in camera:
         found = replace(found, camera=replace(base.camera, focus_at=None))
+    if wanted.defocus is not None:
+        switches = replace(found.switches, defocus=wanted.defocus)
+        found = replace(found, switches=switches)
     return found
+
+
+_NO_DEFOCUS = "--no-defocus"
 
 
 class StartCommand(Struct, frozen=True):
@@ -115,6 +123,8 @@ def command_line(started: StartCommand, wanted: LensAdjustments) -> str:
     values: Mapping[str, float] = wanted.camera | wanted.knobs
     stated = {option_of(name): number_text(value) for name, value in values.items()}
     dropped = {*stated} | ({"--focus-at"} if wanted.focus_distance_mm else set())
+    if wanted.defocus is not None:
+        dropped.add(_NO_DEFOCUS)
     words: list[str] = ["lensfit", "apply", started.preset, started.plates]
     words += ["--out", "lens"]
     for option in started.options:
@@ -122,6 +132,8 @@ def command_line(started: StartCommand, wanted: LensAdjustments) -> str:
             words += _joined(option)
     for word, value in stated.items():
         words += _joined((word, value))
+    if wanted.defocus is False:
+        words.append(_NO_DEFOCUS)
     return shlex.join(words)
 
 

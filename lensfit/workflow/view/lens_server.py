@@ -13,7 +13,7 @@
 A body is JSON: `LensQuery`. Pictures are ``data:`` addresses of PNG.
 """
 
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, Literal, final, get_args
 
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
@@ -31,7 +31,7 @@ from lensfit.workflow.view.answers import (
 )
 from lensfit.workflow.view.controls import knob_controls
 from lensfit.workflow.view.lens_adjustments import require_valid_adjustments
-from lensfit.workflow.view.viewed_lens import LensQuery, ViewedLens
+from lensfit.workflow.view.viewed_lens import LensQuery, Tiles, ViewedLens
 from lensfit.workflow.view.viewed_results import ViewedResults
 
 PAGE_FILES = {
@@ -41,6 +41,7 @@ PAGE_FILES = {
     "lens.js": "workflow/view/lens.js",
     "controls.js": "workflow/view/controls.js",
     "asker.js": "workflow/view/asker.js",
+    "letters.js": "workflow/view/letters.js",
 }
 REPORT_POLICY = (
     "sandbox allow-scripts; default-src 'none'; img-src data:; "
@@ -81,10 +82,8 @@ class LensServer:
     @property
     def routes(self) -> list[Route]:
         """Of the application."""
-        posts: dict[str, Answer] = {
-            name: self._answer(name)
-            for name in ("field", "point", "through", "figures")
-        }
+        posts: dict[str, Answer] = {"figures": self._answer("figures")}
+        posts |= {name: self._answer(name) for name in get_args(Tiles)}
         dots, report = map(errors_as_sentences, (self.dots, self.report))
         return [
             *page_routes(PAGE_FILES),
@@ -121,7 +120,17 @@ class LensServer:
             raise LensfitError(_NO_RESULTS)
         return self.results
 
-    def _answer(self, name: str) -> Answer:
+    def _least_mm(self, name: Tiles, wanted: LensQuery) -> float:
+        """Width that tiles of the other lens have, so that both are on one scale."""
+        if not wanted.one_scale:
+            return 0.0
+        others = [one for k, one in enumerate(self.lenses) if k != wanted.lens]
+        try:
+            return max((one.width_mm(name, wanted) for one in others), default=0.0)
+        except LensfitError:  # which its own column says
+            return 0.0
+
+    def _answer(self, name: Literal["figures"] | Tiles) -> Answer:
         async def answer(request: Request) -> Response:
             wanted: LensQuery = await message_of(request, LensQuery)
             if wanted.lens >= len(self.lenses):
@@ -130,7 +139,9 @@ class LensServer:
             require_valid_adjustments(viewed.preset, wanted)
 
             def found() -> Any:
-                return getattr(viewed, name)(wanted)
+                if name == "figures":
+                    return viewed.figures(wanted)
+                return getattr(viewed, name)(wanted, self._least_mm(name, wanted))
 
             if wanted.newest:
                 lane = f"{name} {wanted.lens}"

@@ -1,11 +1,12 @@
 // The page: what is turned, the pictures of it, and what is said beside them.
 
-import { Asker, ask } from "./asker.js";
+import { Asker, ask, fetched } from "./asker.js";
 import { chosen, colours } from "./colours.js";
 import { cameraSpecs, control } from "./controls.js";
 
 const at = (id) => document.getElementById(id);
 const REST_MS = 400; // without a change before the whole picture is asked for
+const WATCH_MS = 1000; // between looks at what the files state
 const CAMERA = ["focal_length_mm", "f_number", "focus_distance_mm"];
 
 const turned = { camera: {}, knobs: {} };
@@ -14,16 +15,43 @@ let lens = null;
 let version = 0;
 let shown = -1;
 let resting = 0;
+let startsAsked = 0;
+let startShown = 0; // the newest answer that was
 let kept = null; // another state, which the wipe shows in place of the plate
 
 const frame = () => +at("frame").value;
 const stops = () => +at("exposure").value;
 const shownAs = () => ({ exposure_stops: stops(), view: chosen() });
-const message = () => ({ frame: frame(), ...turned.camera, knobs: turned.knobs });
+const message = () => ({
+  frame: frame(), ...turned.camera, knobs: turned.knobs,
+  ...(at("defocus").checked === lens.defocus ? {} : { defocus: at("defocus").checked }),
+});
+
+/** Options of the command as the fields of this page that do the same. */
+const FIELDS = {
+  "--f-number": "f_number", "--focus-distance-mm": "focus_distance_mm", "--focal-length-mm": "focal_length_mm",
+};
+
+/** A sentence for this page, and the fields that it asks for. */
+function inFields(sentence) {
+  const needed = [];
+  const text = sentence.replace(/--[a-z][a-z-]*/g, (option) => {
+    if (option === "--no-defocus") return "the box “Depth of field”";
+    const one = controls[FIELDS[option]];
+    if (!one) return option;
+    needed.push(one.row);
+    return `the field “${one.row.querySelector("label").textContent}”`;
+  });
+  const others = /--[a-z]/.test(text) ? ". Options are given when lensfit view is started" : "";
+  return { text: text + others, needed };
+}
 
 function say(error) {
+  const { text, needed } = inFields(error ? error.message : "");
   at("error").hidden = !error;
-  at("error").textContent = error ? error.message : "";
+  at("error").textContent = text;
+  for (const row of document.querySelectorAll(".needed")) row.classList.remove("needed");
+  for (const row of needed) row.classList.add("needed");
 }
 
 async function show(image, answer) {
@@ -37,7 +65,9 @@ async function show(image, answer) {
 const failed = (error, asked) => {
   if (asked === version) {
     say(error);
-    at("status").textContent = "No picture of this state";
+    const isMade = at("made").hasAttribute("src");
+    at("stage").classList.toggle("unmade", !isMade);
+    at("status").textContent = isMade ? "No picture of this state; the one before is shown" : "No picture of this state; the plate is shown as it is";
   }
 };
 
@@ -52,6 +82,7 @@ const pictures = (quality) => new Asker(
     if (first ? asked < shown : asked !== version) return;
     shown = asked;
     await show(at("made"), answer);
+    at("stage").classList.remove("unmade");
     say(null);
     at("status").textContent = `${QUALITIES[quality]}, ${seconds.toFixed(2)} s`;
     at("stage").dataset.shown = quality;
@@ -72,7 +103,7 @@ function rest(quality) {
   clearTimeout(resting);
   const next = lens.qualities[lens.qualities.indexOf(quality) + 1];
   resting = setTimeout(() => {
-    at("status").textContent += `; ${QUALITIES[next].toLowerCase()} follows`;
+    if (quality) at("status").textContent += `; ${QUALITIES[next].toLowerCase()} follows`;
     want(next);
   }, REST_MS);
 }
@@ -82,6 +113,7 @@ function changed() {
   clearTimeout(resting);
   for (const one of Object.values(askers)) one.forget();
   at("saved").textContent = "";
+  at("status").textContent = "Making the picture …";
   if (lens.qualities.length > 1) want(lens.qualities[0]);
   else rest();
   showCommand();
@@ -186,21 +218,97 @@ function keep() {
 function reset() {
   turned.camera = {};
   turned.knobs = {};
+  at("defocus").checked = lens.defocus;
   at("mark").hidden = true;
   for (const one of Object.values(controls)) one.show(undefined);
   changed();
 }
 
+/** Value of a quantity before anything is turned. */
+const startOf = ({ camera, knobs }, name) =>
+  (name in camera ? camera[name] : knobs[name] ?? lens.neutral[name]);
+
+const isSame = (one, other) =>
+  one === other || Math.abs(one - other) <= 1e-6 * Math.abs(one);
+
+/** What the files state now: fields that are not turned show it, and the picture is made
+ *  of it. A kept state stays what it was. */
+function beginFrom(found) {
+  const names = Object.keys(controls).filter(
+    (name) => startOf(found, name) !== startOf(lens, name));
+  if (!names.length && found.error === lens.error) return false;
+  for (const name of names) {
+    const before = startOf(lens, name);
+    const state = kept && (CAMERA.includes(name) ? kept : kept.knobs);
+    if (state && !(name in state) && before !== null) state[name] = before;
+    controls[name].begin(startOf(found, name));
+  }
+  Object.assign(lens, found);
+  return true;
+}
+
+/** Ask what the files state; true where it is not what was shown. */
+async function askStart() {
+  startsAsked += 1;
+  const [asked, of] = [startsAsked, frame()];
+  const found = await (await ask("start", { frame: of })).json();
+  if (asked < startShown || of !== frame()) return false;
+  startShown = asked;
+  return beginFrom(found);
+}
+
+async function watch() {
+  try {
+    if (!document.hidden && (await askStart())) changed();
+  } catch (error) {
+    say(error);
+  }
+  setTimeout(watch, WATCH_MS);
+}
+
+/** What was saved is turned no more, where the files' word now counts. */
+async function saved() {
+  await askStart();
+  for (const group of [turned.camera, turned.knobs]) {
+    for (const [name, value] of Object.entries(group)) {
+      if (!isSame(value, startOf(lens, name))) continue;
+      delete group[name];
+      controls[name].show(undefined);
+    }
+  }
+  changed();
+}
+
+function savedText({ path, changed, notes }, isTurned) {
+  const already = isTurned ? `what is turned stands in ${path} already` : "no field is turned";
+  return [changed ? `Saved to ${path}` : `Nothing was changed: ${already}`, ...notes].join(". ");
+}
+
+/** Whether every field counts; else it is said which does not, and the cursor goes there. */
+function isSound() {
+  const wrong = Object.values(controls).find((one) => one.fault());
+  if (!wrong) return true;
+  at("saved").textContent = `Not saved: ${wrong.fault()}`;
+  const details = wrong.row.closest("details");
+  if (details) details.open = true;
+  wrong.number.focus();
+  return false;
+}
+
 async function save() {
+  if (!isSound()) return;
+  const isTurned = Object.keys({ ...turned.camera, ...turned.knobs }).length > 0;
   try {
     const found = await (await ask("save", message())).json();
-    at("saved").textContent = [`Saved to ${found.path}`, ...found.notes].join(". ");
+    await saved();
+    at("saved").textContent = savedText(found, isTurned);
   } catch (error) {
     at("saved").textContent = `Not saved: ${error.message}`;
   }
 }
 
 async function edit() {
+  if (!isSound()) return;
   try {
     const said = { ...message(), who: at("who").value, why: at("why").value };
     const found = await (await ask("edit", said)).json();
@@ -221,6 +329,8 @@ async function copy() {
 }
 
 function build() {
+  const knobs = lens.groups.flatMap((group) => group.knobs);
+  lens.neutral = Object.fromEntries(knobs.map((knob) => [knob.name, knob.neutral]));
   for (const spec of cameraSpecs(lens)) {
     controls[spec.name] = control(spec, turn);
     at("camera").append(controls[spec.name].row);
@@ -231,8 +341,7 @@ function build() {
     summary.textContent = group.name;
     details.append(summary);
     for (const knob of group.knobs) {
-      const start = knob.name in lens.knobs ? lens.knobs[knob.name] : knob.neutral;
-      controls[knob.name] = control({ ...knob, start }, turn);
+      controls[knob.name] = control({ ...knob, start: startOf(lens, knob.name) }, turn);
       details.append(controls[knob.name].row);
     }
     at("groups").append(details);
@@ -251,6 +360,7 @@ function listen() {
     at("name").textContent = lens.frames[frame()];
     changed();
     showPlate();
+    askStart().then((other) => other && changed(), say);
   });
   at("stage").addEventListener("click", (event) => {
     const box = at("made").getBoundingClientRect();
@@ -260,6 +370,7 @@ function listen() {
       share(event.clientY, box.top, box.height) * lens.height,
     );
   });
+  at("defocus").addEventListener("change", changed);
   at("focus").addEventListener("click", () => focusAt(+at("at-x").value + 0.5, +at("at-y").value + 0.5));
   at("zoom").addEventListener("click", () => {
     const on = at("scroll").classList.toggle("pixels");
@@ -274,7 +385,7 @@ function listen() {
 }
 
 async function start() {
-  const answer = await fetch("api/lens");
+  const answer = await fetched("lens");
   lens = await answer.json();
   if (!answer.ok) throw new Error(lens.error);
   document.title = `${lens.lens}: lensfit view`;
@@ -294,12 +405,17 @@ async function start() {
     at("frame").max = lens.frames.length - 1;
   }
   at("name").textContent = lens.frames[0];
+  at("defocus").checked = lens.defocus;
   build();
   listen();
   await colours(lens, () => { changed(); showPlate(); });
   if (lens.error) say(new Error(lens.error));
   showPlate();
   changed();
+  watch();
 }
 
-start().catch(say);
+start().catch((error) => {
+  say(error);
+  at("status").textContent = "";
+});

@@ -2,6 +2,7 @@
 
 =======================  ==========================================================
 ``GET  api/lens``        what the lens and the plate say, controls, verdict
+``POST api/start``       what the lens and the plate say of a frame now
 ``POST api/render``      a frame: PNG, or the EXR that `lensfit apply` writes
 ``POST api/plate``       the plate as it is, PNG
 ``POST api/view``        displays, views and colour spaces of an OpenColorIO config
@@ -137,7 +138,7 @@ class PlateServer:
         answers: dict[str, Answer] = {
             "render": self.render, "plate": self.plate, "plan": self.plan,
             "focus": self.focus, "command": self.command, "save": self.save,
-            "edit": self.edit, "view": self.view,
+            "edit": self.edit, "view": self.view, "start": self.start,
         }  # fmt: skip
         return page_routes(PAGE_FILES) + api_routes({"lens": self.lens}, answers)
 
@@ -162,6 +163,12 @@ class PlateServer:
                 **start,
             }
         )
+
+    async def start(self, request: Request) -> Response:
+        """The start values of a frame, as the files state them now."""
+        query = await self._read(request, Query)
+        found = await self._in_turn.done(lambda: self.viewed.start(query.frame))
+        return JSONResponse(found)
 
     async def render(self, request: Request) -> Response:
         """A frame through the lens."""
@@ -216,8 +223,9 @@ class PlateServer:
     async def save(self, request: Request) -> Response:
         """The settings file."""
         query = await self._read(request, LensAdjustments)
-        notes = await self._in_turn.done(lambda: self.viewed.save(query))
-        return JSONResponse({"path": str(self.viewed.settings_path), "notes": notes})
+        saved = await self._in_turn.done(lambda: self.viewed.save(query))
+        path = str(self.viewed.settings_path)
+        return JSONResponse({"path": path, **saved._asdict()})
 
     async def edit(self, request: Request) -> Response:
         """A version of the lens in its library."""

@@ -1,6 +1,6 @@
 // The page of a shoot: photographs as they arrive, the shoot file, the calibration.
 
-import { ask } from "./asker.js";
+import { ask, fetched } from "./asker.js";
 
 const at = (id) => document.getElementById(id);
 const LOOK_MS = 700; // between looks at what goes on
@@ -23,7 +23,7 @@ function say(line, text) {
 }
 
 async function look(name) {
-  const answer = await fetch(`api/${name}`);
+  const answer = await fetched(name);
   const found = await answer.json();
   if (!answer.ok) throw new Error(found.error);
   return found;
@@ -80,18 +80,30 @@ function showChecks(found) {
   }
 }
 
-async function upload(files) {
-  const failed = [];
-  for (const [place, file] of [...files].entries()) {
-    at("upload").textContent = `Writing ${file.name} (${place + 1} of ${files.length}) …`;
+/** Hand a photograph over; a sentence where it was not taken. */
+async function refusal(file) {
+  try {
     const answer = await fetch(`api/photograph?name=${encodeURIComponent(file.name)}`, {
       method: "POST",
       headers: { "content-type": "application/octet-stream" },
       body: file,
     });
-    if (!answer.ok) failed.push(await answer.json().then((said) => said.error, () => `${file.name}: ${answer.statusText}`));
+    if (answer.ok) return null;
+    return await answer.json().then((said) => said.error, () => `${file.name}: ${answer.statusText}`);
+  } catch {
+    return `${file.name}: the process took no more of it; it has ended, or the file is larger than 1 GiB`;
   }
-  at("upload").textContent = failed.length ? `Not written: ${failed.join("; ")}` : `${files.length} written`;
+}
+
+async function upload(files) {
+  const failed = [];
+  for (const [place, file] of [...files].entries()) {
+    at("upload").textContent = `Writing ${file.name} (${place + 1} of ${files.length}) …`;
+    const said = await refusal(file);
+    if (said) failed.push(said);
+  }
+  const written = `${files.length - failed.length} written`;
+  at("upload").textContent = failed.length ? `${written}. Not written: ${failed.join("; ")}` : written;
 }
 
 // Shoot file
@@ -131,6 +143,9 @@ function field(table, one, unconfirmed) {
   return row;
 }
 
+/** What a table is called: the image of a photograph, the name of all else. */
+const nameOf = (table) => table.fields.find((one) => one.key === (table.table === "take" ? "image" : "name"))?.value;
+
 const placeText = (table) => (table.place === null ? `${table.table}.` : `[[${table.table}]] ${table.place + 1}, `);
 
 function showForm(form) {
@@ -146,16 +161,15 @@ function showForm(form) {
     const details = document.createElement("details");
     details.open = open.has(key) || (form.fault?.table === table.table && form.fault?.place === table.place);
     details.addEventListener("toggle", () => (details.open ? open.add(key) : open.delete(key)));
-    const named = table.fields.find((one) => one.key === "name" || one.key === "image");
     const number = table.place === null ? "" : ` ${table.place + 1}`;
-    details.append(element("summary", `${TITLES[table.table]}${number}: ${named?.value || "–"}`));
+    details.append(element("summary", `${TITLES[table.table]}${number}: ${nameOf(table) || "–"}`));
     for (const one of table.fields) {
       details.append(field(table, one, form.unconfirmed.includes(placeText(table) + one.key)));
     }
     if (table.place !== null) {
       const remove = element("button", "Take it out of the file");
       remove.type = "button";
-      remove.addEventListener("click", () => change("remove", { table: table.table, place: table.place }));
+      remove.addEventListener("click", () => change("remove", { table: table.table, place: table.place, named: nameOf(table) }));
       details.append(remove);
     }
     return details;
@@ -175,14 +189,26 @@ function beside(fault) {
 }
 
 async function setField(table, key, input, line) {
-  const answer = await fetch("api/field", {
+  try {
+    await sendField(table, key, input, line);
+  } catch (error) {
+    say(line, error.message);
+  }
+}
+
+async function sendField(table, key, input, line) {
+  const answer = await fetched("field", {
     method: "POST",
     headers: { "content-type": "application/json" },
-    body: JSON.stringify({ table: table.table, place: table.place, key, typed: input.value }),
+    body: JSON.stringify({ table: table.table, place: table.place, key, typed: input.value, named: nameOf(table) }),
   });
   const found = await answer.json();
   if (answer.ok) {
     showForm(found);
+    return;
+  }
+  if (answer.status === 409) {
+    await showAnew(found.error);
     return;
   }
   say(line, found.error);
@@ -193,13 +219,32 @@ async function change(name, message = {}) {
   try {
     showForm(await (await ask(name, message)).json());
   } catch (error) {
+    if (error.status === 409) await showAnew(error.message);
+    else say(at("fault"), error.message);
+  }
+}
+
+/** The file was changed elsewhere: the form as it is now, and a sentence above it. */
+async function showAnew(sentence) {
+  try {
+    showForm(await look("shoot"));
+    say(at("fault"), sentence);
+  } catch (error) {
     say(at("fault"), error.message);
   }
+  at("fault").scrollIntoView({ block: "nearest" });
 }
 
 // Calibration
 
 const seconds = (s) => (s < 90 ? `${Math.ceil(s)} s` : `${Math.round(s / 60)} min`);
+
+/** What a calibration is at: its stage that is not done, or what follows the last one. */
+function working(stages) {
+  const now = stages.find((one) => !one.total || one.done < one.total);
+  if (now) return `Calibrating: ${now.stage} …`;
+  return stages.length ? `Calibrating: after ${stages.at(-1).stage} …` : "Calibrating: reading the photographs …";
+}
 
 function showRun(run) {
   const running = run.state === "running";
@@ -210,7 +255,7 @@ function showRun(run) {
   at("report").hidden = run.state !== "done";
   const failed = run.failed?.length ? ` Not used: ${run.failed.join("; ")}.` : "";
   at("outcome").textContent = {
-    idle: "", running: "", cancelled: "Cancelled; earlier results are as they were.",
+    idle: "", running: working(run.stages), cancelled: "Cancelled; earlier results are as they were.",
     failed: run.error, done: `${run.headline}${failed}`,
   }[run.state];
   at("outcome").className = run.state === "failed" ? "alert" : "";
@@ -220,8 +265,8 @@ function showRun(run) {
     bar.max = one.total || 1;
     bar.value = one.done;
     bar.setAttribute("aria-label", one.stage);
-    const left = one.left_s === null ? "" : `, ${seconds(one.left_s)} left`;
-    item.append(element("span", one.stage), bar, element("span", `${one.done} of ${one.total}, ${seconds(one.seconds)}${left}`));
+    const left = one.left_s === null ? "" : `, ${seconds(one.left_s)} left of this stage`;
+    item.append(element("span", one.stage), bar, element("span", `${one.total ? `${one.done} of ${one.total}, ` : ""}${seconds(one.seconds)}${left}`));
     return item;
   }));
 }
@@ -263,7 +308,7 @@ async function watch() {
     showChecks(await look("checks"));
     showRun(await look("calibration"));
   } catch (error) {
-    say(at("watch-error"), `The process does not answer (${error.message}); it may have ended.`);
+    say(at("watch-error"), error.message);
   }
   setTimeout(watch, LOOK_MS);
 }

@@ -27,6 +27,7 @@ from lensfit.workflow.view.controls import label_of
 
 _RECORDS = {"lens": LensName, "camera": Camera, "target": Target, "take": Take}
 _LISTED = ("target", "take")
+_NAMED_BY = {"target": "name", "take": "image"}
 _TEXT = {
     "name", "serial", "model", "mosaic", "kind", "polarity", "dictionary", "image",
     "target", "encoding",
@@ -39,6 +40,17 @@ name = "chart-{}"
 kind = "dot-grid"  # TODO
 pitch_mm = 1.0  # TODO
 """
+
+
+class MovedTableError(ShootError):
+    """The file was changed elsewhere: another table stands where one was meant.
+
+    Attributes
+    ----------
+    status : Of the answer, by which a page knows that it shows another file.
+    """
+
+    status = 409
 
 
 class Place(NamedTuple):
@@ -133,6 +145,39 @@ def _value_text(value: Any) -> str:
     return value if isinstance(value, str) else toml_value(value)
 
 
+def require_named(path: Path, where: Place, named: str | None) -> None:
+    """Check that a chart or a photograph still stands where a form showed it.
+
+    Parameters
+    ----------
+    named : The name of the chart or the image of the photograph; None for whichever.
+
+    Raises
+    ------
+    MovedTableError : Another stands there, or none.
+    ShootError : There is no such file, or it is no TOML.
+    """
+    if named is None or where.table not in _LISTED:
+        return
+    listed = _parsed(_text(path), path).get(where.table)
+    tables = listed if isinstance(listed, list) else []
+    place = where.place or 0
+    found = tables[place] if place < len(tables) else None
+    if isinstance(found, dict) and _name_of(where.table, found) == named:
+        return
+    now = f'"{_name_of(where.table, found)}"' if isinstance(found, dict) else "none"
+    raise MovedTableError(
+        f'the file was changed elsewhere: [[{where.table}]] {place + 1} was "{named}" '
+        f"and is {now}; nothing was written",
+        where=path,
+        remedy="the form shows the file as it is now: change it again",
+    )
+
+
+def _name_of(table: str, own: dict[str, Any]) -> str:
+    return _value_text(own.get(_NAMED_BY[table], ""))
+
+
 def set_field(path: Path, images: Path | None, where: Place, typed: str) -> None:
     """Set a key in the file to what was typed; nothing typed takes it away.
 
@@ -199,6 +244,12 @@ def place_of_error(error: LensfitError) -> Place:
     if key is None:
         key = next((w for w in re.findall(r"\w+", error.what) if w in known), None)
     return Place(table, place, key)
+
+
+def beside_field(error: LensfitError, path: Path) -> str:
+    """A sentence as it stands beside its field, which need not be named again."""
+    said = str(error).removeprefix(f"{path}: ")
+    return re.sub(r"^(\[\[\w+\]\] \d+( \(.*?\))?|lens|camera)(, |: |\.)", "", said)
 
 
 def _write(

@@ -42,7 +42,12 @@ from lensfit.workflow.view.answers import (
     png_answer,
 )
 from lensfit.workflow.view.lens_server import report_answer
-from lensfit.workflow.view.shoot_form import Place, place_of_error
+from lensfit.workflow.view.shoot_form import (
+    MovedTableError,
+    Place,
+    beside_field,
+    place_of_error,
+)
 from lensfit.workflow.view.viewed_shoot import ViewedShoot
 
 LARGEST_BYTES = 2**30
@@ -105,6 +110,8 @@ PAGE_FILES = {
 }
 _LARGEST_PICTURE_BYTES = 64 * 2**20
 _Name = Annotated[str, Meta(max_length=60)]
+_Named = Annotated[str, Meta(max_length=4000)]
+"""Of the chart, or the image of the photograph, that a form showed there."""
 _Count = Annotated[int, Meta(ge=0, le=100_000)]
 
 
@@ -115,6 +122,7 @@ class Field(Struct, frozen=True, forbid_unknown_fields=True):
     key: _Name
     typed: Annotated[str, Meta(max_length=4000)]
     place: _Count | None = None
+    named: _Named | None = None
 
 
 class Table(Struct, frozen=True, forbid_unknown_fields=True):
@@ -122,6 +130,7 @@ class Table(Struct, frozen=True, forbid_unknown_fields=True):
 
     table: _Name
     place: _Count
+    named: _Named | None = None
 
 
 class Calibrate(Struct, frozen=True, forbid_unknown_fields=True):
@@ -209,10 +218,14 @@ class ShootServer:
         sent: Field = await message_of(request, Field)
         where = Place(sent.table, sent.place, sent.key)
         try:
-            await self._in_turn.done(lambda: self.viewed.set_field(where, sent.typed))
+            await self._in_turn.done(
+                lambda: self.viewed.set_field(where, sent.typed, sent.named)
+            )
+        except MovedTableError:
+            raise
         except LensfitError as error:
             at = place_of_error(error)._asdict()
-            said = str(error).removeprefix(f"{self.viewed.path}: ")
+            said = beside_field(error, self.viewed.path)
             return JSONResponse({"error": said, **at}, 422)
         return await self.shoot(request)
 
@@ -224,14 +237,22 @@ class ShootServer:
     async def remove(self, request: Request) -> Response:
         """A chart or photograph less; its file stays."""
         await self._done(
-            request, Table, lambda one: self.viewed.remove(one.table, one.place)
+            request,
+            Table,
+            lambda one: self.viewed.remove(one.table, one.place, one.named),
         )
         return await self.shoot(request)
 
     async def draft(self, request: Request) -> Response:
         """Photographs that the file lacks."""
-        await self._done(request, EmptyMessage, lambda _: self.viewed.draft())
-        return await self.shoot(request)
+        await message_of(request, EmptyMessage)
+        left_out = await self._in_turn.done(self.viewed.draft)
+        form = await self._in_turn.done(self.viewed.form)
+        if left_out:
+            form["notes"].append(
+                f"Left out, as no chart of the file was found: {', '.join(left_out)}"
+            )
+        return JSONResponse(form)
 
     async def calibrate(self, request: Request) -> Response:
         """Begin."""

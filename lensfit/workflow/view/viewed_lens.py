@@ -6,7 +6,7 @@ code of the report.
 
 import math
 from dataclasses import replace
-from typing import Annotated, Any, final
+from typing import Annotated, Any, Literal, final
 
 import cv2
 import msgspec
@@ -28,6 +28,7 @@ from lensfit.report.kernels import (
     expected_errors,
     field_tiles,
     width_of_blur_mm,
+    width_of_field_mm,
 )
 from lensfit.report.pictures import png_address
 from lensfit.report.plain_numbers import distance_of, plain, plain_distance
@@ -39,6 +40,7 @@ from lensfit.report.through import (
     f_numbers_of,
     through_tiles,
     usual_defocus,
+    width_through_mm,
 )
 from lensfit.workflow.view.lens_adjustments import CAMERA, Distance, LensAdjustments
 from lensfit.workflow.view.lens_curves import breathing_facts, lens_facts
@@ -48,6 +50,9 @@ _MOST_STOPS = 5
 _FINE_PX = 96
 _FINE_TOLERANCE = 0.02
 _DRAWS = 12
+_KEPT_WIDTHS = 64
+Tiles = Literal["field", "point", "through"]
+"""Drawings made of tiles, whose width they choose."""
 _Share = Annotated[float, Meta(ge=-1, le=1)]
 
 
@@ -61,6 +66,7 @@ class LensQuery(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_onl
     x, y : Of the point, as shares of the way from the middle of the frame to its right
         and its lower edge.
     newest : Whether a newer request takes its place.
+    one_scale : Whether tiles are as wide on the sensor as those of the other lens.
     """
 
     lens: Annotated[int, Meta(ge=0, le=1)] = 0
@@ -68,6 +74,7 @@ class LensQuery(LensAdjustments, frozen=True, forbid_unknown_fields=True, kw_onl
     x: _Share = 0.0
     y: _Share = 0.0
     newest: bool = False
+    one_scale: bool = False
 
 
 @final
@@ -99,6 +106,7 @@ class ViewedLens:
     ):
         self.preset, self.name = preset, name
         self._opened = opened
+        self._widths_mm: dict[tuple[str, bytes], float] = {}
         self._sensor_width_mm, self._scales = sensor_width_mm, scale_to_sensor
         self._start = _start_camera(preset, opened)
         if opened.focus_distance_mm is None:
@@ -169,8 +177,51 @@ class ViewedLens:
         """Of the measured lens' picture."""
         return lens.sensor_size_mm[0] / self.preset.camera.image_width_px
 
-    def field(self, wanted: LensQuery) -> dict[str, Any]:
+    def width_mm(self, name: Tiles, wanted: LensQuery) -> float:
+        """Width of a tile of a drawing that holds what it shows, on the sensor of the
+        camera that is looked at.
+
+        Raises
+        ------
+        LensfitError : It cannot be drawn at that state.
+        """
+        state = msgspec.structs.replace(wanted, lens=0, newest=False)
+        key = name, msgspec.json.encode(state)
+        if key not in self._widths_mm:
+            if len(self._widths_mm) >= _KEPT_WIDTHS:
+                self._widths_mm.clear()
+            to_plate = self._scaled(wanted).lengths
+            self._widths_mm[key] = self._width_mm(name, wanted) * to_plate
+        return self._widths_mm[key]
+
+    def _width_mm(self, name: Tiles, wanted: LensQuery) -> float:
+        lens = self.lens(wanted)
+        pixel_mm, point = self._pixel_mm(lens), _point_mm(lens, wanted)
+        if name == "through":
+            widest = self.lens(wanted, self._stops(lens)[0])
+            defocus = self._defocus(lens, widest, wanted)
+            return width_through_mm(widest, point, defocus, pixel_mm)
+        distance = self._object_distance_mm(lens, wanted)
+        if name == "field":
+            return width_of_field_mm(lens, distance, pixel_mm)
+        return width_of_blur_mm(lens, point, np.array([distance]), pixel_mm)
+
+    def _defocus(
+        self, lens: Lens, widest: Lens, wanted: LensQuery
+    ) -> tuple[float, ...]:
+        """Of the distances through focus."""
+        wanted_mm = self._object_distance_mm(lens, wanted)
+        vergence = 1 / (wanted_mm - float(lens.entrance_pupil_offset_mm))
+        to_focus = lens.blur_per_vergence()[1]
+        usual = usual_defocus(widest, self._pixel_mm(lens))
+        return _through_focus(vergence - to_focus, usual, -to_focus)
+
+    def field(self, wanted: LensQuery, least_mm: float = 0.0) -> dict[str, Any]:
         """Point-spread functions over the field, and how well they are known.
+
+        Parameters
+        ----------
+        least_mm : Width of a tile, where the blur needs no wider one.
 
         Raises
         ------
@@ -181,16 +232,23 @@ class ViewedLens:
             self._object_distance_mm(lens, wanted),
             self._pixel_mm(lens),
         )
-        tiles, width_mm = field_tiles(lens, distance, pixel_mm)
+        to_plate = self._scaled(wanted).lengths
+        width_mm = max(self.width_mm("field", wanted), least_mm) / to_plate
+        tiles = field_tiles(lens, distance, width_mm)
         return {
             "picture": png_address(png(sheet_of(tiles))),
             "width_px": width_mm / pixel_mm,
+            "width_mm": width_mm * to_plate,
             "errors": expected_errors(lens, distance, width_mm),
             "notes": lens.notes,
         }
 
-    def point(self, wanted: LensQuery) -> dict[str, Any]:
+    def point(self, wanted: LensQuery, least_mm: float = 0.0) -> dict[str, Any]:
         """The point-spread function of one point in colour, and its deviation in green.
+
+        Parameters
+        ----------
+        least_mm : As of `field`.
 
         Raises
         ------
@@ -202,7 +260,7 @@ class ViewedLens:
             _point_mm(lens, wanted),
         )
         pixel_mm = self._pixel_mm(lens)
-        width_mm = width_of_blur_mm(lens, point, np.array([distance]), pixel_mm)
+        width_mm = max(self.width_mm("point", wanted), least_mm) / to_plate
         drawn: dict[str, Any] = {
             "pixel_pitch_mm": width_mm / _FINE_PX,
             "size_px": _FINE_PX,
@@ -213,6 +271,7 @@ class ViewedLens:
         found = {
             "picture": png_address(_colour_png(psfs / peak)),
             "width_px": width_mm / pixel_mm,
+            "width_mm": width_mm * to_plate,
             "x_mm": round(float(point[0, 0]) * to_plate, 3),
             "y_mm": round(float(point[0, 1]) * to_plate, 3),
             "deviation": None,
@@ -225,8 +284,12 @@ class ViewedLens:
             found["error"] = plain(float(known.relative_error()[0]))
         return found
 
-    def through(self, wanted: LensQuery) -> dict[str, Any]:
+    def through(self, wanted: LensQuery, least_mm: float = 0.0) -> dict[str, Any]:
         """The point through focus (across) and through the aperture (down).
+
+        Parameters
+        ----------
+        least_mm : As of `field`.
 
         Raises
         ------
@@ -235,23 +298,19 @@ class ViewedLens:
         lens = self.lens(wanted)
         stops = self._stops(lens)
         lenses = [self.lens(wanted, stop) for stop in stops]
-        wanted_mm, pixel_mm = (
-            self._object_distance_mm(lens, wanted),
-            self._pixel_mm(lens),
-        )
-        vergence = 1 / (wanted_mm - float(lens.entrance_pupil_offset_mm))
-        to_focus = lens.blur_per_vergence()[1]
-        usual = usual_defocus(lenses[0], pixel_mm)
-        defocus = _through_focus(vergence - to_focus, usual, -to_focus)
-        found = through_tiles(lenses, _point_mm(lens, wanted), defocus, pixel_mm)
-        to_plate = self._scaled(wanted).distances
+        pixel_mm, point = self._pixel_mm(lens), _point_mm(lens, wanted)
+        defocus = self._defocus(lens, lenses[0], wanted)
+        scaled = self._scaled(wanted)
+        least_mm /= scaled.lengths
+        found = through_tiles(lenses, point, defocus, pixel_mm, least_mm)
         return {
             "picture": png_address(png(sheet_of(found.tiles[0]))),
             "f_numbers": stops,
             "distances_mm": [
-                plain_distance(mm * to_plate) for mm in found.distances_mm
+                plain_distance(mm * scaled.distances) for mm in found.distances_mm
             ],
             "width_px": found.width_mm / pixel_mm,
+            "width_mm": found.width_mm * scaled.lengths,
         }
 
     def _stops(self, lens: Lens) -> tuple[float, ...]:

@@ -4,9 +4,6 @@ Everything is made by the code of `lensfit apply` and `lensfit plan`, from the a
 `ApplyOptions`, so that a picture at full quality is the frame that `apply` writes. A
 proxy is a smaller plate at a coarser tolerance through the same code, and so is what is
 shown between it and a large frame.
-
-Knobs are saved into a settings file without changing the rest of it; a file written in
-a way that `lensfit.workflow.shoot.toml_lines` does not understand is left alone.
 """
 
 import math
@@ -23,15 +20,14 @@ import msgspec
 import numpy as np
 from jaxtyping import Float32
 
-from lensfit.atomic import write_text_atomic
-from lensfit.errors import ImageError, LensfitError, SettingsError
+from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr import ExrImage, read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.io.sequence import expand_frames
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.camera.settings import NAME as SETTINGS_NAME
-from lensfit.plate.camera.settings import file_stamp, load_settings, settings_beside
+from lensfit.plate.camera.settings import file_stamp, settings_beside
 from lensfit.plate.frame.frame_error import error_at_frame
 from lensfit.plate.frame.frame_outcome import apply_frame
 from lensfit.plate.frame.plate_lens import PlateLens
@@ -41,14 +37,11 @@ from lensfit.preset.knobs import active_knobs
 from lensfit.preset.scaled_look import UNSCALED, ScaledLook
 from lensfit.preset.schema import Preset
 from lensfit.workflow.plan_plate import plan_plate
-from lensfit.workflow.shoot.toml_lines import with_keys
 from lensfit.workflow.view.lens_adjustments import (
     CAMERA,
     LensAdjustments,
     adjusted_options,
-    number_text,
     settings_tables,
-    whole_if_it_is,
 )
 from lensfit.workflow.view.proxy import (
     MOST_PIXELS,
@@ -56,55 +49,8 @@ from lensfit.workflow.view.proxy import (
     proxy_factor,
     proxy_of,
 )
+from lensfit.workflow.view.saved_settings import SavedSettings, save_settings
 from lensfit.workflow.view.screen_picture import first_layer, frame_pixels
-
-Tables = Mapping[str, Mapping[str, float]]
-
-
-def save_settings(path: Path, changes: Tables) -> None:
-    """Set keys of a settings file, which is made if it is not there; whole or not.
-
-    Parameters
-    ----------
-    changes : Table, key and value.
-
-    Raises
-    ------
-    SettingsError : The file is malformed, or is written so that its keys cannot be set.
-    OutputError : It cannot be written.
-    """
-    old = ""
-    if path.is_file():
-        load_settings(path)  # what is malformed is refused in its own words
-        old = path.read_text(encoding="utf-8")
-    write_text_atomic(path, changed_text(old, changes, path))
-
-
-def changed_text(old: str, changes: Tables, path: Path) -> str:
-    """The text of a settings file with other values.
-
-    Raises
-    ------
-    SettingsError : Its keys cannot be set line by line.
-    """
-    text = old
-    for table, values in changes.items():
-        plain = {key: whole_if_it_is(value) for key, value in values.items()}
-        changed = with_keys(text, table, plain)
-        if changed is None:
-            lines = "; ".join(
-                f"{k} = {number_text(v)}"
-                for t in changes.values()
-                for k, v in t.items()
-            )
-            raise SettingsError(
-                "is written so that its keys cannot be set one by one",
-                where=path,
-                remedy=f"set them by hand: {lines}",
-            )
-        text = changed
-    return text
-
 
 Quality = Literal["proxy", "finer", "full"]
 """In the order of their pixels."""
@@ -305,6 +251,7 @@ class ViewedPlate:
             "camera": {name: _word(value) for name, value in camera.items()},
             "knobs": {n: v for n, v in knobs.items() if not isinstance(v, str)},
             "error": said,
+            "defocus": self.options.switches.defocus,
             "width": display.width,
             "height": display.height,
             "pixel_aspect": plate.image.parts[0].pixel_aspect,
@@ -326,23 +273,32 @@ class ViewedPlate:
         """The settings file that belongs to the plate."""
         return self.options.camera.settings or self.path(0).parent / SETTINGS_NAME
 
-    def save(self, wanted: LensAdjustments) -> list[str]:
-        """Write the adjustments to the settings file; notes, if that does not suffice.
+    def save(self, wanted: LensAdjustments) -> SavedSettings:
+        """Write the adjustments to the settings file.
 
         Raises
         ------
         LensfitError : The file cannot be changed.
         """
-        save_settings(self.settings_path, settings_tables(wanted))
-        adjusted = adjusted_options(self.options, wanted)
         plate = self.plate(wanted.frame)
-        now, then = self._state(self.options, plate), self._state(adjusted, plate)
+        # What no lens can be is refused before anything is written.
+        then = self._state(adjusted_options(self.options, wanted), plate)
+        changed = save_settings(self.settings_path, settings_tables(wanted))
+        now = self._state(self.options, plate)
         if (now.lens_key, now.knobs) == (then.lens_key, then.knobs):
-            return []
-        return [
+            return SavedSettings(changed, _unsaved(wanted))
+        note = (
             f"{self.settings_path} is written, but something that counts before it "
             "says otherwise: a table [[frames]], a sidecar or an option here"
-        ]
+        )
+        return SavedSettings(changed, [note, *_unsaved(wanted)])
+
+
+def _unsaved(wanted: LensAdjustments) -> list[str]:
+    """What a settings file does not hold."""
+    if wanted.defocus is None:
+        return []
+    return ["Depth of field is switched here alone: the command below does it as well"]
 
 
 def read_plate(

@@ -3,17 +3,18 @@
 A report names pictures; only those inside its folder are shown, and only under numbers.
 """
 
+import shlex
 from pathlib import Path
 from typing import Any, NamedTuple, final
 
 from lensfit.bounded import read_bounded
-from lensfit.errors import ImageError
+from lensfit.errors import ImageError, ShootError
 from lensfit.report.read_report import read_report
 from lensfit.report.write_report import is_inside
 from lensfit.workflow.calibration.results_folder import PRESET
 from lensfit.workflow.results_set import REPORT
 
-PAGE = "report.html"
+PAGE, SHOOT = "report.html", "shoot.toml"
 _LARGEST_BYTES = 64 * 2**20
 _GONE = 'calibrate again, or write the page anew with "lensfit report"'
 
@@ -42,6 +43,7 @@ class ViewedResults:
 
     def __init__(self, folder: Path):
         self.folder = folder
+        _require_results(folder)
         report = read_report(folder / REPORT)
         self.dots = tuple(_dots(report, folder))
         self.has_page = (folder / PAGE).is_file()
@@ -70,6 +72,22 @@ class ViewedResults:
         ImageError : It is gone.
         """
         return _content(self.folder / PAGE)
+
+
+def _require_results(folder: Path) -> None:
+    """Name the shoot file, where a folder holds that in place of results.
+
+    Raises
+    ------
+    ShootError : It does.
+    """
+    shoot = folder / SHOOT
+    if shoot.is_file() and not (folder / REPORT).exists():
+        raise ShootError(
+            f"holds a shoot ({SHOOT}) and no results",
+            where=folder,
+            remedy=f"lensfit view {shlex.quote(str(shoot))}",
+        )
 
 
 def _content(path: Path) -> bytes:

@@ -2,11 +2,12 @@
 
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, final
 
-from lensfit.errors import LensfitError, ShootError
+from lensfit.errors import ShootError
+from lensfit.workflow.check.check_records import Check
 from lensfit.workflow.inspect import inspect_images
 from lensfit.workflow.shoot.draft import drafted_take, write_draft_shoot
 from lensfit.workflow.shoot.shoot_records import Shoot
@@ -19,6 +20,7 @@ from lensfit.workflow.view.shoot_form import (
     form_of,
     loaded_shoot,
     remove_table,
+    require_named,
     set_field,
 )
 from lensfit.workflow.view.viewed_results import ViewedResults
@@ -63,14 +65,18 @@ class ViewedShoot:
             return about | {"tables": [], "fault": None, "notes": [], "unconfirmed": []}
         return about | form_of(self.path, self.images)
 
-    def set_field(self, where: Place, typed: str) -> None:
+    def set_field(self, where: Place, typed: str, named: str | None = None) -> None:
         """Set a key of the file.
+
+        Parameters
+        ----------
+        named : As of `require_named`.
 
         Raises
         ------
-        LensfitError : It cannot be that.
+        LensfitError : It cannot be that, or another table stands there now.
         """
-        self._change(set_field, where, typed)
+        self._change(set_field, where, typed, still=(where, named))
 
     def add_target(self) -> None:
         """One more chart in the file.
@@ -81,17 +87,26 @@ class ViewedShoot:
         """
         self._change(add_target)
 
-    def remove(self, table: str, place: int) -> None:
+    def remove(self, table: str, place: int, named: str | None = None) -> None:
         """A chart or a photograph out of the file.
+
+        Parameters
+        ----------
+        named : As of `require_named`.
 
         Raises
         ------
-        LensfitError : The file cannot be changed.
+        LensfitError : The file cannot be changed, or another table stands there now.
         """
-        self._change(remove_table, table, place)
+        meant = Place(table, place, None), named
+        self._change(remove_table, table, place, still=meant)
 
-    def draft(self) -> None:
+    def draft(self) -> list[str]:
         """A shoot file from the photographs, or those that it lacks into it.
+
+        Returns
+        -------
+        Names of photographs that were left out, as no chart was found on them.
 
         Raises
         ------
@@ -106,17 +121,43 @@ class ViewedShoot:
                     where=self.folder,
                     remedy="drop some into the page, or put them there",
                 )
-            inspections, errors = inspect_images(lacking, charts=True)
-            if errors:
-                raise errors[0]
-            if self.path.is_file():
-                target = self._usual_target()
-                for one in inspections:
-                    lines = drafted_take(one, self.path.parent, target)
-                    add_take(self.path, self.images, lines)
-            else:
-                write_draft_shoot(self.path, inspections)
+            targets = {path: self._target_of(check) for path, check in lacking.items()}
+            left_out = [path.name for path, name in targets.items() if name is None]
+            wanted = {path: name for path, name in targets.items() if name is not None}
+            if not wanted:
+                raise ShootError(
+                    f"no chart was found on {', '.join(left_out)}",
+                    where=self.folder,
+                    remedy="shoot again, add the chart to the shoot file, or write the "
+                    "photograph into it by hand",
+                )
+            self._write(wanted)
             self._plan_anew()
+            return left_out
+
+    def _write(self, targets: Mapping[Path, str]) -> None:
+        """Photographs of these charts, into the shoot file or into a new one."""
+        inspections, errors = inspect_images(list(targets), charts=True)
+        if errors:
+            raise errors[0]
+        if not self.path.is_file():
+            write_draft_shoot(self.path, inspections)
+            return
+        for one in inspections:
+            lines = drafted_take(one, self.path.parent, targets[one.path])
+            add_take(self.path, self.images, lines)
+
+    def _target_of(self, check: Check) -> str | None:
+        """The chart that a photograph shows: the usual one of its kind; None where none
+        was found. Before there is a shoot file nobody said what to look for."""
+        shoot = self._shoot()
+        if shoot is None:
+            return ""
+        of_kind = [n for n, one in shoot.targets.items() if one.kind == check.kind]
+        if not check.points or not of_kind:
+            return None
+        used = [take.target for take in shoot.takes]
+        return max(of_kind, key=used.count)
 
     def results(self) -> ViewedResults:
         """Of the last calibration.
@@ -127,7 +168,7 @@ class ViewedShoot:
         """
         return ViewedResults(self.out)
 
-    def _lacking(self) -> list[Path]:
+    def _lacking(self) -> dict[Path, Check]:
         shoot = self._shoot()
         if shoot is None:
             if self.path.is_file():
@@ -139,21 +180,27 @@ class ViewedShoot:
             known = set()
         else:
             known = {shoot.image_path(take).resolve() for take in shoot.takes}
-        return [p for p in self.checked.paths if p.resolve() not in known]
-
-    def _usual_target(self) -> str:
-        shoot = self._shoot()
-        names = [take.target for take in shoot.takes if take.target] if shoot else []
-        if not names:
-            raise LensfitError("the shoot file names no chart", remedy="add one to it")
-        return max(set(names), key=names.count)
+        checks = self.checked.checks
+        return {p: one for p, one in checks.items() if p.resolve() not in known}
 
     def _shoot(self) -> Shoot | None:
         return loaded_shoot(self.path, self.images) if self.path.is_file() else None
 
-    def _change(self, change: Callable[..., None], *wanted: Any) -> None:
-        """The file by a function of `shoot_form`; one change after the other."""
+    def _change(
+        self,
+        change: Callable[..., None],
+        *wanted: Any,
+        still: tuple[Place, str | None] | None = None,
+    ) -> None:
+        """The file by a function of `shoot_form`; one change after the other.
+
+        Parameters
+        ----------
+        still : A table and its name, which must stand there.
+        """
         with self._changing:
+            if still is not None:
+                require_named(self.path, *still)
             change(self.path, self.images, *wanted)
             self._plan_anew()
 

@@ -79,6 +79,53 @@ def test_a_turned_lens_is_drawn_and_reset(opened: Browser, client: Client):
     assert opened.run("document.querySelectorAll('.drawn svg').length") == 7
 
 
+def test_it_is_said_what_is_computed(opened: Browser):
+    number = "document.getElementById('k-f_number')"
+    working = "document.querySelector('.working').textContent"
+    entered = f"{number}.value = 5.6, {number}.dispatchEvent(new Event('change'))"
+    assert opened.run(f"{entered}, {working}") == (
+        "Computing the point, the field, through focus and aperture, the curves …"
+    )
+    until(opened, working, "")
+
+
+def test_drawings_come_though_the_point_is_moved_meanwhile(opened: Browser):
+    number = "document.getElementById('k-f_number')"
+    curves = "document.querySelector('.column').dataset.figures"
+    before = opened.run(curves)
+    opened.run(
+        f"""{number}.value = 4, {number}.dispatchEvent(new Event('change')),
+        document.querySelector('.handle').dispatchEvent(
+            new KeyboardEvent('keydown', {{ key: 'ArrowLeft' }}))"""
+    )
+    until(opened, "document.querySelector('.working').textContent", "")
+    assert opened.run(curves) != before
+
+
+OVERPRINTED = """[...document.querySelectorAll(".drawn svg")].flatMap((svg) => {
+    const frame = svg.getBoundingClientRect();
+    const letters = [...svg.querySelectorAll("text.tick, text.axis, text.tag")];
+    const boxes = letters.map((one) => [one.textContent, one.getBoundingClientRect()]);
+    const outside = boxes.filter(([, box]) => box.left < frame.left - 1
+        || box.right > frame.right + 1 || box.bottom > frame.bottom + 1);
+    const pairs = boxes.flatMap(([one, a], k) => boxes.slice(k + 1).filter(([, b]) =>
+        Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1
+        && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 3)
+        .map(([other]) => one + " on " + other));
+    return [...pairs, ...outside.map(([one]) => one + " outside")];
+})"""
+"""Letters of figures that lie on others, or beside the figure."""
+
+
+@pytest.mark.parametrize("width", [1400, 800])
+def test_no_letters_of_a_figure_lie_on_others(
+    opened: Browser, client: Client, width: int
+):
+    opened.open(client.address, width, 1000)
+    until(opened, DRAWN, True)
+    assert opened.run(OVERPRINTED) == []
+
+
 def test_what_cannot_be_is_a_sentence_in_the_column(opened: Browser):
     number = "document.getElementById('k-object_distance_mm')"
     opened.run(f"{number}.value = 20, {number}.dispatchEvent(new Event('change'))")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lensfit.errors import OutputError, SettingsError
-from lensfit.workflow.view.viewed_plate import changed_text, save_settings
+from lensfit.workflow.view.saved_settings import changed_text, save_settings
 
 CHANGES = {"camera": {"f_number": 2.8}, "knobs": {"coma_gain": 0.5, "blades": 6}}
 PATH = Path("lensfit.toml")

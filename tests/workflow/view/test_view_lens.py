@@ -45,6 +45,26 @@ def picture(address: str) -> np.ndarray:
     return cv2.imdecode(np.frombuffer(content, np.uint8), 1)[..., ::-1]
 
 
+@pytest.mark.parametrize("name", ["field", "point", "through"])
+@pytest.mark.slow
+def test_two_lenses_side_by_side_are_drawn_on_one_scale(preset: Preset, name: str):
+    other = load_preset(PRESETS / "vintage_50" / "preset.json")
+    named = [(preset, "prime"), (other, "vintage")]
+    lenses = [ViewedLens(one, said, LensAdjustments()) for one, said in named]
+    state = {"f_number": 2.8, "x": 0.5}
+    alone = []
+    for lens in lenses:
+        with served(LensServer([lens])) as client:
+            alone.append(client.post(name, **state).json()["width_mm"])
+    assert alone[0] != alone[1]
+    with served(LensServer(lenses)) as client:
+        for place in (0, 1):
+            own = client.post(name, lens=place, **state).json()["width_mm"]
+            assert own == pytest.approx(alone[place])
+            found = client.post(name, lens=place, one_scale=True, **state).json()
+            assert found["width_mm"] == pytest.approx(max(alone))
+
+
 def test_the_point_is_the_psf_of_the_lens_in_colour(client: Client, preset: Preset):
     state = {"f_number": 2.8, "focus_distance_mm": 1430.0}
     found = client.post("point", **state, object_distance_mm=1600, x=0.5, y=-0.5).json()

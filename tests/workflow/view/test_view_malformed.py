@@ -28,7 +28,9 @@ from lensfit.workflow.view.viewed_shoot import ViewedShoot
 REQUESTS = 2_000
 JSON = {"content-type": "application/json"}
 GOOD = {"frame": 0, "f_number": 2.8, "knobs": {"coma_gain": 1.0}}
-OF_A_PLATE = ("command", "save", "focus", "plan", "render", "plate", "edit", "view")
+OF_A_PLATE = (
+    "command", "save", "focus", "plan", "render", "plate", "edit", "view", "start",
+)  # fmt: skip
 OF_A_SHOOT = ("field", "target", "remove", "draft", "calibrate", "cancel")
 WRONG = {
     "frame": ["x", [], None, True, {}, -1, 1.5, 1e308, 10**30],

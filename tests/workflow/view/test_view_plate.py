@@ -122,6 +122,20 @@ def test_the_pixels_of_a_fitted_lens_are_those_of_apply_to_the_bit(tmp_path: Pat
     assert np.abs(seen - viewed.plate_pixels(0)).max() > 1e-2
 
 
+@pytest.mark.slow
+def test_an_f_number_far_from_the_measured_ones_is_a_sentence(tmp_path: Path):
+    plate = write_depth_plate(tmp_path / "plate.exr", 240, 135)
+    preset = load_preset(PRIME)
+    width = StateOverrides(sensor_width_mm=preset.camera.sensor_width_mm)
+    with plate_client(plate, preset, ApplyOptions(overrides=width)) as client:
+        state = {"focal_length_mm": 50, "f_number": 0.5, "focus_distance_mm": 1600}
+        for name in ("render", "plan"):
+            refused = client.post(name, **state)
+            assert refused.status == 422
+            assert "f/0.5" in refused.json()["error"]
+            assert "larger f-number" in refused.json()["error"]
+
+
 def test_a_click_focuses_on_what_lies_there(client):
     near = client.post("focus", x=10, y=20).json()["focus_distance_mm"]
     far = client.post("focus", x=80, y=20).json()["focus_distance_mm"]
@@ -136,6 +150,37 @@ def test_a_click_focuses_on_what_lies_there(client):
     left = [p[10:-10, 12:36].astype(float) for p in pictures]
     assert np.abs(left[0] - left[2]).mean() < 3
     assert np.abs(left[1] - left[2]).mean() > 6
+
+
+@pytest.mark.parametrize(
+    ("message", "said"),
+    [
+        ({"f_number": 0}, "f_number: expected a number above 0"),
+        ({"f_number": "2"}, "f_number: expected a number"),
+        ({"frame": -1}, "frame: expected a whole number of at least 0"),
+        ({"f_nmber": 2}, 'unknown key "f_nmber"; did you mean "f_number"?'),
+    ],
+)
+def test_a_message_is_refused_in_plain_words(client, message: dict, said: str):
+    error = client.post("save", **message).json()["error"]
+    assert error.startswith(said)
+    assert "`" not in error
+    assert "$" not in error
+
+
+def test_depth_of_field_is_left_out(client, plate: Path, tmp_path: Path):
+    line = client.post("command", f_number=4, defocus=False).json()["command"]
+    assert line.endswith("--f-number=4 --no-defocus")
+    blurred, sharp = (
+        client.post("render", focus_distance_mm="inf", **more).content
+        for more in ({}, {"defocus": False})
+    )
+    assert blurred != sharp
+    assert client.get("api/lens").json()["defocus"] is True
+    given = StartCommand("lens.json", "p.exr", (("--no-defocus",),))
+    assert "--no-defocus" not in command_line(given, LensAdjustments(defocus=True))
+    notes = client.post("save", defocus=False).json()["notes"]
+    assert "Depth of field" in notes[0]
 
 
 def test_a_click_beside_the_frame_is_a_sentence(client):
@@ -180,7 +225,7 @@ def test_saved_to_the_shot_apply_makes_the_same_frame(client, plate, tmp_path: P
     settings.write_text("# the shot\n[camera]\nf_number = 8  # a guess\n")
     answer = client.post("save", **TURNED)
     assert answer.status == 200
-    assert answer.json() == {"path": str(settings), "notes": []}
+    assert answer.json() == {"path": str(settings), "changed": True, "notes": []}
     assert settings.read_text() == (
         "# the shot\n[camera]\nfocus_distance_mm = 1600\nf_number = 4  # a guess\n"
         "\n[knobs]\nblades = 6\n"
@@ -194,6 +239,32 @@ def test_saved_to_the_shot_apply_makes_the_same_frame(client, plate, tmp_path: P
     np.testing.assert_array_equal(
         frame_of(made.written[0]), frame_of(applied(moved, tmp_path / "stated"))
     )
+
+
+def test_what_stands_in_the_settings_already_changes_nothing(client, plate: Path):
+    settings = plate.parent / "lensfit.toml"
+    assert client.post("save").json()["changed"] is False
+    assert not settings.exists()
+    assert client.post("save", f_number=22).json()["changed"] is True
+    before = settings.stat().st_mtime_ns
+    assert client.post("save", f_number=22).json()["changed"] is False
+    assert settings.stat().st_mtime_ns == before
+
+
+def test_what_no_lens_can_be_is_not_saved(client, plate: Path):
+    refused = client.post("save", f_number=1e9)
+    assert refused.status == 422
+    assert "f_number" in refused.json()["error"]
+    assert not (plate.parent / "lensfit.toml").exists()
+
+
+def test_start_values_are_those_of_the_files_now(client, plate: Path):
+    assert client.post("start").json()["camera"]["f_number"] == 2
+    client.post("save", f_number=22, knobs={"coma_gain": 2})
+    found = client.post("start").json()
+    assert found["camera"]["f_number"] == 22
+    assert found["knobs"] == {"coma_gain": 2}
+    assert client.post("start", frame=9).status == 422
 
 
 def test_a_note_names_what_overrides_the_settings(client, plate: Path):

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from bundled_shoot import DEMO
 from view_makers import Client, served
@@ -84,10 +86,36 @@ def test_a_field_is_set_in_the_file_and_what_is_wrong_has_its_place(
         assert refused.status == 422, key
         said = refused.json()
         assert (said["table"], said["place"], said["key"]) == ("take", place, key)
-        assert key in said["error"]
+        assert "[[" not in said["error"]
+        assert len(said["error"].split()) > 3
     refused = client.post("field", table="target", place=0, key="kind", typed="dots")
     assert refused.json()["key"] == "kind"
     assert path.read_text() == written
+
+
+def swapped_takes(path: Path) -> str:
+    """The file with its first two photographs in the other order."""
+    head, one, two, *rest = path.read_text().split("[[take]]")
+    return "[[take]]".join([head, two, one, *rest])
+
+
+@pytest.mark.parametrize("name", ["field", "remove"])
+def test_nothing_is_written_into_another_photograph(
+    client: Client, folder: Path, name: str
+):
+    path = folder / "shoot.toml"
+    image = load_shoot(path).takes[0].image
+    path.write_text(swapped_takes(path))
+    before = path.read_text()
+    meant = {"table": "take", "place": 0, "named": image}
+    typed = {"key": "f_number", "typed": "7"} if name == "field" else {}
+    refused = client.post(name, **meant, **typed)
+    assert refused.status == 409
+    assert image in refused.json()["error"]
+    assert path.read_text() == before
+    assert client.post(name, **meant | {"place": 1}, **typed).status == 200
+    gone = client.post(name, **meant | {"place": 99}, **typed)
+    assert gone.status == 409
 
 
 def test_a_fault_of_the_file_stands_in_the_form(client: Client, folder: Path):
@@ -161,6 +189,45 @@ def test_photographs_that_the_file_lacks_are_drafted_into_it(tmp_path: Path):
         answer = client.post("field", table="target", place=0, key="kind",
                              typed="dot-grid")  # fmt: skip
         assert "[[target]] 1, kind" not in answer.json()["unconfirmed"]
+
+
+def write_grey(path: Path) -> None:
+    cv2.imwrite(str(path), np.full((200, 300), 127, np.uint8))
+
+
+def test_a_photograph_without_a_chart_is_not_drafted(client: Client, folder: Path):
+    path = folder / "shoot.toml"
+    before = path.read_text()
+    write_grey(folder / "grey.png")
+    until(lambda: photographs(client))
+    refused = client.post("draft")
+    assert refused.status == 422
+    assert "no chart was found on grey.png" in refused.json()["error"]
+    assert path.read_text() == before
+    shutil.copy(DEMO / "dots.exr", folder / "another.exr")
+    until(lambda: len(photographs(client)) == 2)
+    form = client.post("draft").json()
+    images = [take.image for take in load_shoot(path).takes]
+    assert "another.exr" in images
+    assert "grey.png" not in images
+    assert any("grey.png" in note for note in form["notes"])
+
+
+def test_a_deleted_photograph_is_listed_no_more(client: Client, folder: Path):
+    write_grey(folder / "grey.png")
+    until(lambda: photographs(client))
+    shutil.copy(DEMO / "dots.exr", folder)
+    until(lambda: len(photographs(client)) == 2)
+    state = client.get("api/checks").json()
+    assert "done" in [view["state"] for view in state["plan"]]
+    picture = photographs(client)[1]["picture"]
+    (folder / "grey.png").unlink()
+    assert [one["name"] for one in photographs(client)] == ["dots.exr"]
+    assert photographs(client)[0]["picture"] == picture
+    (folder / "dots.exr").unlink()
+    state = client.get("api/checks").json()
+    assert state["photographs"] == []
+    assert {view["state"] for view in state["plan"]} == {"missing"}
 
 
 @pytest.mark.parametrize(
