@@ -39,9 +39,10 @@ class LatestWins:
     """
 
     def __init__(self, name: str):
-        self._changed = threading.Condition()
+        self._changed, self._ended = threading.Condition(), False
         self._waiting: tuple[Callable[[], Any], Future] | None = None
-        threading.Thread(target=self._work, name=name, daemon=True).start()
+        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
+        self._thread.start()
 
     def ask(self, job: Callable[[], Any]) -> Future:
         """The future result of `job`; `Superseded` if a newer one came before it."""
@@ -53,11 +54,23 @@ class LatestWins:
             given_up[1].set_exception(Superseded())
         return future
 
+    def end(self) -> None:
+        """Begin nothing more, and wait a while for what is in work: a process that ends
+        within compiled code is aborted."""
+        with self._changed:
+            given_up, self._waiting, self._ended = self._waiting, None, True
+            self._changed.notify()
+        if given_up is not None:
+            given_up[1].cancel()
+        self._thread.join(_END_S)
+
     def _work(self) -> None:
         while True:
             with self._changed:
-                while self._waiting is None:
+                while self._waiting is None and not self._ended:
                     self._changed.wait()
+                if self._waiting is None:
+                    return
                 (job, future), self._waiting = self._waiting, None
             if not future.set_running_or_notify_cancel():
                 continue
@@ -68,6 +81,7 @@ class LatestWins:
             del job, future
 
 
+_END_S = 5.0
 MOST_WAITING = 8
 """Requests of other programs, which are all answered, one after the other."""
 Answer = Callable[[Request], Awaitable[Response]]
@@ -106,6 +120,11 @@ class RequestQueue:
     def begin(self, lane: str, job: Callable[[], Any]) -> None:
         """A background job, before those of the lane."""
         self._lane(lane).ask(job)
+
+    def end(self) -> None:
+        """Begin nothing more of what only the newest counts of."""
+        for lane in self._lanes.values():
+            lane.end()
 
     def _lane(self, name: str) -> LatestWins:
         if name not in self._lanes:

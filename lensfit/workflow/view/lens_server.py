@@ -77,7 +77,8 @@ class LensServer:
         """What the page shows first is quick enough when it is requested."""
 
     def end(self) -> None:
-        """Nothing goes on by itself."""
+        """End what goes on."""
+        self._in_turn.end()
 
     @property
     def routes(self) -> list[Route]:

@@ -123,7 +123,8 @@ class PlateServer:
     uploads: ClassVar[dict[str, int]] = {}
 
     def end(self) -> None:
-        """Nothing goes on by itself."""
+        """End what goes on."""
+        self._in_turn.end()
 
     def begin(self) -> None:
         """Make the first picture while the browser starts, which asks for it then."""

@@ -178,6 +178,7 @@ class ShootServer:
 
     def end(self) -> None:
         """End what goes on."""
+        self._in_turn.end()
         self.viewed.end()
 
     async def shoot(self, _request: Request) -> Response:

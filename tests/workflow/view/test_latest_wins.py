@@ -1,6 +1,7 @@
 """One thread, and of all that wait only the newest is done."""
 
 import threading
+from concurrent.futures import CancelledError
 
 import pytest
 
@@ -63,3 +64,17 @@ def test_one_that_was_cancelled_is_not_done():
     held.let_go()
     newest.result(timeout=30)
     assert done == [2]
+
+
+def test_at_the_end_what_is_in_work_is_waited_for_and_nothing_more_is_begun():
+    held, done = Held(), list[int]()
+    waiting = held.lane.ask(lambda: done.append(1))
+    ended = threading.Thread(target=held.lane.end)
+    ended.start()
+    with pytest.raises(CancelledError):
+        waiting.result(timeout=30)
+    assert ended.is_alive()
+    held.let_go()
+    ended.join(30)
+    assert not ended.is_alive()
+    assert done == []
