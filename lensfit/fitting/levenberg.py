@@ -9,8 +9,7 @@ A = L L^T, g and chi-squared known,
 has c.c = chi-squared, (dc/dp)^T c = g and (dc/dp)^T (dc/dp) = A. Every step therefore
 costs one pass over the data, and the pass is compiled once. The square of the first
 part of c is the decrease of chi-squared that a full Newton step predicts, the criterion
-for convergence. A that is only near to the residuals' own may predict more than all of
-chi-squared: it is then too small, and counts as so many times larger.
+for convergence.
 
 Marquardt's scaling damps every parameter in proportion to its curvature; a prior of
 zero width removes a parameter from the step.
@@ -28,10 +27,7 @@ import optimistix as optx
 from jax.scipy.linalg import cho_solve, solve_triangular
 from jaxtyping import Array, Bool, Float, Int
 
-_LEAST_DAMPING, _TINY = 1e-12, 1e-300
-_MUCH_LEFT = 0.1
-"""Share of chi-squared that a full Newton step promises where a descent that takes no
-more steps has not arrived but is stuck."""
+_LEAST_DAMPING = 1e-12
 
 
 class Prior(NamedTuple):
@@ -161,10 +157,10 @@ class LevenbergMarquardt(optx.AbstractGaussNewton[Array, Array, Any]):
         return -(2 * here.gradient @ step + step @ here.matrix @ step)
 
 
-def _share_left(state: Any) -> Float[Array, ""]:
-    """By what share a full Newton step should lower chi-squared."""
+def _little_left(state: Any, tolerance: Array | float) -> Bool[Array, ""]:
+    """Whether a full Newton step would lower chi-squared by a negligible amount."""
     squares = state.f_info.residual**2
-    return jnp.sum(squares[:-1]) / jnp.maximum(jnp.sum(squares), _TINY)
+    return jnp.sum(squares[:-1]) < tolerance * jnp.sum(squares)
 
 
 def minimise(
@@ -195,13 +191,11 @@ def minimise(
         throw=False,
     )
     steps = found.stats["num_steps"]
-    left = _share_left(found.state)
     converged = (found.result == optx.RESULTS.successful) & (steps < most_steps)
-    converged &= left < _MUCH_LEFT
     # The Newton step that was too small to be worth a pass is still worth taking.
     descent = MarquardtDescent(_LEAST_DAMPING)
     last, _ = descent.step(jnp.asarray(1.0), found.state.descent_state)
-    near = converged & (left < tolerance)
+    near = converged & _little_left(found.state, tolerance)
     value = jnp.where(near, found.value + last, found.value)
     return Minimum(_effective(value, prior), converged, steps, found.aux)
 
@@ -220,11 +214,8 @@ def short_residual(
     damping = jnp.eye(scale.size) * _LEAST_DAMPING
     factor = jnp.linalg.cholesky(matrix / jnp.outer(scale, scale) + damping)
     head = solve_triangular(factor, gradient / scale, lower=True)
-    excess = jnp.maximum(jnp.sum(head**2) / jnp.maximum(chi_squared, _TINY), 1.0)
-    head = head / jnp.sqrt(excess)
     tail = jnp.sqrt(jnp.maximum(chi_squared - jnp.sum(head**2), 0.0))
-    move = factor.T @ (scale * (parameters - fixed_point))
-    head = head + jnp.sqrt(excess) * move
+    head = head + factor.T @ (scale * (parameters - fixed_point))
     return jnp.append(head, tail), extra
 
 
