@@ -294,8 +294,9 @@ function showRun(run) {
     bar.max = one.total || 1;
     bar.value = one.done;
     bar.setAttribute("aria-label", one.stage);
-    const left = one.left_s === null ? "" : `, ${seconds(one.left_s)} left of this stage`;
-    item.append(element("span", one.stage), bar, element("span", `${one.total ? `${one.done} of ${one.total}, ` : ""}${seconds(one.seconds)}${left}`));
+    const steps = one.total ? `${one.done} of ${one.total}, ` : "";
+    const round = one.round > 1 ? `round ${one.round}, ` : "";
+    item.append(element("span", one.stage), bar, element("span", `${steps}${round}${seconds(one.seconds)} so far`));
     return item;
   }));
 }

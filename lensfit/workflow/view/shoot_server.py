@@ -4,7 +4,7 @@
 ``GET  api/shoot``           the shoot file as a form, with what is wrong in it
 ``GET  api/checks``          every photograph with its check, and what to shoot next
 ``GET  api/picture/N``       what was found on a photograph, PNG
-``GET  api/calibration``     how far it is: each stage, and its time left
+``GET  api/calibration``     how far it is: each stage, and its seconds so far
 ``POST api/photograph``      a photograph (``?name=``), written into the folder
 ``POST api/field``           set a key of the shoot file
 ``POST api/target, remove``  a chart more; a chart or photograph less
