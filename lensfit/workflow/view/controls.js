@@ -135,7 +135,8 @@ export const ofDistance = {
 /** The controls of the camera, from what the lens and the plate say. */
 export function cameraSpecs(lens) {
   const { camera, ranges } = lens;
-  const widest = Math.log2(Math.min(ranges.widest_f_number || 1, +camera.f_number || 99));
+  // A stop wider than was measured, where a note says what the picture is made of.
+  const widest = Math.log2(Math.min(ranges.widest_f_number || 1, +camera.f_number || 99)) - 0.5;
   const near = Math.min(ranges.nearest_focus_mm, +camera.focus_distance_mm || 1e9);
   const specs = [
     {

@@ -62,12 +62,14 @@ async function show(image, answer) {
   if (before.startsWith("blob:")) URL.revokeObjectURL(before);
 }
 
+/** What is seen while there is no picture of the state. */
+const shownMeanwhile = () =>
+  (at("stage").classList.contains("unmade") ? "the plate is shown as it is" : "the one before is shown");
+
 const failed = (error, asked) => {
   if (asked === version) {
     say(error);
-    const isMade = at("made").hasAttribute("src");
-    at("stage").classList.toggle("unmade", !isMade);
-    at("status").textContent = isMade ? "No picture of this state; the one before is shown" : "No picture of this state; the plate is shown as it is";
+    at("status").textContent = `No picture of this state; ${shownMeanwhile()}`;
   }
 };
 
@@ -113,7 +115,7 @@ function changed() {
   clearTimeout(resting);
   for (const one of Object.values(askers)) one.forget();
   at("saved").textContent = "";
-  at("status").textContent = "Making the picture …";
+  at("status").textContent = `Making the picture; ${shownMeanwhile()} …`;
   if (lens.qualities.length > 1) want(lens.qualities[0]);
   else rest();
   showCommand();

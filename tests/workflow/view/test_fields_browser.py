@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 import pytest
 from browser import CHROMIUM, Browser
@@ -20,6 +21,7 @@ from view_makers import (
 )
 
 from lensfit.io.exr import ExrImage, read_exr, write_exr
+from lensfit.workflow.view.viewed_plate import ViewedPlate
 
 pytestmark = [
     pytest.mark.slow,
@@ -29,6 +31,8 @@ SHOWN = "document.getElementById('stage').dataset.shown"
 READY = f"{SHOWN} === 'full'"
 COMMAND = "document.getElementById('command').value"
 SAID = "document.getElementById('saved').textContent"
+STATUS = "document.getElementById('status').textContent"
+NO_PICTURE = f"{STATUS}.startsWith('No picture of this state')"
 
 
 @pytest.fixture
@@ -179,14 +183,49 @@ def test_a_process_that_has_ended_is_a_sentence(plate: Path, tmp_path: Path):
 
 
 def test_it_is_said_that_a_picture_is_made(opened: Browser):
-    status = "document.getElementById('status').textContent"
     found = opened.run(
         f"""(() => {{ const one = {field("f_number")};
         one.value = 8, one.dispatchEvent(new Event('change'));
-        return {status}; }})()"""
+        return {STATUS}; }})()"""
     )
-    assert found == "Making the picture …"
-    until(opened, f"{status}.startsWith('Full quality, ')", True)
+    assert found == "Making the picture; the one before is shown …"
+    until(opened, f"{STATUS}.startsWith('Full quality, ')", True)
+
+
+def test_before_the_first_picture_the_plate_is_shown_and_it_is_said(
+    client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    may_go_on, pixels = Event(), ViewedPlate.pixels
+
+    def waiting(*wanted):
+        assert may_go_on.wait(120)
+        return pixels(*wanted)
+
+    monkeypatch.setattr(ViewedPlate, "pixels", waiting)
+    beside = "document.getElementById('stage').dataset.beside === 'plate'"
+    with page_in_browser(client, tmp_path, beside) as browser:
+        said = "Making the picture; the plate is shown as it is …"
+        assert browser.run(STATUS) == said
+        shown = "getComputedStyle(document.getElementById('plate')).clipPath"
+        assert browser.run(shown) == "none"
+        may_go_on.set()
+        until(browser, READY, True)
+        assert browser.run(shown) != "none"
+
+
+def test_a_stop_is_opened_by_the_slider(opened: Browser):
+    slider = "document.querySelector('#camera .knob input[type=range]')"
+    opened.run(f"{slider}.value = -9, {slider}.dispatchEvent(new Event('input'))")
+    assert float(value(opened, "f_number")) == pytest.approx(2**0.5, rel=0.01)
+    until(opened, f"{COMMAND}.includes('--f-number=1.41')", True)
+
+
+def test_notes_stand_where_they_are_seen(opened: Browser, client: Client):
+    """Beneath the picture, without scrolling."""
+    opened.open(client.address, 1400, 900)
+    until(opened, "document.querySelectorAll('#notes li').length > 0", True)
+    bottom = "document.getElementById('notes').getBoundingClientRect().bottom"
+    assert opened.run(f"{bottom} <= window.innerHeight")
 
 
 def bare_plate(path: Path, channels: str, header: dict[str, float]) -> Path:
@@ -205,12 +244,10 @@ def test_a_plate_without_depth_is_shown_without_depth_of_field(tmp_path: Path):
     plate = bare_plate(tmp_path / "p.exr", "RGB", HEADER)
     with (
         plate_client(plate, thin_lens()) as client,
-        page_in_browser(client, tmp_path / "profile", UNMADE) as browser,
+        page_in_browser(client, tmp_path / "profile", NO_PICTURE) as browser,
     ):
         assert "the box “Depth of field”" in browser.run(ERROR)
-        assert "plate is shown as it is" in browser.run(
-            "document.getElementById('status').textContent"
-        )
+        assert "plate is shown as it is" in browser.run(STATUS)
         until(browser, "document.getElementById('plate').naturalWidth > 0", True)
         press(browser, "defocus")
         until(browser, READY, True)
@@ -223,7 +260,7 @@ def test_what_a_plate_does_not_state_is_asked_for_in_its_field(tmp_path: Path):
     plate = bare_plate(tmp_path / "p.exr", "RGBZ", {})
     with (
         plate_client(plate, thin_lens()) as client,
-        page_in_browser(client, tmp_path / "profile", UNMADE) as browser,
+        page_in_browser(client, tmp_path / "profile", NO_PICTURE) as browser,
     ):
         needed = "[...document.querySelectorAll('.needed input')].map((one) => one.id)"
         for name, text in (("focus_distance_mm", "2 m"), ("f_number", "2")):
