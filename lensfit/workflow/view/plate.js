@@ -287,7 +287,8 @@ function savedText({ path, changed, notes }, isTurned) {
 }
 
 /** Whether every field counts; else it is said which does not, and the cursor goes there. */
-function isSound() {
+async function isSound() {
+  await Promise.all(Object.values(controls).map((one) => one.settled()));
   const wrong = Object.values(controls).find((one) => one.fault());
   if (!wrong) return true;
   at("saved").textContent = `Not saved: ${wrong.fault()}`;
@@ -298,7 +299,7 @@ function isSound() {
 }
 
 async function save() {
-  if (!isSound()) return;
+  if (!(await isSound())) return;
   const isTurned = Object.keys({ ...turned.camera, ...turned.knobs }).length > 0;
   try {
     const found = await (await ask("save", message())).json();
@@ -310,7 +311,7 @@ async function save() {
 }
 
 async function edit() {
-  if (!isSound()) return;
+  if (!(await isSound())) return;
   try {
     const said = { ...message(), who: at("who").value, why: at("why").value };
     const found = await (await ask("edit", said)).json();

@@ -104,6 +104,18 @@ def test_another_page_shows_what_one_saved(
         assert save(other).startswith("Nothing was changed")
 
 
+def test_a_field_follows_the_file_but_not_under_a_hand_that_types(
+    opened: Browser, plate: Path
+):
+    opened.run(f"{field('f_number')}.value = '5'")
+    written = "[camera]\nf_number = 8\nfocus_distance_mm = 3000\n"
+    (plate.parent / "lensfit.toml").write_text(written)
+    until(opened, f"{field('focus_distance_mm')}.value", "3000")
+    assert value(opened, "f_number") == "5"
+    enter(opened, "f_number", "5.6")
+    until(opened, f"{COMMAND}.includes('--f-number=5.6')", True)
+
+
 def test_what_counts_before_the_settings_stays_turned(opened: Browser, plate: Path):
     frames = '[[frames]]\nrange = "1001-1002"\nf_number = 8\n'
     (plate.parent / "lensfit.toml").write_text(frames)
@@ -140,20 +152,24 @@ def test_a_scrubbed_frame_shows_its_own_values(tmp_path: Path):
         ("f_number", "1e9", "too large"),
         ("coma_gain", "1e6", "too large"),
         ("blades", "5.5", "not whole"),
-        ("focus_distance_mm", "near", "no distance"),
-        ("focus_distance_mm", "1.5 parsec", "no distance"),
+        ("focus_distance_mm", "near", "no length"),
+        ("focus_distance_mm", "1500,0", "no length"),
+        ("focus_distance_mm", "1.5 parsec", "parsec"),
         ("focus_distance_mm", "0", "too small"),
     ],
 )
 def test_what_does_not_count_is_said_beside_its_field(
     opened: Browser, plate: Path, name: str, text: str, said: str
 ):
+    used = value(opened, name) or "measured"
     enter(opened, "ring_brightness", "-0.5")
     enter(opened, name, text)
     beside = f"document.getElementById('e-{name}')"
-    assert said in opened.run(f"{beside}.textContent")
-    assert not opened.run(f"{beside}.hidden")
     assert save(opened).startswith("Not saved: ")
+    sentence = opened.run(f"{beside}.textContent")
+    assert said in sentence
+    assert sentence.endswith(f". In use: {used}")
+    assert not opened.run(f"{beside}.hidden")
     assert opened.run(f"document.activeElement === {field(name)}")
     assert not (plate.parent / "lensfit.toml").exists()
     press(opened, "reset")
@@ -164,11 +180,12 @@ def test_what_does_not_count_is_said_beside_its_field(
 @pytest.mark.parametrize(
     ("text", "mm"),
     [("1.5m", "1500"), ("5 m", "5000"), ("150 cm", "1500"), ("5 ft", "1524"),
+     ("4'11\"", "1498.6"), ("59 1/2 in", "1511.3"),
      ("infinity", "inf"), ("∞", "inf"), ("800", "800")],
 )  # fmt: skip
 def test_a_distance_may_name_its_unit(opened: Browser, text: str, mm: str):
     enter(opened, "focus_distance_mm", text)
-    assert value(opened, "focus_distance_mm") == mm
+    until(opened, f"{field('focus_distance_mm')}.value", mm)
     until(opened, f"{COMMAND}.includes('--focus-distance-mm={mm}')", True)
 
 
