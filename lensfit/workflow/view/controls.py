@@ -17,7 +17,6 @@ _NAMED = {
     "t_number": "T-number",
     "roi": "Where to look: [x0, y0, x1, y1] (px)",
     "asymmetric": "Every other row shifted (true or false)",
-    "mosaic": "Mosaic (RGGB and the like)",
     "squares": "Squares: [columns, rows]",
     "marks": "Marks: [columns, rows]",
     "dictionary": "ArUco dictionary",

@@ -296,7 +296,7 @@ function showRun(run) {
     bar.setAttribute("aria-label", one.stage);
     const steps = one.total ? `${one.done} of ${one.total}, ` : "";
     const round = one.round > 1 ? `round ${one.round}, ` : "";
-    item.append(element("span", one.stage), bar, element("span", `${steps}${round}${seconds(one.seconds)} so far`));
+    item.append(element("span", one.stage), bar, element("span", `${steps}${round}${seconds(one.seconds)}`));
     return item;
   }));
 }
