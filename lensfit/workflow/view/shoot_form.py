@@ -246,7 +246,8 @@ def place_of_error(error: LensfitError) -> Place:
 def beside_field(error: LensfitError, path: Path) -> str:
     """A sentence as it stands beside its field, which need not be named again."""
     said = str(error).removeprefix(f"{path}: ")
-    return re.sub(r"^(\[\[\w+\]\] \d+( \(.*?\))?|lens|camera)(, |: |\.)", "", said)
+    said = re.sub(r"^(\[\[\w+\]\] \d+( \(.*?\))?|lens|camera)(, |: |\.)", "", said)
+    return said.removeprefix(f"{place_of_error(error).key}: ")
 
 
 def _write(

@@ -24,6 +24,9 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
 ]
 STATE = "document.getElementById('calibration').dataset.state"
+BORDERS = """new Set(["take0-f_number", "take0-target_distance_mm"].map((name) =>
+    getComputedStyle(document.getElementById("f-" + name)).borderTopColor)).size"""
+"""Colours of the borders of a refused field and of another."""
 FAULT = "document.getElementById('fault')"
 EXPECTED = "status of 4"
 """What the console says of a field that was refused."""
@@ -98,6 +101,7 @@ def test_what_is_wrong_stands_beside_its_field(opened: Browser, folder: Path):
     said = opened.run("document.getElementById('e-take0-f_number').textContent")
     _, _, kept = said.partition(". The file keeps ")
     assert float(kept) == load_shoot(folder / "shoot.toml").takes[0].f_number
+    assert opened.run(BORDERS) == 2
     typed(opened, "f-lens-serial", "4711")
     until(opened, "document.getElementById('f-lens-serial').value", "4711")
     deadline = time.monotonic() + 20

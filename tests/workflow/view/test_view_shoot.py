@@ -87,6 +87,7 @@ def test_a_field_is_set_in_the_file_and_what_is_wrong_has_its_place(
         said = refused.json()
         assert (said["table"], said["place"], said["key"]) == ("take", place, key)
         assert "[[" not in said["error"]
+        assert not said["error"].startswith(f"{key}:")
         assert len(said["error"].split()) > 3
     refused = client.post("field", table="target", place=0, key="kind", typed="dots")
     assert refused.json()["key"] == "kind"
