@@ -46,7 +46,7 @@ def test_the_last_word_counts_and_text_is_a_number():
     [
         ({"coma_gan": 1}, 'no knob "coma_gan"; did you mean "coma_gain"?'),
         ({"blades": "many"}, "whole number"),
-        ({"blades": 99}, "<= 16"),
+        ({"blades": 99}, "at most 16"),
         ({"blades": "1"}, "blades is 1; an aperture has no blades (0) or at least 3"),
         ({"blades": 2}, "blades is 2; an aperture has no blades (0) or at least 3"),
         ({"coma_gain": "nan"}, "no finite number"),
