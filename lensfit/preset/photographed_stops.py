@@ -39,8 +39,9 @@ def unphotographed_f_number_note(
     known = sorted(stop.f_number for stop in stops)
     if known and f_number * SAME_STOP < known[0]:
         return (
-            f"the blur is not known wider open than f/{known[0]:.3g}, the widest "
-            "f-number it was photographed at",
+            f"the blur wider open than f/{known[0]:.3g}, the widest f-number it was "
+            "photographed at, is the model's prediction: its aberrations are "
+            "extrapolated to the rim of the wider pupil",
         )
     if known and f_number > _ONE_STOP * SAME_STOP * known[-1]:
         return (

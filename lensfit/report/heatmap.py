@@ -24,6 +24,8 @@ from lensfit.report.svg import WIDTH, Figure, drawing, path, words
 _PICTURE_WIDTH = 200
 _FINE = (65, 49)
 _RIM = 0.08
+_MIDDLE = np.array([0.5, 0.5])
+"""Where the value of the middle stands, as shares of the frame."""
 _STEEP = 4.0
 """Largest value over the usual one from which even steps would all be in corners."""
 _LEAST_STOPS = 1e-4
@@ -136,6 +138,7 @@ def _contours(frame: Frame, known: FieldMap) -> Iterator[Markup]:
     low, high = known.range
     if not high > low:
         return
+    labelled: list[np.ndarray] = []
     for level in _levels(known):
         # A contour ends where a neighbour is not known.
         found = find_contours(known.values, level)
@@ -144,7 +147,7 @@ def _contours(frame: Frame, known: FieldMap) -> Iterator[Markup]:
             y = np.interp(line[:, 0], np.arange(known.y.size), known.y)
             yield path(*frame.place(x, y), class_="contour")
         if found:
-            yield from _label(frame, known, max(found, key=len), level)
+            yield from _label(frame, known, max(found, key=len), level, labelled)
 
 
 def _levels(known: FieldMap) -> list[float]:
@@ -160,15 +163,28 @@ def _levels(known: FieldMap) -> list[float]:
 
 
 def _label(
-    frame: Frame, known: FieldMap, line: np.ndarray, level: float
+    frame: Frame,
+    known: FieldMap,
+    line: np.ndarray,
+    level: float,
+    labelled: list[np.ndarray],
 ) -> Iterator[Markup]:
-    """The value, where its line is farthest inside the frame; none at the rim, where
-    the numbers of the corners are."""
+    """The value, where its line is inside the frame and farthest from other values;
+    none at the rim, where the numbers of the corners are.
+
+    Parameters
+    ----------
+    labelled : Places of the values so far, as shares of the frame; this one is added.
+    """
     last = np.array(known.values.shape) - 1.0
-    inside = np.minimum(line, last - line) / last
-    best = int(np.argmax(inside.min(1)))
-    if inside.min(1)[best] < _RIM:
+    shares = line / last
+    inside = np.minimum(shares, 1 - shares).min(1)
+    away = [np.linalg.norm(shares - other, axis=1) for other in [_MIDDLE, *labelled]]
+    room = np.where(inside < _RIM, 0.0, np.min([*away, inside], axis=0))
+    best = int(np.argmax(room))
+    if room[best] == 0:
         return
+    labelled.append(shares[best])
     row, column = line[best]
     x = np.interp(column, np.arange(known.x.size), known.x)
     y = np.interp(row, np.arange(known.y.size), known.y)

@@ -25,8 +25,9 @@ def test_the_lens_knows_its_state_and_how_it_was_reached():
 
 
 WIDER = (
-    "the blur is not known wider open than f/1.4, the widest f-number it was "
-    "photographed at"
+    "the blur wider open than f/1.4, the widest f-number it was photographed at, is "
+    "the model's prediction: its aberrations are extrapolated to the rim of the wider "
+    "pupil"
 )
 FARTHER = (
     "the blur more than a stop beyond f/2.8, the narrowest stop it was photographed "

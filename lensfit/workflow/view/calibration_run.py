@@ -11,7 +11,7 @@ import threading
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 from lensfit.atomic_set import remove_unfinished
 from lensfit.errors import LensfitError, sentence_of
@@ -75,7 +75,7 @@ class CalibrationRun:
 
     def state(self) -> dict[str, Any]:
         """How far it is: "idle", "running", "done", "failed" or "cancelled", and each
-        stage with its time left."""
+        stage."""
         with self._lock:
             running = self._state["state"] == "running"
             return self._state | {"stages": self._stages.facts(running)}
@@ -98,53 +98,55 @@ class CalibrationRun:
 
 @final
 class StageTimes:
-    """When each stage was reported, and how long it will take."""
+    """How far each stage is, and how long it took so far.
+
+    No time left is told: steps of a fit take from a second to minutes. A stage that
+    begins anew, for another state of the lens or with what a later stage corrected, is
+    in its next round.
+    """
 
     def __init__(self):
-        self._stages: dict[str, list[float]] = {}
+        self._stages: dict[str, _Stage] = {}
 
     def tell(self, stage: str, done: int, total: int) -> None:
         """As a `lensfit.progress.Progress`."""
         now = time.monotonic()
-        began = self._stages[stage][2] if stage in self._stages else now
-        self._stages[stage] = [done, total, began, now]
+        before = self._stages.get(stage, _Stage(done, total, now, now))
+        if done < before.done:
+            before = before._replace(
+                began_s=now - (before.last_s - before.began_s), round=before.round + 1
+            )
+        self._stages[stage] = before._replace(done=done, total=total, last_s=now)
 
     def facts(self, running: bool) -> list[dict[str, Any]]:
-        """Each stage in order: steps done of all, seconds so far, seconds left
-        (None where they are not known)."""
+        """Each stage in order: steps done of all, in which round, seconds so far."""
         now = time.monotonic()
         found = []
-        for stage, (done, total, began, last) in list(self._stages.items()):
-            is_done = bool(total) and done >= total
-            until = last if is_done or not running else now
-            left = None
-            if running and total and not is_done:
-                left = _left_s(total - done, done, last - began, now - last)
+        for name, one in list(self._stages.items()):
+            is_done = bool(one.total) and one.done >= one.total
+            until = one.last_s if is_done or not running else now
             found.append(
                 {
-                    "stage": stage, "done": done, "total": total,
-                    "seconds": until - began, "left_s": left,
+                    "stage": name, "done": one.done, "total": one.total,
+                    "round": one.round, "seconds": until - one.began_s,
                 }
             )  # fmt: skip
         return found
 
 
-_FEWEST = 2
-"""Steps that tell how long one takes."""
+class _Stage(NamedTuple):
+    """Steps of a stage, and when it was reported.
 
-
-def _left_s(left: float, done: float, took_s: float, since_s: float) -> float | None:
-    """Seconds left of a stage; None where they are not known: after one step, and while
-    a step takes longer than those before it.
-
-    Parameters
+    Attributes
     ----------
-    left, done : Steps.
-    took_s, since_s : Of the steps that are done, and of the one in work so far.
+    began_s : As if its rounds had followed each other without a pause.
     """
-    if done < _FEWEST or since_s >= took_s / done:
-        return None
-    return left * took_s / done - since_s
+
+    done: int
+    total: int
+    began_s: float
+    last_s: float
+    round: int = 1
 
 
 def calibrate_and_tell(

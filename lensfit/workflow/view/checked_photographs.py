@@ -61,7 +61,7 @@ class CheckedPhotographs:
         there = [(k, one) for k, one in found if one.path.is_file()]
         plan = self._session.plan
         return {
-            "folder": str(self.folder),
+            "folder": str(self.folder.absolute()),
             "photographs": [_facts(k, one) for k, one in there],
             "checking": None if self._busy is None else self._busy.name,
             "plan": [asdict(view) for view in plan],

@@ -1,39 +1,31 @@
 // Controls of the camera and of knobs: a number, a slider where one helps, a way back.
 
+import { ask } from "./asker.js";
+
 const short = (value) =>
   value === null || value === undefined ? "" : value === "inf" ? "inf" : String(+(+value).toPrecision(5));
 
-const MM = { mm: 1, cm: 10, m: 1000, in: 25.4, ft: 304.8 };
-const INFINITE = ["inf", "infinity", "∞"];
-
-/** A distance in millimetres of a text with or without a unit, "inf", or NaN. */
-function distance(text) {
-  if (INFINITE.includes(text.toLowerCase())) return "inf";
-  const [, number, unit] = text.match(/^(\d+\.?\d*|\.\d+)\s*(mm|cm|m|in|ft)?$/i) || [];
-  return number === undefined ? NaN : +(number * MM[(unit || "mm").toLowerCase()]).toPrecision(12);
+/** Millimetres of a length as people write it, or "inf"; the process reads it. */
+async function distance(typed) {
+  return (await (await ask("length", { typed })).json()).mm;
 }
 
 /** What a range allows, in words. */
-function allowed({ least, most, whole, example }) {
-  if (example) return `write ${example}`;
-  const kind = whole ? "a whole number" : "a number";
+function allowed({ kind, least, most, whole }) {
   const low = least === null || least === undefined ? "" : ` from ${short(least)}`;
   const high = most === null || most === undefined ? "" : ` to ${short(most)}`;
-  return `give ${kind}${low}${high}`;
+  return `give a ${whole ? "whole number" : kind || "number"}${low}${high}`;
 }
 
-/** What was typed: its value (undefined for none), or a sentence on why it is none. */
-function read(spec, number) {
-  const text = number.value.trim();
-  if (text === "" && !number.validity.badInput) return { value: undefined };
-  const value = text === "" ? NaN : spec.read ? spec.read(text) : Number(text);
-  const refused = (why) => ({ fault: `${why}; ${allowed(spec)}. The picture stays as it was` });
-  if (Number.isNaN(value)) return refused(text === "" ? "This is no number" : `“${text}” is no ${spec.kind || "number"}`);
-  if (value === "inf") return { value };
+/** Why a value does not count; undefined where it does. */
+function refusal(spec, text, value) {
+  const refused = (why) => `${why}; ${allowed(spec)}`;
+  if (value === "inf") return undefined;
+  if (Number.isNaN(value)) return refused(text === "" ? "This is no number" : `“${text}” is no number`);
   if (spec.whole && !Number.isInteger(value)) return refused(`${text} is not whole`);
   if (spec.least !== null && value < spec.least) return refused(`${text} is too small`);
   if (spec.most !== null && value > spec.most) return refused(`${text} is too large`);
-  return { value };
+  return undefined;
 }
 
 /** A control; `spec.to` and `spec.from` map a value to the slider's place and back. */
@@ -85,11 +77,14 @@ export function control(spec, changed) {
     row.append(text);
   }
   let current; // undefined where the lens and the plate have their way
+  let shownText = "";
+  let reading = null; // of what was typed, by the process
   const show = (value) => {
     current = value;
+    reading = null;
     blame("");
     const shown = value === undefined ? spec.start : value;
-    number.value = short(shown);
+    number.value = shownText = short(shown);
     if (slider && shown !== null && shown !== undefined) slider.value = to(shown);
     if (slider) slider.setAttribute("aria-valuetext", short(shown) || "as measured");
     row.classList.toggle("turned", value !== undefined);
@@ -99,12 +94,28 @@ export function control(spec, changed) {
     show(value);
     changed(spec.name, value);
   });
+  const refuse = (sentence) => {
+    const inUse = short(current === undefined ? spec.start : current) || number.placeholder;
+    blame(`${sentence}. In use: ${inUse}`);
+    row.classList.add("turned"); // so that the way back is there
+  };
+  const take = (text, value) => {
+    const why = refusal(spec, text, value);
+    if (why) refuse(why);
+    else set(value);
+  };
   number.addEventListener("change", () => {
-    const { value, fault } = read(spec, number);
-    if (fault) {
-      blame(fault);
-      row.classList.add("turned"); // so that the way back is there
-    } else set(value);
+    const text = number.value.trim();
+    reading = null;
+    if (text === "" && !number.validity.badInput) set(undefined);
+    else if (!spec.read) take(text, text === "" ? NaN : Number(text));
+    else {
+      // An answer counts unless something else was typed or shown meanwhile.
+      const mine = spec.read(text).then(
+        (value) => reading === mine && take(text, value),
+        (error) => reading === mine && refuse(error.message));
+      reading = mine;
+    }
   });
   const set = (value) => {
     show(value);
@@ -118,24 +129,27 @@ export function control(spec, changed) {
   };
   /** Another value of the lens and the plate, where nothing is turned. */
   const begin = (value) => {
+    const isUntouched = wrong.hidden && !reading && number.value === shownText;
     spec.start = value;
-    if (wrong.hidden) show(current);
+    if (isUntouched) show(current);
   };
+  /** Once what is typed was read. */
+  const settled = () => reading;
   /** Why what is typed does not count, with the field's name; null where it does. */
   const fault = () => (wrong.hidden ? null : `${spec.label}: ${wrong.textContent}`);
-  return { row, set, show, rest, begin, fault, number };
+  return { row, set, show, rest, begin, settled, fault, number };
 }
 
 /** A field that holds a distance. */
 export const ofDistance = {
-  text_field: true, read: distance, kind: "distance", least: 0.001, most: 1e9,
-  example: "millimetres, 1.5 m, 5 ft or inf",
+  text_field: true, read: distance, kind: "distance in mm", least: 0.001, most: 1e9,
 };
 
 /** The controls of the camera, from what the lens and the plate say. */
 export function cameraSpecs(lens) {
   const { camera, ranges } = lens;
-  const widest = Math.log2(Math.min(ranges.widest_f_number || 1, +camera.f_number || 99));
+  // A stop wider than was measured, where a note says what the picture is made of.
+  const widest = Math.log2(Math.min(ranges.widest_f_number || 1, +camera.f_number || 99)) - 0.5;
   const near = Math.min(ranges.nearest_focus_mm, +camera.focus_distance_mm || 1e9);
   const specs = [
     {

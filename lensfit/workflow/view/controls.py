@@ -12,7 +12,18 @@ from lensfit.preset.knobs import GROUP_OF, NEUTRAL, Knobs
 from lensfit.workflow.view.lens_adjustments import FILES
 
 _TITLES = {"aberration": "Aberrations", "bokeh": "Bokeh", "look": "Look"}
-_NAMED = {"f_number": "f-number", "roi": "Region [x0, y0, x1, y1] (px)"}
+_NAMED = {
+    "f_number": "f-number",
+    "t_number": "T-number",
+    "roi": "Where to look: [x0, y0, x1, y1] (px)",
+    "asymmetric": "Every other row shifted (true or false)",
+    "squares": "Squares: [columns, rows]",
+    "marks": "Marks: [columns, rows]",
+    "dictionary": "ArUco dictionary",
+    "marker_ratio": "Marker side / square side",
+    "encoding": "Encoding of light",
+}
+"""Quantities that their key does not name plainly."""
 _UNITS = {
     "mm": "mm", "um": "µm", "percent": "%", "deg": "°", "kelvin": "K", "stops": "stops",
 }  # fmt: skip
@@ -62,17 +73,11 @@ def _control(name: str, schema: dict[str, Any]) -> dict[str, Any]:
 
 def label_of(name: str) -> str:
     """A quantity as people call it, with its unit."""
-    units = {
-        "mm": "mm",
-        "um": "µm",
-        "percent": "%",
-        "deg": "°",
-        "kelvin": "K",
-        "stops": "stops",
-    }
+    if name in _NAMED:
+        return _NAMED[name]
     *words, last = name.split("_")
-    if words and last in units:
-        return f"{' '.join(words).capitalize()} ({units[last]})"
+    if words and last in _UNITS:
+        return f"{' '.join(words).capitalize()} ({_UNITS[last]})"
     return " ".join((*words, last)).capitalize()
 
 

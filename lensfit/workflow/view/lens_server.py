@@ -6,6 +6,7 @@
 ``POST api/point``       that of one point in colour, and its deviation
 ``POST api/through``     that point through focus and through the aperture
 ``POST api/figures``     distortion, lateral colour, fall-off, breathing, as SVG
+``POST api/length``      millimetres of a length as people write it
 ``GET  api/dots/N``      dots of a photograph beside their model, PNG
 ``GET  report``          the report of a folder of results
 =======================  ==========================================================
@@ -31,6 +32,7 @@ from lensfit.workflow.view.answers import (
 )
 from lensfit.workflow.view.controls import knob_controls
 from lensfit.workflow.view.lens_adjustments import require_valid_adjustments
+from lensfit.workflow.view.typed_length import length_answer
 from lensfit.workflow.view.viewed_lens import LensQuery, Tiles, ViewedLens
 from lensfit.workflow.view.viewed_results import ViewedResults
 
@@ -85,6 +87,7 @@ class LensServer:
         """Of the application."""
         posts: dict[str, Answer] = {"figures": self._answer("figures")}
         posts |= {name: self._answer(name) for name in get_args(Tiles)}
+        posts["length"] = length_answer
         dots, report = map(errors_as_sentences, (self.dots, self.report))
         return [
             *page_routes(PAGE_FILES),

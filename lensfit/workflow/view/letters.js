@@ -35,10 +35,24 @@ function spread(svg) {
   tags.forEach((one, k) => one.setAttribute("y", places[k]));
 }
 
+/** Numbers at both ends of a colour scale: the second begins where the first has ended. */
+function partEnds(svg) {
+  const ends = [...svg.querySelectorAll("text.small")].sort((one, other) => boxOf(one).x - boxOf(other).x);
+  for (let k = 1; k < ends.length; k += 1) {
+    const before = boxOf(ends[k - 1]);
+    const over = before.x + before.width + GAP - boxOf(ends[k]).x;
+    if (over > 0 && ends[k].getAttribute("y") === ends[k - 1].getAttribute("y")) {
+      ends[k].setAttribute("x", +ends[k].getAttribute("x") + over);
+    }
+  }
+  svg.append(...ends); // above the curves
+}
+
 /** Part the letters of a figure that is on the page, and widen its box to hold them. */
 export function partLetters(svg) {
   const { y, width, height, x } = svg.viewBox.baseVal;
   spread(svg);
+  partEnds(svg);
   const left = clearOfNumbers(svg);
   const ends = [...svg.querySelectorAll("text.tag")].map((one) => boxOf(one).x + boxOf(one).width + GAP / 2);
   const right = Math.max(x + width, ...ends);

@@ -62,12 +62,14 @@ async function show(image, answer) {
   if (before.startsWith("blob:")) URL.revokeObjectURL(before);
 }
 
+/** What is seen while there is no picture of the state. */
+const shownMeanwhile = () =>
+  (at("stage").classList.contains("unmade") ? "the plate is shown as it is" : "the one before is shown");
+
 const failed = (error, asked) => {
   if (asked === version) {
     say(error);
-    const isMade = at("made").hasAttribute("src");
-    at("stage").classList.toggle("unmade", !isMade);
-    at("status").textContent = isMade ? "No picture of this state; the one before is shown" : "No picture of this state; the plate is shown as it is";
+    at("status").textContent = `No picture of this state; ${shownMeanwhile()}`;
   }
 };
 
@@ -113,7 +115,7 @@ function changed() {
   clearTimeout(resting);
   for (const one of Object.values(askers)) one.forget();
   at("saved").textContent = "";
-  at("status").textContent = "Making the picture …";
+  at("status").textContent = `Making the picture; ${shownMeanwhile()} …`;
   if (lens.qualities.length > 1) want(lens.qualities[0]);
   else rest();
   showCommand();
@@ -285,7 +287,8 @@ function savedText({ path, changed, notes }, isTurned) {
 }
 
 /** Whether every field counts; else it is said which does not, and the cursor goes there. */
-function isSound() {
+async function isSound() {
+  await Promise.all(Object.values(controls).map((one) => one.settled()));
   const wrong = Object.values(controls).find((one) => one.fault());
   if (!wrong) return true;
   at("saved").textContent = `Not saved: ${wrong.fault()}`;
@@ -296,7 +299,7 @@ function isSound() {
 }
 
 async function save() {
-  if (!isSound()) return;
+  if (!(await isSound())) return;
   const isTurned = Object.keys({ ...turned.camera, ...turned.knobs }).length > 0;
   try {
     const found = await (await ask("save", message())).json();
@@ -308,7 +311,7 @@ async function save() {
 }
 
 async function edit() {
-  if (!isSound()) return;
+  if (!(await isSound())) return;
   try {
     const said = { ...message(), who: at("who").value, why: at("why").value };
     const found = await (await ask("edit", said)).json();

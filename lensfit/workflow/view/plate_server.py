@@ -10,6 +10,7 @@
 ``POST api/focus``       the focus distance of what lies at a pixel
 ``POST api/command``     the command line that renders what is turned
 ``POST api/save``        the same into the shot's settings file
+``POST api/length``      millimetres of a length as people write it
 ``POST api/edit``        knobs as a version of the lens in its library (who, why)
 =======================  ==========================================================
 
@@ -44,6 +45,7 @@ from lensfit.workflow.view.lens_adjustments import (
 )
 from lensfit.workflow.view.saved_edit import LibraryLens, save_edit
 from lensfit.workflow.view.screen_picture import screen_png
+from lensfit.workflow.view.typed_length import length_answer
 from lensfit.workflow.view.view_transform import (
     ENVIRONMENT,
     ViewTransform,
@@ -140,6 +142,7 @@ class PlateServer:
             "render": self.render, "plate": self.plate, "plan": self.plan,
             "focus": self.focus, "command": self.command, "save": self.save,
             "edit": self.edit, "view": self.view, "start": self.start,
+            "length": length_answer,
         }  # fmt: skip
         return page_routes(PAGE_FILES) + api_routes({"lens": self.lens}, answers)
 

@@ -7,6 +7,8 @@ const LOOK_MS = 700; // between looks at what goes on
 const TITLES = { lens: "Lens", camera: "Camera", target: "Chart", take: "Photograph" };
 const open = new Set(["lens", "camera"]);
 
+let shownForm = "";
+let formsShown = 0;
 let shownChecks = "";
 let shownPlan = "";
 
@@ -119,6 +121,7 @@ function field(table, one, unconfirmed) {
   } else {
     input.type = "text";
     input.placeholder = one.beneath;
+    input.defaultValue = one.value; // of the file
   }
   input.value = one.value;
   label.htmlFor = input.id = `f-${name}`;
@@ -127,7 +130,7 @@ function field(table, one, unconfirmed) {
   error.id = `e-${name}`;
   error.hidden = true;
   input.setAttribute("aria-describedby", error.id);
-  const send = () => setField(table, one.key, input, error);
+  const send = () => setField(table, one, input, error);
   input.addEventListener("change", send);
   row.append(label, input);
   if (unconfirmed) {
@@ -148,7 +151,18 @@ const nameOf = (table) => table.fields.find((one) => one.key === (table.table ==
 
 const placeText = (table) => (table.place === null ? `${table.table}.` : `[[${table.table}]] ${table.place + 1}, `);
 
+/** What counts while another value stands in a field. */
+const keptText = (one) => (one.value ? `The file keeps ${one.value}` : "The file states none");
+
+/** Whether a field of the form holds what was not sent yet. */
+function isTyping() {
+  const input = document.activeElement;
+  return at("form").contains(input) && input.type === "text" && input.value !== input.defaultValue;
+}
+
 function showForm(form) {
+  shownForm = JSON.stringify(form);
+  formsShown += 1;
   at("path").textContent = form.path;
   at("out").textContent = form.out;
   at("start").disabled = !form.is_there || Boolean(form.fault);
@@ -188,19 +202,19 @@ function beside(fault) {
   }
 }
 
-async function setField(table, key, input, line) {
+async function setField(table, one, input, line) {
   try {
-    await sendField(table, key, input, line);
+    await sendField(table, one, input, line);
   } catch (error) {
     say(line, error.message);
   }
 }
 
-async function sendField(table, key, input, line) {
+async function sendField(table, one, input, line) {
   const answer = await fetched("field", {
     method: "POST",
     headers: { "content-type": "application/json" },
-    body: JSON.stringify({ table: table.table, place: table.place, key, typed: input.value, named: nameOf(table) }),
+    body: JSON.stringify({ table: table.table, place: table.place, key: one.key, typed: input.value, named: nameOf(table) }),
   });
   const found = await answer.json();
   if (answer.ok) {
@@ -211,17 +225,32 @@ async function sendField(table, key, input, line) {
     await showAnew(found.error);
     return;
   }
-  say(line, found.error);
+  say(line, `${found.error}. ${keptText(one)}`);
   input.setAttribute("aria-invalid", "true");
 }
 
 async function change(name, message = {}) {
   try {
-    showForm(await (await ask(name, message)).json());
+    const { left_out: leftOut = [], ...form } = await (await ask(name, message)).json();
+    showForm(form);
+    say(at("left-out"), leftOut.length && `Left out, as no chart of the file was found: ${leftOut.join(", ")}`);
   } catch (error) {
     if (error.status === 409) await showAnew(error.message);
     else say(at("fault"), error.message);
   }
+}
+
+/** The form follows the file, but not under a hand that types. */
+async function watchForm() {
+  try {
+    const before = formsShown;
+    const form = await look("shoot");
+    const isNews = formsShown === before && JSON.stringify(form) !== shownForm;
+    if (isNews && !isTyping()) showForm(form);
+  } catch (error) {
+    say(at("fault"), error.message);
+  }
+  setTimeout(watchForm, LOOK_MS);
 }
 
 /** The file was changed elsewhere: the form as it is now, and a sentence above it. */
@@ -265,8 +294,9 @@ function showRun(run) {
     bar.max = one.total || 1;
     bar.value = one.done;
     bar.setAttribute("aria-label", one.stage);
-    const left = one.left_s === null ? "" : `, ${seconds(one.left_s)} left of this stage`;
-    item.append(element("span", one.stage), bar, element("span", `${one.total ? `${one.done} of ${one.total}, ` : ""}${seconds(one.seconds)}${left}`));
+    const steps = one.total ? `${one.done} of ${one.total}, ` : "";
+    const round = one.round > 1 ? `round ${one.round}, ` : "";
+    item.append(element("span", one.stage), bar, element("span", `${steps}${round}${seconds(one.seconds)}`));
     return item;
   }));
 }
@@ -313,14 +343,6 @@ async function watch() {
   setTimeout(watch, LOOK_MS);
 }
 
-async function start() {
-  listen();
-  try {
-    showForm(await look("shoot"));
-  } catch (error) {
-    say(at("fault"), error.message);
-  }
-  watch();
-}
-
-start();
+listen();
+watchForm();
+watch();

@@ -33,7 +33,7 @@ _TEXT = {
     "target", "encoding",
 }  # fmt: skip
 """Keys whose values are text, whatever is typed."""
-_BY_HAND = "change the file itself, and load the page again"
+_BY_HAND = "change the file itself; the form follows it"
 _NEW_TARGET = """\
 [[target]]
 name = "chart-{}"
@@ -70,19 +70,16 @@ class Place(NamedTuple):
 def form_of(path: Path, images: Path | None) -> dict[str, Any]:
     """Tables with their fields and values; what is wrong; what nobody confirmed.
 
-    Raises
-    ------
-    LensfitError : There is no such file, or it is no TOML.
+    A file that cannot be read, or is no TOML, has no tables.
     """
-    text = _text(path)
-    data = _parsed(text, path)
-    fault, shoot = None, None
+    data, fault, shoot = None, None, None
     try:
+        data = _parsed(_text(path), path)
         shoot = load_shoot(path, images)
     except ShootError as error:
         fault = {"error": str(error), **place_of_error(error)._asdict()}
     return {
-        "tables": list(_tables(data, path)),
+        "tables": [] if data is None else list(_tables(data, path)),
         "fault": fault,
         "notes": [] if shoot is None else list(shoot.notes),
         "unconfirmed": [] if shoot is None else list(shoot.unconfirmed),
@@ -249,7 +246,8 @@ def place_of_error(error: LensfitError) -> Place:
 def beside_field(error: LensfitError, path: Path) -> str:
     """A sentence as it stands beside its field, which need not be named again."""
     said = str(error).removeprefix(f"{path}: ")
-    return re.sub(r"^(\[\[\w+\]\] \d+( \(.*?\))?|lens|camera)(, |: |\.)", "", said)
+    said = re.sub(r"^(\[\[\w+\]\] \d+( \(.*?\))?|lens|camera)(, |: |\.)", "", said)
+    return said.removeprefix(f"{place_of_error(error).key}: ")
 
 
 def _write(

@@ -4,11 +4,12 @@
 ``GET  api/shoot``           the shoot file as a form, with what is wrong in it
 ``GET  api/checks``          every photograph with its check, and what to shoot next
 ``GET  api/picture/N``       what was found on a photograph, PNG
-``GET  api/calibration``     how far it is: each stage, and its time left
+``GET  api/calibration``     how far it is: each stage, and its seconds so far
 ``POST api/photograph``      a photograph (``?name=``), written into the folder
 ``POST api/field``           set a key of the shoot file
 ``POST api/target, remove``  a chart more; a chart or photograph less
-``POST api/draft``           photographs that the file lacks, into it
+``POST api/draft``           photographs that the file lacks, into it; `left_out` are
+                             those on which no chart of the file was found
 ``POST api/calibrate``       start a calibration
 ``POST api/cancel``          end it; earlier results stay
 ``GET  report``              the report at the end
@@ -249,11 +250,7 @@ class ShootServer:
         await message_of(request, EmptyMessage)
         left_out = await self._in_turn.done(self.viewed.draft)
         form = await self._in_turn.done(self.viewed.form)
-        if left_out:
-            form["notes"].append(
-                f"Left out, as no chart of the file was found: {', '.join(left_out)}"
-            )
-        return JSONResponse(form)
+        return JSONResponse(form | {"left_out": left_out})
 
     async def calibrate(self, request: Request) -> Response:
         """Begin."""

@@ -58,8 +58,12 @@ class ViewedShoot:
         self._pictures.cleanup()
 
     def form(self) -> dict[str, Any]:
-        """The shoot file as a form; where it is none, what is wrong."""
-        about = {"path": str(self.path), "out": str(self.out)}
+        """The shoot file as a form, as it is now; where it is none, what is wrong.
+
+        Photographs are compared from now on with the plan that it states.
+        """
+        self._plan_anew()
+        about = {"path": str(self.path.absolute()), "out": str(self.out.absolute())}
         about |= {"is_there": self.path.is_file()}
         if not self.path.is_file():
             return about | {"tables": [], "fault": None, "notes": [], "unconfirmed": []}
@@ -205,4 +209,7 @@ class ViewedShoot:
             self._plan_anew()
 
     def _plan_anew(self) -> None:
-        self.checked.plan_is(self._shoot())
+        """The plan that the file states; the last one while it has a fault."""
+        shoot = self._shoot()
+        if shoot is not None or not self.path.is_file():
+            self.checked.plan_is(shoot)

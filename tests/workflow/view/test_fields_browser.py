@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 
 import pytest
 from browser import CHROMIUM, Browser
@@ -20,6 +21,7 @@ from view_makers import (
 )
 
 from lensfit.io.exr import ExrImage, read_exr, write_exr
+from lensfit.workflow.view.viewed_plate import ViewedPlate
 
 pytestmark = [
     pytest.mark.slow,
@@ -29,6 +31,8 @@ SHOWN = "document.getElementById('stage').dataset.shown"
 READY = f"{SHOWN} === 'full'"
 COMMAND = "document.getElementById('command').value"
 SAID = "document.getElementById('saved').textContent"
+STATUS = "document.getElementById('status').textContent"
+NO_PICTURE = f"{STATUS}.startsWith('No picture of this state')"
 
 
 @pytest.fixture
@@ -100,6 +104,18 @@ def test_another_page_shows_what_one_saved(
         assert save(other).startswith("Nothing was changed")
 
 
+def test_a_field_follows_the_file_but_not_under_a_hand_that_types(
+    opened: Browser, plate: Path
+):
+    opened.run(f"{field('f_number')}.value = '5'")
+    written = "[camera]\nf_number = 8\nfocus_distance_mm = 3000\n"
+    (plate.parent / "lensfit.toml").write_text(written)
+    until(opened, f"{field('focus_distance_mm')}.value", "3000")
+    assert value(opened, "f_number") == "5"
+    enter(opened, "f_number", "5.6")
+    until(opened, f"{COMMAND}.includes('--f-number=5.6')", True)
+
+
 def test_what_counts_before_the_settings_stays_turned(opened: Browser, plate: Path):
     frames = '[[frames]]\nrange = "1001-1002"\nf_number = 8\n'
     (plate.parent / "lensfit.toml").write_text(frames)
@@ -136,20 +152,24 @@ def test_a_scrubbed_frame_shows_its_own_values(tmp_path: Path):
         ("f_number", "1e9", "too large"),
         ("coma_gain", "1e6", "too large"),
         ("blades", "5.5", "not whole"),
-        ("focus_distance_mm", "near", "no distance"),
-        ("focus_distance_mm", "1.5 parsec", "no distance"),
+        ("focus_distance_mm", "near", "no length"),
+        ("focus_distance_mm", "1500,0", "no length"),
+        ("focus_distance_mm", "1.5 parsec", "parsec"),
         ("focus_distance_mm", "0", "too small"),
     ],
 )
 def test_what_does_not_count_is_said_beside_its_field(
     opened: Browser, plate: Path, name: str, text: str, said: str
 ):
+    used = value(opened, name) or "measured"
     enter(opened, "ring_brightness", "-0.5")
     enter(opened, name, text)
     beside = f"document.getElementById('e-{name}')"
-    assert said in opened.run(f"{beside}.textContent")
-    assert not opened.run(f"{beside}.hidden")
     assert save(opened).startswith("Not saved: ")
+    sentence = opened.run(f"{beside}.textContent")
+    assert said in sentence
+    assert sentence.endswith(f". In use: {used}")
+    assert not opened.run(f"{beside}.hidden")
     assert opened.run(f"document.activeElement === {field(name)}")
     assert not (plate.parent / "lensfit.toml").exists()
     press(opened, "reset")
@@ -160,11 +180,12 @@ def test_what_does_not_count_is_said_beside_its_field(
 @pytest.mark.parametrize(
     ("text", "mm"),
     [("1.5m", "1500"), ("5 m", "5000"), ("150 cm", "1500"), ("5 ft", "1524"),
+     ("4'11\"", "1498.6"), ("59 1/2 in", "1511.3"),
      ("infinity", "inf"), ("∞", "inf"), ("800", "800")],
 )  # fmt: skip
 def test_a_distance_may_name_its_unit(opened: Browser, text: str, mm: str):
     enter(opened, "focus_distance_mm", text)
-    assert value(opened, "focus_distance_mm") == mm
+    until(opened, f"{field('focus_distance_mm')}.value", mm)
     until(opened, f"{COMMAND}.includes('--focus-distance-mm={mm}')", True)
 
 
@@ -179,14 +200,49 @@ def test_a_process_that_has_ended_is_a_sentence(plate: Path, tmp_path: Path):
 
 
 def test_it_is_said_that_a_picture_is_made(opened: Browser):
-    status = "document.getElementById('status').textContent"
     found = opened.run(
         f"""(() => {{ const one = {field("f_number")};
         one.value = 8, one.dispatchEvent(new Event('change'));
-        return {status}; }})()"""
+        return {STATUS}; }})()"""
     )
-    assert found == "Making the picture …"
-    until(opened, f"{status}.startsWith('Full quality, ')", True)
+    assert found == "Making the picture; the one before is shown …"
+    until(opened, f"{STATUS}.startsWith('Full quality, ')", True)
+
+
+def test_before_the_first_picture_the_plate_is_shown_and_it_is_said(
+    client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    may_go_on, pixels = Event(), ViewedPlate.pixels
+
+    def waiting(*wanted):
+        assert may_go_on.wait(120)
+        return pixels(*wanted)
+
+    monkeypatch.setattr(ViewedPlate, "pixels", waiting)
+    beside = "document.getElementById('stage').dataset.beside === 'plate'"
+    with page_in_browser(client, tmp_path, beside) as browser:
+        said = "Making the picture; the plate is shown as it is …"
+        assert browser.run(STATUS) == said
+        shown = "getComputedStyle(document.getElementById('plate')).clipPath"
+        assert browser.run(shown) == "none"
+        may_go_on.set()
+        until(browser, READY, True)
+        assert browser.run(shown) != "none"
+
+
+def test_a_stop_is_opened_by_the_slider(opened: Browser):
+    slider = "document.querySelector('#camera .knob input[type=range]')"
+    opened.run(f"{slider}.value = -9, {slider}.dispatchEvent(new Event('input'))")
+    assert float(value(opened, "f_number")) == pytest.approx(2**0.5, rel=0.01)
+    until(opened, f"{COMMAND}.includes('--f-number=1.41')", True)
+
+
+def test_notes_stand_where_they_are_seen(opened: Browser, client: Client):
+    """Beneath the picture, without scrolling."""
+    opened.open(client.address, 1400, 900)
+    until(opened, "document.querySelectorAll('#notes li').length > 0", True)
+    bottom = "document.getElementById('notes').getBoundingClientRect().bottom"
+    assert opened.run(f"{bottom} <= window.innerHeight")
 
 
 def bare_plate(path: Path, channels: str, header: dict[str, float]) -> Path:
@@ -205,12 +261,10 @@ def test_a_plate_without_depth_is_shown_without_depth_of_field(tmp_path: Path):
     plate = bare_plate(tmp_path / "p.exr", "RGB", HEADER)
     with (
         plate_client(plate, thin_lens()) as client,
-        page_in_browser(client, tmp_path / "profile", UNMADE) as browser,
+        page_in_browser(client, tmp_path / "profile", NO_PICTURE) as browser,
     ):
         assert "the box “Depth of field”" in browser.run(ERROR)
-        assert "plate is shown as it is" in browser.run(
-            "document.getElementById('status').textContent"
-        )
+        assert "plate is shown as it is" in browser.run(STATUS)
         until(browser, "document.getElementById('plate').naturalWidth > 0", True)
         press(browser, "defocus")
         until(browser, READY, True)
@@ -223,7 +277,7 @@ def test_what_a_plate_does_not_state_is_asked_for_in_its_field(tmp_path: Path):
     plate = bare_plate(tmp_path / "p.exr", "RGBZ", {})
     with (
         plate_client(plate, thin_lens()) as client,
-        page_in_browser(client, tmp_path / "profile", UNMADE) as browser,
+        page_in_browser(client, tmp_path / "profile", NO_PICTURE) as browser,
     ):
         needed = "[...document.querySelectorAll('.needed input')].map((one) => one.id)"
         for name, text in (("focus_distance_mm", "2 m"), ("f_number", "2")):

@@ -104,7 +104,7 @@ def test_drawings_come_though_the_point_is_moved_meanwhile(opened: Browser):
 
 OVERPRINTED = """[...document.querySelectorAll(".drawn svg")].flatMap((svg) => {
     const frame = svg.getBoundingClientRect();
-    const letters = [...svg.querySelectorAll("text.tick, text.axis, text.tag")];
+    const letters = [...svg.querySelectorAll("text")];
     const boxes = letters.map((one) => [one.textContent, one.getBoundingClientRect()]);
     const outside = boxes.filter(([, box]) => box.left < frame.left - 1
         || box.right > frame.right + 1 || box.bottom > frame.bottom + 1);
@@ -158,4 +158,7 @@ def test_two_lenses_stand_side_by_side(tmp_path: Path):
         until(browser, drawn, 2)
         lefts = [box_of(browser, f".column:nth-child({k}) .spot")[0] for k in (1, 2)]
         assert lefts[1] > lefts[0] + 200
+        working = "[...document.querySelectorAll('.working')].map((o) => o.textContent)"
+        until(browser, f"{working}.join('')", "")
+        assert browser.run(OVERPRINTED) == []
         assert browser.complaints == []

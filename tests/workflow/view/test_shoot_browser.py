@@ -24,6 +24,10 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
 ]
 STATE = "document.getElementById('calibration').dataset.state"
+BORDERS = """new Set(["take0-f_number", "take0-target_distance_mm"].map((name) =>
+    getComputedStyle(document.getElementById("f-" + name)).borderTopColor)).size"""
+"""Colours of the borders of a refused field and of another."""
+FAULT = "document.getElementById('fault')"
 EXPECTED = "status of 4"
 """What the console says of a field that was refused."""
 
@@ -94,6 +98,10 @@ def test_what_is_wrong_stands_beside_its_field(opened: Browser, folder: Path):
         "document.getElementById('e-take0-f_number').textContent"
     )
     assert (folder / "shoot.toml").read_text() == before
+    said = opened.run("document.getElementById('e-take0-f_number').textContent")
+    _, _, kept = said.partition(". The file keeps ")
+    assert float(kept) == load_shoot(folder / "shoot.toml").takes[0].f_number
+    assert opened.run(BORDERS) == 2
     typed(opened, "f-lens-serial", "4711")
     until(opened, "document.getElementById('f-lens-serial').value", "4711")
     deadline = time.monotonic() + 20
@@ -106,20 +114,61 @@ def test_photographs_that_changed_places_are_shown_anew(opened: Browser, folder:
     path = folder / "shoot.toml"
     first, second = (take.image for take in load_shoot(path).takes[:2])
     head, one, two, *rest = path.read_text().split("[[take]]")
+    number = "document.getElementById('f-take0-f_number')"
+    opened.run(f"{number}.closest('details').open = true, {number}.focus()")
+    opened.run(f"{number}.value = '7'")
     path.write_text("[[take]]".join([head, two, one, *rest]))
     before = path.read_text()
-    typed(opened, "f-take0-f_number", "7")
-    fault = "document.getElementById('fault')"
-    until(opened, f"{fault}.hidden", False)
-    said = opened.run(f"{fault}.textContent")
+    opened.run(f"{number}.dispatchEvent(new Event('change'))")
+    until(opened, f"{FAULT}.hidden", False)
+    said = opened.run(f"{FAULT}.textContent")
     assert first in said
     assert second in said
     assert path.read_text() == before
     image = "document.getElementById('f-take0-image').value"
     assert opened.run(image) == second
     path.write_text("[[take]]".join([head, one, two, *rest]))
-    typed(opened, "f-lens-serial", "4711")
-    until(opened, f"{fault}.hidden", True)
+    until(opened, image, first)
+    assert opened.run(f"{FAULT}.hidden")
+
+
+def test_the_form_follows_the_file(opened: Browser, folder: Path):
+    path = folder / "shoot.toml"
+    text = path.read_text()
+    path.write_text(text.replace("[lens]", "[lens"))
+    until(opened, f"!{FAULT}.hidden && {FAULT}.textContent.includes('TOML')", True)
+    assert opened.run("document.getElementById('start').disabled")
+    path.write_text(text)
+    until(opened, f"{FAULT}.hidden", True)
+    assert not opened.run("document.getElementById('start').disabled")
+
+
+def test_the_form_follows_the_file_but_not_under_a_hand_that_types(
+    opened: Browser, folder: Path
+):
+    path = folder / "shoot.toml"
+    text = path.read_text()
+    typing = "document.getElementById('f-lens-name')"
+    other = "document.getElementById('f-lens-serial')"
+    opened.run(f"{typing}.focus(), {typing}.value = 'typed so far'")
+    opened.run(WATCHED)
+    path.write_text(text.replace("4711", "4712"))
+    until(opened, "window.forms.filter((one) => one.includes('4712')).length > 1", True)
+    assert opened.run(f"{typing}.value") == "typed so far"
+    assert opened.run(f"{other}.value") == "4711"
+    opened.run(f"{typing}.value = {typing}.defaultValue")
+    until(opened, f"{other}.value", "4712")
+    path.write_text(text)
+    until(opened, f"{other}.value", "4711")
+
+
+WATCHED = """window.forms = [], window.was = window.fetch;
+window.fetch = async (...one) => {
+    const answer = await window.was(...one);
+    if (one[0] === "api/shoot") window.forms.push(await answer.clone().text());
+    return answer;
+}"""
+"""Remember what the page was answered of the file."""
 
 
 def test_a_calibration_is_cancelled_without_loss_then_ends_in_its_report(

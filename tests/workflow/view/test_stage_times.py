@@ -1,4 +1,4 @@
-"""How long a stage of a calibration still takes, or that nobody knows."""
+"""How far the stages of a calibration are, and how long they took."""
 
 import pytest
 
@@ -22,36 +22,34 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return made
 
 
-def left_s(times: StageTimes) -> float | None:
-    return times.facts(running=True)[-1]["left_s"]
-
-
-def test_even_steps_tell_the_time_left(clock: Clock):
+def test_a_stage_counts_its_seconds_until_it_is_done(clock: Clock):
     times = StageTimes()
-    times.tell("detect", 0, 4)
-    assert left_s(times) is None
-    for done in (1, 2):
+    for done in range(3):
+        times.tell("detect", done, 2)
         clock.now_s += 10
-        times.tell("detect", done, 4)
-    assert left_s(times) == pytest.approx(20)
-    clock.now_s += 4
-    assert left_s(times) == pytest.approx(16)
-    assert times.facts(running=False)[0]["left_s"] is None
+    [stage] = times.facts(running=True)
+    assert stage == {
+        "stage": "detect", "done": 2, "total": 2, "round": 1, "seconds": 20
+    }  # fmt: skip
 
 
-def test_a_step_longer_than_those_before_has_no_time_left(clock: Clock):
+def test_a_stage_in_work_counts_on_until_the_run_ends(clock: Clock):
     times = StageTimes()
-    for done in range(4):
-        times.tell("fit", done, 4)
+    times.tell("fit", 0, 5)
+    clock.now_s += 7
+    assert times.facts(running=True)[0]["seconds"] == 7
+    assert times.facts(running=False)[0]["seconds"] == 0
+
+
+def test_a_stage_that_begins_anew_is_in_its_next_round(clock: Clock):
+    times = StageTimes()
+    for done in (1, 5):
+        times.tell("fit", done, 5)
         clock.now_s += 10
-    assert left_s(times) is None
-    clock.now_s += 60
-    assert left_s(times) is None
-
-
-def test_a_first_step_tells_nothing(clock: Clock):
-    times = StageTimes()
-    times.tell("fit", 0, 4)
-    clock.now_s += 10
-    times.tell("fit", 1, 4)
-    assert left_s(times) is None
+    times.tell("wavefront", 1, 4)
+    clock.now_s += 100
+    times.tell("fit", 1, 5)
+    clock.now_s += 5
+    fit, wavefront = times.facts(running=True)
+    assert (fit["done"], fit["round"], fit["seconds"]) == (1, 2, 15)
+    assert (wavefront["done"], wavefront["round"]) == (1, 1)

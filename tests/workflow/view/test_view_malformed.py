@@ -30,6 +30,7 @@ JSON = {"content-type": "application/json"}
 GOOD = {"frame": 0, "f_number": 2.8, "knobs": {"coma_gain": 1.0}}
 OF_A_PLATE = (
     "command", "save", "focus", "plan", "render", "plate", "edit", "view", "start",
+    "length",
 )  # fmt: skip
 OF_A_SHOOT = ("field", "target", "remove", "draft", "calibrate", "cancel")
 WRONG = {

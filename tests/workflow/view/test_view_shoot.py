@@ -87,6 +87,7 @@ def test_a_field_is_set_in_the_file_and_what_is_wrong_has_its_place(
         said = refused.json()
         assert (said["table"], said["place"], said["key"]) == ("take", place, key)
         assert "[[" not in said["error"]
+        assert not said["error"].startswith(f"{key}:")
         assert len(said["error"].split()) > 3
     refused = client.post("field", table="target", place=0, key="kind", typed="dots")
     assert refused.json()["key"] == "kind"
@@ -126,9 +127,42 @@ def test_a_fault_of_the_file_stands_in_the_form(client: Client, folder: Path):
     assert "sensor_width_mm" in fault["error"]
     assert fault["table"] == "camera"
     path.write_text(text.replace("[lens]", "[lens"))
-    answer = client.get("api/shoot")
-    assert answer.status == 422
-    assert "TOML" in answer.json()["error"]
+    form = client.get("api/shoot").json()
+    assert "TOML" in form["fault"]["error"]
+    assert form["tables"] == []
+
+
+def test_the_plan_follows_the_file(client: Client, folder: Path):
+    path = folder / "shoot.toml"
+    text = path.read_text()
+    images = [take.image for take in load_shoot(path).takes]
+    path.write_text(text.replace(images[0], "renamed.exr"))
+    client.get("api/shoot")
+    renamed = ["renamed.exr", *images[1:]]
+    planned = client.get("api/checks").json()["plan"]
+    assert [view["image"] for view in planned] == renamed
+    path.write_text(text.replace("[lens]", "[lens"))
+    client.get("api/shoot")
+    assert client.get("api/checks").json()["plan"] == planned
+
+
+def test_paths_are_whole(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    """A folder that is said to be "." names nothing."""
+    monkeypatch.chdir(folder)
+    viewed = ViewedShoot(Path("shoot.toml"), None, Path("results"))
+    with served(ShootServer(viewed)) as client:
+        assert client.get("api/checks").json()["folder"] == str(folder)
+        form = client.get("api/shoot").json()
+    assert form["path"] == str(folder / "shoot.toml")
+    assert form["out"] == str(folder / "results")
+
+
+def test_fields_are_named_for_people(client: Client):
+    form = client.get("api/shoot").json()
+    take, target = fields(form, "take", 0), fields(form, "target", 0)
+    assert take["f_number"]["label"] == "f-number"
+    assert "look" in take["roi"]["label"]
+    assert "row" in target["asymmetric"]["label"]
 
 
 def test_charts_and_photographs_come_and_go(client: Client, folder: Path):
@@ -210,7 +244,7 @@ def test_a_photograph_without_a_chart_is_not_drafted(client: Client, folder: Pat
     images = [take.image for take in load_shoot(path).takes]
     assert "another.exr" in images
     assert "grey.png" not in images
-    assert any("grey.png" in note for note in form["notes"])
+    assert form["left_out"] == ["grey.png"]
 
 
 def test_a_deleted_photograph_is_listed_no_more(client: Client, folder: Path):
