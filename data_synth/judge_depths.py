@@ -8,6 +8,9 @@ Keys are focus distances, mm:
     lateral_colour_at_focus_px  r-g and b-g, rms
     covered_at_focus            percent of the errors along x and y within one stated
                                 deviation, of a lens that says how well it knows them
+
+A verdict is of the worst place: `frame_errors` are those of the corners, and of the
+image scale, which the affine map takes away.
 """
 
 import json
@@ -25,6 +28,8 @@ from data_synth.judge_spots import GREEN
 from lensfit.errors import LensfitError
 
 TRUTH = "truth_lens.json"
+_OUTERMOST = 0.9
+"""From this share of the largest radius on lie the corners."""
 
 
 class Projects(Protocol):
@@ -107,9 +112,6 @@ class FrameErrors(NamedTuple):
     scale_px: float
 
 
-_OUTERMOST = 0.9
-
-
 def frame_errors(
     make: Callable[[float, float], Projects], folder: Path, frame: Frame
 ) -> FrameErrors:
@@ -121,10 +123,10 @@ def frame_errors(
     """
     pitch_mm, found = np.array(frame.pitch_mm), []
     for setting in settings_in(folder, frame):
-        lens, true = make(setting.f_number, setting.focus_mm), setting.landed_mm
-        made = np.asarray(lens.project(setting.object_mm, channel=CHANNELS[GREEN]))
-        true = true[:, GREEN] / pitch_mm
-        made = made / pitch_mm
+        lens = make(setting.f_number, setting.focus_mm)
+        made_mm = lens.project(setting.object_mm, channel=CHANNELS[GREEN])
+        made = np.asarray(made_mm) / pitch_mm
+        true = setting.landed_mm[:, GREEN] / pitch_mm
         radius = np.linalg.norm(true, axis=-1)
         outermost = radius > _OUTERMOST * radius.max()
         corner = _rms((affinely_aligned(made, true) - true)[outermost])

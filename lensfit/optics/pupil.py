@@ -42,7 +42,6 @@ SHARPNESS = 128.0
 AREA_AZIMUTHS = 128
 MOST_BLADES = 16
 """More are round. One program serves any number up to it."""
-_FEWEST_SPOKES = 89
 _FAR = 1e-6
 
 
@@ -75,21 +74,6 @@ class Pupil(eqx.Module):
     )
 
 
-class PupilNodes(eqx.Module):
-    """Sample rays of one field point.
-
-    Attributes
-    ----------
-    u : Direction cosines against the chief ray, in reference units.
-    weight : Share of the light, sums to 1.
-    area : Area of the opening in u; that of the reference aperture on axis is pi.
-    """
-
-    u: Float[Array, "nodes 2"]
-    weight: Float[Array, " nodes"]
-    area: Float[Array, ""]
-
-
 def clear_pupil(rims: int = 0, blades: int = 0) -> Pupil:
     """A round stop and rims too wide to clip."""
     return Pupil(
@@ -102,54 +86,6 @@ def clear_pupil(rims: int = 0, blades: int = 0) -> Pupil:
         blade_curvature=jnp.zeros(()),
         blades=blades,
     )
-
-
-def pupil_nodes(
-    h: Float[Array, "2"],
-    stop_radius: Float[Array, ""],
-    pupil: Pupil,
-    nodes: int,
-    sharpness: float = SHARPNESS,
-    turn_rad: Float[Array, ""] | float = 0.0,
-) -> PupilNodes:
-    """Rays that fill the opening evenly, in a spiral of nearly golden angles.
-
-    The angle is a ratio of Fibonacci's numbers, so that rays lie on a few hundred
-    spokes and the edge of the opening is asked for once on each: as even as the golden
-    angle while spokes are no fewer than a sixteenth of the rays.
-
-    Parameters
-    ----------
-    h : Field point in field radii.
-    stop_radius : Of the stop as set, in radii of the reference stop.
-    nodes : How many rays (static).
-    turn_rad : Of the whole spiral.
-    """
-    azimuth = _spokes(max(nodes // 16, _FEWEST_SPOKES))
-    turned = jnp.asarray(azimuth, h.dtype) + turn_rad
-    outward = jnp.stack([jnp.cos(turned), jnp.sin(turned)], -1)
-    centre = _inner_point(h, stop_radius, pupil)
-    radius = _radius(outward, centre, h, stop_radius, pupil, sharpness)
-    turns = -(-nodes // len(azimuth))
-    edge = jnp.tile(radius[:, None] * outward, (turns, 1))[:nodes]
-    density = jnp.tile(radius * radius, turns)[:nodes]
-    reach = np.sqrt((np.arange(nodes) + 0.5) / nodes)
-    s = centre[None] + jnp.asarray(reach, h.dtype)[:, None] * edge
-    stretch = jnp.exp(jnp.sum(_log_stretch(h, pupil)))
-    return PupilNodes(
-        u=s @ stretch_matrix(h, pupil),
-        weight=density / jnp.sum(density),
-        area=jnp.pi * jnp.mean(radius * radius) * stretch,
-    )
-
-
-def _spokes(fewest: int) -> np.ndarray:
-    """Azimuths that follow each other by nearly the golden angle, evenly spread."""
-    before, last = 1, 1
-    while last < fewest:
-        before, last = last, before + last
-    step = last - before
-    return np.arange(last) * step % last * (2 * np.pi / last)
 
 
 def pupil_rays(
@@ -171,12 +107,25 @@ def pupil_rays(
     u, and the area of the opening per area of the unit disc, times pi: its mean over
     an evenly filled disc is `opening_area`.
     """
+    centre, outward, radius = edge_from_inside(
+        azimuth_rad, h, stop_radius, pupil, sharpness
+    )
+    s = centre[None] + (reach * radius)[:, None] * outward
+    stretch = jnp.pi * stretched_area(h, pupil)
+    return s @ stretch_matrix(h, pupil), stretch * radius * radius
+
+
+def edge_from_inside(
+    azimuth_rad: Float[Array, " rays"],
+    h: Float[Array, "2"],
+    stop_radius: Float[Array, ""],
+    pupil: Pupil,
+    sharpness: float = SHARPNESS,
+) -> tuple[Float[Array, "2"], Float[Array, "rays 2"], Float[Array, " rays"]]:
+    """A point s inside the opening, directions from it, and how far the edge is."""
     outward = jnp.stack([jnp.cos(azimuth_rad), jnp.sin(azimuth_rad)], -1)
     centre = _inner_point(h, stop_radius, pupil)
-    radius = _radius(outward, centre, h, stop_radius, pupil, sharpness)
-    s = centre[None] + (reach * radius)[:, None] * outward
-    stretch = jnp.pi * jnp.exp(jnp.sum(_log_stretch(h, pupil)))
-    return s @ stretch_matrix(h, pupil), stretch * radius * radius
+    return centre, outward, _radius(outward, centre, h, stop_radius, pupil, sharpness)
 
 
 def places_in_stop(
@@ -228,32 +177,6 @@ def nearest_in_opening(
     return jnp.where(inside[:, None], u, at_edge), inside
 
 
-def polar_nodes(
-    h: Float[Array, "2"],
-    stop_radius: Float[Array, ""],
-    pupil: Pupil,
-    rings: int,
-    spokes: int,
-    sharpness: float = SHARPNESS,
-) -> PupilNodes:
-    """Rays on rings and spokes, exact for smooth functions such as moments.
-
-    Gauss's rule along each spoke, the trapezoidal rule around. (On pixels the rings
-    would show: `pupil_nodes` has none.)
-    """
-    square, weight = np.polynomial.legendre.leggauss(rings)
-    azimuth = np.repeat(np.arange(spokes) * (2 * np.pi / spokes), rings)
-    reach = np.tile(np.sqrt((square + 1) / 2), spokes)
-    azimuth, reach = jnp.asarray(azimuth, h.dtype), jnp.asarray(reach, h.dtype)
-    u, density = pupil_rays(h, stop_radius, pupil, azimuth, reach, sharpness)
-    weight = density * jnp.asarray(np.tile(weight, spokes), h.dtype)
-    return PupilNodes(
-        u=u,
-        weight=weight / jnp.sum(weight),
-        area=opening_area(h, stop_radius, pupil, sharpness),
-    )
-
-
 def opening_area(
     h: Float[Array, "2"],
     stop_radius: Float[Array, ""],
@@ -281,6 +204,19 @@ def relative_illumination(
     return here / opening_area(axis, stop_radius, pupil, sharpness)
 
 
+def width_along_field(
+    h: Float[Array, "2"], stop_radius: Float[Array, ""], pupil: Pupil
+) -> Float[Array, ""]:
+    """How much stop and rims leave of the line through their middles, off the axis;
+    negative where they leave nothing."""
+    outward = h / jnp.sqrt(h @ h)
+    centre, radius = _rims(h, pupil)
+    rims_at, stop_at = centre @ outward, middle_of_stop(h, stop_radius, pupil) @ outward
+    low = jnp.max(rims_at - radius, initial=stop_at - stop_radius)
+    high = jnp.min(rims_at + radius, initial=stop_at + stop_radius)
+    return high - low
+
+
 def stretch_matrix(h: Float[Array, "2"], pupil: Pupil) -> Float[Array, "2 2"]:
     """S(h), which turns stop coordinates into direction cosines (a row times it)."""
     along, across = _log_stretch(h, pupil)
@@ -294,6 +230,11 @@ def stretch_matrix(h: Float[Array, "2"], pupil: Pupil) -> Float[Array, "2 2"]:
     field = jnp.exp(across) * jnp.eye(2, dtype=h.dtype) + ratio * jnp.outer(h, h)
     half = jnp.exp(pupil.squeeze / 2)
     return field * jnp.stack([half, 1 / half])[None]
+
+
+def stretched_area(h: Float[Array, "2"], pupil: Pupil) -> Float[Array, ""]:
+    """The area in u of one unit of area in s."""
+    return jnp.exp(jnp.sum(_log_stretch(h, pupil)))
 
 
 def _log_stretch(h: Array, pupil: Pupil) -> Array:

@@ -32,7 +32,7 @@ from lensfit.optics.aberration import (
 )
 from lensfit.optics.depth import ObjectShift
 from lensfit.optics.etendue import light_density
-from lensfit.optics.pupil import PupilNodes
+from lensfit.optics.pupil_nodes import PupilNodes
 
 
 class Landed(NamedTuple):

@@ -253,8 +253,8 @@ class Rays:
         if not all(reach <= _FARTHEST_PX for reach in found_px):  # nor is NaN
             raise LensfitError(
                 f"at f/{self.defocus.lens.f_number:g} the fitted aberrations, "
-                "continued beyond what was photographed, lead light to no "
-                "place on the sensor",
+                "continued beyond what was photographed, lead light to no place on "
+                "the sensor",
                 remedy="give a larger f-number, or knobs that act less",
             )
         return math.ceil(max(found_px)) + 4

@@ -195,7 +195,8 @@ def _distances_mm(lens: Lens, defocus: tuple[float, ...]) -> tuple[float, ...]:
 def _sheet(plan: _Plan, lenses: list[Lens], pixel_mm: float) -> ThroughSheet:
     half_mm = np.asarray(lenses[0].sensor_size_mm) / 2
     places = np.array(list(HEIGHTS.values()))[:, None] * half_mm
-    found = through_tiles(lenses, places, plan.defocus, pixel_mm)
+    width_mm = width_through_mm(lenses[0], places, plan.defocus, pixel_mm)
+    found = through_tiles(lenses, places, plan.defocus, width_mm)
     photographed = [
         [(stop, value) in plan.seen for value in plan.defocus]
         for stop in plan.f_numbers
@@ -207,47 +208,35 @@ def _sheet(plan: _Plan, lenses: list[Lens], pixel_mm: float) -> ThroughSheet:
         distances_mm=found.distances_mm,
         photographed=np.array(photographed),
         pictures=tuple(png(sheet_of(one)) for one in found.tiles),
-        width_px=found.width_mm / pixel_mm,
+        width_px=width_mm / pixel_mm,
     )
 
 
 class ThroughTiles(NamedTuple):
-    """Point-spread functions at several places, f-numbers and distances, to show.
-
-    Attributes
-    ----------
-    width_mm : Of each tile.
-    """
+    """Point-spread functions at several places, f-numbers and distances, to show."""
 
     tiles: Float[np.ndarray, "places stops distances size size"]
     distances_mm: tuple[float, ...]
-    width_mm: float
 
 
 def through_tiles(
     lenses: list[Lens],
     places_mm: Float[np.ndarray, "places 2"],
     defocus: tuple[float, ...],
-    pixel_mm: float,
-    least_mm: float = 0.0,
+    width_mm: float,
 ) -> ThroughTiles:
     """Tiles of lenses that differ in their f-number, the widest first.
 
     Parameters
     ----------
     defocus : Vergence of the objects less that of the plane of focus, 1/mm.
-    pixel_mm : Of the camera.
-    least_mm : Width of a tile, where the blur needs no wider one.
+    width_mm : Of each tile; `width_through_mm` holds them all.
 
     Raises
     ------
     LensfitError : A lens has no image of an object so near.
     """
-    points = np.repeat(places_mm, len(defocus), axis=0)
-    distances = _distances_mm(lenses[0], defocus)
-    apart = np.tile(distances, len(places_mm))
-    own_mm = _width_mm(lenses[0], points, apart, defocus, pixel_mm)
-    width_mm = max(own_mm, least_mm)
+    points, apart = _objects(lenses[0], places_mm, defocus)
     tiles = np.stack(
         [
             tiles_of(kernels_at(one, points, apart, width_mm, _TOLERANCE))
@@ -256,7 +245,7 @@ def through_tiles(
     )
     shape = (len(lenses), len(places_mm), len(defocus), SIZE_PX, SIZE_PX)
     by_place = np.swapaxes(tiles.reshape(shape), 0, 1)
-    return ThroughTiles(by_place, distances, width_mm)
+    return ThroughTiles(by_place, _distances_mm(lenses[0], defocus))
 
 
 def width_through_mm(
@@ -265,30 +254,32 @@ def width_through_mm(
     defocus: tuple[float, ...],
     pixel_mm: float,
 ) -> float:
-    """Width that `through_tiles` of this lens, the widest, need.
+    """Width of a tile that holds the widest blur: twice what a thin lens says, then as
+    seen.
+
+    Parameters
+    ----------
+    lens : The one with the widest stop.
+    pixel_mm : Of the camera; nothing is drawn narrower than a few.
 
     Raises
     ------
     LensfitError : The lens has no image of an object so near.
     """
-    points = np.repeat(places_mm, len(defocus), axis=0)
-    apart = np.tile(_distances_mm(lens, defocus), len(places_mm))
-    return _width_mm(lens, points, apart, defocus, pixel_mm)
-
-
-def _width_mm(
-    lens: Lens,
-    points: Float[np.ndarray, "points 2"],
-    distances: Float[np.ndarray, " points"],
-    defocus: tuple[float, ...],
-    pixel_mm: float,
-) -> float:
-    """Wide enough for the widest blur: twice what a thin lens says, then as seen."""
+    points, distances = _objects(lens, places_mm, defocus)
     radius = lens.blur_per_vergence()[0] * max(map(abs, defocus))
     width = max(4 * radius, 12 * pixel_mm)
     outermost = np.isin(distances, (distances.min(), distances.max()))
     seen = kernels_at(lens, points[outermost], distances[outermost], width, _GLANCE)
     return max(_ROOM * reach_share(seen) * width, 6 * pixel_mm)
+
+
+def _objects(
+    lens: Lens, places_mm: Float[np.ndarray, "places 2"], defocus: tuple[float, ...]
+) -> tuple[Float[np.ndarray, "points 2"], Float[np.ndarray, " points"]]:
+    """Image points and object distances, mm, of all distances at every place."""
+    points = np.repeat(places_mm, len(defocus), axis=0)
+    return points, np.tile(_distances_mm(lens, defocus), len(places_mm))
 
 
 _LEFT, _BOTTOM = 66.0, 30.0

@@ -11,10 +11,10 @@ from lensfit.optics.pupil import (
     Pupil,
     clear_pupil,
     opening_area,
-    pupil_nodes,
     relative_illumination,
     stretch_matrix,
 )
+from lensfit.optics.pupil_nodes import pupil_nodes
 
 ONE = jnp.asarray(1.0)
 SHARP = 2000.0

@@ -13,7 +13,8 @@ from lensfit.optics.modes import (
     power_series,
     wavefront_slopes,
 )
-from lensfit.optics.pupil import clear_pupil, opening_area, polar_nodes, pupil_nodes
+from lensfit.optics.pupil import clear_pupil, opening_area
+from lensfit.optics.pupil_nodes import polar_nodes, pupil_nodes
 from lensfit.optics.terms import (
     decentring_terms,
     mode_amplitudes,

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from lensfit.optics.aberration import Aberration, no_aberration
-from lensfit.optics.pupil import Pupil, clear_pupil, pupil_nodes
+from lensfit.optics.pupil import Pupil, clear_pupil
+from lensfit.optics.pupil_nodes import pupil_nodes
 from lensfit.optics.spectrum import bands, chromatic_coordinate
 from lensfit.optics.terms import rotational_terms
 from lensfit.psf.spot import Spot, landed_rays, split_by_wavelength, spot_of

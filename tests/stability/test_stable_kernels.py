@@ -20,7 +20,7 @@ from jax.flatten_util import ravel_pytree
 import lensfit
 from lensfit.errors import LensfitError, PresetError
 from lensfit.lens import Lens
-from lensfit.optics.pupil import pupil_nodes
+from lensfit.optics.pupil_nodes import pupil_nodes
 from lensfit.optics.spectrum import chromatic_coordinate
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
 from lensfit.psf.pixels import (

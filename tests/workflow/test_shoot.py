@@ -99,7 +99,7 @@ def test_values_that_the_draft_left_to_check_are_named(write):
         (
             "37.5",
             "[37.5]",
-            "[[target]] 1, pitch_mm: expected a list of length at",
+            "[[target]] 1, pitch_mm: expected a list of length at least 2",
         ),
         ("37.5", "nan", "[[target]] 1, pitch_mm: nan is no finite number"),
         ("24.89", "inf", "camera.sensor_width_mm: inf is no finite number"),

@@ -16,7 +16,7 @@ from lensfit.fitting.wavefront.rays import (
     pupil_at_dot,
 )
 from lensfit.fitting.wavefront.shapes import Colour
-from lensfit.optics.pupil import polar_nodes
+from lensfit.optics.pupil_nodes import polar_nodes
 
 _RINGS_AND_SPOKES = 6, 48
 """Of the rays that a centroid is computed from."""

@@ -34,7 +34,8 @@ from lensfit.fitting.wavefront.shapes import (
     state_shapes_mm,
 )
 from lensfit.optics.depth import ObjectShift
-from lensfit.optics.pupil import Pupil, PupilNodes, pupil_nodes
+from lensfit.optics.pupil import Pupil
+from lensfit.optics.pupil_nodes import PupilNodes, pupil_nodes
 from lensfit.optics.sections import cylinder_mm
 from lensfit.psf.spot import Landed, Spot, landed_rays, split_by_wavelength, spot_of
 

@@ -28,8 +28,9 @@ from jaxtyping import Array, Float
 
 from lensfit.fitting.levenberg import Quadratic
 from lensfit.fitting.wavefront.gather import DotData
-from lensfit.fitting.wavefront.parameters import Layout
+from lensfit.fitting.wavefront.parameters import Layout, pupil_of
 from lensfit.fitting.wavefront.start import defocus_deviation_mm, stated_defocus_mm
+from lensfit.optics.pupil import width_along_field
 
 _TOGETHER = 0.5
 """Standard deviation of the common shift, in units of the largest defocus."""
@@ -101,25 +102,12 @@ def stated_equations(
         part = {name: parameters[where] for name, where in layout.blocks.items()}
         off = statements.rows @ (part["defocus"] - statements.defocus_mm)
         cut = jnp.minimum(part["rim_radius"][::2] - 1, 0.0) / _CUT
-        opening = [_corner_opening(part, radius) for radius in statements.stop_radii]
-        closed = jnp.minimum(jnp.stack(opening) - _LEAST_OPENING, 0.0) / _CUT
+        pupil = pupil_of(parameters[layout.pupil_parameters], layout, jnp.zeros(()))
+        corner = jnp.array([_CORNER, 0.0])
+        radii = statements.stop_radii
+        left = jax.vmap(width_along_field, (None, 0, None))(corner, radii, pupil)
+        closed = jnp.minimum(left / radii - _LEAST_OPENING, 0.0) / _CUT
         return jnp.concatenate([off, cut, closed])
 
     left, slopes = residual(parameters), jax.jacfwd(residual)(parameters)
     return Quadratic(slopes.T @ slopes, slopes.T @ left, left @ left)
-
-
-def _corner_opening(
-    part: dict[str, Array], stop_radius: Float[Array, ""]
-) -> Float[Array, ""]:
-    """What stop and rims leave of the line through the furthest field point, in radii
-    of the stop; negative where they leave nothing (`optics.pupil`)."""
-    h = _CORNER
-    offset, change = part["stop_shift"]
-    shift, radius = part["rim_shift"].reshape(-1, 2), part["rim_radius"].reshape(-1, 2)
-    stop_at = h * (offset + change * h * h) * stop_radius**2
-    rims_at = h * (shift[:, 0] + shift[:, 1] * h * h)
-    rims = radius[:, 0] + radius[:, 1] * h * h
-    low = jnp.max(rims_at - rims, initial=stop_at - stop_radius)
-    high = jnp.min(rims_at + rims, initial=stop_at + stop_radius)
-    return (high - low) / stop_radius

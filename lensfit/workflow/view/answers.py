@@ -11,6 +11,7 @@ the last one requested is always made.
 
 import asyncio
 import threading
+import time
 from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from importlib.resources import files
@@ -55,14 +56,16 @@ class LatestWins:
         return future
 
     def end(self) -> None:
-        """Begin nothing more, and wait a while for what is in work: a process that ends
-        within compiled code is aborted."""
+        """Begin nothing more."""
         with self._changed:
             given_up, self._waiting, self._ended = self._waiting, None, True
             self._changed.notify()
         if given_up is not None:
             given_up[1].cancel()
-        self._thread.join(_END_S)
+
+    def wait(self, most_s: float) -> None:
+        """Until what is in work at the end is done, but no longer than this."""
+        self._thread.join(most_s)
 
     def _work(self) -> None:
         while True:
@@ -82,6 +85,7 @@ class LatestWins:
 
 
 _END_S = 5.0
+"""How long the end waits for what is in work."""
 MOST_WAITING = 8
 """Requests of other programs, which are all answered, one after the other."""
 Answer = Callable[[Request], Awaitable[Response]]
@@ -122,9 +126,13 @@ class RequestQueue:
         self._lane(lane).ask(job)
 
     def end(self) -> None:
-        """Begin nothing more of what only the newest counts of."""
+        """Begin nothing more of what only the newest counts of, and wait a while for
+        what is in work: a process that ends within compiled code is aborted."""
         for lane in self._lanes.values():
             lane.end()
+        until_s = time.monotonic() + _END_S
+        for lane in self._lanes.values():
+            lane.wait(max(until_s - time.monotonic(), 0.0))
 
     def _lane(self, name: str) -> LatestWins:
         if name not in self._lanes:
@@ -201,10 +209,6 @@ def png_answer(content: bytes) -> Response:
     return Response(content, media_type="image/png")
 
 
-def _status_of(error: LensfitError) -> int:
-    return getattr(error, "status", 422)
-
-
 def errors_as_sentences(answer: Answer) -> Answer:
     """The same, which says in a sentence what cannot be done."""
 
@@ -216,7 +220,8 @@ def errors_as_sentences(answer: Answer) -> Answer:
         except ClientDisconnect:
             return Response(status_code=400)  # nobody is there to read it
         except LensfitError as error:
-            return JSONResponse({"error": str(error)}, _status_of(error))
+            status = getattr(error, "status", 422)
+            return JSONResponse({"error": str(error)}, status)
         except asyncio.CancelledError:
             return Response(status_code=503)  # the process ends
         except Exception as error:  # whatever it was, the page says it

@@ -146,9 +146,6 @@ function field(table, one, unconfirmed) {
   return row;
 }
 
-/** What a table is called: the image of a photograph, the name of all else. */
-const nameOf = (table) => table.fields.find((one) => one.key === (table.table === "take" ? "image" : "name"))?.value;
-
 const placeText = (table) => (table.place === null ? `${table.table}.` : `[[${table.table}]] ${table.place + 1}, `);
 
 /** What counts while another value stands in a field. */
@@ -176,14 +173,14 @@ function showForm(form) {
     details.open = open.has(key) || (form.fault?.table === table.table && form.fault?.place === table.place);
     details.addEventListener("toggle", () => (details.open ? open.add(key) : open.delete(key)));
     const number = table.place === null ? "" : ` ${table.place + 1}`;
-    details.append(element("summary", `${TITLES[table.table]}${number}: ${nameOf(table) || "–"}`));
+    details.append(element("summary", `${TITLES[table.table]}${number}: ${table.named || "–"}`));
     for (const one of table.fields) {
       details.append(field(table, one, form.unconfirmed.includes(placeText(table) + one.key)));
     }
     if (table.place !== null) {
       const remove = element("button", "Take it out of the file");
       remove.type = "button";
-      remove.addEventListener("click", () => change("remove", { table: table.table, place: table.place, named: nameOf(table) }));
+      remove.addEventListener("click", () => change("remove", { table: table.table, place: table.place, named: table.named }));
       details.append(remove);
     }
     return details;
@@ -214,7 +211,7 @@ async function sendField(table, one, input, line) {
   const answer = await fetched("field", {
     method: "POST",
     headers: { "content-type": "application/json" },
-    body: JSON.stringify({ table: table.table, place: table.place, key: one.key, typed: input.value, named: nameOf(table) }),
+    body: JSON.stringify({ table: table.table, place: table.place, key: one.key, typed: input.value, named: table.named }),
   });
   const found = await answer.json();
   if (answer.ok) {

@@ -27,7 +27,7 @@ from lensfit.workflow.view.controls import label_of
 
 _RECORDS = {"lens": LensName, "camera": Camera, "target": Target, "take": Take}
 _LISTED = ("target", "take")
-_NAMED_BY = {"target": "name", "take": "image"}
+_NAMED_BY = {"lens": "name", "target": "name", "take": "image"}
 _TEXT = {
     "name", "serial", "model", "mosaic", "kind", "polarity", "dictionary", "image",
     "target", "encoding",
@@ -67,8 +67,9 @@ class Place(NamedTuple):
     key: str | None
 
 
-def form_of(path: Path, images: Path | None) -> dict[str, Any]:
-    """Tables with their fields and values; what is wrong; what nobody confirmed.
+def form_of(path: Path, images: Path | None) -> tuple[dict[str, Any], Shoot | None]:
+    """Tables with their fields and values; what is wrong; what nobody confirmed. And
+    the shoot that they state, if nothing is wrong.
 
     A file that cannot be read, or is no TOML, has no tables.
     """
@@ -78,12 +79,13 @@ def form_of(path: Path, images: Path | None) -> dict[str, Any]:
         shoot = load_shoot(path, images)
     except ShootError as error:
         fault = {"error": str(error), **place_of_error(error)._asdict()}
-    return {
+    form = {
         "tables": [] if data is None else list(_tables(data, path)),
         "fault": fault,
         "notes": [] if shoot is None else list(shoot.notes),
         "unconfirmed": [] if shoot is None else list(shoot.unconfirmed),
     }
+    return form, shoot
 
 
 def _tables(data: dict[str, Any], path: Path):
@@ -130,7 +132,8 @@ def _table(
         }
         for key in others
     ]  # fmt: skip
-    return {"table": table, "place": place, "fields": fields}
+    named = _name_of(table, own)
+    return {"table": table, "place": place, "named": named, "fields": fields}
 
 
 def _choices(schema: dict[str, Any]) -> list[str]:
@@ -172,7 +175,8 @@ def require_named(path: Path, where: Place, named: str | None) -> None:
 
 
 def _name_of(table: str, own: dict[str, Any]) -> str:
-    return _value_text(own.get(_NAMED_BY[table], ""))
+    """The image of a photograph, the name of what has one; else nothing."""
+    return _value_text(own.get(_NAMED_BY.get(table, ""), ""))
 
 
 def set_field(path: Path, images: Path | None, where: Place, typed: str) -> None:

@@ -301,16 +301,16 @@ class ViewedLens:
         pixel_mm, point = self._pixel_mm(lens), _point_mm(lens, wanted)
         defocus = self._defocus(lens, lenses[0], wanted)
         scaled = self._scaled(wanted)
-        least_mm /= scaled.lengths
-        found = through_tiles(lenses, point, defocus, pixel_mm, least_mm)
+        width_mm = max(self.width_mm("through", wanted), least_mm) / scaled.lengths
+        found = through_tiles(lenses, point, defocus, width_mm)
         return {
             "picture": png_address(png(sheet_of(found.tiles[0]))),
             "f_numbers": stops,
             "distances_mm": [
                 plain_distance(mm * scaled.distances) for mm in found.distances_mm
             ],
-            "width_px": found.width_mm / pixel_mm,
-            "width_mm": found.width_mm * scaled.lengths,
+            "width_px": width_mm / pixel_mm,
+            "width_mm": width_mm * scaled.lengths,
         }
 
     def _stops(self, lens: Lens) -> tuple[float, ...]:

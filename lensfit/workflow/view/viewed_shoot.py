@@ -62,12 +62,15 @@ class ViewedShoot:
 
         Photographs are compared from now on with the plan that it states.
         """
-        self._plan_anew()
         about = {"path": str(self.path.absolute()), "out": str(self.out.absolute())}
         about |= {"is_there": self.path.is_file()}
         if not self.path.is_file():
+            self.checked.plan_is(None)
             return about | {"tables": [], "fault": None, "notes": [], "unconfirmed": []}
-        return about | form_of(self.path, self.images)
+        form, shoot = form_of(self.path, self.images)
+        if shoot is not None:  # else the last plan holds
+            self.checked.plan_is(shoot)
+        return about | form
 
     def set_field(self, where: Place, typed: str, named: str | None = None) -> None:
         """Set a key of the file.
@@ -136,7 +139,6 @@ class ViewedShoot:
                     "photograph into it by hand",
                 )
             self._write(wanted)
-            self._plan_anew()
             return left_out
 
     def _write(self, targets: Mapping[Path, str]) -> None:
@@ -206,10 +208,3 @@ class ViewedShoot:
             if still is not None:
                 require_named(self.path, *still)
             change(self.path, self.images, *wanted)
-            self._plan_anew()
-
-    def _plan_anew(self) -> None:
-        """The plan that the file states; the last one while it has a fault."""
-        shoot = self._shoot()
-        if shoot is not None or not self.path.is_file():
-            self.checked.plan_is(shoot)

@@ -9,10 +9,13 @@ from pathlib import Path
 from threading import Event
 
 import pytest
-from browser import CHROMIUM, Browser
+from browser import Browser
 from view_makers import (
     HEADER,
+    IN_BROWSER,
+    SHOWN,
     Client,
+    enter,
     page_in_browser,
     plate_client,
     thin_lens,
@@ -23,11 +26,7 @@ from view_makers import (
 from lensfit.io.exr import ExrImage, read_exr, write_exr
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-]
-SHOWN = "document.getElementById('stage').dataset.shown"
+pytestmark = IN_BROWSER
 READY = f"{SHOWN} === 'full'"
 COMMAND = "document.getElementById('command').value"
 SAID = "document.getElementById('saved').textContent"
@@ -49,10 +48,8 @@ def value(browser: Browser, name: str) -> str:
     return browser.run(f"{field(name)}.value")
 
 
-def enter(browser: Browser, name: str, text: str) -> None:
-    """As if typed."""
-    one = field(name)
-    browser.run(f"{one}.value = {text!r}, {one}.dispatchEvent(new Event('change'))")
+def type_in(browser: Browser, name: str, text: str) -> None:
+    enter(browser, field(name), text)
 
 
 def press(browser: Browser, button: str) -> None:
@@ -72,15 +69,15 @@ def settings(plate: Path) -> dict:
 
 
 def test_after_a_save_fields_and_picture_agree(opened: Browser, plate: Path):
-    enter(opened, "f_number", "22")
-    enter(opened, "coma_gain", "2")
+    type_in(opened, "f_number", "22")
+    type_in(opened, "coma_gain", "2")
     assert save(opened).startswith("Saved to")
     press(opened, "reset")
     until(opened, f"{COMMAND}.includes('--f-number')", False)
     assert value(opened, "f_number") == "22"
     assert value(opened, "coma_gain") == "2"
-    enter(opened, "f_number", "2")
-    enter(opened, "coma_gain", "1")
+    type_in(opened, "f_number", "2")
+    type_in(opened, "coma_gain", "1")
     until(opened, f"{COMMAND}.includes('--f-number=2 --coma-gain=1')", True)
     assert save(opened).startswith("Saved to")
     assert settings(plate) == {"camera": {"f_number": 2}, "knobs": {"coma_gain": 1}}
@@ -97,7 +94,7 @@ def test_another_page_shows_what_one_saved(
     opened: Browser, client: Client, tmp_path: Path
 ):
     with page_in_browser(client, tmp_path / "other", READY) as other:
-        enter(opened, "f_number", "22")
+        type_in(opened, "f_number", "22")
         assert save(opened).startswith("Saved to")
         until(other, f"{field('f_number')}.value", "22")
         until(other, READY, True)
@@ -112,7 +109,7 @@ def test_a_field_follows_the_file_but_not_under_a_hand_that_types(
     (plate.parent / "lensfit.toml").write_text(written)
     until(opened, f"{field('focus_distance_mm')}.value", "3000")
     assert value(opened, "f_number") == "5"
-    enter(opened, "f_number", "5.6")
+    type_in(opened, "f_number", "5.6")
     until(opened, f"{COMMAND}.includes('--f-number=5.6')", True)
 
 
@@ -120,7 +117,7 @@ def test_what_counts_before_the_settings_stays_turned(opened: Browser, plate: Pa
     frames = '[[frames]]\nrange = "1001-1002"\nf_number = 8\n'
     (plate.parent / "lensfit.toml").write_text(frames)
     until(opened, f"{field('f_number')}.value", "8")
-    enter(opened, "f_number", "4")
+    type_in(opened, "f_number", "4")
     assert "[[frames]]" in save(opened)
     assert value(opened, "f_number") == "4"
     until(opened, f"{COMMAND}.includes('--f-number=4')", True)
@@ -139,7 +136,7 @@ def test_a_scrubbed_frame_shows_its_own_values(tmp_path: Path):
     ):
         assert value(browser, "f_number") == "2"
         scrub = "document.getElementById('frame')"
-        browser.run(f"{scrub}.value = 1, {scrub}.dispatchEvent(new Event('input'))")
+        enter(browser, scrub, 1, "input")
         until(browser, f"{field('f_number')}.value", "8")
 
 
@@ -162,8 +159,8 @@ def test_what_does_not_count_is_said_beside_its_field(
     opened: Browser, plate: Path, name: str, text: str, said: str
 ):
     used = value(opened, name) or "measured"
-    enter(opened, "ring_brightness", "-0.5")
-    enter(opened, name, text)
+    type_in(opened, "ring_brightness", "-0.5")
+    type_in(opened, name, text)
     beside = f"document.getElementById('e-{name}')"
     assert save(opened).startswith("Not saved: ")
     sentence = opened.run(f"{beside}.textContent")
@@ -184,7 +181,7 @@ def test_what_does_not_count_is_said_beside_its_field(
      ("infinity", "inf"), ("∞", "inf"), ("800", "800")],
 )  # fmt: skip
 def test_a_distance_may_name_its_unit(opened: Browser, text: str, mm: str):
-    enter(opened, "focus_distance_mm", text)
+    type_in(opened, "focus_distance_mm", text)
     until(opened, f"{field('focus_distance_mm')}.value", mm)
     until(opened, f"{COMMAND}.includes('--focus-distance-mm={mm}')", True)
 
@@ -232,7 +229,7 @@ def test_before_the_first_picture_the_plate_is_shown_and_it_is_said(
 
 def test_a_stop_is_opened_by_the_slider(opened: Browser):
     slider = "document.querySelector('#camera .knob input[type=range]')"
-    opened.run(f"{slider}.value = -9, {slider}.dispatchEvent(new Event('input'))")
+    enter(opened, slider, -9, "input")
     assert float(value(opened, "f_number")) == pytest.approx(2**0.5, rel=0.01)
     until(opened, f"{COMMAND}.includes('--f-number=1.41')", True)
 
@@ -273,7 +270,7 @@ def test_a_plate_without_depth_is_shown_without_depth_of_field(tmp_path: Path):
         until(browser, f"{COMMAND}.endsWith('--no-defocus')", True)
 
 
-def test_what_a_plate_does_not_state_is_asked_for_in_its_field(tmp_path: Path):
+def test_what_a_plate_does_not_state_is_requested_in_its_field(tmp_path: Path):
     plate = bare_plate(tmp_path / "p.exr", "RGBZ", {})
     with (
         plate_client(plate, thin_lens()) as client,
@@ -284,7 +281,7 @@ def test_what_a_plate_does_not_state_is_asked_for_in_its_field(tmp_path: Path):
             label = f"document.querySelector('label[for=k-{name}]').textContent"
             until(browser, f"{needed}.includes('k-{name}')", True)
             assert f"the field “{browser.run(label)}”" in browser.run(ERROR)
-            enter(browser, name, text)
+            type_in(browser, name, text)
         until(browser, READY, True)
         assert browser.run(ERROR) == ""
 
@@ -293,7 +290,7 @@ def test_a_kept_state_stays_what_it_was(opened: Browser):
     beside = "document.getElementById('stage').dataset.beside"
     press(opened, "keep")
     until(opened, beside, "kept")
-    enter(opened, "f_number", "22")
+    type_in(opened, "f_number", "22")
     assert save(opened).startswith("Saved to")
     picture = "document.getElementById('plate').src"
     before = opened.run(picture)

@@ -69,10 +69,11 @@ def test_one_that_was_cancelled_is_not_done():
 def test_at_the_end_what_is_in_work_is_waited_for_and_nothing_more_is_begun():
     held, done = Held(), list[int]()
     waiting = held.lane.ask(lambda: done.append(1))
-    ended = threading.Thread(target=held.lane.end)
-    ended.start()
+    held.lane.end()
     with pytest.raises(CancelledError):
         waiting.result(timeout=30)
+    ended = threading.Thread(target=held.lane.wait, args=(30,))
+    ended.start()
     assert ended.is_alive()
     held.let_go()
     ended.join(30)

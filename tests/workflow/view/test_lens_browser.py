@@ -4,11 +4,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browser import CHROMIUM, Browser
+from browser import Browser
 from view_makers import (
+    IN_BROWSER,
     UNNAMED,
     Client,
     box_of,
+    enter,
     mouse,
     page_in_browser,
     served,
@@ -20,10 +22,7 @@ from lensfit.workflow.view.lens_adjustments import LensAdjustments
 from lensfit.workflow.view.lens_server import LensServer
 from lensfit.workflow.view.viewed_lens import ViewedLens
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-]
+pytestmark = IN_BROWSER
 PRESETS = Path(__file__).parents[3] / "presets"
 SPOT = "document.querySelector('.spot').src"
 ALERT = "document.querySelector('.column .alert')"
@@ -69,7 +68,7 @@ def test_the_point_is_dragged_and_moved_by_key(opened: Browser, client: Client):
 
 def test_a_turned_lens_is_drawn_and_reset(opened: Browser, client: Client):
     number = "document.getElementById('k-f_number')"
-    opened.run(f"{number}.value = 8, {number}.dispatchEvent(new Event('change'))")
+    enter(opened, number, 8)
     x, y = value(opened, "x"), value(opened, "y")
     said = client.post("point", f_number=8, x=x, y=y).json()["picture"]
     until(opened, f"{SPOT} === {said!r}", True)
@@ -128,7 +127,7 @@ def test_no_letters_of_a_figure_lie_on_others(
 
 def test_what_cannot_be_is_a_sentence_in_the_column(opened: Browser):
     number = "document.getElementById('k-object_distance_mm')"
-    opened.run(f"{number}.value = 20, {number}.dispatchEvent(new Event('change'))")
+    enter(opened, number, 20)
     until(opened, f"{ALERT}.hidden", False)
     assert "no sharp image" in opened.run(f"{ALERT}.textContent")
     opened.run("document.getElementById('reset').click()")

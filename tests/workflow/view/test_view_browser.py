@@ -5,12 +5,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browser import CHROMIUM, Browser
+from browser import Browser
 from view_makers import (
+    IN_BROWSER,
+    SHOWN,
     UNNAMED,
     Client,
     box_of,
     click,
+    enter,
     page_in_browser,
     plate_client,
     thin_lens,
@@ -20,10 +23,7 @@ from view_makers import (
 
 from lensfit.workflow.view import viewed_plate
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-]
+pytestmark = IN_BROWSER
 WIDTH, HEIGHT = 640, 360
 
 
@@ -48,7 +48,6 @@ def opened(
         yield browser
 
 
-SHOWN = "document.getElementById('stage').dataset.shown"
 PICTURE = "document.getElementById('made').src"
 DIFFERENT = """((made, other) => {
     if (!made.naturalWidth || !other.naturalWidth) return NaN;  // not loaded yet
@@ -72,7 +71,7 @@ def test_the_page_is_turned_by_slider_click_and_key_and_saved(
 ):
     first = opened.run(PICTURE)
     slider = "document.querySelector('#camera .knob input[type=range]')"
-    opened.run(f"{slider}.value = 2, {slider}.dispatchEvent(new Event('input'))")
+    enter(opened, slider, 2, "input")
     until(opened, f"{COMMAND}.includes('--f-number=4')", True)
     until(opened, f"{PICTURE} !== {first!r} && {SHOWN} === 'full'", True)
     box = box_of(opened, "#made")
@@ -113,7 +112,7 @@ def test_a_large_plate_grows_sharper_until_full(
     ):
         browser.run(watched)
         number = "document.getElementById('k-f_number')"
-        browser.run(f"{number}.value = 8, {number}.dispatchEvent(new Event('change'))")
+        enter(browser, number, 8)
         until(
             browser, "window.seen.length > 0 && window.seen.at(-1)[0] === 'full'", True
         )
@@ -126,7 +125,7 @@ def test_two_states_are_compared_by_the_wipe(opened: Browser):
     beside = "document.getElementById('stage').dataset.beside"
     plate = opened.run("document.getElementById('plate').src")
     number = "document.getElementById('k-f_number')"
-    opened.run(f"{number}.value = 16, {number}.dispatchEvent(new Event('change'))")
+    enter(opened, number, 16)
     until(opened, SHOWN, "full")
     opened.run("document.getElementById('keep').click()")
     until(opened, beside, "kept")
@@ -180,7 +179,7 @@ def test_every_control_has_a_name(opened: Browser):
 
 def test_what_cannot_be_is_a_sentence_in_the_page(opened: Browser):
     number = "document.getElementById('k-blades')"
-    opened.run(f"{number}.value = 2, {number}.dispatchEvent(new Event('change'))")
+    enter(opened, number, 2)
     until(opened, "document.getElementById('error').hidden", False)
     assert "3" in opened.run("document.getElementById('error').textContent")
     opened.run("document.getElementById('reset').click()")

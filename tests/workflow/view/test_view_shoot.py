@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from bundled_shoot import DEMO
-from view_makers import Client, served
+from view_makers import Client, served, with_first_photographs_swapped
 
 from lensfit.workflow.check.session import CheckSession
 from lensfit.workflow.shoot.shoot_file import load_shoot
@@ -94,19 +94,13 @@ def test_a_field_is_set_in_the_file_and_what_is_wrong_has_its_place(
     assert path.read_text() == written
 
 
-def swapped_takes(path: Path) -> str:
-    """The file with its first two photographs in the other order."""
-    head, one, two, *rest = path.read_text().split("[[take]]")
-    return "[[take]]".join([head, two, one, *rest])
-
-
 @pytest.mark.parametrize("name", ["field", "remove"])
 def test_nothing_is_written_into_another_photograph(
     client: Client, folder: Path, name: str
 ):
     path = folder / "shoot.toml"
     image = load_shoot(path).takes[0].image
-    path.write_text(swapped_takes(path))
+    path.write_text(with_first_photographs_swapped(path.read_text()))
     before = path.read_text()
     meant = {"table": "take", "place": 0, "named": image}
     typed = {"key": "f_number", "typed": "7"} if name == "field" else {}

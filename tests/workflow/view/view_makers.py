@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 from urllib.parse import quote
 
 import numpy as np
-from browser import Browser
+import pytest
+from browser import CHROMIUM, Browser
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
@@ -24,6 +25,12 @@ from lensfit.workflow.view.loopback_server import loopback_server
 from lensfit.workflow.view.plate_server import PlateServer
 from lensfit.workflow.view.viewed_plate import ViewedPlate
 
+IN_BROWSER = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+]
+SHOWN = "document.getElementById('stage').dataset.shown"
+"""Quality of the picture that the page of a plate shows."""
 NEAR_M, FAR_M = 1.5, 6.0
 HEADER = {
     "lens/focal": 75.0,
@@ -157,6 +164,13 @@ def until(browser: Browser, expression: str, wanted: Any, patience_s: float = 12
         time.sleep(0.05)
 
 
+def enter(browser: Browser, field: str, value: object, event: str = "change") -> None:
+    """Give a field, an expression of the page, a value as if typed or slid."""
+    browser.run(
+        f"{field}.value = {value!r}, {field}.dispatchEvent(new Event({event!r}))"
+    )
+
+
 def mouse(browser: Browser, kind: str, x: float, y: float) -> None:
     """Press, move or release the left button."""
     browser.send(
@@ -184,3 +198,9 @@ UNNAMED = """[...document.querySelectorAll("input, button, textarea, select")].f
     (one) => !(one.labels?.length || one.textContent.trim()
       || one.getAttribute("aria-label"))).map((one) => one.outerHTML)"""
 """Controls that a screen reader cannot name."""
+
+
+def with_first_photographs_swapped(shoot: str) -> str:
+    """A shoot file with its first two photographs in the other order."""
+    head, one, two, *rest = shoot.split("[[take]]")
+    return "[[take]]".join([head, two, one, *rest])

@@ -1,0 +1,112 @@
+"""Rays that sample the opening of one field point: in a spiral, or on rings and spokes.
+
+What the opening is, and u, is said in `lensfit.optics.pupil`. Every function takes one
+field point; callers map it over many with `jax.vmap`.
+
+Reference: H. Vogel, Mathematical Biosciences 44 (1979), the spiral of golden angles;
+Gauss's quadrature.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from lensfit.optics.pupil import (
+    SHARPNESS,
+    Pupil,
+    edge_from_inside,
+    opening_area,
+    pupil_rays,
+    stretch_matrix,
+    stretched_area,
+)
+
+_FEWEST_SPOKES = 89
+
+
+class PupilNodes(eqx.Module):
+    """Sample rays of one field point.
+
+    Attributes
+    ----------
+    u : Direction cosines against the chief ray, in reference units.
+    weight : Share of the light, sums to 1.
+    area : Area of the opening in u; that of the reference aperture on axis is pi.
+    """
+
+    u: Float[Array, "nodes 2"]
+    weight: Float[Array, " nodes"]
+    area: Float[Array, ""]
+
+
+def pupil_nodes(
+    h: Float[Array, "2"],
+    stop_radius: Float[Array, ""],
+    pupil: Pupil,
+    nodes: int,
+    sharpness: float = SHARPNESS,
+    turn_rad: Float[Array, ""] | float = 0.0,
+) -> PupilNodes:
+    """Rays that fill the opening evenly, in a spiral of nearly golden angles.
+
+    The angle is a ratio of Fibonacci's numbers, so that rays lie on a few hundred
+    spokes and the edge of the opening is asked for once on each: as even as the golden
+    angle while spokes are no fewer than a sixteenth of the rays.
+
+    Parameters
+    ----------
+    h : Field point in field radii.
+    stop_radius : Of the stop as set, in radii of the reference stop.
+    nodes : How many rays (static).
+    turn_rad : Of the whole spiral.
+    """
+    azimuth = _spokes(max(nodes // 16, _FEWEST_SPOKES))
+    turned = jnp.asarray(azimuth, h.dtype) + turn_rad
+    centre, outward, radius = edge_from_inside(turned, h, stop_radius, pupil, sharpness)
+    turns = -(-nodes // len(azimuth))
+    edge = jnp.tile(radius[:, None] * outward, (turns, 1))[:nodes]
+    density = jnp.tile(radius * radius, turns)[:nodes]
+    reach = np.sqrt((np.arange(nodes) + 0.5) / nodes)
+    s = centre[None] + jnp.asarray(reach, h.dtype)[:, None] * edge
+    stretch = stretched_area(h, pupil)
+    return PupilNodes(
+        u=s @ stretch_matrix(h, pupil),
+        weight=density / jnp.sum(density),
+        area=jnp.pi * jnp.mean(radius * radius) * stretch,
+    )
+
+
+def _spokes(fewest: int) -> np.ndarray:
+    """Azimuths that follow each other by nearly the golden angle, evenly spread."""
+    before, last = 1, 1
+    while last < fewest:
+        before, last = last, before + last
+    step = last - before
+    return np.arange(last) * step % last * (2 * np.pi / last)
+
+
+def polar_nodes(
+    h: Float[Array, "2"],
+    stop_radius: Float[Array, ""],
+    pupil: Pupil,
+    rings: int,
+    spokes: int,
+    sharpness: float = SHARPNESS,
+) -> PupilNodes:
+    """Rays on rings and spokes, exact for smooth functions such as moments.
+
+    Gauss's rule along each spoke, the trapezoidal rule around. (On pixels the rings
+    would show: `pupil_nodes` has none.)
+    """
+    square, weight = np.polynomial.legendre.leggauss(rings)
+    azimuth = np.repeat(np.arange(spokes) * (2 * np.pi / spokes), rings)
+    reach = np.tile(np.sqrt((square + 1) / 2), spokes)
+    azimuth, reach = jnp.asarray(azimuth, h.dtype), jnp.asarray(reach, h.dtype)
+    u, density = pupil_rays(h, stop_radius, pupil, azimuth, reach, sharpness)
+    weight = density * jnp.asarray(np.tile(weight, spokes), h.dtype)
+    return PupilNodes(
+        u=u,
+        weight=weight / jnp.sum(weight),
+        area=opening_area(h, stop_radius, pupil, sharpness),
+    )
