@@ -15,7 +15,7 @@ import os
 import shutil
 import socket
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
@@ -68,6 +68,27 @@ def write_bytes_atomic(path: str | Path, content: bytes) -> None:
             temporary.write_bytes(content)
         except OSError as error:
             raise cannot_write(Path(path), error) from error
+
+
+def write_folder_summary(path: str | Path, summary: Callable[[], str]) -> None:
+    """Write what a folder holds, while other processes may be adding to it.
+
+    Each looks again after it has written, and writes again if the folder has changed.
+    So the last to write has seen what every other one had added, without a lock, which
+    not every file system of a farm has.
+
+    Parameters
+    ----------
+    summary : Text of the folder as it is at the moment of the call.
+
+    Raises
+    ------
+    OutputError : The file cannot be written.
+    """
+    text, written = summary(), None
+    while text != written:
+        write_text_atomic(path, text)
+        text, written = summary(), text
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from lensfit.atomic import (
     atomic_path,
     remove_abandoned,
     write_bytes_atomic,
+    write_folder_summary,
     write_text_atomic,
 )
 from lensfit.errors import OutputError
@@ -83,3 +84,23 @@ def test_a_file_in_place_of_a_folder_is_named(tmp_path, below):
     with pytest.raises(OutputError) as caught:
         write_text_atomic(tmp_path / "out" / below, "text")
     assert str(caught.value) == f"{tmp_path / 'out'}: is a file; give a folder"
+
+
+def test_a_summary_holds_what_another_process_added_while_it_was_written(tmp_path):
+    """The other one looked, added its file and wrote before this one's text landed."""
+    target = tmp_path / "all.txt"
+
+    def names() -> str:
+        return " ".join(sorted(p.name for p in tmp_path.glob("frame*")))
+
+    def seen_too_early() -> str:
+        seen = names()
+        if "frame2" not in seen:
+            (tmp_path / "frame2").touch()
+            write_folder_summary(target, names)
+            assert target.read_text() == "frame1 frame2"
+        return seen
+
+    (tmp_path / "frame1").touch()
+    write_folder_summary(target, seen_too_early)
+    assert target.read_text() == "frame1 frame2"

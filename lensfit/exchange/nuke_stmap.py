@@ -35,10 +35,12 @@ class MapSequence(NamedTuple):
     ----------
     file : One file, or the pattern of a sequence as Nuke reads it (``%04d``).
     span : First and last frame of a sequence; None for one file.
+    has_gaps : Whether files between those are missing: the nearest stands for them.
     """
 
     file: Path
     span: tuple[int, int] | None = None
+    has_gaps: bool = False
 
 
 def nuke_stmap_text(
@@ -108,6 +110,8 @@ def _read(
         first, last = (str(n) for n in files.span)
         found |= {"first": first, "last": last}
         found |= {"origfirst": first, "origlast": last, "origset": "true"}
+    if files.has_gaps:
+        found["on_error"] = quoted("nearest frame")
     return found
 
 

@@ -197,10 +197,14 @@ def write_stmaps(
 
 def file_stem(lens_name: str, lens: "Lens", scaled: ScaledLook = UNSCALED) -> str:
     """A file name for a lens state: ``smc-takumar-50-1-4_50mm_2000mm``."""
-    words = re.sub(r"[^a-z0-9]+", "-", lens_name.lower()).strip("-") or "lens"
     numbers = scaled.plate_state(lens.focal_length_mm, lens.focus_distance_mm)
     states = [f"{n:.6g}mm" for n in numbers if n is not None]
-    return "_".join([words, *states]).replace(".", "p")
+    return "_".join([lens_stem(lens_name), *states]).replace(".", "p")
+
+
+def lens_stem(lens_name: str) -> str:
+    """A file name for a lens at any state: ``smc-takumar-50-1-4``."""
+    return re.sub(r"[^a-z0-9]+", "-", lens_name.lower()).strip("-") or "lens"
 
 
 def frame_digits(number: int) -> str:

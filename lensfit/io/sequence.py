@@ -139,6 +139,16 @@ def frame_of(path: str | Path) -> int | None:
     return None if match is None else int(match[1])
 
 
+def sequence_name(path: str | Path) -> str:
+    """The name that the frames of a sequence share: that of a picture without its
+    number, or "plate" where nothing else is left."""
+    path = Path(path)
+    match = _NUMBER.search(path.stem)
+    if match is None:
+        return path.stem
+    return path.stem[: match.start()].rstrip("._-") or "plate"
+
+
 def is_in_frames(text: str, number: int) -> bool:
     """Whether a range such as ``1001-1050x2,1100`` has a frame.
 

@@ -2,26 +2,27 @@
 
 The camera state of a frame is that of its plate, from the same sources as `lensfit
 apply` (`lensfit.plate.camera.sources`); of a plate its header alone is read. Frames
-at the same state have the same map, which is made once and copied. Beside the maps lies
-a Nuke script that reads both sequences.
+at the same state have the same map, which is made once and copied.
+
+Maps are named after the lens and the plates, not after a state: so the chunks of a farm
+name them alike. Beside them lies a Nuke script that reads both sequences
+(`lensfit.workflow.stmap_sequence`).
 """
 
 import shutil
-from dataclasses import dataclass, field, replace
-from itertools import takewhile
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from lensfit.atomic import atomic_path, write_text_atomic
+from lensfit.atomic import atomic_path, write_folder_summary
 from lensfit.errors import ImageError
-from lensfit.exchange.nuke_stmap import MapSequence, nuke_stmap_text
 from lensfit.exchange.stmaps import (
     Direction,
     StmapFrame,
-    file_stem,
     frame_digits,
+    lens_stem,
     write_stmaps,
 )
-from lensfit.io.sequence import expand_frames, frame_of
+from lensfit.io.sequence import expand_frames, frame_of, sequence_name
 from lensfit.lens import Lens
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.plate_lens import PlateLens
@@ -30,6 +31,7 @@ from lensfit.plate.header import plate_header
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
 from lensfit.rendering.render_stages import lateral_colour_px
+from lensfit.workflow.stmap_sequence import StmapSequence
 
 UNSEEN_COLOUR_PX = 0.02
 """Lateral colour that needs no maps of its own."""
@@ -81,7 +83,7 @@ def write_moving_stmaps(
     tolerance_px: float,
     progress: Progress = silent,
 ) -> MovingStmaps:
-    """Write ``NAME_redistort.1001.exr`` and so on for the plates of a sequence.
+    """Write ``LENS_PLATE_redistort.1001.exr`` and so on for the plates of a sequence.
 
     Parameters
     ----------
@@ -96,7 +98,9 @@ def write_moving_stmaps(
 
     Raises
     ------
-    LensfitError : The camera state of a frame is not known; or as `write_stmaps`.
+    LensfitError : The camera state of a frame is not known; the folder holds other
+        maps of this sequence that no script reads together with these; or as
+        `write_stmaps`.
     """
     found = expand_frames(plates, frames)
     known = PlateLens(preset, options)
@@ -106,7 +110,14 @@ def write_moving_stmaps(
     if per_channel is None:
         per_channel = any(_colour_px(one) > UNSEEN_COLOUR_PX for one in states)
     written = MovingStmaps(per_channel=per_channel)
-    name = _name(preset, states)
+    sequence = StmapSequence(
+        Path(out_dir),
+        f"{lens_stem(preset.lens.name)}_{sequence_name(found[0][1])}",
+        states[0].frame,
+        direction,
+        per_channel,
+    )
+    sequence.refuse_others(one.number for one in states)
     made: dict[object, tuple[Path, ...]] = {}
     progress("UV maps", 0, len(states))
     for done, one in enumerate(states, 1):
@@ -117,7 +128,7 @@ def write_moving_stmaps(
                 one.lens,
                 one.frame,
                 out_dir,
-                name,
+                sequence.name,
                 direction=direction,
                 per_channel=per_channel,
                 tolerance_px=tolerance_px,
@@ -130,8 +141,10 @@ def write_moving_stmaps(
             known.notes.add(*maps.notes)
         progress("UV maps", done, len(states))
     written.different, written.notes = len(made), list(known.notes.said)
-    written.script = Path(out_dir) / f"{name}.nk"
-    write_text_atomic(written.script, _script(preset, states, name, direction, written))
+    written.script = sequence.script_path
+    label = f"lensfit: {preset.lens.name}"
+    write_folder_summary(written.script, lambda: sequence.script_text(label))
+    written.notes += [note] if (note := sequence.gaps_note()) else []
     return written
 
 
@@ -180,14 +193,6 @@ def _colour_px(one: _MapState) -> float:
     return max(lateral_colour_px(one.lens, geometry, frame.data_window))
 
 
-def _name(preset: Preset, states: list[_MapState]) -> str:
-    """With the focal length and focus that all frames share."""
-    lenses = ((one.lens, one.frame.scaled) for one in states)
-    stems = [file_stem(preset.lens.name, *one).split("_") for one in lenses]
-    columns = takewhile(lambda parts: len({*parts}) == 1, zip(*stems, strict=False))
-    return "_".join(parts[0] for parts in columns)
-
-
 def _copied(source: Path, number: int | None) -> Path:
     """The same map under the number of another frame."""
     assert number is not None
@@ -197,29 +202,3 @@ def _copied(source: Path, number: int | None) -> Path:
         with atomic_path(target) as path:
             shutil.copyfile(source, path)
     return target
-
-
-def _script(
-    preset: Preset,
-    states: list[_MapState],
-    name: str,
-    direction: Direction,
-    written: MovingStmaps,
-) -> str:
-    numbers = [one.number for one in states if one.number is not None]
-    frame = states[0].frame
-    maps = {}
-    for one in ("undistort", "redistort"):
-        if direction not in (one, "both"):
-            continue
-        first = next(p for p in written.paths if p.name.startswith(f"{name}_{one}"))
-        span = (min(numbers), max(numbers)) if numbers else None
-        file = first if span is None else first.with_name(f"{name}_{one}.%04d.exr")
-        maps[one] = MapSequence(file, span)
-    return nuke_stmap_text(
-        maps,
-        frame.size_px,
-        f"lensfit: {preset.lens.name}, UV maps of {len(states)} frames",
-        per_channel=written.per_channel,
-        map_px=replace(frame).map_frame.size_px,
-    )

@@ -2,17 +2,19 @@
 
 The run is that of `lensfit.workflow.apply`: frames are independent, appear whole or not
 at all, and are skipped where they are finished. Beside them lies one JSON file with the
-pinhole camera of every frame (`lensfit.plate.frame.straight_plate.Pinhole`), read
-from the headers of the results, so that a run that was resumed has all of them.
+pinhole camera of every frame (`lensfit.plate.frame.straight_plate.Pinhole`), read from
+the headers of all results of that name in the folder: the chunks of a farm write the
+same file, and the last one finds the frames of all others.
 """
 
 import json
 from pathlib import Path
 
-from lensfit.atomic import write_text_atomic
+from lensfit.atomic import write_folder_summary
+from lensfit.errors import ImageError
 from lensfit.io.exr import read_exr
 from lensfit.io.exr_views import views_of
-from lensfit.io.sequence import frame_of
+from lensfit.io.sequence import frame_of, sequence_name
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.frame.straight_plate import PINHOLE
 from lensfit.preset.schema import Preset
@@ -64,14 +66,10 @@ def undistort_plates(
     done = sorted(applied.written + applied.skipped)
     if not done:
         return applied, None
-    cameras = [
-        {"file": path.name, "frame": frame_of(path), **camera}
-        for path in done
-        for camera in _cameras(path)
-    ]
-    path = Path(out_dir) / f"{_stem(done[0])}{CAMERA_SUFFIX}"
-    tables = {"pixels": _CONVENTION, "lens": preset.lens.name, "cameras": cameras}
-    write_text_atomic(path, json.dumps(tables, indent=1) + "\n")
+    folder, stem = Path(out_dir), sequence_name(done[0])
+    path = folder / f"{stem}{CAMERA_SUFFIX}"
+    headers = _Headers()
+    write_folder_summary(path, lambda: _summary(folder, stem, headers))
     return applied, path
 
 
@@ -80,21 +78,43 @@ _CONVENTION = (
 )
 
 
+def _summary(folder: Path, stem: str, headers: "_Headers") -> str:
+    """The cameras of all straight pictures of a name."""
+    files = (p for p in folder.iterdir() if p.suffix.lower() == ".exr")
+    named = (p for p in files if p.name[0] != "." and sequence_name(p) == stem)
+    cameras = [
+        {"file": path.name, "frame": frame_of(path), **camera}
+        for path in sorted(named, key=lambda p: (frame_of(p) or 0, p.name))
+        for camera in headers.cameras(path)
+    ]
+    return json.dumps({"pixels": _CONVENTION, "cameras": cameras}, indent=1) + "\n"
+
+
+class _Headers:
+    """Reads the cameras of straight pictures, each file once."""
+
+    def __init__(self):
+        self._read: dict[tuple, list[dict]] = {}
+
+    def cameras(self, path: Path) -> list[dict]:
+        """Of each view of a picture; none of one that is not straight, or damaged."""
+        try:
+            stat = path.stat()
+            key = path, stat.st_mtime_ns, stat.st_size, stat.st_ino
+            if key not in self._read:
+                self._read[key] = _cameras(path)
+            return self._read[key]
+        except (ImageError, OSError, ValueError):
+            return []
+
+
 def _cameras(path: Path) -> list[dict]:
     """Of each view of a straight picture."""
     found = []
     for view in views_of(read_exr(path, header_only=True)):
-        texts = (p.attributes.get(PINHOLE) for p in view.image.parts)
-        text = next((str(t) for t in texts if t is not None), None)
-        if text is not None:
+        headers = (p.attributes for p in view.image.parts if PINHOLE in p.attributes)
+        if (header := next(headers, None)) is not None:
             named = {"view": view.name} if view.name else {}
-            found.append(named | json.loads(text))
+            named |= {"lens": header.get("lensModel")}
+            found.append(named | json.loads(str(header[PINHOLE])))
     return found
-
-
-def _stem(path: Path) -> str:
-    """The name of a sequence: that of its first frame without the number."""
-    number = frame_of(path)
-    if number is None:
-        return path.stem
-    return path.stem.rstrip("0123456789").rstrip("._-") or "plate"

@@ -61,14 +61,14 @@ def test_each_frame_has_the_map_of_its_own_camera(shot):
     assert len(told["files"]) == 2 * len(FOCAL)
     for number, focal in FOCAL.items():
         for direction in ("redistort", "undistort"):
-            file = shot / "maps" / f"test-35_{direction}.{number}.exr"
+            file = shot / "maps" / f"test-35_plate_{direction}.{number}.exr"
             assert str(file) in told["files"]
             found = read_stmap(file)
             for channel, uv in found.channel_uv.items():
                 error = px_from_uv(uv, FRAME) - exact_px(focal, channel, direction)
                 assert np.abs(error).max() < 1e-3
     one, same, other = (
-        (shot / "maps" / f"test-35_redistort.{n}.exr").read_bytes()
+        (shot / "maps" / f"test-35_plate_redistort.{n}.exr").read_bytes()
         for n in (1002, 1003, 1004)
     )
     assert one == same
@@ -81,7 +81,7 @@ def test_sidecars_and_ranges_count_as_in_apply(shot):
     )
     told = written(shot, "--frames", "1001-1002", "--no-per-channel")
     assert (told["different"], told["per_channel"]) == (1, False)
-    found = read_stmap(shot / "maps" / "test-35_50mm_2000mm_redistort.1001.exr")
+    found = read_stmap(shot / "maps" / "test-35_plate_redistort.1001.exr")
     assert np.abs(px_from_uv(found.uv, FRAME) - exact_px(50.0)).max() < 1e-3
 
 
@@ -104,8 +104,47 @@ def test_the_script_reads_the_sequence_each_channel_by_its_own_layer(shot):
         ("stmap_g", "{rgba.green rgba.alpha}"),
         ("stmap_b", "{rgba.blue}"),
     }
-    text = (shot / "maps" / "test-35.nk").read_text()
+    text = (shot / "maps" / "test-35_plate.nk").read_text()
     assert stack_of(text) == stack_wanted()
+
+
+def reads_of(script):
+    return [n.knobs for n in read_nuke_nodes(script) if n.kind == "Read"]
+
+
+def test_chunks_of_a_farm_make_one_sequence_and_one_script(shot):
+    """In whatever order; while a chunk is missing, the nearest map stands for it."""
+    first = written(shot, "--frames", "1001,1004")
+    for read in reads_of(first["script"]):
+        assert (read["first"], read["last"]) == ("1001", "1004")
+        assert read["on_error"] == '"nearest frame"'
+    words = ["--plates", shot / "plate.####.exr", "--out", shot / "maps"]
+    done = run(shot, *words, "--frames", "1003")
+    assert "no maps of frames 1002 between 1001 and 1004" in said(done)
+    last = written(shot, "--frames", "1002")
+    assert last["script"] == first["script"]
+    for read in reads_of(last["script"]):
+        assert (read["first"], read["last"]) == ("1001", "1004")
+        assert "on_error" not in read
+        pattern = read["file"].strip('"')
+        assert all((shot / (pattern % number)).is_file() for number in FOCAL)
+
+
+def test_maps_that_no_script_reads_together_are_refused(shot):
+    written(shot, "--frames", "1001", "--per-channel")
+    words = ["--plates", shot / "plate.####.exr", "--out", shot / "maps"]
+    for options, what in (
+        (["--no-per-channel"], "a map for each colour"),
+        (["--per-channel", "--map-width", "96"], "another size"),
+    ):
+        done = run(shot, *words, "--frames", "1002", *options)
+        assert done.exit_code == 1
+        assert what in said(done)
+    written(shot, "--no-per-channel")  # all of them are replaced
+
+
+def said(done):
+    return re.sub(r"\s+", " ", done.stderr)
 
 
 def stack_of(text):

@@ -230,6 +230,25 @@ def test_a_sequence_is_resumed_and_its_cameras_are_complete(tmp_path, lens):
     assert windows == {tuple(FRAME.grown(12, 8))}
 
 
+def test_chunks_of_a_farm_leave_the_cameras_of_all_frames(tmp_path, lens):
+    for frame in (1, 2, 3, 4):
+        photograph(tmp_path / f"a.{frame:04d}.exr", ramps(FRAME))
+    for chunk in ("3-4", "1-2"):
+        words = ["--out", tmp_path / "out", "--frames", chunk]
+        done = run(tmp_path, "undistort", tmp_path / "a.####.exr", *words)
+        assert done.exit_code == 0, done.output
+    cameras = json.loads((tmp_path / "out" / "a.camera.json").read_text())["cameras"]
+    assert [camera["frame"] for camera in cameras] == [1, 2, 3, 4]
+    assert {camera["lens"] for camera in cameras} == {"Test 35"}
+
+
+def test_single_plates_that_share_a_name_keep_their_cameras(tmp_path, lens):
+    for name in ("z35.exr", "z38.exr"):
+        straight(tmp_path, photograph(tmp_path / name, ramps(FRAME)))
+    table = json.loads((tmp_path / "straight" / "z.camera.json").read_text())
+    assert [one["file"] for one in table["cameras"]] == ["z35.exr", "z38.exr"]
+
+
 def test_half_float_and_other_channels_stay_what_they_are(tmp_path, lens):
     planes = {n: p.astype(np.float32) for n, p in ramps(FRAME).items()}
     matte = np.arange(FRAME.width * FRAME.height, dtype=np.uint32)
