@@ -23,6 +23,7 @@ FLOORS = {
     "batches": 0,
     "progress": 0,
     "cores": 0,
+    "memory": 0,
     "private_folder": 0,
     "printable": -1,
     "_jax": 1,

@@ -1,34 +1,42 @@
-"""A limit on the decoded size of a photograph.
+"""A limit on the decoded size of a picture.
 
-A compressed file of a few hundred kilobytes can claim gigabytes of one value. Sensors
-have noise, so a photograph never compresses that far. Beyond a size that uncompressed
-photographs of every camera stay below, the file must be large enough for the claimed
-size.
+A compressed file of a few megabytes can hold, or claim, tens of gigabytes of one value.
+So before a picture is decoded, what it and the work on it take is computed from its
+header, and compared with the memory that is there.
 """
 
+from pathlib import Path
+
 from lensfit.errors import ImageError
+from lensfit.memory import available_bytes
 
-ALWAYS_SAMPLES = 1 << 28
-"""A picture of 89 million pixels in three colours."""
-LARGEST_RATIO = 64
-"""Of samples to bytes of a larger one."""
+PHOTOGRAPH_BYTES_PER_PX = 24
+"""Of the work on a photograph: its colours as float, twice."""
+RASTER_BYTES_PER_SAMPLE = 12
+"""Of PNG and TIFF, decoded: the code, and the light as float, twice."""
 
 
-def refuse_oversize(samples: int, file_bytes: int) -> None:
-    """Refuse a photograph that would fill memory, before it is decoded.
+def refuse_beyond_memory(needed_bytes: int, path: Path | None = None) -> None:
+    """Refuse a picture that would fill the memory, before it is decoded.
 
     Parameters
     ----------
-    samples : Pixels times channels, of all parts.
-    file_bytes : Of the file.
+    needed_bytes : Of all samples of the file, decoded, and of the work on them.
+    path : The file; None where whoever asked names it.
 
     Raises
     ------
-    ImageError : More samples than a photograph of that many bytes has.
+    ImageError : More than is available.
     """
-    if samples > max(ALWAYS_SAMPLES, LARGEST_RATIO * file_bytes):
+    available = available_bytes()
+    if available is not None and needed_bytes > available:
         raise ImageError(
-            f"claims {samples / 1e6:.0f} million samples in {file_bytes} bytes, more "
-            "than any photograph",
-            remedy="crop it, or leave out the channels that are no colours",
+            f"takes {_gib(needed_bytes)} GiB of memory when decoded, and "
+            f"{_gib(available)} GiB are available",
+            where=path,
+            remedy="crop it, leave out channels, or use a machine with more memory",
         )
+
+
+def _gib(count: int) -> str:
+    return f"{count / 2**30:.3g}"

@@ -18,6 +18,7 @@ import OpenEXR
 from lensfit.atomic import atomic_path
 from lensfit.coords import Window
 from lensfit.errors import ImageError, OutputError
+from lensfit.io.decoded_size import refuse_beyond_memory
 from lensfit.io.exr_attributes import attributes_for_writing
 from lensfit.io.exr_header import check_exr
 from lensfit.io.library_output import silenced_libraries
@@ -87,21 +88,30 @@ class ExrImage:
             raise ValueError("an OpenEXR image has at least one part")
 
 
-def read_exr(path: str | Path, *, header_only: bool = False) -> ExrImage:
+def read_exr(
+    path: str | Path, *, header_only: bool = False, working_bytes_per_px: int = 0
+) -> ExrImage:
     """Read an OpenEXR file, all parts and channels.
 
     Parameters
     ----------
     path : The file.
     header_only : Leave the channels out (their mapping is empty).
+    working_bytes_per_px : Memory that whoever reads it takes besides, for each pixel of
+        the largest part.
 
     Raises
     ------
     ImageError : The file is missing, empty, truncated, corrupt, not OpenEXR, deep,
-        chroma subsampled, or claims more pixels than it can hold.
+        chroma subsampled, claims more pixels than it can hold, or takes more memory
+        than there is.
     """
     path = Path(path)
     headers = check_exr(path)
+    if not header_only:
+        largest_px = max(h.data_window.area for h in headers)
+        decoded = sum(h.bytes_uncompressed for h in headers)
+        refuse_beyond_memory(decoded + working_bytes_per_px * largest_px, path)
     try:
         with silenced_libraries():
             file = OpenEXR.File(

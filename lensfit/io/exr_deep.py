@@ -17,10 +17,13 @@ from jaxtyping import Int
 from lensfit.atomic import atomic_path
 from lensfit.coords import Window
 from lensfit.errors import ImageError, OutputError
+from lensfit.io.decoded_size import refuse_beyond_memory
 from lensfit.io.exr import ExrPart, part_without_channels, unreadable
 from lensfit.io.exr_attributes import attributes_for_writing
-from lensfit.io.exr_header import check_exr
+from lensfit.io.exr_header import PartHeader, check_exr
 from lensfit.io.library_output import silenced_libraries
+
+_REFERENCE_BYTES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +61,11 @@ def read_deep(path: str | Path) -> DeepPart:
 
     Raises
     ------
-    ImageError : There is none, or it is damaged.
+    ImageError : There is none, it is damaged, or takes more memory than there is.
     """
     path = Path(path)
-    check_exr(path, deep=True)
+    headers = check_exr(path, deep=True)
+    refuse_beyond_memory(sum(_least_bytes(header) for header in headers), path)
     try:
         with silenced_libraries():
             file = OpenEXR.File(str(path), separate_channels=True)
@@ -83,6 +87,12 @@ def read_deep(path: str | Path) -> DeepPart:
             remedy="render or copy it again",
         )
     return DeepPart(part_without_channels(part), counts, samples)
+
+
+def _least_bytes(header: PartHeader) -> int:
+    """Of a deep part, whose header does not hold the number of its samples: what the
+    binding takes for a pixel, even if that has none."""
+    return header.data_window.area * _REFERENCE_BYTES * (1 + len(header.channels))
 
 
 def _refuse_views(parts: list[OpenEXR.Part], path: Path) -> None:

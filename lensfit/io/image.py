@@ -26,10 +26,9 @@ from jaxtyping import Float, Float32
 
 from lensfit.bounded import refuse_pipe
 from lensfit.errors import ImageError
-from lensfit.io.decoded_size import refuse_oversize
+from lensfit.io.decoded_size import PHOTOGRAPH_BYTES_PER_PX
 from lensfit.io.exr import read_exr
 from lensfit.io.exr_header import MAGIC as EXR_MAGIC
-from lensfit.io.exr_header import check_exr
 from lensfit.io.exr_layers import find_colour, stack_channels
 from lensfit.io.metadata import CameraState, camera_state_from
 from lensfit.io.raster import Raster, read_raster, tiff_header, upright_pixels
@@ -188,11 +187,7 @@ def _from_mosaic(photograph: Photograph, mosaic: Mosaic | None) -> Photograph:
 
 
 def _from_exr(path: Path, data: bytes, encoding: str) -> Photograph:
-    headers = check_exr(path)
-    refuse_oversize(
-        sum(h.data_window.area * len(h.channels) for h in headers), len(data)
-    )
-    image = read_exr(path)
+    image = read_exr(path, working_bytes_per_px=PHOTOGRAPH_BYTES_PER_PX)
     index, names = find_colour(image)
     part = image.parts[index]
     stored = stack_channels(part, names)

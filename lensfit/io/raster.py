@@ -18,7 +18,7 @@ import tifffile
 from PIL import ExifTags, Image
 
 from lensfit.errors import ImageError
-from lensfit.io.decoded_size import refuse_oversize
+from lensfit.io.decoded_size import RASTER_BYTES_PER_SAMPLE, refuse_beyond_memory
 from lensfit.io.library_output import silenced_libraries
 
 # It logs every odd tag; who reads its log may still listen.
@@ -167,7 +167,8 @@ def _check_png(data: bytes) -> None:
             if width * height * depth // 8 > _LARGEST_PNG_RATIO * len(data) + 4096:
                 raise _damaged("PNG", f"it cannot hold {width} x {height} pixels")
             channels = _PNG_CHANNELS.get(data[at + 17], 1)
-            refuse_oversize(width * height * channels, len(data))
+            samples = width * height * channels
+            refuse_beyond_memory(RASTER_BYTES_PER_SAMPLE * samples)
         at = end + 4
 
 
@@ -202,7 +203,7 @@ def _tiff_codes(page, data: bytes) -> np.ndarray:
         raise _unknown_colours(
             _PHOTOMETRIC.get(photometric, f"unknown ({photometric})")
         )
-    refuse_oversize(int(page.size), len(data))
+    refuse_beyond_memory(RASTER_BYTES_PER_SAMPLE * int(page.size))
     if page.size * page.dtype.itemsize > 1100 * len(data) + 4096:
         raise _damaged("TIFF", f"it cannot hold {page.imagewidth} x {page.imagelength}")
     try:

@@ -82,12 +82,35 @@ def test_a_small_file_that_claims_a_huge_picture_is_not_decoded(
 ):
     path = black(tmp_path / f"a{suffix}")
     assert run("inspect", path).exit_code == 0
-    # As a file of 300 times as many pixels would be judged.
-    monkeypatch.setattr(decoded_size, "ALWAYS_SAMPLES", 1 << 20)
-    refused(run("inspect", path), "million samples", "more than any photograph")
-    noise = np.random.default_rng(1).integers(0, 255, (1024, 1024, 3), np.uint8)
-    Image.fromarray(noise).save(tmp_path / "noise.png")
-    assert run("inspect", tmp_path / "noise.png").exit_code == 0
+    monkeypatch.setattr(decoded_size, "available_bytes", lambda: 16 << 20)
+    refused(run("inspect", path), f"a{suffix}", "GiB of memory", "0.0156 GiB are")
+
+
+@pytest.mark.parametrize("command", ["apply", "undistort"])
+def test_a_plate_that_would_fill_the_memory_is_not_decoded(
+    tmp_path, monkeypatch, command
+):
+    """Eight megabytes of samples, and as many again for each twelfth of the work."""
+    preset = named(tmp_path, "Lens")
+    plate = black(tmp_path / "a.exr")
+    state = ["--focal-length-mm", "35", "--f-number", "2.8", "--out", tmp_path / "out"]
+    state += ["--sensor-width-mm", "36", "--focus-distance-mm", "2000"]
+    state += ["--no-defocus"] if command == "apply" else []
+    monkeypatch.setattr(decoded_size, "available_bytes", lambda: 40 << 20)
+    done = run(command, preset, plate, *state)
+    assert "GiB of memory when decoded, and 0.0391 GiB are available" in done.stderr
+    assert done.exit_code == 1
+    monkeypatch.setattr(decoded_size, "available_bytes", lambda: 120 << 20)
+    assert run(command, preset, plate, *state).exit_code == 0
+
+
+def test_many_black_channels_are_no_bomb(tmp_path):
+    """They compress a thousand times, and are read all the same."""
+    plane, window = np.zeros((1080, 1920), np.float16), Window.of_size(1920, 1080)
+    names = [*"RGB", *(f"matte{n}.x" for n in range(200))]
+    part = ExrPart(dict.fromkeys(names, plane), window, window)
+    write_exr(tmp_path / "a.exr", ExrImage((part,)))
+    assert run("inspect", tmp_path / "a.exr").exit_code == 0
 
 
 def named(folder: Path, name: str, serial: str | None = None) -> Path:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import final
 
 from lensfit.errors import ImageError, OutputError
+from lensfit.io.decoded_size import refuse_beyond_memory
 from lensfit.io.depth_channel import unit_in_mm
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
@@ -35,6 +36,10 @@ from lensfit.plate.frame.straight_plate import PlateStraightener
 from lensfit.plate.notes import FrameNote
 from lensfit.preset.adjusted_pupil import filter_at_all_sizes
 from lensfit.preset.schema import Preset
+
+_WORKING_BYTES_PER_PX, _STRAIGHT_BYTES_PER_PX = 100, 50
+"""Besides the plate's own channels, to put the lens on and to take it off; measured
+without depth of field, whose tiles do not grow with the plate."""
 
 
 @final
@@ -77,7 +82,8 @@ class FrameRenderer:
                     remedy="give the photographed plate",
                 )
             return render_deep(self.lens, path)
-        return self.render_read(read_exr(path), path)
+        image = read_exr(path, working_bytes_per_px=self._working_bytes_per_px)
+        return self.render_read(image, path)
 
     def render_read(self, image: ExrImage, path: Path) -> ExrImage:
         """One finished frame of a flat plate that was read before.
@@ -91,12 +97,19 @@ class FrameRenderer:
         ------
         LensfitError : The plate cannot be rendered.
         """
+        largest_px = max(part.data_window.area for part in image.parts)
+        refuse_beyond_memory(self._working_bytes_per_px * largest_px, path)
         views, made = plate_views(image, path), []
         for one in views:
             self.lens.notes.add(one.note)
             with one.named_errors(path):
                 made.append(self._rendered(one.view.image, path, one.header))
         return joined_plate_views(image, views, made)
+
+    @property
+    def _working_bytes_per_px(self) -> int:
+        straight = self.options.output == "undistorted"
+        return _STRAIGHT_BYTES_PER_PX if straight else _WORKING_BYTES_PER_PX
 
     def _rendered(self, image: ExrImage, path: Path, header: ExrImage) -> ExrImage:
         """One view."""
