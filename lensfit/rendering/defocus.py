@@ -29,6 +29,7 @@ from lensfit.rendering.layer_stack import LayerStack, flattened_layers
 from lensfit.rendering.light_mesh import light_kernel
 from lensfit.rendering.packed_surfaces import packed_surfaces
 from lensfit.rendering.plate_defocus import Defocus, Rays
+from lensfit.rendering.ray_field import RayField, window_steps_px
 from lensfit.rendering.shared_pixels import shared_pixels
 from lensfit.rendering.surfaces import (
     Slabs,
@@ -172,7 +173,10 @@ class _Frame:
 
     Attributes
     ----------
-    rays, slabs, cuts : Of the whole range of depth, so that tiles agree.
+    rays, slabs, cuts : Of the whole range of depth, so that tiles agree. Rays are
+        those that reach the picture: what a lens does far beyond it, where it was not
+        photographed, changes nothing in it.
+    light_rays : Those of lights, which lie beside the picture too.
     reach_px : How far rays are led; a tile needs twice as much around it.
     pinhole : The scene where nothing is blurred, over `window`.
     picture : Over `output_window`, filled tile by tile.
@@ -183,7 +187,8 @@ class _Frame:
     ):
         least, most = scene.range_px()
         self.scene, self.window, self.output_window = scene, window, output_window
-        self.rays = defocus.rays(window, least, most)
+        self.rays = defocus.rays(output_window, least, most)
+        self.light_rays = defocus.rays(window, least, most)
         self.slabs = defocus.slabs(least, most)
         self.cuts = self.slabs.cuts_px(scene.radii_px())
         self.reach_px = self.rays.reach_px(least, most)
@@ -201,7 +206,8 @@ class _Frame:
         region = tile_with_margin(tile, 2 * self.reach_px, window)
         given = self.scene, region, window, self.cuts, self.slabs, self.is_continuous
         surfaces = workers.submit(_surfaces, *given).result()
-        laid_down = workers.submit(_laid_down, lights, surfaces, rays, region, window)
+        given = lights, surfaces, self.light_rays, rays.many, region, window
+        laid_down = workers.submit(_laid_down, *given)
         strips = []
         if surfaces:
             packing = workers.submit(
@@ -283,7 +289,7 @@ def _gathered(
 ) -> None:
     """Fill rows of a tile of the picture."""
     many, few, window = rays.many, rays.few, rays.window
-    nodes_y, nodes_x = many.weight.shape[1:3]
+    down_px, across_px = window_steps_px(window, *many.weight.shape[1:3])
     gather(
         target,
         (tile.y_min - region.y_min, tile.x_min - region.x_min),
@@ -291,7 +297,7 @@ def _gathered(
         surfaces,
         (many.moved_px, many.weight),
         (few.moved_px, few.weight),
-        ((window.width - 1) / (nodes_x - 1), (window.height - 1) / (nodes_y - 1)),
+        (across_px, down_px),
         (float(tile.x_min - window.x_min), float(tile.y_min - window.y_min)),
         (
             np.float32(rays.defocus.budget.unseen_px),
@@ -305,7 +311,8 @@ def _gathered(
 def _laid_down(
     mine: list[Spot],
     surfaces: list[Surface],
-    rays: Rays,
+    light_rays: Rays,
+    field: RayField,
     region: Window,
     window: Window,
 ) -> list[tuple[np.ndarray, int, int, int]]:
@@ -313,12 +320,12 @@ def _laid_down(
     window, and colours."""
     if not mine:
         return []
-    before: PackedSurfaces = packed_surfaces(surfaces, rays.many, smooth=False)
+    before: PackedSurfaces = packed_surfaces(surfaces, field, smooth=False)
     offset = region.y_min - window.y_min, region.x_min - window.x_min
     found = []
     for spot in mine:
         kernel = light_kernel(
-            rays.lights,
+            light_rays.lights,
             spot.colour,
             (spot.x, spot.y),
             spot.radius_px,

@@ -9,8 +9,9 @@ looks               filters, reflections, glare, white balance (`look.stack`), o
 crop                the margin and the overscan are removed last
 """
 
+import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -110,7 +111,9 @@ def render(
     stages = prepare_stages(
         lens,
         display_window,
-        window_with_margin(output, data_window) if spreads else output,
+        window_with_margin(output, data_window, has_depth and display_window)
+        if spreads
+        else output,
         tolerance=tolerance,
         switches=switches,
         sensor_width_mm=sensor_width_mm,
@@ -129,10 +132,30 @@ def render(
     )
 
 
-def window_with_margin(output_window: Window, data_window: Window) -> Window:
+_REACHED_OF_FRAME = 0.45
+"""How far beside the output there is light whose blur comes into it, in the larger side
+of the frame. Far beyond the frame a lens was not photographed, and what is fitted leads
+light nowhere."""
+
+
+def window_with_margin(
+    output_window: Window,
+    data_window: Window,
+    blurred_frame: Window | Literal[False] | None = None,
+) -> Window:
     """The window to prepare stages for when there is depth, or a look that spreads
-    light: it comes from beside the output, as far as the plate has any."""
+    light: it comes from beside the output, as far as the plate has any.
+
+    Parameters
+    ----------
+    blurred_frame : Display window of a plate that is blurred by its depth: the blur of
+        what lies farther beside the output than a part of it does not reach that.
+    """
     a, b = output_window, data_window
+    if blurred_frame:
+        side_px = max(blurred_frame.width, blurred_frame.height)
+        margin_px = math.ceil(_REACHED_OF_FRAME * side_px)
+        b = b.common(a.grown(margin_px, margin_px)) or a
     return Window(
         min(a.x_min, b.x_min),
         min(a.y_min, b.y_min),

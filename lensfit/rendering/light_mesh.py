@@ -77,7 +77,7 @@ class LightField:
     def node_px(self) -> tuple[float, float]:
         """Pixels from node to node, along x and y."""
         rows, columns = self.density.shape[2:4]
-        size = self.window.width - 1, self.window.height - 1
+        size = max(self.window.width - 1, 1), max(self.window.height - 1, 1)
         return size[0] / (columns - 1), size[1] / (rows - 1)
 
 

@@ -255,7 +255,8 @@ class Rays:
                 f"at f/{self.defocus.lens.f_number:g} the fitted aberrations, "
                 "continued beyond what was photographed, lead light to no place on "
                 "the sensor",
-                remedy="give a larger f-number, or knobs that act less",
+                remedy="give a larger f-number, knobs that act less or, where overscan "
+                "is kept, less of it",
             )
         return math.ceil(max(found_px)) + 4
 

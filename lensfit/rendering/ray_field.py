@@ -171,8 +171,7 @@ def _field(
         moved = np.repeat(np.repeat(-landing, 2, 2), 2, 3)
         weight = np.repeat(np.repeat(weight, 2, 1), 2, 2)
     else:
-        sides = np.array([window.height, window.width])
-        step_px = (sides - 1) / (np.array(landing.shape[2:4]) - 1)
+        step_px = np.array(window_steps_px(window, *landing.shape[2:4]))
         moved = _seen_from_pixels(landing, step_px)
         weight = weight * _area_followed(moved.mean(1), step_px)
     weight /= weight.sum(-1, keepdims=True)
@@ -235,6 +234,13 @@ def landed_rays(
     landing, light = _without_gaps(landing, lit), _without_gaps(light, lit)
     diffraction_px = float(np.nanmedian(found.airy_mm)) / pitch_mm[0]
     return LandedRays(landing, light, diffraction_px)
+
+
+def window_steps_px(window: Window, rows: int, columns: int) -> tuple[float, float]:
+    """From node to node down and across. Those of a single row or column of pixels all
+    lie on it and hold the same, as if they were apart."""
+    down, across = max(window.height - 1, 1), max(window.width - 1, 1)
+    return down / (rows - 1), across / (columns - 1)
 
 
 def grid_px(window: Window, columns: int, rows: int) -> Float[np.ndarray, "r c 2"]:

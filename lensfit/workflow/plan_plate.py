@@ -14,7 +14,6 @@ from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.plate_views import plate_views
 from lensfit.preset.schema import Preset
 from lensfit.progress import Progress, silent
-from lensfit.rendering.frame import window_with_margin
 from lensfit.rendering.look.stack import light_spreads
 from lensfit.rendering.render_plan import Plan, plan_of
 
@@ -66,7 +65,8 @@ def plan_plate(
         window = options.written(part.data_window, part.display_window)
         found = plate_in_depth(lens, part, state, image, plate)
         if found is not None or light_spreads(state.knobs.look):
-            reach = window_with_margin(window, part.data_window)
+            display, blurs = part.display_window, found is not None
+            reach = lens.reach(window, part.data_window, display, blurs=blurs)
         else:
             reach = window
         progress("plan", 1, _STEPS)

@@ -70,7 +70,10 @@ def render_deep(lens: PlateLens, path: Path) -> ExrImage:
         pixels, spreads = LayerStack(stack.rgba, depth), True
     else:
         pixels, spreads = flattened_layers(stack), light_spreads(state.knobs.look)
-    reach = lens.reach(window, source, display) if spreads else window
+    reach = window
+    if spreads:
+        blurs = options.switches.defocus
+        reach = lens.reach(window, source, display, blurs=blurs)
     stages = lens.stages_for(state, display, reach)
     lens.note_border(stages, window, known_window(source, display))
     lens.notes.add(*notes, DEEP_IS_FLAT)

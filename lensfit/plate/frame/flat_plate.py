@@ -91,7 +91,9 @@ def _rendered(
     window = window.joined(display) if tight else window
     deep = plate_in_depth(lens, part, state, *plate)
     spreads = deep is not None or light_spreads(state.knobs.look)
-    reach = lens.reach(window, source, display) if spreads else window
+    reach = window
+    if spreads:
+        reach = lens.reach(window, source, display, blurs=deep is not None)
     stages = lens.stages_for(state, display, reach)
     lens.note_border(stages, window, known_window(source, display))
     made = (

@@ -279,10 +279,12 @@ class PlateLens:
             self._look_key = look_key
         return self._stages
 
-    def reach(self, window: Window, data_window: Window, display: Window) -> Window:
+    def reach(
+        self, window: Window, data_window: Window, display: Window, *, blurs: bool
+    ) -> Window:
         """Pixels from which light may spread into `window`: all that the plate has, as
-        far as an external map knows where they land."""
-        wanted = window_with_margin(window, data_window)
+        far as an external map knows where they land, and the blur by depth reaches."""
+        wanted = window_with_margin(window, data_window, blurs and display)
         if self._map is None:
             return wanted
         known = self._map.window(display)
