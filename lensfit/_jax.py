@@ -12,7 +12,7 @@ Compiled programs are kept in the user's cache folder, so that only the first ru
 machine compiles them. The environment variable LENSFIT_CACHE_DIR names another folder;
 when it is empty nothing is kept. In it each user has a folder that nobody else can
 write; where that is impossible nothing is kept either. A cache already chosen through
-JAX's own settings is left alone.
+JAX's own settings is left alone, unless others can write it: a program is code.
 
 A fit is sharded over the cores of the processor, and JAX counts these as devices only
 if that is set before it starts. The renderer uses one device: its programs are large,
@@ -31,6 +31,7 @@ from lensfit.cores import available_cores
 from lensfit.private_folder import is_open_to_others, made_private, user_id
 
 CACHE_VARIABLE = "LENSFIT_CACHE_DIR"
+_JAX_CACHE_VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 _MOST_CORES = 8
 """More have too few dots each; every device costs memory."""
 _HALF_WRITTEN = "Error (reading|writing) persistent compilation cache entry"
@@ -41,6 +42,7 @@ _UNSET = {"jax_compilation_cache_dir": (None, ""), "jax_num_cpu_devices": (-1,)}
 def configure_jax() -> None:
     """Turn on float64 and the persistent compilation cache; harmless if repeated."""
     _set("jax_enable_x64", True, overrule=True)
+    _refuse_open_cache()
     chosen = cache_dir("jax")
     folder = None if chosen is None else made_private(chosen)
     if folder is not None:
@@ -50,6 +52,26 @@ def configure_jax() -> None:
         # JAX writes them in place. What another process has written by half is
         # compiled here, which is nobody's concern.
         warnings.filterwarnings("ignore", _HALF_WRITTEN, UserWarning)
+
+
+_refused: list[str] = []
+"""Caches of JAX's own settings that others can write."""
+
+
+def _refuse_open_cache() -> None:
+    """Take from JAX a cache that its user chose, and that others can write."""
+    jax = sys.modules.get("jax")
+    if jax is not None and hasattr(jax, "config"):
+        chosen = jax.config.jax_compilation_cache_dir
+    else:
+        chosen = os.environ.get(_JAX_CACHE_VARIABLE)
+    # A cache in a bucket has no folder of this machine.
+    if not chosen or "://" in chosen or not is_open_to_others(Path(chosen)):
+        return
+    _refused.append(chosen)
+    os.environ.pop(_JAX_CACHE_VARIABLE, None)  # nor shall workers take it
+    if jax is not None and hasattr(jax, "config"):
+        jax.config.update("jax_compilation_cache_dir", None)
 
 
 def cache_dir(kind: str) -> Path | None:
@@ -74,6 +96,11 @@ def cache_dir(kind: str) -> Path | None:
 
 def cache_note() -> str | None:
     """What to say where no compiled programs are kept since others could plant some."""
+    if _refused:
+        return (
+            f"{_JAX_CACHE_VARIABLE} is not used: {_refused[0]}, or a folder around it, "
+            "can be written by others; give it a folder of your own"
+        )
     for folder in (cache_dir("jax"), cache_dir("programs")):
         if folder is not None and is_open_to_others(folder):
             return (

@@ -255,5 +255,27 @@ def test_the_compilation_cache_may_be_moved_or_left_out(tmp_path: Path):
     assert run(JAX_COMPILATION_CACHE_DIR=str(tmp_path)).startswith(f"{tmp_path} ")
 
 
+@pytest.mark.skipif(os.name == "nt", reason="no users in this sense")
+@pytest.mark.parametrize("loads_jax_first", [False, True])
+def test_a_cache_of_jax_that_others_can_write_is_not_used(tmp_path, loads_jax_first):
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(0o777)
+    script = (
+        "import lensfit, jax; from lensfit._jax import cache_note; "
+        "print(jax.config.jax_compilation_cache_dir); print(cache_note())"
+    )
+    script = ("import jax; " if loads_jax_first else "") + script
+    variables = {"JAX_COMPILATION_CACHE_DIR": str(shared), "LENSFIT_CACHE_DIR": ""}
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env=os.environ | variables, check=True
+    )
+    used, note = done.stdout.splitlines()
+    assert used == "None"
+    assert "JAX_COMPILATION_CACHE_DIR is not used" in note
+    assert str(shared) in note
+
+
 def test_the_efforts_of_the_help_are_those_of_the_fit():
     assert tuple(one.name.lower() for one in Effort) == EFFORTS_OR_NONE
