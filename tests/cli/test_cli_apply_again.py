@@ -53,6 +53,22 @@ def test_what_would_be_rendered_now_is_skipped(job):
     assert (job / "out" / "p.1.exr").read_bytes() == before
 
 
+@pytest.mark.parametrize("options", [(), ("--keep",)])
+def test_a_frame_whose_pixels_were_lost_is_rendered_again(job, options):
+    """Its header and its length are whole."""
+    apply(job)
+    target = job / "out" / "p.1.exr"
+    whole = target.read_bytes()
+    at = len(whole) * 3 // 4
+    target.write_bytes(whole[:at] + bytes(300) + whole[at + 300 :])
+    done, said = apply(job, *options)
+    assert done.exit_code == 0
+    assert names(said["written"]) == ["p.1.exr"]
+    assert names(said["skipped"]) == ["p.2.exr"]
+    assert f"{target} was damaged and is rendered again" in said["notes"]
+    assert target.read_bytes() == whole
+
+
 def new_plate(job):
     changed = {"R": scene(DATA)[..., 0] * np.float32(1.5)}
     write_plate(job / "p.2.exr", extra=changed)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lensfit.errors import ImageError, LensfitError, sentence_of
-from lensfit.io.exr import ExrPart, write_exr
+from lensfit.io.exr import ExrPart
+from lensfit.plate.frame.content_digest import write_with_digest
 from lensfit.plate.frame.fingerprint import Fingerprint
 from lensfit.plate.frame.frame_error import error_at_frame
 from lensfit.plate.frame.renderer import FrameRenderer, with_fingerprint
@@ -55,7 +56,7 @@ def _rendered(
 ) -> tuple[ExrPart, ...]:
     """The headers of the frame that was written."""
     image = with_fingerprint(renderer.render(path), made_of)
-    write_exr(target, image)
+    write_with_digest(target, image)
     return image.parts
 
 

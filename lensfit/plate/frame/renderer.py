@@ -10,8 +10,8 @@ colour layers       rendered, or straightened (`straight_plate`); every other ch
                     keeps its bits
 window              a plate may have overscan (a data window larger than the display
                     window); the display window is written, unless it is kept
-header              a line on the operations (`signature`) and digests of the inputs
-                    (`fingerprint`)
+header              a line on the operations (`signature`), digests of the inputs
+                    (`fingerprint`) and of the file itself (`content_digest`)
 """
 
 from dataclasses import replace
@@ -24,6 +24,7 @@ from lensfit.io.depth_channel import unit_in_mm
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
 from lensfit.io.exr_deep import is_deep
 from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.frame.content_digest import is_whole
 from lensfit.plate.frame.deep_plate import render_deep
 from lensfit.plate.frame.explaining_picture import explaining_picture
 from lensfit.plate.frame.fingerprint import FINGERPRINT, Fingerprint
@@ -150,8 +151,7 @@ class FrameRenderer:
         except ImageError as error:
             if isinstance(error.__cause__, OSError):
                 raise
-            self.lens.notes.add(f"{target} was damaged and is rendered again")
-            return ()
+            return self._damaged(target)
         if not any(map(is_made_here, parts)):
             raise OutputError(
                 "is there already and is no frame that lensfit rendered",
@@ -161,7 +161,7 @@ class FrameRenderer:
         found = (p.attributes.get(FINGERPRINT) for p in parts)
         difference = wanted.difference(next((str(f) for f in found if f), None))
         if difference is None:
-            return parts
+            return parts if is_whole(target) else self._damaged(target)
         if self.options.keep:
             raise OutputError(
                 f"was finished before {difference}, and is kept",
@@ -170,6 +170,11 @@ class FrameRenderer:
             )
         sentence = f"{plate.name}: finished before {difference}, and rendered again"
         self.lens.notes.add(FrameNote(sentence, f"rendered again {difference}"))
+        return ()
+
+    def _damaged(self, target: Path) -> tuple[ExrPart, ...]:
+        """None of its parts, which is noted."""
+        self.lens.notes.add(f"{target} was damaged and is rendered again")
         return ()
 
 
