@@ -190,7 +190,13 @@ def _verdict(own, plan) -> list[str]:
     if plan.with_blur is not None and own.suffices(plan.margins):
         word = "enough" if own.suffices(plan.with_blur) else "too little"
         enough += f"; with depth of field {word}"
+    ends = [side for side, empty in zip(_SIDES, own.empty, strict=True) if empty]
+    if ends:
+        said += f"; empty, as it ends inside the frame, on the {', '.join(ends)}"
     return [f"The plate has {_sides(own.margins)}{said}: {enough}"]
+
+
+_SIDES = ("left", "top", "right", "bottom")
 
 
 def _need(margins, camera) -> dict:

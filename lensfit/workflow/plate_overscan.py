@@ -13,6 +13,7 @@ from lensfit.plate.camera.plate_state import BLUR, SCALED
 from lensfit.plate.camera.sources import StateOverrides
 from lensfit.plate.camera.spelling import SPELT
 from lensfit.plate.frame.plate_lens import PlateLens
+from lensfit.plate.frame.tight_window import known_window
 from lensfit.plate.header import plate_header
 from lensfit.plate.notes import topic_of
 from lensfit.plate.pixel_shape import SQUARE
@@ -30,18 +31,22 @@ class PlateOverscan:
     ----------
     question : What it needs, at its own camera state.
     margins : Pixels that its data window has beyond its display window.
+    empty : Whether it ends inside the frame on the left, top, right and bottom, and so
+        is empty beyond and needs nothing there.
     stated_percent : `lens/overscan` of its header; None if it states none.
     notes : What was assumed of its camera state.
     """
 
     question: OverscanQuestion
     margins: Margins
+    empty: tuple[bool, ...]
     stated_percent: float | None
     notes: tuple[str, ...]
 
     def suffices(self, needed: Margins) -> bool:
         """Whether the plate holds every pixel that is read."""
-        return all(a >= b for a, b in zip(self.margins[:4], needed[:4], strict=True))
+        sides = zip(self.empty, self.margins[:4], needed[:4], strict=True)
+        return all(empty or has >= needs for empty, has, needs in sides)
 
 
 def _margins_of(data: Window, frame: Window) -> Margins:
@@ -124,4 +129,6 @@ def overscan_of_plate(
             f"the header states {stated:g} % overscan, but no pixel lies beyond the "
             "display window: the whole picture is taken as the frame"
         )
-    return PlateOverscan(question, beyond, stated, tuple(notes))
+    known = known_window(data, frame)
+    empty = tuple(a != b for a, b in zip(known, data, strict=True))
+    return PlateOverscan(question, beyond, empty, stated, tuple(notes))

@@ -172,6 +172,22 @@ def test_a_plate_is_judged_by_its_own_header(tmp_path):
     assert run(preset, "--plate", tmp_path / "none.exr").exit_code == 1
 
 
+def test_an_element_needs_no_overscan_where_it_ends_inside_the_frame(tmp_path):
+    preset = tmp_path / "preset.json"
+    save_preset(make_preset(), preset)
+    for window, enough, sides in (
+        (Window(20, 15, 49, 40), True, "left, top, right, bottom"),
+        (Window(0, 15, 49, 40), False, "top, right, bottom"),
+    ):
+        plate = write_plate(tmp_path / "plate.exr", window=window)
+        said = json.loads(run(preset, "--plate", plate, "--json").stdout)
+        assert said["plate"]["suffices"] == enough
+        text = " ".join(run(preset, "--plate", plate).stdout.split())
+        word = "enough" if enough else "too little"
+        ends = f"empty, as it ends inside the frame, on the {sides}: {word}"
+        assert ends in text
+
+
 def test_a_turned_lens_reads_as_far_as_its_plate_is_told(tmp_path):
     preset = make_preset(stops=())
     save_preset(preset, tmp_path / "preset.json")
