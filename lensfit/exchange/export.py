@@ -7,7 +7,7 @@ Unreal) get every entry unless one is requested.
 from collections.abc import Callable
 from functools import partial
 
-from lensfit.errors import ExchangeError
+from lensfit.errors import ExchangeError, LensfitError
 from lensfit.exchange.brown_conrady import export_opencv
 from lensfit.exchange.cycles_osl import export_cycles
 from lensfit.exchange.export_request import Exported, ExportRequest
@@ -18,6 +18,7 @@ from lensfit.exchange.syntheyes import export_syntheyes
 from lensfit.exchange.tde4_node import TDE4_FORMATS, export_tde4
 from lensfit.exchange.unreal import export_unreal
 from lensfit.exchange.usd_camera import export_usd
+from lensfit.preset.spanned_width import unscaled_error
 
 WRITERS: dict[str, Callable[[ExportRequest], Exported]] = {
     **{name: partial(export_tde4, model) for name, model in TDE4_FORMATS.items()},
@@ -49,4 +50,7 @@ def export_preset(to: str, request: ExportRequest) -> Exported:
         raise ExchangeError(
             f"{to!r} is no format", remedy=f"known are {', '.join(FORMATS)}"
         )
-    return WRITERS[to](request)
+    try:
+        return WRITERS[to](request)
+    except LensfitError as error:
+        raise unscaled_error(error) from error

@@ -7,7 +7,7 @@ refused.
 
 import math
 
-from lensfit.errors import ImageError
+from lensfit.errors import ImageError, LensfitError
 
 LARGEST_PART = 1.25
 """Of the width that was photographed; farther out the map is none."""
@@ -18,8 +18,11 @@ _LEAST_MM = 0.01
 _SAME = 1.001
 _OPTION = "--sensor-width-mm"
 SCALING_OPTION = "--scale-to-sensor"
-SCALING_REMEDY = f"with {SCALING_OPTION} (of apply, plan, stmap, overscan and view)"
+SCALING_REMEDY = (
+    f"with {SCALING_OPTION} (of apply, submit, plan, stmap, overscan and view)"
+)
 """Where a look is wanted that was not measured: what puts it there."""
+_MAPS_REMEDY = f"by the UV maps of `lensfit stmap {SCALING_OPTION}`"
 
 
 def check_width(width_mm: float) -> None:
@@ -34,6 +37,14 @@ def check_width(width_mm: float) -> None:
             f"the sensor is stated to be {width_mm:g} mm wide",
             remedy=f"give its width with {_OPTION}",
         )
+
+
+def unscaled_error(error: LensfitError) -> LensfitError:
+    """The same error, of a command that scales no look itself: its maps do."""
+    if error.remedy is None or SCALING_REMEDY not in error.remedy:
+        return error
+    remedy = error.remedy.replace(SCALING_REMEDY, _MAPS_REMEDY)
+    return type(error)(error.what, where=error.where, remedy=remedy)
 
 
 def spanned_width_note(width_mm: float, measured_mm: float) -> str | None:

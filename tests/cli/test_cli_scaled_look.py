@@ -146,8 +146,24 @@ def test_moving_maps_of_a_scaled_camera(tmp_path):
     words = ("--plates", tmp_path / "a.1001.exr", "--json", "--out", tmp_path / "a")
     measured = json.loads(ran("stmap", tmp_path, *words).stdout)["files"]
     for one, other in zip(measured, twice, strict=True):
-        assert "_70mm_4000mm_" in other
+        header = read_exr(Path(other)).parts[0].attributes
+        assert (header["lens/focal"], header["lens/focus"]) == (70, 4)
         same(Path(one), Path(other))
+
+
+@pytest.mark.parametrize("command", ["undistort", "export"])
+def test_what_scales_no_look_names_what_does(tmp_path, command):
+    """It has no such option itself, and the one that it names makes maps for it."""
+    image = plate(tmp_path / "a.exr", 70.0, 72.0, 2.0)
+    words = {
+        "undistort": (image, "--out", tmp_path / "out"),
+        "export": (*TWICE, "--to", "opencv", "--out", tmp_path / "a.yaml"),
+    }[command]
+    done = ran(command, tmp_path, *words)
+    assert done.exit_code == 1
+    (line,) = [one for one in done.stderr.splitlines() if "error" in one]
+    assert "by the UV maps of `lensfit stmap --scale-to-sensor`" in line
+    assert "of apply" not in line
 
 
 def test_overscan_of_a_scaled_camera_has_its_film_back(tmp_path):

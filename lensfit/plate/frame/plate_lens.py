@@ -45,6 +45,7 @@ from lensfit.plate.pixel_shape import pixel_shape
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
 from lensfit.preset.schema import Preset
+from lensfit.preset.spanned_width import unscaled_error
 from lensfit.rendering.circle import Circle
 from lensfit.rendering.frame import window_with_margin
 from lensfit.rendering.look.stack import light_spreads, look_of
@@ -114,7 +115,10 @@ class PlateLens:
                 refuse_again(image.parts)
             return self._state_of(image, path)
         except LensfitError as error:
-            raise error_at_frame(error, path) from error
+            # To put a look elsewhere is no measurement that a photograph is freed of.
+            straight = self.options.output == "undistorted"
+            own = unscaled_error(error) if straight else error
+            raise error_at_frame(own, path) from error
 
     def _state_of(self, image: ExrImage, path: Path) -> PlateState:
         camera = self._camera(image, path)
