@@ -49,6 +49,12 @@ class PlateOverscan:
         return all(empty or has >= needs for empty, has, needs in sides)
 
 
+def _empty_sides(data: Window, frame: Window) -> tuple[bool, ...]:
+    """Whether a plate ends inside the frame: left, top, right and bottom."""
+    known = known_window(data, frame)
+    return tuple(a != b for a, b in zip(known, data, strict=True))
+
+
 def _margins_of(data: Window, frame: Window) -> Margins:
     """Pixels of a data window beyond the frame."""
     return Margins(
@@ -129,6 +135,5 @@ def overscan_of_plate(
             f"the header states {stated:g} % overscan, but no pixel lies beyond the "
             "display window: the whole picture is taken as the frame"
         )
-    known = known_window(data, frame)
-    empty = tuple(a != b for a, b in zip(known, data, strict=True))
+    empty = _empty_sides(data, frame)
     return PlateOverscan(question, beyond, empty, stated, tuple(notes))
