@@ -20,8 +20,15 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Float
 
 from lensfit.fitting.wavefront.basis import Basis
+from lensfit.fitting.wavefront.polynomials import polynomials_over
 from lensfit.fitting.wavefront.rays import Rays
-from lensfit.fitting.wavefront.waves import DESIGN_WAVES, WAVES, Transfer, basis_of
+from lensfit.fitting.wavefront.waves import (
+    DESIGN_WAVES,
+    WAVES,
+    Transfer,
+    Waves,
+    basis_of,
+)
 from lensfit.psf.pixels import Profile, image_of
 from lensfit.psf.spot import Spot
 
@@ -77,6 +84,8 @@ def equations_of(
         draw(transfer, waves),
         draw(transfer, min(waves, DESIGN_WAVES)),
     )
+    if isinstance(design_basis, Waves):
+        design_basis = polynomials_over(design_rays.spot, design_basis, variance_mm2)
     profile = basis.profile(spot, variance_mm2)
     nuisance_design = _nuisance_design(spot, profile, basis)
     target, w = light.reshape(-1), weight.reshape(-1)

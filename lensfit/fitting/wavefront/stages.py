@@ -82,6 +82,8 @@ _DAMPING = 1e-3
 _MOST_STEPS = 12
 _BROAD_RAYS = 384
 """Of the image of a broad dot that is smoothed."""
+_BROAD_DESIGN_RAYS = 192
+"""Of its matrix, whose sums over rays are short (`polynomials`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,9 +195,11 @@ def smooth_stage(stage: Stage, cells: float) -> Stage:
     """The same with photograph and model smoothed by a Gaussian; broad dots are drawn
     with only the waves that this leaves."""
     points = DEFAULT_POINTS
+    if stage.dot_data.dots.broad is not None:
+        points = points._replace(design=_BROAD_DESIGN_RAYS)
     if stage.dot_data.dots.broad is not None and cells:
         waves = waves_after_smoothing(cells, stage.dot_data.light.shape[-1])
-        points = Points(image=_BROAD_RAYS, waves=waves)
+        points = points._replace(image=_BROAD_RAYS, waves=waves)
     return replace(stage, smoothing=cells, points=points)
 
 

@@ -64,10 +64,10 @@ MARGIN_CELLS = 12
 WAVES = 40
 """From the slowest on, whose period is patch and surroundings, besides the constant:
 on 24 cells up to five periods in six cells."""
-DESIGN_WAVES = 14
-"""Of the Gauss-Newton matrix, which needs less accuracy. Of 14 the matrix of 20-pixel
-dots in focus holds a quarter of what their rims tell of high orders, of 28 all but a
-fortieth; but finer waves need more rays, and three times as long."""
+DESIGN_WAVES = 28
+"""Of the Gauss-Newton matrix, which needs less accuracy: of 28 the matrix of 20-pixel
+dots in focus lacks a fortieth of what their rims tell of high orders, of 14 three
+quarters."""
 _CUTOFF = 3.5
 """Wave number times the deviation of a Gaussian that leaves 0.2 % of the wave."""
 _AT_ONCE = 256
@@ -123,6 +123,12 @@ class Waves(Basis):
         """Twice as many as wave numbers."""
         return 2 * self.transfer.shape[1]
 
+    @property
+    def numbers(self) -> Float[Array, " size"]:
+        """Wave number of each along one axis."""
+        _, k = _wave_numbers(self.cells, self.size // 2 - 1)
+        return jnp.asarray(np.tile(k, 2), self.corner_mm.dtype)
+
     def profile(self, spot: Spot, variance_mm2: Float[Array, "*axes"]) -> Profile:
         """Amplitudes of every ray, and their change per mm that it moves."""
         middle_mm = self.corner_mm + self.cell_mm * self.cells / 2
@@ -145,16 +151,16 @@ class Waves(Basis):
         """Light of every cell: the waves times the transfer function, summed."""
         waves = _complex_of(drawn)
         transfer = jnp.broadcast_to(self.transfer, waves.shape).astype(waves.dtype)
-        down, right = self._at_cells(waves.dtype)
-        return jnp.real(down @ (waves * transfer) @ right.T)
+        # Cosines and sines again: real products take half as long as complex ones.
+        at_cells = self._at_cells(drawn.dtype)
+        return at_cells @ (_light_of(waves * transfer) @ at_cells.T)
 
     def cell_light_transpose(
         self, cotangent: Float[Array, "cells cells"]
     ) -> Float[Array, "size size"]:
         """The transpose of `cell_light`."""
-        waves = lax.complex(cotangent, jnp.zeros_like(cotangent))
-        down, right = self._at_cells(waves.dtype)
-        waves = down.T @ waves @ right
+        at_cells = self._at_cells(cotangent.dtype)
+        waves = jnp.conj(_complex_of(at_cells.T @ cotangent @ at_cells))
         return _real_of(waves * self.transfer.astype(waves.dtype))
 
     def _amplitudes(
@@ -165,15 +171,15 @@ class Waves(Basis):
         slowest = _slowest(self.cells)
         k = slowest * jnp.arange(count, dtype=x.dtype)[:, None]
         height = jnp.exp(-(k**2) * (variance + LEAST_SIGMA_PX**2)[None] / 2)
-        even, odd = (height * part for part in _multiples(slowest * x, count))
+        even, odd = (height * part for part in multiples(slowest * x, count))
         return jnp.concatenate([even, odd]), jnp.concatenate([-k * odd, k * even])
 
-    def _at_cells(self, dtype: DTypeLike) -> tuple[Array, Array]:
-        """Values of the waves at the middle of every cell, down and to the right."""
+    def _at_cells(self, dtype: DTypeLike) -> Float[Array, "cells size"]:
+        """Cosines and sines at the middle of every cell."""
         middle = np.arange(self.cells) + 0.5 - self.cells / 2
-        numbers = _wave_numbers(self.cells, self.transfer.shape[1] - 1)
-        down, right = (np.exp(1j * middle[:, None] * k) for k in numbers)
-        return jnp.asarray(down.astype(dtype)), jnp.asarray(right.astype(dtype))
+        _, k = _wave_numbers(self.cells, self.size // 2 - 1)
+        angle = middle[:, None] * k
+        return jnp.asarray(np.hstack([np.cos(angle), np.sin(angle)]), dtype)
 
 
 def basis_of(
@@ -283,7 +289,7 @@ def _cell_response(
     return box * np.where(right > 0, 2, 1)
 
 
-def _multiples(
+def multiples(
     angle: Float[Array, " rays"], count: int
 ) -> tuple[Float[Array, "count rays"], Float[Array, "count rays"]]:
     """Cosine and sine of 0, 1, ... times an angle, each from the one before: by the
@@ -308,6 +314,19 @@ def _complex_of(
     on = lax.complex(ee - oo, -eo - oe)
     back = lax.complex(ee + oo, oe - eo)
     return jnp.concatenate([back[..., :0:-1, :], on], -2)
+
+
+def _light_of(
+    waves: Complex[Array, "*images down right"],
+) -> Float[Array, "*images size size"]:
+    """Amplitudes of cosines and sines, of the real part of amplitudes of exp(i k x)."""
+    n = waves.shape[-1]
+    on = waves[..., n - 1 :, :]
+    back = jnp.zeros_like(on).at[..., 1:, :].set(waves[..., : n - 1, :][..., ::-1, :])
+    both, apart = on + back, back - on
+    even = jnp.concatenate([jnp.real(both), -jnp.imag(both)], -1)
+    odd = jnp.concatenate([jnp.imag(apart), jnp.real(apart)], -1)
+    return jnp.concatenate([even, odd], -2)
 
 
 def _real_of(cotangent: Complex[Array, "down right"]) -> Float[Array, "size size"]:
