@@ -59,10 +59,12 @@ class HeaderWord(NamedTuple):
     value : In the unit of its quantity; an error where the entry holds something
         impossible.
     entry : Its name.
+    of_pinhole : A focal length of the pinhole, as `Alias.of_pinhole`.
     """
 
     value: float | str | ImageError
     entry: str
+    of_pinhole: bool = False
 
 
 def camera_words(
@@ -127,7 +129,7 @@ def camera_state_from(
     values: dict[str, float | str] = {}
     sources: dict[str, str] = {}
     for name, words in camera_words(header, size_px, aliases).items():
-        for value, entry in words:
+        for value, entry, _ in words:
             if not isinstance(value, ImageError):
                 values[name], sources[name] = value, entry
                 break
@@ -159,7 +161,7 @@ def _values_of_entries(
             except ImageError as error:
                 known = error
             if known is not None:
-                found[key] = HeaderWord(known, key)
+                found[key] = HeaderWord(known, key, alias.of_pinhole)
     return list(found.values())
 
 

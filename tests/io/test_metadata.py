@@ -34,7 +34,7 @@ CG = {
 def test_standard_attributes():
     state = camera_state_from(STANDARD)
     assert state == CameraState(
-        focal_length_mm=40.3,
+        focal_length_mm=40.0,
         f_number=2.0,
         focus_distance_mm=1500.0,
         sensor_width_mm=36.7,
@@ -44,7 +44,8 @@ def test_standard_attributes():
         lens_serial="42",
         sources=state.sources,
     )
-    assert state.sources["focal_length_mm"] == "pinholeFocalLength"
+    # A lens is at what its ring shows; the pinhole's grows with focusing.
+    assert state.sources["focal_length_mm"] == "nominalFocalLength"
     assert set(state.sources) == set(state.known())
 
 
@@ -167,10 +168,10 @@ def test_exif_resolution_on_the_sensor_beats_the_equivalent():
 def test_every_entry_of_a_quantity_is_told_the_best_first():
     words = camera_words(STANDARD | CG | {"exr/lens/focal": "28"})
     assert words["focal_length_mm"] == [
-        HeaderWord(40.3, "pinholeFocalLength"),
         HeaderWord(40.0, "nominalFocalLength"),
         HeaderWord(35.0, "lens/focal"),
         HeaderWord(28.0, "exr/lens/focal"),
+        HeaderWord(40.3, "pinholeFocalLength", of_pinhole=True),
     ]
     assert words["sensor_width_mm"] == [
         HeaderWord(36.7, "sensorOverallDimensions"),

@@ -188,7 +188,7 @@ def test_what_no_frame_depends_on_stops_none(tmp_path):
 @pytest.mark.parametrize(
     ("header", "said"),
     [
-        ({"effectiveFocalLength": 40.0, "lens/focal": 28.0}, "--focal-length-mm"),
+        ({"nominalFocalLength": 40.0, "lens/focal": 28.0}, "--focal-length-mm"),
         ({"aperture": 2.0, "lens/fstop": "2.83"}, "--f-number"),
         ({"focus": math.inf, "lens/focus": 2.0}, "--focus-distance-mm"),
         ({"lens/aperture": 36.0, "nuke/camera/haperture": 24.0}, "--sensor-width-mm"),
@@ -217,7 +217,7 @@ def test_a_header_that_contradicts_itself_is_told(tmp_path, header, said):
 
 def test_a_contradiction_is_told_once_a_run_of_whatever_frame(tmp_path):
     for frame in (1001, 1002):
-        focal = {"effectiveFocalLength": 35 + frame / 1e5, "lens/focal": 28.0}
+        focal = {"nominalFocalLength": 35 + frame / 1e5, "lens/focal": 28.0}
         write_plate(tmp_path / f"p.{frame}.exr", {**focal, "lens/aperture": 36.0})
     for workers in (1, 2):
         done = apply(

@@ -25,21 +25,28 @@ from lensfit.units import MILLIMETRES_PER_METRE
 
 
 class Alias(NamedTuple):
-    """An entry, and what its number is multiplied by."""
+    """An entry, and what its number is multiplied by.
+
+    Attributes
+    ----------
+    of_pinhole : A focal length of the pinhole with the picture's angle of view, rather
+        than as on the barrel or the zoom ring.
+    """
 
     key: str
     factor: float = 1.0
+    of_pinhole: bool = False
 
 
 ALIASES: dict[str, tuple[Alias, ...]] = {
     "focal_length_mm": (
-        Alias("pinholeFocalLength"),
-        Alias("effectiveFocalLength"),
         Alias("nominalFocalLength"),
         Alias("lens/focal"),
-        Alias("nuke/camera/focal"),
-        Alias("cameraFocalLength"),
         Alias("FocalLength"),
+        Alias("pinholeFocalLength", of_pinhole=True),
+        Alias("effectiveFocalLength", of_pinhole=True),
+        Alias("nuke/camera/focal", of_pinhole=True),
+        Alias("cameraFocalLength", of_pinhole=True),
     ),
     "f_number": (
         Alias("aperture"),

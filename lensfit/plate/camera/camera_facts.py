@@ -91,7 +91,7 @@ def camera_facts(
 
         try:
             state = plate_state(preset, camera, header)
-            taken, notes = state.assumed, [*state.notes]
+            camera, taken, notes = state.camera, state.assumed, [*state.notes]
         except LensfitError as error:
             problems.append(str(error).removeprefix(f"{path}: "))
     decided = camera.state.known()
@@ -172,5 +172,7 @@ def _value_text(value: object) -> str:
 def _record(known: SourcedValue | KnobWord) -> dict[str, object]:
     value = "inf" if known.value == math.inf else known.value
     record: dict[str, object] = {"value": value, "source": known.source}
-    from_pinhole = isinstance(known, SourcedValue) and known.from_pupil
-    return record | ({"from": "pinhole"} if from_pinhole else {})
+    if isinstance(known, SourcedValue):
+        record |= {"from": "pinhole"} if known.from_pupil else {}
+        record |= {"of": "pinhole"} if known.of_pinhole else {}
+    return record

@@ -4,8 +4,8 @@ Where entries of one header state different values of a quantity, the better ent
 counts (`lensfit.io.camera.aliases` has the order), and a note names the others. Entries
 that mean different things may differ:
 
-- the standard's focal lengths: of the barrel (nominal), of the lens (effective) and of
-  the pinhole, which is the principal distance and grows with focusing
+- a focal length as on the barrel, and that of the pinhole, which is the principal
+  distance and grows with focusing
 - what was recorded is a part of the sensor (``sensorOverallDimensions``)
 - EXIF's 35 mm equivalent is whole millimetres
 """
@@ -47,9 +47,12 @@ def add_header(
     bad: dict[str, tuple[BadEntry, ...]] = {}
     for name, entries in stated.items():
         known = name in better
-        for value, key in entries:
+        for value, key, of_pinhole in entries:
             if not isinstance(value, ImageError):
-                words.setdefault(name, []).append(SourcedValue(value, key, rank=HEADER))
+                known_value = SourcedValue(
+                    value, key, rank=HEADER, of_pinhole=of_pinhole
+                )
+                words.setdefault(name, []).append(known_value)
                 known = True
                 continue
             remedy = _OPTIONS.get(name, "take it out of the header")
@@ -60,7 +63,6 @@ def add_header(
 
 _ROUNDING = 0.02
 """Relative: f/2.8 is f/2.83, and cameras round distances."""
-_OF_ONE_LENS = ("pinholeFocalLength", "effectiveFocalLength", "nominalFocalLength")
 _BREATHING = 0.15
 _WHOLE_SENSOR = "sensorOverallDimensions"
 _WHOLE_MILLIMETRES = "FocalLengthIn35mmFilm"
@@ -98,7 +100,7 @@ def _contradicts(one: SourcedValue, other: SourcedValue) -> bool:
         return False
     keys = tuple(known.source.rpartition("/")[2] for known in (one, other))
     allowed = _ROUNDING
-    if set(keys) <= set(_OF_ONE_LENS):
+    if one.of_pinhole != other.of_pinhole:
         allowed = _BREATHING
     elif _WHOLE_MILLIMETRES in keys:
         allowed = _COARSE
