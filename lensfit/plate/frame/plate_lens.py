@@ -20,6 +20,7 @@ from lensfit.io.exr_deep import is_deep
 from lensfit.io.lens_attributes import lens_attributes
 from lensfit.lens import Lens
 from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.one_camera import refuse_several_cameras
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.plate_state import PlateState, plate_state
 from lensfit.plate.camera.sourced_value import SourcedValue
@@ -96,8 +97,15 @@ class PlateLens:
         self._stages: Stages | None = None
         self._stages_noted: Stages | None = None
 
-    def state_of(self, image: ExrImage, path: Path) -> PlateState:
+    def state_of(
+        self, image: ExrImage, path: Path, picked_in: ExrImage | None = None
+    ) -> PlateState:
         """The camera state of a plate.
+
+        Parameters
+        ----------
+        picked_in : Where the pixel lies that is in focus: the first view of a stereo
+            plate, whose eyes are focused at one distance; in the plate itself if None.
 
         Raises
         ------
@@ -112,15 +120,15 @@ class PlateLens:
                     else refuse_second_lens
                 )
                 refuse_again(image.parts)
-            return self._state_of(image, path)
+            return self._state_of(image, path, picked_in or image)
         except LensfitError as error:
             raise error_at_frame(error, path) from error
 
-    def _state_of(self, image: ExrImage, path: Path) -> PlateState:
+    def _state_of(self, image: ExrImage, path: Path, picked_in: ExrImage) -> PlateState:
         camera = self._camera(image, path)
         if self.options.camera.focus_at is None:
             return self._state(camera, image)
-        focus, notes = self._picked(camera, image, path)
+        focus, notes = self._picked(camera, picked_in, path)
         state = self._state(camera.focused(focus), image)
         return state._replace(notes=(*state.notes, *notes))
 
@@ -143,12 +151,14 @@ class PlateLens:
 
     def _camera(self, image: ExrImage, path: Path) -> PlateCamera:
         display = image.parts[0].display_window
-        return self._sources.of_plate(
+        camera = self._sources.of_plate(
             path,
             header_entries(image),
             (display.width, display.height),
             self.preset.camera.sensor_width_mm,
         )
+        refuse_several_cameras(image.parts, camera)
+        return camera
 
     def _state(self, camera: PlateCamera, image: ExrImage) -> PlateState:
         state = plate_state(
@@ -178,9 +188,11 @@ class PlateLens:
             self._lens_key = key
         return self._lens
 
-    def noted_state(self, image: ExrImage, path: Path) -> PlateState:
+    def noted_state(
+        self, image: ExrImage, path: Path, picked_in: ExrImage | None = None
+    ) -> PlateState:
         """The camera state of a plate; notes assumptions and inactive overrides."""
-        state = self.state_of(image, path)
+        state = self.state_of(image, path, picked_in)
         self.notes.add(*state.notes)
         # That blur was not measured matters only where depth of field is put on.
         self.notes.add(*(n for n in self.lens_at(state).notes if n != NO_BLUR))
@@ -199,7 +211,7 @@ class PlateLens:
         states = []
         for one in plate_views(image, plate):
             with one.named_errors(plate):
-                states.append(self.state_of(one.header, plate))
+                states.append(self.state_of(one.header, plate, one.picked_in))
         return fingerprint(plate, self._digest, states, self.options)
 
     def signature(self, state: PlateState) -> str:

@@ -291,19 +291,24 @@ class PlateStraightener:
         self._kept: Straightening | None = None
 
     def render(
-        self, image: ExrImage, path: Path, header: ExrImage | None = None
+        self,
+        image: ExrImage,
+        path: Path,
+        header: ExrImage | None = None,
+        picked_in: ExrImage | None = None,
     ) -> ExrImage:
         """The straight picture of a plate of one view.
 
         Parameters
         ----------
         header : States its camera, if `image` itself does not.
+        picked_in : The view with the pixel that is in focus, if not this one.
 
         Raises
         ------
         ImageError : No part holds colour, or it cannot be straightened.
         """
-        state = self.lens.noted_state(header or image, path)
+        state = self.lens.noted_state(header or image, path, picked_in)
         found = layers_to_render(image, self.lens.options.layers)
         return ExrImage(
             tuple(
