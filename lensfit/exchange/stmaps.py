@@ -31,7 +31,6 @@ from lensfit.rendering.overscan import (
 )
 from lensfit.rendering.uv import (
     DEFAULT_TOLERANCE_PX,
-    PlateGeometry,
     SourceMap,
     SpannedWidth,
     overscan_needed,
@@ -242,17 +241,12 @@ def _attributes(
         "lens/focal": focal,
         "lens/focus": _metres(focus),
     }
-    geometry = PlateGeometry.of(
-        lens, frame.display_window, frame.spanned_width_mm(lens)
-    )
-    width_mm, height_mm = (scaled.lengths * side for side in geometry.area_mm)
     standard = lens_attributes(
         nominal_focal_length_mm=focal,
         pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm)
         * scaled.angles,
         focus_distance_mm=focus,
         entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm) * scaled.lengths,
-        sensor_size_mm=(width_mm, height_mm),
         lens_model=name,
     )
     return {k: v for k, v in known.items() if v is not None} | standard

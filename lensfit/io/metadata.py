@@ -17,7 +17,7 @@ from lensfit.errors import ImageError
 from lensfit.io.camera.aliases import ALIASES, Alias
 from lensfit.io.camera.quantity import TEXTS
 from lensfit.io.header_entry import entry_quantity, entry_text, is_entry_of_alias
-from lensfit.io.header_sensor import SensorSize, exif_sizes, recorded_sizes
+from lensfit.io.header_sensor import SensorSize, exif_sizes, recorded_size
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,8 @@ def camera_words(
     }
     focal = next((w.value for w in words["focal_length_mm"] if _is_good(w)), None)
     exif = exif_sizes(header, size_px, focal if isinstance(focal, float) else None)
-    sizes = [*recorded_sizes(header), *exif]
+    recorded = recorded_size(header)
+    sizes = [*([] if recorded is None else [recorded]), *exif]
     widths = words["sensor_width_mm"]
     stated = len(
         _values_of_entries(header, "sensor_width_mm", own.get("sensor_width_mm", ()))

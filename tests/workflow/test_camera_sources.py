@@ -167,7 +167,7 @@ def test_a_broken_header_entry_hurts_only_where_it_counts(tmp_path):
         ({"aperture": -1.0}, "--f-number"),
         ({"tStop": -1.0}, "--f-number"),
         ({"focus": "near"}, "--focus-distance-mm"),
-        ({"sensorOverallDimensions": "big"}, "--sensor-width-mm"),
+        ({"lens/aperture": "big"}, "--sensor-width-mm"),
     ],
 )
 def test_a_broken_entry_names_the_option_that_replaces_it(tmp_path, header, option):
@@ -193,12 +193,13 @@ def test_what_no_frame_depends_on_stops_none(tmp_path):
         ({"focus": math.inf, "lens/focus": 2.0}, "--focus-distance-mm"),
         ({"lens/aperture": 36.0, "nuke/camera/haperture": 24.0}, "--sensor-width-mm"),
         ({"nominalFocalLength": 40.0, "pinholeFocalLength": 50.0}, "--focal-length-mm"),
-        ({"sensorOverallDimensions": [36.0, 24.0], "lens/aperture": 20}, "--sensor-w"),
+        ({"sensorOverallDimensions": [36.0, 24.0], "lens/aperture": 40}, "--sensor-w"),
         # Rounded, the same, or told of different things.
         ({"aperture": 2.8, "lens/fstop": 2.83}, None),
         ({"lens/focal": 35.0, "cameraFocalLength": "35"}, None),
         ({"nominalFocalLength": 40.0, "pinholeFocalLength": 43.0}, None),
         (PHOTOSITES | {"sensorOverallDimensions": [36.0, 24.0]}, None),
+        ({"sensorOverallDimensions": [36.0, 24.0], "lens/aperture": 20}, None),
     ],
 )
 def test_a_header_that_contradicts_itself_is_told(tmp_path, header, said):

@@ -38,6 +38,9 @@ class Alias(NamedTuple):
     of_pinhole: bool = False
 
 
+SENSOR_WIDTH_KEY = "lens/aperture"
+"""Width of what the frame spans, mm: the standard has the whole sensor alone."""
+
 ALIASES: dict[str, tuple[Alias, ...]] = {
     "focal_length_mm": (
         Alias("nominalFocalLength"),
@@ -62,7 +65,7 @@ ALIASES: dict[str, tuple[Alias, ...]] = {
         Alias("SubjectDistance", MILLIMETRES_PER_METRE),
     ),
     "sensor_width_mm": (
-        Alias("lens/aperture"),
+        Alias(SENSOR_WIDTH_KEY),
         Alias("nuke/camera/haperture"),
         Alias("cameraAperture"),
     ),

@@ -6,13 +6,13 @@ that mean different things may differ:
 
 - a focal length as on the barrel, and that of the pinhole, which is the principal
   distance and grows with focusing
-- what was recorded is a part of the sensor (``sensorOverallDimensions``)
 - EXIF's 35 mm equivalent is whole millimetres
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from lensfit.errors import ImageError
+from lensfit.io.header_sensor import RECORDED, WHOLE_SENSOR, whole_sensor_mm
 from lensfit.io.metadata import HeaderWord
 from lensfit.plate.camera.plate_camera import BadEntry
 from lensfit.plate.camera.sourced_value import SourcedValue
@@ -64,7 +64,6 @@ def add_header(
 _ROUNDING = 0.02
 """Relative: f/2.8 is f/2.83, and cameras round distances."""
 _BREATHING = 0.15
-_WHOLE_SENSOR = "sensorOverallDimensions"
 _WHOLE_MILLIMETRES = "FocalLengthIn35mmFilm"
 _COARSE = 0.06
 
@@ -94,6 +93,34 @@ def contradictions(
             )
 
 
+def whole_sensor_note(
+    header: Mapping[str, object], known: SourcedValue | None
+) -> str | None:
+    """A sentence where a header states the whole sensor, and no part of it that could
+    have been recorded.
+
+    Parameters
+    ----------
+    known : Width of the frame on the sensor, if a source states it.
+    """
+    whole = whole_sensor_mm(header)
+    if whole is None:
+        return None
+    shown = f"{WHOLE_SENSOR} ({whole[0]:g} x {whole[1]:g} mm)"
+    if known is None:
+        return (
+            f"{shown} is the whole sensor, and the header does not state the part of "
+            f"it that was recorded ({' with '.join(RECORDED)}, or --sensor-width-mm)"
+        )
+    if known.rank == HEADER and float(known.value) > whole[0] * (1 + _ROUNDING):
+        return (
+            f"the header contradicts itself on the sensor width: "
+            f"{_spelt('sensor_width_mm', known)} is used, which is more than {shown} "
+            "has (--sensor-width-mm states another)"
+        )
+    return None
+
+
 def _contradicts(one: SourcedValue, other: SourcedValue) -> bool:
     a, b = float(one.value), float(other.value)
     if a == b:
@@ -104,8 +131,6 @@ def _contradicts(one: SourcedValue, other: SourcedValue) -> bool:
         allowed = _BREATHING
     elif _WHOLE_MILLIMETRES in keys:
         allowed = _COARSE
-    elif keys[1] == _WHOLE_SENSOR and a < b:
-        return False
     return abs(a - b) > allowed * max(abs(a), abs(b)) or a + b == float("inf")
 
 

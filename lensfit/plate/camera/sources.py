@@ -30,7 +30,12 @@ from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
 from lensfit.io.metadata import camera_words
 from lensfit.io.sequence import frame_of
-from lensfit.plate.camera.header_source import HEADER, add_header, contradictions
+from lensfit.plate.camera.header_source import (
+    HEADER,
+    add_header,
+    contradictions,
+    whole_sensor_note,
+)
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.settings import Settings, load_settings, settings_beside
 from lensfit.plate.camera.sourced_value import SourcedValue
@@ -209,6 +214,9 @@ class CameraSources:
             for name, said in contradictions(words, HEADER)
             if name not in better
         ]
+        width = words.get("sensor_width_mm", [None])[0]
+        if (said := whole_sensor_note(header, width)) is not None:
+            notes.append(FrameNote(f"{plate.name}: {said}", "whole sensor"))
         notes += self._lacking(plate, frame, words)
         # Where an impossible entry would count nothing does, and all others are told.
         lost = {name for name, b in bad.items() if any(entry.counts for entry in b)}

@@ -93,6 +93,7 @@ def _rendered(
     tight = is_tight(source, display)
     window = lens.options.written(source, display)
     if not layers:
+        part = lens.restated(part, state)
         return resized_channels(part, _own(source, window) if tight else window)
     window = window.joined(display) if tight else window
     deep = plate_in_depth(lens, part, state, *plate)

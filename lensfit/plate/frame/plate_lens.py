@@ -32,6 +32,7 @@ from lensfit.plate.frame.fingerprint import Fingerprint, fingerprint
 from lensfit.plate.frame.frame_error import error_at_frame
 from lensfit.plate.frame.plate_notes import border_note
 from lensfit.plate.frame.plate_views import plate_views
+from lensfit.plate.frame.restated_camera import AppliedCamera, restated
 from lensfit.plate.frame.signature import (
     part_with_signature,
     preset_digest,
@@ -222,24 +223,39 @@ class PlateLens:
         """The part with a header that says what was done to it, and what lens it
         carries now in the standard's attributes."""
         attributes = self.standard_attributes(state, part)
+        part = self.restated(part, state)
         return part_with_signature(part, self.signature(state), attributes)
 
     def standard_attributes(self, state: PlateState, part: ExrPart) -> dict:
         """The lens at a plate's state, as the OpenEXR standard describes it."""
-        lens, name, scaled = self.lens_at(state), self.preset.lens, state.scaled
-        focus = state.of_plate("focus_distance_mm")
-        width, height = self.geometry(state, part.display_window).area_mm
+        lens, name = self.lens_at(state), self.preset.lens
+        camera = self._applied_camera(state, part)
         return lens_attributes(
-            nominal_focal_length_mm=self._focal_length_mm(state) * scaled.angles,
-            pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm)
-            * scaled.angles,
-            f_number=state.applied("f_number"),
-            focus_distance_mm=focus,
+            nominal_focal_length_mm=camera.focal_length_mm,
+            pinhole_focal_length_mm=camera.pinhole_focal_length_mm,
+            f_number=camera.f_number,
+            focus_distance_mm=camera.focus_distance_mm,
             entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm)
-            * scaled.lengths,
-            sensor_size_mm=(width * scaled.lengths, height * scaled.lengths),
+            * state.scaled.lengths,
             lens_model=name.name,
             lens_serial=name.serial,
+        )
+
+    def restated(self, part: ExrPart, state: PlateState) -> ExrPart:
+        """The part, whose entries state no other camera than that of the state."""
+        camera, aliases = self._applied_camera(state, part), state.camera.settings
+        attributes = restated(part.attributes, camera, aliases.aliases)
+        return replace(part, attributes=attributes)
+
+    def _applied_camera(self, state: PlateState, part: ExrPart) -> AppliedCamera:
+        lens, scaled = self.lens_at(state), state.scaled
+        width, height = self.geometry(state, part.display_window).area_mm
+        return AppliedCamera(
+            self._focal_length_mm(state) * scaled.angles,
+            float(lens.distortion.principal_distance_mm) * scaled.angles,
+            state.applied("f_number"),
+            state.of_plate("focus_distance_mm"),
+            (width * scaled.lengths, height * scaled.lengths),
         )
 
     def geometry(self, state: PlateState, display: Window) -> PlateGeometry:

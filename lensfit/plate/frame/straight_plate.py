@@ -314,7 +314,7 @@ class PlateStraightener:
             tuple(
                 self._rendered(part, found[id(part)], state)
                 if id(part) in found
-                else part
+                else self.lens.restated(part, state)
                 for part in image.parts
             )
         )
@@ -332,7 +332,7 @@ class PlateStraightener:
             )
             for layer in layers
         ]
-        result = resized_channels(part, done.window)
+        result = resized_channels(self.lens.restated(part, state), done.window)
         for layer, pixels in zip(layers, made, strict=True):
             result = with_channels(result, layer.names, pixels)
         lens, geometry = self.lens.lens_at(state), self._geometry(state, part)
