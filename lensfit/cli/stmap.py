@@ -157,7 +157,13 @@ def _write_one(
         pixels.pixel_aspect,
     )
     frame = StmapFrame(
-        frame_px, overscan, width_mm, shape.ratio, map_width, scaled=scaled
+        frame_px,
+        overscan,
+        width_mm,
+        shape.ratio,
+        map_width,
+        scaled=scaled,
+        pixel_aspect=pixels.pixel_aspect or SQUARE,
     )
     if out is None:
         _say_widths(lens, frame, tolerance_px, as_json)
