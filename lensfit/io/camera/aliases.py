@@ -4,19 +4,27 @@ For each quantity the entries that are understood, the most trustworthy first, w
 factor to lensfit's unit. A project adds its own under ``[aliases]`` of its settings
 file (`lensfit.plate.camera.settings`); they count before these.
 
-OpenEXR 3.2   the standard's lens attributes; ``focus`` is metres
+OpenEXR 3.2   the standard's lens attributes; ``focus`` is metres. "Standard
+              Attributes", openexr.com/en/latest/StandardAttributes.html
 CG headers    ``lens/focal``, ``lens/fstop``, ``lens/focus`` (metres), ``lens/aperture``
-              (the sensor's width), ``lens/overscan`` (percent)
-Nuke          ``nuke/camera/...``, as text (Foundry's developer guide)
-V-Ray         ``cameraFocalLength``, ``cameraFNumber``, ``cameraAperture`` (film width;
-              with the field of view they agree in headers of versions 3 and 4)
-EXIF 2.3      photographs
+              (the sensor's width), ``lens/overscan`` (percent). No renderer's own: a
+              convention that the artist sets up, as custom metadata of the renderer
+Nuke          ``nuke/camera/...``, as text. "Metadata", Nuke Python Developer's Guide,
+              learn.foundry.com/nuke/developers/80/pythondevguide/metadata.html
+V-Ray         ``cameraFocalLength``, ``cameraFNumber``, ``cameraAperture`` (film width).
+              No page of its manual was found to list them; with ``cameraFov`` they
+              agree in headers that versions 3 and 4 wrote
+EXIF 2.3      photographs. CIPA DC-008, "Exchangeable image file format", section 4.6
 
-Looked at and left out: V-Ray's ``cameraTargetDistance`` (units of a scene that the
-header does not tell); Redshift's ``rs/camera/fov`` and ``rs/camera/aperture`` (its
-manual says radians, scripts in use read degrees, and some take the aperture as inches);
-Arnold and RenderMan, which write matrices and no lens; Karma and Mantra, which write no
-camera unless told to: tell them ``lens/focal`` and the others.
+Looked at and left out (`lensfit.io.camera.unmapped` lists what a header has of them):
+
+V-Ray         ``cameraTargetDistance``: units of a scene that the header does not tell
+Redshift      ``rs/camera/fov``, ``rs/camera/aperture``: "EXR Metadata", Redshift for
+              Cinema 4D, help.maxon.net, says radians; scripts in use read degrees, and
+              some take the aperture as inches
+Arnold, RenderMan, Karma, Mantra
+              no page of their manuals was found that documents entries of the lens;
+              tell them to write ``lens/focal`` and the others
 """
 
 from typing import NamedTuple
