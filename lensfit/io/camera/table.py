@@ -28,10 +28,12 @@ class FrameKey(NamedTuple):
     ----------
     number : In the name of its file.
     timecode : Of its header, as `plain_timecode` spells it.
+    stem : The name of its file, without its ending.
     """
 
     number: int | None = None
     timecode: str | None = None
+    stem: str | None = None
 
 
 class CameraFile(ABC):

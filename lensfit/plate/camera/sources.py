@@ -193,7 +193,7 @@ class CameraSources:
         SettingsError : A settings file is malformed.
         """
         plate = Path(plate)
-        frame = FrameKey(frame_of(plate), _timecode(header))
+        frame = FrameKey(frame_of(plate), _timecode(header), plate.stem)
         settings = self.settings_of(plate)
         words: dict[str, list[SourcedValue]] = {}
         for name, known in self._beside_header(frame, settings):
