@@ -94,6 +94,59 @@ def blackmagic(folder: Path, *distances: str) -> Path:
     return _written(folder / "clip.txt", "\n".join(blocks))
 
 
+ALE_HEAD = "Heading\nFIELD_DELIM\tTABS\nFPS\t24\n\nColumn\n"
+ALE_COLUMNS = "Name\tStart\tEnd\tFocal Length\tT-Stop\tFocus Distance\tLens"
+ALE_CLIPS = (
+    "A001C001.mov\t01:00:00:00\t01:00:04:00\t50mm\tT2.8\t2.0 m\tBiotar",
+    "A001C002.mov\t01:00:10:00\t01:00:14:00\t50\t4\t4'11\"\tBiotar",
+)
+
+
+def ale(folder: Path, *clips: str, columns: str = ALE_COLUMNS) -> Path:
+    """An Avid Log Exchange file."""
+    rows = "\n".join(clips or ALE_CLIPS)
+    return _written(folder / "A001.ale", f"{ALE_HEAD}{columns}\n\nData\n{rows}\n")
+
+
+def sony_xml(folder: Path, lens: str = "S7i-32   ") -> Path:
+    """The XML beside a clip of VENICE."""
+    return _written(
+        folder / "D001C005M01.XML",
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        "<NonRealTimeMeta "
+        'xmlns="urn:schemas-professionalDisc:nonRealTimeMeta:ver.2.10">\n'
+        '<Duration value="588"/>\n'
+        '<Device manufacturer="Sony" modelName="AXS-R7" serialNo="00010604"/>\n'
+        '<Camera manufacturer="Sony" modelName="MPC-3610" serialNo="0010201"/>\n'
+        f'<Lens manufacturer="" modelName="{lens}"/>\n</NonRealTimeMeta>\n',
+    )
+
+
+def mosys_block(field: int, value: float | bytes) -> bytes:
+    """A block of five bytes: a number, or four bytes as they are."""
+    packed = value if isinstance(value, bytes) else struct.pack(">f", value)
+    return bytes([field]) + packed
+
+
+def mosys_packet(*blocks: bytes) -> bytes:
+    """A packet of Mo-Sys F4."""
+    head = bytes([0xF4, 0, len(blocks), 0x77])
+    body = head + b"".join(blocks)
+    return body + bytes([(0x40 - sum(body)) % 256])
+
+
+def mosys(folder: Path, *focus_m: float, stop: float | None = 2.8) -> Path:
+    """A recording of Mo-Sys F4, from 15:03:47:02 on, as its own recordings have it."""
+    packets = []
+    for at, metres in enumerate(focus_m or (2.5, 4.0)):
+        blocks = [mosys_block(0x53, 1517.7), mosys_block(0x57, 1 / metres)]
+        blocks += [] if stop is None else [mosys_block(0x60, stop)]
+        timecode = bytes.fromhex("203c3bc2")[:3] + bytes([0xC2 + at])
+        packets.append(mosys_packet(*blocks, mosys_block(0xF8, timecode)))
+    (folder / "shot.f4").write_bytes(b"".join(packets))
+    return folder / "shot.f4"
+
+
 def chan(folder: Path, **fov_deg: float) -> Path:
     """A .chan of frames named as f1001=30.0."""
     lines = [f"{name[1:]} 0 1.5 -3 0 90 0 {fov}" for name, fov in fov_deg.items()]

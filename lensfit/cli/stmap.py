@@ -156,13 +156,12 @@ def _write_one(
         SQUARE,
         pixels.pixel_aspect,
     )
+    aspect = pixels.pixel_aspect or SQUARE
     frame = StmapFrame(
-        frame_px, overscan, width_mm, shape.ratio, map_width, scaled=scaled
+        frame_px, overscan, width_mm, shape.ratio, map_width, 0, scaled, aspect
     )
     if out is None:
         _say_widths(lens, frame, tolerance_px, as_json)
-        if scaled.note is not None:
-            say_note(scaled.note)
         return
     with progress_bars() as progress:
         written = write_stmaps(
@@ -176,13 +175,16 @@ def _write_one(
             progress=progress,
         )
     # Of the selection, not of the lens: a map has no blur that could be missing.
-    selected = loaded.select(*state)
-    notes = (scaled.note, *selected.notes, *written.notes, shape.note)
+    of_state = loaded.select(*state).notes
+    notes = [scaled.note, *of_state, *written.notes, shape.note]
+    if lens.has_lateral_colour and not per_channel:
+        notes.append(_ONE_MAP)
     for note in filter(None, notes):
         say_note(note)
-    if lens.has_lateral_colour and not per_channel:
-        say_note("the maps are those of green; --per-channel writes red and blue too")
     _say(written, as_json)
+
+
+_ONE_MAP = "the maps are those of green; --per-channel writes red and blue too"
 
 
 def _stated_state(
@@ -270,8 +272,11 @@ def _say_sequence(written, out: Path, as_json: bool) -> None:
 
 def _say_widths(lens, frame, tolerance_px: float, as_json: bool) -> None:
     """The error of maps that are coarser than the frame."""
+    from lensfit.cli._door import say_note
     from lensfit.workflow.stmap_widths import width_errors
 
+    if frame.scaled.note is not None:
+        say_note(frame.scaled.note)
     found = width_errors(lens, frame, tolerance_px)
     if as_json:
         import json

@@ -32,10 +32,9 @@ from lensfit.exchange.text_file import (
     positive_number,
     read_text,
 )
+from lensfit.io.camera.own_entries import CUSTOM_LAYOUT, CUSTOM_MARK
 from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm, m_from_mm
 
-CUSTOM_MARK = "custom: lensfit layout 1"
-_LAYOUT = 1.0
 _UNKNOWN = -1.0
 _HEAD_OF_SHIFT = 9
 """Numbers of a channel before its radial coefficients."""
@@ -44,7 +43,7 @@ _HEAD_OF_SHIFT = 9
 def custom_numbers(sample: LensSample) -> Iterator[float]:
     """What lensfit writes into `custom`."""
     focus = sample.focus_distance_mm
-    yield _LAYOUT
+    yield CUSTOM_LAYOUT
     yield sample.nominal_focal_length_mm or sample.pinhole_focal_length_mm
     yield _UNKNOWN if focus is None else dioptres_from_mm(focus)
     for channel in "rb" if sample.colour else "":
@@ -79,7 +78,7 @@ def custom_of_numbers(numbers: tuple[float, ...], path: Path) -> Custom | None:
     ------
     ExchangeError : They are of this layout, and hold what cannot be.
     """
-    if len(numbers) < 3 or numbers[0] != _LAYOUT:
+    if len(numbers) < 3 or numbers[0] != CUSTOM_LAYOUT:
         return None
     nominal, dioptres = positive_number(numbers[1], "custom[1]", path), numbers[2]
     focus = None

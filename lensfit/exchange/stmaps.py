@@ -31,7 +31,6 @@ from lensfit.rendering.overscan import (
 )
 from lensfit.rendering.uv import (
     DEFAULT_TOLERANCE_PX,
-    PlateGeometry,
     SourceMap,
     SpannedWidth,
     overscan_needed,
@@ -67,6 +66,7 @@ class StmapFrame:
     margin_px : Pixels of the map beyond the overscan.
     scaled : How the plates' camera was scaled to `sensor_width_mm`; names and headers
         of maps state the plates' own.
+    pixel_aspect : ``pixelAspectRatio`` of the plates: how their pixels are displayed.
     """
 
     size_px: tuple[int, int]
@@ -76,6 +76,7 @@ class StmapFrame:
     map_width_px: int | None = None
     margin_px: int = 0
     scaled: ScaledLook = UNSCALED
+    pixel_aspect: float = 1.0
 
     @property
     def map_frame(self) -> "StmapFrame":
@@ -90,6 +91,7 @@ class StmapFrame:
             self,
             size_px=(width, height),
             pixel_shape=self.pixel_shape * stretch,
+            pixel_aspect=self.pixel_aspect * stretch,
             map_width_px=None,
             margin_px=COARSE_MARGIN_PX,
         )
@@ -174,10 +176,11 @@ def write_stmaps(
         uv = {c: channel_uv(lens, pixels, one, c, tolerance_px) for c in channels}
         windows = (pixels.display_window, pixels.data_window)
         attributes = _attributes(lens, pixels, name, one)
+        header = (*windows, attributes, pixels.pixel_aspect)
         if per_channel:
-            write_channel_stmaps(path, uv, *windows, attributes)
+            write_channel_stmaps(path, uv, *header)
         else:
-            write_stmap(path, uv["g"], *windows, attributes)
+            write_stmap(path, uv["g"], *header)
         return path
 
     paths = []
@@ -246,17 +249,12 @@ def _attributes(
         "lens/focal": focal,
         "lens/focus": _metres(focus),
     }
-    geometry = PlateGeometry.of(
-        lens, frame.display_window, frame.spanned_width_mm(lens)
-    )
-    width_mm, height_mm = (scaled.lengths * side for side in geometry.area_mm)
     standard = lens_attributes(
         nominal_focal_length_mm=focal,
         pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm)
         * scaled.angles,
         focus_distance_mm=focus,
         entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm) * scaled.lengths,
-        sensor_size_mm=(width_mm, height_mm),
         lens_model=name,
     )
     return {k: v for k, v in known.items() if v is not None} | standard

@@ -3,7 +3,8 @@
 The camera is the pinhole of the undistorted picture over the photograph's frame: USD's
 focal length, apertures and their offsets, in tenths of a scene unit (the stage counts
 in centimetres, so these are millimetres), f-stop, and the focus distance from the
-pinhole, which stands in the entrance pupil. The distortion is NVIDIA's applied schema
+pinhole, which stands in the entrance pupil. The focal length of the zoom ring has an
+attribute of lensfit's own. The distortion is NVIDIA's applied schema
 ``OmniLensDistortionOpenCvPinholeAPI``: OpenCV's model and coefficients
 (`lensfit.exchange.opencv`) with a principal point in pixels from the corner of
 the picture, where OpenCV itself counts from the middle of its first pixel.
@@ -34,6 +35,7 @@ from lensfit.exchange.export_request import (
 from lensfit.exchange.foreign import ForeignLens, ForeignState, StatedValues
 from lensfit.exchange.opencv import OpenCvMap
 from lensfit.exchange.text_file import finite_number, positive_number
+from lensfit.io.camera.own_entries import USD_NOMINAL
 from lensfit.io.usd_stage import millimetres_per_unit, open_stage, pxr
 
 _KIND = "USD camera"
@@ -55,6 +57,7 @@ class UsdCamera(NamedTuple):
     focus_distance_mm : From the sensor; None if not stated, or infinite.
     entrance_pupil_offset_mm : None if not stated.
     name : Of the lens.
+    nominal_focal_length_mm : As on the barrel or zoom ring; None if not stated.
     """
 
     map: OpenCvMap
@@ -62,6 +65,7 @@ class UsdCamera(NamedTuple):
     focus_distance_mm: float | None
     entrance_pupil_offset_mm: float | None
     name: str
+    nominal_focal_length_mm: float | None = None
 
 
 def usd_camera_text(camera: UsdCamera, comment: str) -> str:
@@ -89,8 +93,9 @@ def usd_camera_text(camera: UsdCamera, comment: str) -> str:
         values["float focusDistance"] = _number((focus - (pupil or 0.0)) / 10)
     if camera.f_number is not None:
         values["float fStop"] = _number(camera.f_number)
-    if pupil is not None:
-        values[f"custom double {_PUPIL}"] = repr(float(pupil))
+    own = {USD_NOMINAL: camera.nominal_focal_length_mm, _PUPIL: pupil}
+    stated = {name: value for name, value in own.items() if value is not None}
+    values |= {f"custom double {n}": _number(v) for n, v in stated.items()}
     values[f"custom string {_LENS}"] = _text(camera.name)
     values["token omni:lensdistortion:model"] = '"opencvPinhole"'
     values[f"int2 {_PREFIX}imageSize"] = f"({lens.size_px[0]}, {lens.size_px[1]})"
@@ -160,6 +165,7 @@ def read_usd_camera(path: str | Path, stated: StatedValues) -> ForeignLens:
         coefficients[index] = fields.number(f"{_PREFIX}{name}", 0.0)
     mapping = OpenCvMap(matrix, coefficients, size, pitch)
     pupil = fields.number(_PUPIL) if fields.has(_PUPIL) else None
+    nominal = fields.positive(USD_NOMINAL) if fields.has(USD_NOMINAL) else None
     focus = fields.number("focusDistance", 0.0) * millimetres
     from_sensor = focus + (pupil or 0.0) if focus > 0 else None
     distance = mapping.principal_distance_mm
@@ -167,7 +173,7 @@ def read_usd_camera(path: str | Path, stated: StatedValues) -> ForeignLens:
         map=mapping,
         principal_distance_mm=distance,
         principal_point_mm=mapping.principal_point_mm,
-        focal_length_mm=stated.focal_length_mm or distance,
+        focal_length_mm=stated.focal_length_mm or nominal or distance,
         focus_distance_mm=stated.focus_distance_mm or from_sensor,
         entrance_pupil_offset_mm=pupil,
     )
@@ -249,6 +255,7 @@ def export_usd(request: ExportRequest) -> Exported:
         lens.focus_distance_mm,
         float(lens.entrance_pupil_offset_mm),
         request.preset.lens.name,
+        lens.focal_length_mm,
     )
     comment = f"{lens_description(request, lens)}; residual {residual} over {frame}"
     write_text_atomic(request.out, usd_camera_text(camera, comment))

@@ -119,6 +119,12 @@ def find_depth(
     return min(found, key=lambda f: f[0])[1] if found else None
 
 
+def is_depth_name(name: str) -> bool:
+    """Whether a channel of this name may be a depth: ``Z``, ``depth.Z``, ``fg.depth``
+    and the like."""
+    return name.rpartition(".")[2].lower() in _LEAVES
+
+
 def _rank(part: ExrPart, name: str) -> int | None:
     """How surely a channel is the depth of the picture; less is surer."""
     layer, _, leaf = name.lower().rpartition(".")

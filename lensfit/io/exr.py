@@ -56,6 +56,7 @@ class ExrPart:
     name : Name of the part; empty in most files of one part.
     pixel_aspect : Width of a pixel over its height when displayed.
     compression : "zip", "zips", "piz", "dwaa", ...
+    unread : Names of the channels in the file, of a part read without them.
     """
 
     channels: Mapping[str, np.ndarray]
@@ -65,6 +66,12 @@ class ExrPart:
     name: str = ""
     pixel_aspect: float = 1.0
     compression: str = "zip"
+    unread: tuple[str, ...] = ()
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Of the channels, whether or not they were read."""
+        return tuple(self.channels) or self.unread
 
     def __post_init__(self):
         size = (self.data_window.height, self.data_window.width)
@@ -184,6 +191,7 @@ def part_without_channels(part: OpenEXR.Part) -> ExrPart:
         name=str(header.get("name", "")),
         pixel_aspect=float(header.get("pixelAspectRatio", 1.0)),
         compression=header["compression"].name.removesuffix("_COMPRESSION").lower(),
+        unread=tuple(channel.name for channel in header.get("channels", ())),
     )
 
 
@@ -197,7 +205,7 @@ def _plain(value: object) -> object:
 def _part_from(part: OpenEXR.Part) -> ExrPart:
     channels = part.channels or {}
     pixels = {name: channel.pixels for name, channel in channels.items()}
-    return replace(part_without_channels(part), channels=pixels)
+    return replace(part_without_channels(part), channels=pixels, unread=())
 
 
 def _window(corners: tuple[np.ndarray, np.ndarray]) -> Window:

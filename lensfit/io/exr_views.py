@@ -6,6 +6,11 @@ plain names; those of the others hold the name of their view, before the layer o
 the channel (``right.R``, ``right.depth.Z``, ``depth.right.Z``). A part without a view
 belongs to all of them.
 
+Files of two eyes without either attribute are known by their names: parts that are
+called left and right (``rgba.left``), or channels of one part that name an eye and have
+colours and a depth of their own (``right.R``, ``right.Z``). A layer without a depth may
+as well be a light.
+
 References
 ----------
 OpenEXR, "Storing Multi-View Images in OpenEXR Files" and standard attributes.
@@ -17,6 +22,7 @@ from typing import NamedTuple
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart
+from lensfit.io.eyes_by_name import eyes_of_channels, eyes_of_parts
 from lensfit.io.windows import pixels_over_window
 
 _VIEW, _VIEWS = "view", "multiView"
@@ -49,11 +55,20 @@ class View:
 
 def views_of(image: ExrImage) -> tuple[View, ...]:
     """The views of a picture in the order of the file, the default one first; one
-    without a name where the file knows of none."""
+    without a name where the file knows of none.
+
+    Raises
+    ------
+    ImageError : Its channels name both eyes beside a third picture without a name.
+    """
     found: dict[str, list[_Own]] = {}
     shared: list[ExrPart] = []
-    for index, part in enumerate(image.parts):
+    unstated = _without_views(image)
+    eyes = eyes_of_parts(image.parts) if unstated else (None,) * len(image.parts)
+    for index, (part, eye) in enumerate(zip(image.parts, eyes, strict=True)):
         split = _split(index, part)
+        if unstated:
+            split = _split_by_name(index, part, eye)
         if not split:
             shared.append(part)
         for name, own in split.items():
@@ -124,9 +139,14 @@ def _split(index: int, part: ExrPart) -> dict[str, _Own]:
     views = part.attributes.get(_VIEWS)
     if not isinstance(views, list) or len(views) < 2:
         return {}
-    channels: dict[str, dict[str, str]] = {str(view): {} for view in views}
+    return _split_channels(index, part, [str(view) for view in views])
+
+
+def _split_channels(index: int, part: ExrPart, views: list[str]) -> dict[str, _Own]:
+    """A part whose channels name their view, by view."""
+    channels: dict[str, dict[str, str]] = {view: {} for view in views}
     for channel in part.channels:
-        view, plain = _named(channel, [str(view) for view in views])
+        view, plain = _named(channel, views)
         channels[view][plain] = channel
     kept = {k: v for k, v in part.attributes.items() if k != _VIEWS}
     return {
@@ -142,6 +162,19 @@ def _split(index: int, part: ExrPart) -> dict[str, _Own]:
         for view, names in channels.items()
         if names or not part.channels
     }
+
+
+def _without_views(image: ExrImage) -> bool:
+    """Whether no part states its views in an attribute."""
+    return not any(part.attributes.keys() & {_VIEW, _VIEWS} for part in image.parts)
+
+
+def _split_by_name(index: int, part: ExrPart, eye: str | None) -> dict[str, _Own]:
+    """The part by view, as far as names tell them."""
+    if eye is not None:
+        return {eye: _Own(index, part, {})}
+    views = eyes_of_channels(part.channel_names)
+    return _split_channels(index, part, views) if views else {}
 
 
 def _named(channel: str, views: Sequence[str]) -> tuple[str, str]:

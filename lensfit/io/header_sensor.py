@@ -1,7 +1,8 @@
 """The sensor's size, from header entries that give both its sides.
 
 ``sensorPhotositePitch`` and ``sensorAcquisitionRectangle`` (OpenEXR 3.2) give the area
-that was recorded, ``sensorOverallDimensions`` the whole sensor. EXIF gives the pixels
+that was recorded. ``sensorOverallDimensions`` is the light-sensitive area of the whole
+sensor, independent of that, and no size of the picture. EXIF gives the pixels
 per unit on the sensor, or only the focal length that has the same diagonal angle on 36
 x 24 mm (CIPA DCG-001), in whole millimetres. Sizes are millimetres, width first.
 """
@@ -38,20 +39,27 @@ class SensorSize(NamedTuple):
     source: str
 
 
-def recorded_sizes(header: Mapping[str, object]) -> list[SensorSize]:
-    """By the standard's attributes, the better one first."""
-    pitch, box = "sensorPhotositePitch", "sensorAcquisitionRectangle"
-    overall = "sensorOverallDimensions"
-    found = []
-    if {pitch, box} <= header.keys():
-        found.append(
-            _size_of_entries(f"{pitch} x {box}", _from_photosites, header, (pitch, box))
-        )
-    if overall in header:
-        found.append(
-            _size_of_entries(overall, _from_overall_dimensions, header, (overall,))
-        )
-    return found
+RECORDED = ("sensorPhotositePitch", "sensorAcquisitionRectangle")
+"""Entries that state the recorded area together."""
+WHOLE_SENSOR = "sensorOverallDimensions"
+
+
+def recorded_size(header: Mapping[str, object]) -> SensorSize | None:
+    """The area that was recorded, by the standard's attributes; None if not stated."""
+    if not set(RECORDED) <= header.keys():
+        return None
+    return _size_of_entries(" x ".join(RECORDED), _from_photosites, header, RECORDED)
+
+
+def whole_sensor_mm(header: Mapping[str, object]) -> tuple[float, float] | None:
+    """Width and height of the whole sensor, whatever part of it was recorded; None if
+    the header does not state them."""
+    if WHOLE_SENSOR not in header:
+        return None
+    found = _size_of_entries(
+        WHOLE_SENSOR, _from_overall_dimensions, header, (WHOLE_SENSOR,)
+    )
+    return None if isinstance(found.size_mm, ImageError) else found.size_mm
 
 
 def exif_sizes(

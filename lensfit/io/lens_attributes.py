@@ -1,16 +1,15 @@
 """The lens attributes of the OpenEXR standard, for headers that are written.
 
-Units are the standard's: millimetres for lengths of lens and sensor, metres for the
-focus distance. ``nominalFocalLength`` is the barrel's number, ``pinholeFocalLength``
+Units are the standard's: millimetres for lengths of the lens, metres for the focus
+distance. ``nominalFocalLength`` is the barrel's number, ``pinholeFocalLength``
 that of the pinhole with the same angle of view near the axis, ``entrancePupilOffset``
-counts from the image plane towards the scene.
+counts from the image plane towards the scene. The standard's attributes of the sensor
+describe the whole of it and its photosites, which a lens does not know.
 
 References
 ----------
 OpenEXR 3.2, "Standard Attributes", and ImfStandardAttributes.h.
 """
-
-import numpy as np
 
 from lensfit.units import m_from_mm
 
@@ -22,7 +21,6 @@ def lens_attributes(
     f_number: float | None = None,
     focus_distance_mm: float | None = None,
     entrance_pupil_offset_mm: float | None = None,
-    sensor_size_mm: tuple[float, float] | None = None,
     lens_model: str | None = None,
     lens_serial: str | None = None,
 ) -> dict[str, object]:
@@ -31,17 +29,14 @@ def lens_attributes(
     Parameters
     ----------
     focus_distance_mm : From the sensor; may be infinite.
-    sensor_size_mm : Width and height of the area that the frame covers.
     """
     focus_m = None if focus_distance_mm is None else m_from_mm(focus_distance_mm)
-    sensor = None if sensor_size_mm is None else np.array(sensor_size_mm, np.float32)
     found: dict[str, object | None] = {
         "nominalFocalLength": nominal_focal_length_mm,
         "pinholeFocalLength": pinhole_focal_length_mm,
         "aperture": f_number,
         "focus": focus_m,
         "entrancePupilOffset": entrance_pupil_offset_mm,
-        "sensorOverallDimensions": sensor,
         "lensModel": lens_model or None,
         "lensSerialNumber": lens_serial or None,
     }

@@ -17,7 +17,7 @@ from lensfit.errors import ImageError
 from lensfit.io.camera.aliases import ALIASES, Alias
 from lensfit.io.camera.quantity import TEXTS
 from lensfit.io.header_entry import entry_quantity, entry_text, is_entry_of_alias
-from lensfit.io.header_sensor import SensorSize, exif_sizes, recorded_sizes
+from lensfit.io.header_sensor import SensorSize, exif_sizes, recorded_size
 
 
 @dataclass(frozen=True)
@@ -59,10 +59,12 @@ class HeaderWord(NamedTuple):
     value : In the unit of its quantity; an error where the entry holds something
         impossible.
     entry : Its name.
+    of_pinhole : A focal length of the pinhole, as `Alias.of_pinhole`.
     """
 
     value: float | str | ImageError
     entry: str
+    of_pinhole: bool = False
 
 
 def camera_words(
@@ -87,7 +89,8 @@ def camera_words(
     }
     focal = next((w.value for w in words["focal_length_mm"] if _is_good(w)), None)
     exif = exif_sizes(header, size_px, focal if isinstance(focal, float) else None)
-    sizes = [*recorded_sizes(header), *exif]
+    recorded = recorded_size(header)
+    sizes = [*([] if recorded is None else [recorded]), *exif]
     widths = words["sensor_width_mm"]
     stated = len(
         _values_of_entries(header, "sensor_width_mm", own.get("sensor_width_mm", ()))
@@ -127,7 +130,7 @@ def camera_state_from(
     values: dict[str, float | str] = {}
     sources: dict[str, str] = {}
     for name, words in camera_words(header, size_px, aliases).items():
-        for value, entry in words:
+        for value, entry, _ in words:
             if not isinstance(value, ImageError):
                 values[name], sources[name] = value, entry
                 break
@@ -159,7 +162,7 @@ def _values_of_entries(
             except ImageError as error:
                 known = error
             if known is not None:
-                found[key] = HeaderWord(known, key)
+                found[key] = HeaderWord(known, key, alias.of_pinhole)
     return list(found.values())
 
 

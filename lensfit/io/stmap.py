@@ -61,6 +61,7 @@ def write_stmap(
     display_window: Window,
     data_window: Window | None = None,
     attributes: Mapping[str, object] | None = None,
+    pixel_aspect: float = 1.0,
 ) -> None:
     """Write one UV map for all colour channels.
 
@@ -71,6 +72,7 @@ def write_stmap(
     display_window : The frame that values are normalised by.
     data_window : The pixels of `uv`; the display window if None.
     attributes : Header entries to add.
+    pixel_aspect : Width of a pixel over its height when displayed, as of the plates.
 
     Raises
     ------
@@ -78,7 +80,7 @@ def write_stmap(
     OutputError : The file cannot be written.
     """
     channels = _channels(path, "", uv)
-    _write(path, channels, display_window, data_window, attributes)
+    _write(path, channels, display_window, data_window, attributes, pixel_aspect)
 
 
 def write_channel_stmaps(
@@ -87,6 +89,7 @@ def write_channel_stmaps(
     display_window: Window,
     data_window: Window | None = None,
     attributes: Mapping[str, object] | None = None,
+    pixel_aspect: float = 1.0,
 ) -> None:
     """Write one UV map per colour channel, for lateral colour, in one file.
 
@@ -108,7 +111,7 @@ def write_channel_stmaps(
     channels = _channels(path, "", channel_uv["g"])
     for channel, uv in channel_uv.items():
         channels |= _channels(path, _CHANNEL_LAYER.format(channel), uv)
-    _write(path, channels, display_window, data_window, attributes)
+    _write(path, channels, display_window, data_window, attributes, pixel_aspect)
 
 
 def read_stmap(path: str | Path, layer: str = "") -> Stmap:
@@ -155,9 +158,11 @@ def _write(
     display_window: Window,
     data_window: Window | None,
     attributes: Mapping[str, object] | None,
+    pixel_aspect: float,
 ) -> None:
     header = {**(attributes or {}), _UNDEFINED_KEY: UNDEFINED_UV}
-    part = ExrPart(channels, data_window or display_window, display_window, header)
+    window = data_window or display_window
+    part = ExrPart(channels, window, display_window, header, pixel_aspect=pixel_aspect)
     write_exr(path, ExrImage((part,)), compression="zip")
 
 

@@ -7,7 +7,7 @@ has no centre. `lensfit.workflow.shoot.draft` turns the same facts into a shoot 
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +30,11 @@ from lensfit.plate.camera.camera_facts import (
     camera_rows,
 )
 from lensfit.plate.camera.sources import CameraSources
+from lensfit.plate.frame.plate_views import (
+    PlateView,
+    other_cameras_note,
+    plate_views,
+)
 from lensfit.plate.header import header_entries, plate_header
 from lensfit.progress import Progress, silent
 
@@ -59,6 +64,7 @@ class Inspection:
     chart : What the code of a lensfit chart says; None where none was looked for, or
         read.
     exposed_at : Date and time of the exposure, as the header has them.
+    views : Names of a stereo picture's; the camera is that of the first.
     """
 
     path: Path
@@ -76,6 +82,7 @@ class Inspection:
     mosaic: Mosaic | None = None
     chart: Pattern | None = None
     exposed_at: str | None = None
+    views: tuple[str, ...] = ()
 
     @property
     def state(self) -> CameraState:
@@ -130,6 +137,9 @@ def facts(inspection: Inspection) -> list[tuple[str, str, str]]:
     subsampled = ", chroma subsampled" * inspection.chroma_subsampled
     depth = f"{inspection.format}, {inspection.bit_depth} bit{subsampled}"
     lines += [("stored as", depth, ""), ("decoded as", inspection.encoding, "")]
+    if inspection.views:
+        whose = f"the camera is that of {inspection.views[0]}"
+        lines.append(("views", ", ".join(inspection.views), whose))
     if inspection.orientation != 1:
         lines.append(
             ("turned upright", f"orientation {inspection.orientation}", "EXIF")
@@ -166,7 +176,11 @@ def _inspect(
 ) -> Inspection:
     photograph = read_photograph(path)
     metadata = photograph.metadata
-    header = _header(path, metadata)
+    header, views = _header(path, metadata)
+    camera = camera_facts(path, header, photograph.size_px, sources, preset)
+    if len(views) > 1:
+        notes = (*camera.notes, other_cameras_note(views, path))
+        camera = replace(camera, notes=notes)
     return Inspection(
         path=path,
         format=str(metadata["format"]),
@@ -179,10 +193,11 @@ def _inspect(
         clipped_fraction=_clipped_fraction(photograph),
         chroma_subsampled=photograph.chroma_subsampled,
         orientation=int(str(metadata["orientation"])),
-        camera=camera_facts(path, header, photograph.size_px, sources, preset),
+        camera=camera,
         mosaic=photograph.mosaic or mosaic_seen(photograph),
         chart=read_chart_code(photograph) if charts else None,
         exposed_at=_exposed_at(header),
+        views=tuple(one.view.name for one in views if one.view.name),
     )
 
 
@@ -195,13 +210,16 @@ def _exposed_at(header: Mapping[str, object]) -> str | None:
     return None
 
 
-def _header(path: Path, metadata: Mapping[str, object]) -> Mapping[str, object]:
-    """Of all parts of an EXR, as it is rendered by them."""
+def _header(
+    path: Path, metadata: Mapping[str, object]
+) -> tuple[Mapping[str, object], list[PlateView]]:
+    """Of all parts of an EXR's first view, as it is rendered by them, and its views."""
     if metadata["format"] == "exr":
-        return header_entries(plate_header(path))
+        views = plate_views(plate_header(path), path)
+        return header_entries(views[0].header), views
     header = metadata["header"]
     assert isinstance(header, Mapping)
-    return header
+    return header, []
 
 
 def _window(metadata: Mapping[str, object], key: str) -> Window | None:

@@ -169,7 +169,8 @@ def _state(
             remedy="give the plates of one eye",
         )
     state = known.noted_state(first.header, path)
-    display = first.view.image.parts[0].display_window
+    part = first.view.image.parts[0]
+    display = part.display_window
     size = display.width, display.height
     frame = StmapFrame(
         size,
@@ -178,6 +179,7 @@ def _state(
         state.pixel_shape,
         map_width_px,
         scaled=state.scaled,
+        pixel_aspect=known.options.pixel_aspect or part.pixel_aspect,
     )
     number = frame_of(path) if number is None else number
     key = (state.lens_key, repr(state.knobs.aberration), frame)

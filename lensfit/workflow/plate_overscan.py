@@ -13,6 +13,7 @@ from lensfit.plate.camera.plate_state import BLUR, SCALED
 from lensfit.plate.camera.sources import StateOverrides
 from lensfit.plate.camera.spelling import SPELT
 from lensfit.plate.frame.plate_lens import PlateLens
+from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.frame.tight_window import known_window
 from lensfit.plate.header import plate_header
 from lensfit.plate.notes import topic_of
@@ -70,6 +71,13 @@ def _stated_aspect(header_aspect: float) -> float | None:
     return None if header_aspect == SQUARE else header_aspect
 
 
+def _no_blur_note(path: Path, lacking: list[str]) -> str:
+    return (
+        f"{path.name}: no {' and no '.join(lacking)} is known, so what depth of field "
+        "reads is not counted (--f-number, --focus-distance-mm)"
+    )
+
+
 def overscan_of_plate(
     preset: Preset,
     path: Path,
@@ -93,8 +101,8 @@ def overscan_of_plate(
         the f-number was overridden and nobody states a focus distance.
     """
     overrides = overrides or StateOverrides()
-    image = plate_header(path)
-    part = image.parts[0]
+    first, *others = plate_views(plate_header(path), path)
+    part = first.view.image.parts[0]
     frame, data = part.display_window, part.data_window
     # Fall-off and its f-number read no pixel.
     options = ApplyOptions(
@@ -105,16 +113,15 @@ def overscan_of_plate(
         scale_to_sensor=scale_to_sensor,
     )
     lens = PlateLens(preset, options)
-    state = lens.noted_state(image, path)
+    if others:
+        lens.notes.add(f"the overscan is that of view {first.view.name!r}")
+    state = lens.noted_state(first.header, path)
     focal, f_number, focus = state.lens_key
     focal, focus = state.scaled.plate_state(focal, focus)
     if overrides.f_number is not None:
         state.require("focus_distance_mm", use="depth of field")
     elif lacking := [SPELT[name] for name in BLUR if name not in state.camera.known]:
-        lens.notes.add(
-            f"{path.name}: no {' and no '.join(lacking)} is known, so what depth of "
-            "field reads is not counted (--f-number, --focus-distance-mm)"
-        )
+        lens.notes.add(_no_blur_note(path, lacking))
         f_number = None
     size = frame.width, frame.height
     question = OverscanQuestion(

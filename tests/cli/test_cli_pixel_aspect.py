@@ -179,3 +179,27 @@ def test_a_light_is_round_on_the_sensor_whatever_the_pixels(tmp_path):
         for at in (2 * x, y)
     ]
     assert spread[0] == pytest.approx(spread[1], rel=0.05)
+
+
+def aspects(folder: Path) -> list[float]:
+    paths = sorted(folder.glob("*.exr"))
+    return [read_exr(p, header_only=True).parts[0].pixel_aspect for p in paths]
+
+
+def test_maps_have_the_pixel_aspect_of_their_plates(tmp_path):
+    """As what reads them through a map is shown; a coarser map spans the same frame."""
+    save_preset(squeezed_preset(2.0), tmp_path / "preset.json")
+    plate = write(tmp_path / "p.1001.exr", (96, 64), 2.0)
+    words = ("stmap", tmp_path / "preset.json", "--plates", plate, "--out")
+    for name, options, wanted in (
+        ("own", (), 2.0),
+        ("stated", ("--pixel-aspect", 1.9), 1.9),
+        ("each", ("--per-channel",), 2.0),
+        ("coarse", ("--map-width", 48), 2.0),
+    ):
+        done = run(*words, tmp_path / name, *options)
+        assert done.exit_code == 0, done.stderr
+        assert aspects(tmp_path / name) == pytest.approx([wanted] * 2)
+    size = ("--size", "96x64", "--pixel-aspect", 2, "--out", tmp_path / "size")
+    assert run("stmap", tmp_path / "preset.json", *size).exit_code == 0
+    assert aspects(tmp_path / "size") == pytest.approx([2.0, 2.0])

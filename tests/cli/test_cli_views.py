@@ -105,11 +105,17 @@ def test_views_within_one_part_are_told_by_their_names(preset, tmp_path, style):
             assert own.tobytes() == wanted.channels[name].tobytes()
 
 
-def test_the_eyes_of_a_pick_are_each_focused_where_it_points(preset, tmp_path):
+def test_the_eyes_are_focused_at_one_distance(preset, tmp_path):
     plate = parts_file(tmp_path / "stereo.exr", ALL)
-    left, right = applied(preset, plate, tmp_path / "out", "--focus-at", "10,10").parts
-    assert "6050 mm focus" in str(left.attributes["lensfit/applied"])
-    assert "1050 mm focus" in str(right.attributes["lensfit/applied"])
+    pick = ("--out", tmp_path / "out", "--focus-at", "10,10")
+    done = run("apply", preset, plate, *pick)
+    assert done.exit_code == 0, done.stderr
+    for part in read_exr(tmp_path / "out" / "stereo.exr").parts:
+        assert "6050 mm focus" in str(part.attributes["lensfit/applied"])
+    assert "all views are focused on what view 'left' has at --focus-at" in done.stderr
+    # What was finished so is not rendered again.
+    again = run("apply", preset, plate, *pick, "--json")
+    assert len(json.loads(again.stdout)["skipped"]) == 1
 
 
 def test_a_view_without_a_camera_takes_the_others_and_says_so(preset, tmp_path):

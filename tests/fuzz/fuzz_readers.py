@@ -217,6 +217,11 @@ READERS: tuple[Reader, ...] = (
     Reader("Sony", _one(camera_files.sony, "T 2 3/10", "F4"), _camera, TEXT, 200),
     Reader("Canon", _one(camera_files.canon), _camera, TEXT, 200),
     Reader("Blackmagic", _one(camera_files.blackmagic, "1m"), _camera, TEXT, 200),
+    Reader(
+        "ALE", _one(camera_files.ale, camera_files.ALE_CLIPS[0]), _camera, TEXT, 200
+    ),
+    Reader("Sony XML", _one(camera_files.sony_xml), _camera, XML, 200),
+    Reader("Mo-Sys F4", _one(camera_files.mosys), _camera, BYTES, 300),
     Reader("chan", _one(camera_files.chan, f0=29, f1001=30), _camera, TEXT, 200),
     Reader("OpenTrackIO stream", _stream, _camera, JSON, 500),
     Reader("nk camera", _one(camera_files.nuke, *_KNOBS), _camera, TEXT, 500),

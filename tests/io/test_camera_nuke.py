@@ -30,18 +30,18 @@ def test_camera_nodes(tmp_path, node):
     camera = read_camera_file(files.nuke(tmp_path, *knobs, node=node))
     found, place = camera.at(FrameKey(), None)
     assert {name: reading.value for name, reading in found.items()} == {
-        "focal_length_mm": 35.0,
+        "pinhole_focal_length_mm": 35.0,
         "sensor_width_mm": 24.89,
         "sensor_height_mm": 18.67,
         "f_number": 2.8,
     }
     assert place == "Camera1"
-    assert found["focal_length_mm"].entry == "focal"
+    assert found["pinhole_focal_length_mm"].entry == "focal"
 
 
 def test_a_knob_at_its_default_is_not_taken(tmp_path):
     camera = read_nuke_camera(files.nuke(tmp_path, "focal 35"))
-    assert set(camera.at(FrameKey(), None)[0]) == {"focal_length_mm"}
+    assert set(camera.at(FrameKey(), None)[0]) == {"pinhole_focal_length_mm"}
     with pytest.raises(CameraError, match="states none of focal"):
         read_nuke_camera(files.nuke(tmp_path))
 
@@ -51,13 +51,13 @@ def test_curves(tmp_path, braces):
     keys = "i x1001 50 x1011 s0.5 80 K x1021 20 x1031 30"
     camera = read_nuke_camera(files.nuke(tmp_path, f"focal {braces % keys}"))
     wanted = {990: 50, 1001: 50, 1006: 65, 1011: 80, 1021: 20, 1030: 20, 1099: 30}
-    assert {f: at(camera, f, "focal_length_mm") for f in wanted} == wanted
+    assert {f: at(camera, f, "pinhole_focal_length_mm") for f in wanted} == wanted
     assert any("straight lines" in note for note in camera.notes)
 
 
 def test_baked_curves_name_their_first_frame_only(tmp_path):
     camera = read_nuke_camera(files.nuke(tmp_path, "focal {{curve x1001 35 36 37}}"))
-    assert [at(camera, f, "focal_length_mm") for f in (1001, 1002, 1003)] == [
+    assert [at(camera, f, "pinhole_focal_length_mm") for f in (1001, 1002, 1003)] == [
         35,
         36,
         37,
@@ -90,7 +90,7 @@ def test_several_cameras_are_told_apart_by_name(tmp_path):
         read_nuke_camera(path)
     with pytest.raises(CameraError, match="no camera 'other'"):
         read_nuke_camera(path, "other")
-    assert at(read_nuke_camera(path, "tele"), 1, "focal_length_mm") == 85
+    assert at(read_nuke_camera(path, "tele"), 1, "pinhole_focal_length_mm") == 85
 
 
 @pytest.mark.parametrize(
@@ -121,5 +121,5 @@ def test_broken_scripts_are_refused_in_one_line(tmp_path, text, said):
 
 def test_quotes_and_braces_inside_words(tmp_path):
     path = files.nuke(tmp_path, r'label "a } \" { b"', "focal 40", "rotate {0 90 0}")
-    assert at(read_nuke_camera(path), 1, "focal_length_mm") == 40
-    assert at(read_nuke_camera(path), None, "focal_length_mm") == 40
+    assert at(read_nuke_camera(path), 1, "pinhole_focal_length_mm") == 40
+    assert at(read_nuke_camera(path), None, "pinhole_focal_length_mm") == 40

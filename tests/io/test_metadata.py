@@ -34,21 +34,21 @@ CG = {
 def test_standard_attributes():
     state = camera_state_from(STANDARD)
     assert state == CameraState(
-        focal_length_mm=40.3,
+        focal_length_mm=40.0,
         f_number=2.0,
         focus_distance_mm=1500.0,
-        sensor_width_mm=36.7,
-        sensor_height_mm=25.54,
         camera_model="ALEXA LF",
         lens_model="Signature 40",
         lens_serial="42",
         sources=state.sources,
     )
-    assert state.sources["focal_length_mm"] == "pinholeFocalLength"
+    # A lens is at what its ring shows; the pinhole's grows with focusing.
+    assert state.sources["focal_length_mm"] == "nominalFocalLength"
     assert set(state.sources) == set(state.known())
 
 
-def test_recorded_window_of_the_sensor_beats_its_whole_area():
+def test_the_recorded_window_is_the_frame_and_the_whole_sensor_is_not():
+    assert camera_state_from(STANDARD).sensor_width_mm is None
     box = (np.array([100, 50], np.int32), np.array([4195, 2209], np.int32))
     state = camera_state_from(
         STANDARD | {"sensorPhotositePitch": 8.25, "sensorAcquisitionRectangle": box}
@@ -105,9 +105,6 @@ def test_infinite_focus_and_no_overscan_are_allowed():
         ("focus", -2.0),
         ("lens/overscan", -1.0),
         ("pinholeFocalLength", [1.0, 2.0]),
-        ("sensorOverallDimensions", "36 x 24"),
-        ("sensorOverallDimensions", np.array([36.0, 0.0])),
-        ("sensorOverallDimensions", 10**400),
         ("lens/focal", 10**400),
     ],
 )
@@ -167,32 +164,35 @@ def test_exif_resolution_on_the_sensor_beats_the_equivalent():
 def test_every_entry_of_a_quantity_is_told_the_best_first():
     words = camera_words(STANDARD | CG | {"exr/lens/focal": "28"})
     assert words["focal_length_mm"] == [
-        HeaderWord(40.3, "pinholeFocalLength"),
         HeaderWord(40.0, "nominalFocalLength"),
         HeaderWord(35.0, "lens/focal"),
         HeaderWord(28.0, "exr/lens/focal"),
+        HeaderWord(40.3, "pinholeFocalLength", of_pinhole=True),
     ]
-    assert words["sensor_width_mm"] == [
-        HeaderWord(36.7, "sensorOverallDimensions"),
+    recorded = "sensorPhotositePitch x sensorAcquisitionRectangle"
+    photosites = {
+        "sensorPhotositePitch": 10.0,
+        "sensorAcquisitionRectangle": ((0, 0), (3669, 2553)),
+    }
+    header = STANDARD | CG | photosites
+    assert camera_words(header)["sensor_width_mm"] == [
+        HeaderWord(36.7, recorded),
         HeaderWord(28.25, "lens/aperture"),
     ]
     own = {"sensor_width_mm": (Alias("lens/aperture"),)}
-    chosen = camera_words(STANDARD | CG, None, own)
-    assert [w.entry for w in chosen["sensor_width_mm"]] == [
-        "lens/aperture",
-        "sensorOverallDimensions",
-    ]
+    chosen = camera_words(header, None, own)
+    assert [w.entry for w in chosen["sensor_width_mm"]] == ["lens/aperture", recorded]
     # The height of a sensor whose width does not count belongs to no other width.
     assert "sensor_height_mm" not in chosen
 
 
 def test_an_impossible_entry_behind_a_good_one_does_not_count():
-    header = {"aperture": 2.0, "lens/fstop": "wide", "sensorOverallDimensions": "big"}
+    header = {"aperture": 2.0, "lens/fstop": "wide", "lens/aperture": "big"}
     assert camera_state_from(header, known_better=["sensor_width_mm"]).f_number == 2
     good, bad = camera_words(header)["f_number"]
     assert good == HeaderWord(2.0, "aperture")
     assert isinstance(bad.value, ImageError)
-    with pytest.raises(ImageError, match="sensorOverallDimensions"):
+    with pytest.raises(ImageError, match="lens/aperture"):
         camera_state_from(header)
 
 

@@ -167,7 +167,7 @@ def test_a_broken_header_entry_hurts_only_where_it_counts(tmp_path):
         ({"aperture": -1.0}, "--f-number"),
         ({"tStop": -1.0}, "--f-number"),
         ({"focus": "near"}, "--focus-distance-mm"),
-        ({"sensorOverallDimensions": "big"}, "--sensor-width-mm"),
+        ({"lens/aperture": "big"}, "--sensor-width-mm"),
     ],
 )
 def test_a_broken_entry_names_the_option_that_replaces_it(tmp_path, header, option):
@@ -188,17 +188,18 @@ def test_what_no_frame_depends_on_stops_none(tmp_path):
 @pytest.mark.parametrize(
     ("header", "said"),
     [
-        ({"effectiveFocalLength": 40.0, "lens/focal": 28.0}, "--focal-length-mm"),
+        ({"nominalFocalLength": 40.0, "lens/focal": 28.0}, "--focal-length-mm"),
         ({"aperture": 2.0, "lens/fstop": "2.83"}, "--f-number"),
         ({"focus": math.inf, "lens/focus": 2.0}, "--focus-distance-mm"),
         ({"lens/aperture": 36.0, "nuke/camera/haperture": 24.0}, "--sensor-width-mm"),
         ({"nominalFocalLength": 40.0, "pinholeFocalLength": 50.0}, "--focal-length-mm"),
-        ({"sensorOverallDimensions": [36.0, 24.0], "lens/aperture": 20}, "--sensor-w"),
+        ({"sensorOverallDimensions": [36.0, 24.0], "lens/aperture": 40}, "--sensor-w"),
         # Rounded, the same, or told of different things.
         ({"aperture": 2.8, "lens/fstop": 2.83}, None),
         ({"lens/focal": 35.0, "cameraFocalLength": "35"}, None),
         ({"nominalFocalLength": 40.0, "pinholeFocalLength": 43.0}, None),
         (PHOTOSITES | {"sensorOverallDimensions": [36.0, 24.0]}, None),
+        ({"sensorOverallDimensions": [36.0, 24.0], "lens/aperture": 20}, None),
     ],
 )
 def test_a_header_that_contradicts_itself_is_told(tmp_path, header, said):
@@ -217,7 +218,7 @@ def test_a_header_that_contradicts_itself_is_told(tmp_path, header, said):
 
 def test_a_contradiction_is_told_once_a_run_of_whatever_frame(tmp_path):
     for frame in (1001, 1002):
-        focal = {"effectiveFocalLength": 35 + frame / 1e5, "lens/focal": 28.0}
+        focal = {"nominalFocalLength": 35 + frame / 1e5, "lens/focal": 28.0}
         write_plate(tmp_path / f"p.{frame}.exr", {**focal, "lens/aperture": 36.0})
     for workers in (1, 2):
         done = apply(

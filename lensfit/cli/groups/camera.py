@@ -62,8 +62,8 @@ class CameraGroup:
             "--metadata",
             "--camera",
             metavar="FILE",
-            help="Sidecar (ARRI, RED, Sony, Canon, Blackmagic, OpenTrackIO) or "
-            "camera (.chan, .nk, USD); "
+            help="Sidecar (ARRI, RED, Sony, Canon, Blackmagic, ALE, Mo-Sys F4, "
+            "OpenTrackIO) or camera (.chan, .nk, USD); "
             "repeat for more, the first that knows a value counts",
             rich_help_panel=_PANEL,
         ),

@@ -13,6 +13,7 @@ Reference: L. N. Trefethen, Approximation Theory and Approximation Practice (201
 Chebyshev interpolants.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -37,31 +38,20 @@ class Polynomials(Basis):
 
     Attributes
     ----------
+    corner_mm, cell_mm, cells : Of the patch; cells along a side.
     within : The basis in which they are drawn.
     middle_mm, reach_mm : Of the box, x and y; half its width.
     down, right : Amplitudes of each polynomial in that basis, along both axes.
     """
 
+    corner_mm: Float[Array, "2"]
+    cell_mm: Float[Array, "2"]
+    cells: int = eqx.field(static=True)
     within: Waves
     middle_mm: Float[Array, "2"]
     reach_mm: Float[Array, "2"]
     down: Float[Array, "waves degrees"]
     right: Float[Array, "waves degrees"]
-
-    @property
-    def corner_mm(self) -> Float[Array, "2"]:
-        """Of the patch."""
-        return self.within.corner_mm
-
-    @property
-    def cell_mm(self) -> Float[Array, "2"]:
-        """Of the patch."""
-        return self.within.cell_mm
-
-    @property
-    def cells(self) -> int:
-        """Along a side of the patch."""
-        return self.within.cells
 
     @property
     def size(self) -> int:
@@ -126,4 +116,13 @@ def polynomials_over(
         @ jnp.asarray(expand, part.dtype)
         for axis, part in enumerate((drawn.columns, drawn.rows))
     )
-    return Polynomials(waves, middle_mm, reach_mm, down, right)
+    return Polynomials(
+        corner_mm=waves.corner_mm,
+        cell_mm=waves.cell_mm,
+        cells=waves.cells,
+        within=waves,
+        middle_mm=middle_mm,
+        reach_mm=reach_mm,
+        down=down,
+        right=right,
+    )

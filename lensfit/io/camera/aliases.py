@@ -4,19 +4,27 @@ For each quantity the entries that are understood, the most trustworthy first, w
 factor to lensfit's unit. A project adds its own under ``[aliases]`` of its settings
 file (`lensfit.plate.camera.settings`); they count before these.
 
-OpenEXR 3.2   the standard's lens attributes; ``focus`` is metres
+OpenEXR 3.2   the standard's lens attributes; ``focus`` is metres. "Standard
+              Attributes", openexr.com/en/latest/StandardAttributes.html
 CG headers    ``lens/focal``, ``lens/fstop``, ``lens/focus`` (metres), ``lens/aperture``
-              (the sensor's width), ``lens/overscan`` (percent)
-Nuke          ``nuke/camera/...``, as text (Foundry's developer guide)
-V-Ray         ``cameraFocalLength``, ``cameraFNumber``, ``cameraAperture`` (film width;
-              with the field of view they agree in headers of versions 3 and 4)
-EXIF 2.3      photographs
+              (the sensor's width), ``lens/overscan`` (percent). No renderer's own: a
+              convention that the artist sets up, as custom metadata of the renderer
+Nuke          ``nuke/camera/...``, as text. "Metadata", Nuke Python Developer's Guide,
+              learn.foundry.com/nuke/developers/80/pythondevguide/metadata.html
+V-Ray         ``cameraFocalLength``, ``cameraFNumber``, ``cameraAperture`` (film width).
+              No page of its manual was found to list them; with ``cameraFov`` they
+              agree in headers that versions 3 and 4 wrote
+EXIF 2.3      photographs. CIPA DC-008, "Exchangeable image file format", section 4.6
 
-Looked at and left out: V-Ray's ``cameraTargetDistance`` (units of a scene that the
-header does not tell); Redshift's ``rs/camera/fov`` and ``rs/camera/aperture`` (its
-manual says radians, scripts in use read degrees, and some take the aperture as inches);
-Arnold and RenderMan, which write matrices and no lens; Karma and Mantra, which write no
-camera unless told to: tell them ``lens/focal`` and the others.
+Looked at and left out (`lensfit.io.camera.unmapped` lists what a header has of them):
+
+V-Ray         ``cameraTargetDistance``: units of a scene that the header does not tell
+Redshift      ``rs/camera/fov``, ``rs/camera/aperture``: "EXR Metadata", Redshift for
+              Cinema 4D, help.maxon.net, says radians; scripts in use read degrees, and
+              some take the aperture as inches
+Arnold, RenderMan, Karma, Mantra
+              no page of their manuals was found that documents entries of the lens;
+              tell them to write ``lens/focal`` and the others
 """
 
 from typing import NamedTuple
@@ -25,21 +33,31 @@ from lensfit.units import MILLIMETRES_PER_METRE
 
 
 class Alias(NamedTuple):
-    """An entry, and what its number is multiplied by."""
+    """An entry, and what its number is multiplied by.
+
+    Attributes
+    ----------
+    of_pinhole : A focal length of the pinhole with the picture's angle of view, rather
+        than as on the barrel or the zoom ring.
+    """
 
     key: str
     factor: float = 1.0
+    of_pinhole: bool = False
 
+
+SENSOR_WIDTH_KEY = "lens/aperture"
+"""Width of what the frame spans, mm: the standard has the whole sensor alone."""
 
 ALIASES: dict[str, tuple[Alias, ...]] = {
     "focal_length_mm": (
-        Alias("pinholeFocalLength"),
-        Alias("effectiveFocalLength"),
         Alias("nominalFocalLength"),
         Alias("lens/focal"),
-        Alias("nuke/camera/focal"),
-        Alias("cameraFocalLength"),
         Alias("FocalLength"),
+        Alias("pinholeFocalLength", of_pinhole=True),
+        Alias("effectiveFocalLength", of_pinhole=True),
+        Alias("nuke/camera/focal", of_pinhole=True),
+        Alias("cameraFocalLength", of_pinhole=True),
     ),
     "f_number": (
         Alias("aperture"),
@@ -55,7 +73,7 @@ ALIASES: dict[str, tuple[Alias, ...]] = {
         Alias("SubjectDistance", MILLIMETRES_PER_METRE),
     ),
     "sensor_width_mm": (
-        Alias("lens/aperture"),
+        Alias(SENSOR_WIDTH_KEY),
         Alias("nuke/camera/haperture"),
         Alias("cameraAperture"),
     ),

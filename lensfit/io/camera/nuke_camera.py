@@ -38,7 +38,7 @@ NODE = re.compile(r"^[ \t]*(Camera[234]?)[ \t]*\{", re.MULTILINE)
 _WORD = re.compile(r'\s*(?:(\{)|"((?:[^"\\]|\\.)*)"|((?:[^\s{}"\\]|\\.)+)|(\}))', re.S)
 _BRACES = re.compile(r'\\.|[{}]|"(?:[^"\\]|\\.)*"', re.S)
 _KNOBS = {
-    "focal": "focal_length_mm",
+    "focal": "pinhole_focal_length_mm",
     "haperture": "sensor_width_mm",
     "vaperture": "sensor_height_mm",
     "fstop": "f_number",

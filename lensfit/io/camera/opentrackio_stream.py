@@ -3,7 +3,9 @@
 Each sample states the lens at a time: ``lens.pinholeFocalLength`` in mm, ``fStop``,
 ``tStop``, ``focusDistance`` in metres; ``static.camera`` the sensor's dimensions in mm.
 Samples belong to frames by ``timing.timecode``. What is static holds until a later
-sample states it anew, as it may be sent now and then only.
+sample states it anew, as it may be sent now and then only. A nominal focal length is
+that of the lens' ring; the pinhole's grows with focusing
+(`lensfit.plate.camera.ring_camera`).
 
 Source: camdkit's schema (SMPTE RIS), OpenTrackIO 1.0.
 """
@@ -14,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from lensfit.errors import CameraError
+from lensfit.io.camera.own_entries import CUSTOM_LAYOUT, CUSTOM_MARK
 from lensfit.io.camera.quantity import Reading
 from lensfit.io.camera.table import CameraTable, Row, RowReadings, shared
 from lensfit.io.camera.text import MOST_ROWS, read_text
@@ -22,7 +25,7 @@ from lensfit.units import MILLIMETRES_PER_METRE
 KIND = "OpenTrackIO stream"
 _NUMBERS = (
     (("static", "lens", "nominalFocalLength"), "focal_length_mm", 1.0),
-    (("lens", "pinholeFocalLength"), "focal_length_mm", 1.0),
+    (("lens", "pinholeFocalLength"), "pinhole_focal_length_mm", 1.0),
     (("lens", "fStop"), "f_number", 1.0),
     (("lens", "tStop"), "t_number", 1.0),
     (("lens", "focusDistance"), "focus_distance_mm", MILLIMETRES_PER_METRE),
@@ -37,7 +40,6 @@ _NUMBERS = (
         1.0,
     ),
 )
-"""Of two that tell the same the latter counts."""
 _WORDS = (
     (("static", "lens", "model"), "lens_model"),
     (("static", "lens", "serialNumber"), "lens_serial"),
@@ -94,11 +96,26 @@ def _readings(path: Path, number: int, sample: Mapping[str, Any]) -> dict[str, R
         entry = ".".join(keys)
         plain = found.number(str(value), entry)
         found.put(name, None if plain is None else plain * scale, entry)
+    nominal = _nominal_mm(sample)
+    if nominal is not None:
+        found.put("focal_length_mm", nominal, "lens.custom")
     for keys, name in _WORDS:
         value = _part(sample, keys)
         if isinstance(value, str) and value.strip():
             found.put(name, value, ".".join(keys))
     return dict(found)
+
+
+def _nominal_mm(sample: Mapping[str, Any]) -> float | None:
+    """Focal length on the ring, where lensfit wrote the sample."""
+    history = _part(sample, ("static", "lens", "calibrationHistory"))
+    custom = _part(sample, ("lens", "custom"))
+    if not isinstance(history, list) or CUSTOM_MARK not in history:
+        return None
+    if not isinstance(custom, list) or len(custom) < 2 or custom[0] != CUSTOM_LAYOUT:
+        return None
+    nominal = custom[1]
+    return float(nominal) if isinstance(nominal, int | float) else None
 
 
 def _part(sample: Mapping[str, Any], keys: tuple[str, ...]) -> Any:

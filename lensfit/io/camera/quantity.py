@@ -15,6 +15,7 @@ from lensfit.units import MILLIMETRES_PER_INCH, MILLIMETRES_PER_METRE
 TEXTS = ("camera_model", "lens_model", "lens_serial")
 LARGEST: dict[str, float] = {
     "focal_length_mm": 1e5,
+    "pinhole_focal_length_mm": 1e5,
     "f_number": 1e3,
     "t_number": 1e3,
     "focus_distance_mm": math.inf,

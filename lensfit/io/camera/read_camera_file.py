@@ -4,14 +4,19 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from lensfit.bounded import read_beginning
 from lensfit.errors import CameraError
+from lensfit.io.camera.ale import HEADING, read_ale
 from lensfit.io.camera.arri import read_arri
 from lensfit.io.camera.blackmagic import FRAME_HEADING, read_blackmagic
 from lensfit.io.camera.canon import read_canon
+from lensfit.io.camera.mosys_f4 import is_mosys_f4, read_mosys_f4
 from lensfit.io.camera.nuke_camera import NODE, read_chan, read_nuke_camera
 from lensfit.io.camera.opentrackio_stream import read_opentrackio_stream
 from lensfit.io.camera.red import read_red_frames, read_red_static
 from lensfit.io.camera.sony import read_sony
+from lensfit.io.camera.sony_xml import ROOT as XML_ROOT
+from lensfit.io.camera.sony_xml import read_sony_xml
 from lensfit.io.camera.table import CameraFile
 from lensfit.io.camera.text import sniff
 from lensfit.io.camera.usd_shot import is_usd, read_usd_shot
@@ -46,12 +51,18 @@ def read_camera_file(
         return read_chan(path)
     if is_usd(path):
         return read_usd_shot(path, name)
+    if suffix == ".f4" or is_mosys_f4(read_beginning(path, 4096, error=CameraError)):
+        return read_mosys_f4(path)
     beginning = sniff(path)
     if suffix == ".nk" or NODE.search(beginning):
         return read_nuke_camera(path, name, unit_mm)
     if beginning.lstrip()[:1] in ("{", "["):
         return read_opentrackio_stream(path)
+    if beginning.lstrip()[:1] == "<" and f"<{XML_ROOT}" in beginning:
+        return read_sony_xml(path)
     first = next((line for line in beginning.splitlines() if line.strip()), "")
+    if first.strip().lower() == HEADING:
+        return read_ale(path)
     for column, reader in _BY_COLUMN:
         if column in (cell.strip(' "') for cell in re.split(r"[\t,]", first)):
             return reader(path)
@@ -62,8 +73,9 @@ def read_camera_file(
         "is no camera file that lensfit knows",
         where=path,
         remedy="give a table of ARRI, RED, Sony VENICE or Canon (a first line with "
-        f"{_or(column for column, _ in _BY_COLUMN)} tells whose), a text of "
-        "Blackmagic, samples of OpenTrackIO, or a camera of .chan, .nk or USD",
+        f"{_or(column for column, _ in _BY_COLUMN)} tells whose), "
+        "Blackmagic's text, an ALE, Sony's XML, Mo-Sys F4, OpenTrackIO, .chan, .nk or "
+        "USD",
     )
 
 

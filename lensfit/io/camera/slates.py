@@ -78,7 +78,7 @@ def read_slates(path: str | Path) -> list[Slate]:
             "has no rows under its column names", where=path, remedy=remedy
         )
     (_, names), *rows = lines
-    columns = _columns(names)
+    columns = places_of_columns(names)
     if not columns.keys() & {"name", "time"}:
         raise CameraError(
             "has no column of file names or times",
@@ -131,7 +131,7 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
     """Line number and cells of the column names and of every row."""
     lines = text.splitlines()
     if lines and lines[0].strip().lower() == "heading":
-        return _ale_rows(lines)
+        return ale_rows(lines)
     first = next((line for line in lines if line.strip()), "")
     delimiter = max("\t,;", key=first.count)
     # A double quote that opens no cell is the sign of inches.
@@ -145,7 +145,8 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
     ]
 
 
-def _ale_rows(lines: Sequence[str]) -> list[tuple[int, list[str]]]:
+def ale_rows(lines: Sequence[str]) -> list[tuple[int, list[str]]]:
+    """Line number and cells of an ALE's column names and of every row."""
     rows: list[tuple[int, list[str]]] = []
     section = ""
     for number, line in enumerate(lines, 1):
@@ -157,8 +158,8 @@ def _ale_rows(lines: Sequence[str]) -> list[tuple[int, list[str]]]:
     return rows
 
 
-def _columns(names: Sequence[str]) -> dict[str, int]:
-    """Place of each quantity's column."""
+def places_of_columns(names: Sequence[str]) -> dict[str, int]:
+    """Place of each quantity's column, by the names that are known of it."""
     plain = [re.sub(r"[\s_()\[\]]+", " ", name.lower()).strip() for name in names]
     found: dict[str, int] = {}
     for quantity, known in _COLUMNS.items():

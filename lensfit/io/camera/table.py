@@ -28,10 +28,12 @@ class FrameKey(NamedTuple):
     ----------
     number : In the name of its file.
     timecode : Of its header, as `plain_timecode` spells it.
+    stem : The name of its file, without its ending.
     """
 
     number: int | None = None
     timecode: str | None = None
+    stem: str | None = None
 
 
 class CameraFile(ABC):
@@ -177,9 +179,11 @@ class CameraTable(CameraFile):
 
 
 def _known_quantities(rows: Iterable[Readings]) -> frozenset[str]:
-    """Quantities that any row tells; a T-stop stands for the f-number."""
+    """Quantities that any row tells; a T-stop stands for the f-number, a pinhole's
+    focal length for the ring's."""
     names = frozenset(name for readings in rows for name in readings)
-    return names | {"f_number"} if "t_number" in names else names
+    stands_for = {"t_number": "f_number", "pinhole_focal_length_mm": "focal_length_mm"}
+    return names | {stands_for[name] for name in names & stands_for.keys()}
 
 
 class RowReadings(dict[str, Reading]):

@@ -4,7 +4,8 @@
 unit (millimetres where the stage counts in centimetres), ``focusDistance`` is a length
 of the scene from the pinhole, ``fStop`` 0 means no depth of field and tells nothing.
 The time of a sample is the frame number. An attribute that was never written is at
-USD's default, and is not taken from there.
+USD's default, and is not taken from there. ``focalLength`` is that of the pinhole;
+cameras that lensfit wrote also state that of the zoom ring.
 
 Reference: OpenUSD, UsdGeomCamera.
 """
@@ -16,6 +17,7 @@ from typing import Any, final
 import numpy as np
 
 from lensfit.errors import CameraError
+from lensfit.io.camera.own_entries import USD_NOMINAL
 from lensfit.io.camera.quantity import Reading, checked_quantity
 from lensfit.io.camera.table import CameraFile, FrameKey, Readings
 from lensfit.io.usd_stage import millimetres_per_unit, open_stage
@@ -24,7 +26,8 @@ KIND = "USD camera"
 _SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 _TENTH = 0.1
 _ATTRIBUTES = {
-    "focalLength": ("focal_length_mm", _TENTH),
+    USD_NOMINAL: ("focal_length_mm", None),
+    "focalLength": ("pinhole_focal_length_mm", _TENTH),
     "horizontalAperture": ("sensor_width_mm", _TENTH),
     "verticalAperture": ("sensor_height_mm", _TENTH),
     "fStop": ("f_number", None),

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lensfit.errors import LensfitError
+from lensfit.io.camera.unmapped import unmapped_entries
 from lensfit.io.metadata import CameraState
 from lensfit.plate.camera.knob_sources import AdjustedKnobs, KnobWord, knobs_of_plate
 from lensfit.plate.camera.plate_camera import PlateCamera
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from lensfit.plate.camera.assumed_values import AssumedValue
     from lensfit.preset.schema import Preset
 
+_UNMAPPED = "[aliases] of lensfit.toml maps it"
 Rows = list[tuple[str, str, str]]
 
 
@@ -41,6 +43,7 @@ class CameraFacts:
     knobs : As far as a source states them.
     assumed : What would be taken from the preset.
     notes : What was assumed, and what contradicts itself.
+    unmapped : Header entries that look like a camera's and that nothing reads.
     """
 
     state: CameraState
@@ -51,6 +54,7 @@ class CameraFacts:
     knobs: AdjustedKnobs = field(default_factory=AdjustedKnobs)
     assumed: tuple["AssumedValue", ...] = ()
     notes: tuple[str, ...] = ()
+    unmapped: Mapping[str, str] = field(default_factory=dict)
 
 
 def camera_facts(
@@ -91,7 +95,7 @@ def camera_facts(
 
         try:
             state = plate_state(preset, camera, header)
-            taken, notes = state.assumed, [*state.notes]
+            camera, taken, notes = state.camera, state.assumed, [*state.notes]
         except LensfitError as error:
             problems.append(str(error).removeprefix(f"{path}: "))
     decided = camera.state.known()
@@ -104,6 +108,7 @@ def camera_facts(
         knobs,
         taken,
         tuple(notes),
+        unmapped_entries(header, camera.settings.aliases),
     )
 
 
@@ -125,6 +130,7 @@ def camera_rows(facts: CameraFacts) -> Rows:
     for name, word in facts.knobs.known.items():
         rows.append((f"knob {name}", _value_text(word.value), word.source))
         rows += _overruled(facts.knobs.overruled.get(name, ()))
+    rows += [("not read", f"{k} {v}", _UNMAPPED) for k, v in facts.unmapped.items()]
     return rows + [("problem", problem, "") for problem in facts.problems]
 
 
@@ -143,6 +149,7 @@ def camera_record(facts: CameraFacts) -> dict[str, object]:
         "problems": list(facts.problems),
         "passed_over": {name: list(said) for name, said in facts.passed_over.items()},
         "notes": list(facts.notes),
+        "not_read": dict(facts.unmapped),
     }
 
 
@@ -172,5 +179,7 @@ def _value_text(value: object) -> str:
 def _record(known: SourcedValue | KnobWord) -> dict[str, object]:
     value = "inf" if known.value == math.inf else known.value
     record: dict[str, object] = {"value": value, "source": known.source}
-    from_pinhole = isinstance(known, SourcedValue) and known.from_pupil
-    return record | ({"from": "pinhole"} if from_pinhole else {})
+    if isinstance(known, SourcedValue):
+        record |= {"from": "pinhole"} if known.from_pupil else {}
+        record |= {"of": "pinhole"} if known.of_pinhole else {}
+    return record

@@ -4,15 +4,15 @@ Where entries of one header state different values of a quantity, the better ent
 counts (`lensfit.io.camera.aliases` has the order), and a note names the others. Entries
 that mean different things may differ:
 
-- the standard's focal lengths: of the barrel (nominal), of the lens (effective) and of
-  the pinhole, which is the principal distance and grows with focusing
-- what was recorded is a part of the sensor (``sensorOverallDimensions``)
+- a focal length as on the barrel, and that of the pinhole, which is the principal
+  distance and grows with focusing
 - EXIF's 35 mm equivalent is whole millimetres
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from lensfit.errors import ImageError
+from lensfit.io.header_sensor import RECORDED, WHOLE_SENSOR, whole_sensor_mm
 from lensfit.io.metadata import HeaderWord
 from lensfit.plate.camera.plate_camera import BadEntry
 from lensfit.plate.camera.sourced_value import SourcedValue
@@ -47,9 +47,12 @@ def add_header(
     bad: dict[str, tuple[BadEntry, ...]] = {}
     for name, entries in stated.items():
         known = name in better
-        for value, key in entries:
+        for value, key, of_pinhole in entries:
             if not isinstance(value, ImageError):
-                words.setdefault(name, []).append(SourcedValue(value, key, rank=HEADER))
+                known_value = SourcedValue(
+                    value, key, rank=HEADER, of_pinhole=of_pinhole
+                )
+                words.setdefault(name, []).append(known_value)
                 known = True
                 continue
             remedy = _OPTIONS.get(name, "take it out of the header")
@@ -60,9 +63,7 @@ def add_header(
 
 _ROUNDING = 0.02
 """Relative: f/2.8 is f/2.83, and cameras round distances."""
-_OF_ONE_LENS = ("pinholeFocalLength", "effectiveFocalLength", "nominalFocalLength")
 _BREATHING = 0.15
-_WHOLE_SENSOR = "sensorOverallDimensions"
 _WHOLE_MILLIMETRES = "FocalLengthIn35mmFilm"
 _COARSE = 0.06
 
@@ -92,18 +93,44 @@ def contradictions(
             )
 
 
+def whole_sensor_note(
+    header: Mapping[str, object], known: SourcedValue | None
+) -> str | None:
+    """A sentence where a header states the whole sensor, and no part of it that could
+    have been recorded.
+
+    Parameters
+    ----------
+    known : Width of the frame on the sensor, if a source states it.
+    """
+    whole = whole_sensor_mm(header)
+    if whole is None:
+        return None
+    shown = f"{WHOLE_SENSOR} ({whole[0]:g} x {whole[1]:g} mm)"
+    if known is None:
+        return (
+            f"{shown} is the whole sensor, and the header does not state the part of "
+            f"it that was recorded ({' with '.join(RECORDED)}, or --sensor-width-mm)"
+        )
+    if known.rank == HEADER and float(known.value) > whole[0] * (1 + _ROUNDING):
+        return (
+            f"the header contradicts itself on the sensor width: "
+            f"{_spelt('sensor_width_mm', known)} is used, which is more than {shown} "
+            "has (--sensor-width-mm states another)"
+        )
+    return None
+
+
 def _contradicts(one: SourcedValue, other: SourcedValue) -> bool:
     a, b = float(one.value), float(other.value)
     if a == b:
         return False
     keys = tuple(known.source.rpartition("/")[2] for known in (one, other))
     allowed = _ROUNDING
-    if set(keys) <= set(_OF_ONE_LENS):
+    if one.of_pinhole != other.of_pinhole:
         allowed = _BREATHING
     elif _WHOLE_MILLIMETRES in keys:
         allowed = _COARSE
-    elif keys[1] == _WHOLE_SENSOR and a < b:
-        return False
     return abs(a - b) > allowed * max(abs(a), abs(b)) or a + b == float("inf")
 
 

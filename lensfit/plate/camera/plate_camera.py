@@ -83,8 +83,14 @@ class PlateCamera:
 
     def focused(self, distance: SourcedValue) -> "PlateCamera":
         """The same, focused at a distance that the user picked."""
-        known = {**self.known, "focus_distance_mm": distance}
-        return replace(self, known=known)
+        return self.with_known("focus_distance_mm", distance)
+
+    def with_known(
+        self, name: str, value: SourcedValue, note: str | None = None
+    ) -> "PlateCamera":
+        """The same with another value of a quantity, and a note on it."""
+        notes = self.notes if note is None else (*self.notes, note)
+        return replace(self, known={**self.known, name: value}, notes=notes)
 
     @property
     def state(self) -> CameraState:

@@ -30,6 +30,7 @@ from lensfit.errors import ImageError
 from lensfit.plate.camera.assumed_values import AssumedValue, assumed_values
 from lensfit.plate.camera.knob_sources import knobs_of_plate
 from lensfit.plate.camera.plate_camera import PlateCamera
+from lensfit.plate.camera.ring_camera import ring_camera
 from lensfit.plate.camera.spelling import SPELT, option_of
 from lensfit.plate.notes import FrameNote
 from lensfit.preset.knobs import NEUTRAL, Knobs, misspelt_knob_notes
@@ -169,7 +170,7 @@ class PlateState(NamedTuple):
 
 
 _ENTRIES = {
-    "focal_length_mm": "pinholeFocalLength or lens/focal",
+    "focal_length_mm": "nominalFocalLength or lens/focal",
     "f_number": "aperture or lens/fstop",
     "focus_distance_mm": "focus or lens/focus",
 }
@@ -204,6 +205,7 @@ def plate_state(
     PresetError : The preset does not reach the state.
     """
     scaled = UNSCALED
+    camera = ring_camera(preset, camera)
     if scale_to_sensor:
         known = (camera.number(name) for name in ("focal_length_mm", "sensor_width_mm"))
         scaled = scaled_look(preset, *known)

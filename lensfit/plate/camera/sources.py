@@ -30,7 +30,12 @@ from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import CameraFile, FrameKey, plain_timecode
 from lensfit.io.metadata import camera_words
 from lensfit.io.sequence import frame_of
-from lensfit.plate.camera.header_source import HEADER, add_header, contradictions
+from lensfit.plate.camera.header_source import (
+    HEADER,
+    add_header,
+    contradictions,
+    whole_sensor_note,
+)
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.settings import Settings, load_settings, settings_beside
 from lensfit.plate.camera.sourced_value import SourcedValue
@@ -188,7 +193,7 @@ class CameraSources:
         SettingsError : A settings file is malformed.
         """
         plate = Path(plate)
-        frame = FrameKey(frame_of(plate), _timecode(header))
+        frame = FrameKey(frame_of(plate), _timecode(header), plate.stem)
         settings = self.settings_of(plate)
         words: dict[str, list[SourcedValue]] = {}
         for name, known in self._beside_header(frame, settings):
@@ -200,7 +205,8 @@ class CameraSources:
         if "f_number" in better | stated_in_header.keys():
             better.add("t_number")
         bad = add_header(words, stated_in_header, better)
-        _join_focus(words)
+        _join(words, _FROM_PUPIL, "focus_distance_mm")
+        _join(words, _PINHOLE, "focal_length_mm")
         _join_field_of_view(words, size_px, preset_width_mm)
         notes = [*self._notes(), *_stop_notes(words), *_settings_notes(words, settings)]
         notes += [
@@ -208,6 +214,9 @@ class CameraSources:
             for name, said in contradictions(words, HEADER)
             if name not in better
         ]
+        width = words.get("sensor_width_mm", [None])[0]
+        if (said := whole_sensor_note(header, width)) is not None:
+            notes.append(FrameNote(f"{plate.name}: {said}", "whole sensor"))
         notes += self._lacking(plate, frame, words)
         # Where an impossible entry would count nothing does, and all others are told.
         lost = {name for name, b in bad.items() if any(entry.counts for entry in b)}
@@ -237,7 +246,12 @@ class CameraSources:
             readings, place = file.at(frame, self.options.first_frame)
             for name, (value, entry) in readings.items():
                 source = f"{file.path} {place}, {entry}"
-                yield name, SourcedValue(value, source, name == _FROM_PUPIL, rank)
+                yield (
+                    name,
+                    SourcedValue(
+                        value, source, name == _FROM_PUPIL, rank, name == _PINHOLE
+                    ),
+                )
         if self._stated is None:
             for name, reading in of_settings:
                 yield name, SourcedValue(*reading, rank=_FOUND_SETTINGS)
@@ -259,8 +273,12 @@ class CameraSources:
 
 
 _FROM_PUPIL = "focus_from_pupil_mm"
-_VIEW = "vertical_fov_deg"
-_SAME_AS = {_FROM_PUPIL: "focus_distance_mm", _VIEW: "focal_length_mm"}
+_PINHOLE, _VIEW = "pinhole_focal_length_mm", "vertical_fov_deg"
+_SAME_AS = {
+    _FROM_PUPIL: "focus_distance_mm",
+    _PINHOLE: "focal_length_mm",
+    _VIEW: "focal_length_mm",
+}
 """Quantities that tell another one."""
 
 
@@ -271,12 +289,13 @@ def _timecode(header: Mapping[str, object]) -> str | None:
     return None
 
 
-def _join_focus(words: dict[str, list[SourcedValue]]) -> None:
-    """Focus distances from either end are one quantity."""
-    from_pupil = words.pop(_FROM_PUPIL, [])
-    if from_pupil:
-        joined = [*words.get("focus_distance_mm", ()), *from_pupil]
-        words["focus_distance_mm"] = sorted(joined, key=lambda known: known.rank)
+def _join(words: dict[str, list[SourcedValue]], other: str, name: str) -> None:
+    """Let what is said of one quantity otherwise count behind what the same source
+    says of it: focus distances from either end, focal lengths of ring and pinhole."""
+    found = words.pop(other, [])
+    if found:
+        joined = [*words.get(name, ()), *found]
+        words[name] = sorted(joined, key=lambda known: known.rank)
 
 
 def _join_field_of_view(
@@ -297,6 +316,7 @@ def _join_field_of_view(
             float(f"{height_mm / 2 / math.tan(math.radians(float(v.value)) / 2):.9g}"),
             f"{v.source} {v.value:g} degrees over {height_mm:g} mm ({whose})",
             rank=v.rank,
+            of_pinhole=True,
         )
         for v in views
     ]

@@ -76,7 +76,9 @@ def explaining_picture(plate_lens: PlateLens, path: Path) -> ExrImage:
         for name, rgb in layers.items()
         for index, leaf in enumerate("RGB")
     }
-    made = ExrPart(channels, window, display, part.attributes)
+    made = ExrPart(
+        channels, window, display, part.attributes, pixel_aspect=part.pixel_aspect
+    )
     return ExrImage((plate_lens.signed(made, state),))
 
 

@@ -12,13 +12,14 @@ from jaxtyping import Float32
 
 from lensfit.coords import Window
 from lensfit.errors import ImageError
+from lensfit.io.depth_channel import find_depth
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.exr_layers import with_channels
 from lensfit.plate.camera.plate_state import PlateState
 from lensfit.plate.channels import ColourLayer, colour_layers, resized_channels
 from lensfit.plate.frame.plate_in_depth import PlateInDepth, plate_in_depth
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.frame.plate_notes import number_note
+from lensfit.plate.frame.plate_notes import layer_depth_notes, number_note
 from lensfit.plate.frame.tight_window import (
     EmptyRing,
     first_pixel,
@@ -34,19 +35,24 @@ Pixels = Float32[np.ndarray, "height width channels"]
 
 
 def render_flat(
-    lens: PlateLens, image: ExrImage, path: Path, header: ExrImage | None = None
+    lens: PlateLens,
+    image: ExrImage,
+    path: Path,
+    header: ExrImage | None = None,
+    picked_in: ExrImage | None = None,
 ) -> ExrImage:
     """The finished frame of a flat plate of one view.
 
     Parameters
     ----------
     header : States its camera, if `image` itself does not.
+    picked_in : The view with the pixel that is in focus, if not this one.
 
     Raises
     ------
     ImageError : No part holds colour.
     """
-    state = lens.noted_state(header or image, path)
+    state = lens.noted_state(header or image, path, picked_in)
     found = layers_to_render(image, lens.options.layers)
     return ExrImage(
         tuple(
@@ -87,9 +93,14 @@ def _rendered(
     tight = is_tight(source, display)
     window = lens.options.written(source, display)
     if not layers:
+        part = lens.restated(part, state)
         return resized_channels(part, _own(source, window) if tight else window)
     window = window.joined(display) if tight else window
     deep = plate_in_depth(lens, part, state, *plate)
+    if deep is not None:
+        depth = find_depth(plate[0], lens.options.depth.channel, part)
+        assert depth is not None
+        lens.notes.add(*layer_depth_notes(part, layers, depth, plate[1].name))
     spreads = deep is not None or light_spreads(state.knobs.look)
     reach = window
     if spreads:

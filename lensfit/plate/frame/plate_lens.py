@@ -20,6 +20,7 @@ from lensfit.io.exr_deep import is_deep
 from lensfit.io.lens_attributes import lens_attributes
 from lensfit.lens import Lens
 from lensfit.plate.apply_options import ApplyOptions
+from lensfit.plate.camera.one_camera import refuse_several_cameras
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.plate_state import PlateState, plate_state
 from lensfit.plate.camera.sourced_value import SourcedValue
@@ -31,6 +32,7 @@ from lensfit.plate.frame.fingerprint import Fingerprint, fingerprint
 from lensfit.plate.frame.frame_error import error_at_frame
 from lensfit.plate.frame.plate_notes import border_note
 from lensfit.plate.frame.plate_views import plate_views
+from lensfit.plate.frame.restated_camera import AppliedCamera, restated
 from lensfit.plate.frame.signature import (
     part_with_signature,
     preset_digest,
@@ -97,8 +99,15 @@ class PlateLens:
         self._stages: Stages | None = None
         self._stages_noted: Stages | None = None
 
-    def state_of(self, image: ExrImage, path: Path) -> PlateState:
+    def state_of(
+        self, image: ExrImage, path: Path, picked_in: ExrImage | None = None
+    ) -> PlateState:
         """The camera state of a plate.
+
+        Parameters
+        ----------
+        picked_in : Where the pixel lies that is in focus: the first view of a stereo
+            plate, whose eyes are focused at one distance; in the plate itself if None.
 
         Raises
         ------
@@ -113,18 +122,18 @@ class PlateLens:
                     else refuse_second_lens
                 )
                 refuse_again(image.parts)
-            return self._state_of(image, path)
+            return self._state_of(image, path, picked_in or image)
         except LensfitError as error:
             # To put a look elsewhere is no measurement that a photograph is freed of.
             straight = self.options.output == "undistorted"
             own = unscaled_error(error) if straight else error
             raise error_at_frame(own, path) from error
 
-    def _state_of(self, image: ExrImage, path: Path) -> PlateState:
+    def _state_of(self, image: ExrImage, path: Path, picked_in: ExrImage) -> PlateState:
         camera = self._camera(image, path)
         if self.options.camera.focus_at is None:
             return self._state(camera, image)
-        focus, notes = self._picked(camera, image, path)
+        focus, notes = self._picked(camera, picked_in, path)
         state = self._state(camera.focused(focus), image)
         return state._replace(notes=(*state.notes, *notes))
 
@@ -147,12 +156,14 @@ class PlateLens:
 
     def _camera(self, image: ExrImage, path: Path) -> PlateCamera:
         display = image.parts[0].display_window
-        return self._sources.of_plate(
+        camera = self._sources.of_plate(
             path,
             header_entries(image),
             (display.width, display.height),
             self.preset.camera.sensor_width_mm,
         )
+        refuse_several_cameras(image.parts, camera)
+        return camera
 
     def _state(self, camera: PlateCamera, image: ExrImage) -> PlateState:
         state = plate_state(
@@ -182,9 +193,11 @@ class PlateLens:
             self._lens_key = key
         return self._lens
 
-    def noted_state(self, image: ExrImage, path: Path) -> PlateState:
+    def noted_state(
+        self, image: ExrImage, path: Path, picked_in: ExrImage | None = None
+    ) -> PlateState:
         """The camera state of a plate; notes assumptions and inactive overrides."""
-        state = self.state_of(image, path)
+        state = self.state_of(image, path, picked_in)
         self.notes.add(*state.notes)
         # That blur was not measured matters only where depth of field is put on.
         self.notes.add(*(n for n in self.lens_at(state).notes if n != NO_BLUR))
@@ -203,7 +216,7 @@ class PlateLens:
         states = []
         for one in plate_views(image, plate):
             with one.named_errors(plate):
-                states.append(self.state_of(one.header, plate))
+                states.append(self.state_of(one.header, plate, one.picked_in))
         return fingerprint(plate, self._digest, states, self.options)
 
     def signature(self, state: PlateState) -> str:
@@ -214,24 +227,39 @@ class PlateLens:
         """The part with a header that says what was done to it, and what lens it
         carries now in the standard's attributes."""
         attributes = self.standard_attributes(state, part)
+        part = self.restated(part, state)
         return part_with_signature(part, self.signature(state), attributes)
 
     def standard_attributes(self, state: PlateState, part: ExrPart) -> dict:
         """The lens at a plate's state, as the OpenEXR standard describes it."""
-        lens, name, scaled = self.lens_at(state), self.preset.lens, state.scaled
-        focus = state.of_plate("focus_distance_mm")
-        width, height = self.geometry(state, part.display_window).area_mm
+        lens, name = self.lens_at(state), self.preset.lens
+        camera = self._applied_camera(state, part)
         return lens_attributes(
-            nominal_focal_length_mm=self._focal_length_mm(state) * scaled.angles,
-            pinhole_focal_length_mm=float(lens.distortion.principal_distance_mm)
-            * scaled.angles,
-            f_number=state.applied("f_number"),
-            focus_distance_mm=focus,
+            nominal_focal_length_mm=camera.focal_length_mm,
+            pinhole_focal_length_mm=camera.pinhole_focal_length_mm,
+            f_number=camera.f_number,
+            focus_distance_mm=camera.focus_distance_mm,
             entrance_pupil_offset_mm=float(lens.entrance_pupil_offset_mm)
-            * scaled.lengths,
-            sensor_size_mm=(width * scaled.lengths, height * scaled.lengths),
+            * state.scaled.lengths,
             lens_model=name.name,
             lens_serial=name.serial,
+        )
+
+    def restated(self, part: ExrPart, state: PlateState) -> ExrPart:
+        """The part, whose entries state no other camera than that of the state."""
+        camera, aliases = self._applied_camera(state, part), state.camera.settings
+        attributes = restated(part.attributes, camera, aliases.aliases)
+        return replace(part, attributes=attributes)
+
+    def _applied_camera(self, state: PlateState, part: ExrPart) -> AppliedCamera:
+        lens, scaled = self.lens_at(state), state.scaled
+        width, height = self.geometry(state, part.display_window).area_mm
+        return AppliedCamera(
+            self._focal_length_mm(state) * scaled.angles,
+            float(lens.distortion.principal_distance_mm) * scaled.angles,
+            state.applied("f_number"),
+            state.of_plate("focus_distance_mm"),
+            (width * scaled.lengths, height * scaled.lengths),
         )
 
     def geometry(self, state: PlateState, display: Window) -> PlateGeometry:

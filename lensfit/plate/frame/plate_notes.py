@@ -4,10 +4,16 @@ Borders that stay black because a plate has too little overscan, and pixels that
 numbers and spread to their neighbours.
 """
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 from jaxtyping import Float32
 
 from lensfit.coords import Window
+from lensfit.io.depth_channel import FoundDepth, is_depth_name
+from lensfit.io.exr import ExrPart
+from lensfit.io.eyes_by_name import EYES
+from lensfit.plate.channels import ColourLayer
 from lensfit.plate.notes import FrameNote
 from lensfit.rendering.render_stages import Stages
 
@@ -48,3 +54,35 @@ def number_note(
         "at the others",
         "numbers",
     )
+
+
+def layer_depth_notes(
+    part: ExrPart, layers: Iterable[ColourLayer], used: FoundDepth, name: str
+) -> Iterator[FrameNote]:
+    """Layers that are blurred by a depth which may not be theirs.
+
+    Parameters
+    ----------
+    part : With the layers.
+    used : The depth of all of them.
+    name : Of the plate.
+    """
+    for layer in (one.layer for one in layers if one.layer):
+        own = [
+            channel
+            for channel in part.channel_names
+            if channel.rpartition(".")[0] == layer and is_depth_name(channel)
+        ]
+        if own and used.name not in own:
+            yield FrameNote(
+                f"{name}: layer {layer!r} has a depth of its own ({own[0]}), and is "
+                f"rendered with {used.name} (--layers and --depth-channel choose)",
+                f"depth of layer {layer}",
+            )
+        elif not own and layer.lower() in EYES:
+            yield FrameNote(
+                f"{name}: layer {layer!r} is rendered with {used.name} and with the "
+                "plate's camera; if it is an eye, give it a depth of its own and state "
+                "its view (multiView)",
+                f"depth of layer {layer}",
+            )

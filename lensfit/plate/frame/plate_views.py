@@ -26,11 +26,14 @@ class PlateView(NamedTuple):
     view : As the file has it.
     header : Parts whose attributes state its camera.
     note : What was assumed of its camera.
+    picked_in : Where the pixel lies that ``--focus-at`` names, if not in this view: the
+        eyes of a camera are focused at one distance, that of the first.
     """
 
     view: View
     header: ExrImage
     note: str | None = None
+    picked_in: ExrImage | None = None
 
     @contextmanager
     def named_errors(self, path: Path) -> Iterator[None]:
@@ -52,12 +55,19 @@ def plate_views(image: ExrImage, path: Path) -> list[PlateView]:
     ----------
     image : The plate, or its header alone.
     path : Its file.
+
+    Raises
+    ------
+    ImageError : Its names do not tell its eyes apart.
     """
-    first, *others = views_of(image)
+    try:
+        first, *others = views_of(image)
+    except LensfitError as error:
+        raise error_at_frame(error, path) from error
     found = [PlateView(first, first.image)]
     for view in others:
         if camera_words(header_entries(view.image)):
-            found.append(PlateView(view, view.image))
+            found.append(PlateView(view, view.image, picked_in=first.image))
             continue
         stated = ExrImage((*view.image.parts, *map(_header, first.image.parts)))
         note = FrameNote(
@@ -65,8 +75,38 @@ def plate_views(image: ExrImage, path: Path) -> list[PlateView]:
             f"{first.name!r} is used",
             f"camera of view {view.name}",
         )
-        found.append(PlateView(view, stated, note))
+        found.append(PlateView(view, stated, note, first.image))
     return found
+
+
+def other_cameras_note(views: list[PlateView], path: Path) -> str:
+    """Whose camera a picture's is taken to be, and what other views state otherwise."""
+    first, *others = views
+    words = camera_words(header_entries(first.header))
+    known = {name: found[0].value for name, found in words.items()}
+    differing = []
+    for one in others:
+        stated = camera_words(header_entries(one.header))
+        values = [
+            f"{name} {found[0].value} ({found[0].entry})"
+            for name, found in stated.items()
+            if found[0].value != known.get(name)
+        ]
+        differing.append(
+            f"view {one.view.name!r} states {', '.join(values) or 'the same'}"
+        )
+    return f"{path.name}: the camera is that of view {first.view.name!r}; " + "; ".join(
+        differing
+    )
+
+
+def one_focus_note(views: list[PlateView], path: Path) -> FrameNote:
+    """That all views are focused where the first one has the picked pixel."""
+    first = views[0].view.name
+    return FrameNote(
+        f"{path.name}: all views are focused on what view {first!r} has at --focus-at",
+        "focus of views",
+    )
 
 
 def joined_plate_views(

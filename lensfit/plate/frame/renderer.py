@@ -31,7 +31,12 @@ from lensfit.plate.frame.fingerprint import FINGERPRINT, Fingerprint
 from lensfit.plate.frame.flat_plate import render_flat
 from lensfit.plate.frame.left_out_knobs import left_out_knobs
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.frame.plate_views import joined_plate_views, plate_views
+from lensfit.plate.frame.plate_views import (
+    PlateView,
+    joined_plate_views,
+    one_focus_note,
+    plate_views,
+)
 from lensfit.plate.frame.signature import is_made_here
 from lensfit.plate.frame.straight_plate import PlateStraightener
 from lensfit.plate.notes import FrameNote
@@ -104,7 +109,9 @@ class FrameRenderer:
         for one in views:
             self.lens.notes.add(one.note)
             with one.named_errors(path):
-                made.append(self._rendered(one.view.image, path, one.header))
+                made.append(self._rendered(one, path))
+        if len(views) > 1 and self.options.camera.focus_at is not None:
+            self.lens.notes.add(one_focus_note(views, path))
         return joined_plate_views(image, views, made)
 
     @property
@@ -112,11 +119,12 @@ class FrameRenderer:
         straight = self.options.output == "undistorted"
         return _STRAIGHT_BYTES_PER_PX if straight else _WORKING_BYTES_PER_PX
 
-    def _rendered(self, image: ExrImage, path: Path, header: ExrImage) -> ExrImage:
+    def _rendered(self, one: PlateView, path: Path) -> ExrImage:
         """One view."""
+        plate = one.view.image, path, one.header, one.picked_in
         if self.options.output == "undistorted":
-            return self._straightener.render(image, path, header)
-        return render_flat(self.lens, image, path, header)
+            return self._straightener.render(*plate)
+        return render_flat(self.lens, *plate)
 
     def fingerprint(self, path: Path) -> Fingerprint:
         """What the frame of a plate would be made of now.

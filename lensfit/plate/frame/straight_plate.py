@@ -291,25 +291,30 @@ class PlateStraightener:
         self._kept: Straightening | None = None
 
     def render(
-        self, image: ExrImage, path: Path, header: ExrImage | None = None
+        self,
+        image: ExrImage,
+        path: Path,
+        header: ExrImage | None = None,
+        picked_in: ExrImage | None = None,
     ) -> ExrImage:
         """The straight picture of a plate of one view.
 
         Parameters
         ----------
         header : States its camera, if `image` itself does not.
+        picked_in : The view with the pixel that is in focus, if not this one.
 
         Raises
         ------
         ImageError : No part holds colour, or it cannot be straightened.
         """
-        state = self.lens.noted_state(header or image, path)
+        state = self.lens.noted_state(header or image, path, picked_in)
         found = layers_to_render(image, self.lens.options.layers)
         return ExrImage(
             tuple(
                 self._rendered(part, found[id(part)], state)
                 if id(part) in found
-                else part
+                else self.lens.restated(part, state)
                 for part in image.parts
             )
         )
@@ -327,7 +332,7 @@ class PlateStraightener:
             )
             for layer in layers
         ]
-        result = resized_channels(part, done.window)
+        result = resized_channels(self.lens.restated(part, state), done.window)
         for layer, pixels in zip(layers, made, strict=True):
             result = with_channels(result, layer.names, pixels)
         lens, geometry = self.lens.lens_at(state), self._geometry(state, part)

@@ -1,27 +1,10 @@
-"""Lengths as crews write them: 4'11", 59 1/2 in, 1.5 m, 150 cm, inf.
+"""Lengths in shoot files and reports, as crews write them.
 
-A length says its unit, or its key does. Feet and inches are those of the tape measure:
-after feet, inches are below twelve; a fraction follows its whole number after a space.
+A length says its unit, or its key does (`lensfit.io.camera.written_length`).
 """
 
-import math
-import re
-
 from lensfit.errors import CameraError, ShootError
-from lensfit.io.camera.quantity import unit_mm
-from lensfit.units import MILLIMETRES_PER_INCH
-
-_NUMBER = r"\d+(?:\.\d+)?|\.\d+"
-_INCHES = rf"(?:(?P<inches>{_NUMBER})(?:\s+(?P<over>\d+)/(?P<under>\d+))?)"
-_FEET = re.compile(
-    rf"(?P<feet>{_NUMBER})\s*(?:'|’|′|ft\b|feet\b|foot\b)\s*"
-    rf"(?:{_INCHES}\s*(?:\"|''|”|″|in\b|inch\b|inches\b)?)?"
-)
-_ONLY_INCHES = re.compile(rf"{_INCHES}\s*(?:\"|''|”|″|in|inch|inches)")
-_METRIC = re.compile(rf"(?P<number>{_NUMBER})\s*(?P<unit>[A-Za-z]+)")
-_INFINITE = ("inf", "infinity", "∞")
-_INCHES_PER_FOOT = 12
-_REMEDY = "write 4'11\", 59 in, 1.5 m, 150 cm or 1500 mm"
+from lensfit.io.camera.written_length import written_length_mm
 
 
 def length_mm(text: str, key: str, where: str) -> float:
@@ -36,35 +19,7 @@ def length_mm(text: str, key: str, where: str) -> float:
     ------
     ShootError : It is no length, names no unit, or has twelve inches after feet.
     """
-    word = text.strip()
-    if word.lower() in _INFINITE:
-        return math.inf
-    found = _FEET.fullmatch(word)
-    if found:
-        inches = _inches(found)
-        if inches >= _INCHES_PER_FOOT:
-            raise ShootError(
-                f"{key} = {text!r} has {inches:g} inches after its feet",
-                where=where,
-                remedy="inches are below 12 there",
-            )
-        feet = float(found["feet"])
-        return (_INCHES_PER_FOOT * feet + inches) * MILLIMETRES_PER_INCH
-    found = _ONLY_INCHES.fullmatch(word)
-    if found:
-        return _inches(found) * MILLIMETRES_PER_INCH
-    found = _METRIC.fullmatch(word)
-    if found is None:
-        raise ShootError(f"{key} = {text!r} is no length", where=where, remedy=_REMEDY)
     try:
-        return float(found["number"]) * unit_mm(found["unit"], key)
+        return written_length_mm(text, key)
     except CameraError as error:
-        raise ShootError(error.what, where=where, remedy=_REMEDY) from error
-
-
-def _inches(found: re.Match[str]) -> float:
-    whole = float(found["inches"] or 0)
-    if found["over"] is None:
-        return whole
-    under = int(found["under"])
-    return whole + (int(found["over"]) / under if under else math.inf)
+        raise ShootError(error.what, where=where, remedy=error.remedy) from error
