@@ -118,7 +118,7 @@ def test_a_bad_entry_that_is_overruled_is_shown_and_no_failure(folder: Path):
 
 
 def test_entries_of_one_header_that_contradict_each_other_are_shown(folder: Path):
-    header = {"effectiveFocalLength": 40.0, "lens/focal": 28.0}
+    header = {"nominalFocalLength": 40.0, "lens/focal": 28.0}
     plate = written(folder / "p.exr", header)
     result = CliRunner().invoke(app, ["inspect", str(plate), "--json"])
     (record,) = json.loads(result.stdout)
@@ -126,7 +126,7 @@ def test_entries_of_one_header_that_contradict_each_other_are_shown(folder: Path
     (other,) = record["overruled"]["focal_length_mm"]
     assert other == {"value": 28.0, "source": "lens/focal"}
     (line,) = result.stderr.splitlines()
-    for part in ("p.exr", "effectiveFocalLength (40 mm)", "lens/focal (28 mm)"):
+    for part in ("p.exr", "nominalFocalLength (40 mm)", "lens/focal (28 mm)"):
         assert part in line
 
 
