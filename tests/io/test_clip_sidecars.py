@@ -77,6 +77,13 @@ def test_sonys_xml_tells_what_stays(tmp_path):
     assert "the clip's table of frames" in camera.notes[0]
 
 
+@pytest.mark.parametrize("declared", ["UTF-16", "UTF1e", "x-none", "shift_jis"])
+def test_the_encoding_that_a_decoded_xml_declares_does_not_count(tmp_path, declared):
+    path = files.sony_xml(tmp_path)
+    path.write_text(path.read_text().replace("UTF-8", declared))
+    assert values(read_camera_file(path))["camera_model"] == "MPC-3610"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -31,8 +31,10 @@ def read_sony_xml(path: str | Path) -> CameraTable:
     text = read_text(path, _MOST_BYTES)
     if any(word in text for word in _ENTITIES):
         raise CameraError("is XML with entities, which no camera writes", where=path)
+    # The text is decoded: the encoding that its first line declares no longer counts.
+    parser = ElementTree.XMLParser(encoding="utf-8")
     try:
-        root = ElementTree.fromstring(text.encode())
+        root = ElementTree.fromstring(text.encode(), parser)
     except ElementTree.ParseError as error:
         raise CameraError(f"is not valid XML ({error})", where=path) from error
     if _name(root) != ROOT:
