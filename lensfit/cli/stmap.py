@@ -156,9 +156,14 @@ def _write_one(
         SQUARE,
         pixels.pixel_aspect,
     )
-    aspect = pixels.pixel_aspect or SQUARE
     frame = StmapFrame(
-        frame_px, overscan, width_mm, shape.ratio, map_width, 0, scaled, aspect
+        frame_px,
+        overscan,
+        width_mm,
+        shape.ratio,
+        map_width,
+        scaled=scaled,
+        pixel_aspect=pixels.pixel_aspect or SQUARE,
     )
     if out is None:
         _say_widths(lens, frame, tolerance_px, as_json)
@@ -175,8 +180,7 @@ def _write_one(
             progress=progress,
         )
     # Of the selection, not of the lens: a map has no blur that could be missing.
-    of_state = loaded.select(*state).notes
-    notes = [scaled.note, *of_state, *written.notes, shape.note]
+    notes = [scaled.note, *loaded.select(*state).notes, *written.notes, shape.note]
     if lens.has_lateral_colour and not per_channel:
         notes.append(_ONE_MAP)
     for note in filter(None, notes):

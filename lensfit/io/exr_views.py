@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart
-from lensfit.io.eyes_by_name import eyes_of_channels, eyes_of_parts
+from lensfit.io.eyes_by_name import eyes_of_channels, eyes_of_parts, view_and_rest
 from lensfit.io.windows import pixels_over_window
 
 _VIEW, _VIEWS = "view", "multiView"
@@ -179,8 +179,5 @@ def _split_by_name(index: int, part: ExrPart, eye: str | None) -> dict[str, _Own
 
 def _named(channel: str, views: Sequence[str]) -> tuple[str, str]:
     """View of a channel, and its name without it."""
-    words = channel.split(".")
-    for place in dict.fromkeys((len(words) - 2, 0)):
-        if 0 <= place < len(words) - 1 and words[place] in views:
-            return words[place], ".".join(words[:place] + words[place + 1 :])
-    return views[0], channel
+    view, rest = view_and_rest(channel, views.__contains__)
+    return views[0] if view is None else view, rest

@@ -1,7 +1,7 @@
 """The two eyes of a stereo file that states no views, by the names that it uses."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from lensfit.errors import ImageError
 from lensfit.io.depth_channel import is_depth_name
@@ -29,18 +29,8 @@ def eyes_of_channels(names: Sequence[str]) -> list[str]:
     """
     plain: dict[str | None, list[str]] = {}
     for name in names:
-        words = name.split(".")
-        place = next(
-            (
-                i
-                for i in dict.fromkeys((len(words) - 2, 0))
-                if 0 <= i < len(words) - 1 and words[i].lower() in EYES
-            ),
-            None,
-        )
-        eye = None if place is None else words[place]
-        kept = [word for i, word in enumerate(words) if i != place]
-        plain.setdefault(eye, []).append(".".join(kept))
+        eye, rest = view_and_rest(name, _is_eye)
+        plain.setdefault(eye, []).append(rest)
     named = [eye for eye, own in plain.items() if eye and _is_picture(own)]
     if not named:
         return []
@@ -56,8 +46,24 @@ def eyes_of_channels(names: Sequence[str]) -> list[str]:
     return sorted(named, key=str.lower)
 
 
+def view_and_rest(
+    channel: str, is_view: Callable[[str], bool]
+) -> tuple[str | None, str]:
+    """The view that a channel's name holds, before its own name or before its layer,
+    and the name without it."""
+    words = channel.split(".")
+    for place in dict.fromkeys((len(words) - 2, 0)):
+        if 0 <= place < len(words) - 1 and is_view(words[place]):
+            return words[place], ".".join(words[:place] + words[place + 1 :])
+    return None, channel
+
+
+def _is_eye(word: str) -> bool:
+    return word.lower() in EYES
+
+
 def _eye_in(words: Iterable[str]) -> str | None:
-    return next((word for word in words if word.lower() in EYES), None)
+    return next(filter(_is_eye, words), None)
 
 
 def _is_picture(names: Sequence[str]) -> bool:

@@ -11,7 +11,7 @@ crop                the margin and the overscan are removed last
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -111,7 +111,7 @@ def render(
     stages = prepare_stages(
         lens,
         display_window,
-        window_with_margin(output, data_window, has_depth and display_window)
+        window_with_margin(output, data_window, display_window if has_depth else None)
         if spreads
         else output,
         tolerance=tolerance,
@@ -141,7 +141,7 @@ light nowhere."""
 def window_with_margin(
     output_window: Window,
     data_window: Window,
-    blurred_frame: Window | Literal[False] | None = None,
+    blurred_frame: Window | None = None,
 ) -> Window:
     """The window to prepare stages for when there is depth, or a look that spreads
     light: it comes from beside the output, as far as the plate has any.
@@ -152,7 +152,7 @@ def window_with_margin(
         what lies farther beside the output than a part of it does not reach that.
     """
     a, b = output_window, data_window
-    if blurred_frame:
+    if blurred_frame is not None:
         side_px = max(blurred_frame.width, blurred_frame.height)
         margin_px = math.ceil(_REACHED_OF_FRAME * side_px)
         b = b.common(a.grown(margin_px, margin_px)) or a

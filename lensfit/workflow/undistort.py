@@ -115,6 +115,6 @@ def _cameras(path: Path) -> list[dict]:
         headers = (p.attributes for p in view.image.parts if PINHOLE in p.attributes)
         if (header := next(headers, None)) is not None:
             named = {"view": view.name} if view.name else {}
-            named |= {"lens": header.get("lensModel")}
-            found.append(named | json.loads(str(header[PINHOLE])))
+            lens = {"lens": header.get("lensModel")}
+            found.append(named | lens | json.loads(str(header[PINHOLE])))
     return found

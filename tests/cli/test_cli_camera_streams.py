@@ -4,9 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import run
 
-from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.camera.read_camera_file import read_camera_file
 from lensfit.io.camera.table import FrameKey
@@ -30,10 +29,6 @@ def Xform "shot"
 }}
 """
 SECOND = '    def Camera "witness"\n    {\n        float focalLength = 18\n    }\n'
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 @pytest.fixture

@@ -4,16 +4,11 @@ import json
 
 import camera_files as files
 import pytest
+from command_line import run
 from plate_makers import SENSOR, make_preset, write_plate
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.io.exr import read_exr
 from lensfit.preset.store import save_preset
-
-
-def run(*words: object):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def test_apply_takes_a_clip_of_an_ale(tmp_path):

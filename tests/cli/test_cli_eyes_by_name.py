@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run
 from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, make_preset, scene
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.eyes_by_name import eyes_of_channels
@@ -43,10 +42,6 @@ def two_parts(path: Path, names: tuple[str, str], right: dict = RIGHT) -> Path:
 def preset(tmp_path: Path) -> Path:
     save_preset(make_preset(), tmp_path / "preset.json")
     return tmp_path / "preset.json"
-
-
-def run(*words: object):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def applied(preset: Path, plate: Path, out: Path, *options: object):

@@ -11,20 +11,15 @@ import msgspec
 import numpy as np
 import pytest
 import tifffile
+from command_line import run
 from PIL import Image
 from plate_makers import make_preset
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io import decoded_size
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.preset.schema import LensName
 from lensfit.preset.store import save_preset
-
-
-def run(*words: object):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def refused(done, *parts: str) -> None:

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from command_line import run_well
 from deep_files import write_deep
 from plate_makers import CAMERA, DATA, SENSOR, make_preset, write_plate
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.preset.store import save_preset
 
 ALL = {**CAMERA, **SENSOR}
@@ -21,12 +20,6 @@ ALL = {**CAMERA, **SENSOR}
 def preset(tmp_path: Path) -> Path:
     save_preset(make_preset(), tmp_path / "preset.json")
     return tmp_path / "preset.json"
-
-
-def run(*words: object):
-    done = CliRunner().invoke(app, [str(word) for word in words])
-    assert done.exit_code == 0, done.stderr
-    return done
 
 
 def header(path: Path) -> dict:
@@ -48,7 +41,7 @@ def check(found: dict, f_number: float | None, focus_m: float) -> None:
 
 def test_a_frame_states_the_lens_that_it_carries(preset, tmp_path):
     plate = write_plate(tmp_path / "p.exr")
-    run("apply", preset, plate, "--out", tmp_path / "out", "--no-defocus")
+    run_well("apply", preset, plate, "--out", tmp_path / "out", "--no-defocus")
     found = header(tmp_path / "out" / "p.exr")
     check(found, 2.8, 2.0)
     assert found["lensModel"] == "Test 35"
@@ -62,7 +55,7 @@ def test_it_is_what_was_applied_and_not_what_the_plate_said(preset, tmp_path):
     says = {"aperture": 24.0, "focus": 9.0, "lensModel": "other", **SENSOR}
     plate = write_plate(tmp_path / "p.exr", {"lens/focal": 35.0, **says})
     stated = ("--f-number", 4, "--focus-distance-mm", 1500)
-    run("apply", preset, plate, "--out", tmp_path / "out", "--no-defocus", *stated)
+    run_well("apply", preset, plate, "--out", tmp_path / "out", "--no-defocus", *stated)
     found = header(tmp_path / "out" / "p.exr")
     assert found["aperture"] == 4
     assert found["focus"] == pytest.approx(1.5)
@@ -71,14 +64,14 @@ def test_it_is_what_was_applied_and_not_what_the_plate_said(preset, tmp_path):
 
 def test_what_the_preset_decided_is_stated_too(preset, tmp_path):
     plate = write_plate(tmp_path / "p.exr", SENSOR)
-    run("apply", preset, plate, "--out", tmp_path / "out", "--no-defocus")
+    run_well("apply", preset, plate, "--out", tmp_path / "out", "--no-defocus")
     check(header(tmp_path / "out" / "p.exr"), 2.8, 2.0)
 
 
 def test_focus_at_infinity_is_infinite(preset, tmp_path):
     plate = write_plate(tmp_path / "p.exr")
     stated = ("--focus-distance-mm", "inf")
-    run("apply", preset, plate, "--out", tmp_path / "out", "--no-defocus", *stated)
+    run_well("apply", preset, plate, "--out", tmp_path / "out", "--no-defocus", *stated)
     assert math.isinf(header(tmp_path / "out" / "p.exr")["focus"])
 
 
@@ -94,12 +87,12 @@ def test_every_kind_of_result_does(preset, tmp_path, kind):
         write_deep(plate, counts, samples, ALL)
     else:
         options += ["--output", kind]
-    run("apply", preset, plate, "--out", tmp_path / "out", *options)
+    run_well("apply", preset, plate, "--out", tmp_path / "out", *options)
     check(header(tmp_path / "out" / "p.exr"), 2.8, 2.0)
 
 
 def test_maps_do(preset, tmp_path):
-    run("stmap", preset, "--size", "96x64", "--out", tmp_path / "maps")
+    run_well("stmap", preset, "--size", "96x64", "--out", tmp_path / "maps")
     for path in (tmp_path / "maps").glob("*.exr"):
         check(header(path), None, 2.0)
 
@@ -107,8 +100,10 @@ def test_maps_do(preset, tmp_path):
 def test_lensfit_reads_back_what_it_stated(preset, tmp_path):
     plate = write_plate(tmp_path / "p.exr", SENSOR)
     stated = ("--f-number", 2.8, "--focus-distance-mm", 2000)
-    run("apply", preset, plate, "--out", tmp_path / "out", "--no-defocus", *stated)
-    (said,) = json.loads(run("inspect", tmp_path / "out" / "p.exr", "--json").stdout)
+    run_well("apply", preset, plate, "--out", tmp_path / "out", "--no-defocus", *stated)
+    (said,) = json.loads(
+        run_well("inspect", tmp_path / "out" / "p.exr", "--json").stdout
+    )
     state = said["state"]
     assert (state["f_number"], state["focus_distance_mm"]) == (2.8, 2000)
     assert state["sensor_width_mm"] == pytest.approx(36)

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import run_well
 from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, make_preset, write_plate
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.metadata import camera_words
 from lensfit.preset.store import save_preset
@@ -30,16 +29,10 @@ def preset(tmp_path: Path) -> Path:
     return tmp_path / "preset.json"
 
 
-def run(*words: object):
-    done = CliRunner().invoke(app, [str(word) for word in words])
-    assert done.exit_code == 0, done.stderr
-    return done
-
-
 def result(preset: Path, plate: Path, *options: object, command: str = "apply"):
     own = ("--no-defocus",) if command == "apply" else ()
     out = plate.parent / "out"
-    done = run(command, preset, plate, "--out", out, *own, *options)
+    done = run_well(command, preset, plate, "--out", out, *own, *options)
     return done.stderr, read_exr(out / plate.name)
 
 
@@ -58,7 +51,7 @@ def test_every_entry_states_what_was_rendered_with(preset, tmp_path, command):
     for name, words in camera_words(header).items():
         values = {w.value for w in words if not w.of_pinhole}
         assert len(values) <= 1, (name, words)
-    (found,) = json.loads(run("inspect", tmp_path / "out/p.exr", "--json").stdout)
+    (found,) = json.loads(run_well("inspect", tmp_path / "out/p.exr", "--json").stdout)
     assert found["state"]["f_number"] == 8
     assert not [note for note in found["notes"] if "contradicts" in note]
 
@@ -102,7 +95,7 @@ def test_the_whole_sensor_is_no_frame(preset, tmp_path):
     # The camera's sensor stays what it is, and the frame's width is stated beside it.
     assert np.allclose(header["sensorOverallDimensions"], (40, 30))
     assert header["lens/aperture"] == pytest.approx(36.0)
-    (found,) = json.loads(run("inspect", plate, "--json").stdout)
+    (found,) = json.loads(run_well("inspect", plate, "--json").stdout)
     assert "sensor_width_mm" not in found["state"]
 
 
@@ -121,6 +114,6 @@ def test_photosites_state_what_was_recorded(preset, tmp_path):
 
 def test_a_frame_wider_than_its_sensor_is_noted(preset, tmp_path):
     plate = write_plate(tmp_path / "p.exr", {**CAMERA, **WHOLE, "lens/aperture": 50.0})
-    (found,) = json.loads(run("inspect", plate, "--json").stdout)
+    (found,) = json.loads(run_well("inspect", plate, "--json").stdout)
     (note,) = found["notes"]
     assert "lens/aperture (50 mm) is used, which is more than sensorOverall" in note

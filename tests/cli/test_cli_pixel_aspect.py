@@ -10,10 +10,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from command_line import run
 from plate_makers import CAMERA, SENSOR, make_preset
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.stmap import read_stmap
@@ -30,10 +29,6 @@ def squeezed_preset(squeeze: float) -> Preset:
     distortion = msgspec.structs.replace(entry.distortion, squeeze=squeeze)
     entry = msgspec.structs.replace(entry, distortion=distortion, lateral_colour=None)
     return msgspec.structs.replace(make_preset(), entries=(entry,))
-
-
-def run(*words: object):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def expected_uv(preset: Preset, size: tuple[int, int]) -> np.ndarray:

@@ -9,6 +9,7 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from command_line import run_well
 from plate_makers import CAMERA, SENSOR, make_preset, write_plate
 from typer.testing import CliRunner
 
@@ -22,12 +23,6 @@ from lensfit.printable import printable
 
 EVIL = "Cooke\x1b[2J \u202egnitrevni\u202c 50\x07\x9b1m\u200b"
 SHOWN = "Cooke\\x1b[2J \\u202egnitrevni\\u202c 50\\x07\\x9b1m\\u200b"
-
-
-def run(*words: object):
-    done = CliRunner().invoke(app, [str(word) for word in words])
-    assert done.exit_code == 0, done.stderr
-    return done
 
 
 def clean(text: str) -> bool:
@@ -66,7 +61,7 @@ def test_letters_of_every_script_stay_and_the_rest_is_seen():
 def test_headers_and_file_names_are_shown_plainly(tmp_path, preset):
     header = {**CAMERA, **SENSOR, "lensModel": EVIL, "owner": EVIL}
     plate = write_plate(tmp_path / f"{EVIL.replace('/', '')}.exr", header)
-    done = run("inspect", plate, "--preset", preset)
+    done = run_well("inspect", plate, "--preset", preset)
     assert clean(done.stdout)
     assert clean(done.stderr)
     assert "gnitrevni" in done.stdout
@@ -80,14 +75,14 @@ def test_headers_and_file_names_are_shown_plainly(tmp_path, preset):
 def test_paths_of_results_are_shown_plainly(tmp_path, preset):
     folder = tmp_path / "a\u202eb\x1b[2J"
     folder.mkdir()
-    saved = run("preset", "save", preset, "--library", folder)
-    for done in (saved, run("preset", "validate", folder)):
+    saved = run_well("preset", "save", preset, "--library", folder)
+    for done in (saved, run_well("preset", "validate", folder)):
         assert clean(done.stdout)
         assert "a\\u202eb\\x1b[2J" in done.stdout
 
 
 def test_presets_and_their_history_are_shown_plainly(tmp_path, preset):
-    done = run("preset", "show", preset)
+    done = run_well("preset", "show", preset)
     assert clean(done.stdout)
     assert SHOWN in done.stdout
     library = tmp_path / "show"
@@ -96,23 +91,25 @@ def test_presets_and_their_history_are_shown_plainly(tmp_path, preset):
     named = msgspec.structs.replace(make_preset(), lens=LensName(EVIL))
     kept = keep_preset(named, level, who=EVIL, note=EVIL)
     for command in ("history", "show"):
-        assert clean(run("preset", command, kept.slug, "--library", library).stdout)
+        assert clean(
+            run_well("preset", command, kept.slug, "--library", library).stdout
+        )
     words = ["preset", "edit", kept.slug, "--library", library, "--set"]
-    edited = run(*words, "coma_gain=0.5", "--why", EVIL, "--who", EVIL)
+    edited = run_well(*words, "coma_gain=0.5", "--why", EVIL, "--who", EVIL)
     assert clean(edited.stdout)
-    assert clean(run("preset", "list", "--library", library).stdout)
+    assert clean(run_well("preset", "list", "--library", library).stdout)
     one, other = f"{kept.slug}@v001", f"{kept.slug}@v002"
-    assert clean(run("preset", "diff", one, other, "--library", library).stdout)
+    assert clean(run_well("preset", "diff", one, other, "--library", library).stdout)
 
 
 def test_files_of_other_programs_stay_readable(tmp_path, preset):
-    run("export", preset, "--to", "lensfun", "--out", tmp_path / "a.xml")
+    run_well("export", preset, "--to", "lensfun", "--out", tmp_path / "a.xml")
     root = ElementTree.parse(tmp_path / "a.xml").getroot()
     assert root.findtext("lens/model") == SHOWN
-    run("export", preset, "--to", "opencv", "--out", tmp_path / "a.yml")
+    run_well("export", preset, "--to", "opencv", "--out", tmp_path / "a.yml")
     file = cv2.FileStorage(str(tmp_path / "a.yml"), cv2.FILE_STORAGE_READ)
     assert np.isfinite(file.getNode("camera_matrix").mat()).all()
-    run("export", preset, "--to", "nuke-stmap", "--out", tmp_path / "a.nk")
+    run_well("export", preset, "--to", "nuke-stmap", "--out", tmp_path / "a.nk")
     assert clean((tmp_path / "a.nk").read_text())
-    run("export", preset, "--to", "opentrackio", "--out", tmp_path / "a.json")
+    run_well("export", preset, "--to", "opentrackio", "--out", tmp_path / "a.json")
     json.loads((tmp_path / "a.json").read_text())

@@ -10,10 +10,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from command_line import run_well
 from plate_makers import DISPLAY, SENSOR, make_preset, write_plate
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.io.exr import read_exr
 from lensfit.preset.ring_focal_length import ring_focal_length_mm
 from lensfit.preset.schema import Preset
@@ -43,26 +42,20 @@ def preset(tmp_path: Path) -> Path:
     return tmp_path / "zoom.json"
 
 
-def run(*words: object):
-    done = CliRunner().invoke(app, [str(word) for word in words])
-    assert done.exit_code == 0, done.stderr
-    return done
-
-
 def inspected(*words: object) -> dict:
-    return json.loads(run("inspect", *words, "--json").stdout)[0]
+    return json.loads(run_well("inspect", *words, "--json").stdout)[0]
 
 
 def applied(preset: Path, plate: Path, out: Path, *words: object):
     """The note on it, and what was written."""
-    done = run("apply", preset, plate, "--out", out, "--no-defocus", *words)
+    done = run_well("apply", preset, plate, "--out", out, "--no-defocus", *words)
     return done.stderr, read_exr(out / plate.name).parts[0]
 
 
 def test_apply_undoes_undistort_on_a_zoom(preset, tmp_path):
     plate = write_plate(tmp_path / "p.exr", {"lens/focal": RING_MM, **STATED})
     own = ("--no-falloff", "--no-lateral-colour")
-    run("undistort", preset, plate, "--out", tmp_path / "straight")
+    run_well("undistort", preset, plate, "--out", tmp_path / "straight")
     straight = tmp_path / "straight" / "p.exr"
     header = read_exr(straight, header_only=True).parts[0].attributes
     assert header["nominalFocalLength"] == pytest.approx(RING_MM)
@@ -86,7 +79,9 @@ def test_apply_undoes_undistort_on_a_zoom(preset, tmp_path):
 def test_cameras_that_lensfit_wrote_state_the_ring(preset, tmp_path, to, name, option):
     if to == "usd":
         pytest.importorskip("pxr", reason="usd-core is not installed")
-    run("export", preset, "--to", to, "--out", tmp_path / name, "--focal-length-mm", 38)
+    run_well(
+        "export", preset, "--to", to, "--out", tmp_path / name, "--focal-length-mm", 38
+    )
     plate = write_plate(tmp_path / "p.exr", STATED)
     found = inspected(plate, option, tmp_path / name, "--preset", preset)
     assert found["state"]["focal_length_mm"] == pytest.approx(RING_MM)

@@ -8,20 +8,15 @@ import re
 
 import numpy as np
 import pytest
+from command_line import run
 from exchange_presets import SENSOR_MM, SIZE_PX, make_entry, make_preset
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.exchange.cycles_osl import cycles_osl_text
 from lensfit.exchange.ray_series import fit_ray_series
 from lensfit.exchange.samples import ExchangeFrame
 from lensfit.preset.store import save_preset
 
 FRAME = ExchangeFrame(SIZE_PX, SENSOR_MM[0])
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,11 @@ import re
 import cv2
 import numpy as np
 import pytest
+from command_line import run
 from exchange_presets import SENSOR_MM, SIZE_PX, make_entry, make_lopsided, make_preset
 from scipy.interpolate import BSpline, CubicSpline
 from test_there_and_back import FRAME, apart_px, every_pixel_mm
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.exchange.foreign import StatedValues
 from lensfit.exchange.mrcal import read_mrcal
 from lensfit.exchange.syntheyes import read_syntheyes
@@ -24,10 +23,6 @@ FILES = {
     "unreal": "lens.ulens",
     "syntheyes": "lens.lni",
 }
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def written(folder, to, preset, *more):

@@ -4,19 +4,14 @@ import json
 
 import numpy as np
 import pytest
+from command_line import run
 from exchange_presets import SENSOR_MM, SIZE_PX, make_lopsided, make_preset
 from test_there_and_back import FRAME, apart_px, every_pixel_mm
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.exchange.opencv import opencv_distorted
 from lensfit.preset.store import load_preset, save_preset
 
 pytest.importorskip("pxr", reason="usd-core is not installed")
-
-
-def run(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 @pytest.fixture(params=["round", "lopsided"])

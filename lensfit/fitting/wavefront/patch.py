@@ -80,10 +80,8 @@ def equations_of(
     waves : As for `basis_of`; the matrix is made of fewer.
     """
     draw = partial(basis_of, corner_mm, cell_mm, light.shape[0])
-    basis, design_basis = (
-        draw(transfer, waves),
-        draw(transfer, min(waves, DESIGN_WAVES)),
-    )
+    basis = draw(transfer, waves)
+    design_basis = draw(transfer, min(waves, DESIGN_WAVES))
     if isinstance(design_basis, Waves):
         design_basis = polynomials_over(design_rays.spot, design_basis, variance_mm2)
     profile = basis.profile(spot, variance_mm2)

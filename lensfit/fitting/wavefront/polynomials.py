@@ -31,6 +31,7 @@ is below a twentieth."""
 _WIDER = 1.02
 """The box over the rays' own, so that none lands where T_m turns steepest."""
 _LEAST_CELLS = 0.05
+"""Half the width of the narrowest box: one point has none."""
 
 
 class Polynomials(Basis):
@@ -111,9 +112,9 @@ def polynomials_over(
     expand[:, 0] /= 2
     drawn = waves.profile(at_nodes, variance_mm2)
     most = (DEGREES - _TERMS_BEYOND) / (reach_mm / waves.cell_mm)
+    numbers = jnp.asarray(np.tile(waves.numbers, 2), reach_mm.dtype)[:, None]
     right, down = (
-        jnp.where(waves.numbers[:, None] <= most[axis], part, 0.0)
-        @ jnp.asarray(expand, part.dtype)
+        jnp.where(numbers <= most[axis], part, 0.0) @ jnp.asarray(expand, part.dtype)
         for axis, part in enumerate((drawn.columns, drawn.rows))
     )
     return Polynomials(

@@ -197,9 +197,9 @@ def smooth_stage(stage: Stage, cells: float) -> Stage:
     points = DEFAULT_POINTS
     if stage.dot_data.dots.broad is not None:
         points = points._replace(design=_BROAD_DESIGN_RAYS)
-    if stage.dot_data.dots.broad is not None and cells:
-        waves = waves_after_smoothing(cells, stage.dot_data.light.shape[-1])
-        points = points._replace(image=_BROAD_RAYS, waves=waves)
+        if cells:
+            waves = waves_after_smoothing(cells, stage.dot_data.light.shape[-1])
+            points = points._replace(image=_BROAD_RAYS, waves=waves)
     return replace(stage, smoothing=cells, points=points)
 
 

@@ -124,10 +124,9 @@ class Waves(Basis):
         return 2 * self.transfer.shape[1]
 
     @property
-    def numbers(self) -> Float[Array, " size"]:
-        """Wave number of each along one axis."""
-        _, k = _wave_numbers(self.cells, self.size // 2 - 1)
-        return jnp.asarray(np.tile(k, 2), self.corner_mm.dtype)
+    def numbers(self) -> Float[np.ndarray, " half_size"]:
+        """Wave numbers along one axis, of the cosines and of the sines."""
+        return _wave_numbers(self.cells, self.size // 2 - 1)[1]
 
     def profile(self, spot: Spot, variance_mm2: Float[Array, "*axes"]) -> Profile:
         """Amplitudes of every ray, and their change per mm that it moves."""
@@ -177,8 +176,7 @@ class Waves(Basis):
     def _at_cells(self, dtype: DTypeLike) -> Float[Array, "cells size"]:
         """Cosines and sines at the middle of every cell."""
         middle = np.arange(self.cells) + 0.5 - self.cells / 2
-        _, k = _wave_numbers(self.cells, self.size // 2 - 1)
-        angle = middle[:, None] * k
+        angle = middle[:, None] * self.numbers
         return jnp.asarray(np.hstack([np.cos(angle), np.sin(angle)]), dtype)
 
 

@@ -26,7 +26,6 @@ from lensfit.io.camera.text import MOST_ROWS, read_text
 from lensfit.io.camera.written_length import written_length_mm
 
 KIND = "Avid Log Exchange file"
-HEADING = "heading"
 _NAMES = ("name", "clip name", "source file", "source file name", "clip")
 _QUANTITIES = (
     "focal_length_mm",

@@ -84,15 +84,14 @@ def _packets(data: bytes, path: Path) -> Iterator[_Packet]:
             )
         if size == 0:
             return
-        if (_CHECKSUM - sum(data[start : start + size - 1])) % 256 != data[
-            start + size - 1
-        ]:
+        last = start + size - 1
+        if (_CHECKSUM - sum(data[start:last])) % 256 != data[last]:
             raise CameraError(
                 f"is damaged: the checksum of the packet at byte {start} is wrong",
                 where=path,
                 remedy=_REMEDY,
             )
-        firsts = range(start + _HEAD, start + size - 1, _BLOCK)
+        firsts = range(start + _HEAD, last, _BLOCK)
         yield _Packet(start, {data[i]: data[i + 1 : i + _BLOCK] for i in firsts})
         start += size
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lensfit.bounded import read_beginning
 from lensfit.errors import CameraError
-from lensfit.io.camera.ale import HEADING, read_ale
+from lensfit.io.camera.ale import read_ale
 from lensfit.io.camera.arri import read_arri
 from lensfit.io.camera.blackmagic import FRAME_HEADING, read_blackmagic
 from lensfit.io.camera.canon import read_canon
@@ -14,6 +14,7 @@ from lensfit.io.camera.mosys_f4 import is_mosys_f4, read_mosys_f4
 from lensfit.io.camera.nuke_camera import NODE, read_chan, read_nuke_camera
 from lensfit.io.camera.opentrackio_stream import read_opentrackio_stream
 from lensfit.io.camera.red import read_red_frames, read_red_static
+from lensfit.io.camera.slates import ALE_HEADING
 from lensfit.io.camera.sony import read_sony
 from lensfit.io.camera.sony_xml import ROOT as XML_ROOT
 from lensfit.io.camera.sony_xml import read_sony_xml
@@ -61,7 +62,7 @@ def read_camera_file(
     if beginning.lstrip()[:1] == "<" and f"<{XML_ROOT}" in beginning:
         return read_sony_xml(path)
     first = next((line for line in beginning.splitlines() if line.strip()), "")
-    if first.strip().lower() == HEADING:
+    if first.strip().lower() == ALE_HEADING:
         return read_ale(path)
     for column, reader in _BY_COLUMN:
         if column in (cell.strip(' "') for cell in re.split(r"[\t,]", first)):

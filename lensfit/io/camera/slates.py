@@ -19,6 +19,8 @@ from lensfit.bounded import read_bounded, utf8_text
 from lensfit.errors import CameraError
 from lensfit.io.camera.quantity import is_missing
 
+ALE_HEADING = "heading"
+"""First line of an Avid Log Exchange file, in lower case."""
 _LARGEST_BYTES = 16 * 2**20
 _COLUMNS: dict[str, tuple[str, ...]] = {
     "name": ("image", "file", "file name", "filename", "clip", "clip name", "name",
@@ -130,7 +132,7 @@ def time_of(text: str | None) -> datetime | None:
 def _rows(text: str) -> list[tuple[int, list[str]]]:
     """Line number and cells of the column names and of every row."""
     lines = text.splitlines()
-    if lines and lines[0].strip().lower() == "heading":
+    if lines and lines[0].strip().lower() == ALE_HEADING:
         return ale_rows(lines)
     first = next((line for line in lines if line.strip()), "")
     delimiter = max("\t,;", key=first.count)

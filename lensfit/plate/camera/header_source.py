@@ -61,7 +61,7 @@ def add_header(
     return bad
 
 
-_ROUNDING = 0.02
+ROUNDING = 0.02
 """Relative: f/2.8 is f/2.83, and cameras round distances."""
 _BREATHING = 0.15
 _WHOLE_MILLIMETRES = "FocalLengthIn35mmFilm"
@@ -112,7 +112,7 @@ def whole_sensor_note(
             f"{shown} is the whole sensor, and the header does not state the part of "
             f"it that was recorded ({' with '.join(RECORDED)}, or --sensor-width-mm)"
         )
-    if known.rank == HEADER and float(known.value) > whole[0] * (1 + _ROUNDING):
+    if known.rank == HEADER and float(known.value) > whole[0] * (1 + ROUNDING):
         return (
             f"the header contradicts itself on the sensor width: "
             f"{_spelt('sensor_width_mm', known)} is used, which is more than {shown} "
@@ -122,16 +122,22 @@ def whole_sensor_note(
 
 
 def _contradicts(one: SourcedValue, other: SourcedValue) -> bool:
-    a, b = float(one.value), float(other.value)
-    if a == b:
-        return False
     keys = tuple(known.source.rpartition("/")[2] for known in (one, other))
-    allowed = _ROUNDING
+    allowed = ROUNDING
     if one.of_pinhole != other.of_pinhole:
         allowed = _BREATHING
     elif _WHOLE_MILLIMETRES in keys:
         allowed = _COARSE
-    return abs(a - b) > allowed * max(abs(a), abs(b)) or a + b == float("inf")
+    return differ(float(one.value), float(other.value), allowed)
+
+
+def differ(one: float, other: float, allowed: float = ROUNDING) -> bool:
+    """Whether two statements of a quantity differ by more than a share of the larger;
+    infinity differs from all else."""
+    if one == other:
+        return False
+    larger = max(abs(one), abs(other))
+    return abs(one - other) > allowed * larger or larger == float("inf")
 
 
 def _spelt(name: str, known: SourcedValue) -> str:

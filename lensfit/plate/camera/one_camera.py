@@ -5,11 +5,9 @@ from collections.abc import Sequence
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrPart
 from lensfit.io.metadata import camera_words
-from lensfit.plate.camera.header_source import HEADER
+from lensfit.plate.camera.header_source import HEADER, differ
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.spelling import SPELT, option_of
-
-_ROUNDING = 0.02
 
 
 def refuse_several_cameras(parts: Sequence[ExrPart], camera: PlateCamera) -> None:
@@ -40,16 +38,10 @@ def refuse_several_cameras(parts: Sequence[ExrPart], camera: PlateCamera) -> Non
         ]
         for part, value, of_pinhole in values[1:]:
             first, counts, of_first = values[0]
-            if of_pinhole == of_first and _differ(counts, value):
+            if of_pinhole == of_first and differ(counts, value):
                 raise ImageError(
                     f"states two cameras: the {spelt} of part {part.name!r} is "
                     f"{value:g}, that of part {first.name!r} is {counts:g}",
                     remedy=f"state the views of its parts in the header entry view, "
                     f"or give one {spelt} with {option_of(name)}",
                 )
-
-
-def _differ(one: float, other: float) -> bool:
-    if one == other:
-        return False
-    return not abs(one - other) <= _ROUNDING * max(abs(one), abs(other))

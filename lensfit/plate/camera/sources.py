@@ -246,12 +246,14 @@ class CameraSources:
             readings, place = file.at(frame, self.options.first_frame)
             for name, (value, entry) in readings.items():
                 source = f"{file.path} {place}, {entry}"
-                yield (
-                    name,
-                    SourcedValue(
-                        value, source, name == _FROM_PUPIL, rank, name == _PINHOLE
-                    ),
+                known = SourcedValue(
+                    value,
+                    source,
+                    from_pupil=name == _FROM_PUPIL,
+                    rank=rank,
+                    of_pinhole=name == _PINHOLE,
                 )
+                yield name, known
         if self._stated is None:
             for name, reading in of_settings:
                 yield name, SourcedValue(*reading, rank=_FOUND_SETTINGS)

@@ -316,7 +316,7 @@ class PlateLens:
     ) -> Window:
         """Pixels from which light may spread into `window`: all that the plate has, as
         far as an external map knows where they land, and the blur by depth reaches."""
-        wanted = window_with_margin(window, data_window, blurs and display)
+        wanted = window_with_margin(window, data_window, display if blurs else None)
         if self._map is None:
             return wanted
         known = self._map.window(display)

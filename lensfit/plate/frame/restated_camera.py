@@ -15,6 +15,7 @@ from lensfit.io.camera.aliases import ALIASES, SENSOR_WIDTH_KEY, Alias
 from lensfit.io.header_entry import entry_quantity, is_entry_of_alias
 from lensfit.io.header_sensor import RECORDED, recorded_size
 from lensfit.io.metadata import camera_words
+from lensfit.plate.camera.header_source import ROUNDING
 
 _SAME = 1e-4
 _LOST_LIGHT = 1.5
@@ -120,7 +121,7 @@ def _without_other_stop(
             stop = entry_quantity("t_number", key, header[key], alias)
         except ImageError:
             continue
-        low, high = f_number * (1 - 0.02), f_number * _LOST_LIGHT
+        low, high = f_number * (1 - ROUNDING), f_number * _LOST_LIGHT
         if stop is not None and not low <= stop <= high:
             del kept[key]
     return kept
