@@ -149,13 +149,8 @@ def _write_one(
     scaled, state, width_mm = _stated_state(loaded, camera, scale_to_sensor)
     lens, own = loaded.at(*state), loaded.camera
     frame_px = wanted or (own.image_width_px, own.image_height_px)
-    shape = pixel_shape(
-        loaded,
-        Window.of_size(*frame_px),
-        width_mm or own.sensor_width_mm,
-        SQUARE,
-        pixels.pixel_aspect,
-    )
+    window, spanned_mm = Window.of_size(*frame_px), width_mm or own.sensor_width_mm
+    shape = pixel_shape(loaded, window, spanned_mm, SQUARE, pixels.pixel_aspect)
     frame = StmapFrame(
         frame_px,
         overscan,
