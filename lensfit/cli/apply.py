@@ -35,6 +35,7 @@ class FilterName(StrEnum):
     cubic = "cubic"
     catmull_rom = "catmull-rom"
     keys_6 = "keys-6"
+    sinc_16 = "sinc-16"
 
 
 FilterOption = Annotated[

@@ -61,7 +61,9 @@ def overscan(
     scale_to_sensor: ScaleToSensorOption = False,
     filter_name: Annotated[
         FilterName,
-        typer.Option("--filter", help="Of the warp; keys-6 reads a pixel further"),
+        typer.Option(
+            "--filter", help="Of the warp; keys-6 reads a pixel further, sinc-16 six"
+        ),
     ] = FilterName.cubic,
     aberrations: AberrationGroup,
     disabled: DisableGroup,

@@ -9,6 +9,7 @@ RMS error of a shifted sine of unit amplitude, by its frequency in cycles/px:
     catmull-rom     16   3.9e-4   3.7e-3   4.0e-2   1.6e-1   3.9e-1    3
     keys-6          36   2.0e-5   4.7e-4   1.4e-2   9.8e-2   3.3e-1    4
     lanczos3        36   3.8e-3   4.4e-3   1.7e-2   1.6e-2   2.5e-1    0
+    sinc-16        256   4.5e-4   1.3e-4   6.9e-4   2.3e-3   5.7e-3    2
     spline          16+  1.7e-5   2.9e-4   6.3e-3   4.9e-2   2.4e-1    4
 
 OpenCV's cubic (a = -0.75) does not reproduce a ramp; `cubic` is the same kernel, read
@@ -18,24 +19,29 @@ smooth picture the others are better. A prefiltered cubic spline is the most acc
 for its taps, but its prefilter rings over a dozen pixels, which a highlight of a
 thousand times its surroundings makes visible. All filters here have compact support and
 leave sample positions untouched, and catmull-rom and keys-6 reproduce quadratics and
-cubics.
+cubics. sinc-16 is the sinc under a Hann window, which is long enough to keep what lies
+close to the sampling limit, reproduces a ramp and reads sixteen times the samples: for
+pictures that are warped there and back (`lensfit undistort`, then `lensfit apply`).
 
 Reference: R. G. Keys, IEEE Trans. ASSP 29 (1981) 1153-1160.
 """
 
+import math
 from collections.abc import Callable
 from typing import Literal
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-Filter = Literal["cubic", "catmull-rom", "keys-6"]
+Filter = Literal["cubic", "catmull-rom", "keys-6", "sinc-16"]
 
 Plane = Float[Array, "height width"]
 
 
 def tap_weights(name: Filter, fraction: Plane) -> list[Plane]:
     """Weights of the taps at `first_tap(name)`, + 1, ... for a fraction in [0, 1)."""
+    if name == "sinc-16":
+        return _sinc_weights(fraction)
     pieces = _PIECES[name]
     reach = len(pieces)
     if name == "cubic":
@@ -47,7 +53,7 @@ def tap_weights(name: Filter, fraction: Plane) -> list[Plane]:
 
 def first_tap(name: Filter) -> int:
     """Offset of the first tap from the sample at or below the position."""
-    return 1 - len(_PIECES[name])
+    return 1 - (_SINC_REACH if name == "sinc-16" else len(_PIECES[name]))
 
 
 def filter_for(tolerance: float) -> Filter:
@@ -80,6 +86,29 @@ def ramp_fraction(fraction: Plane) -> Plane:
     return 0.5 + jnp.sinh(jnp.arcsinh(4 * fraction - 2) / 3)
 
 
+def _sinc_weights(fraction: Plane) -> list[Plane]:
+    """Of all taps at once: at a distance of t - k the sine of the sinc is that of t but
+    for its sign, and the cosine of the window follows from one sine and one cosine."""
+    reach = _SINC_REACH
+    sine = jnp.sin(jnp.pi * fraction) / (2 * jnp.pi)
+    slow_sine, slow_cosine = (f(jnp.pi / reach * fraction) for f in (jnp.sin, jnp.cos))
+    weights = []
+    for tap in range(1 - reach, reach + 1):
+        distance = fraction - tap
+        turn = math.pi * tap / reach
+        window = 1 + slow_cosine * math.cos(turn) + slow_sine * math.sin(turn)
+        there = jnp.abs(distance) < _ON_TAP
+        read = (-1) ** tap * sine * window / jnp.where(there, 1, distance)
+        weights.append(jnp.where(there, 1, read))
+    total = sum(weights[1:], weights[0])
+    return [weight / total for weight in weights]
+
+
+_SINC_REACH = 8
+_ON_TAP = 1e-4
+"""Nearer to a sample its weight is 1 to float32's resolution."""
+
+
 def _opencv_inner(x: Plane) -> Plane:
     return (1.25 * x - 2.25) * x * x + 1
 
@@ -108,7 +137,7 @@ def _keys6_outer(x: Plane) -> Plane:
     return ((x / 12 - 2 / 3) * x + 1.75) * x - 1.5
 
 
-_PIECES: dict[Filter, list[Callable[[Plane], Plane]]] = {
+_PIECES: dict[str, list[Callable[[Plane], Plane]]] = {
     "cubic": [_opencv_inner, _opencv_outer],
     "catmull-rom": [_catmull_rom_inner, _catmull_rom_outer],
     "keys-6": [_keys6_inner, _keys6_middle, _keys6_outer],

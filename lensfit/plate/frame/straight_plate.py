@@ -39,7 +39,7 @@ from lensfit.rendering.warp import warp
 
 PINHOLE = "lensfit/pinhole"
 """Header entry with the camera of a straight picture, as JSON."""
-SPARE_PX = 4
+SPARE_PX = 9
 """As wide as any filter reads, and the map's own error."""
 MOST_GROWTH = 3.0
 """Width of a straight picture over that of its frame; a wider one is stated."""
