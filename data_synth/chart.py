@@ -7,12 +7,18 @@ R = Rz(roll) Ry(pan) Rx(tilt). The chart may be bent into a paraboloid.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-ChartKind = Literal["dot-grid", "line-grid", "checkerboard"]
+from lensfit.detect.marker_board import MarkerBoard, dark_share, marker_board
+
+ChartKind = Literal["dot-grid", "line-grid", "checkerboard", "charuco"]
+MARKER_RATIO, DICTIONARY = 0.7, "DICT_5X5_1000"
+"""Of ChArUco boards: side of a marker over that of its square, and OpenCV's markers."""
 
 
 @dataclass(frozen=True)
@@ -21,11 +27,13 @@ class Chart:
 
     Attributes
     ----------
-    kind : Round holes, bright lines, or a checkerboard (white square at X, Y > 0).
+    kind : Round holes, bright lines, a checkerboard (white square at X, Y > 0), or a
+        ChArUco board on white paper.
     pitch_mm : Distance of neighbouring marks; side of one checker square.
-    mark_mm : Diameter of a hole, or width of a line; unused for a checkerboard.
+    mark_mm : Diameter of a hole, or width of a line; unused for squares.
     reach_mm : Half-sides of the printed area around mark (0, 0); None has no end.
     dark : Dots are black, and all around them is white.
+    squares : Columns and rows of a ChArUco board.
     """
 
     kind: ChartKind
@@ -33,6 +41,7 @@ class Chart:
     mark_mm: float = 0.0
     reach_mm: tuple[float, float] | None = None
     dark: bool = False
+    squares: tuple[int, int] = (0, 0)
 
     def is_printed(
         self, chart_mm: Float[np.ndarray, "*points 2"]
@@ -107,6 +116,8 @@ def _endless_coverage(chart: Chart, chart_mm, footprint_mm):
         sign_x = _square_wave(x / chart.pitch_mm, width_x / chart.pitch_mm)
         sign_y = _square_wave(y / chart.pitch_mm, width_y / chart.pitch_mm)
         return 0.5 + 0.5 * sign_x * sign_y
+    if chart.kind == "charuco":
+        return _board_coverage(chart, chart_mm, footprint_mm)
     if chart.kind == "line-grid":
         duty = chart.mark_mm / chart.pitch_mm
         dark_x = 1.0 - _pulse(x / chart.pitch_mm, width_x / chart.pitch_mm, duty)
@@ -116,6 +127,20 @@ def _endless_coverage(chart: Chart, chart_mm, footprint_mm):
     near_y = y - chart.pitch_mm * np.round(y / chart.pitch_mm)
     inside_mm = chart.mark_mm / 2 - np.hypot(near_x, near_y)
     return np.clip(0.5 + inside_mm / np.sqrt(width_x * width_y), 0.0, 1.0)
+
+
+def _board_coverage(chart: Chart, chart_mm, footprint_mm):
+    """White where squares with markers have no dark module, and around the board."""
+    board = _board(chart.squares)
+    places = chart_mm / chart.pitch_mm + np.array(chart.squares) // 2
+    box = np.broadcast_to(footprint_mm / chart.pitch_mm, places.shape)
+    return 1 - dark_share(board.dark, board.ratio, places, box, with_squares=True)
+
+
+@cache
+def _board(squares: tuple[int, int]) -> MarkerBoard:
+    markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
+    return marker_board(cv2.aruco.CharucoBoard(squares, 1.0, MARKER_RATIO, markers))
 
 
 def _pulse(phase, width, duty: float):

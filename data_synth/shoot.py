@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from data_synth.aim import chief_landings_mm, tracer_from_object
 from data_synth.bands import CHANNELS, Band, camera_bands
-from data_synth.chart import Chart, Pose
+from data_synth.chart import DICTIONARY, MARKER_RATIO, Chart, Pose
 from data_synth.dot_images import expose_dots_from_maps
 from data_synth.dots import DotTruth, expose_dots
 from data_synth.files import (
@@ -357,7 +357,11 @@ def _target_lines(name: str, chart: Chart) -> list[str]:
         lines.append(f"hole_diameter_mm = {chart.mark_mm}")
     if chart.kind == "line-grid":
         lines.append(f"line_width_mm = {chart.mark_mm}")
-    if chart.kind != "checkerboard":
+    if chart.kind == "charuco":
+        lines.append(f"squares = {list(chart.squares)}")
+        lines.append(f'dictionary = "{DICTIONARY}"')
+        lines.append(f"marker_ratio = {MARKER_RATIO}")
+    elif chart.kind != "checkerboard":
         lines.append(f'polarity = "{"dark" if chart.dark else "bright"}"')
     return [*lines, ""]
 

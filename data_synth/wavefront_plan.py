@@ -9,9 +9,8 @@ The focus is moved as far as 0.715 and 1.65 times the chart's distance, but no f
 than the traced spots wide open stay within a part of the dots' pitch.
 """
 
-import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -37,6 +36,8 @@ BISECTIONS = 6
 SPOT_FIELD = ((0.0, 0.5, 0.9), (-0.9, -0.4, 0.0, 0.4, 0.9))
 LINES_F_NUMBER = 8.0
 LINE_PX = 3.0
+BOARD_PX = 25.0
+"""What stands for the diameter of a hole: modules of markers are four pixels then."""
 DISTANCE_IN_FOCAL_LENGTHS = 40.0
 BRIGHTEST = 0.85
 
@@ -47,7 +48,12 @@ ALMOST_SQUARE = Pose(
 
 _PUPIL_POINTS = 17
 """Across the pupil, of patterns that are out of focus: blur of 12 px without steps."""
-_NAMES = {"dot-grid": "dots", "checkerboard": "checkers", "line-grid": "lines"}
+_NAMES = {
+    "dot-grid": "dots",
+    "checkerboard": "checkers",
+    "line-grid": "lines",
+    "charuco": "markers",
+}
 
 FocusState = Literal["in", "near", "far"]
 FOCUS_STATES: tuple[FocusState, ...] = ("in", "near", "far")
@@ -94,9 +100,13 @@ CHART_PLANS = {
     "dots_48": WavefrontPlan(hole_px=48.0, dark=True, with_lines=False),
     "checkerboard": WavefrontPlan(kind="checkerboard", with_lines=False),
     "line_grid": WavefrontPlan(kind="line-grid", hole_px=LINE_PX, with_lines=False),
+    "charuco": WavefrontPlan(
+        kind="charuco", hole_px=BOARD_PX, with_lines=False, blur_in_pitches=0.1
+    ),
 }
-"""By chart: holes of 1.6 pixels, dark dots of 6, 20 and 48, squares, lines of 3. Holes
-alone have a line grid beside them."""
+"""By chart: holes of 1.6 pixels, dark dots of 6, 20 and 48, squares, lines of 3, and
+squares with markers, which have to stay readable. Holes alone have a line grid beside
+them."""
 
 
 def wavefront_shots(
@@ -113,6 +123,8 @@ def wavefront_shots(
     reach_mm = _reach_mm(plan, frame, mm_per_px)
     mark_mm = handy(mm_per_px * plan.hole_px)
     chart = Chart(plan.kind, pitch_mm, mark_mm, reach_mm, plan.dark)
+    if plan.kind == "charuco":
+        chart = replace(chart, squares=_squares(frame, pitch_mm / mm_per_px))
     about = _NAMES[plan.kind]
     focus_mm = _focus_distances_mm(prescription, frame, sizes, plan.blur_in_pitches)
     widest = prescription.f_number
@@ -138,6 +150,12 @@ def wavefront_shots(
         stop = max(LINES_F_NUMBER, handy(2 * widest))
         shots.append(take(named("lines", stop), lines, pose, stop, distance_mm))
     return shots
+
+
+def _squares(frame: Frame, square_px: float) -> tuple[int, int]:
+    """Columns and rows that a board needs to reach beyond the frame."""
+    columns, rows = (math.ceil(size / square_px) + 2 for size in frame.size_px)
+    return columns, rows
 
 
 def _reach_mm(
@@ -251,6 +269,6 @@ def handy(value: float, digits: int = 2) -> float:
 
 def _placed(pose: Pose, distance_mm: float, pitch_mm: float) -> Pose:
     shift_x, shift_y = pose.shift_mm
-    return dataclasses.replace(
+    return replace(
         pose, distance_mm=distance_mm, shift_mm=(shift_x * pitch_mm, shift_y * pitch_mm)
     )

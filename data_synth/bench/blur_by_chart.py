@@ -50,6 +50,7 @@ CHARTS = {
     "dots_48": ChartCase(CHART_PLANS["dots_48"], (0.10, 0.20), (0.04, 0.10)),
     "checkerboard": ChartCase(CHART_PLANS["checkerboard"], (0.10, 0.20), (0.06, 0.12)),
     "line_grid": ChartCase(CHART_PLANS["line_grid"], (0.12, 0.25), (0.06, 0.12)),
+    "charuco": ChartCase(CHART_PLANS["charuco"], (0.10, 0.20), (0.06, 0.12)),
     "one_photograph": ChartCase(ONE_PHOTOGRAPH, (0.10, 0.20), (0.06, 0.12)),
 }
 """By name; the last is a single photograph of dots of 20 pixels."""

@@ -68,6 +68,8 @@ _LARGEST_LENGTH_MM = 400.0
 """The code has room for marks up to 419 mm wide."""
 _RULERS_MM = (100, 50, 20, 10)
 _NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
+FOIL_BAR = 0.15
+"""Width of what stays between holes of the code, in modules."""
 _MARKS_ACROSS = 28
 _DOT_PART, _LINE_PART = 0.25, 0.06
 
@@ -222,6 +224,42 @@ def draw(layout: Layout, version: str) -> Drawing:
     )
 
 
+def foil_drawing(layout: Layout) -> Drawing:
+    """The holes to cut into foil, none of which encloses a part that falls out.
+
+    Each inked module of the code is a hole of its own: bars of `FOIL_BAR` modules that
+    stay between them hold every module that is not inked. Ruler and caption, whose
+    letters would fall out, are left away.
+
+    Raises
+    ------
+    ChartError : What lies between lines or squares would fall out, or dark dots would.
+    """
+    pattern = layout.pattern
+    if pattern.kind != "dot-grid" or pattern.polarity != "bright":
+        raise ChartError(
+            f"a {pattern.kind.replace('-', ' ')} of {pattern.polarity} marks falls "
+            "apart when it is cut",
+            remedy="cut a dot grid of bright marks, or write SVG or PDF and print it",
+        )
+    boxes = np.concatenate(
+        [
+            _code_boxes(pattern, at, layout.module_mm, bar=FOIL_BAR)
+            for at in layout.code_mm
+        ]
+    )
+    return Drawing(
+        width_mm=layout.sheet.width_mm,
+        height_mm=layout.sheet.height_mm,
+        ground=BLACK,
+        layers=(
+            *pattern_layers(pattern, layout.origin_mm, WHITE, BLACK),
+            Layer(WHITE, boxes_mm=boxes),
+        ),
+        title=", ".join(described(pattern)),
+    )
+
+
 def described(pattern: Pattern) -> tuple[str, str]:
     """A pattern in words: what it is, and its sizes."""
     name = pattern.kind.replace("-", " ")
@@ -235,18 +273,23 @@ def described(pattern: Pattern) -> tuple[str, str]:
 
 
 def _code_boxes(
-    pattern: Pattern, at_mm: tuple[float, float], module_mm: float
+    pattern: Pattern, at_mm: tuple[float, float], module_mm: float, bar: float = 0.0
 ) -> np.ndarray:
-    """Runs of inked modules of a strip whose quiet zone begins at `at_mm`."""
+    """Runs of inked modules of a strip whose quiet zone begins at `at_mm`; each module
+    by itself where bars, so many modules wide, stay between them."""
     boxes = []
     for position, marker in enumerate(marker_ids(pattern)):
         left = at_mm[0] + (1 + 8 * position) * module_mm
         for row, cells in enumerate(marker_cells(marker)):
             edges = np.flatnonzero(np.diff(np.r_[False, cells, False].astype(int)))
-            top = at_mm[1] + (1 + row) * module_mm
-            for start, end in edges.reshape(-1, 2):
-                wide = (end - start) * module_mm
-                boxes.append((left + start * module_mm, top, wide, module_mm))
+            runs = edges.reshape(-1, 2)
+            if bar:
+                runs = np.flatnonzero(cells)[:, None] + [0, 1]
+            top = at_mm[1] + (1 + row + bar / 2) * module_mm
+            for start, end in runs:
+                place = left + (start + bar / 2) * module_mm, top
+                wide, high = (end - start - bar) * module_mm, (1 - bar) * module_mm
+                boxes.append((*place, wide, high))
     return np.array(boxes)
 
 

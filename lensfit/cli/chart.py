@@ -25,7 +25,9 @@ def chart(
     chart: ChartGroup,
     out: Annotated[
         list[Path] | None,
-        typer.Option(help="File to write: .svg, .pdf, .png or .exr; may be repeated"),
+        typer.Option(
+            help="File to write: .svg, .pdf, .png, .exr; .dxf to cut; may be repeated"
+        ),
     ] = None,
     dpi: Annotated[
         float | None, typer.Option(help="Of PNG and EXR of paper; 300 by default")

@@ -1,9 +1,10 @@
 """Reading of a chart's code strip, which identifies the chart.
 
-Markers are found by OpenCV, in linear light, in which blur leaves edges where they are;
-if some are missing, once more on a picture enlarged twice. Each knows its place in the
-strip, so that any copies of it that are in the frame fill in for each
-other; a checksum decides. A strip needs about two pixels for each of its modules and a
+Markers are found by OpenCV, in linear light, in which blur leaves edges where they are.
+They are looked for on smaller pictures too, in which the bars that hold modules of cut
+foil disappear, and if some are missing, on one enlarged twice. Each knows its place in
+the strip, so that any copies of it that are in the frame fill in for each other; a
+checksum decides. A strip needs about two pixels for each of its modules and a
 blur of less than one and a half of them; no take but the sharpest has to show it.
 """
 
@@ -20,6 +21,7 @@ from lensfit.photograph import Photograph
 _LEAST_PERIMETER_PX = 40.0
 """Of a marker: ten pixels a side."""
 _MOST_TO_ENLARGE_PX = 16_000_000
+_SMALLER, _SHORTEST_SIDE_PX = (0.5, 0.25), 600
 _MOST_READINGS = 64
 """Strips that are tried where markers of one place disagree."""
 
@@ -42,17 +44,18 @@ def read_chart_code(photograph: Photograph) -> Pattern | None:
     picture = np.clip(255 / white * image, 0, 255).astype(np.uint8)
     # The sheet's own tone first: what is mostly black holds inverted markers.
     tones = (True, False) if np.mean(picture) < 100 else (False, True)
-    tries = [(1, inverted) for inverted in tones]
-    if picture.size <= _MOST_TO_ENLARGE_PX:
-        tries += [(2, inverted) for inverted in tones]
+    scales = [1.0, *(s for s in _SMALLER if s * min(image.shape) >= _SHORTEST_SIDE_PX)]
     seen: list[set[int]] = [set() for _ in range(MARKERS)]
-    for enlarged, inverted in tries:
-        _look(picture, enlarged, inverted, seen)
-        pattern = _first_sound(seen)
-        if pattern is not None:
+    for scale, inverted in product(scales, tones):
+        _look(picture, scale, inverted, seen)
+        if (pattern := _first_sound(seen)) is not None:
             return pattern
-        if (enlarged, inverted) == tries[1] and not any(seen):
-            return None
+    if not any(seen) or picture.size > _MOST_TO_ENLARGE_PX:
+        return None
+    for inverted in tones:
+        _look(picture, 2.0, inverted, seen)
+        if (pattern := _first_sound(seen)) is not None:
+            return pattern
     return None
 
 
@@ -67,16 +70,16 @@ def _first_sound(seen: list[set[int]]) -> Pattern | None:
 
 
 def _look(
-    picture: np.ndarray, enlarged: int, inverted: bool, seen: list[set[int]]
+    picture: np.ndarray, scale: float, inverted: bool, seen: list[set[int]]
 ) -> None:
     """Add the markers of one tone to those seen for each place of the strip."""
-    if enlarged > 1:
-        picture = cv2.resize(
-            picture, None, fx=enlarged, fy=enlarged, interpolation=cv2.INTER_CUBIC
-        )
+    if scale != 1:
+        how = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
+        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=how)
+    enlarged = max(scale, 1.0)
     options = cv2.aruco.DetectorParameters()
     options.minMarkerPerimeterRate = enlarged * _LEAST_PERIMETER_PX / max(picture.shape)
-    options.adaptiveThreshWinSizeMax *= enlarged
+    options.adaptiveThreshWinSizeMax *= round(enlarged)
     detector = cv2.aruco.ArucoDetector(dictionary(), options)
     _, ids, _ = detector.detectMarkers(255 - picture if inverted else picture)
     for marker in () if ids is None else np.ravel(ids):

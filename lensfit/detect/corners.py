@@ -23,6 +23,7 @@ from scipy.ndimage import map_coordinates
 
 from lensfit.detect.corner_fit import WINDOW_PER_SQUARE, CornerFit, fit_corners
 from lensfit.detect.graph import ROUGHEST_LATTICE, find_links, index_linked, roughness
+from lensfit.detect.marker_board import MarkerBoard, marker_board
 from lensfit.detect.observations import POINT, Observations
 from lensfit.detect.ridges import hessian, subpixel_peaks
 from lensfit.errors import DetectionError
@@ -84,8 +85,8 @@ FAINTEST_EDGE = 0.02
 """Least step of display brightness across an edge that joins two corners."""
 EDGE_OFFSET = 0.08
 """How far beside an edge it is probed, in lengths of the edge."""
-CHARUCO_WINDOW = 0.9
-"""Part of the white margin around a marker that the corner's window may use."""
+_PART_OF_MARGIN = 0.9
+"""Of the white margin around a marker, which the corner's window may use."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def find_checkerboard(photograph: Photograph) -> Observations:
             where=photograph.path,
             remedy="check the target's kind, the focus and the exposure",
         )
-    return _measured(photograph, best, WINDOW_PER_SQUARE, alternating=True)
+    return _measured(photograph, best, None)
 
 
 def find_charuco(photograph: Photograph, board: Mapping[str, Any]) -> Observations:
@@ -153,6 +154,7 @@ def find_charuco(photograph: Photograph, board: Mapping[str, Any]) -> Observatio
     brightness = display_brightness(photograph.luminance_channel)
     picture = np.clip(brightness * 255, 0, 255).astype(np.uint8)
     best = _Corners(np.zeros((0, 2)), np.zeros((0, 2), int), 0)
+    found_on = None
     for legacy in (False, True):
         pattern = cv2.aruco.CharucoBoard(
             (columns, rows), 1.0, ratio, _dictionary(photograph, board["dictionary"])
@@ -166,6 +168,7 @@ def find_charuco(photograph: Photograph, board: Mapping[str, Any]) -> Observatio
             indices = np.stack([number % (columns - 1), number // (columns - 1)], -1)
             points = np.asarray(found, float).reshape(-1, 2) + 0.5
             best = _Corners(points, indices, len(points))
+            found_on = marker_board(pattern)
         if not best.candidates and markers is not None:
             best = _Corners(best.points_px, best.indices, len(markers))
     if len(best.points_px) < 4:
@@ -176,8 +179,7 @@ def find_charuco(photograph: Photograph, board: Mapping[str, Any]) -> Observatio
             remedy="check squares, dictionary and marker_ratio of the target, and that "
             "the markers are sharp and not mirrored",
         )
-    window = CHARUCO_WINDOW * (1 - ratio) / 2
-    return _measured(photograph, best, window, alternating=False)
+    return _measured(photograph, best, found_on)
 
 
 def _dictionary(photograph: Photograph, name: str) -> Any:
@@ -254,27 +256,33 @@ def _local_steps(corners: _Corners) -> Float[np.ndarray, "corners 2 2"]:
 
 
 def _measured(
-    photograph: Photograph, corners: _Corners, window: float, *, alternating: bool
+    photograph: Photograph, corners: _Corners, markers: MarkerBoard | None
 ) -> Observations:
     """Fit the corners in every channel and keep those that settle.
 
     Parameters
     ----------
-    alternating : Whether squares are plain, and bright and dark ones alternate.
+    markers : In the bright squares; None where squares are plain.
     """
+    window = window_per_square(markers)
     steps = _local_steps(corners)
     first = fit_corners(photograph.luminance_channel, corners.points_px, steps, window)
     parity = np.where(corners.indices.sum(1) % 2 == 0, 1, -1)
     sign = np.sign(first.contrast) * parity
     kept = first.settled
-    if alternating:
+    if markers is None:
         kept = kept & (sign == np.sign(sign[kept].sum() or 1))
     channels = _all_channels(photograph, first, steps, window)
     short = np.abs(np.linalg.det(steps)) < (4 * 2.5) ** 2
     found = _as_observations(photograph, corners, first, channels, kept, short)
-    # Markers in the squares look like blur.
-    blur_px = first.blur_px[kept] if alternating else None
-    return replace(found, edge_blur_px=blur_px)
+    return replace(found, edge_blur_px=first.blur_px[kept], markers=markers)
+
+
+def window_per_square(markers: MarkerBoard | None) -> float:
+    """Half width of a corner's window, in squares: within the margin of markers."""
+    if markers is None:
+        return WINDOW_PER_SQUARE
+    return _PART_OF_MARGIN * markers.margin
 
 
 def _all_channels(

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from lensfit.detect.line_profile import MeasuredLines
+from lensfit.detect.marker_board import MarkerBoard
 
 CHANNELS = ("r", "g", "b")
 
@@ -57,6 +58,7 @@ class Observations:
         that cross there; of line samples that of the light across the line, which the
         line's own width is part of; None of other marks.
     lines : How lines were measured; None of other marks.
+    markers : Of the board whose corners these are; None of other marks.
     bright : Marks are brighter than their surround; False for dark marks and corners.
     image_size_px : Width and height of the photograph.
     candidates : Number of marks that looked like the target's, indexed or not.
@@ -79,6 +81,7 @@ class Observations:
     bright: bool = True
     edge_blur_px: Float[np.ndarray, " marks"] | None = None
     lines: MeasuredLines | None = None
+    markers: MarkerBoard | None = None
     notes: tuple[str, ...] = field(default=())
 
     def __len__(self) -> int:
@@ -86,7 +89,7 @@ class Observations:
 
     @property
     def are_corners(self) -> bool:
-        """Whether marks are corners where plain squares meet."""
+        """Whether marks are corners where squares meet."""
         return self.are_edges and not self.are_lines
 
     @property

@@ -10,15 +10,16 @@ import numpy as np
 from lensfit import __version__
 from lensfit.chart.coverage import paint, size_in_pixels
 from lensfit.chart.drawing import Drawing
-from lensfit.chart.layout import Layout, Wanted, draw, lay_out
+from lensfit.chart.layout import Layout, Wanted, draw, foil_drawing, lay_out
 from lensfit.chart.sheet import Sheet, paper_sheet, screen_sheet
 from lensfit.errors import ChartError
+from lensfit.io.drawing_dxf import write_dxf
 from lensfit.io.drawing_pdf import write_pdf
 from lensfit.io.drawing_picture import write_png, write_tones_exr
 from lensfit.io.drawing_svg import write_svg
 from lensfit.units import MILLIMETRES_PER_INCH
 
-FORMATS = (".svg", ".pdf", ".png", ".exr")
+FORMATS = (".svg", ".pdf", ".dxf", ".png", ".exr")
 MOST_PIXELS = 120_000_000
 DEFAULT_DPI = 300.0
 
@@ -78,7 +79,7 @@ def write_chart(
 
     Parameters
     ----------
-    paths : Files that end in .svg, .pdf, .png or .exr.
+    paths : Files that end in .svg, .pdf, .png or .exr, or in .dxf for cut foil.
     dpi : Pixels per inch of PNG and EXR of paper; 300 by default.
 
     Raises
@@ -97,12 +98,16 @@ def write_chart(
     pixel_mm = _pixel_mm(layout.sheet, dpi)
     drawing = draw(layout, __version__)
     formats = {Path(path).suffix.lower() for path in paths}
+    holes = foil_drawing(layout) if ".dxf" in formats else drawing
     tones = None
     if formats & {".png", ".exr"}:
         _check_pixels(drawing, pixel_mm)
         tones = paint(drawing, pixel_mm)
     for path in map(Path, paths):
-        _write(path, drawing, tones, pixel_mm)
+        if path.suffix.lower() == ".dxf":
+            write_dxf(path, holes)
+        else:
+            _write(path, drawing, tones, pixel_mm)
     return layout
 
 

@@ -14,7 +14,9 @@ def run(*arguments: str):
 
 
 def test_every_format_is_written(tmp_path: Path):
-    files = [str(tmp_path / f"chart.{end}") for end in ("svg", "pdf", "png", "exr")]
+    files = [
+        str(tmp_path / f"chart.{end}") for end in ("svg", "pdf", "png", "exr", "dxf")
+    ]
     options = [word for file in files for word in ("--out", file)]
     result = run("--paper", "A4", "--dpi", "72", *options, "--json")
     assert result.exit_code == 0, result.output
@@ -22,7 +24,7 @@ def test_every_format_is_written(tmp_path: Path):
     assert said["files"] == files
     assert said["pattern"]["pitch_mm"] == 10.0
     starts = [Path(file).read_bytes()[:4] for file in files]
-    assert starts == [b"<?xm", b"%PDF", b"\x89PNG", b"v/1\x01"]
+    assert starts == [b"<?xm", b"%PDF", b"\x89PNG", b"v/1\x01", b"999\n"]
 
 
 def test_a_screen_is_filled_pixel_by_pixel(tmp_path: Path):

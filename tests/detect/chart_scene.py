@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from lensfit.chart.coverage import paint
-from lensfit.chart.layout import Layout, Wanted, draw, lay_out
+from lensfit.chart.layout import Layout, Wanted, draw, foil_drawing, lay_out
 from lensfit.chart.sheet import paper_sheet
 from lensfit.photograph import Photograph
 
@@ -28,25 +28,27 @@ def photographed(
     fill: float = 0.95,
     blur_px: float = 0.7,
     noise: float = 0.004,
+    cut: bool = False,
+    size_px: tuple[int, int] = SIZE_PX,
 ) -> tuple[Photograph, np.ndarray]:
     """A photograph, and the homography from sheet millimetres to its pixels.
 
     `tilt` is how much larger one side of the sheet appears than its middle; `fill` the
-    part of the frame that the turned sheet spans.
+    part of the frame that the turned sheet spans; `cut` shows light through foil.
     """
-    drawing = draw(layout, "0")
+    drawing = foil_drawing(layout) if cut else draw(layout, "0")
     sheet = paint(drawing, 1 / FINE_PER_MM)
     size = np.array([drawing.width_mm, drawing.height_mm])
     turn = np.radians(turn_deg)
     c, s = np.cos(turn), np.sin(turn)
     rotation = np.array([[c, -s], [s, c]])
-    scale = fill * (np.array(SIZE_PX) / (np.abs(rotation) @ size)).min()
+    scale = fill * (np.array(size_px) / (np.abs(rotation) @ size)).min()
     to_middle, place, lens = np.eye(3), np.eye(3), np.eye(3)
     to_middle[:2, 2] = -size / 2
     place[:2, :2] = rotation * scale
     lens[2, 0] = tilt / (size.max() * scale)
     back = np.eye(3)
-    back[:2, 2] = np.array(SIZE_PX) / 2
+    back[:2, 2] = np.array(size_px) / 2
     homography = back @ lens @ place @ to_middle
     centres = np.eye(3)
     centres[:2, 2] = 0.5
@@ -56,7 +58,7 @@ def photographed(
     image = cv2.warpPerspective(
         smooth,
         np.linalg.inv(centres) @ homography @ fine @ centres,
-        SIZE_PX,
+        size_px,
         flags=cv2.INTER_LINEAR,
         borderValue=0.3,
     )

@@ -36,6 +36,13 @@ def test_code_and_numbers_are_read_however_the_chart_stands(kind, polarity, turn
     assert error_px(marks, layout, homography).max() < 0.25
 
 
+@pytest.mark.parametrize("size_px", [(1200, 900), (2400, 1800), (4800, 3600)])
+def test_the_code_is_read_from_light_through_cut_foil(size_px):
+    layout = a4("dot-grid", "bright")
+    photograph, _ = photographed(layout, cut=True, size_px=size_px, turn_deg=33)
+    assert read_chart_code(photograph) == layout.pattern
+
+
 def test_marks_are_numbered_out_of_focus_too():
     layout = a4("dot-grid")
     photograph, homography = photographed(layout, turn_deg=180, blur_px=6.0)

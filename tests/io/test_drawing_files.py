@@ -7,11 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.ndimage import label
 
+from lensfit.chart.coverage import paint
 from lensfit.chart.drawing import Drawing
-from lensfit.chart.layout import Layout, Wanted, draw, lay_out
+from lensfit.chart.layout import Layout, Wanted, draw, foil_drawing, lay_out
 from lensfit.chart.pattern import lattice_points
 from lensfit.chart.sheet import paper_sheet
+from lensfit.errors import ChartError
+from lensfit.io.drawing_dxf import dxf
 from lensfit.io.drawing_pdf import write_pdf
 from lensfit.io.drawing_picture import write_png, write_tones_exr
 from lensfit.io.drawing_svg import svg
@@ -42,6 +46,29 @@ def test_every_dot_lies_where_it_should_in_svg(dots):
     true = points[~missing] * 11.3 + layout.origin_mm
     np.testing.assert_allclose(found[:, :2], true, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found[:, 2], 2.9 / 2, rtol=0, atol=1e-9)
+
+
+def test_foil_is_cut_along_the_same_dots_and_stays_in_one_piece(dots):
+    layout, drawing = dots
+    holes = foil_drawing(layout)
+    lines = iter(dxf(holes).splitlines())
+    groups = [(int(code), value) for code, value in zip(lines, lines, strict=True)]
+    at = [k for k, group in enumerate(groups) if group == (0, "CIRCLE")]
+    circles = np.array([[float(groups[k + n][1]) for n in (2, 3, 4)] for k in at])
+    true = drawing.layers[0].discs_mm * [1, -1, 1] + [0, drawing.height_mm, 0]
+    np.testing.assert_allclose(circles, true, rtol=0, atol=1e-6)
+    boxes = sum(len(layer.boxes_mm) for layer in holes.layers)
+    assert groups.count((0, "POLYLINE")) == groups.count((0, "SEQEND")) == boxes > 0
+    assert groups.count((0, "VERTEX")) == 4 * boxes
+    foil = paint(holes, 0.02) < 0.5
+    assert label(foil)[1] == 1
+    assert label(paint(drawing, 0.02) < 0.5)[1] > 1  # as printed, parts would fall out
+
+
+def test_what_would_fall_apart_is_not_cut():
+    lines = lay_out(paper_sheet("A4"), Wanted("line-grid"))
+    with pytest.raises(ChartError, match="falls apart"):
+        foil_drawing(lines)
 
 
 def test_the_bar_of_the_ruler_is_100_mm_long(dots):

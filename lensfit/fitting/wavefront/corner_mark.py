@@ -17,7 +17,6 @@ import jax.numpy as jnp
 from jax.scipy.special import erf
 from jaxtyping import Array, Float
 
-from lensfit.detect.corner_fit import WINDOW_PER_SQUARE
 from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 
 _FIRST_BLUR_CELLS = 1.5
@@ -30,6 +29,7 @@ def detected_corner(
     places: Float[Array, "cells cells 2"],
     side_cells: Float[Array, "2 2"],
     half_width_cells: Float[Array, ""],
+    half_width_squares: Float[Array, ""],
 ) -> Float[Array, "2"]:
     """Place of the corner about the middle; fitted in double precision.
 
@@ -37,13 +37,14 @@ def detected_corner(
     ----------
     places : Of the cells.
     side_cells : Sides of a square from the corner, in columns.
-    half_width_cells : Largest half width of detection's window.
+    half_width_cells, half_width_squares : Of detection's window, at most.
     """
-    given = image.reshape(-1), places.reshape(-1, 2), side_cells, half_width_cells
-    light, places, side_cells, half_width_cells = (part.astype(float) for part in given)
+    given = image.reshape(-1), places.reshape(-1, 2), side_cells
+    window = half_width_cells, half_width_squares
+    light, places, side_cells, *window = (p.astype(float) for p in (*given, *window))
     sides = places @ jnp.linalg.inv(side_cells).T
-    inside = (jnp.abs(sides) <= WINDOW_PER_SQUARE).all(-1)
-    inside &= jnp.abs(places).max(-1) <= half_width_cells
+    inside = jnp.abs(places).max(-1) <= window[0]
+    inside &= (jnp.abs(sides) <= window[1]).all(-1)
     weight = inside.astype(float)
     still = jax.lax.stop_gradient(light)
     start = _first_guess(still, weight, places, side_cells)

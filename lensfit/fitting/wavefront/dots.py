@@ -50,8 +50,9 @@ class Broad(NamedTuple):
         of corners and lines.
     square_mm : Sides of the square that is bright ahead of a corner, or from line to
         line, in columns; zero of dots.
-    window_cells : Half width of detection's window about a corner; 0 of others.
-    lattice : Place of a line sample in pitches, lines at the integers; 0 of others.
+    window_cells, window_squares : Half width of detection's window about a corner, at
+        most, in cells and in squares; 0 of others.
+    lattice : Place of a corner or a line sample in pitches; 0 of others.
     line_width : Width of lines in pitches along both axes, negative of dark ones; 0 of
         others.
     line_window_mm : Of what detection reads across a line in each channel: half the
@@ -66,6 +67,7 @@ class Broad(NamedTuple):
     neighbour_offsets_mm: Float[Numbers, "dots neighbours 2"]
     square_mm: Float[Numbers, "dots 2 2"]
     window_cells: Float[Numbers, " dots"]
+    window_squares: Float[Numbers, " dots"]
     lattice: Float[Numbers, "dots 2"]
     line_width: Float[Numbers, "dots 2"]
     line_window_mm: Float[Numbers, "dots 3 3"]
@@ -125,6 +127,7 @@ def undrawn(count: int) -> Broad:
         neighbour_offsets_mm=np.full((count, NEIGHBOURS, 2), np.nan),
         square_mm=np.zeros((count, 2, 2)),
         window_cells=np.zeros(count),
+        window_squares=np.zeros(count),
         lattice=np.zeros((count, 2)),
         line_width=np.zeros((count, 2)),
         line_window_mm=np.zeros((count, 3, 3)),

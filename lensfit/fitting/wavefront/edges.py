@@ -17,11 +17,13 @@ line that a patch is about.
 Reference: J. W. Goodman, Introduction to Fourier Optics (2005), 2.1.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.fft
 from jaxtyping import Bool, Complex, Float
+
+from lensfit.detect.marker_board import MarkerBoard, dark_share
 
 _MEAN, _TINY = 0.5, 1e-6
 _PER_CELL = 4
@@ -31,7 +33,10 @@ _TAPER_CELLS = 4.0
 
 
 def square_transfers(
-    square_cells: Float[np.ndarray, "corners 2 2"], period: int, most: int
+    square_cells: Float[np.ndarray, "corners 2 2"],
+    markers: Sequence[MarkerBoard | None],
+    period: int,
+    most: int,
 ) -> tuple[
     Complex[np.ndarray, "corners down right"], Complex[np.ndarray, "corners down right"]
 ]:
@@ -41,6 +46,8 @@ def square_transfers(
     Parameters
     ----------
     square_cells : Sides of the square that is bright ahead, in columns; right, down.
+    markers : Of the squares around each corner, ahead as the sides are; None where
+        squares are plain.
     period : Of the slowest wave, cells.
     most : Waves besides the constant.
     """
@@ -48,7 +55,11 @@ def square_transfers(
     def picture(k: int, sides: np.ndarray, ramp: np.ndarray, kept: np.ndarray):
         wave, line = _across_edges(sides, ramp)
         bright = _MEAN + wave[..., 0] * wave[..., 1] * kept / 2
-        return bright, (line[..., 0] + line[..., 1]) * kept / 2
+        larger = (line[..., 0] + line[..., 1]) * kept / 2
+        if (board := markers[k]) is None:
+            return bright, larger
+        dark, edges = _of_markers(board, sides, ramp)
+        return bright - dark * kept, larger + edges * kept / 2
 
     return _drawn_in_sides(square_cells, picture, period, most)
 
@@ -199,6 +210,27 @@ def _across_edges(
     even = 1 - 2 * np.abs(edge % 2)
     wave = even * np.clip(off / ramp, -1, 1)
     return wave, (np.abs(off) < ramp) / (2 * ramp)
+
+
+def _of_markers(
+    markers: MarkerBoard,
+    sides: Float[np.ndarray, "*shape 2"],
+    ramp: Float[np.ndarray, "2"],
+) -> tuple[Float[np.ndarray, "*shape"], Float[np.ndarray, "*shape"]]:
+    """Part of each sample within dark modules, and lines of area 1 along their edges.
+
+    Parameters
+    ----------
+    sides : From the corner in the middle of the squares.
+    """
+    places = sides + np.array(markers.dark.shape[:2]) / 2
+    steps = np.diag(ramp)
+
+    def dark(moved: np.ndarray) -> np.ndarray:
+        return dark_share(markers.dark, markers.ratio, places + moved, 2 * ramp)
+
+    across = np.stack([dark(step) - dark(-step) for step in steps], -1)
+    return dark(np.zeros(2)), np.sum(np.abs(across) / (2 * ramp), -1)
 
 
 def _within_lines(

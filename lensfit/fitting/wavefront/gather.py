@@ -97,7 +97,10 @@ class DotData:
         """Transfer functions of the discs of broad dots (`waves`); None for others."""
         if self.dots.broad is None:
             return None
-        return transfers_of(self.dots.broad, self.dots.cell_mm, self.light.shape[-1])
+        seen = [one.take.observations.markers for one in self.photographs]
+        markers = [seen[k] for k in self.take]
+        cells = self.light.shape[-1]
+        return transfers_of(self.dots.broad, self.dots.cell_mm, cells, markers)
 
 
 def gather(photographs: list[DotPhotograph], bands: Bands) -> DotData:

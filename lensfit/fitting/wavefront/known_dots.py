@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from lensfit.batches import in_batches
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, windows_of
 from lensfit.detect.corner_fit import half_width_px
+from lensfit.detect.corners import window_per_square
 from lensfit.fitting.adjust import fitted_depths_mm
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.geometry import (
@@ -233,6 +234,8 @@ def _broad(
         return undrawn(len(disc_mm))._replace(
             square_mm=_squares_mm(photograph, per_board),
             window_cells=np.full(len(disc_mm), _window_cells(photograph)),
+            window_squares=np.full(len(disc_mm), window_per_square(seen.markers)),
+            lattice=seen.lattice[photograph.dot_images.marks],
             size_width=width,
         )
     return _lines(photograph, per_board)._replace(size_width=width)
@@ -286,13 +289,17 @@ def _squares_mm(
     """Sides of the square that is bright ahead of every corner, in columns."""
     cut, pixel_mm = photograph.dot_images, photograph.take.pixel_mm
     side_mm = per_board * np.asarray(photograph.take.pitch_mm)
-    corner_px = photograph.take.observations.points_px[cut.marks] - cut.corner_px
-    ahead = is_square_ahead_bright(
-        cut.light[:, _GREEN],
-        cut.valid[:, _GREEN],
-        corner_px / cut.cell_px,
-        side_mm / (pixel_mm * cut.cell_px)[:, None],
-    )
+    seen = photograph.take.observations
+    if seen.markers is not None:
+        corners = np.rint(seen.lattice[cut.marks]).astype(int)
+        ahead = seen.markers.is_bright_ahead(corners)
+    else:
+        ahead = is_square_ahead_bright(
+            cut.light[:, _GREEN],
+            cut.valid[:, _GREEN],
+            (seen.points_px[cut.marks] - cut.corner_px) / cut.cell_px,
+            side_mm / (pixel_mm * cut.cell_px)[:, None],
+        )
     side_mm[~ahead, :, 0] *= -1
     return side_mm
 

@@ -211,7 +211,8 @@ def _point_on_image_mm(
     def corner(image: Array) -> Array:
         places = _places(image.shape[0], image.dtype)
         side_cells = broad.square_mm / cell_mm[:, None]
-        return detected_corner(image, places, side_cells, broad.window_cells)
+        window = broad.window_cells, broad.window_squares
+        return detected_corner(image, places, side_cells, *window)
 
     def disc(image: Array) -> Array:
         return detected_dot_centre(image, broad.aperture)

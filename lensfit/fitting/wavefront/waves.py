@@ -33,6 +33,7 @@ disc.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -43,6 +44,7 @@ from jax.typing import DTypeLike
 from jaxtyping import Array, Complex, Float
 from scipy.special import j1, jv
 
+from lensfit.detect.marker_board import MarkerBoard
 from lensfit.fitting.wavefront.basis import Basis, Cells
 from lensfit.fitting.wavefront.dots import (
     Broad,
@@ -216,13 +218,17 @@ def waves_after_smoothing(smoothing: float, cells: int) -> int:
 
 
 def transfers_of(
-    broad: Broad, cell_mm: Float[np.ndarray, "dots 2"], cells: int
+    broad: Broad,
+    cell_mm: Float[np.ndarray, "dots 2"],
+    cells: int,
+    markers: Sequence[MarkerBoard | None],
 ) -> Transfer:
     """Transfer functions of all targets, integrated over cells; in single precision.
 
     Parameters
     ----------
     cell_mm, cells : Of the patches.
+    markers : Of the board of every target; None where it has none.
     """
     corners, rims, lines = are_corners(broad), are_rims(broad), are_lines(broad)
     edges = corners | rims | lines
@@ -237,7 +243,12 @@ def transfers_of(
     waves = _period(cells), WAVES
     seen = _cell_response(*_wave_numbers(cells, WAVES))
     square_cells = broad.square_mm / cell_mm[:, :, None]
-    squares = square_transfers(square_cells[corners], *waves)
+    lattice = np.rint(broad.lattice).astype(int)
+    about = [
+        None if (board := markers[k]) is None else board.about(lattice[k])
+        for k in map(int, np.flatnonzero(corners))
+    ]
+    squares = square_transfers(square_cells[corners], about, *waves)
     pattern[corners], size_slope[corners] = (seen * part for part in squares)
     around = line_transfers(
         square_cells[lines], broad.lattice[lines], broad.line_width[lines], *waves

@@ -177,7 +177,7 @@ def broad_target(
         sampled_ellipse_mm=np.zeros((1, 2, 2)),
         variance_mm2=np.full((1, 2), 1e-6),
     )
-    transfer = transfers_of(broad, dots.cell_mm, CELLS)
+    transfer = transfers_of(broad, dots.cell_mm, CELLS, [None] * len(dots.cell_mm))
     dot, transfer = jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
     return dot, transfer, jnp.zeros((3, 2)), LAYOUT, SCALE
 

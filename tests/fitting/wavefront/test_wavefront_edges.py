@@ -1,12 +1,18 @@
 """The squares that meet in a checker corner, against a chart drawn on sixteenths."""
 
+import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import (
+    distance_transform_edt,
+    gaussian_filter,
+    map_coordinates,
+)
 
-from lensfit.detect.corner_fit import fit_corners, half_width_px
+from lensfit.detect.corner_fit import WINDOW_PER_SQUARE, fit_corners, half_width_px
+from lensfit.detect.marker_board import marker_board
 from lensfit.fitting.wavefront.corner_mark import detected_corner
 from lensfit.fitting.wavefront.edges import (
     is_square_ahead_bright,
@@ -67,7 +73,7 @@ def from_waves(amplitudes, blur_cells):
 @pytest.mark.parametrize("blur_cells", [0.5, 1.5, 3.0])
 @pytest.mark.parametrize("sides", SIDES.values(), ids=SIDES.keys())
 def test_a_corner_is_as_the_chart_drawn_finely(sides, blur_cells):
-    drawn, _ = square_transfers(np.array([sides]), PERIOD, MOST)
+    drawn, _ = square_transfers(np.array([sides]), [None], PERIOD, MOST)
     off = from_waves(drawn[0], blur_cells) - chart(np.array(sides), blur_cells)
     assert np.abs(off).max() < 3e-3
     assert np.sqrt(np.mean(off**2)) < 6e-4
@@ -75,12 +81,54 @@ def test_a_corner_is_as_the_chart_drawn_finely(sides, blur_cells):
 
 @pytest.mark.parametrize("sides", SIDES.values(), ids=SIDES.keys())
 def test_larger_bright_squares_move_every_edge_alike(sides):
-    _, change = square_transfers(np.array([sides]), PERIOD, MOST)
+    _, change = square_transfers(np.array([sides]), [None], PERIOD, MOST)
     larger, smaller = (chart(np.array(sides), 1.5, wider) for wider in (0.01, -0.01))
     slope = (larger - smaller) / 0.02
     off = from_waves(change[0], 1.5) - slope
     # Where edges cross, both move: to first order their lines add up.
     assert np.linalg.norm(off) < 0.05 * np.linalg.norm(slope)
+
+
+def printed_board(sides, corner, blur_cells, wider=0.0, fine=16):
+    """Means over cells of a ChArUco board of OpenCV's behind a Gaussian, about a
+    corner; where bright areas are wider, by so much of a square."""
+    per_square = 240
+    size = BOARD.getChessboardSize()
+    picture = BOARD.generateImage(tuple(n * per_square for n in size), marginSize=0)
+    away = distance_transform_edt(picture < 128)
+    picture = (away <= wider / 2 * per_square).astype(float)
+    wide = CELLS + 2 * MARGIN_CELLS
+    along = (np.arange(wide * fine) + 0.5) / fine - wide / 2
+    places = np.stack(np.meshgrid(along, along), -1) @ np.linalg.inv(sides).T
+    at = np.moveaxis((places + corner + 1) * per_square - 0.5, -1, 0)[::-1]
+    seen = map_coordinates(picture, at, order=0, mode="nearest")
+    blurred = gaussian_filter(seen, blur_cells * fine, truncate=6)
+    cells = blurred.reshape(wide, fine, wide, fine).mean((1, 3))
+    return cells[MARGIN_CELLS:-MARGIN_CELLS, MARGIN_CELLS:-MARGIN_CELLS]
+
+
+BOARD = cv2.aruco.CharucoBoard(
+    (9, 7), 1.0, 0.7, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_250)
+)
+BOARD_SIDES = np.array([[17.0, 1.2], [-0.9, 15.0]])
+
+
+@pytest.mark.parametrize("corner", [(3, 2), (4, 2)], ids=["bright ahead", "dark ahead"])
+def test_a_corner_between_markers_is_as_the_board_drawn_finely(corner):
+    markers = marker_board(BOARD)
+    ahead = markers.is_bright_ahead(np.array([corner]))[0]
+    sides = BOARD_SIDES * ([1, 1] if ahead else [-1, 1])
+    drawn, change = square_transfers(
+        np.array([sides]), [markers.about(np.array(corner))], PERIOD, MOST
+    )
+    plain = printed_board(BOARD_SIDES, corner, 1.5)
+    off = from_waves(drawn[0], 1.5) - plain
+    assert np.abs(off).max() < 6e-3
+    assert np.sqrt(np.mean(off**2)) < 2e-3
+    slope = (printed_board(BOARD_SIDES, corner, 1.5, 0.05) - plain) / 0.05
+    # Ends of edges, of which a marker has many, add up to first order.
+    off = from_waves(change[0], 1.5) - slope
+    assert np.linalg.norm(off) < 0.15 * np.linalg.norm(slope)
 
 
 LINES = {
@@ -179,7 +227,7 @@ def test_the_modelled_corner_is_where_detection_finds_it(sides):
     patch = jnp.asarray(wide[MARGIN_CELLS:-MARGIN_CELLS, MARGIN_CELLS:-MARGIN_CELLS])
     window = jnp.asarray(float(half_width_px(found.blur_px)))
     # In single precision, as the fit draws.
-    seen = patch, places(), jnp.asarray(sides), window
+    seen = patch, places(), jnp.asarray(sides), window, jnp.asarray(WINDOW_PER_SQUARE)
     modelled = detected_corner(*(part.astype(jnp.float32) for part in seen))
     np.testing.assert_allclose(modelled, off, atol=2e-3)
 
@@ -191,7 +239,8 @@ def test_a_modelled_corner_goes_with_its_image():
 
     def at(share):
         seen = patch + share * change
-        return detected_corner(seen, places(), jnp.asarray(sides), window)
+        square = jnp.asarray(WINDOW_PER_SQUARE)
+        return detected_corner(seen, places(), jnp.asarray(sides), window, square)
 
     slope = jax.jacfwd(at)(jnp.asarray(0.0))
     ends = [np.asarray(at(jnp.asarray(share))) for share in (0.02, -0.02)]

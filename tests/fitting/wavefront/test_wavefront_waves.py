@@ -37,7 +37,7 @@ def dot_of(disc_mm, neighbour_offsets_mm=NOBODY, size_width=1e-4):
         size_width=np.full(1, size_width),
         aperture=aperture,
     )
-    transfer = transfers_of(broad, cell_mm, CELLS)
+    transfer = transfers_of(broad, cell_mm, CELLS, [None] * len(cell_mm))
     dots = dots_at(np.zeros((1, 2)), 0, 0, PIXEL_MM)._replace(broad=broad)
     return jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
 
