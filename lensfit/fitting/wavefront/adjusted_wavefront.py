@@ -58,12 +58,20 @@ _BIAS_UNCERTAINTY = 0.05
 counts for more."""
 
 
-def chief_ray_takes(stage: Stage, dot_data: DotData) -> list[View]:
+def chief_ray_takes(
+    stage: Stage, dot_data: DotData, *, keep_centroids: bool = False
+) -> list[View]:
     """The takes with points where the chief rays land, ordered as `photographs`.
 
     Detected points whose size is unknown stay where they are.
+
+    Parameters
+    ----------
+    keep_centroids : The wavefront does not tell the biases, whatever it says.
     """
     bias_mm = smooth_centroid_biases_mm(stage, dot_data)
+    if keep_centroids:
+        bias_mm = np.zeros_like(bias_mm)
     shares = smooth_line_light_shares(stage, dot_data)
     aliasing = aliasing_of(stage, dot_data)
     takes = []
@@ -205,14 +213,14 @@ _LARGEST_MISFIT_RATIO = 1.1
 def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[View]:
     """The takes with points where chief rays land, and how errors of the wavefront
     move them."""
-    stage = found.stage
+    stage, keep = found.stage, found.dot_data.of_one_setting
     moves = parameter_moves(stage, found.total_covariance)
     orders, colours = _colour_moves(stage)
     moves = np.concatenate([moves, colours])
     takes = [
         take
         for dot_data in _photographed(found)
-        for take in chief_ray_takes(stage, dot_data)
+        for take in chief_ray_takes(stage, dot_data, keep_centroids=keep)
     ]
 
     def moves_of(dot_data: DotData) -> np.ndarray:

@@ -3,9 +3,9 @@
 1. `coarse`: smoothed by three cells, a few dots: defocus, clipping apertures, third
    order, from many starts.
 2. `middle_fit`: smoothed by a cell and a half: fifth order.
-3. `fine_fit`: more dots, on full pixels, straight or by way of less smoothed ones:
-   everything but what would diverge there (`term_groups.LAST`). In between, the blades
-   of the iris are counted, and noise and robust weights are estimated again.
+3. `pixel_fit`: on full pixels, straight or by way of less smoothed ones: everything
+   but what would diverge there (`term_groups.LAST`). `fine_fit`: on more dots; the
+   blades of the iris are counted, and noise and robust weights are estimated again.
 4. `fit_selected_term_groups`: only the term groups that model selection keeps.
 5. `last_fit`: the rest freed; many rays.
 """
@@ -71,18 +71,22 @@ def middle_fit(coarse: Stage, term_groups: tuple[TermGroup, ...]) -> Stage:
     return solve_stage(solve_stage(stage))
 
 
-def fine_fit(stage: Stage, term_groups: tuple[TermGroup, ...], rounds: int) -> Stage:
-    """Everything on full pixels; blades as soon as the rest is nearly right.
-
-    Parameters
-    ----------
-    stage : On the dots to fit.
-    rounds : Updates of the robust weights.
-    """
+def pixel_fit(stage: Stage, term_groups: tuple[TermGroup, ...]) -> Stage:
+    """Everything on full pixels, from smoothed ones."""
     stage = set_priors(stage, deviation_of(term_groups, stage.layout, FINE))
     eased = solve_stage(recentre_patches(smooth_stage(stage, _FINE_SMOOTHING)))
     on_pixels = [recentre_patches(smooth_stage(start, 0.0)) for start in (stage, eased)]
-    stage = best_of([solve_stage(start) for start in on_pixels])
+    return best_of([solve_stage(start) for start in on_pixels])
+
+
+def fine_fit(stage: Stage, rounds: int) -> Stage:
+    """Blades as soon as the rest is nearly right, then robust weights.
+
+    Parameters
+    ----------
+    stage : On full pixels of the dots to fit.
+    rounds : Updates of the robust weights.
+    """
     stage = solve_stage(fit_blades(stage, EARLY_MISFIT_SHARE))
     if not stage.blades:
         stage = fit_blades(stage)

@@ -26,6 +26,7 @@ from lensfit.fitting.wavefront.descent import (
     fits_other_side_better,
     last_fit,
     middle_fit,
+    pixel_fit,
 )
 from lensfit.fitting.wavefront.dot_patches import DotPhotograph, rim_patches
 from lensfit.fitting.wavefront.effort import Effort
@@ -45,7 +46,13 @@ from lensfit.fitting.wavefront.multistart import (
     runs_against_statements,
 )
 from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.fitting.wavefront.stages import Stage, add_focus_statements, stage_on_dots
+from lensfit.fitting.wavefront.stages import (
+    Stage,
+    add_focus_statements,
+    recentre_patches,
+    solve_stage,
+    stage_on_dots,
+)
 from lensfit.fitting.wavefront.start import IN_FOCUS_MM, stated_defocus_mm
 from lensfit.fitting.wavefront.term_groups import (
     TermGroup,
@@ -234,8 +241,8 @@ def fit_wavefront(
     times = _DOTS_FACTOR_ANAMORPHIC if layout.anamorphic else 1
     fine_dots = times * effort.fine_dots(len(photographs))
     more = _fine_dots(every, photographs, spectrum, fine_dots)
-    stages = [add_focus_statements(stage_on_dots(one.stage, more)) for one in middle]
-    fine = [fine_fit(s, _term_groups_at(s, allowed), effort.rounds) for s in stages]
+    begun = _on_pixels(middle, more, allowed, both_sides=not coarse.side_stated)
+    fine = [fine_fit(stage, effort.rounds) for stage in begun]
     candidates = [candidate_at(stage, cost_at_initial_weights) for stage in fine]
     progress("wavefront", 3, 4)
     best = best_candidate(candidates).stage
@@ -313,6 +320,32 @@ def _candidates_after_middle(coarse: CoarseFit, few: DotData) -> list[Candidate]
         return open_candidates(found, _HOPELESS, 1)
     both_sides = not coarse.side_stated
     return open_candidates(found, _HOPELESS, _MOST_CANDIDATES, both_sides=both_sides)
+
+
+def _on_pixels(
+    middle: list[Candidate],
+    more: DotData,
+    allowed: Collection[str] | None,
+    *,
+    both_sides: bool,
+) -> list[Stage]:
+    """The candidates on full pixels of more dots.
+
+    A few dots on full pixels show which of several are alike and which are no lens;
+    more dots would show the same, and take several times as long.
+    """
+
+    def on_pixels(stage: Stage) -> Stage:
+        stage = add_focus_statements(stage)
+        return pixel_fit(stage, _term_groups_at(stage, allowed))
+
+    if len(middle) == 1:
+        return [on_pixels(stage_on_dots(middle[0].stage, more))]
+    tried = [on_pixels(one.stage) for one in middle]
+    found = [candidate_at(stage, cost_at_initial_weights) for stage in tried]
+    kept = open_candidates(found, _HOPELESS, _MOST_CANDIDATES, both_sides=both_sides)
+    stages = [add_focus_statements(stage_on_dots(one.stage, more)) for one in kept]
+    return [solve_stage(recentre_patches(stage)) for stage in stages]
 
 
 def _term_groups_at(

@@ -13,6 +13,7 @@ from lensfit.fitting.wavefront.descent import (
     fit_selected_term_groups,
     last_fit,
     middle_fit,
+    pixel_fit,
 )
 from lensfit.fitting.wavefront.dot_weights import relative_misfit
 from lensfit.fitting.wavefront.multistart import best_candidate, is_side_determined
@@ -53,7 +54,8 @@ def fitted(dot_data, layout=LAYOUT):
     best = best_candidate(coarse.candidates).stage
     middle = middle_fit(best, coarse.term_groups)
     term_groups = candidate_term_groups(dot_data, layout, best.mean[BLOCKS["defocus"]])
-    return fine_fit(stage_on_dots(middle, dot_data), term_groups, 2), coarse.side_stated
+    on_pixels = pixel_fit(stage_on_dots(middle, dot_data), term_groups)
+    return fine_fit(on_pixels, 2), coarse.side_stated
 
 
 @pytest.fixture(scope="module")
