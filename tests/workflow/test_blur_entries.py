@@ -295,7 +295,9 @@ def test_what_was_assumed_is_said():
     assert seen.assumed == ()
     assert seen.pupil_magnification == pytest.approx(np.exp(0.2))
     assert seen.exit_pupil_distance_mm == pytest.approx(PRINCIPAL_MM * np.exp(0.2))
-    assert assumed.assumed == ("pupil_magnification", "exit_pupil_distance_mm")
+    assert assumed.assumed == ("exit_pupil_distance_mm",)
+    of_one_distance = blur_of(state, fit_of((1400.0, 1400.0, 1400.0), False))
+    assert of_one_distance.assumed == ("pupil_magnification", "exit_pupil_distance_mm")
     assert assumed.pupil_magnification == 1.0
     assert seen.round_f_number == 2.0
     assert [stop.f_number for stop in seen.stops] == [2.0, 4.0]

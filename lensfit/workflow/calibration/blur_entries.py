@@ -45,7 +45,6 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
     aberration, pupil = jax.device_get(optics)
     ratios = np.exp(np.append(0.0, parameters[layout.blocks["stop_ratio"]]))
     numbers = dot_data.f_numbers
-    seen = wavefront.has("exit_pupil")
     beyond = None
     if layout.anamorphic:
         found = parameters[layout.blocks["beyond"]][: len(dot_data.groups)]
@@ -61,9 +60,17 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
             for number, ratio in zip(numbers, ratios, strict=False)
         ],
         round_f_number=numbers[0],
-        assumed=() if seen else ("pupil_magnification", "exit_pupil_distance_mm"),
+        assumed=() if wavefront.has("exit_pupil") else _assumed(dot_data),
         beyond_offset_mm=beyond,
     )
+
+
+def _assumed(dot_data: DotData) -> tuple[str, ...]:
+    """What stands for an exit pupil that dots do not show: breathing between two focus
+    distances gives its magnification, nothing gives its place."""
+    if len({one.take.focus_distance_mm for one in dot_data.photographs}) > 1:
+        return ("exit_pupil_distance_mm",)
+    return ("pupil_magnification", "exit_pupil_distance_mm")
 
 
 # Uncertainties write the block some hundred times over (`entries`): programs,
