@@ -28,7 +28,7 @@ from lensfit.workflow.statements.lens_identity import mixed_lenses
 from lensfit.workflow.statements.released_statements import contradicted_statements
 
 _ORDER = (
-    "aspect", "photograph_size", "lens_identity", "focal_length", "pitch",
+    "exchanged", "aspect", "photograph_size", "lens_identity", "focal_length", "pitch",
     "target_distance", "statements", "side_of_focus", "blurred_view", "encoding",
     "f_number", "repeated_exposure", "unconfirmed", "target",
 )  # fmt: skip
@@ -77,7 +77,6 @@ def contradictions_of_report(
     shoot: Shoot, observed: Sequence[Observed], entries: Sequence[dict[str, Any]]
 ) -> Iterator[Contradiction]:
     """Those of the light, and what nobody stated or confirmed."""
-    yield from _targets_not_found(observed)
     yield from impossible_fall_off(entries)
     yield from assumed_encodings(observed)
     if shoot.unconfirmed:
@@ -89,25 +88,6 @@ def contradictions_of_report(
             remedy="put in what is true and remove the TODO of these lines",
             statement=shoot.unconfirmed[0],
         )
-
-
-def _targets_not_found(observed: Sequence[Observed]) -> Iterator[Contradiction]:
-    """Photographs on which the target that is stated was not found."""
-    missed = [one for one in observed if one.target_not_found]
-    if not missed:
-        return
-    first = missed[0]
-    more = f", nor on {len(missed) - 1} more" if len(missed) > 1 else ""
-    kind = first.target_not_found
-    yield Contradiction(
-        kind="target",
-        limit="undistortion" if 2 * len(missed) < len(observed) else "look",
-        text=f"no {kind} is found on {first.image}{more}, though target "
-        f"“{first.target}” is stated",
-        remedy="check target and image of these takes, else shoot them again",
-        statement="target",
-        images=tuple(one.image for one in missed),
-    )
 
 
 def gravest_first(found: Sequence[Contradiction]) -> list[Contradiction]:
