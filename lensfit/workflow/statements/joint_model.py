@@ -20,7 +20,7 @@ Neighbouring points share what the model leaves, so a view counts as `_INDEPENDE
 points, whatever their number. Lengths are millimetres.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import final
 
@@ -65,6 +65,85 @@ class _View:
     is_point: np.ndarray
     rotation: Float[np.ndarray, "3 3"]
     translation_mm: Float[np.ndarray, "3"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """All views as arrays, padded to the most points, and where each one's shared
+    parameters stand: `scale` of (focal length, breathing, other breathing).
+
+    Attributes
+    ----------
+    stated : Views whose distance is stated.
+    share : Root of how many independent points one point counts as.
+    """
+
+    board_mm: Float[np.ndarray, "views points 2"]
+    image_mm: Float[np.ndarray, "views points 2"]
+    normal: Float[np.ndarray, "views points 2"]
+    is_point: np.ndarray
+    is_there: np.ndarray
+    rotation: Float[np.ndarray, "views 3 3"]
+    translation_mm: Float[np.ndarray, "views 3"]
+    pixel_mm: Float[np.ndarray, "views 2"]
+    sensor_width_mm: Float[np.ndarray, " views"]
+    focal_mm: Float[np.ndarray, " views"]
+    vergence_per_mm: Float[np.ndarray, " views"]
+    distance_mm: Float[np.ndarray, " views"]
+    share: Float[np.ndarray, " views"]
+    stated: list[int]
+    pitch: np.ndarray
+    pupil: np.ndarray
+    radial: np.ndarray
+    scale: np.ndarray
+
+    @classmethod
+    def of(cls, views: Sequence["_View"], at: Mapping[tuple, int]) -> "_Stack":
+        """The stack of some views, with the places of shared parameters by name."""
+        takes = [view.take for view in views]
+        counts = np.array([len(view.board) for view in views])
+        states = [(take.focal_length_mm, take.focus_distance_mm) for take in takes]
+
+        def padded(arrays: Iterable[np.ndarray]) -> np.ndarray:
+            rows = [
+                np.concatenate(
+                    [one, np.zeros((counts.max() - len(one), *one.shape[1:]))]
+                )
+                for one in arrays
+            ]
+            return np.array(rows)
+
+        return cls(
+            board_mm=padded(v.board * v.take.pitch_mm for v in views),
+            image_mm=padded(v.image_mm for v in views),
+            normal=padded(v.normal for v in views),
+            is_point=padded(v.is_point for v in views).astype(bool),
+            is_there=np.arange(counts.max()) < counts[:, None],
+            rotation=np.array([view.rotation for view in views]),
+            translation_mm=np.array([view.translation_mm for view in views]),
+            pixel_mm=np.array([take.pixel_mm for take in takes]),
+            sensor_width_mm=np.array([take.sensor_size_mm[0] for take in takes]),
+            focal_mm=np.array([f for f, _ in states]),
+            vergence_per_mm=np.array(
+                [0.0 if z is None else 1 / max(z - f, f) for f, z in states]
+            ),
+            distance_mm=np.array([take.target_distance_mm or np.nan for take in takes]),
+            share=np.sqrt(np.minimum(_INDEPENDENT / counts, 1.0)),
+            stated=[k for k, t in enumerate(takes) if t.target_distance_mm is not None],
+            pitch=np.array([at[("pitch", take.target)] for take in takes]),
+            pupil=np.array([at[("pupil", f)] for f, _ in states]),
+            radial=np.array(
+                [[at[("radial", f, 0)], at[("radial", f, 1)]] for f, _ in states]
+            ),
+            scale=np.array(
+                [
+                    [at[("focal_length", f)], at[("breathing", f)],
+                     at[("other_breathing", f, z)]]
+                    for f, z in states
+                ]
+            ),
+        )  # fmt: skip
 
 
 @final
@@ -121,6 +200,7 @@ class JointModel:
         self.names = list(rows)
         self.mean, self.deviation = np.array(list(rows.values())).T
         self._at = {name: k for k, name in enumerate(self.names)}
+        self._stack = _Stack.of(self.views, self._at)
 
     def start(self) -> Float[np.ndarray, " parameters"]:
         """Shared parameters as stated, poses as they were found."""
@@ -132,10 +212,13 @@ class JointModel:
 
     def distance_mm(self, solution: Solution, k: int) -> float:
         """How far from the sensor the target of a view stands by the model."""
-        shared, pose = self._parts(solution.parameters, k)
-        depth = self.views[k].translation_mm[2] * (1 + pose[5])
-        f = self.views[k].take.focal_length_mm
-        return float(depth + f * shared[self._at[("pupil", f)]])
+        return float(self._distances_mm(solution.parameters)[k])
+
+    def _distances_mm(self, parameters: np.ndarray) -> Float[np.ndarray, " views"]:
+        shared, pose = self._parts(parameters)
+        stack = self._stack
+        depth = stack.translation_mm[:, 2] * (1 + pose[:, 5])
+        return depth + stack.focal_mm * shared[stack.pupil]
 
     def solve(
         self,
@@ -177,40 +260,35 @@ class JointModel:
 
     def rms_px(self, parameters: np.ndarray) -> float:
         """Of all points, over both axes together."""
-        squares = [(one**2).sum(1) for one in self._points_px(parameters)]
-        return float(np.sqrt(np.concatenate(squares).mean()))
+        miss = self._points_px(parameters)[self._stack.is_there]
+        return float(np.sqrt((miss**2).sum(1).mean()))
 
-    def _parts(self, parameters: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    def _parts(
+        self, parameters: np.ndarray
+    ) -> tuple[Float[np.ndarray, " shared"], Float[np.ndarray, "views 6"]]:
         shared = len(self.names)
-        return parameters[:shared], parameters[shared + 6 * k : shared + 6 * k + 6]
+        return parameters[:shared], parameters[shared:].reshape(-1, 6)
 
-    def _points_px(self, parameters: np.ndarray) -> list[np.ndarray]:
-        return [self._view_px(parameters, k) for k in range(len(self.views))]
-
-    def _view_px(self, parameters: np.ndarray, k: int) -> np.ndarray:
-        """Predicted minus seen points of a view; of a line, across it."""
-        shared, pose = self._parts(parameters, k)
-        view, take = self.views[k], self.views[k].take
-        f, focus = take.focal_length_mm, take.focus_distance_mm
-        pitch = np.asarray(take.pitch_mm) * np.exp(
-            shared[self._at[("pitch", take.target)]]
-        )
-        flat = np.column_stack([view.board * pitch, np.zeros(len(view.board))])
-        turn = Rotation.from_rotvec(pose[:3]).as_matrix() @ view.rotation
-        depth = view.translation_mm[2]
-        seen = flat @ turn.T + view.translation_mm + pose[3:] * depth
-        slope = seen[:, :2] / np.where(seen[:, 2:] > 1, seen[:, 2:], 1.0)
-        r2 = (slope**2).sum(1, keepdims=True)
-        k1, k2 = (shared[self._at[("radial", f, n)]] for n in (0, 1))
-        vergence = 0.0 if focus is None else 1 / max(focus - f, f)
-        names = ("focal_length", f), ("breathing", f), ("other_breathing", f, focus)
-        a, m, b = (shared[self._at[name]] for name in names)
+    def _points_px(self, parameters: np.ndarray) -> Float[np.ndarray, "views points 2"]:
+        """Predicted minus seen points; of lines, across them; of padding, anything."""
+        shared, pose = self._parts(parameters)
+        stack = self._stack
+        flat = stack.board_mm * np.exp(shared[stack.pitch])[:, None, None]
+        turn = Rotation.from_rotvec(pose[:, :3]).as_matrix() @ stack.rotation
+        depth = stack.translation_mm[:, 2:]
+        at = (stack.translation_mm + pose[:, 3:] * depth)[:, None]
+        seen = flat @ np.swapaxes(turn[:, :, :2], 1, 2) + at
+        slope = seen[..., :2] / np.where(seen[..., 2:] > 1, seen[..., 2:], 1.0)
+        r2 = (slope**2).sum(-1, keepdims=True)
+        k1, k2 = shared[stack.radial].T[:, :, None, None]
+        f, vergence = stack.focal_mm, stack.vergence_per_mm
+        a, m, b = shared[stack.scale].T
         c_mm = f * (1 + f * vergence) * np.exp(a + m * f * vergence + b)
-        centre = shared[:2] * take.sensor_size_mm[0]
-        predicted = c_mm * slope * (1 + r2 * (k1 + r2 * k2)) + centre
-        miss = (predicted - view.image_mm) / take.pixel_mm
-        across = (miss * view.normal).sum(1, keepdims=True) * view.normal
-        return np.where(view.is_point[:, None], miss, across)
+        centre = shared[:2] * stack.sensor_width_mm[:, None]
+        predicted = c_mm[:, None, None] * slope * (1 + r2 * (k1 + r2 * k2))
+        miss = (predicted + centre[:, None] - stack.image_mm) / stack.pixel_mm[:, None]
+        across = (miss * stack.normal).sum(-1, keepdims=True) * stack.normal
+        return np.where(stack.is_point[..., None], miss, across)
 
     def _residual(
         self,
@@ -220,19 +298,15 @@ class JointModel:
         distances: frozenset[int],
     ) -> np.ndarray:
         shared = parameters[: len(self.names)]
-        parts = []
-        for miss in self._points_px(parameters):
-            share = np.sqrt(min(_INDEPENDENT / len(miss), 1.0))
-            parts.append((share / noise_px * miss).ravel())
-        parts.append((shared - self.mean) / deviation)
-        for k, view in enumerate(self.views):
-            stated = view.take.target_distance_mm
-            if stated is None or k in distances:
-                continue
-            wide = np.hypot(DISTANCE_SD_MM, DISTANCE_SD * stated)
-            solution = Solution(0.0, parameters, 0.0)
-            parts.append(np.array([(self.distance_mm(solution, k) - stated) / wide]))
-        return np.concatenate(parts)
+        stack = self._stack
+        points = self._points_px(parameters) * (stack.share / noise_px)[:, None, None]
+        stated = [k for k in stack.stated if k not in distances]
+        apart = self._distances_mm(parameters)[stated] - stack.distance_mm[stated]
+        wide = np.hypot(DISTANCE_SD_MM, DISTANCE_SD * stack.distance_mm[stated])
+        return np.concatenate(
+            [points[stack.is_there].ravel(), (shared - self.mean) / deviation,
+             apart / wide]
+        )  # fmt: skip
 
     def _jacobian(
         self,
@@ -266,11 +340,7 @@ class JointModel:
         """Which view each residual is of; -1 for none."""
         sizes = [2 * len(view.board) for view in self.views]
         owner = np.repeat(np.arange(len(sizes)), sizes)
-        of_distances = [
-            k
-            for k, view in enumerate(self.views)
-            if view.take.target_distance_mm is not None and k not in distances
-        ]
+        of_distances = [k for k in self._stack.stated if k not in distances]
         return np.concatenate(
             [owner, np.full(len(self.names), -1), of_distances]
         ).astype(int)
