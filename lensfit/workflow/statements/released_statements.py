@@ -7,7 +7,8 @@ release explains most is named, with the value that it would have.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import final
 
@@ -73,6 +74,12 @@ def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
             return
         best = releases[0]
         explained = solution.chi_squared - best.solution.chi_squared
+        exchange = None if shared or distances else _best_exchange(takes, noise_px)
+        if exchange is not None:
+            gained = solution.chi_squared - exchange.chi_squared
+            if gained > max(_EXPLAINS * misfit, _AS_WELL * explained):
+                yield exchange.named(gained / misfit)
+                return
         if explained < _EXPLAINS * misfit:
             yield _unexplained(misfit)
             return
@@ -84,6 +91,55 @@ def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
         yield _named(model, best, as_well, explained / misfit)
         shared, distances = best.shared, best.distances
         solution = best.solution
+
+
+@final
+@dataclass(frozen=True)
+class _Exchange:
+    """Two targets, each with the pitch that is stated of the other."""
+
+    targets: tuple[str, str]
+    pitches_mm: tuple[float, float]
+    chi_squared: float
+
+    def named(self, share: float) -> Contradiction:
+        """The record, with the part of the misfit that this explains."""
+        (one, other), (its_mm, others_mm) = self.targets, self.pitches_mm
+        return Contradiction(
+            kind="pitch",
+            limit="undistortion",
+            text=f"pitch_mm of targets “{one}” and “{other}” are exchanged: the "
+            f"photographs agree with {others_mm:.4g} mm and {its_mm:.4g} mm, not with "
+            f"{its_mm:.4g} mm and {others_mm:.4g} mm",
+            remedy="exchange both pitch_mm in the shoot file, and calibrate again",
+            statement=f'pitch_mm of target "{one}"',
+            stated=its_mm,
+            agrees_with=others_mm,
+            explained=min(share, 1.0),
+        )
+
+
+def _best_exchange(takes: Sequence[View], noise_px: float) -> _Exchange | None:
+    """The two pitches whose exchange leaves least; None where no two differ.
+
+    It frees nothing, so what it explains as well as a release does is the cause.
+    """
+    pitches = {take.target: take.pitch_mm for take in takes}
+    found = []
+    for one, other in combinations(pitches, 2):
+        swapped = {one: pitches[other], other: pitches[one]}
+        if abs(np.log(pitches[one][0] / pitches[other][0])) < _FORGIVEN["pitch"]:
+            continue
+        restated = [
+            replace(take, pitch_mm=swapped.get(take.target, take.pitch_mm))
+            for take in takes
+        ]
+        model = joint_model(restated)
+        if model is not None:
+            chi_squared = model.solve(noise_px).chi_squared
+            mm = pitches[one][0], pitches[other][0]
+            found.append(_Exchange((one, other), mm, chi_squared))
+    return min(found, key=lambda exchange: exchange.chi_squared, default=None)
 
 
 def _all_released(model: JointModel, noise_px: float, begin: Solution) -> Solution:

@@ -65,6 +65,18 @@ def test_a_wrong_pitch_beside_a_right_one_is_named(factor):
     assert named >= 0.8 * len(SEEDS)
 
 
+def test_exchanged_pitches_are_named_as_such():
+    for seed in range(2):
+        _, takes = shoot_of(seed)
+        pitches = {take.target: take.pitch_mm for take in takes}
+        other = {"dots": pitches["lines"], "lines": pitches["dots"]}
+        wrong = stated_otherwise(takes, pitch_mm=lambda t: other[t.target])  # noqa: B023
+        first, *_ = contradicted_statements(wrong)
+        assert first.kind == "pitch", (seed, first.text)
+        assert "“dots” and “lines” are exchanged" in first.text, (seed, first.text)
+        assert first.agrees_with == pitches["dots"][0]
+
+
 @pytest.mark.parametrize("factor", [1.25, 0.8])
 def test_a_wrong_focal_length_is_named_with_the_right_one(factor):
     """In at least five of six shoots; a long lens far from its target hides it."""
