@@ -85,11 +85,13 @@ def photographed_corner_px(report: dict, entry: dict) -> float:
     """Largest standard deviation (px) in corners with points near them, or NaN.
 
     As far into each corner as points reach: from the last of them to the very corner
-    the map is extrapolated, where its deviation grows several times over.
+    the map is extrapolated, where its deviation grows several times over. Of objects in
+    focus, as they land with the camera where it is: what a turn of the camera would
+    make good of the map is an error of the picture all the same.
     """
     photographed = corners_photographed(report, entry)
     reached = _corners_reached(report, entry)
-    grid = entry.get("uncertainty_grid") or {}
+    grid = deviation_grid(entry)
     x_mm, y_mm, sd_px = (numbers(grid.get(k)) for k in ("x_mm", "y_mm", "sd_px"))
     if reached is None or sd_px.shape != (y_mm.size, x_mm.size) or sd_px.size < 4:
         return _largest_of_corners(entry, photographed)
@@ -138,8 +140,14 @@ def corners_photographed(report: dict, entry: dict) -> np.ndarray:
     return np.ones(4, bool)
 
 
+def deviation_grid(entry: dict) -> dict:
+    """Of objects in focus; of the map alone where the report is old."""
+    keys = ("object_uncertainty_grid", "uncertainty_grid")
+    return next((entry[key] for key in keys if entry.get(key)), {})
+
+
 def _largest_of_corners(entry: dict, which: np.ndarray) -> float:
-    grid = numbers((entry.get("uncertainty_grid") or {}).get("sd_px"))
+    grid = numbers(deviation_grid(entry).get("sd_px"))
     if grid.ndim != 2 or not grid.size:
         return math.nan
     corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]][which]

@@ -94,6 +94,18 @@ def test_positions_are_known_as_the_fit_and_its_report_say(state, lens):
     np.testing.assert_allclose(sd_px, grid, atol=1e-5)
 
 
+def test_objects_in_focus_are_known_less_well_than_the_map(state, lens):
+    """A turn of the camera makes good of the map what it does not of objects."""
+    facts = entry_facts(state, lens, BLOCK)
+    map_px, object_px = (
+        np.array(facts[key]["sd_px"])
+        for key in ("uncertainty_grid", "object_uncertainty_grid")
+    )
+    assert map_px.shape == object_px.shape
+    assert (object_px[[0, 0, -1, -1], [0, -1, 0, -1]] > 0).all()
+    assert object_px.max() >= map_px.max() - 1e-4
+
+
 def test_the_field_of_the_fit_has_room_for_more_than_was_kept(state, lens):
     """So that numbers of the field are found by their order, not by their place."""
     layout = state.geometry.adjustment.layout
