@@ -319,11 +319,6 @@ def _shaken(shoot: WrongShoot) -> None:
     shoot.repaint([3], lambda picture: cv2.filter2D(picture, -1, streak))
 
 
-def _hazed(shoot: WrongShoot) -> None:
-    """Two photographs developed with a film curve: toe and shoulder."""
-    shoot.repaint([3, 4], lambda light: light**2 * (3 - 2 * light))
-
-
 def _restated(key: str, change: Callable[[float], float]) -> Callable[..., None]:
     return lambda shoot: shoot.restate(key, change)
 
@@ -406,13 +401,11 @@ WRONG_SHOOTS = (
     Wrong("over-exposed", "all views exposed two stops too much",
           lambda shoot: shoot.repaint(shoot.all_takes(), lambda light: 4 * light),
           ("exposed", "clip")),
-    Wrong("film curve", "two views developed with toe and shoulder",
-          _hazed, ("encoding",)),
+    Wrong("two views coded", "two views developed with gamma 2.2, the others not",
+          lambda shoot: shoot.repaint(
+              [3, 4], lambda light: np.maximum(light, 0) ** (1 / 2.2)
+          ), ("encoding",)),
     Wrong("distance from the lens", "the tape held at the lens' front, 200 mm short",
           _restated("target_distance_mm", lambda one: one - 200),
           ("target_distance_mm",)),
-    Wrong("mirrored", "one view flipped left for right",
-          lambda shoot: shoot.repaint(
-              [6], lambda picture: np.ascontiguousarray(picture[:, ::-1])
-          ), ("mirrored",)),
 )  # fmt: skip

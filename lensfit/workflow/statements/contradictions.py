@@ -25,6 +25,7 @@ from lensfit.workflow.statements.blur_statements import (
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.encoding import assumed_encodings, impossible_fall_off
 from lensfit.workflow.statements.lens_identity import mixed_lenses
+from lensfit.workflow.statements.linearity import nonlinear_views
 from lensfit.workflow.statements.released_statements import contradicted_statements
 
 _ORDER = (
@@ -77,7 +78,10 @@ def contradictions_of_report(
     shoot: Shoot, observed: Sequence[Observed], entries: Sequence[dict[str, Any]]
 ) -> Iterator[Contradiction]:
     """Those of the light, and what nobody stated or confirmed."""
-    yield from impossible_fall_off(entries)
+    views = [
+        one.take for one in observed if one.take is not None and not one.sharpening
+    ]
+    yield from nonlinear_views(views) or impossible_fall_off(entries)
     yield from assumed_encodings(observed)
     if shoot.unconfirmed:
         named = "; ".join(shoot.unconfirmed)
