@@ -259,6 +259,13 @@ def _chart_moved(shoot: WrongShoot) -> None:
     _cropped(1.1, slice(3, 4))(shoot)
 
 
+def _column_too_many(shoot: WrongShoot) -> None:
+    first = shoot.stated("pitch_mm")
+    shoot.restate(
+        "pitch_mm", lambda one: round(first * 20 / 21, 3) if one == first else one
+    )
+
+
 def _restated_in(
     shoot: WrongShoot, take: int, key: str, change: Callable[[float], float]
 ) -> None:
@@ -378,14 +385,14 @@ WRONG_SHOOTS = (
     Wrong("metres in one view", "the chart's distance of one view stated in metres",
           _metres_in_one_view, ("target_distance_mm",)),
     Wrong("stops of two views", "f-numbers of two views exchanged",
-          _stops_of_two_views, ("f/", "is blurred", "f_number")),
+          _stops_of_two_views, ("f/", "is blurred")),
     Wrong("focus in feet", "marks of the feet scale stated as metres",
           _restated("focus_distance_mm", lambda one: one * _FEET_PER_METRE),
           ("focus_distance_mm",)),
     Wrong("one sensor mode", "one view through a crop of the sensor",
           _cropped(0.85, slice(6, 7)), (*_LENSES, "sensor mode")),
-    Wrong("a column too many", "the chart's width divided by one column too many",
-          _restated("pitch_mm", lambda one: round(one * 20 / 21, 3)), ("pitch_mm",)),
+    Wrong("a column too many", "the dots' chart divided by one column too many",
+          _column_too_many, ("pitch_mm",)),
     Wrong("squeeze of another lens", "a squeeze stated that the lens does not have",
           _squeezed, ("anamorphic_squeeze",)),
     Wrong("gamma as linear", "files of gamma 2.2 stated as linear",

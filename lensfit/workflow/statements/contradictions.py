@@ -18,9 +18,10 @@ from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.shoot_records import Shoot
 from lensfit.workflow.statements.aspect_contradictions import aspect_contradictions
 from lensfit.workflow.statements.blur_statements import (
-    blurred_views,
     contradicted_f_numbers,
+    contradicted_focus_distances,
     f_number_contradiction,
+    unlikely_blur,
 )
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.encoding import assumed_encodings, impossible_fall_off
@@ -31,8 +32,9 @@ from lensfit.workflow.statements.released_statements import contradicted_stateme
 _ORDER = (
     "exchanged", "aspect", "photograph_size", "lens_identity", "focal_length", "pitch",
     "target_distance", "statements", "side_of_focus", "blurred_view", "encoding",
-    "f_number", "repeated_exposure", "unconfirmed", "target",
+    "f_number", "exposure", "repeated_exposure", "unconfirmed", "target",
 )  # fmt: skip
+_MOSTLY = 0.5
 _STOP_RATIO_LOG = 0.12
 """Of the radius of a stop: a third of a stop."""
 
@@ -44,7 +46,12 @@ def contradictions_of_views(takes: Sequence[View]) -> list[Contradiction]:
         found = list(causes(takes))
         if found:
             break
-    return [*found, *blurred_views(takes)]
+    if all(one.kind == "statements" for one in found):
+        # A wrong focus distance contradicts the others through the lens' breathing.
+        focus = contradicted_focus_distances(takes)
+        if focus:
+            return focus
+    return [*found, *unlikely_blur(takes)]
 
 
 def contradictions_of_fit(
@@ -83,6 +90,7 @@ def contradictions_of_report(
     ]
     yield from nonlinear_views(views) or impossible_fall_off(entries)
     yield from assumed_encodings(observed)
+    yield from over_exposed(observed)
     if shoot.unconfirmed:
         named = "; ".join(shoot.unconfirmed)
         yield Contradiction(
@@ -92,6 +100,22 @@ def contradictions_of_report(
             remedy="put in what is true and remove the TODO of these lines",
             statement=shoot.unconfirmed[0],
         )
+
+
+def over_exposed(observed: Sequence[Observed]) -> Iterator[Contradiction]:
+    """Photographs most of whose points touch clipped samples, if most do."""
+    views = [one.take for one in observed if one.take is not None]
+    clipped = [one for one in views if np.mean(one.observations.saturated) > _MOSTLY]
+    if len(clipped) <= _MOSTLY * len(views):
+        return
+    yield Contradiction(
+        kind="exposure",
+        limit="match-moving",
+        text=f"{len(clipped)} of {len(views)} photographs are over-exposed: their dots "
+        "or lines are clipped, which hides fall-off and blur and moves what is found",
+        remedy="expose less, until nothing on the chart is at full scale",
+        images=tuple(one.name for one in clipped),
+    )
 
 
 def gravest_first(found: Sequence[Contradiction]) -> list[Contradiction]:

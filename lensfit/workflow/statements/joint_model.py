@@ -37,6 +37,10 @@ FOCAL_LENGTH_SD, PITCH_SD = 0.03, 0.002
 _BREATHING_SD, _OTHER_BREATHING_SD = 1.0, 0.01
 """Of m and of b."""
 DISTANCE_SD_MM, DISTANCE_SD = 10.0, 0.005
+_OF_PLACE = 0.5
+_OF_TAPE = (1 - _OF_PLACE**2) ** 0.5
+"""A target that stood still was measured once: views of it that state one distance
+share most of its error, and differ by how it was put up again."""
 _PUPIL_DIAGONALS = 1.4, 1.0
 """Mean and deviation of the entrance pupil before the sensor, in diagonals of the
 sensor, of lenses that are not much longer: it lies inside the lens."""
@@ -93,6 +97,7 @@ class _Stack:
     distance_mm: Float[np.ndarray, " views"]
     share: Float[np.ndarray, " views"]
     stated: list[int]
+    tape: np.ndarray
     pitch: np.ndarray
     pupil: np.ndarray
     radial: np.ndarray
@@ -131,6 +136,9 @@ class _Stack:
             distance_mm=np.array([take.target_distance_mm or np.nan for take in takes]),
             share=np.sqrt(np.minimum(_INDEPENDENT / counts, 1.0)),
             stated=[k for k, t in enumerate(takes) if t.target_distance_mm is not None],
+            tape=np.array(
+                [at.get(("tape", t.target, t.target_distance_mm), 0) for t in takes]
+            ),
             pitch=np.array([at[("pitch", take.target)] for take in takes]),
             pupil=np.array([at[("pupil", f)] for f, _ in states]),
             radial=np.array(
@@ -172,7 +180,7 @@ class JointModel:
     ----------
     names : Of shared parameters, in order: ("focal_length", f), ("breathing", f),
         ("other_breathing", f, D), ("pupil", f), ("radial", f, k), ("centre", axis),
-        ("pitch", target).
+        ("pitch", target), ("tape", target, stated distance).
     """
 
     views: Sequence[_View]
@@ -197,6 +205,9 @@ class JointModel:
                 corner = (diagonal / 2 / f) ** (2 * k + 2)
                 rows[("radial", f, k)] = 0.0, _RADIAL_SD / corner
             rows[("pitch", view.take.target)] = 0.0, PITCH_SD
+            stated = view.take.target_distance_mm
+            if stated is not None:
+                rows[("tape", view.take.target, stated)] = 0.0, 1.0
         self.names = list(rows)
         self.mean, self.deviation = np.array(list(rows.values())).T
         self._at = {name: k for k, name in enumerate(self.names)}
@@ -302,10 +313,13 @@ class JointModel:
         points = self._points_px(parameters) * (stack.share / noise_px)[:, None, None]
         stated = [k for k in stack.stated if k not in distances]
         apart = self._distances_mm(parameters)[stated] - stack.distance_mm[stated]
-        wide = np.hypot(DISTANCE_SD_MM, DISTANCE_SD * stack.distance_mm[stated])
+        apart = apart / np.hypot(
+            DISTANCE_SD_MM, DISTANCE_SD * stack.distance_mm[stated]
+        )
+        apart = apart - _OF_TAPE * shared[stack.tape[stated]]
         return np.concatenate(
             [points[stack.is_there].ravel(), (shared - self.mean) / deviation,
-             apart / wide]
+             apart / _OF_PLACE]
         )  # fmt: skip
 
     def _jacobian(

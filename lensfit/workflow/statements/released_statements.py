@@ -15,6 +15,7 @@ from typing import final
 import numpy as np
 
 from lensfit.fitting.chart_view import View
+from lensfit.report.evidence import joined
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.joint_model import (
     RELEASED_SD,
@@ -28,9 +29,14 @@ _MOST_MISFIT_PX = 1.5
 """Free of statements, beyond which the model is no judge of them."""
 _CONTRADICTED = 30.0
 """Chi-squared that statements add: five standard deviations of one of them."""
+_SUSPICIOUS = 10.0
+"""Up to which nothing is looked for; right shoots add a few."""
 _EXPLAINS = 0.6
 _AS_WELL = 0.9
 """Of the best explanation: what explains so much is as probable."""
+_PER_NUMBER = 10.0
+_NO_TAPE = 1e3
+"""Standard deviations of a tape measure, where it does not count."""
 _MOST_ROUNDS = 2
 _FORGIVEN = {"pitch": 0.01, "focal_length": 0.06, "target_distance": 0.03}
 """Relative change below which no release is worth naming."""
@@ -67,30 +73,114 @@ def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
     least = _all_released(model, noise_px, solution)
     for _ in range(_MOST_ROUNDS):
         misfit = solution.chi_squared - least.chi_squared
-        if misfit < _CONTRADICTED:
+        if misfit < _SUSPICIOUS:
             return
-        releases = _releases(model, noise_px, solution, shared, distances)
+        releases: list[_Release] = []
+        if misfit > _CONTRADICTED:
+            releases = _releases(model, noise_px, solution, shared, distances)
+        explained = [solution.chi_squared - r.solution.chi_squared for r in releases]
+        most = max(explained[:1], default=0.0)
+        if not shared and not distances:
+            restated = _best_restatement(takes, noise_px, most > _EXPLAINS * misfit)
+            gained = solution.chi_squared - (restated.chi_squared if restated else 0)
+            enough = max(_CONTRADICTED, _EXPLAINS * misfit, _AS_WELL * most)
+            if restated is not None and gained > enough:
+                yield restated.named(min(gained / misfit, 1.0))
+                return
         if not releases:
             return
-        best = releases[0]
-        explained = solution.chi_squared - best.solution.chi_squared
-        exchange = None if shared or distances else _best_exchange(takes, noise_px)
-        if exchange is not None:
-            gained = solution.chi_squared - exchange.chi_squared
-            if gained > max(_EXPLAINS * misfit, _AS_WELL * explained):
-                yield exchange.named(gained / misfit)
-                return
-        if explained < _EXPLAINS * misfit:
+        if most < _EXPLAINS * misfit:
             yield _unexplained(misfit)
             return
         as_well = [
             one
-            for one in releases[1:]
-            if solution.chi_squared - one.solution.chi_squared > _AS_WELL * explained
+            for one, much in zip(releases[1:], explained[1:], strict=True)
+            if much > _AS_WELL * most
         ]
-        yield _named(model, best, as_well, explained / misfit)
+        best = releases[0]
+        yield _named(model, best, as_well, most / misfit)
         shared, distances = best.shared, best.distances
         solution = best.solution
+
+
+def _best_restatement(
+    takes: Sequence[View], noise_px: float, is_explained: bool
+) -> "_Exchange | _OtherLens | None":
+    """Other statements that leave least: pitches exchanged, or, where no release of
+    one statement explains the misfit, a view of another lens."""
+    found = [_best_exchange(takes, noise_px)]
+    if not is_explained:
+        found.append(_best_other_lens(takes, noise_px))
+    known = [one for one in found if one is not None]
+    return min(known, key=lambda one: one.chi_squared, default=None)
+
+
+@final
+@dataclass(frozen=True)
+class _OtherLens:
+    """Views in a row through a lens, zoom setting or sensor mode of their own."""
+
+    takes: Sequence[View]
+    factor: float
+    chi_squared: float
+
+    def named(self, share: float) -> Contradiction:
+        """The record, with the part of the misfit that this explains."""
+        f_mm = self.takes[0].focal_length_mm
+        names = [Path(take.name).stem for take in self.takes]
+        beyond = len(names) - _MOST_NAMES
+        if beyond > 0:
+            names = [*names[:_MOST_NAMES], f"{beyond} more"]
+        return Contradiction(
+            kind="lens_identity",
+            limit="unusable",
+            text=f"two lenses or zoom settings are mixed at {f_mm:g} mm, or two sensor "
+            f"modes: {joined(names)} {'agree' if len(self.takes) > 1 else 'agrees'} "
+            f"with {f_mm * self.factor:.4g} mm",
+            remedy="calibrate them apart, with a shoot file for each lens",
+            statement="focal_length_mm",
+            stated=f_mm,
+            agrees_with=f_mm * self.factor,
+            explained=share,
+            images=tuple(take.name for take in self.takes),
+        )
+
+
+_BY_ITSELF = 1 + 1e-9
+"""Times the focal length of views that share their parameters with no other."""
+_MOST_NAMES = 4
+
+
+def _best_other_lens(takes: Sequence[View], noise_px: float) -> _OtherLens | None:
+    """The views that leave least once they have a focal length of their own: one, or
+    several that were taken one after the other, up to half of all."""
+    found = []
+    for first, count in _runs(len(takes)):
+        mine = takes[first : first + count]
+        if len({take.focal_length_mm for take in mine}) > 1:
+            continue
+        own_mm = mine[0].focal_length_mm * _BY_ITSELF
+        apart = [
+            replace(take, focal_length_mm=own_mm)
+            if first <= k < first + count
+            else take
+            for k, take in enumerate(takes)
+        ]
+        model = joint_model(apart)
+        name = ("focal_length", own_mm)
+        if model is None or name not in model.names:
+            continue
+        solution = model.solve(noise_px, {name: RELEASED_SD})
+        factor = float(np.exp(model.value(solution, name)))
+        if abs(factor - 1) > _FORGIVEN["pitch"]:
+            found.append(_OtherLens(mine, factor, solution.chi_squared))
+    return min(found, key=lambda one: one.chi_squared, default=None)
+
+
+def _runs(views: int) -> Iterator[tuple[int, int]]:
+    """First and count of the views in every row of them, the shortest rows first."""
+    for count in range(1, views // 2 + 1):
+        yield from ((first, count) for first in range(views - count + 1))
 
 
 @final
@@ -115,7 +205,7 @@ class _Exchange:
             statement=f'pitch_mm of target "{one}"',
             stated=its_mm,
             agrees_with=others_mm,
-            explained=min(share, 1.0),
+            explained=share,
         )
 
 
@@ -160,15 +250,12 @@ def _releases(
     for name in model.names:
         if name[0] in ("pitch", "focal_length") and name not in shared:
             tried.append((name[0], name, shared | {name: RELEASED_SD}, distances))
-    stated = [
-        k
-        for k, view in enumerate(model.views)
-        if view.take.target_distance_mm is not None and k not in distances
-    ]
+    stated = [k for k in _stated(model) if k not in distances]
     for k in stated:
         tried.append(("target_distance", k, shared, distances | {k}))
-    if len(stated) > 1:
-        tried.append(("target_distance", None, shared, distances | set(stated)))
+    tapes = {name: _NO_TAPE for name in model.names if name[0] == "tape"}
+    if len(stated) > 1 and not tapes.keys() & shared.keys():
+        tried.append(("target_distance", None, shared | tapes, distances))
     found = [
         _Release(
             kind,
@@ -184,9 +271,15 @@ def _releases(
     return sorted(
         worth,
         key=lambda one: (
-            one.solution.chi_squared + 10.0 * (one.key is None) * len(stated)
+            one.solution.chi_squared + _PER_NUMBER * (one.key is None) * len(tapes)
         ),
     )
+
+
+def _stated(model: JointModel) -> list[int]:
+    """Views whose target's distance is stated."""
+    takes = [view.take for view in model.views]
+    return [k for k, take in enumerate(takes) if take.target_distance_mm is not None]
 
 
 def _change(model: JointModel, release: _Release) -> float:
@@ -194,7 +287,7 @@ def _change(model: JointModel, release: _Release) -> float:
     if release.kind != "target_distance":
         assert isinstance(release.key, tuple)
         return abs(float(np.expm1(model.value(release.solution, release.key))))
-    keys = [release.key] if release.key is not None else sorted(release.distances)
+    keys = [release.key] if release.key is not None else _stated(model)
     changes = []
     for k in keys:
         assert isinstance(k, int)
@@ -258,7 +351,7 @@ def _value(
     """Name, stated value, value once released, unit and photographs."""
     solution = release.solution
     if release.kind == "target_distance":
-        k = release.key if isinstance(release.key, int) else min(release.distances)
+        k = release.key if isinstance(release.key, int) else min(_stated(model))
         take = model.views[k].take
         stated = float(take.target_distance_mm or np.nan)
         place = f"target_distance_mm of {Path(take.name).stem}"
