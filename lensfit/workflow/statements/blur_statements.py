@@ -39,8 +39,8 @@ _IN_FOCUS_DIOPTRES = 0.01
 
 
 def contradicted_focus_distances(takes: Sequence[View]) -> list[Contradiction]:
-    """At most one: far from where the sharpest views are, or exchanged."""
-    return [*unlikely_focus_distances(takes), *exchanged_focus_distances(takes)][:1]
+    """At most one: exchanged, or far from where the sharpest views are."""
+    return [*exchanged_focus_distances(takes), *unlikely_focus_distances(takes)][:1]
 
 
 def unlikely_blur(takes: Sequence[View]) -> list[Contradiction]:

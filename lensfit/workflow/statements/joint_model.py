@@ -47,6 +47,8 @@ sensor, of lenses that are not much longer: it lies inside the lens."""
 _PUPIL_SD_LONG = 0.5
 """Added to the deviation for each millimetre of focal length beyond a diagonal."""
 RELEASED_SD = 2.0
+_SQUEEZE_SD = 0.05
+"""Logarithm: squeeze changes with focus."""
 _RADIAL_SD, _CENTRE_SD = 0.12, 0.02
 """At the corner, relative; of the sensor's width."""
 _MOST_POINTS = 64
@@ -54,6 +56,9 @@ _CENTRAL = 0.6
 """Of the half diagonal."""
 _INDEPENDENT = 20.0
 _LEAST_PX = 0.1
+_FREE_OF_STATEMENTS = (
+    "focal_length", "breathing", "other_breathing", "pitch", "squeeze",
+)  # fmt: skip
 _STEPS, _TOLERANCE = 30, 1e-4
 
 
@@ -102,6 +107,7 @@ class _Stack:
     pupil: np.ndarray
     radial: np.ndarray
     scale: np.ndarray
+    cylinder: np.ndarray
 
     @classmethod
     def of(cls, views: Sequence["_View"], at: Mapping[tuple, int]) -> "_Stack":
@@ -127,7 +133,7 @@ class _Stack:
             is_there=np.arange(counts.max()) < counts[:, None],
             rotation=np.array([view.rotation for view in views]),
             translation_mm=np.array([view.translation_mm for view in views]),
-            pixel_mm=np.array([take.pixel_mm for take in takes]),
+            pixel_mm=np.array([_pixel_mm(take) for take in takes]),
             sensor_width_mm=np.array([take.sensor_size_mm[0] for take in takes]),
             focal_mm=np.array([f for f, _ in states]),
             vergence_per_mm=np.array(
@@ -150,6 +156,10 @@ class _Stack:
                      at[("other_breathing", f, z)]]
                     for f, z in states
                 ]
+            ),
+            cylinder=np.array(
+                [[at.get(("squeeze", f, z), -1), at.get(("cylinder", f), -1)]
+                 for f, z in states]
             ),
         )  # fmt: skip
 
@@ -180,7 +190,9 @@ class JointModel:
     ----------
     names : Of shared parameters, in order: ("focal_length", f), ("breathing", f),
         ("other_breathing", f, D), ("pupil", f), ("radial", f, k), ("centre", axis),
-        ("pitch", target), ("tape", target, stated distance).
+        ("pitch", target), ("tape", target, stated distance); of anamorphic lenses
+        ("squeeze", f, D), beside the nominal one, and ("cylinder", f): how far the
+        entrance pupil of the squeezed axis lies before that of the other, mm.
     """
 
     views: Sequence[_View]
@@ -204,6 +216,9 @@ class JointModel:
             for k in (0, 1):
                 corner = (diagonal / 2 / f) ** (2 * k + 2)
                 rows[("radial", f, k)] = 0.0, _RADIAL_SD / corner
+            if view.take.anamorphic:
+                rows[("squeeze", f, focus)] = 0.0, _SQUEEZE_SD
+                rows[("cylinder", f)] = 0.0, diagonal
             rows[("pitch", view.take.target)] = 0.0, PITCH_SD
             stated = view.take.target_distance_mm
             if stated is not None:
@@ -289,7 +304,10 @@ class JointModel:
         depth = stack.translation_mm[:, 2:]
         at = (stack.translation_mm + pose[:, 3:] * depth)[:, None]
         seen = flat @ np.swapaxes(turn[:, :, :2], 1, 2) + at
-        slope = seen[..., :2] / np.where(seen[..., 2:] > 1, seen[..., 2:], 1.0)
+        squeeze, apart_mm = np.append(shared, 0.0)[stack.cylinder].T
+        depths = seen[..., 2:] + np.stack([apart_mm, 0 * apart_mm], -1)[:, None]
+        slope = seen[..., :2] / np.where(depths > 1, depths, 1.0)
+        slope[..., 0] *= np.exp(squeeze)[:, None]
         r2 = (slope**2).sum(-1, keepdims=True)
         k1, k2 = shared[stack.radial].T[:, :, None, None]
         f, vergence = stack.focal_mm, stack.vergence_per_mm
@@ -361,21 +379,17 @@ class JointModel:
 
 
 def joint_model(takes: Sequence[View]) -> JointModel | None:
-    """The model of the views that have a pose; None of fewer than one.
-
-    Anamorphic views are left out: cylinders have two entrance pupils.
-    """
+    """The model of the views that have a pose; None of fewer than one."""
     views = [view for view in map(_view, takes) if view is not None]
     return JointModel(views) if views else None
 
 
 def _view(take: View) -> _View | None:
     found = take.observations
-    if take.anamorphic:
-        return None
     half_px = np.asarray(found.image_size_px) / 2
-    image = (found.points_px - half_px) * take.pixel_mm
-    away = np.linalg.norm(image, axis=1) / np.linalg.norm(half_px * take.pixel_mm)
+    pixel_mm = _pixel_mm(take)
+    image = (found.points_px - half_px) * pixel_mm
+    away = np.linalg.norm(image, axis=1) / np.linalg.norm(half_px * pixel_mm)
     good = np.flatnonzero(~found.overlapping & (away < _CENTRAL))
     if len(good) < 16:
         return None
@@ -398,13 +412,14 @@ def _view(take: View) -> _View | None:
     )
 
 
+def _pixel_mm(take: View) -> Float[np.ndarray, "2"]:
+    """Of the picture without its nominal squeeze."""
+    return np.asarray(take.pixel_mm) * [take.squeeze, 1.0]
+
+
 def noise_of_model_px(model: JointModel) -> tuple[float, Solution]:
     """What the model leaves where no statement holds it, and that solution."""
-    wide = {
-        name: RELEASED_SD
-        for name in model.names
-        if name[0] in ("focal_length", "breathing", "other_breathing", "pitch")
-    }
+    wide = {name: RELEASED_SD for name in model.names if name[0] in _FREE_OF_STATEMENTS}
     every = frozenset(range(len(model.views)))
     solution = model.solve(1.0, wide, every)
     return max(solution.rms_px, _LEAST_PX), solution
