@@ -260,7 +260,9 @@ QUICK = (
     "pitch in inches", "pitch of one axis", "focal length of full frame",
     "sensor sides swapped", "mixed crops", "mixed sizes", "stretched",
     "rotated camera", "stops swapped", "files off by one", "copies saved again",
-    "moved chart",
+    "moved chart", "pitches swapped", "stop tenfold", "focus in wrong order",
+    "one sensor mode", "a column too many", "gamma as linear", "two views coded",
+    "over-exposed", "shaken", "wide adapter",
 )  # fmt: skip
 """A second or two each; `lensfit bench verdict` tries all, to the end."""
 

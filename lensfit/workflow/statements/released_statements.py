@@ -35,6 +35,7 @@ _EXPLAINS = 0.6
 _AS_WELL = 0.9
 """Of the best explanation: what explains so much is as probable."""
 _PER_NUMBER = 10.0
+"""Chi-squared that a further number must explain."""
 _NO_TAPE = 1e3
 """Standard deviations of a tape measure, where it does not count."""
 _MOST_ROUNDS = 2
@@ -81,10 +82,9 @@ def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
         explained = [solution.chi_squared - r.solution.chi_squared for r in releases]
         most = max(explained[:1], default=0.0)
         if not shared and not distances:
-            restated = _best_restatement(takes, noise_px, most > _EXPLAINS * misfit)
-            gained = solution.chi_squared - (restated.chi_squared if restated else 0)
-            enough = max(_CONTRADICTED, _EXPLAINS * misfit, _AS_WELL * most)
-            if restated is not None and gained > enough:
+            restated = _restatement(takes, noise_px, solution, misfit, most)
+            if restated is not None:
+                gained = solution.chi_squared - restated.chi_squared
                 yield restated.named(min(gained / misfit, 1.0))
                 return
         if not releases:
@@ -103,16 +103,33 @@ def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
         solution = best.solution
 
 
-def _best_restatement(
-    takes: Sequence[View], noise_px: float, is_explained: bool
+def _restatement(
+    takes: Sequence[View],
+    noise_px: float,
+    stated: Solution,
+    misfit: float,
+    released: float,
 ) -> "_Exchange | _OtherLens | None":
-    """Other statements that leave least: pitches exchanged, or, where no release of
-    one statement explains the misfit, a view of another lens."""
-    found = [_best_exchange(takes, noise_px)]
-    if not is_explained:
-        found.append(_best_other_lens(takes, noise_px))
-    known = [one for one in found if one is not None]
-    return min(known, key=lambda one: one.chi_squared, default=None)
+    """Other statements that explain the misfit better than the best release does.
+
+    Pitches exchanged free nothing, and need to explain as much; views of another lens
+    free several numbers, and must explain more, unless no release explains enough.
+
+    Parameters
+    ----------
+    misfit, released : Chi-squared to explain, and what the best release explains.
+    """
+    least = max(_CONTRADICTED, _EXPLAINS * misfit)
+    exchange = _best_exchange(takes, noise_px)
+    if exchange is not None:
+        gained = stated.chi_squared - exchange.chi_squared
+        if gained > max(least, _AS_WELL * released):
+            return exchange
+    more = released + _PER_NUMBER if released > _EXPLAINS * misfit else 0.0
+    other = _best_other_lens(takes, noise_px)
+    if other is not None and stated.chi_squared - other.chi_squared > max(least, more):
+        return other
+    return None
 
 
 @final
