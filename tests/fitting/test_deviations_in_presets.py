@@ -14,9 +14,11 @@ from pinhole_shoot import (
     take_of,
 )
 
+from lensfit.fitting.adjust import Adjustment
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.lens_state import LensState, fit_state, with_colour
-from lensfit.fitting.uncertainty import position_deviations_mm
+from lensfit.fitting.priors import release
+from lensfit.fitting.uncertainty import position_deviations_mm, uncertainty_of
 from lensfit.lens import Lens
 from lensfit.preset.blocks import Camera as CameraBlock
 from lensfit.preset.schema import LensName, Preset, Provenance
@@ -104,6 +106,35 @@ def test_objects_in_focus_are_known_less_well_than_the_map(state, lens):
     assert map_px.shape == object_px.shape
     assert (object_px[[0, 0, -1, -1], [0, -1, 0, -1]] > 0).all()
     assert object_px.max() >= map_px.max() - 1e-4
+
+
+def test_an_axis_is_not_known_better_for_leaving_decentring_out():
+    """Decentring within tolerances, which nobody sees beside another axis, makes the
+    axis as uncertain as it does where its terms are fitted."""
+    centred = Camera(k=(-0.02, 0.0), p=(0.0, 0.0))
+    takes = []
+    for view in range(3):
+        board = FINE.reshape(-1, 2) * 40.0
+        image = centred.image_mm(centred.camera_axes(view, board))
+        seen = observations(image, NOISE_PX, view, FINE.reshape(-1, 2))
+        takes.append(take_of(seen, f"view {view}", f_number=4.0))
+    adjustment = fit_state(takes, all_views=takes).geometry.adjustment
+    blocks, prior = adjustment.layout.blocks, adjustment.prior
+    assert prior.free[blocks["principal_point"]].all()
+    left_out = _without_decentring(adjustment)
+    known = [
+        uncertainty_of(one, tuple(takes)).deviation("principal_point").max()
+        for one in (adjustment, left_out)
+    ]
+    assert known[1] > 0.5 * known[0]
+
+
+def _without_decentring(adjustment: Adjustment) -> Adjustment:
+    """The same fit with all decentring terms held."""
+    prior = adjustment.prior
+    for name in ("decentering", "thin_prism", "anamorphic", "squeeze"):
+        prior = release(prior, adjustment.layout.blocks[name], 0.0)
+    return replace(adjustment, prior=prior)
 
 
 def test_the_field_of_the_fit_has_room_for_more_than_was_kept(state, lens):
