@@ -39,8 +39,8 @@ _BREATHING_SD, _OTHER_BREATHING_SD = 1.0, 0.01
 DISTANCE_SD_MM, DISTANCE_SD = 10.0, 0.005
 _OF_PLACE = 0.5
 _OF_TAPE = (1 - _OF_PLACE**2) ** 0.5
-"""A target that stood still was measured once: views of it that state one distance
-share most of its error, and differ by how it was put up again."""
+"""What stands still is measured once: views that state one distance share most of its
+error, and differ by how a target was put up again."""
 _PUPIL_DIAGONALS = 1.4, 1.0
 """Mean and deviation of the entrance pupil before the sensor, in diagonals of the
 sensor, of lenses that are not much longer: it lies inside the lens."""
@@ -143,7 +143,7 @@ class _Stack:
             share=np.sqrt(np.minimum(_INDEPENDENT / counts, 1.0)),
             stated=[k for k, t in enumerate(takes) if t.target_distance_mm is not None],
             tape=np.array(
-                [at.get(("tape", t.target, t.target_distance_mm), 0) for t in takes]
+                [at.get(("tape", t.target_distance_mm), 0) for t in takes]
             ),
             pitch=np.array([at[("pitch", take.target)] for take in takes]),
             pupil=np.array([at[("pupil", f)] for f, _ in states]),
@@ -190,7 +190,7 @@ class JointModel:
     ----------
     names : Of shared parameters, in order: ("focal_length", f), ("breathing", f),
         ("other_breathing", f, D), ("pupil", f), ("radial", f, k), ("centre", axis),
-        ("pitch", target), ("tape", target, stated distance); of anamorphic lenses
+        ("pitch", target), ("tape", stated distance); of anamorphic lenses
         ("squeeze", f, D), beside the nominal one, and ("cylinder", f): how far the
         entrance pupil of the squeezed axis lies before that of the other, mm.
     """
@@ -222,7 +222,7 @@ class JointModel:
             rows[("pitch", view.take.target)] = 0.0, PITCH_SD
             stated = view.take.target_distance_mm
             if stated is not None:
-                rows[("tape", view.take.target, stated)] = 0.0, 1.0
+                rows[("tape", stated)] = 0.0, 1.0
         self.names = list(rows)
         self.mean, self.deviation = np.array(list(rows.values())).T
         self._at = {name: k for k, name in enumerate(self.names)}
