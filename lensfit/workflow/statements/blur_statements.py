@@ -38,11 +38,6 @@ _OFF_LOG = 0.25
 _IN_FOCUS_DIOPTRES = 0.01
 
 
-def contradicted_focus_distances(takes: Sequence[View]) -> list[Contradiction]:
-    """At most one: exchanged, or far from where the sharpest views are."""
-    return [*exchanged_focus_distances(takes), *unlikely_focus_distances(takes)][:1]
-
-
 def unlikely_blur(takes: Sequence[View]) -> list[Contradiction]:
     """Views that are blurred, but for what a wrong f-number explains."""
     stops = {one.stated for one in contradicted_f_numbers(takes)}

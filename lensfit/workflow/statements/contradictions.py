@@ -19,9 +19,10 @@ from lensfit.workflow.shoot.shoot_records import Shoot
 from lensfit.workflow.statements.aspect_contradictions import aspect_contradictions
 from lensfit.workflow.statements.blur_statements import (
     contradicted_f_numbers,
-    contradicted_focus_distances,
+    exchanged_focus_distances,
     f_number_contradiction,
     unlikely_blur,
+    unlikely_focus_distances,
 )
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.encoding import assumed_encodings, impossible_fall_off
@@ -30,10 +31,13 @@ from lensfit.workflow.statements.linearity import nonlinear_views
 from lensfit.workflow.statements.released_statements import contradicted_statements
 
 _ORDER = (
-    "exchanged", "aspect", "photograph_size", "lens_identity", "focal_length", "pitch",
-    "target_distance", "statements", "side_of_focus", "blurred_view", "encoding",
-    "f_number", "exposure", "repeated_exposure", "unconfirmed", "target",
+    "exchanged", "aspect", "photograph_size", "lens_identity",
+    "focal_length pitch target_distance", "statements", "side_of_focus",
+    "blurred_view", "encoding", "f_number", "exposure", "repeated_exposure",
+    "unconfirmed", "target",
 )  # fmt: skip
+"""Kinds of one rank stay as they were found: what explains most was found first."""
+_RANKS = {kind: k for k, kinds in enumerate(_ORDER) for kind in kinds.split()}
 _MOSTLY = 0.5
 _STOP_RATIO_LOG = 0.12
 """Of the radius of a stop: a third of a stop."""
@@ -42,15 +46,20 @@ _STOP_RATIO_LOG = 0.12
 def contradictions_of_views(takes: Sequence[View]) -> list[Contradiction]:
     """Those that the detected points of the views show, before anything is fitted."""
     # A cause that others follow from is looked for first.
-    for causes in (aspect_contradictions, mixed_lenses, contradicted_statements):
+    for causes in (
+        aspect_contradictions,
+        mixed_lenses,
+        exchanged_focus_distances,
+        contradicted_statements,
+    ):
         found = list(causes(takes))
         if found:
             break
     if all(one.kind == "statements" for one in found):
         # A wrong focus distance contradicts the others through the lens' breathing.
-        focus = contradicted_focus_distances(takes)
-        if focus:
-            return focus
+        found = list(unlikely_focus_distances(takes)) or found
+    if any(one.kind == "side_of_focus" for one in found):
+        return found
     return [*found, *unlikely_blur(takes)]
 
 
@@ -123,7 +132,7 @@ def gravest_first(found: Sequence[Contradiction]) -> list[Contradiction]:
     unique = {(one.kind, one.text): one for one in found}
     return sorted(
         unique.values(),
-        key=lambda one: (LEVELS.index(one.limit), _ORDER.index(one.kind)),
+        key=lambda one: (LEVELS.index(one.limit), _RANKS[one.kind]),
     )
 
 

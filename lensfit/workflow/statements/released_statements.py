@@ -36,8 +36,6 @@ _AS_WELL = 0.9
 """Of the best explanation: what explains so much is as probable."""
 _PER_NUMBER = 10.0
 """Chi-squared that a further number must explain."""
-_NO_TAPE = 1e3
-"""Standard deviations of a tape measure, where it does not count."""
 _MOST_ROUNDS = 2
 _FORGIVEN = {"pitch": 0.01, "focal_length": 0.06, "target_distance": 0.03}
 """Relative change below which no release is worth naming."""
@@ -82,7 +80,8 @@ def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
         explained = [solution.chi_squared - r.solution.chi_squared for r in releases]
         most = max(explained[:1], default=0.0)
         if not shared and not distances:
-            restated = _restatement(takes, noise_px, solution, misfit, most)
+            best_of = releases[0] if releases else None
+            restated = _restatement(model, best_of, noise_px, solution, misfit, most)
             if restated is not None:
                 gained = solution.chi_squared - restated.chi_squared
                 yield restated.named(min(gained / misfit, 1.0))
@@ -104,7 +103,8 @@ def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
 
 
 def _restatement(
-    takes: Sequence[View],
+    model: JointModel,
+    best: _Release | None,
     noise_px: float,
     stated: Solution,
     misfit: float,
@@ -119,6 +119,7 @@ def _restatement(
     ----------
     misfit, released : Chi-squared to explain, and what the best release explains.
     """
+    takes = [view.take for view in model.views]
     least = max(_CONTRADICTED, _EXPLAINS * misfit)
     exchange = _best_exchange(takes, noise_px)
     if exchange is not None:
@@ -127,7 +128,10 @@ def _restatement(
             return exchange
     more = released + _PER_NUMBER if released > _EXPLAINS * misfit else 0.0
     other = _best_other_lens(takes, noise_px)
-    if other is not None and stated.chi_squared - other.chi_squared > max(least, more):
+    moved = best is not None and isinstance(best.key, int) and takes[best.key]
+    if other is None or (more and list(other.takes) == [moved]):
+        return None
+    if stated.chi_squared - other.chi_squared > max(least, more):
         return other
     return None
 
@@ -165,6 +169,8 @@ class _OtherLens:
 
 _BY_ITSELF = 1 + 1e-9
 """Times the focal length of views that share their parameters with no other."""
+_LEAST_CHANGE = 0.03
+"""Of focal length, below which no view is of another lens."""
 _MOST_NAMES = 4
 
 
@@ -189,7 +195,7 @@ def _best_other_lens(takes: Sequence[View], noise_px: float) -> _OtherLens | Non
             continue
         solution = model.solve(noise_px, {name: RELEASED_SD})
         factor = float(np.exp(model.value(solution, name)))
-        if abs(factor - 1) > _FORGIVEN["pitch"]:
+        if abs(factor - 1) > _LEAST_CHANGE:
             found.append(_OtherLens(mine, factor, solution.chi_squared))
     return min(found, key=lambda one: one.chi_squared, default=None)
 
@@ -270,9 +276,8 @@ def _releases(
     stated = [k for k in _stated(model) if k not in distances]
     for k in stated:
         tried.append(("target_distance", k, shared, distances | {k}))
-    tapes = {name: _NO_TAPE for name in model.names if name[0] == "tape"}
-    if len(stated) > 1 and not tapes.keys() & shared.keys():
-        tried.append(("target_distance", None, shared | tapes, distances))
+    if len(stated) > 1:
+        tried.append(("target_distance", None, shared, distances | set(stated)))
     found = [
         _Release(
             kind,
@@ -285,6 +290,7 @@ def _releases(
     ]
     worth = [one for one in found if _change(model, one) > _FORGIVEN[one.kind]]
     # All distances at once explain what one pitch does with more numbers.
+    tapes = {model.views[k].take.target_distance_mm for k in stated}
     return sorted(
         worth,
         key=lambda one: (

@@ -11,8 +11,9 @@ from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.statements.blur_statements import (
     blurred_views,
     contradicted_f_numbers,
-    contradicted_focus_distances,
+    exchanged_focus_distances,
     unlikely_blur,
+    unlikely_focus_distances,
 )
 from lensfit.workflow.statements.encoding import impossible_fall_off
 from lensfit.workflow.statements.lens_identity import mixed_lenses
@@ -117,13 +118,13 @@ def test_focus_distances_in_another_order_are_named():
     """What is stated in focus is blurred, and what is stated nearer is sharp."""
     _, takes, _ = right()
     views = with_discs(takes, {2.8: 2.8, 5.6: 5.6})
-    assert contradicted_focus_distances(views) == []
+    assert list(exchanged_focus_distances(views)) == []
     near, inside, far = (takes[k].focus_distance_mm for k in (1, 0, 2))
     order = {inside: near, near: far, far: inside}
     wrong = [
         replace(view, focus_distance_mm=order[view.focus_distance_mm]) for view in views
     ]
-    (found,) = contradicted_focus_distances(wrong)
+    (found,) = exchanged_focus_distances(wrong)
     assert "exchanged: “2.8_0”" in found.text
 
 
@@ -136,7 +137,7 @@ def test_sharp_dots_far_from_the_stated_focus_are_named():
             replace(view, focus_distance_mm=factor * view.focus_distance_mm)
             for view in views
         ]
-        found = contradicted_focus_distances(wrong)
+        found = list(unlikely_focus_distances(wrong))
         assert len(found) == count, factor
 
 
