@@ -142,26 +142,29 @@ class _Stack:
             distance_mm=np.array([take.target_distance_mm or np.nan for take in takes]),
             share=np.sqrt(np.minimum(_INDEPENDENT / counts, 1.0)),
             stated=[k for k, t in enumerate(takes) if t.target_distance_mm is not None],
-            tape=np.array(
-                [at.get(("tape", t.target_distance_mm), 0) for t in takes]
-            ),
-            pitch=np.array([at[("pitch", take.target)] for take in takes]),
-            pupil=np.array([at[("pupil", f)] for f, _ in states]),
-            radial=np.array(
-                [[at[("radial", f, 0)], at[("radial", f, 1)]] for f, _ in states]
-            ),
-            scale=np.array(
-                [
-                    [at[("focal_length", f)], at[("breathing", f)],
-                     at[("other_breathing", f, z)]]
-                    for f, z in states
-                ]
-            ),
-            cylinder=np.array(
-                [[at.get(("squeeze", f, z), -1), at.get(("cylinder", f), -1)]
-                 for f, z in states]
-            ),
-        )  # fmt: skip
+            **_places(takes, at),
+        )
+
+
+def _places(takes: Sequence[View], at: Mapping[tuple, int]) -> dict[str, np.ndarray]:
+    """Where the shared parameters of each view stand; -1 for what it does not have."""
+    states = [(take.focal_length_mm, take.focus_distance_mm) for take in takes]
+    names = {
+        "tape": [[("tape", take.target_distance_mm)] for take in takes],
+        "pitch": [[("pitch", take.target)] for take in takes],
+        "pupil": [[("pupil", f)] for f, _ in states],
+        "radial": [[("radial", f, 0), ("radial", f, 1)] for f, _ in states],
+        "scale": [
+            [("focal_length", f), ("breathing", f), ("other_breathing", f, z)]
+            for f, z in states
+        ],
+        "cylinder": [[("squeeze", f, z), ("cylinder", f)] for f, z in states],
+    }
+    places = {
+        key: np.array([[at.get(name, -1) for name in row] for row in rows])
+        for key, rows in names.items()
+    }
+    return {k: v[:, 0] if v.shape[1] == 1 else v for k, v in places.items()}
 
 
 @final
