@@ -34,10 +34,11 @@ from jaxtyping import Float, Int
 
 from lensfit.fitting.adjust import Adjustment, equations_at
 from lensfit.fitting.chart_view import View
+from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE
 from lensfit.fitting.geometry import NAMED, compiled_distortion_of
 from lensfit.fitting.half_equations import explained_by, halves_of, stated_statistics
 from lensfit.fitting.parameters import Layout
-from lensfit.fitting.priors import loose_prior
+from lensfit.fitting.priors import loose_prior, release
 from lensfit.fitting.systematic import covariance_of_equations, systematic_covariance
 from lensfit.fitting.view_stack import residuals_of
 from lensfit.optics import position_deviation as optics
@@ -54,6 +55,7 @@ _GREEN = 1
 _LEAST_MOVE = 1e-3
 """Share of the largest move; smaller ones are negligible against the noise."""
 _NAMED_TERMS = ("principal_point", "radial", *NAMED)
+_DECENTRING = tuple(n for n in MANUFACTURING_TOLERANCE if n != "principal_point")
 _LANDING = (
     "focal_length",
     "principal_point",
@@ -89,6 +91,7 @@ def uncertainty_of(adjustment: Adjustment, views: tuple[View, ...]) -> Uncertain
     ----------
     views : Those that were adjusted, in the same order.
     """
+    adjustment = _with_possible_decentring(adjustment)
     one, other = halves_of(adjustment)
     free = adjustment.prior.free
     precision = adjustment.prior.standard_deviation[free] ** -2.0
@@ -108,6 +111,24 @@ def uncertainty_of(adjustment: Adjustment, views: tuple[View, ...]) -> Uncertain
     terms = _rows_of(adjustment.layout, _NAMED_TERMS)
     covariance[np.ix_(terms, terms)] += _systematic(adjustment, terms)
     return Uncertainty(covariance, adjustment.layout)
+
+
+def _with_possible_decentring(adjustment: Adjustment) -> Adjustment:
+    """The same with decentring terms that were left out free within tolerances.
+
+    They were left out for having no visible effect beside that of the principal point,
+    which has the same but for a turn of the camera: with the terms at zero it would
+    seem to be known as well as the residuals.
+    """
+    prior, blocks = adjustment.prior, adjustment.layout.blocks
+    out = [n for n in _DECENTRING if not prior.free[blocks[n]].any()]
+    if adjustment.layout.anamorphic or len(out) < len(_DECENTRING):
+        return adjustment
+    if not prior.free[blocks["principal_point"]].any():
+        return adjustment
+    for name in out:
+        prior = release(prior, blocks[name], MANUFACTURING_TOLERANCE[name])
+    return replace(adjustment, prior=prior)
 
 
 def _add_variance_of_next_pupil_shift_order(

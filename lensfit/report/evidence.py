@@ -56,15 +56,27 @@ def takes_by_focal(report: dict) -> dict[float | None, list[dict]]:
 
 
 def unmeasured_focals(report: dict) -> list[float | None]:
-    """Stated focal lengths (mm) that no view measured, None where the report is old."""
+    """Stated focal lengths (mm) that no view measured, None where the report is old.
+
+    One whose deviation shows at the side of the frame is not measured either.
+    """
     measured_by_focal: dict[float | None, bool] = {}
+    half_px = image_size_px(report)[0] / 2
     for term in report.get("terms") or []:
         if "principal_distance" in str(term.get("name")):
             focal = term.get("focal_length_mm")
-            measured_by_focal[focal] = measured_by_focal.get(focal, False) or bool(
-                term.get("kept")
-            )
+            known = bool(term.get("kept")) and _relative(term) * half_px <= GOOD_PX
+            measured_by_focal[focal] = measured_by_focal.get(focal, False) or known
     return [focal for focal, measured in measured_by_focal.items() if not measured]
+
+
+def _relative(term: dict) -> float:
+    """Standard deviation over value; 0 where the report does not state it."""
+    deviation, value = (
+        numbers(np.ravel([np.nan if one is None else one]))
+        for one in (term.get("standard_deviation"), term.get("value"))
+    )
+    return float(np.nan_to_num(np.max(deviation / value)))
 
 
 def corner_deviation_px(entry: dict) -> float:
@@ -78,27 +90,42 @@ def corner_deviation_px(entry: dict) -> float:
 
 def extrapolated_corner_px(report: dict, entry: dict) -> float:
     """Largest standard deviation (px) at corners that no point is near, or NaN."""
-    return _largest_of_corners(entry, ~corners_photographed(report, entry))
+    grid = numbers((entry.get("uncertainty_grid") or {}).get("sd_px"))
+    if grid.ndim != 2:
+        return math.nan
+    corners = _of_corners(grid)[~corners_photographed(report, entry)]
+    known = corners[np.isfinite(corners)]
+    return float(known.max()) if known.size else math.nan
 
 
 def photographed_corner_px(report: dict, entry: dict) -> float:
-    """Largest standard deviation (px) in corners with points near them, or NaN.
+    """Standard deviation (px) in corners with points near them, or NaN.
 
-    As far into each corner as points reach: from the last of them to the very corner
-    the map is extrapolated, where its deviation grows several times over.
+    The larger of two: of the map in the worst of them, and of where objects in focus
+    land, rms over them, with the camera where it is: what a turn of the camera would
+    make good of the map is an error of the picture all the same. As far into each
+    corner as points reach: from the last of them to the very corner the map is
+    extrapolated, where its deviation grows several times over.
     """
+    of_map = _in_photographed_corners(report, entry, "uncertainty_grid")
+    of_objects = _in_photographed_corners(report, entry, "object_uncertainty_grid")
+    found = [of_map.max()] if of_map.size else []
+    found += [np.sqrt(np.mean(of_objects**2))] if of_objects.size else []
+    return float(max(found, default=math.nan))
+
+
+def _in_photographed_corners(report: dict, entry: dict, key: str) -> np.ndarray:
+    """The known deviations of a grid in the corners that were photographed."""
     photographed = corners_photographed(report, entry)
     reached = _corners_reached(report, entry)
-    grid = entry.get("uncertainty_grid") or {}
+    grid = entry.get(key) or {}
     x_mm, y_mm, sd_px = (numbers(grid.get(k)) for k in ("x_mm", "y_mm", "sd_px"))
     if reached is None or sd_px.shape != (y_mm.size, x_mm.size) or sd_px.size < 4:
-        return _largest_of_corners(entry, photographed)
-    known = [
-        _interpolated(x_mm, y_mm, sd_px, at)
-        for at, seen in zip(reached, photographed, strict=True)
-        if seen
-    ]
-    return max((sd for sd in known if math.isfinite(sd)), default=math.nan)
+        found = _of_corners(sd_px)[photographed] if sd_px.ndim == 2 else np.zeros(0)
+    else:
+        at = reached[photographed]
+        found = np.array([_interpolated(x_mm, y_mm, sd_px, one) for one in at])
+    return found[np.isfinite(found)]
 
 
 def _corners_reached(report: dict, entry: dict) -> np.ndarray | None:
@@ -138,13 +165,9 @@ def corners_photographed(report: dict, entry: dict) -> np.ndarray:
     return np.ones(4, bool)
 
 
-def _largest_of_corners(entry: dict, which: np.ndarray) -> float:
-    grid = numbers((entry.get("uncertainty_grid") or {}).get("sd_px"))
-    if grid.ndim != 2 or not grid.size:
-        return math.nan
-    corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]][which]
-    known = corners[np.isfinite(corners)]
-    return float(known.max()) if known.size else math.nan
+def _of_corners(grid: np.ndarray) -> np.ndarray:
+    """Values at the corners of a grid: top left and right, bottom left and right."""
+    return grid[[0, 0, -1, -1], [0, -1, 0, -1]] if grid.size else np.full(4, math.nan)
 
 
 def value_of(number_or_none: Any) -> float:

@@ -3,11 +3,11 @@
 Each rule judges one kind of evidence and gives at most a few findings. The first
 finding grades the whole: the worse of the error on held-out points (which includes
 detection noise, so it is never too small) and of the predicted standard deviation
-of the map in its worst corner. Half a pixel is where a locked-off match-move begins
-to show; a tenth is negligible for set measurement; and both assume that the focal
-length was measured, which needs views from several sides to separate it from the
-chart's distance. The other findings name what is weak and which photograph would
-improve it. Residuals of fitted points alone are no evidence (mrcal, "tour of
+in the corners, of the map and of objects in focus. Half a pixel is where a locked-off
+match-move begins to show; a tenth is negligible for set measurement; and both assume
+that the focal length was measured, which needs views from several sides to separate it
+from the chart's distance. The other findings name what is weak and which photograph
+would improve it. Residuals of fitted points alone are no evidence (mrcal, "tour of
 uncertainty and cross-validation").
 """
 
@@ -240,6 +240,8 @@ def _grade(report: dict) -> _Grade:
         said = (
             f"in its worst corner the map is known to {number(corner, 'px', 2)} only."
         )
+    elif corner > max(error, PRECISE_PX):
+        said = f"{said[:-1]}, objects in its corners within {number(corner, 'px', 2)}."
     if worst <= GOOD_PX and unmeasured_focals(report):
         ready = "Ready for undistortion, and for CG where the stated focal length will "
         return _graded("undistortion", "good", f"{ready}do: {said}", said)

@@ -58,6 +58,10 @@ from lensfit.workflow.statements.contradictions import (
 )
 from lensfit.workflow.statements.fitted_statements import contradicted_by_fit
 from lensfit.workflow.statements.repeated_exposures import without_repeated_exposures
+from lensfit.workflow.statements.targets_seen import (
+    contradicted_targets,
+    missed_targets,
+)
 from lensfit.workflow.stopwatch import stopwatch
 
 MAP_OVERSCAN_PERCENT = 10.0
@@ -141,7 +145,11 @@ def calibrate_observed(
             remedy=_others(observed),
         )
     with stopwatch() as fitting:
-        contradictions += contradictions_of_views(takes)
+        targets = contradicted_targets(missed_targets(shoot, observed), observed)
+        contradictions += targets
+        # What is stated of exchanged photographs is of others.
+        if not any(one.kind == "exchanged" for one in targets):
+            contradictions += contradictions_of_views(takes)
         fitted = _fitted(takes, contradictions, progress, effort)
         contradictions += contradictions_of_fit(takes, fitted)
         contradictions += contradicted_by_fit(fitted.states, contradictions)

@@ -15,8 +15,10 @@ from pinhole_shoot import (
 )
 
 from lensfit.fitting.chart_view import View
+from lensfit.fitting.decentring import MANUFACTURING_TOLERANCE
 from lensfit.fitting.lens_state import LensState, fit_state, with_colour
-from lensfit.fitting.uncertainty import position_deviations_mm
+from lensfit.fitting.priors import release
+from lensfit.fitting.uncertainty import position_deviations_mm, uncertainty_of
 from lensfit.lens import Lens
 from lensfit.preset.blocks import Camera as CameraBlock
 from lensfit.preset.schema import LensName, Preset, Provenance
@@ -92,6 +94,43 @@ def test_positions_are_known_as_the_fit_and_its_report_say(state, lens):
     grid = np.array(entry_facts(state, lens, BLOCK)["uncertainty_grid"]["sd_px"])
     sd_px = np.hypot(*stated.T).reshape(grid.shape) / MM_PER_PX
     np.testing.assert_allclose(sd_px, grid, atol=1e-5)
+
+
+def test_objects_in_focus_are_known_less_well_than_the_map(state, lens):
+    """A turn of the camera makes good of the map what it does not of objects."""
+    facts = entry_facts(state, lens, BLOCK)
+    map_px, object_px = (
+        np.array(facts[key]["sd_px"])
+        for key in ("uncertainty_grid", "object_uncertainty_grid")
+    )
+    assert map_px.shape == object_px.shape
+    assert (object_px[[0, 0, -1, -1], [0, -1, 0, -1]] > 0).all()
+    assert object_px.max() >= map_px.max() - 1e-4
+
+
+def test_an_axis_is_not_known_better_for_leaving_decentring_out():
+    """Decentring within tolerances, which nobody sees beside another axis, makes the
+    axis as uncertain as it does where its terms are fitted."""
+    centred = Camera(k=(-0.02, 0.0), p=(0.0, 0.0))
+    takes = []
+    for view in range(3):
+        board = FINE.reshape(-1, 2) * 40.0
+        image = centred.image_mm(centred.camera_axes(view, board))
+        seen = observations(image, NOISE_PX, view, FINE.reshape(-1, 2))
+        takes.append(take_of(seen, f"view {view}", f_number=4.0))
+    adjustment = fit_state(takes, all_views=takes).geometry.adjustment
+    blocks, prior = adjustment.layout.blocks, adjustment.prior
+    assert prior.free[blocks["principal_point"]].all()
+    free = prior
+    for name, width in MANUFACTURING_TOLERANCE.items():
+        if not prior.free[blocks[name]].any():
+            free = release(free, blocks[name], width)
+    assert (free.free != prior.free).any()
+    left_out, fitted = (
+        uncertainty_of(one, tuple(takes)).deviation("principal_point")
+        for one in (adjustment, replace(adjustment, prior=free))
+    )
+    np.testing.assert_allclose(left_out, fitted, rtol=0.1)
 
 
 def test_the_field_of_the_fit_has_room_for_more_than_was_kept(state, lens):

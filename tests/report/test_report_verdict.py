@@ -53,6 +53,32 @@ def test_a_small_residual_does_not_hide_uncertain_corners(report):
     assert said(report, "shoot the chart in the corners")
 
 
+def test_objects_that_a_turn_of_the_camera_would_put_right_are_not_known(report):
+    """The map is known to 0.05 px after the best turn, objects to 0.25 px without."""
+    report["held_out_rms_px"] = 0.05
+    entry = report["entries"][0]
+    assert verdict_of(report).level == "measurement"
+    grid = entry["uncertainty_grid"]
+    turned = {**grid, "sd_px": np.full(np.shape(grid["sd_px"]), 0.25).tolist()}
+    entry["object_uncertainty_grid"] = turned
+    judged = verdict_of(report)
+    assert judged.level == "match-moving"
+    assert judged.accuracy_px == 0.25
+    assert "objects in its corners within 0.25\u202fpx." in judged.headline
+    entry["object_uncertainty_grid"] = None
+    assert verdict_of(report).level == "measurement"
+
+
+def test_a_focal_length_whose_doubt_shows_is_not_measured(report):
+    """A percent of it moves the sides of the frame by ten pixels."""
+    report["held_out_rms_px"] = 0.05
+    term = report["terms"][1]
+    assert term["name"] == "principal_distance_mm"
+    assert verdict_of(report).level == "measurement"
+    term["standard_deviation"] = [0.5, 0.5]
+    assert verdict_of(report).level == "undistortion"
+
+
 def test_a_corner_counts_as_far_as_points_reach(report):
     """From the last point to the very corner the map is extrapolated."""
     grid = report["entries"][0]["uncertainty_grid"]

@@ -33,6 +33,10 @@ from lensfit.workflow.statements.contradictions import (
     gravest_first,
 )
 from lensfit.workflow.statements.repeated_exposures import without_repeated_exposures
+from lensfit.workflow.statements.targets_seen import (
+    contradicted_targets,
+    missed_targets,
+)
 
 runner = CliRunner()
 pytestmark = pytest.mark.slow
@@ -244,7 +248,9 @@ def named_by_views(shoot_file: Path) -> list[str]:
         return [str(error)]
     observed, found = without_repeated_exposures(observe_shoot(described, None, silent))
     takes = [one.take for one in observed if one.take is not None]
-    found += contradictions_of_views(takes)
+    found += contradicted_targets(missed_targets(described, observed), observed)
+    if not any(one.kind == "exchanged" for one in found):
+        found += contradictions_of_views(takes)
     found += contradicted_f_numbers(takes)
     found += contradictions_of_report(described, observed, [])
     return [one.text for one in gravest_first(found)]
@@ -254,7 +260,9 @@ QUICK = (
     "pitch in inches", "pitch of one axis", "focal length of full frame",
     "sensor sides swapped", "mixed crops", "mixed sizes", "stretched",
     "rotated camera", "stops swapped", "files off by one", "copies saved again",
-    "moved chart",
+    "moved chart", "pitches swapped", "stop tenfold", "focus in wrong order",
+    "one sensor mode", "a column too many", "gamma as linear", "two views coded",
+    "over-exposed", "shaken", "wide adapter",
 )  # fmt: skip
 """A second or two each; `lensfit bench verdict` tries all, to the end."""
 

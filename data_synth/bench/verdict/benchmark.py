@@ -58,7 +58,7 @@ def bench_verdict(
     judge : As `data_synth` does it.
     out_dir : Folder for shoots and bench_verdict.json; None keeps nothing.
     reuse : Take the photographs that already lie in the folder.
-    effort : Of the blur of right shoots.
+    effort : Of the blur; "none" leaves out what only blur tells.
 
     Returns
     -------
@@ -82,7 +82,7 @@ def bench_verdict(
             assert spoilt is not None
             with tempfile.TemporaryDirectory() as folder:
                 copy = WrongShoot.copy_of(base / spoilt.name, Path(folder) / "shoot")
-                found["wrong"].append(wrong_row(case, copy))
+                found["wrong"].append(wrong_row(case, copy, effort))
         for trial in right:
             progress("shoots", len(cases) + len(found["right"]), whole)
             make_room_for_programs()
@@ -94,10 +94,10 @@ def bench_verdict(
     return _result(on, out_dir, found)
 
 
-def wrong_row(case: Wrong, shoot: WrongShoot) -> Table:
+def wrong_row(case: Wrong, shoot: WrongShoot, effort: str = "normal") -> Table:
     """Spoil a copy, calibrate it and see what the first line says."""
     case.spoil(shoot)
-    level, tone, line = _judged(shoot.save(), shoot.folder / "results")
+    level, tone, line = _judged(shoot.save(), shoot.folder / "results", effort)
     return {
         "kind": case.kind,
         "about": case.about,

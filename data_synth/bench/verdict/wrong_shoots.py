@@ -19,6 +19,7 @@ from lensfit.units import MILLIMETRES_PER_INCH
 
 _TAKE = "[[take]]"
 _NUMBER = r"([\d.]+)"
+_FEET_PER_METRE = 3.2808
 
 
 @final
@@ -258,6 +259,73 @@ def _chart_moved(shoot: WrongShoot) -> None:
     _cropped(1.1, slice(3, 4))(shoot)
 
 
+def _column_too_many(shoot: WrongShoot) -> None:
+    first = shoot.stated("pitch_mm")
+    shoot.restate(
+        "pitch_mm", lambda one: round(first * 20 / 21, 3) if one == first else one
+    )
+
+
+def _restated_in(
+    shoot: WrongShoot, take: int, key: str, change: Callable[[float], float]
+) -> None:
+    """Put another number under a key of one take."""
+    takes = shoot.takes
+    takes[take] = re.sub(
+        rf"{key} = {_NUMBER}",
+        lambda found: f"{key} = {change(float(found[1])):.6g}",
+        takes[take],
+    )
+    shoot.takes = takes
+
+
+def _metres_in_one_view(shoot: WrongShoot) -> None:
+    _restated_in(shoot, 3, "target_distance_mm", lambda one: one / 1000)
+
+
+def _stops_of_two_views(shoot: WrongShoot) -> None:
+    """Of the near views wide open and stopped down."""
+    stops = sorted({float(s) for s in re.findall(rf"f_number = {_NUMBER}", shoot.text)})
+    _restated_in(shoot, 1, "f_number", lambda _: stops[1])
+    _restated_in(shoot, 4, "f_number", lambda _: stops[0])
+
+
+def _squeezed(shoot: WrongShoot) -> None:
+    """The squeeze of another lens is stated; of an anamorphic one, its is forgotten."""
+    if "anamorphic_squeeze" in shoot.text:
+        shoot.text = re.sub(r"anamorphic_squeeze.*\n", "", shoot.text)
+    else:
+        stated = "encoding = "
+        shoot.text = shoot.text.replace(stated, f"anamorphic_squeeze = 2.0\n{stated}")
+
+
+def _bent(picture: np.ndarray, scale: float, k1: float) -> np.ndarray:
+    """The picture through a further lens: enlarged, and displaced by the cube of the
+    radius, which is 1 in the corner."""
+    height, width = picture.shape[:2]
+    middle = np.array([width - 1, height - 1]) / 2
+    x, y = np.meshgrid(np.arange(width), np.arange(height))
+    place = np.stack([x, y], -1) - middle
+    r2 = (place**2).sum(-1, keepdims=True) / (middle**2).sum()
+    source = (place / scale * (1 + k1 * r2) + middle).astype(np.float32)
+    return cv2.remap(
+        picture, source[..., 0], source[..., 1], cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REPLICATE,
+    )  # fmt: skip
+
+
+def _through(scale: float, k1: float, takes: slice) -> Callable[[WrongShoot], None]:
+    return lambda shoot: shoot.repaint(
+        shoot.all_takes()[takes], lambda picture: _bent(picture, scale, k1)
+    )
+
+
+def _shaken(shoot: WrongShoot) -> None:
+    """The view in focus and stopped down, moved during its exposure."""
+    streak = np.full((1, 7), 1 / 7, np.float32)
+    shoot.repaint([3], lambda picture: cv2.filter2D(picture, -1, streak))
+
+
 def _restated(key: str, change: Callable[[float], float]) -> Callable[..., None]:
     return lambda shoot: shoot.restate(key, change)
 
@@ -301,7 +369,7 @@ WRONG_SHOOTS = (
     Wrong("focus in wrong order", "near, far, in written for in, near, far",
           _focus_in_wrong_order, ("near and far", "is blurred", "focus_distance_mm")),
     Wrong("files off by one", "every take with the file of the next",
-          _files_off_by_one, ("no dot grid", "no line grid", "is blurred")),
+          _files_off_by_one, ("are exchanged",)),
     Wrong("wrong chart", "the line grid stated as the dot grid",
           _lines_called_dots, ("no dot grid",)),
     Wrong("saved as JPEG", "sRGB JPEG files stated as linear", _as_jpeg,
@@ -314,4 +382,37 @@ WRONG_SHOOTS = (
           _chart_moved, ("target_distance_mm",)),
     Wrong("pitch in centimetres", "the pitch stated in centimetres",
           _restated("pitch_mm", lambda one: one / 10), ("pitch_mm",)),
+    Wrong("metres in one view", "the chart's distance of one view stated in metres",
+          _metres_in_one_view, ("target_distance_mm",)),
+    Wrong("stops of two views", "f-numbers of two views exchanged",
+          _stops_of_two_views, ("f/", "is blurred")),
+    Wrong("focus in feet", "marks of the feet scale stated as metres",
+          _restated("focus_distance_mm", lambda one: one * _FEET_PER_METRE),
+          ("focus_distance_mm",)),
+    Wrong("one sensor mode", "one view through a crop of the sensor",
+          _cropped(0.85, slice(6, 7)), (*_LENSES, "sensor mode")),
+    Wrong("a column too many", "the dots' chart divided by one column too many",
+          _column_too_many, ("pitch_mm",)),
+    Wrong("squeeze of another lens", "a squeeze stated that the lens does not have",
+          _squeezed, ("anamorphic_squeeze",)),
+    Wrong("gamma as linear", "files of gamma 2.2 stated as linear",
+          lambda shoot: shoot.repaint(
+              shoot.all_takes(), lambda light: np.maximum(light, 0) ** (1 / 2.2)
+          ), ("encoding",)),
+    Wrong("wide adapter", "half of the views through a wide-angle adapter",
+          _through(0.8, 0.08, slice(0, 4)), _LENSES),
+    Wrong("corrected in camera", "distortion of half of the views corrected",
+          _through(1.0, 0.03, slice(0, 4)), _LENSES),
+    Wrong("shaken", "one view moved by seven pixels during its exposure",
+          _shaken, ("is blurred", "moved")),
+    Wrong("over-exposed", "all views exposed two stops too much",
+          lambda shoot: shoot.repaint(shoot.all_takes(), lambda light: 4 * light),
+          ("exposed", "clip")),
+    Wrong("two views coded", "two views developed with gamma 2.2, the others not",
+          lambda shoot: shoot.repaint(
+              [3, 4], lambda light: np.maximum(light, 0) ** (1 / 2.2)
+          ), ("encoding",)),
+    Wrong("distance from the lens", "the tape held at the lens' front, 200 mm short",
+          _restated("target_distance_mm", lambda one: one - 200),
+          ("target_distance_mm",)),
 )  # fmt: skip

@@ -13,7 +13,7 @@ from data_synth.commands.prescriptions import prescription_of
 from lensfit.cli._bars import progress_bars
 from lensfit.cli._console import console
 from lensfit.cli._door import one_of
-from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
+from lensfit.cli._efforts import EFFORT_OR_NONE_HELP, EFFORTS_OR_NONE
 from lensfit.cli._sizes import photograph_size_px
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ def verdict(
     effort: Annotated[
         str,
         typer.Option(
-            help="Of right shoots through focus: " + EFFORT_HELP,
-            callback=one_of(EFFORTS),
+            help=EFFORT_OR_NONE_HELP,
+            callback=one_of(EFFORTS_OR_NONE),
         ),
     ] = "fastest",
     reuse: Annotated[

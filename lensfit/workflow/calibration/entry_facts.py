@@ -23,6 +23,7 @@ from lensfit.report.plain_numbers import plain_distance, rounded
 from lensfit.workflow.calibration.map_curves import (
     RADII,
     distortion_grid,
+    object_uncertainty_grid,
     points_over_frame,
     radial_profile,
     uncertainty_grid,
@@ -56,10 +57,24 @@ def entry_facts(state: LensState, lens: Lens, camera: Camera) -> dict[str, Any]:
             for f in state.fall_off
         ],
         "uncertainty_grid": uncertainty_grid(lens, size_px, size_mm, deviation),
+        "object_uncertainty_grid": object_uncertainty_grid(
+            lens, size_px, size_mm, _object_distance_mm(state)
+        ),
         "monotone": monotone,
         "round_trip_max_px": trip,
         "overscan_percent": needed.percent,
     }
+
+
+def _object_distance_mm(state: LensState) -> float:
+    """Where CG stands: in focus; at the chart where the focus is infinite or unknown,
+    or so near that it was stated wrongly."""
+    focus_mm = state.focus_distance_mm
+    chart_mm = float(state.geometry.adjustment.frame.board_distance_mm)
+    chart_mm += state.pupil.offset_mm
+    if focus_mm is None or not np.isfinite(focus_mm):
+        return chart_mm
+    return focus_mm if focus_mm > 2 * state.pupil.offset_mm else chart_mm
 
 
 def is_of_lighting_too(takes: Iterable[View], f_number: float | None) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from lensfit.batches import in_batches
+from lensfit.errors import LensfitError
 from lensfit.lens import Lens
 from lensfit.optics.position_deviation import FRAME_GRID
 from lensfit.report.plain_numbers import rounded
@@ -82,14 +83,49 @@ def uncertainty_grid(
     deviation: Deviation,
 ) -> dict[str, Any]:
     """Standard deviation of the distorted position at points of the photograph."""
-    x, y = _axes(size_mm)
     seen = points_over_frame(size_mm)
     points = in_batches(lens.undistorted_from_distorted, seen)
     finite = np.isfinite(points).all(-1)
     deviations = np.full(len(points), np.nan)
     deviations[finite] = deviation(points[finite])
-    deviations = deviations / (size_mm[0] / size_px[0])
-    rows = deviations.reshape(len(y), len(x))
+    return _over_frame(deviations / (size_mm[0] / size_px[0]), size_mm)
+
+
+def object_uncertainty_grid(
+    lens: Lens,
+    size_px: tuple[int, int],
+    size_mm: tuple[float, float],
+    distance_mm: float,
+) -> dict[str, Any] | None:
+    """Standard deviation of where objects of one distance land, at the same points.
+
+    `uncertainty_grid` leaves out what a turn of the camera would do as well. A camera
+    that was placed by other means does not turn: here only the shift and scale of the
+    objects' plane are left out. None where the lens does not say.
+
+    Parameters
+    ----------
+    distance_mm : Of the objects from the sensor.
+    """
+    centre_mm = np.asarray(lens.distortion.principal_point_mm)
+    seen = points_over_frame(size_mm)
+    points = in_batches(lens.undistorted_from_distorted, seen)
+    finite = np.isfinite(points).all(-1)
+    slope = (points - centre_mm) / float(lens.distortion.principal_distance_mm)
+    ahead_mm = distance_mm - float(lens.entrance_pupil_offset_mm)
+    objects = np.column_stack([slope * ahead_mm, np.full(len(slope), distance_mm)])
+    deviations = np.full(len(points), np.nan)
+    try:
+        known = lens.object_standard_deviation_mm(objects[finite])
+    except LensfitError:
+        return None
+    deviations[finite] = np.hypot(*known.T)
+    return _over_frame(deviations / (size_mm[0] / size_px[0]), size_mm)
+
+
+def _over_frame(deviations_px: np.ndarray, size_mm) -> dict[str, Any]:
+    x, y = _axes(size_mm)
+    rows = deviations_px.reshape(len(y), len(x))
     return {
         "x_mm": rounded(x, 4),
         "y_mm": rounded(y, 4),

@@ -1,11 +1,17 @@
-"""Statements that the width of dots contradicts: a blurred view, a wrong f-number.
+"""Statements that the width of dots contradicts: focus distances, f-numbers, blur.
 
 `diameter_px` of a dot is that of the disc of the same second moments V: D^2 = 16 V.
-The moments of dot aperture, lens and defocus add. Of two views of one target from one
-place at one focus, the one stopped further down can only be wider through motion or a
-turned focus ring. Of two f-numbers at one focus the parts that defocus adds are as
-1/N^2, so the ratio of f-numbers follows from the widths in and out of focus; aberration
-mixes in with opposite signs on the two sides of focus, so both are averaged.
+The moments of dot aperture, lens and defocus add. Three things follow:
+
+- Of views of one target from one place at one f-number, the one that is in focus is the
+  sharpest; and a focus distance s blurs a target at z by a disc of about
+  f^2/N |1/z - 1/s|, whatever the lens.
+- Of two f-numbers at one focus the parts that defocus adds are as 1/N^2, so the ratio
+  of f-numbers follows from the widths in and out of focus; aberration mixes in with
+  opposite signs on the two sides of focus, so both are averaged. A wrong f-number is
+  wrong alike on both sides.
+- Else, of two views at one focus, the one stopped further down can only be wider
+  through motion or a turned focus ring.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,8 +28,97 @@ _FEWEST = 9
 _WIDER_RATIO, _WIDER_PX = 1.35, 1.5
 _STOP_RATIO, _ONE_SIDED_RATIO = 1.3, 1.5
 """Three quarters of a stop; with one side of focus only, more."""
+_ALIKE_RATIO = 1.6
+"""Of the two sides of focus, which aberration parts."""
 _LEAST_PX2 = 0.05
+_SHARPER_RATIO = 1.04
+_MANY_TIMES, _MANY_PX, _FEWEST_SHARP = 2.0, 1.0, 2
+_OFF_LOG = 0.25
+"""Engraved distances are good to some percent."""
 _IN_FOCUS_DIOPTRES = 0.01
+
+
+def unlikely_blur(takes: Sequence[View]) -> list[Contradiction]:
+    """Views that are blurred, but for what a wrong f-number explains."""
+    stops = {one.stated for one in contradicted_f_numbers(takes)}
+    rest = [take for take in takes if take.f_number not in stops]
+    return list(blurred_views(rest))
+
+
+def unlikely_focus_distances(takes: Sequence[View]) -> Iterator[Contradiction]:
+    """One where the sharpest views should be blurred over many times their width."""
+    known = [
+        (width, blur, take)
+        for take in takes
+        if (width := central_diameter_px(take)) and (blur := stated_blur_px(take))
+    ]
+    if len(known) < _FEWEST_SHARP:
+        return
+    known.sort(key=lambda one: one[0])
+    sharpest = known[: max(_FEWEST_SHARP, len(known) // 3)]
+    if not all(_is_too_sharp(width, blur, take) for width, blur, take in sharpest):
+        return
+    width, blur, take = sharpest[0]
+    name, focus_mm = Path(take.name).stem, float(take.focus_distance_mm or 0)
+    yield Contradiction(
+        kind="side_of_focus",
+        limit="undistortion",
+        text=f"focus_distance_mm = {focus_mm:.4g} and target_distance_mm = "
+        f"{take.target_distance_mm:.4g} of “{name}” would blur its dots to "
+        f"{blur:.0f} px, but they are {width:.1f} px wide",
+        remedy="check focus_distance_mm of all views, and its unit",
+        statement="focus_distance_mm",
+        stated=focus_mm,
+        agrees_with=take.target_distance_mm,
+        images=tuple(one.name for _, _, one in sharpest),
+    )
+
+
+def _is_too_sharp(width_px: float, blur_px: float, take: View) -> bool:
+    """For a focus distance that is no engraving a few percent off."""
+    focus, target = float(take.focus_distance_mm or 0), take.target_distance_mm or 1.0
+    apart = abs(float(np.log(max(focus, 1e-3) / target)))
+    return apart > _OFF_LOG and blur_px > _MANY_TIMES * width_px + _MANY_PX
+
+
+def exchanged_focus_distances(takes: Sequence[View]) -> Iterator[Contradiction]:
+    """Views stated out of focus that are sharper, at every f-number, than those that
+    are stated in focus."""
+    sharper: dict[float, list[tuple[float, View, View]]] = {}
+    for one in takes:
+        for two in takes:
+            if not _is_in_focus(one) or _is_in_focus(two) or not _same_place(one, two):
+                continue
+            mine, theirs = central_diameter_px(one), central_diameter_px(two)
+            if mine is None or theirs is None or two.focus_distance_mm is None:
+                continue
+            ratios = sharper.setdefault(two.focus_distance_mm, [])
+            ratios.append((mine / theirs, one, two))
+    for focus_mm, found in sharper.items():
+        ratios = [ratio for ratio, _, _ in found]
+        if len(ratios) < 2 or min(ratios) < 1 or max(ratios) < _SHARPER_RATIO:
+            continue
+        _, blurred, sharp = max(found, key=lambda one: one[0])
+        yield Contradiction(
+            kind="side_of_focus",
+            limit="look",
+            text=f"focus_distance_mm of views are exchanged: “{Path(sharp.name).stem}”,"
+            f" stated at {focus_mm:.4g} mm, is sharper than "
+            f"“{Path(blurred.name).stem}”, stated in focus",
+            remedy="check focus_distance_mm and image of every view",
+            statement="focus_distance_mm",
+            images=tuple(two.name for _, _, two in found),
+        )
+        return
+
+
+def stated_blur_px(take: View) -> float | None:
+    """Diameter of the disc that stated distances mean; None if they are not stated."""
+    focus, target, stop = take.focus_distance_mm, take.target_distance_mm, take.f_number
+    if focus is None or target is None or stop is None:
+        return None
+    apart = abs(1 / target - 1 / focus)
+    return float(take.focal_length_mm**2 / stop * apart / take.pixel_mm[0])
 
 
 def blurred_views(takes: Sequence[View]) -> Iterator[Contradiction]:
@@ -90,7 +185,9 @@ def contradicted_f_numbers(takes: Sequence[View]) -> Iterator[Contradiction]:
         mean = float(np.exp(np.mean(np.log(ratios))))
         off = mean / (narrow / wide)
         limit = _STOP_RATIO if len(ratios) > 1 else _ONE_SIDED_RATIO
-        if max(off, 1 / off) > limit:
+        # One blurred view changes one side alone.
+        alike = max(ratios) < _ALIKE_RATIO * min(ratios)
+        if alike and max(off, 1 / off) > limit:
             yield f_number_contradiction(wide, narrow, wide * mean, takes)
 
 
@@ -113,14 +210,14 @@ def f_number_contradiction(
 
 
 def _added_px2(take: View, takes: Sequence[View]) -> float | None:
-    """Variance that defocus adds to that of the same stop in focus."""
+    """Variance that defocus adds to that in focus, where the sharpest view counts: one
+    of them may have moved, and defocus is much wider than what a stop changes there."""
     blurred = central_diameter_px(take)
     sharp = [
         central_diameter_px(other)
         for other in takes
         if _is_in_focus(other)
         and other.target == take.target
-        and other.f_number == take.f_number
         and other.focal_length_mm == take.focal_length_mm
     ]
     known = [one for one in sharp if one is not None]
@@ -141,6 +238,16 @@ def _same_focus(one: View, other: View) -> bool:
         one.target == other.target
         and one.focal_length_mm == other.focal_length_mm
         and one.focus_distance_mm == other.focus_distance_mm
+        and one.target_distance_mm == other.target_distance_mm
+    )
+
+
+def _same_place(one: View, other: View) -> bool:
+    """Whether two views differ by their focus alone."""
+    return (
+        one.target == other.target
+        and one.focal_length_mm == other.focal_length_mm
+        and one.f_number == other.f_number
         and one.target_distance_mm == other.target_distance_mm
     )
 

@@ -10,7 +10,7 @@ from typing import Any, Literal, final
 Kind = Literal[
     "pitch", "focal_length", "target_distance", "side_of_focus", "f_number", "encoding",
     "lens_identity", "blurred_view", "repeated_exposure", "unconfirmed", "statements",
-    "photograph_size", "aspect", "target",
+    "photograph_size", "aspect", "target", "exchanged", "exposure",
 ]  # fmt: skip
 Limit = Literal["match-moving", "undistortion", "look", "unusable"]
 

@@ -18,20 +18,27 @@ from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.shoot_records import Shoot
 from lensfit.workflow.statements.aspect_contradictions import aspect_contradictions
 from lensfit.workflow.statements.blur_statements import (
-    blurred_views,
     contradicted_f_numbers,
+    exchanged_focus_distances,
     f_number_contradiction,
+    unlikely_blur,
+    unlikely_focus_distances,
 )
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.encoding import assumed_encodings, impossible_fall_off
 from lensfit.workflow.statements.lens_identity import mixed_lenses
+from lensfit.workflow.statements.linearity import nonlinear_views
 from lensfit.workflow.statements.released_statements import contradicted_statements
 
 _ORDER = (
-    "aspect", "photograph_size", "lens_identity", "focal_length", "pitch",
-    "target_distance", "statements", "side_of_focus", "blurred_view", "encoding",
-    "f_number", "repeated_exposure", "unconfirmed", "target",
+    "exchanged", "aspect", "photograph_size", "lens_identity",
+    "focal_length pitch target_distance", "statements", "side_of_focus",
+    "blurred_view", "encoding", "f_number", "exposure", "repeated_exposure",
+    "unconfirmed", "target",
 )  # fmt: skip
+"""Kinds of one rank stay as they were found: what explains most was found first."""
+_RANKS = {kind: k for k, kinds in enumerate(_ORDER) for kind in kinds.split()}
+_MOSTLY = 0.5
 _STOP_RATIO_LOG = 0.12
 """Of the radius of a stop: a third of a stop."""
 
@@ -39,11 +46,21 @@ _STOP_RATIO_LOG = 0.12
 def contradictions_of_views(takes: Sequence[View]) -> list[Contradiction]:
     """Those that the detected points of the views show, before anything is fitted."""
     # A cause that others follow from is looked for first.
-    for causes in (aspect_contradictions, mixed_lenses, contradicted_statements):
+    for causes in (
+        aspect_contradictions,
+        mixed_lenses,
+        exchanged_focus_distances,
+        contradicted_statements,
+    ):
         found = list(causes(takes))
         if found:
             break
-    return [*found, *blurred_views(takes)]
+    if all(one.kind == "statements" for one in found):
+        # A wrong focus distance contradicts the others through the lens' breathing.
+        found = list(unlikely_focus_distances(takes)) or found
+    if any(one.kind == "side_of_focus" for one in found):
+        return found
+    return [*found, *unlikely_blur(takes)]
 
 
 def contradictions_of_fit(
@@ -77,9 +94,12 @@ def contradictions_of_report(
     shoot: Shoot, observed: Sequence[Observed], entries: Sequence[dict[str, Any]]
 ) -> Iterator[Contradiction]:
     """Those of the light, and what nobody stated or confirmed."""
-    yield from _targets_not_found(observed)
-    yield from impossible_fall_off(entries)
+    views = [
+        one.take for one in observed if one.take is not None and not one.sharpening
+    ]
+    yield from nonlinear_views(views) or impossible_fall_off(entries)
     yield from assumed_encodings(observed)
+    yield from over_exposed(observed)
     if shoot.unconfirmed:
         named = "; ".join(shoot.unconfirmed)
         yield Contradiction(
@@ -91,22 +111,19 @@ def contradictions_of_report(
         )
 
 
-def _targets_not_found(observed: Sequence[Observed]) -> Iterator[Contradiction]:
-    """Photographs on which the target that is stated was not found."""
-    missed = [one for one in observed if one.target_not_found]
-    if not missed:
+def over_exposed(observed: Sequence[Observed]) -> Iterator[Contradiction]:
+    """Photographs most of whose points touch clipped samples, if most do."""
+    views = [one.take for one in observed if one.take is not None]
+    clipped = [one for one in views if np.mean(one.observations.saturated) > _MOSTLY]
+    if len(clipped) <= _MOSTLY * len(views):
         return
-    first = missed[0]
-    more = f", nor on {len(missed) - 1} more" if len(missed) > 1 else ""
-    kind = first.target_not_found
     yield Contradiction(
-        kind="target",
-        limit="undistortion" if 2 * len(missed) < len(observed) else "look",
-        text=f"no {kind} is found on {first.image}{more}, though target "
-        f"“{first.target}” is stated",
-        remedy="check target and image of these takes, else shoot them again",
-        statement="target",
-        images=tuple(one.image for one in missed),
+        kind="exposure",
+        limit="match-moving",
+        text=f"{len(clipped)} of {len(views)} photographs are over-exposed: their dots "
+        "or lines are clipped, which hides fall-off and blur and moves what is found",
+        remedy="expose less, until nothing on the chart is at full scale",
+        images=tuple(one.name for one in clipped),
     )
 
 
@@ -115,7 +132,7 @@ def gravest_first(found: Sequence[Contradiction]) -> list[Contradiction]:
     unique = {(one.kind, one.text): one for one in found}
     return sorted(
         unique.values(),
-        key=lambda one: (LEVELS.index(one.limit), _ORDER.index(one.kind)),
+        key=lambda one: (LEVELS.index(one.limit), _RANKS[one.kind]),
     )
 
 

@@ -19,7 +19,7 @@ from lensfit.workflow.statements.contradiction import Contradiction
 _ONE_OF_SEVERAL = 2 * CONTRADICTION
 _CAUSES = (
     "lens_identity", "focal_length", "pitch", "target_distance", "statements",
-    "side_of_focus", "blurred_view",
+    "side_of_focus", "blurred_view", "exchanged",
 )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ Neighbouring points share what the model leaves, so a view counts as `_INDEPENDE
 points, whatever their number. Lengths are millimetres.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import final
 
@@ -37,12 +37,18 @@ FOCAL_LENGTH_SD, PITCH_SD = 0.03, 0.002
 _BREATHING_SD, _OTHER_BREATHING_SD = 1.0, 0.01
 """Of m and of b."""
 DISTANCE_SD_MM, DISTANCE_SD = 10.0, 0.005
+_OF_PLACE = 0.5
+_OF_TAPE = (1 - _OF_PLACE**2) ** 0.5
+"""What stands still is measured once: views that state one distance share most of its
+error, and differ by how a target was put up again."""
 _PUPIL_DIAGONALS = 1.4, 1.0
 """Mean and deviation of the entrance pupil before the sensor, in diagonals of the
 sensor, of lenses that are not much longer: it lies inside the lens."""
 _PUPIL_SD_LONG = 0.5
 """Added to the deviation for each millimetre of focal length beyond a diagonal."""
 RELEASED_SD = 2.0
+_SQUEEZE_SD = 0.05
+"""Logarithm: squeeze changes with focus."""
 _RADIAL_SD, _CENTRE_SD = 0.12, 0.02
 """At the corner, relative; of the sensor's width."""
 _MOST_POINTS = 64
@@ -50,6 +56,9 @@ _CENTRAL = 0.6
 """Of the half diagonal."""
 _INDEPENDENT = 20.0
 _LEAST_PX = 0.1
+_FREE_OF_STATEMENTS = (
+    "focal_length", "breathing", "other_breathing", "pitch", "squeeze",
+)  # fmt: skip
 _STEPS, _TOLERANCE = 30, 1e-4
 
 
@@ -65,6 +74,97 @@ class _View:
     is_point: np.ndarray
     rotation: Float[np.ndarray, "3 3"]
     translation_mm: Float[np.ndarray, "3"]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """All views as arrays, padded to the most points, and where each one's shared
+    parameters stand: `scale` of (focal length, breathing, other breathing).
+
+    Attributes
+    ----------
+    stated : Views whose distance is stated.
+    share : Root of how many independent points one point counts as.
+    """
+
+    board_mm: Float[np.ndarray, "views points 2"]
+    image_mm: Float[np.ndarray, "views points 2"]
+    normal: Float[np.ndarray, "views points 2"]
+    is_point: np.ndarray
+    is_there: np.ndarray
+    rotation: Float[np.ndarray, "views 3 3"]
+    translation_mm: Float[np.ndarray, "views 3"]
+    pixel_mm: Float[np.ndarray, "views 2"]
+    sensor_width_mm: Float[np.ndarray, " views"]
+    focal_mm: Float[np.ndarray, " views"]
+    vergence_per_mm: Float[np.ndarray, " views"]
+    distance_mm: Float[np.ndarray, " views"]
+    share: Float[np.ndarray, " views"]
+    stated: list[int]
+    tape: np.ndarray
+    pitch: np.ndarray
+    pupil: np.ndarray
+    radial: np.ndarray
+    scale: np.ndarray
+    cylinder: np.ndarray
+
+    @classmethod
+    def of(cls, views: Sequence["_View"], at: Mapping[tuple, int]) -> "_Stack":
+        """The stack of some views, with the places of shared parameters by name."""
+        takes = [view.take for view in views]
+        counts = np.array([len(view.board) for view in views])
+        states = [(take.focal_length_mm, take.focus_distance_mm) for take in takes]
+
+        def padded(arrays: Iterable[np.ndarray]) -> np.ndarray:
+            rows = [
+                np.concatenate(
+                    [one, np.zeros((counts.max() - len(one), *one.shape[1:]))]
+                )
+                for one in arrays
+            ]
+            return np.array(rows)
+
+        return cls(
+            board_mm=padded(v.board * v.take.pitch_mm for v in views),
+            image_mm=padded(v.image_mm for v in views),
+            normal=padded(v.normal for v in views),
+            is_point=padded(v.is_point for v in views).astype(bool),
+            is_there=np.arange(counts.max()) < counts[:, None],
+            rotation=np.array([view.rotation for view in views]),
+            translation_mm=np.array([view.translation_mm for view in views]),
+            pixel_mm=np.array([_pixel_mm(take) for take in takes]),
+            sensor_width_mm=np.array([take.sensor_size_mm[0] for take in takes]),
+            focal_mm=np.array([f for f, _ in states]),
+            vergence_per_mm=np.array(
+                [0.0 if z is None else 1 / max(z - f, f) for f, z in states]
+            ),
+            distance_mm=np.array([take.target_distance_mm or np.nan for take in takes]),
+            share=np.sqrt(np.minimum(_INDEPENDENT / counts, 1.0)),
+            stated=[k for k, t in enumerate(takes) if t.target_distance_mm is not None],
+            **_places(takes, at),
+        )
+
+
+def _places(takes: Sequence[View], at: Mapping[tuple, int]) -> dict[str, np.ndarray]:
+    """Where the shared parameters of each view stand; -1 for what it does not have."""
+    states = [(take.focal_length_mm, take.focus_distance_mm) for take in takes]
+    names = {
+        "tape": [[("tape", take.target_distance_mm)] for take in takes],
+        "pitch": [[("pitch", take.target)] for take in takes],
+        "pupil": [[("pupil", f)] for f, _ in states],
+        "radial": [[("radial", f, 0), ("radial", f, 1)] for f, _ in states],
+        "scale": [
+            [("focal_length", f), ("breathing", f), ("other_breathing", f, z)]
+            for f, z in states
+        ],
+        "cylinder": [[("squeeze", f, z), ("cylinder", f)] for f, z in states],
+    }
+    places = {
+        key: np.array([[at.get(name, -1) for name in row] for row in rows])
+        for key, rows in names.items()
+    }
+    return {k: v[:, 0] if v.shape[1] == 1 else v for k, v in places.items()}
 
 
 @final
@@ -93,7 +193,9 @@ class JointModel:
     ----------
     names : Of shared parameters, in order: ("focal_length", f), ("breathing", f),
         ("other_breathing", f, D), ("pupil", f), ("radial", f, k), ("centre", axis),
-        ("pitch", target).
+        ("pitch", target), ("tape", stated distance); of anamorphic lenses
+        ("squeeze", f, D), beside the nominal one, and ("cylinder", f): how far the
+        entrance pupil of the squeezed axis lies before that of the other, mm.
     """
 
     views: Sequence[_View]
@@ -117,10 +219,17 @@ class JointModel:
             for k in (0, 1):
                 corner = (diagonal / 2 / f) ** (2 * k + 2)
                 rows[("radial", f, k)] = 0.0, _RADIAL_SD / corner
+            if view.take.anamorphic:
+                rows[("squeeze", f, focus)] = 0.0, _SQUEEZE_SD
+                rows[("cylinder", f)] = 0.0, diagonal
             rows[("pitch", view.take.target)] = 0.0, PITCH_SD
+            stated = view.take.target_distance_mm
+            if stated is not None:
+                rows[("tape", stated)] = 0.0, 1.0
         self.names = list(rows)
         self.mean, self.deviation = np.array(list(rows.values())).T
         self._at = {name: k for k, name in enumerate(self.names)}
+        self._stack = _Stack.of(self.views, self._at)
 
     def start(self) -> Float[np.ndarray, " parameters"]:
         """Shared parameters as stated, poses as they were found."""
@@ -132,10 +241,13 @@ class JointModel:
 
     def distance_mm(self, solution: Solution, k: int) -> float:
         """How far from the sensor the target of a view stands by the model."""
-        shared, pose = self._parts(solution.parameters, k)
-        depth = self.views[k].translation_mm[2] * (1 + pose[5])
-        f = self.views[k].take.focal_length_mm
-        return float(depth + f * shared[self._at[("pupil", f)]])
+        return float(self._distances_mm(solution.parameters)[k])
+
+    def _distances_mm(self, parameters: np.ndarray) -> Float[np.ndarray, " views"]:
+        shared, pose = self._parts(parameters)
+        stack = self._stack
+        depth = stack.translation_mm[:, 2] * (1 + pose[:, 5])
+        return depth + stack.focal_mm * shared[stack.pupil]
 
     def solve(
         self,
@@ -177,40 +289,38 @@ class JointModel:
 
     def rms_px(self, parameters: np.ndarray) -> float:
         """Of all points, over both axes together."""
-        squares = [(one**2).sum(1) for one in self._points_px(parameters)]
-        return float(np.sqrt(np.concatenate(squares).mean()))
+        miss = self._points_px(parameters)[self._stack.is_there]
+        return float(np.sqrt((miss**2).sum(1).mean()))
 
-    def _parts(self, parameters: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    def _parts(
+        self, parameters: np.ndarray
+    ) -> tuple[Float[np.ndarray, " shared"], Float[np.ndarray, "views 6"]]:
         shared = len(self.names)
-        return parameters[:shared], parameters[shared + 6 * k : shared + 6 * k + 6]
+        return parameters[:shared], parameters[shared:].reshape(-1, 6)
 
-    def _points_px(self, parameters: np.ndarray) -> list[np.ndarray]:
-        return [self._view_px(parameters, k) for k in range(len(self.views))]
-
-    def _view_px(self, parameters: np.ndarray, k: int) -> np.ndarray:
-        """Predicted minus seen points of a view; of a line, across it."""
-        shared, pose = self._parts(parameters, k)
-        view, take = self.views[k], self.views[k].take
-        f, focus = take.focal_length_mm, take.focus_distance_mm
-        pitch = np.asarray(take.pitch_mm) * np.exp(
-            shared[self._at[("pitch", take.target)]]
-        )
-        flat = np.column_stack([view.board * pitch, np.zeros(len(view.board))])
-        turn = Rotation.from_rotvec(pose[:3]).as_matrix() @ view.rotation
-        depth = view.translation_mm[2]
-        seen = flat @ turn.T + view.translation_mm + pose[3:] * depth
-        slope = seen[:, :2] / np.where(seen[:, 2:] > 1, seen[:, 2:], 1.0)
-        r2 = (slope**2).sum(1, keepdims=True)
-        k1, k2 = (shared[self._at[("radial", f, n)]] for n in (0, 1))
-        vergence = 0.0 if focus is None else 1 / max(focus - f, f)
-        names = ("focal_length", f), ("breathing", f), ("other_breathing", f, focus)
-        a, m, b = (shared[self._at[name]] for name in names)
+    def _points_px(self, parameters: np.ndarray) -> Float[np.ndarray, "views points 2"]:
+        """Predicted minus seen points; of lines, across them; of padding, anything."""
+        shared, pose = self._parts(parameters)
+        stack = self._stack
+        flat = stack.board_mm * np.exp(shared[stack.pitch])[:, None, None]
+        turn = Rotation.from_rotvec(pose[:, :3]).as_matrix() @ stack.rotation
+        depth = stack.translation_mm[:, 2:]
+        at = (stack.translation_mm + pose[:, 3:] * depth)[:, None]
+        seen = flat @ np.swapaxes(turn[:, :, :2], 1, 2) + at
+        squeeze, apart_mm = np.append(shared, 0.0)[stack.cylinder].T
+        depths = seen[..., 2:] + np.stack([apart_mm, 0 * apart_mm], -1)[:, None]
+        slope = seen[..., :2] / np.where(depths > 1, depths, 1.0)
+        slope[..., 0] *= np.exp(squeeze)[:, None]
+        r2 = (slope**2).sum(-1, keepdims=True)
+        k1, k2 = shared[stack.radial].T[:, :, None, None]
+        f, vergence = stack.focal_mm, stack.vergence_per_mm
+        a, m, b = shared[stack.scale].T
         c_mm = f * (1 + f * vergence) * np.exp(a + m * f * vergence + b)
-        centre = shared[:2] * take.sensor_size_mm[0]
-        predicted = c_mm * slope * (1 + r2 * (k1 + r2 * k2)) + centre
-        miss = (predicted - view.image_mm) / take.pixel_mm
-        across = (miss * view.normal).sum(1, keepdims=True) * view.normal
-        return np.where(view.is_point[:, None], miss, across)
+        centre = shared[:2] * stack.sensor_width_mm[:, None]
+        predicted = c_mm[:, None, None] * slope * (1 + r2 * (k1 + r2 * k2))
+        miss = (predicted + centre[:, None] - stack.image_mm) / stack.pixel_mm[:, None]
+        across = (miss * stack.normal).sum(-1, keepdims=True) * stack.normal
+        return np.where(stack.is_point[..., None], miss, across)
 
     def _residual(
         self,
@@ -220,19 +330,18 @@ class JointModel:
         distances: frozenset[int],
     ) -> np.ndarray:
         shared = parameters[: len(self.names)]
-        parts = []
-        for miss in self._points_px(parameters):
-            share = np.sqrt(min(_INDEPENDENT / len(miss), 1.0))
-            parts.append((share / noise_px * miss).ravel())
-        parts.append((shared - self.mean) / deviation)
-        for k, view in enumerate(self.views):
-            stated = view.take.target_distance_mm
-            if stated is None or k in distances:
-                continue
-            wide = np.hypot(DISTANCE_SD_MM, DISTANCE_SD * stated)
-            solution = Solution(0.0, parameters, 0.0)
-            parts.append(np.array([(self.distance_mm(solution, k) - stated) / wide]))
-        return np.concatenate(parts)
+        stack = self._stack
+        points = self._points_px(parameters) * (stack.share / noise_px)[:, None, None]
+        stated = [k for k in stack.stated if k not in distances]
+        apart = self._distances_mm(parameters)[stated] - stack.distance_mm[stated]
+        apart = apart / np.hypot(
+            DISTANCE_SD_MM, DISTANCE_SD * stack.distance_mm[stated]
+        )
+        apart = apart - _OF_TAPE * shared[stack.tape[stated]]
+        return np.concatenate(
+            [points[stack.is_there].ravel(), (shared - self.mean) / deviation,
+             apart / _OF_PLACE]
+        )  # fmt: skip
 
     def _jacobian(
         self,
@@ -266,32 +375,24 @@ class JointModel:
         """Which view each residual is of; -1 for none."""
         sizes = [2 * len(view.board) for view in self.views]
         owner = np.repeat(np.arange(len(sizes)), sizes)
-        of_distances = [
-            k
-            for k, view in enumerate(self.views)
-            if view.take.target_distance_mm is not None and k not in distances
-        ]
+        of_distances = [k for k in self._stack.stated if k not in distances]
         return np.concatenate(
             [owner, np.full(len(self.names), -1), of_distances]
         ).astype(int)
 
 
 def joint_model(takes: Sequence[View]) -> JointModel | None:
-    """The model of the views that have a pose; None of fewer than one.
-
-    Anamorphic views are left out: cylinders have two entrance pupils.
-    """
+    """The model of the views that have a pose; None of fewer than one."""
     views = [view for view in map(_view, takes) if view is not None]
     return JointModel(views) if views else None
 
 
 def _view(take: View) -> _View | None:
     found = take.observations
-    if take.anamorphic:
-        return None
     half_px = np.asarray(found.image_size_px) / 2
-    image = (found.points_px - half_px) * take.pixel_mm
-    away = np.linalg.norm(image, axis=1) / np.linalg.norm(half_px * take.pixel_mm)
+    pixel_mm = _pixel_mm(take)
+    image = (found.points_px - half_px) * pixel_mm
+    away = np.linalg.norm(image, axis=1) / np.linalg.norm(half_px * pixel_mm)
     good = np.flatnonzero(~found.overlapping & (away < _CENTRAL))
     if len(good) < 16:
         return None
@@ -314,13 +415,14 @@ def _view(take: View) -> _View | None:
     )
 
 
+def _pixel_mm(take: View) -> Float[np.ndarray, "2"]:
+    """Of the picture without its nominal squeeze."""
+    return np.asarray(take.pixel_mm) * [take.squeeze, 1.0]
+
+
 def noise_of_model_px(model: JointModel) -> tuple[float, Solution]:
     """What the model leaves where no statement holds it, and that solution."""
-    wide = {
-        name: RELEASED_SD
-        for name in model.names
-        if name[0] in ("focal_length", "breathing", "other_breathing", "pitch")
-    }
+    wide = {name: RELEASED_SD for name in model.names if name[0] in _FREE_OF_STATEMENTS}
     every = frozenset(range(len(model.views)))
     solution = model.solve(1.0, wide, every)
     return max(solution.rms_px, _LEAST_PX), solution

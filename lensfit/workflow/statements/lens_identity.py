@@ -129,12 +129,12 @@ def implied_focal_ratio(take: View) -> float | None:
     where no distance is stated.
     """
     mapped = lattice_map(take.observations)
-    if mapped is None or not take.target_distance_mm or take.anamorphic:
+    if mapped is None or not take.target_distance_mm:
         return None
     middle = np.asarray(take.observations.image_size_px, float) / 2
     cell = mapped.jacobians_px(mapped.lattice_at(middle)[None])[0]
     cell_mm = cell * take.pixel_mm[:, None] / np.asarray(take.pitch_mm)
-    magnification = np.sqrt(abs(float(np.linalg.det(cell_mm))))
+    magnification = np.sqrt(abs(float(np.linalg.det(cell_mm))) * take.squeeze)
     ahead_mm = _PUPIL_DIAGONALS * float(np.hypot(*take.sensor_size_mm))
     f, focus = take.focal_length_mm, take.focus_distance_mm
     thin_mm = f if focus is None or focus <= 2 * f else f * (1 + f / (focus - f))

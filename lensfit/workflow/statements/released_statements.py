@@ -7,13 +7,15 @@ release explains most is named, with the value that it would have.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import final
 
 import numpy as np
 
 from lensfit.fitting.chart_view import View
+from lensfit.report.evidence import joined
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.joint_model import (
     RELEASED_SD,
@@ -27,9 +29,13 @@ _MOST_MISFIT_PX = 1.5
 """Free of statements, beyond which the model is no judge of them."""
 _CONTRADICTED = 30.0
 """Chi-squared that statements add: five standard deviations of one of them."""
+_SUSPICIOUS = 10.0
+"""Up to which nothing is looked for; right shoots add a few."""
 _EXPLAINS = 0.6
 _AS_WELL = 0.9
 """Of the best explanation: what explains so much is as probable."""
+_PER_NUMBER = 10.0
+"""Chi-squared that a further number must explain."""
 _MOST_ROUNDS = 2
 _FORGIVEN = {"pitch": 0.01, "focal_length": 0.06, "target_distance": 0.03}
 """Relative change below which no release is worth naming."""
@@ -66,24 +72,187 @@ def contradicted_statements(takes: Sequence[View]) -> Iterator[Contradiction]:
     least = _all_released(model, noise_px, solution)
     for _ in range(_MOST_ROUNDS):
         misfit = solution.chi_squared - least.chi_squared
-        if misfit < _CONTRADICTED:
+        if misfit < _SUSPICIOUS:
             return
-        releases = _releases(model, noise_px, solution, shared, distances)
+        releases: list[_Release] = []
+        if misfit > _CONTRADICTED:
+            releases = _releases(model, noise_px, solution, shared, distances)
+        explained = [solution.chi_squared - r.solution.chi_squared for r in releases]
+        most = max(explained[:1], default=0.0)
+        if not shared and not distances:
+            best_of = releases[0] if releases else None
+            restated = _restatement(model, best_of, noise_px, solution, misfit, most)
+            if restated is not None:
+                gained = solution.chi_squared - restated.chi_squared
+                yield restated.named(min(gained / misfit, 1.0))
+                return
         if not releases:
             return
-        best = releases[0]
-        explained = solution.chi_squared - best.solution.chi_squared
-        if explained < _EXPLAINS * misfit:
+        if most < _EXPLAINS * misfit:
             yield _unexplained(misfit)
             return
         as_well = [
             one
-            for one in releases[1:]
-            if solution.chi_squared - one.solution.chi_squared > _AS_WELL * explained
+            for one, much in zip(releases[1:], explained[1:], strict=True)
+            if much > _AS_WELL * most
         ]
-        yield _named(model, best, as_well, explained / misfit)
+        best = releases[0]
+        yield _named(model, best, as_well, most / misfit)
         shared, distances = best.shared, best.distances
         solution = best.solution
+
+
+def _restatement(
+    model: JointModel,
+    best: _Release | None,
+    noise_px: float,
+    stated: Solution,
+    misfit: float,
+    released: float,
+) -> "_Exchange | _OtherLens | None":
+    """Other statements that explain the misfit better than the best release does.
+
+    Pitches exchanged free nothing, and need to explain as much; views of another lens
+    free several numbers, and must explain more, unless no release explains enough.
+
+    Parameters
+    ----------
+    misfit, released : Chi-squared to explain, and what the best release explains.
+    """
+    takes = [view.take for view in model.views]
+    least = max(_CONTRADICTED, _EXPLAINS * misfit)
+    exchange = _best_exchange(takes, noise_px)
+    if exchange is not None:
+        gained = stated.chi_squared - exchange.chi_squared
+        if gained > max(least, _AS_WELL * released):
+            return exchange
+    more = released + _PER_NUMBER if released > _EXPLAINS * misfit else 0.0
+    other = _best_other_lens(takes, noise_px)
+    moved = best is not None and isinstance(best.key, int) and takes[best.key]
+    if other is None or (more and list(other.takes) == [moved]):
+        return None
+    if stated.chi_squared - other.chi_squared > max(least, more):
+        return other
+    return None
+
+
+@final
+@dataclass(frozen=True)
+class _OtherLens:
+    """Views in a row through a lens, zoom setting or sensor mode of their own."""
+
+    takes: Sequence[View]
+    factor: float
+    chi_squared: float
+
+    def named(self, share: float) -> Contradiction:
+        """The record, with the part of the misfit that this explains."""
+        f_mm = self.takes[0].focal_length_mm
+        names = [Path(take.name).stem for take in self.takes]
+        beyond = len(names) - _MOST_NAMES
+        if beyond > 0:
+            names = [*names[:_MOST_NAMES], f"{beyond} more"]
+        return Contradiction(
+            kind="lens_identity",
+            limit="unusable",
+            text=f"two lenses or zoom settings are mixed at {f_mm:g} mm, or two sensor "
+            f"modes: {joined(names)} {'agree' if len(self.takes) > 1 else 'agrees'} "
+            f"with {f_mm * self.factor:.4g} mm",
+            remedy="calibrate them apart, with a shoot file for each lens",
+            statement="focal_length_mm",
+            stated=f_mm,
+            agrees_with=f_mm * self.factor,
+            explained=share,
+            images=tuple(take.name for take in self.takes),
+        )
+
+
+_BY_ITSELF = 1 + 1e-9
+"""Times the focal length of views that share their parameters with no other."""
+_LEAST_CHANGE = 0.03
+"""Of focal length, below which no view is of another lens."""
+_MOST_NAMES = 4
+
+
+def _best_other_lens(takes: Sequence[View], noise_px: float) -> _OtherLens | None:
+    """The views that leave least once they have a focal length of their own: one, or
+    several that were taken one after the other, up to half of all."""
+    found = []
+    for first, count in _runs(len(takes)):
+        mine = takes[first : first + count]
+        if len({take.focal_length_mm for take in mine}) > 1:
+            continue
+        own_mm = mine[0].focal_length_mm * _BY_ITSELF
+        apart = [
+            replace(take, focal_length_mm=own_mm)
+            if first <= k < first + count
+            else take
+            for k, take in enumerate(takes)
+        ]
+        model = joint_model(apart)
+        name = ("focal_length", own_mm)
+        if model is None or name not in model.names:
+            continue
+        solution = model.solve(noise_px, {name: RELEASED_SD})
+        factor = float(np.exp(model.value(solution, name)))
+        if abs(factor - 1) > _LEAST_CHANGE:
+            found.append(_OtherLens(mine, factor, solution.chi_squared))
+    return min(found, key=lambda one: one.chi_squared, default=None)
+
+
+def _runs(views: int) -> Iterator[tuple[int, int]]:
+    """First and count of the views in every row of them, the shortest rows first."""
+    for count in range(1, views // 2 + 1):
+        yield from ((first, count) for first in range(views - count + 1))
+
+
+@final
+@dataclass(frozen=True)
+class _Exchange:
+    """Two targets, each with the pitch that is stated of the other."""
+
+    targets: tuple[str, str]
+    pitches_mm: tuple[float, float]
+    chi_squared: float
+
+    def named(self, share: float) -> Contradiction:
+        """The record, with the part of the misfit that this explains."""
+        (one, other), (its_mm, others_mm) = self.targets, self.pitches_mm
+        return Contradiction(
+            kind="pitch",
+            limit="undistortion",
+            text=f"pitch_mm of targets “{one}” and “{other}” are exchanged: the "
+            f"photographs agree with {others_mm:.4g} mm and {its_mm:.4g} mm, not with "
+            f"{its_mm:.4g} mm and {others_mm:.4g} mm",
+            remedy="exchange both pitch_mm in the shoot file, and calibrate again",
+            statement=f'pitch_mm of target "{one}"',
+            stated=its_mm,
+            agrees_with=others_mm,
+            explained=share,
+        )
+
+
+def _best_exchange(takes: Sequence[View], noise_px: float) -> _Exchange | None:
+    """The two pitches whose exchange leaves least; None where no two differ.
+
+    It frees nothing, so what it explains as well as a release does is the cause.
+    """
+    pitches = {take.target: take.pitch_mm for take in takes}
+    found = []
+    for one, other in combinations(pitches, 2):
+        swapped = {one: pitches[other], other: pitches[one]}
+        if abs(np.log(pitches[one][0] / pitches[other][0])) < _FORGIVEN["pitch"]:
+            continue
+        restated = [
+            replace(take, pitch_mm=swapped.get(take.target, take.pitch_mm))
+            for take in takes
+        ]
+        model = joint_model(restated)
+        if model is not None:
+            chi_squared = model.solve(noise_px).chi_squared
+            mm = pitches[one][0], pitches[other][0]
+            found.append(_Exchange((one, other), mm, chi_squared))
+    return min(found, key=lambda exchange: exchange.chi_squared, default=None)
 
 
 def _all_released(model: JointModel, noise_px: float, begin: Solution) -> Solution:
@@ -104,11 +273,7 @@ def _releases(
     for name in model.names:
         if name[0] in ("pitch", "focal_length") and name not in shared:
             tried.append((name[0], name, shared | {name: RELEASED_SD}, distances))
-    stated = [
-        k
-        for k, view in enumerate(model.views)
-        if view.take.target_distance_mm is not None and k not in distances
-    ]
+    stated = [k for k in _stated(model) if k not in distances]
     for k in stated:
         tried.append(("target_distance", k, shared, distances | {k}))
     if len(stated) > 1:
@@ -125,12 +290,19 @@ def _releases(
     ]
     worth = [one for one in found if _change(model, one) > _FORGIVEN[one.kind]]
     # All distances at once explain what one pitch does with more numbers.
+    tapes = {model.views[k].take.target_distance_mm for k in stated}
     return sorted(
         worth,
         key=lambda one: (
-            one.solution.chi_squared + 10.0 * (one.key is None) * len(stated)
+            one.solution.chi_squared + _PER_NUMBER * (one.key is None) * len(tapes)
         ),
     )
+
+
+def _stated(model: JointModel) -> list[int]:
+    """Views whose target's distance is stated."""
+    takes = [view.take for view in model.views]
+    return [k for k, take in enumerate(takes) if take.target_distance_mm is not None]
 
 
 def _change(model: JointModel, release: _Release) -> float:
@@ -138,7 +310,7 @@ def _change(model: JointModel, release: _Release) -> float:
     if release.kind != "target_distance":
         assert isinstance(release.key, tuple)
         return abs(float(np.expm1(model.value(release.solution, release.key))))
-    keys = [release.key] if release.key is not None else sorted(release.distances)
+    keys = [release.key] if release.key is not None else _stated(model)
     changes = []
     for k in keys:
         assert isinstance(k, int)
@@ -202,7 +374,7 @@ def _value(
     """Name, stated value, value once released, unit and photographs."""
     solution = release.solution
     if release.kind == "target_distance":
-        k = release.key if isinstance(release.key, int) else min(release.distances)
+        k = release.key if isinstance(release.key, int) else min(_stated(model))
         take = model.views[k].take
         stated = float(take.target_distance_mm or np.nan)
         place = f"target_distance_mm of {Path(take.name).stem}"

@@ -1,5 +1,7 @@
 """The statement that is wrong is named with its value; right shoots are left alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pinhole_shoots import (
@@ -9,6 +11,7 @@ from pinhole_shoots import (
     stated_otherwise,
 )
 
+from lensfit.fitting.chart_view import View
 from lensfit.workflow.statements.contradictions import contradictions_of_views
 from lensfit.workflow.statements.released_statements import contradicted_statements
 
@@ -63,6 +66,54 @@ def test_a_wrong_pitch_beside_a_right_one_is_named(factor):
             assert found[0].agrees_with == pytest.approx(takes[0].pitch_mm[0], rel=0.02)
     # Of two pitches that disagree, distances must say which is wrong.
     assert named >= 0.8 * len(SEEDS)
+
+
+def squeezed(takes: list[View], squeeze: float = 1.8) -> list[View]:
+    """The same through an anamorphic lens, whose true squeeze is a little more."""
+    result = []
+    for take in takes:
+        seen = take.observations
+        middle = np.asarray(seen.image_size_px) / 2
+        points = (seen.points_px - middle) / [1.01 * squeeze, 1.0] + middle
+        seen = replace(seen, points_px=points)
+        result.append(replace(take, observations=seen, squeeze=squeeze))
+    return result
+
+
+def test_statements_of_an_anamorphic_lens_are_judged_too():
+    for seed in range(2):
+        _, takes = shoot_of(seed)
+        takes = squeezed(takes)
+        assert list(contradicted_statements(takes)) == []
+        wrong = stated_otherwise(
+            takes, "dots", pitch_mm=lambda t: (1.1 * t.pitch_mm[0],) * 2
+        )
+        first, *_ = contradicted_statements(wrong)
+        assert "pitch_mm" in first.text, (seed, first.text)
+
+
+def test_one_view_at_another_zoom_setting_is_named():
+    """The tilted one, whose distance nobody states."""
+    _, takes = shoot_of(1)
+    seen = takes[3].observations
+    middle = np.asarray(seen.image_size_px) / 2
+    larger = replace(seen, points_px=(seen.points_px - middle) * 1.2 + middle)
+    wrong = [*takes[:3], replace(takes[3], observations=larger), takes[4]]
+    first, *_ = contradicted_statements(wrong)
+    assert first.kind == "lens_identity", first.text
+    assert first.images == ("view_3.png",)
+
+
+def test_exchanged_pitches_are_named_as_such():
+    for seed in range(2):
+        _, takes = shoot_of(seed)
+        pitches = {take.target: take.pitch_mm for take in takes}
+        other = {"dots": pitches["lines"], "lines": pitches["dots"]}
+        wrong = stated_otherwise(takes, pitch_mm=lambda t: other[t.target])  # noqa: B023
+        first, *_ = contradicted_statements(wrong)
+        assert first.kind == "pitch", (seed, first.text)
+        assert "“dots” and “lines” are exchanged" in first.text, (seed, first.text)
+        assert first.agrees_with == pitches["dots"][0]
 
 
 @pytest.mark.parametrize("factor", [1.25, 0.8])

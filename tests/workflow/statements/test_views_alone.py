@@ -11,6 +11,9 @@ from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.statements.blur_statements import (
     blurred_views,
     contradicted_f_numbers,
+    exchanged_focus_distances,
+    unlikely_blur,
+    unlikely_focus_distances,
 )
 from lensfit.workflow.statements.encoding import impossible_fall_off
 from lensfit.workflow.statements.lens_identity import mixed_lenses
@@ -79,6 +82,63 @@ def test_a_stop_far_from_stated_is_named_with_the_true_one(stated, found_as):
         assert found == []
     else:
         assert found[0].agrees_with == pytest.approx(found_as, rel=0.03)
+
+
+def with_discs(takes, stops: dict[float, float], moved: str = "") -> list:
+    """Views in, near and far at stops stated for true ones; one of them moved."""
+    views = []
+    for stated, true in stops.items():
+        for k, disc in ((0, 0.0), (1, 40.0), (2, 36.0)):
+            name = f"{stated:g}_{k}.png"
+            width = float(np.hypot(2.0, disc / true)) + 15.0 * (name == moved)
+            views.append(with_width(takes[k], width, f_number=stated, name=name))
+    in_focus = {"target_distance_mm": takes[0].focus_distance_mm}
+    return [replace(view, **in_focus) for view in views]
+
+
+def test_stops_that_are_exchanged_blur_no_view():
+    """Every view out of focus is wider than its like at the other stop."""
+    _, takes, _ = right()
+    swapped = with_discs(takes, {2.8: 5.6, 5.6: 2.8})
+    assert unlikely_blur(swapped) == []
+    (found,) = contradicted_f_numbers(swapped)
+    assert found.agrees_with == pytest.approx(1.4, rel=0.05)
+
+
+@pytest.mark.parametrize("moved", ["5.6_0.png", "5.6_1.png"])
+def test_a_view_that_moved_is_no_wrong_f_number(moved):
+    _, takes, _ = right()
+    views = with_discs(takes, {2.8: 2.8, 5.6: 5.6}, moved)
+    assert list(contradicted_f_numbers(views)) == []
+    (found,) = unlikely_blur(views)
+    assert found.images == (moved,)
+
+
+def test_focus_distances_in_another_order_are_named():
+    """What is stated in focus is blurred, and what is stated nearer is sharp."""
+    _, takes, _ = right()
+    views = with_discs(takes, {2.8: 2.8, 5.6: 5.6})
+    assert list(exchanged_focus_distances(views)) == []
+    near, inside, far = (takes[k].focus_distance_mm for k in (1, 0, 2))
+    order = {inside: near, near: far, far: inside}
+    wrong = [
+        replace(view, focus_distance_mm=order[view.focus_distance_mm]) for view in views
+    ]
+    (found,) = exchanged_focus_distances(wrong)
+    assert "exchanged: “2.8_0”" in found.text
+
+
+def test_sharp_dots_far_from_the_stated_focus_are_named():
+    """Marks in feet, stated as metres; a few percent are no contradiction."""
+    _, takes, _ = right()
+    views = with_discs(takes, {2.8: 2.8, 5.6: 5.6})
+    for factor, count in ((3.28, 1), (1.05, 0)):
+        wrong = [
+            replace(view, focus_distance_mm=factor * view.focus_distance_mm)
+            for view in views
+        ]
+        found = list(unlikely_focus_distances(wrong))
+        assert len(found) == count, factor
 
 
 def observed(take, sha256: str = "") -> Observed:
