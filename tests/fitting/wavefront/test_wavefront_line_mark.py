@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, Seidel, broad_target
+from drawn_lens import LAYOUT, Seidel, broad_target, cell_counts
 
 from lensfit.detect.line_profile import Centres, Stretches, Window, measure_centres
 from lensfit.fitting.wavefront.dots import undrawn
@@ -61,8 +61,7 @@ def photographed(along: np.ndarray, across: np.ndarray) -> np.ndarray:
     started = started + across * rng.uniform(-WIDTH_PX / 2, WIDTH_PX / 2, (RAYS, 1))
     landed = COMATIC.landing_mm(u, FIELD_MM, 0) / PIXEL_MM + started
     landed = landed + rng.normal(0, 0.1, landed.shape)
-    edges = np.arange(SIDE + 1.0)
-    return np.histogram2d(landed[:, 1], landed[:, 0], (edges, edges))[0]
+    return cell_counts(landed, np.zeros(2), 1.0, SIDE)
 
 
 def as_detected(picture: np.ndarray, slope: float) -> Centres:

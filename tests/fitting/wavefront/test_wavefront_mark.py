@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, Seidel, broad_target
+from drawn_lens import LAYOUT, Seidel, broad_target, cell_counts
 from scipy.special import erf
 
 from lensfit.detect.centroids import SMOOTHING_DARK_PX, measure, windows_of
@@ -57,8 +57,7 @@ def photographed(bright: bool, rays: int = 1_500_000) -> np.ndarray:
     at = COMATIC.landing_mm(u, FIELD_MM, 0) / PIXEL_MM + disc + MIDDLE
     at = at + rng.normal(0, 0.1, at.shape)
     size = round(7 * SPACING_PX)
-    edges = np.arange(size + 1.0)
-    one, _, _ = np.histogram2d(at[:, 1], at[:, 0], (edges, edges))
+    one = cell_counts(at, np.zeros(2), 1.0, size)
     step = round(SPACING_PX)
     shifts = step * np.arange(-3, 4)
     all_dots = np.sum([np.roll(one, (j, i), (0, 1)) for i in shifts for j in shifts], 0)

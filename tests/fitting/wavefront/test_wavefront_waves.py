@@ -1,12 +1,12 @@
 """Broad dots: discs with sharp rims, drawn beyond the patch and convolved."""
 
-from functools import partial
+from functools import lru_cache, partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
+from drawn_lens import LAYOUT, SCALE, Seidel, cell_counts, dots_at
 
 from lensfit.fitting.wavefront.dots import DetectionAperture, undrawn
 from lensfit.fitting.wavefront.patch import equations_of
@@ -63,22 +63,34 @@ def _image(defocus_mm, dot, transfer, variance_mm2, waves):
     return basis.cell_light(image_of(spot, profile))
 
 
-def counted(defocus_mm, disc_mm, at_mm=(0.0, 0.0), rays=4_000_000):
-    """Light of very many rays, in numpy alone."""
+@lru_cache(maxsize=1)
+def _landed_mm(defocus_mm, rays):
+    """Where rays of a point land, and a place of the unit disc for each."""
     rng = np.random.default_rng(3)
     lens = Seidel(defocus_mm=(defocus_mm,))
     u = lens.opening(np.zeros(2), 1.0, rays, rng)
     reach, turn = np.sqrt(rng.random(rays)), 2 * np.pi * rng.random(rays)
-    left = reach[:, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
-    x = lens.landing_mm(u, np.zeros(2), 0) + left @ disc_mm.T + PLACE_MM + at_mm
-    x = x + rng.normal(0, 1e-3, x.shape)
-    edges = np.arange(CELLS + 1) * PIXEL_MM
-    seen, _, _ = np.histogram2d(x[:, 1], x[:, 0], (edges, edges))
-    return seen / rays
+    disc = reach[:, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
+    landed = lens.landing_mm(u, np.zeros(2), 0) + PLACE_MM
+    return landed + rng.normal(0, 1e-3, landed.shape), disc
 
 
-@pytest.mark.parametrize("defocus_mm", [0.0, 0.1, 0.5])
+def counted(defocus_mm, disc_mm, at_mm=(0.0, 0.0), rays=4_000_000):
+    """Light of very many rays, in numpy alone."""
+    landed, disc = _landed_mm(defocus_mm, rays)
+    x = landed + disc @ disc_mm.T + at_mm
+    return cell_counts(x, np.zeros(2), PIXEL_MM, CELLS) / rays
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _rays_let_go():
+    """They are a hundred megabytes."""
+    yield
+    _landed_mm.cache_clear()
+
+
 @pytest.mark.parametrize("radius_cells", [2.0, 4.0, 8.0])
+@pytest.mark.parametrize("defocus_mm", [0.0, 0.1, 0.5])
 def test_a_disc_is_as_very_many_rays_have_it(defocus_mm, radius_cells):
     oval = PIXEL_MM * radius_cells * np.array([[1.0, 0.1], [-0.05, 0.8]])
     truth, found = counted(defocus_mm, oval), image(defocus_mm, oval)
