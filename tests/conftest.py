@@ -1,6 +1,7 @@
 """Strictness for every test: float64, no silent promotion, one data folder."""
 
 import functools
+import gc
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,10 @@ from lensfit.programs import make_room_for_programs
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+# Tracing makes millions of small objects, nearly none of them garbage: as often as
+# Python looks for it by itself, a fifth of the processor's time goes there.
+gc.set_threshold(50_000, 20, 50)
 
 
 @pytest.hookimpl(tryfirst=True)
