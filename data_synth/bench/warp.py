@@ -17,7 +17,7 @@ from data_synth.bench.machine import machine
 from data_synth.bench.plot import Curve, write_curves
 from data_synth.bench.result import bench_result
 from data_synth.bench.rows import Row, as_tables
-from data_synth.bench.times import timed
+from data_synth.bench.times import best, timed
 from lensfit.coords import Window
 from lensfit.progress import Progress, silent
 from lensfit.rendering.buffers import aligned_empty
@@ -111,6 +111,18 @@ def bench_warp(
     if out_dir is not None:
         _write_plot(points, Path(out_dir) / PICTURE)
     return bench_result("warp", on, out_dir, rows=as_tables(rows), curves=curves)
+
+
+def warp_row(width: int, height: int) -> Row:
+    """Seconds of one warp over those of `cv2.remap`, cubic, on the same pixels."""
+    methods = _methods(warp_task(width, height))
+    _, theirs, _ = best(methods[_PEER])
+    methods[_OWN]()
+    _, ours, _ = best(methods[_OWN])
+    peers = {"lensfit, s": ours, "cv2.remap, s": theirs}
+    return Row(
+        "uhd", "warp, times cv2.remap cubic", ours / theirs, bar=_MOST, peers=peers
+    )
 
 
 def _write_plot(points: list[dict[str, Any]], path: Path) -> None:

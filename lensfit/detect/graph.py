@@ -1,12 +1,12 @@
-"""Lattice indices of marks that are joined by visible edges.
+"""Lattice indices of detections that are joined by visible edges.
 
 The corners of a checkerboard are joined by the edges between its squares, which can be
 seen. Following those links needs neither a guess of the pitch nor a regular
 neighbourhood: a handful of corners of a close board under fish-eye distortion, where
 steps change by half from one to the next, is indexed as surely as a distant one. Links
 are proposed between near neighbours, kept where the edge is seen, and walked breadth
-first; each mark hands its two axes on to its neighbours, so that the axes may turn
-across the frame. Marks joined by nothing (dots) are indexed by `detect.lattice`.
+first; each detection hands its two axes on to its neighbours, so that the axes may turn
+across the frame. Detections joined by nothing (dots) are indexed by `detect.lattice`.
 """
 
 from collections import deque
@@ -35,9 +35,9 @@ LinkStrength = Callable[
 
 
 def find_links(
-    points_px: Float[np.ndarray, "marks 2"], strength: LinkStrength
+    points_px: Float[np.ndarray, "detections 2"], strength: LinkStrength
 ) -> Int[np.ndarray, "links 2"]:
-    """Pairs of marks that are one lattice step apart.
+    """Pairs of detections that are one lattice step apart.
 
     Parameters
     ----------
@@ -63,16 +63,16 @@ def find_links(
     return _shortest_each_way(points_px, pairs[kept])
 
 
-def _second_best(pairs: np.ndarray, seen: np.ndarray, marks: int) -> np.ndarray:
-    """For each mark the strength of its second-best link, or of its only one."""
-    best = np.zeros((marks, 2))
+def _second_best(pairs: np.ndarray, seen: np.ndarray, detections: int) -> np.ndarray:
+    """For each detection the strength of its second-best link, or of its only one."""
+    best = np.zeros((detections, 2))
     order = np.argsort(seen)
     for end in (0, 1):
-        for mark, value in zip(pairs[order, end], seen[order], strict=True):
-            if value >= best[mark, 0]:
-                best[mark] = value, best[mark, 0]
-            elif value > best[mark, 1]:
-                best[mark, 1] = value
+        for detection, value in zip(pairs[order, end], seen[order], strict=True):
+            if value >= best[detection, 0]:
+                best[detection] = value, best[detection, 0]
+            elif value > best[detection, 1]:
+                best[detection, 1] = value
     return np.where(best[:, 1] > 0, best[:, 1], best[:, 0])
 
 
@@ -80,11 +80,11 @@ def _shortest_each_way(points_px: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     """Drop links that pass beyond a nearer neighbour in the same direction."""
     step = points_px[pairs[:, 1]] - points_px[pairs[:, 0]]
     length = np.linalg.norm(step, axis=1)
-    links = _links_of_marks(pairs, len(points_px))
+    links = _links_of_points(pairs, len(points_px))
     dropped = np.zeros(len(pairs), bool)
-    for mark, own in enumerate(links):
+    for detection, own in enumerate(links):
         own = np.array(sorted(own, key=lambda link: length[link]), int)
-        away = np.where(pairs[own, 0] == mark, 1, -1)[:, None] * step[own]
+        away = np.where(pairs[own, 0] == detection, 1, -1)[:, None] * step[own]
         away /= length[own, None]
         same_way = np.tril(away @ away.T > SAME_WAY_COSINE, -1)
         dropped[own[same_way.any(1)]] = True
@@ -92,16 +92,16 @@ def _shortest_each_way(points_px: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def _without_leaps(points_px: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Drop links that leap over a mark that was not found.
+    """Drop links that leap over a detection that was not found.
 
     Such a link is about twice as long as the one that continues it at either end.
     """
     step = points_px[pairs[:, 1]] - points_px[pairs[:, 0]]
     length = np.linalg.norm(step, axis=1)
     leaps = np.zeros(len(pairs), bool)
-    for mark, links in enumerate(_links_of_marks(pairs, len(points_px))):
+    for detection, links in enumerate(_links_of_points(pairs, len(points_px))):
         own = np.array(links, int)
-        away = np.where(pairs[own, 0] == mark, 1, -1)[:, None] * step[own]
+        away = np.where(pairs[own, 0] == detection, 1, -1)[:, None] * step[own]
         away /= length[own, None]
         for link, cosines in zip(own, away @ away.T, strict=True):
             opposite = own[cosines < -SAME_WAY_COSINE]
@@ -110,8 +110,8 @@ def _without_leaps(points_px: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return pairs[~leaps]
 
 
-def _links_of_marks(pairs: np.ndarray, marks: int) -> list[list[int]]:
-    links: list[list[int]] = [[] for _ in range(marks)]
+def _links_of_points(pairs: np.ndarray, detections: int) -> list[list[int]]:
+    links: list[list[int]] = [[] for _ in range(detections)]
     for link, (a, b) in enumerate(pairs):
         links[a].append(link)
         links[b].append(link)
@@ -119,19 +119,19 @@ def _links_of_marks(pairs: np.ndarray, marks: int) -> list[list[int]]:
 
 
 def index_linked(
-    points_px: Float[np.ndarray, "marks 2"], links: Int[np.ndarray, "links 2"]
-) -> tuple[Int[np.ndarray, "marks 2"], Bool[np.ndarray, " marks"]]:
+    points_px: Float[np.ndarray, "detections 2"], links: Int[np.ndarray, "links 2"]
+) -> tuple[Int[np.ndarray, "detections 2"], Bool[np.ndarray, " detections"]]:
     """Lattice indices of the largest connected piece, i to the right and j down.
 
     Parameters
     ----------
     points_px : Positions, pixels.
-    links : Pairs of marks one lattice step apart.
+    links : Pairs of detections one lattice step apart.
 
     Returns
     -------
     indices : Lattice coordinates counted from the smallest; 0 where not valid.
-    valid : Marks that were reached, agree with most of their links and share their
+    valid : Detections that were reached, agree with most of their links and share their
         place with no other; none if all lie in one row.
     """
     seed, axes = _best_seed(points_px, links)
@@ -147,12 +147,14 @@ def index_linked(
 
 
 def roughness(
-    indices: Int[np.ndarray, "marks 2"], points_px: Float[np.ndarray, "marks 2"]
+    indices: Int[np.ndarray, "detections 2"],
+    points_px: Float[np.ndarray, "detections 2"],
 ) -> float:
-    """Median bend between three marks in a row, relative to their distance.
+    """Median bend between three detections in a row, relative to their distance.
 
-    A photographed target, however distorted, bends by a few hundredths from mark to
-    mark; marks linked by chance bend at every step. Infinity if no three are in a row.
+    A photographed target, however distorted, bends by a few hundredths from one to the
+    next; detections linked by chance bend at every step. Infinity if no three are in a
+    row.
     """
     at = {tuple(place): k for k, place in enumerate(indices.tolist())}
     bends = []
@@ -168,7 +170,7 @@ def roughness(
 
 
 def _best_seed(points_px: np.ndarray, links: np.ndarray) -> tuple[int, np.ndarray]:
-    """A mark of the largest piece with four links, and its axes by those links."""
+    """A detection of the largest piece with four links, and its axes by those links."""
     piece = np.arange(len(points_px))
     for _ in range(len(points_px)):
         lower = piece.copy()
@@ -198,7 +200,7 @@ def _best_seed(points_px: np.ndarray, links: np.ndarray) -> tuple[int, np.ndarra
 def _walk(
     points_px: np.ndarray, links: np.ndarray, seed: int, axes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Breadth first from the seed; every mark inherits and updates the axes."""
+    """Breadth first from the seed; every detection inherits and updates the axes."""
     neighbours: list[list[int]] = [[] for _ in points_px]
     for a, b in links.tolist():
         neighbours[a].append(b)
@@ -208,9 +210,9 @@ def _walk(
     reached[seed] = True
     queue = deque([(seed, axes)])
     while queue:
-        mark, axes = queue.popleft()
-        others = np.array(neighbours[mark], int)
-        steps = points_px[others] - points_px[mark]
+        detection, axes = queue.popleft()
+        others = np.array(neighbours[detection], int)
+        steps = points_px[others] - points_px[detection]
         along = np.linalg.solve(axes.T, steps.T).T
         axis = np.abs(along).argmax(1)
         own = axes.copy()
@@ -218,7 +220,7 @@ def _walk(
             sign = 1 if way[k] > 0 else -1
             own[k] = sign * step
             if not reached[other]:
-                indices[other] = indices[mark]
+                indices[other] = indices[detection]
                 indices[other, k] += sign
         for other in others[~reached[others]]:
             reached[other] = True
@@ -229,18 +231,19 @@ def _walk(
 def _consistent(
     indices: np.ndarray, reached: np.ndarray, links: np.ndarray
 ) -> np.ndarray:
-    """Reached marks whose links are mostly single steps and whose place is theirs."""
-    marks = len(indices)
+    """Reached detections whose links are mostly single steps and whose place is
+    theirs."""
+    detections = len(indices)
     both = reached[links].all(1)
     step = np.abs(indices[links[:, 1]] - indices[links[:, 0]]).sum(1)
-    good = np.zeros(marks)
-    total = np.zeros(marks)
+    good = np.zeros(detections)
+    total = np.zeros(detections)
     for end in (0, 1):
         np.add.at(good, links[both, end], step[both] == 1)
         np.add.at(total, links[both, end], 1)
     valid = reached & (good > 0.5 * total)
     _, place, count = np.unique(
-        np.where(valid[:, None], indices, np.arange(marks)[:, None] + 10**6),
+        np.where(valid[:, None], indices, np.arange(detections)[:, None] + 10**6),
         axis=0,
         return_inverse=True,
         return_counts=True,

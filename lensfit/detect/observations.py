@@ -1,7 +1,7 @@
 """Detections in a photograph of a target: lattice indices and image positions.
 
-An observation is one detected mark: a dot, a corner, a crossing, or one sample along
-the centre of a line. Positions are pixels of the whole photograph with pixel
+An observation is one detection: a dot, a corner, a crossing, or one sample along the
+centre of a line. Positions are pixels of the whole photograph with pixel
 (column 0, row 0) covering [0, 1) x [0, 1), so that its centre is (0.5, 0.5); x runs
 right along columns, y down along rows. Lattice coordinates count target pitches: i to
 the right and j down on the target as photographed upright, origin arbitrary.
@@ -33,7 +33,7 @@ LINE_OF_CONSTANT_J = 1
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Every mark found on one photograph, in the channel that positions refer to.
+    """Every detection found on one photograph, in the channel that positions refer to.
 
     Positions in `points_px` are those of the green channel (or of the only channel).
 
@@ -46,40 +46,41 @@ class Observations:
     normal : Unit vector across the line; NaN for a `POINT`.
     saturated : Touches clipped samples, so its shape and flux cannot be trusted.
     overlapping : Its blur touches a neighbour's, so the position may be biased.
-    channel_points_px : The same marks measured in r, g, b; NaN where not measured
+    channel_points_px : The same detections measured in r, g, b; NaN where not measured
         (all NaN for a single-channel photograph).
     channel_covariance_px2 : Their covariances.
-    flux : Background-subtracted, scene-linear sum over the mark per channel in
+    flux : Background-subtracted, scene-linear sum over the detection per channel in
         channel units x square pixels; for a line sample the flux per pixel of length;
-        for a mark on a bright field (dark dots, corners) the brightness of the bright
+        for a detection on a bright field (dark dots, corners) the brightness of that
         field around it. NaN where not measured. One column for one channel.
     diameter_px : Diameter of the disc of the same second moment; NaN when meaningless.
     edge_blur_px : Of checker corners, standard deviation of the blur across the edges
         that cross there; of line samples that of the light across the line, which the
-        line's own width is part of; None of other marks.
-    lines : How lines were measured; None of other marks.
-    markers : Of the board whose corners these are; None of other marks.
-    bright : Marks are brighter than their surround; False for dark marks and corners.
+        line's own width is part of; None of other detections.
+    lines : How lines were measured; None of other detections.
+    markers : Of the board whose corners these are; None of other detections.
+    bright : Detections are brighter than their surround; False for dark ones and
+        corners.
     image_size_px : Width and height of the photograph.
-    candidates : Number of marks that looked like the target's, indexed or not.
+    candidates : Number of detections that looked like the target's, indexed or not.
     notes : One sentence for each thing the person who photographed it should know.
     """
 
-    lattice: Float[np.ndarray, "marks 2"]
-    points_px: Float[np.ndarray, "marks 2"]
-    covariance_px2: Float[np.ndarray, "marks 2 2"]
-    family: Int[np.ndarray, " marks"]
-    normal: Float[np.ndarray, "marks 2"]
-    saturated: Bool[np.ndarray, " marks"]
-    overlapping: Bool[np.ndarray, " marks"]
-    channel_points_px: Float[np.ndarray, "3 marks 2"]
-    channel_covariance_px2: Float[np.ndarray, "3 marks 2 2"]
-    flux: Float[np.ndarray, "marks channels"]
-    diameter_px: Float[np.ndarray, " marks"]
+    lattice: Float[np.ndarray, "detections 2"]
+    points_px: Float[np.ndarray, "detections 2"]
+    covariance_px2: Float[np.ndarray, "detections 2 2"]
+    family: Int[np.ndarray, " detections"]
+    normal: Float[np.ndarray, "detections 2"]
+    saturated: Bool[np.ndarray, " detections"]
+    overlapping: Bool[np.ndarray, " detections"]
+    channel_points_px: Float[np.ndarray, "3 detections 2"]
+    channel_covariance_px2: Float[np.ndarray, "3 detections 2 2"]
+    flux: Float[np.ndarray, "detections channels"]
+    diameter_px: Float[np.ndarray, " detections"]
     image_size_px: tuple[int, int]
     candidates: int
     bright: bool = True
-    edge_blur_px: Float[np.ndarray, " marks"] | None = None
+    edge_blur_px: Float[np.ndarray, " detections"] | None = None
     lines: MeasuredLines | None = None
     markers: MarkerBoard | None = None
     notes: tuple[str, ...] = field(default=())
@@ -89,27 +90,27 @@ class Observations:
 
     @property
     def are_corners(self) -> bool:
-        """Whether marks are corners where squares meet."""
+        """Whether detections are corners where squares meet."""
         return self.are_edges and not self.are_lines
 
     @property
     def are_lines(self) -> bool:
-        """Whether marks are samples along lines."""
+        """Whether detections are samples along lines."""
         return self.lines is not None
 
     @property
     def are_edges(self) -> bool:
-        """Whether marks are corners or lines, which are seen by their edges."""
+        """Whether detections are corners or lines, which are seen by their edges."""
         return self.edge_blur_px is not None
 
     @property
     def are_dark_dots(self) -> bool:
-        """Whether marks are dots, darker than their surround."""
+        """Whether detections are dots, darker than their surround."""
         return not (self.bright or self.are_edges)
 
 
-def only(found: Observations, kept: Bool[np.ndarray, " marks"]) -> Observations:
-    """The record of some of the marks."""
+def only(found: Observations, kept: Bool[np.ndarray, " detections"]) -> Observations:
+    """The record of some of the detections."""
     blur = found.edge_blur_px
     return replace(
         found,

@@ -1,10 +1,11 @@
 """A picture of what was found, for a person to check by eye.
 
-The photograph is exposed for display and greyed a little; every mark sits on it at its
-sub-pixel position. Colour tells the row j and lightness the parity of the column i (or
-the number of the line), so that a mark that was numbered wrongly breaks a stripe.
-Clipped marks are crossed out, marks that touch a neighbour are squared, and a strip at
-the bottom says how many there are of each.
+The photograph is exposed for display and greyed a little; every detection sits on it at
+its sub-pixel position. Colour tells the row j and lightness the parity of the column i
+(or the number of the line), so that a detection that was numbered wrongly breaks a
+stripe.
+Clipped detections are crossed out, detections that touch a neighbour are squared, and a
+strip at the bottom says how many there are of each.
 """
 
 from pathlib import Path
@@ -16,7 +17,7 @@ from PIL import Image
 
 from lensfit.atomic import atomic_path
 from lensfit.detect.observations import POINT, Observations
-from lensfit.detect.overlay_marks import (
+from lensfit.detect.overlay_detections import (
     draw_labels,
     draw_points,
     draw_samples,
@@ -33,7 +34,7 @@ LIGHTNESS = (0.85, 0.7)
 CHROMA = 0.16
 GREYED, DIMMED = 0.6, 0.5
 LEAST_OF_MARKS = 0.2
-"""Of the usual peak of bright marks: white is no darker, or their veil glares."""
+"""Of the usual peak of bright detections: white is no darker, or their veil glares."""
 
 
 def draw_overlay(
@@ -77,9 +78,9 @@ def overlay_picture(photograph: Photograph, observations: Observations) -> Image
 
 
 def stripe_colours(
-    row: Float[np.ndarray, " marks"], column: Float[np.ndarray, " marks"]
-) -> UInt8[np.ndarray, "marks 3"]:
-    """sRGB colour of each mark: hue by row, lightness by parity of the column.
+    row: Float[np.ndarray, " detections"], column: Float[np.ndarray, " detections"]
+) -> UInt8[np.ndarray, "detections 3"]:
+    """sRGB colour of each detection: hue by row, lightness by parity of the column.
 
     Equal steps of hue in OKLab (B. Ottosson, "A perceptual color space for image
     processing", 2020), so that no two neighbouring rows look alike.

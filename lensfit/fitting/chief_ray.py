@@ -118,7 +118,7 @@ def fit_chief_ray(
     """
     clock = time.perf_counter
     began = clock()
-    require_marks(views)
+    require_detections(views)
     start = start_of(views, all_views or views, perspective)
     compact = with_fitted_scale_as_origin(_compact(start, base))
     progress("fit", 1, 5)
@@ -196,7 +196,7 @@ def _compact_on(start: Start, layout: Layout) -> Adjustment:
     return adjust(replace(adjustment, prior=prior), rounds=2, chunks=chunks)
 
 
-def require_marks(views: list[View], fewest: int = 12) -> None:
+def require_detections(views: list[View], fewest: int = 12) -> None:
     """Refuse views with too few detections for a pose, or with positions not finite.
 
     Raises

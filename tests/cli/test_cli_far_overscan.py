@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import run
 
-from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 
@@ -32,7 +31,7 @@ def rendered(folder: Path, window: Window, frame: Window = FRAME, *options: str)
     plate = folder / "plate.exr"
     write_exr(plate, ExrImage((ExrPart(channels, window, frame, HEADER),)))
     words = ["apply", str(PRIME), str(plate), "--out", str(folder / "out")]
-    done = CliRunner().invoke(app, [*words, "--overwrite", "--json", *options])
+    done = run(*words, "--overwrite", "--json", *options)
     assert done.exit_code == 0, done.stderr
     return read_exr(json.loads(done.stdout)["written"][0]).parts[0]
 

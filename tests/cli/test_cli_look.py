@@ -5,13 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import run
 
-from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 
-runner = CliRunner()
 CAMERA = {
     "focal_length_mm": 35.0,
     "f_number": 1.4,
@@ -29,7 +27,7 @@ def preset(tmp_path: Path) -> str:
     (tmp_path / "camera.json").write_text(json.dumps(CAMERA))
     path = str(tmp_path / "thin.json")
     made = ["preset", "thin-lens", str(tmp_path / "camera.json"), "--out", path]
-    assert runner.invoke(app, made).exit_code == 0
+    assert run(*made).exit_code == 0
     return path
 
 
@@ -45,9 +43,7 @@ def plate(folder: Path, header: dict[str, object] | None = None) -> str:
 
 
 def applied(preset: str, path: str, folder: Path, *options: str) -> ExrPart:
-    found = runner.invoke(
-        app, ["apply", preset, path, "--out", str(folder), "--no-defocus", *options]
-    )
+    found = run("apply", preset, path, "--out", folder, "--no-defocus", *options)
     assert found.exit_code == 0, found.output
     return read_exr(folder / "plate.0001.exr").parts[0]
 
@@ -91,7 +87,7 @@ def test_the_plan_lists_looks_that_run_and_no_others(preset: str, tmp_path: Path
         "5000",
         "--json",
     ]
-    found = runner.invoke(app, ["plan", preset, path, *options])
+    found = run("plan", preset, path, *options)
     assert found.exit_code == 0, found.output
     stages = {s["stage"]: s for s in json.loads(found.stdout)["stages"]}
     assert {"glint", "white balance"} <= set(stages)
@@ -113,8 +109,8 @@ def test_the_primaries_in_the_header_count(preset: str, tmp_path: Path):
 def test_primaries_that_are_none_are_refused_in_a_line(preset: str, tmp_path: Path):
     path = plate(tmp_path, {"chromaticities": (0.3,) * 8})
     asked = ["apply", preset, path, "--out", str(tmp_path / "a"), "--no-defocus"]
-    assert runner.invoke(app, asked).exit_code == 0
-    found = runner.invoke(app, [*asked, "--overwrite", "--white-balance-tint", "9"])
+    assert run(*asked).exit_code == 0
+    found = run(*asked, "--overwrite", "--white-balance-tint", "9")
     assert found.exit_code == 1
     assert "span no colours" in found.stderr
     assert "Traceback" not in found.output
@@ -125,11 +121,11 @@ def test_primaries_that_are_none_are_refused_in_a_line(preset: str, tmp_path: Pa
 )
 def test_a_knob_beyond_its_end_is_wrong_usage(preset: str, tmp_path: Path, option: str):
     asked = ["apply", preset, plate(tmp_path), "--out", str(tmp_path / "a")]
-    assert runner.invoke(app, [*asked, *option.split()]).exit_code == 2
+    assert run(*asked, *option.split()).exit_code == 2
 
 
 def test_a_header_beyond_its_end_is_one_line(preset: str, tmp_path: Path):
     path = plate(tmp_path, {"lensfit/bloom_gain": 7.0})
-    found = runner.invoke(app, ["apply", preset, path, "--out", str(tmp_path / "a")])
+    found = run("apply", preset, path, "--out", tmp_path / "a")
     assert found.exit_code == 1
     assert "bloom_gain" in found.stderr

@@ -5,13 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import run
 
-from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
-
-runner = CliRunner()
 
 
 @pytest.fixture
@@ -28,7 +25,7 @@ def plate(tmp_path: Path) -> list[str]:
     (tmp_path / "camera.json").write_text(json.dumps(camera))
     preset = str(tmp_path / "thin.json")
     asked = ["preset", "thin-lens", str(tmp_path / "camera.json"), "--out", preset]
-    assert runner.invoke(app, asked).exit_code == 0
+    assert run(*asked).exit_code == 0
     depth = np.full((54, 96), 4.0, np.float32)
     depth[:, 50:] = 0.8
     grey = np.full((54, 96), 0.3, np.float32)
@@ -41,14 +38,14 @@ def plate(tmp_path: Path) -> list[str]:
 
 
 def test_a_plan_names_every_stage_and_why(plate: list[str]):
-    found = runner.invoke(app, ["plan", *plate])
+    found = run("plan", *plate)
     assert found.exit_code == 0, found.output
     for word in ("distortion", "left out", "depth of field", "run", "surfaces"):
         assert word in found.stdout
 
 
 def test_a_plan_for_machines(plate: list[str]):
-    found = runner.invoke(app, ["plan", *plate, "--tolerance", "3e-3", "--json"])
+    found = run("plan", *plate, "--tolerance", "3e-3", "--json")
     plan = json.loads(found.stdout)
     runs = {stage["stage"]: stage["runs"] for stage in plan["stages"]}
     assert runs == {
@@ -66,16 +63,16 @@ def test_a_plan_for_machines(plate: list[str]):
 def test_a_plate_that_is_none_is_refused(plate: list[str], tmp_path: Path):
     wrong = tmp_path / "none.exr"
     wrong.write_bytes(b"no picture")
-    found = runner.invoke(app, ["plan", plate[0], str(wrong)])
+    found = run("plan", plate[0], wrong)
     assert found.exit_code == 1
 
 
 def test_of_a_sequence_the_first_frame_is_planned(plate: list[str]):
     pattern = plate[1].replace("0001", "####")
-    found = runner.invoke(app, ["plan", plate[0], pattern, "--json"])
+    found = run("plan", plate[0], pattern, "--json")
     notes = json.loads(found.stdout)["notes"]
     assert "the plan is that of the first frame, plate.0001.exr" in notes
-    lacking = runner.invoke(app, ["plan", plate[0], pattern.replace("plate.", "no.")])
+    lacking = run("plan", plate[0], pattern.replace("plate.", "no."))
     assert lacking.exit_code == 1
     assert "no frame exists" in lacking.stderr
 
@@ -85,7 +82,7 @@ def test_a_knob_of_what_is_left_out_is_told(plate: list[str], command: str):
     out = ["--out", str(Path(plate[1]).parent / "out")] if command == "apply" else []
     left_out = ["--no-distortion", "--no-falloff", "--no-defocus"]
     knobs = ["--distortion-percent", "2", "--disable", "vignetting"]
-    found = runner.invoke(app, [command, *plate, *out, *left_out, *knobs])
+    found = run(command, *plate, *out, *left_out, *knobs)
     assert found.exit_code == 0, found.output
     assert found.stderr.count("leaves its effect out") == 1
     said = "--distortion-percent has no effect: --no-distortion leaves"

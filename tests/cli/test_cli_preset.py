@@ -5,12 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import run
 
-from lensfit.cli.main import app
 from lensfit.preset.store import load_preset
-
-runner = CliRunner()
 
 PRESET = Path(__file__).parent / "tiny_preset.json"
 
@@ -23,7 +20,7 @@ def broken(tmp_path: Path) -> Path:
 
 
 def test_show_says_which_lens_and_each_entry():
-    result = runner.invoke(app, ["preset", "show", str(PRESET)], env={"COLUMNS": "200"})
+    result = run("preset", "show", PRESET, env={"COLUMNS": "200"})
     assert result.exit_code == 0
     assert "SMC Takumar 50/1.4, serial 1234567" in result.stdout
     assert "50 mm focused at infinity" in result.stdout
@@ -32,7 +29,7 @@ def test_show_says_which_lens_and_each_entry():
 
 def test_show_says_whether_blur_was_measured(tmp_path: Path):
     tables = json.loads(PRESET.read_text())
-    before = runner.invoke(app, ["preset", "show", str(PRESET)], env={"COLUMNS": "200"})
+    before = run("preset", "show", PRESET, env={"COLUMNS": "200"})
     tables["entries"][0]["blur"] = {
         "aberrations": [
             {"degree": 2, "order": 0, "field_degree": 2, "field_order": 0}
@@ -52,19 +49,19 @@ def test_show_says_whether_blur_was_measured(tmp_path: Path):
     }
     path = tmp_path / "blur.json"
     path.write_text(json.dumps(tables))
-    after = runner.invoke(app, ["preset", "show", str(path)], env={"COLUMNS": "200"})
+    after = run("preset", "show", path, env={"COLUMNS": "200"})
     assert after.exit_code == 0
     assert "1 terms f/1.4 f/5.6" in after.stdout
     assert "1 terms f/1.4" not in before.stdout
 
 
 def test_show_as_json_is_the_preset():
-    result = runner.invoke(app, ["preset", "show", str(PRESET), "--json"])
+    result = run("preset", "show", PRESET, "--json")
     assert json.loads(result.stdout) == json.loads(PRESET.read_text())
 
 
 def test_validate_names_the_key_and_goes_on(broken: Path):
-    result = runner.invoke(app, ["preset", "validate", str(broken), str(PRESET)])
+    result = run("preset", "validate", broken, PRESET)
     assert result.exit_code == 1
     assert result.stdout == f"{PRESET}: valid\n"
     assert result.stderr == (
@@ -74,9 +71,7 @@ def test_validate_names_the_key_and_goes_on(broken: Path):
 
 
 def test_validate_as_json_keeps_standard_output_clean(broken: Path):
-    result = runner.invoke(
-        app, ["preset", "validate", str(broken), str(PRESET), "--json"]
-    )
+    result = run("preset", "validate", broken, PRESET, "--json")
     assert result.exit_code == 1
     faults = json.loads(result.stdout)
     assert faults[str(PRESET)] is None
@@ -85,7 +80,7 @@ def test_validate_as_json_keeps_standard_output_clean(broken: Path):
 
 def test_show_of_what_is_no_preset_is_one_line(tmp_path: Path):
     (tmp_path / "p.json").write_text("{}")
-    result = runner.invoke(app, ["preset", "show", str(tmp_path / "p.json")])
+    result = run("preset", "show", tmp_path / "p.json")
     assert result.exit_code == 1
     assert result.stderr.count("\n") == 1
     assert "has no schema, so it is no lensfit preset" in result.stderr
@@ -105,7 +100,7 @@ CAMERA = {
 def test_a_thin_lens_blurs_as_the_cg_renderer_does(tmp_path: Path):
     camera, out = tmp_path / "camera.json", tmp_path / "thin.json"
     camera.write_text(json.dumps(CAMERA))
-    made = runner.invoke(app, ["preset", "thin-lens", str(camera), "--out", str(out)])
+    made = run("preset", "thin-lens", camera, "--out", out)
     assert made.exit_code == 0, made.output
     pitch = 28.25 / 960
     for focus_mm, z_mm in ((4000.0, 1000.0), (4000.0, np.inf), (1500.0, 4000.0)):
@@ -125,9 +120,9 @@ def test_a_thin_lens_blurs_as_the_cg_renderer_does(tmp_path: Path):
 def test_a_camera_that_is_no_thin_lens_is_refused(tmp_path: Path):
     camera, out = tmp_path / "camera.json", tmp_path / "thin.json"
     camera.write_text(json.dumps(CAMERA | {"aperture_blades": 6}))
-    made = runner.invoke(app, ["preset", "thin-lens", str(camera), "--out", str(out)])
+    made = run("preset", "thin-lens", camera, "--out", out)
     assert made.exit_code == 1
     camera.write_text(json.dumps(CAMERA | {"f_number": 0}))
-    made = runner.invoke(app, ["preset", "thin-lens", str(camera), "--out", str(out)])
+    made = run("preset", "thin-lens", camera, "--out", out)
     assert made.exit_code == 1
     assert not out.exists()

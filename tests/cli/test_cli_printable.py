@@ -9,11 +9,9 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
-from command_line import run_well
+from command_line import run, run_well
 from plate_makers import CAMERA, SENSOR, make_preset, write_plate
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.errors import LensfitError
 from lensfit.preset.library.levels import levels_of
 from lensfit.preset.library.save import keep_preset
@@ -67,7 +65,7 @@ def test_headers_and_file_names_are_shown_plainly(tmp_path, preset):
     assert "gnitrevni" in done.stdout
     write_plate(tmp_path / "a\x1b[31m.1.exr", {})
     words = ["apply", preset, tmp_path / "a\x1b[31m.#.exr", "--out", tmp_path / "out"]
-    done = CliRunner().invoke(app, [str(w) for w in words])
+    done = run(*words)
     assert done.exit_code == 1
     assert clean(done.stderr)
 

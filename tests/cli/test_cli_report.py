@@ -4,12 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from command_line import run
 
-from lensfit.cli.main import app
 from lensfit.report.read_report import read_report
-
-runner = CliRunner()
 
 REPORT = {
     "schema": "lensfit.report.2",
@@ -39,7 +36,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("name", ["", "report.json"])
 def test_report_prints_the_errors_and_writes_the_page(folder: Path, name: str):
-    result = runner.invoke(app, ["report", str(folder / name)], env={"COLUMNS": "200"})
+    result = run("report", folder / name, env={"COLUMNS": "200"})
     assert result.exit_code == 0, result.stderr
     assert "0.0234" in result.stdout
     assert "a.exr" in result.stdout
@@ -47,7 +44,7 @@ def test_report_prints_the_errors_and_writes_the_page(folder: Path, name: str):
 
 
 def test_report_as_json_is_the_report_and_writes_nothing(folder: Path):
-    result = runner.invoke(app, ["report", str(folder), "--json"])
+    result = run("report", folder, "--json")
     said = json.loads(result.stdout)
     judged = said.pop("verdict")
     assert said == REPORT
@@ -70,15 +67,15 @@ def test_a_report_of_the_first_schema_is_read_in_the_words_of_this_one(tmp_path:
 @pytest.mark.parametrize("options", [[], ["--json"]])
 def test_a_verdict_below_the_required_one_exits_1(folder: Path, level, code, options):
     command = ["report", str(folder), "--require", level, *options]
-    result = runner.invoke(app, command)
+    result = run(*command)
     assert result.exit_code == code
     assert ("below measurement" in result.stderr) == bool(code)
 
 
 def test_terminal_page_and_json_say_the_same(folder: Path):
-    said = runner.invoke(app, ["report", str(folder), "--json"]).stdout
+    said = run("report", folder, "--json").stdout
     judged = json.loads(said)["verdict"]
-    printed = runner.invoke(app, ["report", str(folder)]).stdout.splitlines()
+    printed = run("report", folder).stdout.splitlines()
     page = (folder / "report.html").read_text()
     assert printed[0] == judged["headline"]
     for reason in judged["reasons"]:
@@ -88,7 +85,7 @@ def test_terminal_page_and_json_say_the_same(folder: Path):
 
 
 def test_a_level_that_is_none_is_wrong_usage(folder: Path):
-    result = runner.invoke(app, ["report", str(folder), "--require", "perfect"])
+    result = run("report", folder, "--require", "perfect")
     assert result.exit_code == 2
 
 
@@ -96,7 +93,7 @@ def test_a_level_that_is_none_is_wrong_usage(folder: Path):
 def test_what_is_no_report_is_one_line(tmp_path: Path, content: str | None):
     if content is not None:
         (tmp_path / "report.json").write_text(content)
-    result = runner.invoke(app, ["report", str(tmp_path)])
+    result = run("report", tmp_path)
     assert result.exit_code == 1
     assert result.stderr.startswith(f"lensfit: error: {tmp_path}")
     assert result.stderr.count("\n") == 1

@@ -5,13 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from command_line import run
 from PIL import Image
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.workflow.shoot.shoot_file import load_shoot
 
-runner = CliRunner()
 REPORT = """File,Lens,T-Stop,Focus,Chart Distance,Focal Length
 near,Prime 35,T2.8,4'11",5 ft,35
 far,Prime 35,f/4,1.5 m,5 ft,35mm
@@ -33,7 +31,7 @@ def drafted(folder: Path, *images: str):
     shoot = folder / "shoot.toml"
     command = ["inspect", *(str(folder / name) for name in images)]
     command += ["--write-shoot", str(shoot), "--slates", str(folder / "report.csv")]
-    return runner.invoke(app, command), shoot
+    return run(*command), shoot
 
 
 def test_the_report_fills_in_the_draft(folder: Path):

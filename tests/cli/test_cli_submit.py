@@ -76,16 +76,18 @@ def _filled(word, values, frames):
     return "".join(named[p] if i % 2 else p for i, p in enumerate(parts))
 
 
+APPLY = typer.main.get_command(app).commands["apply"]
+
+
 def parsed(words):
     """What the parser of `apply` makes of a command."""
-    command = typer.main.get_command(app).commands["apply"]
-    return command.make_context("apply", list(words)).params
+    return APPLY.make_context("apply", list(words)).params
 
 
 def given_to_every_option(job) -> list[str]:
     """Each option of `apply`, at a value that is not its default."""
     words: list[str] = []
-    for option in typer.main.get_command(app).commands["apply"].params:
+    for option in APPLY.params:
         if option.name in OWN or option.name == "help":
             continue
         if option.is_flag:
@@ -126,7 +128,7 @@ def test_every_option_of_apply_survives(job):
     wanted = parsed([*direct, *options, "--progress", "openjd"])
     assert parsed(task[1:]) == wanted
     # And the test has left none of them at its default.
-    for option in typer.main.get_command(app).commands["apply"].params:
+    for option in APPLY.params:
         if option.name not in OWN and option.name != "help":
             assert wanted[option.name] != option.default, option.name
 

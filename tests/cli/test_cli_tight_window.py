@@ -6,11 +6,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from command_line import run
 from deep_files import write_deep
 from plate_makers import CAMERA, DISPLAY, SENSOR, make_preset, scene
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.plate.frame.tight_window import is_tight, known_window
@@ -51,7 +50,7 @@ def write(path: Path, window: Window, depth_m: float | None = None, **extra) -> 
 
 def applied(preset: Path, plate: Path, out: Path, *options: object):
     words = ["apply", preset, plate, "--out", out, "--json", *options]
-    done = CliRunner().invoke(app, [str(word) for word in words])
+    done = run(*words)
     assert done.exit_code == 0, done.stderr
     said = json.loads(done.stdout)
     return read_exr(said["written"][0]).parts[0], said["notes"]

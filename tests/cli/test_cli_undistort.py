@@ -145,8 +145,10 @@ def test_apply_is_the_inverse(tmp_path, lens, effects):
 
 def test_apply_is_the_inverse_for_edges_half_a_pixel_sharp(tmp_path):
     save_preset(make_preset(), tmp_path / "preset.json")
-    edges, long_filter = squares(FRAME, 0.5), ("--filter", "sinc-16")
-    plate = photograph(tmp_path / "edges.exr", dict.fromkeys("RGB", edges))
+    frame = Window.of_size(120, 80)
+    edges, long_filter = squares(frame, 0.5), ("--filter", "sinc-16")
+    planes = dict.fromkeys("RGB", edges)
+    plate = photograph(tmp_path / "edges.exr", planes, frame, frame)
     straight(tmp_path, plate, *long_filter)
     words = ["--out", tmp_path / "back", *EFFECTS["distortion"][1], *BACK, *long_filter]
     done = run(tmp_path, "apply", tmp_path / "straight" / plate.name, *words)

@@ -4,10 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from command_line import run
 from plate_makers import CAMERA, SENSOR, write_plate
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.io.camera.unmapped import unmapped_entries
 
 OTHERS = {
@@ -23,7 +22,7 @@ OTHERS = {
 
 
 def inspected(*words: object):
-    done = CliRunner().invoke(app, ["inspect", *map(str, words)])
+    done = run("inspect", *words)
     assert done.exit_code == 0, done.stderr
     return done.stdout
 

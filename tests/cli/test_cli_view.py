@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import run
 
-from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
 from lensfit.preset.store import save_preset
@@ -42,7 +41,7 @@ def plate(tmp_path: Path) -> Path:
 
 
 def refused(*words: str | Path) -> str:
-    found = CliRunner().invoke(app, ["view", *map(str, words), "--no-browser"])
+    found = run("view", *words, "--no-browser")
     assert found.exit_code == 1
     assert found.stdout == ""
     assert found.stderr.count("\n") == 1

@@ -17,7 +17,7 @@ CAMERA = Camera(k=(-0.1, 0.0))
 
 def _adjusted(takes) -> Adjustment:
     start = start_of(takes, takes)
-    layout = replace(start.layout, free_degree=0)
+    layout = start.layout
     prior = with_poses_free(fixed_prior(np.zeros(layout.size(len(takes)))), layout)
     prior = release(prior, layout.blocks["focal_length"], 0.3)
     prior = release(prior, layout.blocks["principal_point"], 0.05)
@@ -107,7 +107,7 @@ def test_line_samples_are_blind_along_their_line():
 
 def _line_start(takes) -> Adjustment:
     start = start_of(takes, takes)
-    layout = replace(start.layout, free_degree=0)
+    layout = start.layout
     return start.adjustment(layout, fixed_prior(np.zeros(layout.size(len(takes)))))
 
 
@@ -140,7 +140,7 @@ def _pinhole_truth(takes) -> Adjustment:
     """An adjustment that stands where points without noise put it."""
     fitted = _adjusted(shoot(CAMERA))
     start = start_of(takes, takes)
-    layout = replace(start.layout, free_degree=0, radial=fitted.layout.radial)
+    layout = fitted.layout
     here = start.adjustment(layout, fixed_prior(np.zeros(layout.size(len(takes)))))
     return replace(
         here,

@@ -117,16 +117,18 @@ def test_equations_of_each_half_are_those_of_the_dense_jacobian(problem, scale):
 
 
 def test_batches_that_are_not_in_use_count_nothing(problem, monkeypatch):
+    """As if none of their points were known, and whatever they hold."""
     monkeypatch.setattr(normal, "BATCH", 2)
-    detections = problem.detections
-    four = jax.tree.map(lambda a: a[:4] if a.ndim else a, detections)
-    first = detections._replace(chunks=jnp.asarray(2))
-    cut = jax.tree.map(lambda a: a[:2] if a.ndim else a, first)
+    four = jax.tree.map(lambda a: a[:4] if a.ndim else a, problem.detections)
+    nowhere = four.observed_mm.at[2:].set(jnp.nan)
+    unused = four._replace(chunks=jnp.asarray(2), observed_mm=nowhere)
+    unknown = four._replace(
+        chunks=jnp.asarray(4), whitening=four.whitening.at[2:].set(0.0)
+    )
+    equations = jax.jit(normal.equations, static_argnames="layout")
     used, alone = (
-        jax.jit(normal.equations, static_argnames="layout")(
-            _at(), problem.views, some, LAYOUT, problem.frame
-        )
-        for some in (four._replace(chunks=jnp.asarray(2)), cut)
+        equations(_at(), problem.views, some, LAYOUT, problem.frame)
+        for some in (unused, unknown)
     )
     for mine, expected in zip(used, alone, strict=True):
         np.testing.assert_allclose(mine, expected, rtol=1e-12, atol=1e-9)
@@ -137,12 +139,12 @@ def test_the_short_residual_has_the_same_equations(problem):
     at = _at()
 
     def short(parameters):
-        return short_residual(
+        value, found = short_residual(
             parameters, lambda y: solve.both_halves(y, problem, LAYOUT), problem.prior
         )
+        return value, (value, found)
 
-    jacobian, _ = jax.jit(jax.jacfwd(short, has_aux=True))(at)
-    value, found = jax.jit(short)(at)
+    jacobian, (value, found) = jax.jit(jax.jacfwd(short, has_aux=True))(at)
     effective = jnp.where(problem.free > 0, at, problem.prior_mean)
     matrix, gradient, chi_squared = with_prior(
         solve.with_statements(solve.total(found), effective, problem.stated),

@@ -22,7 +22,7 @@ def _ready(camera: Camera, radial_terms: int) -> Adjustment:
     """Homography start of a noise-free shoot, with a pinhole and radial terms free."""
     takes = shoot(camera)
     start = start_of(takes, takes)
-    layout = replace(start.layout, free_degree=0)
+    layout = start.layout
     prior = with_poses_free(fixed_prior(np.zeros(layout.size(len(takes)))), layout)
     prior = release(prior, layout.blocks["focal_length"], 0.3)
     prior = release(prior, layout.blocks["principal_point"], 0.05)

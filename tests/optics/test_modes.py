@@ -1,5 +1,7 @@
 """Pupil modes: orthogonal gradients of unit size, a chief ray that stays put."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -32,13 +34,28 @@ def gradient(u, series):
     return wavefront_slopes(u, series)[0]
 
 
+_height = jax.jit(wavefront)
+_slopes = jax.jit(wavefront_slopes, static_argnums=2)
+
+
+@jax.jit
+def _derivatives(u, series):
+    """First and second ones, by JAX."""
+    return jax.grad(wavefront)(u, series), jax.hessian(wavefront)(u, series)
+
+
+@partial(jax.jit, static_argnums=1)
+def _gradients_of(points, modes):
+    unit = jnp.eye(2 * len(modes)).reshape(-1, len(modes), 2)
+    series = jax.vmap(lambda amplitude: power_series(amplitude, modes))(unit)
+    return jax.vmap(jax.vmap(gradient, (None, 0)), (0, None))(points, series)
+
+
 def gradients(modes: tuple[Mode, ...]):
     """(points, modes, parts, 2) gradients at the points of `disc_rule`."""
     points, share = disc_rule()
-    unit = jnp.eye(2 * len(modes)).reshape(-1, len(modes), 2)
-    series = jax.vmap(lambda amplitude: power_series(amplitude, modes))(unit)
-    at = jax.vmap(jax.vmap(gradient, (None, 0)), (0, None))
-    return at(points, series).reshape(len(points), len(modes), 2, 2), share
+    found = _gradients_of(points, modes)
+    return found.reshape(len(points), len(modes), 2, 2), share
 
 
 def test_gradients_are_orthogonal_and_of_unit_size():
@@ -63,7 +80,7 @@ def test_the_chief_ray_stays_where_it_is():
 def test_coma_of_any_degree_has_no_linear_part(degree: int):
     mode = (Mode(degree, 1),)
     series = power_series(jnp.ones((1, 2)), mode)
-    slope = jax.jacfwd(gradient)(jnp.zeros(2), series)
+    slope = jax.jit(jax.jacfwd(gradient))(jnp.zeros(2), series)
     np.testing.assert_allclose(slope, 0, atol=1e-14)
 
 
@@ -73,9 +90,9 @@ def test_slopes_are_the_derivatives_of_the_wavefront(place):
     rng = np.random.default_rng(5)
     series = power_series(jnp.asarray(rng.normal(size=(len(MODES), 2))), MODES)
     u = jnp.array(place)
-    wanted = jax.grad(wavefront)(u, series), jax.hessian(wavefront)(u, series)
+    wanted = _derivatives(u, series)
     for powers in (None, powers_in(MODES)):
-        for one, other in zip(wavefront_slopes(u, series, powers), wanted, strict=True):
+        for one, other in zip(_slopes(u, series, powers), wanted, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-11)
 
 
@@ -88,6 +105,6 @@ def test_a_turned_pupil_turns_the_modes():
         m = mode.order
         cos, sin = np.cos(m * turn), np.sin(m * turn)
         turned = jnp.array([[cos, -sin], [sin, cos]]) @ amplitude[0]
-        here = wavefront(x, power_series(amplitude, (mode,)))
-        there = wavefront(rotation @ x, power_series(turned[None], (mode,)))
+        here = _height(x, power_series(amplitude, (mode,)))
+        there = _height(rotation @ x, power_series(turned[None], (mode,)))
         np.testing.assert_allclose(here, there, atol=1e-13)

@@ -18,6 +18,9 @@ from lensfit.optics.pupil_nodes import pupil_nodes
 
 ONE = jnp.asarray(1.0)
 SHARP = 2000.0
+_area = jax.jit(opening_area, static_argnums=3)
+_illumination = jax.jit(relative_illumination)
+_nodes = jax.jit(pupil_nodes, static_argnums=(3, 4))
 
 
 def cats_eye() -> Pupil:
@@ -43,13 +46,13 @@ def lens_area(radius: float, distance: float) -> float:
 def test_two_discs_leave_a_lens(distance: float):
     one = replace(clear_pupil(1), rim_shift=jnp.array([[distance, 0.0]]),
                   rim_radius=jnp.array([[0.9, 0.0]]))  # fmt: skip
-    area = opening_area(jnp.array([0.6, 0.8]), ONE, one, SHARP)
+    area = _area(jnp.array([0.6, 0.8]), ONE, one, SHARP)
     np.testing.assert_allclose(area, lens_area(0.9, distance), rtol=2e-3)
 
 
 def test_the_smooth_corner_costs_less_than_a_per_cent():
     h = jnp.array([0.6, 0.8])
-    area, exact = (opening_area(h, ONE, cats_eye(), p) for p in (128.0, SHARP))
+    area, exact = (_area(h, ONE, cats_eye(), p) for p in (128.0, SHARP))
     np.testing.assert_allclose(area, exact, rtol=0.006)
 
 
@@ -58,14 +61,14 @@ def test_the_smooth_corner_costs_less_than_a_per_cent():
 def test_blades_leave_the_area_of_the_round_stop(blades: int, curvature: float):
     one = replace(clear_pupil(0, blades), blade_curvature=jnp.asarray(curvature))
     for sharpness in (128.0, SHARP):
-        area = opening_area(jnp.zeros(2), jnp.asarray(0.5), one, sharpness)
+        area = _area(jnp.zeros(2), jnp.asarray(0.5), one, sharpness)
         np.testing.assert_allclose(area, np.pi / 4, rtol=1e-3)
 
 
 def test_straight_blades_make_a_polygon_with_a_corner_where_asked():
     turn = 0.3
     one = replace(clear_pupil(0, 6), blade_rotation_rad=jnp.asarray(turn))
-    u = np.asarray(pupil_nodes(jnp.zeros(2), ONE, one, 20000, SHARP).u)
+    u = np.asarray(_nodes(jnp.zeros(2), ONE, one, 20000, SHARP).u)
     apothem = np.sqrt(np.pi / (6 * np.tan(np.pi / 6)))
     sides = turn + np.pi / 6 + np.pi / 3 * np.arange(6)
     reach = u @ np.stack([np.cos(sides), np.sin(sides)])
@@ -81,7 +84,7 @@ def test_slightly_hollow_blades_are_next_to_straight_ones(blades: int):
 
     def area(curvature: float) -> float:
         one = replace(clear_pupil(2, blades), blade_curvature=jnp.asarray(curvature))
-        return float(opening_area(jnp.array([0.7, 0.2]), jnp.asarray(0.5), one))
+        return float(_area(jnp.array([0.7, 0.2]), jnp.asarray(0.5), one))
 
     assert area(-1e-6) == pytest.approx(area(0.0), rel=1e-5)
     assert area(-0.05) == pytest.approx(area(0.0), rel=0.02)
@@ -89,15 +92,15 @@ def test_slightly_hollow_blades_are_next_to_straight_ones(blades: int):
 
 def test_roundness_one_is_round():
     one = replace(clear_pupil(0, 7), blade_curvature=ONE)
-    u = np.asarray(pupil_nodes(jnp.zeros(2), ONE, one, 500, SHARP).u)
-    plain = np.asarray(pupil_nodes(jnp.zeros(2), ONE, clear_pupil(), 500, SHARP).u)
+    u = np.asarray(_nodes(jnp.zeros(2), ONE, one, 500, SHARP).u)
+    plain = np.asarray(_nodes(jnp.zeros(2), ONE, clear_pupil(), 500, SHARP).u)
     np.testing.assert_allclose(u, plain, atol=2e-3)
 
 
 def test_nodes_fill_the_opening_evenly():
     """Area, centroid and second moments against a fine grid over the discs."""
     h, one = jnp.array([0.5, 0.4]), cats_eye()
-    nodes = pupil_nodes(h, ONE, one, 4096, SHARP)
+    nodes = _nodes(h, ONE, one, 4096, SHARP)
     x = np.linspace(-1.3, 1.3, 1200)
     grid = np.stack(np.meshgrid(x, x), -1).reshape(-1, 2)
     square = float(h @ h)
@@ -115,25 +118,36 @@ def test_nodes_fill_the_opening_evenly():
 def test_opening_turns_with_the_field():
     """Illumination depends on the field's radius alone in a centred lens."""
     way = [0.9 * jnp.array([np.cos(a), np.sin(a)]) for a in (0.0, 0.7, 2.9)]
-    at = [relative_illumination(h, ONE, cats_eye()) for h in way]
+    at = [_illumination(h, ONE, cats_eye()) for h in way]
     np.testing.assert_allclose(at, at[0], rtol=1e-4)
     assert 0.2 < at[0] < 0.9
-    axis = relative_illumination(jnp.zeros(2), ONE, cats_eye())
+    axis = _illumination(jnp.zeros(2), ONE, cats_eye())
     np.testing.assert_allclose(axis, 1.0, rtol=1e-12)
 
 
 def test_stopping_down_frees_the_corner():
     corner = jnp.array([0.8, 0.6])
-    stops = [
-        relative_illumination(corner, jnp.asarray(s), cats_eye()) for s in (1, 0.5)
-    ]
+    stops = [_illumination(corner, jnp.asarray(s), cats_eye()) for s in (1, 0.5)]
     assert stops[1] > stops[0] + 0.1
 
 
 def test_a_squeezed_pupil_is_an_ellipse():
     squeezed = replace(clear_pupil(), squeeze=jnp.asarray(np.log(0.5)))
-    u = np.asarray(pupil_nodes(jnp.zeros(2), ONE, squeezed, 4000).u)
+    u = np.asarray(_nodes(jnp.zeros(2), ONE, squeezed, 4000).u)
     np.testing.assert_allclose(np.ptp(u[:, 0]) / np.ptp(u[:, 1]), 0.5, rtol=0.01)
+
+
+@jax.jit
+def _summary(h, same, rims, shift, stop, curvature):
+    one = replace(same, rim_radius=rims, rim_shift=shift, blade_curvature=curvature)
+    nodes = pupil_nodes(h, stop, one, 96)
+    return jnp.concatenate([nodes.weight @ nodes.u, nodes.u[5], nodes.area[None]])
+
+
+@jax.jit
+def _summary_along(h, same, args, way):
+    """Derivative along a way."""
+    return jax.jvp(lambda *moved: _summary(h, same, *moved), args, way)[1]
 
 
 @pytest.mark.parametrize(
@@ -146,18 +160,16 @@ def test_derivatives_agree_with_differences(place, blades):
         cats_eye(), rim_radius=jnp.array([[1.0, 0.05], [1.0, -0.05]]), blades=blades
     )
 
-    def summary(rims, shift, stop, curvature):
-        one = replace(same, rim_radius=rims, rim_shift=shift, blade_curvature=curvature)
-        nodes = pupil_nodes(jnp.asarray(place), stop, one, 96)
-        return jnp.concatenate([nodes.weight @ nodes.u, nodes.u[5], nodes.area[None]])
-
     args = (same.rim_radius, same.rim_shift, ONE, jnp.asarray(0.2))
     rng = np.random.default_rng(2)
     way = tuple(jnp.asarray(rng.normal(size=a.shape)) for a in args)
-    _, slope = jax.jvp(summary, args, way)
+    h = jnp.asarray(place)
+    slope = _summary_along(h, same, args, way)
     step = 1e-6
-    ahead = summary(*(a + step * w for a, w in zip(args, way, strict=True)))
-    behind = summary(*(a - step * w for a, w in zip(args, way, strict=True)))
+    ahead, behind = (
+        _summary(h, same, *(a + s * w for a, w in zip(args, way, strict=True)))
+        for s in (step, -step)
+    )
     np.testing.assert_allclose(slope, (ahead - behind) / (2 * step), atol=2e-6)
 
 
@@ -170,7 +182,7 @@ def test_a_closed_opening_has_no_light_and_finite_derivatives():
         nodes = pupil_nodes(h, ONE, one, 64)
         return nodes.area + jnp.sum(nodes.u**2)
 
-    value, slope = jax.value_and_grad(light)(far)
+    value, slope = jax.jit(jax.value_and_grad(light))(far)
     assert np.isfinite(value)
-    assert opening_area(h, ONE, far) < 0.01
+    assert _area(h, ONE, far) < 0.01
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(slope))

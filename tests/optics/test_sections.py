@@ -70,6 +70,12 @@ def test_out_of_focus_both_sections_are_those_of_first_order(squeeze, focus_mm):
     np.testing.assert_allclose(landed[1] / (landed[0] * squeeze), squeeze, rtol=1e-6)
 
 
+_path_slopes = jax.jit(jax.vmap(jax.grad(shift_path_mm), (0, None)))
+_path_curvature = jax.jit(jax.hessian(shift_path_mm))
+_path_slope = jax.jit(jax.grad(path_mm))
+_landing, _landing_and_jacobian = map(jax.jit, (landing_mm, landing_and_jacobian_mm))
+
+
 @pytest.mark.parametrize(
     ("slope", "squeeze"), [(t, 1.0) for t in SLOPES] + [(SLOPES[0], 1.8)]
 )
@@ -79,7 +85,7 @@ def test_focusing_away_is_moving_the_object(slope, squeeze):
     p = 1e-3 * np.array([[1.0, 0.0], [0.0, 1.0], [0.7, -0.7]])
     by_focus = focused(slope, squeeze, focus_mm, p)
     moved, _ = chart(slope, squeeze, CHART_MM, reference_mm=focus_mm)
-    by_depth = jax.vmap(jax.grad(shift_path_mm), (0, None))(jnp.asarray(p), moved)
+    by_depth = _path_slopes(jnp.asarray(p), moved)
     np.testing.assert_allclose(by_focus, by_depth, atol=2e-3 * np.abs(by_depth).max())
 
 
@@ -88,7 +94,7 @@ def test_a_cylinder_is_seen_under_the_angle_of_its_section(slope):
     """Along x it does all over the field what a sphere of the same power does."""
     shift, _ = chart(slope, 1.0, 1900.0)
     sections = sections_of(shift, jnp.asarray(C_MM), jnp.zeros(()))
-    hessian = jax.hessian(shift_path_mm)(jnp.zeros(2), shift)
+    hessian = _path_curvature(jnp.zeros(2), shift)
     per_mm = (shift.reference_per_mm - shift.vergence_per_mm) * C_MM**2
     t = np.asarray(slope)
     found = cylinder_mm(jnp.zeros(()), per_mm, sections)
@@ -120,12 +126,12 @@ def test_rays_land_where_the_path_says(slope):
     """x = dE/dp, and its own derivative by differences."""
     local, dz = local_of(slope, 0.05, 0.4), jnp.asarray(0.4)
     u = jnp.array([0.6, -0.5])
-    by_path = jax.grad(path_mm)(u, dz, local) / local.reference_sine
-    landed, slopes = landing_and_jacobian_mm(u, dz, local)
+    by_path = _path_slope(u, dz, local) / local.reference_sine
+    landed, slopes = _landing_and_jacobian(u, dz, local)
     np.testing.assert_allclose(landed, by_path, rtol=1e-10)
     for k in range(2):
         step = 1e-5 * jnp.eye(2)[k]
-        ends = [landing_mm(u + s, dz, local) for s in (step, -step)]
+        ends = [_landing(u + s, dz, local) for s in (step, -step)]
         np.testing.assert_allclose(slopes[:, k], (ends[0] - ends[1]) / 2e-5, rtol=1e-5)
 
 

@@ -4,10 +4,9 @@ import json
 
 import msgspec
 import pytest
+from command_line import run
 from plate_makers import CAMERA, SENSOR, make_preset, write_plate
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.errors import ImageError, PresetError, SettingsError
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.knob_sources import KnobWord, knobs_of_plate
@@ -21,7 +20,7 @@ ALL = {**CAMERA, **SENSOR}
 
 
 def inspected(*words):
-    result = CliRunner().invoke(app, ["inspect", *map(str, words), "--json"])
+    result = run("inspect", *words, "--json")
     return result, json.loads(result.stdout)[0]
 
 
@@ -105,7 +104,7 @@ def test_inspect_shows_knobs_with_their_sources(tmp_path):
     _, record = inspected(plate, "--preset", tmp_path / "preset.json")
     assert record["knobs"]["blades"] == {"value": 7, "source": "preset"}
     assert record["overruled"]["bloom_gain"] == [{"value": 0.3, "source": "preset"}]
-    text = CliRunner().invoke(app, ["inspect", str(plate)]).stdout
+    text = run("inspect", plate).stdout
     assert "knob coma_gain" in text
 
 

@@ -1,6 +1,7 @@
 """The opening as it was turned, and what lights out of focus look like through it."""
 
 import cv2
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from lensfit.preset.blur_blocks import AberrationTerm, Pupil
 SIZE = 64
 AXIS, CORNER = (0.0, 0.0), (0.8 * CORNER_MM, 0.6 * CORNER_MM)
 FAR_MM, NEAR_MM = 8000.0, 1200.0
+_rays, _area = jax.jit(pupil_rays), jax.jit(opening_area)
 
 
 def edge(lens, point_mm=AXIS, azimuths=720):
@@ -28,14 +30,14 @@ def edge(lens, point_mm=AXIS, azimuths=720):
     blur = lens.blur
     h = jnp.asarray(point_mm) / blur.aberration.field_radius_mm
     azimuth = jnp.asarray(np.arange(azimuths) * (2 * np.pi / azimuths))
-    u, _ = pupil_rays(h, blur.stop_radius, blur.pupil, azimuth, jnp.ones(azimuths))
+    u, _ = _rays(h, blur.stop_radius, blur.pupil, azimuth, jnp.ones(azimuths))
     return np.asarray(u) @ [1, 1j]
 
 
 def area(lens, point_mm=AXIS):
     blur = lens.blur
     h = jnp.asarray(point_mm) / blur.aberration.field_radius_mm
-    return float(opening_area(h, blur.stop_radius, blur.pupil))
+    return float(_area(h, blur.stop_radius, blur.pupil))
 
 
 def psf(lens, distance_mm=FAR_MM, point_mm=AXIS, **options):

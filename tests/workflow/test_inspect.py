@@ -8,10 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from command_line import run
 from PIL import Image
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.errors import OutputError
 from lensfit.io.exr import ExrImage, ExrPart, write_exr
@@ -100,7 +99,7 @@ def test_a_bad_entry_hides_nothing_else(folder: Path):
     where = rows.index(("f_number", "unknown", "see problem"))
     assert rows[where + 1] == ("", "4", "overruled: lens/fstop")
     json.dumps(as_json(inspection), allow_nan=False)
-    result = CliRunner().invoke(app, ["inspect", str(bad)])
+    result = run("inspect", bad)
     assert result.exit_code == 1
     assert "lens/focal" in result.stdout
     assert result.stderr.splitlines() == [f"lensfit: error: {bad}: {problem}"]
@@ -114,13 +113,13 @@ def test_a_bad_entry_that_is_overruled_is_shown_and_no_failure(folder: Path):
     where = rows.index(("f_number", "2", "aperture"))
     assert rows[where + 1][2] == "passed over"
     assert "'lens/fstop' is 'wide'" in rows[where + 1][1]
-    assert CliRunner().invoke(app, ["inspect", str(plate)]).exit_code == 0
+    assert run("inspect", plate).exit_code == 0
 
 
 def test_entries_of_one_header_that_contradict_each_other_are_shown(folder: Path):
     header = {"nominalFocalLength": 40.0, "lens/focal": 28.0}
     plate = written(folder / "p.exr", header)
-    result = CliRunner().invoke(app, ["inspect", str(plate), "--json"])
+    result = run("inspect", plate, "--json")
     (record,) = json.loads(result.stdout)
     assert record["state"]["focal_length_mm"] == 40
     (other,) = record["overruled"]["focal_length_mm"]
@@ -194,7 +193,7 @@ def test_draft_never_replaces_a_file(folder: Path):
 def test_command_prints_tables_and_drafts(folder: Path):
     draft = folder / "shoot.toml"
     arguments = ["inspect", str(folder / "still.png"), "--write-shoot", str(draft)]
-    result = CliRunner().invoke(app, arguments)
+    result = run(*arguments)
     assert result.exit_code == 0
     assert "30 x 20 px" in result.stdout
     assert "5.00%" in result.stdout
@@ -205,7 +204,7 @@ def test_command_prints_tables_and_drafts(folder: Path):
     ("image", "columns"), [("still.png", 2), ("plate.0001.exr", 3)]
 )
 def test_a_table_has_no_column_without_a_word(folder: Path, image: str, columns: int):
-    result = CliRunner().invoke(app, ["inspect", str(folder / image)])
+    result = run("inspect", folder / image)
     (line,) = (one for one in result.stdout.splitlines() if " size " in one)
     assert line.count("│") == columns + 1
 
@@ -213,7 +212,7 @@ def test_a_table_has_no_column_without_a_word(folder: Path, image: str, columns:
 def test_command_json_and_errors(folder: Path):
     (folder / "empty.exr").touch()
     images = [str(folder / "empty.exr"), str(folder / "plate.0001.exr")]
-    result = CliRunner().invoke(app, ["inspect", "--json", *images])
+    result = run("inspect", "--json", *images)
     assert result.exit_code == 1
     (record,) = json.loads(result.stdout)
     assert record["state"]["focus_distance_mm"] == "inf"

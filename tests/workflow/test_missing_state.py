@@ -4,11 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from command_line import run
 from deep_files import write_deep
 from plate_makers import CAMERA, DATA, SENSOR, make_preset, sharp, write_plate
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.errors import ImageError
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.sources import CameraOptions, StateOverrides
@@ -129,14 +128,14 @@ def test_every_command_names_key_frame_and_option(tmp_path, command):
         "overscan": [preset, "--plate", str(plate)],
         "inspect": [str(plate), "--preset", preset],
     }[command]
-    result = CliRunner().invoke(app, [command, *words])
+    result = run(command, *words)
     assert result.exit_code == 1
     (line,) = (
         line for line in result.stderr.splitlines() if line.startswith("lensfit: error")
     )
     for part in (str(plate), "no focal length", "lens/focal", "--focal-length-mm"):
         assert part in line
-    given = CliRunner().invoke(app, [command, *words, "--focal-length-mm", "24"])
+    given = run(command, *words, "--focal-length-mm", "24")
     assert given.exit_code == 0, given.stderr
 
 
@@ -144,13 +143,13 @@ def test_inspect_with_a_preset_shows_what_apply_would_take(tmp_path):
     save_preset(make_preset(), tmp_path / "prime.json")
     plate = write_plate(tmp_path / "p.1001.exr", without("focal_length_mm"))
     words = ["inspect", str(plate), "--preset", str(tmp_path / "prime.json")]
-    result = CliRunner().invoke(app, [*words, "--json"])
+    result = run(*words, "--json")
     (record,) = json.loads(result.stdout)
     assert record["assumed"] == {
         "focal_length_mm": {"value": 35.0, "source": "the preset's only one"}
     }
     assert "p.1001.exr: no focal length in the header" in result.stderr
-    assert "the preset's only one" in CliRunner().invoke(app, words).stdout
+    assert "the preset's only one" in run(*words).stdout
 
 
 def test_the_files_that_were_asked_are_told(tmp_path):

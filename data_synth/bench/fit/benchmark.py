@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from data_synth.bench.fit.floor import pass_floor
 from data_synth.bench.fit.lens import (
     edge_colour_px,
     lens_of,
@@ -22,7 +21,7 @@ from data_synth.bench.fit.lens import (
 )
 from data_synth.bench.fit.opencv import opencv_of
 from data_synth.bench.fit.plot import write_plot
-from data_synth.bench.floor import Floor, Rates, measured_rates
+from data_synth.bench.floor import Floor, Rates, best_seconds, measured_rates
 from data_synth.bench.machine import machine
 from data_synth.bench.result import bench_result
 from data_synth.bench.rows import Row, as_tables
@@ -37,6 +36,7 @@ from data_synth.bench.sets import (
 )
 from data_synth.bench.start import START_SET, start_rows
 from lensfit.errors import DetectionError, LensfitError
+from lensfit.fitting.adjust import Adjustment, equations_at
 from lensfit.fitting.chief_ray import ChiefRayFit, fit_chief_ray
 from lensfit.fitting.lens_state import LensState
 from lensfit.fitting.lens_states import FittedLens, fit
@@ -297,3 +297,25 @@ def _state_of(fitted: FittedLens) -> LensState:
 
 def _folder(out_dir: str | Path | None, bench_set: BenchSet) -> Path | None:
     return None if out_dir is None else Path(out_dir) / bench_set.name
+
+
+def pass_flops(marks: int, shared: int, local: int) -> float:
+    """Operations of J^T J of so many marks, two rows each.
+
+    A row of residuals takes 2 k^2 + 2 l (k + l) over k shared parameters and l of its
+    photograph's.
+    """
+    return 2.0 * marks * (2 * shared**2 + 2 * local * (shared + local))
+
+
+def pass_floor(adjustment: Adjustment, rates: Rates) -> Floor:
+    """One pass of the geometric fit over its marks, measured now, programs compiled.
+
+    Beside the operations it cannot avoid: those of derivatives, of the board and of the
+    lens are not counted, so the ratio says what all of that costs.
+    """
+    layout = adjustment.layout
+    marks = int(adjustment.stack.present.sum())
+    seconds = best_seconds(lambda: equations_at(adjustment).matrix.block_until_ready())
+    flops = pass_flops(marks, layout.shared, layout.local)
+    return Floor("one pass over the marks", flops, "flops", rates.flops, seconds)

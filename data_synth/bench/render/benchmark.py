@@ -31,12 +31,12 @@ from data_synth.bench.render.scenes import (
     plate_scene,
     synthetic_scene,
 )
-from data_synth.bench.render.warp import warp_row
 from data_synth.bench.render.whole_processes import process_rows
 from data_synth.bench.result import bench_result
 from data_synth.bench.rows import Row, as_tables
 from data_synth.bench.start import start_rows
 from data_synth.bench.times import RUNS, best
+from data_synth.bench.warp import warp_row
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset

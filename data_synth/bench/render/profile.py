@@ -2,6 +2,11 @@
 
 Rays of an ideal lens are the same for every state of the camera. Those of a fitted lens
 are made anew when a slider moves, so a preview pays for them with every picture.
+
+Warp and blur stand beside the bytes that they cannot avoid. A warp reads every pixel
+and a displacement for it once, and writes every pixel once. A frame with depth of field
+reads colours and a distance and writes colours; that its rays read surfaces many times,
+out of caches, is not counted.
 """
 
 import math
@@ -9,15 +14,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from data_synth.bench.floor import Rates
-from data_synth.bench.render.floor import blur_floor, warp_floor
+from data_synth.bench.floor import Floor, Rates, best_seconds
 from data_synth.bench.render.scenes import Scene, synthetic_scene
 from data_synth.bench.rows import Row
 from data_synth.bench.sampler import sampled
 from data_synth.bench.times import timed
-from data_synth.bench.warp import SIZES, warp_task
+from data_synth.bench.warp import SIZES, WarpTask, warp_task
+from lensfit.coords import Window
 from lensfit.preset.schema import Preset
 from lensfit.preset.thin_lens import ThinCamera
+from lensfit.rendering.uv import SourceMap
+from lensfit.rendering.warp import warp
 
 _TOLERANCE = 1e-3
 _PREVIEW_TOLERANCE = 1e-2
@@ -27,6 +34,7 @@ _FOCUS_OF_A_LENS = 40
 """In focal lengths, where the preset states none."""
 _NEAREST, _FARTHEST = 0.6, 4.0
 """Depth of the scene of a preview, in focus distances."""
+_FLOAT_BYTES = 4
 
 
 class RenderProfile(NamedTuple):
@@ -90,3 +98,34 @@ def _preview(fitted: Preset) -> tuple[dict[str, float], list[Row]]:
     what = f"{width} x {height} at {_PREVIEW_TOLERANCE:g}, focus moved, s"
     row = Row("fitted lens", what, times.steady_s, 1.0, 0.3, times.as_peers())
     return last.seconds, [row]
+
+
+def warp_bytes(pixels: int, channels: int) -> float:
+    """Read colours and a map of two numbers, write colours, all float32."""
+    return float(_FLOAT_BYTES * pixels * (2 * channels + 2))
+
+
+def warp_floor(task: WarpTask, rates: Rates) -> Floor:
+    """Of lensfit's cubic filter on a picture of four channels."""
+    height, width, channels = task.pixels.shape
+    window = Window.of_size(width, height)
+    source = SourceMap(window, task.moved_px)
+    seconds = best_seconds(
+        lambda: warp(task.pixels, window, source, method="cubic", alpha_channel=3)
+    )
+    needs = warp_bytes(width * height, channels)
+    return Floor("warp", needs, "bytes", rates.bytes, seconds)
+
+
+def blur_floor(scene: Scene, seconds: float, rates: Rates) -> Floor:
+    """Of a whole frame with depth of field.
+
+    Parameters
+    ----------
+    seconds : Of the frame, in the steady state.
+    """
+    output = scene.display_window
+    pixels = output.width * output.height
+    needs = warp_bytes(pixels, 4) + _FLOAT_BYTES * pixels
+    name = f"frame of {output.width} x {output.height}"
+    return Floor(name, needs, "bytes", rates.bytes, seconds)

@@ -1,1 +1,1 @@
-"""Lateral colour, from marks that were measured in every channel."""
+"""Lateral colour, from detections that were measured in every channel."""

@@ -32,14 +32,17 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from lensfit.fitting.colour.channel_colour import LOPSIDED
-from lensfit.fitting.colour.coloured_marks import ColouredMarks, with_as_many_columns
+from lensfit.fitting.colour.coloured_detections import (
+    ColouredDetections,
+    with_as_many_columns,
+)
 from lensfit.fitting.systematic import systematic_covariance
 from lensfit.optics.lateral import displacement_basis
 
 MOST_RADIAL_TERMS = 4
 TERMS = LOPSIDED + MOST_RADIAL_TERMS
 SYSTEMATIC_PX = 0.004
-"""Root mean square of how far marks are moved. Of thirty random traced lenses the
+"""Root mean square of how far detections are moved. Of thirty random traced lenses the
 median errors of red and blue along either axis were .003 and .005, those of the
 deviations stated without it .001."""
 _SHARES = np.geomspace(1e-3, 1.0, 31)
@@ -65,21 +68,21 @@ class Equations(NamedTuple):
     ----------
     design : Displacement per unit of every term.
     target : The measured one.
-    variance : Of every mark.
+    variance : Of every detection.
     pulls : What the target moves by, together.
     by_colour : What it moves by, by the wavefront's terms of colour.
     third_order : Which of these are of third order or lower.
-    take : Which photograph each mark is on.
+    take : Which photograph each detection is on.
     px : Width of a pixel.
     """
 
     design: Float[np.ndarray, "equations terms"]
     target: Float[np.ndarray, " equations"]
-    variance: Float[np.ndarray, " marks"]
+    variance: Float[np.ndarray, " detections"]
     pulls: Float[np.ndarray, "equations moves"]
     by_colour: Float[np.ndarray, "equations terms_of_colour"]
     third_order: Bool[np.ndarray, " terms_of_colour"]
-    take: Int[np.ndarray, " marks"]
+    take: Int[np.ndarray, " detections"]
     px: float
 
 
@@ -89,7 +92,7 @@ class NormalEquations(NamedTuple):
     Attributes
     ----------
     matrix, vector, square : Of the weighted sum of squares.
-    weight : Of every mark, for each state.
+    weight : Of every detection, for each state.
     states : How many.
     rows : How many equations were measured.
     """
@@ -97,7 +100,7 @@ class NormalEquations(NamedTuple):
     matrix: Float[np.ndarray, "unknowns unknowns"]
     vector: Float[np.ndarray, " unknowns"]
     square: float
-    weight: list[Float[np.ndarray, " marks"]]
+    weight: list[Float[np.ndarray, " detections"]]
     states: int
     rows: int
 
@@ -145,13 +148,15 @@ class Solution(NamedTuple):
     covariance: Float[np.ndarray, "unknowns unknowns"]
 
 
-def equations_of(marks: ColouredMarks, reference_radius_mm: float) -> Equations:
-    """Of all terms, two a mark."""
-    q = marks.place_mm / reference_radius_mm
-    normal = marks.normal
-    target = _targets(marks.moved_mm / reference_radius_mm, normal)
+def equations_of(
+    detections: ColouredDetections, reference_radius_mm: float
+) -> Equations:
+    """Of all terms, two a detection."""
+    q = detections.place_mm / reference_radius_mm
+    normal = detections.normal
+    target = _targets(detections.moved_mm / reference_radius_mm, normal)
 
-    def columns(moves_mm: Float[np.ndarray, "marks moves 2"]) -> np.ndarray:
+    def columns(moves_mm: Float[np.ndarray, "detections moves 2"]) -> np.ndarray:
         moves = moves_mm / reference_radius_mm
         found = [_targets(moves[:, k], normal) for k in range(moves.shape[1])]
         return np.array(found).reshape(len(found), len(target)).T
@@ -159,12 +164,12 @@ def equations_of(marks: ColouredMarks, reference_radius_mm: float) -> Equations:
     return Equations(
         design=_design(q, normal),
         target=target,
-        variance=marks.variance_mm2 / reference_radius_mm**2,
-        pulls=columns(marks.shared_mm),
-        by_colour=columns(marks.by_colour_mm),
-        third_order=np.array(marks.colour_orders, int) <= _THIRD,
-        take=marks.take,
-        px=float(marks.pixel_mm.mean()) / reference_radius_mm,
+        variance=detections.variance_mm2 / reference_radius_mm**2,
+        pulls=columns(detections.shared_mm),
+        by_colour=columns(detections.by_colour_mm),
+        third_order=np.array(detections.colour_orders, int) <= _THIRD,
+        take=detections.take,
+        px=float(detections.pixel_mm.mean()) / reference_radius_mm,
     )
 
 
@@ -235,9 +240,9 @@ def _most_likely_share(whole: NormalEquations, states: Sequence[Equations]) -> f
 
 
 def systematic_of(
-    equations: Equations, weight: Float[np.ndarray, " marks"]
+    equations: Equations, weight: Float[np.ndarray, " detections"]
 ) -> Float[np.ndarray, "terms terms"]:
-    """Covariance of all terms that together move the marks by `SYSTEMATIC_PX`."""
+    """Covariance of all terms that together move the detections by `SYSTEMATIC_PX`."""
     a = equations.design
     explained = (SYSTEMATIC_PX * equations.px) ** 2 * float(weight.sum())
     matrix = (a.T * np.repeat(weight, 2)) @ a
@@ -257,9 +262,9 @@ def _weighted(
     moves = states[0].pulls.shape[1] + states[0].by_colour.shape[1]
     matrix = np.diag(np.repeat([_TINY, 1.0], [count, moves]))
     vector, square, rows = np.zeros(count + moves), 0.0, 0
-    for k, (one, of_marks) in enumerate(zip(states, weight, strict=True)):
+    for k, (one, of_detections) in enumerate(zip(states, weight, strict=True)):
         own = np.concatenate([one.design, _moves_of(one, share)], 1)
-        w = np.repeat(of_marks, 2)
+        w = np.repeat(of_detections, 2)
         where = np.r_[k * TERMS : (k + 1) * TERMS, count : count + moves].astype(int)
         matrix[np.ix_(where, where)] += (own.T * w) @ own
         vector[where] += own.T @ (w * one.target)
@@ -270,9 +275,9 @@ def _weighted(
 
 def _robust(
     equations: Equations, left: Float[np.ndarray, " equations"]
-) -> Float[np.ndarray, " marks"]:
-    """Weights by what is left of the marks; every photograph has its own scale, the
-    blurred and the sharp."""
+) -> Float[np.ndarray, " detections"]:
+    """Weights by the residuals of the detections; every photograph has its own scale,
+    the blurred and the sharp."""
     variance, take, px = equations.variance, equations.take, equations.px
     length = np.linalg.norm(left.reshape(-1, 2), axis=-1)
     scale = np.zeros(len(length))
@@ -292,7 +297,8 @@ def _moves_of(one: Equations, share: float) -> Float[np.ndarray, "equations move
 def _design(q: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Displacement per unit of every term: shift, strain, decentering, radial terms.
 
-    Two rows a mark; of a line sample the first is along its normal, the second empty.
+    Two rows a detection; of a line sample the first is along its normal, the second
+    empty.
     """
     design = np.moveaxis(np.asarray(_displacements(jnp.asarray(q))), 1, 2)
     lines = np.isfinite(normal[:, :1])
@@ -303,7 +309,7 @@ def _design(q: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
 @jax.jit
 def _displacements(q: Float[Array, "points 2"]) -> Float[Array, "points terms 2"]:
-    """Per unit of every term, wherever marks were seen."""
+    """Per unit of every term, wherever detections were seen."""
     valid_radius = jnp.max(jnp.linalg.norm(q, axis=-1))
     of_all = jax.vmap(displacement_basis, (0, None, None))
     return of_all(q, valid_radius, MOST_RADIAL_TERMS)

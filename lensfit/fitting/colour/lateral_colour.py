@@ -23,12 +23,12 @@ from lensfit.fitting.colour.channel_colour import (
     SHIFTED,
     ChannelColour,
 )
-from lensfit.fitting.colour.coloured_marks import (
-    FEWEST_MARKS,
-    ColouredMarks,
+from lensfit.fitting.colour.coloured_detections import (
+    FEWEST_DETECTIONS,
+    ColouredDetections,
     colour_takes,
-    joined_marks,
-    marks_of,
+    detections_of,
+    joined_detections,
     overlapping,
     overlapping_or_saturated,
 )
@@ -62,12 +62,12 @@ class Views(NamedTuple):
 def fit_colours(states: Sequence[Views]) -> list[dict[str, ChannelColour]]:
     """Red and blue against green, for states of one focal length; empty for those whose
     photographs have no colour."""
-    marks = [_marks_of(state) for state in states]
+    detections = [_detections_of(state) for state in states]
     found: list[dict[str, ChannelColour]] = [{} for _ in states]
-    seen = [k for k, of_state in enumerate(marks) if of_state]
+    seen = [k for k, of_state in enumerate(detections) if of_state]
     for channel in _CHANNELS if seen else ():
         of_states = _fit(
-            [marks[k][channel] for k in seen],
+            [detections[k][channel] for k in seen],
             [states[k].reference_radius_mm for k in seen],
         )
         for k, colour in zip(seen, of_states, strict=True):
@@ -75,36 +75,37 @@ def fit_colours(states: Sequence[Views]) -> list[dict[str, ChannelColour]]:
     return found
 
 
-def _marks_of(state: Views) -> dict[str, ColouredMarks]:
+def _detections_of(state: Views) -> dict[str, ColouredDetections]:
     """Of red and of blue; empty where there are too few of either.
 
-    Clipped marks are used where there are too few others. What is cut off a lopsided
-    spot moves its centroid by tenths of a pixel, but much alike in all channels.
+    Clipped detections are used where there are too few others. What is cut off a
+    lopsided spot moves its centroid by tenths of a pixel, but much alike in all
+    channels.
     """
     for left_out in (overlapping_or_saturated, overlapping):
         coloured = colour_takes(state.takes, left_out)
         every = {
             channel: [
-                marks_of(take, index, left_out, state.principal_point_mm)
+                detections_of(take, index, left_out, state.principal_point_mm)
                 for take in coloured
             ]
             for channel, index in _CHANNELS.items()
         }
         counts = [sum(len(m.place_mm) for m in mine) for mine in every.values()]
-        if min(counts) >= FEWEST_MARKS:
-            return {channel: joined_marks(mine) for channel, mine in every.items()}
+        if min(counts) >= FEWEST_DETECTIONS:
+            return {channel: joined_detections(mine) for channel, mine in every.items()}
     return {}
 
 
 def _fit(
-    marks: Sequence[ColouredMarks], reference_radius_mm: Sequence[float]
+    detections: Sequence[ColouredDetections], reference_radius_mm: Sequence[float]
 ) -> list[ChannelColour]:
     """Smallest model that BIC prefers, the same for all states.
 
-    Robust weights are those of the largest model, so that a few bad marks decide
+    Robust weights are those of the largest model, so that a few bad detections decide
     nothing.
     """
-    pairs = list(zip(marks, reference_radius_mm, strict=True))
+    pairs = list(zip(detections, reference_radius_mm, strict=True))
     states = [equations_of(one, radius_mm) for one, radius_mm in pairs]
     together = normal_equations(states)
     moves = together.solution(LOPSIDED, MOST_RADIAL_TERMS).beta[len(states) * TERMS :]
@@ -135,11 +136,11 @@ def _channel(
     beta: Float[np.ndarray, " terms"],
     covariance: Float[np.ndarray, "terms terms"],
     besides: int,
-    marks: ColouredMarks,
+    detections: ColouredDetections,
     reference_radius_mm: float,
 ) -> ChannelColour:
     lopsided = tuple(beta[SHIFTED:LOPSIDED].tolist()) if besides == LOPSIDED else ()
-    radius = np.hypot(*(marks.place_mm / reference_radius_mm).T)
+    radius = np.hypot(*(detections.place_mm / reference_radius_mm).T)
     return ChannelColour(
         radial=tuple(beta[LOPSIDED:].tolist()),
         shift_mm=tuple((beta[:SHIFTED] * reference_radius_mm).tolist()),

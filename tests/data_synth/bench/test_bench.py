@@ -4,13 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import run
 
 from data_synth.bench.fit import lens as bench_lens
 from data_synth.bench.fit.benchmark import bench_fit
 from data_synth.bench.rows import Row, as_tables
 from data_synth.bench.sets import SETS, chosen_sets, shoot_of
-from lensfit.cli.main import app
 from lensfit.errors import LensfitError, ShootError
 from lensfit.workflow.shoot.shoot_file import load_shoot
 
@@ -82,7 +81,7 @@ def test_an_unknown_set_and_a_folder_without_photographs_are_refused(tmp_path: P
 
 def test_missing_photographs_are_one_line_and_exit_code_one(tmp_path: Path):
     told = ["bench", "fit", "--data", str(tmp_path), "--only", "gopro8"]
-    result = CliRunner().invoke(app, told)
+    result = run(*told)
     assert result.exit_code == 1
     assert "gopro8: " in result.stderr
     assert "give the folder" in result.stderr

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from command_line import run
 from wrong_usage import told_of_wrong_usage
 
 from data_synth.bench.coverage.benchmark import Subject, bench_coverage
@@ -12,7 +12,6 @@ from data_synth.bench.coverage.predictions import Prediction
 from data_synth.bench.coverage.rows import coverage_rows
 from data_synth.bench.coverage.traced import Traced
 from data_synth.bench.rows import Row
-from lensfit.cli.main import app
 from lensfit.errors import DetectionError
 
 PLACES, DRAWS = 40, 100
@@ -105,7 +104,7 @@ def test_wrong_use_is_told_and_exits_with_two(words, says, tmp_path):
 def test_draws_of_a_traced_lens(tmp_path):
     words = ["--draws", "2", "--lens", "cooke_triplet_50", "--size", "320x240"]
     words += ["--out", str(tmp_path), "--json"]
-    done = CliRunner().invoke(app, ["bench", "coverage", *words])
+    done = run("bench", "coverage", *words)
     assert done.exit_code == 0, done.output
     result = json.loads(done.output)
     rows = {row["what"]: row for row in result["rows"]}

@@ -5,10 +5,9 @@ import sys
 
 import msgspec
 import pytest
+from command_line import run
 from plate_makers import make_preset
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.exchange.export import FORMATS
 from lensfit.preset.store import save_preset
 
@@ -18,7 +17,7 @@ def test_a_blender_that_does_not_run_is_one_line_after_the_table(tmp_path, monke
     save_preset(make_preset(), tmp_path / "preset.json")
     words = ["bench", "exchange", str(tmp_path / "preset.json"), "--size", "96x64"]
     words += ["--blender", sys.executable + "-none"]
-    done = CliRunner().invoke(app, words)
+    done = run(*words)
     assert done.exit_code == 1
     assert "landed, rms px" in done.stdout
     assert done.stderr.count("\n") == 1
@@ -36,7 +35,7 @@ def test_every_format_has_its_residuals_both_ways(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pxr", None)
     words = ["bench", "exchange", str(tmp_path / "preset.json"), "--json"]
     words += ["--size", "480x320", "--out", str(tmp_path), "--f-number", "2.8"]
-    done = CliRunner().invoke(app, words)
+    done = run(*words)
     assert done.exit_code == 0, done.output
     rows = {row["format"]: row for row in json.loads(done.stdout)["formats"]}
     assert set(rows) == {*FORMATS} - {"nuke-stmap"}

@@ -62,7 +62,7 @@ def test_the_picture_of_a_fit_can_be_opened(tmp_path):
 
 
 def test_a_warp_has_a_curve_for_every_method(drawn, monkeypatch, tmp_path):
-    monkeypatch.setitem(warp.SIZES, "HD", (96, 64))
+    monkeypatch.setitem(warp.SIZES, "HD", (160, 90))
     result = warp.bench_warp(tmp_path, quick=True)
     points = {point["method"]: point for point in result["curves"]["warp"]}
     assert set(drawn) == set(points)

@@ -8,11 +8,11 @@ import time
 import numpy as np
 import pytest
 
-from data_synth.bench.fit.floor import pass_flops
+from data_synth.bench.fit.benchmark import pass_flops
 from data_synth.bench.floor import Floor, Rates, fft_flops, measured_rates
 from data_synth.bench.machine import machine
 from data_synth.bench.points import agreement, misnumbered
-from data_synth.bench.render.floor import blur_floor, warp_bytes
+from data_synth.bench.render.profile import blur_floor, warp_bytes
 from data_synth.bench.render.scenes import synthetic_scene
 from data_synth.bench.result import bench_result
 from data_synth.bench.sampler import sampled

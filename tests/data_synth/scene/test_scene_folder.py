@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
+from command_line import run
 from scene_lens import focused, lamp_layer, scene_of
-from typer.testing import CliRunner
 from wrong_usage import told_of_wrong_usage
 
 from data_synth.frame import Frame
@@ -15,7 +15,6 @@ from data_synth.scene.layers import Layer, square_plane
 from data_synth.scene.paints import Checker
 from data_synth.scene.sampling import Sampling, sampling_of
 from data_synth.scene.shapes import Everywhere
-from lensfit.cli.main import app
 from lensfit.io.exr import read_exr
 from lensfit.io.exr_deep import read_deep
 
@@ -26,7 +25,7 @@ WORDS = ("--lens", "petzval_50", "--f-number", "4", "--focus-distance-mm", "1500
 def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     words = ("synth", "scene", *WORDS, "--size", "32x18", "--rays", "24", "--seed", "2")
-    done = CliRunner().invoke(app, [*words, "--out", str(folder), "--json"])
+    done = run(*words, "--out", folder, "--json")
     assert done.exit_code == 0, done.output
     assert json.loads(done.stdout) == {"scene": str(folder / "scene.json")}
     return folder
@@ -101,7 +100,7 @@ def test_wrong_use_is_told_and_exits_with_two(words, says, tmp_path):
 def test_an_anamorphic_lens_is_one_line_and_leaves_nothing(tmp_path):
     out = tmp_path / "never"
     words = ["synth", "scene", "--lens", "schneider_31", "--out", str(out)]
-    done = CliRunner().invoke(app, words)
+    done = run(*words)
     assert done.exit_code == 1
     assert done.stderr.count("\n") == 1
     assert "schneider_31: is anamorphic" in done.stderr

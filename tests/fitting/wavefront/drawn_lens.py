@@ -207,8 +207,7 @@ def photographed(
             x = lens.landing_mm(u, place, shot.group)
             x = x + rng.normal(0, HOLE_VARIANCE_MM2**0.5, x.shape)
             corner = x.mean(0) - cell * (CELLS / 2 + rng.uniform(-0.5, 0.5, 2))
-            edges = [corner[k] + cell * np.arange(CELLS + 1) for k in (1, 0)]
-            counts, _, _ = np.histogram2d(x[:, 1], x[:, 0], edges)
+            counts = cell_counts(x, corner, cell, CELLS)
             one = counts / rays * rng.uniform(5.0, 15.0)
             spread.append(noise * one.max())
             grain = rng.normal(0, 1, one.shape) * spread[-1]
@@ -216,6 +215,16 @@ def photographed(
             centroid.append(x.mean(0) - corner)
             diameter.append(4 * np.sqrt(x.var(0).sum() / 2))
     return _dot_data(shots, rows, *map(np.array, (light, centroid, diameter, spread)))
+
+
+def cell_counts(
+    landed_mm: np.ndarray, corner_mm: np.ndarray, cell_mm: float, cells: int
+) -> np.ndarray:
+    """Rays that land in each cell of a square patch, x along columns."""
+    column, row = np.floor((landed_mm - corner_mm) / cell_mm).astype(int).T
+    inside = (column >= 0) & (column < cells) & (row >= 0) & (row < cells)
+    each = np.bincount(row[inside] * cells + column[inside], minlength=cells**2)
+    return each.reshape(cells, cells).astype(float)
 
 
 def _dot_data(shots, rows, light, centroid, diameter, spread) -> DotData:

@@ -43,7 +43,10 @@ def landings_mm(parameters, place):
     dots = dots_at(np.array([place]), 0, 0, 0.01)
     dot = jax.tree.map(lambda a: jnp.asarray(a[0]), dots)
     seen = jnp.asarray(parameters), dot, ONE_COLOUR, LAYOUT, SCALE
-    return np.asarray(polar_landings(*seen, (3, 8))[0][0])
+    return np.asarray(_landings(*seen, (3, 8))[0][0])
+
+
+_landings = jax.jit(polar_landings, static_argnums=(3, 5))
 
 
 @pytest.mark.parametrize(("place", "within"), [((0.0, 0.0), 1e-12), ((9.0, -5.0), 0.1)])

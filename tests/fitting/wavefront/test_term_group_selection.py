@@ -52,8 +52,13 @@ def centred():
     return fitted(LENS)
 
 
-def test_decentring_that_is_there_is_kept():
-    choice = select_term_groups(*fitted(replace(LENS, constant_coma_um=5.0)))
+@pytest.fixture(scope="module")
+def decentred():
+    return fitted(replace(LENS, constant_coma_um=5.0))
+
+
+def test_decentring_that_is_there_is_kept(decentred):
+    choice = select_term_groups(*decentred)
     assert "decentred_elements" in {
         term_group.name for term_group in choice.term_groups
     }
@@ -153,10 +158,10 @@ def test_a_centred_lens_is_left_centred(centred):
     }
 
 
-def test_what_is_refined_stays():
+def test_what_is_refined_stays(decentred):
     """Nobody asks for the exit pupil here; as the lower term of the series that ends
     with what decentred elements do, which is asked for, it stays all the same."""
-    stage, term_groups = fitted(replace(LENS, constant_coma_um=5.0))
+    stage, term_groups = decentred
     series = {"exit_pupil": "axial_colour", "decentred_elements": "axial_colour_curved"}
     named = tuple(replace(f, name=series.get(f.name, f.name)) for f in term_groups)
     choice = select_term_groups(stage, named)

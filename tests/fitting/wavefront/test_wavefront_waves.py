@@ -1,10 +1,12 @@
 """Broad dots: discs with sharp rims, drawn beyond the patch and convolved."""
 
+from functools import lru_cache, partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
+from drawn_lens import LAYOUT, SCALE, Seidel, cell_counts, dots_at
 
 from lensfit.fitting.wavefront.dots import DetectionAperture, undrawn
 from lensfit.fitting.wavefront.patch import equations_of
@@ -42,35 +44,53 @@ def dot_of(disc_mm, neighbour_offsets_mm=NOBODY, size_width=1e-4):
     return jax.tree.map(lambda a: jnp.asarray(a[0]), (dots, transfer))
 
 
-def spot_through(defocus_mm, dot):
-    numbers = jnp.asarray(Seidel(defocus_mm=(defocus_mm,)).parameters())
-    return numbers, spot_and_pullback(numbers, dot, GREY, LAYOUT, SCALE, RAYS)
+def _numbers(defocus_mm):
+    """Parameters of a lens without aberrations."""
+    first = LAYOUT.blocks["defocus"].start
+    return jnp.asarray(Seidel(defocus_mm=()).parameters()).at[first].set(defocus_mm)
 
 
 def image(defocus_mm, disc_mm, waves=WAVES, neighbour_offsets_mm=NOBODY):
     dot, transfer = dot_of(disc_mm, neighbour_offsets_mm)
-    _, (spot, _) = spot_through(defocus_mm, dot)
+    return np.asarray(_image(defocus_mm, dot, transfer, VARIANCE_MM2, waves))
+
+
+@partial(jax.jit, static_argnames="waves")
+def _image(defocus_mm, dot, transfer, variance_mm2, waves):
+    spot, _ = spot_and_pullback(_numbers(defocus_mm), dot, GREY, LAYOUT, SCALE, RAYS)
     basis = basis_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, waves)
-    profile = basis.profile(spot, VARIANCE_MM2)
-    return np.asarray(basis.cell_light(image_of(spot, profile)))
+    profile = basis.profile(spot, variance_mm2)
+    return basis.cell_light(image_of(spot, profile))
 
 
-def counted(defocus_mm, disc_mm, at_mm=(0.0, 0.0), rays=4_000_000):
-    """Light of very many rays, in numpy alone."""
+@lru_cache(maxsize=1)
+def _landed_mm(defocus_mm, rays):
+    """Where rays of a point land, and a place of the unit disc for each."""
     rng = np.random.default_rng(3)
     lens = Seidel(defocus_mm=(defocus_mm,))
     u = lens.opening(np.zeros(2), 1.0, rays, rng)
     reach, turn = np.sqrt(rng.random(rays)), 2 * np.pi * rng.random(rays)
-    left = reach[:, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
-    x = lens.landing_mm(u, np.zeros(2), 0) + left @ disc_mm.T + PLACE_MM + at_mm
-    x = x + rng.normal(0, 1e-3, x.shape)
-    edges = np.arange(CELLS + 1) * PIXEL_MM
-    seen, _, _ = np.histogram2d(x[:, 1], x[:, 0], (edges, edges))
-    return seen / rays
+    disc = reach[:, None] * np.stack([np.cos(turn), np.sin(turn)], -1)
+    landed = lens.landing_mm(u, np.zeros(2), 0) + PLACE_MM
+    return landed + rng.normal(0, 1e-3, landed.shape), disc
 
 
-@pytest.mark.parametrize("defocus_mm", [0.0, 0.1, 0.5])
+def counted(defocus_mm, disc_mm, at_mm=(0.0, 0.0), rays=4_000_000):
+    """Light of very many rays, in numpy alone."""
+    landed, disc = _landed_mm(defocus_mm, rays)
+    x = landed + disc @ disc_mm.T + at_mm
+    return cell_counts(x, np.zeros(2), PIXEL_MM, CELLS) / rays
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _rays_let_go():
+    """They are a hundred megabytes."""
+    yield
+    _landed_mm.cache_clear()
+
+
 @pytest.mark.parametrize("radius_cells", [2.0, 4.0, 8.0])
+@pytest.mark.parametrize("defocus_mm", [0.0, 0.1, 0.5])
 def test_a_disc_is_as_very_many_rays_have_it(defocus_mm, radius_cells):
     oval = PIXEL_MM * radius_cells * np.array([[1.0, 0.1], [-0.05, 0.8]])
     truth, found = counted(defocus_mm, oval), image(defocus_mm, oval)
@@ -123,7 +143,7 @@ def test_the_gradient_is_that_of_the_sum_of_squares():
         )
         return patch.chi_squared, pullback(patch.spot_gradient), spot
 
-    numbers = jnp.asarray(Seidel(defocus_mm=(0.3,)).parameters())
+    numbers = _numbers(0.3)
     spot = of(numbers, jnp.ones(RAYS), jnp.ones(RAYS))[2]
     rays = spot.weight, spot.cell_mm2
     which, step = LAYOUT.blocks["defocus"].start, 1e-3
@@ -135,10 +155,8 @@ def test_the_gradient_is_that_of_the_sum_of_squares():
 def smoothed_image(waves, cells, defocus_mm, disc_mm, neighbour_offsets_mm):
     """As the first stages of a fit smooth it."""
     dot, transfer = dot_of(disc_mm, neighbour_offsets_mm)
-    _, (spot, _) = spot_through(defocus_mm, dot)
-    basis = basis_of(-jnp.asarray(PLACE_MM), dot.cell_mm, CELLS, transfer, waves)
-    profile = basis.profile(spot, jnp.full(2, (cells * PIXEL_MM) ** 2))
-    return np.asarray(basis.cell_light(image_of(spot, profile)))
+    variance_mm2 = jnp.full(2, (cells * PIXEL_MM) ** 2)
+    return np.asarray(_image(defocus_mm, dot, transfer, variance_mm2, waves))
 
 
 @pytest.mark.parametrize("radius_cells", [1.0, 4.0])
@@ -200,11 +218,15 @@ def test_a_diameter_counts_as_much_as_it_is_known():
 
 
 def patch_of(light, defocus_mm, disc_mm, size_width, weight=1.0):
-    dot, transfer = dot_of(disc_mm, size_width=size_width)
-    numbers, (spot, _) = spot_through(defocus_mm, dot)
+    return _patch(defocus_mm, *dot_of(disc_mm, size_width=size_width), light, weight)
+
+
+@jax.jit
+def _patch(defocus_mm, dot, transfer, light, weight):
+    seen = (_numbers(defocus_mm), dot, GREY, LAYOUT, SCALE)
     return equations_of(
-        spot,
-        rays_of(numbers, dot, GREY, LAYOUT, SCALE, 96),
+        spot_and_pullback(*seen, RAYS)[0],
+        rays_of(*seen, 96),
         light,
         weight * jnp.ones_like(light),
         -jnp.asarray(PLACE_MM),

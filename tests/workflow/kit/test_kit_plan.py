@@ -5,15 +5,12 @@ import math
 from pathlib import Path
 
 import pytest
+from command_line import run
 from traced_kit import KIT, write_kit_file
-from typer.testing import CliRunner
 
-from lensfit.cli.main import app
 from lensfit.errors import ShootError
 from lensfit.workflow.kit.kit_file import load_kit
 from lensfit.workflow.kit.kit_plan import kit_plan
-
-runner = CliRunner()
 
 
 def planned(folder: Path, text: str = KIT):
@@ -117,7 +114,7 @@ def test_what_is_wrong_is_one_line_that_names_it(tmp_path, old: str, new, said: 
         text = text.replace('serial = "102"', 'folder = "Same"')
         said = said.replace('"same"', '"Same"')
     path = write_kit_file(tmp_path, text)
-    result = runner.invoke(app, ["kit", "plan", str(path)])
+    result = run("kit", "plan", path)
     assert result.exit_code == 1
     assert said in result.stderr
     assert result.stderr.count("\n") == 1
@@ -126,8 +123,8 @@ def test_what_is_wrong_is_one_line_that_names_it(tmp_path, old: str, new, said: 
 
 def test_the_list_the_json_and_the_paper_say_the_same(tmp_path: Path):
     path, paper = write_kit_file(tmp_path), tmp_path / "takes.html"
-    lines = runner.invoke(app, ["kit", "plan", str(path), "--out", str(paper)]).stdout
-    told = json.loads(runner.invoke(app, ["kit", "plan", str(path), "--json"]).stdout)
+    lines = run("kit", "plan", path, "--out", paper).stdout
+    told = json.loads(run("kit", "plan", path, "--json").stdout)
     assert told["views"] == 6
     page = paper.read_text()
     for lens in told["lenses"]:
@@ -140,7 +137,7 @@ def test_the_list_the_json_and_the_paper_say_the_same(tmp_path: Path):
 
 def test_a_folder_without_photographs_misses_every_view(tmp_path: Path):
     path = write_kit_file(tmp_path)
-    result = runner.invoke(app, ["kit", "check", str(path)])
+    result = run("kit", "check", path)
     assert result.exit_code == 1
     assert "wide-28_101: Wide 28 s/n 101, 0 of 3 views; missing: " in result.stdout
 
@@ -150,7 +147,7 @@ def test_the_farm_job_is_read_by_open_job_description(tmp_path: Path):
 
     path = write_kit_file(tmp_path)
     out = tmp_path / "out"
-    result = runner.invoke(app, ["kit", "submit", str(path), "--out", str(out)])
+    result = run("kit", "submit", path, "--out", out)
     assert result.exit_code == 0, result.stderr
     table = json.loads((out / "kit.openjd.json").read_text())
     template = decode_job_template(template=table)

@@ -1,4 +1,4 @@
-"""Marks, links, labels and the legend of an overlay, drawn at sub-pixel positions."""
+"""Detections, links, labels and the legend of an overlay, at sub-pixel positions."""
 
 import cv2
 import numpy as np
@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 from lensfit.detect.observations import LINE_OF_CONSTANT_I, POINT, Observations
 
 LABEL_EVERY = (5, 10, 20, 50)
-"""Marks between labels: the first that keeps them this many widths apart."""
+"""Detections between labels: the first that keeps them this many widths apart."""
 LABEL_WIDTHS_APART = 3
 SUBPIXEL_BITS = 4
 LINK_OPACITY = 0.55
@@ -18,35 +18,35 @@ INK, FAINT_INK, PAPER = (236, 236, 236), (160, 160, 166), (22, 22, 24)
 LARGEST_RING_PX, SMALLEST_RING_PX = 14.0, 2.5
 
 Canvas = UInt8[np.ndarray, "height width 3"]
-Colours = UInt8[np.ndarray, "marks 3"]
+Colours = UInt8[np.ndarray, "detections 3"]
 
 
 def draw_points(
     canvas: Canvas, found: Observations, colours: Colours, scale: float
 ) -> None:
-    """Rings on marks known in both directions, joined to their lattice neighbours."""
-    marks = np.flatnonzero(found.family == POINT)
-    places = found.points_px[marks] * scale
-    pairs = _neighbours(found.lattice[marks])
+    """Rings on detections known in both directions, joined to lattice neighbours."""
+    detections = np.flatnonzero(found.family == POINT)
+    places = found.points_px[detections] * scale
+    pairs = _neighbours(found.lattice[detections])
     spacing = _spacing_px(found, scale)
     faint = canvas.copy()
     for a, b in pairs:
-        _stroke(faint, places[a], places[b], colours[marks[a]])
+        _stroke(faint, places[a], places[b], colours[detections[a]])
     cv2.addWeighted(faint, LINK_OPACITY, canvas, 1 - LINK_OPACITY, 0, dst=canvas)
-    radius = _ring_radius(found, scale, spacing)[marks]
-    for place, size, mark in zip(places, radius, marks.tolist(), strict=True):
-        _ring(canvas, place, size, colours[mark])
+    radius = _ring_radius(found, scale, spacing)[detections]
+    for place, size, detection in zip(places, radius, detections.tolist(), strict=True):
+        _ring(canvas, place, size, colours[detection])
         arm = min(3.0, 0.45 * size)
         for way in (np.array([arm, 0.0]), np.array([0.0, arm])):
-            _stroke(canvas, place - way, place + way, colours[mark])
-        _flags(canvas, place, size, found, mark)
+            _stroke(canvas, place - way, place + way, colours[detection])
+        _flags(canvas, place, size, found, detection)
 
 
 def _spacing_px(found: Observations, scale: float) -> float:
-    """Usual distance of neighbouring marks on the picture."""
-    marks = found.family == POINT
-    pairs = _neighbours(found.lattice[marks])
-    ends = found.points_px[marks][pairs] * scale
+    """Usual distance of neighbouring detections on the picture."""
+    detections = found.family == POINT
+    pairs = _neighbours(found.lattice[detections])
+    ends = found.points_px[detections][pairs] * scale
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     return float(np.median(lengths)) if len(lengths) else 40.0
 
@@ -68,24 +68,28 @@ def draw_samples(
     canvas: Canvas, found: Observations, colours: Colours, scale: float
 ) -> None:
     """A dash along the line at each of its samples."""
-    marks = np.flatnonzero(found.family != POINT)
-    places = found.points_px[marks] * scale
-    along = np.stack([-found.normal[marks, 1], found.normal[marks, 0]], -1)
-    number = found.lattice[marks, found.family[marks]]
+    detections = np.flatnonzero(found.family != POINT)
+    places = found.points_px[detections] * scale
+    along = np.stack([-found.normal[detections, 1], found.normal[detections, 0]], -1)
+    number = found.lattice[detections, found.family[detections]]
     order = np.lexsort(
-        [found.lattice[marks, 1 - found.family[marks]], number, found.family[marks]]
+        [
+            found.lattice[detections, 1 - found.family[detections]],
+            number,
+            found.family[detections],
+        ]
     )
     gaps = np.linalg.norm(np.diff(places[order], axis=0), axis=1)
     half = 0.36 * float(np.median(gaps)) if len(gaps) else 4.0
-    for place, way, mark in zip(places, along, marks.tolist(), strict=True):
-        _stroke(canvas, place - half * way, place + half * way, colours[mark])
-        _ring(canvas, place, 1.3, colours[mark])
-        _flags(canvas, place, 4.0, found, mark)
+    for place, way, detection in zip(places, along, detections.tolist(), strict=True):
+        _stroke(canvas, place - half * way, place + half * way, colours[detection])
+        _ring(canvas, place, 1.3, colours[detection])
+        _flags(canvas, place, 4.0, found, detection)
 
 
 def draw_labels(picture: Image.Image, found: Observations, scale: float) -> None:
-    """Lattice indices at every fifth mark (rarer where marks are dense), line numbers
-    at the ends of every fifth."""
+    """Lattice indices at every fifth detection (rarer where they are dense), line
+    numbers at the ends of every fifth."""
     pen = ImageDraw.Draw(picture)
     size = round(11 * _unit(picture.width))
     font = ImageFont.load_default(size)
@@ -99,10 +103,10 @@ def draw_labels(picture: Image.Image, found: Observations, scale: float) -> None
             (x, y), text, INK, font, anchor="ls", stroke_width=2, stroke_fill=PAPER
         )
 
-    for mark in np.flatnonzero(found.family == POINT):
-        i, j = found.lattice[mark].astype(int)
+    for detection in np.flatnonzero(found.family == POINT):
+        i, j = found.lattice[detection].astype(int)
         if i % every == 0 and j % every == 0:
-            write(found.points_px[mark] * scale + [6, -6], f"{i}, {j}")
+            write(found.points_px[detection] * scale + [6, -6], f"{i}, {j}")
     for family, number, ends in _line_ends(found):
         name = "i" if family == LINE_OF_CONSTANT_I else "j"
         for end in ends:
@@ -188,8 +192,10 @@ def _line_ends(found: Observations) -> list[tuple[int, int, tuple[int, int]]]:
     return ends
 
 
-def _neighbours(lattice: Float[np.ndarray, "marks 2"]) -> Int[np.ndarray, "pairs 2"]:
-    """Pairs of marks one step apart; the step is two where no mark has odd i + j."""
+def _neighbours(
+    lattice: Float[np.ndarray, "detections 2"],
+) -> Int[np.ndarray, "pairs 2"]:
+    """Pairs of detections one step apart; the step is two where none has odd i + j."""
     cells = np.round(lattice).astype(int)
     at = {tuple(cell): k for k, cell in enumerate(cells.tolist())}
     staggered = len(cells) > 1 and (cells.sum(1) % 2 == cells[0].sum() % 2).all()
@@ -221,14 +227,14 @@ def _ring(canvas: Canvas, place: np.ndarray, radius: float, colour: np.ndarray) 
 
 
 def _flags(
-    canvas: Canvas, place: np.ndarray, size: float, found: Observations, mark: int
+    canvas: Canvas, place: np.ndarray, size: float, found: Observations, detection: int
 ) -> None:
-    """A red cross over a clipped mark, a yellow square around one that touches."""
+    """A red cross over a clipped detection, a yellow square around one that touches."""
     corners = (size + 2) * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) + place
-    if found.saturated[mark]:
+    if found.saturated[detection]:
         for a, b in ((0, 2), (1, 3)):
             _stroke(canvas, corners[a], corners[b], np.array(CLIPPED_COLOUR))
-    if found.overlapping[mark]:
+    if found.overlapping[detection]:
         for a in range(4):
             b = corners[(a + 1) % 4]
             _stroke(canvas, corners[a], b, np.array(TOUCHING_COLOUR))
