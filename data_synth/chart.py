@@ -13,12 +13,13 @@ from typing import Literal
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float
-
-from lensfit.detect.marker_board import MarkerBoard, dark_share, marker_board
+from scipy.ndimage import map_coordinates
 
 ChartKind = Literal["dot-grid", "line-grid", "checkerboard", "charuco"]
 MARKER_RATIO, DICTIONARY = 0.7, "DICT_5X5_1000"
 """Of ChArUco boards: side of a marker over that of its square, and OpenCV's markers."""
+SQUARE_PX = 80
+"""Of the picture of a board: a module of these markers is eight pixels wide."""
 
 
 @dataclass(frozen=True)
@@ -130,17 +131,30 @@ def _endless_coverage(chart: Chart, chart_mm, footprint_mm):
 
 
 def _board_coverage(chart: Chart, chart_mm, footprint_mm):
-    """White where squares with markers have no dark module, and around the board."""
-    board = _board(chart.squares)
-    places = chart_mm / chart.pitch_mm + np.array(chart.squares) // 2
-    box = np.broadcast_to(footprint_mm / chart.pitch_mm, places.shape)
-    return 1 - dark_share(board.dark, board.ratio, places, box, with_squares=True)
+    """White where OpenCV's picture of the board is, and around it."""
+    summed = _dark_summed(chart.squares)
+    middle = SQUARE_PX * (chart_mm / chart.pitch_mm + np.array(chart.squares) // 2)
+    half = SQUARE_PX * footprint_mm / chart.pitch_mm / 2
+    x, y = (np.moveaxis(side, -1, 0) for side in (middle - half, middle + half))
+    (left, top), (right, bottom) = x, y
+
+    def until(down, across):
+        return map_coordinates(summed, [down, across], order=1, mode="nearest")
+
+    dark = until(bottom, right) - until(top, right)
+    dark -= until(bottom, left) - until(top, left)
+    return 1 - dark / (2 * half).prod(-1)
 
 
 @cache
-def _board(squares: tuple[int, int]) -> MarkerBoard:
+def _dark_summed(squares: tuple[int, int]) -> Float[np.ndarray, "rows columns"]:
+    """Dark pixels of the board above and to the left, in a picture whose modules are
+    whole numbers of pixels."""
     markers = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARY))
-    return marker_board(cv2.aruco.CharucoBoard(squares, 1.0, MARKER_RATIO, markers))
+    board = cv2.aruco.CharucoBoard(squares, 1.0, MARKER_RATIO, markers)
+    size = (SQUARE_PX * squares[0], SQUARE_PX * squares[1])
+    picture = board.generateImage(size, marginSize=0)
+    return cv2.integral((picture < 128).astype(np.uint8)).astype(float)
 
 
 def _pulse(phase, width, duty: float):

@@ -76,8 +76,6 @@ def dark_share(
     ratio: float,
     places: Float[np.ndarray, "*shape 2"],
     box: Float[np.ndarray, "*#shape 2"],
-    *,
-    with_squares: bool = False,
 ) -> Float[np.ndarray, "*shape"]:
     """Part of boxes that dark modules cover; none beyond the board.
 
@@ -87,13 +85,10 @@ def dark_share(
     places : Middle of each box, right and down from the outer corner of the first
         square, in squares.
     box : Its sides.
-    with_squares : Squares without a marker are dark as well.
     """
     rows, columns, modules = dark.shape[:3]
     across, down = _nodes(columns, modules, ratio), _nodes(rows, modules, ratio)
     printed = np.pad(dark, [(0, 0), (0, 0), (1, 1), (1, 1)])
-    if with_squares:
-        printed |= ~printed.any((2, 3), keepdims=True)
     printed = printed.transpose(0, 2, 1, 3).reshape(len(down) - 1, len(across) - 1)
     area = np.diff(down)[:, None] * np.diff(across) * printed
     summed = np.pad(area.cumsum(0).cumsum(1), [(1, 0), (1, 0)])
