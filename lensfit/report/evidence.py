@@ -17,8 +17,11 @@ from lensfit.report.frame_coverage import (
     residuals_of,
 )
 
-GOOD_PX, ROUGH_PX = 0.5, 1.5
-"""Where a locked-off match-move begins to show; where soft CG does."""
+PRECISE_PX, GOOD_PX, ROUGH_PX = 0.1, 0.5, 1.5
+"""What is negligible for set measurement; where a locked-off match-move begins to show;
+where soft CG does."""
+_PLAINLY = 1.5
+"""Times the negligible, above which a deviation of objects counts."""
 
 CORNER_SIGNS = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])
 """Top left, top right, bottom left, bottom right, of x right and y down."""
@@ -56,27 +59,15 @@ def takes_by_focal(report: dict) -> dict[float | None, list[dict]]:
 
 
 def unmeasured_focals(report: dict) -> list[float | None]:
-    """Stated focal lengths (mm) that no view measured, None where the report is old.
-
-    One whose deviation shows at the side of the frame is not measured either.
-    """
+    """Stated focal lengths (mm) that no view measured, None where the report is old."""
     measured_by_focal: dict[float | None, bool] = {}
-    half_px = image_size_px(report)[0] / 2
     for term in report.get("terms") or []:
         if "principal_distance" in str(term.get("name")):
             focal = term.get("focal_length_mm")
-            known = bool(term.get("kept")) and _relative(term) * half_px <= GOOD_PX
-            measured_by_focal[focal] = measured_by_focal.get(focal, False) or known
+            measured_by_focal[focal] = measured_by_focal.get(focal, False) or bool(
+                term.get("kept")
+            )
     return [focal for focal, measured in measured_by_focal.items() if not measured]
-
-
-def _relative(term: dict) -> float:
-    """Standard deviation over value; 0 where the report does not state it."""
-    deviation, value = (
-        numbers(np.ravel([np.nan if one is None else one]))
-        for one in (term.get("standard_deviation"), term.get("value"))
-    )
-    return float(np.nan_to_num(np.max(deviation / value)))
 
 
 def corner_deviation_px(entry: dict) -> float:
@@ -110,7 +101,9 @@ def photographed_corner_px(report: dict, entry: dict) -> float:
     of_map = _in_photographed_corners(report, entry, "uncertainty_grid")
     of_objects = _in_photographed_corners(report, entry, "object_uncertainty_grid")
     found = [of_map.max()] if of_map.size else []
-    found += [np.sqrt(np.mean(of_objects**2))] if of_objects.size else []
+    # Deviations are known to a factor: what is barely over would condemn right shoots.
+    objects_px = np.sqrt(np.mean(of_objects**2)) if of_objects.size else 0.0
+    found += [objects_px] if objects_px > _PLAINLY * PRECISE_PX else []
     return float(max(found, default=math.nan))
 
 

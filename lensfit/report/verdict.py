@@ -19,6 +19,7 @@ from lensfit.preset.verdict import LEVELS, Level, Reason, Verdict
 from lensfit.report.blur_rules import blur_findings
 from lensfit.report.evidence import (
     GOOD_PX,
+    PRECISE_PX,
     ROUGH_PX,
     Finding,
     Tone,
@@ -52,7 +53,6 @@ from lensfit.report.take_rules import (
     too_few_findings,
 )
 
-PRECISE_PX = 0.1
 FEWEST_VIEWS = 3
 """Of a focal length: two cannot say which of them is wrong."""
 USED_FOR: dict[Level, str] = {

@@ -69,16 +69,6 @@ def test_objects_that_a_turn_of_the_camera_would_put_right_are_not_known(report)
     assert verdict_of(report).level == "measurement"
 
 
-def test_a_focal_length_whose_doubt_shows_is_not_measured(report):
-    """A percent of it moves the sides of the frame by ten pixels."""
-    report["held_out_rms_px"] = 0.05
-    term = report["terms"][1]
-    assert term["name"] == "principal_distance_mm"
-    assert verdict_of(report).level == "measurement"
-    term["standard_deviation"] = [0.5, 0.5]
-    assert verdict_of(report).level == "undistortion"
-
-
 def test_a_corner_counts_as_far_as_points_reach(report):
     """From the last point to the very corner the map is extrapolated."""
     grid = report["entries"][0]["uncertainty_grid"]
