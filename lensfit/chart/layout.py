@@ -207,10 +207,7 @@ def draw(layout: Layout, version: str) -> Drawing:
     """
     dark = layout.pattern.polarity == "dark"
     ground, ink = (WHITE, BLACK) if dark else (BLACK, WHITE)
-    boxes = np.concatenate(
-        [_code_boxes(layout.pattern, at, layout.module_mm) for at in layout.code_mm]
-        + [_ruler_boxes(layout)]
-    )
+    boxes = np.concatenate([_code_boxes(layout), _ruler_boxes(layout)])
     letters = (*_ruler_letters(layout), *_caption(layout, version))
     return Drawing(
         width_mm=layout.sheet.width_mm,
@@ -242,19 +239,13 @@ def foil_drawing(layout: Layout) -> Drawing:
             "apart when it is cut",
             remedy="cut a dot grid of bright marks, or write SVG or PDF and print it",
         )
-    boxes = np.concatenate(
-        [
-            _code_boxes(pattern, at, layout.module_mm, bar=FOIL_BAR)
-            for at in layout.code_mm
-        ]
-    )
     return Drawing(
         width_mm=layout.sheet.width_mm,
         height_mm=layout.sheet.height_mm,
         ground=BLACK,
         layers=(
             *pattern_layers(pattern, layout.origin_mm, WHITE, BLACK),
-            Layer(WHITE, boxes_mm=boxes),
+            Layer(WHITE, boxes_mm=_code_boxes(layout, bar=FOIL_BAR)),
         ),
         title=", ".join(described(pattern)),
     )
@@ -272,25 +263,30 @@ def described(pattern: Pattern) -> tuple[str, str]:
     return name, f"{sizes}, {pattern.columns} x {pattern.rows}"
 
 
-def _code_boxes(
-    pattern: Pattern, at_mm: tuple[float, float], module_mm: float, bar: float = 0.0
-) -> np.ndarray:
-    """Runs of inked modules of a strip whose quiet zone begins at `at_mm`; each module
-    by itself where bars, so many modules wide, stay between them."""
-    boxes = []
-    for position, marker in enumerate(marker_ids(pattern)):
-        left = at_mm[0] + (1 + 8 * position) * module_mm
-        for row, cells in enumerate(marker_cells(marker)):
-            edges = np.flatnonzero(np.diff(np.r_[False, cells, False].astype(int)))
-            runs = edges.reshape(-1, 2)
-            if bar:
-                runs = np.flatnonzero(cells)[:, None] + [0, 1]
-            top = at_mm[1] + (1 + row + bar / 2) * module_mm
-            for start, end in runs:
-                place = left + (start + bar / 2) * module_mm, top
-                wide, high = (end - start - bar) * module_mm, (1 - bar) * module_mm
-                boxes.append((*place, wide, high))
+def _code_boxes(layout: Layout, bar: float = 0.0) -> np.ndarray:
+    """Runs of inked modules of every strip, or each module by itself where bars, so
+    many modules wide, stay between them."""
+    module_mm, boxes = layout.module_mm, []
+    for left_mm, top_mm in layout.code_mm:  # of the quiet zone
+        for position, marker in enumerate(marker_ids(layout.pattern)):
+            for row, cells in enumerate(marker_cells(marker)):
+                for start, end in _each(cells) if bar else _runs(cells):
+                    place = np.array([1 + 8 * position + start, 1 + row]) + bar / 2
+                    size = np.array([end - start, 1]) - bar
+                    at = [left_mm, top_mm] + module_mm * place
+                    boxes.append((*at, *(module_mm * size)))
     return np.array(boxes)
+
+
+def _runs(cells: np.ndarray) -> np.ndarray:
+    """Where each run of inked cells begins and ends."""
+    edges = np.flatnonzero(np.diff(np.r_[False, cells, False].astype(int)))
+    return edges.reshape(-1, 2)
+
+
+def _each(cells: np.ndarray) -> np.ndarray:
+    """Where each inked cell begins and ends."""
+    return np.flatnonzero(cells)[:, None] + [0, 1]
 
 
 def _ruler_boxes(layout: Layout) -> np.ndarray:

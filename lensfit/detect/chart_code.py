@@ -21,7 +21,8 @@ from lensfit.photograph import Photograph
 _LEAST_PERIMETER_PX = 40.0
 """Of a marker: ten pixels a side."""
 _MOST_TO_ENLARGE_PX = 16_000_000
-_SMALLER, _SHORTEST_SIDE_PX = (0.5, 0.25), 600
+_LARGER, _SMALLER, _SHORTEST_SIDE_PX = 2.0, (0.5, 0.25), 600
+"""Scales of further tries, and the least side of a smaller picture."""
 _MOST_READINGS = 64
 """Strips that are tried where markers of one place disagree."""
 
@@ -45,15 +46,12 @@ def read_chart_code(photograph: Photograph) -> Pattern | None:
     # The sheet's own tone first: what is mostly black holds inverted markers.
     tones = (True, False) if np.mean(picture) < 100 else (False, True)
     scales = [1.0, *(s for s in _SMALLER if s * min(image.shape) >= _SHORTEST_SIDE_PX)]
+    scales += [_LARGER] if picture.size <= _MOST_TO_ENLARGE_PX else []
     seen: list[set[int]] = [set() for _ in range(MARKERS)]
     for scale, inverted in product(scales, tones):
+        if scale > 1 and not any(seen):
+            return None
         _look(picture, scale, inverted, seen)
-        if (pattern := _first_sound(seen)) is not None:
-            return pattern
-    if not any(seen) or picture.size > _MOST_TO_ENLARGE_PX:
-        return None
-    for inverted in tones:
-        _look(picture, 2.0, inverted, seen)
         if (pattern := _first_sound(seen)) is not None:
             return pattern
     return None

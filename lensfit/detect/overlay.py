@@ -3,9 +3,8 @@
 The photograph is exposed for display and greyed a little; every detection sits on it at
 its sub-pixel position. Colour tells the row j and lightness the parity of the column i
 (or the number of the line), so that a detection that was numbered wrongly breaks a
-stripe.
-Clipped detections are crossed out, detections that touch a neighbour are squared, and a
-strip at the bottom says how many there are of each.
+stripe. Clipped detections are crossed out, detections that touch a neighbour are
+squared, and a strip at the bottom says how many there are of each.
 """
 
 from pathlib import Path

@@ -28,7 +28,7 @@ Reference: R. G. Keys, IEEE Trans. ASSP 29 (1981) 1153-1160.
 
 import math
 from collections.abc import Callable
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -40,20 +40,17 @@ Plane = Float[Array, "height width"]
 
 def tap_weights(name: Filter, fraction: Plane) -> list[Plane]:
     """Weights of the taps at `first_tap(name)`, + 1, ... for a fraction in [0, 1)."""
-    if name == "sinc-16":
-        return _sinc_weights(fraction)
-    pieces = _PIECES[name]
-    reach = len(pieces)
-    if name == "cubic":
-        fraction = ramp_fraction(fraction)
-    below = [pieces[k](fraction + k) for k in range(reach - 1, -1, -1)]
-    above = [pieces[k]((1 - fraction) + k) for k in range(reach)]
-    return below + above
+    return _KERNELS[name].weights(fraction)
 
 
 def first_tap(name: Filter) -> int:
     """Offset of the first tap from the sample at or below the position."""
-    return 1 - (_SINC_REACH if name == "sinc-16" else len(_PIECES[name]))
+    return 1 - _KERNELS[name].reach
+
+
+def longest_reach() -> int:
+    """How many samples beside a position the longest filter reads."""
+    return max(kernel.reach for kernel in _KERNELS.values())
 
 
 def filter_for(tolerance: float) -> Filter:
@@ -84,6 +81,36 @@ def ramp_fraction(fraction: Plane) -> Plane:
     u^3 + 3/4 u = t - 1/2, solved by sinh(3 x) = 4 sinh(x)^3 + 3 sinh(x).
     """
     return 0.5 + jnp.sinh(jnp.arcsinh(4 * fraction - 2) / 3)
+
+
+class _Kernel(NamedTuple):
+    """A filter.
+
+    Attributes
+    ----------
+    reach : Taps on either side of a position.
+    weights : Of all taps in order, for a fraction in [0, 1).
+    """
+
+    reach: int
+    weights: Callable[[Plane], list[Plane]]
+
+
+def _of_pieces(*pieces: Callable[[Plane], Plane]) -> _Kernel:
+    """An even kernel given by a polynomial of the distance on every unit of it."""
+    reach = len(pieces)
+
+    def weights(fraction: Plane) -> list[Plane]:
+        below = [pieces[k](fraction + k) for k in range(reach - 1, -1, -1)]
+        above = [pieces[k]((1 - fraction) + k) for k in range(reach)]
+        return below + above
+
+    return _Kernel(reach, weights)
+
+
+def _exact_on_ramps(kernel: _Kernel) -> _Kernel:
+    """OpenCV's kernel, read where it reproduces a ramp."""
+    return kernel._replace(weights=lambda t: kernel.weights(ramp_fraction(t)))
 
 
 def _sinc_weights(fraction: Plane) -> list[Plane]:
@@ -137,8 +164,9 @@ def _keys6_outer(x: Plane) -> Plane:
     return ((x / 12 - 2 / 3) * x + 1.75) * x - 1.5
 
 
-_PIECES: dict[str, list[Callable[[Plane], Plane]]] = {
-    "cubic": [_opencv_inner, _opencv_outer],
-    "catmull-rom": [_catmull_rom_inner, _catmull_rom_outer],
-    "keys-6": [_keys6_inner, _keys6_middle, _keys6_outer],
+_KERNELS: dict[Filter, _Kernel] = {
+    "cubic": _exact_on_ramps(_of_pieces(_opencv_inner, _opencv_outer)),
+    "catmull-rom": _of_pieces(_catmull_rom_inner, _catmull_rom_outer),
+    "keys-6": _of_pieces(_keys6_inner, _keys6_middle, _keys6_outer),
+    "sinc-16": _Kernel(_SINC_REACH, _sinc_weights),
 }

@@ -98,27 +98,30 @@ def write_chart(
     pixel_mm = _pixel_mm(layout.sheet, dpi)
     drawing = draw(layout, __version__)
     formats = {Path(path).suffix.lower() for path in paths}
-    holes = foil_drawing(layout) if ".dxf" in formats else drawing
+    holes = foil_drawing(layout) if ".dxf" in formats else None
     tones = None
     if formats & {".png", ".exr"}:
         _check_pixels(drawing, pixel_mm)
         tones = paint(drawing, pixel_mm)
     for path in map(Path, paths):
-        if path.suffix.lower() == ".dxf":
-            write_dxf(path, holes)
-        else:
-            _write(path, drawing, tones, pixel_mm)
+        _write(path, drawing, holes, tones, pixel_mm)
     return layout
 
 
 def _write(
-    path: Path, drawing: Drawing, tones: np.ndarray | None, pixel_mm: float
+    path: Path,
+    drawing: Drawing,
+    holes: Drawing | None,
+    tones: np.ndarray | None,
+    pixel_mm: float,
 ) -> None:
     suffix = path.suffix.lower()
     if suffix == ".svg":
         write_svg(path, drawing)
     elif suffix == ".pdf":
         write_pdf(path, drawing)
+    elif suffix == ".dxf" and holes is not None:
+        write_dxf(path, holes)
     elif tones is not None:
         if suffix == ".png":
             write_png(path, tones, pixel_mm)

@@ -11,7 +11,8 @@ put them.
 A centroid is not where the chief ray lands: coma and clipping move it, differently at
 every f-number, focus and colour. The wavefront gives that bias (`centroid_biases`). The
 position of the chief ray is the centroid minus the bias, and geometry and lateral
-colour are fitted to these positions.
+colour are fitted to these positions. Photographs of one setting do not tell the bias:
+there the centroids stand for the chief rays.
 
 (The place at which the modelled image suits the photograph best is the same in theory;
 in practice it carries the noise of the rays that the image is made of.)
@@ -67,11 +68,12 @@ def chief_ray_takes(
 
     Parameters
     ----------
-    keep_centroids : The wavefront does not tell the biases, whatever it says.
+    keep_centroids : The wavefront is of one setting, and does not tell the biases.
     """
-    bias_mm = smooth_centroid_biases_mm(stage, dot_data)
     if keep_centroids:
-        bias_mm = np.zeros_like(bias_mm)
+        bias_mm = np.zeros((len(dot_data.take), len(CHANNELS), 2))
+    else:
+        bias_mm = smooth_centroid_biases_mm(stage, dot_data)
     shares = smooth_line_light_shares(stage, dot_data)
     aliasing = aliasing_of(stage, dot_data)
     takes = []
@@ -213,14 +215,14 @@ _LARGEST_MISFIT_RATIO = 1.1
 def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[View]:
     """The takes with points where chief rays land, and how errors of the wavefront
     move them."""
-    stage, keep = found.stage, found.dot_data.of_one_setting
+    stage, of_one_setting = found.stage, found.dot_data.of_one_setting
     moves = parameter_moves(stage, found.total_covariance)
     orders, colours = _colour_moves(stage)
     moves = np.concatenate([moves, colours])
     takes = [
         take
         for dot_data in _photographed(found)
-        for take in chief_ray_takes(stage, dot_data, keep_centroids=keep)
+        for take in chief_ray_takes(stage, dot_data, keep_centroids=of_one_setting)
     ]
 
     def moves_of(dot_data: DotData) -> np.ndarray:

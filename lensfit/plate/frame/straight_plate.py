@@ -31,7 +31,7 @@ from lensfit.plate.frame.flat_plate import layers_to_render, stacked_channels
 from lensfit.plate.frame.plate_lens import PlateLens
 from lensfit.plate.frame.signature import UNDISTORTED, part_with_signature
 from lensfit.rendering.falloff import apply_gain, illumination_gain
-from lensfit.rendering.filters import Filter
+from lensfit.rendering.filters import Filter, longest_reach
 from lensfit.rendering.overscan import window_of_percent
 from lensfit.rendering.render_stages import CHANNELS, Budget, lateral_colour_px
 from lensfit.rendering.uv import Channel, PlateGeometry, SourceMap, source_map
@@ -39,7 +39,7 @@ from lensfit.rendering.warp import warp
 
 PINHOLE = "lensfit/pinhole"
 """Header entry with the camera of a straight picture, as JSON."""
-SPARE_PX = 9
+SPARE_PX = longest_reach() + 1
 """As wide as any filter reads, and the map's own error."""
 MOST_GROWTH = 3.0
 """Width of a straight picture over that of its frame; a wider one is stated."""
