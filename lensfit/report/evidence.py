@@ -72,19 +72,13 @@ def unmeasured_focals(report: dict) -> list[float | None]:
 
 def corner_deviation_px(entry: dict) -> float:
     """Largest standard deviation (px) at the corners of an entry's grid, or NaN."""
-    grid = numbers((entry.get("uncertainty_grid") or {}).get("sd_px"))
-    if grid.ndim != 2 or not grid.size:
-        return math.nan
-    corners = grid[[0, 0, -1, -1], [0, -1, 0, -1]]
-    return float(np.max(corners)) if np.isfinite(corners).any() else math.nan
+    return float(np.max(_corners_px(entry, "uncertainty_grid")))
 
 
 def extrapolated_corner_px(report: dict, entry: dict) -> float:
     """Largest standard deviation (px) at corners that no point is near, or NaN."""
-    grid = numbers((entry.get("uncertainty_grid") or {}).get("sd_px"))
-    if grid.ndim != 2:
-        return math.nan
-    corners = _of_corners(grid)[~corners_photographed(report, entry)]
+    every = _corners_px(entry, "uncertainty_grid")
+    corners = every[~corners_photographed(report, entry)]
     known = corners[np.isfinite(corners)]
     return float(known.max()) if known.size else math.nan
 
@@ -114,7 +108,7 @@ def _in_photographed_corners(report: dict, entry: dict, key: str) -> np.ndarray:
     grid = entry.get(key) or {}
     x_mm, y_mm, sd_px = (numbers(grid.get(k)) for k in ("x_mm", "y_mm", "sd_px"))
     if reached is None or sd_px.shape != (y_mm.size, x_mm.size) or sd_px.size < 4:
-        found = _of_corners(sd_px)[photographed] if sd_px.ndim == 2 else np.zeros(0)
+        found = _corners_px(entry, key)[photographed]
     else:
         at = reached[photographed]
         found = np.array([_interpolated(x_mm, y_mm, sd_px, one) for one in at])
@@ -158,9 +152,13 @@ def corners_photographed(report: dict, entry: dict) -> np.ndarray:
     return np.ones(4, bool)
 
 
-def _of_corners(grid: np.ndarray) -> np.ndarray:
-    """Values at the corners of a grid: top left and right, bottom left and right."""
-    return grid[[0, 0, -1, -1], [0, -1, 0, -1]] if grid.size else np.full(4, math.nan)
+def _corners_px(entry: dict, key: str) -> np.ndarray:
+    """Standard deviations at the corners of a grid: top left and right, bottom left and
+    right; NaN where there is no grid."""
+    grid = numbers((entry.get(key) or {}).get("sd_px"))
+    if grid.ndim != 2 or not grid.size:
+        return np.full(4, math.nan)
+    return grid[[0, 0, -1, -1], [0, -1, 0, -1]]
 
 
 def value_of(number_or_none: Any) -> float:

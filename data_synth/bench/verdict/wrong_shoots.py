@@ -144,14 +144,8 @@ def _focus_in_wrong_order(shoot: WrongShoot) -> None:
     found = re.findall(rf"focus_distance_mm = {_NUMBER}", shoot.text)
     inside, near, far = list(dict.fromkeys(float(one) for one in found))[:3]
     other = {inside: near, near: far, far: inside}
-    takes = shoot.takes
-    for k in range(min(6, len(takes))):
-        takes[k] = re.sub(
-            rf"focus_distance_mm = {_NUMBER}",
-            lambda m: f"focus_distance_mm = {other[float(m[1])]}",
-            takes[k],
-        )
-    shoot.takes = takes
+    for k in range(min(6, len(shoot.takes))):
+        _restated_in(shoot, k, "focus_distance_mm", other.__getitem__)
 
 
 def _files_off_by_one(shoot: WrongShoot) -> None:

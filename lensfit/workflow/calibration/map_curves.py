@@ -88,7 +88,13 @@ def uncertainty_grid(
     finite = np.isfinite(points).all(-1)
     deviations = np.full(len(points), np.nan)
     deviations[finite] = deviation(points[finite])
-    return _over_frame(deviations / (size_mm[0] / size_px[0]), size_mm)
+    x, y = _axes(size_mm)
+    rows = (deviations / (size_mm[0] / size_px[0])).reshape(len(y), len(x))
+    return {
+        "x_mm": rounded(x, 4),
+        "y_mm": rounded(y, 4),
+        "sd_px": [rounded(row, 5) for row in rows],
+    }
 
 
 def object_uncertainty_grid(
@@ -108,26 +114,14 @@ def object_uncertainty_grid(
     distance_mm : Of the objects from the sensor.
     """
     centre_mm = np.asarray(lens.distortion.principal_point_mm)
-    seen = points_over_frame(size_mm)
-    points = in_batches(lens.undistorted_from_distorted, seen)
-    finite = np.isfinite(points).all(-1)
-    slope = (points - centre_mm) / float(lens.distortion.principal_distance_mm)
     ahead_mm = distance_mm - float(lens.entrance_pupil_offset_mm)
-    objects = np.column_stack([slope * ahead_mm, np.full(len(slope), distance_mm)])
-    deviations = np.full(len(points), np.nan)
+
+    def deviation(points: Float[np.ndarray, "points 2"]) -> np.ndarray:
+        slope = (points - centre_mm) / float(lens.distortion.principal_distance_mm)
+        objects = np.column_stack([slope * ahead_mm, np.full(len(slope), distance_mm)])
+        return np.hypot(*lens.object_standard_deviation_mm(objects).T)
+
     try:
-        known = lens.object_standard_deviation_mm(objects[finite])
+        return uncertainty_grid(lens, size_px, size_mm, deviation)
     except LensfitError:
         return None
-    deviations[finite] = np.hypot(*known.T)
-    return _over_frame(deviations / (size_mm[0] / size_px[0]), size_mm)
-
-
-def _over_frame(deviations_px: np.ndarray, size_mm) -> dict[str, Any]:
-    x, y = _axes(size_mm)
-    rows = deviations_px.reshape(len(y), len(x))
-    return {
-        "x_mm": rounded(x, 4),
-        "y_mm": rounded(y, 4),
-        "sd_px": [rounded(row, 5) for row in rows],
-    }

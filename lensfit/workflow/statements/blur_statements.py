@@ -87,7 +87,7 @@ def exchanged_focus_distances(takes: Sequence[View]) -> Iterator[Contradiction]:
     sharper: dict[float, list[tuple[float, View, View]]] = {}
     for one in takes:
         for two in takes:
-            if not _is_in_focus(one) or _is_in_focus(two) or not _same_place(one, two):
+            if not _is_in_focus(one) or _is_in_focus(two) or not _same_stop(one, two):
                 continue
             mine, theirs = central_diameter_px(one), central_diameter_px(two)
             if mine is None or theirs is None or two.focus_distance_mm is None:
@@ -233,23 +233,23 @@ def _is_in_focus(take: View) -> bool:
     return abs(dioptres_from_mm(focus) - dioptres_from_mm(target)) < _IN_FOCUS_DIOPTRES
 
 
-def _same_focus(one: View, other: View) -> bool:
-    return (
-        one.target == other.target
-        and one.focal_length_mm == other.focal_length_mm
-        and one.focus_distance_mm == other.focus_distance_mm
-        and one.target_distance_mm == other.target_distance_mm
-    )
-
-
 def _same_place(one: View, other: View) -> bool:
-    """Whether two views differ by their focus alone."""
     return (
         one.target == other.target
         and one.focal_length_mm == other.focal_length_mm
-        and one.f_number == other.f_number
         and one.target_distance_mm == other.target_distance_mm
     )
+
+
+def _same_focus(one: View, other: View) -> bool:
+    """Whether two views differ by their f-number alone."""
+    same = one.focus_distance_mm == other.focus_distance_mm
+    return same and _same_place(one, other)
+
+
+def _same_stop(one: View, other: View) -> bool:
+    """Whether two views differ by their focus alone."""
+    return one.f_number == other.f_number and _same_place(one, other)
 
 
 def _no_wider(take: View, other: View) -> bool:

@@ -14,14 +14,17 @@ group. So all states of a focal length share m, and b is what is left. The
 entrance pupil lies e in front of the sensor, so that a target stated at distance D lies
 D - e from it. The pitch of a target is its stated one times exp(p). Widths of the
 priors are those of the statements: a focal length is good to 3 %, a pitch to 0.2 %, a
-tape measure to a centimetre and half a percent.
+tape measure to a centimetre and half a percent; views that state one distance share
+most of the tape's error. Of an anamorphic lens x is multiplied by its nominal squeeze
+times exp(q) at each focus distance, and its entrance pupil lies a length g before that
+of y.
 
 Neighbouring points share what the model leaves, so a view counts as `_INDEPENDENT`
 points, whatever their number. Lengths are millimetres.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
@@ -231,6 +234,16 @@ class JointModel:
         self._at = {name: k for k, name in enumerate(self.names)}
         self._stack = _Stack.of(self.views, self._at)
 
+    def of_takes(self, takes: Sequence[View]) -> "JointModel":
+        """The model with other statements of the same views, whose poses are known."""
+        views = zip(self.views, takes, strict=True)
+        return JointModel([replace(view, take=take) for view, take in views])
+
+    @property
+    def stated(self) -> list[int]:
+        """Views whose target's distance is stated."""
+        return self._stack.stated
+
     def start(self) -> Float[np.ndarray, " parameters"]:
         """Shared parameters as stated, poses as they were found."""
         return np.concatenate([self.mean, np.zeros(6 * len(self.views))])
@@ -332,7 +345,7 @@ class JointModel:
         shared = parameters[: len(self.names)]
         stack = self._stack
         points = self._points_px(parameters) * (stack.share / noise_px)[:, None, None]
-        stated = [k for k in stack.stated if k not in distances]
+        stated = [k for k in self.stated if k not in distances]
         apart = self._distances_mm(parameters)[stated] - stack.distance_mm[stated]
         apart = apart / np.hypot(
             DISTANCE_SD_MM, DISTANCE_SD * stack.distance_mm[stated]
@@ -375,7 +388,7 @@ class JointModel:
         """Which view each residual is of; -1 for none."""
         sizes = [2 * len(view.board) for view in self.views]
         owner = np.repeat(np.arange(len(sizes)), sizes)
-        of_distances = [k for k in self._stack.stated if k not in distances]
+        of_distances = [k for k in self.stated if k not in distances]
         return np.concatenate(
             [owner, np.full(len(self.names), -1), of_distances]
         ).astype(int)

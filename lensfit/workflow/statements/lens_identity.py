@@ -51,7 +51,23 @@ def _mixed(
     difference: float,
     words: Callable[[float], str],
 ) -> Contradiction:
-    names = [Path(take.name).stem for take in fewer]
+    others = plural(len(more), "view")
+    return lenses_contradiction(
+        focal_mm, fewer, f"{words(difference)} the other {others}"
+    )
+
+
+def lenses_contradiction(
+    focal_mm: float, takes: Sequence[View], difference: str
+) -> Contradiction:
+    """That some views of a focal length are of another lens.
+
+    Parameters
+    ----------
+    takes : Those views.
+    difference : What sets them apart, to follow their names.
+    """
+    names = [Path(take.name).stem for take in takes]
     beyond = len(names) - _MOST_NAMES
     if beyond > 0:
         names = [*names[:_MOST_NAMES], f"{beyond} more"]
@@ -59,12 +75,11 @@ def _mixed(
         kind="lens_identity",
         limit="unusable",
         text=f"two lenses or zoom settings are mixed at {focal_mm:g} mm, or two sensor "
-        "modes: "
-        f"{joined(names)} {words(difference)} the other {plural(len(more), 'view')}",
+        f"modes: {joined(names)} {difference}",
         remedy="calibrate them apart, with a shoot file for each lens",
         statement="focal_length_mm",
         stated=focal_mm,
-        images=tuple(take.name for take in fewer),
+        images=tuple(take.name for take in takes),
     )
 
 

@@ -15,7 +15,6 @@ from typing import final
 import numpy as np
 
 from lensfit.fitting.chart_view import View
-from lensfit.report.evidence import joined
 from lensfit.workflow.statements.contradiction import Contradiction
 from lensfit.workflow.statements.joint_model import (
     RELEASED_SD,
@@ -24,6 +23,7 @@ from lensfit.workflow.statements.joint_model import (
     joint_model,
     noise_of_model_px,
 )
+from lensfit.workflow.statements.lens_identity import lenses_contradiction
 
 _MOST_MISFIT_PX = 1.5
 """Free of statements, beyond which the model is no judge of them."""
@@ -37,6 +37,10 @@ _AS_WELL = 0.9
 _PER_NUMBER = 10.0
 """Chi-squared that a further number must explain."""
 _MOST_ROUNDS = 2
+_BY_ITSELF = 1 + 1e-9
+"""Times the focal length of views that share their parameters with no other."""
+_LEAST_CHANGE = 0.03
+"""Of focal length, below which no view is of another lens."""
 _FORGIVEN = {"pitch": 0.01, "focal_length": 0.06, "target_distance": 0.03}
 """Relative change below which no release is worth naming."""
 
@@ -127,7 +131,7 @@ def _restatement(
         if gained > max(least, _AS_WELL * released):
             return exchange
     more = released + _PER_NUMBER if released > _EXPLAINS * misfit else 0.0
-    other = _best_other_lens(takes, noise_px)
+    other = _best_other_lens(model, noise_px)
     moved = best is not None and isinstance(best.key, int) and takes[best.key]
     if other is None or (more and list(other.takes) == [moved]):
         return None
@@ -148,53 +152,26 @@ class _OtherLens:
     def named(self, share: float) -> Contradiction:
         """The record, with the part of the misfit that this explains."""
         f_mm = self.takes[0].focal_length_mm
-        names = [Path(take.name).stem for take in self.takes]
-        beyond = len(names) - _MOST_NAMES
-        if beyond > 0:
-            names = [*names[:_MOST_NAMES], f"{beyond} more"]
-        return Contradiction(
-            kind="lens_identity",
-            limit="unusable",
-            text=f"two lenses or zoom settings are mixed at {f_mm:g} mm, or two sensor "
-            f"modes: {joined(names)} {'agree' if len(self.takes) > 1 else 'agrees'} "
-            f"with {f_mm * self.factor:.4g} mm",
-            remedy="calibrate them apart, with a shoot file for each lens",
-            statement="focal_length_mm",
-            stated=f_mm,
-            agrees_with=f_mm * self.factor,
-            explained=share,
-            images=tuple(take.name for take in self.takes),
-        )
+        own_mm = f_mm * self.factor
+        agree = "agree" if len(self.takes) > 1 else "agrees"
+        mixed = lenses_contradiction(f_mm, self.takes, f"{agree} with {own_mm:.4g} mm")
+        return replace(mixed, agrees_with=own_mm, explained=share)
 
 
-_BY_ITSELF = 1 + 1e-9
-"""Times the focal length of views that share their parameters with no other."""
-_LEAST_CHANGE = 0.03
-"""Of focal length, below which no view is of another lens."""
-_MOST_NAMES = 4
-
-
-def _best_other_lens(takes: Sequence[View], noise_px: float) -> _OtherLens | None:
+def _best_other_lens(model: JointModel, noise_px: float) -> _OtherLens | None:
     """The views that leave least once they have a focal length of their own: one, or
     several that were taken one after the other, up to half of all."""
-    found = []
+    takes, found = [view.take for view in model.views], []
     for first, count in _runs(len(takes)):
         mine = takes[first : first + count]
         if len({take.focal_length_mm for take in mine}) > 1:
             continue
         own_mm = mine[0].focal_length_mm * _BY_ITSELF
-        apart = [
-            replace(take, focal_length_mm=own_mm)
-            if first <= k < first + count
-            else take
-            for k, take in enumerate(takes)
-        ]
-        model = joint_model(apart)
+        their_own = [replace(take, focal_length_mm=own_mm) for take in mine]
+        apart = model.of_takes([*takes[:first], *their_own, *takes[first + count :]])
         name = ("focal_length", own_mm)
-        if model is None or name not in model.names:
-            continue
-        solution = model.solve(noise_px, {name: RELEASED_SD})
-        factor = float(np.exp(model.value(solution, name)))
+        solution = apart.solve(noise_px, {name: RELEASED_SD})
+        factor = float(np.exp(apart.value(solution, name)))
         if abs(factor - 1) > _LEAST_CHANGE:
             found.append(_OtherLens(mine, factor, solution.chi_squared))
     return min(found, key=lambda one: one.chi_squared, default=None)
@@ -273,7 +250,7 @@ def _releases(
     for name in model.names:
         if name[0] in ("pitch", "focal_length") and name not in shared:
             tried.append((name[0], name, shared | {name: RELEASED_SD}, distances))
-    stated = [k for k in _stated(model) if k not in distances]
+    stated = [k for k in model.stated if k not in distances]
     for k in stated:
         tried.append(("target_distance", k, shared, distances | {k}))
     if len(stated) > 1:
@@ -299,18 +276,12 @@ def _releases(
     )
 
 
-def _stated(model: JointModel) -> list[int]:
-    """Views whose target's distance is stated."""
-    takes = [view.take for view in model.views]
-    return [k for k, take in enumerate(takes) if take.target_distance_mm is not None]
-
-
 def _change(model: JointModel, release: _Release) -> float:
     """Relative change of the statement by its release."""
     if release.kind != "target_distance":
         assert isinstance(release.key, tuple)
         return abs(float(np.expm1(model.value(release.solution, release.key))))
-    keys = [release.key] if release.key is not None else _stated(model)
+    keys = [release.key] if release.key is not None else model.stated
     changes = []
     for k in keys:
         assert isinstance(k, int)
@@ -374,7 +345,7 @@ def _value(
     """Name, stated value, value once released, unit and photographs."""
     solution = release.solution
     if release.kind == "target_distance":
-        k = release.key if isinstance(release.key, int) else min(_stated(model))
+        k = release.key if isinstance(release.key, int) else min(model.stated)
         take = model.views[k].take
         stated = float(take.target_distance_mm or np.nan)
         place = f"target_distance_mm of {Path(take.name).stem}"
