@@ -252,10 +252,15 @@ def takes_with_error_moves(
     found: WavefrontFit,
     errors: Float[np.ndarray, "errors parameters"],
 ) -> list[View]:
-    """The same takes with how these errors, of any size, move every point."""
+    """The same takes with how these errors (`wavefront_errors`) move every point.
+
+    The first one is large; the others, of one standard deviation, are linear.
+    """
 
     def moves_of(dot_data: DotData) -> np.ndarray:
-        return detected_point_moves_mm(found.stage, dot_data, errors)
+        large = detected_point_moves_mm(found.stage, dot_data, errors[:1])
+        small = linear_detected_point_moves_mm(found.stage, dot_data, errors[1:])
+        return np.concatenate([large, small], 1)
 
     return takes_with_shared_moves(takes, found, moves_of)
 

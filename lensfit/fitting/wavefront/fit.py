@@ -10,7 +10,7 @@ that explains them predicts other settings poorly: aberrations and defocus compe
 each other there, and not elsewhere.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,10 +38,12 @@ from lensfit.fitting.wavefront.gather import (
 )
 from lensfit.fitting.wavefront.misfit import Misfit, misfit_of
 from lensfit.fitting.wavefront.multistart import (
+    DECISIVE,
     Candidate,
     best_candidate,
     candidate_at,
     is_side_determined,
+    leading_candidates,
     open_candidates,
     runs_against_statements,
 )
@@ -127,6 +129,12 @@ _GROUPS, _STOPS = 8, 4
 _HOPELESS, _MOST_CANDIDATES = 1.2, 4
 """Largest cost over the best one's of candidates that go on to full pixels, and how
 many: each takes as long as all stages before."""
+_MOST_ON_PIXELS = 2
+"""Candidates that are fitted to all dots of the fine stage: each takes as long as all
+the rest."""
+_ALIKE = 1.01
+"""Cost over the best one's up to which new robust weights may reverse the order of two
+candidates."""
 _REJECTED_OF_ONE_SETTING = 2
 """Rejected candidates that are tried after the promising ones where all photographs
 have one setting: lenses that draw it alike are equivalent at that setting."""
@@ -331,21 +339,34 @@ def _on_pixels(
 ) -> list[Stage]:
     """The candidates on full pixels of more dots.
 
-    A few dots on full pixels show which of several are alike and which are no lens;
-    more dots would show the same, and take several times as long.
+    A few dots on full pixels show the way there, which of several candidates are alike
+    and which are no lens; more dots would show the same, and take several times as
+    long. Dots that a candidate has not seen tell most about it: those that predict them
+    best go on.
     """
 
     def on_pixels(stage: Stage) -> Stage:
         stage = add_focus_statements(stage)
         return pixel_fit(stage, _term_groups_at(stage, allowed))
 
-    if len(middle) == 1:
-        return [on_pixels(stage_on_dots(middle[0].stage, more))]
-    tried = [on_pixels(one.stage) for one in middle]
-    found = [candidate_at(stage, cost_at_initial_weights) for stage in tried]
-    kept = open_candidates(found, _HOPELESS, _MOST_CANDIDATES, both_sides=both_sides)
-    stages = [add_focus_statements(stage_on_dots(one.stage, more)) for one in kept]
-    return [solve_stage(recentre_patches(stage)) for stage in stages]
+    def on_more(stage: Stage) -> Stage:
+        stage = add_focus_statements(stage_on_dots(stage, more))
+        return recentre_patches(stage)
+
+    def costed(stages: Iterable[Stage]) -> list[Candidate]:
+        return [candidate_at(stage, cost_at_initial_weights) for stage in stages]
+
+    on_few = [on_pixels(one.stage) for one in middle]
+    if len(on_few) == 1:
+        return [solve_stage(on_more(on_few[0]))]
+    kept = open_candidates(
+        costed(on_few), _HOPELESS, _MOST_CANDIDATES, both_sides=both_sides
+    )
+    unseen = costed(on_more(one.stage) for one in kept)
+    kept = leading_candidates(unseen, DECISIVE, _MOST_ON_PIXELS, both_sides=both_sides)
+    solved = costed(solve_stage(one.stage) for one in kept)
+    kept = leading_candidates(solved, _ALIKE, _MOST_ON_PIXELS, both_sides=both_sides)
+    return [one.stage for one in kept]
 
 
 def _term_groups_at(

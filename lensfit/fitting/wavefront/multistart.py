@@ -113,10 +113,39 @@ def open_candidates(
     alike = [one for one in apart if one.cost <= decisive]
     worse = [one for one in apart if one.cost > decisive]
     kept = [*sorted(alike, key=attrgetter("defocus_misfit_mm")), *worse][:most]
+    return _with_rival(kept, most, best, apart) if both_sides else kept
+
+
+def leading_candidates(
+    found: list[Candidate], ratio: float, most: int, *, both_sides: bool = False
+) -> list[Candidate]:
+    """The candidates of lowest cost, whatever was stated, each local minimum once.
+
+    Parameters
+    ----------
+    ratio : Cost over the best one's above which candidates are rejected.
+    most : How many.
+    both_sides : Whether to keep the best one on the other side of focus, unless its
+        cost decides against it.
+
+    Raises
+    ------
+    FitError : As `best_candidate` does.
+    """
+    best = best_candidate(found)
+    apart = _each_once([one for one in found if one.cost <= DECISIVE * best.cost])
+    kept = [one for one in apart if one.cost <= ratio * best.cost][:most]
+    return _with_rival(kept, most, best, apart) if both_sides else kept
+
+
+def _with_rival(
+    kept: list[Candidate], most: int, best: Candidate, apart: list[Candidate]
+) -> list[Candidate]:
+    """The same, the best one on the other side of focus at least in the last place."""
     rival = _rival(best, apart)
-    if both_sides and rival is not None and all(rival is not one for one in kept):
-        kept[-1] = rival
-    return kept
+    if rival is None or any(rival is one for one in kept):
+        return kept
+    return [*kept[: most - 1], rival]
 
 
 def rejected_candidates(

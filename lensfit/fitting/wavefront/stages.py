@@ -75,7 +75,7 @@ def shard_dots(dots: int, room: int, shards: int) -> DotSharding:
 
 
 COARSE_SHARE = 0.05
-_FEWEST_DOTS = 256
+_FEWEST_DOTS = 512
 """Arrays are filled up to this, or a power of two: one program for most shoots."""
 _TOLERANCE = 2e-3
 _DAMPING = 1e-3

@@ -14,6 +14,7 @@ from lensfit.fitting.wavefront.light_centroid import polar_landings
 from lensfit.fitting.wavefront.multistart import (
     Candidate,
     is_side_determined,
+    leading_candidates,
     open_candidates,
     rejected_candidates,
     runs_against_statements,
@@ -99,6 +100,22 @@ def test_the_best_one_across_focus_is_kept_where_the_side_is_open():
     assert open_candidates(found, 1.5, 2, both_sides=True) == [best, across]
     assert open_candidates(found, 1.5, 2) == [best, second]
     assert open_candidates(found, 1.15, 2, both_sides=True) == [best, second]
+
+
+def test_those_of_lowest_cost_lead_whatever_was_stated():
+    best, next_best = at(1.0, 0.5, defocus_misfit_mm=0.4), at(1.005, 0.2)
+    worse, across, far = at(1.02, 0.3), at(1.08, -0.5), at(1.3, -0.5)
+    found = [worse, across, next_best, best]
+    assert leading_candidates(found, 1.05, 2) == [best, next_best]
+    assert leading_candidates(found, 1.01, 3) == [best, next_best]
+    # The other side of focus stays open while its cost does not decide against it.
+    assert leading_candidates(found, 1.01, 2, both_sides=True) == [best, across]
+    assert leading_candidates(found, 1.01, 3, both_sides=True) == [
+        best,
+        next_best,
+        across,
+    ]
+    assert leading_candidates([best, far], 1.01, 2, both_sides=True) == [best]
 
 
 def test_starts_that_all_failed_are_told():
