@@ -20,8 +20,10 @@ from lensfit.report.frame_coverage import (
 PRECISE_PX, GOOD_PX, ROUGH_PX = 0.1, 0.5, 1.5
 """What is negligible for set measurement; where a locked-off match-move begins to show;
 where soft CG does."""
-_PLAINLY = 1.5
-"""Times the negligible, above which a deviation of objects counts."""
+OBJECTS_COUNT_PX = 3 * PRECISE_PX
+"""Standard deviation of objects above which they bear on what a lens is good for. Of
+errors with this deviation a quarter are negligible, erf(1 / (3 sqrt 2)): of smaller
+ones too many lenses would be called worse than they are."""
 
 CORNER_SIGNS = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]])
 """Top left, top right, bottom left, bottom right, of x right and y down."""
@@ -84,21 +86,25 @@ def extrapolated_corner_px(report: dict, entry: dict) -> float:
 
 
 def photographed_corner_px(report: dict, entry: dict) -> float:
-    """Standard deviation (px) in corners with points near them, or NaN.
+    """Standard deviation (px) of the map in the worst corner with points near it, or
+    NaN.
 
-    The larger of two: of the map in the worst of them, and of where objects in focus
-    land, rms over them, with the camera where it is: what a turn of the camera would
-    make good of the map is an error of the picture all the same. As far into each
-    corner as points reach: from the last of them to the very corner the map is
-    extrapolated, where its deviation grows several times over.
+    As far into each corner as points reach: from the last of them to the very corner
+    the map is extrapolated, where its deviation grows several times over.
     """
     of_map = _in_photographed_corners(report, entry, "uncertainty_grid")
+    return float(of_map.max()) if of_map.size else math.nan
+
+
+def objects_px(report: dict, entry: dict) -> float:
+    """Standard deviation (px) of where objects in focus land, rms over the corners with
+    points near them, or NaN.
+
+    With the camera where it is: what a turn of the camera would make good of the map is
+    an error of the picture all the same.
+    """
     of_objects = _in_photographed_corners(report, entry, "object_uncertainty_grid")
-    found = [of_map.max()] if of_map.size else []
-    # Deviations are known to a factor: what is barely over would condemn right shoots.
-    objects_px = np.sqrt(np.mean(of_objects**2)) if of_objects.size else 0.0
-    found += [objects_px] if objects_px > _PLAINLY * PRECISE_PX else []
-    return float(max(found, default=math.nan))
+    return float(np.sqrt(np.mean(of_objects**2))) if of_objects.size else math.nan
 
 
 def _in_photographed_corners(report: dict, entry: dict, key: str) -> np.ndarray:

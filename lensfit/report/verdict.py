@@ -12,6 +12,7 @@ uncertainty and cross-validation").
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -19,6 +20,7 @@ from lensfit.preset.verdict import LEVELS, Level, Reason, Verdict
 from lensfit.report.blur_rules import blur_findings
 from lensfit.report.evidence import (
     GOOD_PX,
+    OBJECTS_COUNT_PX,
     PRECISE_PX,
     ROUGH_PX,
     Finding,
@@ -26,6 +28,7 @@ from lensfit.report.evidence import (
     counts_by_focal,
     covered_share,
     error_px,
+    objects_px,
     photographed_corner_px,
     plural,
     takes_by_focal,
@@ -199,16 +202,22 @@ def _limited(level: Level, report: dict) -> Level:
 
 
 def _accuracy_px(report: dict) -> float:
-    """Held-out error, or the deviation of the worst photographed corner if larger."""
+    """Held-out error, or the deviation of the worst photographed corner or of objects
+    if larger."""
     error, _ = error_px(report)
-    return max(error, _corner_px(report)) if not math.isnan(error) else math.nan
+    if math.isnan(error):
+        return math.nan
+    known = (
+        _worst(report, of_entry) for of_entry in (photographed_corner_px, objects_px)
+    )
+    return max(error, *known)
 
 
-def _corner_px(report: dict) -> float:
-    """Of the worst corner that was photographed; 0 where none is known."""
+def _worst(report: dict, deviation_px: Callable[[dict, dict], float]) -> float:
+    """Over all entries; 0 where none is known."""
     entries = report.get("entries") or []
-    known = [photographed_corner_px(report, entry) for entry in entries]
-    return max((sd for sd in known if sd == sd), default=0.0)
+    known = [deviation_px(report, entry) for entry in entries]
+    return max((sd for sd in known if not math.isnan(sd)), default=0.0)
 
 
 def _graded(level: Level, tone: Tone, sentence: str, said: str = "") -> _Grade:
@@ -227,7 +236,8 @@ def _grade(report: dict) -> _Grade:
     if any(entry.get("monotone") is False for entry in entries):
         folded = "Not usable yet: the distortion folds inside the frame."
         return _graded("unusable", "bad", folded)
-    corner = _corner_px(report)
+    corner = _worst(report, photographed_corner_px)
+    objects = _worst(report, objects_px)
     said = (
         f"{whose} land within {number(error, 'px', 2)} rms of where the lens puts them."
     )
@@ -235,13 +245,14 @@ def _grade(report: dict) -> _Grade:
         partial = _of_part(report, said) or _of_few(report, said)
         if partial is not None:
             return partial
-    worst = max(error, corner)
-    if corner > error and corner > GOOD_PX:
+    worst = max(error, corner, objects if objects > OBJECTS_COUNT_PX else 0.0)
+    if corner > max(error, GOOD_PX):
         said = (
             f"in its worst corner the map is known to {number(corner, 'px', 2)} only."
         )
-    elif corner > max(error, PRECISE_PX):
-        said = f"{said[:-1]}, objects in its corners within {number(corner, 'px', 2)}."
+    elif max(corner, objects) > max(error, PRECISE_PX):
+        within = number(max(corner, objects), "px", 2)
+        said = f"{said[:-1]}, objects in its corners within {within}."
     if worst <= GOOD_PX and unmeasured_focals(report):
         ready = "Ready for undistortion, and for CG where the stated focal length will "
         return _graded("undistortion", "good", f"{ready}do: {said}", said)

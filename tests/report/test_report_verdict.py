@@ -53,18 +53,24 @@ def test_a_small_residual_does_not_hide_uncertain_corners(report):
     assert said(report, "shoot the chart in the corners")
 
 
-def test_objects_that_a_turn_of_the_camera_would_put_right_are_not_known(report):
-    """The map is known to 0.05 px after the best turn, objects to 0.25 px without."""
+@pytest.mark.parametrize(
+    ("deviation_px", "level"), [(0.25, "measurement"), (0.35, "match-moving")]
+)
+def test_objects_that_a_turn_of_the_camera_would_put_right_are_not_known(
+    report, deviation_px, level
+):
+    """The map is known to 0.05 px after the best turn, objects are not without. That is
+    always said; it counts where most errors of that size show."""
     report["held_out_rms_px"] = 0.05
     entry = report["entries"][0]
     assert verdict_of(report).level == "measurement"
     grid = entry["uncertainty_grid"]
-    turned = {**grid, "sd_px": np.full(np.shape(grid["sd_px"]), 0.25).tolist()}
+    turned = {**grid, "sd_px": np.full(np.shape(grid["sd_px"]), deviation_px).tolist()}
     entry["object_uncertainty_grid"] = turned
     judged = verdict_of(report)
-    assert judged.level == "match-moving"
-    assert judged.accuracy_px == 0.25
-    assert "objects in its corners within 0.25\u202fpx." in judged.headline
+    assert judged.level == level
+    assert judged.accuracy_px == deviation_px
+    assert f"objects in its corners within {deviation_px}\u202fpx." in judged.headline
     entry["object_uncertainty_grid"] = None
     assert verdict_of(report).level == "measurement"
 
