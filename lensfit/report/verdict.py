@@ -202,15 +202,15 @@ def _limited(level: Level, report: dict) -> Level:
 
 
 def _accuracy_px(report: dict) -> float:
-    """Held-out error, or the deviation of the worst photographed corner or of objects
-    if larger."""
+    """What the level is judged by: the held-out error, or the deviation of the worst
+    photographed corner or of objects if larger."""
     error, _ = error_px(report)
     if math.isnan(error):
         return math.nan
-    known = (
-        _worst(report, of_entry) for of_entry in (photographed_corner_px, objects_px)
+    corner, objects = (
+        _worst(report, of) for of in (photographed_corner_px, objects_px)
     )
-    return max(error, *known)
+    return max(error, corner, objects if objects > OBJECTS_COUNT_PX else 0.0)
 
 
 def _worst(report: dict, deviation_px: Callable[[dict, dict], float]) -> float:
@@ -245,7 +245,7 @@ def _grade(report: dict) -> _Grade:
         partial = _of_part(report, said) or _of_few(report, said)
         if partial is not None:
             return partial
-    worst = max(error, corner, objects if objects > OBJECTS_COUNT_PX else 0.0)
+    worst = _accuracy_px(report)
     if corner > max(error, GOOD_PX):
         said = (
             f"in its worst corner the map is known to {number(corner, 'px', 2)} only."

@@ -5,6 +5,8 @@ import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
+import jax
 import msgspec
 import numpy as np
 import pytest
@@ -110,6 +112,14 @@ def test_the_preset_says_what_was_tried_and_how_sure_it_is(calibrated):
     assert any(not t.kept for t in entry.terms)
     assert entry.covariance is not None
     assert entry.quality.photographs == 3
+
+
+def test_the_preset_says_what_it_was_computed_with(calibrated):
+    """By the modules in use: a package of OpenCV may have another name."""
+    _, out = calibrated
+    versions = load_preset(out / "preset.json").provenance.versions
+    assert versions["opencv"] == cv2.__version__
+    assert versions["jax"] == jax.__version__
 
 
 def test_the_preset_says_how_good_it_is_over_the_whole_frame(calibrated):

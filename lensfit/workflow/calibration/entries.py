@@ -10,7 +10,7 @@ at a small size, and the change of the block's numbers is the error of the block
 import hashlib
 from dataclasses import replace
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib import import_module
 from typing import Any
 
 import msgspec
@@ -71,7 +71,15 @@ def _short(value: float) -> float:
     return float(f"{value:.{_DIGITS}g}")
 
 
-_LIBRARIES = ("jax", "optimistix", "equinox", "numpy", "opencv-contrib-python-headless")
+_LIBRARIES = {
+    "jax": "jax",
+    "optimistix": "optimistix",
+    "equinox": "equinox",
+    "numpy": "numpy",
+    "opencv": "cv2",
+}
+"""What a calibration was computed with, and the module that says its version: packages
+of OpenCV have many names."""
 _LEAST_VISIBLE_PX = 0.01
 _ALONG_THE_AXIS = {
     "pupil_offset": "entrance_pupil_offset_mm",
@@ -100,7 +108,10 @@ def provenance_of(shoot: Shoot, observed: list[Observed]) -> Provenance:
     return Provenance(
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         lensfit_version=__version__,
-        versions={name: version(name) for name in _LIBRARIES},
+        versions={
+            name: import_module(module).__version__
+            for name, module in _LIBRARIES.items()
+        },
         images=tuple(
             SourceImage(o.image, o.sha256, o.target) for o in observed if o.take
         ),
