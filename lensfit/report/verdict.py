@@ -247,9 +247,10 @@ def _grade(report: dict) -> _Grade:
             return partial
     worst = _accuracy_px(report)
     if corner > max(error, GOOD_PX):
-        said = (
-            f"in its worst corner the map is known to {number(corner, 'px', 2)} only."
-        )
+        known = number(corner, "px", 2)
+        if objects > corner:
+            known += f", objects to {number(objects, 'px', 2)}"
+        said = f"in its worst corner the map is known to {known} only."
     elif max(corner, objects) > max(error, PRECISE_PX):
         within = number(max(corner, objects), "px", 2)
         said = f"{said[:-1]}, objects in its corners within {within}."

@@ -76,6 +76,19 @@ def test_objects_that_a_turn_of_the_camera_would_put_right_are_not_known(
     assert verdict_of(report).level == "measurement"
 
 
+def test_objects_known_less_well_than_a_bad_corner_stand_beside_it(report):
+    grid = report["entries"][0]["uncertainty_grid"]
+    grid["sd_px"][0][0] = 0.6
+    worse = {**grid, "sd_px": np.full(np.shape(grid["sd_px"]), 0.8).tolist()}
+    report["entries"][0]["object_uncertainty_grid"] = worse
+    judged = verdict_of(report)
+    assert judged.level == "look"
+    assert judged.accuracy_px == 0.8
+    corner = photographed_corner_px(report, report["entries"][0])
+    known = f"the map is known to {corner:.2f}\u202fpx, objects to 0.80\u202fpx only."
+    assert known in judged.headline
+
+
 def test_a_corner_counts_as_far_as_points_reach(report):
     """From the last point to the very corner the map is extrapolated."""
     grid = report["entries"][0]["uncertainty_grid"]
