@@ -112,7 +112,8 @@ def _observe(
     sign = 1 if polarity == "bright" else -1
     tone = sign * main.level / (1 if polarity == "bright" else main.background)
     cells = primitive_cells(indices, asymmetric)
-    unrest = main.noise / np.abs(main.level)
+    with np.errstate(divide="ignore", invalid="ignore"):  # some have no light
+        unrest = main.noise / np.abs(main.level)
     lit = lit_enough(main.background, main.steepness)
     keep = resembling(cells, main.centre_px, tone, blobs.area_px, unrest, lit)
     channels = [Measured(*(column[keep] for column in m)) for m in channels]
