@@ -20,7 +20,7 @@ from lensfit.report.frame_coverage import (
 PRECISE_PX, GOOD_PX, ROUGH_PX = 0.1, 0.5, 1.5
 """What is negligible for set measurement; where a locked-off match-move begins to show;
 where soft CG does."""
-OBJECTS_COUNT_PX = 3 * PRECISE_PX
+LEAST_OBJECT_DEVIATION_PX = 3 * PRECISE_PX
 """Standard deviation of objects above which they bear on what a lens is good for. Of
 errors with this deviation a quarter are negligible, erf(1 / (3 sqrt 2)): of smaller
 ones too many lenses would be called worse than they are."""
@@ -96,7 +96,7 @@ def photographed_corner_px(report: dict, entry: dict) -> float:
     return float(of_map.max()) if of_map.size else math.nan
 
 
-def objects_px(report: dict, entry: dict) -> float:
+def object_deviation_px(report: dict, entry: dict) -> float:
     """Standard deviation (px) of where objects in focus land, rms over the corners with
     points near them, or NaN.
 

@@ -12,15 +12,16 @@ uncertainty and cross-validation").
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import final
+
+import numpy as np
 
 from lensfit.preset.verdict import LEVELS, Level, Reason, Verdict
 from lensfit.report.blur_rules import blur_findings
 from lensfit.report.evidence import (
     GOOD_PX,
-    OBJECTS_COUNT_PX,
+    LEAST_OBJECT_DEVIATION_PX,
     PRECISE_PX,
     ROUGH_PX,
     Finding,
@@ -28,7 +29,7 @@ from lensfit.report.evidence import (
     counts_by_focal,
     covered_share,
     error_px,
-    objects_px,
+    object_deviation_px,
     photographed_corner_px,
     plural,
     takes_by_focal,
@@ -207,17 +208,19 @@ def _accuracy_px(report: dict) -> float:
     error, _ = error_px(report)
     if math.isnan(error):
         return math.nan
-    corner, objects = (
-        _worst(report, of) for of in (photographed_corner_px, objects_px)
-    )
-    return max(error, corner, objects if objects > OBJECTS_COUNT_PX else 0.0)
+    corner, objects = _corners_and_objects_px(report)
+    return max(error, corner, objects if objects > LEAST_OBJECT_DEVIATION_PX else 0.0)
 
 
-def _worst(report: dict, deviation_px: Callable[[dict, dict], float]) -> float:
-    """Over all entries; 0 where none is known."""
+def _corners_and_objects_px(report: dict) -> tuple[float, float]:
+    """Deviations of the map in the worst corner that was photographed and of objects,
+    of the worst entry; 0 where none is known."""
     entries = report.get("entries") or []
-    known = [deviation_px(report, entry) for entry in entries]
-    return max((sd for sd in known if not math.isnan(sd)), default=0.0)
+    corner, objects = (
+        np.fmax.reduce([of(report, entry) for entry in entries], initial=0.0)
+        for of in (photographed_corner_px, object_deviation_px)
+    )
+    return float(corner), float(objects)
 
 
 def _graded(level: Level, tone: Tone, sentence: str, said: str = "") -> _Grade:
@@ -236,8 +239,6 @@ def _grade(report: dict) -> _Grade:
     if any(entry.get("monotone") is False for entry in entries):
         folded = "Not usable yet: the distortion folds inside the frame."
         return _graded("unusable", "bad", folded)
-    corner = _worst(report, photographed_corner_px)
-    objects = _worst(report, objects_px)
     said = (
         f"{whose} land within {number(error, 'px', 2)} rms of where the lens puts them."
     )
@@ -246,14 +247,7 @@ def _grade(report: dict) -> _Grade:
         if partial is not None:
             return partial
     worst = _accuracy_px(report)
-    if corner > max(error, GOOD_PX):
-        known = number(corner, "px", 2)
-        if objects > corner:
-            known += f", objects to {number(objects, 'px', 2)}"
-        said = f"in its worst corner the map is known to {known} only."
-    elif max(corner, objects) > max(error, PRECISE_PX):
-        within = number(max(corner, objects), "px", 2)
-        said = f"{said[:-1]}, objects in its corners within {within}."
+    said = _with_corners(report, error, said)
     if worst <= GOOD_PX and unmeasured_focals(report):
         ready = "Ready for undistortion, and for CG where the stated focal length will "
         return _graded("undistortion", "good", f"{ready}do: {said}", said)
@@ -267,6 +261,20 @@ def _grade(report: dict) -> _Grade:
         soft = f"Good enough for soft or moving CG, not for measurement: {said}"
         return _graded("look", "caution", soft, said)
     return _graded("unusable", "bad", f"Not usable yet: {said}", said)
+
+
+def _with_corners(report: dict, error: float, said: str) -> str:
+    """What is said of the error, and of the corners where they are known less well."""
+    corner, objects = _corners_and_objects_px(report)
+    if corner > max(error, GOOD_PX):
+        known = number(corner, "px", 2)
+        if objects > corner:
+            known += f", objects to {number(objects, 'px', 2)}"
+        return f"in its worst corner the map is known to {known} only."
+    worse = max(corner, objects)
+    if worse > max(error, PRECISE_PX):
+        return f"{said[:-1]}, objects in its corners within {number(worse, 'px', 2)}."
+    return said
 
 
 def _of_part(report: dict, said: str) -> _Grade | None:

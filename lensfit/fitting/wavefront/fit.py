@@ -10,7 +10,7 @@ that explains them predicts other settings poorly: aberrations and defocus compe
 each other there, and not elsewhere.
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,6 +135,8 @@ the rest."""
 _ALIKE = 1.01
 """Cost over the best one's up to which new robust weights may reverse the order of two
 candidates."""
+_Choice = Callable[..., list[Candidate]]
+"""One of the rules of `multistart`."""
 _REJECTED_OF_ONE_SETTING = 2
 """Rejected candidates that are tried after the promising ones where all photographs
 have one setting: lenses that draw it alike are equivalent at that setting."""
@@ -353,20 +355,20 @@ def _on_pixels(
         stage = add_focus_statements(stage_on_dots(stage, more))
         return recentre_patches(stage)
 
-    def costed(stages: Iterable[Stage]) -> list[Candidate]:
-        return [candidate_at(stage, cost_at_initial_weights) for stage in stages]
+    def chosen(
+        stages: list[Stage], choose: _Choice, ratio: float, most: int
+    ) -> list[Stage]:
+        if len(stages) == 1:  # nothing to compare it with
+            return stages
+        found = [candidate_at(stage, cost_at_initial_weights) for stage in stages]
+        return [one.stage for one in choose(found, ratio, most, both_sides=both_sides)]
 
-    on_few = [on_pixels(one.stage) for one in middle]
-    if len(on_few) == 1:
-        return [solve_stage(on_more(on_few[0]))]
-    kept = open_candidates(
-        costed(on_few), _HOPELESS, _MOST_CANDIDATES, both_sides=both_sides
-    )
-    unseen = costed(on_more(one.stage) for one in kept)
-    kept = leading_candidates(unseen, DECISIVE, _MOST_ON_PIXELS, both_sides=both_sides)
-    solved = costed(solve_stage(one.stage) for one in kept)
-    kept = leading_candidates(solved, _ALIKE, _MOST_ON_PIXELS, both_sides=both_sides)
-    return [one.stage for one in kept]
+    stages = [on_pixels(one.stage) for one in middle]
+    stages = chosen(stages, open_candidates, _HOPELESS, _MOST_CANDIDATES)
+    stages = [on_more(stage) for stage in stages]
+    stages = chosen(stages, leading_candidates, DECISIVE, _MOST_ON_PIXELS)
+    stages = [solve_stage(stage) for stage in stages]
+    return chosen(stages, leading_candidates, _ALIKE, _MOST_ON_PIXELS)
 
 
 def _term_groups_at(

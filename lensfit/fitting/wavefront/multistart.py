@@ -107,13 +107,12 @@ def open_candidates(
     ------
     FitError : As `best_candidate` does.
     """
-    best = best_candidate(found)
-    apart = _each_once([one for one in found if one.cost <= hopeless * best.cost])
-    decisive = DECISIVE * best.cost
+    apart = _each_once(found, hopeless)
+    decisive = DECISIVE * apart[0].cost
     alike = [one for one in apart if one.cost <= decisive]
     worse = [one for one in apart if one.cost > decisive]
     kept = [*sorted(alike, key=attrgetter("defocus_misfit_mm")), *worse][:most]
-    return _with_rival(kept, most, best, apart) if both_sides else kept
+    return _with_rival(kept, most, apart) if both_sides else kept
 
 
 def leading_candidates(
@@ -132,17 +131,16 @@ def leading_candidates(
     ------
     FitError : As `best_candidate` does.
     """
-    best = best_candidate(found)
-    apart = _each_once([one for one in found if one.cost <= DECISIVE * best.cost])
-    kept = [one for one in apart if one.cost <= ratio * best.cost][:most]
-    return _with_rival(kept, most, best, apart) if both_sides else kept
+    apart = _each_once(found, DECISIVE)
+    kept = _each_once(apart, ratio)[:most]
+    return _with_rival(kept, most, apart) if both_sides else kept
 
 
 def _with_rival(
-    kept: list[Candidate], most: int, best: Candidate, apart: list[Candidate]
+    kept: list[Candidate], most: int, apart: list[Candidate]
 ) -> list[Candidate]:
     """The same, the best one on the other side of focus at least in the last place."""
-    rival = _rival(best, apart)
+    rival = _rival(apart[0], apart)
     if rival is None or any(rival is one for one in kept):
         return kept
     return [*kept[: most - 1], rival]
@@ -194,11 +192,21 @@ def _defocus_misfit_mm(stage: Stage) -> float:
     )
 
 
-def _each_once(found: list[Candidate]) -> list[Candidate]:
-    """The candidate of lowest cost of each local minimum."""
+def _each_once(found: list[Candidate], ratio: float) -> list[Candidate]:
+    """The candidate of lowest cost of each local minimum, best first.
+
+    Parameters
+    ----------
+    ratio : Cost over the best one's above which candidates are left out.
+
+    Raises
+    ------
+    FitError : As `best_candidate` does.
+    """
+    most = ratio * best_candidate(found).cost
     apart: list[Candidate] = []
     for one in sorted(found, key=_COST):
-        if not any(_is_same(one, other) for other in apart):
+        if one.cost <= most and not any(_is_same(one, other) for other in apart):
             apart.append(one)
     return apart
 

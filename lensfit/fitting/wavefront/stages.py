@@ -76,7 +76,8 @@ def shard_dots(dots: int, room: int, shards: int) -> DotSharding:
 
 COARSE_SHARE = 0.05
 _FEWEST_DOTS = 512
-"""Arrays are filled up to this, or a power of two: one program for most shoots."""
+"""Arrays are filled up to this, or a power of two: one program for the coarse and the
+fine stages of most shoots. Filled places cost memory, and no pass goes over them."""
 _TOLERANCE = 2e-3
 _DAMPING = 1e-3
 _MOST_STEPS = 12
