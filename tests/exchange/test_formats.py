@@ -4,7 +4,7 @@ import pytest
 from documents import PAGES
 
 from lensfit.cli.export import ExportFormat
-from lensfit.cli.preset.import_lens import ImportFormat
+from lensfit.cli.preset.foreign import ImportFormat
 from lensfit.errors import ExchangeError
 from lensfit.exchange.export import FORMATS
 from lensfit.exchange.foreign import StatedValues

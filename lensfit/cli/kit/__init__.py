@@ -2,11 +2,8 @@
 
 import typer
 
-from lensfit.cli.kit.calibrate import calibrate
-from lensfit.cli.kit.check import check
-from lensfit.cli.kit.plan import plan
-from lensfit.cli.kit.report import report
-from lensfit.cli.kit.submit import submit
+from lensfit.cli.kit.photographs import check, plan
+from lensfit.cli.kit.results import calibrate, report, submit
 
 app = typer.Typer(
     no_args_is_help=True,

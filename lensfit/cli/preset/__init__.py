@@ -2,18 +2,17 @@
 
 import typer
 
-from lensfit.cli.preset.default import default
-from lensfit.cli.preset.diff import diff
-from lensfit.cli.preset.edit import edit
-from lensfit.cli.preset.history import history
-from lensfit.cli.preset.import_lens import import_lens
-from lensfit.cli.preset.list_lenses import list_lenses
-from lensfit.cli.preset.load import load
-from lensfit.cli.preset.project import project
-from lensfit.cli.preset.save import save
-from lensfit.cli.preset.show import show
-from lensfit.cli.preset.thin_lens import thin_lens
-from lensfit.cli.preset.validate import validate
+from lensfit.cli.preset.contents import diff, show, validate
+from lensfit.cli.preset.foreign import import_lens, thin_lens
+from lensfit.cli.preset.library import (
+    default,
+    edit,
+    history,
+    list_lenses,
+    load,
+    project,
+    save,
+)
 
 app = typer.Typer(
     no_args_is_help=True,

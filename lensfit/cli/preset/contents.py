@@ -1,10 +1,12 @@
-"""`lensfit preset show`: what a preset holds, and which levels decided it."""
+"""`lensfit preset show`, `diff`, `validate`: what presets hold, and their faults."""
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lensfit.cli._console import say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.printable import printable
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from lensfit.preset.entry import Entry
+    from lensfit.preset.library.diff import Difference
     from lensfit.preset.library.found import FoundPreset
     from lensfit.preset.schema import Preset
 
@@ -102,3 +105,85 @@ def _blur(entry: "Entry") -> str:
         return "no"
     stops = " ".join(f"f/{stop.f_number:g}" for stop in entry.blur.stops)
     return f"{len(entry.blur.aberrations)} terms {stops}".rstrip()
+
+
+@takes_groups
+def diff(
+    a: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    b: Annotated[str, typer.Argument(help=PRESET_HELP)],
+    library: LibraryGroup,
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
+) -> None:
+    """Print every key at which two presets differ.
+
+    Numbers with their relative change, measured ones also in standard deviations where
+    a preset states them. The same version of two levels: project:zeiss-50@v001 and
+    sq010:zeiss-50@v001.
+
+    Example: lensfit preset diff zeiss-50@v001 zeiss-50@v002 --library show
+    """
+    from lensfit.preset.library.diff import differences
+
+    one, other = library.find(a), library.find(b)
+    found = differences(one.preset, other.preset)
+    if as_json:
+        typer.echo(json.dumps([_plain(each) for each in found]))
+        return
+    say_line(f"{one.full_name} -> {other.full_name}")
+    if not found:
+        say_line("no difference")
+    for difference in found:
+        say_line(_line(difference))
+
+
+def _plain(one: "Difference") -> dict[str, object]:
+    """As JSON has it; a value that is not there is left out."""
+    from lensfit.preset.library.key_path import MISSING
+
+    return {k: v for k, v in one._asdict().items() if v is not MISSING}
+
+
+def _line(one: "Difference") -> str:
+    from lensfit.preset.library.found import value_text
+
+    said = [f"{100 * one.relative:+.3g} %"] if one.relative is not None else []
+    if one.deviations is not None:
+        said.append(f"{one.deviations:+.2g} standard deviations")
+    more = f" ({', '.join(said)})" if said else ""
+    return f"{one.key}: {value_text(one.a)} -> {value_text(one.b)}{more}"
+
+
+def validate(
+    presets: Annotated[
+        list[Path],
+        typer.Argument(help="Presets, change sets, folders of lenses or libraries"),
+    ],
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON")] = False,
+) -> None:
+    """Check presets against the schema; every fault is one line with its key.
+
+    Of a library, every version at the named level and those around it is put together
+    and checked.
+
+    Example: lensfit preset validate presets/*.json
+    """
+    from lensfit.cli._door import say_error
+    from lensfit.errors import LensfitError
+    from lensfit.preset.library.catalogue import validation_faults
+
+    faults: dict[str, str | None] = {}
+    for path in presets:
+        try:
+            faults |= validation_faults(path)
+        except LensfitError as error:
+            faults[str(path)] = str(error)
+    if as_json:
+        typer.echo(json.dumps(faults))
+    for name, fault in faults.items():
+        if fault is None and not as_json:
+            say_line(f"{name}: valid")
+    # Edits of a bad version are bad for the same reason, which is said once.
+    for fault in dict.fromkeys(filter(None, faults.values())):
+        say_error(fault)
+    if any(faults.values()):
+        raise typer.Exit(1)

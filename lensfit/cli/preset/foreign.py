@@ -1,4 +1,4 @@
-"""`lensfit preset import`: another program's lens as a preset."""
+"""`lensfit preset import`, `thin-lens`: lenses of other programs as presets."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -130,3 +130,30 @@ def _say(found: "Imported", out: Path, as_json: bool) -> None:
         light = fit.worst_light
         said = "" if light is None else f"; fall-off: worst {100 * light:.2g} %"
         say_line(f"{fit.state}: distortion: {fit.distortion}{colour}{said}")
+
+
+def thin_lens(
+    camera: Annotated[Path, typer.Argument(help="camera.json of a CG renderer")],
+    out: Annotated[Path, typer.Option("--out", help="Preset to write")],
+) -> None:
+    """Make an ideal lens: defocus and nothing else, as a CG renderer's thin lens.
+
+    The file states focal_length_mm, f_number, focus_distance_m (from the lens),
+    sensor_width_mm, width_px and height_px.
+
+    Example: lensfit preset thin-lens camera.json --out thin.json
+    """
+    from lensfit._strict import convert_strictly, read_json_object
+    from lensfit.errors import PresetError
+    from lensfit.preset.store import save_preset
+    from lensfit.preset.thin_lens import ThinCamera, thin_lens_preset
+
+    tables = read_json_object(
+        camera,
+        error=PresetError,
+        source="give the camera.json of the plate",
+        mend="mend the file",
+    )
+    stated = convert_strictly(tables, ThinCamera, error=PresetError, where=camera)
+    save_preset(thin_lens_preset(stated), out)
+    say_line(f"{out}: thin lens {stated.focal_length_mm:g} mm f/{stated.f_number:g}")
