@@ -15,9 +15,7 @@ from lensfit.io.camera.nuke_camera import NODE, read_chan, read_nuke_camera
 from lensfit.io.camera.opentrackio_stream import read_opentrackio_stream
 from lensfit.io.camera.red import read_red_frames, read_red_static
 from lensfit.io.camera.slates import ALE_HEADING
-from lensfit.io.camera.sony import read_sony
-from lensfit.io.camera.sony_xml import ROOT as XML_ROOT
-from lensfit.io.camera.sony_xml import read_sony_xml
+from lensfit.io.camera.sony import XML_ROOT, read_sony, read_sony_xml
 from lensfit.io.camera.table import CameraFile
 from lensfit.io.camera.text import sniff
 from lensfit.io.camera.usd_shot import is_usd, read_usd_shot
