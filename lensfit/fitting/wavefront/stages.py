@@ -13,11 +13,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy.ndimage import gaussian_filter
 
 from lensfit.fitting.cores import cores
-from lensfit.fitting.levenberg import Prior
+from lensfit.fitting.levenberg import Prior, Quadratic, minimise
 from lensfit.fitting.trial import Statistics
 from lensfit.fitting.wavefront.dot_weights import (
     MODEL_SHARE,
@@ -31,10 +31,11 @@ from lensfit.fitting.wavefront.normal import (
     FOLDS,
     Equations,
     Model,
+    PerDot,
     Points,
+    normal_equations,
 )
 from lensfit.fitting.wavefront.parameters import Layout
-from lensfit.fitting.wavefront.solve import Solution, solve
 from lensfit.fitting.wavefront.stated import (
     Statements,
     f_number_and_focus_statements,
@@ -42,6 +43,7 @@ from lensfit.fitting.wavefront.stated import (
     stated_equations,
 )
 from lensfit.fitting.wavefront.waves import waves_after_smoothing
+from lensfit.programs import kept_program
 
 
 class DotSharding(NamedTuple):
@@ -85,6 +87,24 @@ _BROAD_RAYS = 384
 """Of the image of a broad dot that is smoothed."""
 _BROAD_DESIGN_RAYS = 192
 """Of its matrix, whose sums over rays are short (`polynomials`)."""
+
+
+class Solution(NamedTuple):
+    """Where the solve ended.
+
+    Attributes
+    ----------
+    parameters : The solution; fixed ones at their prior mean.
+    converged : False when the step limit came first.
+    steps : Passes over the patches.
+    equations, per_dot : At the last pass.
+    """
+
+    parameters: Float[Array, " parameters"]
+    converged: Bool[Array, ""]
+    steps: Int[Array, ""]
+    equations: Equations
+    per_dot: PerDot
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +299,7 @@ def solve_stage(
     count = len(stage.dot_data.take)
     room = max(_FEWEST_DOTS, 1 << (count - 1).bit_length())
     sharding = shard_dots(count, room, cores().size)
-    found = solve(
+    found = _solve(
         jnp.asarray(stage.parameters),
         model_of(stage, sharding),
         prior,
@@ -300,6 +320,33 @@ def solve_stage(
         converged=bool(found.converged),
     )
     return replace(after, corner_mm=_shifted_corners_mm(after))
+
+
+@kept_program(static_argnames=("layout", "points"))
+def _solve(
+    start: Float[Array, " parameters"],
+    model: Model,
+    prior: Prior,
+    statements: Statements,
+    layout: Layout,
+    points: Points,
+    tolerance: float,
+    most_steps: int,
+    first_damping: float,
+) -> Solution:
+    """Minimise over dots, statements and priors from `start`, by `levenberg.minimise`.
+
+    One program per layout and number of points; a single step only evaluates.
+    """
+
+    def equations(parameters: Array) -> tuple[Quadratic, tuple[Equations, PerDot]]:
+        found, per_dot = normal_equations(parameters, model, layout, points)
+        of_dots = Quadratic(*(jnp.sum(part, 0) for part in found))
+        of_stated = stated_equations(parameters, statements, layout)
+        return jax.tree.map(jnp.add, of_dots, of_stated), (found, per_dot)
+
+    found = minimise(equations, start, prior, tolerance, most_steps, first_damping)
+    return Solution(found.parameters, found.converged, found.steps, *found.extra)
 
 
 def recentre_patches(stage: Stage, rounds: int = 2) -> Stage:
