@@ -5,7 +5,7 @@ Each sample states the lens at a time: ``lens.pinholeFocalLength`` in mm, ``fSto
 Samples belong to frames by ``timing.timecode``. What is static holds until a later
 sample states it anew, as it may be sent now and then only. A nominal focal length is
 that of the lens' ring; the pinhole's grows with focusing
-(`lensfit.plate.camera.ring_camera`).
+(`lensfit.plate.camera.plate_state`).
 
 Source: camdkit's schema (SMPTE RIS), OpenTrackIO 1.0.
 """

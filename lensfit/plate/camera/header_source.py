@@ -7,14 +7,17 @@ that mean different things may differ:
 - a focal length as on the barrel, and that of the pinhole, which is the principal
   distance and grows with focusing
 - EXIF's 35 mm equivalent is whole millimetres
+
+Parts of one picture have headers of their own, and must not state different cameras.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from lensfit.errors import ImageError
+from lensfit.io.exr import ExrPart
 from lensfit.io.header_sensor import RECORDED, WHOLE_SENSOR, whole_sensor_mm
-from lensfit.io.metadata import HeaderWord
-from lensfit.plate.camera.plate_camera import BadEntry
+from lensfit.io.metadata import HeaderWord, camera_words
+from lensfit.plate.camera.plate_camera import BadEntry, PlateCamera
 from lensfit.plate.camera.sourced_value import SourcedValue
 from lensfit.plate.camera.spelling import SPELT, option_of
 
@@ -119,6 +122,43 @@ def whole_sensor_note(
             "has (--sensor-width-mm states another)"
         )
     return None
+
+
+def refuse_several_cameras(parts: Sequence[ExrPart], camera: PlateCamera) -> None:
+    """Refuse parts of one view of which a value counts that another part contradicts.
+
+    Parameters
+    ----------
+    camera : Of the picture; values that it has from better sources than its header
+        decide for all parts.
+
+    Raises
+    ------
+    ImageError : Two parts state different values.
+    """
+    stated = [
+        (part, camera_words(part.attributes, None, camera.settings.aliases))
+        for part in parts
+    ]
+    for name, spelt in SPELT.items():
+        known = camera.known.get(name)
+        if known is None or known.rank != HEADER:
+            continue
+        values = [
+            (part, word.value, word.of_pinhole)
+            for part, words in stated
+            for word in words.get(name, ())[:1]
+            if isinstance(word.value, float)
+        ]
+        for part, value, of_pinhole in values[1:]:
+            first, counts, of_first = values[0]
+            if of_pinhole == of_first and differ(counts, value):
+                raise ImageError(
+                    f"states two cameras: the {spelt} of part {part.name!r} is "
+                    f"{value:g}, that of part {first.name!r} is {counts:g}",
+                    remedy=f"state the views of its parts in the header entry view, "
+                    f"or give one {spelt} with {option_of(name)}",
+                )
 
 
 def _contradicts(one: SourcedValue, other: SourcedValue) -> bool:

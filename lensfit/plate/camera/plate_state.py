@@ -12,17 +12,15 @@ none in air is faster than f/0.5, the limit that the sine condition sets.
 Depth and some focus distances are measured from the pinhole of the CG camera, which is
 the lens' entrance pupil; focus distances on the barrel from the sensor. The difference
 is the pupil's offset, which may itself change with focus.
+
+Presets go by the focal length on the zoom ring. Some sources state that of a pinhole
+instead: CG cameras, and the standard attribute ``pinholeFocalLength``. The preset turns
+it into that of the ring, with a note where the two differ.
 """
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from lensfit.lens import Lens
-
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,15 +28,19 @@ from lensfit.errors import ImageError
 from lensfit.plate.camera.assumed_values import AssumedValue, assumed_values
 from lensfit.plate.camera.knob_sources import knobs_of_plate
 from lensfit.plate.camera.plate_camera import PlateCamera
-from lensfit.plate.camera.ring_camera import ring_camera
+from lensfit.plate.camera.sourced_value import SourcedValue
 from lensfit.plate.camera.spelling import SPELT, option_of
 from lensfit.plate.notes import FrameNote
 from lensfit.preset.knobs import NEUTRAL, Knobs, misspelt_knob_notes
+from lensfit.preset.ring_focal_length import ring_focal_length_mm
 from lensfit.preset.scaled_look import UNSCALED, ScaledLook, scaled_look
 from lensfit.preset.schema import Preset
 from lensfit.preset.spanned_width import spanned_width_note
 from lensfit.rendering.look.white_balance import REC709, Chromaticities
 from lensfit.rendering.uv import SpannedWidth
+
+if TYPE_CHECKING:
+    from lensfit.lens import Lens
 
 _ROUNDS = 4
 
@@ -62,6 +64,46 @@ def focus_distance_from_sensor_mm(
             break
         focus_mm = closer
     return float(f"{focus_mm:.7g}")
+
+
+_NOTED = 1e-4
+"""Relative; the fourth digit of a ring is nobody's."""
+
+
+def ring_camera(preset: Preset, camera: PlateCamera) -> PlateCamera:
+    """The camera, with the focal length of the ring in place of the pinhole's.
+
+    A focal length of which nothing is known but the pinhole's stays where the focus
+    distance is missing that its ring depends on.
+
+    Raises
+    ------
+    PresetError : The preset does not reach the focus distance.
+    """
+    known = camera.known.get("focal_length_mm")
+    if known is None or not known.of_pinhole:
+        return camera
+    focus = camera.known.get("focus_distance_mm")
+    if focus is None and _has_many_focuses(preset):
+        return camera
+    pinhole_mm = float(known.value)
+    ring_mm = ring_focal_length_mm(
+        preset,
+        pinhole_mm,
+        None if focus is None else float(focus.value),
+        from_pupil=focus is not None and focus.from_pupil,
+    )
+    source = f"{known.source}, {pinhole_mm:g} mm of the pinhole"
+    ring = SourcedValue(ring_mm, source, rank=known.rank)
+    note = None
+    if _is_zoom(preset) and abs(ring_mm - pinhole_mm) > _NOTED * pinhole_mm:
+        note = FrameNote(
+            f"{camera.plate.name}: {known.source} states the focal length of a pinhole "
+            f"({pinhole_mm:g} mm), which this lens has at {ring_mm:g} mm on its ring "
+            "(--focal-length-mm states another)",
+            "focal length of a pinhole",
+        )
+    return camera.with_known("focal_length_mm", ring, note)
 
 
 LARGEST = 22.7
@@ -276,14 +318,23 @@ def _width_mm(
 def _needed(preset: Preset, falloff: bool) -> list[str]:
     """What the preset cannot decide by itself."""
     needed = []
-    focal_lengths = [entry.focal_length_mm for entry in preset.entries]
-    if len(set(focal_lengths)) > 1:
+    if _is_zoom(preset):
         needed.append("focal_length_mm")
-    if len(set(focal_lengths)) < len(focal_lengths):
+    if _has_many_focuses(preset):
         needed.append("focus_distance_mm")
     if falloff and any(len(entry.fall_off) > 1 for entry in preset.entries):
         needed.append("f_number")
     return needed
+
+
+def _is_zoom(preset: Preset) -> bool:
+    return len({entry.focal_length_mm for entry in preset.entries}) > 1
+
+
+def _has_many_focuses(preset: Preset) -> bool:
+    """Whether any focal length was measured at several focus distances."""
+    focal_lengths = [entry.focal_length_mm for entry in preset.entries]
+    return len(set(focal_lengths)) < len(focal_lengths)
 
 
 def _missing(

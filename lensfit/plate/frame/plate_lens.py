@@ -20,12 +20,11 @@ from lensfit.io.exr_deep import is_deep
 from lensfit.io.lens_attributes import lens_attributes
 from lensfit.lens import Lens
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.camera.one_camera import refuse_several_cameras
+from lensfit.plate.camera.header_source import refuse_several_cameras
 from lensfit.plate.camera.plate_camera import PlateCamera
 from lensfit.plate.camera.plate_state import PlateState, plate_state
 from lensfit.plate.camera.sourced_value import SourcedValue
 from lensfit.plate.camera.sources import CameraSources
-from lensfit.plate.depth_doubt import depth_doubt
 from lensfit.plate.focus_pick import FOCUS_AT, picked_depth_mm
 from lensfit.plate.frame.external_map import ExternalMap
 from lensfit.plate.frame.fingerprint import Fingerprint, fingerprint
@@ -44,6 +43,7 @@ from lensfit.plate.frame.tight_window import lit_window, reached_window
 from lensfit.plate.header import header_entries, plate_header
 from lensfit.plate.notes import FrameNote, Notes
 from lensfit.plate.pixel_shape import pixel_shape
+from lensfit.plate.plate_depth import depth_doubt
 from lensfit.preset.knobs import NEUTRAL
 from lensfit.preset.lens_of_entry import NO_BLUR
 from lensfit.preset.schema import Preset
