@@ -29,9 +29,8 @@ from lensfit.rendering.layer_stack import (
     check_depth,
     flattened_layers,
 )
-from lensfit.rendering.look.blur_of_light import SharpLayer
+from lensfit.rendering.look.blur_of_light import SharpLayer, sharp_layers
 from lensfit.rendering.look.stack import Arrival, light_spreads
-from lensfit.rendering.look.unblurred_plate import sharp_layers
 from lensfit.rendering.look.white_balance import Chromaticities
 from lensfit.rendering.plate_warp import warped_flat_plate, warped_layers, warped_plate
 from lensfit.rendering.render_stages import (

@@ -15,7 +15,8 @@ from lensfit.coords import Window
 from lensfit.cores import available_cores
 from lensfit.rendering.defocus_cost import DefocusCost, defocus_cost
 from lensfit.rendering.layer_stack import LayerStack
-from lensfit.rendering.look.look_cost import prices
+from lensfit.rendering.look.pyramid import least_sigma_px
+from lensfit.rendering.look.stack import Look
 from lensfit.rendering.outlines import STEP_GROWTH, STEP_PX
 from lensfit.rendering.plate_defocus import Defocus
 from lensfit.rendering.render_stages import Budget, Stages
@@ -31,6 +32,18 @@ _PIXEL_BYTES, _MAP_BYTES = 90.0, 60.0
 lens that has some."""
 _LENS_S = 1.5
 """For the programs and the rays of a lens that is not ideal, in a new process."""
+_LOOK_S = {
+    "pro-mist": 2e-8,
+    "diffusion": 4e-8,
+    "ghosting": 9e-8,
+    "glint": 7e-8,
+    "bloom": 6e-8,
+    "white balance": 3e-9,
+}
+"""Seconds per pixel, measured on frames of two to eight megapixels; those of glints and
+ghosts are of a frame with highlights all over it, which is the most."""
+_HALO_ERROR = 4e-4
+"""Rms change of a picture per share, at a Gaussian of one pixel that is left."""
 
 
 class StagePlan(NamedTuple):
@@ -131,8 +144,7 @@ def plan_of(
         found.append(_depth_of_field(radius_px, cost, stages.defocus))
     found.append(_falloff(stages, tolerance))
     if stages.look is not None:
-        on = prices(stages.look, stages.window)
-        found += [StagePlan(p.name, True, p.reason, p.error, p.seconds) for p in on]
+        found += _looks(stages.look, stages.window)
     own = cost is not None and stages.defocus is not None and not stages.defocus.is_disc
     first_s = _LENS_S if own and cost is not None and not cost.is_sharp else 0.0
     pixels = stages.window.width * stages.window.height
@@ -221,3 +233,56 @@ def _falloff(stages: Stages, tolerance: float) -> StagePlan:
     why = f"darkens to {darkest:.3g} of the axis"
     error = Budget.of(tolerance).gain_error / 4
     return StagePlan("fall-off", True, why, error, sum(g.size for g in gains) * _GAIN_S)
+
+
+def _looks(look: Look, window: Window) -> list[StagePlan]:
+    """The looks that run over a window, in order."""
+    knobs, pixels = look.knobs, window.width * window.height
+    shares = {
+        "pro-mist": knobs.pro_mist_gain,
+        "diffusion": knobs.diffusion_gain,
+        "ghosting": knobs.ghost_gain,
+        "glint": knobs.glint_gain,
+        "bloom": knobs.bloom_gain,
+        "white balance": 0.0,
+    }
+    halo_error = _HALO_ERROR / least_sigma_px(look.tolerance) ** 3
+    return [
+        StagePlan(
+            name,
+            True,
+            _look_reason(name, look),
+            shares[name] * halo_error,
+            pixels * _LOOK_S[name],
+        )
+        for name in look.runs
+    ]
+
+
+def _look_reason(name: str, look: Look) -> str:
+    """Its effect in one sentence."""
+    knobs = look.knobs
+    match name:
+        case "pro-mist":
+            share, size = knobs.pro_mist_gain, knobs.pro_mist_size_percent
+        case "diffusion":
+            share, size = knobs.diffusion_gain, knobs.diffusion_size_percent
+        case "bloom":
+            share, size = knobs.bloom_gain, knobs.bloom_size_percent
+        case "ghosting":
+            return (
+                f"{knobs.ghost_count} of each light above {knobs.ghost_threshold:g}, "
+                f"{100 * knobs.ghost_gain:.3g} % of its light together"
+            )
+        case "glint":
+            return (
+                f"{100 * knobs.glint_gain:.3g} % of the light above "
+                f"{knobs.glint_threshold:g} in {knobs.glint_streaks} streaks of "
+                f"{look.px(knobs.glint_length_percent):.3g} px"
+            )
+        case _:
+            kelvin, tint = knobs.white_balance_kelvin, knobs.white_balance_tint
+            return f"{kelvin:g} K, tint {tint:g}"
+    above = f" above {knobs.bloom_threshold:g}" if name == "bloom" else ""
+    half = look.px(size)
+    return f"{100 * share:.3g} % of the light{above}, half of it within {half:.3g} px"

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32
 
+from lensfit.rendering.circle import Circle
 from lensfit.rendering.look.halo import octave_shares, octaves_spread
 from lensfit.rendering.look.light import brightness_above
 from lensfit.rendering.look.pyramid import Picture, halved, padded
@@ -39,6 +40,29 @@ class SharpLayer(NamedTuple):
 
     colour: Picture
     radius_px: Plane | None
+
+
+def sharp_layers(
+    rgba: Sequence[Float32[np.ndarray, "height width 4"]],
+    depth_mm: Sequence[Float32[np.ndarray, "height width"]],
+    circle: Circle,
+) -> list[SharpLayer]:
+    """Layers front to back, each dimmed by what stands before it.
+
+    Parameters
+    ----------
+    rgba : Premultiplied, front to back.
+    depth_mm : Of each, from the entrance pupil.
+    circle : Radius of blur of a distance.
+    """
+    found, through = [], None
+    for colour, depth in zip(rgba, depth_mm, strict=True):
+        seen = colour[..., :3]
+        seen = seen if through is None else seen * through
+        found.append(SharpLayer(seen, circle.radius_px(depth)))
+        left = np.clip(1 - colour[..., 3:], 0, 1)
+        through = left if through is None else through * left
+    return found
 
 
 def blur_of_light(layers: Sequence[SharpLayer], threshold: float) -> Plane:
