@@ -40,11 +40,10 @@ from lensfit.workflow.calibration.entries import (
     with_quality,
 )
 from lensfit.workflow.calibration.entry_facts import entry_facts
+from lensfit.workflow.calibration.fit_facts import statement_facts, terms_of
 from lensfit.workflow.calibration.observe import Observed, observe_shoot
 from lensfit.workflow.calibration.results_folder import PRESET
-from lensfit.workflow.calibration.statement_facts import statement_facts
 from lensfit.workflow.calibration.take_facts import take_facts
-from lensfit.workflow.calibration.term_facts import terms_of
 from lensfit.workflow.pictures.model_pictures import write_model_pictures
 from lensfit.workflow.results_set import REPORT, atomic_results
 from lensfit.workflow.shoot.identified_charts import with_identified_charts

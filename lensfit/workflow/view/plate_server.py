@@ -43,7 +43,7 @@ from lensfit.workflow.view.lens_adjustments import (
     command_line,
     require_valid_adjustments,
 )
-from lensfit.workflow.view.saved_edit import LibraryLens, save_edit
+from lensfit.workflow.view.saved_adjustments import LibraryLens, save_edit
 from lensfit.workflow.view.screen_picture import screen_png
 from lensfit.workflow.view.typed_length import length_answer
 from lensfit.workflow.view.view_transform import (

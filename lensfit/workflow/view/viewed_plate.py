@@ -10,19 +10,17 @@ import math
 import tempfile
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, final
+from typing import Any, final
 
 import msgspec
 import numpy as np
 from jaxtyping import Float32
 
 from lensfit.errors import ImageError, LensfitError
-from lensfit.io.exr import ExrImage, read_exr
-from lensfit.io.exr_deep import is_deep
 from lensfit.io.sequence import expand_frames
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.plate_state import PlateState
@@ -31,7 +29,6 @@ from lensfit.plate.camera.settings import file_stamp, settings_beside
 from lensfit.plate.frame.frame_error import error_at_frame
 from lensfit.plate.frame.frame_outcome import apply_frame
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.frame.plate_views import plate_views
 from lensfit.plate.frame.renderer import FrameRenderer
 from lensfit.preset.knobs import active_knobs
 from lensfit.preset.scaled_look import UNSCALED, ScaledLook
@@ -43,45 +40,20 @@ from lensfit.workflow.view.lens_adjustments import (
     adjusted_options,
     settings_tables,
 )
-from lensfit.workflow.view.proxy import (
+from lensfit.workflow.view.read_plate import (
     MOST_PIXELS,
     MOST_PIXELS_OF_RAYS,
-    proxy_factor,
-    proxy_of,
+    Plate,
+    Quality,
+    read_plate,
 )
-from lensfit.workflow.view.saved_settings import SavedSettings, save_settings
-from lensfit.workflow.view.screen_picture import first_layer, frame_pixels
+from lensfit.workflow.view.saved_adjustments import SavedSettings, save_settings
+from lensfit.workflow.view.screen_picture import frame_pixels
 
-Quality = Literal["proxy", "finer", "full"]
-"""In the order of their pixels."""
 PROXY_TOLERANCE = 1e-2
-_FINER = 4
-"""Times as many pixels along a side as a proxy's: some ten times its seconds."""
 _DIGITS = 6
 """Of a picked focus distance, so that the command line that repeats it is short."""
 _PICTURES = 4
-
-
-class Plate(NamedTuple):
-    """One frame that was read.
-
-    Attributes
-    ----------
-    image, header : Its first view, and what states its camera.
-    smaller : The same with fewer pixels, by quality; none where it is small itself.
-    layer : The colours that are shown.
-    """
-
-    path: Path
-    image: ExrImage
-    header: ExrImage
-    smaller: Mapping[Quality, ExrImage]
-    layer: str
-
-    @property
-    def qualities(self) -> tuple[Quality, ...]:
-        """In which it can be shown, the quickest first."""
-        return (*self.smaller, "full")
 
 
 @final
@@ -299,50 +271,6 @@ def _unsaved(wanted: LensAdjustments) -> list[str]:
     if wanted.defocus is None:
         return []
     return ["Depth of field is switched here alone: the command below does it as well"]
-
-
-def read_plate(
-    path: Path, options: ApplyOptions, most_pixels: int = MOST_PIXELS
-) -> Plate:
-    """A frame with what is shown of it.
-
-    Parameters
-    ----------
-    most_pixels : Of its proxy.
-
-    Raises
-    ------
-    ImageError : It cannot be read, is deep, or has no colours.
-    """
-    if is_deep(path):
-        raise ImageError(
-            "is a deep plate, which the view does not show",
-            where=path,
-            remedy='render it with "lensfit apply", or view a flat one',
-        )
-    view = plate_views(read_exr(path), path)[0]
-    image = view.view.image
-    wanted = None if options.layers is None else tuple(options.layers)
-    layer = first_layer(image, wanted)
-    if layer is None:
-        raise ImageError(
-            "holds no R, G, B to render", where=path, remedy="give a colour plate"
-        )
-    # A map from outside has the size of the plate.
-    smaller = {} if options.stmap else smaller_plates(image, most_pixels)
-    return Plate(path, image, view.header, smaller, layer)
-
-
-def smaller_plates(image: ExrImage, most_pixels: int) -> dict[Quality, ExrImage]:
-    """A plate for a quick look, and one between it and the plate, if there is room."""
-    factor = proxy_factor(image.parts[0].display_window, most_pixels)
-    factors: dict[Quality, int] = {"proxy": factor, "finer": factor // _FINER}
-    found: dict[Quality, ExrImage] = {}
-    for name, n in factors.items():
-        proxy = proxy_of(image, n) if n > 1 else None
-        if proxy is not None:
-            found[name] = proxy
-    return found
 
 
 def lens_ranges(preset: Preset, scaled: ScaledLook = UNSCALED) -> dict[str, Any]:

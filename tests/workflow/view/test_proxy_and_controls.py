@@ -11,8 +11,13 @@ from lensfit.plate.apply_options import ApplyOptions
 from lensfit.preset.knobs import GROUP_OF, NEUTRAL, Knobs
 from lensfit.workflow.view.controls import knob_controls
 from lensfit.workflow.view.lens_adjustments import FILES, LensAdjustments
-from lensfit.workflow.view.proxy import MOST_PIXELS, proxy_factor, proxy_of
-from lensfit.workflow.view.viewed_plate import ViewedPlate, smaller_plates
+from lensfit.workflow.view.read_plate import (
+    MOST_PIXELS,
+    proxy_factor,
+    proxy_of,
+    smaller_plates,
+)
+from lensfit.workflow.view.viewed_plate import ViewedPlate
 
 
 def ramps(data: Window, display: Window) -> ExrImage:

@@ -1,7 +1,8 @@
-"""Save adjustments to a settings file without changing the rest of it.
+"""Save adjustments: to a shot's settings file, or as an edit of a lens of the library.
 
-A file written in a way that `lensfit.workflow.shoot.toml_lines` does not understand is
-left alone.
+The rest of a settings file is not changed; one that is written in a way that
+`lensfit.workflow.shoot.toml_lines` does not understand is left alone. An edit has knobs
+alone, with who, when and why.
 """
 
 from collections.abc import Mapping
@@ -9,10 +10,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lensfit.atomic import write_text_atomic
-from lensfit.errors import SettingsError
+from lensfit.errors import PresetError, SettingsError
 from lensfit.plate.camera.settings import load_settings
+from lensfit.preset.library.edit import Author, RequestedEdit, edit_preset
 from lensfit.workflow.shoot.toml_lines import with_keys
-from lensfit.workflow.view.lens_adjustments import number_text, whole_if_it_is
+from lensfit.workflow.view.lens_adjustments import (
+    LensAdjustments,
+    number_text,
+    whole_if_it_is,
+)
 
 Tables = Mapping[str, Mapping[str, float]]
 
@@ -79,3 +85,46 @@ def changed_text(old: str, changes: Tables, path: Path) -> str:
             )
         text = changed
     return text
+
+
+class LibraryLens(NamedTuple):
+    """A lens as the library knows it.
+
+    Attributes
+    ----------
+    name : Without its version: an edit is made to the one in use.
+    library : The level that is edited; the user's own if None.
+    """
+
+    name: str
+    library: Path | None
+
+
+def save_edit(
+    shelved: LibraryLens | None, wanted: LensAdjustments, author: Author
+) -> str:
+    """The full name of the version that the knobs are saved as.
+
+    Parameters
+    ----------
+    shelved : None for a preset outside a library.
+
+    Raises
+    ------
+    PresetError : It is in no library, no knob is adjusted, or the edit cannot be made.
+    OutputError : The level cannot be written.
+    """
+    if shelved is None:
+        raise PresetError(
+            "the preset is a file outside a library, where nothing is on record",
+            remedy='put it there with "lensfit preset save", and view it by its name',
+        )
+    wishes = [
+        RequestedEdit(name, whole_if_it_is(v)) for name, v in wanted.knobs.items()
+    ]
+    if not wishes:
+        raise PresetError(
+            "no knob is adjusted; f-number and focus are of the shot, not of the lens",
+            remedy="save these to the shot",
+        )
+    return edit_preset(shelved.name, wishes, author, library=shelved.library).full_name

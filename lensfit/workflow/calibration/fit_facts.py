@@ -1,8 +1,12 @@
-"""Terms of a fitted state for the report: kept or left, value, deviation, reason.
+"""What the fit decided of a state, for the report: its terms and its statements.
 
-Everything is plain numbers, ready for JSON.
+A term is kept or left, with value, deviation and reason; a statement of the shoot file
+has its value, width and fitted value. Residuals are in widths; beyond three of them a
+statement contradicts the photographs and the other statements. Everything is plain
+numbers, ready for JSON.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 from lensfit.fitting.lens_state import LensState
@@ -48,6 +52,30 @@ def terms_of(
         shared = {"focal_length_mm": state.focal_length_mm}
         terms += [term | shared for term in blur_terms(wavefront)]
     return terms
+
+
+def statement_facts(states: Iterable[LensState]) -> list[dict[str, Any]]:
+    """One row for each statement of each lens state.
+
+    The place of the entrance pupil is none of the user's: it is listed, as
+    "usual_entrance_pupil", because what contradicts it contradicts what was stated.
+    """
+    return [
+        {
+            "quantity": one.quantity,
+            "where": one.where,
+            "focal_length_mm": state.focal_length_mm,
+            "focus_distance_mm": plain_distance(state.focus_distance_mm),
+            "stated": round(one.stated, 4),
+            "width": round(one.width, 4),
+            "fitted": round(one.fitted, 4),
+            "unit": one.unit,
+            "residual_widths": round(one.residual_widths, 3),
+            "contradicts": one.contradicts,
+        }
+        for state in states
+        for one in state.geometry.statements
+    ]
 
 
 def _principal_distance(state: LensState) -> dict[str, Any]:
