@@ -12,10 +12,10 @@ from lensfit.cli._sizes import size_px
 from lensfit.cli.apply import FilterName
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import ScaleToSensorOption
-from lensfit.cli.groups.disable import DisableGroup
 from lensfit.cli.groups.knobs import AberrationGroup, BokehGroup, stated_knobs
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
+from lensfit.cli.groups.rendering import DisableGroup
 
 
 @takes_groups

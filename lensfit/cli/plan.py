@@ -6,14 +6,9 @@ from typing import Annotated
 import typer
 
 from lensfit.cli._console import console
-from lensfit.cli._cores import CoresOption
-from lensfit.cli._tolerance import ToleranceOption
 from lensfit.cli.groups import takes_groups
-from lensfit.cli.groups.camera import CameraGroup, ScaleToSensorOption
+from lensfit.cli.groups.camera import CameraGroup, FocusGroup, ScaleToSensorOption
 from lensfit.cli.groups.depth import DepthGroup
-from lensfit.cli.groups.disable import DisableGroup
-from lensfit.cli.groups.effects import EffectsGroup
-from lensfit.cli.groups.focus import FocusGroup
 from lensfit.cli.groups.knobs import (
     AberrationGroup,
     BokehGroup,
@@ -22,6 +17,12 @@ from lensfit.cli.groups.knobs import (
 )
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
+from lensfit.cli.groups.rendering import (
+    CoresOption,
+    DisableGroup,
+    EffectsGroup,
+    ToleranceOption,
+)
 
 
 @takes_groups

@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lensfit.cli._cores import CoresOption
-from lensfit.cli._tolerance import ToleranceOption
 from lensfit.cli.apply import FilterOption, ProgressName, begin_frames, say_applied
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.camera import CameraGroup
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup
 from lensfit.cli.groups.pixels import PixelGroup
+from lensfit.cli.groups.rendering import CoresOption, ToleranceOption
 
 if TYPE_CHECKING:
     from lensfit.rendering.render_stages import Switches

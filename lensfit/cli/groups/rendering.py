@@ -1,12 +1,20 @@
-"""Aberrations that are turned off by name on the command line: a gain of 0 each."""
+"""Rendering on the command line: effects left out, accepted error, processor cores.
+
+An aberration that is turned off by name has a gain of 0.
+"""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from lensfit._strict import did_you_mean
 from lensfit.preset.aberration_knobs import AberrationKnobs
+
+if TYPE_CHECKING:
+    from lensfit.rendering.render_stages import Switches
+
+_PANEL = "Effects"
 
 _GAIN = "_gain"
 _SINGLE = tuple(
@@ -25,6 +33,50 @@ _SEVERAL = {
 }
 _AS_OPTIONS = [name.replace("_", "-") for name in (*_SINGLE, *_SEVERAL)]
 """As the options of their gains are spelt; the underscores of knobs do too."""
+
+
+ToleranceOption = Annotated[
+    float,
+    typer.Option(
+        min=1e-7, max=1.0, help="Accepted rms error of the picture, display-referred"
+    ),
+]
+CoresOption = Annotated[
+    int | None,
+    typer.Option(
+        "--cores",
+        min=1,
+        envvar="LENSFIT_CORES",
+        help="Processor cores that it takes at most; all that there are if left out",
+    ),
+]
+
+
+def _left_out(effect: str, option: str) -> typer.models.OptionInfo:
+    return typer.Option(option, help=f"Leave {effect} out", rich_help_panel=_PANEL)
+
+
+@dataclass(frozen=True)
+class EffectsGroup:
+    """Switches of what the preset knows."""
+
+    no_distortion: Annotated[bool, _left_out("distortion", "--no-distortion")] = False
+    no_lateral_colour: Annotated[
+        bool, _left_out("lateral colour", "--no-lateral-colour")
+    ] = False
+    no_falloff: Annotated[bool, _left_out("fall-off", "--no-falloff")] = False
+    no_defocus: Annotated[bool, _left_out("depth of field", "--no-defocus")] = False
+
+    def switches(self) -> "Switches":
+        """As plates are rendered with it."""
+        from lensfit.rendering.render_stages import Switches
+
+        return Switches(
+            distortion=not self.no_distortion,
+            lateral_colour=not self.no_lateral_colour,
+            falloff=not self.no_falloff,
+            defocus=not self.no_defocus,
+        )
 
 
 @dataclass(frozen=True)
