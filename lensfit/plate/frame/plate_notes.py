@@ -1,10 +1,11 @@
 """Notes on a rendered plate that are not obvious from the picture.
 
-Borders that stay black because a plate has too little overscan, and pixels that are not
-numbers and spread to their neighbours.
+Borders that stay black because a plate has too little overscan, pixels that are not
+numbers and spread to their neighbours, and knobs of an effect of the lens that is
+switched off.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from jaxtyping import Float32
@@ -15,10 +16,19 @@ from lensfit.io.exr import ExrPart
 from lensfit.io.eyes_by_name import EYES
 from lensfit.plate.channels import ColourLayer
 from lensfit.plate.notes import FrameNote
-from lensfit.rendering.render_stages import Stages
+from lensfit.rendering.render_stages import Stages, Switches
 
 _SEEN_PART = 1e-4
 """Of the pixels; less is a rounding of the border."""
+_KNOBS = {
+    "distortion": ("--no-distortion", ("distortion",)),
+    "lateral_colour": ("--no-lateral-colour", ("lateral_red", "lateral_blue")),
+    "falloff": (
+        "--no-falloff",
+        ("natural_vignetting", "optical_vignetting", "mechanical_vignetting"),
+    ),
+}
+"""By switch, the option that leaves the effect out and what its knobs begin with."""
 
 
 def border_note(stages: Stages, window: Window, source: Window) -> str | None:
@@ -86,3 +96,20 @@ def layer_depth_notes(
                 "its view (multiView)",
                 f"depth of layer {layer}",
             )
+
+
+def left_out_knobs(switches: Switches, knobs: Mapping[str, object]) -> Iterator[str]:
+    """One sentence for each knob of an effect that is switched off.
+
+    Parameters
+    ----------
+    knobs : Those that the user set, by name; a knob set to no effect agrees with the
+        switch.
+    """
+    for switch, (option, aberrations) in _KNOBS.items():
+        if getattr(switches, switch):
+            continue
+        for name, value in knobs.items():
+            if name.startswith(aberrations) and value not in (None, 0):
+                knob = f"--{name.replace('_', '-')}"
+                yield f"{knob} has no effect: {option} leaves its effect out"

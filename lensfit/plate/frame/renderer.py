@@ -29,8 +29,8 @@ from lensfit.plate.frame.deep_plate import render_deep
 from lensfit.plate.frame.explaining_picture import explaining_picture
 from lensfit.plate.frame.fingerprint import FINGERPRINT, Fingerprint
 from lensfit.plate.frame.flat_plate import render_flat
-from lensfit.plate.frame.left_out_knobs import left_out_knobs
 from lensfit.plate.frame.plate_lens import PlateLens
+from lensfit.plate.frame.plate_notes import left_out_knobs
 from lensfit.plate.frame.plate_views import (
     PlateView,
     joined_plate_views,

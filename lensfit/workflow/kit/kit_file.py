@@ -14,8 +14,7 @@ from lensfit._strict import (
 from lensfit.errors import ShootError
 from lensfit.preset.library.names import slug_of
 from lensfit.workflow.kit.kit_records import Kit, KitFile, KitLens
-from lensfit.workflow.shoot.focal_length import check_focal_length
-from lensfit.workflow.shoot.lengths import length_mm
+from lensfit.workflow.shoot.lengths import check_focal_length, length_mm
 from lensfit.workflow.shoot.shoot_file import check_names
 from lensfit.workflow.shoot.shoot_records import Target
 
