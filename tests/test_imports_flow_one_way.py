@@ -2,7 +2,7 @@
 
 The floors are those of notebooks/guide/contributing.md. A module imports only from
 lower floors or its own room, and never from `data_synth`, whose ray tracer shares no
-line with the optics it judges.
+line with the optics it judges (`data_synth/test_independence.py`).
 """
 
 import ast
@@ -180,26 +180,6 @@ def test_planted_violations_are_caught(source: str, module: str, is_package: boo
 )
 def test_honest_imports_pass(source: str, module: str):
     assert uphill_imports(source, module) == []
-
-
-def test_the_ray_tracer_shares_no_line_with_the_optics():
-    model = ("lensfit.optics", "lensfit.fitting", "lensfit.rendering")
-    measuring = [ROOT / "data_synth" / room for room in ("bench", "commands")]
-    paths = [
-        path
-        for path in sorted((ROOT / "data_synth").rglob("*.py"))
-        if not any(path.is_relative_to(room) for room in measuring)
-    ]
-    assert paths
-    shared = [
-        (path.name, name)
-        for path in paths
-        for name in imported_names(
-            path.read_text(), module_name(path), is_package=path.name == "__init__.py"
-        )
-        if name.startswith(model)
-    ]
-    assert shared == []
 
 
 @pytest.mark.parametrize(

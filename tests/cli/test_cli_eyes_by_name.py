@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run
-from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, make_preset, scene
+from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, scene
 
 from lensfit.errors import ImageError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.eyes_by_name import eyes_of_channels
-from lensfit.preset.store import save_preset
 
 ALL = {**CAMERA, **SENSOR}
 RIGHT = {**ALL, "lens/fstop": 2.0, "lens/focus": 4.0}
@@ -36,12 +35,6 @@ def two_parts(path: Path, names: tuple[str, str], right: dict = RIGHT) -> Path:
     made = (ExrPart(eye(v), DATA, DISPLAY, header, name=n) for n, v, header in parts)
     write_exr(path, ExrImage(tuple(made)))
     return path
-
-
-@pytest.fixture
-def preset(tmp_path: Path) -> Path:
-    save_preset(make_preset(), tmp_path / "preset.json")
-    return tmp_path / "preset.json"
 
 
 def applied(preset: Path, plate: Path, out: Path, *options: object):

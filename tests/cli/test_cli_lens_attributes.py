@@ -11,15 +11,7 @@ from command_line import run_well
 from deep_files import write_deep
 from plate_makers import CAMERA, DATA, SENSOR, make_preset, write_plate
 
-from lensfit.preset.store import save_preset
-
 ALL = {**CAMERA, **SENSOR}
-
-
-@pytest.fixture
-def preset(tmp_path: Path) -> Path:
-    save_preset(make_preset(), tmp_path / "preset.json")
-    return tmp_path / "preset.json"
 
 
 def header(path: Path) -> dict:

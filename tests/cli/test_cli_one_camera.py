@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import run_well
-from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, make_preset, write_plate
+from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, write_plate
 
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.metadata import camera_words
-from lensfit.preset.store import save_preset
 
 OTHER = ("--focus-distance-mm", 1500, "--f-number", 4)
 PITCH = {
@@ -21,12 +20,6 @@ PITCH = {
     ),
 }
 WHOLE = {"sensorOverallDimensions": np.array([40.0, 30.0], np.float32)}
-
-
-@pytest.fixture
-def preset(tmp_path: Path) -> Path:
-    save_preset(make_preset(), tmp_path / "preset.json")
-    return tmp_path / "preset.json"
 
 
 def result(preset: Path, plate: Path, *options: object, command: str = "apply"):

@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from deep_files import write_deep
-from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, make_preset, scene
+from plate_makers import CAMERA, DATA, DISPLAY, SENSOR, scene
 from typer.testing import CliRunner
 
 from lensfit.cli.main import app
 from lensfit.coords import Window
 from lensfit.io.exr import ExrImage, ExrPart, read_exr, write_exr
 from lensfit.io.exr_views import joined_views, views_of
-from lensfit.preset.store import save_preset
 
 ALL = {**CAMERA, **SENSOR}
 RIGHT = {**ALL, "lens/fstop": 2.0, "lens/focus": 4.0}
@@ -54,12 +53,6 @@ def names_file(path: Path, style: str) -> Path:
     header = {**ALL, "multiView": ["left", "right"]}
     write_exr(path, ExrImage((ExrPart(channels, DATA, DISPLAY, header),)))
     return path
-
-
-@pytest.fixture
-def preset(tmp_path: Path) -> Path:
-    save_preset(make_preset(), tmp_path / "preset.json")
-    return tmp_path / "preset.json"
 
 
 def run(command: str, preset: Path, plate: Path, *options: object):

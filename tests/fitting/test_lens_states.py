@@ -1,12 +1,17 @@
-"""Which takes belong to one state of the lens, and what is refused."""
+"""Which takes belong to one state of the lens, and what is refused.
+
+Behind cylinders detections move to chief rays only where that predicts them better.
+"""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from pinhole_shoot import Camera, shoot
 
 from lensfit.errors import FitError
 from lensfit.fitting.chart_view import grouped
+from lensfit.fitting.lens_state import more_accurate_state
 from lensfit.fitting.lens_states import fit
 
 TAKES = shoot(Camera())
@@ -50,3 +55,30 @@ def test_a_photograph_that_contradicts_itself_costs_no_other():
     assert [take.name for take in geometry.takes] == ["view 0", "view 1", "view 2"]
     assert [one.where for one in geometry.statements if one.contradicts] == ["view 1"]
     assert "view 1: target_distance_mm" in found.notes[0]
+
+
+def cylindrical(held_out_px: float, squeeze: float, focus_mm: float = 2000.0):
+    """A state of a lens with cylinders, or without any at a squeeze of one."""
+    takes = (SimpleNamespace(anamorphic=squeeze != 1.0),)
+    geometry = SimpleNamespace(takes=takes, held_out_rms_px=held_out_px)
+    return SimpleNamespace(
+        geometry=geometry, focal_length_mm=50.0, focus_distance_mm=focus_mm
+    )
+
+
+@pytest.mark.parametrize("moved_px", [0.02, 0.08])
+def test_the_state_that_predicts_its_marks_better_stays(moved_px):
+    centroids, moved = cylindrical(0.05, 1.9), cylindrical(moved_px, 1.9)
+    elsewhere = cylindrical(0.001, 1.9, 3000.0)
+    found = more_accurate_state(moved, [elsewhere, centroids])
+    assert found is (moved if moved_px < 0.05 else centroids)
+
+
+def test_a_lens_without_cylinders_keeps_chief_rays():
+    moved = cylindrical(0.08, 1.0)
+    assert more_accurate_state(moved, [cylindrical(0.05, 1.0)]) is moved
+
+
+def test_a_state_that_was_refused_before_is_taken():
+    moved = cylindrical(0.08, 1.9)
+    assert more_accurate_state(moved, []) is moved

@@ -1,13 +1,16 @@
-"""Error against time of fit and warp: every method a curve, all figures in it."""
+"""Error against time of fit, warp and render: every method, with its figures."""
 
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
+from skimage.io import imread
 
 from data_synth.bench import warp
 from data_synth.bench.fit import plot as fit_plot
+from data_synth.bench.render import plot as render_plot
 
 SETS = {"small": (0.02, 0.7), "large": (0.3, 1.2)}
 
@@ -69,3 +72,35 @@ def test_a_warp_has_a_curve_for_every_method(drawn, monkeypatch, tmp_path):
     assert drawn["lensfit cubic"].seconds == [points["lensfit cubic"]["seconds"]]
     written = json.loads((tmp_path / "bench_warp.json").read_text())
     assert written["curves"] == result["curves"]
+
+
+RENDER_ROWS = [
+    {
+        "set": "plate",
+        "what": "PSNR, dB",
+        "peers": {"no defocus": 24.7, "layered discs": 33.1, "without mattes": 36.8},
+    },
+    {
+        "set": "plate",
+        "what": "seconds",
+        "peers": {"processor": 0.7, "layered discs": 0.8},
+    },
+]
+RENDER_CURVE = [
+    {"tolerance": 1e-3, "seconds": 0.6, "psnr_db": 36.8},
+    {"tolerance": 1e-2, "seconds": 0.3, "psnr_db": 35.4},
+]
+
+
+def test_peers_come_with_their_seconds_where_they_took_any():
+    found = {"no defocus": (None, 24.7), "layered discs": (0.8, 33.1)}
+    assert render_plot.peers_of(RENDER_ROWS) == found
+
+
+def test_the_picture_of_a_render_has_something_on_it(tmp_path):
+    path = render_plot.write_plot(
+        {"rows": RENDER_ROWS, "curves": {"plate": RENDER_CURVE}}, tmp_path
+    )
+    picture = imread(path)[..., :3]
+    assert picture.shape[0] > 400
+    assert np.mean(picture < 200) > 0.005

@@ -4,7 +4,7 @@ Random rays through the opening, each boundary tried by itself, land where the c
 forms of Seidel's aberrations and a cone of exact tangents say, and are counted in
 cells. No line is shared with the fit: what is true is stated here and nowhere else.
 
-Holes are Gaussians here: `test_wavefront_hole` has discs.
+Holes are Gaussians here: `test_dot_aperture` has discs.
 
 Also the layout and the arrays of a fit of such a lens, small enough for tests.
 """

@@ -1,4 +1,7 @@
-"""The stages end to end: a lens drawn by random rays is found again."""
+"""The stages end to end: a lens drawn by random rays is found again.
+
+Dots are sharded over cores: each once, and back in their order.
+"""
 
 from dataclasses import replace
 
@@ -6,6 +9,7 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, Seidel, Shot, photographed
 
+from lensfit.fitting.cores import cores
 from lensfit.fitting.wavefront import descent
 from lensfit.fitting.wavefront.coarse import coarse_fit
 from lensfit.fitting.wavefront.descent import (
@@ -21,6 +25,7 @@ from lensfit.fitting.wavefront.stages import (
     chi_squared,
     first_stage,
     set_priors,
+    shard_dots,
     solve_stage,
     stage_on_dots,
 )
@@ -253,3 +258,25 @@ def test_takes_that_are_all_out_of_focus_by_the_same_are_found():
     third = found.parameters[BLOCKS["coefficients"]][:5]
     truth = lens.parameters()[BLOCKS["coefficients"]][:5]
     np.testing.assert_allclose(third, truth, atol=12.0)
+
+
+@pytest.mark.parametrize("dots", [1, 2, 7, 255, 256])
+@pytest.mark.parametrize("shards", [1, 2, 8])
+def test_every_dot_is_dealt_once_and_found_again(dots: int, shards: int):
+    sharding = shard_dots(dots, 256, shards)
+    assert sharding.rows.shape == (256,)
+    assert sharding.counts.sum() == dots
+    assert np.ptp(sharding.counts) <= 1
+    np.testing.assert_array_equal(sharding.rows[sharding.places], np.arange(dots))
+    share = 256 // shards
+    assert (sharding.places % share < sharding.counts[sharding.places // share]).all()
+
+
+def test_a_hand_without_dots_has_room_and_nothing_in_use():
+    sharding = shard_dots(1, 256, 8)
+    assert sharding.counts.tolist() == [1, 0, 0, 0, 0, 0, 0, 0]
+    assert set(sharding.rows.tolist()) == {0}
+
+
+def test_cores_divide_the_room_of_any_pass():
+    assert 256 % cores().size == 0
