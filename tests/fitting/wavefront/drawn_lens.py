@@ -9,6 +9,7 @@ Holes are Gaussians here: `test_dot_aperture` has discs.
 Also the layout and the arrays of a fit of such a lens, small enough for tests.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -265,3 +266,23 @@ def _dot_data(shots, rows, light, centroid, diameter, spread) -> DotData:
             jnp.asarray(focal), jnp.asarray(1.0), jnp.asarray(PRINCIPAL_MM)
         ),
     )
+
+
+def assert_slopes_are_differences(
+    slopes_mm: jax.Array,
+    offsets_mm: Callable[[jax.Array], jax.Array],
+    parameters: jax.Array,
+) -> None:
+    """Slopes of offsets by the parameters are central differences of these.
+
+    Parameters
+    ----------
+    slopes_mm : At the parameters; last axis: parameters.
+    """
+    for name, step in {"coefficients": 0.1, "defocus": 1e-4}.items():
+        where = LAYOUT.blocks[name]
+        moves = jnp.eye(LAYOUT.size)[where] * step
+        ends = [[offsets_mm(parameters + way * m) for m in moves] for way in (1, -1)]
+        wanted = np.moveaxis(np.subtract(*ends), 0, -1) / (2 * step)
+        largest = np.abs(wanted).max()
+        np.testing.assert_allclose(slopes_mm[:, where], wanted, atol=0.08 * largest)
