@@ -125,14 +125,16 @@ def takes_with_shared_moves(
     left, moved = iter(zip(takes, settings, strict=True)), []
     for dot_data in _photographed(found):
         bias_mm = smooth_centroid_biases_mm(found.stage, dot_data)
-        parts = [moves_of(dot_data), _BIAS_UNCERTAINTY * bias_mm[:, None]]
+        # Of one setting the bias that is left is not subtracted.
+        unsure = 1.0 if found.dot_data.of_one_setting else _BIAS_UNCERTAINTY
+        parts = [moves_of(dot_data), unsure * bias_mm[:, None]]
         each_mm = np.concatenate(parts, 1)
         for k, photograph in enumerate(dot_data.photographs):
             take, setting = next(left)
             every_mm = _moves_of_marks(photograph, each_mm[dot_data.take == k])
-            own, by_colour, unsure = np.split(every_mm, [-1 - colours, -1])
-            alike = np.zeros((len(distinct), *unsure.shape[1:]))
-            alike[distinct.index(setting)] = unsure[0]
+            own, by_colour, biased = np.split(every_mm, [-1 - colours, -1])
+            alike = np.zeros((len(distinct), *biased.shape[1:]))
+            alike[distinct.index(setting)] = biased[0]
             take = replace(take, shared_moves_mm=np.concatenate([own, alike]))
             if colours:
                 known = {"colour_moves_mm": by_colour, "colour_orders": colour_orders}
@@ -278,10 +280,13 @@ def refit_without_centroid_bias(found: WavefrontFit) -> WavefrontFit:
 
     Detected points of other settings would determine how far coma moves a centroid.
     Those of one setting lie on a smooth map whatever the bias, and the map without bias
-    is the one that was measured.
+    is the one that was measured. The shape of the dots tells another bias: so the
+    deviation of what is cancelled is all of it.
     """
     whole = bias_cancelling_move(found.stage, found.dot_data)[None]
-    kept = adjust_wavefront(found, whole, ErrorAmplitudes(np.ones(1), np.zeros((1, 1))))
+    found = replace(found, covariance=found.covariance + whole.T @ whole)
+    known = ErrorAmplitudes(np.ones(1), np.zeros((1, 1)))
+    kept = adjust_wavefront(found, whole, known)
     return found if kept is None else kept
 
 

@@ -137,9 +137,6 @@ _ALIKE = 1.01
 candidates."""
 _Choice = Callable[..., list[Candidate]]
 """One of the rules of `multistart`."""
-_REJECTED_OF_ONE_SETTING = 2
-"""Rejected candidates that are tried after the promising ones where all photographs
-have one setting: lenses that draw it alike are equivalent at that setting."""
 _SUSPECT = 0.08
 """Held-out misfit, as a share of a dot's image, above which the other side of focus is
 tried: where the side was stated correctly a third of this is usual."""
@@ -320,14 +317,11 @@ def _candidates_after_middle(coarse: CoarseFit, few: DotData) -> list[Candidate]
         for one in coarse.candidates
     ]
     enough = _EXPLAINED * len(few.take) * (3 if few.colour else 1)
-    most = _REJECTED_OF_ONE_SETTING if few.of_one_setting else None
-    for one in coarse.rejected[:most]:
+    for one in coarse.rejected:
         if min(candidate.cost for candidate in found) <= enough:
             break
         stage = solve_on_all_dots(one, few).stage
         found.append(candidate_at(middle_fit(stage, coarse.term_groups)))
-    if few.of_one_setting:
-        return open_candidates(found, _HOPELESS, 1)
     both_sides = not coarse.side_stated
     return open_candidates(found, _HOPELESS, _MOST_CANDIDATES, both_sides=both_sides)
 
