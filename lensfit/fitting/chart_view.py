@@ -5,6 +5,7 @@ and the state of the lens (a `[[take]]` of a shoot file, searched). Distances co
 the sensor plane.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,6 +71,11 @@ class View:
         """Width and height of a pixel on the sensor."""
         size_px = np.asarray(self.observations.image_size_px)
         return np.asarray(self.sensor_size_mm) / size_px
+
+    @property
+    def corner_mm(self) -> float:
+        """Of the frame, from its middle."""
+        return math.hypot(*self.sensor_size_mm) / 2
 
     @property
     def anamorphic(self) -> bool:

@@ -27,6 +27,7 @@ from lensfit.fitting.usual_lens import (
     KnownPupil,
     KnownPupilShift,
     magnification_at,
+    next_order_of_pupil_shift_mm,
     usual_pupil,
     usual_pupil_shift,
 )
@@ -41,10 +42,6 @@ lens with floating elements moves four times as far."""
 _PUPIL_SHIFT_WITH_FOCUS = 0.01
 """In focal lengths: the shift with field angle of traced lenses changes by less between
 focus distances."""
-
-_PUPIL_SHIFT_HIGHER_ORDERS = 0.15
-"""Relative error of the shift per sin^2 of the field angle due to the neglected sin^4
-term: a sixth and a tenth for a traced 50 mm f/1.4 and a 14 mm lens of 100 degrees."""
 _AGREES = 1.0
 """Difference, in standard deviations, below which a fitted shift is kept: a new fit
 for less would change the lens by chance alone."""
@@ -99,7 +96,7 @@ def fitted_pupil_shift(
     known = facts.perspective.pupil_shift
     shift_mm, deviation_mm = _fitted_mm(geometry, uncertainty, "pupil_shift")
     usual_mm = usual_pupil_shift(
-        facts.focal_length_mm, _widest(views)
+        facts.focal_length_mm, _widest(views), views[0].corner_mm
     ).standard_deviation_mm
     measured = known.measured or deviation_mm < _MEASURED_PUPIL_SHIFT * usual_mm
     distances = any(view.target_distance_mm is not None for view in views)
@@ -126,6 +123,7 @@ def perspective_at_other_focus(
     pupil: EntrancePupil,
     pupil_shift: FittedPupilShift | None,
     focal_length_mm: float,
+    corner_mm: float,
     known_at_focus_mm: float | None,
     focus_distance_mm: float | None,
 ) -> KnownPerspective:
@@ -138,6 +136,7 @@ def perspective_at_other_focus(
     Parameters
     ----------
     pupil, pupil_shift : Of the state that determined them.
+    corner_mm : Of the frame, from its middle.
     known_at_focus_mm, focus_distance_mm : Focus distances of that state and of the new
         one, from the sensor; None if unknown.
     """
@@ -155,7 +154,8 @@ def perspective_at_other_focus(
         pupil.measured,
     )
     if pupil_shift is None:
-        return KnownPerspective(known, usual_pupil_shift(focal_length_mm, None))
+        usual = usual_pupil_shift(focal_length_mm, None, corner_mm)
+        return KnownPerspective(known, usual)
     return KnownPerspective(
         known,
         KnownPupilShift(
@@ -187,13 +187,15 @@ def perspective_with_pupil_shift(
         < _AGREES * corrected.standard_deviation_mm
     ):
         return None
-    deviation_mm = math.hypot(
-        corrected.standard_deviation_mm, _PUPIL_SHIFT_HIGHER_ORDERS * corrected.shift_mm
+    focal_mm = geometry.facts.focal_length_mm
+    left_mm = next_order_of_pupil_shift_mm(
+        corrected.shift_mm, focal_mm, geometry.takes[0].corner_mm
     )
+    deviation_mm = math.hypot(corrected.standard_deviation_mm, left_mm)
     return geometry.facts.perspective._replace(
         pupil_shift=KnownPupilShift(
             corrected.shift_mm,
-            _PUPIL_SHIFT_WITH_FOCUS * geometry.facts.focal_length_mm,
+            _PUPIL_SHIFT_WITH_FOCUS * focal_mm,
             deviation_mm,
             corrected.measured,
         )

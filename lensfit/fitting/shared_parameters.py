@@ -149,6 +149,7 @@ def _perspective_for(
         source.pupil,
         source.pupil_shift,
         group[0].focal_length_mm,
+        group[0].corner_mm,
         source.focus_distance_mm,
         group[0].focus_distance_mm,
     )

@@ -234,7 +234,7 @@ def facts_of(
     stops = [view.f_number for view in views if view.f_number and measured]
     usual = KnownPerspective(
         usual_pupil(focal_mm * (1 + magnification)),
-        usual_pupil_shift(focal_mm, min(stops, default=None)),
+        usual_pupil_shift(focal_mm, min(stops, default=None), views[0].corner_mm),
     )
     return Facts(
         names=tuple(view.name for view in views),

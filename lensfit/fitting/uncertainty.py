@@ -40,6 +40,7 @@ from lensfit.fitting.half_equations import explained_by, halves_of, stated_stati
 from lensfit.fitting.parameters import Layout
 from lensfit.fitting.priors import loose_prior, release
 from lensfit.fitting.systematic import covariance_of_equations, systematic_covariance
+from lensfit.fitting.usual_lens import next_order_of_pupil_shift_mm
 from lensfit.fitting.view_stack import residuals_of
 from lensfit.optics import position_deviation as optics
 
@@ -47,10 +48,6 @@ SYSTEMATIC_PX = 0.006
 """Rms effect of systematic errors on the detections, after the poses were adjusted. For
 thirty random traced lenses the median error along either axis was .005; without this
 part the stated standard deviation was .0016."""
-_NEXT_ORDER_OF_PUPIL_SHIFT = 0.3
-"""In focal lengths: half of the entrance-pupil shift per sin^4 of the field angle,
-which the fit attributes to the sin^2 term. The shift per sin^4 is .65 focal lengths for
-a 50 mm f/1.4 and for a retrofocus lens of 100 degrees."""
 _GREEN = 1
 _LEAST_MOVE = 1e-3
 """Share of the largest move; smaller ones are negligible against the noise."""
@@ -140,15 +137,14 @@ def _add_variance_of_next_pupil_shift_order(
     stated = adjustment.statements
     if stated is not None and "pupil_shift_at_other_focus" in stated.quantities:
         return
-    tangent = float(
-        frame.valid_radius * frame.reference_radius_mm / frame.stated_focal_length_mm
-    )
-    sine2 = tangent**2 / (1 + tangent**2)
     where = layout.blocks["pupil_shift"]
-    free = adjustment.prior.free[where]
-    covariance[where, where] += np.diag(
-        (_NEXT_ORDER_OF_PUPIL_SHIFT * sine2 * free) ** 2
-    )
+    if not adjustment.prior.free[where].any():
+        return
+    unit_mm = float(frame.stated_focal_length_mm)
+    corner_mm = float(frame.valid_radius * frame.reference_radius_mm)
+    shift_mm = float(adjustment.parameters[where][0]) * unit_mm
+    left_mm = next_order_of_pupil_shift_mm(shift_mm, unit_mm, corner_mm)
+    covariance[where, where] += (left_mm / unit_mm) ** 2
 
 
 def _add_variance_of_fixed_pupil_shift(

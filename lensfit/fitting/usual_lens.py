@@ -12,8 +12,15 @@ to 17 degrees off axis, the shift per squared sine of the field angle is
     -0.7 f / N^2
 
 within .15 focal lengths rms, N being the widest f-number: fast lenses have strong
-elements in front of the stop. In a retrofocus lens of 100 degrees it is .25 focal
-lengths larger; a telephoto lens can differ much (-2.8 for one of f/5.6).
+elements in front of the stop. A lens of small field may have a pupil much larger than
+its stop, and shifts by many focal lengths per squared sine (65 for a zoom at 200 mm):
+there it is the shift at the frame's corner that is like that of others. Over 17 states
+of 13 designs, 14 to 200 mm, it is within .02 focal lengths of the above in the median
+lens, within .13 in all.
+
+Beyond the squared sine the shift goes on with the fourth power, of which a fit to the
+squared one leaves half at the corner: in the same designs a tenth of the shift there,
+and in wide ones .2 focal lengths times the squared sine more.
 """
 
 import math
@@ -28,6 +35,11 @@ _PUPIL_SHIFT = -0.7
 _PUPIL_SHIFT_DEVIATION, _PUPIL_SHIFT_DEVIATION_OF_ANY = 0.25, 0.5
 """In focal lengths, for lenses of known and of unknown f-number; a little larger than
 the scatter, because the designs are not a random sample."""
+_PUPIL_SHIFT_DEVIATION_AT_CORNER = 0.02
+"""In focal lengths: of the shift itself, at the corner of the frame."""
+_NEXT_ORDER_OF_SHIFT, _NEXT_ORDER_OF_FIELD = 0.1, 0.2
+"""The neglected fourth power: a share of the shift, and in focal lengths per squared
+sine at the corner."""
 
 
 class KnownPupil(NamedTuple):
@@ -79,14 +91,42 @@ def usual_pupil(focal_length_mm: float) -> KnownPupil:
 
 
 def usual_pupil_shift(
-    focal_length_mm: float, widest_f_number: float | None
+    focal_length_mm: float, widest_f_number: float | None, corner_mm: float
 ) -> KnownPupilShift:
     """Shift of the pupil with field angle of lenses of this widest f-number, which is
-    None if unknown."""
+    None if unknown.
+
+    Parameters
+    ----------
+    corner_mm : Of the frame, from its middle.
+    """
+    at_corner = _PUPIL_SHIFT_DEVIATION_AT_CORNER / _squared_sine(
+        corner_mm, focal_length_mm
+    )
     if widest_f_number is None:
-        return KnownPupilShift(0.0, _PUPIL_SHIFT_DEVIATION_OF_ANY * focal_length_mm)
+        width = math.hypot(_PUPIL_SHIFT_DEVIATION_OF_ANY, at_corner)
+        return KnownPupilShift(0.0, width * focal_length_mm)
     shift_mm = _PUPIL_SHIFT * focal_length_mm / widest_f_number**2
-    return KnownPupilShift(shift_mm, _PUPIL_SHIFT_DEVIATION * focal_length_mm)
+    width = math.hypot(_PUPIL_SHIFT_DEVIATION, at_corner)
+    return KnownPupilShift(shift_mm, width * focal_length_mm)
+
+
+def next_order_of_pupil_shift_mm(
+    shift_mm: float, focal_length_mm: float, corner_mm: float
+) -> float:
+    """Standard deviation of a shift per squared sine by the neglected fourth power.
+
+    Parameters
+    ----------
+    corner_mm : Of what the shift was fitted to, on the image.
+    """
+    of_field = _NEXT_ORDER_OF_FIELD * _squared_sine(corner_mm, focal_length_mm)
+    return math.hypot(_NEXT_ORDER_OF_SHIFT * shift_mm, of_field * focal_length_mm)
+
+
+def _squared_sine(radius_mm: float, focal_length_mm: float) -> float:
+    """Of the field angle at this radius of an undistorted image."""
+    return 1 / (1 + (focal_length_mm / radius_mm) ** 2)
 
 
 def magnification_at(focal_length_mm: float, focus_distance_mm: float) -> float:
