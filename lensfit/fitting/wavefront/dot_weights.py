@@ -40,18 +40,29 @@ def robust_weights(
     share: float,
 ) -> Float[np.ndarray, "dots 3 rows columns"]:
     """Weights from the residuals of a fit, photograph minus model."""
-    modelled = dot_data.light - residual
-    signal = np.abs(modelled - background[..., None, None])
-    floor = _floor(dot_data, share)
-    variance = np.empty_like(signal)
-    for k in range(len(dot_data.photographs)):
-        mine = dot_data.take == k
-        shot = _shot_factor(residual[mine], signal[mine], dot_data.valid[mine])
-        variance[mine] = floor[mine][..., None, None] + shot * signal[mine]
+    noise = noise_variances(dot_data, residual, background)
+    variance = noise + _missed_variance(dot_data, share)[..., None, None]
     dark = dot_data.clipped & (residual > 0)
     usable = dot_data.valid & (~dot_data.clipped | dark)
     weight = usable / variance
     return weight * _cauchy_weight(dot_data, residual, weight)[..., None, None]
+
+
+def noise_variances(
+    dot_data: DotData,
+    residual: Float[np.ndarray, "dots 3 rows columns"],
+    background: Float[np.ndarray, "dots 3"],
+) -> Float[np.ndarray, "dots 3 rows columns"]:
+    """Read noise and shot noise of every cell, from the residuals of a fit."""
+    modelled = dot_data.light - residual
+    signal = np.abs(modelled - background[..., None, None])
+    found = np.empty_like(signal)
+    for k in range(len(dot_data.photographs)):
+        mine = dot_data.take == k
+        shot = _shot_factor(residual[mine], signal[mine], dot_data.valid[mine])
+        read = dot_data.read_noise[mine][..., None, None] ** 2
+        found[mine] = read + shot * signal[mine]
+    return found
 
 
 def relative_misfit(
@@ -68,13 +79,17 @@ def relative_misfit(
 
 
 def _floor(dot_data: DotData, share: float) -> Float[np.ndarray, "dots 3"]:
-    """Variance of a cell without light: read noise, and the model's error, a share of
-    the contrast of a dot or an edge."""
+    """Variance of a cell without light: read noise, and the model's error."""
+    return dot_data.read_noise**2 + _missed_variance(dot_data, share)
+
+
+def _missed_variance(dot_data: DotData, share: float) -> Float[np.ndarray, "dots 3"]:
+    """Of the model's error, a share of the contrast of a dot or an edge."""
     flat = dot_data.light.reshape(*dot_data.light.shape[:2], -1)
     peak = np.abs(flat - np.median(flat, -1, keepdims=True)).max(-1)
     missed = np.where(show_edges(dot_data.dots), _OF_EDGES, 1.0)[:, None] * peak
     missed = np.maximum(missed, _LEAST_SHARE * max(float(flat.max()), 1e-12))
-    return dot_data.read_noise**2 + (share * missed) ** 2
+    return (share * missed) ** 2
 
 
 def _shot_factor(residual, signal, valid) -> float:

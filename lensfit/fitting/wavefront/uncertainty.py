@@ -10,8 +10,10 @@ its minimum, the remaining step counts as one error more.
 A lean model is too certain: what it leaves out is not known to be zero. So in the
 reported covariance, term groups that model selection left out count as free, each
 within its prior, and the step that the fit would take if they were is one error with
-the rest. Errors that no dot shows are added, as in `fitting.systematic`: all parameters
-are taken to be off together by as much as changes the images of dots by `SYSTEMATIC`.
+the rest. Errors that no dot shows are added, as in `fitting.systematic`: what a model
+misses is partly visible in the residuals, beyond the noise, and partly absorbed by its
+parameters. All of these are taken to be off together by as much as changes the images
+of dots as the visible part does.
 
 Reference: on lean models, the documentation of mrcal on projection uncertainty; P. J.
 Huber, Proc. Fifth Berkeley Symposium 1 (1967) 221; over groups, with
@@ -23,6 +25,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from lensfit.fitting.systematic import covariance_nearest, systematic_covariance
+from lensfit.fitting.wavefront.dot_weights import noise_variances
 from lensfit.fitting.wavefront.stages import Stage
 from lensfit.fitting.wavefront.term_group_selection import CELLS_PER_DOT
 from lensfit.fitting.wavefront.term_groups import (
@@ -32,9 +35,8 @@ from lensfit.fitting.wavefront.term_groups import (
     indices_of,
 )
 
-SYSTEMATIC = 0.008
-"""Share of a dot's image, in L2. With it the errors of point-spread functions that are
-expected of traced lenses are about those found; without it a third to a half."""
+_LEAST_MISSED = 0.006
+"""Share of a dot's image, in L2, that the model misses at least: what its rays do."""
 KEPT = 0.999
 """Share of the variance in the photographs that `parameter_moves` covers."""
 _ROUNDING = 1e-13
@@ -111,11 +113,14 @@ def _systematic(
     matrix: Float[np.ndarray, "free free"],
     precision: Float[np.ndarray, " free"],
 ) -> Float[np.ndarray, "free free"]:
-    """Covariance of parameters that together change dots' images by `SYSTEMATIC`."""
-    background = stage.nuisance[..., 1, None, None]
-    modelled = stage.dot_data.light - stage.residual - background
-    explained = SYSTEMATIC**2 * float(np.sum(stage.weight * modelled**2))
-    return systematic_covariance(matrix, precision, explained)
+    """Covariance of parameters that together change dots' images by as much as the
+    model visibly misses."""
+    background = stage.nuisance[..., 1]
+    modelled = stage.dot_data.light - stage.residual - background[..., None, None]
+    noise = noise_variances(stage.dot_data, stage.residual, background)
+    missed = float(np.sum(stage.weight * (stage.residual**2 - noise)))
+    least = _LEAST_MISSED**2 * float(np.sum(stage.weight * modelled**2))
+    return systematic_covariance(matrix, precision, max(missed, least))
 
 
 def _small_sample(dots: int, stage: Stage, free: int) -> float:

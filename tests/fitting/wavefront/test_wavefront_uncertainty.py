@@ -99,3 +99,28 @@ def test_what_is_stated_is_never_surer_than_the_lean_fit(lean):
     assert np.linalg.eigvalsh(inside).min() > -1e-9
     # Astigmatism and the rest, which the lean fit held, are not known to be nothing.
     assert np.all(np.diag(added)[free[1:]] > 0)
+
+
+def missed_and_noisy(missed: float, noise: float):
+    """Stated deviations of a fit to images of which so much, in shares of the peak,
+    is nothing that any lens would draw, and to noise that is known as such."""
+    dot_data = photographed(LENS, [Shot(0, 0)], rays=50_000)
+    peak = dot_data.light.max((2, 3), keepdims=True)
+    rng = np.random.default_rng(5)
+    pattern, grain = rng.normal(0, 1, (2, *dot_data.light.shape)) * peak
+    light = dot_data.light + missed * pattern + noise * grain
+    read_noise = dot_data.read_noise + noise * peak[..., 0, 0]
+    photographs = replace(dot_data, light=light, read_noise=read_noise)
+    stage = solve_stage(started(photographs, FREE), 6)
+    added = model_error_covariance_of(stage, FREE, covariance_of(stage, FREE))
+    return np.sqrt(np.diag(added)[indices_of(FREE)])
+
+
+def test_what_the_model_visibly_misses_is_what_no_dot_shows():
+    little, more = (missed_and_noisy(share, 0.0) for share in (0.006, 0.012))
+    np.testing.assert_allclose(more / little, 2.0, rtol=0.2)
+
+
+def test_noise_is_nothing_that_a_model_misses():
+    missed, noisy = missed_and_noisy(0.02, 0.0), missed_and_noisy(0.0, 0.02)
+    assert np.all(noisy < missed / 3)
