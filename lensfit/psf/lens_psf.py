@@ -56,11 +56,13 @@ class Raster(NamedTuple):
     pitch_mm : Along x and y.
     tolerance : Relative error to aim at.
     size_px : Rows and columns.
+    shift_px : How far right and down of its place everything lands.
     """
 
     pitch_mm: Float[Array, "2"]
     tolerance: Float[Array, ""]
     size_px: int
+    shift_px: tuple[float, float] = (0.0, 0.0)
 
 
 Points = tuple[Float[Array, "points 2"], Float[Array, " points"], Int[Array, " points"]]
@@ -122,7 +124,7 @@ def _patches(
     turn = np.concatenate([np.arange(n) for n in turns[:count]])
     room = _room(raster.size_px)
     light = jnp.zeros((_TOGETHER, room, room), jnp.float32)
-    middle = jnp.asarray(raster.size_px / 2)
+    middle = jnp.asarray(raster.size_px / 2 + np.asarray(raster.shift_px))
     for first in range(0, len(whose), _TOGETHER):
         some = slice(first, first + _TOGETHER)
         own, number = _filled(whose[some]), _filled(turn[some])
@@ -218,13 +220,13 @@ def _on_pixels(
     whose: Array,
     live: Array,
     pixel_pitch_mm: Array,
-    middle_px: Array,
+    middle_px: Float[Array, "2"],
 ) -> Float[Array, "points room room"]:
     """Patches with some turns of rays added, of which the living count."""
     room_px = patches.shape[-1]
 
     def shares(rays: Rays, live: Array) -> tuple[Array, Array]:
-        at = rays.landing_mm / pixel_pitch_mm[None] + middle_px
+        at = rays.landing_mm / pixel_pitch_mm[None] + middle_px[None]
         wide = rays.variance_mm2[:, None] / pixel_pitch_mm[None] ** 2
         weight = jnp.where(live, rays.weight, 0.0)
         at, sigma, weight = (

@@ -6,6 +6,11 @@ outer products of what every move does to the pixels. Each is a central differen
 half the move, made with the very same rays, so that what rays leave open cancels.
 
 All arrays sum to 1, moved or not: what a pixel gains others lose.
+
+Part of the doubt may be where the light of a point lies about its chief ray, which a
+single photograph of dots does not tell; where the picture lies is then known none the
+less, since chief rays were fitted to that light. So the error of a function's shape is
+told apart: what every move leaves after the best shift.
 """
 
 from collections.abc import Iterable, Sequence
@@ -20,6 +25,8 @@ from lensfit.psf.lens_psf import Optics, Points, Raster, lens_psfs, turns_needed
 STEP = 0.5
 """Share of a standard deviation by which a blur is moved. Smaller ones follow edges of
 light more closely, and the unevenness of the rays with them."""
+_STEP_PX = 0.25
+"""To both sides, of shifts."""
 
 
 class MovedBlur(NamedTuple):
@@ -36,15 +43,31 @@ MovedBlurs = Iterable[MovedBlur]
 
 
 class KnownPsfs(NamedTuple):
-    """Point-spread functions and the standard deviation of every pixel."""
+    """Point-spread functions and how well they are known.
+
+    Attributes
+    ----------
+    deviation : Standard deviation of every pixel.
+    shape_deviation : Of each whole, root of the sum of squares over its pixels, of what
+        errors leave after the best shift.
+    """
 
     psf: Float[np.ndarray, "points size size"]
     deviation: Float[np.ndarray, "points size size"]
+    shape_deviation: Float[np.ndarray, " points"]
 
     def relative_error(self) -> Float[np.ndarray, " points"]:
         """Expected error of each whole, root mean square, relative (L2)."""
-        norm, error = (np.sqrt(np.sum(a**2, (1, 2))) for a in self)
-        return error / np.where(norm > 0, norm, 1.0)
+        return _norms(self.deviation) / self._sizes()
+
+    def relative_shape_error(self) -> Float[np.ndarray, " points"]:
+        """The same after the best shift of each."""
+        return self.shape_deviation / self._sizes()
+
+    def _sizes(self) -> Float[np.ndarray, " points"]:
+        """1 where there is no light."""
+        size = _norms(self.psf)
+        return np.where(size > 0, size, 1.0)
 
 
 def known_psfs(
@@ -58,14 +81,37 @@ def known_psfs(
     """
     turns = turns_needed(points, optics, raster)
 
-    def drawn(blur: LensBlur) -> np.ndarray:
-        return lens_psfs(points, (blur, *optics[1:]), raster, turns)
+    def drawn(blur: LensBlur, right_px: float = 0.0, down_px: float = 0.0):
+        shifted = raster._replace(shift_px=(right_px, down_px))
+        return lens_psfs(points, (blur, *optics[1:]), shifted, turns)
 
-    psf = drawn(optics[0])
-    variance = np.zeros_like(psf)
+    blur = optics[0]
+    psf = drawn(blur)
+    across = drawn(blur, right_px=_STEP_PX) - drawn(blur, right_px=-_STEP_PX)
+    down = drawn(blur, down_px=_STEP_PX) - drawn(blur, down_px=-_STEP_PX)
+    shifts = _orthonormal(across, down)
+    variance, of_shape = np.zeros_like(psf), np.zeros(len(psf))
     for one in moved:
-        variance += ((drawn(one.forth) - drawn(one.back)) / (2 * one.step)) ** 2
-    return KnownPsfs(psf, np.sqrt(variance))
+        change = (drawn(one.forth) - drawn(one.back)) / (2 * one.step)
+        variance += change**2
+        along = np.einsum("pkij,pij->pk", shifts, change)
+        of_shape += np.sum(change**2, (1, 2)) - np.sum(along**2, 1)
+    return KnownPsfs(psf, np.sqrt(variance), np.sqrt(np.maximum(of_shape, 0.0)))
+
+
+def _norms(
+    arrays: Float[np.ndarray, "points size size"],
+) -> Float[np.ndarray, " points"]:
+    return np.sqrt(np.sum(arrays**2, (1, 2)))
+
+
+def _orthonormal(
+    *changes: Float[np.ndarray, "points size size"],
+) -> Float[np.ndarray, "points changes size size"]:
+    """Orthogonal arrays of norm 1 that span these changes."""
+    points, size, _ = changes[0].shape
+    unit, _ = np.linalg.qr(np.stack(changes, -1).reshape(points, size * size, -1))
+    return np.swapaxes(unit, 1, 2).reshape(points, -1, size, size)
 
 
 def fewer_moves(

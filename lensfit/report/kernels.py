@@ -210,8 +210,9 @@ def width_of_blur_mm(
 def expected_errors(
     lens: Lens, distance_mm: float, width_mm: float
 ) -> tuple[tuple[float, ...], ...] | None:
-    """Expected relative error of point-spread functions at the middle of the frame and
-    near its edges and corners; None where the preset does not state it."""
+    """Expected relative error of the shape of point-spread functions, at the middle of
+    the frame and near its edges and corners; None where the preset does not state
+    it."""
     if lens.moved_blurs is None:
         return None
     half_mm = np.asarray(lens.sensor_size_mm) / 2
@@ -224,7 +225,7 @@ def expected_errors(
         tolerance=_GLANCE,
         draws=_DRAWS,
     )
-    rows = known.relative_error().reshape(len(_ENDS), -1)
+    rows = known.relative_shape_error().reshape(len(_ENDS), -1)
     return tuple(tuple(row) for row in rows.tolist())
 
 

@@ -86,6 +86,18 @@ def test_deviation_is_the_scatter_of_lenses_drawn_at_random():
     assert np.sqrt(square) == pytest.approx(expected, rel=0.15)
 
 
+@pytest.mark.parametrize(
+    ("name", "least", "most"),
+    [("pupil.stop_shift[0]", 0.0, 0.25), ("focus_offset_mm", 0.9, 1.0)],
+)
+def test_a_shift_is_no_error_of_shape(name: str, least: float, most: float):
+    """A stop that is moved out of focus shifts its disc; defocus widens it."""
+    lens = lens_of(((0.01,),), (name,), aberrations=(), pupil=Pupil())
+    known = lens.known_psfs(np.array([POINT]), FAR_MM, "g", **PIXELS)
+    (share,) = known.relative_shape_error() / known.relative_error()
+    assert least <= share <= most
+
+
 def test_a_few_random_errors_stand_for_all_on_average():
     rng = np.random.default_rng(1)
     moves = rng.normal(size=(40, 5)) * [1.0, 2.0, 0.1, 1.0, 5.0]
@@ -131,7 +143,7 @@ def test_light_of_a_disc_thins_out_as_it_widens():
     )
     known = lens.known_psfs(np.array([(0.1, -0.2)]), 2000.0, "g", **PIXELS)
     middle = slice(17, 23)
-    psf, spread = (a[0, middle, middle] for a in known)
+    psf, spread = (a[0, middle, middle] for a in known[:2])
     np.testing.assert_allclose(spread / psf, 2 * spread_mm / offset_mm, rtol=0.05)
 
 

@@ -123,7 +123,7 @@ class Column {
   field(found) {
     this.find(".field img").src = found.picture;
     const known = found.errors
-      ? ` Known to ${percent(found.errors[1][1])} in the middle, ${percent(Math.max(...found.errors.flat()))} at worst (1σ).`
+      ? ` Their shape is known to ${percent(found.errors[1][1])} in the middle, ${percent(Math.max(...found.errors.flat()))} at worst (1σ).`
       : " The preset does not say how well they are known.";
     this.find(".pair figcaption").textContent =
       `A point of green light; each tile ${wide(found)} wide, against its own peak.${known} ` +
@@ -135,7 +135,7 @@ class Column {
     const deviation = this.find(".deviation");
     deviation.hidden = !found.deviation;
     if (found.deviation) deviation.src = found.deviation;
-    const known = found.error === null ? "" : ` Beside it the standard deviation, on the same scale: ${percent(found.error)} in all.`;
+    const known = found.error === null ? "" : ` Beside it the standard deviation, on the same scale; its shape is known to ${percent(found.error)} (1σ).`;
     this.find(".pair figure:last-child figcaption").textContent =
       `At ${found.x_mm}, ${found.y_mm} mm from the middle, ${wide(found)} wide.${known}`;
   }

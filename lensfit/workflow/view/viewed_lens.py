@@ -281,7 +281,7 @@ class ViewedLens:
             known = lens.known_psfs(point, distance, draws=_DRAWS, **drawn)
             deviation = known.deviation[0] / peak
             found["deviation"] = png_address(_colour_png(np.stack([deviation] * 3)))
-            found["error"] = plain(float(known.relative_error()[0]))
+            found["error"] = plain(float(known.relative_shape_error()[0]))
         return found
 
     def through(self, wanted: LensQuery, least_mm: float = 0.0) -> dict[str, Any]:
