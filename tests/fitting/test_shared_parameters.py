@@ -32,7 +32,9 @@ State = make_dataclass(
 
 
 def take(name: str, focus_mm: float):
-    return SimpleNamespace(name=name, focal_length_mm=50.0, focus_distance_mm=focus_mm)
+    return SimpleNamespace(
+        name=name, focal_length_mm=50.0, corner_mm=15.0, focus_distance_mm=focus_mm
+    )
 
 
 TAKES = [take("frontal", FRONTAL_MM), take("bad", FRONTAL_MM), take("tilt", TILTED_MM)]

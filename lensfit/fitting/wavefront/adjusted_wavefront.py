@@ -284,9 +284,7 @@ def refit_without_centroid_bias(found: WavefrontFit) -> WavefrontFit:
     deviation of what is cancelled is all of it.
     """
     whole = bias_cancelling_move(found.stage, found.dot_data)[None]
-    found = replace(found, covariance=found.covariance + whole.T @ whole)
-    known = ErrorAmplitudes(np.ones(1), np.zeros((1, 1)))
-    kept = adjust_wavefront(found, whole, known)
+    kept = adjust_wavefront(found, whole, ErrorAmplitudes(np.ones(1), np.ones((1, 1))))
     return found if kept is None else kept
 
 

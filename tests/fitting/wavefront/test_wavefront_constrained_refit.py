@@ -141,6 +141,17 @@ def test_a_move_that_fails_leaves_the_wavefront(wavefront, monkeypatch):
     assert refit_without_centroid_bias(wavefront) is wavefront
 
 
+def test_a_bias_that_is_cancelled_stays_in_doubt(wavefront, monkeypatch):
+    """By all of it: the shape of the dots told another one."""
+    move = 0.1 * wavefront_errors(wavefront)[1]
+    where = "lensfit.fitting.wavefront.adjusted_wavefront.bias_cancelling_move"
+    monkeypatch.setattr(where, lambda *_: move)
+    told = refit_without_centroid_bias(wavefront)
+    assert told is not wavefront
+    doubted = wavefront.covariance + np.outer(move, move)
+    np.testing.assert_allclose(told.covariance, doubted, rtol=1e-9, atol=1e-15)
+
+
 def test_biases_too_large_for_a_step_are_not_cancelled(true_fit):
     """No parameter is free to cancel them."""
     fixed = replace(true_fit, deviation=1e-9 * true_fit.deviation)

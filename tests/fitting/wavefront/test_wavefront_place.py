@@ -67,7 +67,9 @@ def shot_lens() -> tuple[Stage, DotData, np.ndarray]:
         marks = np.arange(len(PLACES_MM))
         photographs.append(
             SimpleNamespace(
-                take=take, dot_images=SimpleNamespace(marks=marks, mosaic=None)
+                take=take,
+                f_number=take.f_number,
+                dot_images=SimpleNamespace(marks=marks, mosaic=None),
             )
         )
     dot_data = replace(dot_data, photographs=tuple(photographs))
