@@ -218,7 +218,8 @@ def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[View]:
     """The takes with points where chief rays land, and how errors of the wavefront
     move them."""
     stage, of_one_setting = found.stage, found.dot_data.of_one_setting
-    moves = parameter_moves(stage, found.total_covariance)
+    covariance = found.covariance + found.point_error_covariance
+    moves = parameter_moves(stage, covariance)
     orders, colours = _colour_moves(stage)
     moves = np.concatenate([moves, colours])
     takes = [

@@ -62,6 +62,7 @@ from lensfit.fitting.wavefront.term_groups import (
     terms_that_change_with_focus,
 )
 from lensfit.fitting.wavefront.uncertainty import (
+    MOVES_POINTS,
     covariance_of,
     model_error_covariance_of,
     undetermined_term_groups,
@@ -174,6 +175,7 @@ class WavefrontFit:
     term_decisions: tuple[TermDecision, ...]
     covariance: Float[np.ndarray, "parameters parameters"]
     model_error_covariance: Float[np.ndarray, "parameters parameters"]
+    point_error_covariance: Float[np.ndarray, "parameters parameters"]
     undetermined_term_groups: tuple[str, ...]
     sign_known: bool
     mirrored: bool
@@ -264,14 +266,16 @@ def fit_wavefront(
     against = mirrored or runs_against_statements(final)
     settled = coarse.side_stated or _is_side_settled(every, candidates)
     covariance = covariance_of(final, term_groups)
+    possible = _term_groups_at(final, allowed)
     return WavefrontFit(
         dot_data=every,
         stage=final,
         term_groups=term_groups,
         term_decisions=term_decisions,
         covariance=covariance,
-        model_error_covariance=model_error_covariance_of(
-            final, _term_groups_at(final, allowed), covariance
+        model_error_covariance=model_error_covariance_of(final, possible, covariance),
+        point_error_covariance=model_error_covariance_of(
+            final, possible, covariance, MOVES_POINTS
         ),
         undetermined_term_groups=undetermined_term_groups(
             final, term_groups, covariance

@@ -96,6 +96,7 @@ def wavefront(true_fit):
         term_decisions=(),
         covariance=covariance,
         model_error_covariance=np.zeros_like(covariance),
+        point_error_covariance=np.zeros_like(covariance),
         undetermined_term_groups=(),
         sign_known=True,
         mirrored=False,
