@@ -12,6 +12,7 @@ each other there, and not elsewhere.
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -263,24 +264,22 @@ def fit_wavefront(
     misfit = misfit_of(final, term_groups)
     suspect = coarse.side_stated and not misfit.held_out_dots <= _SUSPECT
     mirrored = suspect and fits_other_side_better(best)
-    against = mirrored or runs_against_statements(final)
     settled = coarse.side_stated or _is_side_settled(every, candidates)
     covariance = covariance_of(final, term_groups)
     possible = _term_groups_at(final, allowed)
+    added = partial(model_error_covariance_of, final, possible, covariance)
     return WavefrontFit(
         dot_data=every,
         stage=final,
         term_groups=term_groups,
         term_decisions=term_decisions,
         covariance=covariance,
-        model_error_covariance=model_error_covariance_of(final, possible, covariance),
-        point_error_covariance=model_error_covariance_of(
-            final, possible, covariance, MOVES_POINTS
-        ),
+        model_error_covariance=added(),
+        point_error_covariance=added(MOVES_POINTS),
         undetermined_term_groups=undetermined_term_groups(
             final, term_groups, covariance
         ),
-        sign_known=settled and not against,
+        sign_known=settled and not (mirrored or runs_against_statements(final)),
         mirrored=mirrored,
         misfit=misfit,
     )
