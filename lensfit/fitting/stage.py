@@ -123,7 +123,7 @@ def start_of(
     apertures = [_aperture(view, _apertures(views)) for view in views]
     whole = _whole_boards(views)
     stack = stack_takes(views, poses, apertures, whole)
-    radius = float(np.hypot(*views[0].sensor_size_mm)) / 2
+    radius = views[0].corner_mm
     squeeze = np.log(views[0].squeeze)
     observed = np.concatenate([observed_of(view) for view in all_views])
     box = np.array([observed.min(0), observed.max(0)]) / radius * _MARGIN

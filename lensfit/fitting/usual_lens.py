@@ -100,15 +100,12 @@ def usual_pupil_shift(
     ----------
     corner_mm : Of the frame, from its middle.
     """
-    at_corner = _PUPIL_SHIFT_DEVIATION_AT_CORNER / _squared_sine(
-        corner_mm, focal_length_mm
-    )
-    if widest_f_number is None:
-        width = math.hypot(_PUPIL_SHIFT_DEVIATION_OF_ANY, at_corner)
-        return KnownPupilShift(0.0, width * focal_length_mm)
-    shift_mm = _PUPIL_SHIFT * focal_length_mm / widest_f_number**2
-    width = math.hypot(_PUPIL_SHIFT_DEVIATION, at_corner)
-    return KnownPupilShift(shift_mm, width * focal_length_mm)
+    shift, width = 0.0, _PUPIL_SHIFT_DEVIATION_OF_ANY
+    if widest_f_number is not None:
+        shift, width = _PUPIL_SHIFT / widest_f_number**2, _PUPIL_SHIFT_DEVIATION
+    sine2 = _squared_sine(corner_mm, focal_length_mm)
+    width = math.hypot(width, _PUPIL_SHIFT_DEVIATION_AT_CORNER / sine2)
+    return KnownPupilShift(shift * focal_length_mm, width * focal_length_mm)
 
 
 def next_order_of_pupil_shift_mm(

@@ -81,7 +81,9 @@ def known_psfs(
     """
     turns = turns_needed(points, optics, raster)
 
-    def drawn(blur: LensBlur, right_px: float = 0.0, down_px: float = 0.0):
+    def drawn(
+        blur: LensBlur, right_px: float = 0.0, down_px: float = 0.0
+    ) -> np.ndarray:
         shifted = raster._replace(shift_px=(right_px, down_px))
         return lens_psfs(points, (blur, *optics[1:]), shifted, turns)
 

@@ -8,9 +8,6 @@ import pytest
 from pinhole_shoot import FRONTAL, LATTICE, PITCH_MM, TILTED, Camera, observations
 from pinhole_shoot import take_of as stated
 
-from data_synth.aim import chief_aim_mm
-from data_synth.lens import SetLens, set_lens
-from data_synth.prescription import load_prescription, prescription_names
 from lensfit.detect.observations import only
 from lensfit.fitting.chart_view import View
 from lensfit.fitting.entrance_pupil import (
@@ -19,7 +16,7 @@ from lensfit.fitting.entrance_pupil import (
 )
 from lensfit.fitting.joint_adjustment import pupil_shift_with_shared_errors
 from lensfit.fitting.lens_states import fit
-from lensfit.fitting.usual_lens import next_order_of_pupil_shift_mm, usual_pupil_shift
+from lensfit.fitting.usual_lens import usual_pupil_shift
 from lensfit.fitting.view_stack import board_of, observed_of
 from lensfit.optics.many_points import undistort
 from lensfit.workflow.calibration.entries import entry_of
@@ -135,59 +132,6 @@ def test_an_assumed_shift_needs_an_f_number_a_distance_and_one_pupil():
     ):
         (state,) = fit([lacking]).states
         assert state.pupil_shift is None
-
-
-def shifts_mm(lens: SetLens, radius_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Squared sines of field angles out to a radius of the image, and how far towards
-    the scene chief rays of these cross the axis."""
-    away_mm = 40 * lens.focal_length_mm
-    tangent = np.linspace(0.02, 1, 24) * radius_mm / lens.focal_length_mm
-    across_mm = away_mm * tangent
-    chart = np.stack([across_mm, 0 * across_mm, 0 * across_mm - away_mm], -1)
-    aim_mm = chief_aim_mm(lens, chart, 546.0)[:, 0]
-    ahead_mm = away_mm + lens.pupil_z_mm
-    slope = (across_mm - aim_mm) / ahead_mm
-    return slope**2 / (1 + slope**2), -aim_mm / slope
-
-
-def every_state() -> list[SetLens]:
-    found = []
-    for name in prescription_names():
-        design = load_prescription(name)
-        if not design.anamorphic_focus_group:
-            found += [
-                set_lens(
-                    design,
-                    focal_length_mm=state.focal_length_mm,
-                    focus_distance_mm=40 * state.focal_length_mm,
-                )
-                for state in design.states
-            ]
-    return found
-
-
-def test_traced_pupils_shift_as_is_usual():
-    off, still, off_next = [], [], []
-    for lens in every_state():
-        focal_mm = lens.focal_length_mm
-        corner_mm = np.hypot(*lens.prescription.sensor_size_mm) / 2
-        sine2, shift_mm = shifts_mm(lens, corner_mm)
-        # Areas of the frame, in rings of one width.
-        weight = np.sqrt(np.arange(1, len(sine2) + 1))
-        powers = weight[:, None] * np.stack([sine2, sine2**2], -1)
-        (_, second), *_ = np.linalg.lstsq(powers, weight * shift_mm)
-        (alone,), *_ = np.linalg.lstsq(powers[:, :1], weight * shift_mm)
-        usual = usual_pupil_shift(focal_mm, lens.f_number, corner_mm)
-        off.append((alone - usual.shift_mm) / usual.standard_deviation_mm)
-        still.append(alone / usual.standard_deviation_mm)
-        left_mm = next_order_of_pupil_shift_mm(alone, focal_mm, corner_mm)
-        off_next.append(second * sine2[-1] / 2 / left_mm)
-    assert np.median(np.abs(off)) < 0.67
-    assert np.mean(np.abs(off) < 2) > 0.85
-    # It is better than to take it that pupils stand still.
-    assert np.median(np.abs(off)) < np.median(np.abs(still))
-    assert 0.4 < np.sqrt(np.mean(np.square(off_next))) < 1.2
-    assert np.abs(off_next).max() < 2.5
 
 
 def test_many_sharp_points_tell_that_a_pupil_stands_still():

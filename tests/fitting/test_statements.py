@@ -13,7 +13,7 @@ from lensfit.fitting.stage import facts_of
 from lensfit.fitting.stated_facts import Widths
 from lensfit.fitting.stated_scale import stated_scale
 from lensfit.fitting.statements import statements_of
-from lensfit.fitting.usual_lens import magnification_at, usual_pupil, usual_pupil_shift
+from lensfit.fitting.usual_lens import magnification_at
 
 CAMERA = Camera(30.6, (0.0, 0.0), rotations=FRONTAL)
 PUPIL_MM = 45.0
@@ -122,32 +122,3 @@ def test_a_contradiction_is_a_sentence_of_the_report():
     (sentence, *_) = found.notes
     assert found.states[0].geometry.takes[2].name in sentence
     assert f"{right[2] + 200:g} mm" in sentence
-
-
-def test_usual_pupils_hold_for_published_designs():
-    from data_synth.lens import set_lens
-    from data_synth.prescription import load_prescription, prescription_names
-
-    off = []
-    for name in prescription_names():
-        design = load_prescription(name)
-        if design.squeeze != 1.0:
-            continue
-        for state in design.states:
-            focal_mm = state.focal_length_mm
-            lens = set_lens(
-                design, focal_length_mm=focal_mm, focus_distance_mm=40 * focal_mm
-            )
-            usual = usual_pupil(focal_mm)
-            away_mm = -lens.pupil_z_mm - usual.offset_mm
-            off.append(away_mm / usual.standard_deviation_mm)
-    assert np.abs(off).max() < 1.7
-    assert 0.2 < np.sqrt(np.mean(np.square(off))) < 1.2
-
-
-def test_the_usual_shift_is_that_of_fast_glass():
-    fast, slow = (usual_pupil_shift(50.0, stop, 15.0) for stop in (1.4, 4.0))
-    assert fast.shift_mm < slow.shift_mm < 0
-    unknown = usual_pupil_shift(50.0, None, 15.0)
-    assert unknown.shift_mm == 0.0
-    assert unknown.standard_deviation_mm > fast.standard_deviation_mm

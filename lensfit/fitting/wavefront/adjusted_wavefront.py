@@ -110,7 +110,7 @@ def takes_with_shared_moves(
 ) -> list[View]:
     """Takes with `shared_moves_mm`, the common errors of their points: the given moves,
     and a share of the bias (the model's error), alike in all takes of one f-number and
-    focus.
+    focus; of one setting, where no bias is subtracted, all of it.
 
     Parameters
     ----------
@@ -123,10 +123,9 @@ def takes_with_shared_moves(
     settings = [(take.f_number, take.focus_distance_mm) for take in takes]
     distinct = list(dict.fromkeys(settings))
     left, moved = iter(zip(takes, settings, strict=True)), []
+    unsure = 1.0 if found.dot_data.of_one_setting else _BIAS_UNCERTAINTY
     for dot_data in _photographed(found):
         bias_mm = smooth_centroid_biases_mm(found.stage, dot_data)
-        # Of one setting the bias that is left is not subtracted.
-        unsure = 1.0 if found.dot_data.of_one_setting else _BIAS_UNCERTAINTY
         parts = [moves_of(dot_data), unsure * bias_mm[:, None]]
         each_mm = np.concatenate(parts, 1)
         for k, photograph in enumerate(dot_data.photographs):
@@ -218,7 +217,7 @@ def chief_ray_takes_with_shared_moves(found: WavefrontFit) -> list[View]:
     """The takes with points where chief rays land, and how errors of the wavefront
     move them."""
     stage, of_one_setting = found.stage, found.dot_data.of_one_setting
-    covariance = found.covariance + found.point_error_covariance
+    covariance = found.covariance + found.model_errors.of_points
     moves = parameter_moves(stage, covariance)
     orders, colours = _colour_moves(stage)
     moves = np.concatenate([moves, colours])

@@ -12,7 +12,6 @@ each other there, and not elsewhere.
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -63,9 +62,9 @@ from lensfit.fitting.wavefront.term_groups import (
     terms_that_change_with_focus,
 )
 from lensfit.fitting.wavefront.uncertainty import (
-    MOVES_POINTS,
+    ModelErrors,
     covariance_of,
-    model_error_covariance_of,
+    model_errors_of,
     undetermined_term_groups,
 )
 from lensfit.optics.spectrum import Bands, bands
@@ -158,8 +157,8 @@ class WavefrontFit:
     term_groups : Term groups that are free.
     term_decisions : The decision on every candidate term group.
     covariance : Of all parameters that are free, from the scatter over dots.
-    model_error_covariance : What is added to it in reports: for what was left out, and
-        for errors that no dot shows.
+    model_errors : What is added to it, for what was left out and for errors that no
+        dot shows.
     undetermined_term_groups : Term groups that the photographs do not determine.
     sign_known : Whether stated distances or the photographs determine the sign of
         defocus.
@@ -175,8 +174,7 @@ class WavefrontFit:
     term_groups: tuple[TermGroup, ...]
     term_decisions: tuple[TermDecision, ...]
     covariance: Float[np.ndarray, "parameters parameters"]
-    model_error_covariance: Float[np.ndarray, "parameters parameters"]
-    point_error_covariance: Float[np.ndarray, "parameters parameters"]
+    model_errors: ModelErrors
     undetermined_term_groups: tuple[str, ...]
     sign_known: bool
     mirrored: bool
@@ -190,8 +188,8 @@ class WavefrontFit:
 
     @property
     def total_covariance(self) -> Float[np.ndarray, "parameters parameters"]:
-        """Of all parameters."""
-        return self.covariance + self.model_error_covariance
+        """Of all parameters, as reports state it."""
+        return self.covariance + self.model_errors.of_blur
 
     @property
     def behind_mosaic(self) -> bool:
@@ -266,16 +264,15 @@ def fit_wavefront(
     mirrored = suspect and fits_other_side_better(best)
     settled = coarse.side_stated or _is_side_settled(every, candidates)
     covariance = covariance_of(final, term_groups)
-    possible = _term_groups_at(final, allowed)
-    added = partial(model_error_covariance_of, final, possible, covariance)
     return WavefrontFit(
         dot_data=every,
         stage=final,
         term_groups=term_groups,
         term_decisions=term_decisions,
         covariance=covariance,
-        model_error_covariance=added(),
-        point_error_covariance=added(MOVES_POINTS),
+        model_errors=model_errors_of(
+            final, _term_groups_at(final, allowed), covariance
+        ),
         undetermined_term_groups=undetermined_term_groups(
             final, term_groups, covariance
         ),

@@ -181,7 +181,7 @@ def _gathered(
         take=np.repeat(np.arange(len(photographs)), counts),
         colour=any(c.channels == 3 for c in cut),
         scale=Scale(
-            jnp.asarray(np.hypot(*photographs[0].take.sensor_size_mm) / 2),
+            jnp.asarray(photographs[0].take.corner_mm),
             jnp.asarray(sine),
             jnp.asarray(known.principal_distance_mm),
         ),

@@ -12,14 +12,17 @@ reported covariance, term groups that model selection left out count as free, ea
 within its prior, and the step that the fit would take if they were is one error with
 the rest. Errors that no dot shows are added, as in `fitting.systematic`: what a model
 misses is partly visible in the residuals, beyond the noise, and partly absorbed by its
-parameters. All of these are taken to be off together by as much as changes the images
-of dots as the visible part does.
+parameters. All of these are taken to be off together by what changes the images of dots
+as much as the visible part does. Where detected points are placed a constant share
+takes its place.
 
 Reference: on lean models, the documentation of mrcal on projection uncertainty; P. J.
 Huber, Proc. Fifth Berkeley Symposium 1 (1967) 221; over groups, with
 the factor for few of them, A. C. Cameron and D. L. Miller, J. Human Resources 50 (2015)
 317.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -75,36 +78,53 @@ def covariance_of(
     return covariance
 
 
-def model_error_covariance_of(
+class ModelErrors(NamedTuple):
+    """What is added to the covariance of what is free: for what a lean model leaves
+    out, for stops whose radius no dot determines, and for errors that no dot shows.
+
+    Attributes
+    ----------
+    of_blur : In reports and point-spread functions.
+    of_points : Where detected points are placed (`MOVES_POINTS`).
+    """
+
+    of_blur: Float[np.ndarray, "parameters parameters"]
+    of_points: Float[np.ndarray, "parameters parameters"]
+
+
+def model_errors_of(
     stage: Stage,
     term_groups: tuple[TermGroup, ...],
     covariance: Float[np.ndarray, "parameters parameters"],
-    missed: float | None = None,
-) -> Float[np.ndarray, "parameters parameters"]:
-    """What is added to `covariance` in reports: for what a lean model leaves out, for
-    stops whose radius no dot determines, and for errors that no dot shows.
+) -> ModelErrors:
+    """What is added to `covariance`.
 
     More freedom may make a sandwich smaller in some direction; there nothing is
-    subtracted, so that this is a covariance too.
+    subtracted, so that these are covariances too.
 
     Parameters
     ----------
     term_groups : All that might be free, whether the fit kept them or not.
     covariance : `covariance_of` what is free.
-    missed : Share of a dot's image that no dot shows; None for what dots visibly miss.
     """
     free = indices_of(term_groups)
     square = np.ix_(free, free)
-    larger = covariance_of(stage, term_groups)
-    larger[square] += _systematic(
-        stage,
-        np.asarray(stage.equations.matrix.sum(0))[square],
-        deviation_of(term_groups, stage.layout, LAST)[free] ** -2.0,
-        missed,
-    )
+    matrix = np.asarray(stage.equations.matrix.sum(0))[square]
+    precision = deviation_of(term_groups, stage.layout, LAST)[free] ** -2.0
+    freer = covariance_of(stage, term_groups)
     held = fixed_stop_ratios(stage, free)
-    larger[held, held] += stage.dot_data.widths.f_number**2
-    return covariance_nearest(larger - covariance, np.sqrt(np.diag(larger)))
+    freer[held, held] += stage.dot_data.widths.f_number**2
+
+    def added(explained: float) -> Float[np.ndarray, "parameters parameters"]:
+        larger = freer.copy()
+        larger[square] += systematic_covariance(matrix, precision, explained)
+        return covariance_nearest(larger - covariance, np.sqrt(np.diag(larger)))
+
+    whole, visible = _chi_squared_of_images(stage)
+    return ModelErrors(
+        of_blur=added(max(visible, _LEAST_MISSED**2 * whole)),
+        of_points=added(MOVES_POINTS**2 * whole),
+    )
 
 
 def fixed_stop_ratios(
@@ -116,23 +136,15 @@ def fixed_stop_ratios(
     return np.setdiff1d(every, free)
 
 
-def _systematic(
-    stage: Stage,
-    matrix: Float[np.ndarray, "free free"],
-    precision: Float[np.ndarray, " free"],
-    missed: float | None,
-) -> Float[np.ndarray, "free free"]:
-    """Covariance of parameters that together change dots' images by this share, or by
-    as much as the model visibly misses."""
+def _chi_squared_of_images(stage: Stage) -> tuple[float, float]:
+    """Of the whole images of all dots, and of what the model visibly misses of them,
+    beyond the noise."""
     background = stage.nuisance[..., 1]
     modelled = stage.dot_data.light - stage.residual - background[..., None, None]
-    whole = float(np.sum(stage.weight * modelled**2))
-    if missed is not None:
-        return systematic_covariance(matrix, precision, missed**2 * whole)
     noise = noise_variances(stage.dot_data, stage.residual, background)
-    visible = float(np.sum(stage.weight * (stage.residual**2 - noise)))
-    explained = max(visible, _LEAST_MISSED**2 * whole)
-    return systematic_covariance(matrix, precision, explained)
+    whole = np.sum(stage.weight * modelled**2)
+    visible = np.sum(stage.weight * (stage.residual**2 - noise))
+    return float(whole), float(visible)
 
 
 def _small_sample(dots: int, stage: Stage, free: int) -> float:

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from lensfit.lens import Lens
 
 _ROUNDS = 4
+_NOTED = 1e-4
+"""Relative; the fourth digit of a ring is nobody's."""
 
 
 def focus_distance_from_sensor_mm(
@@ -64,10 +66,6 @@ def focus_distance_from_sensor_mm(
             break
         focus_mm = closer
     return float(f"{focus_mm:.7g}")
-
-
-_NOTED = 1e-4
-"""Relative; the fourth digit of a ring is nobody's."""
 
 
 def ring_camera(preset: Preset, camera: PlateCamera) -> PlateCamera:

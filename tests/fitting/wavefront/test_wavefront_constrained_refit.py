@@ -27,6 +27,7 @@ from lensfit.fitting.wavefront.stages import (
     set_priors,
 )
 from lensfit.fitting.wavefront.term_groups import FINE, TermGroup
+from lensfit.fitting.wavefront.uncertainty import ModelErrors
 
 PIXEL_MM = 0.01
 LENS = Seidel(4.0, -3.0, 15.0, 5.0, defocus_mm=(0.1,), rims=((0.6, 1.1), (-0.5, 1.2)))
@@ -95,8 +96,7 @@ def wavefront(true_fit):
         term_groups=term_groups,
         term_decisions=(),
         covariance=covariance,
-        model_error_covariance=np.zeros_like(covariance),
-        point_error_covariance=np.zeros_like(covariance),
+        model_errors=ModelErrors(*np.zeros((2, *covariance.shape))),
         undetermined_term_groups=(),
         sign_known=True,
         mirrored=False,

@@ -20,7 +20,7 @@ from lensfit.fitting.wavefront.term_groups import (
 )
 from lensfit.fitting.wavefront.uncertainty import (
     covariance_of,
-    model_error_covariance_of,
+    model_errors_of,
     parameter_moves,
     undetermined_term_groups,
 )
@@ -90,7 +90,7 @@ def test_what_is_stated_is_never_surer_than_the_lean_fit(lean):
     dot_data = photographed(LENS, [Shot(0, 0)], rays=20_000)
     stage = solve_stage(started(dot_data, FREE), 6)
     own = lean * covariance_of(stage, FREE[:1])
-    added = model_error_covariance_of(stage, FREE, own)
+    added = model_errors_of(stage, FREE, own).of_blur
     free = indices_of(FREE)
     unit = np.sqrt(np.diag(added + own)[free])
     assert np.all(unit > 0)
@@ -112,7 +112,7 @@ def missed_and_noisy(missed: float, noise: float):
     read_noise = dot_data.read_noise + noise * peak[..., 0, 0]
     photographs = replace(dot_data, light=light, read_noise=read_noise)
     stage = solve_stage(started(photographs, FREE), 6)
-    added = model_error_covariance_of(stage, FREE, covariance_of(stage, FREE))
+    added = model_errors_of(stage, FREE, covariance_of(stage, FREE)).of_blur
     return np.sqrt(np.diag(added)[indices_of(FREE)])
 
 
