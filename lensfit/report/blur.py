@@ -35,9 +35,9 @@ _KERNELS = (
     f"frame lies. Light to the power {GAMMA:g}, each tile against its own peak."
 )
 _EXPECTED = (
-    "Expected error: of a whole kernel's shape, wherever it lies, relative (L2), one "
-    "standard deviation, from what the photographs leave open about the blur; at the "
-    "middle of the frame and near its edges and corners, as it lies."
+    "Expected error: of the shape of a whole kernel, a shift not counted, relative "
+    "(L2), one standard deviation, from what the photographs leave open about the "
+    "blur; at the middle of the frame and near its edges and corners, as it lies."
 )
 _TARGETS = (
     "{targets}: green. Top: the photograph, from the middle of the field (left) "
