@@ -15,7 +15,7 @@ from lensfit.fitting.wavefront.gather import FocusGroup
 from lensfit.fitting.wavefront.misfit import Misfit
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import spot_and_pullback
-from lensfit.fitting.wavefront.shapes import Colour
+from lensfit.fitting.wavefront.shapes import colours_of
 from lensfit.fitting.wavefront.term_groups import (
     FINE,
     TermGroup,
@@ -23,7 +23,7 @@ from lensfit.fitting.wavefront.term_groups import (
 )
 from lensfit.optics.distortion import no_distortion
 from lensfit.optics.paraxial import FirstOrder, rim_sine
-from lensfit.optics.spectrum import bands, chromatic_coordinate
+from lensfit.optics.spectrum import bands
 from lensfit.optics.terms import rotational_terms
 from lensfit.preset.blocks import Camera, Distortion, Projection
 from lensfit.preset.covariance import Covariance
@@ -63,6 +63,7 @@ def parameters() -> np.ndarray:
     found[BLOCKS["focus_change"]] = [6.0, -8.0, 5.0, -7.0]
     found[BLOCKS["defocus"]] = [0.15, -0.2, 0.1]
     found[BLOCKS["exit_pupil"]] = [0.2, 0.05]
+    found[BLOCKS["band_width"]] = [0.15]
     found[BLOCKS["rim_shift"]] = [0.5, 0.05, -0.6, 0.0]
     found[BLOCKS["rim_radius"]] = [1.1, 0.0, 1.2, 0.0]
     found[BLOCKS["stretch"]] = [-0.1, 0.0, -0.03, 0.0]
@@ -216,9 +217,9 @@ def fitted_image(wavefront, group: int, stop: int, principal_mm: float) -> np.nd
         variance_mm2=jnp.zeros(2),
         cell_mm=jnp.full(2, PITCH_MM),
     )
-    chromatic = chromatic_coordinate(bands(3).wavelengths_nm)
-    colours = Colour(chromatic, dot.lateral_mm)
-    spots = _spots(jnp.asarray(wavefront.stage.parameters), dot, colours)
+    parameters = jnp.asarray(wavefront.stage.parameters)
+    colours = colours_of(parameters, dot, bands(3).wavelengths_nm, LAYOUT)
+    spots = _spots(parameters, dot, colours)
     pitch = jnp.full(2, PITCH_MM)
     variance = diffraction_variance_mm2(jnp.asarray(F_NUMBERS[stop]))
     found = []

@@ -144,12 +144,12 @@ def _evaluate_on_dots(
     dots at the parameters of the fit."""
     dots, transfer = with_iris(dot_data, stage.blades), dot_data.transfer
     is_broad = transfer is not None
-    numbers = stage.parameters, dot_data.chromatic, dot_data.scale
-    parameters, chromatic, scale = jax.tree.map(jnp.asarray, numbers)
+    numbers = stage.parameters, dot_data.wavelengths_nm, dot_data.scale
+    parameters, wavelengths_nm, scale = jax.tree.map(jnp.asarray, numbers)
 
     def found(part: tuple[Any, ...]) -> Array:
         part = jax.tree.map(jnp.asarray, part)
-        seen = parameters, part, chromatic, scale
+        seen = parameters, part, wavelengths_nm, scale
         if is_broad:  # in single precision, as the fit draws them
             seen = jax.tree.map(as_float32, seen)
         return _map_over_dots(function, stage.layout, *seen)
@@ -164,12 +164,12 @@ def _map_over_dots(
     layout: Layout,
     parameters: Array,
     dots: tuple[Any, ...],
-    chromatic: Array,
+    wavelengths_nm: Array,
     scale: Scale,
 ) -> Array:
     """Of dots, or of dots and their transfers."""
 
     def one(part: tuple[Any, ...]) -> Array:
-        return function(parameters, *part, chromatic, layout, scale)
+        return function(parameters, *part, wavelengths_nm, layout, scale)
 
     return jax.lax.map(one, dots)

@@ -20,7 +20,7 @@ from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.normal import as_float32
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.rays import spot_and_pullback
-from lensfit.fitting.wavefront.shapes import Colour
+from lensfit.fitting.wavefront.shapes import Colour, colours_of
 from lensfit.fitting.wavefront.stages import Stage, with_iris
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
 from lensfit.psf.pixels import diffraction_variance_mm2, image_of
@@ -44,7 +44,7 @@ def model_images(
         lambda part: _images(
             as_float32(jnp.asarray(stage.parameters)),
             jax.tree.map(as_float32, part),
-            as_float32(jnp.asarray(dot_data.chromatic)),
+            as_float32(jnp.asarray(dot_data.wavelengths_nm)),
             stage.layout,
             jax.tree.map(as_float32, dot_data.scale),
             (stage.points.image, cells),
@@ -66,7 +66,7 @@ def model_images(
 def _images(
     parameters: Array,
     part: tuple[Dots, Transfer | None, Array],
-    chromatic: Array,
+    wavelengths_nm: Array,
     layout: Layout,
     scale: Scale,
     points_and_cells: tuple[int, int],
@@ -78,14 +78,14 @@ def _images(
     def of_dot(one: tuple[Dots, Transfer | None, Array]) -> Array:
         dot, transfer, corners_mm = one
 
-        def channel(chromatic: Array, lateral_mm: Array, corner_mm: Array) -> Array:
-            colour = Colour(chromatic, lateral_mm)
+        def channel(colour: Colour, corner_mm: Array) -> Array:
             spot, _ = spot_and_pullback(parameters, dot, colour, layout, scale, points)
             basis = basis_of(corner_mm, dot.cell_mm, cells, transfer)
             profile = basis.profile(spot, dot.variance_mm2)
             return basis.cell_light(image_of(spot, profile))
 
-        return jax.vmap(channel)(chromatic, dot.lateral_mm, corners_mm)
+        colours = colours_of(parameters, dot, wavelengths_nm, layout)
+        return jax.vmap(channel)(colours, corners_mm)
 
     return jax.lax.map(of_dot, part)
 

@@ -27,7 +27,7 @@ from lensfit.fitting.wavefront.known_dots import Reference, dots_of
 from lensfit.fitting.wavefront.parameters import Scale
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder, first_order_of, rim_sine
-from lensfit.optics.spectrum import Bands, chromatic_coordinate
+from lensfit.optics.spectrum import Bands
 
 _NEAREST_FOCUS, _USUAL_FOCUS = 2.0, 20.0
 """In principal distances; at two an object is imaged at its own size."""
@@ -57,7 +57,8 @@ class DotData:
     read_noise : Of a cell, per dot and channel.
     take : Index into `photographs`.
     colour : Whether red and blue were photographed.
-    scale, chromatic : Constants of the model; chromatic coordinates of the channels.
+    scale : Constants of the model.
+    wavelengths_nm : Of the channels, their bands as wide as usual.
     groups, f_numbers : What `Dots.group` and `Dots.stop` count.
     reference_distance_mm : For which the aberrations hold, from the sensor.
     focus : Focus distances of all photographs.
@@ -75,7 +76,7 @@ class DotData:
     take: Int[np.ndarray, " dots"]
     colour: bool
     scale: Scale
-    chromatic: Float[np.ndarray, "3 wavelengths"]
+    wavelengths_nm: Float[np.ndarray, "3 wavelengths"]
     groups: tuple[FocusGroup, ...]
     f_numbers: tuple[float, ...]
     reference_distance_mm: float
@@ -185,7 +186,7 @@ def _gathered(
             jnp.asarray(sine),
             jnp.asarray(known.principal_distance_mm),
         ),
-        chromatic=np.asarray(chromatic_coordinate(bands.wavelengths_nm)),
+        wavelengths_nm=np.asarray(bands.wavelengths_nm),
         groups=groups,
         f_numbers=f_numbers,
         reference_distance_mm=known.distance_mm,

@@ -15,7 +15,7 @@ from lensfit.fitting.wavefront.rays import (
     landed_of,
     pupil_at_dot,
 )
-from lensfit.fitting.wavefront.shapes import Colour
+from lensfit.fitting.wavefront.shapes import Colour, colours_of
 from lensfit.optics.pupil_nodes import polar_nodes
 
 _RINGS_AND_SPOKES = 6, 48
@@ -25,35 +25,37 @@ _RINGS_AND_SPOKES = 6, 48
 def centroids_mm(
     parameters: Float[Array, " parameters"],
     dot: Dots,
-    chromatic: Float[Array, "3 wavelengths"],
+    wavelengths_nm: Float[Array, "3 wavelengths"],
     layout: Layout,
     scale: Scale,
 ) -> Float[Array, "3 2"]:
     """Centroid of each channel's light from where the chief ray lands."""
 
-    def channel(chromatic: Array, lateral_mm: Array) -> Array:
-        colour = Colour(chromatic, lateral_mm)
+    def channel(colour: Colour) -> Array:
         seen = (parameters, dot, colour, layout, scale)
         landing, weight = polar_landings(*seen, _RINGS_AND_SPOKES)
         return jnp.einsum("wk,wki->i", weight, landing)
 
-    return jax.vmap(channel)(chromatic, dot.lateral_mm)
+    return jax.vmap(channel)(colours_of(parameters, dot, wavelengths_nm, layout))
 
 
 def centroid_slopes_mm(
     parameters: Float[Array, " parameters"],
     dot: Dots,
-    chromatic: Float[Array, "3 wavelengths"],
+    wavelengths_nm: Float[Array, "3 wavelengths"],
     layout: Layout,
     scale: Scale,
 ) -> Float[Array, "3 2 parameters"]:
     """d `centroids_mm` / d parameter, the light that an area carries held constant."""
 
-    def channel(chromatic: Array, lateral_mm: Array) -> Array:
-        colour = Colour(chromatic, lateral_mm)
+    def channel(colour: Colour) -> Array:
+        wavelengths = len(colour.chromatic)
+        # Centroids count from the chief ray of each wavelength.
+        still = jnp.zeros_like(colour.lateral_slope_mm)
+        colour = colour._replace(lateral_slope_mm=still)
 
         def opened(pupil_parameters: Array) -> tuple[Array, Array]:
-            return _polar(pupil_parameters, dot, len(chromatic), layout, scale)
+            return _polar(pupil_parameters, dot, wavelengths, layout, scale)
 
         (u, weight), to_pupil_parameters = jax.vjp(
             opened, parameters[layout.pupil_parameters]
@@ -71,7 +73,7 @@ def centroid_slopes_mm(
 
         return jax.vmap(along)(jnp.eye(2, dtype=u.dtype))
 
-    return jax.vmap(channel)(chromatic, dot.lateral_mm)
+    return jax.vmap(channel)(colours_of(parameters, dot, wavelengths_nm, layout))
 
 
 def polar_landings(

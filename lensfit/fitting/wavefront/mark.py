@@ -27,7 +27,7 @@ from lensfit.fitting.wavefront.line_mark import DetectedLine, detected_line
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import spot_gradient_of
 from lensfit.fitting.wavefront.rays import spot_and_pullback
-from lensfit.fitting.wavefront.shapes import Colour
+from lensfit.fitting.wavefront.shapes import Colour, colours_of
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
 from lensfit.psf.pixels import image_of
 from lensfit.psf.spot import Spot
@@ -59,7 +59,7 @@ def detected_point_offsets_mm(
     parameters: Float[Array, " parameters"],
     dot: Dots,
     transfer: Transfer,
-    chromatic: Float[Array, "3 wavelengths"],
+    wavelengths_nm: Float[Array, "3 wavelengths"],
     layout: Layout,
     scale: Scale,
 ) -> Float[Array, "3 2"]:
@@ -78,14 +78,14 @@ def detected_point_offsets_mm(
             traced.spot,
         )
 
-    return _of_channels(offset_mm, parameters, dot, chromatic, layout, scale)
+    return _of_channels(offset_mm, parameters, dot, wavelengths_nm, layout, scale)
 
 
 def detected_point_offset_slopes_mm(
     parameters: Float[Array, " parameters"],
     dot: Dots,
     transfer: Transfer,
-    chromatic: Float[Array, "3 wavelengths"],
+    wavelengths_nm: Float[Array, "3 wavelengths"],
     layout: Layout,
     scale: Scale,
 ) -> Float[Array, "3 2 parameters"]:
@@ -98,14 +98,14 @@ def detected_point_offset_slopes_mm(
             lambda: _drawn_slopes_mm(traced, dot, transfer),
         )
 
-    return _of_channels(slopes_mm, parameters, dot, chromatic, layout, scale)
+    return _of_channels(slopes_mm, parameters, dot, wavelengths_nm, layout, scale)
 
 
 def line_light_shares(
     parameters: Float[Array, " parameters"],
     dot: Dots,
     transfer: Transfer,
-    chromatic: Float[Array, "3 wavelengths"],
+    wavelengths_nm: Float[Array, "3 wavelengths"],
     layout: Layout,
     scale: Scale,
 ) -> Float[Array, "3 2"]:
@@ -120,26 +120,26 @@ def line_light_shares(
     def share(traced: _Traced) -> Array:
         return _line_of(traced.spot, dot, traced.window_mm).light_share
 
-    return _of_channels(share, parameters, dot, chromatic, layout, scale)
+    return _of_channels(share, parameters, dot, wavelengths_nm, layout, scale)
 
 
 def _of_channels(
     function: Callable[[_Traced], Array],
     parameters: Array,
     dot: Dots,
-    chromatic: Array,
+    wavelengths_nm: Array,
     layout: Layout,
     scale: Scale,
 ) -> Float[Array, "3 *shape"]:
     """A function of the rays of each channel."""
 
-    def channel(chromatic: Array, lateral_mm: Array, window_mm: Array) -> Array:
-        colour = Colour(chromatic, lateral_mm)
+    def channel(colour: Colour, window_mm: Array) -> Array:
         seen = spot_and_pullback(parameters, dot, colour, layout, scale, _RAYS)
         return function(_Traced(*seen, window_mm))
 
     windows_mm = _broad_of(dot).line_window_mm
-    return jax.vmap(channel)(chromatic, dot.lateral_mm, windows_mm)
+    colours = colours_of(parameters, dot, wavelengths_nm, layout)
+    return jax.vmap(channel)(colours, windows_mm)
 
 
 def detected_dot_centre(

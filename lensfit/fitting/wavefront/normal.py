@@ -17,7 +17,7 @@ from lensfit.fitting.wavefront.dots import Dots, Pixels
 from lensfit.fitting.wavefront.parameters import Layout, Scale
 from lensfit.fitting.wavefront.patch import Patch, equations_of
 from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
-from lensfit.fitting.wavefront.shapes import Colour, shape_jacobian
+from lensfit.fitting.wavefront.shapes import colours_of, shape_jacobian
 from lensfit.fitting.wavefront.waves import WAVES, Transfer
 
 FOLDS = 32
@@ -80,7 +80,7 @@ class Model(NamedTuple):
 
     Attributes
     ----------
-    chromatic : Chromatic coordinates of the wavelengths of each channel.
+    wavelengths_nm : Of each channel, its band as wide as usual.
     transfer : Of broad dots (`waves`); None for others.
     smoothing : Variance by which model and photograph were both smoothed, cells.
     count : Dots in use, of each core's share; the rest of it is padding.
@@ -90,7 +90,7 @@ class Model(NamedTuple):
     pixels: Pixels
     transfer: Transfer | None
     scale: Scale
-    chromatic: Float[Array, "3 wavelengths"]
+    wavelengths_nm: Float[Array, "3 wavelengths"]
     smoothing: Float[Array, ""]
     count: Int[Array, " cores"]
 
@@ -112,7 +112,7 @@ def normal_equations(
         pixels=SHARDED,
         transfer=SHARDED,
         scale=SHARED,
-        chromatic=SHARED,
+        wavelengths_nm=SHARED,
         smoothing=SHARED,
         count=SHARDED,
     )
@@ -195,8 +195,8 @@ def _of_dot(
     """All three channels of one dot, stacked, and their gradients."""
     variance = dot.variance_mm2 + model.smoothing * dot.cell_mm**2
 
-    def channel(chromatic, lateral, light, weight, corner):
-        seen = (dot, Colour(chromatic, lateral), layout, model.scale)
+    def channel(colour, light, weight, corner):
+        seen = (dot, colour, layout, model.scale)
         few = rays_of(parameters, *seen, points.design)
         spot, pullback = spot_and_pullback(parameters, *seen, points.image)
         patch = equations_of(
@@ -212,6 +212,5 @@ def _of_dot(
         )
         return patch, pullback(patch.spot_gradient)
 
-    return jax.vmap(channel)(
-        model.chromatic, dot.lateral_mm, pixels.light, pixels.weight, pixels.corner_mm
-    )
+    colours = colours_of(parameters, dot, model.wavelengths_nm, layout)
+    return jax.vmap(channel)(colours, pixels.light, pixels.weight, pixels.corner_mm)

@@ -14,6 +14,9 @@ plain numbers. Blocks:
   group too; other lenses have no such block;
 - `exit_pupil`: logarithm of its distance over the principal distance, and the chief
   ray's bend;
+- `band_width`: logarithm of the width of the bands of red, green and blue over the
+  usual one (`optics.spectrum`), the same of all: that of a camera is not known, and a
+  lens whose focus changes with colour shows it;
 - `rim_shift`, `rim_radius`, `stop_shift`, `stretch`, `iris`: clipping apertures and
   pupil (`optics.pupil`); `iris` holds squeeze, rotation and curvature of the blades;
 - `stop_ratio`: logarithm of each stop's radius over the one its f-number gives.
@@ -68,6 +71,7 @@ class Layout:
             "defocus": self.groups,
             **({"beyond": self.groups} if self.anamorphic else {}),
             "exit_pupil": 2,
+            "band_width": 1,
             "rim_shift": 2 * self.rims,
             "rim_radius": 2 * self.rims,
             "stop_shift": 2,

@@ -17,7 +17,7 @@ from lensfit.fitting.wavefront.gather import DotData
 from lensfit.fitting.wavefront.light_centroid import polar_landings
 from lensfit.fitting.wavefront.normal import as_float32
 from lensfit.fitting.wavefront.parameters import Layout, Scale
-from lensfit.fitting.wavefront.shapes import Colour
+from lensfit.fitting.wavefront.shapes import colours_of
 from lensfit.fitting.wavefront.stages import Stage, with_iris
 from lensfit.programs import kept_program
 
@@ -42,13 +42,13 @@ class Landings(NamedTuple):
 def green_landings(stage: Stage, dot_data: DotData) -> Landings:
     """Green rays of all dots of `dot_data` at the parameters of the fit."""
     parameters = as_float32(jnp.asarray(stage.parameters))
-    chromatic = as_float32(jnp.asarray(dot_data.chromatic[_GREEN]))
+    wavelengths_nm = as_float32(jnp.asarray(dot_data.wavelengths_nm))
     scale = jax.tree.map(as_float32, dot_data.scale)
     return in_batches(
         lambda dots: _landings(
             parameters,
             jax.tree.map(as_float32, dots),
-            chromatic,
+            wavelengths_nm,
             stage.layout,
             scale,
         ),
@@ -59,14 +59,15 @@ def green_landings(stage: Stage, dot_data: DotData) -> Landings:
 
 @kept_program(static_argnames=("layout",))
 def _landings(
-    parameters: Array, dots: Dots, chromatic: Array, layout: Layout, scale: Scale
+    parameters: Array, dots: Dots, wavelengths_nm: Array, layout: Layout, scale: Scale
 ) -> Landings:
     def one(dot: Dots) -> Landings:
-        colour = Colour(chromatic, dot.lateral_mm[_GREEN])
+        colours = colours_of(parameters, dot, wavelengths_nm, layout)
+        colour = jax.tree.map(lambda of_channels: of_channels[_GREEN], colours)
         landing, weight = polar_landings(
             parameters, dot, colour, layout, scale, (RINGS, SPOKES)
         )
-        shape = len(chromatic), SPOKES, RINGS
+        shape = len(colour.chromatic), SPOKES, RINGS
         by_spoke = jnp.sum(weight.reshape(*shape), (0, 2))
         return Landings(landing.reshape(*shape, 2), by_spoke)
 

@@ -27,7 +27,9 @@ from lensfit.fitting.wavefront.dots import Dots
 from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of, pupil_of
 from lensfit.fitting.wavefront.shapes import (
     Colour,
+    band_width_shape_mm,
     chromatic_shapes,
+    chromatic_slopes_mm,
     field_point,
     mode_shapes_mm,
     shape_jacobian,
@@ -91,12 +93,17 @@ class PupilRays(NamedTuple):
         """The derivative by all parameters, from that by landing points and weights."""
         cotangent = jnp.moveaxis(by_landing, -1, 0)
         by_mode = jnp.einsum("miwk,iwk->mw", mode_shapes_mm(self.u, layout), cotangent)
-        by_colour = chromatic_shapes(by_mode[..., None], colour.chromatic, layout)
+        by_mode = by_mode[..., None]
+        by_colour = chromatic_shapes(by_mode, colour.chromatic, layout)
         states = state_shapes_mm(self.u, parameters, dot, layout, scale)
+        seen = (parameters, dot, colour, layout, scale)
+        by_coordinate = chromatic_slopes_mm(by_mode, *seen)[:, 0]
+        by_lateral = jnp.einsum("wi,wki->", colour.lateral_slope_mm, by_landing)
         by_u = jnp.einsum("wkij,wki->wkj", self.landed.slope_mm, by_landing)
         by_shape = [
             jnp.sum(by_colour, (1, 2)),
             jnp.einsum("siwk,iwk->s", states, cotangent),
+            (colour.chromatic_slope @ by_coordinate + by_lateral)[None],
             *self.to_pupil_parameters((by_u, by_weight)),
         ]
         return jnp.concatenate(by_shape) @ shape_jacobian(dot, layout, scale)
@@ -165,12 +172,15 @@ def rays_of(
         split_by_wavelength(nodes.u, wavelengths),
         split_by_wavelength(widened.u, wavelengths),
     )
-    landed = landed_of(u, parameters, dot, colour, layout, scale)
+    seen = (parameters, dot, colour, layout, scale)
+    landed = landed_of(u, *seen)
     evenly_lit = landed._replace(light=jnp.ones_like(landed.light))
+    by_mode = mode_shapes_mm(u, layout)
     moved = jnp.concatenate(
         [
-            chromatic_shapes(mode_shapes_mm(u, layout), colour.chromatic, layout),
+            chromatic_shapes(by_mode, colour.chromatic, layout),
             state_shapes_mm(u, parameters, dot, layout, scale),
+            band_width_shape_mm(by_mode, *seen),
             jnp.einsum("wkij,wkjo->oiwk", landed.slope_mm, u_widened),
         ]
     )

@@ -8,6 +8,7 @@ shapes than there are parameters:
   quadratic change with the chromatic coordinate where colour has that mode;
 - the dot's own defocus; behind cylinders also the astigmatic defocus offset of x;
 - where the exit pupil is, and the chief ray's bend;
+- the width of the bands of wavelengths;
 - the parameters of the pupil, each its own shape (`rays`).
 
 `shape_jacobian` is the derivative of the shapes by the parameters. Arrays have rays on
@@ -27,6 +28,7 @@ from lensfit.fitting.wavefront.parameters import Layout, Scale, aberration_of
 from lensfit.optics.aberration import chief_sine, tangents
 from lensfit.optics.modes import Mode, mode_gradients
 from lensfit.optics.sections import cylinder_mm
+from lensfit.optics.spectrum import chromatic_coordinate
 from lensfit.optics.terms import Term, modes_of, term_amplitudes
 
 _MM_PER_UM = 1e-3
@@ -39,10 +41,36 @@ class Colour(NamedTuple):
     ----------
     chromatic : Chromatic coordinates (`optics.spectrum`).
     lateral_mm : Displacement of each wavelength's chief ray about their mean.
+    chromatic_slope, lateral_slope_mm : Their derivatives by `band_width`.
     """
 
     chromatic: Float[Array, " wavelengths"]
     lateral_mm: Float[Array, "wavelengths 2"]
+    chromatic_slope: Float[Array, " wavelengths"]
+    lateral_slope_mm: Float[Array, "wavelengths 2"]
+
+
+def colours_of(
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    wavelengths_nm: Float[Array, "3 wavelengths"],
+    layout: Layout,
+) -> Colour:
+    """Of all channels, stacked: bands as wide as the parameters have them.
+
+    Parameters
+    ----------
+    wavelengths_nm : Of bands of usual width.
+    """
+    middle_nm = jnp.mean(wavelengths_nm, 1, keepdims=True)
+
+    def widened(log_width: Array) -> tuple[Array, Array]:
+        width = jnp.exp(log_width)
+        nm = middle_nm + width * (wavelengths_nm - middle_nm)
+        return chromatic_coordinate(nm), width * dot.lateral_mm
+
+    (log_width,) = parameters[layout.blocks["band_width"]]
+    return Colour(*widened(log_width), *jax.jacfwd(widened)(log_width))
 
 
 def field_point(dot: Dots, scale: Scale) -> Float[Array, "2"]:
@@ -69,6 +97,37 @@ def chromatic_shapes(
     changing = by_mode[_chromatic_members(layout)]
     weight = chromatic.reshape(*[1] * (by_mode.ndim - 2), -1, 1)
     return jnp.concatenate([by_mode, changing * weight, changing * weight**2])
+
+
+def chromatic_slopes_mm(
+    by_mode: Float[Array, "members *some wavelengths points"],
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    colour: Colour,
+    layout: Layout,
+    scale: Scale,
+) -> Float[Array, "*some wavelengths points"]:
+    """d landing / d chromatic coordinate, from those by the modes."""
+    half = len(layout.colour_terms)
+    coefficients = parameters[layout.blocks["colour"]].reshape(2, half)
+    of_terms = _amplitudes(field_point(dot, scale), layout.colour_terms, layout)
+    linear, quadratic = (of_terms @ coefficients.T)[_chromatic_members(layout)].T
+    slope = linear[:, None] + 2 * jnp.outer(quadratic, colour.chromatic)
+    return jnp.einsum("m...wk,mw->...wk", by_mode[_chromatic_members(layout)], slope)
+
+
+def band_width_shape_mm(
+    by_mode: Float[Array, "members 2 wavelengths points"],
+    parameters: Float[Array, " parameters"],
+    dot: Dots,
+    colour: Colour,
+    layout: Layout,
+    scale: Scale,
+) -> Float[Array, "1 2 wavelengths points"]:
+    """d landing / d width of the bands: wavelengths move apart."""
+    by_coordinate = chromatic_slopes_mm(by_mode, parameters, dot, colour, layout, scale)
+    moved = jnp.einsum("w,iwk->iwk", colour.chromatic_slope, by_coordinate)
+    return (moved + colour.lateral_slope_mm.T[..., None])[None]
 
 
 def state_shapes_mm(

@@ -252,7 +252,7 @@ def model_of(stage: Stage, sharding: DotSharding) -> Model:
         pixels=jax.tree.map(at_places, pixels),
         transfer=jax.tree.map(at_places, dot_data.transfer),
         scale=dot_data.scale,
-        chromatic=jnp.asarray(dot_data.chromatic),
+        wavelengths_nm=jnp.asarray(dot_data.wavelengths_nm),
         smoothing=jnp.asarray(stage.smoothing**2),
         count=jnp.asarray(sharding.counts),
     )

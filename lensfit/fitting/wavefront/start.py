@@ -5,6 +5,7 @@ from focus and chart distance where both were stated. Clipping apertures start w
 they explain the fall-off of the dots' brightness.
 """
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -29,6 +30,9 @@ _LEAST_BLUR_CELLS = 0.5
 _RADII = 9
 _RIM_RADII = (1.02, 1.1, 1.2, 1.35, 1.6, 2.0)
 _RIM_SHIFTS = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 1.3)
+_INVERSE_PUPIL_MAGNIFICATIONS = 0.25, 4.0
+"""Of retrofocus and of telephoto lenses. Breathing beyond is that of elements that move
+against each other."""
 
 
 def stated_defocus_mm(dot_data: DotData) -> Float[np.ndarray, " groups"]:
@@ -208,7 +212,8 @@ def first_parameters(
     fall_off: FallOffFit | None,
     defocus_mm: Float[np.ndarray, " groups"],
 ) -> Float[np.ndarray, " parameters"]:
-    """The whole vector: a perfect lens with the measured defocus and clipping."""
+    """The whole vector: a perfect lens with the measured defocus and clipping, and the
+    exit pupil that breathing tells."""
     blocks = layout.blocks
     parameters = np.zeros(layout.size)
     parameters[blocks["defocus"]][: len(defocus_mm)] = defocus_mm
@@ -217,4 +222,20 @@ def first_parameters(
     sides = np.resize([shift, 0.0, -shift, 0.0], 2 * layout.rims)
     parameters[blocks["rim_shift"]] = sides
     parameters[blocks["iris"]] = [0.0, 0.0, 0.1]
+    parameters[blocks["exit_pupil"]] = [_log_exit_pupil(dot_data), 0.0]
     return parameters
+
+
+def _log_exit_pupil(dot_data: DotData) -> float:
+    """Logarithm of the distance of the exit pupil over the principal distance.
+
+    By `optics.paraxial` that is the pupil magnification, which breathing tells: the
+    exit pupil of a telephoto lens is three times nearer to the sensor than its
+    principal distance, that of a wide-angle lens four times as far. Elements that move
+    make the breathing of most lenses less, and that of some zooms more than any pupil.
+    """
+    least, largest = _INVERSE_PUPIL_MAGNIFICATIONS
+    inverse = 1 / float(dot_data.first_order.pupil_magnification)
+    if dot_data.dots.sections is not None or inverse > largest:
+        return 0.0  # Behind cylinders there are two pupils.
+    return -math.log(max(inverse, least))

@@ -29,6 +29,7 @@ _LEAST_BIC_GAIN = 6.0
 _REMOVAL_ORDER = (
     "ninth_order",
     "seventh_order",
+    "band_width",
     "colour_of_third_order_curved",
     "colour_of_fifth_order",
     "axial_colour_curved",
@@ -47,6 +48,7 @@ _REMOVAL_ORDER = (
     "cylinders_third_order",
 )
 _REFINES = {
+    "band_width": "axial_colour",
     "ninth_order": "seventh_order",
     "seventh_order": "fifth_order",
     "axial_colour_curved": "axial_colour",

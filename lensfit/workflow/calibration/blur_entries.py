@@ -20,6 +20,7 @@ from lensfit.optics.paraxial import (
 )
 from lensfit.optics.pupil import Pupil
 from lensfit.optics.sections import log_squeeze
+from lensfit.optics.spectrum import WIDTHS_NM
 from lensfit.preset.blur_blocks import Blur, Stop
 from lensfit.preset.blur_of_block import blur_block
 
@@ -61,8 +62,16 @@ def blur_of(state: LensState, wavefront: WavefrontFit) -> Blur:
         ],
         round_f_number=numbers[0],
         assumed=() if wavefront.has("exit_pupil") else _assumed(dot_data),
+        band_widths_nm=_band_widths_nm(wavefront),
         beyond_offset_mm=beyond,
     )
+
+
+def _band_widths_nm(wavefront: WavefrontFit) -> tuple[float, float, float]:
+    stage = wavefront.stage
+    ratio = np.exp(stage.parameters[stage.layout.blocks["band_width"]])
+    red, green, blue = (np.asarray(WIDTHS_NM) * ratio).tolist()
+    return red, green, blue
 
 
 def _assumed(dot_data: DotData) -> tuple[str, ...]:

@@ -23,8 +23,10 @@ from lensfit.fitting.wavefront.dots import Broad, Dots
 from lensfit.fitting.wavefront.focus_range import FocusRange
 from lensfit.fitting.wavefront.gather import DotData, FocusGroup
 from lensfit.fitting.wavefront.parameters import Layout, Scale
+from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.fitting.wavefront.waves import Transfer, transfers_of
 from lensfit.optics.paraxial import FirstOrder
+from lensfit.optics.spectrum import REFERENCE_NM
 from lensfit.optics.terms import decentring_terms, rotational_terms
 
 LAYOUT = Layout(rotational_terms(3) + decentring_terms(), (), groups=3, stops=1, rims=2)
@@ -35,6 +37,8 @@ PRINCIPAL_MM = 50.0
 REFERENCE_MM = 2000.0
 HOLE_VARIANCE_MM2 = 0.003**2
 F_NUMBERS = (2.0, 4.0)
+GREY = Colour(*(jnp.zeros(shape) for shape in ((1,), (1, 2)) * 2))
+"""One wavelength, the same for all channels."""
 SCALE = Scale(
     jnp.asarray(FIELD_RADIUS_MM), jnp.asarray(SINE), jnp.asarray(PRINCIPAL_MM)
 )
@@ -257,7 +261,7 @@ def _dot_data(shots, rows, light, centroid, diameter, spread) -> DotData:
         take=np.repeat(np.arange(len(shots)), each),
         colour=False,
         scale=SCALE,
-        chromatic=np.zeros((3, 1)),
+        wavelengths_nm=np.full((3, 1), REFERENCE_NM),
         groups=tuple(groups[k] for k in sorted(groups)),
         f_numbers=F_NUMBERS[: 1 + max(shot.stop for shot in shots)],
         reference_distance_mm=REFERENCE_MM,

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, SCALE, SINE, Seidel, dots_at
+from drawn_lens import GREY, LAYOUT, SCALE, SINE, Seidel, dots_at
 from scipy.special import j1
 
 from lensfit.fitting.wavefront.dot_aperture import (
@@ -14,11 +14,9 @@ from lensfit.fitting.wavefront.dot_aperture import (
     ray_origins_mm,
 )
 from lensfit.fitting.wavefront.rays import spot_and_pullback
-from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.psf.pixels import image_of, profile_of
 
 PIXEL_MM, CELLS, RAYS = 0.01, 24, 1536
-GREY = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
 OVAL = np.array([[0.009, 0.002], [-0.001, 0.006]])
 
 

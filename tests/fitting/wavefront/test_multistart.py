@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, SCALE, dots_at
+from drawn_lens import GREY, LAYOUT, SCALE, dots_at
 
 from lensfit.errors import FitError
 from lensfit.fitting.wavefront import multistart
@@ -20,10 +20,8 @@ from lensfit.fitting.wavefront.multistart import (
     runs_against_statements,
 )
 from lensfit.fitting.wavefront.parameters import mirror_through_focus
-from lensfit.fitting.wavefront.shapes import Colour
 
 BLOCKS = LAYOUT.blocks
-ONE_COLOUR = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
 DEFOCUS = BLOCKS["defocus"]
 
 
@@ -43,7 +41,7 @@ def landings_mm(parameters, place):
     """On spokes of which each has an opposite one."""
     dots = dots_at(np.array([place]), 0, 0, 0.01)
     dot = jax.tree.map(lambda a: jnp.asarray(a[0]), dots)
-    seen = jnp.asarray(parameters), dot, ONE_COLOUR, LAYOUT, SCALE
+    seen = jnp.asarray(parameters), dot, GREY, LAYOUT, SCALE
     return np.asarray(_landings(*seen, (3, 8))[0][0])
 
 

@@ -6,17 +6,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, SCALE, Seidel, dots_at
+from drawn_lens import GREY, LAYOUT, SCALE, Seidel, dots_at
 from ray_moves import by_parameters
 
 from lensfit.fitting.wavefront.light_centroid import centroid_slopes_mm, centroids_mm
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.rays import (
+    Rays,
     _turn_rad,
     rays_of,
     spot_and_pullback,
 )
-from lensfit.fitting.wavefront.shapes import Colour
+from lensfit.fitting.wavefront.shapes import Colour, colours_of
 from lensfit.fitting.wavefront.term_groups import terms_that_change_with_focus
 from lensfit.optics.terms import rotational_terms
 from lensfit.psf.spot import Spot
@@ -29,7 +30,8 @@ TINY = Layout(
     rims=2,
     focus_terms=terms_that_change_with_focus(rotational_terms(3)),
 )
-COLOUR = Colour(jnp.array([-0.4, 0.3]), jnp.array([[0.001, 0.0], [-0.001, 0.002]]))
+WAVELENGTHS_NM = jnp.array([[590.0, 620.0], [530.0, 545.0], [440.0, 490.0]])
+BLUE = 2
 POINTS = 40
 PLACES = {"axis": (0.0, 0.0), "middle": (6.0, -5.0), "edge": (16.0, 12.0)}
 
@@ -37,7 +39,7 @@ PLACES = {"axis": (0.0, 0.0), "middle": (6.0, -5.0), "edge": (16.0, 12.0)}
 def dot_of(place, stop: int = 0, blades: int = 0):
     """A dot before a chart that is nearer than the reference distance."""
     dots = dots_at(np.array([place]), 1, stop, 0.01)._replace(
-        lateral_mm=np.zeros((1, 3, 2, 2)),
+        lateral_mm=np.full((1, 3, 2, 2), [[0.001, -0.001], [-0.001, 0.001]]),
         blades=np.full(1, float(blades)),
         vergence=np.full(1, 1 / 1700),
         focus=np.full(1, -0.6),
@@ -53,6 +55,7 @@ def parameters_of(defocus_mm: float, rim: tuple[float, float]) -> np.ndarray:
     found[blocks["focus_change"]] = [3.0, 5.0, -2.0, 4.0]
     found[blocks["defocus"]] = [0.4, defocus_mm]
     found[blocks["exit_pupil"]] = [0.1, 0.05]
+    found[blocks["band_width"]] = [0.3]
     found[blocks["rim_shift"]] = [rim[0], 0.05, -0.6, 0.0]
     found[blocks["rim_radius"]] = [rim[1], -0.05, 1.2, 0.0]
     found[blocks["stop_shift"]] = [0.03, -0.01]
@@ -62,9 +65,18 @@ def parameters_of(defocus_mm: float, rim: tuple[float, float]) -> np.ndarray:
     return found
 
 
+def _blue(parameters, dot) -> Colour:
+    colours = colours_of(parameters, dot, WAVELENGTHS_NM, TINY)
+    return jax.tree.map(lambda of_channels: of_channels[BLUE], colours)
+
+
+def _rays(parameters, dot) -> Rays:
+    return rays_of(parameters, dot, _blue(parameters, dot), TINY, SCALE, POINTS)
+
+
 @jax.jit
 def _exact(parameters, dot):
-    rays = rays_of(parameters, dot, COLOUR, TINY, SCALE, POINTS)
+    rays = _rays(parameters, dot)
     return by_parameters(rays, dot, TINY, SCALE)
 
 
@@ -73,7 +85,7 @@ def _weight_slope(parameters, dot):
     """d weight / d parameter, by JAX."""
 
     def weight(numbers):
-        return rays_of(numbers, dot, COLOUR, TINY, SCALE, POINTS).spot.weight
+        return _rays(numbers, dot).spot.weight
 
     return jax.jacfwd(weight)(parameters)
 
@@ -83,7 +95,7 @@ def _differences(parameters, dot):
     """Central differences of landing and weight by every parameter, last axis."""
 
     def moved(step):
-        spot = rays_of(parameters + step, dot, COLOUR, TINY, SCALE, POINTS).spot
+        spot = _rays(parameters + step, dot).spot
         return spot.landing_mm, spot.weight
 
     size = jnp.full(TINY.size, 1e-5).at[TINY.blocks["coefficients"]].set(1e-2)
@@ -103,21 +115,22 @@ def _spot(parameters, dot, colour, layout, points):
 
 @jax.jit
 def _led_back(parameters, dot, by_spot):
-    spot, back = spot_and_pullback(parameters, dot, COLOUR, TINY, SCALE, POINTS)
+    colour = _blue(parameters, dot)
+    spot, back = spot_and_pullback(parameters, dot, colour, TINY, SCALE, POINTS)
     return spot, back(by_spot)
 
 
 @jax.jit
-def _centroids(parameters, dot, chromatic):
-    return centroids_mm(parameters, dot, chromatic, TINY, SCALE)
+def _centroids(parameters, dot):
+    return centroids_mm(parameters, dot, WAVELENGTHS_NM, TINY, SCALE)
 
 
 @jax.jit
-def _centroid_slopes(parameters, dot, chromatic):
+def _centroid_slopes(parameters, dot):
     """As the fit computes them, and by JAX."""
     return (
-        centroid_slopes_mm(parameters, dot, chromatic, TINY, SCALE),
-        jax.jacfwd(centroids_mm)(parameters, dot, chromatic, TINY, SCALE),
+        centroid_slopes_mm(parameters, dot, WAVELENGTHS_NM, TINY, SCALE),
+        jax.jacfwd(centroids_mm)(parameters, dot, WAVELENGTHS_NM, TINY, SCALE),
     )
 
 
@@ -183,8 +196,7 @@ def test_derivatives_are_led_back_as_the_rays_own_say(place):
 def test_a_centroid_goes_as_its_slopes_say(place):
     """But for how the light over the opening changes, which is taken as it is."""
     parameters, dot = jnp.asarray(parameters_of(0.2, (0.5, 1.1))), dot_of(PLACES[place])
-    chromatic = jnp.full((3, 2), jnp.array([-0.4, 0.3]))
-    found, wanted = _centroid_slopes(parameters, dot, chromatic)
+    found, wanted = _centroid_slopes(parameters, dot)
     for name, where in TINY.blocks.items():
         size = float(np.abs(wanted[..., where]).max())
         np.testing.assert_allclose(
@@ -207,12 +219,11 @@ def test_every_block_moves_or_brightens_rays_somewhere():
 
 def test_rays_land_where_the_closed_forms_say():
     lens = Seidel(12.0, -9.0, 14.0, 8.0, 5.0, defocus_mm=(0.0, -0.3))
-    one = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
     parameters = jnp.asarray(lens.parameters())
     for place in PLACES.values():
         dots = dots_at(np.array([place]), 1, 0, 0.01)
         dot = jax.tree.map(lambda a: jnp.asarray(a[0]), dots)
-        spot = _spot(parameters, dot, one, LAYOUT, POINTS)
+        spot = _spot(parameters, dot, GREY, LAYOUT, POINTS)
         u = _evenly(POINTS, _turn_rad(dot))
         wanted = lens.landing_mm(u, np.array(place), 1)
         # The p-norm of three boundaries that do not clip leaves a per mille.
@@ -230,12 +241,12 @@ def _evenly(count: int, turn_rad: float) -> np.ndarray:
 
 def test_centroids_are_the_mean_of_a_dense_spot():
     parameters = jnp.asarray(parameters_of(0.3, (0.5, 1.1)))
-    chromatic = jnp.array([[0.5, 0.7], [-0.1, 0.1], [-1.1, -0.9]])
     for place in PLACES.values():
         dot = dot_of(place)
-        found = np.asarray(_centroids(parameters, dot, chromatic))
+        found = np.asarray(_centroids(parameters, dot))
+        colours = colours_of(parameters, dot, WAVELENGTHS_NM, TINY)
         for k in range(3):
-            colour = Colour(chromatic[k], jnp.zeros((2, 2)))
+            colour = jax.tree.map(lambda of_channels, k=k: of_channels[k], colours)
             spot = _spot(parameters, dot, colour, TINY, 8000)
             dense = np.asarray(spot.weight) @ np.asarray(spot.landing_mm)
             np.testing.assert_allclose(found[k], dense, atol=2e-5)

@@ -7,13 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, SCALE, Seidel, Shot, dots_at, photographed
+from drawn_lens import GREY, LAYOUT, SCALE, Seidel, Shot, dots_at, photographed
 from ray_moves import by_parameters
 
 from lensfit.fitting.wavefront.dots import dot_aperture_variance_mm2
 from lensfit.fitting.wavefront.parameters import Layout
 from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
-from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.fitting.wavefront.start import defocus_size_mm
 from lensfit.fitting.wavefront.term_groups import (
     FINE,
@@ -26,7 +25,6 @@ from lensfit.psf.spot import Spot
 
 TERMS = rotational_terms(3) + two_mirror_terms(3)
 TINY = Layout(TERMS, (), groups=2, stops=1, rims=2, anamorphic=True)
-ONE = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
 POINTS, SQUEEZE = 40, 1.9
 PLACES = [(0.0, 0.0), (11.0, -7.0), (-3.0, 9.0)]
 PER_DEFOCUS = SQUEEZE**-2 - 1
@@ -55,7 +53,7 @@ def parameters() -> np.ndarray:
 
 @jax.jit
 def _rays(numbers, dot):
-    rays = rays_of(numbers, dot, ONE, TINY, SCALE, POINTS)
+    rays = rays_of(numbers, dot, GREY, TINY, SCALE, POINTS)
     return by_parameters(rays, dot, TINY, SCALE)
 
 
@@ -71,7 +69,7 @@ def _differences(numbers, dot):
 
 @jax.jit
 def _led_back(numbers, dot, by_spot):
-    spot, back = spot_and_pullback(numbers, dot, ONE, TINY, SCALE, POINTS)
+    spot, back = spot_and_pullback(numbers, dot, GREY, TINY, SCALE, POINTS)
     return spot, back(by_spot)
 
 
@@ -114,7 +112,7 @@ def test_single_precision_stays_single():
         cast = jax.tree.map(lambda a: a.astype(jnp.float32), floats)
         return eqx.combine(cast, whole)
 
-    numbers, dot, colour, scale = single((parameters(), dot_of(PLACES[1]), ONE, SCALE))
+    numbers, dot, colour, scale = single((parameters(), dot_of(PLACES[1]), GREY, SCALE))
     # The dtypes alone: nothing needs to be compiled for them.
     rays = jax.eval_shape(
         lambda *given: rays_of(*given, TINY, scale, POINTS), numbers, dot, colour

@@ -9,6 +9,10 @@ import numpy as np
 import pytest
 from drawn_lens import LAYOUT, PLACES_MM, REFERENCE_MM, Seidel, Shot, photographed
 
+from data_synth.lens import set_lens
+from data_synth.paraxial import first_order
+from data_synth.prescription import load_prescription
+from lensfit.fitting.breathing import inverse_pupil_magnification
 from lensfit.fitting.fall_off.fall_off_fit import FallOffFit
 from lensfit.fitting.wavefront.gather import (
     FocusGroup,
@@ -105,6 +109,47 @@ def test_the_first_lens_is_perfect_but_defocused_and_clipped(discs):
     assert not np.any(first[LAYOUT.blocks["coefficients"]])
     np.testing.assert_allclose(first[LAYOUT.blocks["defocus"]], [0.4, -0.2, 0.0])
     assert np.all(first[LAYOUT.blocks["rim_radius"]][::2] > 1)
+
+
+def _breathing(name: str, focal_mm: float) -> tuple[float, float]:
+    """Pupil magnification that breathing of a traced lens tells, and the exit pupil's
+    distance over the principal distance."""
+    prescription = load_prescription(name)
+    known = []
+    for focus_mm in (28 * focal_mm, 40 * focal_mm, 70 * focal_mm):
+        lens = set_lens(
+            prescription, focal_length_mm=focal_mm, focus_distance_mm=focus_mm
+        )
+        optics = first_order(lens.surfaces, 540.0)
+        ratio = optics.exit_pupil_magnification / optics.entrance_pupil_magnification
+        principal_mm = -optics.exit_pupil_z_mm / ratio
+        known.append((principal_mm, 1 / (focus_mm + optics.entrance_pupil_z_mm)))
+    principal_mm, per_mm = np.array(known).T
+    inverse = inverse_pupil_magnification(principal_mm, per_mm, focal_mm, 0.03)
+    return 1 / inverse, ratio
+
+
+@pytest.mark.parametrize(
+    ("name", "focal_mm", "tolerance"),
+    [
+        ("kreitzer_135", 135.0, 0.03),
+        ("canon_14", 14.2, 0.03),
+        ("biotar_50", 50.0, 0.03),
+        # Elements move against each other.
+        ("itoh_zoom", 41.5, 0.6),
+        ("nikon_zoom_200", 80.0, 0.3),
+        ("arri_100", 100.0, 0.9),
+    ],
+)
+def test_the_exit_pupil_starts_where_breathing_tells(discs, name, focal_mm, tolerance):
+    """In units in which a principal distance is usual, by its logarithm."""
+    magnification, traced = _breathing(name, focal_mm)
+    optics = FirstOrder(*map(jnp.asarray, (focal_mm, magnification, 0.0)))
+    known = replace(discs, first_order=optics)
+    first = first_parameters(known, LAYOUT, None, np.array([0.4, -0.2]))
+    found, bend = first[LAYOUT.blocks["exit_pupil"]]
+    assert found == pytest.approx(np.log(traced), abs=tolerance)
+    assert bend == 0
 
 
 @pytest.mark.parametrize("truth", [(1.1, 0.8), (1.6, 0.2)])

@@ -6,12 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drawn_lens import LAYOUT, SCALE, Seidel, cell_counts, dots_at
+from drawn_lens import GREY, LAYOUT, SCALE, Seidel, cell_counts, dots_at
 
 from lensfit.fitting.wavefront.dots import DetectionAperture, undrawn
 from lensfit.fitting.wavefront.patch import equations_of
 from lensfit.fitting.wavefront.rays import rays_of, spot_and_pullback
-from lensfit.fitting.wavefront.shapes import Colour
 from lensfit.fitting.wavefront.waves import (
     WAVES,
     basis_of,
@@ -22,7 +21,6 @@ from lensfit.psf.pixels import image_of
 from lensfit.psf.spot import Spot
 
 PIXEL_MM, CELLS, RAYS = 0.01, 24, 1536
-GREY = Colour(jnp.zeros(1), jnp.zeros((1, 2)))
 PLACE_MM = np.array([0.1232, 0.1171])
 NOBODY = np.full((8, 2), np.nan)
 VARIANCE_MM2 = jnp.full(2, 1e-6)
