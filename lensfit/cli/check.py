@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lensfit.cli._console import say_line
+from lensfit.cli._terminal import say_line
 
 if TYPE_CHECKING:
     from lensfit.workflow.check.check_records import Check

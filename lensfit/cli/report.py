@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from lensfit.cli._levels import RequireOption, require_level
+from lensfit.cli._options import RequireOption, require_level
 from lensfit.errors import LensfitError
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lensfit.errors import ImageError
-from lensfit.io.header_entry import impossible_value_error, number_in
+from lensfit.io.camera.header_entries import impossible_value_error, number_in
 from lensfit.units import MILLIMETRES_PER_INCH
 
 _DIAGONAL_35MM_MM = math.hypot(36.0, 24.0)

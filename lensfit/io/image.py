@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from lensfit.bounded import refuse_pipe
+from lensfit.coords import pixels_over_window
 from lensfit.errors import ImageError
 from lensfit.io.decoded_size import PHOTOGRAPH_BYTES_PER_PX
 from lensfit.io.exr import read_exr
@@ -34,7 +35,6 @@ from lensfit.io.metadata import CameraState, camera_state_from
 from lensfit.io.raster import Raster, read_raster, tiff_header, upright_pixels
 from lensfit.io.raw import RAW_SUFFIXES, read_raw
 from lensfit.io.transfer import decode, encode, transfer_of
-from lensfit.io.windows import pixels_over_window
 from lensfit.mosaic import Mosaic, filled_in, letters_of, mosaic_of
 from lensfit.photograph import Photograph
 

@@ -1,8 +1,8 @@
 """The camera state in a header: focal length, stop, focus, sensor.
 
-`lensfit.io.camera.aliases` names every header entry that is understood, and a settings
-file may name more. A header may state a quantity twice; the better entry counts, and
-the others are kept, since they may contradict it.
+`lensfit.io.camera.header_entries` names every header entry that is understood, and a
+settings file may name more. A header may state a quantity twice; the better entry
+counts, and the others are kept, since they may contradict it.
 
 Focus distances in headers are metres, for the standard ``focus`` and for ``lens/focus``
 alike. ``lens/aperture`` is the horizontal sensor size; the standard ``aperture`` is the
@@ -14,9 +14,14 @@ from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
 from lensfit.errors import ImageError
-from lensfit.io.camera.aliases import ALIASES, Alias
+from lensfit.io.camera.header_entries import (
+    ALIASES,
+    Alias,
+    entry_quantity,
+    entry_text,
+    is_entry_of_alias,
+)
 from lensfit.io.camera.quantity import TEXTS
-from lensfit.io.header_entry import entry_quantity, entry_text, is_entry_of_alias
 from lensfit.io.header_sensor import SensorSize, exif_sizes, recorded_size
 
 

@@ -12,10 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lensfit.coords import Window
+from lensfit.coords import Window, pixels_over_window
 from lensfit.io.exr import ExrPart
 from lensfit.io.exr_layers import colour_channels, layer_names
-from lensfit.io.windows import pixels_over_window
 
 _CRYPTOMATTE_NAME = re.compile(r"(?:.*/)?cryptomatte/[^/]+/name")
 _ALPHA = ("A", "a", "alpha")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lensfit.errors import ImageError
-from lensfit.io.camera.aliases import Alias
+from lensfit.io.camera.header_entries import Alias
 from lensfit.io.exr import read_exr
 from lensfit.io.metadata import CameraState, HeaderWord, camera_state_from, camera_words
 

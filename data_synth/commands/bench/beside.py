@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lensfit.cli._door import each_of
-from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
+from lensfit.cli._options import EFFORT_HELP, EFFORTS
 
 if TYPE_CHECKING:
     from data_synth.bench.wavefront.beside import Beside

@@ -8,11 +8,9 @@ import typer
 from data_synth.commands.bench.options import AsJson, JsonFolder, OnlySet, SetsFolder
 from data_synth.commands.bench.outcome import fail_if_any, say_machine
 from data_synth.commands.prescriptions import prescription_of
-from lensfit.cli._bars import progress_bars
-from lensfit.cli._console import console
 from lensfit.cli._door import one_of
-from lensfit.cli._efforts import EFFORT_HELP, EFFORTS
-from lensfit.cli._sizes import photograph_size_px
+from lensfit.cli._options import EFFORT_HELP, EFFORTS, photograph_size_px
+from lensfit.cli._terminal import console, progress_bars
 
 
 def blur(

@@ -2,7 +2,7 @@
 
 from data_synth.commands.bench.options import AsJson, JsonFolder, OnlySet, SetsFolder
 from data_synth.commands.bench.outcome import show
-from lensfit.cli._bars import progress_bars
+from lensfit.cli._terminal import progress_bars
 
 
 def detect(

@@ -7,7 +7,7 @@ import typer
 
 from data_synth.commands.bench.options import AsJson
 from data_synth.commands.bench.outcome import show
-from lensfit.cli._bars import progress_bars
+from lensfit.cli._terminal import progress_bars
 
 
 def every(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from data_synth.commands.prescriptions import prescription_of
-from lensfit.cli._sizes import photograph_size_px
+from lensfit.cli._options import photograph_size_px
 
 if TYPE_CHECKING:
     from data_synth.bench.coverage.benchmark import Subject

@@ -8,8 +8,7 @@ import typer
 
 from data_synth.commands.bench.options import AsJson, OnlySet, SetsFolder
 from data_synth.commands.bench.outcome import fail_if_any, print_profiles, say_machine
-from lensfit.cli._bars import progress_bars
-from lensfit.cli._console import console
+from lensfit.cli._terminal import console, progress_bars
 
 
 def fit(

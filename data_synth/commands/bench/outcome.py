@@ -5,8 +5,8 @@ from typing import Any
 
 import typer
 
-from lensfit.cli._console import console
 from lensfit.cli._door import say_error
+from lensfit.cli._terminal import console
 
 
 def show(result: dict[str, Any], as_json: bool) -> None:

@@ -6,7 +6,7 @@ import typer
 
 from data_synth.commands.bench.options import AsJson, JsonFolder, SmallFrames
 from data_synth.commands.bench.outcome import print_bars_and_curves, say_machine
-from lensfit.cli._bars import progress_bars
+from lensfit.cli._terminal import progress_bars
 
 
 def warp(

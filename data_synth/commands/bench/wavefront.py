@@ -9,8 +9,7 @@ import typer
 from data_synth.commands.bench.beside import BesideGroup
 from data_synth.commands.bench.options import AsJson
 from data_synth.commands.bench.outcome import fail_if_any, say_machine
-from lensfit.cli._bars import progress_bars
-from lensfit.cli._console import console
+from lensfit.cli._terminal import console, progress_bars
 from lensfit.cli.groups import takes_groups
 
 

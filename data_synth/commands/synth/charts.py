@@ -8,7 +8,7 @@ import typer
 
 from data_synth.commands.prescriptions import settable_prescription
 from lensfit.cli._door import one_of
-from lensfit.cli._sizes import photograph_size_px
+from lensfit.cli._options import photograph_size_px
 
 if TYPE_CHECKING:
     from data_synth.frame import Frame

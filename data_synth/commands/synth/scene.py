@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from data_synth.commands.prescriptions import settable_prescription
-from lensfit.cli._sizes import photograph_size_px
+from lensfit.cli._options import photograph_size_px
 
 
 def scene(

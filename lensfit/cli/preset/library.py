@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from lensfit.cli._console import console, say_line
+from lensfit.cli._terminal import console, say_line
 from lensfit.cli.groups import takes_groups
 from lensfit.cli.groups.library import PRESET_HELP, LibraryGroup, user_name
 from lensfit.printable import printable

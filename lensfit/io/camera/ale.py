@@ -12,9 +12,14 @@ from pathlib import Path
 from typing import NamedTuple, final
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import error_at_line, is_missing, number
+from lensfit.io.camera.quantity import (
+    error_at_line,
+    is_missing,
+    number,
+    stop,
+    written_length_mm,
+)
 from lensfit.io.camera.slates import ale_rows, places_of_columns
-from lensfit.io.camera.stop_text import stop
 from lensfit.io.camera.table import (
     CameraFile,
     FrameKey,
@@ -23,7 +28,6 @@ from lensfit.io.camera.table import (
     plain_timecode,
 )
 from lensfit.io.camera.text import MOST_ROWS, read_text
-from lensfit.io.camera.written_length import written_length_mm
 
 KIND = "Avid Log Exchange file"
 _NAMES = ("name", "clip name", "source file", "source file name", "clip")

@@ -9,8 +9,7 @@ both are T-stops. Recorded widths of the ALEXA LF: 8.25 um photosites, 3840 of t
 from pathlib import Path
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import error_at_line, unit_mm
-from lensfit.io.camera.stop_text import stop, stop_of_linear_iris
+from lensfit.io.camera.quantity import error_at_line, stop, stop_of_linear_iris, unit_mm
 from lensfit.io.camera.table import (
     CameraTable,
     Row,

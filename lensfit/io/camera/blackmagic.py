@@ -8,8 +8,7 @@ import re
 from pathlib import Path
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import error_at_line, is_missing, number, unit_mm
-from lensfit.io.camera.stop_text import stop
+from lensfit.io.camera.quantity import error_at_line, is_missing, number, stop, unit_mm
 from lensfit.io.camera.table import CameraTable, Row, RowReadings, shared
 from lensfit.io.camera.text import MOST_ROWS, read_lines
 

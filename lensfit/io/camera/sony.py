@@ -11,8 +11,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from lensfit.errors import CameraError
-from lensfit.io.camera.quantity import LENGTHS_MM, error_at_line
-from lensfit.io.camera.stop_text import stop
+from lensfit.io.camera.quantity import LENGTHS_MM, error_at_line, stop
 from lensfit.io.camera.table import (
     CameraTable,
     Row,

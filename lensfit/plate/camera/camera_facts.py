@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lensfit.errors import LensfitError
-from lensfit.io.camera.unmapped import unmapped_entries
+from lensfit.io.camera.header_entries import unmapped_entries
 from lensfit.io.metadata import CameraState
 from lensfit.plate.camera.knob_sources import AdjustedKnobs, KnobWord, knobs_of_plate
 from lensfit.plate.camera.plate_camera import PlateCamera

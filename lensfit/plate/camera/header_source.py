@@ -1,8 +1,8 @@
 """The plate's header as one of the sources of its camera, the last one.
 
 Where entries of one header state different values of a quantity, the better entry
-counts (`lensfit.io.camera.aliases` has the order), and a note names the others. Entries
-that mean different things may differ:
+counts (`lensfit.io.camera.header_entries` has the order), and a note names the others.
+Entries that mean different things may differ:
 
 - a focal length as on the barrel, and that of the pinhole, which is the principal
   distance and grows with focusing

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, final
 
 from lensfit._strict import array_table_place, convert_strictly, read_toml_tables
 from lensfit.errors import SettingsError
-from lensfit.io.camera.aliases import Alias
+from lensfit.io.camera.header_entries import Alias
 from lensfit.io.camera.quantity import Reading
 from lensfit.io.sequence import is_in_frames
 from lensfit.plate.camera.settings_records import (

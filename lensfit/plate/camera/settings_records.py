@@ -8,7 +8,7 @@ import msgspec
 
 from lensfit._strict import did_you_mean
 from lensfit.errors import CameraError, ImageError, SettingsError
-from lensfit.io.camera.aliases import ALIASES, Alias
+from lensfit.io.camera.header_entries import ALIASES, Alias
 from lensfit.io.camera.quantity import LENGTHS_MM, TEXTS, checked_quantity
 from lensfit.io.sequence import is_in_frames
 

@@ -16,8 +16,8 @@ import numpy as np
 from lensfit.coords import Window
 from lensfit.errors import ImageError, LensfitError
 from lensfit.io.exr import ExrImage, ExrPart, read_exr
+from lensfit.io.exr_attributes import lens_attributes
 from lensfit.io.exr_deep import is_deep
-from lensfit.io.lens_attributes import lens_attributes
 from lensfit.lens import Lens
 from lensfit.plate.apply_options import ApplyOptions
 from lensfit.plate.camera.header_source import refuse_several_cameras

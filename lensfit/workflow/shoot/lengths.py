@@ -1,13 +1,13 @@
 """Lengths in shoot files and reports, as crews write them.
 
-A length says its unit, or its key does (`lensfit.io.camera.written_length`). A focal
+A length says its unit, or its key does (`lensfit.io.camera.quantity`). A focal
 length must be possible for the width of its sensor: the shortest fisheyes are a
 twentieth as long as their sensor is wide, the longest telescopes a few hundred times as
 long. What lies beyond is in metres, or a slip.
 """
 
 from lensfit.errors import CameraError, ShootError
-from lensfit.io.camera.written_length import written_length_mm
+from lensfit.io.camera.quantity import written_length_mm
 
 SHORTEST_WIDTHS, LONGEST_WIDTHS = 1 / 20, 500.0
 """Focal lengths, in widths of the sensor."""

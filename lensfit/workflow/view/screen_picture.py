@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from lensfit.coords import pixels_over_window
 from lensfit.io.exr import ExrImage, ExrPart
 from lensfit.io.transfer import encode
-from lensfit.io.windows import pixels_over_window
 from lensfit.plate.channels import ColourLayer, colour_layers
 from lensfit.workflow.view.view_transform import ViewTransform, view_codes
 

@@ -19,7 +19,7 @@ from data_synth.bench.sampler import sampled
 from data_synth.bench.start import start_rows
 from data_synth.bench.times import timed
 from data_synth.commands.bench.profiles import profile_tables
-from lensfit.cli._console import console
+from lensfit.cli._terminal import console
 from lensfit.errors import LensfitError
 from lensfit.preset.thin_lens import ThinCamera
 from lensfit.rendering.disc import disc_kernel
