@@ -37,7 +37,7 @@ from lensfit.optics.aberration import Aberration
 from lensfit.optics.modes import radial_polynomial
 from lensfit.optics.spectrum import Bands, chromatic_coordinate
 from lensfit.optics.terms import Term
-from lensfit.preset.aberration_knobs import AberrationKnobs
+from lensfit.preset.knob_groups import AberrationKnobs
 
 Terms = dict[Term, Float[np.ndarray, "3"]]
 """Coefficient of each term, um: in green, and its linear and quadratic change."""

@@ -13,10 +13,14 @@ import numpy as np
 
 from lensfit.lens import Lens
 from lensfit.optics.lateral import ChannelShift
-from lensfit.preset.aberration_knobs import BLUR_FAMILIES, AberrationKnobs
 from lensfit.preset.adjusted_aberration import family_of
 from lensfit.preset.adjusted_vignetting import photographed_parts
-from lensfit.preset.bokeh_knobs import LEAST_BLADES, BokehKnobs
+from lensfit.preset.knob_groups import (
+    BLUR_FAMILIES,
+    LEAST_BLADES,
+    AberrationKnobs,
+    BokehKnobs,
+)
 
 _GAIN = "_gain"
 _UNITS = {"distortion": "_percent", "vignetting": "_stops"}

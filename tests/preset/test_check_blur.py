@@ -8,7 +8,7 @@ from preset_makers import make_blur, make_entry, make_preset
 
 import lensfit
 from lensfit.errors import PresetError
-from lensfit.preset.blur_blocks import AberrationTerm, Blur, Pupil, Rim, Stop
+from lensfit.preset.blocks import AberrationTerm, Blur, Pupil, Rim, Stop
 
 TERM = AberrationTerm(3, 1, 1, 1, "re", 1.0)
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from report_samples import barrel_report, draw_overlays
 
-from lensfit.preset.blocks import Camera, Distortion, Projection
-from lensfit.preset.blur_blocks import Blur, Pupil
+from lensfit.preset.blocks import Blur, Camera, Distortion, Projection, Pupil
 from lensfit.preset.entry import Entry, Quality
 from lensfit.preset.schema import LensName, Preset, Provenance
 from lensfit.preset.store import load_preset, save_preset

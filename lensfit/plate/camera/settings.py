@@ -34,7 +34,7 @@ from lensfit.plate.camera.settings_records import (
     aliases_of,
     check_values,
 )
-from lensfit.units import MILLIMETRES_PER_METRE, dioptres_from_mm
+from lensfit.preset.blend import blended, blended_distance_mm
 
 NAME = "lensfit.toml"
 
@@ -163,7 +163,5 @@ def _value_at(values: FrameValues, name: str, frame: int) -> float | None:
         return value[-1]
     low, high = value[after - 1], value[after]
     share = (frame - keys[after - 1]) / (keys[after] - keys[after - 1])
-    if name != "focus_distance_mm":
-        return low * (1 - share) + high * share
-    dioptres = dioptres_from_mm(low) * (1 - share) + dioptres_from_mm(high) * share
-    return MILLIMETRES_PER_METRE / dioptres if dioptres else math.inf
+    mean = blended_distance_mm if name == "focus_distance_mm" else blended
+    return mean(low, high, share)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from lensfit.atomic import claim, written_aside
 from lensfit.errors import OutputError, PresetError
-from lensfit.preset.json_text import to_json_text
+from lensfit.preset.store import to_json_text
 
 LENSES = "lenses"
 ENVIRONMENT = "LENSFIT_LIBRARY"
@@ -50,7 +50,7 @@ class Level(NamedTuple):
 
     def slugs(self) -> list[str]:
         """Folders of lenses, in order."""
-        from lensfit.preset.library.names import is_slug
+        from lensfit.preset.library.versions import is_slug
 
         try:
             found = sorted(os.listdir(self.lenses))

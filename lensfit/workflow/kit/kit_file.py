@@ -12,7 +12,7 @@ from lensfit._strict import (
     read_toml_tables,
 )
 from lensfit.errors import ShootError
-from lensfit.preset.library.names import slug_of
+from lensfit.preset.library.versions import slug_of
 from lensfit.workflow.kit.kit_records import Kit, KitFile, KitLens
 from lensfit.workflow.shoot.lengths import check_focal_length, length_mm
 from lensfit.workflow.shoot.shoot_file import check_names
