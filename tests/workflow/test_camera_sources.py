@@ -23,7 +23,7 @@ from lensfit.plate.camera.sources import (
 )
 from lensfit.plate.focus_pick import picked_region
 from lensfit.plate.frame.plate_lens import PlateLens
-from lensfit.plate.frame.signature import SAID
+from lensfit.plate.frame.provenance import SAID
 from lensfit.plate.header import plate_header
 from lensfit.plate.plate_depth import DepthOptions
 from lensfit.workflow.apply import apply

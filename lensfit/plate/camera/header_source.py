@@ -17,9 +17,13 @@ from lensfit.errors import ImageError
 from lensfit.io.exr import ExrPart
 from lensfit.io.header_sensor import RECORDED, WHOLE_SENSOR, whole_sensor_mm
 from lensfit.io.metadata import HeaderWord, camera_words
-from lensfit.plate.camera.plate_camera import BadEntry, PlateCamera
-from lensfit.plate.camera.sourced_value import SourcedValue
-from lensfit.plate.camera.spelling import SPELT, option_of
+from lensfit.plate.camera.plate_camera import (
+    SPELT,
+    BadEntry,
+    PlateCamera,
+    SourcedValue,
+    option_of,
+)
 
 HEADER = 1_000_000
 """Its rank; there are fewer files."""

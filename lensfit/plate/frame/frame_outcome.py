@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from lensfit.errors import ImageError, LensfitError, sentence_of
+from lensfit.errors import ImageError, LensfitError, error_at_frame, sentence_of
 from lensfit.io.exr import ExrPart
 from lensfit.plate.frame.content_digest import write_with_digest
-from lensfit.plate.frame.fingerprint import Fingerprint
-from lensfit.plate.frame.frame_error import error_at_frame
+from lensfit.plate.frame.provenance import Fingerprint
 from lensfit.plate.frame.renderer import FrameRenderer, with_fingerprint
 
 

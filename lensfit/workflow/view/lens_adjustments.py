@@ -15,7 +15,7 @@ from msgspec import Meta, Struct
 
 from lensfit.errors import SettingsError
 from lensfit.plate.apply_options import ApplyOptions
-from lensfit.plate.camera.spelling import option_of
+from lensfit.plate.camera.plate_camera import option_of
 from lensfit.preset.knobs import GROUP_OF, adjusted_knobs
 from lensfit.preset.schema import Preset
 
