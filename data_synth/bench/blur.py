@@ -37,11 +37,10 @@ from lensfit.fitting.wavefront.gather import DotData, select_dots
 from lensfit.fitting.wavefront.stages import Stage, recentre_patches, stage_on_dots
 from lensfit.fitting.wavefront.waves import Transfer, basis_of
 from lensfit.programs import forget_programs
-from lensfit.progress import Progress, silent
+from lensfit.progress import Progress, silent, stopwatch
 from lensfit.psf.pixels import image_of
 from lensfit.psf.spot import Spot
 from lensfit.workflow.calibration.observe import observe_shoot
-from lensfit.workflow.stopwatch import stopwatch
 
 SETS = (
     "dot_pattern_01",

@@ -17,8 +17,7 @@ from data_synth.bench.result import bench_result
 from data_synth.bench.warp import bench_warp
 from data_synth.bench.wavefront.benchmark import Judge, Trial, bench_wavefront
 from lensfit.errors import LensfitError
-from lensfit.progress import Progress, silent
-from lensfit.workflow.stopwatch import stopwatch
+from lensfit.progress import Progress, silent, stopwatch
 
 QUICK_DOTS = ("dot_pattern_05", "gopro8")
 QUICK_SETS = (*QUICK_DOTS, "line_pattern_01")

@@ -239,7 +239,7 @@ def report(
     Example: lensfit kit report kit.toml --out results
     """
     from lensfit.workflow.kit.kit_file import load_kit
-    from lensfit.workflow.kit.write_kit import write_kit
+    from lensfit.workflow.kit.kit_page import write_kit
 
     show_kit(write_kit(load_kit(kit), out), out, as_json, require)
 

@@ -15,11 +15,20 @@ import numpy as np
 from jaxtyping import Float
 from skimage.measure import find_contours
 
-from lensfit.report.axes import Frame, sensor_frame, tick_text, ticks
 from lensfit.report.frame_coverage import numbers
 from lensfit.report.markup import Markup, number, stated, tag
 from lensfit.report.pictures import png_address
-from lensfit.report.svg import WIDTH, Figure, drawing, path, words
+from lensfit.report.svg import (
+    WIDTH,
+    Figure,
+    Frame,
+    drawing,
+    path,
+    sensor_frame,
+    tick_text,
+    ticks,
+    words,
+)
 
 _PICTURE_WIDTH = 200
 _FINE = (65, 49)

@@ -7,7 +7,7 @@ import pytest
 from report_samples import barrel_report
 
 from lensfit.errors import FitError
-from lensfit.workflow.results_set import atomic_results, files_of_report
+from lensfit.workflow.calibration.results_folder import atomic_results, files_of_report
 from lensfit.workflow.shoot.shoot_records import Camera, LensName, Shoot, Take
 
 SHOOT = Shoot(

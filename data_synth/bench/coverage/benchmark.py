@@ -29,11 +29,10 @@ from lensfit.errors import DetectionError, LensfitError
 from lensfit.fitting.lens_states import FittedLens, fit
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.lens import Lens
-from lensfit.progress import Progress, silent
+from lensfit.progress import Progress, silent, stopwatch
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import observe_shoot
 from lensfit.workflow.shoot.shoot_file import load_shoot
-from lensfit.workflow.stopwatch import stopwatch
 
 _DIGITS = 7
 _SPOTS_EVERY = 5

@@ -13,7 +13,7 @@ import numpy as np
 from lensfit.fitting.adjust import Adjustment
 from lensfit.fitting.chief_ray import ChiefRayFit
 from lensfit.fitting.held_out import HELD_OUT_SEEDS
-from lensfit.workflow.stopwatch import stopwatch
+from lensfit.progress import stopwatch
 
 _MODELS = {
     5: 0,

@@ -20,10 +20,10 @@ from lensfit.fitting.lens_states import fit
 from lensfit.fitting.wavefront.effort import Effort
 from lensfit.fitting.wavefront.term_groups import SEIDEL
 from lensfit.preset.schema import Preset
+from lensfit.progress import stopwatch
 from lensfit.workflow.calibrate import preset_of
 from lensfit.workflow.calibration.observe import Observed
 from lensfit.workflow.shoot.shoot_records import Shoot
-from lensfit.workflow.stopwatch import stopwatch
 
 GAUSSIANS, DISC, SEIDEL_ONLY = "gaussians", "disc and mask", "Seidel only"
 

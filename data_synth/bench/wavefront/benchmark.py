@@ -29,11 +29,10 @@ from lensfit.errors import LensfitError
 from lensfit.preset.schema import Preset
 from lensfit.preset.store import load_preset
 from lensfit.programs import make_room_for_programs
-from lensfit.progress import Progress, silent
+from lensfit.progress import Progress, silent, stopwatch
 from lensfit.workflow.calibrate import calibrate_observed
 from lensfit.workflow.shoot.shoot_file import load_shoot
 from lensfit.workflow.shoot.shoot_records import Shoot
-from lensfit.workflow.stopwatch import stopwatch
 
 _REPORTED = ("rms_px", "held_out_rms_px", "seconds", "notes")
 

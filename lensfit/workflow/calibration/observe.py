@@ -41,7 +41,7 @@ from lensfit.io.image import (
 )
 from lensfit.mosaic import Mosaic
 from lensfit.photograph import Photograph
-from lensfit.progress import Progress
+from lensfit.progress import Progress, stopwatch
 from lensfit.workflow.calibration.overlapping_blur import overlapping_blur_reasons
 from lensfit.workflow.calibration.results_folder import OVERLAYS
 from lensfit.workflow.calibration.small_photograph import SmallPhotograph, small_of
@@ -49,7 +49,6 @@ from lensfit.workflow.shoot.identified_charts import pattern_of_target
 from lensfit.workflow.shoot.resolve_take import ResolvedTake, resolve_take
 from lensfit.workflow.shoot.shoot_records import Shoot, Target
 from lensfit.workflow.shoot.shoot_records import Take as ShootTake
-from lensfit.workflow.stopwatch import stopwatch
 
 _THREADS = 2
 _LOOKED_AT = 8

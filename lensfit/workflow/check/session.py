@@ -34,7 +34,7 @@ from lensfit.workflow.check.planned_views import (
     planned_views,
     view_of_photograph,
 )
-from lensfit.workflow.check.problems import (
+from lensfit.workflow.check.sentences import (
     coverage_problems,
     exposure_problems,
     focus_problems,

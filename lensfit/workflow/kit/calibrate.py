@@ -18,11 +18,11 @@ from lensfit.cores import available_cores
 from lensfit.errors import LensfitError, ShootError
 from lensfit.progress import Progress, silent
 from lensfit.workflow.calibration.results_folder import require_writable_folder
-from lensfit.workflow.kit.kit_records import Kit
+from lensfit.workflow.kit.kit_file import Kit
+from lensfit.workflow.kit.kit_page import write_kit
 from lensfit.workflow.kit.lens_record import fingerprint, is_done, write_record
 from lensfit.workflow.kit.lens_shoot import lens_shoot
 from lensfit.workflow.kit.lens_worker import Job, work
-from lensfit.workflow.kit.write_kit import write_kit
 
 _STAGE = "lenses"
 _Worker = tuple[BaseProcess, Connection]

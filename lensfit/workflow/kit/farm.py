@@ -15,7 +15,7 @@ from lensfit.plate.farm.openjd_template import (
     path_parameter,
     text_parameter,
 )
-from lensfit.workflow.kit.kit_records import Kit
+from lensfit.workflow.kit.kit_file import Kit
 
 
 def kit_template(

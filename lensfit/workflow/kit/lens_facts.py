@@ -22,7 +22,7 @@ from lensfit.chart.camera import object_distance_mm
 from lensfit.preset.schema import Preset
 from lensfit.report.plain_numbers import distance_of, plain, plain_distance
 from lensfit.report.verdict import verdict_of
-from lensfit.workflow.kit.kit_records import FocusMark, KitLens
+from lensfit.workflow.kit.kit_file import FocusMark, KitLens
 
 _SAME_MM = 0.5
 

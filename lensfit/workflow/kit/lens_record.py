@@ -14,8 +14,7 @@ import msgspec
 
 from lensfit import __version__
 from lensfit.atomic import write_text_atomic
-from lensfit.workflow.calibration.results_folder import PRESET
-from lensfit.workflow.results_set import REPORT
+from lensfit.workflow.calibration.results_folder import PRESET, REPORT
 from lensfit.workflow.shoot.shoot_records import Shoot
 
 RECORD = "kit_lens.json"

@@ -32,25 +32,25 @@ from lensfit.workflow.view.answers import (
     Answer,
     RequestQueue,
     api_routes,
+    length_answer,
     message_of,
     page_routes,
     png_answer,
 )
-from lensfit.workflow.view.controls import knob_controls
 from lensfit.workflow.view.lens_adjustments import (
     LensAdjustments,
     StartCommand,
     command_line,
+    knob_controls,
     require_valid_adjustments,
 )
 from lensfit.workflow.view.saved_adjustments import LibraryLens, save_edit
-from lensfit.workflow.view.screen_picture import screen_png
-from lensfit.workflow.view.typed_length import length_answer
-from lensfit.workflow.view.view_transform import (
+from lensfit.workflow.view.screen_picture import (
     ENVIRONMENT,
     ViewTransform,
     config_choices,
     config_names,
+    screen_png,
 )
 from lensfit.workflow.view.viewed_plate import Quality, ViewedPlate
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
+from lensfit.workflow.kit.kit_file import FocusMark, KitLens
 from lensfit.workflow.kit.kit_page import kit_page, summary
-from lensfit.workflow.kit.kit_records import FocusMark, KitLens
 from lensfit.workflow.kit.lens_facts import (
     breathing_percent,
     focus_scale,

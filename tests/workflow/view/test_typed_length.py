@@ -9,10 +9,10 @@ from view_makers import Client, served
 
 from lensfit.errors import LensfitError
 from lensfit.preset.store import load_preset
-from lensfit.workflow.shoot.lengths import length_mm
+from lensfit.workflow.shoot.crew_notation import length_mm
+from lensfit.workflow.view.answers import typed_length_mm
 from lensfit.workflow.view.lens_adjustments import LensAdjustments
 from lensfit.workflow.view.lens_server import LensServer
-from lensfit.workflow.view.typed_length import typed_length_mm
 from lensfit.workflow.view.viewed_lens import ViewedLens
 
 PRIME = Path(__file__).parents[3] / "presets" / "prime_50" / "preset.json"
